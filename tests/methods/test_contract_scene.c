@@ -422,7 +422,7 @@ static void every_knob_at_its_ends_gives_finite_light(void **state)
                 shot = shot_copy(&s.image);
                 shot_check(&shot);
                 shot_free(&shot);
-            } else if (res != PELL_ERR_INVALID || s.kept.errors != 1) {
+            } else if ((res != PELL_ERR_INVALID && !(res == PELL_ERR_UNSUPPORTED && on->engine != PELL_ENGINE_CPU)) || s.kept.errors != 1) {
                 fail_msg("%s: %s gives %d", on->method->name, text, (int) res);
             } else {
                 print_message("# %s refuses %s: %s\n", on->method->name, text, s.kept.what);

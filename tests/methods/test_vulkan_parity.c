@@ -368,12 +368,42 @@ static void other_methods_name_their_engines(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* What the device does not do it refuses, and says what does. */
+static void knobs_of_the_cpu_alone_are_refused(void **state)
+{
+    static const char *const knobs[][3] = { { "kernel=separable", NULL }, { "edges=paper", "rotate=true", NULL } };
+    static const char *const words[] = { "the engine vulkan has no kernel=separable, only gaussians",
+                                         "the engine vulkan has no rotate=on" };
+    static const double variance = 1.0, weight[1][3] = { { 0.3, 0.2, 0.1 } };
+    const struct pell_frame_material m = patch_gaussians(1, &variance, weight);
+    struct kept_messages kept = { 0 };
+    struct pell_context *ctx = gpu_context(NULL, &kept);
+    struct pell_device *device = validated(ctx);
+    const struct pell_method *method = pell_method_find(ctx, "test", "screen-space");
+    struct patch *p = patch_create(32, 32, true, 2.0, 300.0, &m, 1);
+    void *values = calloc(1, method->knobs_size);
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(knobs); i++) {
+        struct pell_pass *pass;
+        patch_configure(ctx, method, knobs[i], values);
+        assert_int_equal(pell_pass_create(device, method, values, &p->frame.shape, &pass), PELL_ERR_UNSUPPORTED);
+        assert_string_equal(kept.what, words[i]);
+        assert_non_null(strstr(kept.hint, "--engine cpu"));
+        assert_null(pass);
+    }
+    free(values);
+    patch_destroy(p);
+    pell_device_destroy(&device);
+    pell_context_destroy(&ctx);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(both_engines_give_one_picture),    cmocka_unit_test(colours_spread_light_alike),
         cmocka_unit_test(calls_that_fail_are_reported),     cmocka_unit_test(passes_have_times),
-        cmocka_unit_test(other_methods_name_their_engines),
+        cmocka_unit_test(other_methods_name_their_engines), cmocka_unit_test(knobs_of_the_cpu_alone_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

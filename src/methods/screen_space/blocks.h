@@ -28,6 +28,20 @@ INLINE struct screen_cell *cell_at(const struct screen_work *w, int block, int y
     return &w->cells[(size_t) y * (size_t) w->blocks + (size_t) block];
 }
 
+/* The number of a pixel's angle: interleaved gradient noise (Jimenez 2014), turned on by `by` from sample to sample. */
+INLINE int pell_ss_turn(int x, int y, int by)
+{
+    const float along = 0.06711056f * (float) x + 0.00583715f * (float) y, folded = 52.9829189f * (along - floorf(along));
+
+    return ((int) ((folded - floorf(folded)) * SCREEN_TURNS) + by) & (SCREEN_TURNS - 1);
+}
+
+/* Where a tap of such a line is in what it stands for, [0, 1]. */
+INLINE float pell_ss_jitter(int turn)
+{
+    return ((float) ((turn * 37 + 11) & (SCREEN_TURNS - 1)) + 0.5f) * (1.0f / SCREEN_TURNS);
+}
+
 /* Of a block's lanes, by halves. */
 typedef float v8 __attribute__((vector_size(32)));
 typedef float v4 __attribute__((vector_size(16)));
@@ -166,6 +180,10 @@ void PELL_SIMD(screen_gather_any)(const struct screen_work *w, int y, int axis, 
 /* The paper's taps: what comes out, and which lanes were blurred, 1 or 0. Returns their number. Of the job only x and cell are read. */
 int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axis, const struct job *job, const float *const row[3],
                                      float (*restrict result)[SCREEN_BLOCK], float *restrict on);
+
+/* `term_across` and `term_down` of struct screen_kernels. */
+int PELL_SIMD(screen_term_across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
+int PELL_SIMD(screen_term_down)(const struct screen_work *w, int y, const float *const from[3]);
 
 /* `load` and `measure` of struct screen_kernels. */
 void PELL_SIMD(screen_load_row)(const struct screen_work *w, int y, struct screen_seen *seen);

@@ -3,9 +3,12 @@
  * cpu.c - screen-space diffusion on the cpu engine: planes and the order of blurs. The inner loops are in kernels.c.
  */
 #include "methods/screen_space/chain.h"
+#include "methods/screen_space/factors.h"
 
 #include "base/simd.h"
+#include "math/vec.h"
 
+#include <math.h>
 #include <string.h>
 
 PELL_SIMD_TABLES(struct screen_kernels, pell_ss_kernels);
@@ -32,9 +35,11 @@ struct screen_state {
     struct pell_pool *pool;
     const struct screen_kernels *kernels;
     struct screen_chain chain;
-    float *least_added; /* of the steps of this frame */
-    float (*ones)[3];   /* as blend constants: each step's whole share */
-    float *memory;      /* all planes */
+    struct screen_factors factors; /* with kernel=separable */
+    float *least_added;            /* of the steps of this frame */
+    float (*ones)[3];              /* as blend constants: each step's whole share */
+    float *memory;                 /* all planes */
+    float turns[SCREEN_TURNS][2];
     struct screen_cell *cells;
     struct screen_extent *extents;
     uint16_t *run;   /* of each block of a row: how many smooth rows ended here */
@@ -82,6 +87,7 @@ static void screen_destroy(void *state)
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st->ones);
     pell_free(st->ctx, st->least_added);
+    pell_ss_factors_finish(st->ctx, &st->factors);
     pell_ss_chain_finish(&st->chain);
     pell_free(st->ctx, st);
 }
@@ -147,6 +153,8 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     st->kernels = pell_ss_kernels_tables[pell_simd_best()];
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
     chain = &st->chain;
+    if (chain->knobs.kernel == SCREEN_KERNEL_SEPARABLE)
+        PELL_TRY(pell_ss_factors_make(chain, shape, &st->factors));
     res = PELL_ERR_NOMEM;
     count = (size_t) (SCREEN_PREBLUR + chain->steps) * (chain->num_materials + 1);
     st->least_added = pell_calloc(ctx, count, sizeof(*st->least_added));
@@ -165,6 +173,15 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     w->maxdd = chain->maxdd;
     w->unit = chain->unit;
     w->forms = chain->forms;
+    w->factors = &st->factors;
+    w->taps = chain->knobs.taps;
+    w->turned = chain->knobs.rotate;
+    for (int i = 0; i < SCREEN_TURNS; i++) {
+        const double angle = 0.5 * PELL_PI * (i + 0.5) / SCREEN_TURNS;
+        st->turns[i][0] = (float) cos(angle);
+        st->turns[i][1] = (float) sin(angle);
+    }
+    w->turns = (const float(*)[2]) st->turns;
     PELL_TRY(make_planes(st, shape));
     w->total = (const float(*)[3]) chain->total;
     return PELL_OK;
@@ -241,7 +258,7 @@ static void run_blurs(void *arg, int index, int worker)
         double middle = start;
 
         if (st->down) {
-            band->active[1] += st->kernels->down(w, y, from, between);
+            band->active[1] += st->kernels->down(w, y, from, st->across ? between : to);
             middle = pell_seconds();
         }
         if (st->across)
@@ -371,7 +388,15 @@ static void run_step(struct screen_state *st, int step, int first, int steps, st
     st->next = *w;
     st->next.step = step + 1;
     st->next.fresh = step + 1 == first;
-    blur(st, step >= first, step + 1 < steps, spent);
+    if (w->turned && step >= first && step + 1 < steps) { /* lines that turn leave their row */
+        blur(st, true, false, spent);
+        st->to = st->from;
+        st->from = swap;
+        swap = st->to;
+        blur(st, false, true, spent);
+    } else {
+        blur(st, step >= first, step + 1 < steps, spent);
+    }
     st->to = st->from;
     st->from = swap;
 }
@@ -412,6 +437,7 @@ static struct screen_seen begin(struct screen_state *st, struct pell_frame *fram
     w->light = st->chain.knobs.input == SCREEN_INPUT_SHADED ? frame->shaded : frame->irradiance;
     w->block0 = frame->rect.x0 / SCREEN_BLOCK;
     w->block1 = (frame->rect.x1 + SCREEN_BLOCK - 1) / SCREEN_BLOCK;
+    w->turn = frame->num_samples > 1 ? SCREEN_TURNS * frame->sample / frame->num_samples : 0;
     seen = load_frame(st);
     pell_ss_chain_choose(&st->chain, seen.scale, preblur, first);
     w->variance = st->chain.variance + (size_t) (SCREEN_PREBLUR - *preblur) * row;
@@ -455,6 +481,53 @@ static enum pell_result show(void *state, const float *const light[3], ptrdiff_t
     return pell_ss_show(&st->chain, st->services, st->work.in, light, stride, step, preblur);
 }
 
+/* --- By a separable kernel ----------------------------------------------------------------------------------------------------- */
+
+static void run_term(void *arg, int index, int worker)
+{
+    struct screen_state *st = arg;
+    const struct screen_work *w = &st->work;
+    const struct pell_rect *rect = &w->in->rect;
+    const int y0 = rect->y0 + index * BAND, y1 = y0 + BAND < rect->y1 ? y0 + BAND : rect->y1;
+
+    (void) worker;
+    st->bands[index].active[0] = 0;
+    for (int y = y0; y < y1; y++)
+        st->bands[index].active[0] += st->across ? st->kernels->term_across(w, y, (const float *const *) w->now, w->half)
+                                                 : st->kernels->term_down(w, y, (const float *const *) w->half);
+}
+
+static enum pell_result render_terms(struct screen_state *st)
+{
+    static const char *const names[PELL_KERNEL_RANK_MAX] = { "kernel 1", "kernel 2", "kernel 3" };
+    struct screen_work *w = &st->work;
+    const struct pell_rect *rect = &w->in->rect;
+    const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND, rank = st->factors.rank;
+    const bool observed = pell_services_observed(st->services, w->in);
+
+    for (w->term = 0; w->term < rank; w->term++) {
+        const double start = pell_seconds();
+        int64_t active = 0;
+
+        w->last = w->term == rank - 1;
+        for (int down = 0; down < 2; down++) {
+            st->across = !down;
+            pell_pool_run(st->pool, bands, run_term, st);
+            for (int i = 0; i < bands; i++)
+                active += st->bands[i].active[0];
+        }
+        note_time(st, names[w->term], pell_seconds() - start, active / 2, active * 16);
+        if (observed) {
+            const enum pell_result res =
+                pell_ss_show(&st->chain, st->services, w->in, (const float *const *) (w->last ? w->out->light : w->sum),
+                             w->last ? w->in->shape.stride : w->stride, w->term, 0);
+            if (res != PELL_OK)
+                return res;
+        }
+    }
+    return PELL_OK;
+}
+
 static enum pell_result screen_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct screen_state *st = state;
@@ -469,6 +542,12 @@ static enum pell_result screen_render(void *state, const struct pell_frame *in, 
     if (in->rect.x0 >= in->rect.x1 || in->rect.y0 >= in->rect.y1)
         return PELL_OK;
     seen = begin(st, &frame, out, &preblur, &first);
+    if (st->chain.knobs.kernel == SCREEN_KERNEL_SEPARABLE) {
+        note_time(st, "load", pell_seconds() - start, seen.pixels, (int64_t) seen.pixels * 40);
+        PELL_TRY(render_terms(st));
+        res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+        goto fail;
+    }
     steps = preblur + st->chain.steps;
     if (pell_services_observed(st->services, in)) {
         PELL_TRY(take_blurs(st, first, steps, preblur, show, st));

@@ -291,5 +291,7 @@ const struct screen_kernels PELL_SIMD(pell_ss_kernels) = {
     .measure = PELL_SIMD(screen_measure_row),
     .across = across_row,
     .down = down_row,
+    .term_across = PELL_SIMD(screen_term_across),
+    .term_down = PELL_SIMD(screen_term_down),
     .copy = copy_row,
 };

@@ -11,7 +11,7 @@
 
 #include <pellucid/frame.h>
 
-enum { SCREEN_BLOCK = 16, SCREEN_PREBLUR = 8, SCREEN_STEPS = PELL_GAUSSIANS_MAX + SCREEN_PREBLUR };
+enum { SCREEN_BLOCK = 16, SCREEN_PREBLUR = 8, SCREEN_STEPS = PELL_GAUSSIANS_MAX + SCREEN_PREBLUR, SCREEN_TURNS = 64 };
 enum screen_live { SCREEN_EMPTY = 0, SCREEN_SOME, SCREEN_FULL };
 enum { SCREEN_MIXED = 0xffff }; /* as a block's material: there are several in it */
 
@@ -32,6 +32,8 @@ struct screen_extent {
     int begin, end;
 };
 
+struct screen_factors; /* factors.h */
+
 /* One frame's work; the same for all rows and threads. */
 struct screen_work {
     const struct pell_frame *in;
@@ -46,15 +48,20 @@ struct screen_work {
     struct screen_extent *extents;                     /* of each row */
     const float *columns_tan, *rows_tan;               /* slopes of the rays through columns (with a margin) and rows */
     size_t num_materials;
-    const float (*total)[3];       /* of each material's profile; all zeros for material 0, which is none */
-    const float *variance;         /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
-    const float *least_added;      /* likewise: mm^2 that the step, or one before it, adds least */
-    const float (*blend)[3];       /* likewise: share of the step's result in the sum */
-    float depth_mm, fixed_mm;      /* mm per pixel = depth * depth_mm + fixed_mm */
-    float ratio2;                  /* scales all variances: (ssslevel / derived)^2 */
-    float skip;                    /* px^2: a step that adds less is left out */
-    float correction, maxdd, unit; /* foreshortening of the paper: unit is 1/mm of depth */
-    int forms;                     /* enum screen_form */
+    const float (*total)[3];              /* of each material's profile; all zeros for material 0, which is none */
+    const float *variance;                /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
+    const float *least_added;             /* likewise: mm^2 that the step, or one before it, adds least */
+    const float (*blend)[3];              /* likewise: share of the step's result in the sum */
+    float depth_mm, fixed_mm;             /* mm per pixel = depth * depth_mm + fixed_mm */
+    float ratio2;                         /* scales all variances: (ssslevel / derived)^2 */
+    float skip;                           /* px^2: a step that adds less is left out */
+    float correction, maxdd, unit;        /* foreshortening of the paper: unit is 1/mm of depth */
+    int forms;                            /* enum screen_form */
+    const struct screen_factors *factors; /* with kernel=separable */
+    int term, taps;                       /* of the kernel; of a pass, on either side */
+    const float (*turns)[2];              /* SCREEN_TURNS of a quarter of a circle: cosine and sine */
+    bool turned;                          /* lines of taps with gaps turn from pixel to pixel */
+    int turn;                             /* by this sample, of SCREEN_TURNS */
     int step;
     bool several; /* more than one material in this frame */
     bool fresh;   /* nothing is in `sum` yet */
@@ -83,6 +90,10 @@ struct screen_kernels {
      * `down` reads the rows around it, too, puts what comes of it into the sum as well, and in the last step into `out` alone. */
     int (*across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
     int (*down)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
+    /* The two passes of a term of a separable kernel over row y; `from` and `to` are planes. `term_down` adds to the sum, in the last
+     * term to `out`. They return the number of pixels that were blurred. */
+    int (*term_across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
+    int (*term_down)(const struct screen_work *w, int y, const float *const from[3]);
     /* now -> `out`, where no step blurs anything. */
     void (*copy)(const struct screen_work *w, int y);
 };

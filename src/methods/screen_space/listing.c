@@ -27,15 +27,41 @@ INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y
     return level / (level + w->correction * change);
 }
 
+#define SPAN_MOST 262144.0f /* px: places of taps are integers */
+
+static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
+
+struct taps {
+    float sum[3], all;
+};
+
+/* A tap: the mean of the pixels around it that are of the mask. */
+INLINE void add_tap(const struct screen_work *w, size_t index, int x, int y, const float place[2], float weight,
+                    const float *const light[3], struct taps *taps)
+{
+    const float whole[2] = { floorf(place[0]), floorf(place[1]) };
+    const float part[2] = { place[0] - whole[0], place[1] - whole[1] };
+
+    for (int k = 0; k < 4; k++) {
+        const int ox = (int) whole[0] + (k & 1), oy = (int) whole[1] + (k >> 1);
+        const float share = weight * ((k & 1) ? part[0] : 1.0f - part[0]) * ((k >> 1) ? part[1] : 1.0f - part[1]);
+        const ptrdiff_t by = oy * w->stride + ox;
+
+        if (!(share > 0.0f) || x + ox < w->block0 * SCREEN_BLOCK || x + ox >= w->block1 * SCREEN_BLOCK || y + oy < w->in->rect.y0 ||
+            y + oy >= w->in->rect.y1 || w->key[(ptrdiff_t) index + by] != w->key[index])
+            continue;
+        taps->all += share;
+        for (int i = 0; i < 3; i++)
+            taps->sum[i] += share * light[i][by];
+    }
+}
+
 /* Seven bilinear taps over +-span; those outside the mask are left out. */
 int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axis, const struct job *job, const float *const row[3],
                                      float (*restrict result)[SCREEN_BLOCK], float *restrict on)
 {
-    static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
-    const int low = axis == 0 ? w->block0 * SCREEN_BLOCK : w->in->rect.y0, high = axis == 0 ? w->block1 * SCREEN_BLOCK : w->in->rect.y1;
-    const int x = job->x, here = axis == 0 ? x : y;
+    const int x = job->x;
     const size_t index = (size_t) (y * w->stride + x);
-    const ptrdiff_t pace = axis == 0 ? 1 : w->stride;
     struct block b;
     const bool any = choose(w, index, job->cell, &b);
 
@@ -43,32 +69,30 @@ int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axi
         on[l] = any && w->scale[index + (size_t) l] > 0.0f && (b.uniform || b.afters[l] > 0.0f) ? 1.0f : 0.0f;
     for (int l = 0; any && l < SCREEN_BLOCK; l++) {
         const size_t at = index + (size_t) l;
-        const int place = axis == 0 ? here + l : here;
-        float sum[3] = { 0 }, all = 0.0f, span;
+        const int number = w->turned ? pell_ss_turn(x + l, y, w->turn) : 0;
+        const float *turn = w->turned ? w->turns[number] : NULL, shift = w->turned ? pell_ss_jitter(number) - 0.5f : 0.0f;
+        const float *const light[3] = { row[0] + x + l, row[1] + x + l, row[2] + x + l };
+        struct taps taps = { { 0 }, 0.0f };
+        float span, way[2] = { axis == 0 ? 1.0f : 0.0f, axis == 0 ? 0.0f : 1.0f };
 
         for (int i = 0; i < 3; i++)
             result[i][l] = row[i][x + l];
         if (!(on[l] > 0.0f))
             continue;
         span = SCREEN_SPAN * sqrtf((b.uniform ? b.after - b.before : b.afters[l] - b.befores[l]) * w->scale[at]);
-        span *= paper_slope(w, at, x + l, y, axis);
-        if (span > 262144.0f)
-            span = 262144.0f;
-        for (int t = 0; t < 7; t++) {
-            const float offset = (float) (t - 3) * (1.0f / 3.0f) * span, whole = floorf(offset), part = offset - whole;
-            const float share[2] = { weights[t] * (1.0f - part), weights[t] * part };
-
-            for (int k = 0; k < 2; k++) {
-                const int step = (int) whole + k;
-                if (place + step < low || place + step >= high || w->key[(ptrdiff_t) at + step * pace] != w->key[at])
-                    continue;
-                all += share[k];
-                for (int i = 0; i < 3; i++)
-                    sum[i] += share[k] * row[i][x + l + step * pace];
-            }
+        if (turn) {
+            way[0] = axis == 0 ? turn[0] : -turn[1];
+            way[1] = axis == 0 ? turn[1] : turn[0];
         }
-        for (int i = 0; i < 3; i++)
-            result[i][l] = sum[i] / all;
+        for (int k = 0; k < 2; k++)
+            if (way[k] != 0.0f)
+                way[k] *= fminf(span * paper_slope(w, at, x + l, y, k), SPAN_MOST);
+        for (int t = 0; t < 7; t++) {
+            const float offset = ((float) (t - 3) + shift) * (1.0f / 3.0f);
+            add_tap(w, at, x + l, y, (const float[2]) { offset * way[0], offset * way[1] }, weights[t], light, &taps);
+        }
+        for (int i = 0; i < 3 && taps.all > 0.0f; i++) /* of a line that is turned and moved no tap may be on the surface */
+            result[i][l] = taps.sum[i] / taps.all;
     }
     return b.active;
 }

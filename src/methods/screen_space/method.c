@@ -9,6 +9,8 @@
 
 #include "methods/as_paper.h"
 
+#include <pellucid/kernel.h>
+
 #include <math.h>
 #include <stddef.h>
 
@@ -17,6 +19,7 @@ static const char *const profile_names[] = { "material", "published", NULL };
 static const char *const input_names[] = { "diffuse", "lit", NULL };
 static const char *const first_names[] = { "blurred", "unblurred", "skin", NULL };
 static const char *const form_names[] = { "surface", "paper", NULL };
+static const char *const kernel_names[] = { "gaussians", "separable", NULL };
 static const char *const transmission_names[] = { "off", "gaussian", "slab", NULL };
 
 #define AT(field) offsetof(struct screen_knobs, field)
@@ -42,6 +45,14 @@ static const struct pell_knob knobs[] = {
     { "maxdd", PELL_KNOB_FLOAT, "object heights", AT(maxdd), { 0.001 }, 0, 1, NULL,
       "limit of the depth's change per pixel, with foreshortening = paper" },
     { "lod", PELL_KNOB_FLOAT, "1/px", AT(lod), { 1.75 }, 0.01, 100, NULL, "a Gaussian is left out where its span is under 1/lod pixels" },
+    { "kernel", PELL_KNOB_ENUM, "1", AT(kernel), { SCREEN_KERNEL_GAUSSIANS }, 0, 0, kernel_names,
+      "gaussians: a blur for each, wider and wider; separable: pairs of passes by the profile's own best separable kernel" },
+    { "rank", PELL_KNOB_INT, "1", AT(rank), { 2 }, 1, PELL_KERNEL_RANK_MAX, NULL,
+      "with kernel = separable: pairs of passes; more of them have less error" },
+    { "taps", PELL_KNOB_INT, "1", AT(taps), { 12 }, 1, 64, NULL,
+      "with kernel = separable: taps of a pass on either side; pixels between them are left out where the kernel is wider" },
+    { "rotate", PELL_KNOB_BOOL, "1", AT(rotate), { 0 }, 0, 1, NULL,
+      "turn lines of taps that have gaps from pixel to pixel, which makes noise of banding; with kernel = separable or edges = paper" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "through", PELL_KNOB_ENUM, "1", AT(transmission), { SCREEN_TRANSMISSION_SLAB }, 0, 0, transmission_names,
       "transmission: none; by thickness d, as the sum of w exp(-d^2/(2 v)); or through a slab of the medium where faces oppose, if the "

@@ -13,6 +13,7 @@ enum screen_input { SCREEN_INPUT_DIFFUSE, SCREEN_INPUT_SHADED };
 enum screen_first { SCREEN_FIRST_BLURRED, SCREEN_FIRST_UNBLURRED, SCREEN_FIRST_SKIN };
 enum screen_edges { SCREEN_EDGES_SURFACE, SCREEN_EDGES_PAPER };
 enum screen_slope { SCREEN_SLOPE_SURFACE, SCREEN_SLOPE_PAPER };
+enum screen_kernel { SCREEN_KERNEL_GAUSSIANS, SCREEN_KERNEL_SEPARABLE };
 enum screen_transmission { SCREEN_TRANSMISSION_OFF, SCREEN_TRANSMISSION_GAUSSIAN, SCREEN_TRANSMISSION_SLAB };
 
 struct screen_knobs {
@@ -26,6 +27,9 @@ struct screen_knobs {
     float ssslevel;
     float correction, maxdd;
     float lod;
+    int kernel; /* enum screen_kernel */
+    int rank, taps;
+    bool rotate;
     bool strength;
     int transmission; /* enum screen_transmission */
 };

@@ -169,6 +169,7 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
 {
     struct pell_context *ctx = services->ctx;
     struct screen_gpu *st = pell_zalloc(ctx, sizeof(*st));
+    const struct screen_knobs *chosen = knobs;
     const struct screen_chain *c;
     enum pell_result res;
 
@@ -179,6 +180,10 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     st->services = services;
     st->gpu = services->gpu;
     c = &st->chain;
+    if (chosen->kernel == SCREEN_KERNEL_SEPARABLE || (chosen->rotate && chosen->edges == SCREEN_EDGES_PAPER))
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "screen-space", "use --engine cpu, or leave the knob as it is by default",
+                          "the engine vulkan has no %s",
+                          chosen->kernel == SCREEN_KERNEL_SEPARABLE ? "kernel=separable, only gaussians" : "rotate=on");
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
     st->push = (struct screen_push) {
         .picture_width = shape->width,

@@ -1,0 +1,206 @@
+/* SPDX-License-Identifier: MIT
+ * factors.c - see factors.h. */
+#include "methods/screen_space/factors.h"
+#include "methods/screen_space/chain.h"
+
+#include "base/base.h"
+#include "math/vec.h"
+#include "methods/thickness.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { TAPS = PELL_KERNEL_TAPS_MAX, HALF = TAPS / 2, EDGES = HALF + 2 };
+#define SPREAD 3.0
+#define PEAK 0.1     /* of a channel's light, nearest to where it entered: of a profile that rises on and on there */
+#define INSIDE 0.995 /* share of the widest channel's light within the extent */
+
+/* The integral of a factor from the middle to the edges between taps, and where they are: sqrt(x/extent). */
+struct edges {
+    double place[EDGES], integral[EDGES];
+};
+
+static void find_edges(const struct pell_separable *s, int term, int channel, double over, struct edges *e)
+{
+    double sum = 0.5 * s->weight[term][HALF][channel];
+
+    e->place[0] = e->integral[0] = 0.0;
+    for (int i = 0; i <= HALF; i++) {
+        const double at = s->offset_mm[HALF + i], next = i < HALF ? s->offset_mm[HALF + i + 1] : 2.0 * s->extent_mm - at;
+        if (i > 0)
+            sum += s->weight[term][HALF + i][channel];
+        e->place[i + 1] = sqrt(0.5 * (at + next) / s->extent_mm);
+        e->integral[i + 1] = sum / over;
+    }
+}
+
+static double slope(const struct edges *e, int i)
+{
+    const int low = i - 1, high = i < EDGES - 1 ? i + 1 : i;
+
+    if (i == 0) /* a finite factor's integral is as x, so flat in its root */
+        return 0.0;
+    return (e->integral[high] - e->integral[low]) / (e->place[high] - e->place[low]);
+}
+
+/* Between the edges by cubics. */
+static void fill(const struct edges *e, int channel, struct screen_factor *f)
+{
+    int k = 0;
+
+    for (int row = 0; row <= SCREEN_FACTOR_STEPS; row++) {
+        const double place = (double) row / SCREEN_FACTOR_STEPS;
+        double width, t;
+        while (k < EDGES - 2 && place > e->place[k + 1])
+            k++;
+        width = e->place[k + 1] - e->place[k];
+        t = fmin((place - e->place[k]) / width, 1.0);
+        f->integral[row][channel] =
+            (float) ((1.0 + 2.0 * t) * (1.0 - t) * (1.0 - t) * e->integral[k] + t * t * (3.0 - 2.0 * t) * e->integral[k + 1] +
+                     width * (t * (1.0 - t) * (1.0 - t) * slope(e, k) - t * t * (1.0 - t) * slope(e, k + 1)));
+    }
+}
+
+static void make(const struct pell_separable *s, int channel, struct screen_factor *terms)
+{
+    const double root = sqrt(s->total[channel]);
+
+    for (int k = 0; k < s->rank; k++) {
+        struct edges e;
+        if (!(root > 0.0)) { /* no light scatters: all of it stays */
+            terms[k].pass[channel] = terms[k].sign[channel] = k == 0 ? 1.0f : 0.0f;
+            continue;
+        }
+        find_edges(s, k, channel, root, &e);
+        fill(&e, channel, &terms[k]);
+        terms[k].pass[channel] = (float) (2.0 * e.integral[EDGES - 1]);
+        terms[k].sign[channel] = (float) s->sign[k][channel];
+    }
+}
+
+/* sqrt(Int (R - kernel)^2 / Int R^2) over the square of the extent, the total included. */
+static double energy_error(const struct pell_profile *p, const struct screen_factor *terms, int rank, int channel, double extent)
+{
+    enum { CELLS = 128, ROWS = SCREEN_FACTOR_STEPS / CELLS };
+    const double square = extent / ((double) SCREEN_FACTOR_STEPS * SCREEN_FACTOR_STEPS);
+    double value[PELL_KERNEL_RANK_MAX][CELLS], middle[CELLS], width[CELLS], wrong = 0.0, all = 0.0;
+
+    for (int i = 0; i < CELLS; i++) { /* its middle is a row of the table, which the slope there is that of those beside */
+        const int row = ROWS * i + ROWS / 2;
+        middle[i] = square * row * row;
+        width[i] = square * 2.0 * ROWS * row;
+        for (int k = 0; k < rank; k++)
+            value[k][i] =
+                ((double) terms[k].integral[row + 1][channel] - (double) terms[k].integral[row - 1][channel]) / (square * 4.0 * row);
+    }
+    for (int i = 0; i < CELLS; i++)
+        for (int j = 0; j <= i; j++) {
+            const double area = width[i] * width[j] * (j < i ? 2.0 : 1.0), should = pell_profile_eval(p, hypot(middle[i], middle[j]));
+            double is = 0.0;
+            for (int k = 0; k < rank; k++)
+                is += (double) terms[k].sign[channel] * value[k][i] * value[k][j];
+            is *= pell_profile_total(p);
+            wrong += area * (is - should) * (is - should);
+            all += area * should * should;
+        }
+    return all > 0.0 ? sqrt(wrong / all) : 0.0;
+}
+
+/* Profiles that no bound has at r = 0 (single scattering is as 1/r) have all of the square of R there, and a kernel that is best in it is
+ * that peak alone: its light is kept, but not resolved. */
+static bool flatten_peak(struct pell_profile *p)
+{
+    enum { INNER = 24, ROWS = 256 };
+    const double q = pell_profile_sample(p, PEAK), end = pell_profile_sample(p, INSIDE);
+    const double mean = pell_profile_total(p) * PEAK / (PELL_PI * q * q);
+    double r[ROWS], R[ROWS], rise;
+
+    if (!(q > 0.0) || !(end > q) || pell_profile_eval(p, 0.02 * q) < 2.0 * mean)
+        return true;
+    for (int i = 0; i < ROWS; i++)
+        r[i] = i < INNER ? q * i / INNER : q * pow(end / q, (double) (i - INNER) / (ROWS - 1 - INNER));
+    pell_profile_eval_many(p, r, R, ROWS);
+    rise = 3.0 * fmax(mean / R[INNER] - 1.0, 0.0);
+    for (int i = 0; i < INNER; i++) {
+        const double fall = 1.0 - r[i] * r[i] / (q * q);
+        R[i] = R[INNER] * (1.0 + rise * fall * fall);
+    }
+    return pell_profile_from_table(r, R, ROWS, p, NULL) == PELL_OK;
+}
+
+static bool find_profiles(const struct screen_chain *chain, const struct pell_frame_material *m, size_t index, struct pell_profile p[3])
+{
+    const bool published = chain->knobs.profile == SCREEN_PROFILE_PUBLISHED && pell_ss_published(m);
+
+    for (int c = 0; c < 3; c++) {
+        if (!published)
+            p[c] = m->profile[c];
+        else if (pell_profile_from_gaussians(&chain->profiles[index], c, &p[c]) != PELL_OK)
+            return false;
+        if (pell_profile_total(&p[c]) > 0.0 && !flatten_peak(&p[c]))
+            return false;
+    }
+    return true;
+}
+
+static double radius_of(const struct pell_profile p[3])
+{
+    double radius = 0.0;
+
+    for (int c = 0; c < 3; c++)
+        if (pell_profile_total(&p[c]) > 0.0)
+            radius = fmax(radius, pell_profile_sample(&p[c], INSIDE));
+    return radius;
+}
+
+enum pell_result pell_ss_factors_make(const struct screen_chain *chain, const struct pell_frame_shape *shape, struct screen_factors *out)
+{
+    const size_t n = shape->num_materials;
+    struct pell_profile *profiles = pell_alloc(chain->ctx, 3 * sizeof(*profiles));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    out->rank = chain->knobs.rank;
+    out->extent_mm = pell_calloc(chain->ctx, n + 1, sizeof(*out->extent_mm));
+    out->factor = pell_calloc(chain->ctx, (n + 1) * (size_t) out->rank, sizeof(*out->factor));
+    if (!profiles || !out->extent_mm || !out->factor)
+        goto fail;
+    for (size_t i = 0; i < n; i++) {
+        const struct pell_frame_material *m = &shape->materials[i];
+        const size_t first = pell_first_alike(shape, i);
+        struct screen_factor *terms = &out->factor[(i + 1) * (size_t) out->rank];
+        struct pell_separable_params params = { .taps = TAPS, .rank = out->rank, .spread = SPREAD };
+        struct pell_separable s;
+        double error[3];
+
+        if (first < i) {
+            out->extent_mm[i + 1] = out->extent_mm[first + 1];
+            memcpy(terms, &out->factor[(first + 1) * (size_t) out->rank], (size_t) out->rank * sizeof(*terms));
+            continue;
+        }
+        memset(&s, 0, sizeof(s));
+        s.rank = out->rank;
+        if (!find_profiles(chain, m, i, profiles) ||
+            ((params.extent_mm = radius_of(profiles)) > 0.0 && pell_separable_make(profiles, &params, &s) != PELL_OK)) {
+            res = pell_error(chain->ctx, PELL_ERR_INVALID, m->name, "change its coefficients, or use kernel=gaussians",
+                             "no separable kernel fits this material's profile");
+            goto fail;
+        }
+        out->extent_mm[i + 1] = (float) s.extent_mm;
+        for (int c = 0; c < 3; c++) {
+            make(&s, c, terms);
+            error[c] = 100.0 * energy_error(&profiles[c], terms, s.rank, c, s.extent_mm);
+        }
+        pell_info(chain->ctx, m->name, "separable kernel of rank %d: energy error %.2f %.2f %.2f %%", s.rank, error[0], error[1], error[2]);
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(chain->ctx, profiles);
+    return res;
+}
+
+void pell_ss_factors_finish(struct pell_context *ctx, struct screen_factors *f)
+{
+    pell_free(ctx, f->factor);
+    pell_free(ctx, f->extent_mm);
+}
