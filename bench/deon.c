@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: MIT
  * deon.c - `pellucid-bench deon-1`: table 1 of d'Eon et al. 2007, full and low resolution, with no light but the environment,
  * with one and with two, without and with translucent shadow maps; all made anew, and under lights that stay as they are; the low one
- * under one light without an environment, too, and the passes of that row beside copies of their bytes. (The paper, on a GeForce 8800:
+ * under one light without an environment, too, and the passes of that row beside copies of their bytes; by the light's map in place of
+ * rays; and a mesh that deforms from frame to frame. (The paper, on a GeForce 8800:
  * 16.7, 22.7, 32.3 and 43.5 ms a frame at full resolution, 8.7, 9.7, 13.3 and 16.4 ms at the low one.) */
 #include "papers.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -16,7 +18,7 @@
 struct variant {
     const char *name;
     int first, lights; /* of the scene */
-    bool tsm;
+    const char *tsm;
 };
 
 static void add_stages(struct bench *b, const struct pell_render_result *p)
@@ -67,7 +69,7 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
     b->s.settings.width = full ? 2500 : 1280;
     b->s.settings.height = full ? 1500 : 720;
     PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
-    snprintf(name, sizeof(name), "size=%d tsm=%s charts=planar", full ? 2048 : 1024, v->tsm ? "ray" : "off");
+    snprintf(name, sizeof(name), "size=%d tsm=%s tsm-size=%d charts=planar", full ? 2048 : 1024, v->tsm, full ? 2048 : 1024);
     PELL_TRY(bench_choose(b, "texture-space", name));
     PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* lays the surface out, and touches all memory once */
     for (int i = 0; i < repeats; i++) {
@@ -92,15 +94,80 @@ fail:
     return res;
 }
 
+/* Waves as high as a fiftieth of the mesh, which moves with `phase`. `rest`: where the vertices are without. */
+static void wave(struct pell_scene *scene, const float *rest, double phase)
+{
+    const float high = 0.02f * (scene->bounds_max[1] - scene->bounds_min[1]);
+    struct pell_mesh *m = &scene->meshes[0];
+
+    for (size_t i = 0; i < (size_t) m->num_vertices; i++) {
+        const float *p = rest + 3 * i;
+        m->position[3 * i] = p[0] + high * sinf((float) phase + 0.1f * p[1] / high);
+        m->position[3 * i + 1] = p[1] + 0.3f * high * cosf((float) phase + 0.15f * p[0] / high);
+    }
+}
+
+static double stage_ms(const struct pell_render_result *p, const char *name)
+{
+    for (size_t i = 0; i < p->num_stages; i++)
+        if (strcmp(p->stages[i].name, name) == 0)
+            return p->stages[i].ms;
+    return 0.0;
+}
+
+/* Frames of a mesh that deforms, under one light with its translucent shadow map: everything of the method's own is made anew in each, the
+ * layout's topology apart. */
+static enum pell_result deform(struct bench *b)
+{
+    struct pell_scene *scene = b->s.scene;
+    const size_t size = 3 * (size_t) scene->meshes[0].num_vertices;
+    float *rest = calloc(size, sizeof(*rest));
+    double *layout = calloc((size_t) b->repeats, sizeof(*layout)), *own = calloc((size_t) b->repeats, sizeof(*own)), once = 0.0;
+    struct pell_light *const all = scene->lights;
+    const size_t lights = scene->num_lights;
+    struct pell_render_result p;
+    char name[96];
+    enum pell_result res = rest && layout && own ? PELL_OK : PELL_ERR_NOMEM;
+
+    PELL_TRY(res);
+    memcpy(rest, scene->meshes[0].position, size * sizeof(*rest));
+    scene->lights = all + 1;
+    scene->num_lights = 1;
+    PELL_TRY(bench_choose(b, "texture-space", "size=1024 charts=planar"));
+    for (int i = -1; i < b->repeats; i++) {
+        wave(scene, rest, 0.2 * i);
+        PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
+        PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
+        if (i < 0) {
+            once = stage_ms(&p, "layout");
+            continue;
+        }
+        layout[i] = stage_ms(&p, "layout");
+        own[i] = bench_own_ms(&p);
+    }
+    snprintf(name, sizeof(name), "low, deforming, %u triangles, layout once", scene->meshes[0].num_triangles);
+    bench_add(&b->rows, name, once);
+    bench_add(&b->rows, "low, deforming, per frame, its layout", bench_median(layout, b->repeats));
+    bench_add(&b->rows, "low, deforming, per frame, 1 light alone, TSM", bench_median(own, b->repeats));
+    memcpy(scene->meshes[0].position, rest, size * sizeof(*rest));
+    PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
+
+fail:
+    scene->lights = all;
+    scene->num_lights = lights;
+    free(rest);
+    free(layout);
+    free(own);
+    return res;
+}
+
 enum pell_result bench_deon(struct bench *b)
 {
     static const struct variant variants[] = {
-        { "environment", 0, 1, false },
-        { "1 light", 0, 2, false },
-        { "1 light, TSM", 0, 2, true },
-        { "2 lights, TSM", 0, 3, true },
+        { "environment", 0, 1, "off" },   { "1 light", 0, 2, "off" },          { "1 light, TSM", 0, 2, "ray" },
+        { "2 lights, TSM", 0, 3, "ray" }, { "1 light, tsm=map", 0, 2, "map" }, { "2 lights, tsm=map", 0, 3, "map" },
     };
-    static const struct variant alone = { "1 light alone", 1, 1, false }, alone_tsm = { "1 light alone, TSM", 1, 1, true };
+    static const struct variant alone = { "1 light alone", 1, 1, "off" }, alone_tsm = { "1 light alone, TSM", 1, 1, "ray" };
     enum pell_result res = PELL_OK;
 
     if (b->s.scene->num_lights != LIGHTS)
@@ -116,6 +183,7 @@ enum pell_result bench_deon(struct bench *b)
             PELL_TRY(measure(b, &variants[i], full, false));
     PELL_TRY(measure(b, &alone, false, false));
     PELL_TRY(measure(b, &alone_tsm, false, true));
+    PELL_TRY(deform(b));
 
 fail:
     return res;

@@ -91,6 +91,8 @@ struct pell_method {
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not available */
     unsigned ignores; /* enum pell_ignored, for all knobs. A renderer warns if a scene has such a map or colour */
     bool partial;     /* interruptible: ends early with a partial result, and stores its state in the renderer's checkpoint */
+    /* What it makes of the first frame of a scene that deforms it keeps for those after, and shows there: parts of a film begin with it. */
+    bool keeps_first;
 };
 
 /* The built-in methods, in the order in which they are listed; NULL for an index of pell_method_count() or more. Constant data;

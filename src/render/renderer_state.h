@@ -51,6 +51,7 @@ struct pell_renderer {
     struct pell_services services;
     uint64_t lights_revision; /* counts the lights that were made */
     struct pell_pass *pass;   /* NULL: no method, or nothing translucent */
+    struct pell_kept kept;    /* by the method, of passes before */
 
     /* Of the frame. */
     struct pell_lens lens;

@@ -395,6 +395,7 @@ static enum pell_result make_pass(struct pell_renderer *r)
     r->services.share = r->share;
     r->services.checkpoint = r->has_checkpoint ? &r->checkpoint : NULL;
     r->services.observer = r->observer.show ? &r->observer : NULL;
+    r->services.kept = &r->kept;
     res = pell_pass_make(r->device->engine, &r->services, r->method, r->knobs, &shape, &r->pass);
     for (size_t i = 0; res == PELL_OK && i < r->scene->num_materials; i++)
         if (m->frame_index[i + 1])
@@ -448,6 +449,10 @@ void pell_renderer_invalidate(struct pell_renderer *r, unsigned inputs)
             continue;
         x->drop(r);
         r->made &= ~(1u << i);
+    }
+    if ((inputs & PELL_INPUT_METHOD) && r->kept.state) {
+        r->kept.destroy(r->kept.state);
+        r->kept.state = NULL;
     }
 }
 

@@ -56,6 +56,13 @@ struct pell_points_params {
     bool local; /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */
 };
 
+/* What a method keeps beyond its pass, for the next one of a renderer: a scene that moves is a new scene each frame, with the same
+ * triangles. Whoever takes `state` sets it to NULL. */
+struct pell_kept {
+    void *state; /* NULL: nothing */
+    void (*destroy)(void *state);
+};
+
 struct pell_services {
     struct pell_context *ctx;
     struct pell_pool *pool;
@@ -68,6 +75,7 @@ struct pell_services {
     const struct pell_settings *settings;     /* of the frame that is made: where a pass outlives a change they change under it */
     const struct pell_checkpoint *checkpoint; /* NULL: none */
     struct pell_share *share;                 /* NULL: this process renders the frame alone */
+    struct pell_kept *kept;                   /* NULL: nothing can be kept */
     const struct pell_observer *observer;     /* NULL: nobody asks for intermediate images */
     void *engine;                             /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,

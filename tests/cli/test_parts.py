@@ -264,6 +264,10 @@ def _(folder):
     works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '-o', 'all.pfm')
     works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '--frame-range', '1:3', '-o', 'part.pfm')
     need('part_0000.pfm' in names(folder) and (folder / 'part_0002.pfm').read_bytes() == (folder / 'all_0002.pfm').read_bytes(), 'differ')
+    small += ['-m', 'texture-space', '--set', 'size=128', '--exposure', '1']  # lays the surface out in the first frame
+    works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '-o', 'all.pfm')
+    works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '--frame-range', '1:3', '-o', 'part.pfm')
+    need((folder / 'part_0002.pfm').read_bytes() == (folder / 'all_0002.pfm').read_bytes(), 'of a layout differ')
 
 
 @test('compare over a list of scenes: a folder each, by several jobs as by one; a line that names no scene ends it')

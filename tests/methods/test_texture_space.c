@@ -181,6 +181,132 @@ static void no_seam_shows_on_a_sheet_that_is_cut(void **state)
     REQUIRE(without[0] > 5.0 * largest[0]);
 }
 
+static double layout_ms(const struct stage *s)
+{
+    for (size_t i = 0; i < s->image.num_stages; i++)
+        if (strcmp(s->image.stages[i].name, "layout") == 0)
+            return s->image.stages[i].ms;
+    return 0.0;
+}
+
+/* Where a vertex goes: all of the sheet is stretched, or each side of the seam at x = 0 in its own way. */
+static void stretch(struct stage *s, const float *rest, int how)
+{
+    struct pell_mesh *m = &s->scene->meshes[0];
+
+    for (uint32_t i = 0; i < m->num_vertices; i++) {
+        const float x = rest[3 * i], y = rest[3 * i + 1];
+        m->position[3 * i] = how == 1 ? 1.15f * x : how == 2 ? x * (x > 0.0f ? 1.15f : 0.9f) : x;
+        m->position[3 * i + 1] = how == 1 ? 0.9f * y : y;
+    }
+}
+
+/* A mesh that moves keeps its layout, by its triangles; what is blurred is the convolution on the surface as it is now. */
+static void a_sheet_that_deforms_is_the_convolution(void **state)
+{
+    static const char *const knobs[] = { "size=564", "tsm=off", "border=64", NULL };
+    static const char *const names[3] = { "at rest", "stretched by 1.15 x 0.9", "by 1.15 and 0.9 beside a seam" };
+    struct stage s;
+    float *rest;
+    double first;
+    (void) state;
+
+    quadrant(&s, CUT, 48, 1.3f);
+    rest = malloc(3 * sizeof(float) * s.scene->meshes[0].num_vertices);
+    memcpy(rest, s.scene->meshes[0].position, 3 * sizeof(float) * s.scene->meshes[0].num_vertices);
+    stage_method(&s, "texture-space", knobs);
+    stage_render(&s);
+    first = layout_ms(&s);
+    for (int how = 0; how < 3; how++) {
+        double largest[2], rms[2], fresh[2], fresh_rms[2], now;
+        struct shot shot;
+        struct stage other;
+
+        stretch(&s, rest, how);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        shot = stage_shot(&s);
+        now = layout_ms(&s);
+        quadrant_error(&shot, 1.3, 0.5, largest, rms);
+        shot_free(&shot);
+        quadrant(&other, CUT, 48, 1.3f);
+        stretch(&other, rest, how);
+        shot = stage_shot_of(&other, "texture-space", knobs);
+        quadrant_error(&shot, 1.3, 0.5, fresh, fresh_rms);
+        shot_free(&shot);
+        stage_finish(&other);
+        print_message(
+            "# %s: near seams %.4f at most (%.4f rms), elsewhere %.4f; laid out anew %.4f (%.4f), %.4f; layout %.1f ms, once %.1f\n",
+            names[how], largest[0], rms[0], largest[1], fresh[0], fresh_rms[0], fresh[1], now, first);
+        REQUIRE(largest[0] < 1.3 * fresh[0] + (how == 2 ? 0.02 : 0.003) && largest[1] < 1.1 * fresh[1] + 0.001);
+        REQUIRE(now > 0.0 && now < 0.5 * first);
+    }
+    free(rest);
+    stage_finish(&s);
+}
+
+/* Other coordinates, or a triangle whose area comes or goes, are laid out anew: the picture of a renderer that knows nothing. */
+static void other_surfaces_are_laid_out_anew(void **state)
+{
+    static const char *const knobs[] = { "size=128", NULL };
+    struct stage s;
+    (void) state;
+
+    quadrant(&s, GOOD, 24, 0.0f);
+    stage_method(&s, "texture-space", knobs);
+    stage_render(&s);
+    for (int k = 0; k < 3; k++) {
+        struct stage other;
+        struct shot shot[2];
+
+        quadrant(&other, GOOD, 24, 0.0f);
+        for (int i = 0; i < 2; i++) {
+            struct pell_mesh *m = &(i ? other.scene : s.scene)->meshes[0];
+            if (k == 0 || (k == 1 && i == 1))
+                m->uv[0][0] -= 0.05f;
+            if (k == 1) /* the second triangle loses its area */
+                memcpy(m->position + 3 * m->index[5], m->position + 3 * m->index[4], 3 * sizeof(float));
+            if (k == 2 && i == 0) { /* and has it again */
+                m->position[3 * m->index[5]] = m->position[3 * m->index[3]];
+                m->uv[0][0] += 0.05f;
+            }
+        }
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        shot[0] = stage_shot(&s);
+        shot[1] = stage_shot_of(&other, "texture-space", knobs);
+        if (!shot_equal(&shot[0], &shot[1]))
+            fail_msg("case %d: %g of the mean apart", k, shot_difference(&shot[0], &shot[1]).rms);
+        shot_free(&shot[0]);
+        shot_free(&shot[1]);
+        stage_finish(&other);
+    }
+    stage_finish(&s);
+}
+
+/* Frames of a film in which nothing but the camera moves have the bits of a renderer that saw none before. */
+static void a_surface_at_rest_keeps_its_picture(void **state)
+{
+    static const char *const knobs[] = { "size=128", NULL };
+    struct shot shot[2];
+    struct stage s;
+    size_t m;
+    (void) state;
+
+    stage_start(&s, 40, 40);
+    stage_gaussians(&s, 0.5, &m);
+    stage_ball(&s, m, 0, vec3(0, 0, 0), 10.0f, 24);
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(30, 40, 100), vec3(0, 0, 0), 1.0f);
+    stage_camera(&s, vec3(25, 10, 30), vec3(0, 0, 0), 0.0f, 24.0f);
+    shot[0] = stage_shot_of(&s, "texture-space", knobs);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    shot[1] = stage_shot(&s);
+    REQUIRE(layout_ms(&s) > 0.0);
+    if (!shot_equal(&shot[0], &shot[1]))
+        fail_msg("%g of the mean apart", shot_difference(&shot[0], &shot[1]).rms);
+    shot_free(&shot[0]);
+    shot_free(&shot[1]);
+    stage_finish(&s);
+}
+
 /* --- Solids ------------------------------------------------------------------------------------------------------------------------ */
 
 /* A cube without coordinates, lit from above: its top and a side, seen at once. What leaves on both sides of their edge must agree. */
@@ -902,6 +1028,9 @@ int main(void)
         cmocka_unit_test(a_sheet_lit_in_part_is_the_convolution),
         cmocka_unit_test(layouts_of_all_kinds_give_one_picture),
         cmocka_unit_test(no_seam_shows_on_a_sheet_that_is_cut),
+        cmocka_unit_test(a_sheet_that_deforms_is_the_convolution),
+        cmocka_unit_test(other_surfaces_are_laid_out_anew),
+        cmocka_unit_test(a_surface_at_rest_keeps_its_picture),
         cmocka_unit_test(light_goes_round_the_edges_of_a_cube),
         cmocka_unit_test(no_seam_shows_on_a_solid_in_many_charts),
         cmocka_unit_test(uniform_light_gives_the_albedo),

@@ -211,15 +211,18 @@ static void keep_tone(struct job *job)
         settings->white = job->image.white;
 }
 
-/* All images have the exposure of the first of the sequence, also where another run makes that. */
-static enum exit_code find_exposure(struct cli *cli, struct job *job)
+/* All images have the exposure of the first of the sequence, and what the method keeps of it, also where another run makes that. */
+static enum exit_code begin_sequence(struct cli *cli, struct job *job)
 {
+    const struct session *s = &job->session;
+    const bool exposure = !(s->settings.exposure > 0.0f); /* backdrops follow it in linear pictures, too */
+    const bool kept = job->frames.count > 0 && s->scene->animated && s->method && s->method->keeps_first;
     enum pell_result res;
 
-    if (job->first == 0 || job->session.settings.exposure > 0.0f) /* backdrops follow it in linear pictures, too */
+    if (job->first == 0 || !(exposure || kept))
         return EXIT_OK;
     if (!cli->quiet && !cli->json)
-        fprintf(stderr, "image 0 is rendered for its exposure; --exposure saves that\n");
+        fprintf(stderr, "image 0 is rendered for its %s\n", kept ? "surface's layout" : "exposure; --exposure saves that");
     res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     if (res == PELL_OK)
         keep_tone(job);
@@ -232,7 +235,7 @@ static enum exit_code render_turntable(struct cli *cli, struct job *job)
     const struct pell_camera camera = scene->cameras[0];
     const int count = cli->numbers.turntable;
     char path[sizeof(job->output) + 16];
-    enum exit_code code = find_exposure(cli, job);
+    enum exit_code code = begin_sequence(cli, job);
 
     job->images = json_array();
     cli->progress.parts = job->end - job->first;
@@ -263,7 +266,7 @@ static void hash_scene(struct job *job)
 static enum exit_code render_frames(struct cli *cli, struct job *job)
 {
     char path[sizeof(job->output) + 16];
-    enum exit_code code = find_exposure(cli, job);
+    enum exit_code code = begin_sequence(cli, job);
 
     if (!job->session.scene->animated && job->frames.count > 1)
         pell_warn(cli->ctx, "--frames", NULL, "no file of the scene has an animation: all images are the same");

@@ -7,6 +7,7 @@
  */
 #include "methods/texture_space/state.h"
 
+#include "base/hash.h"
 #include "base/simd.h"
 #include "render/engine.h"
 
@@ -25,13 +26,13 @@ enum { LIGHTS_MOST = 16 };
 
 /* --- Life ------------------------------------------------------------------------------------------------------------------------ */
 
-static void ts_destroy(void *state)
+static void ts_free(void *state)
 {
     struct ts_state *st = state;
 
     if (!st)
         return;
-    for (size_t i = 0; st->solid && i < st->solids->count; i++) {
+    for (size_t i = 0; st->solid && i < st->num_solids; i++) {
         ts_atlas_destroy(&st->solid[i].atlas);
         if (st->solid[i].map)
             pell_free(st->ctx, st->solid[i].map - 4 * TS_MARGIN);
@@ -45,6 +46,24 @@ static void ts_destroy(void *state)
     pell_free(st->ctx, st->solid);
     pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
+}
+
+/* A state that is whole is kept, for the pass of the same scene a moment later. */
+static void ts_destroy(void *state)
+{
+    struct ts_state *st = state;
+    struct pell_kept *kept = st && st->whole ? st->services->kept : NULL;
+
+    if (!kept) {
+        ts_free(st);
+        return;
+    }
+    if (kept->state)
+        kept->destroy(kept->state);
+    pell_solids_destroy(&st->solids);
+    st->services = NULL;
+    st->in = NULL;
+    *kept = (struct pell_kept) { st, ts_free };
 }
 
 static bool scaled_strength(const struct ts_state *st, int32_t solid)
@@ -211,29 +230,94 @@ fail:
     return res;
 }
 
+/* Materials, knobs, size and settings: all that layouts, profiles and planes depend on beside the triangles. */
+static uint64_t made_of(const struct pell_services *services, const struct pell_frame_shape *shape, const struct ts_knobs *knobs)
+{
+    const struct pell_scene *scene = services->scene;
+    uint64_t print = pell_hash_bytes(0, knobs, sizeof(*knobs));
+
+    print = pell_hash_word(print, (uint64_t) shape->width << 32 | (uint64_t) shape->height);
+    print = pell_hash_word(print, (uint64_t) services->settings->curvature);
+    for (size_t i = 0; i < shape->num_materials; i++) {
+        const struct pell_frame_material *m = &shape->materials[i];
+        print = pell_hash_bytes(print, &m->medium, sizeof(m->medium));
+        print = pell_hash_bytes(print, &m->gaussians, sizeof(m->gaussians));
+        print = pell_hash_bytes(print, m->profile, 3 * sizeof(*m->profile));
+        print = pell_hash_word(print, m->white);
+    }
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_material *m = &scene->materials[scene->meshes[i].material];
+        print = pell_hash_word(print, (m->strength != 1.0f) | (m->strength_map.texture != 0) << 1);
+    }
+    return print;
+}
+
+/* What was kept, for a scene whose vertices have moved: NULL, and nothing is kept any more, where it is of another. */
+static struct ts_state *take_kept(const struct pell_services *services, const struct pell_solids *solids, uint64_t print)
+{
+    struct ts_state *st = services->kept ? services->kept->state : NULL;
+    bool same = st && st->made_of == print && st->num_solids == solids->count;
+
+    if (!st)
+        return NULL;
+    services->kept->state = NULL;
+    for (size_t i = 0; same && i < solids->count; i++)
+        same = st->solid[i].atlas
+                   ? st->solid[i].atlas->print == ts_atlas_print(services->scene, solids, i) && solids->solids[i].num_triangles > 0
+                   : solids->solids[i].num_triangles == 0;
+    for (size_t i = 0; same && i < solids->count; i++)
+        same = !st->solid[i].atlas || ts_atlas_update(st->solid[i].atlas, services->pool, services->scene);
+    if (!same) {
+        ts_free(st);
+        return NULL;
+    }
+    st->lit = 0;
+    st->warned = 0;
+    return st;
+}
+
 static enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
                                   void **state)
 {
+    const double start = pell_seconds();
     struct pell_context *ctx = services->ctx;
-    struct ts_state *st = pell_zalloc(ctx, sizeof(*st));
+    const uint64_t print = made_of(services, shape, knobs);
+    struct pell_solids *solids;
+    struct ts_state *st;
     enum pell_result res;
 
-    *state = st;
-    if (!st)
+    *state = NULL;
+    PELL_TRY(pell_services_solids(services, &solids));
+    if ((st = take_kept(services, solids, print)) != NULL) {
+        *state = st;
+        st->services = services;
+        st->solids = solids;
+        st->layout = pell_seconds() - start;
+        return PELL_OK;
+    }
+    *state = st = pell_zalloc(ctx, sizeof(*st));
+    if (!st) {
+        pell_solids_destroy(&solids);
         return PELL_ERR_NOMEM;
+    }
     st->services = services;
     st->ctx = ctx;
     st->pool = services->pool;
     st->kernels = pell_ts_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct ts_knobs *) knobs;
-    PELL_TRY(pell_services_solids(services, &st->solids));
+    st->solids = solids;
+    st->num_solids = solids->count;
+    st->made_of = print;
     st->num_profiles = shape->num_materials;
     st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));
     if (!st->solid || !st->profiles)
         return PELL_ERR_NOMEM;
     PELL_TRY(make_atlases(st, shape));
-    return make_planes(st);
+    PELL_TRY(make_planes(st));
+    st->whole = true;
+    st->layout = pell_seconds() - start;
+    return PELL_OK;
 
 fail:
     return res;
@@ -531,6 +615,10 @@ static enum pell_result ts_render(void *state, const struct pell_frame *in, cons
 
     st->num_times = 0;
     st->in = in;
+    st->clock = pell_seconds() - st->layout;
+    if (st->layout > 0.0) /* of this frame's triangles */
+        ts_note_time(st, "layout", 0, 0, 0);
+    st->layout = 0.0;
     if (st->lit != in->lights_revision) {
         st->lit = 0;
         warn_of_lights(st);

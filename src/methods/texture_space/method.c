@@ -116,4 +116,5 @@ const struct pell_method pell_method_texture_space = {
     .plan = plan,
     .cpu = &pell_ts_cpu,
     .ignores = PELL_IGNORES_DEPTH_MAPS,
+    .keeps_first = true,
 };

@@ -29,6 +29,8 @@ struct ts_state {
     struct ts_knobs knobs;
     struct pell_solids *solids;
     struct ts_solid *solid;
+    size_t num_solids;
+    bool whole;                  /* made without a failure */
     struct ts_profile *profiles; /* of materials; a solid's alone are made */
     size_t num_profiles;
     struct ts_tsm tsm;
@@ -39,8 +41,10 @@ struct ts_state {
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
-    uint64_t lit;  /* the lights' number; 0: not yet */
-    size_t warned; /* how many lights there were when they were counted */
+    uint64_t made_of; /* its materials, knobs and size: what must be the same in a state that is used again */
+    double layout;    /* seconds that layouts took; 0: told */
+    uint64_t lit;     /* the lights' number; 0: not yet */
+    size_t warned;    /* how many lights there were when they were counted */
     struct ts_work work;
     float least[2], skew; /* lengths of the solid's shortest texels; and the most that a block leans */
     struct pell_pass_time times[TS_TIMES];

@@ -77,6 +77,13 @@ struct ts_part {
     float weight;
 };
 
+/* What a border is of the triangle that it stands for: steps along x and along y there, whichever way its own chart lies. */
+struct ts_turn {
+    uint32_t triangle;
+    int32_t at;
+    float u[2], v[2]; /* barycentrics for a texel along x, along y */
+};
+
 struct ts_run {
     int16_t from, to; /* blocks */
 };
@@ -102,6 +109,7 @@ struct ts_atlas {
     uint32_t *source; /* per texel of a chart: the triangle; UINT32_MAX: none */
     float *bary[2];
     float *length[2];          /* mm from texel to texel along x, and at right angles to that; 0 without chart */
+    struct ts_metric *metric;  /* per triangle, while it is updated */
     float *skew;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
     float *tilt[2];            /* what taps weigh more per texel along x, and at right angles: it makes up for how these lines bend */
     int64_t inner;             /* texels of charts, borders apart */
@@ -109,8 +117,10 @@ struct ts_atlas {
     struct ts_fill *fills;     /* of them, by squares of TS_BLOCK; in each those with parts last, else those nearest to charts first */
     size_t num_borders;
     struct ts_part *parts;
-    size_t *first_border; /* of each square, and the end of the last one */
-    size_t *first_mended; /* the first with parts of each square */
+    struct ts_turn *turns; /* of borders, row by row */
+    size_t *first_turn;    /* per row, height + 1 */
+    size_t *first_border;  /* of each square, and the end of the last one */
+    size_t *first_mended;  /* the first with parts of each square */
     size_t num_squares;
     size_t within[TS_FAR];      /* borders no further than that */
     struct ts_run *runs;        /* blocks that hold anything, row by row */
@@ -118,6 +128,9 @@ struct ts_atlas {
     struct ts_cell *cells;      /* per block of a row */
     double mm_per_texel;        /* mean */
     double overlap, degenerate; /* shares that speak against a layout */
+    int border;                 /* texels */
+    uint64_t print;             /* of the triangles and texture coordinates, not of where they are */
+    uint64_t positions;         /* of where they are: what lengths were measured at */
 };
 
 struct ts_atlas_params {
@@ -129,12 +142,18 @@ struct ts_atlas_params {
     int size, border, charts;
 };
 
+/* What a layout is of: equal numbers have equal layouts, wherever their vertices are. */
+uint64_t ts_atlas_print(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid);
+/* Takes the layout for a scene of the same print: only what depends on positions is made anew, and nothing where these are the same. False,
+ * and the atlas as it was, where a triangle that had no area has one now, or the other way round. */
+bool ts_atlas_update(struct ts_atlas *atlas, struct pell_pool *pool, const struct pell_scene *scene);
 PELL_NODISCARD enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_params *params, struct ts_atlas **out);
 void ts_atlas_destroy(struct ts_atlas **atlas);
 /* Where a point of a triangle (number and barycentrics) lies. */
 struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t triangle, float u, float v);
-/* Goes `way` (mm, in the triangle's plane) from a point straight on over the surface, around its edges. False where it ends. */
-bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 way);
+/* Goes `way` (mm, in the triangle's plane) from a point straight on over the surface, around its edges, and leaves it as it points there.
+ * False where the surface ends. */
+bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 *way);
 /* Mean of the four texels that are of the place's chart, weighted by nearness; false: there is none. `planes` begin at texel (0, 0). */
 static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, const float *const *planes, int count, float *out)
 {

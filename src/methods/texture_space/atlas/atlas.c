@@ -25,6 +25,9 @@ void ts_atlas_destroy(struct ts_atlas **atlas)
     if (a->key)
         pell_free(a->ctx, a->key - TS_MARGIN);
     pell_free(a->ctx, a->source);
+    pell_free(a->ctx, a->metric);
+    pell_free(a->ctx, a->turns);
+    pell_free(a->ctx, a->first_turn);
     pell_free(a->ctx, a->borders);
     pell_free(a->ctx, a->fills);
     pell_free(a->ctx, a->first_mended);
@@ -69,19 +72,7 @@ static enum pell_result list_triangles(struct ts_atlas_build *b)
         for (uint32_t t = 0; t < scene->meshes[b->meshes[i]].num_triangles; t++)
             a->triangles[a->first[b->meshes[i]] + t] = (struct ts_triangle) { b->meshes[i], t };
     for (uint32_t t = 0; t < a->num_triangles; t++) {
-        struct pell_vec3 p[3];
-        double e[2][3], n[3];
-        corner_points(a, t, p);
-        for (int k = 0; k < 2; k++) {
-            e[k][0] = (double) p[k + 1].x - (double) p[0].x;
-            e[k][1] = (double) p[k + 1].y - (double) p[0].y;
-            e[k][2] = (double) p[k + 1].z - (double) p[0].z;
-        }
-        for (int k = 0; k < 3; k++)
-            n[k] = e[0][(k + 1) % 3] * e[1][(k + 2) % 3] - e[0][(k + 2) % 3] * e[1][(k + 1) % 3];
-        b->area[t] = 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-        if (!(b->area[t] > 0.0 && b->area[t] < INFINITY))
-            b->area[t] = 0.0;
+        b->area[t] = area_of(a, t);
         b->total_area += b->area[t];
     }
     PELL_TRY(pell_topology_make(&b->topology, scene, b->meshes, b->num_meshes));
@@ -155,9 +146,13 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
         return PELL_ERR_NOMEM;
     a->ctx = ctx;
     a->scene = params->scene;
+    a->border = params->border;
+    a->print = ts_atlas_print(params->scene, params->solids, params->solid);
     PELL_TRY(list_triangles(&b));
+    a->positions = ts_atlas_positions(a);
+    a->metric = pell_alloc_array(ctx, (size_t) a->num_triangles + 1, sizeof(*a->metric));
     order = pell_alloc_array(ctx, 2 * (size_t) a->num_triangles + 1, sizeof(*order));
-    if (!order) {
+    if (!order || !a->metric) {
         res = PELL_ERR_NOMEM;
         goto fail;
     }

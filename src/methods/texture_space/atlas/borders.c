@@ -270,8 +270,41 @@ struct beside {
     int *count;    /* and how many there are: only texels of charts are read, so that rows go by themselves */
 };
 
+/* Steps of a texel along x and y of a triangle, carried along a way to another, in whose barycentrics they are. */
+static struct ts_turn turn_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f, struct pell_vec3 way, uint32_t to,
+                              struct pell_vec3 there)
+{
+    struct ts_turn turn = { .triangle = to };
+    struct pell_vec3 p[3], q[3], along[2], across[2];
+    double gram[3], det;
+
+    corner_points(a, t, p);
+    corner_points(a, to, q);
+    along[0] = vec3_normalize(way);
+    along[1] = vec3_normalize(there);
+    across[0] = vec3_cross(vec3_normalize(pell_triangle_cross(p)), along[0]);
+    across[1] = vec3_cross(vec3_normalize(pell_triangle_cross(q)), along[1]);
+    for (int k = 0; k < 2; k++) {
+        p[k + 1] = vec3_sub(p[k + 1], p[0]);
+        q[k + 1] = vec3_sub(q[k + 1], q[0]);
+    }
+    gram[0] = (double) vec3_dot(q[1], q[1]);
+    gram[1] = (double) vec3_dot(q[1], q[2]);
+    gram[2] = (double) vec3_dot(q[2], q[2]);
+    det = gram[0] * gram[2] - gram[1] * gram[1];
+    for (int i = 0; i < 2; i++) {
+        const struct pell_vec3 step = vec3_mad(vec3_mul(p[1], (float) f->u[1 + i]), (float) f->v[1 + i], p[2]);
+        const struct pell_vec3 moved = vec3_mad(vec3_mul(along[1], vec3_dot(step, along[0])), vec3_dot(step, across[0]), across[1]);
+        const double r0 = (double) vec3_dot(moved, q[1]), r1 = (double) vec3_dot(moved, q[2]);
+        turn.u[i] = det > 0.0 ? (float) ((r0 * gram[2] - r1 * gram[1]) / det) : 0.0f;
+        turn.v[i] = det > 0.0 ? (float) ((r1 * gram[0] - r0 * gram[1]) / det) : 0.0f;
+    }
+    return turn;
+}
+
 /* What lies beyond its edge becomes of a texel. */
-static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_place *place)
+static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_place *place,
+                       struct ts_turn *turn)
 {
     struct ts_atlas *a = b->a;
     const ptrdiff_t at = y * a->stride + x;
@@ -280,7 +313,7 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
     const float ex = e1[0] - e0[0], ey = e1[1] - e0[1], l2 = ex * ex + ey * ey;
     float s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
     double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], way[2]; /* just inside */
-    struct pell_vec3 p[3];
+    struct pell_vec3 p[3], straight, there;
     struct ts_metric m;
     struct ts_flat f;
     uint32_t to = t;
@@ -296,14 +329,16 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
     way[1] = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5) - from[1];
     corner_points(a, t, p);
     m = ts_atlas_metric_of(a, t, &f);
-    if (!ts_atlas_walk(a, &to, from,
-                       vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]))))
+    straight = there = vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]));
+    if (!ts_atlas_walk(a, &to, from, &there))
         return false;
     *place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
     if (!take_border(a, at, place, border))
         return false;
     b->place[at] = spot_of(a, to, (float) from[0], (float) from[1]);
     a->key[at] = (float) a->chart[t];
+    *turn = turn_of(a, t, &f, straight, to, there);
+    turn->at = (int32_t) at;
     ts_atlas_set_metric(a, at, &m);
     return true;
 }
@@ -317,7 +352,7 @@ static void cross_row(void *arg, int y, int worker)
 
     for (int x = 0; x < b->a->width; x++) {
         const uint32_t h = beside->edge[y * b->a->stride + x];
-        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_place[next]))
+        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_place[next], &b->turn[next]))
             next++;
     }
     beside->count[y] = (int) (next - beside->first[y]);
@@ -366,7 +401,9 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     }
     a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
     b->border_place = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_place));
-    if (!a->borders || !b->border_place)
+    b->turn = pell_alloc_array(b->ctx, count + 1, sizeof(*b->turn));
+    a->first_turn = pell_alloc_array(b->ctx, (size_t) a->height + 1, sizeof(*a->first_turn));
+    if (!a->borders || !b->border_place || !b->turn || !a->first_turn)
         goto fail;
     pell_pool_run(b->p->pool, a->height, cross_row, &beside);
     res = PELL_ERR_CANCELLED;
@@ -375,18 +412,41 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     for (int y = 0; y < a->height; y++) {
         const size_t n = (size_t) beside.count[y];
         memmove(a->borders + a->num_borders, a->borders + beside.first[y], n * sizeof(*a->borders));
+        a->first_turn[y] = a->num_borders;
+        memmove(b->turn + a->num_borders, b->turn + beside.first[y], n * sizeof(*b->turn));
         memmove(b->border_place + a->num_borders, b->border_place + beside.first[y], n * sizeof(*b->border_place));
         a->num_borders += n;
     }
+    a->first_turn[a->height] = a->num_borders;
+    a->turns = b->turn;
+    b->turn = NULL;
     res = PELL_OK;
 
 fail:
+    pell_free(b->ctx, b->turn);
+    b->turn = NULL;
     pell_free(b->ctx, beside.first);
     pell_free(b->ctx, beside.count);
     pell_free(b->ctx, near);
     pell_free(b->ctx, edge);
     pell_free(b->ctx, edges);
     return res;
+}
+
+void ts_atlas_measure_cell(const struct ts_atlas *a, ptrdiff_t first, struct ts_cell *c)
+{
+    float skew = 0.0f, count = 0.0f;
+
+    c->least[0] = c->least[1] = c->most[0] = c->most[1] = 0.0f;
+    for (ptrdiff_t at = first; at < first + TS_BLOCK; at++) {
+        for (int i = 0; i < 2 && a->key[at] > 0.0f; i++) {
+            c->least[i] = c->most[i] > 0.0f ? fminf(c->least[i], a->length[i][at]) : a->length[i][at];
+            c->most[i] = fmaxf(c->most[i], a->length[i][at]);
+        }
+        skew += a->source[at] != NONE ? a->skew[at] : 0.0f;
+        count += a->source[at] != NONE ? 1.0f : 0.0f;
+    }
+    c->skew = count > 0.0f ? skew / count : 0.0f;
 }
 
 enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far)
@@ -404,19 +464,11 @@ enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far
         a->first_run[y] = count;
         for (int block = 0; block < a->blocks; block++) {
             struct ts_cell *c = &a->cells[(ptrdiff_t) y * a->blocks + block];
-            float skew = 0.0f, count_of = 0.0f;
+            const ptrdiff_t first = y * a->stride + block * TS_BLOCK;
             c->near = TS_FAR;
-            for (int l = 0; l < TS_BLOCK; l++) {
-                const ptrdiff_t at = y * a->stride + block * TS_BLOCK + l;
-                for (int i = 0; i < 2 && a->key[at] > 0.0f; i++) {
-                    c->least[i] = c->most[i] > 0.0f ? fminf(c->least[i], a->length[i][at]) : a->length[i][at];
-                    c->most[i] = fmaxf(c->most[i], a->length[i][at]);
-                }
-                skew += a->source[at] != NONE ? a->skew[at] : 0.0f;
-                count_of += a->source[at] != NONE ? 1.0f : 0.0f;
+            for (ptrdiff_t at = first; at < first + TS_BLOCK; at++)
                 c->near = a->key[at] > 0.0f && far[at] < c->near ? far[at] : c->near;
-            }
-            c->skew = count_of > 0.0f ? skew / count_of : 0.0f;
+            ts_atlas_measure_cell(a, first, c);
             if (c->most[0] > 0.0f && !open)
                 a->runs[count++].from = (int16_t) block;
             open = c->most[0] > 0.0f;

@@ -26,12 +26,34 @@ struct ts_atlas_build {
     double total_area;
     struct pell_vec3 *place;       /* of each texel, mm */
     struct ts_place *border_place; /* what each border stands for */
+    struct ts_turn *turn;          /* and how that lies */
     int64_t claimed, twice;        /* texels that some, and that several triangles cover */
 };
 
 static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
 {
     pell_triangle_corners(&a->scene->meshes[a->triangles[t].mesh], a->triangles[t].triangle, p);
+}
+
+/* update.c: of all vertices. */
+uint64_t ts_atlas_positions(const struct ts_atlas *a);
+
+/* mm^2; 0 where it is no number. */
+static inline double area_of(const struct ts_atlas *a, uint32_t t)
+{
+    struct pell_vec3 p[3];
+    double e[2][3], n[3], area;
+
+    corner_points(a, t, p);
+    for (int k = 0; k < 2; k++) {
+        e[k][0] = (double) p[k + 1].x - (double) p[0].x;
+        e[k][1] = (double) p[k + 1].y - (double) p[0].y;
+        e[k][2] = (double) p[k + 1].z - (double) p[0].z;
+    }
+    for (int k = 0; k < 3; k++)
+        n[k] = e[0][(k + 1) % 3] * e[1][(k + 2) % 3] - e[0][(k + 2) % 3] * e[1][(k + 1) % 3];
+    area = 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    return area > 0.0 && area < INFINITY ? area : 0.0;
 }
 
 static inline double flat_area(const float c[6])
@@ -136,6 +158,8 @@ PELL_NODISCARD enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b);
 void ts_atlas_rasterize(struct ts_atlas_build *b);
 /* A triangle that no texel would say anything about takes the one that it is in. */
 void ts_atlas_rescue(struct ts_atlas_build *b);
+/* Where a step of a texel along x, and one along y, are u and v of a triangle; the same of its own layout. */
+struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, const double u[2], const double v[2]);
 struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f);
 void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m);
 
@@ -148,6 +172,9 @@ PELL_NODISCARD enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b);
 void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far);
 PELL_NODISCARD enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *far);
 PELL_NODISCARD enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far);
+
+/* Lengths and skew of the block that begins at a texel. */
+void ts_atlas_measure_cell(const struct ts_atlas *a, ptrdiff_t first, struct ts_cell *cell);
 
 /* --- curvature.c ----------------------------------------------------------------------------------------------------------------- */
 

@@ -34,7 +34,7 @@ enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b)
     return PELL_OK;
 }
 
-struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f)
+struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, const double u[2], const double v[2])
 {
     struct pell_vec3 p[3], e[2], way[2];
     struct ts_metric m;
@@ -44,7 +44,7 @@ struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const 
     e[0] = vec3_sub(p[1], p[0]);
     e[1] = vec3_sub(p[2], p[0]);
     for (int i = 0; i < 2; i++)
-        way[i] = vec3_mad(vec3_mul(e[0], (float) f->u[1 + i]), (float) f->v[1 + i], e[1]);
+        way[i] = vec3_mad(vec3_mul(e[0], (float) u[i]), (float) v[i], e[1]);
     square = vec3_dot(way[0], way[0]);
     m.skew = square > 0.0f ? vec3_dot(way[0], way[1]) / square : 0.0f;
     if (!(fabsf(m.skew) < LEAN_MOST))
@@ -52,6 +52,11 @@ struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const 
     m.length[0] = fminf(fmaxf(vec3_length(way[0]), LENGTH_LEAST), LENGTH_MOST);
     m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(way[1], -m.skew, way[0])), LENGTH_LEAST), LENGTH_MOST);
     return m;
+}
+
+struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f)
+{
+    return ts_atlas_metric_along(a, t, &f->u[1], &f->v[1]);
 }
 
 void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m)

@@ -11,9 +11,9 @@ static double dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 way)
+bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 *way)
 {
-    double d[3] = { (double) way.x, (double) way.y, (double) way.z };
+    double d[3] = { (double) way->x, (double) way->y, (double) way->z };
     uint32_t t = *triangle, entered = NONE;
 
     for (int step = 0; step < STEPS_MOST; step++) {
@@ -59,6 +59,7 @@ bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2],
             *triangle = t;
             bary[0] = b[1] / length;
             bary[1] = b[2] / length;
+            *way = vec3((float) d[0], (float) d[1], (float) d[2]);
             return true;
         }
         twin = a->twin[out];
