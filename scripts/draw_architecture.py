@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Draws docs/images/architecture.svg from the code: the rooms of src/ in their order, and how many includes each has of every other.
+"""Draws docs/images/architecture.svg from the code: the rooms of src/ in their order, and which of the others each includes.
 
 draw_architecture.py [ROOT]          writes the picture
 draw_architecture.py --check [ROOT]  one test in TAP: the committed picture is the one that the code makes
@@ -32,28 +32,28 @@ HOLDS = {
 ROW, LEFT, TOP, CELL = 30, 330, 96, 46
 
 
-def count_includes(root):
-    """{(room, other room): number of includes}"""
-    uses = {}
+def find_includes(root):
+    """{(room, other room)}: who includes whom"""
+    uses = set()
     for path in sorted((root / "src").rglob("*")):
         if path.suffix not in (".c", ".h", ".inc"):
             continue
         room = path.relative_to(root / "src").parts[0]
         for other in re.findall(r'^\s*#\s*include\s+"(\w+)/', path.read_text("utf-8"), re.MULTILINE):
             if other != room and other in ROOMS:
-                uses[room, other] = uses.get((room, other), 0) + 1
+                uses.add((room, other))
     return uses
 
 
 def draw(root):
-    uses = count_includes(root)
+    uses = find_includes(root)
     rooms = [r for r in ROOMS if (root / "src" / r).is_dir()]
     width, height = LEFT + CELL * len(rooms) + 20, TOP + ROW * len(rooms) + 46
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="DejaVu Sans, sans-serif" font-size="13">',
            "<!-- SPDX-License-Identifier: MIT; made by scripts/draw_architecture.py -->",
            f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
            '<text x="16" y="26" font-size="16" font-weight="bold" fill="#1b1f24">Rooms of src/ and what they include</text>',
-           '<text x="16" y="46" fill="#57606a">Row: the room that includes. Column: the room that is included. Number: includes.</text>']
+           '<text x="16" y="46" fill="#57606a">Row: the room that includes. Column: the room that is included.</text>']
     for i, room in enumerate(rooms):
         x = LEFT + CELL * i + CELL / 2
         out.append(f'<text transform="translate({x + 4:g} {TOP - 8}) rotate(-40)" font-size="11" fill="#1b1f24">{room}</text>')
@@ -63,14 +63,10 @@ def draw(root):
         out.append(f'<text x="16" y="{y + 20}" font-weight="bold" fill="#1b1f24">{room}</text>')
         out.append(f'<text x="112" y="{y + 20}" fill="#57606a">{HOLDS[room]}</text>')
         for k, other in enumerate(rooms):
-            x, n = LEFT + CELL * k, uses.get((room, other), 0)
-            if k == i:
-                out.append(f'<rect x="{x + 4}" y="{y + 4}" width="{CELL - 8}" height="{ROW - 8}" rx="3" fill="#d0d7de"/>')
-            elif n:
-                shade = "#0969da" if n >= 20 else "#54aeff" if n >= 5 else "#b6e3ff"
-                ink = "#ffffff" if n >= 20 else "#0a3069"
-                out.append(f'<rect x="{x + 4}" y="{y + 4}" width="{CELL - 8}" height="{ROW - 8}" rx="3" fill="{shade}"/>')
-                out.append(f'<text x="{x + CELL / 2:g}" y="{y + 19.5}" font-size="12" text-anchor="middle" fill="{ink}">{n}</text>')
+            x = LEFT + CELL * k
+            if k == i or (room, other) in uses:
+                fill = "#d0d7de" if k == i else "#54aeff"
+                out.append(f'<rect x="{x + 4}" y="{y + 4}" width="{CELL - 8}" height="{ROW - 8}" rx="3" fill="{fill}"/>')
     out.append(f'<text x="16" y="{TOP + ROW * len(rooms) + 26}" fill="#57606a">Nothing stands right of the grey squares: '
                "a room includes only rooms above it.</text>")
     return "\n".join(out + ["</svg>", ""])
