@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """record.py [PROGRAM] [--repeats N]: measures this commit and adds it to bench/history.json, which the site draws.
 
-The figure of a method is the time of a warm frame of bench/screen-space.json, 1280 x 720 with one sample a pixel, over that of Embree's camera rays
-alone in the same run: a machine that is twice as fast, or busy, changes it little. Run it on a quiet machine, from the commit's own tree.
+The figure of a method is the time of a warm frame of bench/screen-space.json, 1280 x 720 with one sample a pixel, over that of Embree's
+camera rays alone in the same run: a machine that is twice as fast, or busy, changes it little. Run it on a quiet machine.
 """
 import argparse
 import json

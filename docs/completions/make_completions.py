@@ -41,18 +41,30 @@ def is_file(value):
     return 'FILE' in value or 'FOLDER' in value
 
 
+FILES = 'compgen -f -- "$current"'
+
+
+def bash_list(*commands):
+    """Lines of commands, each one word, as what is offered: names of files may hold blanks."""
+    return f'mapfile -t COMPREPLY < <({"; ".join(commands)})'
+
+
 def bash(p):
     yield MADE
     yield '_pellucid()\n{\n    local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}\n'
-    yield '    local command=${COMP_WORDS[1]} method=screen-space i\n    COMPREPLY=()\n    if [ "$COMP_CWORD" = 1 ]; then\n'
+    yield '    local command=${COMP_WORDS[1]} method=screen-space i\n    COMPREPLY=()\n'
+    # --option=value comes as three words
+    yield '    if [ "$current" = = ]; then current=; elif [ "$before" = = ]; then before=${COMP_WORDS[COMP_CWORD-2]}; fi\n'
+    yield '\n    if [ "$COMP_CWORD" = 1 ]; then\n'
     yield f'        COMPREPLY=($(compgen -W "{" ".join([*p.commands, "help"])} --help --version" -- "$current"))\n        return\n    fi\n'
     yield '    [ "$command" = help ] && { COMPREPLY=($(compgen -W "' + ' '.join(p.commands) + '" -- "$current")); return; }\n'
     yield '    for ((i = 2; i < COMP_CWORD - 1; i++)); do\n'
     yield '        case ${COMP_WORDS[i]} in -m | --method) method=${COMP_WORDS[i+1]} ;; esac\n    done\n'
     yield '    case $before in\n'
     yield f'    -m | --method) COMPREPLY=($(compgen -W "{" ".join(p.methods)}" -- "$current")); return ;;\n'
-    yield f'    --material) COMPREPLY=($(compgen -W "{" ".join(p.materials)}" -f -- "$current")); return ;;\n'
-    yield '    --set)\n        compopt -o nospace 2>/dev/null\n        case $method in\n'
+    materials = f'compgen -W "{" ".join(p.materials)}" -- "$current"'
+    yield f'    --material) {bash_list(materials, FILES)}; return ;;\n'
+    yield '    --set)\n        compopt -o nospace +o filenames 2>/dev/null\n        case $method in\n'
     for method, knobs in p.knobs.items():
         yield f'        {method}) COMPREPLY=($(compgen -S = -W "{" ".join(knobs)}" -- "$current")) ;;\n'
     yield '        esac\n        return ;;\n'
@@ -60,7 +72,7 @@ def bash(p):
                     for o in (letter, word) if o})
     others = sorted({o for _, _, rows in p.commands.values() for letter, word, value, _ in rows
                      if value and not is_file(value) and word not in ('--method', '--material', '--set') for o in (letter, word) if o})
-    yield f'    {" | ".join(files)}) COMPREPLY=($(compgen -f -- "$current")); return ;;\n'
+    yield f'    {" | ".join(files)}) {bash_list(FILES)}; return ;;\n'
     yield f'    {" | ".join(others)}) return ;;\n    esac\n'
     yield '    case $current in\n    -*)\n        case $command in\n'
     for name, (_, _, rows) in p.commands.items():
@@ -68,8 +80,9 @@ def bash(p):
     yield '        esac\n        return ;;\n    esac\n    case $command in\n'
     yield f'    methods) COMPREPLY=($(compgen -W "{" ".join(p.knobs)}" -- "$current")) ;;\n'
     yield f'    materials) COMPREPLY=($(compgen -W "{" ".join(p.materials)}" -- "$current")) ;;\n'
-    yield f'    profile) COMPREPLY=($(compgen -W "{" ".join(p.materials)}" -f -- "$current")) ;;\n'
-    yield '    *) COMPREPLY=($(compgen -f -- "$current")) ;;\n    esac\n}\ncomplete -o filenames -F _pellucid pellucid\n'
+    yield f'    profile) {bash_list(materials, FILES)} ;;\n'
+    yield f'    *) {bash_list(FILES)} ;;\n'
+    yield '    esac\n}\ncomplete -o filenames -F _pellucid pellucid\n'
 
 
 def quoted(text):

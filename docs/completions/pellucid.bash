@@ -5,6 +5,8 @@ _pellucid()
     local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]}
     local command=${COMP_WORDS[1]} method=screen-space i
     COMPREPLY=()
+    if [ "$current" = = ]; then current=; elif [ "$before" = = ]; then before=${COMP_WORDS[COMP_CWORD-2]}; fi
+
     if [ "$COMP_CWORD" = 1 ]; then
         COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info help --help --version" -- "$current"))
         return
@@ -15,9 +17,9 @@ _pellucid()
     done
     case $before in
     -m | --method) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")); return ;;
-    --material) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -f -- "$current")); return ;;
+    --material) mapfile -t COMPREPLY < <(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current"; compgen -f -- "$current"); return ;;
     --set)
-        compopt -o nospace 2>/dev/null
+        compopt -o nospace +o filenames 2>/dev/null
         case $method in
         screen-space) COMPREPLY=($(compgen -S = -W "as gaussians profile input first edges foreshortening ssslevel correction maxdd lod kernel rank taps rotate strength through" -- "$current")) ;;
         image-space) COMPREPLY=($(compgen -S = -W "as samples sampling tile views view-size renormalise jacobian reconstruct strength spread profile through misprint" -- "$current")) ;;
@@ -30,7 +32,7 @@ _pellucid()
         single-scatter) COMPREPLY=($(compgen -S = -W "as error most distance refraction normals half" -- "$current")) ;;
         esac
         return ;;
-    --checkpoint | --cross-section | --dump | --environment | --half | --input | --layers | --mask | --output | --token-file | -o) COMPREPLY=($(compgen -f -- "$current")); return ;;
+    --checkpoint | --cross-section | --dump | --environment | --half | --input | --layers | --mask | --output | --token-file | -o) mapfile -t COMPREPLY < <(compgen -f -- "$current"); return ;;
     --ambient-samples | --angles | --animation | --background | --bloom | --bloom-radius | --bounces | --boundary | --camera | --checkpoint-every | --compare | --curvature | --denoise | --device | --dof | --down-to | --engine | --environment-lights | --environment-rotate | --environment-scale | --eta | --exit | --export | --exposure | --exposures | --floor | --format | --frame-range | --frames | --from | --gaussians | --height | --indirect-samples | --layer | --layers-of | --light-samples | --limit | --line | --listen | --log-level | --methods | --model | --msaa | --points | --port | --ppd | --profile | --progress | --rank | --reference | --repeats | --roughness | --sample-range | --samples | --scene-range | --seed | --single-scattering | --size | --skin | --solver | --specular | --stops | --studio | --taps | --target-error | --threads | --tile-range | --time | --time-limit | --to | --tonemap | --turntable | --unit | --up | --wavelength | --white | --width) return ;;
     esac
     case $current in
@@ -52,8 +54,8 @@ _pellucid()
     case $command in
     methods) COMPREPLY=($(compgen -W "screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")) ;;
     materials) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current")) ;;
-    profile) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -f -- "$current")) ;;
-    *) COMPREPLY=($(compgen -f -- "$current")) ;;
+    profile) mapfile -t COMPREPLY < <(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current"; compgen -f -- "$current") ;;
+    *) mapfile -t COMPREPLY < <(compgen -f -- "$current") ;;
     esac
 }
 complete -o filenames -F _pellucid pellucid

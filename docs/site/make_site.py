@@ -129,9 +129,9 @@ def speed_page(entries):
                    + ''.join(f'<td>{e["frames"][n]:.1f}</td>' if n in e['frames'] else '<td></td>' for n in names) + '</tr>'
                    for e in reversed(entries))
     charts = ''.join(f'<figure><figcaption>{html.escape(n)}</figcaption>{speed_chart(n, entries)}</figure>' for n in names)
-    return ('<h1>Speed by commit</h1>\n<p>The time of a warm frame, as a multiple of the time that Embree needs for the same camera rays in the '
-            'same run: a faster or a busier machine changes it little. The scene is <code>bench/screen-space.json</code>, 1280 x 720 with one '
-            'sample per pixel. <code>bench/record.py</code> measures it.</p>\n'
+    return ('<h1>Speed by commit</h1>\n<p>The time of a warm frame, as a multiple of the time that Embree needs for the same camera rays '
+            'in the same run: a faster or a busier machine changes it little. The scene is <code>bench/screen-space.json</code>, 1280 x '
+            '720 with one sample per pixel. <code>bench/record.py</code> measures it.</p>\n'
             f'<div class="speeds">{charts}</div>\n<h2>All figures</h2>\n<table><thead><tr><th>date</th><th>commit</th><th>since '
             f'the one before</th>{head}</tr></thead><tbody>{rows}</tbody></table>')
 
@@ -149,7 +149,7 @@ class Site:
                                  extension_configs={'toc': {'slugify': slug, 'permalink': False}})
         # Markdown wants an empty line before a list that follows a paragraph; code hosts don't
         text = re.sub(r'^((?!\s*[-*] |\s*\d+\. |\||#).+)\n(?=[-*] |\d+\. )', r'\1\n\n', text, flags=re.MULTILINE)
-        return made.convert(text)
+        return made.convert(text).replace('\\|', '|')  # in tables Markdown keeps the backslash of a bar in code
 
     def resolve(self, path, target):
         """Where a link of a file leads: the address on the site, after asking for what lies there."""
@@ -196,8 +196,8 @@ class Site:
             open_ = ' open' if path in pages or title in ('Start', 'Methods') \
                 or (path, title) in ((BENCH, BENCH_GROUP), (SPEED, SPEED_GROUP)) else ''
             items = ''
-            for group, page, name, there in ((BENCH_GROUP, BENCH, 'Profile bench', self.optics), (SPEED_GROUP, SPEED, 'Speed by commit', True)):
-                if title == group and there:
+            for group, page, name in ((BENCH_GROUP, BENCH, 'Profile bench'), (SPEED_GROUP, SPEED, 'Speed by commit')):
+                if title == group and (page != BENCH or self.optics):
                     here = ' aria-current="page"' if path == page else ''
                     items += f'<li><a href="{way(path, page)}"{here}>{name}</a></li>'
             for p in pages:

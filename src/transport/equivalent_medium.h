@@ -10,8 +10,8 @@
 /* Whether the material has a profile and nothing that it is made of: neither coefficients nor layers (medium_layers.h). */
 bool pell_has_profile_only(const struct pell_material *m);
 
-/* Of a material with a profile only: per channel the medium, isotropic, with the material's index of refraction, whose half-space returns the
- * same light at right angles (the profile's total; where colour comes from textures, the base colour times the mean of its texture) and
+/* Of a material with a profile only: per channel the isotropic medium, with the material's index of refraction, whose half-space returns
+ * the same light at right angles (the profile's total; where colour comes from textures, the base colour times the mean of its texture) and
  * spreads it by the same mean distance, by the table of photons (pell_medium_from_color_and_radius, PELL_SCATTER_RADIUS_MEAN). Colours
  * count as at most 0.999. PELL_ERR_INVALID with *fault where no medium does; *out is then zero. */
 PELL_NODISCARD enum pell_result pell_equivalent_medium(const struct pell_material *m, struct pell_medium *out,

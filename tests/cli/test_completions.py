@@ -21,6 +21,10 @@ CASES = [ # words, what must be offered, what must not
     (['methods', 'pa'], {'path-trace'}, {'render'}),
     (['render', 'mo'], {'moon.obj'}, {'mars.json'}),
 ]
+BASH_CASES = [ # what bash alone splits or quotes
+    (['render', 'a.obj', '--material', '=', 'mar'], {'marble', 'mars.json'}, {'wax'}),
+    (['check', 'two'], {'two words.obj'}, {'two', 'words.obj'}),
+]
 
 
 def shell(name, folder, script):
@@ -35,7 +39,7 @@ def shell(name, folder, script):
 
 
 def place(folder):
-    for name in ('moon.obj', 'mars.json'):
+    for name in ('moon.obj', 'mars.json', 'two words.obj'):
         (folder / name).write_text('')
 
 
@@ -51,10 +55,10 @@ def _(folder):
 @test('bash')
 def _(folder):
     place(folder)
-    for words, offered, not_offered in CASES:
+    for words, offered, not_offered in CASES + BASH_CASES:
         line = ' '.join(f"'{w}'" for w in ['pellucid', *words])
         got = set(shell('bash', folder, f"source '{ROOT}/docs/completions/pellucid.bash'; COMP_WORDS=({line}); COMP_CWORD={len(words)}; "
-                        '_pellucid; printf "%s\\n" "${COMPREPLY[@]}"').split())
+                        '_pellucid; printf "%s\\n" "${COMPREPLY[@]}"').splitlines())
         need(offered <= got and not got & not_offered, words, sorted(got))
 
 

@@ -12,7 +12,7 @@ enum language { C, GLSL, HLSL, JSON, LANGUAGES };
 static const char *const language_names[LANGUAGES] = { "c", "glsl", "hlsl", "json" };
 
 /* What an export holds. */
-#define SEEN 0.05 /* error of a separable kernel that is told */
+#define SEEN 0.05 /* error of a separable kernel that is reported */
 
 struct kernel {
     const struct profile_fit *fit;  /* NULL: none */
@@ -371,12 +371,13 @@ enum exit_code profile_export(struct cli *cli, const struct profile_job *job)
     const enum pell_result res = profile_code(job, cli->profile.export, cli->numbers.taps, cli->numbers.rank, &text, &error);
 
     if (res == PELL_OK) {
-        if (error > SEEN)
+        const enum exit_code code = profile_write(cli, &text);
+        if (code == EXIT_OK && error > SEEN)
             pell_warn(cli->ctx, job->name,
                       cli->numbers.rank < 3 ? "raise --rank, or use the exported Gaussians, each a blur of its own"
                                             : "use the exported Gaussians, each a blur of its own",
                       "its separable kernel of rank %d has an error of %.1f %%", cli->numbers.rank, 100.0 * error);
-        return profile_write(cli, &text);
+        return code;
     }
     free(text.bytes);
     return res == PELL_ERR_NOMEM
