@@ -28,4 +28,6 @@ def main(scene, out="blurs.png"):
 
 
 if __name__ == "__main__":
+    if not 2 <= len(sys.argv) <= 3:
+        sys.exit("usage: blurs.py SCENE [OUT.png]")
     main(*sys.argv[1:])

@@ -16,7 +16,7 @@ def main(out="gaussians.png", material="marble"):
     axis.plot(r, r * green(r), "k", lw=2, label="dipole")
     for count in (1, 2, 4, 6):
         sums = pellucid.fit(medium, count)
-        axis.plot(r, r * sums(r, 1), label=f"{count} Gaussians, error {100 * sums.error[1]:.1f} %")
+        axis.plot(r, r * sums(r, 1), label=f"{count} Gaussian{'s' if count > 1 else ''}, error {100 * sums.error[1]:.1f} %")
     axis.set(xlabel="r, mm", ylabel="r R(r), 1/mm", title=f"{material}, green")
     axis.legend()
     figure.tight_layout()

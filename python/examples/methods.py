@@ -27,4 +27,6 @@ def main(scene, out="methods.png"):
 
 
 if __name__ == "__main__":
+    if not 2 <= len(sys.argv) <= 3:
+        sys.exit("usage: methods.py SCENE [OUT.png]")
     main(*sys.argv[1:])

@@ -25,4 +25,6 @@ def main(scene, out="planes.png"):
 
 
 if __name__ == "__main__":
+    if not 2 <= len(sys.argv) <= 3:
+        sys.exit("usage: planes.py SCENE [OUT.png]")
     main(*sys.argv[1:])

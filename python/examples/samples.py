@@ -21,4 +21,6 @@ def main(scene, out="samples.png"):
 
 
 if __name__ == "__main__":
+    if not 2 <= len(sys.argv) <= 3:
+        sys.exit("usage: samples.py SCENE [OUT.png]")
     main(*sys.argv[1:])
