@@ -66,6 +66,8 @@ class PellucidWarning(UserWarning):
 
 
 _errors = {e.code: e for e in (InvalidError, OutOfMemoryError, FileError, FormatError, UnsupportedError, DeviceError, CancelledError)}
+for _public in (Error, *_errors.values(), PellucidWarning):
+    _public.__module__ = "pellucid"  # as callers name it
 
 
 def text(pointer) -> str:
@@ -94,24 +96,42 @@ def version() -> str:
 
 
 def choose(kind: str, name: str, names: Iterable[str]) -> int:
-    """The index of a name; InvalidError with the nearest one."""
+    """The index of a name; InvalidError with the nearest one, or with all where none is near."""
     known = list(names)
     if name in known:
         return known.index(name)
     near = difflib.get_close_matches(str(name), known, 1)
-    raise InvalidError(f'there is no {kind} "{name}"; there are {", ".join(known)}', kind, f'did you mean "{near[0]}"?' if near else "")
+    if near:
+        raise InvalidError(f'there is no {kind} "{name}"', kind, f'did you mean "{near[0]}"?')
+    raise InvalidError(f'there is no {kind} "{name}"; there are {", ".join(known)}', kind)
 
 
 def enum_names(count: int, at: Callable[[int], Any]) -> list[str]:
     return [text(at(i).name) for i in range(count)]
 
 
-def doubles(values, what: str = "values") -> np.ndarray:
-    """A contiguous array of doubles; the caller's own memory if it is one."""
+def numbers(values, what: str = "values", dtype: Any = None) -> np.ndarray:
+    """A contiguous array of a type (None: its own); the caller's own memory if it is one."""
     try:
-        return np.asarray(values, dtype=np.float64, order="C")
+        array = np.asarray(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as e:
         raise InvalidError(f"must be numbers: {e}", what) from None
+    if array.dtype.kind not in "biuf":
+        raise InvalidError(f"is {values!r:.60}, must be numbers", what)
+    return array
+
+
+def doubles(values, what: str = "values") -> np.ndarray:
+    """A contiguous array of doubles; the caller's own memory if it is one."""
+    return numbers(values, what, np.float64)
+
+
+def number(value, what: str) -> float:
+    """One number."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InvalidError(f"is {value!r:.60}, must be a number", what) from None
 
 
 def pointer(array: np.ndarray, kind: str = "double *"):
@@ -161,8 +181,8 @@ def _pellucid_progress(user, task, fraction):
 class Context:
     """The library's log, limits and cancel flag. Warnings become Python's (PellucidWarning), facts go to the logger "pellucid".
 
-    `progress(task, fraction)` is called while the library works, from the thread that works. An exception in it cancels the work and is
-    raised to the caller. A context that was cancelled stays so: create another.
+    `progress(task, fraction)` is called while the library works, from the thread that works. An exception in it, or Ctrl-C, cancels the
+    work and is raised to the caller; later calls run. After cancel() they fail: create another.
     """
 
     def __init__(self, progress: Optional[Progress] = None):
@@ -198,6 +218,7 @@ class Context:
         notes, self._warnings = self._warnings, []
         raised, self.raised = self.raised, None
         if raised is not None:
+            lib.pell_context_resume(self.c)
             raise raised
         for note in notes:
             warnings.warn(note, PellucidWarning, stacklevel=4)
@@ -228,6 +249,8 @@ class Context:
         except BaseException:
             lib.pell_context_cancel(self.c)
             thread.join()
+            lib.pell_context_resume(self.c)
+            self._errors, self._warnings, self.raised = [], [], None
             raise
         thread.join()
         self.check(result[0])

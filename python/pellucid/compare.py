@@ -2,19 +2,22 @@
 """The difference of an image from a reference (pellucid/compare.h)."""
 from __future__ import annotations
 
+import warnings
 from typing import Any, Optional, Union
 
 import numpy as np
 
-from ._base import Context, InvalidError, ffi, lib, pointer, set_knobs
+from ._base import Context, InvalidError, PellucidWarning, ffi, lib, numbers, pointer, set_knobs
 from .render import Picture
 
 _NUMBERS = ("mse", "rel_mse", "mae", "ssim", "flip", "flip_hdr", "noise_mse", "noise_rel_mse", "floor", "pixels")
 
 
 class Comparison(dict):
-    """Metrics by name: mse, rel_mse, mae, bias (3,), rel_bias (3,), ssim, flip, flip_hdr, ... of the pixels that the mask counts; `whole`:
-    the same without a mask; `maps`: (height, width) float32 by name: relative (signed), ssim, flip, flip_hdr."""
+    """Metrics by name: mse, rel_mse, mae, bias (3,), rel_bias (3,), ssim, flip, flip_hdr, ... of the pixels that count: those of the mask
+    that are finite in both images; `pixels` is their number. bad_test, bad_reference, bad_variance: numbers of bad pixels of the images
+    (struct pell_comparison). `whole`: the metrics without a mask; `maps`: (height, width) float32 by name: relative (signed), ssim, flip,
+    flip_hdr."""
 
     whole: dict[str, Any]
     maps: dict[str, np.ndarray]
@@ -26,7 +29,7 @@ def _planes(image: Any, what: str) -> list[np.ndarray]:
         if all(p.strides == found[0].strides and p.strides[1] == 4 for p in found):
             return found
         image = image.rgb
-    array = np.asarray(image)
+    array = numbers(image, what)
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
@@ -40,16 +43,29 @@ def _metrics(m) -> dict[str, Any]:
     return {**found, "bias": np.array(list(m.bias)), "rel_bias": np.array(list(m.rel_bias)), "ssim_rgb": np.array(list(m.ssim_rgb))}
 
 
+def _count(out, bad: dict[str, int]) -> None:
+    """Warns of pixels that don't count; InvalidError where none does."""
+    if out.whole.pixels == 0:
+        raise InvalidError("no pixel is finite in both images" + (" and has a variance that is" if bad["bad_variance"] else ""), "compare")
+    if out.masked.pixels == 0:
+        raise InvalidError("has no pixel above 0.5 where both images are finite", "mask")
+    for name, what in (("bad_test", "are not finite"), ("bad_reference", "are not finite, or have a bad variance")):
+        if bad[name]:
+            warnings.warn(f"{name[4:]}: {bad[name]} of {out.width * out.height} pixels {what}; they are left out of all numbers",
+                          PellucidWarning, stacklevel=3)
+
+
 def compare(test: Union[Picture, np.ndarray], reference: Union[Picture, np.ndarray], *, mask: Optional[np.ndarray] = None,
             variance: Optional[np.ndarray] = None, display: bool = False, **knobs: Any) -> Comparison:
     """Compares two pictures or arrays (height, width, 3), linear Rec.709 in one unit of light. mask: (height, width), counts where > 0.5.
     variance: of the reference, as the images. display: values are display values in [0, 1]. knobs: pell_compare_knobs (ppd, exposure, ...).
+    Pixels that are not finite don't count: PellucidWarning says how many; InvalidError where no pixel is left.
     """
     given = [_planes(test, "test"), _planes(reference, "reference")]
     if variance is not None:
         given.append(_planes(variance, "variance"))
     if mask is not None:
-        given.append([np.ascontiguousarray(mask, dtype=np.float32)])
+        given.append([numbers(mask, "mask", np.float32)])
     shapes = {p.shape for group in given for p in group}
     if len(shapes) != 1:
         raise InvalidError(f"images have the shapes {sorted(shapes)}, must be equal", "compare")
@@ -69,12 +85,14 @@ def compare(test: Union[Picture, np.ndarray], reference: Union[Picture, np.ndarr
     try:
         set_knobs(context, lib.pell_compare_knobs(), "compare", params, knobs)
         context.call(lib.pell_compare, context.c, entry, params, out)
-        result = Comparison(_metrics(out.masked))
+        bad = {name: getattr(out, name) for name in ("bad_test", "bad_reference", "bad_variance")}
+        _count(out, bad)
+        result = Comparison({**_metrics(out.masked), **bad})
         result.whole = _metrics(out.whole)
         size = out.width * out.height
         result.maps = {name: np.frombuffer(ffi.buffer(getattr(out, name), 4 * size), np.float32).reshape(out.height, out.width).copy()
                        for name in ("relative", "ssim", "flip", "flip_hdr") if getattr(out, name)}
-        lib.pell_comparison_finish(context.c, out)
     finally:
+        lib.pell_comparison_finish(context.c, out)
         context.close()
     return result

@@ -7,7 +7,7 @@ from typing import Union
 
 import numpy as np
 
-from ._base import Context, InvalidError, ffi, lib, pointer, text
+from ._base import Context, InvalidError, ffi, lib, numbers, pointer, text
 
 Path = Union[str, os.PathLike]
 
@@ -40,7 +40,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 
 def write_layers(path: Path, channels: dict[str, np.ndarray], *, full_float: bool = True) -> None:
     """Writes channels by name as an OpenEXR file: (height, width) arrays, 32-bit or half floats."""
-    planes = {k: np.asarray(v, dtype=np.float32) for k, v in channels.items()}
+    planes = {k: v if isinstance(v, np.ndarray) and v.dtype == np.float32 else numbers(v, k, np.float32) for k, v in channels.items()}
     planes = {k: v if v.ndim == 2 and v.strides[1] == 4 else np.ascontiguousarray(v) for k, v in planes.items()}
     shapes = {p.shape for p in planes.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
@@ -60,7 +60,7 @@ def write_layers(path: Path, channels: dict[str, np.ndarray], *, full_float: boo
 
 def write_image(path: Path, image: np.ndarray) -> None:
     """Writes png (linear display values in [0, 1], sRGB-encoded here), exr, hdr or pfm by the extension; (height, width[, 1, 3 or 4])."""
-    array = np.asarray(image, dtype=np.float32)
+    array = numbers(image, os.fspath(path), np.float32)
     array = array[:, :, None] if array.ndim == 2 else array
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
         raise InvalidError(f"has shape {array.shape}, must be (height, width) or (height, width, 1, 3 or 4)", os.fspath(path))

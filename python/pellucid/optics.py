@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
-from ._base import InvalidError, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, pointer, text, three
+from ._base import InvalidError, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, number, pointer, text, three
 
 ArrayLike = Any
 CHANNELS = ("r", "g", "b")
@@ -40,7 +40,7 @@ class Medium:
         cosine = three(g, "g")
         reduced = three(sigma_s_reduced, "sigma_s_reduced") if sigma_s is None else three(sigma_s, "sigma_s") * (1.0 - cosine)
         self.c = ffi.new("struct pell_medium *", {"sigma_a": three(sigma_a, "sigma_a").tolist(), "sigma_s_reduced": reduced.tolist(),
-                                                  "g": cosine.tolist(), "eta": float(eta)})
+                                                  "g": cosine.tolist(), "eta": number(eta, "eta")})
         fault = ffi.new("struct pell_medium_fault *")
         if not lib.pell_medium_valid(self.c, fault):
             raise fault_error(fault)
@@ -67,7 +67,7 @@ class Medium:
         kinds = enum_names(lib.pell_radius_count(), lib.pell_scatter_radius_at)
         look = ffi.new("struct pell_color_and_radius *", {
             "color": three(color, "color").tolist(), "radius": three(radius, "radius").tolist(), "g": three(g, "g").tolist(),
-            "eta": float(eta), "kind": choose("kind", kind, kinds)})
+            "eta": number(eta, "eta"), "kind": choose("kind", kind, kinds)})
         out, fault = ffi.new("struct pell_medium *"), ffi.new("struct pell_medium_fault *")
         code = lib.pell_medium_from_color_and_radius(look, _model(model), ffi.NULL, out, fault)
         if code != lib.PELL_OK:

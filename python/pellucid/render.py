@@ -7,8 +7,8 @@ from typing import Any, Optional, Union
 
 import numpy as np
 
-from ._base import Closing, InvalidError, Progress, choose, ffi, knob_rows, knob_text, lib, set_knobs, text
-from .scene import Scene
+from ._base import Closing, InvalidError, Progress, choose, doubles, ffi, knob_rows, knob_text, lib, number, set_knobs, text
+from .scene import LOAD_OPTIONS, Scene
 
 DEFAULT_METHOD = "screen-space"
 _ENGINES = ("auto", "cpu", "vulkan")
@@ -31,6 +31,17 @@ def _choices(knob) -> list[str]:
     while knob.choices and knob.choices[len(names)]:
         names.append(text(knob.choices[len(names)]))
     return names
+
+
+def _pixels(size: Any) -> tuple[int, int]:
+    """Width and height."""
+    try:
+        array = doubles(size)
+    except InvalidError:
+        array = np.empty(0)
+    if isinstance(size, str) or array.shape != (2,) or not ((array >= 1) & (array == np.floor(array)) & (array < 2 ** 31)).all():
+        raise InvalidError(f"is {size!r:.60}, must be (width, height), two whole numbers of pixels", "size")
+    return int(array[0]), int(array[1])
 
 
 class _Plane:
@@ -145,7 +156,8 @@ class Renderer(Closing):
         self._held = True
         scene._hold(1)
         context = self.context = scene.context
-        params = ffi.new("struct pell_device_params *", {"threads": int(threads), "engine": choose("engine", engine, _ENGINES)})
+        params = ffi.new("struct pell_device_params *", {"threads": int(number(threads, "threads")),
+                                                         "engine": choose("engine", engine, _ENGINES)})
         context.check(lib.pell_device_create(context.c, params, self._device))
         context.check(lib.pell_renderer_create(self._device[0], self._renderer))
         context.call(lib.pell_renderer_set_scene, self._renderer[0], data)
@@ -187,7 +199,7 @@ class Renderer(Closing):
         settings = ffi.new("struct pell_settings *")
         name, found, values, options = self._configure(method, knobs)
         if size is not None:
-            options |= {"width": int(size[0]), "height": int(size[1])}
+            options |= dict(zip(("width", "height"), _pixels(size)))
         memory = ffi.NULL
         if found:
             memory = ffi.new("double[]", found.knobs_size // 8 + 1)
@@ -233,10 +245,15 @@ def render(scene: Union[Scene, dict, str, os.PathLike], method: Optional[str] = 
            load: Optional[dict[str, Any]] = None, **knobs: Any) -> Picture:
     """Renders a Scene, a scene dict or a file; see Renderer.render. load: options of Scene.load or Scene.from_dict, as {"size": "70mm",
     "material": "wholemilk"}. The arrays of the result are not copied: they keep the renderer's memory."""
+    if load is not None and not isinstance(load, dict):
+        raise InvalidError(f"is {load!r:.60}, must be a dict", "load", 'as {"size": "70mm"}')
     if not isinstance(scene, Scene):
         options = dict(load or {})
+        for name in options:
+            choose("option of load", name, [*LOAD_OPTIONS, *(["folder"] if isinstance(scene, dict) else [])])
         if size is not None:
-            options.setdefault("aspect", size[0] / size[1])
+            width, height = _pixels(size)
+            options.setdefault("aspect", width / height)
         scene = Scene.from_dict(scene, progress=progress, **options) if isinstance(scene, dict) else \
             Scene.load(scene, progress=progress, **options)
     elif load:

@@ -6,16 +6,23 @@ import json
 import math
 import os
 import re
-from typing import Any, Iterable, Optional, Union
+from typing import Any, Iterable, Mapping, Optional, Union
 
 import numpy as np
 
-from ._base import Closing, Context, InvalidError, Progress, choose, doubles, ffi, lib, pointer, set_fields, text, three
+from ._base import Closing, Context, InvalidError, Progress, choose, doubles, ffi, lib, number, numbers, pointer, set_fields, text, three
 
 Length = Union[float, int, str]
-_UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6}
+_UNITS = {"nm": 1e-6, "um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6, "in": 25.4}
 _LIGHTS = ("point", "spot", "directional", "rect", "disc", "environment")
 _PIXELS = {np.dtype(np.uint8): "PELL_PIXEL_U8", np.dtype(np.uint16): "PELL_PIXEL_U16", np.dtype(np.float32): "PELL_PIXEL_F32"}
+
+# What Scene.load takes, with defaults.
+LOAD_OPTIONS: dict[str, Any] = {
+    "size": None, "unit": None, "material": None, "camera": None, "time": None, "animation": None, "aspect": 0.0, "allow_outside": False,
+    "bare": False, "up": None, "from_": None, "studio": None, "environment": None, "environment_scale": 1.0, "environment_rotate": 0.0,
+    "background": None}
+_MESH = ("vertices", "triangles", "normals", "uv", "name", "material")
 
 
 def millimetres(value: Optional[Length], where: str) -> float:
@@ -25,31 +32,37 @@ def millimetres(value: Optional[Length], where: str) -> float:
     if isinstance(value, str):
         match = re.fullmatch(r"\s*([-+0-9.eE]+)\s*([a-z]+)\s*", value)
         try:
-            number = float(match[1]) * _UNITS[match[2]] if match else math.nan
+            length = float(match[1]) * _UNITS[match[2]] if match else math.nan
         except (KeyError, ValueError):
-            number = math.nan
+            length = math.nan
     else:
-        number = float(value)
-    if not (number > 0 and math.isfinite(number)):
-        raise InvalidError(f"{value!r}, must be a length above 0 with its unit", where, 'as "70mm", "7cm" or "0.07m"; a number is in mm')
-    return number
+        length = number(value, where)
+    if not (length > 0 and math.isfinite(length)):
+        raise InvalidError(f"{value!r}, must be a length above 0 with its unit: {', '.join(_UNITS)}", where,
+                           'as "70mm", "7cm" or "0.07m"; a number is in mm')
+    return length
 
 
-def _load_params(keep: list, *, size=None, unit=None, material=None, camera=None, time=None, animation=None, aspect=0.0,
-                 allow_outside=False, bare=False, up=None, from_=None, studio=None, environment=None, environment_scale=1.0,
-                 environment_rotate=0.0, background=None):
-    def name(value):
+def _load_params(keep: list, **options: Any):
+    for key in options:
+        choose("option", key, LOAD_OPTIONS)
+    given = {**LOAD_OPTIONS, **options}
+
+    def name(key):
+        value = given[key]
         if value is None:
             return ffi.NULL
         keep.append(ffi.new("char[]", str(value).encode()))
         return keep[-1]
 
     return ffi.new("struct pell_load_params *", {
-        "mm_per_unit": millimetres(unit, "unit"), "size_mm": millimetres(size, "size"), "material": name(material),
-        "camera": name(camera), "time": 0.0 if time is None else float(time), "timed": time is not None, "animation": name(animation),
-        "aspect": float(aspect), "allow_outside": allow_outside, "bare": bare, "up": name(up), "from": name(from_),
-        "studio": name(studio), "environment": name(environment), "environment_scale": float(environment_scale) if environment else 0.0,
-        "environment_rotate_deg": float(environment_rotate), "background": name(background)})
+        "mm_per_unit": millimetres(given["unit"], "unit"), "size_mm": millimetres(given["size"], "size"), "material": name("material"),
+        "camera": name("camera"), "time": 0.0 if given["time"] is None else number(given["time"], "time"),
+        "timed": given["time"] is not None, "animation": name("animation"), "aspect": number(given["aspect"], "aspect"),
+        "allow_outside": bool(given["allow_outside"]), "bare": bool(given["bare"]), "up": name("up"), "from": name("from_"),
+        "studio": name("studio"), "environment": name("environment"),
+        "environment_scale": number(given["environment_scale"], "environment_scale") if given["environment"] else 0.0,
+        "environment_rotate_deg": number(given["environment_rotate"], "environment_rotate"), "background": name("background")})
 
 
 class Scene(Closing):
@@ -118,14 +131,19 @@ class Scene(Closing):
         self = cls(progress)
         context = self.context
         context.check(lib.pell_scene_create(context.c, self._scene))
-        for values in materials:
-            self._add_material(dict(values))
-        for values in meshes:
+        for values in _dicts(materials, "materials"):
+            self._add_material(values)
+        for i, values in enumerate(_dicts(meshes, "meshes")):
+            for key in values:
+                choose("member of a mesh", key, _MESH)
+            for key in _MESH[:2]:
+                if key not in values:
+                    raise InvalidError("is missing", f"meshes[{i}].{key}")
             self._add_mesh(**values)
-        for values in lights:
-            self._add_light(dict(values))
+        for values in _dicts(lights, "lights"):
+            self._add_light(values)
         if camera is not None:
-            self._add_camera(dict(camera))
+            self._add_camera(*_dicts([camera], "camera"))
         if background is not None:
             self.c.background = lib.PELL_BACKGROUND_COLOR
             self.c.background_color = three(background, "background").tolist()
@@ -140,15 +158,16 @@ class Scene(Closing):
         return index[0]
 
     def _add_mesh(self, vertices, triangles, normals=None, uv=None, name: str = "mesh", material: int = 0):
-        points, faces = np.asarray(vertices, dtype=np.float32), np.asarray(triangles)
+        name = str(name)
+        points, faces = numbers(vertices, f"{name}.vertices", np.float32), numbers(triangles, f"{name}.triangles")
         if points.ndim != 2 or points.shape[1] != 3:
             raise InvalidError(f"has shape {points.shape}, must be (n, 3)", f"{name}.vertices")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
             raise InvalidError(f"has shape {faces.shape} of {faces.dtype}, must be (m, 3) of whole numbers", f"{name}.triangles")
         if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
             raise InvalidError(f"has vertex {faces.min()} or {faces.max()}, must be in [0, {len(points) - 1}]", f"{name}.triangles")
-        if not 0 <= int(material) < max(self.c.num_materials, 1):
-            raise InvalidError(f"is {material}, must be in [0, {self.c.num_materials - 1}]", f"{name}.material")
+        if not 0 <= number(material, f"{name}.material") < max(self.c.num_materials, 1):
+            raise InvalidError(f"is {material}, must be in [0, {max(self.c.num_materials, 1) - 1}]", f"{name}.material")
         index = self._add(lib.pell_scene_add_mesh, name)
         self.context.check(lib.pell_mesh_allocate(self.c, index, len(points), len(faces)))
         mesh = self.c.meshes[index]
@@ -177,7 +196,7 @@ class Scene(Closing):
                 material.color_from = lib.PELL_COLOR_FROM_PROFILE
             for key, value in medium.items():
                 if key == "eta":
-                    material.medium.eta = float(value)
+                    material.medium.eta = number(value, f"{name}.eta")
                 else:
                     setattr(material.medium, key, three(value, f"{name}.{key}").tolist())
         maps = {k: values.pop(k) for k in list(values) if k.endswith("_map")}
@@ -189,11 +208,11 @@ class Scene(Closing):
             target.matrix = [1, 0, 0, 0, 1, 0]
 
     def _add_texture(self, name: str, image, color: bool):
-        pixels = np.ascontiguousarray(image)
+        pixels = numbers(image, name)
         pixels = pixels[:, :, None] if pixels.ndim == 2 else pixels
         if pixels.ndim != 3 or pixels.dtype not in _PIXELS:
-            raise InvalidError(f"has shape {pixels.shape} of {pixels.dtype}, must be (h, w) or (h, w, channels) of uint8, uint16 or float32",
-                               name)
+            raise InvalidError(f"has shape {pixels.shape} of {pixels.dtype}, must be (h, w) or (h, w, channels) of uint8, uint16 or "
+                               "float32", name)
         out = ffi.new("struct pell_texture **")
         self.context.check(lib.pell_scene_add_texture(self.c, name.encode(), out))
         height, width, channels = pixels.shape
@@ -212,7 +231,7 @@ class Scene(Closing):
             light.power = three(power, "power").tolist()
         towards = values.pop("to", None)
         if towards is not None:
-            values["direction"] = doubles(towards, "to") - doubles(values.get("position", (0, 0, 0)), "position")
+            values["direction"] = _vector(towards, "light.to") - _vector(values.get("position", (0, 0, 0)), "light.position")
         if "direction" in values:
             direction = _unit(values["direction"], "direction")
             values["direction"] = direction
@@ -225,12 +244,17 @@ class Scene(Closing):
     def _add_camera(self, values: dict):
         index = self._add(lib.pell_scene_add_camera, str(values.pop("name", "camera")))
         camera = self.c.cameras[index]
-        position = doubles(values.get("position", (0, 0, 0)), "camera.position")
-        forward = _unit(doubles(values.pop("to")) - position if "to" in values else values.get("forward", (0, 0, -1)), "camera.forward")
-        up = doubles(values.get("up", (0, 1, 0)), "camera.up")
+        position = _vector(values.get("position", (0, 0, 0)), "camera.position")
+        to = values.pop("to", None)
+        forward = _unit(values.get("forward", (0, 0, -1)) if to is None else _vector(to, "camera.to") - position, "camera.forward")
+        up = _vector(values.get("up", (0, 1, 0)), "camera.up")
+        across = up - forward * float(up @ forward)
+        if "up" not in values and np.linalg.norm(across) < 1e-4:
+            across = _perpendicular(forward)
         values["forward"] = forward
-        values["up"] = _unit(up - forward * float(up @ forward), "camera.up")
-        values["fov"] = math.radians(float(values.pop("fov_deg"))) if "fov_deg" in values else values.get("fov", math.radians(20.0))
+        values["up"] = _unit(across, "camera.up")
+        degrees = values.pop("fov_deg", None)
+        values["fov"] = values.get("fov", math.radians(20.0)) if degrees is None else math.radians(number(degrees, "camera.fov_deg"))
         set_fields(camera, values, "camera")
 
     @property
@@ -276,22 +300,40 @@ class Scene(Closing):
             self._hold(0)
 
 
+def _dicts(values: Any, what: str) -> list[dict]:
+    """Copies of the dicts of a list."""
+    if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
+        raise InvalidError(f"is {values!r:.60}, must be a list of dicts", what)
+    rows = list(values)
+    for i, row in enumerate(rows):
+        if not isinstance(row, Mapping):
+            raise InvalidError(f"is {row!r:.60}, must be a dict", what if what == "camera" else f"{what}[{i}]")
+    return [dict(row) for row in rows]
+
+
 def _fill(target, array: np.ndarray, kind: str) -> None:
     data = np.ascontiguousarray(array)
     ffi.memmove(ffi.cast(f"{kind} *", target), pointer(data, "char *"), data.nbytes)
 
 
 def _shaped(values, shape, what: str) -> np.ndarray:
-    array = np.asarray(values, dtype=np.float32)
+    array = numbers(values, what, np.float32)
     if array.shape != shape:
         raise InvalidError(f"has shape {array.shape}, must be {shape}", what)
     return array
 
 
+def _vector(values, what: str) -> np.ndarray:
+    v = doubles(values, what)
+    if v.shape != (3,):
+        raise InvalidError(f"has shape {v.shape}, must be three numbers", what)
+    return v
+
+
 def _unit(vector, what: str) -> np.ndarray:
-    v = doubles(vector, what)
+    v = _vector(vector, what)
     length = float(np.linalg.norm(v))
-    if v.shape != (3,) or not (length > 0 and math.isfinite(length)):
+    if not (length > 0 and math.isfinite(length)):
         raise InvalidError(f"{v.tolist()} has no direction", what)
     return v / length
 

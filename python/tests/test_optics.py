@@ -145,6 +145,18 @@ def test_errors_say_place_value_and_remedy():
             call()
 
 
+def test_a_near_name_comes_without_the_list_and_exceptions_are_the_packages():
+    with pytest.raises(pellucid.InvalidError) as e:
+        pellucid.Medium.material("marbel")
+    assert str(e.value) == 'material: there is no material "marbel" (did you mean "marble"?)'
+    with pytest.raises(pellucid.InvalidError, match="there are .*marble"):
+        pellucid.Medium.material("xyzzy")
+    for name in pellucid.__all__:
+        made = getattr(pellucid, name)
+        if isinstance(made, type) and issubclass(made, (Exception, Warning)):
+            assert made.__module__ == "pellucid"
+
+
 def test_every_material_is_readable():
     for name in pellucid.materials():
         entry = pellucid.material(name)

@@ -140,6 +140,56 @@ def test_errors_carry_place_and_hint(ball_file, tmp_path):
         pellucid.Scene.from_arrays([{"vertices": np.zeros((3, 3)), "triangles": [[0, 1, 3]]}])
 
 
+@pytest.mark.parametrize("size", ["16x16", (16, 16, 3), 16, (4, 0), (4, -1), (1.5, 2), ("a", "b"), np.nan])
+def test_a_size_is_width_and_height(ball_file, size):
+    with pellucid.Scene.load(ball_file, **LOAD) as scene:
+        for what, more in ((scene, {}), (ball_file, {"load": LOAD})):
+            with pytest.raises(pellucid.InvalidError, match=r"must be \(width, height\)") as e:
+                pellucid.render(what, size=size, **more)
+            assert e.value.where == "size"
+
+
+def test_lengths_have_the_units_of_scene_files(ball_file):
+    for length in ("4e7nm", "40000um", "40mm", "4cm", "0.04m", "4e-5km", f"{40 / 25.4!r}in", 40):
+        with pellucid.Scene.load(ball_file, size=length) as scene:
+            assert np.ptp(scene.bounds, axis=0).max() == pytest.approx(40, rel=1e-5)
+
+
+def test_wrong_names_and_types_are_told_as_the_caller_gave_them(ball, ball_file):
+    vertices, triangles, _ = ball
+    mesh, make = {"vertices": vertices, "triangles": triangles}, pellucid.Scene.from_arrays
+    for call, words in ((lambda: pellucid.render(ball_file, load={**LOAD, "materal": "skin"}), 'did you mean "material"'),
+                        (lambda: pellucid.render(ball_file, load={**LOAD, "progress": print}), '"progress"'),
+                        (lambda: pellucid.render(ball_file, load="70mm"), "must be a dict"),
+                        (lambda: pellucid.Scene.load(ball_file, sise="70mm"), 'did you mean "size"'),
+                        (lambda: pellucid.Scene.load(ball_file, size=[1, 2]), "size: is"),
+                        (lambda: make([{**mesh, "normal": vertices}]), 'did you mean "normals"'),
+                        (lambda: make([{"vertices": vertices}]), r"meshes\[0\].triangles: is missing"),
+                        (lambda: make([{**mesh, "vertices": [[1, 2], [3]]}]), "mesh.vertices: must be numbers"),
+                        (lambda: make([{**mesh, "triangles": "all"}]), "mesh.triangles: is 'all'"),
+                        (lambda: make([{**mesh, "material": "skin"}]), "mesh.material: is 'skin'"),
+                        (lambda: make(mesh), "meshes: is .*must be a list of dicts"),
+                        (lambda: make([mesh], ["marble"]), r"materials\[0\]: is 'marble', must be a dict"),
+                        (lambda: make([mesh], {"preset": "marble"}), "materials: is"),
+                        (lambda: make([mesh], 5), "materials: is 5"),
+                        (lambda: make([mesh], [{"eta": "high"}]), "material 0.eta: is 'high'"),
+                        (lambda: make([mesh], lights=[3]), r"lights\[0\]: is 3"),
+                        (lambda: make([mesh], camera="front"), "camera: is 'front'"),
+                        (lambda: make([mesh], camera={"to": (0, 1)}), "camera.to: has shape")):
+        with pytest.raises(pellucid.InvalidError, match=words):
+            call()
+
+
+def test_a_camera_may_look_along_its_default_up(ball):
+    vertices, triangles, _ = ball
+    for side in (1, -1):
+        camera = {"position": (0, 200 * side, 0), "to": (0, 0, 0), "fov_deg": 15}
+        with pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], camera=camera) as scene:
+            assert tuple(scene.c.cameras[0].up) == (0, 0, -1)
+    with pytest.raises(pellucid.InvalidError, match="camera.up"):
+        pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], camera={**camera, "up": (0, 1, 0)})
+
+
 def test_a_renderer_renders_again(ball):
     with ball_scene(ball) as scene, pellucid.Renderer(scene, threads=1) as renderer:
         assert renderer.threads == 1
@@ -159,6 +209,32 @@ def test_progress_is_reported_and_its_exception_cancels(ball_file):
 
     with pytest.raises(RuntimeError, match="enough"):
         pellucid.render(ball_file, "path-trace", size=(64, 48), samples=4096, load=LOAD, progress=stop)
+
+
+    with pellucid.Scene.load(ball_file, progress=stop_once([]), **LOAD) as scene, pellucid.Renderer(scene) as renderer:
+        with pytest.raises(RuntimeError, match="enough"):
+            renderer.render(size=SIZE)
+        assert renderer.render(size=SIZE).rgb.max() > 0
+
+
+def stop_once(seen):
+    """A progress that fails in the first render."""
+    def stop(task, _fraction):
+        if "load" not in task and "read" not in task and not seen:
+            seen.append(task)
+            raise RuntimeError("enough")
+    return stop
+
+
+def test_ctrl_c_leaves_scene_and_renderer_usable(ball_file):
+    with pellucid.Scene.load(ball_file, **LOAD) as scene, pellucid.Renderer(scene) as renderer:
+        timer = threading.Timer(0.7, lambda: signal.raise_signal(signal.SIGINT))
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            renderer.render("path-trace", size=(640, 480), samples=100000)
+        timer.cancel()
+        assert renderer.render(size=SIZE).rgb.max() > 0
+        assert isinstance(scene.check(), list)
 
 
 def test_ctrl_c_cancels(ball_file):
@@ -208,6 +284,29 @@ def test_comparing(program, tmp_path):
         assert whole[name] == pytest.approx(found[name], rel=1e-8)
     with pytest.raises(pellucid.InvalidError, match="shapes"):
         pellucid.compare(a, b[:-1])
+
+
+def test_comparing_says_what_does_not_count():
+    ones, hole = np.ones((16, 20, 3)), np.ones((16, 20, 3))
+    hole[2:4, 5] = np.nan
+    with pytest.warns(pellucid.PellucidWarning, match="test: 2 of 320 pixels"):
+        found = pellucid.compare(hole, 2 * ones)
+    assert (found["bad_test"], found["bad_reference"], found["bad_variance"], found["pixels"]) == (2, 0, 0, 318)
+    variance = np.zeros((16, 20, 3))
+    variance[0, 0] = -1
+    with pytest.warns(pellucid.PellucidWarning, match="reference: 1 of 320"):
+        found = pellucid.compare(ones, 2 * ones, variance=variance)
+    assert found["bad_reference"] == found["bad_variance"] == 1
+    for test, reference in ((np.nan * ones, ones), (ones, np.inf * ones)):
+        with pytest.raises(pellucid.InvalidError, match="no pixel is finite"):
+            pellucid.compare(test, reference)
+    mask = np.zeros((16, 20))
+    for rows in ((0, 0), (2, 4)):
+        mask[rows[0]:rows[1], 5] = 1
+        with pytest.raises(pellucid.InvalidError, match="mask: has no pixel"):
+            pellucid.compare(hole, ones, mask=mask)
+    with pytest.raises(pellucid.InvalidError, match="test"):
+        pellucid.compare([["x", "y"]], ones)
 
 
 def test_a_pass_writes_into_the_callers_planes():
