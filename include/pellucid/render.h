@@ -42,6 +42,7 @@ struct pell_settings {
     int indirect_samples;
     bool angles;
     bool curvature;
+    bool opposed;           /* between faces at an angle: methods that look through the solid, and transmitted light */
     bool single_scattering; /* apart, in closed form, for methods that give radiant exitance */
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */

@@ -116,6 +116,7 @@ enum pell_engine_resource {
     PELL_ENGINE_CURVATURE, /* of translucent objects */
     PELL_ENGINE_LINKS,     /* along which surfaces light each other */
     PELL_ENGINE_INDIRECT,  /* what the lights send along the links */
+    PELL_ENGINE_THROUGH,   /* what they send through solids, for methods that add transmitted light */
     PELL_ENGINE_RESOURCES
 };
 

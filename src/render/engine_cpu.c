@@ -4,9 +4,9 @@
 #include "render/contact/stage.h"
 #include "render/curvature/stage.h"
 #include "render/denoise/stage.h"
-
 #include "render/indirect/stage.h"
 #include "render/layers.h"
+#include "render/media.h"
 #include "render/plane_buffers.h"
 #include "render/post/dof.h"
 #include "render/post/stage.h"
@@ -34,6 +34,7 @@ struct cpu {
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
     struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
+    struct pell_indirect *through;  /* NULL: nothing is sent through solids */
     bool lit;                       /* the indirect light is up to date with the lights */
 
     struct pell_raster *raster; /* NULL: camera visibility is ray traced */
@@ -220,25 +221,14 @@ static enum pell_result make_contact(struct cpu *e, const struct pell_engine_fra
     return res;
 }
 
-/* Of materials that are scaled by their coefficients alone; sums of Gaussians and profiles from files have none. */
 static enum pell_result make_curvature(struct cpu *e, const struct pell_engine_frame *frame)
 {
-    const struct pell_scene_materials *m = frame->materials;
     const double start = pell_seconds();
-    struct pell_curvature_medium *media;
     enum pell_result res;
 
     if (!frame->settings->curvature)
         return PELL_OK;
-    if (!(media = pell_calloc(e->ctx, e->scene->num_materials + 1, sizeof(*media))))
-        return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < e->scene->num_materials; i++) {
-        const struct pell_frame_material *f = m->frame_index[i + 1] ? &m->frame[m->frame_index[i + 1] - 1] : NULL;
-        if (f && f->gaussians.count == 0 && !e->scene->materials[i].profile)
-            media[i] = (struct pell_curvature_medium) { &f->medium, f->profile };
-    }
-    res = pell_curvature_create(e->ctx, e->pool, e->scene, e->rays, media, &e->curvature);
-    pell_free(e->ctx, media);
+    res = pell_media_curvature(e->ctx, e->pool, e->scene, e->rays, frame->materials, &e->curvature);
     pell_stage_note(frame->notes, "curvature", pell_seconds() - start, 0, 0, 0);
     return res;
 }
@@ -266,15 +256,28 @@ static enum pell_result make_links(struct cpu *e, const struct pell_engine_frame
 
 static enum pell_result make_indirect(struct cpu *e, const struct pell_engine_frame *frame)
 {
-    const struct pell_indirect_lights lights = { cpu_light_points, e };
     const double start = pell_seconds();
     enum pell_result res;
 
     if (!e->indirect)
         return PELL_OK;
-    res = pell_indirect_solve(e->indirect, e->pool, &lights, (const float(*)[3]) frame->materials->total, frame->settings->bounces);
+    res = pell_indirect_solve(e->indirect, e->pool, &(struct pell_indirect_lights) { cpu_light_points, e },
+                              (const float(*)[3]) frame->materials->total, frame->settings->bounces);
     e->lit = res == PELL_OK;
     pell_stage_note(frame->notes, "indirect light", pell_seconds() - start, 0, 0, 0);
+    return res;
+}
+
+static enum pell_result make_through(struct cpu *e, const struct pell_engine_frame *frame)
+{
+    const struct pell_indirect_params params = { e->scene, e->rays, e->tables, false, frame->settings->indirect_samples, 0, true };
+    const double start = pell_seconds();
+    const struct pell_indirect_lights lights = { cpu_light_points, e };
+    enum pell_result res;
+    if (!frame->settings->opposed || !e->curvature || !frame->plan || !(frame->plan->needs & PELL_NEED_TRANSMISSION))
+        return PELL_OK;
+    res = pell_media_through(e->ctx, e->pool, &params, &lights, frame->materials, &e->through);
+    pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
 }
 
@@ -302,6 +305,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
     case PELL_ENGINE_CURVATURE: return make_curvature(e, frame);
     case PELL_ENGINE_LINKS: return make_links(e, frame);
     case PELL_ENGINE_INDIRECT: return make_indirect(e, frame);
+    case PELL_ENGINE_THROUGH: return make_through(e, frame);
     case PELL_ENGINE_RESOURCES: break;
     }
     return PELL_OK;
@@ -324,6 +328,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
     case PELL_ENGINE_CURVATURE: pell_curvature_destroy(&e->curvature); break;
     case PELL_ENGINE_LINKS: pell_indirect_destroy(&e->indirect); break;
     case PELL_ENGINE_INDIRECT: e->lit = false; break;
+    case PELL_ENGINE_THROUGH: pell_indirect_destroy(&e->through); break;
     case PELL_ENGINE_RESOURCES: break;
     }
 }
@@ -355,6 +360,7 @@ static struct pell_irradiance_params light_params(const struct cpu *e, float mix
                  : e->settings->angles ? e->materials->angle
                                        : NULL,
         .curvature = e->curvature,
+        .opposed = e->settings->opposed,
         .indirect = e->lit ? e->indirect : NULL,
         .seed = pell_settings_seed(e->settings),
     };
@@ -415,6 +421,8 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
 
     light.view = &sample->view;
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
+    light.opposed &= f->plan && f->plan->opposed;
+    light.through = light.local ? e->through : NULL;
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     light.apart = apart ? f->materials->apart : NULL;

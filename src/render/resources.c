@@ -346,6 +346,16 @@ static void drop_indirect(struct pell_renderer *r)
     r->device->engine->drop(r->engine, PELL_ENGINE_INDIRECT);
 }
 
+static enum pell_result make_through(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_THROUGH, r->pass ? pell_pass_plan(r->pass) : NULL);
+}
+
+static void drop_through(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_THROUGH);
+}
+
 /* --- The method's pass ------------------------------------------------------------------------------------------------------------- */
 
 struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const struct pell_view *view)
@@ -437,6 +447,8 @@ static const struct resource {
     { PELL_INPUT_SCENE | PELL_INPUT_LIGHTS | PELL_INPUT_PROFILE | PELL_INPUT_BOUNCES, NULL, make_indirect, drop_indirect },
     { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_SIZE | PELL_INPUT_CAMERA | PELL_INPUT_PROFILE, pass_depends,
       make_pass, drop_pass },
+    { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS | PELL_INPUT_BOUNCES, NULL,
+      make_through, drop_through },
 };
 enum { OF_SCENE = 2 /* the first that depend on the scene alone */ };
 
@@ -496,7 +508,8 @@ static unsigned find_changes(const struct pell_renderer *r, const struct pell_se
         changes |= PELL_INPUT_BOUNCES;
     if (old->profile != s->profile)
         changes |= PELL_INPUT_PROFILE;
-    if (old->angles != s->angles || old->curvature != s->curvature || old->single_scattering != s->single_scattering)
+    if (old->angles != s->angles || old->curvature != s->curvature || old->opposed != s->opposed ||
+        old->single_scattering != s->single_scattering)
         changes |= PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS;
     return changes;
 }

@@ -36,14 +36,15 @@ struct pell_surface_points {
 
 /* What light does at them: arrays of n, the caller's. All but `irradiance` may be NULL. */
 struct pell_surface_light {
-    float *irradiance[3];   /* W/m^2, entered, with albedo^m; of the outer side, or the back. Of a thin sheet what leaves there,
+    float *irradiance[3];        /* W/m^2, entered, with albedo^m; of the outer side, or the back. Of a thin sheet what leaves there,
                            * whichever side it came from */
-    float *position[3];     /* mm */
-    float *normal[3];       /* geometric, unit, outward by the order of the triangle's corners */
-    float *albedo[3];       /* albedo^m: what the irradiance is multiplied by */
-    float *transmission[3]; /* of a thin sheet: share of what meets the other side; 0 elsewhere */
-    float *strength;        /* of scattering, [0, 1]; 1 where no point is */
-    bool *there;            /* false: no point, or one where the material is cut out by its alpha */
+    float *position[3];          /* mm */
+    float *normal[3];            /* geometric, unit, outward by the order of the triangle's corners */
+    float *albedo[3];            /* albedo^m: what the irradiance is multiplied by */
+    float *transmission[3];      /* of a thin sheet: share of what meets the other side; 0 elsewhere */
+    float *strength;             /* of scattering, [0, 1]; 1 where no point is */
+    float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
+    bool *there;                 /* false: no point, or one where the material is cut out by its alpha */
 };
 
 /* What holds for all points of a call. */
@@ -53,7 +54,8 @@ struct pell_points_params {
     float spacing;   /* mm between points, > 0: textures are filtered to it */
     uint32_t first;  /* number of the multisample, of `samples` whose mean is taken */
     int samples;
-    bool local; /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */
+    bool opposed; /* for methods that turn the profile between faces at an angle (optics/medium/opposed.h) */
+    bool local;   /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */
 };
 
 /* What a method keeps beyond its pass, for the next one of a renderer: a scene that moves is a new scene each frame, with the same

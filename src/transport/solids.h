@@ -40,6 +40,14 @@ PELL_NODISCARD enum pell_result pell_solids_create(struct pell_context *ctx, con
                                                    const struct pell_frame_material *materials, struct pell_solids **out);
 void pell_solids_destroy(struct pell_solids **solids);
 
+/* Whether a solid scatters as its material's coefficients say, and not by Gaussians or a profile from a file. `m`: of its material. */
+static inline bool pell_solid_has_medium(const struct pell_scene *scene, const struct pell_solid *solid,
+                                         const struct pell_frame_material *m)
+{
+    return m->gaussians.count == 0 && solid->num_triangles > 0 &&
+           !scene->materials[scene->meshes[solid->triangles[0].mesh].material].profile;
+}
+
 /* The triangle at `area` mm^2, in [0, area), along the curve; *f, in [0, 1): how far into it. */
 struct pell_solid_triangle pell_solid_at(const struct pell_solid *solid, double area, double *f);
 

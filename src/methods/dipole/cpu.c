@@ -18,6 +18,7 @@
 
 #include "math/vec.h"
 #include "methods/reference_frame.h"
+#include "optics/medium/opposed.h"
 #include "render/engine.h"
 #include "transport/rqmc.h"
 
@@ -40,6 +41,8 @@ struct solid {
     double scale[3]; /* of R: 1, or white */
     struct dipole_radii radii;
     double spacing; /* mm, of textures */
+    struct pell_opposed opposed;
+    bool is_opposed;
 };
 
 /* One a worker. */
@@ -99,33 +102,49 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
     return sum;
 }
 
+/* Turns the profile between the pixel and a point, `v` away from it, whose normal is `n`. */
+static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n, float curvature, float R[3])
+{
+    const float s = (float) p->strength;
+    const struct pell_opposed_pair pair = { vec3_dot(v, v) / (s * s), vec3_dot(n, v) / s, vec3_dot(p->axis[2], v) / s,
+                                            vec3_dot(p->axis[2], n), curvature * s };
+    const float scale[3] = { (float) p->solid->scale[0], (float) p->solid->scale[1], (float) p->solid->scale[2] };
+
+    pell_opposed_apply(&p->solid->opposed, &pair, scale, R);
+}
+
 /* Lights the points that wait and adds what they bring to their rounds. */
 static void settle(struct pixel *p)
 {
-    float position[3][POINTS], normal[3][POINTS], irradiance[3][POINTS];
+    float position[3][POINTS], normal[3][POINTS], irradiance[3][POINTS], curvature[POINTS];
     bool there[POINTS];
     const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->pattern, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
         .position = { position[0], position[1], position[2] },
         .normal = { normal[0], normal[1], normal[2] },
+        .curvature = curvature,
         .there = there,
     };
 
-    pell_services_light_points(p->st->services,
-                               &(struct pell_points_params) { .mix = -1.0f, .spacing = (float) p->solid->spacing, .samples = 1 }, &in,
-                               (size_t) p->count, &out);
+    pell_services_light_points(
+        p->st->services, &(struct pell_points_params) { .mix = -1.0f, .opposed = true, .spacing = (float) p->solid->spacing, .samples = 1 },
+        &in, (size_t) p->count, &out);
     for (int i = 0; i < p->count; i++) {
         const struct pell_vec3 y = vec3(position[0][i], position[1][i], position[2][i]);
         const struct pell_vec3 n = vec3(normal[0][i], normal[1][i], normal[2][i]), to = vec3_sub(y, p->at);
         double r, samples;
+        float R[3];
         if (!there[i] || !(irradiance[0][i] + irradiance[1][i] + irradiance[2][i] > 0.0f))
             continue;
         samples = density(p, y, n);
         r = sqrt((double) vec3_dot(to, to)) / p->strength;
+        for (int c = 0; c < 3; c++)
+            R[c] = (float) (p->solid->scale[c] * pell_profile_eval(&p->solid->profile[c], fmax(r, 1e-9)));
+        if (p->solid->is_opposed)
+            oppose(p, vec3_mul(to, -1.0f), n, curvature[i], R);
         for (int c = 0; samples > 0.0 && c < 3; c++)
-            p->sum[p->batch[i]][c] += p->solid->scale[c] * pell_profile_eval(&p->solid->profile[c], fmax(r, 1e-9)) *
-                                      (double) irradiance[c][i] / (samples * p->strength * p->strength);
+            p->sum[p->batch[i]][c] += (double) R[c] * (double) irradiance[c][i] / (samples * p->strength * p->strength);
     }
     p->count = 0;
 }
@@ -409,6 +428,8 @@ static enum pell_result dipole_create(const struct pell_services *services, cons
         b->profile = m->profile;
         dipole_radii_make(m, &b->radii);
         b->spacing = 0.05 * fmax(b->radii.largest, 1e-6);
+        b->is_opposed = services->settings->opposed && pell_solid_has_medium(services->scene, &st->solids->solids[i], m) &&
+                        pell_opposed_make(&m->medium, &b->opposed);
         for (int c = 0; c < 3; c++) {
             const double total = pell_profile_total(&m->profile[c]);
             b->scale[c] = !m->white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;

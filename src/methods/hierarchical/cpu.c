@@ -18,6 +18,7 @@
 
 #include "math/vec.h"
 #include "methods/reference_frame.h"
+#include "optics/medium/opposed.h"
 #include "render/engine.h"
 
 #include <stdio.h>
@@ -33,7 +34,10 @@ enum {
 
 struct solid {
     struct hierarchical_radial radial;
-    struct hierarchical_tree tree;
+    struct pell_light_tree tree;
+    struct pell_opposed opposed;
+    bool is_opposed;
+    float scale[3];           /* of what goes through: 1, or white */
     float cell, reach2, full; /* mm^2: mean of a sample, of the window, and Int w dA on a plane */
 };
 
@@ -51,7 +55,7 @@ struct hierarchical_state {
 struct light_task {
     const struct hierarchical_state *st;
     struct hierarchical_place *places;
-    struct hierarchical_sample *samples;
+    struct pell_light_sample *samples;
     bool *there;
     size_t count;
     double step; /* mm^2 */
@@ -62,15 +66,18 @@ static void light_chunk(void *arg, int index, int worker)
     const struct light_task *t = arg;
     const size_t first = (size_t) index * CHUNK, left = t->count - first, count = left < CHUNK ? left : CHUNK;
     uint32_t mesh[CHUNK], triangle[CHUNK], number[CHUNK];
-    float u[CHUNK], v[CHUNK], position[3][CHUNK], normal[3][CHUNK], irradiance[3][CHUNK];
+    float u[CHUNK], v[CHUNK], position[3][CHUNK], normal[3][CHUNK], irradiance[3][CHUNK], curvature[CHUNK];
     const struct pell_surface_points in = { mesh, triangle, u, v, number, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
         .position = { position[0], position[1], position[2] },
         .normal = { normal[0], normal[1], normal[2] },
+        .curvature = curvature,
         .there = t->there + first,
     };
-    const struct pell_points_params params = { .mix = -1.0f, .spacing = (float) sqrt(t->step), .samples = t->st->services->settings->msaa };
+    const struct pell_points_params params = {
+        .mix = -1.0f, .opposed = true, .spacing = (float) sqrt(t->step), .samples = t->st->services->settings->msaa
+    };
 
     (void) worker;
     for (size_t i = 0; i < count; i++) {
@@ -82,8 +89,9 @@ static void light_chunk(void *arg, int index, int worker)
     }
     pell_services_light_points(t->st->services, &params, &in, count, &out);
     for (size_t i = 0; i < count; i++) {
-        struct hierarchical_sample *s = &t->samples[first + i];
+        struct pell_light_sample *s = &t->samples[first + i];
         s->area = t->places[first + i].area;
+        s->curvature = curvature[i];
         for (int c = 0; c < 3; c++) {
             s->position[c] = position[c][i];
             s->normal[c] = normal[c][i];
@@ -93,7 +101,7 @@ static void light_chunk(void *arg, int index, int worker)
 }
 
 static enum pell_result sample_solid(struct hierarchical_state *st, const struct pell_solid *solid, size_t count,
-                                     struct hierarchical_tree *tree)
+                                     struct pell_light_tree *tree)
 {
     struct light_task t = { .st = st, .count = count, .step = solid->area / (double) count };
     const int chunks = (int) ((count + CHUNK - 1) / CHUNK);
@@ -115,7 +123,7 @@ static enum pell_result sample_solid(struct hierarchical_state *st, const struct
             t.samples[kept++] = t.samples[i];
     pell_free(st->ctx, t.there);
     pell_free(st->ctx, t.places);
-    return hierarchical_tree_make(st->ctx, t.samples, kept, tree);
+    return pell_light_tree_make(st->ctx, t.samples, kept, tree);
 
 fail:
     pell_free(st->ctx, t.samples);
@@ -142,12 +150,15 @@ static enum pell_result make_solid(struct hierarchical_state *st, const struct p
     b->cell = (float) (distance * distance);
     b->reach2 = (float) (reach * reach);
     b->full = (float) (PELL_PI * reach * reach / 3.0);
+    b->is_opposed = st->services->settings->opposed && pell_solid_has_medium(scene, from, m) && pell_opposed_make(&m->medium, &b->opposed);
     profile = pell_alloc_array(st->ctx, 3, sizeof(*profile));
     if (!profile)
         return PELL_ERR_NOMEM;
     PELL_TRY(hierarchical_radial_fit(st->ctx, m, st->knobs.gaussians, profile));
     PELL_TRY(
         hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI), &b->radial));
+    for (int c = 0; c < 3; c++)
+        b->scale[c] = !m->white ? 1.0f : (float) (1.0 / fmax(pell_profile_total(&m->profile[c]), 1e-9));
     PELL_TRY(sample_solid(st, from, count, &b->tree));
 
 fail:
@@ -163,7 +174,7 @@ static void hierarchical_destroy(void *state)
         return;
     for (size_t i = 0; st->solid && i < st->solids->count; i++) {
         hierarchical_radial_finish(&st->solid[i].radial);
-        hierarchical_tree_finish(&st->solid[i].tree);
+        pell_light_tree_finish(&st->solid[i].tree);
     }
     pell_free(st->ctx, st->solid);
     pell_solids_destroy(&st->solids);
@@ -205,8 +216,8 @@ static enum pell_result hierarchical_create(const struct pell_services *services
             share = fmin(1.0, (double) st->knobs.most / wanted);
             PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * share)));
             samples += st->solid[i].tree.num_samples;
-            bytes += st->solid[i].tree.num_samples * sizeof(struct hierarchical_sample) +
-                     st->solid[i].tree.num_nodes * sizeof(struct hierarchical_node) +
+            bytes += st->solid[i].tree.num_samples * sizeof(struct pell_light_sample) +
+                     st->solid[i].tree.num_nodes * sizeof(struct pell_light_node) +
                      ((size_t) st->solid[i].radial.count + 2) * sizeof(*st->solid[i].radial.node);
         }
     if (wanted > (double) st->knobs.most)
@@ -257,8 +268,13 @@ static inline float distance2(const float *a, const float *b)
     return x * x + y * y + z * z;
 }
 
+static inline float length2(const float *a)
+{
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+}
+
 /* To the box of a node. */
-static inline float box_distance2(const struct hierarchical_node *n, const float *p)
+static inline float box_distance2(const struct pell_light_node *n, const float *p)
 {
     float sum = 0.0f;
 
@@ -269,14 +285,36 @@ static inline float box_distance2(const struct hierarchical_node *n, const float
     return sum;
 }
 
-static void add_samples(const struct solid *b, const struct hierarchical_node *n, const float *p, float inverse2, float *sum,
-                        struct near *near)
+/* Where light leaves. */
+struct exit {
+    const float *at, *normal;
+    float inverse, inverse2; /* of the strength */
+};
+
+static void oppose(const struct solid *b, const struct exit *x, const float *from, const float *normal, float curvature, float R[4])
+{
+    struct pell_opposed_pair pair = { 0.0f, 0.0f, 0.0f, 0.0f, curvature / x->inverse };
+
+    if (!b->is_opposed)
+        return;
+    for (int k = 0; k < 3; k++) {
+        const float v = (x->at[k] - from[k]) * x->inverse;
+        pair.distance2 += v * v;
+        pair.from += normal[k] * v;
+        pair.to += x->normal[k] * v;
+        pair.facing += x->normal[k] * normal[k];
+    }
+    pell_opposed_apply(&b->opposed, &pair, b->scale, R);
+}
+
+static void add_samples(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum, struct near *near)
 {
     for (uint32_t i = n->first; i < n->first + n->count; i++) {
-        const struct hierarchical_sample *s = &b->tree.samples[i];
-        const float area = s->area, d2 = distance2(s->position, p), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
+        const struct pell_light_sample *s = &b->tree.samples[i];
+        const float area = s->area, d2 = distance2(s->position, x->at), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
         float R[4];
-        look_up(&b->radial, d2 * inverse2, R);
+        look_up(&b->radial, d2 * x->inverse2, R);
+        oppose(b, x, s->position, s->normal, s->curvature, R);
         for (int c = 0; c < 3; c++)
             sum[c] += (1.0f - w) * R[c] * s->power[c];
         if (!(w > 0.0f))
@@ -308,15 +346,16 @@ static float smooth_surface(const struct solid *b, const struct near *n)
     return ramp(0.8f, 0.95f, length) * ramp(0.5f, 0.75f, cover) * (1.0f - ramp(1.35f, 1.6f, cover));
 }
 
-static void gather(const struct hierarchical_state *st, const struct solid *b, const float p[3], float strength, const float own[3],
-                   float out[3])
+static void gather(const struct hierarchical_state *st, const struct solid *b, const float p[3], const float normal[3], float strength,
+                   const float own[3], float out[3])
 {
-    const struct hierarchical_node *nodes = b->tree.nodes;
+    const struct pell_light_node *nodes = b->tree.nodes;
     const float error = st->knobs.error, s = strength > 1.0f ? 1.0f : strength;
     const float step = s * (HI_STRENGTHS - 1);
     const int row = (int) (step + 0.5f);
     float inverse2, sum[4] = { 0 }, q;
     struct near near = { { 0 } };
+    struct exit x;
 
     if (row == 0 || b->tree.num_nodes == 0) { /* what does not spread comes back where it fell */
         for (int c = 0; c < 3; c++)
@@ -324,17 +363,23 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
         return;
     }
     inverse2 = 1.0f / (s * s);
+    x = (struct exit) { p, normal, 1.0f / s, inverse2 };
     for (uint32_t i = 0; i < (uint32_t) b->tree.num_nodes;) {
-        const struct hierarchical_node *n = &nodes[i];
+        const struct pell_light_node *n = &nodes[i];
         const float d2 = distance2(n->centre, p);
-        if (n->area < error * d2 && box_distance2(n, p) > b->reach2) {
+        if (b->is_opposed && !(n->power[0] + n->power[1] + n->power[2] > 0.0f) && box_distance2(n, p) > b->reach2) {
+            i = n->next;
+            continue;
+        }
+        if (n->area < error * d2 && box_distance2(n, p) > b->reach2 && (!b->is_opposed || length2(n->normal) > 0.5f)) {
             float R[4];
             look_up(&b->radial, d2 * inverse2, R);
+            oppose(b, &x, n->centre, n->normal, n->curvature, R);
             for (int c = 0; c < 3; c++)
                 sum[c] += R[c] * n->power[c];
             i = n->next;
         } else if (n->count) {
-            add_samples(b, n, p, inverse2, sum, &near);
+            add_samples(b, n, &x, sum, &near);
             i = n->next;
         } else {
             i++;
@@ -367,10 +412,12 @@ static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
     pell_solids_find(t->st->solids, t->st->services->rays, in, at, count, solid);
     for (int i = 0; i < count; i++) {
         const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
+        const float normal[3] = { in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
         float light[3] = { 0 };
         if (solid[i] >= 0)
-            gather(t->st, &t->st->solid[solid[i]], p, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own, light);
+            gather(t->st, &t->st->solid[solid[i]], p, normal, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own,
+                   light);
         for (int c = 0; c < 3; c++)
             t->out->light[c][at[i]] = light[c];
     }

@@ -5,6 +5,7 @@
 #ifndef PELL_HIERARCHICAL_H
 #define PELL_HIERARCHICAL_H
 
+#include "transport/light_tree.h"
 #include "transport/solids.h"
 
 #include <pellucid/method.h>
@@ -62,38 +63,6 @@ struct hierarchical_place {
  * candidates a place are needed meanwhile. The same bits for any number of threads. */
 PELL_NODISCARD enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
                                                          const struct pell_solid *solid, size_t count, struct hierarchical_place **out);
-
-/* --- tree.c: samples of a solid's surface, and their octree ----------------------------------------------------------------------- */
-
-struct hierarchical_sample {
-    float position[3], normal[3];
-    float area;     /* mm^2 */
-    float power[3]; /* E A, W per m^2 times mm^2 */
-};
-
-struct hierarchical_node {
-    float centre[3]; /* mean of the samples' places, weighted by their light */
-    float area;      /* mm^2 */
-    float low[3];
-    uint32_t next; /* node after all below this one */
-    float high[3];
-    uint32_t first; /* sample */
-    float power[3];
-    uint32_t count; /* samples of a leaf; 0: not a leaf, its children follow */
-};
-
-struct hierarchical_tree {
-    struct pell_context *ctx;
-    struct hierarchical_sample *samples; /* in the tree's order */
-    size_t num_samples;
-    struct hierarchical_node *nodes;
-    size_t num_nodes;
-};
-
-/* Takes over `samples`, in any order, also on failure. */
-PELL_NODISCARD enum pell_result hierarchical_tree_make(struct pell_context *ctx, struct hierarchical_sample *samples, size_t num_samples,
-                                                       struct hierarchical_tree *tree);
-void hierarchical_tree_finish(struct hierarchical_tree *tree);
 
 extern const struct pell_method_engine pell_hierarchical_cpu;
 

@@ -4,6 +4,7 @@
  */
 #include "render/curvature/internal.h"
 
+#include "optics/medium/opposed.h"
 #include "scene/mesh/topology.h"
 
 #include <pellucid/layers.h>
@@ -26,8 +27,10 @@ struct curvature_law {
     float limit;   /* 1/mm */
     float path[3]; /* mean free path over index, mm */
     float gain[GAINS][3];
-    float all[GAINS][3]; /* all that a solid of this curvature returns, over the profile's total */
-    float farthest;      /* mm: nothing gets through thicker parts */
+    float opposed[GAINS][3]; /* the same for profiles that are turned between faces at an angle */
+    float across[GAINS][3];  /* what of it goes through a ball, over the profile's total */
+    float all[GAINS][3];     /* all that a solid of this curvature returns, over the profile's total */
+    float farthest;          /* mm: nothing gets through thicker parts */
     /* Of a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T, and T. */
     float slab[GAINS][3], through[GAINS][3];
 };
@@ -94,14 +97,15 @@ static void make_thin(const struct pell_medium *medium, struct curvature_law *la
 
 static void make_law(const struct pell_curvature_medium *m, struct curvature_law *law)
 {
-    double sum = 0.0, weight = 0.0, thickest = 0.0;
+    struct pell_opposed opposed;
+    double sum = 0.0, weight = 0.0, thickest = 0.0, total[3];
 
     for (int c = 0; c < 3; c++) {
-        const double total = pell_profile_total(&m->profile[c]);
-        if (!(total > 0.0))
+        total[c] = pell_profile_total(&m->profile[c]);
+        if (!(total[c] > 0.0))
             continue;
-        sum += total * radius_of(&m->profile[c], SHARE);
-        weight += total;
+        sum += total[c] * radius_of(&m->profile[c], SHARE);
+        weight += total[c];
         thickest = fmax(thickest, m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c]);
     }
     if (!(weight > 0.0))
@@ -112,11 +116,16 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
     for (int c = 0; c < 3; c++)
         law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
     make_thin(m->medium, law);
+    if (!pell_opposed_make(m->medium, &opposed))
+        opposed = (struct pell_opposed) { { 0.0f } };
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++) {
             const double curvature = (double) law->limit * (2.0 * i / (GAINS - 1) - 1.0);
             const double gain = pell_curvature_gain(m->medium, c, &m->profile[c], curvature);
             law->gain[i][c] = (float) gain;
+            law->opposed[i][c] = (float) pell_opposed_gain(&opposed, c, &m->profile[c], curvature, gain);
+            law->across[i][c] =
+                total[c] > 0.0 ? (float) ((double) law->opposed[i][c] * pell_opposed_across(&opposed, c, curvature) / total[c]) : 0.0f;
             law->all[i][c] = (float) (curvature != 0.0 ? gain * pell_profile_cdf(&m->profile[c], 2.0 / fabs(curvature)) : gain);
         }
 }
@@ -309,11 +318,17 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
     const struct curvature_law *law = &k->law[mesh < k->scene->num_meshes ? k->scene->meshes[mesh].material : 0];
     const float beyond = shape.thinness - fmaxf(0.5f * shape.mean, 0.0f); /* what a ball of this curvature would not have */
 
-    *out = (struct pell_curvature_effect) { { 1.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, 1.0f }, { 0.0f, 0.0f, 0.0f } };
+    float across[3] = { 0.0f };
+
+    *out = (struct pell_curvature_effect) {
+        .gain = { 1.0f, 1.0f, 1.0f }, .local = { 1.0f, 1.0f, 1.0f }, .opposed = { 1.0f, 1.0f, 1.0f }, .opposed_local = { 1.0f, 1.0f, 1.0f }
+    };
     if (shape.mean != 0.0f) {
         const float place = (shape.mean / law->limit + 1.0f) * (0.5f * (GAINS - 1));
         look_up(law->gain, place, out->gain);
+        look_up(law->opposed, place, out->opposed);
         look_up(law->all, place, out->local);
+        look_up(law->across, place, across);
         for (int c = 0; c < 3; c++)
             out->shift[c] = fminf(fmaxf(shape.mean * law->path[c], -SHIFT_MOST), SHIFT_MOST);
     }
@@ -326,6 +341,10 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
         for (int c = 0; c < 3; c++) {
             const float all = out->local[c] + sheet * (1.0f - out->local[c]);
             out->local[c] = fmaxf(all * slab[c] - through[c], 0.0f);
+            out->opposed_local[c] = fmaxf(all * slab[c] - fmaxf(through[c], across[c]), 0.0f);
         }
+    } else {
+        for (int c = 0; c < 3; c++)
+            out->opposed_local[c] = fmaxf(out->local[c] - across[c], 0.0f);
     }
 }

@@ -37,11 +37,13 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curva
 /* What it does to light that enters there. `gain`: factor of all of it, for methods that look for light at every distance through the
  * solid. `local`: the same for methods that spread all light around the place where it enters and add what thin parts let through by a
  * slab's T: what a ball of this curvature returns in all, times what a slab does that is thinner than the ball, less that T. Under even
- * light both add up to exact diffusion in a ball and in a slab. `shift`: light that falls along the cosine mu is scattered first one mean
- * free path on along its refracted direction, beside the place where it enters. On a curved surface more of it arrives where it grazes
- * than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which over a ball is as much. */
+ * light both add up to exact diffusion in a ball and in a slab. `opposed`: `gain` for methods that turn the profile between faces at an
+ * angle (optics/medium/opposed.h), `opposed_local`: `local` for those that add what goes from face to face. `shift`: light that falls
+ * along the cosine mu is scattered first one mean free path on along its refracted direction, beside the place where it enters. On a
+ * curved surface more of it arrives where it grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which
+ * over a ball is as much. */
 struct pell_curvature_effect {
-    float gain[3], local[3], shift[3];
+    float gain[3], local[3], opposed[3], opposed_local[3], shift[3];
 };
 void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
                               struct pell_curvature_effect *out);

@@ -28,6 +28,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->gathered);
     pell_free(in->ctx, in->leaving);
     pell_free(in->ctx, in->value);
+    pell_free(in->ctx, in->thick);
     pell_free(in->ctx, in);
     *indirect = NULL;
 }
@@ -56,8 +57,9 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     indirect_spacing_make(params->scene, &spacing);
     PELL_TRY(indirect_cells_make(in, &spacing));
     PELL_TRY(indirect_near_make(in, pool, &spacing));
-    PELL_TRY(indirect_links_make(in, pool));
-    if (!any_link(in)) {
+    if (!params->through)
+        PELL_TRY(indirect_links_make(in, pool));
+    if (!params->through && !any_link(in)) {
         pell_indirect_destroy(out);
         return PELL_OK;
     }
@@ -69,7 +71,10 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
     if (!in->direct || !in->albedo || !in->gathered || !in->leaving || !in->value)
         goto fail;
-    if (pell_scene_has_sheets(params->scene) && !(in->through = pell_alloc_array(ctx, in->num_samples, sizeof(*in->through))))
+    if (params->through && !(in->thick = pell_calloc(ctx, in->num_values, sizeof(*in->thick))))
+        goto fail;
+    if (!params->through && pell_scene_has_sheets(params->scene) &&
+        !(in->through = pell_alloc_array(ctx, in->num_samples, sizeof(*in->through))))
         goto fail;
     return PELL_OK;
 

@@ -80,6 +80,7 @@ struct pell_indirect {
     float (*through)[3]; /* of samples on thin sheets: the share that comes from the other side, 0 of others; NULL: there are no sheets */
     float (*gathered)[3], (*leaving)[3];
     float (*value)[3];
+    float *thick; /* with p.through, of values: how far a part is thick beside the distance of samples */
 };
 
 /* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */

@@ -34,6 +34,7 @@ struct pell_indirect_params {
     bool smooth;   /* boundary of translucent materials: Fresnel's F_t in place of rho_dt */
     int samples;   /* of all surfaces, about */
     uint32_t seed; /* of the rays' directions */
+    bool through;  /* for pell_indirect_send_through alone: no links */
 };
 
 /* Samples and links: what does not depend on lights. *out is NULL where no surface can light another. Borrows what `params` points to. The
@@ -52,6 +53,18 @@ struct pell_indirect_lights {
 /* `total`: per scene material, the total reflectance of its profile. `bounces` >= 1: how often light leaves and enters again. */
 PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indirect, struct pell_pool *pool,
                                                     const struct pell_indirect_lights *lights, const float (*total)[3], int bounces);
+
+/* In place of the above, with params.through: light that goes through the solids from where it enters to where its faces are others
+ * (optics/medium/opposed.h), as radiant exitance. `law`: per scene material; amount 0: nothing goes through. `white`: what it is
+ * multiplied by there. */
+struct pell_opposed;
+PELL_NODISCARD enum pell_result pell_indirect_send_through(struct pell_indirect *indirect, struct pell_pool *pool,
+                                                           const struct pell_indirect_lights *lights, const struct pell_opposed *law,
+                                                           const float (*white)[3]);
+
+/* What leaves there at a point of a triangle, W/m^2 without its albedo. Returns how far it stands for all that gets through, [0, 1]: where
+ * a part is thin beside the distance of samples, a slab's T is better. */
+float pell_indirect_through(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v, float rgb[3]);
 
 /* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
  * clockwise; translucent materials have none. A mesh or triangle that there is not has no light. */

@@ -381,11 +381,16 @@ static void bend(const struct job *job, struct packet *k, struct gains *gains)
 
     for (int i = 0; i < PELL_LANES; i++) {
         const int32_t at = k->index[i];
-        struct pell_curvature_effect e = { { 1.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, 1.0f }, { 0.0f } };
+        struct pell_curvature_effect e = { .gain = { 1.0f, 1.0f, 1.0f },
+                                           .local = { 1.0f, 1.0f, 1.0f },
+                                           .opposed = { 1.0f, 1.0f, 1.0f },
+                                           .opposed_local = { 1.0f, 1.0f, 1.0f } };
         if (!k->lanes.opaque[i])
             pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
         for (int c = 0; c < 3; c++) {
-            gains->all[c][i] = job->p->local ? e.local[c] : e.gain[c];
+            gains->all[c][i] = job->p->local     ? (job->p->through ? e.opposed_local[c] : e.local[c])
+                               : job->p->opposed ? e.opposed[c]
+                                                 : e.gain[c];
             gains->once[c][i] = k->lanes.any_single ? gain_of_once(&e, c, k->lanes.single_eta2[i], job->p->local) : 1.0f;
             k->lanes.shift[c][i] = e.shift[c];
         }
@@ -403,12 +408,31 @@ static void scale(const struct gains *gains, struct packet *k)
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
 
+/* Light that solids transmit from all sides, before what goes straight is looked for where that is better. */
+static void look_through(const struct job *job, struct packet *k, float through[3][PELL_LANES])
+{
+    const struct pell_surface *s = job->p->surface;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int32_t at = k->index[i];
+        float rgb[3] = { 0.0f };
+        k->thick[i] =
+            !job->p->through || k->behind || !k->lanes.deep[i]
+                ? 0.0f
+                : pell_indirect_through(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], rgb);
+        for (int c = 0; c < 3; c++)
+            through[c][i] = rgb[c];
+    }
+}
+
 static void shade_side(const struct job *job, struct packet *k)
 {
     struct gains gains;
+    float through[3][PELL_LANES];
 
     if (job->p->curvature)
         bend(job, k, &gains);
+    look_through(job, k, through);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
@@ -417,6 +441,9 @@ static void shade_side(const struct job *job, struct packet *k)
         add_indirect(job, k);
     if (job->p->curvature)
         scale(&gains, k);
+    for (int c = 0; c < 3 && job->p->through; c++)
+        for (int i = 0; i < PELL_LANES; i++)
+            k->sums.transmitted[c][i] += k->thick[i] * (through[c][i] - k->sums.transmitted[c][i]);
 }
 
 /* What the far side of thin sheets receives is transmitted. */

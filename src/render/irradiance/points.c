@@ -5,6 +5,7 @@
  */
 #include "render/irradiance/stage.h"
 
+#include "render/curvature/stage.h"
 #include "scene/triangle.h"
 
 #include <string.h>
@@ -152,6 +153,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     one.ambient = in->ambient ? ambient : NULL;
     one.lights = what->lights;
     one.local = what->local;
+    one.opposed = params->opposed && what->opposed;
     for (int k = 0; some && k < what->samples; k++) {
         one.sample = what->first + (uint32_t) k;
         pell_irradiance_at(lights, &one, place, number, &lighting, albedo);
@@ -174,6 +176,15 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         }
         if (out->strength)
             out->strength[first + i] = some >> i & 1 ? s.strength[i] : 1.0f;
+        if (out->curvature || out->thinness) {
+            struct pell_curvature_shape shape = { 0.0f, 0.0f };
+            if (params->curvature && some >> i & 1)
+                shape = pell_curvature_at(params->curvature, packet.hit.mesh[i], packet.hit.triangle[i], packet.hit.u[i], packet.hit.v[i]);
+            if (out->curvature)
+                out->curvature[first + i] = shape.mean;
+            if (out->thinness)
+                out->thinness[first + i] = shape.thinness;
+        }
         if (out->there)
             out->there[first + i] = some >> i & 1;
     }

@@ -50,8 +50,11 @@ struct pell_irradiance_params {
                                                                * nothing is scaled */
     bool local;                                          /* with `curvature`: as struct pell_curvature_effect has it for methods that add
                                                                * transmitted light */
+    bool opposed;                                        /* the same for methods that turn the profile between faces at an angle */
     const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h), counted with
                                                                * the scene's first light; the surface has its hits then. NULL: none */
+    const struct pell_indirect *through;                 /* light that goes through solids, in place of what is transmitted straight. NULL:
+                                                               * none */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * tree.c - an octree over samples sorted along Morton's curve: nodes lie depth first, each knows where its branch ends, so that a walk
- * needs no stack. */
-#include "methods/hierarchical/hierarchical.h"
+ * light_tree.c - an octree over samples sorted along Morton's curve: nodes lie depth first, each knows where its branch ends, so that a
+ * walk needs no stack. */
+#include "transport/light_tree.h"
 
 #include "base/base.h"
 
@@ -17,12 +17,12 @@ struct key {
 };
 
 struct builder {
-    struct hierarchical_tree *tree;
+    struct pell_light_tree *tree;
     const struct key *keys;
     size_t capacity;
 };
 
-void hierarchical_tree_finish(struct hierarchical_tree *tree)
+void pell_light_tree_finish(struct pell_light_tree *tree)
 {
     if (!tree->ctx)
         return;
@@ -52,10 +52,10 @@ static int compare(const void *a, const void *b)
 
 /* Sums a leaf's samples, or adds a child's sums; centres are weighted by light and divided at the end. */
 struct sums {
-    double centre[3], middle[3], power[3], light, area;
+    double centre[3], middle[3], power[3], normal[3], curvature, light, area;
 };
 
-static void add_sample(const struct hierarchical_sample *s, struct sums *sum, struct hierarchical_node *n)
+static void add_sample(const struct pell_light_sample *s, struct sums *sum, struct pell_light_node *n)
 {
     double light = 0.0;
 
@@ -66,21 +66,23 @@ static void add_sample(const struct hierarchical_sample *s, struct sums *sum, st
     for (int k = 0; k < 3; k++) {
         sum->centre[k] += light * (double) s->position[k];
         sum->middle[k] += (double) s->position[k];
+        sum->normal[k] += light * (double) s->normal[k];
         n->low[k] = fminf(n->low[k], s->position[k]);
         n->high[k] = fmaxf(n->high[k], s->position[k]);
     }
+    sum->curvature += light * (double) s->curvature;
     sum->light += light;
     sum->area += (double) s->area;
 }
 
 static enum pell_result build(struct builder *b, size_t first, size_t end, int level, struct sums *out)
 {
-    struct hierarchical_tree *t = b->tree;
+    struct pell_light_tree *t = b->tree;
     const size_t at = t->num_nodes;
     struct sums sum = { { 0 } };
-    struct hierarchical_node n = { .low = { INFINITY, INFINITY, INFINITY },
-                                   .high = { -INFINITY, -INFINITY, -INFINITY },
-                                   .first = (uint32_t) first };
+    struct pell_light_node n = { .low = { INFINITY, INFINITY, INFINITY },
+                                 .high = { -INFINITY, -INFINITY, -INFINITY },
+                                 .first = (uint32_t) first };
     enum pell_result res;
 
     PELL_TRY(pell_grow(t->ctx, (void **) &t->nodes, t->num_nodes, &b->capacity, sizeof(*t->nodes)));
@@ -93,7 +95,7 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
         for (size_t i = first; i < end;) {
             const uint64_t digit = b->keys[i].code >> 3 * level;
             struct sums child;
-            const struct hierarchical_node *c;
+            const struct pell_light_node *c;
             size_t j = i + 1;
             while (j < end && b->keys[j].code >> 3 * level == digit)
                 j++;
@@ -104,18 +106,22 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
                 sum.centre[k] += child.centre[k];
                 sum.middle[k] += child.middle[k];
                 sum.power[k] += child.power[k];
+                sum.normal[k] += child.normal[k];
                 n.low[k] = fminf(n.low[k], c->low[k]);
                 n.high[k] = fmaxf(n.high[k], c->high[k]);
             }
+            sum.curvature += child.curvature;
             sum.light += child.light;
             sum.area += child.area;
             i = j;
         }
     }
     n.area = (float) sum.area;
+    n.curvature = sum.light > 0.0 ? (float) (sum.curvature / sum.light) : 0.0f;
     n.next = (uint32_t) t->num_nodes;
     for (int k = 0; k < 3; k++) {
         n.power[k] = (float) sum.power[k];
+        n.normal[k] = sum.light > 0.0 ? (float) (sum.normal[k] / sum.light) : 0.0f;
         n.centre[k] = (float) (sum.light > 0.0 ? sum.centre[k] / sum.light : sum.middle[k] / (double) (end - first));
     }
     t->nodes[at] = n;
@@ -126,11 +132,11 @@ fail:
     return res;
 }
 
-enum pell_result hierarchical_tree_make(struct pell_context *ctx, struct hierarchical_sample *samples, size_t num_samples,
-                                        struct hierarchical_tree *tree)
+enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_light_sample *samples, size_t num_samples,
+                                      struct pell_light_tree *tree)
 {
     struct builder b = { .tree = tree };
-    struct hierarchical_sample *sorted = NULL;
+    struct pell_light_sample *sorted = NULL;
     struct key *keys = NULL;
     struct sums sums;
     float low[3] = { INFINITY, INFINITY, INFINITY }, size = 0.0f;

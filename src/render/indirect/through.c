@@ -1,0 +1,253 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * through.c - light that goes through solids, between samples of their surfaces:
+ *
+ *     M(x) = Sum_i K(x, x_i) E(x_i) spacing_i^2          K: of optics/medium/opposed.h, between faces that don't look the same way
+ *
+ * over an octree of the samples of each object and material, and from samples to knots as indirect light goes. Neither depends on the view.
+ */
+#include "render/indirect/internal.h"
+
+#include "optics/medium/opposed.h"
+#include "transport/light_tree.h"
+
+#include <string.h>
+
+enum { CHUNK = 128, PACKET = 16 };
+#define ERROR 0.25f    /* sr: solid angle of a node that counts as one */
+#define MEAN 0.5f      /* least squared length of the mean of a node's normals */
+#define THIN_LOW 2.0f  /* thickness of a part in distances of samples: below it a slab's T is taken, */
+#define THIN_HIGH 4.0f /* and above it the sum */
+
+struct send {
+    struct pell_indirect *in;
+    const struct pell_indirect_lights *lights;
+    const struct pell_opposed *law;
+    const float (*white)[3];
+    struct pell_light_sample *sample; /* of each of the stage's */
+    bool *there;
+    float *thick;         /* of samples */
+    const uint32_t *list; /* of one object and material */
+    size_t count;
+    struct pell_light_tree tree;
+};
+
+static int chunks_of(size_t count)
+{
+    return (int) ((count + CHUNK - 1) / CHUNK);
+}
+
+static float ramp(float low, float high, float x)
+{
+    const float t = fminf(fmaxf((x - low) / (high - low), 0.0f), 1.0f);
+
+    return t * t * (3.0f - 2.0f * t);
+}
+
+/* Part of what gets through that the sum finds best: not of sheets, as far as a part is one (struct pell_curvature_effect), and not where
+ * samples are too far apart. */
+static float round_and_thick(float thinness, float curvature, float spacing)
+{
+    const float beyond = thinness - fmaxf(0.5f * curvature, 0.0f),
+                sheet = thinness > 0.0f ? fmaxf(2.0f * beyond / thinness - 1.0f, 0.0f) : 0.0f;
+
+    return (1.0f - sheet) * ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
+}
+
+/* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
+
+static void light16(const struct send *s, size_t first, size_t count)
+{
+    const struct pell_indirect *in = s->in;
+    float irradiance[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET];
+    uint32_t mesh[PACKET], triangle[PACKET], number[PACKET];
+    bool there[PACKET];
+    const struct pell_points_params params = { .mix = 0.0f, .spacing = in->samples[first].spacing, .samples = 1, .opposed = true };
+    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number };
+    const struct pell_surface_light out = {
+        .irradiance = { irradiance[0], irradiance[1], irradiance[2] }, .curvature = curvature, .thinness = thinness, .there = there
+    };
+
+    for (size_t i = 0; i < count; i++) {
+        const struct indirect_sample *q = &in->samples[first + i];
+        const bool is = s->law[q->material].amount[0] + s->law[q->material].amount[1] + s->law[q->material].amount[2] > 0.0f;
+        mesh[i] = is && !q->back ? q->mesh : PELL_NO_HIT;
+        triangle[i] = q->triangle;
+        u[i] = q->u;
+        v[i] = q->v;
+        number[i] = (uint32_t) (first + i);
+    }
+    s->lights->light_points(s->lights->engine, &params, &points, count, &out);
+    for (size_t i = 0; i < count; i++) {
+        const struct indirect_sample *q = &in->samples[first + i];
+        struct pell_light_sample *p = &s->sample[first + i];
+        p->area = q->spacing * q->spacing;
+        p->curvature = curvature[i];
+        vec3_store(q->position, p->position);
+        vec3_store(q->normal, p->normal);
+        for (int c = 0; c < 3; c++)
+            p->power[c] = there[i] ? irradiance[c][i] * p->area : 0.0f;
+        s->there[first + i] = there[i];
+        s->thick[first + i] = round_and_thick(thinness[i], curvature[i], q->spacing);
+    }
+}
+
+static void light_chunk(void *arg, int index, int worker)
+{
+    const struct send *s = arg;
+    const size_t first = (size_t) index * CHUNK, end = first + CHUNK < s->in->num_samples ? first + CHUNK : s->in->num_samples;
+
+    (void) worker;
+    for (size_t i = first; i < end; i += PACKET)
+        light16(s, i, end - i < PACKET ? end - i : PACKET);
+}
+
+/* --- From sample to sample -------------------------------------------------------------------------------------------------------- */
+
+static void add_pair(const struct send *s, const struct indirect_sample *to, const float position[3], const float normal[3],
+                     float curvature, const float power[3], float sum[3])
+{
+    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), n = vec3_load(normal);
+    const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n), curvature };
+    float through[3];
+
+    pell_opposed_split(&s->law[to->material], &pair, through);
+    for (int c = 0; c < 3; c++)
+        sum[c] += through[c] * power[c];
+}
+
+static void gather(const struct send *s, const struct indirect_sample *to, float sum[3])
+{
+    const struct pell_light_tree *t = &s->tree;
+
+    for (uint32_t i = 0; i < (uint32_t) t->num_nodes;) {
+        const struct pell_light_node *n = &t->nodes[i];
+        const struct pell_vec3 v = vec3_sub(to->position, vec3_load(n->centre)), mean = vec3_load(n->normal);
+        if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
+            i = n->next;
+        } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(mean, mean) > MEAN) {
+            add_pair(s, to, n->centre, n->normal, n->curvature, n->power, sum);
+            i = n->next;
+        } else if (n->count) {
+            for (uint32_t k = n->first; k < n->first + n->count; k++) {
+                const struct pell_light_sample *p = &t->samples[k];
+                add_pair(s, to, p->position, p->normal, p->curvature, p->power, sum);
+            }
+            i = n->next;
+        } else {
+            i++;
+        }
+    }
+}
+
+static void gather_chunk(void *arg, int index, int worker)
+{
+    const struct send *s = arg;
+    const size_t first = (size_t) index * CHUNK;
+
+    (void) worker;
+    for (size_t i = first; i < first + CHUNK && i < s->count; i++) {
+        const struct indirect_sample *to = &s->in->samples[s->list[i]];
+        float sum[3] = { 0.0f };
+        gather(s, to, sum);
+        for (int c = 0; c < 3; c++)
+            s->in->gathered[s->list[i]][c] = sum[c] * s->white[to->material][c];
+    }
+}
+
+/* --- Objects and their materials ---------------------------------------------------------------------------------------------------- */
+
+static bool together(const struct pell_indirect *in, const struct indirect_sample *a, const struct indirect_sample *b)
+{
+    return a->material == b->material && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
+}
+
+/* All samples that light goes to and fro between with `of`. `list` has room for every sample. */
+static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list)
+{
+    struct pell_indirect *in = s->in;
+    struct pell_light_sample *lit;
+    enum pell_result res;
+
+    s->count = 0;
+    for (size_t i = 0; i < in->num_samples; i++)
+        if (s->there[i] && together(in, of, &in->samples[i]))
+            list[s->count++] = (uint32_t) i;
+    s->list = list;
+    if (!(lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit))))
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < s->count; i++)
+        lit[i] = s->sample[list[i]];
+    PELL_TRY(pell_light_tree_make(in->ctx, lit, s->count, &s->tree));
+    pell_pool_run(pool, chunks_of(s->count), gather_chunk, s);
+    for (size_t i = 0; i < s->count; i++)
+        s->there[list[i]] = false; /* done */
+    if (pell_cancelled(in->ctx))
+        res = PELL_ERR_CANCELLED;
+
+fail:
+    pell_light_tree_finish(&s->tree);
+    return res;
+}
+
+static void spread(const struct pell_indirect *in, const float *thick)
+{
+    for (size_t i = 0; i < in->num_values; i++) {
+        const struct indirect_near *near = &in->near[i];
+        for (int c = 0; c < 3; c++)
+            in->value[i][c] = 0.0f;
+        in->thick[i] = 0.0f;
+        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
+            in->thick[i] += near->weight[k] * thick[near->sample[k]];
+            for (int c = 0; c < 3; c++)
+                in->value[i][c] += near->weight[k] * in->gathered[near->sample[k]][c];
+        }
+    }
+}
+
+enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pell_pool *pool, const struct pell_indirect_lights *lights,
+                                            const struct pell_opposed *law, const float (*white)[3])
+{
+    const size_t n = in->num_samples;
+    struct send s = { .in = in, .lights = lights, .law = law, .white = white };
+    uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
+    s.there = pell_calloc(in->ctx, n, sizeof(*s.there));
+    s.thick = pell_calloc(in->ctx, n, sizeof(*s.thick));
+    if (!list || !s.sample || !s.there || !s.thick)
+        goto fail;
+    memset(in->gathered, 0, n * sizeof(*in->gathered));
+    pell_pool_run(pool, chunks_of(n), light_chunk, &s);
+    for (size_t i = 0; i < n; i++)
+        if (s.there[i])
+            PELL_TRY(send_group(&s, pool, &in->samples[i], list));
+    spread(in, s.thick);
+    res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    pell_free(in->ctx, list);
+    pell_free(in->ctx, s.sample);
+    pell_free(in->ctx, s.there);
+    pell_free(in->ctx, s.thick);
+    return res;
+}
+
+float pell_indirect_through(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, float rgb[3])
+{
+    const struct pell_scene *scene = in->p.scene;
+    float weight[3], thick = 0.0f;
+    uint32_t knot[3];
+
+    memset(rgb, 0, 3 * sizeof(*rgb));
+    if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles)
+        return 0.0f;
+    indirect_find(in, mesh, triangle, u, v, knot, weight);
+    for (int i = 0; i < 3; i++) {
+        thick += weight[i] * in->thick[knot[i]];
+        for (int c = 0; c < 3; c++)
+            rgb[c] += weight[i] * in->value[knot[i]][c];
+    }
+    return thick;
+}

@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: MIT
+ * media.c - see media.h. */
+#include "render/media.h"
+
+#include "base/base.h"
+#include "optics/medium/opposed.h"
+
+#include <math.h>
+
+#define LEAST 1e-6f /* mm: thickness at which the tables of materials that transmit nothing end */
+
+/* NULL: it has no coefficients. */
+static const struct pell_frame_material *medium_of(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i)
+{
+    const struct pell_frame_material *f = m->frame_index[i + 1] ? &m->frame[m->frame_index[i + 1] - 1] : NULL;
+
+    return f && f->gaussians.count == 0 && !scene->materials[i].profile ? f : NULL;
+}
+
+enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                      const struct pell_rays *rays, const struct pell_scene_materials *materials,
+                                      struct pell_curvature **out)
+{
+    struct pell_curvature_medium *media = pell_calloc(ctx, scene->num_materials + 1, sizeof(*media));
+    enum pell_result res;
+
+    if (!media)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < scene->num_materials; i++) {
+        const struct pell_frame_material *f = medium_of(scene, materials, i);
+        if (f)
+            media[i] = (struct pell_curvature_medium) { &f->medium, f->profile };
+    }
+    res = pell_curvature_create(ctx, pool, scene, rays, media, out);
+    pell_free(ctx, media);
+    return res;
+}
+
+/* Whether material i lets light through, and by what law. */
+static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, struct pell_opposed *law,
+                     float white[3])
+{
+    const struct pell_frame_material *f = medium_of(scene, m, i);
+
+    if (!f || !m->thickness[i] || !(m->thickness[i]->max_mm > LEAST) || !pell_opposed_make(&f->medium, law))
+        return false;
+    for (int c = 0; c < 3; c++)
+        white[c] = f->white ? (float) (1.0 / fmax(pell_profile_total(&f->profile[c]), 1e-9)) : 1.0f;
+    return true;
+}
+
+enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool, const struct pell_indirect_params *params,
+                                    const struct pell_indirect_lights *lights, const struct pell_scene_materials *materials,
+                                    struct pell_indirect **out)
+{
+    const size_t count = params->scene->num_materials;
+    struct pell_opposed *law = pell_calloc(ctx, count, sizeof(*law));
+    float(*white)[3] = pell_calloc(ctx, count, sizeof(*white));
+    bool any = false;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *out = NULL;
+    if (!law || !white)
+        goto fail;
+    for (size_t i = 0; i < count; i++)
+        any |= find_law(params->scene, materials, i, &law[i], white[i]);
+    res = PELL_OK;
+    if (!any)
+        goto fail;
+    PELL_TRY(pell_indirect_create(ctx, pool, params, out));
+    PELL_TRY(pell_indirect_send_through(*out, pool, lights, law, (const float(*)[3]) white));
+
+fail:
+    if (res != PELL_OK)
+        pell_indirect_destroy(out);
+    pell_free(ctx, law);
+    pell_free(ctx, white);
+    return res;
+}

@@ -1,0 +1,20 @@
+/* SPDX-License-Identifier: MIT
+ * media.h - stages that need to know what medium each of a scene's materials is. */
+#ifndef PELL_RENDER_MEDIA_H
+#define PELL_RENDER_MEDIA_H
+
+#include "render/curvature/stage.h"
+#include "render/engine.h"
+#include "render/indirect/stage.h"
+
+/* Of materials that are scaled by their coefficients alone; sums of Gaussians and profiles from files have none. */
+PELL_NODISCARD enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                                     const struct pell_rays *rays, const struct pell_scene_materials *materials,
+                                                     struct pell_curvature **out);
+
+/* Light that goes through the solids whose materials a method gave a table of thickness. *out is NULL where there is none. */
+PELL_NODISCARD enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool,
+                                                   const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
+                                                   const struct pell_scene_materials *materials, struct pell_indirect **out);
+
+#endif

@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * light_tree.h - samples of the light that enters a surface, and an octree over them: a node stands for what lies below it, seen from afar.
+ */
+#ifndef PELL_LIGHT_TREE_H
+#define PELL_LIGHT_TREE_H
+
+#include <pellucid/context.h>
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct pell_light_sample {
+    float position[3], normal[3];
+    float area;      /* mm^2 */
+    float curvature; /* mean, 1/mm */
+    float power[3];  /* E A, W per m^2 times mm^2 */
+};
+
+struct pell_light_node {
+    float centre[3]; /* mean of the samples' places, weighted by their light */
+    float area;      /* mm^2 */
+    float low[3];
+    uint32_t next; /* node after all below this one */
+    float high[3];
+    uint32_t first; /* sample */
+    float power[3];
+    uint32_t count;             /* samples of a leaf; 0: not a leaf, its children follow */
+    float normal[3], curvature; /* means, weighted by light */
+};
+
+struct pell_light_tree {
+    struct pell_context *ctx;
+    struct pell_light_sample *samples; /* in the tree's order */
+    size_t num_samples;
+    struct pell_light_node *nodes;
+    size_t num_nodes;
+};
+
+/* Takes over `samples`, in any order, also on failure. */
+PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_light_sample *samples, size_t num_samples,
+                                                     struct pell_light_tree *tree);
+void pell_light_tree_finish(struct pell_light_tree *tree);
+
+#endif
