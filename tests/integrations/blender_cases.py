@@ -120,6 +120,16 @@ def case_sent(scene, wax):
     return made
 
 
+def case_opaque(scene, wax):
+    """Two objects of stone, whose subsurface share is 0."""
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.object.data.materials.append(bpy.data.materials['Stone'])
+    bpy.ops.object.select_all(action='DESELECT')
+    said = sent()['said']
+    bpy.data.materials['Stone'].pellucid.source = 'OPAQUE'
+    return {'said': said, 'chosen': sent()['said']}
+
+
 def case_selection(scene, wax):
     bpy.data.objects['Suzanne'].select_set(True)
     made = sent()
@@ -152,10 +162,12 @@ def case_rule(scene, wax):
 
 
 def case_presets(scene, wax):
-    rows = [row[0] for row in sys.modules['pellucid_blender'].presets(None, bpy.context, 'MILK')]
+    addon = sys.modules['pellucid_blender']
+    rows = [row[0] for row in addon.presets(None, bpy.context, 'MILK')]
+    methods = [row[0] for row in addon.methods(None, bpy.context, '')]
     wax.pellucid.source, wax.pellucid.preset = 'PRESET', 'wholemilk'
     milk = pellucid()[:, :, :3].mean((0, 1)).tolist()
-    return {'rows': rows, 'milk': milk}
+    return {'rows': rows, 'methods': methods, 'milk': milk}
 
 
 def case_picture(scene, wax):

@@ -40,11 +40,18 @@ def millimetres(entry):
 @test('objects, lights and camera are a scene file with a unit that check reads without a problem')
 def _(folder):
     made = case(folder, 'sent')
-    need(made['said'] == [], made['said'])
+    need(len(made['said']) == 1 and 'Stone' in made['said'][0], made['said'])
     close(float(made['unit'].removesuffix('mm')), 10, 1e-6, 'unit')
     need([li['type'] for li in made['lights']] == ['point', 'rect', 'directional', 'spot', 'environment'], made['lights'])
     answer = one_object(works(folder, 'check', 'scene.json', '--json'))
     need([p for p in answer['problems'] if p['severity'] != 'note'] == [], answer['problems'])
+
+
+@test('a material without subsurface light is opaque, and said once')
+def _(folder):
+    made = case(folder, 'opaque')
+    need(made == {'said': ['Material "Stone": has Subsurface 0 and is opaque: raise it, or choose "Built-in" under Material, Pellucid'],
+                  'chosen': []}, made)
 
 
 @test('only selected objects are sent, and stay selected')
@@ -69,11 +76,13 @@ def _(folder):
     need(made['none'] == {} and made['preset'] == {'Wax': {'preset': 'skin'}}, made)
 
 
-@test('presets are the materials of the program')
+@test('presets and methods are those of the program')
 def _(folder):
     made = case(folder, 'presets')
     rows = one_object(works(folder, 'materials', '--json'))['materials']
     need(made['rows'] == sorted(r['name'] for r in rows if 'milk' in r['name']) and 'wholemilk' in made['rows'], made['rows'])
+    methods = one_object(works(folder, 'methods', '--json'))['methods']
+    need(made['methods'] == sorted(m['name'] for m in methods), made['methods'])
     need(max(made['milk']) - min(made['milk']) < 0.1, 'milk is white', made['milk'])
 
 
@@ -125,6 +134,8 @@ def _(folder):
                         ('wrong method', ['screenspace', 'screen-space']),
                         ('no camera', ['has no camera']), ('nothing', ['nothing to send'])):
         need(all(word in made[name] for word in words), name, made[name])
+        need('error:' not in made[name], name, made[name])
+    need('"; did you mean "screen-space"?' in made['wrong method'], made['wrong method'])
 
 
 @test('the viewer is opened, and ends with the add-on')

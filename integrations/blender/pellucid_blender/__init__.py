@@ -14,7 +14,7 @@ bl_info = {'name': 'Pellucid', 'author': 'The Pellucid authors', 'version': (0, 
            'location': 'Properties > Render > Pellucid; Properties > Material > Pellucid',
            'description': 'Renders translucent objects by pellucid, and brings the picture back as an image'}
 IMAGE = 'Pellucid'
-listed = {'program': None, 'rows': []} # the built-in materials, and the program that they came from
+listed = {} # built-in materials and methods, and the program that they came from
 viewers = [] # (process, folder) of open viewers
 
 
@@ -23,15 +23,23 @@ def wanted_program(context):
     return addon.preferences.program if addon else ''
 
 
-def presets(_self, context, typed):
-    """Names of built-in materials that contain what is typed; the program is asked once."""
+def names(kind, context, typed):
+    """Names, of materials or methods, that contain what is typed; the program is asked once."""
     try:
         path = program.find(wanted_program(context))
-        if listed['program'] != path:
-            listed['rows'], listed['program'] = program.materials(path), path
+        if listed.get(kind, ('', []))[0] != path:
+            listed[kind] = path, program.names(path, kind)
     except (Trouble, OSError, subprocess.SubprocessError):
         return [] # a render says why
-    return [(name, title) for name, title in listed['rows'] if typed.lower() in name]
+    return [(name, title) for name, title in listed[kind][1] if typed.lower() in name]
+
+
+def presets(_self, context, typed):
+    return names('materials', context, typed)
+
+
+def methods(_self, context, typed):
+    return names('methods', context, typed)
 
 
 class PellucidPreferences(bpy.types.AddonPreferences):
@@ -43,7 +51,7 @@ class PellucidPreferences(bpy.types.AddonPreferences):
 
 
 class PellucidScene(bpy.types.PropertyGroup):
-    method: bpy.props.StringProperty(name='Method', default='screen-space', description='A method of "pellucid methods", or path-trace')
+    method: bpy.props.StringProperty(name='Method', default='screen-space', search=methods, description='A name of "pellucid methods"')
     msaa: bpy.props.IntProperty(name='Samples', default=4, min=1, max=64, description='Samples per pixel')
 
 
@@ -168,6 +176,7 @@ class RENDER_PT_pellucid(bpy.types.Panel):
 
 class MATERIAL_PT_pellucid(bpy.types.Panel):
     bl_label = 'Pellucid'
+    bl_order = 5 # after the surface, before "Viewport Display"
     bl_space_type, bl_region_type, bl_context = 'PROPERTIES', 'WINDOW', 'material'
 
     @classmethod

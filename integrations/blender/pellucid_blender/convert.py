@@ -78,6 +78,7 @@ def medium(material, millimetres, warn):
     old = 'Subsurface Color' in node.inputs # before Blender 4.0
     share = number(node, 'Subsurface' if old else 'Subsurface Weight', warn)
     if share <= 0:
+        warn('has Subsurface 0 and is opaque: raise it, or choose "Built-in" under Material, Pellucid')
         return None
     base = color(node, 'Base Color', warn)
     if old:
@@ -104,7 +105,7 @@ def medium(material, millimetres, warn):
 
 
 def entries(objects, millimetres, warn):
-    found = {}
+    found, seen = {}, set()
     for thing in objects:
         slots = [s.material for s in thing.material_slots if s.material]
         if not slots:
@@ -113,8 +114,9 @@ def entries(objects, millimetres, warn):
             def about(text, name=material.name):
                 warn(f'Material "{name}": {text}')
             settings = material.pellucid
-            if material.name in found:
+            if material.name in seen:
                 continue
+            seen.add(material.name)
             if settings.source == 'PRESET':
                 entry = {'preset': settings.preset}
             elif settings.source == 'OPAQUE':

@@ -40,16 +40,16 @@ def finish(process, folder):
     said = messages(folder)
     if process.returncode:
         first = next((i for i, line in enumerate(said) if line.startswith('error')), 0)
-        about = ' '.join(said[first:][:4]) or 'it said nothing'
+        about = '; '.join(line.removeprefix('error: ') for line in said[first:][:4]) or 'it said nothing'
         raise Trouble(f'pellucid ended with exit code {process.returncode}: {about}')
     return [line for line in said if line.startswith('warning')]
 
 
-def materials(program):
-    """(name, title) of the built-in materials, sorted by name."""
-    done = subprocess.run([program, 'materials', '--json'], stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
+def names(program, kind):
+    """(name, title) of the built-in materials or of the methods, sorted by name."""
+    done = subprocess.run([program, kind, '--json'], stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
     try:
-        return sorted((row['name'], row['title']) for row in json.loads(done.stdout)['materials'])
+        return sorted((row['name'], row['title']) for row in json.loads(done.stdout)[kind])
     except (ValueError, KeyError, TypeError) as fault:
-        raise Trouble(f'{program} does not list its materials by "materials --json" (exit code {done.returncode}): '
+        raise Trouble(f'{program} does not list its {kind} by "{kind} --json" (exit code {done.returncode}): '
                       'is it another program, or too old?') from fault
