@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The reduced albedo for the colour that is wanted, by model and by a closed map: colors.py [OUT.png] (what artists' parameters are made of)."""
+"""The albedo that gives a wanted colour, by model and by a closed map: colors.py [OUT.png] (what artists' parameters are made of)."""
 import sys
 
 import numpy as np
@@ -13,7 +13,8 @@ def main(out="colors.png"):
     albedo = 1.0 - np.linspace(1.0, 0.0, 300) ** 2  # colours change most near 1
     figure, axis = pyplot.subplots(figsize=(6, 4.5))
     for model in pellucid.models():
-        axis.plot(pellucid.total_reflectance(1 - albedo, albedo, eta=1.3, model=model), albedo, "--" if model == "monte-carlo" else "-", label=model)
+        color = pellucid.total_reflectance(1 - albedo, albedo, eta=1.3, model=model)
+        axis.plot(color, albedo, "--" if model == "monte-carlo" else "-", label=model)
     axis.plot(pellucid.color_from_albedo(albedo), albedo, "k:", label="map van-de-hulst, index 1")
     axis.set(xlabel="diffuse colour", ylabel="reduced albedo", title="index of refraction 1.3")
     axis.legend()
