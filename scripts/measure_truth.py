@@ -26,7 +26,7 @@ SCENES = {
     'knot-skin': ('knot.obj', 90, 'skin1', False, False), 'bowl-marble': ('bowl.obj', 90, 'marble', False, False),
 }
 STAGES = [('bounces', ['--bounces', '0']), ('angles', ['--angles', 'off']), ('curvature', ['--curvature', 'off']),
-          ('single-scattering', ['--single-scattering', 'off'])]
+          ('single-scattering', ['--single-scattering', 'off']), ('opposed', ['--opposed', 'off'])]
 METHODS = 'screen-space,image-space,texture-space,convolution,hierarchical,none'
 
 

@@ -49,7 +49,7 @@ double pell_opposed_across(const struct pell_opposed *o, int channel, double cur
         const struct pell_opposed_pair pair = on_sphere(curvature, radius, d);
         float through[3];
         pell_opposed_split(o, &pair, through);
-        sum += 2.0 * PELL_PI * d * (double) through[channel] * 2.0 * radius / STEPS;
+        sum += 2.0 * PELL_PI * d * (double) (pell_opposed_unseen(pair.facing) * through[channel]) * 2.0 * radius / STEPS;
     }
     return sum;
 }

@@ -10,7 +10,7 @@
  *
  * times that of a half-space. The image of both in the plane at x doubles it, which is exact at an edge of right angles and the first term
  * of a slab's sum, and too much where light is lost through the sides. What is left of the doubling was fitted to exact diffusion in slabs,
- * cylinders and balls of 0.1 to 8 diffusion lengths (Decision 33), by the mean curvature H:
+ * cylinders and balls of 0.1 to 8 diffusion lengths (Decision 35), by the mean curvature H:
  *
  *     C = (2 + 0.6 exp(-s))/(1 + (H d)^1.5 (exp(-s)/2 + 1/(1 + (s/4.8)^2)))
  *
@@ -24,6 +24,9 @@
 #include <pellucid/profile.h>
 
 #include <math.h>
+
+#define PELL_OPPOSED_SEEN 0.45f    /* cosine from which on faces are seen together, */
+#define PELL_OPPOSED_HIDDEN -0.15f /* and below which they are not */
 
 struct pell_opposed {
     float kappa[3];  /* 1/mm: of the exponential that light in the depth falls by, by transport */
@@ -86,6 +89,15 @@ static inline float pell_opposed_split(const struct pell_opposed *o, const struc
             through[c] = weight * solid * o->amount[c] * (1.0f + (out * out - 1.0f) * t) * (1.0f + (C - 1.0f) * t) * flux;
     }
     return 1.0f - weight + weight * (1.0f - solid) * open;
+}
+
+/* Share of pell_opposed_split that is added to a method that spreads light along all the faces that it sees, whatever their angle: faces
+ * up to about 90 degrees apart are mostly seen together, and what goes between them would count twice. */
+static inline float pell_opposed_unseen(float facing)
+{
+    const float t = (PELL_OPPOSED_SEEN - facing) / (PELL_OPPOSED_SEEN - PELL_OPPOSED_HIDDEN), x = t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t;
+
+    return x * x * (3.0f - 2.0f * x);
 }
 
 /* R: of the profile over the distance, 1/mm^2; what is found comes in its place. */

@@ -109,11 +109,14 @@ static void add_pair(const struct send *s, const struct indirect_sample *to, con
 {
     const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), n = vec3_load(normal);
     const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n), curvature };
+    const float unseen = pell_opposed_unseen(pair.facing);
     float through[3];
 
+    if (!(unseen > 0.0f))
+        return;
     pell_opposed_split(&s->law[to->material], &pair, through);
     for (int c = 0; c < 3; c++)
-        sum[c] += through[c] * power[c];
+        sum[c] += unseen * through[c] * power[c];
 }
 
 static void gather(const struct send *s, const struct indirect_sample *to, float sum[3])
