@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""record.py [PROGRAM] [--repeats N]: measures this commit and adds it to bench/history.json, which the site draws.
+"""record.py [PROGRAM] [--repeats N]: measures this commit and adds it to docs/site/speed.json, which the site draws.
 
 The figure of a method is the time of a warm frame of bench/screen-space.json, 1280 x 720 with one sample a pixel, over that of Embree's
 camera rays alone in the same run: a machine that is twice as fast, or busy, changes it little. Run it on a quiet machine.
@@ -11,7 +11,7 @@ import pathlib
 import subprocess
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-HISTORY = ROOT / 'bench/history.json'
+HISTORY = ROOT / 'docs/site/speed.json'
 METHODS = ('none', 'screen-space', 'image-space', 'texture-space', 'convolution', 'layered')
 REFERENCE = 'camera rays alone'
 

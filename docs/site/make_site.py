@@ -242,7 +242,7 @@ class Site:
 
     def add_speed(self):
         """The times of frames that bench/record.py has measured, commit by commit."""
-        body = speed_page(json.loads((self.root / 'bench/history.json').read_text('utf-8')))
+        body = speed_page(json.loads((self.root / 'docs/site/speed.json').read_text('utf-8')))
         self.write(SPEED, self.out / SPEED, f'Speed by commit - {TITLE}', body)
         self.add_to_search(SPEED, 'Speed by commit', body)
 

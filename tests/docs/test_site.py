@@ -49,12 +49,12 @@ def _(folder):
         need(not re.search(r'<(?:script|img|link)[^>]*(?:src|href)="https?:', text), path)
 
 
-@test('the page of speeds has every commit and method of bench/history.json')
+@test('the page of speeds has every commit and method of docs/site/speed.json')
 def _(folder):
     done = make(python_with_markdown(), ROOT, folder / 'site')
     need(done.returncode == 0, done.stderr)
     page = (folder / 'site/speed.html').read_text('utf-8')
-    entries = json.loads((ROOT / 'bench/history.json').read_text('utf-8'))
+    entries = json.loads((ROOT / 'docs/site/speed.json').read_text('utf-8'))
     need(entries == sorted(entries, key=lambda e: e['date']))
     for entry in entries:
         need(f'<code>{entry["commit"]}</code>' in page and entry['note'] in page, entry)
