@@ -4,8 +4,8 @@
 
 #include "base/base.h"
 #include "optics/medium/opposed.h"
-
-#include <math.h>
+#include "optics/profile/white.h"
+#include "transport/solids.h"
 
 #define LEAST 1e-6f /* mm: thickness at which the tables of materials that transmit nothing end */
 
@@ -14,7 +14,7 @@ static const struct pell_frame_material *medium_of(const struct pell_scene *scen
 {
     const struct pell_frame_material *f = m->frame_index[i + 1] ? &m->frame[m->frame_index[i + 1] - 1] : NULL;
 
-    return f && f->gaussians.count == 0 && !scene->materials[i].profile ? f : NULL;
+    return f && pell_scatters_by_medium(&scene->materials[i], f) ? f : NULL;
 }
 
 enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
@@ -45,7 +45,7 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
     if (!f || !m->thickness[i] || !(m->thickness[i]->max_mm > LEAST) || !pell_opposed_make(&f->medium, law))
         return false;
     for (int c = 0; c < 3; c++)
-        white[c] = f->white ? (float) (1.0 / fmax(pell_profile_total(&f->profile[c]), 1e-9)) : 1.0f;
+        white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
     return true;
 }
 

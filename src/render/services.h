@@ -37,7 +37,7 @@ struct pell_surface_points {
 /* What light does at them: arrays of n, the caller's. All but `irradiance` may be NULL. */
 struct pell_surface_light {
     float *irradiance[3];        /* W/m^2, entered, with albedo^m; of the outer side, or the back. Of a thin sheet what leaves there,
-                           * whichever side it came from */
+                                  * whichever side it came from */
     float *position[3];          /* mm */
     float *normal[3];            /* geometric, unit, outward by the order of the triangle's corners */
     float *albedo[3];            /* albedo^m: what the irradiance is multiplied by */

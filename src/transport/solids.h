@@ -40,12 +40,17 @@ PELL_NODISCARD enum pell_result pell_solids_create(struct pell_context *ctx, con
                                                    const struct pell_frame_material *materials, struct pell_solids **out);
 void pell_solids_destroy(struct pell_solids **solids);
 
-/* Whether a solid scatters as its material's coefficients say, and not by Gaussians or a profile from a file. `m`: of its material. */
+/* Whether a material scatters as its coefficients say, and not by Gaussians or a profile from a file. `m`: the frame's of it. */
+static inline bool pell_scatters_by_medium(const struct pell_material *material, const struct pell_frame_material *m)
+{
+    return m->gaussians.count == 0 && !material->profile;
+}
+
+/* The same of a solid's material. */
 static inline bool pell_solid_has_medium(const struct pell_scene *scene, const struct pell_solid *solid,
                                          const struct pell_frame_material *m)
 {
-    return m->gaussians.count == 0 && solid->num_triangles > 0 &&
-           !scene->materials[scene->meshes[solid->triangles[0].mesh].material].profile;
+    return solid->num_triangles > 0 && pell_scatters_by_medium(&scene->materials[scene->meshes[solid->triangles[0].mesh].material], m);
 }
 
 /* The triangle at `area` mm^2, in [0, area), along the curve; *f, in [0, 1): how far into it. */

@@ -32,10 +32,7 @@ static double step_error(const struct bench_place *at, const char *const *settin
     struct patch *p = patch_create(axis ? 40 : size, axis ? size : 40, true, px_per_mm, 500.0, &m, 1);
     double worst = 0.0;
 
-    for (int y = 0; y < p->frame.shape.height; y++)
-        for (int x = 0; x < p->frame.shape.width; x++)
-            for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = (axis ? y : x) >= half;
+    patch_light_half(p, axis, half);
     patch_run(at, method(at->ctx), settings, p);
     for (int i = size / 8; i < size - size / 8; i++) {
         const size_t k = axis ? patch_at(p, 20, i) : patch_at(p, i, 20);

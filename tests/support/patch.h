@@ -127,6 +127,15 @@ static inline void patch_tilt(struct patch *p, double depth, double slope_x, dou
     }
 }
 
+/* Light of 1 on the pixels from `half` on along an axis (0: x), 0 before. */
+static inline void patch_light_half(struct patch *p, int axis, int half)
+{
+    for (int y = 0; y < p->frame.shape.height; y++)
+        for (int x = 0; x < p->frame.shape.width; x++)
+            for (int c = 0; c < 3; c++)
+                p->light[c][patch_at(p, x, y)] = (axis ? y : x) >= half;
+}
+
 static inline void patch_light(struct patch *p, float r, float g, float b)
 {
     const float rgb[3] = { r, g, b };

@@ -11,9 +11,9 @@ enum { TABLE = 64 };
 enum language { C, GLSL, HLSL, JSON, LANGUAGES };
 static const char *const language_names[LANGUAGES] = { "c", "glsl", "hlsl", "json" };
 
-/* What an export holds. */
 #define SEEN 0.05 /* error of a separable kernel that is reported */
 
+/* What an export holds. */
 struct kernel {
     const struct profile_fit *fit;  /* NULL: none */
     struct pell_kernel_chain chain; /* count 0: each channel has variances of its own */

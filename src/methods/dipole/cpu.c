@@ -19,6 +19,7 @@
 #include "math/vec.h"
 #include "methods/reference_frame.h"
 #include "optics/medium/opposed.h"
+#include "optics/profile/white.h"
 #include "render/engine.h"
 #include "transport/rqmc.h"
 
@@ -430,10 +431,8 @@ static enum pell_result dipole_create(const struct pell_services *services, cons
         b->spacing = 0.05 * fmax(b->radii.largest, 1e-6);
         b->is_opposed = services->settings->opposed && pell_solid_has_medium(services->scene, &st->solids->solids[i], m) &&
                         pell_opposed_make(&m->medium, &b->opposed);
-        for (int c = 0; c < 3; c++) {
-            const double total = pell_profile_total(&m->profile[c]);
-            b->scale[c] = !m->white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;
-        }
+        for (int c = 0; c < 3; c++)
+            b->scale[c] = pell_profile_scale(&m->profile[c], m->white);
     }
     return PELL_OK;
 

@@ -19,6 +19,7 @@
 #include "math/vec.h"
 #include "methods/reference_frame.h"
 #include "optics/medium/opposed.h"
+#include "optics/profile/white.h"
 #include "render/engine.h"
 
 #include <stdio.h>
@@ -158,7 +159,7 @@ static enum pell_result make_solid(struct hierarchical_state *st, const struct p
     PELL_TRY(
         hierarchical_radial_make(st->ctx, profile, m->white, distance / 8.0, 16.0 * across, reach, distance / sqrt(PELL_PI), &b->radial));
     for (int c = 0; c < 3; c++)
-        b->scale[c] = !m->white ? 1.0f : (float) (1.0 / fmax(pell_profile_total(&m->profile[c]), 1e-9));
+        b->scale[c] = (float) pell_profile_scale(&m->profile[c], m->white);
     PELL_TRY(sample_solid(st, from, count, &b->tree));
 
 fail:

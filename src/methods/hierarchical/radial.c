@@ -4,6 +4,7 @@
 
 #include "base/base.h"
 #include "math/vec.h"
+#include "optics/profile/white.h"
 
 #include <string.h>
 
@@ -93,8 +94,8 @@ enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct
         return PELL_ERR_NOMEM;
     for (int c = 0; c < 3; c++) {
         const struct pell_profile *p = &profile[c];
-        const double total = pell_profile_total(p), scale = !white ? 1.0 : total > 0.0 ? 1.0 / total : 0.0;
-        r->total[c] = scale * total;
+        const double scale = pell_profile_scale(p, white);
+        r->total[c] = scale * pell_profile_total(p);
         make_near(p, c, scale, reach, disc, r);
         for (int i = 0; i <= r->count; i++)
             r->node[i][c] = (float) (scale * pell_profile_eval(p, sqrt((double) float_of((uint32_t) (r->first + i) << HI_SHIFT))));

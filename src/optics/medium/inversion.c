@@ -198,13 +198,19 @@ struct query {
     double g, eta;
 };
 
+/* Of a medium whose reduced mean free path is 1 mm, by what it absorbs and scatters. */
+static enum pell_result make_profile(const struct query *q, double absorbed, double scattered, struct pell_profile *out)
+{
+    const double a = absorbed, s = scattered;
+    const struct pell_medium m = { .sigma_a = { a, a, a }, .sigma_s_reduced = { s, s, s }, .g = { q->g, q->g, q->g }, .eta = q->eta };
+
+    return pell_profile_make(q->model, &m, 0, q->params, out);
+}
+
 static enum pell_result total_of(double x, const void *arg, double *out)
 {
-    const struct query *q = arg;
-    const double a = x * x, s = (1.0 - x) * (1.0 + x);
-    const struct pell_medium m = { .sigma_a = { a, a, a }, .sigma_s_reduced = { s, s, s }, .g = { q->g, q->g, q->g }, .eta = q->eta };
     struct pell_profile profile;
-    const enum pell_result res = pell_profile_make(q->model, &m, 0, q->params, &profile);
+    const enum pell_result res = make_profile(arg, x * x, (1.0 - x) * (1.0 + x), &profile);
 
     *out = pell_profile_total(&profile);
     return res;
@@ -298,14 +304,9 @@ static bool look_valid(const struct pell_color_and_radius *look, struct pell_med
 /* The mean radius of a profile in reduced mean free paths; 1 where there is none. */
 static double mean_radius_of(const struct query *q, double albedo_reduced)
 {
-    const double a = 1.0 - albedo_reduced;
-    const struct pell_medium m = { .sigma_a = { a, a, a },
-                                   .sigma_s_reduced = { albedo_reduced, albedo_reduced, albedo_reduced },
-                                   .g = { q->g, q->g, q->g },
-                                   .eta = q->eta };
     struct pell_profile profile;
 
-    if (pell_profile_make(q->model, &m, 0, q->params, &profile) != PELL_OK || !(pell_profile_total(&profile) > 0.0))
+    if (make_profile(q, 1.0 - albedo_reduced, albedo_reduced, &profile) != PELL_OK || !(pell_profile_total(&profile) > 0.0))
         return 1.0;
     return pell_profile_mean_radius(&profile);
 }

@@ -181,9 +181,8 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     float cosine[PELL_LANES];
     int depth[PELL_LANES];
 
-    for (int i = 0; i < PELL_LANES; i++)
-        k->aim.back[i] &= -(int32_t) (k->thick[i] < 1.0f);
     for (int i = 0; i < PELL_LANES; i++) {
+        k->aim.back[i] &= -(int32_t) (k->thick[i] < 1.0f);
         const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
         const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
