@@ -252,6 +252,40 @@ static void every_technique_counts_alike(void **state)
     }
 }
 
+/* A black floor mirrors a ball of milk that hangs over it: all of that is surface reflection, as the reflected light of lights is, by smooth
+ * boundaries and by rough ones. The floor's own light is what fell on it and came back. */
+static void a_mirror_image_is_surface_reflection(void **state)
+{
+    (void) state;
+
+    for (int rough = 0; rough < 2; rough++) {
+        struct pt_knobs knobs = rig_knobs();
+        const struct pt_point at = rig_point(vec3(0, 0, 0), vec3(40, 0, 40), 3);
+        struct pt_scene *scene;
+        struct rig_mean r;
+        struct stage s;
+        size_t milk, black;
+
+        stage_start_threads(&s, 8, 8, 1);
+        milk = rig_medium(&s, 2.0, 0.001, 0.0, 1.3);
+        black = rig_medium(&s, 1e-4, 100.0, 0.0, 1.5);
+        s.scene->materials[milk].roughness = 0.0f;
+        s.scene->materials[black].roughness = rough ? 0.2f : 0.0f;
+        stage_ball(&s, milk, 0, vec3(-12, 0, 12), 6.0f, 24);
+        stage_box(&s, black, 1, vec3(-60, -60, -5), vec3(60, 60, 0));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(300, 0, 100), vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(0, 0, 500), vec3(0, 0, 0), 0.0f, 9.0f);
+        knobs.boundary = rough ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
+        scene = rig_scene(&s, &knobs);
+        r = rig_measure(scene, &at, 0, FEWER(2000));
+        print_message("# multiple %.3g, single %.3g, surface %.3g\n", r.mean[0][1], r.mean[1][1], r.mean[2][1]);
+        REQUIRE(r.mean[2][1] > 1e-3);
+        REQUIRE(r.mean[0][1] + r.mean[1][1] < 1e-2 * r.mean[2][1]);
+        pt_scene_destroy(&scene);
+        stage_finish(&s);
+    }
+}
+
 /* --- The render setting of that name ------------------------------------------------------------------------------------------------ */
 
 #define BOX_SIZE 24
@@ -332,6 +366,7 @@ int main(void)
         cmocka_unit_test(convex_solids_do_not_see_themselves),
         cmocka_unit_test(more_bounces_are_all_bounces),
         cmocka_unit_test(every_technique_counts_alike),
+        cmocka_unit_test(a_mirror_image_is_surface_reflection),
         cmocka_unit_test(the_render_setting_means_the_same),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

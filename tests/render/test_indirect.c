@@ -77,6 +77,51 @@ static void an_integrating_sphere_sums_the_geometric_series(void **state)
     }
 }
 
+/* The wall of a hollow in a medium that absorbs nearly all: what it reflects comes to the wall again. From the middle, and from a place where
+ * the reflected light is uneven; in the mean over the wall Fresnel's reflectance of what enters there is there once more. */
+static void light_that_a_wall_reflects_enters_elsewhere(void **state)
+{
+    static const double eta = 1.5;
+    (void) state;
+
+    for (int rough = 0; rough < 2; rough++) {
+        const double f0 = (eta - 1.0) * (eta - 1.0) / ((eta + 1.0) * (eta + 1.0));
+        struct stage s;
+        struct shot direct, all;
+        struct pell_material *m;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        s.settings.boundary = rough ? PELL_BOUNDARY_MODEL_ROUGH : PELL_BOUNDARY_MODEL_SMOOTH;
+        m = stage_medium(&s, "marble", &material);
+        m->rho_s = 1.0f;
+        m->roughness = 0.1f;
+        m->medium.eta = eta;
+        for (int c = 0; c < 3; c++) {
+            m->medium.sigma_a[c] = 10.0;
+            m->medium.sigma_s_reduced[c] = 1e-3;
+        }
+        stage_ball(&s, material, 0, vec3(0, 0, 0), 50.0f, 48);
+        s.scene->meshes[0].num_triangles--; /* closed surfaces are turned to face outward */
+        for (uint32_t i = 0; i < s.scene->meshes[0].num_triangles; i++) {
+            uint32_t *index = s.scene->meshes[0].index + 3 * i, first = index[0];
+            index[0] = index[1];
+            index[1] = first;
+        }
+        for (uint32_t i = 0; i < 3 * s.scene->meshes[0].num_vertices; i++)
+            s.scene->meshes[0].normal[i] *= -1.0f;
+        stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
+        stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 1.5f, 0.0f);
+        direct = shot_with(&s, 0);
+        all = shot_with(&s, 1);
+        print_message("# %g %g\n", mean_light(&direct, 1), mean_light(&all, 1));
+        REQUIRE_NEAR(mean_light(&all, 1) / mean_light(&direct, 1) - 1.0, f0, 0.05 * f0);
+        shot_free(&all);
+        shot_free(&direct);
+        stage_finish(&s);
+    }
+}
+
 /* Share of what a square of side 2 a sends evenly that meets a small parallel one, `h` over its middle (Howell, "A Catalog of Radiation
  * Heat Transfer Configuration Factors", B-3, four times). */
 static double parallel_factor(double a, double h)
@@ -337,6 +382,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_integrating_sphere_sums_the_geometric_series),
+        cmocka_unit_test(light_that_a_wall_reflects_enters_elsewhere),
         cmocka_unit_test(a_plate_lights_what_faces_it_and_lets_nothing_through),
         cmocka_unit_test(a_red_wall_reddens_the_floor_before_it),
         cmocka_unit_test(bits_are_those_of_any_number_of_threads_and_of_a_new_renderer),

@@ -24,7 +24,7 @@ static const struct pell_knob knobs[] = {
     { "time-limit", PELL_KNOB_FLOAT, "s", AT(time_limit), { 0 }, 0, 1e8, NULL,
       "ends before the round of samples that would exceed it, but after at least one round (a sample for each of msaa); 0: no limit" },
     { "surface", PELL_KNOB_ENUM, "1", AT(surface), { PT_SURFACE_LOBE }, 0, 0, surface_names,
-      "surface reflection: the specular lobe that all methods share, or traced like all other light" },
+      "surface reflection: the specular lobe that all methods share, which mirrors lights alone, or traced like all other light" },
     { "normals", PELL_KNOB_ENUM, "1", AT(trace.normals), { PT_NORMALS_SMOOTH }, 0, 0, normals_names,
       "normals for refraction: interpolated from the vertices, or those of the triangles" },
     { "boundary", PELL_KNOB_ENUM, "1", AT(trace.boundary), { PT_BOUNDARY_SETTINGS }, 0, 0, boundary_names,

@@ -80,9 +80,9 @@ struct pt_point {
 };
 
 /* Radiance, W/(m^2 sr), toward the camera, by what light did on its way (the sum is the picture):
- *     single    entered and scattered exactly once
- *     multiple  entered and scattered more than once; also what passed unscattered, or was reflected by something opaque inside or behind
- *     surface   reflected at the surface without entering any solid */
+ *     single    left from inside at the pixel's surface, scattered exactly once
+ *     multiple  the same, scattered more than once; also what passed unscattered, or was reflected by something opaque inside or behind
+ *     surface   reflected by the pixel's surface: lights, and the mirror image of other surfaces */
 struct pt_light {
     double multiple[3], single[3], surface[3];
 };

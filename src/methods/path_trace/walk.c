@@ -155,7 +155,6 @@ static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boun
     p->from = pt_leave(hit, p->w);
     p->safe = 0.0f;
     p->crossed = true;
-    p->entered = p->entered || p->place.count > 0;
 }
 
 static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, float length)
@@ -354,6 +353,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
         q->out = &out[count];
         if (b.rough) {
             rough_boundary(q, hit, &b, 0.0f);
+            q->entered = q->entered || q->place.count > 0;
             return 1;
         }
         fresnel = pt_fresnel(b.eta, vec3_dot(b.at.o, b.at.ns), &cos_t);
@@ -363,6 +363,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
         for (int c = 0; c < 3; c++)
             q->beta[c] = share;
         smooth_boundary(q, hit, &b, reflected ? -1.0f : 1.0f, 0.0f);
+        q->entered = q->entered || !reflected;
         count++;
     }
     return count;

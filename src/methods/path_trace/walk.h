@@ -22,10 +22,11 @@ struct pt_walk {
     float beta[3];
     float safe;
     int events, scattered;
-    int bounces;         /* ways through the open that ended at a surface; not that from the camera */
-    bool entered, mixed; /* mixed: something opaque reflected it */
-    bool crossed;        /* a surface, since it last scattered */
-    bool tight;          /* a smooth surface on every edge between scatterings, since the camera or a rough surface: no path of a light can
+    int bounces;  /* ways through the open that ended at a surface; not that from the camera */
+    bool entered; /* at its first surface; else it shows what that reflects */
+    bool mixed;   /* something opaque reflected it */
+    bool crossed; /* a surface, since it last scattered */
+    bool tight;   /* a smooth surface on every edge between scatterings, since the camera or a rough surface: no path of a light can
                           * be joined to it */
     enum pt_last last;
     float density;            /* LAST_SURFACE: of w, per sr */

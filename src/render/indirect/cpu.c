@@ -20,6 +20,10 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->extra);
     pell_free(in->ctx, in->samples);
     pell_free(in->ctx, in->links);
+    pell_free(in->ctx, in->mirrored);
+    pell_free(in->ctx, in->reflected);
+    pell_free(in->ctx, in->before);
+    pell_free(in->ctx, in->area);
     pell_free(in->ctx, in->enter);
     pell_free(in->ctx, in->near);
     pell_free(in->ctx, in->direct);
@@ -57,8 +61,10 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     indirect_spacing_make(params->scene, &spacing);
     PELL_TRY(indirect_cells_make(in, &spacing));
     PELL_TRY(indirect_near_make(in, pool, &spacing));
-    if (!params->through)
+    if (!params->through) {
+        PELL_TRY(indirect_mirror_make(in));
         PELL_TRY(indirect_links_make(in, pool));
+    }
     if (!params->through && !any_link(in)) {
         pell_indirect_destroy(out);
         return PELL_OK;
@@ -88,6 +94,7 @@ fail:
 struct solve {
     struct pell_indirect *in;
     const struct pell_indirect_lights *lights;
+    int bounce; /* from 0 */
     const float (*total)[3];
 };
 
@@ -141,6 +148,8 @@ static void light_chunk(void *arg, int index, int worker)
 /* What leaves the samples after n bounces. */
 static void send_on(struct pell_indirect *in, int n)
 {
+    if (in->before && n > 0)
+        memcpy(in->before, in->leaving, in->num_samples * sizeof(*in->before));
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
             in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
@@ -149,6 +158,16 @@ static void send_on(struct pell_indirect *in, int n)
             in->leaving[i][c] += in->through[i][c] * in->gathered[indirect_across(in, i)][c];
 }
 
+static void add_links(const struct indirect_link *links, const float enter[INDIRECT_RAYS], const float (*light)[3], float sum[3])
+{
+    for (int k = 0; k < INDIRECT_RAYS; k++) {
+        const float w = enter[k] * (float) links[k].factor;
+        for (int c = 0; c < 3; c++)
+            sum[c] += w * light[links[k].sample][c];
+    }
+}
+
+/* A reflection is on a way of its own: light by it left one bounce earlier. */
 static void gather_chunk(void *arg, int index, int worker)
 {
     const struct solve *s = arg;
@@ -157,15 +176,13 @@ static void gather_chunk(void *arg, int index, int worker)
 
     (void) worker;
     for (size_t i = first; i < end; i++) {
-        const struct indirect_link *links = &in->links[i * INDIRECT_RAYS];
         const float *enter = in->enter[in->samples[i].material];
         float sum[3] = { 0.0f, 0.0f, 0.0f };
-        for (int k = 0; k < INDIRECT_RAYS; k++) {
-            const float w = enter[k] * (float) links[k].factor;
-            const float *light = in->leaving[links[k].sample];
-            for (int c = 0; c < 3; c++)
-                sum[c] += w * light[c];
-        }
+        if (in->reflected)
+            memcpy(sum, in->reflected[i], sizeof(sum));
+        add_links(&in->links[i * INDIRECT_RAYS], enter, (const float(*)[3]) in->leaving, sum);
+        if (in->mirrored && s->bounce > 0)
+            add_links(&in->mirrored[i * INDIRECT_RAYS], enter, (const float(*)[3]) in->before, sum);
         memcpy(in->gathered[i], sum, sizeof(sum));
     }
 }
@@ -195,15 +212,20 @@ static int chunks_of(size_t count)
 enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool *pool, const struct pell_indirect_lights *lights,
                                      const float (*total)[3], int bounces)
 {
-    struct solve s = { in, lights, total };
+    struct solve s = { .in = in, .lights = lights, .total = total };
+    enum pell_result res;
 
     pell_pool_run(pool, chunks_of(in->num_samples), light_chunk, &s);
-    for (int n = 0; n < bounces; n++) {
-        send_on(in, n);
+    PELL_TRY(indirect_mirror_light(in, pool));
+    for (s.bounce = 0; s.bounce < bounces; s.bounce++) {
+        send_on(in, s.bounce);
         pell_pool_run(pool, chunks_of(in->num_samples), gather_chunk, &s);
     }
     pell_pool_run(pool, chunks_of(in->num_values), knot_chunk, &s);
-    return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    return res;
 }
 
 void pell_indirect_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3])

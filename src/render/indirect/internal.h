@@ -13,6 +13,7 @@
 
 #define INDIRECT_RAYS 96 /* of a sample */
 #define INDIRECT_NONE UINT32_MAX
+#define INDIRECT_CLEAR 1.0e-4f /* of the largest coordinate: how far from the surface rays start */
 
 /* A place of a surface that gathers light, and that lights others. */
 struct indirect_sample {
@@ -70,8 +71,9 @@ struct pell_indirect {
 
     struct indirect_sample *samples;
     size_t num_samples;
-    struct indirect_link *links;   /* [sample][INDIRECT_RAYS] */
-    float (*enter)[INDIRECT_RAYS]; /* per scene material: T of each ray's direction */
+    struct indirect_link *links;    /* [sample][INDIRECT_RAYS] */
+    struct indirect_link *mirrored; /* the same by a reflection where the ray ends; NULL: nothing is translucent */
+    float (*enter)[INDIRECT_RAYS];  /* per scene material: T of each ray's direction */
 
     struct indirect_near *near; /* of each value */
 
@@ -79,6 +81,8 @@ struct pell_indirect {
     float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
     float (*through)[3]; /* of samples on thin sheets: the share that comes from the other side, 0 of others; NULL: there are no sheets */
     float (*gathered)[3], (*leaving)[3];
+    float (*reflected)[3], (*before)[3]; /* light that enters after one reflection; what left a bounce ago. NULL as mirrored */
+    float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
     float (*value)[3];
     float *thick; /* with p.through, of values: how far a part is thick beside the distance of samples */
 };
@@ -112,6 +116,12 @@ static inline bool indirect_shown(const struct pell_scene *scene, const struct p
 {
     bool cut;
     return mesh->num_triangles > 0 && pell_rays_show(scene, mesh, &cut);
+}
+
+/* How far from `p` rays start, mm. */
+static inline float indirect_clearance(struct pell_vec3 p, float spacing)
+{
+    return INDIRECT_CLEAR * fmaxf(fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))), spacing);
 }
 
 /* --- spacing.c: how far samples lie apart ------------------------------------------------------------------------------------------- */
@@ -152,6 +162,18 @@ static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t 
 
 PELL_NODISCARD enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *pool,
                                                    const struct indirect_spacing *spacing);
+
+/* --- mirror.c: light that is reflected without entering ------------------------------------------------------------------------------ */
+
+/* T of a direction, and its mean over a diffuse hemisphere. */
+float indirect_transmittance(const struct pell_indirect *in, uint32_t material, float mu, float *mean);
+/* Where light along w goes on from a surface of normal n, both unit, and the share that does: 0 at opaque surfaces, which send all back
+ * evenly, and from inside. */
+float indirect_reflect(const struct pell_indirect *in, uint32_t material, struct pell_vec3 n, struct pell_vec3 w, uint32_t hash,
+                       struct pell_vec3 *out);
+/* Makes room for it where something is translucent; then `reflected`, by the scene's lights. */
+PELL_NODISCARD enum pell_result indirect_mirror_make(struct pell_indirect *in);
+PELL_NODISCARD enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_pool *pool);
 
 /* --- links.c: what each sample sees -------------------------------------------------------------------------------------------------- */
 

@@ -6,30 +6,7 @@
 
 #include <string.h>
 
-#define CHUNK 64      /* samples of a task */
-#define CLEAR 1.0e-4f /* of the largest coordinate: how far from the surface rays start */
-
-/* T of a direction, and its mean over a diffuse hemisphere. */
-static float transmittance(const struct pell_indirect *in, uint32_t material, float mu, float *mean)
-{
-    const struct pell_specular_tables *t = in->p.tables;
-    const struct pell_material *m = &in->p.scene->materials[material];
-    const struct pell_boundary_table *boundary = &t->boundaries[t->boundary[material]];
-    const struct pell_surface_uniform u = pell_surface_uniform(m);
-    const float rho = (u.specular[0] + u.specular[1] + u.specular[2]) / 3.0f;
-    const float(*n)[2] = t->mean[t->model[material]];
-    float fraction, scale, bias;
-    int j;
-
-    if (in->p.smooth && !m->opaque) {
-        *mean = boundary->mean;
-        return pell_boundary_lookup(boundary->transmittance, mu);
-    }
-    pell_roughness_position(u.roughness, &j, &fraction);
-    pell_albedo_pair(t->albedo[t->model[material]][0][j], fraction, mu, &scale, &bias);
-    *mean = pell_transmittance(rho, boundary->f0, pell_lerp(n[j][0], n[j + 1][0], fraction), pell_lerp(n[j][1], n[j + 1][1], fraction));
-    return pell_transmittance(rho, boundary->f0, scale, bias);
-}
+#define CHUNK 64 /* samples of a task */
 
 struct directions {
     struct pell_indirect *in;
@@ -44,8 +21,9 @@ static void make_directions(struct directions *d)
     }
 }
 
-/* Where a ray ends: the sample nearest to it of those around, and what leaves there along the ray. */
-static struct indirect_link link_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i)
+/* Where a ray ends: the sample nearest to it of those around, and what leaves there along the ray, times `share`. `round`: what a part of a
+ * step counts, [0, 1). */
+static struct indirect_link link_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float share, float round)
 {
     const struct pell_hit16 *h = &r->hit;
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
@@ -73,18 +51,49 @@ static struct indirect_link link_of(const struct pell_indirect *in, const struct
     }
     if (best == INDIRECT_NONE)
         return (struct indirect_link) { 0, 0 };
-    factor = transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f) * INDIRECT_STEPS + 0.5f;
+    factor = share * indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f) * INDIRECT_STEPS + round;
     return (struct indirect_link) { best, factor < 255.0f ? (unsigned) factor : 255u };
+}
+
+/* The same of the rays reflected where they end: what comes to the sample by a mirror. Rounded at random, as most factors are few steps. */
+static void link_mirrored(struct pell_indirect *in, const struct pell_ray_hit16 *r, struct indirect_link *links, uint32_t seed)
+{
+    _Alignas(64) int valid[16] = { 0 };
+    struct pell_ray_hit16 next;
+    float share[16];
+
+    memset(&next, 0, sizeof(next));
+    for (int i = 0; i < 16; i++) {
+        const struct pell_hit16 *h = &r->hit;
+        const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
+        struct pell_vec3 at, n, w;
+        next.hit.mesh[i] = PELL_NO_HIT;
+        if (h->mesh[i] == PELL_NO_HIT)
+            continue;
+        n = vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i]));
+        share[i] = indirect_reflect(in, (uint32_t) in->p.scene->meshes[h->mesh[i]].material, n, d, pell_hash(seed + (uint32_t) i), &w);
+        if (!(share[i] > 0.0f))
+            continue;
+        at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
+        at = vec3_mad(at, indirect_clearance(at, 0.0f), n);
+        valid[i] = -1;
+        pell_ray16_set(&next.ray, i, at, w, INFINITY);
+    }
+    pell_rays_closest16(in->p.rays, valid, false, &next);
+    for (int i = 0; i < 16; i++)
+        links[i] = valid[i] ? link_of(in, &next, i, share[i], pell_unit_float(pell_hash(~(seed + (uint32_t) i))))
+                            : (struct indirect_link) { 0, 0 };
 }
 
 static void link_sample(const struct directions *d, uint32_t number)
 {
     struct pell_indirect *in = d->in;
     const struct indirect_sample *s = &in->samples[number];
-    const float turn = 2.0f * PELL_PI_F * pell_unit_float(pell_hash(in->p.seed + number * 0x9e3779b9u));
+    struct indirect_link *links = in->links + (size_t) number * INDIRECT_RAYS;
+    const uint32_t turned = pell_hash(in->p.seed + number * 0x9e3779b9u);
+    const float turn = 2.0f * PELL_PI_F * pell_unit_float(turned);
     const float cosine = cosf(turn), sine = sinf(turn);
-    const float largest = fmaxf(fabsf(s->position.x), fmaxf(fabsf(s->position.y), fabsf(s->position.z)));
-    const struct pell_vec3 o = vec3_mad(s->position, CLEAR * fmaxf(largest, s->spacing), s->normal);
+    const struct pell_vec3 o = vec3_mad(s->position, indirect_clearance(s->position, s->spacing), s->normal);
     _Alignas(64) int valid[16];
     struct pell_ray_hit16 r;
     struct pell_vec3 t, b;
@@ -102,7 +111,9 @@ static void link_sample(const struct directions *d, uint32_t number)
         }
         pell_rays_closest16(in->p.rays, valid, false, &r);
         for (int i = 0; i < 16; i++)
-            in->links[(size_t) number * INDIRECT_RAYS + (size_t) (first + i)] = link_of(in, &r, i);
+            links[first + i] = link_of(in, &r, i, 1.0f, 0.5f);
+        if (in->mirrored)
+            link_mirrored(in, &r, in->mirrored + (size_t) number * INDIRECT_RAYS + first, turned + (uint32_t) first);
     }
 }
 
@@ -124,11 +135,13 @@ enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool 
     in->enter = pell_alloc_array(in->ctx, in->p.scene->num_materials, sizeof(*in->enter));
     if (!in->links || !in->enter)
         return PELL_ERR_NOMEM;
+    if (in->reflected && !(in->mirrored = pell_alloc_array(in->ctx, in->num_samples, INDIRECT_RAYS * sizeof(*in->mirrored))))
+        return PELL_ERR_NOMEM;
     make_directions(&d);
     for (size_t m = 0; m < in->p.scene->num_materials; m++)
         for (int k = 0; k < INDIRECT_RAYS; k++) {
             float mean;
-            in->enter[m][k] = transmittance(in, (uint32_t) m, d.z[k], &mean) / (INDIRECT_RAYS * INDIRECT_STEPS);
+            in->enter[m][k] = indirect_transmittance(in, (uint32_t) m, d.z[k], &mean) / (INDIRECT_RAYS * INDIRECT_STEPS);
         }
     pell_pool_run(pool, (int) ((in->num_samples + CHUNK - 1) / CHUNK), link_chunk, &d);
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
