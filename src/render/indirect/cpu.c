@@ -158,15 +158,6 @@ static void send_on(struct pell_indirect *in, int n)
             in->leaving[i][c] += in->through[i][c] * in->gathered[indirect_across(in, i)][c];
 }
 
-static void add_links(const struct indirect_link *links, const float enter[INDIRECT_RAYS], const float (*light)[3], float sum[3])
-{
-    for (int k = 0; k < INDIRECT_RAYS; k++) {
-        const float w = enter[k] * (float) links[k].factor;
-        for (int c = 0; c < 3; c++)
-            sum[c] += w * light[links[k].sample][c];
-    }
-}
-
 /* A reflection is on a way of its own: light by it left one bounce earlier. */
 static void gather_chunk(void *arg, int index, int worker)
 {
@@ -176,13 +167,21 @@ static void gather_chunk(void *arg, int index, int worker)
 
     (void) worker;
     for (size_t i = first; i < end; i++) {
+        const struct indirect_link *links = &in->links[i * INDIRECT_RAYS];
+        const struct indirect_mirror *mirrored = in->mirrored && s->bounce > 0 ? &in->mirrored[i * INDIRECT_MIRRORED] : NULL;
         const float *enter = in->enter[in->samples[i].material];
         float sum[3] = { 0.0f, 0.0f, 0.0f };
         if (in->reflected)
             memcpy(sum, in->reflected[i], sizeof(sum));
-        add_links(&in->links[i * INDIRECT_RAYS], enter, (const float(*)[3]) in->leaving, sum);
-        if (in->mirrored && s->bounce > 0)
-            add_links(&in->mirrored[i * INDIRECT_RAYS], enter, (const float(*)[3]) in->before, sum);
+        for (int k = 0; k < INDIRECT_RAYS; k++) {
+            const float w = enter[k] * (float) links[k].factor;
+            const float *light = in->leaving[links[k].sample];
+            for (int c = 0; c < 3; c++)
+                sum[c] += w * light[c];
+        }
+        for (int k = 0; mirrored && k < INDIRECT_MIRRORED; k++)
+            for (int c = 0; c < 3; c++)
+                sum[c] += mirrored[k].factor * in->before[mirrored[k].sample][c];
         memcpy(in->gathered[i], sum, sizeof(sum));
     }
 }

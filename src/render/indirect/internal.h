@@ -51,6 +51,13 @@ struct indirect_link {
     uint32_t sample : 24, factor : 8; /* factor 0: to nowhere */
 };
 
+/* To which sample light comes by a reflection where a ray ends, and its share. */
+#define INDIRECT_MIRRORED 32
+struct indirect_mirror {
+    uint32_t sample;
+    float factor;
+};
+
 /* Samples near a knot, and their weights, which sum to 1. */
 #define INDIRECT_NEAR 10
 struct indirect_near {
@@ -71,9 +78,9 @@ struct pell_indirect {
 
     struct indirect_sample *samples;
     size_t num_samples;
-    struct indirect_link *links;    /* [sample][INDIRECT_RAYS] */
-    struct indirect_link *mirrored; /* the same by a reflection where the ray ends; NULL: nothing is translucent */
-    float (*enter)[INDIRECT_RAYS];  /* per scene material: T of each ray's direction */
+    struct indirect_link *links;      /* [sample][INDIRECT_RAYS] */
+    struct indirect_mirror *mirrored; /* [sample][INDIRECT_MIRRORED]; NULL: nothing is translucent */
+    float (*enter)[INDIRECT_RAYS];    /* per scene material: T of each ray's direction */
 
     struct indirect_near *near; /* of each value */
 

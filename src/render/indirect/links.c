@@ -21,22 +21,22 @@ static void make_directions(struct directions *d)
     }
 }
 
-/* Where a ray ends: the sample nearest to it of those around, and what leaves there along the ray, times `share`. `round`: what a part of a
- * step counts, [0, 1). */
-static struct indirect_link link_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float share, float round)
+/* Where a ray ends: the sample nearest to it of those around, INDIRECT_NONE where there is none, and what leaves there along the ray, over
+ * the mean. */
+static uint32_t end_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float *leaves)
 {
     const struct pell_hit16 *h = &r->hit;
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
     const float mu = -vec3_dot(vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i])), d);
     const struct pell_vec3 at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
     uint32_t knot[3], best = INDIRECT_NONE, material;
-    float weight[3], least = INFINITY, factor, mean;
+    float weight[3], least = INFINITY, mean;
 
     if (h->mesh[i] == PELL_NO_HIT)
-        return (struct indirect_link) { 0, 0 };
+        return INDIRECT_NONE;
     material = (uint32_t) in->p.scene->meshes[h->mesh[i]].material;
     if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* from inside a solid */
-        return (struct indirect_link) { 0, 0 };
+        return INDIRECT_NONE;
     indirect_find(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], knot, weight);
     for (int k = 0; k < 3; k++) {
         const struct indirect_near *near = &in->near[indirect_value_of(in, h->mesh[i], knot[k], mu < 0.0f)];
@@ -49,40 +49,76 @@ static struct indirect_link link_of(const struct pell_indirect *in, const struct
             }
         }
     }
-    if (best == INDIRECT_NONE)
-        return (struct indirect_link) { 0, 0 };
-    factor = share * indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f) * INDIRECT_STEPS + round;
-    return (struct indirect_link) { best, factor < 255.0f ? (unsigned) factor : 255u };
+    *leaves = indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f);
+    return best;
 }
 
-/* The same of the rays reflected where they end: what comes to the sample by a mirror. Rounded at random, as most factors are few steps. */
-static void link_mirrored(struct pell_indirect *in, const struct pell_ray_hit16 *r, struct indirect_link *links, uint32_t seed)
+static struct indirect_link link_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i)
 {
-    _Alignas(64) int valid[16] = { 0 };
-    struct pell_ray_hit16 next;
-    float share[16];
+    float leaves;
+    const uint32_t end = end_of(in, r, i, &leaves);
 
-    memset(&next, 0, sizeof(next));
+    if (end == INDIRECT_NONE)
+        return (struct indirect_link) { 0, 0 };
+    return (struct indirect_link) { end, (unsigned) fminf(leaves * INDIRECT_STEPS + 0.5f, 255.0f) };
+}
+
+/* A sample's rays, reflected where they end. */
+struct reflected {
+    struct pell_vec3 from[INDIRECT_RAYS], along[INDIRECT_RAYS];
+    float weight[INDIRECT_RAYS], all; /* of what comes along it, as it enters at the sample; their sum */
+};
+
+static void reflect16(const struct pell_indirect *in, const struct pell_ray_hit16 *r, const float *enter, int first, uint32_t seed,
+                      struct reflected *out)
+{
     for (int i = 0; i < 16; i++) {
         const struct pell_hit16 *h = &r->hit;
         const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
-        struct pell_vec3 at, n, w;
-        next.hit.mesh[i] = PELL_NO_HIT;
+        const int k = first + i;
+        struct pell_vec3 at, n;
+        out->weight[k] = 0.0f;
+        out->from[k] = out->along[k] = vec3(0.0f, 0.0f, 0.0f);
         if (h->mesh[i] == PELL_NO_HIT)
             continue;
         n = vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i]));
-        share[i] = indirect_reflect(in, (uint32_t) in->p.scene->meshes[h->mesh[i]].material, n, d, pell_hash(seed + (uint32_t) i), &w);
-        if (!(share[i] > 0.0f))
-            continue;
+        out->weight[k] = enter[k] * indirect_reflect(in, (uint32_t) in->p.scene->meshes[h->mesh[i]].material, n, d,
+                                                     pell_hash(seed + (uint32_t) k), &out->along[k]);
         at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
-        at = vec3_mad(at, indirect_clearance(at, 0.0f), n);
-        valid[i] = -1;
-        pell_ray16_set(&next.ray, i, at, w, INFINITY);
+        out->from[k] = vec3_mad(at, indirect_clearance(at, 0.0f), n);
+        out->all += out->weight[k];
     }
-    pell_rays_closest16(in->p.rays, valid, false, &next);
-    for (int i = 0; i < 16; i++)
-        links[i] = valid[i] ? link_of(in, &next, i, share[i], pell_unit_float(pell_hash(~(seed + (uint32_t) i))))
-                            : (struct indirect_link) { 0, 0 };
+}
+
+/* Some of the reflected rays, by their weights at even distances: each stands for the same share. */
+static void link_mirrored(const struct pell_indirect *in, const struct reflected *rays, uint32_t seed, struct indirect_mirror *links)
+{
+    const float step = rays->all / INDIRECT_MIRRORED;
+    float below = 0.0f, mark = step * pell_unit_float(seed);
+    _Alignas(64) int valid[16];
+    struct pell_ray_hit16 r;
+
+    memset(links, 0, INDIRECT_MIRRORED * sizeof(*links));
+    if (!(rays->all > 0.0f))
+        return;
+    for (int first = 0, k = 0; first < INDIRECT_MIRRORED; first += 16) {
+        memset(&r, 0, sizeof(r));
+        for (int i = 0; i < 16; i++) {
+            while (k < INDIRECT_RAYS - 1 && below + rays->weight[k] <= mark)
+                below += rays->weight[k++];
+            mark += step;
+            valid[i] = rays->weight[k] > 0.0f ? -1 : 0; /* 0: the last, by rounding */
+            pell_ray16_set(&r.ray, i, rays->from[k], rays->along[k], INFINITY);
+            r.hit.mesh[i] = PELL_NO_HIT;
+        }
+        pell_rays_closest16(in->p.rays, valid, false, &r);
+        for (int i = 0; i < 16; i++) {
+            float leaves;
+            const uint32_t end = valid[i] ? end_of(in, &r, i, &leaves) : INDIRECT_NONE;
+            if (end != INDIRECT_NONE)
+                links[first + i] = (struct indirect_mirror) { end, step * leaves * INDIRECT_STEPS };
+        }
+    }
 }
 
 static void link_sample(const struct directions *d, uint32_t number)
@@ -95,9 +131,11 @@ static void link_sample(const struct directions *d, uint32_t number)
     const float cosine = cosf(turn), sine = sinf(turn);
     const struct pell_vec3 o = vec3_mad(s->position, indirect_clearance(s->position, s->spacing), s->normal);
     _Alignas(64) int valid[16];
+    struct reflected reflected;
     struct pell_ray_hit16 r;
     struct pell_vec3 t, b;
 
+    reflected.all = 0.0f;
     vec3_basis(s->normal, &t, &b);
     for (int first = 0; first < INDIRECT_RAYS; first += 16) {
         memset(&r, 0, sizeof(r));
@@ -111,10 +149,12 @@ static void link_sample(const struct directions *d, uint32_t number)
         }
         pell_rays_closest16(in->p.rays, valid, false, &r);
         for (int i = 0; i < 16; i++)
-            links[first + i] = link_of(in, &r, i, 1.0f, 0.5f);
+            links[first + i] = link_of(in, &r, i);
         if (in->mirrored)
-            link_mirrored(in, &r, in->mirrored + (size_t) number * INDIRECT_RAYS + first, turned + (uint32_t) first);
+            reflect16(in, &r, in->enter[s->material], first, turned, &reflected);
     }
+    if (in->mirrored)
+        link_mirrored(in, &reflected, pell_hash(turned), in->mirrored + (size_t) number * INDIRECT_MIRRORED);
 }
 
 static void link_chunk(void *arg, int index, int worker)
@@ -135,7 +175,7 @@ enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool 
     in->enter = pell_alloc_array(in->ctx, in->p.scene->num_materials, sizeof(*in->enter));
     if (!in->links || !in->enter)
         return PELL_ERR_NOMEM;
-    if (in->reflected && !(in->mirrored = pell_alloc_array(in->ctx, in->num_samples, INDIRECT_RAYS * sizeof(*in->mirrored))))
+    if (in->reflected && !(in->mirrored = pell_alloc_array(in->ctx, in->num_samples, INDIRECT_MIRRORED * sizeof(*in->mirrored))))
         return PELL_ERR_NOMEM;
     make_directions(&d);
     for (size_t m = 0; m < in->p.scene->num_materials; m++)
