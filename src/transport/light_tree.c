@@ -55,7 +55,7 @@ struct sums {
     double centre[3], middle[3], power[3], normal[3], curvature, light, area;
 };
 
-static void add_sample(const struct pell_light_sample *s, struct sums *sum, struct pell_light_node *n)
+static void add_sample(const struct pell_lit_place *s, struct sums *sum, struct pell_light_node *n)
 {
     double light = 0.0;
 
@@ -132,11 +132,11 @@ fail:
     return res;
 }
 
-enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_light_sample *samples, size_t num_samples,
+enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t num_samples,
                                       struct pell_light_tree *tree)
 {
     struct builder b = { .tree = tree };
-    struct pell_light_sample *sorted = NULL;
+    struct pell_lit_place *sorted = NULL;
     struct key *keys = NULL;
     struct sums sums;
     float low[3] = { INFINITY, INFINITY, INFINITY }, size = 0.0f;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_tree.h - samples of the light that enters a surface, and an octree over them: a node stands for what lies below it, seen from afar.
+ * light_tree.h - places of a surface with the light that enters there, and an octree over them: a node stands for what lies below it, seen
+ * from afar.
  */
 #ifndef PELL_LIGHT_TREE_H
 #define PELL_LIGHT_TREE_H
@@ -10,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-struct pell_light_sample {
+struct pell_lit_place {
     float position[3], normal[3];
     float area;      /* mm^2 */
     float curvature; /* mean, 1/mm */
@@ -31,14 +32,14 @@ struct pell_light_node {
 
 struct pell_light_tree {
     struct pell_context *ctx;
-    struct pell_light_sample *samples; /* in the tree's order */
+    struct pell_lit_place *samples; /* in the tree's order */
     size_t num_samples;
     struct pell_light_node *nodes;
     size_t num_nodes;
 };
 
 /* Takes over `samples`, in any order, also on failure. */
-PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_light_sample *samples, size_t num_samples,
+PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t num_samples,
                                                      struct pell_light_tree *tree);
 void pell_light_tree_finish(struct pell_light_tree *tree);
 

@@ -56,7 +56,7 @@ struct hierarchical_state {
 struct light_task {
     const struct hierarchical_state *st;
     struct hierarchical_place *places;
-    struct pell_light_sample *samples;
+    struct pell_lit_place *samples;
     bool *there;
     size_t count;
     double step; /* mm^2 */
@@ -90,7 +90,7 @@ static void light_chunk(void *arg, int index, int worker)
     }
     pell_services_light_points(t->st->services, &params, &in, count, &out);
     for (size_t i = 0; i < count; i++) {
-        struct pell_light_sample *s = &t->samples[first + i];
+        struct pell_lit_place *s = &t->samples[first + i];
         s->area = t->places[first + i].area;
         s->curvature = curvature[i];
         for (int c = 0; c < 3; c++) {
@@ -217,7 +217,7 @@ static enum pell_result hierarchical_create(const struct pell_services *services
             share = fmin(1.0, (double) st->knobs.most / wanted);
             PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * share)));
             samples += st->solid[i].tree.num_samples;
-            bytes += st->solid[i].tree.num_samples * sizeof(struct pell_light_sample) +
+            bytes += st->solid[i].tree.num_samples * sizeof(struct pell_lit_place) +
                      st->solid[i].tree.num_nodes * sizeof(struct pell_light_node) +
                      ((size_t) st->solid[i].radial.count + 2) * sizeof(*st->solid[i].radial.node);
         }
@@ -311,7 +311,7 @@ static void oppose(const struct solid *b, const struct exit *x, const float *fro
 static void add_samples(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum, struct near *near)
 {
     for (uint32_t i = n->first; i < n->first + n->count; i++) {
-        const struct pell_light_sample *s = &b->tree.samples[i];
+        const struct pell_lit_place *s = &b->tree.samples[i];
         const float area = s->area, d2 = distance2(s->position, x->at), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
         float R[4];
         look_up(&b->radial, d2 * x->inverse2, R);

@@ -24,7 +24,7 @@ struct send {
     const struct pell_indirect_lights *lights;
     const struct pell_opposed *law;
     const float (*white)[3];
-    struct pell_light_sample *sample; /* of each of the stage's */
+    struct pell_lit_place *sample; /* of each of the stage's */
     bool *there;
     float *thick;         /* of samples */
     const uint32_t *list; /* of one object and material */
@@ -80,7 +80,7 @@ static void light16(const struct send *s, size_t first, size_t count)
     s->lights->light_points(s->lights->engine, &params, &points, count, &out);
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
-        struct pell_light_sample *p = &s->sample[first + i];
+        struct pell_lit_place *p = &s->sample[first + i];
         p->area = q->spacing * q->spacing;
         p->curvature = curvature[i];
         vec3_store(q->position, p->position);
@@ -133,7 +133,7 @@ static void gather(const struct send *s, const struct indirect_sample *to, float
             i = n->next;
         } else if (n->count) {
             for (uint32_t k = n->first; k < n->first + n->count; k++) {
-                const struct pell_light_sample *p = &t->samples[k];
+                const struct pell_lit_place *p = &t->samples[k];
                 add_pair(s, to, p->position, p->normal, p->curvature, p->power, sum);
             }
             i = n->next;
@@ -169,7 +169,7 @@ static bool together(const struct pell_indirect *in, const struct indirect_sampl
 static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list)
 {
     struct pell_indirect *in = s->in;
-    struct pell_light_sample *lit;
+    struct pell_lit_place *lit;
     enum pell_result res;
 
     s->count = 0;
