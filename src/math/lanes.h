@@ -130,4 +130,19 @@ INLINE void turn4(const vf from[4], vf to[4])
 #endif
 }
 
+/* Number k[l] of a table of 32, aligned to 64 bytes, in lane l. */
+INLINE vf pick32(const float *table, vi k)
+{
+#if defined(__AVX512F__)
+    return (vf) _mm512_permutex2var_ps((__m512) load(table), (__m512i) k, (__m512) load(table + 16));
+#elif defined(__AVX2__)
+    return (vf) _mm256_i32gather_ps(table, (__m256i) k, 4);
+#else
+    vf v;
+    for (int l = 0; l < WIDTH; l++)
+        v[l] = table[k[l]];
+    return v;
+#endif
+}
+
 #endif

@@ -312,8 +312,9 @@ static void turned_taps_make_noise_of_banding(void **state)
 }
 
 /* The same bits for any number of threads. */
-static void threads_change_nothing(void **state)
+static void threads_and_simd_levels_change_nothing(void **state)
 {
+    static const char *const levels[] = { "base", "v2", "v3" };
     static const char *const forms[][5] = { { "kernel=separable", "rank=3", "rotate=true", "taps=4", NULL },
                                             { "edges=paper", "rotate=true", NULL } };
     static const double variance[2] = { 1.0, 9.0 };
@@ -321,9 +322,14 @@ static void threads_change_nothing(void **state)
     (void) state;
 
     for (size_t f = 0; f < PELL_COUNT(forms); f++) {
-        struct patch *p[2];
-        for (int t = 0; t < 2; t++) {
-            struct bench_place at = place_create(t ? 3 : 1, NULL, NULL);
+        struct patch *p[4];
+        for (int t = 0; t < 4; t++) {
+            struct bench_place at;
+            if (t < 3)
+                setenv("PELL_SIMD", levels[t], 1);
+            else
+                unsetenv("PELL_SIMD");
+            at = place_create(t > 1 ? 3 : 1, NULL, NULL);
             p[t] = patch_create(123, 77, false, 900.0, 300.0, m, 2);
             for (int y = 0; y < 77; y++)
                 for (int x = 0; x < 123; x++) {
@@ -333,10 +339,11 @@ static void threads_change_nothing(void **state)
             patch_run(&at, method(at.ctx), forms[f], p[t]);
             place_destroy(&at);
         }
-        for (int c = 0; c < 3; c++)
-            assert_memory_equal(p[0]->result[c], p[1]->result[c], sizeof(float) * (size_t) p[0]->frame.shape.stride * 77);
-        patch_destroy(p[0]);
-        patch_destroy(p[1]);
+        for (int t = 1; t < 4; t++)
+            for (int c = 0; c < 3; c++)
+                assert_memory_equal(p[0]->result[c], p[t]->result[c], sizeof(float) * (size_t) p[0]->frame.shape.stride * 77);
+        for (int t = 0; t < 4; t++)
+            patch_destroy(p[t]);
     }
 }
 
@@ -377,7 +384,7 @@ int main(void)
         cmocka_unit_test(a_gaussian_is_its_own_separable_kernel), cmocka_unit_test(the_energy_error_is_that_of_the_image),
         cmocka_unit_test(total_light_is_kept_within_a_percent),   cmocka_unit_test(even_light_stays_even),
         cmocka_unit_test(taps_that_all_miss_leave_the_light),     cmocka_unit_test(a_slanting_plane_has_its_kernel_on_the_surface),
-        cmocka_unit_test(turned_taps_make_noise_of_banding),      cmocka_unit_test(threads_change_nothing),
+        cmocka_unit_test(turned_taps_make_noise_of_banding),      cmocka_unit_test(threads_and_simd_levels_change_nothing),
         cmocka_unit_test(allocations_that_fail_are_told_of),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

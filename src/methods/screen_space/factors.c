@@ -44,20 +44,30 @@ static double slope(const struct edges *e, int i)
 }
 
 /* Between the edges by cubics. */
-static void fill(const struct edges *e, int channel, struct screen_factor *f)
+static double between(const struct edges *e, double place)
 {
+    double width, t;
     int k = 0;
 
-    for (int row = 0; row <= SCREEN_FACTOR_STEPS; row++) {
-        const double place = (double) row / SCREEN_FACTOR_STEPS;
-        double width, t;
-        while (k < EDGES - 2 && place > e->place[k + 1])
-            k++;
-        width = e->place[k + 1] - e->place[k];
-        t = fmin((place - e->place[k]) / width, 1.0);
-        f->integral[row][channel] =
-            (float) ((1.0 + 2.0 * t) * (1.0 - t) * (1.0 - t) * e->integral[k] + t * t * (3.0 - 2.0 * t) * e->integral[k + 1] +
-                     width * (t * (1.0 - t) * (1.0 - t) * slope(e, k) - t * t * (1.0 - t) * slope(e, k + 1)));
+    while (k < EDGES - 2 && place > e->place[k + 1])
+        k++;
+    width = e->place[k + 1] - e->place[k];
+    t = fmin((place - e->place[k]) / width, 1.0);
+    return (1.0 + 2.0 * t) * (1.0 - t) * (1.0 - t) * e->integral[k] + t * t * (3.0 - 2.0 * t) * e->integral[k + 1] +
+           width * (t * (1.0 - t) * (1.0 - t) * slope(e, k) - t * t * (1.0 - t) * slope(e, k + 1));
+}
+
+/* The cubics through both ends of each part, and its thirds. */
+static void fill(const struct edges *e, int channel, struct screen_factor *f)
+{
+    for (int k = 0; k < SCREEN_FACTOR_PARTS; k++) {
+        double y[4];
+        for (int i = 0; i < 4; i++)
+            y[i] = between(e, (k + i / 3.0) / SCREEN_FACTOR_PARTS);
+        f->cubic[channel][0][k] = (float) y[0];
+        f->cubic[channel][1][k] = (float) (-5.5 * y[0] + 9.0 * y[1] - 4.5 * y[2] + y[3]);
+        f->cubic[channel][2][k] = (float) (9.0 * y[0] - 22.5 * y[1] + 18.0 * y[2] - 4.5 * y[3]);
+        f->cubic[channel][3][k] = (float) (-4.5 * y[0] + 13.5 * y[1] - 13.5 * y[2] + 4.5 * y[3]);
     }
 }
 
@@ -81,17 +91,18 @@ static void make(const struct pell_separable *s, int channel, struct screen_fact
 /* sqrt(Int (R - kernel)^2 / Int R^2) over the square of the extent, the total included. */
 static double energy_error(const struct pell_profile *p, const struct screen_factor *terms, int rank, int channel, double extent)
 {
-    enum { CELLS = 128, ROWS = SCREEN_FACTOR_STEPS / CELLS };
-    const double square = extent / ((double) SCREEN_FACTOR_STEPS * SCREEN_FACTOR_STEPS);
+    enum { CELLS = 128, ROWS = 4, STEPS = CELLS * ROWS };
+    const double square = extent / ((double) STEPS * STEPS);
     double value[PELL_KERNEL_RANK_MAX][CELLS], middle[CELLS], width[CELLS], wrong = 0.0, all = 0.0;
 
-    for (int i = 0; i < CELLS; i++) { /* its middle is a row of the table, which the slope there is that of those beside */
+    for (int i = 0; i < CELLS; i++) {
         const int row = ROWS * i + ROWS / 2;
         middle[i] = square * row * row;
         width[i] = square * 2.0 * ROWS * row;
         for (int k = 0; k < rank; k++)
-            value[k][i] =
-                ((double) terms[k].integral[row + 1][channel] - (double) terms[k].integral[row - 1][channel]) / (square * 4.0 * row);
+            value[k][i] = ((double) pell_ss_factor_integral(&terms[k], channel, (float) (row + 1) / STEPS) -
+                           (double) pell_ss_factor_integral(&terms[k], channel, (float) (row - 1) / STEPS)) /
+                          (square * 4.0 * row);
     }
     for (int i = 0; i < CELLS; i++)
         for (int j = 0; j <= i; j++) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * factors.h - profiles as separable kernels of the screen-space method: R(sqrt(x^2 + y^2)) ~ Sum_k sign_k a_k(x) a_k(y) for each channel
- * (pellucid/kernel.h), with a_k as the integral from the middle, in a table. README.md has what is made of it.
+ * (pellucid/kernel.h), with a_k as the integral from the middle, by cubics. README.md has what is made of it.
  */
 #ifndef PELL_SCREEN_SPACE_FACTORS_H
 #define PELL_SCREEN_SPACE_FACTORS_H
@@ -9,14 +9,25 @@
 #include <pellucid/frame.h>
 #include <pellucid/kernel.h>
 
-enum { SCREEN_FACTOR_STEPS = 512 };
+enum { SCREEN_FACTOR_PARTS = 32 };
 
 /* A term of a material's kernel. The profile's total is 1. */
 struct screen_factor {
-    _Alignas(16) float integral[SCREEN_FACTOR_STEPS + 1][4]; /* of R, G, B over [0, x], at x = extent_mm (row/SCREEN_FACTOR_STEPS)^2 */
-    float pass[3];                                           /* over all x */
+    _Alignas(64) float cubic[3][4][SCREEN_FACTOR_PARTS]; /* of R, G, B: see pell_ss_factor_integral */
+    float pass[3];                                       /* the integral over all x */
     float sign[3];
 };
+
+/* Integral over [0, extent_mm place^2], `place` in [0, 1]: one of as many cubics as there are parts of [0, 1]. */
+static inline float pell_ss_factor_integral(const struct screen_factor *f, int channel, float place)
+{
+    const float p = place * SCREEN_FACTOR_PARTS;
+    const int k = p < SCREEN_FACTOR_PARTS - 1 ? (int) p : SCREEN_FACTOR_PARTS - 1;
+    const float t = p - (float) k;
+    const float(*a)[SCREEN_FACTOR_PARTS] = f->cubic[channel];
+
+    return a[0][k] + t * (a[1][k] + t * (a[2][k] + t * a[3][k]));
+}
 
 struct screen_factors {
     int rank;

@@ -6,8 +6,6 @@
 #include "methods/screen_space/blocks.h"
 #include "methods/screen_space/factors.h"
 
-typedef float v4f __attribute__((vector_size(16)));
-
 enum { TAPS_MOST = 64 };
 
 /* Where the taps of a block are, on either side: pixels from the middle, and the ends of what each stands for. */
@@ -49,21 +47,11 @@ INLINE struct line line_of(const struct screen_work *w, float reach)
     return line;
 }
 
-INLINE v4f load4(const float *p)
+/* Light between two shares of the factor's extent. */
+INLINE float between(const struct screen_factor *f, int channel, float near, float far)
 {
-    v4f v;
-    memcpy(&v, p, sizeof(v));
-    return v;
-}
-
-/* Integral of the factor from the middle to a share of its extent. */
-INLINE v4f integral(const struct screen_factor *f, float share)
-{
-    const float place = sqrtf(share < 1.0f ? share : 1.0f) * SCREEN_FACTOR_STEPS;
-    const int row = place < SCREEN_FACTOR_STEPS - 1 ? (int) place : SCREEN_FACTOR_STEPS - 1;
-    const v4f a = load4(f->integral[row]), b = load4(f->integral[row + 1]);
-
-    return a + (b - a) * (place - (float) row);
+    return pell_ss_factor_integral(f, channel, sqrtf(far < 1.0f ? far : 1.0f)) -
+           pell_ss_factor_integral(f, channel, sqrtf(near < 1.0f ? near : 1.0f));
 }
 
 INLINE struct way way_of(const struct screen_work *w, int axis, const struct screen_cell *cell, const struct line *line, int x, int y)
@@ -83,7 +71,7 @@ INLINE struct way way_of(const struct screen_work *w, int axis, const struct scr
 }
 
 struct sums {
-    v4f weight, light;
+    float weight[3], light[3];
 };
 
 /* A pixel whose taps are summed up. */
@@ -125,7 +113,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     float h, dx, dy, dz, apart; /* mm for each pixel of the line */
     int offset[2];
     ptrdiff_t by, at;
-    v4f weight;
+    float size;
 
     if (!place_tap(p, ahead, offset))
         return;
@@ -144,10 +132,12 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     }
     if (!(apart > 0.0f))
         return;
-    weight = integral(p->factor, line->edge[i + 1] * apart * p->per_mm) - integral(p->factor, line->edge[i] * apart * p->per_mm);
-    weight *= way->turned ? way->mm2 * w->length[0][at] * w->length[1][at] / (apart * apart) : w->length[p->axis][at] / apart;
-    sums->weight += weight;
-    sums->light += weight * (v4f) { p->from[0][by], p->from[1][by], p->from[2][by], 0.0f };
+    size = way->turned ? way->mm2 * w->length[0][at] * w->length[1][at] / (apart * apart) : w->length[p->axis][at] / apart;
+    for (int c = 0; c < 3; c++) {
+        const float weight = between(p->factor, c, line->edge[i] * apart * p->per_mm, line->edge[i + 1] * apart * p->per_mm) * size;
+        sums->weight[c] += weight;
+        sums->light[c] += weight * p->from[c][by];
+    }
 }
 
 /* One pixel; false: nothing is blurred there. What its taps do not bring stays. */
@@ -157,9 +147,8 @@ INLINE bool blur_pixel(struct centre *p, const struct screen_cell *cell, float o
     const int material = (int) w->key[p->index];
     const float mm = w->depth[p->index] * w->depth_mm + w->fixed_mm, extent = w->factors->extent_mm[material];
     const bool on = w->scale[p->index] > 0.0f && extent > 0.0f && w->length[0][p->index] > 0.0f && w->length[1][p->index] > 0.0f;
-    struct sums sums = { { 0 }, { 0 } };
+    struct sums sums = { { 0.0f }, { 0.0f } };
 
-    p->factor = &w->factors->factor[(size_t) material * (size_t) w->factors->rank + (size_t) w->term];
     if (on) {
         p->per_mm = 1.0f / (extent * sqrtf(w->scale[p->index]) * mm);
         p->way = way_of(w, p->axis, cell, p->line, p->x, p->y);
@@ -193,6 +182,118 @@ INLINE float reach_of(const struct screen_work *w, const struct screen_cell *cel
     return most > 0.0f ? fminf(extent * sqrtf(most), 65536.0f) : 0.0f;
 }
 
+/* --- Blocks of one material whose lines do not turn: all lanes at once --------------------------------------------------------------- */
+
+struct part { /* WIDTH pixels of a block */
+    size_t index;
+    vf x, key, depth, length0, per_mm, column;
+    vi on;
+    vf weight[3], light[3];
+};
+
+/* The cubic that `place` is in, and where. */
+INLINE vf in_cubic(vf share, vi *k)
+{
+    const vf p = root(lesser(share, all(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = all(SCREEN_FACTOR_PARTS - 1);
+
+    *k = __builtin_convertvector(lesser(p, last), vi);
+    return p - __builtin_convertvector(*k, vf);
+}
+
+INLINE vf cubic(const float (*a)[SCREEN_FACTOR_PARTS], vi k, vf t)
+{
+    return pick32(a[0], k) + t * (pick32(a[1], k) + t * (pick32(a[2], k) + t * pick32(a[3], k)));
+}
+
+/* The pixels at `offset` on the line, `ahead` steps along it. */
+INLINE void add_taps(const struct screen_work *w, const struct screen_factor *f, int axis, const float *const from[3], int y,
+                     const int offset[2], float ahead, float skew, const float edge[2], struct part *p)
+{
+    const struct pell_rect *rect = &w->in->rect;
+    const size_t at = (size_t) ((ptrdiff_t) p->index + offset[1] * w->stride + offset[0]);
+    const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[axis] + at), depth = load(w->depth + at);
+    const vi there = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
+    vf h, dx, dy, dz, d2, apart, near, far, size;
+    vi known, k0, k1;
+
+    if (!any(there))
+        return;
+    h = depth * w->depth_mm + w->fixed_mm;
+    dz = depth - p->depth;
+    dx = h * (float) offset[0] + dz * p->column;
+    dy = h * (float) offset[1] + dz * w->rows_tan[y];
+    d2 = dx * dx + dy * dy + dz * dz;
+    if (axis == 1) { /* from where the line is to the pixel that stands for it */
+        const vf beside = ((float) offset[0] + ahead * skew) * p->length0;
+        d2 = greater(d2 - beside * beside, zero);
+    }
+    apart = root(d2) / all(fabsf(ahead));
+    known = there & (apart > zero);
+    size = length / select(known, apart, all(1.0f));
+    near = in_cubic(edge[0] * apart * p->per_mm, &k0);
+    far = in_cubic(edge[1] * apart * p->per_mm, &k1);
+    for (int c = 0; c < 3; c++) {
+        const vf weight = select(known, (cubic(f->cubic[c], k1, far) - cubic(f->cubic[c], k0, near)) * size, zero);
+        p->weight[c] += weight;
+        p->light[c] += weight * load(from[c] + at);
+    }
+}
+
+/* What its taps do not bring stays. Returns the number of pixels that are blurred. */
+INLINE int blur_block(const struct screen_work *w, int y, int axis, const struct screen_cell *cell, const struct line *line, size_t first,
+                      int x0, const float *const from[3], float (*restrict out)[SCREEN_BLOCK])
+{
+    const struct pell_rect *rect = &w->in->rect;
+    const struct screen_factor *f = &w->factors->factor[(size_t) cell->owner * (size_t) w->factors->rank + (size_t) w->term];
+    const float extent = w->factors->extent_mm[cell->owner], skew = axis == 0 ? 0.0f : cell->skew;
+    const vf zero = all(0.0f);
+    int active = 0;
+
+    for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH) {
+        struct part p = { .index = first + (size_t) lane };
+        const vf scale = load(w->scale + p.index);
+        const vi on = (scale > zero) & (load(w->length[0] + p.index) > zero) & (load(w->length[1] + p.index) > zero);
+        for (int l = 0; l < WIDTH; l++)
+            p.x[l] = (float) (x0 + lane + l);
+        p.key = load(w->key + p.index);
+        p.on = extent > 0.0f ? on & (p.key > zero) : (vi) { 0 };
+        p.depth = load(w->depth + p.index);
+        p.length0 = load(w->length[0] + p.index);
+        p.column = load(w->columns_tan + x0 + lane);
+        p.per_mm = all(1.0f) / (extent * root(select(p.on, scale, all(1.0f))) * (p.depth * w->depth_mm + w->fixed_mm));
+        active += __builtin_popcount(members(p.on));
+        for (int tap = 0; tap < 2 * line->count && any(p.on); tap++) {
+            const int i = tap / 2;
+            const float ahead = (float) (tap % 2 ? line->at[i] : -line->at[i]);
+            const int offset[2] = { axis == 0 ? (int) ahead : (int) floorf(0.5f - ahead * skew), axis == 0 ? 0 : (int) ahead };
+            if (y + offset[1] >= rect->y0 && y + offset[1] < rect->y1 && x0 + lane + offset[0] < rect->x1 &&
+                x0 + lane + WIDTH + offset[0] > rect->x0)
+                add_taps(w, f, axis, from, y, offset, ahead, skew, line->edge + i, &p);
+        }
+        for (int c = 0; c < 3; c++) {
+            const vf pass = all(f->pass[c]), stays = p.light[c] + (pass - p.weight[c]) * load(from[c] + p.index);
+            const vi less = (p.weight[c] > pass) & (pass > zero); /* where lengths vary too fast */
+            store(&out[c][lane], w->term > 0 ? stays : select(less, p.light[c] * (pass / select(less, p.weight[c], pass)), stays));
+        }
+    }
+    return active;
+}
+
+/* --- Rows --------------------------------------------------------------------------------------------------------------------------- */
+
+/* Light of a pixel after a pass: to the next one, to the sum, or after the last term out. */
+INLINE void put_pixel(const struct screen_work *w, int x, int y, int axis, size_t index, const float sign[3], const float light[3],
+                      float *const to[3])
+{
+    for (int c = 0; c < 3; c++)
+        if (axis == 0)
+            to[c][index] = light[c];
+        else if (w->last)
+            w->out->light[c][y * w->in->shape.stride + x] = (w->term > 0 ? w->sum[c][index] : 0.0f) + sign[c] * light[c];
+        else
+            w->sum[c][index] = (w->term > 0 ? w->sum[c][index] : 0.0f) + sign[c] * light[c];
+}
+
 /* The pixels of a row that can be blurred. */
 INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float *const from[3], float *const to[3])
 {
@@ -201,27 +302,30 @@ INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float
     for (int block = w->extents[y].begin; block < w->extents[y].end; block++) {
         const struct screen_cell *cell = cell_at(w, block, y);
         const size_t first = (size_t) (y * w->stride + block * SCREEN_BLOCK);
+        float all_light[3][SCREEN_BLOCK];
         struct line line;
+        bool together;
 
         if (cell->live == SCREEN_EMPTY)
             continue;
         line = line_of(w, reach_of(w, cell, axis, first));
+        together = cell->owner != SCREEN_MIXED && !(w->turned && line.sparse);
+        if (together)
+            active += blur_block(w, y, axis, cell, &line, first, block * SCREEN_BLOCK, from, all_light);
         for (size_t index = first; index < first + SCREEN_BLOCK; index++) {
-            const int x = block * SCREEN_BLOCK + (int) (index - first);
+            const int l = (int) (index - first), x = block * SCREEN_BLOCK + l;
             const float *const here[3] = { from[0] + index, from[1] + index, from[2] + index };
             struct centre p = { .w = w, .line = &line, .from = here, .index = index, .axis = axis, .x = x, .y = y };
             float light[3];
 
             if (!(w->key[index] > 0.0f))
                 continue;
-            active += blur_pixel(&p, cell, light);
-            for (int c = 0; c < 3; c++)
-                if (axis == 0)
-                    to[c][index] = light[c];
-                else if (w->last)
-                    w->out->light[c][y * w->in->shape.stride + x] = (w->term > 0 ? w->sum[c][index] : 0.0f) + p.factor->sign[c] * light[c];
-                else
-                    w->sum[c][index] = (w->term > 0 ? w->sum[c][index] : 0.0f) + p.factor->sign[c] * light[c];
+            p.factor = &w->factors->factor[(size_t) w->key[index] * (size_t) w->factors->rank + (size_t) w->term];
+            for (int c = 0; together && c < 3; c++)
+                light[c] = all_light[c][l];
+            if (!together)
+                active += blur_pixel(&p, cell, light);
+            put_pixel(w, x, y, axis, index, p.factor->sign, light, to);
         }
     }
     return active;
