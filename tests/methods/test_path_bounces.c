@@ -252,8 +252,8 @@ static void every_technique_counts_alike(void **state)
     }
 }
 
-/* A black floor mirrors a ball of milk that hangs over it: all of that is surface reflection, as the reflected light of lights is, by smooth
- * boundaries and by rough ones. The floor's own light is what fell on it and came back. */
+/* A black floor mirrors a ball of milk that hangs over it: all of that is surface reflection, as the reflected light of lights is, by
+ * smooth boundaries and by rough ones. The floor's own light is what fell on it and came back. */
 static void a_mirror_image_is_surface_reflection(void **state)
 {
     (void) state;

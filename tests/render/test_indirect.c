@@ -77,8 +77,8 @@ static void an_integrating_sphere_sums_the_geometric_series(void **state)
     }
 }
 
-/* The wall of a hollow in a medium that absorbs nearly all: what it reflects comes to the wall again. From the middle, and from a place where
- * the reflected light is uneven; in the mean over the wall Fresnel's reflectance of what enters there is there once more. */
+/* The wall of a hollow in a medium that absorbs nearly all, lit from the middle: what it reflects comes to the wall again, Fresnel's
+ * reflectance of what entered, by smooth boundaries and by rough ones. */
 static void light_that_a_wall_reflects_enters_elsewhere(void **state)
 {
     static const double eta = 1.5;

@@ -184,6 +184,15 @@ INLINE float reach_of(const struct screen_work *w, const struct screen_cell *cel
 
 /* --- Blocks of one material whose lines do not turn: all lanes at once --------------------------------------------------------------- */
 
+/* What a pass does with the pixels of a block. */
+struct together {
+    const struct screen_work *w;
+    const struct screen_factor *factor;
+    const float *const *from; /* planes */
+    int axis, y;
+    float skew; /* of its lines */
+};
+
 struct part { /* WIDTH pixels of a block */
     size_t index;
     vf x, key, depth, length0, per_mm, column;
@@ -206,12 +215,12 @@ INLINE vf cubic(const float (*a)[SCREEN_FACTOR_PARTS], vi k, vf t)
 }
 
 /* The pixels at `offset` on the line, `ahead` steps along it. */
-INLINE void add_taps(const struct screen_work *w, const struct screen_factor *f, int axis, const float *const from[3], int y,
-                     const int offset[2], float ahead, float skew, const float edge[2], struct part *p)
+INLINE void add_taps(const struct together *b, const int offset[2], float ahead, const float edge[2], struct part *p)
 {
+    const struct screen_work *w = b->w;
     const struct pell_rect *rect = &w->in->rect;
     const size_t at = (size_t) ((ptrdiff_t) p->index + offset[1] * w->stride + offset[0]);
-    const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[axis] + at), depth = load(w->depth + at);
+    const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[b->axis] + at), depth = load(w->depth + at);
     const vi there = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
     vf h, dx, dy, dz, d2, apart, near, far, size;
     vi known, k0, k1;
@@ -221,10 +230,10 @@ INLINE void add_taps(const struct screen_work *w, const struct screen_factor *f,
     h = depth * w->depth_mm + w->fixed_mm;
     dz = depth - p->depth;
     dx = h * (float) offset[0] + dz * p->column;
-    dy = h * (float) offset[1] + dz * w->rows_tan[y];
+    dy = h * (float) offset[1] + dz * w->rows_tan[b->y];
     d2 = dx * dx + dy * dy + dz * dz;
-    if (axis == 1) { /* from where the line is to the pixel that stands for it */
-        const vf beside = ((float) offset[0] + ahead * skew) * p->length0;
+    if (b->axis == 1) { /* from where the line is to the pixel that stands for it */
+        const vf beside = ((float) offset[0] + ahead * b->skew) * p->length0;
         d2 = greater(d2 - beside * beside, zero);
     }
     apart = root(d2) / all(fabsf(ahead));
@@ -233,19 +242,20 @@ INLINE void add_taps(const struct screen_work *w, const struct screen_factor *f,
     near = in_cubic(edge[0] * apart * p->per_mm, &k0);
     far = in_cubic(edge[1] * apart * p->per_mm, &k1);
     for (int c = 0; c < 3; c++) {
-        const vf weight = select(known, (cubic(f->cubic[c], k1, far) - cubic(f->cubic[c], k0, near)) * size, zero);
+        const vf weight = select(known, (cubic(b->factor->cubic[c], k1, far) - cubic(b->factor->cubic[c], k0, near)) * size, zero);
         p->weight[c] += weight;
-        p->light[c] += weight * load(from[c] + at);
+        p->light[c] += weight * load(b->from[c] + at);
     }
 }
 
 /* What its taps do not bring stays. Returns the number of pixels that are blurred. */
-INLINE int blur_block(const struct screen_work *w, int y, int axis, const struct screen_cell *cell, const struct line *line, size_t first,
-                      int x0, const float *const from[3], float (*restrict out)[SCREEN_BLOCK])
+INLINE int blur_block(const struct together *b, const struct screen_cell *cell, const struct line *line, int x0,
+                      float (*restrict out)[SCREEN_BLOCK])
 {
+    const struct screen_work *w = b->w;
     const struct pell_rect *rect = &w->in->rect;
-    const struct screen_factor *f = &w->factors->factor[(size_t) cell->owner * (size_t) w->factors->rank + (size_t) w->term];
-    const float extent = w->factors->extent_mm[cell->owner], skew = axis == 0 ? 0.0f : cell->skew;
+    const float extent = w->factors->extent_mm[cell->owner];
+    const size_t first = (size_t) (b->y * w->stride + x0);
     const vf zero = all(0.0f);
     int active = 0;
 
@@ -265,13 +275,14 @@ INLINE int blur_block(const struct screen_work *w, int y, int axis, const struct
         for (int tap = 0; tap < 2 * line->count && any(p.on); tap++) {
             const int i = tap / 2;
             const float ahead = (float) (tap % 2 ? line->at[i] : -line->at[i]);
-            const int offset[2] = { axis == 0 ? (int) ahead : (int) floorf(0.5f - ahead * skew), axis == 0 ? 0 : (int) ahead };
-            if (y + offset[1] >= rect->y0 && y + offset[1] < rect->y1 && x0 + lane + offset[0] < rect->x1 &&
+            const int along = (int) ahead, down = b->axis == 0 ? 0 : along;
+            const int offset[2] = { b->axis == 0 ? along : (int) floorf(0.5f - ahead * b->skew), down };
+            if (b->y + down >= rect->y0 && b->y + down < rect->y1 && x0 + lane + offset[0] < rect->x1 &&
                 x0 + lane + WIDTH + offset[0] > rect->x0)
-                add_taps(w, f, axis, from, y, offset, ahead, skew, line->edge + i, &p);
+                add_taps(b, offset, ahead, line->edge + i, &p);
         }
         for (int c = 0; c < 3; c++) {
-            const vf pass = all(f->pass[c]), stays = p.light[c] + (pass - p.weight[c]) * load(from[c] + p.index);
+            const vf pass = all(b->factor->pass[c]), stays = p.light[c] + (pass - p.weight[c]) * load(b->from[c] + p.index);
             const vi less = (p.weight[c] > pass) & (pass > zero); /* where lengths vary too fast */
             store(&out[c][lane], w->term > 0 ? stays : select(less, p.light[c] * (pass / select(less, p.weight[c], pass)), stays));
         }
@@ -310,8 +321,11 @@ INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float
             continue;
         line = line_of(w, reach_of(w, cell, axis, first));
         together = cell->owner != SCREEN_MIXED && !(w->turned && line.sparse);
-        if (together)
-            active += blur_block(w, y, axis, cell, &line, first, block * SCREEN_BLOCK, from, all_light);
+        if (together) {
+            const struct screen_factor *f = &w->factors->factor[(size_t) cell->owner * (size_t) w->factors->rank + (size_t) w->term];
+            const struct together pass = { w, f, from, axis, y, axis == 0 ? 0.0f : cell->skew };
+            active += blur_block(&pass, cell, &line, block * SCREEN_BLOCK, all_light);
+        }
         for (size_t index = first; index < first + SCREEN_BLOCK; index++) {
             const int l = (int) (index - first), x = block * SCREEN_BLOCK + l;
             const float *const here[3] = { from[0] + index, from[1] + index, from[2] + index };

@@ -34,7 +34,8 @@ float indirect_transmittance(const struct pell_indirect *in, uint32_t material, 
     return pell_transmittance(rho, boundary->f0, scale, bias);
 }
 
-/* The normal that a ray along w is reflected about: n, or where the boundary is rough that of a facet, by GGX (Walter et al. 2007, eq. 35). */
+/* The normal that a ray along w is reflected about: n, or where the boundary is rough that of a facet, by GGX (Walter et al. 2007,
+ * eq. 35). */
 static struct pell_vec3 facet(const struct pell_indirect *in, uint32_t material, struct pell_vec3 n, struct pell_vec3 w, uint32_t hash)
 {
     const struct pell_surface_uniform u = pell_surface_uniform(&in->p.scene->materials[material]);

@@ -15,9 +15,9 @@
  *
  * A thin sheet sends on, beside what it reflects, what its other side received.
  *
- * rho is the total diffuse reflectance: light leaves where it entered, not spread by the profile. What a translucent surface reflects without
- * letting it in goes on, too, and enters where it lands (mirror.c); one reflection on each way. Highlights of opaque materials, and light that
- * is transmitted through thin parts, light nothing.
+ * rho is the total diffuse reflectance: light leaves where it entered, not spread by the profile. What a translucent surface reflects
+ * without letting it in goes on, too, and enters where it lands (mirror.c); one reflection on each way. Highlights of opaque materials,
+ * and light that is transmitted through thin parts, light nothing.
  */
 #ifndef PELL_INDIRECT_H
 #define PELL_INDIRECT_H
