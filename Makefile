@@ -37,10 +37,11 @@ build: ## sets up and builds ./pellucid
 test: build ## sets up, builds, runs every test
 	@scripts/run_tests.py $(BUILD) test
 
-test-asan: ## every test of code under the address and undefined-behaviour sanitizers
+# Not the suite "accuracy": it takes half as long again, for numbers of long renderings by code that other tests run through, too.
+test-asan: ## tests of code under the address and undefined-behaviour sanitizers
 	@scripts/setup.sh --ci
 	@CC=clang scripts/build.sh build-asan --buildtype=debugoptimized -Db_sanitize=address,undefined $(watched) -Dc_args=-gline-tables-only
-	@$(sanitized) scripts/run_tests.py build-asan test-asan --timeout-multiplier 6 --no-suite docs --no-suite style
+	@$(sanitized) scripts/run_tests.py build-asan test-asan --timeout-multiplier 6 --no-suite docs --no-suite style --no-suite accuracy
 
 test-tsan: ## the tests that start threads, under the thread sanitizer
 	@scripts/setup.sh --ci
