@@ -25,7 +25,7 @@ GROUPS = [
                               'docs/guide/optics-proof.md', 'docs/guide/conventions.md']),
     ('Methods', ['docs/guide/methods.md', 'docs/guide/choosing.md', 'docs/guide/compare.md', 'docs/guide/denoising.md',
                  'src/methods/*/README.md']),
-    ('Programs', ['docs/guide/library.md', 'docs/guide/python.md', 'docs/guide/blender.md', 'docs/guide/engines.md',
+    ('Programs', ['docs/guide/install.md', 'docs/guide/library.md', 'docs/guide/python.md', 'docs/guide/blender.md', 'docs/guide/engines.md',
                   'docs/guide/cluster.md']),
     ('Reference', ['include/pellucid/*.h']),
     ('Inside', ['docs/architecture.md', 'docs/guide/add-a-method.md', 'docs/security.md', 'docs/errata.md', 'CONTRIBUTING.md',
