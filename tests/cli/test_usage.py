@@ -199,6 +199,13 @@ def _(folder):
             need(done.returncode == 3 and word in text(done.stderr) and not (folder / 'wrong.png').exists(), command, entry, done)
 
 
+@test('check reports the size once')
+def _(folder):
+    done = works(folder, 'check', 'bunny.obj', '--size', '70mm')
+    said = text(done.stdout + done.stderr)
+    need(said.count('70 x 70 x 70 mm') == 1 and not done.stderr, done.stdout, done.stderr)
+
+
 @test('check says where the things are, as its JSON does')
 def _(folder):
     (low, high) = one_object(works(folder, 'check', 'bunny.obj', '--size', '70mm', '--json'))['bounds_mm']
