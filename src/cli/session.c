@@ -7,6 +7,7 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 
 #define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
@@ -152,16 +153,59 @@ static enum exit_code apply_settings(struct cli *cli, const struct settings_list
     return cli_failed(cli, res);
 }
 
+/* The method where no scene file has a say, else NULL. */
+static const char *certain_method(const struct cli *cli)
+{
+    static const char *const endings[] = { ".gltf", ".glb", ".obj", ".ply", ".stl" };
+    const char *dot = cli->num_arguments ? strrchr(cli->arguments[0], '.') : NULL;
+
+    for (size_t i = 0; dot && !cli->method && i < PELL_COUNT(endings); i++)
+        if (strcasecmp(dot, endings[i]) == 0)
+            return CLI_DEFAULT_METHOD;
+    return cli->method;
+}
+
+/* A name that no method has for a knob may be an option. */
+static enum exit_code check_knob_names(struct cli *cli)
+{
+    const struct program own = { .commands = cli->command, .num_commands = 1 };
+
+    for (size_t i = 0; i < cli->knobs.count; i++) {
+        const struct pell_setting *s = &cli->knobs.items[i];
+        const char *names[512];
+        struct pell_text hint = { .length = 0 };
+        size_t count = 0;
+        bool known = false;
+        for (size_t m = 0; m < pell_method_count(); m++)
+            for (const struct pell_knob *k = pell_method_at(m)->knobs; k->name; k++) {
+                known |= strcmp(k->name, s->name) == 0;
+                if (count < PELL_COUNT(names))
+                    names[count++] = k->name;
+            }
+        if (known)
+            continue;
+        if (!pell_text_suggest(&hint, "", s->name, names, count)) {
+            count = cli_option_names(&own, names, PELL_COUNT(names));
+            if (!pell_text_suggest(&hint, "--", s->name, names, count))
+                pell_text_add(&hint, "`%s methods NAME` lists those of a method", cli->program->name);
+        }
+        return cli_usage(cli, s->where, hint.str, "no method has a knob \"%.96s\"", s->name);
+    }
+    return EXIT_OK;
+}
+
 /* Whatever is wrong with the command line is said before a large scene is read. */
 static enum exit_code check_command_line(struct cli *cli)
 {
-    const struct pell_setting method = { "method", cli->method, "--method" };
+    const struct pell_setting method = { "method", certain_method(cli), "--method" };
     const struct pell_method *found;
     struct pell_settings settings;
     void *knobs = NULL;
     enum exit_code code = apply_settings(cli, &cli->settings, NULL, NULL, &settings);
 
-    if (code == EXIT_OK && cli->method)
+    if (code == EXIT_OK)
+        code = check_knob_names(cli);
+    if (code == EXIT_OK && method.value)
         code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
     free(knobs);
     return code;

@@ -51,6 +51,12 @@ FAULTS = {
     'a knob that is not there': ([*MESH, '--set', 'lodd=1'], 2, 'lodd', 'lod'),
     'a knob that is not there, said before the scene is read':
         (['render', 'no.obj', '-m', 'screen-space', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob without a method, said before the mesh is read': (['render', 'no.obj', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob of no method, said before the scene is read': (['render', 'no.json', '--set', 'qwertz=1'], 2, 'qwertz', 'methods NAME'),
+    'a knob of another method': ([*MESH, '--set', 'most=8'], 2, 'screen-space has no knob "most"', 'dipole'),
+    'a knob of another method of a scene file': (['render', 'other.json', '-o', 'out.png'], 3, 'other.json', 'dipole'),
+    'a knob that is an option': ([*MESH, '--set', 'methd=dipole'], 2, 'methd', '"--method"'),
+    'a setting that is an option': ([*MESH, '--set', 'width=640'], 2, 'width', '"--width"'),
     'a knob that is not a number': ([*MESH, '--set', 'lod=nan'], 2, 'lod = nan', ''),
     'a knob out of range': ([*MESH, '--set', 'gaussians=11'], 2, '[1, 10]', ''),
     'a knob without a name': ([*MESH, '--set', '='], 2, 'NAME=VALUE', ''),
@@ -71,7 +77,9 @@ FAULTS = {
     'a camera that is not there': ([*MESH, '--camera', 'front'], 2, 'front', ''),
     'an axis that is not there': ([*MESH, '--up', 'w'], 2, '--up', ''),
     'a side that is not there': ([*MESH, '--from', 'frond'], 2, 'frond', 'front'),
-    'a side that is no angle': ([*MESH, '--from', '30,x'], 2, '--from', '35,15'),
+    'a side that is far from every name': ([*MESH, '--from', 'qwertz'], 2, 'qwertz', 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION'),
+    'a side that is near a name, and the others': ([*MESH, '--from', 'frond'], 2, '"frond"', 'top, 34, or AZIMUTH,ELEVATION'),
+    'a side that is no angle': ([*MESH, '--from', '30,x'], 2, '--from', 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION in degrees: 35,15'),
     'a side above the zenith': ([*MESH, '--from', '30,91'], 2, '[-90, 90]', ''),
     'a side and a camera': ([*MESH, '--from', 'left', '--camera', 'front'], 2, '--from', 'one of them'),
     'a studio that is not there': ([*MESH, '--studio', 'sofd'], 2, 'sofd', 'soft'),
@@ -138,6 +146,7 @@ def break_files(folder):
     write_scene(folder / 'method.json', method='screenspace')
     write_scene(folder / 'width.json', width=0.5)
     write_scene(folder / 'knob.json', knobs={'lodd': 1})
+    write_scene(folder / 'other.json', knobs={'most': 1})
     write_scene(folder / 'none.json', method='none', knobs={'lod': 1})
 
 
