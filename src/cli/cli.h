@@ -219,6 +219,7 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result);
 void cli_message(void *cli, const struct pell_message *message);
 void cli_progress(void *cli, const char *task, double fraction);
 void cli_progress_end(struct cli *cli);
+#define STDOUT_NAME "standard output" /* as pell_file_write calls it */
 /* From here on nothing is left to do but to print: a first Ctrl-C no longer cuts what is being written to a pipe, a second one ends the
  * program. */
 void cli_answer_begins(void);

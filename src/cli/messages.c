@@ -105,7 +105,6 @@ void cli_wrap(FILE *file, int column, int indent, const char *text)
 
 /* --- Messages ----------------------------------------------------------------------------------------------------------------- */
 
-#define STDOUT_NAME "standard output" /* as pell_file_write calls it */
 
 bool cli_reader_left(void)
 {
@@ -121,8 +120,8 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
 
     if (level > cli->log_level || (cli->quiet && level != PELL_LOG_ERROR))
         return;
-    if (cli->json && level != PELL_LOG_WARNING && level != PELL_LOG_DEBUG)
-        return; /* errors go to stdout as JSON */
+    if (cli->json && (level == PELL_LOG_INFO || (level == PELL_LOG_ERROR && !cli->answered)))
+        return; /* an error is the object on stdout, unless that has gone out */
     cli_progress_end(cli);
     if (names[level][0]) {
         fprintf(stderr, "%s%s:%s", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
