@@ -235,6 +235,8 @@ int cli_columns(FILE *file);
 /* Prints text in lines of at most cli_columns. `column`: where the line stands now; `indent`: where the next ones begin. Lines of the
  * text that begin with two spaces stay as they are. */
 void cli_wrap(FILE *file, int column, int indent, const char *text);
+/* Prints shell lines, each whole unless it is too long for a terminal: then it is broken as the shell allows. */
+void cli_print_shell(FILE *file, const char *lines);
 /* A head and its text, which begins at `column`, or below the head where a terminal is too narrow for both. */
 void cli_row(FILE *file, const char *head, int column, const char *text);
 /* True if nobody reads stdout any more: what can't be written then needs no word. */

@@ -14,10 +14,16 @@ void cli_print_usage(const struct program *program, FILE *file)
     struct pell_text topics = { .length = 0 };
     char text[128];
 
-    fprintf(file, "%s - %s\n\nusage: %s COMMAND [ARGUMENTS] [OPTIONS]\n\n", program->name, program->about, program->name);
+    snprintf(text, sizeof(text), "%s - %s", program->name, program->about);
+    cli_wrap(file, 0, 2, text);
+    snprintf(text, sizeof(text), "usage: %s COMMAND [ARGUMENTS] [OPTIONS]", program->name);
+    fputc('\n', file);
+    cli_wrap(file, 0, 6, text);
+    fputc('\n', file);
     for (size_t i = 0; i < program->num_commands; i++) {
         char head[64];
-        snprintf(head, sizeof(head), "  %s %s", program->commands[i].name, program->commands[i].arguments);
+        snprintf(head, sizeof(head), "  %s%s%s", program->commands[i].name, program->commands[i].arguments[0] ? " " : "",
+                 program->commands[i].arguments);
         cli_row(file, head, COLUMN, program->commands[i].summary);
     }
     fputc('\n', file);
@@ -28,7 +34,10 @@ void cli_print_usage(const struct program *program, FILE *file)
         pell_text_add(&topics, "%s%s", t == cli_topics ? " " : ", ", t->name);
     cli_row(file, "  help NAME", COLUMN, topics.str);
     cli_row(file, "  -V, --version", COLUMN, "the version");
-    fprintf(file, "\n%s", program->start);
+    fputc('\n', file);
+    cli_print_shell(file, program->start);
+    if (program->start[0])
+        fputc('\n', file);
     cli_wrap(
         file, 0, 0,
         "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available, 5 out of memory, 75 ended by a time "

@@ -307,12 +307,18 @@ void cli_print_help(const struct program *program, const struct command *command
 
     snprintf(head, sizeof(head), "%s %s - %s", program->name, command->name, command->summary);
     cli_wrap(file, 0, 2, head);
-    fprintf(file, "\nusage: %s %s %s%s[OPTIONS]\n\n", program->name, command->name, command->arguments, command->arguments[0] ? " " : "");
+    snprintf(head, sizeof(head), "usage: %s %s %s%s[OPTIONS]", program->name, command->name, command->arguments,
+             command->arguments[0] ? " " : "");
+    fputc('\n', file);
+    cli_wrap(file, 0, 6, head);
+    fputc('\n', file);
     if (command->text[0]) {
         cli_wrap(file, 0, 0, command->text);
         fputc('\n', file);
     }
-    fprintf(file, "Examples\n%s\nOptions\n", command->examples);
+    fputs("Examples\n", file);
+    cli_print_shell(file, command->examples);
+    fputs("\nOptions\n", file);
     for (size_t i = 0; i < n; i++)
         print_row(&list[i], file);
 }

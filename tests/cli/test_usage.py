@@ -151,10 +151,10 @@ def break_files(folder):
 
 
 def one_form(said):
-    """A line "error: PLACE: TEXT", and at most one more with a hint, indented; notes may stand before it."""
+    """A line "error: PLACE: TEXT", where there is a place, and at most one more with a hint, indented; notes may stand before it."""
     lines = said.splitlines()
     at = [i for i, line in enumerate(lines) if line.startswith('error: ')]
-    return len(at) == 1 and re.match(r'error: [^ ].*: .', lines[at[0]]) and [line[:2] for line in lines[at[0] + 1:]] in ([], ['  '])
+    return len(at) == 1 and re.match(r'error: [^ ]', lines[at[0]]) and [line[:2] for line in lines[at[0] + 1:]] in ([], ['  '])
 
 
 def fault_test(title, arguments, code, what, hint):
@@ -217,7 +217,7 @@ def _(folder):
 
 @test('check reports the size once')
 def _(folder):
-    done = works(folder, 'check', 'bunny.obj', '--size', '70mm')
+    done = works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'marble')
     said = text(done.stdout + done.stderr)
     need(said.count('70 x 70 x 70 mm') == 1 and not done.stderr, done.stdout, done.stderr)
 
@@ -576,17 +576,30 @@ def _(folder):
 
 @test('on a terminal of 60 columns help, lists and messages break between words, and all of it is ASCII')
 def _(folder):
-    examples = {line for c in COMMANDS for line in works(folder, c, '--help').stdout.decode('ascii').splitlines()
-                if line.startswith('  pellucid ')}
     for arguments in [['--help'], ['methods'], ['materials'], ['methods', 'path-trace'], ['help', 'noise'], ['info'],
                       ['check', 'no-such-file-of-this-name-in-any-folder.obj', '--size', '70mm'], *([c, '--help'] for c in COMMANDS)]:
         _, shown, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=60)
         lines = shown.decode('ascii').replace('\r\n', '\n').split('\n')
-        wide = [line for line in lines if len(line) > 60 and line not in examples and 'mean free path' not in line
-                and not line.startswith(('usage: ', 'Published profiles'))]
+        wide = [line for line in lines if len(line) > 60 and 'mean free path' not in line and not line.startswith('Published profiles')]
         need(len(lines) > 1 and not wide, arguments, wide)
         _, usual, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=200)
-        need(' '.join(usual.decode().split()) == ' '.join(shown.decode().split()) or arguments == ['materials'], arguments, shown)
+        words = [[w for w in t.decode().split() if w not in ('\\', '#')] for t in (usual, shown)]
+        need(words[0] == words[1] or arguments == ['materials'], arguments, shown)
+
+
+@test('help breaks at 40 columns between words, and its examples as a shell takes them')
+def _(folder):
+    for arguments in [['--help'], ['help', 'scenes'], *([c, '--help'] for c in COMMANDS)]:
+        shown, usual = (on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=n)[1].decode('ascii')
+                        .replace('\r\n', '\n') for n in (40, 200))
+        wide = [line for line in shown.split('\n') if len(line) > 40]
+        need(not wide, arguments, wide)
+        words = [[w for w in t.split() if w not in ('\\', '#')] for t in (shown, usual)]
+        need(words[0] == words[1], arguments, shown)
+        if 'Examples' in shown:
+            examples = [[shlex.split(line, comments=True) for line in re.sub(r'\\\n', '', t.split('Examples\n')[1].split('\n\nOptions')[0])
+                         .splitlines()] for t in (shown, usual)]
+            need([e for e in examples[0] if e] == examples[1], arguments, shown)
 
 
 @test('what a render says of itself: the names of the images, one thread, an option that is given twice')
