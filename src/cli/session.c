@@ -2,12 +2,12 @@
  * session.c - what render, compare and bench share: a scene, its options, a renderer, pictures in files. */
 #include "cli/cli.h"
 
+#include "base/file.h"
 #include "render/renderer.h"
 
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 #include <time.h>
 
 #define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
@@ -156,11 +156,10 @@ static enum exit_code apply_settings(struct cli *cli, const struct settings_list
 /* The method where no scene file has a say, else NULL. */
 static const char *certain_method(const struct cli *cli)
 {
-    static const char *const endings[] = { ".gltf", ".glb", ".obj", ".ply", ".stl" };
-    const char *dot = cli->num_arguments ? strrchr(cli->arguments[0], '.') : NULL;
+    static const char *const meshes[] = { "gltf", "glb", "obj", "ply", "stl" };
 
-    for (size_t i = 0; dot && !cli->method && i < PELL_COUNT(endings); i++)
-        if (strcasecmp(dot, endings[i]) == 0)
+    for (size_t i = 0; cli->num_arguments && !cli->method && i < PELL_COUNT(meshes); i++)
+        if (pell_path_has_extension(cli->arguments[0], meshes[i]))
             return CLI_DEFAULT_METHOD;
     return cli->method;
 }

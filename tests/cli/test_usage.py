@@ -334,6 +334,18 @@ def _(folder):
     need(lowered['engines'][0]['simd'] == 'base', lowered)
 
 
+@test('PELL_SIMD that names no level is warned of once, and the levels are named')
+def _(folder):
+    env = clean_environment(PELL_SIMD='avx9')
+    usual = one_object(works(folder, 'info', '--json'))['engines'][0]['simd']
+    for arguments in (['info', '--json'], MESH, ['profile', 'marble'], ['compare', 'a.png', 'a.png']):
+        works(folder, 'render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'a.png')
+        done = works(folder, *arguments, env=env)
+        need(text(done.stderr).count('warning: PELL_SIMD: "avx9" is ignored, must be base, v2, v3 or v4') == 1, arguments, done.stderr)
+        need(b'PELL_SIMD' not in works(folder, *arguments, env=clean_environment(PELL_SIMD='')).stderr, arguments)
+    need(one_object(works(folder, 'info', '--json', env=env))['engines'][0]['simd'] == usual)
+
+
 @test('check --json and check: a closed ball')
 def _(folder):
     answer = one_object(works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', '--json'))
@@ -490,7 +502,17 @@ def _(folder):
             ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set lod=VALUE'),
             ('wholemilk', 'Jensen et al. 2001'), ('exit-codes', '  130 '), ('scenes', '"pellucid": 1')]:
         need(told in works(folder, 'help', name).stdout.decode(), name, told)
-    for name, nearest in (('rendr', 'help render'), ('exitcodes', 'help exit-codes'), ('--msa', 'help msaa'), ('marbel', 'help marble'),
+    for name, topic in (('units', 'lengths'), ('size', 'lengths'), ('scene', 'scenes'), ('exit codes', 'exit-codes'), ('exitcodes', 'exit-codes'),
+                        ('knob', 'knobs'), ('env', 'environment'), ('stdout', 'output'), ('layer', 'layers')):
+        need(works(folder, 'help', *name.split()).stdout.decode().startswith(f'pellucid help {topic} - '), name, topic)
+    need('--size LENGTH' in works(folder, 'help', 'size').stdout.decode(), 'a topic hides an option of its alias')
+    for command in ('materials', 'methods'):
+        need(works(folder, 'help', command).stdout == works(folder, command, '--help').stdout, command)
+    listed = works(folder, 'help', 'topics').stdout.decode()
+    need(all(f'\n  {t} ' in listed for t in topics if t != 'topics'), listed)
+    for name in ('lenghts', 'qwertz'):
+        need('topics: ' + ', '.join(topics) in run(folder, 'help', name).stderr.decode(), name)
+    for name, nearest in (('rendr', 'help render'), ('exitcods', 'help exit-codes'), ('--msa', 'help msaa'), ('marbel', 'help marble'),
                           ('', '--help')):
         done = run(folder, 'help', name)
         need(done.returncode == 2 and f'there is no help about "{name}"' in done.stderr.decode(), name, done)
