@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * simd.c - what this machine can do, from single features: clang 14 has no test for a whole level. */
-#include "base/base.h"
 #include "base/simd.h"
+
+#include "base/base.h"
 
 #include <stdlib.h>
 #include <string.h>

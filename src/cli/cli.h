@@ -47,7 +47,7 @@ struct topic_row {
 };
 struct topic {
     const char *name, *summary, *text;
-    const char *aliases; /* other names, "|" around each: "|units|unit|" */
+    const char *aliases;          /* other names, "|" around each: "|units|unit|" */
     const struct topic_row *rows; /* ends with {NULL}; NULL: none */
 };
 

@@ -159,7 +159,6 @@ void cli_print_shell(FILE *file, const char *lines)
 
 /* --- Messages ----------------------------------------------------------------------------------------------------------------- */
 
-
 bool cli_reader_left(void)
 {
     struct pollfd out = { .fd = STDOUT_FILENO };

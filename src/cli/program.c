@@ -134,7 +134,7 @@ int cli_main(const struct program *program, int argc, char **argv)
     if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
         fputs("interrupted; the picture was written with the samples that it had\n", stderr);
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.images)
-        fprintf(stderr, "interrupted; written before: %d pictures\n", cli.images);
+        fprintf(stderr, "interrupted; written before: %s\n", pell_counted(cli.images, "picture", "pictures").str);
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
         fputs("interrupted; nothing was written\n", stderr);
     if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {

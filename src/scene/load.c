@@ -34,9 +34,9 @@ static void report(const struct pell_scene *scene)
             triangles += scene->meshes[i].num_triangles;
             translucent |= !m->opaque || pell_material_is_thin(m);
         }
-    pell_info(scene->ctx, scene->path, "%lld triangles, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
-              (long long) triangles, (double) (max[0] - min[0]), (double) (max[1] - min[1]), (double) (max[2] - min[2]),
-              scene->mm_per_unit);
+    pell_info(scene->ctx, scene->path, "%s, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
+              pell_counted(triangles, "triangle", "triangles").str, (double) (max[0] - min[0]), (double) (max[1] - min[1]),
+              (double) (max[2] - min[2]), scene->mm_per_unit);
     if (!translucent)
         pell_warn(scene->ctx, scene->path, "--material NAME makes it so; `pellucid materials` lists what there is",
                   "no material is translucent, so nothing scatters below a surface");

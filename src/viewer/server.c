@@ -420,7 +420,8 @@ enum exit_code viewer_find_port(struct cli *cli, const char *address, int *port)
     if (error == EINVAL)
         return cli_usage(cli, "--listen", "127.0.0.1, or 0.0.0.0 for every network", "\"%s\" is not an IPv4 address", address);
     if (error != 0)
-        return cli_usage(cli, error == EADDRNOTAVAIL ? "--listen" : "--port", "--port 0 takes one that is free", "%s:%d: %s", address, *port,
+        return cli_usage(cli, error == EADDRNOTAVAIL ? "--listen" : "--port", "--port 0 takes one that is free", "%s:%d: %s", address,
+                         *port,
                          error == EADDRINUSE      ? "another program listens there"
                          : error == EACCES        ? "needs more rights"
                          : error == EADDRNOTAVAIL ? "this machine has no such address"

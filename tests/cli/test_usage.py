@@ -23,6 +23,8 @@ if subprocess.run([PROGRAM, 'view', '--help'], capture_output=True, check=False)
     COMMANDS.append('view')
 MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
 
+SIDES = 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION'
+
 # Title: arguments, exit code, what the error's code, place, text and hint hold.
 FAULTS = {
     'a command that is not there': (['rendr'], 2, 'rendr', 'render'),
@@ -77,9 +79,9 @@ FAULTS = {
     'a camera that is not there': ([*MESH, '--camera', 'front'], 2, 'front', ''),
     'an axis that is not there': ([*MESH, '--up', 'w'], 2, '--up', ''),
     'a side that is not there': ([*MESH, '--from', 'frond'], 2, 'frond', 'front'),
-    'a side that is far from every name': ([*MESH, '--from', 'qwertz'], 2, 'qwertz', 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION'),
+    'a side that is far from every name': ([*MESH, '--from', 'qwertz'], 2, 'qwertz', SIDES),
     'a side that is near a name, and the others': ([*MESH, '--from', 'frond'], 2, '"frond"', 'top, 34, or AZIMUTH,ELEVATION'),
-    'a side that is no angle': ([*MESH, '--from', '30,x'], 2, '--from', 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION in degrees: 35,15'),
+    'a side that is no angle': ([*MESH, '--from', '30,x'], 2, '--from', SIDES + ' in degrees: 35,15'),
     'a side above the zenith': ([*MESH, '--from', '30,91'], 2, '[-90, 90]', ''),
     'a side and a camera': ([*MESH, '--from', 'left', '--camera', 'front'], 2, '--from', 'one of them'),
     'a studio that is not there': ([*MESH, '--studio', 'sofd'], 2, 'sofd', 'soft'),
@@ -220,6 +222,21 @@ def _(folder):
     done = works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'marble')
     said = text(done.stdout + done.stderr)
     need(said.count('70 x 70 x 70 mm') == 1 and not done.stderr, done.stdout, done.stderr)
+
+
+@test('one is one: a scene of one triangle, one part and one problem')
+def _(folder):
+    (folder / 'one.obj').write_text('v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n', 'ascii')
+    (folder / 'fin.obj').write_text('v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 1 1\nf 1 2 3\nf 2 1 4\nf 1 2 5\nl 1 2\n', 'ascii')
+    for name in ('one.obj', 'fin.obj'):
+        for arguments in (['check', name, '--size', '70mm', '--material', 'marble'],
+                          ['render', name, '--size', '70mm', *SMALL, '--threads', '1', '-o', 'one.png']):
+            done = works(folder, *arguments)
+            said = text(done.stdout + done.stderr)
+            need(not re.search(r'(?<![\d.])1 (?!has|is)\w+s\b', said), said)
+            need(not re.search(r'(?<![\d.])1 \w+ (are|have)\b', said), said)
+    said = text(works(folder, 'check', 'fin.obj', '--size', '70mm', '--material', 'marble').stdout)
+    need('1 edge has more than two triangles' in ' '.join(said.split()), said)
 
 
 @test('check says where the things are, as its JSON does')
@@ -502,8 +519,8 @@ def _(folder):
             ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set lod=VALUE'),
             ('wholemilk', 'Jensen et al. 2001'), ('exit-codes', '  130 '), ('scenes', '"pellucid": 1')]:
         need(told in works(folder, 'help', name).stdout.decode(), name, told)
-    for name, topic in (('units', 'lengths'), ('size', 'lengths'), ('scene', 'scenes'), ('exit codes', 'exit-codes'), ('exitcodes', 'exit-codes'),
-                        ('knob', 'knobs'), ('env', 'environment'), ('stdout', 'output'), ('layer', 'layers')):
+    for name, topic in (('units', 'lengths'), ('size', 'lengths'), ('scene', 'scenes'), ('exit codes', 'exit-codes'),
+                        ('exitcodes', 'exit-codes'), ('knob', 'knobs'), ('env', 'environment'), ('stdout', 'output'), ('layer', 'layers')):
         need(works(folder, 'help', *name.split()).stdout.decode().startswith(f'pellucid help {topic} - '), name, topic)
     need('--size LENGTH' in works(folder, 'help', 'size').stdout.decode(), 'a topic hides an option of its alias')
     for command in ('materials', 'methods'):
