@@ -33,6 +33,8 @@ GROUPS = [
 ]
 BENCH, BENCH_GROUP = 'bench.html', 'Light below surfaces'
 SPEED, SPEED_GROUP = 'speed.html', 'Inside'
+OPTIONS = 'docs/guide/command-line.md'  # where who searches for an option is led first
+LESS = 0.5  # what a page of the last group counts in a search: whoever uses Pellucid is looking for another
 PICTURES = {'.png', '.svg', '.webp', '.jpg', '.gif'}
 
 
@@ -213,8 +215,13 @@ class Site:
         self.anchors[address(path)] = set(re.findall(r'\bid="([^"]*)"', body))
         if path in self.titles:
             plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
-            headings = [re.sub(r'<[^>]*>', '', h) for h in re.findall(r'<h[1-4][^>]*>(.*?)</h[1-4]>', body)]
-            self.index.append({'to': address(path), 'title': title, 'headings': [html.unescape(h) for h in headings], 'text': plain})
+            headings = [(i, html.unescape(re.sub(r'<[^>]*>', '', h)))
+                        for i, h in re.findall(r'<h[1-4](?: id="([^"]*)")?[^>]*>(.*?)</h[1-4]>', body)]
+            names = re.findall(r'<b id="(\w+)">', body)
+            if path == OPTIONS:
+                names = sorted(set(re.findall(r'(?<![\w-])--[a-z][a-z-]*', plain)))
+            weight = LESS if path in self.groups[-1][1] else 1
+            self.index.append({'to': address(path), 'title': title, 'headings': headings, 'names': names, 'weight': weight, 'text': plain})
 
     def write(self, path, to, title, body):
         page = (HERE / 'page.html').read_text('utf-8')
@@ -248,7 +255,7 @@ class Site:
 
     def add_to_search(self, page, title, body):
         plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
-        self.index.append({'to': page, 'title': title, 'headings': [title], 'text': plain})
+        self.index.append({'to': page, 'title': title, 'headings': [('', title)], 'names': [], 'weight': 1, 'text': plain})
 
     def make(self):
         self.out.mkdir(parents=True, exist_ok=True)
