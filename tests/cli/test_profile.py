@@ -542,7 +542,7 @@ def _(folder):
         exported(folder, 'c', *more)
         for compiler in compilers:
             for language in ('-std=c99', '-std=c11', *(['-xc++'] if shutil.which('g++') else [])):
-                done = subprocess.run([compiler, language, '-Wall', '-Wextra', '-Wconversion', '-pedantic', '-c', 'kernel.c', '-o', 'kernel.o'],
+                done = subprocess.run([compiler, language, '-Wall', '-Wextra', '-Wconversion', '-pedantic', '-c', 'kernel.c', '-o', 'k.o'],
                                       cwd=folder, capture_output=True, timeout=60, check=False)
                 need(done.returncode == 0 and not done.stderr, compiler, language, more, done.stderr)
 
