@@ -186,6 +186,8 @@ bool cli_print_option(const struct command *command, const char *name, bool prin
 /* Names of the options of all commands, each as often as it occurs; at most `most`. */
 size_t cli_option_names(const struct program *program, const char **names, size_t most);
 void cli_finish(struct cli *cli);
+/* What --log-level and --progress take; end with NULL. */
+extern const char *const cli_log_levels[], *const cli_progress_forms[];
 /* Whether an option ("--taps") stands on the command line, whatever its value. */
 bool cli_given(const struct cli *cli, const char *option);
 void cli_free_settings(struct settings_list *list);
@@ -264,6 +266,8 @@ struct session {
 enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char *text, double *seconds);
 /* What the command line says about loading. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
+/* What --engine takes; ends with NULL. */
+extern const char *const cli_engine_names[];
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
 /* Loads `path` with the options of the command line over those of the scene file: all but the renderer. */
 enum exit_code session_read(struct cli *cli, const char *path, struct session *s);

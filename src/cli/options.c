@@ -415,11 +415,13 @@ enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const c
     return code == EXIT_OK ? cli_failed(cli, cli_add_setting(list, text, value, where)) : code;
 }
 
+const char *const cli_log_levels[] = { "none", "error", "warning", "info", "debug", NULL };
+const char *const cli_progress_forms[] = { "text", "json", NULL };
+
 static enum exit_code set_log_level(struct cli *cli, const char *text)
 {
-    static const char *const names[] = { "none", "error", "warning", "info", "debug" };
-    for (int i = 0; i < (int) PELL_COUNT(names); i++)
-        if (strcmp(names[i], text) == 0) {
+    for (int i = 0; cli_log_levels[i]; i++)
+        if (strcmp(cli_log_levels[i], text) == 0) {
             cli->log_level = (enum pell_log_level) i;
             return EXIT_OK;
         }

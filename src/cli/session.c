@@ -210,18 +210,19 @@ static enum exit_code check_command_line(struct cli *cli)
     return code;
 }
 
+const char *const cli_engine_names[] = { "auto", "cpu", "vulkan", NULL };
+
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine)
 {
-    static const char *const names[] = { "auto", "cpu", "vulkan" };
     bool known = !cli->engine;
 
     *engine = PELL_ENGINE_AUTO;
-    for (size_t i = 0; !known && i < PELL_COUNT(names); i++)
-        if ((known = strcmp(cli->engine, names[i]) == 0))
+    for (size_t i = 0; !known && cli_engine_names[i]; i++)
+        if ((known = strcmp(cli->engine, cli_engine_names[i]) == 0))
             *engine = (enum pell_engine) i;
     if (!known) {
         struct pell_text hint = { .length = 0 };
-        const bool near = pell_text_suggest(&hint, "", cli->engine, names, PELL_COUNT(names));
+        const bool near = pell_text_suggest(&hint, "", cli->engine, cli_engine_names, 3);
         return cli_usage(cli, "--engine", near ? hint.str : NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
     }
     if (cli->device && *engine != PELL_ENGINE_VULKAN)

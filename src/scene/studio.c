@@ -143,6 +143,23 @@ static const struct side {
     { "front", 0, 0 }, { "right", 90, 0 }, { "back", 180, 0 }, { "left", -90, 0 }, { "top", 0, 90 }, { "34", 35, 15 },
 };
 
+const char *pell_side_name(size_t i)
+{
+    return i < PELL_COUNT(sides) ? sides[i].name : NULL;
+}
+
+const char *pell_studio_name(size_t i)
+{
+    return i < PELL_COUNT(studio_names) ? studio_names[i] : NULL;
+}
+
+static const char *const axes[] = { "y", "z" };
+
+const char *pell_axis_name(size_t i)
+{
+    return i < PELL_COUNT(axes) ? axes[i] : NULL;
+}
+
 static void list_names(struct pell_text *hint, const char *const *names, size_t count, const char *more)
 {
     pell_text_add(hint, "allowed: ");
@@ -208,7 +225,6 @@ enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result cod
 
 enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params, struct pell_viewpoint *view)
 {
-    static const char *const axes[] = { "y", "z" };
     enum pell_result res;
     int axis = 0;
 

@@ -9,7 +9,7 @@
 enum { TABLE = 64 };
 
 enum language { C, GLSL, HLSL, JSON, LANGUAGES };
-static const char *const language_names[LANGUAGES] = { "c", "glsl", "hlsl", "json" };
+const char *const profile_language_names[LANGUAGES + 1] = { "c", "glsl", "hlsl", "json", NULL };
 
 #define SEEN 0.05 /* error of a separable kernel that is reported */
 
@@ -26,7 +26,7 @@ struct kernel {
 static enum language find_language(const char *name)
 {
     for (int i = 0; i < LANGUAGES; i++)
-        if (strcmp(name, language_names[i]) == 0)
+        if (strcmp(name, profile_language_names[i]) == 0)
             return (enum language) i;
     return LANGUAGES;
 }
