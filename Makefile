@@ -73,9 +73,10 @@ install: ## builds, installs program, library and headers
 	@if [ -f $(BUILD)/build.ninja ]; then meson configure $(BUILD) --prefix $(PREFIX); fi
 	@$(MAKE) --no-print-directory build
 	@meson install -C $(BUILD) --no-rebuild $(if $(DESTDIR),--destdir $(DESTDIR))
+	@scripts/installed.py remember $(BUILD)/meson-logs/install-log.txt $(BUILD)/installed.txt
 
-uninstall: ## removes what `make install` has put there
-	@ninja -C $(BUILD) uninstall
+uninstall: ## removes all that `make install` has put anywhere from this build
+	@scripts/installed.py remove $(BUILD)/installed.txt
 
 deb: ## Debian packages in build-deb/, checked by lintian
 	@scripts/setup.sh --deb

@@ -129,6 +129,14 @@ def rule_banned_calls(tree):
                     yield name, n, f"{found[1]}(): {BANNED[found[1]]}"
 
 
+def rule_counts(tree):
+    """the ending of a plural is pell_counted's"""
+    for name, text in tree.code("src/").items():
+        for n, line in lines(text):
+            if re.search(r'[!=]= 1 \? "s?" : "s?"', line):
+                yield name, n, "a plural by hand: pell_counted makes it"
+
+
 def rule_licence_line(tree):
     """every source file begins with its licence"""
     for name, text in tree.files.items():
@@ -320,7 +328,7 @@ def rule_circles(tree):
 
 
 RULES = [rule_include_order, rule_banned_calls, rule_licence_line, rule_white_space, rule_finished, rule_no_machine, rule_header_guards,
-         rule_sizes, rule_circles, rule_public_heads, rule_words]
+         rule_sizes, rule_circles, rule_public_heads, rule_words, rule_counts]
 
 
 def check(root):
@@ -377,6 +385,7 @@ FAULTS = [
     (rule_sizes, "src/base/bad.c", SPDX + "static int f(int a)\n{\n" + "    a++;\n" * 98 + "}\n"),
     (rule_sizes, "src/base/bad.c",
      SPDX + "static int f(int a, int b, int c, int d,\n             int e, int g, int h, int (*i)(int, int), int j)\n{\n}\n"),
+    (rule_counts, "src/base/bad.c", SPDX + 'void f(int n)\n{\n    g("%d row%s", n, n == 1 ? "" : "s");\n}\n'),
     (rule_circles, "src/methods/two/bad.c", SPDX + "void two_g(void)\n{\n    two_f();\n}\n"),
 ]
 FAULTS += [(rule_words, "src/base/bad.c", SPDX + f"/* {words} */\n") for words in [

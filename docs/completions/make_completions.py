@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the completions of a shell from what the program says of itself: --help, `methods --json` and `materials --json`.
+"""Makes the completions of a shell from what the program says of itself: --help, `help topics`, and `methods`, `materials` and `info` with
+--json.
 
     make_completions.py PROGRAM bash|zsh|fish
 """
@@ -31,16 +32,35 @@ class Program:
         self.methods = ['none', *(m['name'] for m in methods)]
         self.knobs = {m['name']: [k['name'] for k in m['knobs']] for m in methods}
         self.materials = [m['name'] for m in json.loads(say(path, 'materials', '--json'))['materials']]
+        self.choices = json.loads(say(path, 'info', '--json'))['choices']
+        self.choices |= {'method': self.methods, 'material': self.materials, 'methods': [*self.methods, 'all'], 'reference': self.methods[1:],
+                         'compare': [*self.choices['model'], 'all']}
+        topics = re.findall(r'^  ([a-z][a-z-]*) ', say(path, 'help', 'topics'), flags=re.MULTILINE)
+        self.help = list(dict.fromkeys([*self.commands, *topics, 'topics']))
 
-    def words_of(self, option):
+    def words_of(self, command, option, value):
         """Names that the option's value may be."""
-        return {'--method': self.methods, '--material': self.materials}.get(option, [])
+        if not value or value in ('N', 'LENGTH') or is_file(value) and option != '--material':
+            return []
+        return self.choices.get(f'{command}/{option[2:]}', self.choices.get(option[2:], []))
+
+    def named(self):
+        """(options, commands, names that their value may be) for each option that has names; commands ['*']: all that have it."""
+        found = {}
+        for command, (_, _, rows) in self.commands.items():
+            for letter, word, value, _ in rows:
+                found.setdefault((letter, word), {}).setdefault(tuple(self.words_of(command, word, value)), []).append(command)
+        for (letter, word), sets in sorted(found.items()):
+            for words, commands_ in sets.items():
+                if words and word != '--material':
+                    yield [o for o in (letter, word) if o], commands_ if len(sets) > 1 else ['*'], words
 
 
 def is_file(value):
     return 'FILE' in value or 'FOLDER' in value
 
 
+HELP = 'about a command or a topic'
 FILES = 'compgen -f -- "$current"'
 
 
@@ -57,11 +77,15 @@ def bash(p):
     yield '    if [ "$current" = = ]; then current=; elif [ "$before" = = ]; then before=${COMP_WORDS[COMP_CWORD-2]}; fi\n'
     yield '\n    if [ "$COMP_CWORD" = 1 ]; then\n'
     yield f'        COMPREPLY=($(compgen -W "{" ".join([*p.commands, "help"])} --help --version" -- "$current"))\n        return\n    fi\n'
-    yield '    [ "$command" = help ] && { COMPREPLY=($(compgen -W "' + ' '.join(p.commands) + '" -- "$current")); return; }\n'
+    yield '    [ "$command" = help ] && { COMPREPLY=($(compgen -W "' + ' '.join(p.help) + '" -- "$current")); return; }\n'
     yield '    for ((i = 2; i < COMP_CWORD - 1; i++)); do\n'
     yield '        case ${COMP_WORDS[i]} in -m | --method) method=${COMP_WORDS[i+1]} ;; esac\n    done\n'
+    yield '    case $command:$before in\n'
+    for options, commands_, words in p.named():
+        names = ' | '.join(f'{c}:{o}' for o in options for c in commands_)
+        yield f'    {names}) COMPREPLY=($(compgen -W "{" ".join(words)}" -- "$current")); return ;;\n'
+    yield '    esac\n'
     yield '    case $before in\n'
-    yield f'    -m | --method) COMPREPLY=($(compgen -W "{" ".join(p.methods)}" -- "$current")); return ;;\n'
     materials = f'compgen -W "{" ".join(p.materials)}" -- "$current"'
     yield f'    --material) {bash_list(materials, FILES)}; return ;;\n'
     yield '    --set)\n        compopt -o nospace +o filenames 2>/dev/null\n        case $method in\n'
@@ -71,7 +95,7 @@ def bash(p):
     files = sorted({o for _, _, rows in p.commands.values() for letter, word, value, _ in rows if is_file(value) and word != '--material'
                     for o in (letter, word) if o})
     others = sorted({o for _, _, rows in p.commands.values() for letter, word, value, _ in rows
-                     if value and not is_file(value) and word not in ('--method', '--material', '--set') for o in (letter, word) if o})
+                     if value and not is_file(value) and word not in ('--material', '--set') for o in (letter, word) if o})
     yield f'    {" | ".join(files)}) {bash_list(FILES)}; return ;;\n'
     yield f'    {" | ".join(others)}) return ;;\n    esac\n'
     yield '    case $current in\n    -*)\n        case $command in\n'
@@ -102,7 +126,9 @@ def zsh(p):
     yield 'local -a commands\ncommands=(\n'
     for name, (summary, _, _) in p.commands.items():
         yield f"    '{name}:{zsh_text(summary)}'\n"
+    yield f"    'help:{HELP}'\n"
     yield ')\nif (( CURRENT == 2 )); then\n    _describe command commands\n    return\nfi\n'
+    yield f'if [[ $words[2] == help ]]; then\n    local -a topics\n    topics=({" ".join(p.help)})\n    compadd -a topics\n    return\nfi\n'
     yield 'local chosen=$words[2]\nlocal method=screen-space\n(( words[(I)-m] )) && method=$words[words[(I)-m]+1]\n'
     yield '(( words[(I)--method] )) && method=$words[words[(I)--method]+1]\nlocal -a knobs\ncase $method in\n'
     for method, knobs in p.knobs.items():
@@ -111,8 +137,9 @@ def zsh(p):
     for name, (_, arguments, rows) in p.commands.items():
         yield f'{name})\n    _arguments -s'
         for letter, word, value, text in rows:
-            action = (':method:(' + ' '.join(p.methods) + ')' if word == '--method' else
-                      ':material:_pellucid_material' if word == '--material' else ':knob:_pellucid_knob' if word == '--set' else
+            words = p.words_of(name, word, value)
+            action = (':material:_pellucid_material' if word == '--material' else ':knob:_pellucid_knob' if word == '--set' else
+                      f":{zsh_text(value.lower())}:({' '.join(words)})" if words else
                       f':{value.lower()}:_files' if is_file(value) else f':{zsh_text(value.lower())}:' if value else '')
             for option in [word, *([letter] if letter else [])]:
                 yield f" \\\n        '*{option}[{zsh_text(text)}]{action}'"
@@ -130,14 +157,16 @@ def fish(p):
     first = '__fish_use_subcommand'
     for name, (summary, _, _) in p.commands.items():
         yield f"complete -c pellucid -n {first} -a {name} -d '{quoted(summary)}'\n"
+    yield f"complete -c pellucid -n {first} -a help -d '{HELP}'\n"
+    yield f"complete -c pellucid -n '__fish_seen_subcommand_from help' -a '{' '.join(p.help)}'\n"
     for name, (_, arguments, rows) in p.commands.items():
         seen = f"'__fish_seen_subcommand_from {name}'"
         for letter, word, value, text in rows:
-            words = p.words_of(word)
+            words = p.words_of(name, word, value)
             if word == '--set':
                 words = sorted({f'{knob}=' for knobs in p.knobs.values() for knob in knobs})
             line = f'complete -c pellucid -n {seen} -l {word[2:]}' + (f' -s {letter[1:]}' if letter else '')
-            line += (' -r' if value else '') + (' -F' if is_file(value) else '') + (f" -a '{' '.join(words)}'" if words else '')
+            line += (' -r -F' if is_file(value) else ' -x' if value else '') + (f" -a '{' '.join(words)}'" if words else '')
             yield f"{line} -d '{quoted(text)}'\n"
         names = {'methods': list(p.knobs), 'materials': p.materials, 'profile': p.materials}.get(name, [])
         if names:

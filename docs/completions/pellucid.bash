@@ -11,12 +11,40 @@ _pellucid()
         COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info help --help --version" -- "$current"))
         return
     fi
-    [ "$command" = help ] && { COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info" -- "$current")); return; }
+    [ "$command" = help ] && { COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info lengths scenes knobs output layers noise exit-codes environment files topics" -- "$current")); return; }
     for ((i = 2; i < COMP_CWORD - 1; i++)); do
         case ${COMP_WORDS[i]} in -m | --method) method=${COMP_WORDS[i+1]} ;; esac
     done
+    case $command:$before in
+    *:--angles) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
+    *:--background) COMPREPLY=($(compgen -W "environment transparent white grey black" -- "$current")); return ;;
+    *:--boundary) COMPREPLY=($(compgen -W "rough smooth" -- "$current")); return ;;
+    *:--compare) COMPREPLY=($(compgen -W "dipole better-dipole normalized-diffusion photon-beam monte-carlo all" -- "$current")); return ;;
+    *:--curvature) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
+    *:--denoise) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
+    *:--dof) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
+    *:--engine) COMPREPLY=($(compgen -W "auto cpu vulkan" -- "$current")); return ;;
+    *:--exit) COMPREPLY=($(compgen -W "balanced published" -- "$current")); return ;;
+    *:--export) COMPREPLY=($(compgen -W "c glsl hlsl json" -- "$current")); return ;;
+    *:--format) COMPREPLY=($(compgen -W "png exr hdr pfm" -- "$current")); return ;;
+    render:--from | compare:--from | view:--from) COMPREPLY=($(compgen -W "front right back left top 34" -- "$current")); return ;;
+    *:--log-level) COMPREPLY=($(compgen -W "none error warning info debug" -- "$current")); return ;;
+    *:--methods) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter all" -- "$current")); return ;;
+    *:--model) COMPREPLY=($(compgen -W "dipole better-dipole normalized-diffusion photon-beam monte-carlo" -- "$current")); return ;;
+    *:--opposed) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
+    *:--profile) COMPREPLY=($(compgen -W "material dipole better-dipole normalized-diffusion photon-beam monte-carlo" -- "$current")); return ;;
+    *:--progress) COMPREPLY=($(compgen -W "text json" -- "$current")); return ;;
+    *:--reference) COMPREPLY=($(compgen -W "screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")); return ;;
+    *:--single-scattering) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
+    *:--solver) COMPREPLY=($(compgen -W "hankel gaussian analytic all" -- "$current")); return ;;
+    *:--specular) COMPREPLY=($(compgen -W "material ggx kelemen phong blinn-phong" -- "$current")); return ;;
+    *:--studio) COMPREPLY=($(compgen -W "soft rim back window" -- "$current")); return ;;
+    render:--tonemap | bench:--tonemap | view:--tonemap) COMPREPLY=($(compgen -W "reinhard linear filmic" -- "$current")); return ;;
+    compare:--tonemap) COMPREPLY=($(compgen -W "reinhard aces linear" -- "$current")); return ;;
+    *:--up) COMPREPLY=($(compgen -W "y z" -- "$current")); return ;;
+    *:-m | *:--method) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")); return ;;
+    esac
     case $before in
-    -m | --method) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")); return ;;
     --material) mapfile -t COMPREPLY < <(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current"; compgen -f -- "$current"); return ;;
     --set)
         compopt -o nospace +o filenames 2>/dev/null
@@ -33,7 +61,7 @@ _pellucid()
         esac
         return ;;
     --checkpoint | --cross-section | --dump | --environment | --half | --input | --layers | --mask | --output | --token-file | -o) mapfile -t COMPREPLY < <(compgen -f -- "$current"); return ;;
-    --ambient-samples | --angles | --animation | --background | --bloom | --bloom-radius | --bounces | --boundary | --camera | --checkpoint-every | --compare | --curvature | --denoise | --device | --dof | --down-to | --engine | --environment-lights | --environment-rotate | --environment-scale | --eta | --exit | --export | --exposure | --exposures | --floor | --format | --frame-range | --frames | --from | --gaussians | --height | --indirect-samples | --layer | --layers-of | --light-samples | --limit | --line | --listen | --log-level | --methods | --model | --msaa | --opposed | --points | --port | --ppd | --profile | --progress | --rank | --reference | --repeats | --roughness | --sample-range | --samples | --scene-range | --seed | --single-scattering | --size | --skin | --solver | --specular | --stops | --studio | --taps | --target-error | --threads | --tile-range | --time | --time-limit | --to | --tonemap | --turntable | --unit | --up | --wavelength | --white | --width) return ;;
+    --ambient-samples | --angles | --animation | --background | --bloom | --bloom-radius | --bounces | --boundary | --camera | --checkpoint-every | --compare | --curvature | --denoise | --device | --dof | --down-to | --engine | --environment-lights | --environment-rotate | --environment-scale | --eta | --exit | --export | --exposure | --exposures | --floor | --format | --frame-range | --frames | --from | --gaussians | --height | --indirect-samples | --layer | --layers-of | --light-samples | --limit | --line | --listen | --log-level | --method | --methods | --model | --msaa | --opposed | --points | --port | --ppd | --profile | --progress | --rank | --reference | --repeats | --roughness | --sample-range | --samples | --scene-range | --seed | --single-scattering | --size | --skin | --solver | --specular | --stops | --studio | --taps | --target-error | --threads | --tile-range | --time | --time-limit | --to | --tonemap | --turntable | --unit | --up | --wavelength | --white | --width | -m) return ;;
     esac
     case $current in
     -*)

@@ -25,14 +25,16 @@ GROUPS = [
                               'docs/guide/optics-proof.md', 'docs/guide/conventions.md']),
     ('Methods', ['docs/guide/methods.md', 'docs/guide/choosing.md', 'docs/guide/compare.md', 'docs/guide/denoising.md',
                  'src/methods/*/README.md']),
-    ('Programs', ['docs/guide/library.md', 'docs/guide/python.md', 'docs/guide/blender.md', 'docs/guide/engines.md',
-                  'docs/guide/cluster.md']),
+    ('Programs', ['docs/guide/install.md', 'docs/guide/library.md', 'docs/guide/python.md', 'docs/guide/blender.md',
+                  'docs/guide/engines.md', 'docs/guide/cluster.md']),
     ('Reference', ['include/pellucid/*.h']),
     ('Inside', ['docs/architecture.md', 'docs/guide/add-a-method.md', 'docs/security.md', 'docs/errata.md', 'CONTRIBUTING.md',
                 'CHANGELOG.md', 'bench/README.md', 'docs/adr/*.md']),
 ]
 BENCH, BENCH_GROUP = 'bench.html', 'Light below surfaces'
 SPEED, SPEED_GROUP = 'speed.html', 'Inside'
+OPTIONS = 'docs/guide/command-line.md'  # where who searches for an option is led first
+LESS = 0.5  # what a page of the last group counts in a search: whoever uses Pellucid is looking for another
 PICTURES = {'.png', '.svg', '.webp', '.jpg', '.gif'}
 
 
@@ -213,8 +215,13 @@ class Site:
         self.anchors[address(path)] = set(re.findall(r'\bid="([^"]*)"', body))
         if path in self.titles:
             plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
-            headings = [re.sub(r'<[^>]*>', '', h) for h in re.findall(r'<h[1-4][^>]*>(.*?)</h[1-4]>', body)]
-            self.index.append({'to': address(path), 'title': title, 'headings': [html.unescape(h) for h in headings], 'text': plain})
+            headings = [(i, html.unescape(re.sub(r'<[^>]*>', '', h)))
+                        for i, h in re.findall(r'<h[1-4](?: id="([^"]*)")?[^>]*>(.*?)</h[1-4]>', body)]
+            names = re.findall(r'<b id="(\w+)">', body)
+            if path == OPTIONS:
+                names = sorted(set(re.findall(r'(?<![\w-])--[a-z][a-z-]*', plain)))
+            weight = LESS if path in self.groups[-1][1] else 1
+            self.index.append({'to': address(path), 'title': title, 'headings': headings, 'names': names, 'weight': weight, 'text': plain})
 
     def write(self, path, to, title, body):
         page = (HERE / 'page.html').read_text('utf-8')
@@ -248,7 +255,7 @@ class Site:
 
     def add_to_search(self, page, title, body):
         plain = re.sub(r'\s+', ' ', html.unescape(re.sub(r'<[^>]*>', ' ', body)))
-        self.index.append({'to': page, 'title': title, 'headings': [title], 'text': plain})
+        self.index.append({'to': page, 'title': title, 'headings': [('', title)], 'names': [], 'weight': 1, 'text': plain})
 
     def make(self):
         self.out.mkdir(parents=True, exist_ok=True)

@@ -58,7 +58,7 @@ int main(void)
         .depth = depth,
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
     };
-    const struct pell_frame_light light = { { exitance[0], exitance[1], exitance[2] } };
+    const struct pell_frame_light light = { .light = { exitance[0], exitance[1], exitance[2] } };
     struct pell_context *ctx = NULL;
     struct pell_device *device = NULL;
     struct pell_gaussians fit;

@@ -88,6 +88,13 @@ bool pell_text_suggest(struct pell_text *text, const char *before, const char *n
 /* As pell_text_suggest; all candidates behind `known` ("known keys: ") where none is near enough. */
 void pell_text_suggest_or_list(struct pell_text *text, const char *known, const char *name, const char *const *candidates, size_t count);
 
+/* A count and its noun, or noun and verb: pell_counted(1, "edge has", "edges have").str is "1 edge has". It is for every message that may
+ * have to say 1. */
+struct pell_counted {
+    char str[96];
+};
+struct pell_counted pell_counted(long long count, const char *one, const char *many);
+
 /* ASCII letters become lower case; other bytes stay. */
 char pell_lower(char c);
 

@@ -2,6 +2,8 @@
  * simd.c - what this machine can do, from single features: clang 14 has no test for a whole level. */
 #include "base/simd.h"
 
+#include "base/base.h"
+
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,6 +30,22 @@ static enum pell_simd_level detect(void)
 #else
     return PELL_SIMD_BASE;
 #endif
+}
+
+void pell_simd_check(struct pell_context *ctx)
+{
+    const char *wanted = getenv("PELL_SIMD");
+    struct pell_text known = { .length = 0 };
+    char shown[96];
+
+    if (!wanted || !wanted[0])
+        return;
+    for (int i = 0; i < PELL_SIMD_LEVELS; i++) {
+        if (strcmp(wanted, names[i]) == 0)
+            return;
+        pell_text_add(&known, "%s%s", i == 0 ? "" : i + 1 < PELL_SIMD_LEVELS ? ", " : " or ", names[i]);
+    }
+    pell_warn(ctx, "PELL_SIMD", NULL, "\"%s\" is ignored, must be %s", pell_printable(wanted, shown, sizeof(shown)), known.str);
 }
 
 enum pell_simd_level pell_simd_best(void)

@@ -11,6 +11,8 @@
 
 #include <stdbool.h>
 
+struct pell_context;
+
 enum pell_simd_level {
     PELL_SIMD_BASE = 0, /* portable C, and the lowest of the architecture */
     PELL_SIMD_V2,       /* x86-64-v2: SSE4.2 */
@@ -22,6 +24,8 @@ enum pell_simd_level {
 /* The best level of this machine that was built. Thread-safe. The environment variable PELL_SIMD (base, v2, v3, v4) lowers it. */
 enum pell_simd_level pell_simd_best(void);
 const char *pell_simd_name(enum pell_simd_level level);
+/* Warns where PELL_SIMD names no level; it is ignored then. */
+void pell_simd_check(struct pell_context *ctx);
 
 #define PELL_SIMD_JOIN_(a, b) a##_##b
 #define PELL_SIMD_JOIN(a, b) PELL_SIMD_JOIN_(a, b)

@@ -156,6 +156,14 @@ void pell_text_suggest_or_list(struct pell_text *text, const char *known, const 
     }
 }
 
+struct pell_counted pell_counted(long long count, const char *one, const char *many)
+{
+    struct pell_counted text;
+
+    snprintf(text.str, sizeof(text.str), "%lld %s", count, count == 1 ? one : many);
+    return text;
+}
+
 /* --- Safe printing ------------------------------------------------------------------------------------------------------------ */
 
 /* Bytes of the UTF-8 character at `s` if it is whole, shortest and fit to print, else 0. The NUL that ends `s` stops the look-ahead. */

@@ -47,6 +47,7 @@ struct topic_row {
 };
 struct topic {
     const char *name, *summary, *text;
+    const char *aliases;          /* other names, "|" around each: "|units|unit|" */
     const struct topic_row *rows; /* ends with {NULL}; NULL: none */
 };
 
@@ -185,6 +186,8 @@ bool cli_print_option(const struct command *command, const char *name, bool prin
 /* Names of the options of all commands, each as often as it occurs; at most `most`. */
 size_t cli_option_names(const struct program *program, const char **names, size_t most);
 void cli_finish(struct cli *cli);
+/* What --log-level and --progress take; end with NULL. */
+extern const char *const cli_log_levels[], *const cli_progress_forms[];
 /* Whether an option ("--taps") stands on the command line, whatever its value. */
 bool cli_given(const struct cli *cli, const char *option);
 void cli_free_settings(struct settings_list *list);
@@ -219,6 +222,7 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result);
 void cli_message(void *cli, const struct pell_message *message);
 void cli_progress(void *cli, const char *task, double fraction);
 void cli_progress_end(struct cli *cli);
+#define STDOUT_NAME "standard output" /* as pell_file_write calls it */
 /* From here on nothing is left to do but to print: a first Ctrl-C no longer cuts what is being written to a pipe, a second one ends the
  * program. */
 void cli_answer_begins(void);
@@ -234,6 +238,8 @@ int cli_columns(FILE *file);
 /* Prints text in lines of at most cli_columns. `column`: where the line stands now; `indent`: where the next ones begin. Lines of the
  * text that begin with two spaces stay as they are. */
 void cli_wrap(FILE *file, int column, int indent, const char *text);
+/* Prints shell lines, each whole unless it is too long for a terminal: then it is broken as the shell allows. */
+void cli_print_shell(FILE *file, const char *lines);
 /* A head and its text, which begins at `column`, or below the head where a terminal is too narrow for both. */
 void cli_row(FILE *file, const char *head, int column, const char *text);
 /* True if nobody reads stdout any more: what can't be written then needs no word. */
@@ -260,6 +266,8 @@ struct session {
 enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char *text, double *seconds);
 /* What the command line says about loading. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
+/* What --engine takes; ends with NULL. */
+extern const char *const cli_engine_names[];
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
 /* Loads `path` with the options of the command line over those of the scene file: all but the renderer. */
 enum exit_code session_read(struct cli *cli, const char *path, struct session *s);

@@ -9,26 +9,41 @@
 
 #define COLUMN 22 /* where texts beside names begin */
 
+static void add_topics(struct pell_text *text)
+{
+    for (const struct topic *t = cli_topics; t->name; t++)
+        pell_text_add(text, "%s, ", t->name);
+    pell_text_add(text, "topics");
+}
+
 void cli_print_usage(const struct program *program, FILE *file)
 {
     struct pell_text topics = { .length = 0 };
     char text[128];
 
-    fprintf(file, "%s - %s\n\nusage: %s COMMAND [ARGUMENTS] [OPTIONS]\n\n", program->name, program->about, program->name);
+    snprintf(text, sizeof(text), "%s - %s", program->name, program->about);
+    cli_wrap(file, 0, 2, text);
+    snprintf(text, sizeof(text), "usage: %s COMMAND [ARGUMENTS] [OPTIONS]", program->name);
+    fputc('\n', file);
+    cli_wrap(file, 0, 6, text);
+    fputc('\n', file);
     for (size_t i = 0; i < program->num_commands; i++) {
         char head[64];
-        snprintf(head, sizeof(head), "  %s %s", program->commands[i].name, program->commands[i].arguments);
+        snprintf(head, sizeof(head), "  %s%s%s", program->commands[i].name, program->commands[i].arguments[0] ? " " : "",
+                 program->commands[i].arguments);
         cli_row(file, head, COLUMN, program->commands[i].summary);
     }
     fputc('\n', file);
     snprintf(text, sizeof(text), "this text; `%s COMMAND --help` lists its options", program->name);
     cli_row(file, "  -h, --help", COLUMN, text);
-    pell_text_add(&topics, "about a command, an option, a method, a knob, a material, or");
-    for (const struct topic *t = cli_topics; t->name; t++)
-        pell_text_add(&topics, "%s%s", t == cli_topics ? " " : ", ", t->name);
+    pell_text_add(&topics, "about a command, an option, a method, a knob, a material, or ");
+    add_topics(&topics);
     cli_row(file, "  help NAME", COLUMN, topics.str);
     cli_row(file, "  -V, --version", COLUMN, "the version");
-    fprintf(file, "\n%s", program->start);
+    fputc('\n', file);
+    cli_print_shell(file, program->start);
+    if (program->start[0])
+        fputc('\n', file);
     cli_wrap(
         file, 0, 0,
         "Exit codes: 0 ok, 1 failed, 2 wrong usage, 3 bad input, 4 engine or device not available, 5 out of memory, 75 ended by a time "
@@ -43,11 +58,17 @@ const struct command *cli_find_command(const struct program *program, const char
     return NULL;
 }
 
-/* By its name, or that of one of its rows: "NO_COLOR", "relative error". */
+/* By its name, another name, or that of one of its rows: "NO_COLOR", "relative error". */
 static const struct topic *find_topic(const char *name)
 {
+    struct pell_text word = { .length = 0 };
+
     for (const struct topic *t = cli_topics; t->name; t++)
         if (strcmp(t->name, name) == 0)
+            return t;
+    pell_text_add(&word, "|%s|", name);
+    for (const struct topic *t = cli_topics; t->name; t++)
+        if (!strchr(name, '|') && strstr(t->aliases, word.str))
             return t;
     for (const struct topic *t = cli_topics; t->name; t++)
         for (const struct topic_row *r = t->rows; r && r->name; r++)
@@ -72,6 +93,20 @@ static void print_topic(const struct program *program, const struct topic *topic
         snprintf(head, sizeof(head), "  %s", r->name);
         cli_row(stdout, head, COLUMN, r->text);
     }
+}
+
+static void print_topics(const struct program *program)
+{
+    char text[128];
+
+    printf("%s help topics - what it explains\n\n", program->name);
+    for (const struct topic *t = cli_topics; t->name; t++) {
+        char head[64];
+        snprintf(head, sizeof(head), "  %s", t->name);
+        cli_row(stdout, head, COLUMN, t->summary);
+    }
+    snprintf(text, sizeof(text), "\n`%s help` also takes a command, an option, a method, a knob or a material.", program->name);
+    cli_wrap(stdout, 0, 0, text);
 }
 
 /* An option, however it is written, of each command that has it. `gap`: an empty line before it. */
@@ -148,6 +183,10 @@ enum exit_code cli_unknown_command(struct cli *cli, const char *name, bool help)
     snprintf(head, sizeof(head), "%s %s", program->name, help ? "help " : "");
     if (!pell_text_suggest(&hint, head, name + (help ? strspn(name, "-") : 0), names, count))
         pell_text_add(&hint, "`%s --help` lists them", program->name);
+    if (help) {
+        pell_text_add(&hint, "%s topics: ", hint.str[hint.length - 1] == '?' ? "" : ";");
+        add_topics(&hint);
+    }
     return cli_usage(cli, program->name, hint.str, help ? "there is no help about \"%s\"" : "there is no command \"%s\"", name);
 }
 
@@ -173,6 +212,10 @@ enum exit_code cli_help(struct cli *cli, const char **words, int count, bool *do
         cli->command = cli_find_command(program, is_method(about.str) ? "methods" : "materials");
         *done = !cli->command;
         return cli->command ? EXIT_OK : cli_unknown_command(cli, about.str, true);
+    }
+    if (strcmp(about.str, "topics") == 0 || strcmp(about.str, "topic") == 0) {
+        print_topics(program);
+        return EXIT_OK;
     }
     command = cli_find_command(program, about.str);
     topic = find_topic(about.str);

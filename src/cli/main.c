@@ -125,7 +125,7 @@ int main(int argc, char **argv)
         .name = "pellucid",
         .about = "renders translucent objects from measured optics",
         .start = "Start here\n"
-                 "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n\n",
+                 "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n",
         .commands = commands,
         .num_commands = PELL_COUNT(commands),
     };

@@ -41,13 +41,20 @@ static int columns(const char *text, size_t length)
     return n;
 }
 
-int cli_columns(FILE *file)
+/* 0: the file is no terminal. */
+static int terminal_columns(FILE *file)
 {
     struct winsize size;
 
-    if (!isatty(fileno(file)) || ioctl(fileno(file), TIOCGWINSZ, &size) != 0 || size.ws_col == 0 || size.ws_col > MOST_COLUMNS)
-        return MOST_COLUMNS;
+    if (!isatty(fileno(file)) || ioctl(fileno(file), TIOCGWINSZ, &size) != 0 || size.ws_col == 0)
+        return 0;
     return size.ws_col < LEAST_COLUMNS ? LEAST_COLUMNS : size.ws_col;
+}
+
+int cli_columns(FILE *file)
+{
+    const int width = terminal_columns(file);
+    return width == 0 || width > MOST_COLUMNS ? MOST_COLUMNS : width;
 }
 
 void cli_row(FILE *file, const char *head, int column, const char *text)
@@ -103,9 +110,54 @@ void cli_wrap(FILE *file, int column, int indent, const char *text)
     fputc('\n', file);
 }
 
-/* --- Messages ----------------------------------------------------------------------------------------------------------------- */
+/* One command that is too long for its line: it goes on after a backslash, and a comment after another #. */
+static void break_shell_line(FILE *file, const char *line, size_t length, int most)
+{
+    const char *const end = line + length;
+    bool comment = false;
+    int column = 0;
 
-#define STDOUT_NAME "standard output" /* as pell_file_write calls it */
+    while (line < end) {
+        const size_t blanks = strspn(line, " ");
+        const char *word = line + blanks;
+        const size_t bytes = strcspn(word, " \n");
+        const bool begins = !comment && word[0] == '#'; /* a comment stays whole if it can */
+        const int width = begins ? columns(word, (size_t) (end - word)) : columns(word, bytes);
+        const int tail = comment || begins || word + bytes >= end ? 0 : 2;
+        if (bytes == 0)
+            break;
+        if (column == 0) {
+            column = fprintf(file, "%*s", (int) blanks, "");
+        } else if (column + 1 + width + tail > most && column > 8) {
+            fputs(comment ? "\n      # " : " \\\n      ", file);
+            column = comment ? 8 : 6;
+        } else {
+            fputc(' ', file);
+            column++;
+        }
+        comment |= begins;
+        fwrite(word, 1, bytes, file);
+        column += columns(word, bytes);
+        line = word + bytes;
+    }
+    fputc('\n', file);
+}
+
+void cli_print_shell(FILE *file, const char *lines)
+{
+    const int most = terminal_columns(file);
+
+    while (*lines) {
+        const size_t length = strcspn(lines, "\n");
+        if (most == 0 || columns(lines, length) <= most)
+            fprintf(file, "%.*s\n", (int) length, lines);
+        else
+            break_shell_line(file, lines, length, most);
+        lines += length + (lines[length] == '\n');
+    }
+}
+
+/* --- Messages ----------------------------------------------------------------------------------------------------------------- */
 
 bool cli_reader_left(void)
 {
@@ -121,8 +173,8 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
 
     if (level > cli->log_level || (cli->quiet && level != PELL_LOG_ERROR))
         return;
-    if (cli->json && level != PELL_LOG_WARNING && level != PELL_LOG_DEBUG)
-        return; /* errors go to stdout as JSON */
+    if (cli->json && (level == PELL_LOG_INFO || (level == PELL_LOG_ERROR && !cli->answered)))
+        return; /* an error is the object on stdout, unless that has gone out */
     cli_progress_end(cli);
     if (names[level][0]) {
         fprintf(stderr, "%s%s:%s", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));

@@ -307,12 +307,18 @@ void cli_print_help(const struct program *program, const struct command *command
 
     snprintf(head, sizeof(head), "%s %s - %s", program->name, command->name, command->summary);
     cli_wrap(file, 0, 2, head);
-    fprintf(file, "\nusage: %s %s %s%s[OPTIONS]\n\n", program->name, command->name, command->arguments, command->arguments[0] ? " " : "");
+    snprintf(head, sizeof(head), "usage: %s %s %s%s[OPTIONS]", program->name, command->name, command->arguments,
+             command->arguments[0] ? " " : "");
+    fputc('\n', file);
+    cli_wrap(file, 0, 6, head);
+    fputc('\n', file);
     if (command->text[0]) {
         cli_wrap(file, 0, 0, command->text);
         fputc('\n', file);
     }
-    fprintf(file, "Examples\n%s\nOptions\n", command->examples);
+    fputs("Examples\n", file);
+    cli_print_shell(file, command->examples);
+    fputs("\nOptions\n", file);
     for (size_t i = 0; i < n; i++)
         print_row(&list[i], file);
 }
@@ -409,11 +415,13 @@ enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const c
     return code == EXIT_OK ? cli_failed(cli, cli_add_setting(list, text, value, where)) : code;
 }
 
+const char *const cli_log_levels[] = { "none", "error", "warning", "info", "debug", NULL };
+const char *const cli_progress_forms[] = { "text", "json", NULL };
+
 static enum exit_code set_log_level(struct cli *cli, const char *text)
 {
-    static const char *const names[] = { "none", "error", "warning", "info", "debug" };
-    for (int i = 0; i < (int) PELL_COUNT(names); i++)
-        if (strcmp(names[i], text) == 0) {
+    for (int i = 0; cli_log_levels[i]; i++)
+        if (strcmp(cli_log_levels[i], text) == 0) {
             cli->log_level = (enum pell_log_level) i;
             return EXIT_OK;
         }

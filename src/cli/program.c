@@ -125,6 +125,8 @@ int cli_main(const struct program *program, int argc, char **argv)
     cli.warnings = json_array();
     pell_knobs_default(pell_limit_knobs(), &cli.limits);
     code = run(&cli, argc, (const char **) argv);
+    if (code == EXIT_MEMORY && !cli.error.there) /* where no context was there to say so */
+        cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_NOMEM, program->name, "there is not enough memory", "" });
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);
     if (code == EXIT_RESUMABLE && !cli.quiet && !cli.json)
@@ -132,12 +134,12 @@ int cli_main(const struct program *program, int argc, char **argv)
     if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
         fputs("interrupted; the picture was written with the samples that it had\n", stderr);
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.images)
-        fprintf(stderr, "interrupted; written before: %d pictures\n", cli.images);
+        fprintf(stderr, "interrupted; written before: %s\n", pell_counted(cli.images, "picture", "pictures").str);
     else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
         fputs("interrupted; nothing was written\n", stderr);
     if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
-        if (!cli_reader_left())
-            fputs("the answer can't be written to stdout\n", stderr);
+        cli.answered = true; /* nothing more can go there */
+        cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_IO, STDOUT_NAME, "the answer can't be written", "" });
         code = EXIT_FAILED;
     }
     cli_finish(&cli);

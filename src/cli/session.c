@@ -2,6 +2,7 @@
  * session.c - what render, compare and bench share: a scene, its options, a renderer, pictures in files. */
 #include "cli/cli.h"
 
+#include "base/file.h"
 #include "render/renderer.h"
 
 #include <inttypes.h>
@@ -152,33 +153,76 @@ static enum exit_code apply_settings(struct cli *cli, const struct settings_list
     return cli_failed(cli, res);
 }
 
+/* The method where no scene file has a say, else NULL. */
+static const char *certain_method(const struct cli *cli)
+{
+    static const char *const meshes[] = { "gltf", "glb", "obj", "ply", "stl" };
+
+    for (size_t i = 0; cli->num_arguments && !cli->method && i < PELL_COUNT(meshes); i++)
+        if (pell_path_has_extension(cli->arguments[0], meshes[i]))
+            return CLI_DEFAULT_METHOD;
+    return cli->method;
+}
+
+/* A name that no method has for a knob may be an option. */
+static enum exit_code check_knob_names(struct cli *cli)
+{
+    const struct program own = { .commands = cli->command, .num_commands = 1 };
+
+    for (size_t i = 0; i < cli->knobs.count; i++) {
+        const struct pell_setting *s = &cli->knobs.items[i];
+        const char *names[512];
+        struct pell_text hint = { .length = 0 };
+        size_t count = 0;
+        bool known = false;
+        for (size_t m = 0; m < pell_method_count(); m++)
+            for (const struct pell_knob *k = pell_method_at(m)->knobs; k->name; k++) {
+                known |= strcmp(k->name, s->name) == 0;
+                if (count < PELL_COUNT(names))
+                    names[count++] = k->name;
+            }
+        if (known)
+            continue;
+        if (!pell_text_suggest(&hint, "", s->name, names, count)) {
+            count = cli_option_names(&own, names, PELL_COUNT(names));
+            if (!pell_text_suggest(&hint, "--", s->name, names, count))
+                pell_text_add(&hint, "`%s methods NAME` lists those of a method", cli->program->name);
+        }
+        return cli_usage(cli, s->where, hint.str, "no method has a knob \"%.96s\"", s->name);
+    }
+    return EXIT_OK;
+}
+
 /* Whatever is wrong with the command line is said before a large scene is read. */
 static enum exit_code check_command_line(struct cli *cli)
 {
-    const struct pell_setting method = { "method", cli->method, "--method" };
+    const struct pell_setting method = { "method", certain_method(cli), "--method" };
     const struct pell_method *found;
     struct pell_settings settings;
     void *knobs = NULL;
     enum exit_code code = apply_settings(cli, &cli->settings, NULL, NULL, &settings);
 
-    if (code == EXIT_OK && cli->method)
+    if (code == EXIT_OK)
+        code = check_knob_names(cli);
+    if (code == EXIT_OK && method.value)
         code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
     free(knobs);
     return code;
 }
 
+const char *const cli_engine_names[] = { "auto", "cpu", "vulkan", NULL };
+
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine)
 {
-    static const char *const names[] = { "auto", "cpu", "vulkan" };
     bool known = !cli->engine;
 
     *engine = PELL_ENGINE_AUTO;
-    for (size_t i = 0; !known && i < PELL_COUNT(names); i++)
-        if ((known = strcmp(cli->engine, names[i]) == 0))
+    for (size_t i = 0; !known && cli_engine_names[i]; i++)
+        if ((known = strcmp(cli->engine, cli_engine_names[i]) == 0))
             *engine = (enum pell_engine) i;
     if (!known) {
         struct pell_text hint = { .length = 0 };
-        const bool near = pell_text_suggest(&hint, "", cli->engine, names, PELL_COUNT(names));
+        const bool near = pell_text_suggest(&hint, "", cli->engine, cli_engine_names, 3);
         return cli_usage(cli, "--engine", near ? hint.str : NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
     }
     if (cli->device && *engine != PELL_ENGINE_VULKAN)

@@ -45,7 +45,7 @@ const struct topic cli_topics[] = {
       "\n"
       "--size 70mm is the largest extent of the object, --unit 1mm the length of one unit of its file. The unit of glTF is the metre; OBJ, "
       "PLY and STL have none.\n",
-      NULL },
+      "|units|unit|length|size|sizes|scale|millimetres|mm|", NULL },
     { "scenes", "what a scene file holds",
       "A scene file is JSON: meshes with their unit, materials by name, lights, a camera, a background, and what the command line would "
       "say (\"render\"). Every part but the mesh may be missing. What `pellucid view` saves is one.\n"
@@ -55,23 +55,25 @@ const struct topic cli_topics[] = {
       "    \"mesh\": \"bunny.obj\",\n"
       "    \"size\": \"7cm\",\n"
       "    \"lights\": [{ \"studio\": \"rim\" }],\n"
-      "    \"materials\": { \"*\": { \"preset\": \"wholemilk\" } }\n"
+      "    \"materials\": {\n"
+      "      \"*\": { \"preset\": \"wholemilk\" }\n"
+      "    }\n"
       "  }\n"
       "\n"
       "`pellucid check scene.json` says what is wrong with one, and where. Files are looked for in the scene's own folder; --allow-outside "
       "lets it name others.\n",
-      NULL },
+      "|scene|scene-file|scene file|scene files|", NULL },
     { "knobs", "how methods are set",
       "A knob is a number, a name or a switch of one method: --set NAME=VALUE, or \"knobs\" in a scene file. `pellucid methods NAME` lists "
       "those of a method with their ranges and defaults; as=paper sets all of them as in the method's paper. What holds for every method "
       "(--width, --msaa, --bounces) is an option of its own: `pellucid render --help`.\n",
-      NULL },
+      "|knob|settings|setting|parameters|parameter|set|", NULL },
     { "output", "what goes where",
       "Results go to standard output, messages and progress to standard error. With --json standard output holds exactly one JSON object, "
       "which is {\"error\": {\"code\", \"where\", \"what\", \"hint\"}} after a failure. A file is written under a temporary name and "
       "renamed when "
       "it is whole; what was there before stays until then.\n",
-      NULL },
+      "|stdout|stderr|streams|errors|json|", NULL },
     { "layers", "two files that have them",
       "Stacks of layers are written in two places, which are for two kinds of work.\n"
       "\n"
@@ -80,13 +82,14 @@ const struct topic cli_topics[] = {
       "the last: a flat stack, which is the same everywhere. A scene file's material has \"layers\" with a \"depth\" each, a text with its "
       "unit (\"1.5mm\") or an image: how far below the surface the layer ends, which may differ from place to place. Every method "
       "renders both; `layered` shows what is painted into the second.\n",
-      NULL },
+      "|layer|stacks|stack|", NULL },
     { "noise", "two measures of it, and which is printed where",
       "Both fall as 1 over the root of the number of samples. The second is larger where a background without noise fills much of the "
       "image.\n",
-      noises },
-    { "exit-codes", "what a program that ends has to say", "", exit_codes },
-    { "environment", "variables that are read", "", variables },
-    { "files", "what is installed", "", files },
-    { NULL, NULL, NULL, NULL },
+      "|variance|error bars|", noises },
+    { "exit-codes", "what a program that ends has to say", "",
+      "|exit-code|exit codes|exit code|exitcodes|exit|codes|code|exit status|status|return code|return codes|", exit_codes },
+    { "environment", "variables that are read", "", "|variables|variable|env|environment variables|", variables },
+    { "files", "what is installed", "", "|file|folders|paths|installed|", files },
+    { NULL, NULL, NULL, NULL, NULL },
 };

@@ -83,8 +83,9 @@ void pell_image_count_finite(float *values, size_t count, struct pell_not_finite
 void pell_image_warn_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad)
 {
     if (bad->nan || bad->inf)
-        pell_warn(ctx, name, NULL, "%zu values are not a number and were read as 0, %zu are infinite and were read as +-%g", bad->nan,
-                  bad->inf, (double) PELL_HALF_MAX);
+        pell_warn(ctx, name, NULL, "%s read as 0, %s read as +-%g",
+                  pell_counted((long long) bad->nan, "value is not a number and was", "values are not a number and were").str,
+                  pell_counted((long long) bad->inf, "is infinite and was", "are infinite and were").str, (double) PELL_HALF_MAX);
 }
 
 void pell_image_make_finite(struct pell_context *ctx, const char *name, float *values, size_t count)

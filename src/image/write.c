@@ -75,9 +75,15 @@ enum pell_result pell_image_write(struct pell_context *ctx, const char *path, co
     PELL_TRY(check(ctx, path, params));
     PELL_TRY(encoders[index](&w));
     if (w.bad)
-        pell_warn(ctx, path, NULL, "%zu values are not a number or infinite and were written as 0", w.bad);
+        pell_warn(
+            ctx, path, NULL, "%s written as 0",
+            pell_counted((long long) w.bad, "value is not a number or infinite and was", "values are not a number or infinite and were")
+                .str);
     if (w.clamped)
-        pell_warn(ctx, path, NULL, "%zu values are out of the format's range and were written as its nearest value", w.clamped);
+        pell_warn(ctx, path, NULL, "%s written as its nearest value",
+                  pell_counted((long long) w.clamped, "value is out of the format's range and was",
+                               "values are out of the format's range and were")
+                      .str);
     PELL_TRY(pell_file_write(ctx, path, w.data, w.size));
 fail:
     pell_free(ctx, w.data);

@@ -29,6 +29,24 @@ const struct pell_method *pell_method_find(struct pell_context *ctx, const char 
     return NULL;
 }
 
+/* Sets a knob. Where the method has none of that name but others do, the error says which. */
+static enum pell_result set_knob(struct pell_context *ctx, const struct pell_method *method, const char *owner,
+                                 const struct pell_setting *setting, void *values)
+{
+    struct pell_text hint = { .length = 0 };
+    char shown[SHOWN];
+
+    if (pell_knob_find(method->knobs, setting->name))
+        return pell_knob_set(ctx, method->knobs, owner, setting->where, values, setting->name, setting->value);
+    for (size_t i = 0; i < pell_method_count(); i++)
+        if (pell_knob_find(pell_method_at(i)->knobs, setting->name))
+            pell_text_add(&hint, "%s%s", hint.length ? ", " : "it is a knob of ", pell_method_at(i)->name);
+    if (hint.length == 0) /* says what is near */
+        return pell_knob_set(ctx, method->knobs, owner, setting->where, values, setting->name, setting->value);
+    return pell_error(ctx, PELL_ERR_INVALID, setting->where, hint.str, "%s has no knob \"%s\"", owner,
+                      pell_printable(setting->name, shown, sizeof(shown)));
+}
+
 bool pell_method_runs_on_planes(const struct pell_method *method, const void *knobs)
 {
     struct pell_plan plan;
@@ -53,7 +71,7 @@ enum pell_result pell_method_configure(struct pell_context *ctx, const struct pe
         method->paper(values);
     for (size_t i = 0; i < num_settings; i++)
         if (strcmp(settings[i].name, "as") != 0)
-            PELL_TRY(pell_knob_set(ctx, method->knobs, owner, settings[i].where, values, settings[i].name, settings[i].value));
+            PELL_TRY(set_knob(ctx, method, owner, &settings[i], values));
     return PELL_OK;
 
 fail:

@@ -104,7 +104,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
     }
     for (int k = 0; k < KINDS; k++)
         if (found[k] > limit)
-            pell_warn(ctx, scene->path, NULL, "%d more warnings about %s", found[k] - limit, kinds[k]);
+            pell_warn(ctx, scene->path, NULL, "%s about %s", pell_counted(found[k] - limit, "more warning", "more warnings").str, kinds[k]);
     pell_scene_report_finish(ctx, &report);
     return PELL_OK;
 }

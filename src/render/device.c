@@ -2,6 +2,8 @@
  * device.c - threads, an engine, and the Vulkan device of one. */
 #include "render/engine.h"
 
+#include "base/simd.h"
+
 enum pell_engine pell_device_engine(const struct pell_device *device)
 {
     return device->id;
@@ -30,6 +32,7 @@ enum pell_result pell_device_create_with_engine(struct pell_context *ctx, int th
     d->ctx = ctx;
     d->id = id;
     d->engine = engine;
+    pell_simd_check(ctx);
     PELL_TRY(pell_pool_create(ctx, threads, &d->pool));
     *out = d;
     return PELL_OK;

@@ -225,8 +225,8 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
         pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed object",
                   "no light reaches the visible surfaces: the picture is black");
     if (result->invalid > 0)
-        pell_warn(r->ctx, "render", "please report the scene", "%lld pixels were not finite and were set to 0",
-                  (long long) result->invalid);
+        pell_warn(r->ctx, "render", "please report the scene", "%s set to 0",
+                  pell_counted(result->invalid, "pixel was not finite and was", "pixels were not finite and were").str);
 }
 
 /* Parts of the lens whose discs are cut do not meet: each shows a copy of its own of what is out of focus. */

@@ -164,19 +164,21 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
         translucent |= !k->scene->materials[k->scene->meshes[t->mesh[i]].material].opaque;
     if (translucent && o->boundary_edges)
         PELL_TRY(add(k, OPEN, PELL_SEVERITY_WARNING, where,
-                     "is open: %lld edges have one triangle, so there is no inside and no thickness; close the mesh",
-                     (long long) o->boundary_edges));
+                     "is open: %s one triangle, so there is no inside and no thickness; close the mesh",
+                     pell_counted(o->boundary_edges, "edge has", "edges have").str));
     if (translucent && o->nonmanifold_edges)
-        PELL_TRY(
-            add(k, NONMANIFOLD, PELL_SEVERITY_WARNING, where, "%lld edges have more than two triangles", (long long) o->nonmanifold_edges));
+        PELL_TRY(add(k, NONMANIFOLD, PELL_SEVERITY_WARNING, where, "%s more than two triangles",
+                     pell_counted(o->nonmanifold_edges, "edge has", "edges have").str));
     if (o->flipped_edges)
-        PELL_TRY(add(k, FLIPPED, PELL_SEVERITY_WARNING, where, "%lld edges lie between triangles that face opposite ways",
-                     (long long) o->flipped_edges));
+        PELL_TRY(add(k, FLIPPED, PELL_SEVERITY_WARNING, where, "%s between triangles that face opposite ways",
+                     pell_counted(o->flipped_edges, "edge lies", "edges lie").str));
     if (o->closed && o->volume_mm3 < 0.0)
         PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has inverted normals: it encloses %.4g mm^3", o->volume_mm3));
     if (o->degenerate_triangles)
         PELL_TRY(add(k, DEGENERATE, o->degenerate_triangles == o->triangles ? PELL_SEVERITY_WARNING : PELL_SEVERITY_NOTE, where,
-                     "%lld of %lld triangles have no area%s", (long long) o->degenerate_triangles, (long long) o->triangles,
+                     "%lld of %s no area%s", (long long) o->degenerate_triangles,
+                     o->degenerate_triangles == 1 ? pell_counted(o->triangles, "triangle has", "triangles has").str
+                                                  : pell_counted(o->triangles, "triangle have", "triangles have").str,
                      o->degenerate_triangles == o->triangles ? ": the object is invisible" : ""));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));

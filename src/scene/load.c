@@ -22,7 +22,7 @@ fail:
     return res;
 }
 
-static void report(const struct pell_scene *scene, bool bare)
+static void report(const struct pell_scene *scene)
 {
     const float *min = scene->bounds_min, *max = scene->bounds_max;
     bool translucent = false;
@@ -34,10 +34,10 @@ static void report(const struct pell_scene *scene, bool bare)
             triangles += scene->meshes[i].num_triangles;
             translucent |= !m->opaque || pell_material_is_thin(m);
         }
-    pell_info(scene->ctx, scene->path, "%lld triangles, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
-              (long long) triangles, (double) (max[0] - min[0]), (double) (max[1] - min[1]), (double) (max[2] - min[2]),
-              scene->mm_per_unit);
-    if (!translucent && !bare) /* `check` finds it out itself */
+    pell_info(scene->ctx, scene->path, "%s, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
+              pell_counted(triangles, "triangle", "triangles").str, (double) (max[0] - min[0]), (double) (max[1] - min[1]),
+              (double) (max[2] - min[2]), scene->mm_per_unit);
+    if (!translucent)
         pell_warn(scene->ctx, scene->path, "--material NAME makes it so; `pellucid materials` lists what there is",
                   "no material is translucent, so nothing scatters below a surface");
 }
@@ -110,7 +110,8 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
     if (params->camera)
         PELL_TRY(pell_scene_choose_camera(scene, "--camera", params->camera, PELL_ERR_INVALID));
     PELL_TRY(pell_scene_finish(scene, params, &extras));
-    report(scene, params->bare);
+    if (!params->bare) /* `check` reports all this itself */
+        report(scene);
     if (mesh)
         hint_at_up(scene, params);
     *out = scene;

@@ -413,7 +413,8 @@ static enum pell_result build(struct ply *p)
     mesh->color = p->color;
     p->uv = p->color = NULL;
     if (p->thin)
-        pell_warn(p->ctx, p->import->path, NULL, "%lld faces of fewer than three corners are left out", (long long) p->thin);
+        pell_warn(p->ctx, p->import->path, NULL, "%s left out",
+                  pell_counted(p->thin, "face of fewer than three corners is", "faces of fewer than three corners are").str);
     return PELL_OK;
 
 fail:

@@ -177,6 +177,11 @@ PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int 
 /* Reads environment and background; PELL_ERR_INVALID with the option's name if one is wrong. No file is opened. */
 PELL_NODISCARD enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct pell_load_params *params,
                                                        struct pell_surroundings *surroundings);
+/* What --from, --studio, --up and --background take by name, in the order of their tables; NULL behind the last. */
+const char *pell_side_name(size_t i);
+const char *pell_studio_name(size_t i);
+const char *pell_axis_name(size_t i);
+const char *pell_background_name(size_t i);
 /* A background's name or colour as a text; `code` with the names that there are, if it is neither. */
 PELL_NODISCARD enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                                      enum pell_background *kind, float *color);

@@ -219,11 +219,13 @@ enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data
 
     import->default_mm_per_unit = 0.0;
     if (!pell_stl_is_binary(data, size) && (size < 5 || memcmp(data, "solid", 5) != 0))
-        res = size < HEADER ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
-                                         "is no STL: it has %zu bytes, and does not begin with \"solid\"", size)
-                            : pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
-                                         "names %u triangles, which take %llu bytes, but has %zu bytes", little(data + HEADER - 4),
-                                         (unsigned long long) little(data + HEADER - 4) * RECORD + HEADER, size);
+        res =
+            size < HEADER
+                ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
+                             "is no STL: it has %s, and does not begin with \"solid\"", pell_counted((long long) size, "byte", "bytes").str)
+                : pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off", "names %s, for %llu bytes, but has %zu bytes",
+                             pell_counted(little(data + HEADER - 4), "triangle", "triangles").str,
+                             (unsigned long long) little(data + HEADER - 4) * RECORD + HEADER, size);
     else
         res = pell_stl_is_binary(data, size) ? read_binary(&s, data, size) : read_text(&s, data, size);
     if (res == PELL_OK)

@@ -143,9 +143,34 @@ static const struct side {
     { "front", 0, 0 }, { "right", 90, 0 }, { "back", 180, 0 }, { "left", -90, 0 }, { "top", 0, 90 }, { "34", 35, 15 },
 };
 
-/* The index of `text`, or an error that lists the names. */
+const char *pell_side_name(size_t i)
+{
+    return i < PELL_COUNT(sides) ? sides[i].name : NULL;
+}
+
+const char *pell_studio_name(size_t i)
+{
+    return i < PELL_COUNT(studio_names) ? studio_names[i] : NULL;
+}
+
+static const char *const axes[] = { "y", "z" };
+
+const char *pell_axis_name(size_t i)
+{
+    return i < PELL_COUNT(axes) ? axes[i] : NULL;
+}
+
+static void list_names(struct pell_text *hint, const char *const *names, size_t count, const char *more)
+{
+    pell_text_add(hint, "allowed: ");
+    for (size_t i = 0; i < count; i++)
+        pell_text_add(hint, "%s%s", i ? ", " : "", names[i]);
+    pell_text_add(hint, "%s", more);
+}
+
+/* The index of `text`, or an error that lists the names; `more`: what is allowed beside them, "" if nothing. */
 static enum pell_result choose(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
-                               const char *const *names, size_t count, int *index)
+                               const char *const *names, size_t count, const char *more, int *index)
 {
     struct pell_text hint = { .length = 0 };
     char shown[96];
@@ -155,14 +180,18 @@ static enum pell_result choose(struct pell_context *ctx, enum pell_result code, 
             *index = (int) i;
             return PELL_OK;
         }
-    pell_text_suggest_or_list(&hint, "allowed: ", text, names, count);
+    if (pell_text_suggest(&hint, "", text, names, count))
+        pell_text_add(&hint, " ");
+    list_names(&hint, names, count, more);
     return pell_error(ctx, code, where, hint.str, "there is no \"%s\"", pell_printable(text, shown, sizeof(shown)));
 }
 
 enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                 struct pell_viewpoint *view)
 {
+    static const char angles[] = ", or AZIMUTH,ELEVATION in degrees: 35,15";
     const char *names[PELL_COUNT(sides)], *comma = strchr(text, ',');
+    struct pell_text hint = { .length = 0 };
     enum pell_result res;
     int index = 0;
 
@@ -170,14 +199,15 @@ enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code,
     for (size_t i = 0; i < PELL_COUNT(sides); i++)
         names[i] = sides[i].name;
     if (!comma) {
-        PELL_TRY(choose(ctx, code, where, text, names, PELL_COUNT(sides), &index));
+        PELL_TRY(choose(ctx, code, where, text, names, PELL_COUNT(sides), angles, &index));
         view->azimuth = sides[index].azimuth;
         view->elevation = sides[index].elevation;
     } else if (!pell_parse_number(text, (size_t) (comma - text), &view->azimuth) ||
                !pell_parse_number(comma + 1, strlen(comma + 1), &view->elevation) || !(fabs(view->azimuth) <= 360.0) ||
                !(fabs(view->elevation) <= 90.0)) {
         char shown[96];
-        return pell_error(ctx, code, where, "35,15", "\"%s\", must be an azimuth in [-360, 360] and an elevation in [-90, 90] degrees",
+        list_names(&hint, names, PELL_COUNT(names), angles);
+        return pell_error(ctx, code, where, hint.str, "\"%s\", must be an azimuth in [-360, 360] and an elevation in [-90, 90] degrees",
                           pell_printable(text, shown, sizeof(shown)));
     }
     view->azimuth *= PELL_PI / 180.0;
@@ -190,12 +220,11 @@ fail:
 
 enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text, int *studio)
 {
-    return choose(ctx, code, where, text, studio_names, PELL_COUNT(studio_names), studio);
+    return choose(ctx, code, where, text, studio_names, PELL_COUNT(studio_names), "", studio);
 }
 
 enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params, struct pell_viewpoint *view)
 {
-    static const char *const axes[] = { "y", "z" };
     enum pell_result res;
     int axis = 0;
 
@@ -203,7 +232,7 @@ enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell
     if (params->from && params->camera)
         return pell_error(ctx, PELL_ERR_INVALID, "--from", "give one of them", "--from and --camera both say where the camera is");
     if (params->up)
-        PELL_TRY(choose(ctx, PELL_ERR_INVALID, "--up", params->up, axes, PELL_COUNT(axes), &axis));
+        PELL_TRY(choose(ctx, PELL_ERR_INVALID, "--up", params->up, axes, PELL_COUNT(axes), "", &axis));
     view->z_up = axis == 1;
     if (params->from)
         PELL_TRY(pell_side_read(ctx, PELL_ERR_INVALID, "--from", params->from, view));

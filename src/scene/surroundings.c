@@ -21,6 +21,11 @@ static const struct named_background {
     { "black", PELL_BACKGROUND_COLOR, 0 },
 };
 
+const char *pell_background_name(size_t i)
+{
+    return i < PELL_COUNT(backgrounds) ? backgrounds[i].name : NULL;
+}
+
 static int hex_digit(char c)
 {
     return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;

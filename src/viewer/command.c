@@ -91,12 +91,15 @@ static void block_signals(bool block)
     pthread_sigmask(block ? SIG_BLOCK : SIG_UNBLOCK, &set, NULL);
 }
 
+static const char *listening(const struct cli *cli)
+{
+    return cli->view.listen ? cli->view.listen : "127.0.0.1";
+}
+
 static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_document *document)
 {
     struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device };
-    struct viewer_server_params server = { .address = cli->view.listen ? cli->view.listen : "127.0.0.1",
-                                           .port = cli->numbers.port,
-                                           .open = !cli->view.no_open };
+    struct viewer_server_params server = { .address = listening(cli), .port = cli->numbers.port, .open = !cli->view.no_open };
     struct pell_device *device = NULL;
     struct viewer_worker *worker = NULL;
     char *folder = pell_path_folder(cli->ctx, cli->arguments[0]);
@@ -133,8 +136,12 @@ enum exit_code command_view(struct cli *cli)
     struct session session;
     struct viewer v;
     char *hello = NULL;
-    enum exit_code code = session_read(cli, path, &session); /* what is wrong at the start is said in the terminal */
+    int port = cli->numbers.port;
+    enum exit_code code = viewer_find_port(cli, listening(cli), &port); /* before what may take long */
 
+    if (code != EXIT_OK)
+        return code;
+    code = session_read(cli, path, &session); /* what is wrong at the start is said in the terminal */
     if (code == EXIT_OK && !(hello = make_hello(cli, &session)))
         code = EXIT_MEMORY;
     session_close(&session);

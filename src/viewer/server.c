@@ -413,22 +413,31 @@ static enum exit_code say(struct server *s)
     return EXIT_OK;
 }
 
-static enum exit_code listen_at(struct server *s)
+enum exit_code viewer_find_port(struct cli *cli, const char *address, int *port)
 {
-    const struct viewer_server_params *p = s->params;
-    struct lws_context_creation_info info = { 0 };
-    int error;
+    const int error = viewer_probe(address, port);
 
-    s->port = p->port;
-    if ((error = viewer_probe(p->address, &s->port)) == EINVAL)
-        return cli_usage(s->v->cli, "--listen", "127.0.0.1, or 0.0.0.0 for every network", "\"%s\" is not an IPv4 address", p->address);
+    if (error == EINVAL)
+        return cli_usage(cli, "--listen", "127.0.0.1, or 0.0.0.0 for every network", "\"%s\" is not an IPv4 address", address);
     if (error != 0)
-        return cli_usage(s->v->cli, error == EADDRNOTAVAIL ? "--listen" : "--port", "--port 0 takes one that is free", "%s:%d: %s",
-                         p->address, s->port,
+        return cli_usage(cli, error == EADDRNOTAVAIL ? "--listen" : "--port", "--port 0 takes one that is free", "%s:%d: %s", address,
+                         *port,
                          error == EADDRINUSE      ? "another program listens there"
                          : error == EACCES        ? "needs more rights"
                          : error == EADDRNOTAVAIL ? "this machine has no such address"
                                                   : "can't listen on this address");
+    return EXIT_OK;
+}
+
+static enum exit_code listen_at(struct server *s)
+{
+    const struct viewer_server_params *p = s->params;
+    struct lws_context_creation_info info = { 0 };
+    enum exit_code code;
+
+    s->port = p->port;
+    if ((code = viewer_find_port(s->v->cli, p->address, &s->port)) != EXIT_OK)
+        return code;
     lws_set_log_level(0, silence);
     info.port = s->port;
     info.iface = strcmp(p->address, "0.0.0.0") == 0 ? NULL : p->address;

@@ -136,6 +136,8 @@ struct viewer_server_params {
     const char *token;   /* what a page needs */
 };
 
+/* EXIT_OK where a server can listen; what keeps it from that is logged. *port 0 becomes one that is free. */
+enum exit_code viewer_find_port(struct cli *cli, const char *address, int *port);
 /* Serves pages until Ctrl-C, or until none has been open for a while. */
 enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params *params);
 

@@ -77,6 +77,15 @@ static void what_is_near_nothing_gets_the_list(void **state)
     assert_string_equal(far.str, "known: cpu, vulkan");
 }
 
+static void counts_agree_with_their_nouns(void **state)
+{
+    (void) state;
+
+    assert_string_equal(pell_counted(1, "edge has", "edges have").str, "1 edge has");
+    assert_string_equal(pell_counted(0, "edge has", "edges have").str, "0 edges have");
+    assert_string_equal(pell_counted(21, "vertex", "vertices").str, "21 vertices");
+}
+
 /* --- printable --- */
 
 static void printable_keeps_good_utf8_and_masks_the_rest(void **state)
@@ -417,6 +426,7 @@ int main(void)
         cmocka_unit_test(nearest_finds_slips_and_pieces_only),
         cmocka_unit_test(of_many_pieces_the_shortest_are_suggested),
         cmocka_unit_test(what_is_near_nothing_gets_the_list),
+        cmocka_unit_test(counts_agree_with_their_nouns),
         cmocka_unit_test(printable_keeps_good_utf8_and_masks_the_rest),
         cmocka_unit_test(printable_cuts_long_texts_between_characters),
         cmocka_unit_test(numbers_refuse_what_is_not_wholly_a_number),

@@ -60,7 +60,7 @@ def _(folder):
     for more in ([], ['--material', 'marble'], ['-m', 'none']):
         said = flat(works(folder, 'render', 'flat.obj', '--size', '10mm', *SMALL, *more, '-o', 'a.png').stderr)
         need('nothing is in view none of the scene\'s triangles has an area' in said and 'camera' not in said, said)
-    need('have no area: the object is invisible' in flat(works(folder, 'check', 'flat.obj', '--size', '10mm').stdout))
+    need('no area: the object is invisible' in flat(works(folder, 'check', 'flat.obj', '--size', '10mm').stdout))
 
 
 @test('a broken picture: left out where something stands in its place, else refused, once')
@@ -215,7 +215,7 @@ def _(folder):
     fill(folder, {})
     (folder / 'buffer.png').write_bytes(picture())
     for name, part in (('dir', '"dir" is a folder'), ('pipe', '"pipe" is a pipe'), ('none', '"none" can\'t be found'),
-                       ('buffer.png', 'byteLength is 3600, but there are only')):
+                       ('buffer.png', 'byteLength is 3600, but only')):
         cube(folder, mesh=name)
         (folder / 'b.gltf').write_text(json.dumps({
             'asset': {'version': '2.0'}, 'meshes': [{'primitives': [{'attributes': {'POSITION': 0}}]}], 'nodes': [{'mesh': 0}],

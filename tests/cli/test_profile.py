@@ -507,7 +507,7 @@ def _(folder):
     compiler = shutil.which('cc') or shutil.which('gcc')
     if not compiler:
         raise Skip('there is no C compiler')
-    strict = ['-Wall', '-Wextra', '-Wno-unused-const-variable', '-Wno-unused-variable', '-Werror', '-pedantic', '-lm']
+    strict = ['-Wall', '-Wextra', '-Werror', '-pedantic', '-lm']
     plus = shutil.which('c++') or shutil.which('g++')
     for more in ([], ['--shared', '--taps', '9']):
         exported(folder, 'c', *more)
@@ -531,6 +531,20 @@ def _(folder):
             need(0.95 * channel['rd_total'] < row[3] <= channel['rd_total'], 'rings sum to', row[3])
             need(near(row[3] / channel['rd_total'], shares.pop(0) / 100, 2e-4), 'the comment says another share')
             need(row[4] == 0, 'the middle tap')
+
+
+@test('--export c compiles without a warning where nothing of it is used, by gcc and by clang')
+def _(folder):
+    compilers = [c for c in ('gcc', 'clang') if shutil.which(c)]
+    if not compilers:
+        raise Skip('there is no C compiler')
+    for more in ([], ['--shared'], ['--rank', '2'], ['--gaussians', '0'], ['--gaussians', '1']):
+        exported(folder, 'c', *more)
+        for compiler in compilers:
+            for language in ('-std=c99', '-std=c11', *(['-xc++'] if shutil.which('g++') else [])):
+                done = subprocess.run([compiler, language, '-Wall', '-Wextra', '-Wconversion', '-pedantic', '-c', 'kernel.c', '-o', 'k.o'],
+                                      cwd=folder, capture_output=True, timeout=60, check=False)
+                need(done.returncode == 0 and not done.stderr, compiler, language, more, done.stderr)
 
 
 @test('--export glsl compiles where a compiler is')

@@ -23,6 +23,8 @@ if subprocess.run([PROGRAM, 'view', '--help'], capture_output=True, check=False)
     COMMANDS.append('view')
 MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
 
+SIDES = 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION'
+
 # Title: arguments, exit code, what the error's code, place, text and hint hold.
 FAULTS = {
     'a command that is not there': (['rendr'], 2, 'rendr', 'render'),
@@ -51,6 +53,12 @@ FAULTS = {
     'a knob that is not there': ([*MESH, '--set', 'lodd=1'], 2, 'lodd', 'lod'),
     'a knob that is not there, said before the scene is read':
         (['render', 'no.obj', '-m', 'screen-space', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob without a method, said before the mesh is read': (['render', 'no.obj', '--set', 'lodd=1'], 2, 'lodd', 'lod'),
+    'a knob of no method, said before the scene is read': (['render', 'no.json', '--set', 'qwertz=1'], 2, 'qwertz', 'methods NAME'),
+    'a knob of another method': ([*MESH, '--set', 'most=8'], 2, 'screen-space has no knob "most"', 'dipole'),
+    'a knob of another method of a scene file': (['render', 'other.json', '-o', 'out.png'], 3, 'other.json', 'dipole'),
+    'a knob that is an option': ([*MESH, '--set', 'methd=dipole'], 2, 'methd', '"--method"'),
+    'a setting that is an option': ([*MESH, '--set', 'width=640'], 2, 'width', '"--width"'),
     'a knob that is not a number': ([*MESH, '--set', 'lod=nan'], 2, 'lod = nan', ''),
     'a knob out of range': ([*MESH, '--set', 'gaussians=11'], 2, '[1, 10]', ''),
     'a knob without a name': ([*MESH, '--set', '='], 2, 'NAME=VALUE', ''),
@@ -71,7 +79,9 @@ FAULTS = {
     'a camera that is not there': ([*MESH, '--camera', 'front'], 2, 'front', ''),
     'an axis that is not there': ([*MESH, '--up', 'w'], 2, '--up', ''),
     'a side that is not there': ([*MESH, '--from', 'frond'], 2, 'frond', 'front'),
-    'a side that is no angle': ([*MESH, '--from', '30,x'], 2, '--from', '35,15'),
+    'a side that is far from every name': ([*MESH, '--from', 'qwertz'], 2, 'qwertz', SIDES),
+    'a side that is near a name, and the others': ([*MESH, '--from', 'frond'], 2, '"frond"', 'top, 34, or AZIMUTH,ELEVATION'),
+    'a side that is no angle': ([*MESH, '--from', '30,x'], 2, '--from', SIDES + ' in degrees: 35,15'),
     'a side above the zenith': ([*MESH, '--from', '30,91'], 2, '[-90, 90]', ''),
     'a side and a camera': ([*MESH, '--from', 'left', '--camera', 'front'], 2, '--from', 'one of them'),
     'a studio that is not there': ([*MESH, '--studio', 'sofd'], 2, 'sofd', 'soft'),
@@ -138,7 +148,15 @@ def break_files(folder):
     write_scene(folder / 'method.json', method='screenspace')
     write_scene(folder / 'width.json', width=0.5)
     write_scene(folder / 'knob.json', knobs={'lodd': 1})
+    write_scene(folder / 'other.json', knobs={'most': 1})
     write_scene(folder / 'none.json', method='none', knobs={'lod': 1})
+
+
+def one_form(said):
+    """A line "error: PLACE: TEXT", where there is a place, and at most one more with a hint, indented; notes may stand before it."""
+    lines = said.splitlines()
+    at = [i for i, line in enumerate(lines) if line.startswith('error: ')]
+    return len(at) == 1 and re.match(r'error: [^ ]', lines[at[0]]) and [line[:2] for line in lines[at[0] + 1:]] in ([], ['  '])
 
 
 def fault_test(title, arguments, code, what, hint):
@@ -150,7 +168,7 @@ def fault_test(title, arguments, code, what, hint):
         plain, jason = run(folder, *arguments), run(folder, *arguments[:at], '--json', *arguments[at:])
         need(plain.returncode == code, 'exit', plain.returncode, plain.stderr)
         said = text(plain.stderr)
-        need(said.count('error: ') == 1, said)
+        need(said.count('error: ') == 1 and one_form(said), said)
         need(what in said and hint in said and not plain.stdout, 'said', said[:1000], plain.stdout[:1000])
         need(jason.returncode == code, 'with --json exit', jason.returncode)
         error = one_object(jason)['error']
@@ -197,6 +215,28 @@ def _(folder):
         for command in ('check', 'render'):
             done = run(folder, command, 'wrong.json')
             need(done.returncode == 3 and word in text(done.stderr) and not (folder / 'wrong.png').exists(), command, entry, done)
+
+
+@test('check reports the size once')
+def _(folder):
+    done = works(folder, 'check', 'bunny.obj', '--size', '70mm', '--material', 'marble')
+    said = text(done.stdout + done.stderr)
+    need(said.count('70 x 70 x 70 mm') == 1 and not done.stderr, done.stdout, done.stderr)
+
+
+@test('one is one: a scene of one triangle, one part and one problem')
+def _(folder):
+    (folder / 'one.obj').write_text('v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n', 'ascii')
+    (folder / 'fin.obj').write_text('v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 1 1 1\nf 1 2 3\nf 2 1 4\nf 1 2 5\nl 1 2\n', 'ascii')
+    for name in ('one.obj', 'fin.obj'):
+        for arguments in (['check', name, '--size', '70mm', '--material', 'marble'],
+                          ['render', name, '--size', '70mm', *SMALL, '--threads', '1', '-o', 'one.png']):
+            done = works(folder, *arguments)
+            said = text(done.stdout + done.stderr)
+            need(not re.search(r'(?<![\d.])1 (?!has|is)\w+s\b', said), said)
+            need(not re.search(r'(?<![\d.])1 \w+ (are|have)\b', said), said)
+    said = text(works(folder, 'check', 'fin.obj', '--size', '70mm', '--material', 'marble').stdout)
+    need('1 edge has more than two triangles' in ' '.join(said.split()), said)
 
 
 @test('check says where the things are, as its JSON does')
@@ -309,6 +349,18 @@ def _(folder):
     need(sum(device['preferred'] for device in answer['devices']) <= 1, answer['devices'])
     lowered = one_object(works(folder, 'info', '--json', env=clean_environment(PELL_SIMD='base')))
     need(lowered['engines'][0]['simd'] == 'base', lowered)
+
+
+@test('PELL_SIMD that names no level is warned of once, and the levels are named')
+def _(folder):
+    env = clean_environment(PELL_SIMD='avx9')
+    usual = one_object(works(folder, 'info', '--json'))['engines'][0]['simd']
+    for arguments in (['info', '--json'], MESH, ['profile', 'marble'], ['compare', 'a.png', 'a.png']):
+        works(folder, 'render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'a.png')
+        done = works(folder, *arguments, env=env)
+        need(text(done.stderr).count('warning: PELL_SIMD: "avx9" is ignored, must be base, v2, v3 or v4') == 1, arguments, done.stderr)
+        need(b'PELL_SIMD' not in works(folder, *arguments, env=clean_environment(PELL_SIMD='')).stderr, arguments)
+    need(one_object(works(folder, 'info', '--json', env=env))['engines'][0]['simd'] == usual)
 
 
 @test('check --json and check: a closed ball')
@@ -467,7 +519,17 @@ def _(folder):
             ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set lod=VALUE'),
             ('wholemilk', 'Jensen et al. 2001'), ('exit-codes', '  130 '), ('scenes', '"pellucid": 1')]:
         need(told in works(folder, 'help', name).stdout.decode(), name, told)
-    for name, nearest in (('rendr', 'help render'), ('exitcodes', 'help exit-codes'), ('--msa', 'help msaa'), ('marbel', 'help marble'),
+    for name, topic in (('units', 'lengths'), ('size', 'lengths'), ('scene', 'scenes'), ('exit codes', 'exit-codes'),
+                        ('exitcodes', 'exit-codes'), ('knob', 'knobs'), ('env', 'environment'), ('stdout', 'output'), ('layer', 'layers')):
+        need(works(folder, 'help', *name.split()).stdout.decode().startswith(f'pellucid help {topic} - '), name, topic)
+    need('--size LENGTH' in works(folder, 'help', 'size').stdout.decode(), 'a topic hides an option of its alias')
+    for command in ('materials', 'methods'):
+        need(works(folder, 'help', command).stdout == works(folder, command, '--help').stdout, command)
+    listed = works(folder, 'help', 'topics').stdout.decode()
+    need(all(f'\n  {t} ' in listed for t in topics if t != 'topics'), listed)
+    for name in ('lenghts', 'qwertz'):
+        need('topics: ' + ', '.join(topics) in run(folder, 'help', name).stderr.decode(), name)
+    for name, nearest in (('rendr', 'help render'), ('exitcods', 'help exit-codes'), ('--msa', 'help msaa'), ('marbel', 'help marble'),
                           ('', '--help')):
         done = run(folder, 'help', name)
         need(done.returncode == 2 and f'there is no help about "{name}"' in done.stderr.decode(), name, done)
@@ -553,17 +615,30 @@ def _(folder):
 
 @test('on a terminal of 60 columns help, lists and messages break between words, and all of it is ASCII')
 def _(folder):
-    examples = {line for c in COMMANDS for line in works(folder, c, '--help').stdout.decode('ascii').splitlines()
-                if line.startswith('  pellucid ')}
     for arguments in [['--help'], ['methods'], ['materials'], ['methods', 'path-trace'], ['help', 'noise'], ['info'],
                       ['check', 'no-such-file-of-this-name-in-any-folder.obj', '--size', '70mm'], *([c, '--help'] for c in COMMANDS)]:
         _, shown, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=60)
         lines = shown.decode('ascii').replace('\r\n', '\n').split('\n')
-        wide = [line for line in lines if len(line) > 60 and line not in examples and 'mean free path' not in line
-                and not line.startswith(('usage: ', 'Published profiles'))]
+        wide = [line for line in lines if len(line) > 60 and 'mean free path' not in line and not line.startswith('Published profiles')]
         need(len(lines) > 1 and not wide, arguments, wide)
         _, usual, _ = on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=200)
-        need(' '.join(usual.decode().split()) == ' '.join(shown.decode().split()) or arguments == ['materials'], arguments, shown)
+        words = [[w for w in t.decode().split() if w not in ('\\', '#')] for t in (usual, shown)]
+        need(words[0] == words[1] or arguments == ['materials'], arguments, shown)
+
+
+@test('help breaks at 40 columns between words, and its examples as a shell takes them')
+def _(folder):
+    for arguments in [['--help'], ['help', 'scenes'], *([c, '--help'] for c in COMMANDS)]:
+        shown, usual = (on_terminal(folder, arguments, clean_environment(NO_COLOR='1'), both=True, columns=n)[1].decode('ascii')
+                        .replace('\r\n', '\n') for n in (40, 200))
+        wide = [line for line in shown.split('\n') if len(line) > 40]
+        need(not wide, arguments, wide)
+        words = [[w for w in t.split() if w not in ('\\', '#')] for t in (shown, usual)]
+        need(words[0] == words[1], arguments, shown)
+        if 'Examples' in shown:
+            examples = [[shlex.split(line, comments=True) for line in re.sub(r'\\\n', '', t.split('Examples\n')[1].split('\n\nOptions')[0])
+                         .splitlines()] for t in (shown, usual)]
+            need([e for e in examples[0] if e] == examples[1], arguments, shown)
 
 
 @test('what a render says of itself: the names of the images, one thread, an option that is given twice')
@@ -608,7 +683,8 @@ def _(folder):
     with open('/dev/full', 'wb') as full:
         for arguments in (['materials'], ['materials', '--json'], ['--help'], ['render', '--help'], ['--version'], ['check', 'scene.json']):
             done = run(folder, *arguments, stdout=full, stderr=subprocess.PIPE, capture_output=False)
-            need(done.returncode == 1 and b'stdout' in done.stderr, arguments, done.returncode, done.stderr)
+            said = text(done.stderr).splitlines()
+            need(done.returncode == 1 and said[-1:] == ["error: standard output: the answer can't be written"], arguments, done)
 
 
 @test('a reader that goes away is no crash')

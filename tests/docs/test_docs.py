@@ -438,6 +438,18 @@ def _(folder):
         need(done.returncode == 0, name, done.stderr)
 
 
+@test('the programs of examples/ compile without a warning, by gcc and by clang')
+def _(folder):
+    include = [f'-I{path}' for path in (ROOT / 'include', EXAMPLES.parent / 'include')]
+    flags = ['-std=c11', '-Wall', '-Wextra', '-Wconversion', '-pedantic', '-fsyntax-only']
+    for compiler in filter(shutil.which, ('gcc', 'clang')):
+        for source in sorted((ROOT / 'examples').rglob('*.c')):
+            done = subprocess.run([compiler, *flags, *include, source], cwd=folder, capture_output=True, text=True, check=False)
+            if 'vulkan/vulkan' in done.stderr:
+                continue  # its headers are not installed
+            need(done.returncode == 0 and not done.stderr, compiler, source.name, done.stderr)
+
+
 @test('profile: the lengths and totals that `materials` prints, weights that sum to the total')
 def _(folder):
     out = program(folder, PROFILE, 'wholemilk')

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""check_install.py BUILD SOURCE C-COMPILER [CXX-COMPILER]: installs into a scratch folder, builds a stranger's program against that alone.
+"""check_install.py BUILD SOURCE C-COMPILER [CXX-COMPILER [PYTHON PREFIX]]: installs into a scratch folder, builds a stranger's program
+against that alone.
 
 The program knows only what pkg-config tells it. It is built as C11 and, where there is a compiler, as C++17, and run. The projects of
-examples/projects are built by CMake, where it is installed, and by Meson, and run.
+examples/projects are built by CMake, where it is installed, and by Meson, and run. PYTHON is the one that the package is for.
 """
 import os
 import pathlib
@@ -113,6 +114,41 @@ def check_files(installed, source):
         raise Fault(f"tests are installed: {strays}")
 
 
+def check_python(installed, python, prefix):
+    """The extension finds the library by itself, where the loader does not look; a package of a distribution (/usr) has no run path."""
+    extension = next(installed.root.rglob("pellucid/_pellucid*.so"))
+    said = run(["readelf", "-d", str(extension)])
+    if prefix == "/usr":
+        if "PATH" in said:
+            raise Fault(f"below /usr the extension has a run path: {said}")
+        return
+    env = {k: v for k, v in os.environ.items() if k != "LD_LIBRARY_PATH"}
+    found = run([python, "-c", "import pellucid; print(pellucid.__file__)"],
+                env={**env, "PYTHONPATH": str(extension.parent.parent)}, cwd=installed.root)
+    if str(installed.root) not in found:
+        raise Fault(f"imported {found!r}")
+
+
+def check_removal(build, source, scratch):
+    """What was installed twice, and imported, goes without a trace; what was there before stays."""
+    root, kept = scratch / "removed", scratch / "installed.txt"
+    before = root / "opt" / "mine.txt"
+    before.parent.mkdir(parents=True)
+    before.write_text("mine")
+    for _ in range(2):
+        run(["meson", "install", "-C", build, "--no-rebuild", "--destdir", str(root)])
+        run([str(source / "scripts/installed.py"), "remember", str(pathlib.Path(build) / "meson-logs/install-log.txt"), str(kept)])
+    for module in root.rglob("pellucid/__init__.py"):
+        run([sys.executable, "-m", "compileall", "-q", str(module.parent)])
+    if not list(root.rglob("bin/pellucid")):
+        raise Fault("nothing was installed")
+    run([str(source / "scripts/installed.py"), "remove", str(kept)])
+    left = [str(p) for p in root.rglob("*") if p != before and p != before.parent]
+    if left or not before.exists() or kept.exists():
+        raise Fault(f"is left: {left}")
+    run([str(source / "scripts/installed.py"), "remove", str(kept)])
+
+
 def check_version(installed):
     version = run(["pkg-config", "--modversion", "pellucid"], env=installed.env).strip()
     header = next(installed.root.rglob("pellucid/version.h")).read_text("utf-8")
@@ -125,6 +161,7 @@ def check_version(installed):
 def main():
     build, source, cc = sys.argv[1], pathlib.Path(sys.argv[2]), sys.argv[3].split()
     cxx = sys.argv[4].split() if sys.argv[4:] and sys.argv[4] else None
+    python, prefix = sys.argv[5:7] if sys.argv[6:] else ("", "")
     if not shutil.which("pkg-config"):
         print("1..0 # SKIP pkg-config is not installed")
         return 0
@@ -146,7 +183,10 @@ def main():
             "a C++17 program builds and renders":
                 (lambda: installed.build_and_run([*cxx, "-xc++", "-std=c++17", "-Wall", "-Wextra", "-Werror"], scratch)) if cxx else None,
         }
-        lacks = {"a C++17 program builds and renders": "there is no C++ compiler",
+        tests["Python imports the package that was installed"] = (lambda: check_python(installed, python, prefix)) if python else None
+        tests["what was installed is removed without a trace"] = lambda: check_removal(build, source, scratch)
+        lacks = {"Python imports the package that was installed": "the build has no Python package",
+                 "a C++17 program builds and renders": "there is no C++ compiler",
                  "a project finds it by CMake, in its own version alone": "CMake is not installed"}
         tests["a project finds it by CMake, in its own version alone"] = \
             (lambda: installed.cmake(source, scratch)) if shutil.which("cmake") else None

@@ -168,7 +168,7 @@ static void fins_flips_and_flat_triangles_are_found(void **state)
     assert_false(o->closed);
     find(&c, "more than two triangles");
     find(&c, "face opposite ways");
-    find(&c, "have no area");
+    find(&c, "has no area");
     finish(&c);
 }
 

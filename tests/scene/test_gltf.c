@@ -805,7 +805,7 @@ static void versions_and_containers_are_checked(void **state)
                  HEAD ONE_NODE MESH "\"buffers\":[{\"byteLength\":48}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48}],"
                                     "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]}",
                  NULL, 0);
-    refuse(PELL_ERR_FORMAT, "/buffers/0", "byteLength is 999, but there are only 260 bytes",
+    refuse(PELL_ERR_FORMAT, "/buffers/0", "byteLength is 999, but only 260 bytes are there",
            HEAD ONE_NODE MESH "\"buffers\":[{\"byteLength\":999}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48}],"
                               "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]}");
     refuse(PELL_ERR_FORMAT, "/buffers/0/uri", "scheme",

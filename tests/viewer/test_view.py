@@ -452,15 +452,18 @@ def _(folder):
 def _(folder):
     arguments = ball(folder)
     for wrong, code, word in ((['ball.obj'], 2, b'--size'), (['nothing.obj'], 3, b'nothing.obj'),
-                              ([*arguments, '--listen', 'here'], 2, b'here'), ([*arguments, '--set', 'lod=no'], 2, b'lod'),
+                              ([*arguments, '--set', 'lod=no'], 2, b'lod'),
                               ([*arguments, '--port', '70000'], 2, b'65535')):
         done = run(folder, 'view', *wrong, '--no-open')
         need(done.returncode == code and word in done.stderr, wrong, done.returncode, done.stderr)
     with socket.socket() as taken:
         taken.bind(('127.0.0.1', 0))
         taken.listen()
-        done = run(folder, 'view', *arguments, '--no-open', '--port', str(taken.getsockname()[1]))
-        need(done.returncode == 2 and b'another program' in done.stderr, done.stderr)
+        port = str(taken.getsockname()[1])
+        # before the scene is read: of a file that is not there nothing is said
+        for wrong, word in ((['--listen', 'here'], b'here'), (['--port', port], b'another program'), (['--set', 'methd=1'], b'--method')):
+            done = run(folder, 'view', 'nothing.obj', '--no-open', *wrong)
+            need(done.returncode == 2 and word in done.stderr and b'nothing.obj' not in done.stderr, wrong, done.stderr)
 
 
 if __name__ == '__main__':

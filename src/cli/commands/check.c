@@ -136,12 +136,6 @@ static const char *shown(const char *name, char buffer[96])
     return name && name[0] ? pell_printable(name, buffer, 96) : "(no name)";
 }
 
-static const char *plural(long long count, const char *one, char buffer[64])
-{
-    snprintf(buffer, 64, "%lld %s%s", count, one, count == 1 ? "" : "s");
-    return buffer;
-}
-
 /* The notes are about materials: how far light goes in each, and where its colour is from. */
 static void print_problems(const struct cli *cli, const struct pell_scene_report *r, bool notes)
 {
@@ -173,9 +167,9 @@ static void print_problems(const struct cli *cli, const struct pell_scene_report
 
 static void print_object(const struct pell_object_report *o)
 {
-    char name[96], count[64];
+    char name[96];
 
-    printf("  %-20s %s, %s%s", shown(o->name, name), plural((long long) o->triangles, "triangle", count),
+    printf("  %-20s %s, %s%s", shown(o->name, name), pell_counted((long long) o->triangles, "triangle", "triangles").str,
            o->degenerate_triangles == o->triangles ? "no area"
            : o->closed                             ? "closed"
                                                    : "open",
@@ -246,19 +240,20 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     const size_t most = (size_t) cli->limits.warnings;
     size_t problems = json_array_size(cli->collected), notes = 0;
     struct pell_text line = { .length = 0 };
-    char name[96], a[64], b[64], c[64];
+    char name[96];
 
     for (size_t i = 0; i < r->num_problems; i++)
         *(r->problems[i].severity == PELL_SEVERITY_NOTE ? &notes : &problems) += 1;
     pell_text_add(&line, "%s, %s, %.4g x %.4g x %.4g mm (one unit of the file is %.6g mm)",
-                  plural((long long) scene->num_meshes, "mesh part", a), plural((long long) r->triangles, "triangle", b),
-                  (double) (r->bounds_max[0] - r->bounds_min[0]), (double) (r->bounds_max[1] - r->bounds_min[1]),
-                  (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
+                  pell_counted((long long) scene->num_meshes, "mesh part", "mesh parts").str,
+                  pell_counted((long long) r->triangles, "triangle", "triangles").str, (double) (r->bounds_max[0] - r->bounds_min[0]),
+                  (double) (r->bounds_max[1] - r->bounds_min[1]), (double) (r->bounds_max[2] - r->bounds_min[2]), scene->mm_per_unit);
     cli_wrap(stdout, 0, 2, line.str);
     printf("from (%.4g, %.4g, %.4g) to (%.4g, %.4g, %.4g) mm\n", (double) r->bounds_min[0], (double) r->bounds_min[1],
            (double) r->bounds_min[2], (double) r->bounds_max[0], (double) r->bounds_max[1], (double) r->bounds_max[2]);
-    printf("%s, %s, %s\n\n%sObjects%s\n", plural((long long) scene->num_lights, "light", a),
-           plural((long long) scene->num_cameras, "camera", b), plural((long long) scene->num_textures, "texture", c), bold, plain);
+    printf("%s, %s, %s\n\n%sObjects%s\n", pell_counted((long long) scene->num_lights, "light", "lights").str,
+           pell_counted((long long) scene->num_cameras, "camera", "cameras").str,
+           pell_counted((long long) scene->num_textures, "texture", "textures").str, bold, plain);
     for (size_t i = 0; i < r->num_objects && i < most; i++)
         print_object(&r->objects[i]);
     print_more(r->num_objects, most);
@@ -282,7 +277,7 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
     }
     if (section)
         print_section(cli, section);
-    printf("\n%s%s%s\n", bold, plural((long long) problems, "problem", a), plain);
+    printf("\n%s%s%s\n", bold, pell_counted((long long) problems, "problem", "problems").str, plain);
     print_problems(cli, r, false);
 }
 

@@ -3,6 +3,7 @@
 #include "cli/compare/compare.h"
 
 #include "base/file.h"
+#include "base/simd.h"
 
 #include <errno.h>
 #include <stdlib.h>
@@ -144,5 +145,7 @@ enum exit_code command_compare(struct cli *cli)
         return compare_list(cli);
     if (cli->part.scenes)
         return cli_usage(cli, "--scene-range", NULL, "goes with a list of scenes (.txt)");
+    if (!scene) /* which needs no device */
+        pell_simd_check(cli->ctx);
     return scene ? compare_scene(cli) : compare_pictures(cli);
 }

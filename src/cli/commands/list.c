@@ -1,9 +1,14 @@
 /* SPDX-License-Identifier: MIT
  * list.c - `pellucid methods`, `info`: what there is. */
-#include "cli/cli.h"
+#include "cli/profile/profile.h"
+#include "cli/profile/stack.h"
 
 #include "base/simd.h"
+#include "scene/scene.h"
 #include "vulkan/devices.h"
+
+#include <pellucid/compare.h>
+#include <pellucid/profile.h>
 
 #include <math.h>
 #include <string.h>
@@ -379,6 +384,52 @@ static void print_devices(const struct pell_vulkan_devices *devices)
     putchar('\n');
 }
 
+static const char *model_name(size_t i)
+{
+    const struct pell_profile_model_row *row = pell_profile_model_at(i);
+    return row ? row->name : NULL;
+}
+
+/* Names that an option's value may be, by the option, or "compare/OPTION" where `compare` has others: of tables, for the completions of
+ * shells. */
+static json_t *choices_json(const char *const *formats)
+{
+    static const struct {
+        const char *option;
+        const char *(*name)(size_t);
+    } rows[] = { { "up", pell_axis_name },
+                 { "from", pell_side_name },
+                 { "studio", pell_studio_name },
+                 { "background", pell_background_name },
+                 { "model", model_name } };
+    static const char *const switches[] = { "on", "off", NULL };
+    const struct pell_knob *const tables[] = { pell_settings_knobs(), pell_compare_knobs() };
+    char key[64];
+    json_t *o = json_object();
+
+    for (size_t i = 0; i < PELL_COUNT(rows); i++) {
+        json_t *list = json_array();
+        const char *name;
+        for (size_t n = 0; (name = rows[i].name(n)); n++)
+            json_array_append_new(list, json_string(name));
+        json_object_set_new(o, rows[i].option, list);
+    }
+    json_object_set_new(o, "engine", names_json(cli_engine_names));
+    json_object_set_new(o, "log-level", names_json(cli_log_levels));
+    json_object_set_new(o, "progress", names_json(cli_progress_forms));
+    json_object_set_new(o, "format", names_json(formats));
+    json_object_set_new(o, "export", names_json(profile_language_names));
+    json_object_set_new(o, "solver", names_json(stack_solver_names));
+    json_array_append_new(json_object_get(o, "solver"), json_string("all"));
+    for (size_t t = 0; t < PELL_COUNT(tables); t++)
+        for (const struct pell_knob *k = tables[t]; k->name; k++)
+            if (k->type == PELL_KNOB_ENUM || k->type == PELL_KNOB_BOOL) {
+                snprintf(key, sizeof(key), "%s%s", json_object_get(o, k->name) ? "compare/" : "", k->name);
+                json_object_set_new(o, key, names_json(k->type == PELL_KNOB_ENUM ? k->choices : switches));
+            }
+    return o;
+}
+
 static enum exit_code info_json(struct cli *cli, const char *device, int threads, const char *const *levels,
                                 const struct pell_vulkan_devices *vulkan)
 {
@@ -390,11 +441,12 @@ static enum exit_code info_json(struct cli *cli, const char *device, int threads
         const char *field = (const char *) &cli->limits + k->offset;
         json_object_set_new(limits, k->name, json_integer(k->type == PELL_KNOB_INT64 ? *(const int64_t *) field : *(const int *) field));
     }
-    info = json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:o,s:o,s:{s:o,s:o},s:i}", "version", pell_version_string(),
-                     "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS, "sanitized", SANITIZED, "engines",
-                     "name", "cpu", "device", device, "threads", threads, "simd", pell_simd_name(pell_simd_best()), "simd_levels",
-                     names_json(levels), "devices", devices_json(vulkan), "limits", limits, "image_formats", "read",
-                     names_json(read_formats), "write", names_json(formats), "materials", (int) pell_material_count());
+    info =
+        json_pack("{s:s,s:{s:s,s:b,s:b,s:b},s:[{s:s,s:s,s:i,s:s,s:o}],s:o,s:o,s:{s:o,s:o},s:i,s:o}", "version", pell_version_string(),
+                  "build", "compiler", COMPILER, "optimized", OPTIMIZED, "assertions", ASSERTIONS, "sanitized", SANITIZED, "engines",
+                  "name", "cpu", "device", device, "threads", threads, "simd", pell_simd_name(pell_simd_best()), "simd_levels",
+                  names_json(levels), "devices", devices_json(vulkan), "limits", limits, "image_formats", "read", names_json(read_formats),
+                  "write", names_json(formats), "materials", (int) pell_material_count(), "choices", choices_json(formats));
     if (info && runs_on_vulkan() && vulkan->taken >= 0)
         json_array_append_new(json_object_get(info, "engines"),
                               json_pack("{s:s,s:s}", "name", "vulkan", "device", vulkan->list[vulkan->taken].name));
@@ -428,9 +480,9 @@ enum exit_code command_info(struct cli *cli)
         pell_vulkan_devices_release(cli->ctx, &vulkan);
         return code;
     }
-    printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %d threads, SIMD level %s\n", pell_version_string(), "built with", COMPILER,
+    printf("pellucid %s\n%-15s %s%s%s%s\n\n%-15s %s\n%-15s %s, SIMD level %s\n", pell_version_string(), "built with", COMPILER,
            OPTIMIZED ? ", optimized" : ", not optimized", ASSERTIONS ? ", assertions" : "", SANITIZED ? ", sanitizers" : "", "engine cpu",
-           device, "", threads, pell_simd_name(pell_simd_best()));
+           device, "", pell_counted(threads, "thread", "threads").str, pell_simd_name(pell_simd_best()));
     print_names("SIMD levels", levels);
     print_devices(&vulkan);
     pell_vulkan_devices_release(cli->ctx, &vulkan);

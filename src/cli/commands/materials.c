@@ -242,9 +242,10 @@ static void print_line(const struct cli *cli, const struct pell_material_entry *
         for (int c = 0; c < 3; c++)
             printf(" %7.3g", pell_mean_free_path(&e->medium, c));
     else if (e->kind == PELL_MATERIAL_LAYERS)
-        printf(" %d layer%s", e->layers.count, e->layers.count == 1 ? "" : "s");
+        printf(" %s", pell_counted(e->layers.count, "layer", "layers").str);
     else
-        printf(" %d Gaussians, widest %.3g mm", e->gaussians.count, sqrt(e->gaussians.variance[e->gaussians.count - 1]));
+        printf(" %s, widest %.3g mm", pell_counted(e->gaussians.count, "Gaussian", "Gaussians").str,
+               sqrt(e->gaussians.variance[e->gaussians.count - 1]));
     if (cli->color_out)
         printf("  \x1b[48;2;%d;%d;%dm  \x1b[0m", code[0], code[1], code[2]);
     putchar('\n');

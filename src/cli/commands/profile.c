@@ -3,6 +3,7 @@
 #include "cli/profile/profile.h"
 
 #include "base/file.h"
+#include "base/simd.h"
 #include "cli/plot.h"
 #include "scene/file/profile_table.h"
 #include "scene/scene.h"
@@ -611,6 +612,7 @@ enum exit_code command_profile(struct cli *cli)
     struct profile_job job = { .names = { "r", "g", "b" }, .titles = { "red", "green", "blue" }, .columns = { "R", "G", "B" } };
     enum exit_code code = check_options(cli);
 
+    pell_simd_check(cli->ctx);
     if (code == EXIT_OK && cli->profile.export)
         code = profile_check_export(cli);
     if (code == EXIT_OK && !(job.profile = calloc(1, sizeof(*job.profile))))

@@ -394,8 +394,8 @@ static void print_answer(const struct cli *cli, const struct job *job, const cha
                                      : strcmp(job->output, "-") ? job->output
                                                                 : "stdout",
                                      name, sizeof(name)));
-    pell_text_add(&line, ": %d x %d, %s on engine %s (%d thread%s), %.2f s%s after %.2f s of loading", p->width, p->height, method, engine,
-                  threads, threads == 1 ? "" : "s", p->seconds, count > 1 ? " for the last" : "", job->session.load_seconds);
+    pell_text_add(&line, ": %d x %d, %s on engine %s (%s), %.2f s%s after %.2f s of loading", p->width, p->height, method, engine,
+                  pell_counted(threads, "thread", "threads").str, p->seconds, count > 1 ? " for the last" : "", job->session.load_seconds);
     if (cli->tty)
         cli_wrap(stderr, 0, 2, line.str);
     else

@@ -39,11 +39,11 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
     if (res != PELL_OK)
         return res;
     if (out->bad_test > 0)
-        pell_warn(cli->ctx, test, NULL, "%lld pixels are not finite; they are left out of all numbers", (long long) out->bad_test);
+        pell_warn(cli->ctx, test, NULL, "%s not finite: left out of all numbers",
+                  pell_counted(out->bad_test, "pixel is", "pixels are").str);
     if (out->bad_reference > 0)
-        pell_warn(cli->ctx, reference, NULL,
-                  "%lld pixels of the reference are not finite or have a negative variance; they are left out of all numbers",
-                  (long long) out->bad_reference);
+        pell_warn(cli->ctx, reference, NULL, "of the reference %s not finite or of a negative variance: left out of all numbers",
+                  pell_counted(out->bad_reference, "pixel is", "pixels are").str);
     if (out->whole.pixels == 0)
         res = out->bad_variance > 0 && out->bad_test == 0 && out->bad_variance == out->bad_reference
                   ? pell_error(cli->ctx, PELL_ERR_INVALID, reference, "compare a layer without it: --layer NAME",

@@ -113,6 +113,9 @@ static enum exit_code check_set(struct cli *cli, const struct run_list *runs)
         for (size_t i = 0; i < runs->num_references && hint.length == 0; i++)
             if (find_knob(runs->list[i].method, name))
                 pell_text_add(&hint, "for the reference: --reference %s:%s=%.60s", runs->list[i].label, name, runs->set.items[k].value);
+        for (size_t i = 0; i < pell_method_count() && hint.length == 0; i++)
+            if (find_knob(pell_method_at(i), name))
+                pell_text_add(&hint, "it is a knob of %s: add it to --methods", pell_method_at(i)->name);
         if (hint.length == 0)
             pell_text_suggest(&hint, "", name, names, n);
         return cli_usage(cli, "--set", hint.length > 0 ? hint.str : "`pellucid methods NAME` lists its knobs",

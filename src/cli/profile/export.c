@@ -9,7 +9,7 @@
 enum { TABLE = 64 };
 
 enum language { C, GLSL, HLSL, JSON, LANGUAGES };
-static const char *const language_names[LANGUAGES] = { "c", "glsl", "hlsl", "json" };
+const char *const profile_language_names[LANGUAGES + 1] = { "c", "glsl", "hlsl", "json", NULL };
 
 #define SEEN 0.05 /* error of a separable kernel that is reported */
 
@@ -26,7 +26,7 @@ struct kernel {
 static enum language find_language(const char *name)
 {
     for (int i = 0; i < LANGUAGES; i++)
-        if (strcmp(name, language_names[i]) == 0)
+        if (strcmp(name, profile_language_names[i]) == 0)
             return (enum language) i;
     return LANGUAGES;
 }
@@ -95,6 +95,15 @@ static const char *number(double value, char text[40])
     return text;
 }
 
+/* How a constant begins, with its type. In C what is not used brings no warning: the code is pasted whole. */
+static void add_constant(struct profile_text *t, enum language l, const char *id, const char *type)
+{
+    if (l == C)
+        profile_add(t, "static %s_unused const %s ", id, type);
+    else
+        profile_add(t, "%sconst %s ", l == GLSL ? "" : "static ", type);
+}
+
 static void add_integer(struct profile_text *t, enum language l, const char *id, const char *name, int value)
 {
     if (l == C)
@@ -106,14 +115,16 @@ static void add_integer(struct profile_text *t, enum language l, const char *id,
 static void add_float(struct profile_text *t, enum language l, const char *id, const char *name, double value)
 {
     char text[40];
-    profile_add(t, "%sconst float %s_%s = %s%s;\n", l == GLSL ? "" : "static ", id, name, number(value, text), l == C ? "f" : "");
+    add_constant(t, l, id, "float");
+    profile_add(t, "%s_%s = %s%s;\n", id, name, number(value, text), l == C ? "f" : "");
 }
 
 static void add_floats(struct profile_text *t, enum language l, const char *id, const char *name, const double *v, int n)
 {
     char text[40];
 
-    profile_add(t, "%sconst float %s_%s[%d] = %s", l == GLSL ? "" : "static ", id, name, n, l == GLSL ? "float[](" : "{");
+    add_constant(t, l, id, "float");
+    profile_add(t, "%s_%s[%d] = %s", id, name, n, l == GLSL ? "float[](" : "{");
     for (int i = 0; i < n; i++)
         profile_add(t, "%s%s%s%s", i ? "," : "", i % 8 ? " " : "\n    ", number(v[i], text), l == C ? "f" : "");
     profile_add(t, "\n%s;\n", l == GLSL ? ")" : "}");
@@ -124,12 +135,8 @@ static void add_vectors(struct profile_text *t, enum language l, const char *id,
     static const char *const opening[] = { "{ ", "vec3(", "{ " }, *const closing[] = { " }", ")", " }" };
     char text[3][40];
 
-    if (l == C)
-        profile_add(t, "static const float %s_%s[%d][3] = {\n", id, name, n);
-    else if (l == GLSL)
-        profile_add(t, "const vec3 %s_%s[%d] = vec3[](\n", id, name, n);
-    else
-        profile_add(t, "static const float3 %s_%s[%d] = {\n", id, name, n);
+    add_constant(t, l, id, l == C ? "float" : l == GLSL ? "vec3" : "float3");
+    profile_add(t, "%s_%s[%d]%s = %s\n", id, name, n, l == C ? "[3]" : "", l == GLSL ? "vec3[](" : "{");
     for (int i = 0; i < n; i++) {
         const char *f = l == C ? "f" : "";
         profile_add(t, "    %s%s%s, %s%s, %s%s%s%s\n", opening[l], number(v[i][0], text[0]), f, number(v[i][1], text[1]), f,
@@ -174,11 +181,11 @@ static void add_fit(struct profile_text *t, enum language l, const char *id, con
     add_vectors(t, l, id, "weight", (const double(*)[3]) weight, n);
     if (l == C)
         profile_add(t,
-                    "static inline float %s_profile(int channel, float r)\n{\n    float sum = 0.0f;\n"
+                    "static inline %s_unused float %s_profile(int channel, float r)\n{\n    float sum = 0.0f;\n"
                     "    for (int i = 0; i < %s_gaussians; i++)\n"
                     "        sum += %s_weight[i][channel] * expf(-0.5f * r * r / %s_variance[i][channel]) /\n"
                     "               (6.28318531f * %s_variance[i][channel]);\n    return sum;\n}\n",
-                    id, id, id, id, id);
+                    id, id, id, id, id, id);
     else
         profile_add(
             t,
@@ -292,7 +299,9 @@ static void add_code(struct profile_text *t, const struct profile_job *job, enum
         add_comment(t, l, line);
     }
     if (l == C)
-        profile_add(t, "#include <math.h>\n");
+        profile_add(
+            t, "#include <math.h>\n\n#if defined(__GNUC__)\n#define %s_unused __attribute__((unused))\n#else\n#define %s_unused\n#endif\n",
+            id, id);
     if (k->fit)
         add_fit(t, l, id, k);
     add_separable(t, l, id, k);

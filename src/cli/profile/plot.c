@@ -189,7 +189,7 @@ static struct plot_axis difference_axis(const struct sheet *sheet, int columns, 
 static void name_fit(struct sheet *sheet, size_t i)
 {
     if (i < sheet->job->num_fits)
-        snprintf(sheet->labels[i], sizeof(sheet->labels[i]), "%d Gaussian%s", sheet->job->fits[i].k, sheet->job->fits[i].k == 1 ? "" : "s");
+        snprintf(sheet->labels[i], sizeof(sheet->labels[i]), "%.60s", pell_counted(sheet->job->fits[i].k, "Gaussian", "Gaussians").str);
 }
 
 /* Three channels in one panel, with the fit. */
@@ -327,11 +327,11 @@ static void write_caption(const struct profile_job *job, struct pell_text *text)
     if (job->num_fits && !job->num_others)
         pell_text_add(text, "\n");
     for (size_t i = 0; i < job->num_fits && !job->num_others; i++) {
-        char head[64];
+        char head[128];
         double percent[3];
         for (int c = 0; c < 3; c++)
             percent[c] = 100.0 * job->fits[i].error[c];
-        snprintf(head, sizeof(head), "error of %d Gaussian%s", job->fits[i].k, job->fits[i].k == 1 ? "" : "s");
+        snprintf(head, sizeof(head), "error of %s", pell_counted(job->fits[i].k, "Gaussian", "Gaussians").str);
         add_numbers(text, head, percent, "%");
     }
     for (size_t i = 0; i < job->num_others; i++) {

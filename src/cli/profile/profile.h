@@ -87,6 +87,8 @@ enum exit_code profile_plot(struct cli *cli, const struct profile_job *job);
 
 /* --- profile_export.c --------------------------------------------------------------------------------------------------------- */
 
+/* What --export takes; ends with NULL. */
+extern const char *const profile_language_names[];
 /* Whether --export and --taps say something. */
 enum exit_code profile_check_export(struct cli *cli);
 /* Adds the first fit, a separable kernel and a table as constants of a language: "c", "glsl", "hlsl" or "json". PELL_ERR_INVALID, not

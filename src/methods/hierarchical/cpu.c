@@ -224,8 +224,8 @@ static enum pell_result hierarchical_create(const struct pell_services *services
     if (wanted > (double) st->knobs.most)
         pell_warn(ctx, "hierarchical", "raise the knob most, or lower density",
                   "the density needs %.0f samples, %d are used: the image may show them as spots", wanted, st->knobs.most);
-    pell_info(ctx, "hierarchical", "%zu samples on %zu solid%s, %.1f MB, made in %.3f s", samples, st->solids->count,
-              st->solids->count == 1 ? "" : "s", 1e-6 * (double) bytes, pell_seconds() - start);
+    pell_info(ctx, "hierarchical", "%zu samples on %s, %.1f MB, made in %.3f s", samples,
+              pell_counted((long long) st->solids->count, "solid", "solids").str, 1e-6 * (double) bytes, pell_seconds() - start);
     return PELL_OK;
 
 fail:

@@ -143,7 +143,7 @@ enum pell_result is_light_views_make(const struct pell_services *services, const
             return PELL_ERR_CANCELLED;
     }
     if (left > 0)
-        pell_warn(ctx, "image-space", "leave out the dimmest", "%zu lights have no irradiance image of their own, at most %d have one",
-                  left, IS_VIEWS_MOST);
+        pell_warn(ctx, "image-space", "leave out the dimmest", "%s no irradiance image of their own, at most %d have one",
+                  pell_counted((long long) left, "light has", "lights have").str, IS_VIEWS_MOST);
     return PELL_OK;
 }

@@ -417,7 +417,7 @@ enum pell_result pt_checkpoint_decode(struct pell_context *ctx, const char *path
         PELL_TRY(read_film(&r, key, f, &films[f]));
     if (r.at == r.end)
         return PELL_OK;
-    res = pell_error(ctx, PELL_ERR_FORMAT, path, hint_damaged, "has %zu bytes too many", (size_t) (r.end - r.at));
+    res = pell_error(ctx, PELL_ERR_FORMAT, path, hint_damaged, "has %s too many", pell_counted(r.end - r.at, "byte", "bytes").str);
 
 fail:
     for (uint32_t f = 0; f < key->films; f++)

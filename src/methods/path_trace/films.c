@@ -269,11 +269,12 @@ enum pell_result pt_check_gaps(const struct pt_run *run, uint32_t end)
     if (tiles > 0 && !partial)
         return pell_error(st->ctx, PELL_ERR_INVALID, st->services->checkpoint->parts[0],
                           "render the missing part; `pellucid merge --partial` takes what is there",
-                          "these files leave gaps: samples %u:%u are missing in %zu tiles, the first is tile %zu", from * msaa, to * msaa,
-                          tiles, first);
+                          "these files leave gaps: samples %u:%u are missing in %s, the first is tile %zu", from * msaa, to * msaa,
+                          pell_counted((long long) tiles, "tile", "tiles").str, first);
     if (tiles > 0 && run->number == 0)
         pell_warn(st->ctx, st->services->checkpoint->parts[0], NULL,
-                  "a partial picture: %zu tiles lack samples, the first is tile %zu without %u:%u; %zu tiles have none and are black",
-                  tiles, first, from * msaa, to * msaa, black);
+                  "a partial picture: %s samples, the first is tile %zu without %u:%u; %s black",
+                  pell_counted((long long) tiles, "tile lacks", "tiles lack").str, first, from * msaa, to * msaa,
+                  pell_counted((long long) black, "tile has none and is", "tiles have none and are").str);
     return PELL_OK;
 }

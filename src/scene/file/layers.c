@@ -316,8 +316,8 @@ enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struc
     PELL_TRY(pell_json_choice(at, "below", substrate_names, PELL_COUNT(substrate_names), &below));
     count = (int) pell_json_count(&list);
     if (all.count > ((size_t) count + 3) / 4)
-        return pell_json_error(&all.depths, PELL_ERR_FORMAT, "a picture paints four layers, one in each channel",
-                               "has %zu pictures for %d layers", all.count, count);
+        return pell_json_error(&all.depths, PELL_ERR_FORMAT, "a picture paints four layers, one in each channel", "has %s for %s",
+                               pell_counted((long long) all.count, "picture", "pictures").str, pell_counted(count, "layer", "layers").str);
     PELL_TRY(pell_material_allocate_layers(r->scene, material, count));
     m->substrate = (enum pell_substrate) below;
     other = r->layers == list.value ? &r->scene->materials[r->layers_of] : NULL;

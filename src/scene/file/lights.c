@@ -173,7 +173,8 @@ enum pell_result pell_scene_lights(struct pell_scene_reader *r, const struct pel
     if (!lights.value)
         return PELL_OK;
     if (r->scene->num_lights)
-        pell_info(r->ctx, r->scene->path, "lists its own lights: %zu lights of the mesh files are not used", r->scene->num_lights);
+        pell_info(r->ctx, r->scene->path, "lists its own lights: %s not used",
+                  pell_counted((long long) r->scene->num_lights, "light of the mesh files is", "lights of the mesh files are").str);
     while (r->scene->num_lights)
         pell_free(r->ctx, r->scene->lights[--r->scene->num_lights].name);
     extras->no_lights = true;

@@ -150,8 +150,8 @@ static enum pell_result take_order(struct table *t, const char *text, size_t len
     if (n > COLUMNS)
         return refuse(t, t->line, "r_mm,R,G,B, or a first line with the columns' names", "has more than %d columns", COLUMNS);
     if (n != 2 && n != COLUMNS)
-        return refuse(t, t->line, "r_mm,R,G,B", "has %d column%s, must be 4 (r_mm,R,G,B), or 2 (r_mm,R for all channels)", n,
-                      n == 1 ? "" : "s");
+        return refuse(t, t->line, "r_mm,R,G,B", "has %s, must be 4 (r_mm,R,G,B), or 2 (r_mm,R for all channels)",
+                      pell_counted(n, "column", "columns").str);
     t->cells = t->columns = n;
     for (int k = 0; k < n; k++)
         t->column_of[k] = k;
@@ -177,7 +177,7 @@ static enum pell_result read_row(struct table *t, const char *text, size_t lengt
     for (const char *c = begin; c < end; c++)
         cells += *c == ',';
     if (cells != t->cells)
-        return refuse(t, t->line, NULL, "has %d column%s, the lines before have %d", cells, cells == 1 ? "" : "s", t->cells);
+        return refuse(t, t->line, NULL, "has %s, the lines before have %d", pell_counted(cells, "column", "columns").str, t->cells);
     for (; text; n++) {
         const char *word;
         const size_t size = next_cell(&text, end, &word);
@@ -213,8 +213,8 @@ static enum pell_result read_rows(struct table *t)
         t->at = stop + (t->end - stop >= 2 && stop[0] == '\r' && stop[1] == '\n' ? 2 : stop < t->end);
     }
     if (res == PELL_OK && t->count < 2)
-        return refuse(t, t->line > 1 ? t->line - 1 : 1, "r_mm,R,G,B", "the table has %zu row%s of numbers, at least 2 are needed", t->count,
-                      t->count == 1 ? "" : "s");
+        return refuse(t, t->line > 1 ? t->line - 1 : 1, "r_mm,R,G,B", "the table has %s of numbers, at least 2 are needed",
+                      pell_counted((long long) t->count, "row", "rows").str);
     return res;
 }
 

@@ -574,7 +574,8 @@ static enum pell_result reread_lights(struct pell_scene_reader *r, const struct 
     PELL_TRY(pell_scene_lights(r, root, &extras));
     res = scene->num_lights == count && !extras.studio
               ? PELL_OK
-              : pell_error(r->ctx, PELL_ERR_FORMAT, r->file.path, NULL, "lists %zu lights, must list %zu", scene->num_lights, count);
+              : pell_error(r->ctx, PELL_ERR_FORMAT, r->file.path, NULL, "lists %s, must list %zu",
+                           pell_counted((long long) scene->num_lights, "light", "lights").str, count);
     for (size_t i = 0; res == PELL_OK && i < count; i++) {
         if (scene->lights[i].type != old[i].type)
             res = pell_error(r->ctx, PELL_ERR_FORMAT, r->file.path, NULL, "light %zu has another type", i);

@@ -324,8 +324,8 @@ enum pell_result gltf_animate(struct gltf *g)
         return PELL_OK;
     if (!m->timed) {
         struct pell_text where;
-        pell_info(g->ctx, pell_json_where(&g->animations, &where), "%zu animations, none of them played: a time in seconds plays one",
-                  g->import->animations);
+        pell_info(g->ctx, pell_json_where(&g->animations, &where), "%s: a time in seconds plays one",
+                  pell_counted((long long) g->import->animations, "animation, which is not played", "animations, none of them played").str);
         return PELL_OK;
     }
     PELL_TRY(choose(g, &index));

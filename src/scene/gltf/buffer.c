@@ -209,8 +209,8 @@ static enum pell_result get_buffer(struct gltf *g, int64_t index, struct gltf_by
                                                  : "has no uri, and there is no binary chunk for it");
         }
         if (buffer->bytes.size < (uint64_t) size)
-            return pell_json_error(&at, PELL_ERR_FORMAT, "the file may be cut off",
-                                   "byteLength is %" PRId64 ", but there are only %" PRIu64 " bytes", size, buffer->bytes.size);
+            return pell_json_error(&at, PELL_ERR_FORMAT, "the file may be cut off", "byteLength is %" PRId64 ", but only %s there", size,
+                                   pell_counted((long long) buffer->bytes.size, "byte is", "bytes are").str);
         buffer->bytes.size = (uint64_t) size;
         buffer->ready = true;
     }
@@ -231,8 +231,8 @@ static enum pell_result packed_view(struct gltf *g, const struct pell_json *at, 
 
     PELL_TRY(gltf_meshopt_read(g, meshopt, &p));
     if (length != p.count * p.stride)
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "byteLength is %" PRId64 ", but %" PRId64 " bytes are unpacked", length,
-                               p.count * p.stride);
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "byteLength is %" PRId64 ", but %s unpacked", length,
+                               pell_counted(p.count * p.stride, "byte is", "bytes are").str);
     if (!view->ready) {
         PELL_TRY(get_buffer(g, p.buffer, &bytes));
         PELL_TRY(gltf_meshopt_decode(g, meshopt, &p, bytes, view));

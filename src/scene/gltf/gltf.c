@@ -31,7 +31,8 @@ void gltf_count_warnings(struct gltf *g)
 {
     for (int i = 0; i < GLTF_WARNINGS; i++)
         if (g->warned[i] > g->limits->warnings)
-            pell_warn(g->ctx, g->import->path, NULL, "%d more warnings about %s", g->warned[i] - g->limits->warnings, warning_names[i]);
+            pell_warn(g->ctx, g->import->path, NULL, "%s about %s",
+                      pell_counted(g->warned[i] - g->limits->warnings, "more warning", "more warnings").str, warning_names[i]);
 }
 
 bool gltf_once(struct gltf *g, enum gltf_once what)

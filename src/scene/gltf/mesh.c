@@ -236,7 +236,10 @@ static enum pell_result read_colors(struct gltf *g, const struct pell_json *at, 
         }
     }
     if (bad)
-        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu values of COLOR_0 are negative or not finite and are taken as 0", bad);
+        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%s taken as 0",
+                  pell_counted((long long) bad, "value of COLOR_0 is negative or not finite and is",
+                               "values of COLOR_0 are negative or not finite and are")
+                      .str);
     return PELL_OK;
 
 fail:
@@ -323,8 +326,8 @@ static enum pell_result read_shape(struct gltf *g, const struct pell_json *at, c
         }
         s->triangles = expand(p->mode, s->corner, s->count, NULL);
     } else if (s->count % 3 && s->triangles) {
-        gltf_warn(g, GLTF_WARN_PRIMITIVE, at, NULL,
-                  "%" PRIu32 " corners are no whole number of triangles: the last %" PRIu32 " are left out", s->count, s->count % 3);
+        gltf_warn(g, GLTF_WARN_PRIMITIVE, at, NULL, "%s no whole number of triangles: the last %s left out",
+                  pell_counted(s->count, "corner is", "corners are").str, s->count % 3 == 1 ? "is" : "2 are");
     }
     return PELL_OK;
 
@@ -421,13 +424,14 @@ static void turn(struct gltf *g, const struct pell_json *at, const struct pell_m
     if (normals)
         bad = gltf_turn_vectors(world, true, mesh->normal, mesh->num_vertices, 3);
     if (bad)
-        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu of %" PRIu32 " normals are zero or not finite and are made anew", bad,
-                  mesh->num_vertices);
+        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "of %s %s zero or not finite: made anew",
+                  pell_counted(mesh->num_vertices, "normal", "normals").str, pell_counted((long long) bad, "is", "are").str);
     if (!mesh->tangent)
         return;
     bad = gltf_turn_vectors(world, false, mesh->tangent, mesh->num_vertices, 4);
     if (bad) {
-        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%zu tangents are zero or not finite: all tangents are made anew", bad);
+        gltf_warn(g, GLTF_WARN_VALUE, at, NULL, "%s zero or not finite: all tangents are made anew",
+                  pell_counted((long long) bad, "tangent is", "tangents are").str);
         pell_free(g->ctx, mesh->tangent);
         mesh->tangent = NULL;
     }

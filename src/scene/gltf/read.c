@@ -133,8 +133,8 @@ static enum pell_result open_glb(struct gltf *g, const uint8_t *data, size_t siz
                           little_endian(data + 4));
     end = little_endian(data + 8);
     if (end > size || end < GLB_HEADER + GLB_CHUNK_HEADER)
-        return pell_error(g->ctx, PELL_ERR_FORMAT, path, "the file may be cut off",
-                          "the GLB says it has %" PRIu64 " bytes, but there are %zu", end, size);
+        return pell_error(g->ctx, PELL_ERR_FORMAT, path, "the file may be cut off", "the GLB says it has %s, but there are %zu",
+                          pell_counted((long long) end, "byte", "bytes").str, size);
     for (int chunk = 0; at < end; chunk++) {
         uint64_t length;
         uint32_t type;
@@ -148,8 +148,8 @@ static enum pell_result open_glb(struct gltf *g, const uint8_t *data, size_t siz
         type = little_endian(data + at + 4);
         at += GLB_CHUNK_HEADER;
         if (length > end - at)
-            return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL, "chunk %d has %" PRIu64 " bytes, but only %" PRIu64 " are left", chunk,
-                              length, end - at);
+            return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL, "chunk %d has %s, but only %s left", chunk,
+                              pell_counted((long long) length, "byte", "bytes").str, pell_counted((long long) (end - at), "is", "are").str);
         if (chunk == 0) {
             if (type != GLB_JSON)
                 return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL,

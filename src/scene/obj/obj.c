@@ -636,9 +636,9 @@ enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data
     PELL_TRY(settle_materials(&o));
     PELL_TRY(build(&o));
     if (o.lines || o.points || o.surfaces || o.thin)
-        pell_warn(o.ctx, import->path, NULL,
-                  "%lld lines, %lld points, %lld curves or surfaces and %lld faces of fewer than three corners are left out",
-                  (long long) o.lines, (long long) o.points, (long long) o.surfaces, (long long) o.thin);
+        pell_warn(o.ctx, import->path, NULL, "what follows is left out: %s, %s, %s, %s of fewer than three corners",
+                  pell_counted(o.lines, "line", "lines").str, pell_counted(o.points, "point", "points").str,
+                  pell_counted(o.surfaces, "curve or surface", "curves or surfaces").str, pell_counted(o.thin, "face", "faces").str);
 
 fail:
     finish(&o);
