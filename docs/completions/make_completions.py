@@ -33,8 +33,8 @@ class Program:
         self.knobs = {m['name']: [k['name'] for k in m['knobs']] for m in methods}
         self.materials = [m['name'] for m in json.loads(say(path, 'materials', '--json'))['materials']]
         self.choices = json.loads(say(path, 'info', '--json'))['choices']
-        self.choices |= {'method': self.methods, 'material': self.materials, 'methods': [*self.methods, 'all'], 'reference': self.methods[1:],
-                         'compare': [*self.choices['model'], 'all']}
+        self.choices |= {'method': self.methods, 'material': self.materials, 'methods': [*self.methods, 'all'],
+                         'reference': self.methods[1:], 'compare': [*self.choices['model'], 'all']}
         topics = re.findall(r'^  ([a-z][a-z-]*) ', say(path, 'help', 'topics'), flags=re.MULTILINE)
         self.help = list(dict.fromkeys([*self.commands, *topics, 'topics']))
 
