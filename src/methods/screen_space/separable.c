@@ -219,7 +219,7 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
 {
     const struct screen_work *w = b->w;
     const struct pell_rect *rect = &w->in->rect;
-    const size_t at = (size_t) ((ptrdiff_t) p->index + offset[1] * w->stride + offset[0]);
+    const ptrdiff_t at = (ptrdiff_t) p->index + offset[1] * w->stride + offset[0];
     const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[b->axis] + at), depth = load(w->depth + at);
     const vi there = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
     vf h, dx, dy, dz, d2, apart, near, far, size;
