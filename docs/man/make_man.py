@@ -16,6 +16,9 @@ import sys
 SECTIONS = {'lengths': 'LENGTHS', 'output': 'OUTPUT', 'noise': 'NOISE',
             'exit-codes': '"EXIT STATUS"', 'environment': 'ENVIRONMENT', 'files': 'FILES'}
 
+# What the page of another program refers to.
+RELATED = ('pellucid', 'pellucid-render', 'pellucid-merge', 'mpirun')
+
 
 def say(program, *arguments):
     return subprocess.run([program, *arguments], check=True, capture_output=True, text=True).stdout
@@ -58,6 +61,8 @@ def topic(program, name):
     yield f'.SH {SECTIONS[name]}\n'
     rows, paragraph = [], []
     for line in say(program, 'help', name).splitlines()[2:] + ['']:
+        if re.match(r'  (?:-\w, |    )--|--set ', line):  # an option or a knob of that name, which help has behind the topic
+            break
         found = re.match(r'  (\S+(?: \S+)*)(?:  +(\S.*))?$', line)
         if found:
             rows.append([found[1], found[2] or ''])
@@ -127,7 +132,11 @@ def page(program, whole=False):
     yield f'.B {escape(called)}\n\\-\\-help | \\-\\-version | help NAME\n.SH COMMANDS\n'
     yield from (whole_commands if whole else command_list)(called, helps)
     for name in SECTIONS:
-        yield from topic(program, name)
+        if not whole or name != 'files':  # what is installed is pellucid's
+            yield from topic(program, name)
+    if whole:
+        others = ', '.join(f'\\fB{escape(name)}\\fP(1)' for name in RELATED)
+        yield f'.SH "SEE ALSO"\n{others}\n'
 
 
 def command_page(program, name):

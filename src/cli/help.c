@@ -209,9 +209,12 @@ enum exit_code cli_help(struct cli *cli, const char **words, int count, bool *do
     }
     if (is_method(about.str) || pell_material_find(about.str)) {
         /* as `methods NAME`, `materials NAME`, where the program has them */
-        cli->command = cli_find_command(program, is_method(about.str) ? "methods" : "materials");
+        const char *home = is_method(about.str) ? "methods" : "materials";
+        struct pell_text hint = { .length = 0 };
+        cli->command = cli_find_command(program, home);
         *done = !cli->command;
-        return cli->command ? EXIT_OK : cli_unknown_command(cli, about.str, true);
+        pell_text_add(&hint, "`pellucid %s %s` explains it", home, about.str);
+        return cli->command ? EXIT_OK : cli_usage(cli, program->name, hint.str, "there is no help about \"%s\" here", about.str);
     }
     if (strcmp(about.str, "topics") == 0 || strcmp(about.str, "topic") == 0) {
         print_topics(program);

@@ -186,7 +186,7 @@ static enum exit_code check_knob_names(struct cli *cli)
         if (!pell_text_suggest(&hint, "", s->name, names, count)) {
             count = cli_option_names(&own, names, PELL_COUNT(names));
             if (!pell_text_suggest(&hint, "--", s->name, names, count))
-                pell_text_add(&hint, "`%s methods NAME` lists those of a method", cli->program->name);
+                pell_text_add(&hint, "`pellucid methods NAME` lists those of a method");
         }
         return cli_usage(cli, s->where, hint.str, "no method has a knob \"%.96s\"", s->name);
     }

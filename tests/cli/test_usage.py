@@ -547,10 +547,18 @@ def _(folder):
     for name in sorted(pages):
         need((folder / name).read_text('utf-8') == (ROOT / 'docs/man' / name).read_text('utf-8'),
              f'{name}: run docs/man/make_man.py PROGRAM --all docs/man')
+    for page in (ROOT / 'docs/man').glob('*.1'):
+        need('\n.B of ' not in page.read_text('utf-8'), page.name, 'takes the commands of an option for a row of a topic')
     for command in COMMANDS:
         page = (folder / f'pellucid-{command}.1').read_text('utf-8')
         for option in options_of(help_of(folder, command)):
             need('\\-\\-' + option.replace('-', '\\-') in page, command, f'--{option}')
+    # the page of pellucid-mpi is made where there is an MPI; its render takes the options of this one
+    sys.path.insert(0, str(ROOT / 'docs/man'))
+    make_man = __import__('make_man')
+    page = (ROOT / 'docs/man/pellucid-mpi.1').read_text('utf-8')
+    for row in make_man.option_rows(make_man.split_help(help_of(folder, 'render'))[4]):
+        need(row == '.TP\n' or row in page, 'pellucid-mpi.1 lacks', row)
     page = (folder / 'pellucid.1').read_text('utf-8')
     for code in ('0', '1', '2', '3', '4', '5', '75', '130'):
         need(f'\n.B {code}\n' in page, 'exit code', code)
