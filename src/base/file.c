@@ -64,7 +64,7 @@ static const char *kind(mode_t mode)
                                             : "of an unknown kind";
 }
 
-/* Reads up to `size` bytes; *got says how many there were. 0, or the errno; ECANCELED when the context was cancelled meanwhile. */
+/* Reads up to `size` bytes; *got says how many there were. 0, or the errno; ECANCELED of a long file when the context was cancelled. */
 static int read_all(const struct pell_context *ctx, int fd, uint8_t *data, size_t size, size_t *got)
 {
     *got = 0;
@@ -77,7 +77,7 @@ static int read_all(const struct pell_context *ctx, int fd, uint8_t *data, size_
             *got += (size_t) n;
         else if (errno != EINTR)
             return errno;
-        if (*got < size && pell_cancelled(ctx))
+        if (n == CHUNK && pell_cancelled(ctx))
             return ECANCELED;
     }
     return 0;
