@@ -36,6 +36,12 @@ void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ..
 void pell_log_downgrade(struct pell_context *ctx, int change);
 void pell_progress(struct pell_context *ctx, const char *task, double fraction);
 bool pell_cancelled(const struct pell_context *ctx);
+/* The same for loops of many millions of steps, which ask it at each of them: it looks at every 2^17th, which is some ms later. */
+#define PELL_STEPS_A_LOOK (1u << 17)
+static inline bool pell_cancelled_at(const struct pell_context *ctx, uint64_t step)
+{
+    return step % PELL_STEPS_A_LOOK == 0 && pell_cancelled(ctx);
+}
 
 /* --- context.c --------------------------------------------------------------------------------------------------------------- */
 

@@ -24,6 +24,7 @@ struct pell_context {
     atomic_bool cancelled;
     _Atomic unsigned writes;  /* files that were replaced or made */
     _Atomic unsigned partial; /* pell_interruptible: twice the stretches that run, + 1 where they, or the last of them, were asked to end */
+    _Atomic int in_flight;    /* pell_file_in_flight */
     _Atomic int softened;     /* pell_log_downgrade */
     /* How often each warning came, by its format; guarded by log_lock. Kinds beyond the table are not counted. */
     struct {

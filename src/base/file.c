@@ -16,7 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { SHOWN = 256, CHUNK = 16 << 20 };
+enum { SHOWN = 256, CHUNK = 16 << 20, SYNC = 2 * CHUNK };
 enum {
     STALE_SECONDS = 3600,
     STALE_LOOK = 65536,
@@ -64,8 +64,8 @@ static const char *kind(mode_t mode)
                                             : "of an unknown kind";
 }
 
-/* Reads up to `size` bytes; *got says how many there were. 0, or the errno. */
-static int read_all(int fd, uint8_t *data, size_t size, size_t *got)
+/* Reads up to `size` bytes; *got says how many there were. 0, or the errno; ECANCELED of a long file when the context was cancelled. */
+static int read_all(const struct pell_context *ctx, int fd, uint8_t *data, size_t size, size_t *got)
 {
     *got = 0;
     while (*got < size) {
@@ -77,6 +77,8 @@ static int read_all(int fd, uint8_t *data, size_t size, size_t *got)
             *got += (size_t) n;
         else if (errno != EINTR)
             return errno;
+        if (n == CHUNK && pell_cancelled(ctx))
+            return ECANCELED;
     }
     return 0;
 }
@@ -209,9 +211,9 @@ enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint
         goto fail;
     }
     /* Ask for one byte too many, to detect a file that grew since fstat. */
-    code = read_all(file.handle, bytes, file.size + 1, &got);
+    code = read_all(ctx, file.handle, bytes, file.size + 1, &got);
     if (code) {
-        res = failed(ctx, path, "can't be read", code);
+        res = code == ECANCELED ? PELL_ERR_CANCELLED : failed(ctx, path, "can't be read", code);
         goto fail;
     }
     if (got != file.size) {
@@ -230,26 +232,51 @@ fail:
     return res;
 }
 
-/* 0, or the errno; ECANCELED when the context was cancelled meanwhile. */
-static int write_all(struct pell_context *ctx, int fd, const uint8_t *data, size_t size)
+/* Some file systems can't be asked for that. */
+static int to_disk(int fd)
 {
+    return fsync(fd) == 0 || errno == EINVAL || errno == ENOTSUP || errno == EINTR ? 0 : errno;
+}
+
+/* 0, or the errno; ECANCELED when the context was cancelled meanwhile. `sync`: to the disk, in pieces, since nothing ends an fsync. */
+static int write_all(struct pell_context *ctx, int fd, const uint8_t *data, size_t size, bool sync)
+{
+    size_t waiting = 0;
+
     while (size) {
         const ssize_t n = write(fd, data, size < CHUNK ? size : CHUNK);
         if (n >= 0) {
             data += n;
             size -= (size_t) n;
+            waiting += (size_t) n;
         } else if (errno != EINTR) {
             return errno;
         }
         if (size && pell_cancelled(ctx))
             return ECANCELED;
+        if (sync && waiting >= SYNC) {
+            const int code = to_disk(fd);
+            if (code)
+                return code;
+            waiting = 0;
+        }
     }
-    return 0;
+    return sync ? to_disk(fd) : 0;
 }
 
 static enum pell_result write_failed(struct pell_context *ctx, const char *path, int code)
 {
     return code == ECANCELED ? PELL_ERR_CANCELLED : failed(ctx, path, "can't be written", code);
+}
+
+void pell_file_in_flight(struct pell_context *ctx, int change)
+{
+    atomic_fetch_add(&ctx->in_flight, change);
+}
+
+bool pell_files_in_flight(const struct pell_context *ctx)
+{
+    return atomic_load(&ctx->in_flight) > 0;
 }
 
 /* Opens a new file next to `path`; its name goes to `temporary`, which has room for path + 64 bytes. -1 and errno on failure. */
@@ -317,24 +344,25 @@ static enum pell_result replace_file(struct pell_context *ctx, const char *path,
 {
     char *temporary = pell_alloc(ctx, strlen(path) + 64);
     enum pell_result res = PELL_OK;
-    int fd, code;
+    int fd, code = 0;
 
     if (!temporary)
         return PELL_ERR_NOMEM;
     if (atomic_fetch_add(&ctx->writes, 1) < STALE_WRITES)
         remove_stale(path);
+    pell_file_in_flight(ctx, +1);
     fd = open_temporary(path, temporary);
     if (fd < 0) {
         res = failed(ctx, path, "can't be written in its folder", errno);
+        pell_file_in_flight(ctx, -1);
         pell_free(ctx, temporary);
         return res;
     }
-    code = write_all(ctx, fd, data, size);
-    if (!code && old && fchmod(fd, old->st_mode & 0777) != 0)
+    if (old && fchmod(fd, old->st_mode & 0777) != 0)
         code = errno;
-    /* What a power cut leaves behind the rename is the whole file. Some file systems can't be asked for that. */
-    if (!code && fsync(fd) != 0 && errno != EINVAL && errno != ENOTSUP && errno != EINTR)
-        code = errno;
+    /* To the disk: what a power cut leaves behind the rename is the whole file. */
+    if (!code)
+        code = write_all(ctx, fd, data, size, true);
     if (close(fd) != 0 && !code && errno != EINTR)
         code = errno;
     if (!code && rename(temporary, path) != 0)
@@ -343,6 +371,7 @@ static enum pell_result replace_file(struct pell_context *ctx, const char *path,
         unlink(temporary);
         res = write_failed(ctx, path, code);
     }
+    pell_file_in_flight(ctx, -1);
     pell_free(ctx, temporary);
     return res;
 }
@@ -357,7 +386,7 @@ static enum pell_result write_special(struct pell_context *ctx, const char *path
     while (fd < 0 && errno == EINTR && !pell_cancelled(ctx));
     if (fd < 0)
         return errno == EINTR ? PELL_ERR_CANCELLED : failed(ctx, path, "can't be opened for writing", errno);
-    code = write_all(ctx, fd, data, size);
+    code = write_all(ctx, fd, data, size, false);
     if (close(fd) != 0 && !code && errno != EINTR)
         code = errno;
     return code ? write_failed(ctx, path, code) : PELL_OK;
@@ -369,7 +398,7 @@ enum pell_result pell_file_write(struct pell_context *ctx, const char *path, con
     struct stat st, link;
 
     if (strcmp(path, "-") == 0) {
-        const int code = write_all(ctx, STDOUT_FILENO, data, size);
+        const int code = write_all(ctx, STDOUT_FILENO, data, size, false);
         return code ? write_failed(ctx, "standard output", code) : PELL_OK;
     }
     if (!*pell_path_name(path))

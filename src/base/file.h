@@ -30,6 +30,12 @@ bool pell_file_was_read(struct pell_context *ctx, const char *path);
  * What a process that was killed left there is removed an hour later. "-" writes to standard output. */
 PELL_NODISCARD enum pell_result pell_file_write(struct pell_context *ctx, const char *path, const void *data, size_t size);
 
+/* +1 begins, -1 ends a stretch in which something lies on the disk that would stay behind if the process ended; pell_file_write has its
+ * own. */
+void pell_file_in_flight(struct pell_context *ctx, int change);
+/* Whether such a stretch runs. May be called from a signal handler. */
+bool pell_files_in_flight(const struct pell_context *ctx);
+
 /* Resolves `reference` (as it stands in the file at `where`, percent-decoding already done) against folder `root`. Refused unless
  * `allow_outside`: absolute paths, ".." above `root`, links that lead out of it; and always what is no regular file.
  * *path is owned by the caller. */

@@ -173,8 +173,15 @@ extern const struct topic cli_topics[];
 /* Runs the command that the arguments name. Returns the exit code of the process. */
 int cli_main(const struct program *program, int argc, char **argv);
 
+/* --- signals.c ---------------------------------------------------------------------------------------------------------------- */
+
 /* Whether SIGTERM has come: a batch system ends the job. */
 bool cli_terminated(void);
+/* From here to the end of the command a signal asks its work to end. Where that takes long and nothing lies half-made on the disk, the
+ * process ends by itself: nobody waits for a library's build. A second signal ends it at once. */
+void cli_signals_begin(struct cli *cli);
+void cli_signals_end(void);
+void cli_say_interrupted(const struct cli *cli);
 
 /* --- options.c ---------------------------------------------------------------------------------------------------------------- */
 

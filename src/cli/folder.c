@@ -28,8 +28,10 @@ enum pell_result folder_begin(struct pell_context *ctx, const char *option, cons
     if (f->there && !S_ISDIR(st.st_mode))
         return pell_error(ctx, PELL_ERR_IO, path, hint, "exists and is not a folder");
     snprintf(f->partial, sizeof(f->partial), "%s%s.partial-XXXXXX", f->path, f->there ? "/" : "");
+    pell_file_in_flight(ctx, +1);
     if (mkdtemp(f->partial))
         return PELL_OK;
+    pell_file_in_flight(ctx, -1);
     f->partial[0] = '\0';
     return pell_error(ctx, PELL_ERR_IO, path, hint, f->there ? "can't be written to" : "can't be made");
 }
@@ -61,6 +63,7 @@ enum pell_result folder_commit(struct output_folder *f)
     }
     if (!f->there && chmod(f->partial, 0777 & ~mask) == 0 && rename(f->partial, f->path) == 0) {
         f->partial[0] = '\0';
+        pell_file_in_flight(f->ctx, -1);
         return PELL_OK;
     }
     if (!f->there && mkdir(f->path, 0777) != 0 && errno != EEXIST) /* somebody made it meanwhile: that is as good */
@@ -88,4 +91,5 @@ void folder_drop(struct output_folder *f)
     }
     rmdir(f->partial);
     f->partial[0] = '\0';
+    pell_file_in_flight(f->ctx, -1);
 }

@@ -9,33 +9,6 @@
 #include <string.h>
 #include <unistd.h>
 
-static struct pell_context *volatile interrupted_context;
-static volatile sig_atomic_t interruptions, terminated;
-
-static void on_signal(int signal)
-{
-    if (signal == SIGTERM)
-        terminated = 1;
-    if (interruptions)
-        _exit(EXIT_INTERRUPTED);
-    interruptions = 1;
-    if (interrupted_context)
-        pell_context_interrupt(interrupted_context);
-}
-
-bool cli_terminated(void)
-{
-    return terminated;
-}
-
-/* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
-static void catch_signal(int number)
-{
-    struct sigaction action = { .sa_handler = on_signal }, old;
-    if (sigaction(number, NULL, &old) == 0 && old.sa_handler != SIG_IGN)
-        sigaction(number, &action, NULL);
-}
-
 /* --help, --version and their like. EXIT_OK and *done, or the command's row. */
 static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
 {
@@ -88,13 +61,10 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
         &cli->ctx);
     if (res != PELL_OK)
         return cli_failed(cli, res);
-    interrupted_context = cli->ctx;
-    catch_signal(SIGINT);
-    catch_signal(SIGTERM);
-
+    cli_signals_begin(cli);
     code = cli->command->run(cli);
     cli_progress_end(cli);
-    interrupted_context = NULL;
+    cli_signals_end();
     pell_context_destroy(&cli->ctx);
     return code;
 }
@@ -131,12 +101,8 @@ int cli_main(const struct program *program, int argc, char **argv)
         cli_print_json_error(&cli, code);
     if (code == EXIT_RESUMABLE && !cli.quiet && !cli.json)
         fputs("not finished; the same command resumes it from the checkpoint\n", stderr);
-    if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.partial)
-        fputs("interrupted; the picture was written with the samples that it had\n", stderr);
-    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json && cli.images)
-        fprintf(stderr, "interrupted; written before: %s\n", pell_counted(cli.images, "picture", "pictures").str);
-    else if (code == EXIT_INTERRUPTED && !cli.quiet && !cli.json)
-        fputs("interrupted; nothing was written\n", stderr);
+    if (code == EXIT_INTERRUPTED)
+        cli_say_interrupted(&cli);
     if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
         cli.answered = true; /* nothing more can go there */
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_IO, STDOUT_NAME, "the answer can't be written", "" });

@@ -115,7 +115,7 @@ static void measure(const struct pell_topology *t, const struct pell_part *parts
     o->degenerate_triangles = t->num_degenerate;
     o->components = (int) t->num_parts;
     o->closed = t->num_parts > 0;
-    for (uint32_t e = 0, end; e < t->num_halves; e = end) {
+    for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
         end = pell_topology_edge(t, e);
         o->boundary_edges += end - e == 1;
         o->nonmanifold_edges += end - e > 2;
@@ -125,7 +125,7 @@ static void measure(const struct pell_topology *t, const struct pell_part *parts
         o->closed &= parts[i].closed;
         o->volume_mm3 += parts[i].volume;
     }
-    for (uint32_t i = 0; i < t->num_triangles; i++)
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
         area += (double) vec3_length(vec3_load(t->face + 3 * (size_t) i));
     o->area_mm2 = 0.5 * area * t->scale * t->scale;
     o->outward = o->closed && o->volume_mm3 > 0.0;
@@ -206,7 +206,7 @@ static bool holds_camera(const struct pell_scene *scene, const struct pell_topol
         within |= at[0] > parts[i].min[0] && at[0] < parts[i].max[0] && at[1] > parts[i].min[1] && at[1] < parts[i].max[1] &&
                   at[2] > parts[i].min[2] && at[2] < parts[i].max[2];
     for (size_t m = 0; within && m < t->num_meshes; m++)
-        sum += pell_mesh_solid_angle(&scene->meshes[t->mesh[m]], at);
+        sum += pell_mesh_solid_angle(scene->ctx, &scene->meshes[t->mesh[m]], at);
     return fabs(sum) > 2.0 * PELL_PI;
 }
 
@@ -214,7 +214,7 @@ static void measure_likeness(const struct pell_scene *scene, struct likeness *l)
 {
     for (size_t m = 0; m < l->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[l->meshes[m]];
-        for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles; i++)
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
             for (int c = 0; c < 3; c++) {
                 const double p = (double) mesh->position[3 * (size_t) mesh->index[i] + (size_t) c];
                 l->sum[c] += p;
@@ -295,6 +295,10 @@ static enum pell_result find_coincident(struct check *k)
     for (size_t i = 1; i < count; i++) {
         const struct likeness *l = &k->likeness[i];
         char other[96];
+        if (pell_cancelled(k->ctx)) {
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
         if (by_likeness(l - 1, l) != 0 || l->triangles == 0 || !coincide(k->scene, l - 1, l))
             continue;
         objects[l->object].coincident = (int) l[-1].object;
@@ -331,7 +335,7 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
         measure(&t, parts, o);
         o->holds_camera = o->closed && holds_camera(k->scene, &t, parts);
         k->report->triangles += o->triangles;
-        res = judge(k, &t, o);
+        res = pell_cancelled(k->ctx) ? PELL_ERR_CANCELLED : judge(k, &t, o);
     } else {
         pell_free(k->ctx, o->name);
     }
@@ -514,13 +518,17 @@ enum pell_result pell_scene_check(const struct pell_scene *scene, struct pell_sc
         const struct pell_mesh *m = &scene->meshes[i];
         if (m->material < 0 || (size_t) m->material >= scene->num_materials)
             return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, "call pell_scene_complete first", "mesh %zu has no material", i);
-        for (size_t t = 0; t < 3 * (size_t) m->num_triangles; t++)
+        for (size_t t = 0; t < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, t); t++)
             if (m->index[t] >= m->num_vertices)
                 return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, "call pell_scene_complete first",
                                   "mesh %zu refers to vertex %u of %u", i, m->index[t], m->num_vertices);
     }
+    if (pell_cancelled(scene->ctx))
+        return PELL_ERR_CANCELLED;
     if (!pell_scene_bounds(scene, report->bounds_min, report->bounds_max))
-        return pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "the scene has no triangles, or not finite ones");
+        return pell_cancelled(scene->ctx)
+                   ? PELL_ERR_CANCELLED
+                   : pell_error(scene->ctx, PELL_ERR_INVALID, scene->path, NULL, "the scene has no triangles, or not finite ones");
     PELL_TRY(check_objects(&k));
     PELL_TRY(check_maps(&k));
     PELL_TRY(check_materials(&k));

@@ -29,11 +29,11 @@ static enum pell_result bad_value(struct pell_scene *scene, const char *kind, co
 /* --- Meshes ------------------------------------------------------------------------------------------------------------------- */
 
 /* Not-finite values of an array that can do without them become 0. Returns their number. */
-static size_t clear_bad(float *values, size_t count)
+static size_t clear_bad(const struct pell_context *ctx, float *values, size_t count)
 {
     size_t bad = 0;
 
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count && !pell_cancelled_at(ctx, i); i++)
         if (!(fabsf(values[i]) <= FLT_MAX)) {
             values[i] = 0.0f;
             bad++;
@@ -42,9 +42,9 @@ static size_t clear_bad(float *values, size_t count)
 }
 
 /* Unit normals; what can't be made one becomes zero, for pell_make_normals. */
-static void clean_normals(struct pell_mesh *mesh)
+static void clean_normals(const struct pell_context *ctx, struct pell_mesh *mesh)
 {
-    for (size_t i = 0; i < mesh->num_vertices; i++) {
+    for (size_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(ctx, i); i++) {
         float *n = mesh->normal + 3 * i;
         const float largest = fmaxf(fabsf(n[0]), fmaxf(fabsf(n[1]), fabsf(n[2])));
         if (largest > NO_LENGTH && isfinite(n[0] + n[1] + n[2]))
@@ -54,9 +54,9 @@ static void clean_normals(struct pell_mesh *mesh)
     }
 }
 
-static void clean_tangents(struct pell_mesh *mesh)
+static void clean_tangents(const struct pell_context *ctx, struct pell_mesh *mesh)
 {
-    for (size_t i = 0; mesh->tangent && i < mesh->num_vertices; i++) {
+    for (size_t i = 0; mesh->tangent && i < mesh->num_vertices && !pell_cancelled_at(ctx, i); i++) {
         float *t = mesh->tangent + 4 * i;
         const struct pell_vec3 n = vec3_load(mesh->normal + 3 * i);
         struct pell_vec3 v = vec3_load(t), b;
@@ -81,26 +81,26 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
     if (m->material < 0 || (size_t) m->material >= scene->num_materials)
         return pell_error(scene->ctx, PELL_ERR_INVALID, where.str, NULL, "material %d does not exist; there are %zu", m->material,
                           scene->num_materials);
-    for (size_t i = 0; i < 3 * (size_t) m->num_triangles; i++)
+    for (size_t i = 0; i < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
         if (m->index[i] >= m->num_vertices)
             return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, NULL, "triangle %zu refers to vertex %u; there are %u", i / 3,
                               m->index[i], m->num_vertices);
-    for (size_t i = 0; i < 3 * (size_t) m->num_vertices; i++)
+    for (size_t i = 0; i < 3 * (size_t) m->num_vertices && !pell_cancelled_at(scene->ctx, i); i++)
         if (!(fabsf(m->position[i]) <= LARGEST_COORDINATE))
             return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, "is the unit or size right?",
                               "vertex %zu has the coordinate %g mm; allowed: [%g, %g]", i / 3, (double) m->position[i],
                               (double) -LARGEST_COORDINATE, (double) LARGEST_COORDINATE);
-    clean_normals(m);
+    clean_normals(scene->ctx, m);
     for (int u = 0; u < PELL_UV_SETS; u++)
         if (m->uv[u])
-            bad += clear_bad(m->uv[u], 2 * (size_t) m->num_vertices);
+            bad += clear_bad(scene->ctx, m->uv[u], 2 * (size_t) m->num_vertices);
     if (m->color)
-        bad += clear_bad(m->color, 4 * (size_t) m->num_vertices);
+        bad += clear_bad(scene->ctx, m->color, 4 * (size_t) m->num_vertices);
     if (m->tangent)
-        bad += clear_bad(m->tangent, 4 * (size_t) m->num_vertices);
+        bad += clear_bad(scene->ctx, m->tangent, 4 * (size_t) m->num_vertices);
     if (bad)
         pell_warn(scene->ctx, where.str, NULL, "%zu texture coordinates, colours or tangents are not finite and count as 0", bad);
-    return PELL_OK;
+    return pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
 bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max)
@@ -116,7 +116,7 @@ bool pell_scene_bounds(const struct pell_scene *scene, float *min, float *max)
         if ((int) k == scene->ground_mesh)
             continue;
         any |= m->num_triangles > 0;
-        for (size_t i = 0; i < 3 * (size_t) m->num_triangles; i++)
+        for (size_t i = 0; i < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
             for (int c = 0; c < 3 && m->index[i] < m->num_vertices; c++) {
                 const float x = m->position[3 * (size_t) m->index[i] + c];
                 min[c] = x < min[c] ? x : min[c];
@@ -357,7 +357,7 @@ static void add_agreement(const struct pell_scene *scene, const struct pell_topo
 {
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
             const size_t tri = (size_t) t->first_triangle[m] + i;
             for (int k = 0; k < 3 && t->part[tri] != UINT32_MAX; k++)
                 agreement[t->part[tri]] +=
@@ -382,6 +382,10 @@ static enum pell_result turn_outward(struct pell_scene *scene, const struct pell
     *any = false;
     res = PELL_OK;
     pell_topology_parts(t, scene, parts);
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     find_inverted(t, parts, inverted);
     for (uint32_t i = 0; i < t->num_parts; i++)
         count += inverted[i];
@@ -394,6 +398,10 @@ static enum pell_result turn_outward(struct pell_scene *scene, const struct pell
     if (!agreement || !turned)
         goto fail;
     add_agreement(scene, t, agreement);
+    if (pell_cancelled(ctx)) { /* what is turned is turned as a whole */
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     for (size_t m = 0; m < t->num_meshes; m++) {
         struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
         for (uint32_t i = 0; i < mesh->num_triangles; i++) {
@@ -488,7 +496,7 @@ static enum pell_result complete_tangents(struct pell_scene *scene)
             if (res != PELL_OK)
                 return res;
         }
-        clean_tangents(mesh);
+        clean_tangents(scene->ctx, mesh);
     }
     return PELL_OK;
 }
@@ -593,12 +601,17 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         PELL_TRY(check_material(scene, &scene->materials[i]));
     PELL_TRY(pell_scene_check_view(scene));
     if (!pell_scene_bounds(scene, scene->bounds_min, scene->bounds_max)) {
-        res = pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
+        res = pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED
+                                         : pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
         goto fail;
     }
     warn_of_size(scene);
     PELL_TRY(complete_objects(scene));
     PELL_TRY(complete_tangents(scene));
+    if (pell_cancelled(scene->ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     pell_scene_drop_textures(scene);
     if (!params->bare)
         PELL_TRY(complete_view(scene, params, extras));

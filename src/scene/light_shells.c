@@ -5,11 +5,11 @@
  */
 #include "scene/scene.h"
 
-double pell_mesh_solid_angle(const struct pell_mesh *m, const float p[3])
+double pell_mesh_solid_angle(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3])
 {
     double sum = 0.0;
 
-    for (uint32_t i = 0; i < m->num_triangles; i++) {
+    for (uint32_t i = 0; i < m->num_triangles && !pell_cancelled_at(ctx, i); i++) {
         double v[3][3], l[3], triple, dots;
         for (size_t c = 0; c < 3; c++) {
             for (size_t a = 0; a < 3; a++)
@@ -29,17 +29,17 @@ double pell_mesh_solid_angle(const struct pell_mesh *m, const float p[3])
 }
 
 /* Whether a mesh is around a point: most of what is seen from there. */
-static bool holds(const struct pell_mesh *m, const float p[3])
+static bool holds(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3])
 {
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
 
-    for (size_t i = 0; i < m->num_vertices; i++)
+    for (size_t i = 0; i < m->num_vertices && !pell_cancelled_at(ctx, i); i++)
         for (size_t c = 0; c < 3; c++) {
             low[c] = fminf(low[c], m->position[3 * i + c]);
             high[c] = fmaxf(high[c], m->position[3 * i + c]);
         }
     return p[0] > low[0] && p[0] < high[0] && p[1] > low[1] && p[1] < high[1] && p[2] > low[2] && p[2] < high[2] &&
-           fabs(pell_mesh_solid_angle(m, p)) > 2.0 * PELL_PI;
+           fabs(pell_mesh_solid_angle(ctx, m, p)) > 2.0 * PELL_PI;
 }
 
 void pell_scene_find_light_shells(struct pell_scene *scene)
@@ -52,7 +52,7 @@ void pell_scene_find_light_shells(struct pell_scene *scene)
             continue;
         for (size_t k = 0; k < scene->num_lights && !m->light_shell; k++) {
             const struct pell_light *l = &scene->lights[k];
-            m->light_shell = (l->type == PELL_LIGHT_POINT || l->type == PELL_LIGHT_SPOT) && holds(m, l->position);
+            m->light_shell = (l->type == PELL_LIGHT_POINT || l->type == PELL_LIGHT_SPOT) && holds(scene->ctx, m, l->position);
         }
     }
 }

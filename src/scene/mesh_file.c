@@ -163,8 +163,10 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
     *mm = scale->mm_per_unit > 0.0 ? scale->mm_per_unit : import->default_mm_per_unit;
     if (scale->size_mm > 0.0) {
         if (!pell_scene_bounds(import->scene, min, max))
-            return pell_error(import->ctx, PELL_ERR_FORMAT, import->path, NULL,
-                              "holds no triangles, or coordinates that are too large, so a size can't be given to it");
+            return pell_cancelled(import->ctx)
+                       ? PELL_ERR_CANCELLED
+                       : pell_error(import->ctx, PELL_ERR_FORMAT, import->path, NULL,
+                                    "holds no triangles, or coordinates that are too large, so a size can't be given to it");
         for (int c = 0; c < 3; c++)
             extent = fmax(extent, (double) max[c] - min[c]);
         if (!(extent > 0.0))

@@ -219,6 +219,10 @@ static enum pell_result read_vertices(struct ply *p, const struct element *e)
 
     PELL_TRY(make_room(p, e));
     for (int64_t row = 0; row < e->count; row++) {
+        if (pell_cancelled_at(p->ctx, (uint64_t) row)) {
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
         for (size_t i = e->first_property; i < e->first_property + e->num_properties; i++) {
             const struct property *q = &p->properties[i];
             if (q->role == R_NONE) {
@@ -353,7 +357,7 @@ static enum pell_result read_faces(struct ply *p, const struct element *e)
             PELL_TRY(read_list(p, q, kind, row, &count));
             PELL_TRY(q->role == R_FACE ? add_face(p, count) : add_strips(p, count));
         }
-        if (row % 65536 == 0 && pell_cancelled(p->ctx)) {
+        if (pell_cancelled_at(p->ctx, (uint64_t) row)) {
             res = PELL_ERR_CANCELLED;
             goto fail;
         }
@@ -368,9 +372,12 @@ static enum pell_result skip_element(struct ply *p, const struct element *e)
 {
     enum pell_result res = PELL_OK;
 
-    for (int64_t row = 0; row < e->count && res == PELL_OK; row++)
+    for (int64_t row = 0; row < e->count && res == PELL_OK; row++) {
+        if (pell_cancelled_at(p->ctx, (uint64_t) row))
+            return PELL_ERR_CANCELLED;
         for (size_t i = e->first_property; i < e->first_property + e->num_properties && res == PELL_OK; i++)
             res = skip_property(p, &p->properties[i], "element", row);
+    }
     return res;
 }
 

@@ -14,8 +14,8 @@ enum pell_result pell_material_unknown(struct pell_context *ctx, const char *whe
 PELL_NODISCARD enum pell_result pell_material_set(struct pell_context *ctx, struct pell_material *material,
                                                   const struct pell_material_entry *entry);
 /* Solid angle that a mesh takes seen from a point, signed: 4 pi from within a closed one whose triangles face outward, 0 from outside (Van
- * Oosterom and Strackee 1983). */
-double pell_mesh_solid_angle(const struct pell_mesh *m, const float p[3]);
+ * Oosterom and Strackee 1983). Any number where the work was cancelled. */
+double pell_mesh_solid_angle(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3]);
 /* Sets `light_shell` of all meshes. */
 void pell_scene_find_light_shells(struct pell_scene *scene);
 /* Makes `up` a unit vector at right angles to the unit vector `forward`. */

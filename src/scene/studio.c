@@ -250,7 +250,7 @@ static void extent_along(const struct pell_scene *scene, struct pell_vec3 axis, 
     *least = INFINITY;
     *largest = -INFINITY;
     for (size_t k = 0; k < scene->num_meshes; k++)
-        for (uint32_t i = 0; i < scene->meshes[k].num_vertices; i++) {
+        for (uint32_t i = 0; i < scene->meshes[k].num_vertices && !pell_cancelled_at(scene->ctx, i); i++) {
             const float at = vec3_dot(axis, vec3_load(scene->meshes[k].position + 3 * (size_t) i));
             *least = fminf(*least, at);
             *largest = fmaxf(*largest, at);
@@ -279,11 +279,15 @@ enum pell_result pell_scene_frame_from(struct pell_scene *scene, const struct pe
     center = vec3_mad(center, 0.5f * (low[1] + high[1]), up);
     center = vec3_mad(center, 0.5f * (low[2] + high[2]), toward);
     for (size_t k = 0; k < scene->num_meshes; k++)
-        for (uint32_t i = 0; i < scene->meshes[k].num_vertices; i++) {
+        for (uint32_t i = 0; i < scene->meshes[k].num_vertices && !pell_cancelled_at(scene->ctx, i); i++) {
             const struct pell_vec3 p = vec3_sub(vec3_load(scene->meshes[k].position + 3 * (size_t) i), center);
             const float wide = fabsf(vec3_dot(p, right)) / (slope * aspect), tall = fabsf(vec3_dot(p, up)) / slope;
             distance = fmaxf(distance, vec3_dot(p, toward) + fmaxf(wide, tall));
         }
+    if (pell_cancelled(scene->ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     distance = fmaxf(distance, 0.5f * (high[2] - low[2]) + 0.05f * radius_of(scene)); /* a needle that points at the camera */
     c = &scene->cameras[index];
     vec3_store(vec3_mad(center, distance, toward), c->position);

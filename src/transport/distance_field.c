@@ -175,7 +175,7 @@ static void near_task(void *arg, int index, int worker)
         const struct pell_mesh *m = &f->scene->meshes[k];
         if (f->spans[k].from >= to || f->spans[k].to < from)
             continue;
-        for (size_t i = 0; i < m->num_triangles; i++) {
+        for (size_t i = 0; i < m->num_triangles && !pell_cancelled_at(f->scene->ctx, i); i++) {
             const float *p[3];
             float corner[3][3];
             for (size_t c = 0; c < 3; c++) {
@@ -320,7 +320,7 @@ static void bounds_of(const struct pell_scene *scene, const struct pell_solid *s
         g->low[k] = INFINITY;
         g->high[k] = -INFINITY;
     }
-    for (size_t i = 0; i < solid->num_triangles; i++) {
+    for (size_t i = 0; i < solid->num_triangles && !pell_cancelled_at(scene->ctx, i); i++) {
         const struct pell_mesh *m = &scene->meshes[solid->triangles[i].mesh];
         for (size_t corner = 0; corner < 3; corner++) {
             const float *p = m->position + 3 * (size_t) m->index[3 * (size_t) solid->triangles[i].triangle + corner];

@@ -4,9 +4,9 @@
 #include "transport/light_tree.h"
 
 #include "base/base.h"
+#include "scene/mesh/topology.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { LEAF = 8, LEVELS = 21 };
@@ -41,13 +41,9 @@ static uint64_t spread(uint64_t x)
     return (x | x << 2) & 0x1249249249249249ull;
 }
 
-static int compare(const void *a, const void *b)
+static uint64_t code_at(const void *items, size_t index)
 {
-    const struct key *p = a, *q = b;
-
-    if (p->code != q->code)
-        return p->code < q->code ? -1 : 1;
-    return p->sample < q->sample ? -1 : p->sample > q->sample;
+    return ((const uint64_t *) items)[index];
 }
 
 /* Sums a leaf's samples, or adds a child's sums; centres are weighted by light and divided at the end. */
@@ -85,6 +81,8 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
                                  .first = (uint32_t) first };
     enum pell_result res;
 
+    if (pell_cancelled_at(t->ctx, t->num_nodes))
+        return PELL_ERR_CANCELLED;
     PELL_TRY(pell_grow(t->ctx, (void **) &t->nodes, t->num_nodes, &b->capacity, sizeof(*t->nodes)));
     t->num_nodes++;
     if (end - first <= LEAF || level < 0) {
@@ -138,6 +136,8 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_
     struct builder b = { .tree = tree };
     struct pell_lit_place *sorted = NULL;
     struct key *keys = NULL;
+    uint64_t *codes = NULL;
+    uint32_t *order = NULL;
     struct sums sums;
     float low[3] = { INFINITY, INFINITY, INFINITY }, size = 0.0f;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -149,7 +149,8 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_
         return PELL_OK;
     keys = pell_alloc_array(ctx, num_samples, sizeof(*keys));
     sorted = pell_alloc_array(ctx, num_samples, sizeof(*sorted));
-    if (!keys || !sorted)
+    codes = pell_alloc_array(ctx, num_samples, sizeof(*codes));
+    if (!keys || !sorted || !codes)
         goto fail;
     for (size_t i = 0; i < num_samples; i++)
         for (int k = 0; k < 3; k++)
@@ -158,15 +159,17 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_
         for (int k = 0; k < 3; k++)
             size = fmaxf(size, samples[i].position[k] - low[k]);
     for (size_t i = 0; i < num_samples; i++) {
-        keys[i] = (struct key) { 0, (uint32_t) i };
+        codes[i] = 0;
         for (int k = 0; k < 3; k++) {
             const float f = size > 0.0f ? (samples[i].position[k] - low[k]) / size : 0.0f;
-            keys[i].code |= spread((uint64_t) (f * 2097151.0f)) << k;
+            codes[i] |= spread((uint64_t) (f * 2097151.0f)) << k;
         }
     }
-    qsort(keys, num_samples, sizeof(*keys), compare);
-    for (size_t i = 0; i < num_samples; i++)
-        sorted[i] = samples[keys[i].sample];
+    PELL_TRY(pell_order_by_code(ctx, num_samples, code_at, codes, &order));
+    for (size_t i = 0; i < num_samples; i++) {
+        keys[i] = (struct key) { codes[order[i]], order[i] };
+        sorted[i] = samples[order[i]];
+    }
     pell_free(ctx, tree->samples);
     tree->samples = sorted;
     sorted = NULL;
@@ -176,5 +179,7 @@ enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_
 fail:
     pell_free(ctx, keys);
     pell_free(ctx, sorted);
+    pell_free(ctx, codes);
+    pell_free(ctx, order);
     return res;
 }

@@ -2,7 +2,8 @@
  * solids.c - see solids.h. */
 #include "transport/solids.h"
 
-#include <stdlib.h>
+#include "scene/mesh/topology.h"
+
 #include <string.h>
 
 #define CURVE_BITS 20 /* of each coordinate along the curve */
@@ -65,17 +66,6 @@ static uint32_t step_of(float x, float low, float size)
     return (uint32_t) (fminf(fmaxf(f, 0.0f), 0.999999f) * (float) (1u << CURVE_BITS));
 }
 
-static int compare(const void *a, const void *b)
-{
-    const struct place *p = a, *q = b;
-
-    if (p->code != q->code)
-        return p->code < q->code ? -1 : 1;
-    if (p->mesh != q->mesh)
-        return p->mesh < q->mesh ? -1 : 1;
-    return p->triangle < q->triangle ? -1 : p->triangle > q->triangle;
-}
-
 static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_vec3 *centre, double *area)
 {
     const uint32_t *index = m->index + 3 * (size_t) triangle;
@@ -93,6 +83,30 @@ static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_ve
                    (float) ((p[0][2] + p[1][2] + p[2][2]) / 3.0));
 }
 
+static uint64_t code_at(const void *items, size_t index)
+{
+    return ((const struct place *) items)[index].code;
+}
+
+/* Fills the solid's list with `places` along the curve; those at one place of it stay in their order. */
+static enum pell_result sort_places(struct pell_context *ctx, const struct place *places, size_t count, struct pell_solid *solid)
+{
+    uint32_t *order;
+    enum pell_result res = pell_order_by_code(ctx, count, code_at, places, &order);
+
+    for (size_t i = 0; res == PELL_OK && i < count; i++) {
+        const struct place *p = &places[order[i]];
+        if (pell_cancelled_at(ctx, i))
+            res = PELL_ERR_CANCELLED;
+        solid->triangles[i] = (struct pell_solid_triangle) { p->mesh, p->triangle };
+        solid->area += p->area;
+        solid->area_after[i] = solid->area;
+    }
+    solid->num_triangles = count;
+    pell_free(ctx, order);
+    return res;
+}
+
 /* Lists the triangles of solid `number`, in order; its meshes are the `count` at `meshes`. */
 static enum pell_result list_triangles(struct pell_solids *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
                                        size_t count)
@@ -107,7 +121,7 @@ static enum pell_result list_triangles(struct pell_solids *b, const struct pell_
     for (size_t i = 0; i < count; i++) {
         const struct pell_mesh *m = &scene->meshes[meshes[i]];
         most += m->num_triangles;
-        for (size_t v = 0; v < m->num_vertices; v++) {
+        for (size_t v = 0; v < m->num_vertices && !pell_cancelled_at(b->ctx, v); v++) {
             const float *p = m->position + 3 * v;
             low = vec3(fminf(low.x, p[0]), fminf(low.y, p[1]), fminf(low.z, p[2]));
             high = vec3(fmaxf(high.x, p[0]), fmaxf(high.y, p[1]), fmaxf(high.z, p[2]));
@@ -120,7 +134,7 @@ static enum pell_result list_triangles(struct pell_solids *b, const struct pell_
     if (!places || !solid->triangles || !solid->area_after)
         goto fail;
     for (size_t i = 0; i < count; i++)
-        for (uint32_t t = 0; t < scene->meshes[meshes[i]].num_triangles; t++) {
+        for (uint32_t t = 0; t < scene->meshes[meshes[i]].num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
             struct pell_vec3 c;
             double area;
             measure(&scene->meshes[meshes[i]], t, &c, &area);
@@ -129,14 +143,7 @@ static enum pell_result list_triangles(struct pell_solids *b, const struct pell_
             places[n++] = (struct place) { hilbert(step_of(c.x, low.x, size), step_of(c.y, low.y, size), step_of(c.z, low.z, size)),
                                            meshes[i], t, area };
         }
-    qsort(places, n, sizeof(*places), compare);
-    for (size_t i = 0; i < n; i++) {
-        solid->triangles[i] = (struct pell_solid_triangle) { places[i].mesh, places[i].triangle };
-        solid->area += places[i].area;
-        solid->area_after[i] = solid->area;
-    }
-    solid->num_triangles = n;
-    res = PELL_OK;
+    res = pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : sort_places(b->ctx, places, n, solid);
 
 fail:
     pell_free(b->ctx, places);

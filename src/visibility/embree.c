@@ -182,8 +182,10 @@ static enum pell_result check_mesh(const struct pell_scene *scene, size_t number
     if (m->material < 0 || (size_t) m->material >= scene->num_materials)
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "material %d does not exist; there are %zu", m->material,
                           scene->num_materials);
-    for (size_t i = 0; i < 3 * (size_t) m->num_triangles; i++)
+    for (size_t i = 0; i < 3 * (size_t) m->num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
         highest = m->index[i] > highest ? m->index[i] : highest;
+    if (pell_cancelled(scene->ctx))
+        return PELL_ERR_CANCELLED;
     if (m->num_triangles && highest >= m->num_vertices)
         return pell_error(scene->ctx, PELL_ERR_INVALID, m->name, NULL, "vertex index %u is out of range; there are %u vertices", highest,
                           m->num_vertices);

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_pictures.py PROGRAM ROOT MAKE_ASSETS: what `pellucid render` writes: formats, layers, metadata, numbering, precedence, atomicity."""
+"""test_pictures.py PROGRAM ROOT MAKE_ASSETS SLOW_LIBRARY: what `pellucid render` writes: formats, layers, metadata, numbering, precedence,
+atomicity."""
 import json
 import os
 import pathlib
@@ -12,10 +13,11 @@ import subprocess
 import sys
 import time
 
-from cli_test import (PROGRAM, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text, run, sphere,
-                      test, text, works, write_obj, write_scene)
+from cli_test import (PROGRAM, SANITIZED, SMALL, Skip, clean_environment, exr_header, main, names, need, one_object, png_pixels, png_text,
+                      run, sphere, test, text, works, write_obj, write_scene)
 
 MAKE_ASSETS = os.path.abspath(sys.argv[3])
+SLOW_LIBRARY = os.path.abspath(sys.argv[4])
 MESH = ['render', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', *SMALL]
 LAYERS = [f'{layer}.{c}' for layer in ('diffuse.multiple', 'diffuse.single', 'transmission', 'specular', 'irradiance') for c in 'RGB']
 MAGIC = {'png': b'\x89PNG\r\n\x1a\n', 'exr': b'\x76\x2f\x31\x01', 'hdr': b'#?RADIANCE', 'pfm': b'PF'}
@@ -289,9 +291,9 @@ def _(folder):
 
 # --- Ctrl-C -------------------------------------------------------------------------------------------------------------------------
 
-def start(folder, *arguments):
-    return subprocess.Popen([PROGRAM, *arguments], cwd=folder, env=clean_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                            stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+def start(folder, *arguments, **more):
+    return subprocess.Popen([PROGRAM, *arguments], cwd=folder, env=clean_environment(**more), stdin=subprocess.DEVNULL,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
 
 def wait_for(truth, seconds=120):
@@ -356,6 +358,42 @@ def _(folder):
     child.communicate(timeout=20)
     need(child.returncode == 130 and time.monotonic() - begin < 5, child.returncode)
     need('big.png' not in names(folder), names(folder))
+
+
+def slow_start(folder, said, *arguments):
+    """Until a library is at work that nothing can end."""
+    if SANITIZED:
+        raise Skip('a sanitizer wants to be loaded first')
+    child = start(folder, *arguments, LD_PRELOAD=SLOW_LIBRARY)
+    while (line := child.stderr.readline()) != said:
+        need(line, 'it ended before')
+    return child
+
+
+@test('Ctrl-C is answered within half a second where a library builds and can not be asked to end')
+def _(folder):
+    before = names(folder)
+    for number, more in ((signal.SIGINT, []), (signal.SIGINT, ['--json']), (signal.SIGTERM, ['--quiet'])):
+        child = slow_start(folder, b'it builds\n', *MESH, '-o', 'a.png', *more)
+        begin = time.monotonic()
+        child.send_signal(number)
+        out, err = child.communicate(timeout=60)
+        seconds = time.monotonic() - begin
+        need(child.returncode == 130 and names(folder) == before, child.returncode, names(folder))
+        need(seconds < 2, 'it took', seconds)  # 0.3 s and what else the machine has to do; the library takes 5 s
+        if more == ['--json']:
+            need(json.loads(out)['error'] == {'code': 'cancelled', 'where': '', 'what': 'stopped before it was done', 'hint': ''}, out)
+        need((b'interrupted; nothing was written\n' in err) == (more == []), err)
+
+
+@test('Ctrl-C while a file goes to the disk leaves no part of it, however long that takes')
+def _(folder):
+    (folder / 'a.png').write_bytes(b'old')
+    child = slow_start(folder, b'it writes\n', *MESH, '-o', 'a.png')
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=60)
+    need(not [n for n in names(folder) if n.endswith('.tmp')], names(folder))
+    need((folder / 'a.png').read_bytes()[:8] == MAGIC['png'] or (folder / 'a.png').read_bytes() == b'old', 'half of a picture')
 
 
 @test('an ignored Ctrl-C stays ignored, as for a job in the background')

@@ -61,7 +61,7 @@ static void place_candidates(struct eliminator *e, const struct pell_solid *soli
     const double step = solid->area / e->count;
     size_t t = 0;
 
-    for (uint32_t i = 0; i < e->count; i++) {
+    for (uint32_t i = 0; i < e->count && !pell_cancelled_at(e->ctx, i); i++) {
         struct candidate *c = &e->candidates[i];
         const double area = (i + 0.5) * step;
         double before, f, g = PELL_GOLDEN_SECTION * i;
@@ -104,14 +104,14 @@ static void cell_of(const struct eliminator *e, const float *p, int64_t out[3])
 
 static void sort_buckets(struct eliminator *e)
 {
-    for (uint32_t i = 0; i < e->count; i++) {
+    for (uint32_t i = 0; i < e->count && !pell_cancelled_at(e->ctx, i); i++) {
         int64_t at[3];
         cell_of(e, e->candidates[i].position, at);
         e->bucket[bucket_of(e, cell_key(at[0], at[1], at[2])) + 1]++;
     }
     for (uint32_t b = 0; b <= e->mask; b++)
         e->bucket[b + 1] += e->bucket[b];
-    for (uint32_t i = e->count; i-- > 0;) {
+    for (uint32_t i = e->count; i-- > 0 && !pell_cancelled_at(e->ctx, i);) {
         const float *p = e->candidates[i].position;
         int64_t at[3];
         uint64_t key;
@@ -320,7 +320,7 @@ static enum pell_result eliminate(struct eliminator *e, struct pell_pool *pool, 
     e->left = e->count;
     for (uint32_t i = 0; i < e->count; i++)
         e->heap[i] = e->at[i] = i;
-    for (uint32_t i = e->count / 2; i-- > 0;)
+    for (uint32_t i = e->count / 2; i-- > 0 && !pell_cancelled_at(e->ctx, i);)
         sink(e, i);
     while (e->left > keep) {
         const uint32_t it = e->heap[0], last = e->heap[--e->left];
@@ -330,7 +330,7 @@ static enum pell_result eliminate(struct eliminator *e, struct pell_pool *pool, 
         e->at[last] = 0;
         sink(e, 0);
         visit(e, it, true);
-        if ((e->left & 0xffff) == 0 && pell_cancelled(e->ctx))
+        if (e->left % 4096 == 0 && pell_cancelled(e->ctx))
             return PELL_ERR_CANCELLED;
     }
     return PELL_OK;
@@ -383,11 +383,19 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
     e.reach = (float) fmax(2.0 * radius, 1e-30);
     e.low[0] = e.low[1] = e.low[2] = INFINITY;
     place_candidates(&e, solid);
-    for (size_t i = 0; i < many; i++)
+    for (size_t i = 0; i < many && !pell_cancelled_at(ctx, i); i++)
         for (int k = 0; k < 3; k++)
             e.low[k] = fminf(e.low[k], e.candidates[i].position[k]);
     e.least = (float) (2.0 * radius * 0.65 * (1.0 - pow((double) count / (double) many, 1.5)));
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     sort_buckets(&e);
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     PELL_TRY(find_neighbours(&e, pool));
     PELL_TRY(eliminate(&e, pool, (uint32_t) count));
     PELL_TRY(share_areas(&e, pool, solid->area));

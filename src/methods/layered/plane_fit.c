@@ -19,11 +19,11 @@ static int cuts_of(const struct pell_vec3 at[3], float radius)
     return longest > 1.0f ? longest < (float) CUTS ? (int) ceilf(longest) : CUTS : 1;
 }
 
-static size_t count_parts(const struct pell_mesh *mesh, float radius)
+static size_t count_parts(const struct pell_context *ctx, const struct pell_mesh *mesh, float radius)
 {
     size_t count = 0;
 
-    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+    for (uint32_t t = 0; t < mesh->num_triangles && !pell_cancelled_at(ctx, t); t++) {
         struct pell_vec3 at[3];
         int cuts;
         pell_triangle_corners(mesh, t, at);
@@ -56,7 +56,7 @@ static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct
 
     for (uint32_t i = 0; i < mesh->num_vertices; i++)
         weight[i] = 0.0f;
-    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+    for (uint32_t t = 0; t < mesh->num_triangles && !pell_cancelled_at(cloud->ctx, t); t++) {
         struct pell_vec3 at[3];
         float area;
         int cuts;
@@ -87,7 +87,7 @@ static enum pell_result fit_solid(struct layered_state *st, const struct pell_sc
     for (size_t i = first; i < scene->num_meshes; i++) {
         cloud.fitted += layered_same_solid(&scene->meshes[i], solid) ? scene->meshes[i].num_vertices : 0;
         if (layered_same_solid(&scene->meshes[i], solid) && st->knobs.planes == LAYERED_BY_AREA && cloud.radius > 0.0f)
-            parts += count_parts(&scene->meshes[i], cloud.radius);
+            parts += count_parts(st->ctx, &scene->meshes[i], cloud.radius);
     }
     parts = parts <= MOST_PARTS ? parts : 0;
     most = cloud.fitted + parts;

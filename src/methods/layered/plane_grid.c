@@ -10,8 +10,8 @@
 #include "methods/layered/layered.h"
 
 #include "math/vec.h"
+#include "scene/mesh/topology.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 enum { FEW = 6, ASK_EACH = 16, BATCH = 256 };
@@ -82,13 +82,9 @@ static unsigned look_of(const float *n)
     return ((unsigned) axis * 2 + (n[axis] < 0.0f)) * 16 + i * 4 + j;
 }
 
-static int compare(const void *a, const void *b)
+static uint64_t code_at(const void *items, size_t index)
 {
-    const struct entry *p = a, *q = b;
-
-    if (p->key != q->key)
-        return p->key < q->key ? -1 : 1;
-    return (p->vertex > q->vertex) - (p->vertex < q->vertex);
+    return ((const uint64_t *) items)[index];
 }
 
 static void position_of(const struct fit *f, uint32_t vertex, double p[3])
@@ -101,7 +97,7 @@ static void make_cells(struct fit *f)
 {
     const struct layered_cloud *c = f->cloud;
 
-    for (size_t i = 0; i < c->count; i++) {
+    for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++) {
         struct cell *cell = f->num_cells ? &f->cells[f->num_cells - 1] : NULL;
         const uint32_t v = f->sorted[i].vertex;
         struct moments m = { 0 };
@@ -128,12 +124,15 @@ static enum pell_result make_grid(struct fit *f, double size)
 {
     const struct layered_cloud *c = f->cloud;
     double high[3] = { 0 };
+    uint64_t *keys = NULL;
+    uint32_t *order = NULL;
+    enum pell_result res;
 
     for (int k = 0; k < 3; k++) {
         f->low[k] = INFINITY;
         high[k] = -INFINITY;
     }
-    for (size_t i = 0; i < 3 * c->count; i++) {
+    for (size_t i = 0; i < 3 * c->count && !pell_cancelled_at(c->ctx, i); i++) {
         f->low[i % 3] = fmin(f->low[i % 3], (double) c->position[i]);
         high[i % 3] = fmax(high[i % 3], (double) c->position[i]);
     }
@@ -147,17 +146,25 @@ static enum pell_result make_grid(struct fit *f, double size)
     }
     f->sorted = pell_alloc_array(c->ctx, c->count, sizeof(*f->sorted));
     f->cells = pell_calloc(c->ctx, c->count, sizeof(*f->cells));
-    if (!f->sorted || !f->cells)
-        return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < c->count; i++) {
+    keys = pell_alloc_array(c->ctx, c->count, sizeof(*keys));
+    res = PELL_ERR_NOMEM;
+    if (!f->sorted || !f->cells || !keys)
+        goto fail;
+    for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++) {
         const float *p = c->position + 3 * i, *n = c->normal + 3 * i;
-        f->sorted[i] =
-            (struct entry) { key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), look_of(n)),
-                             (uint32_t) i };
+        keys[i] = key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), look_of(n));
     }
-    qsort(f->sorted, c->count, sizeof(*f->sorted), compare);
-    make_cells(f);
-    return PELL_OK;
+    PELL_TRY(pell_order_by_code(c->ctx, c->count, code_at, keys, &order));
+    for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++)
+        f->sorted[i] = (struct entry) { keys[order[i]], order[i] };
+    if (!pell_cancelled(c->ctx))
+        make_cells(f);
+    res = pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    pell_free(c->ctx, keys);
+    pell_free(c->ctx, order);
+    return res;
 }
 
 /* The first cell whose key is not below. */

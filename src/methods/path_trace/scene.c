@@ -40,7 +40,7 @@ static void bound(const struct pt_scene *s, size_t i)
 
     out->lo = vec3(INFINITY, INFINITY, INFINITY);
     out->hi = vec3(-INFINITY, -INFINITY, -INFINITY);
-    for (size_t t = 0; t < b->num_triangles; t++) {
+    for (size_t t = 0; t < b->num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
         const struct pell_mesh *m = mesh_of(s, i, t);
         for (int k = 0; k < 3; k++) {
             const float *p = m->position + 3 * (size_t) m->index[3 * (size_t) b->triangles[t].triangle + (size_t) k];
@@ -112,7 +112,7 @@ static enum pell_result make_solids(struct pt_scene *s)
             return res;
         b->share = share_of(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
-        for (size_t t = 0; t < from->num_triangles; t++) {
+        for (size_t t = 0; t < from->num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
             const struct pt_roughness_step *f = &s->finish[mesh_of(s, i, t)->material];
             const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
             b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
@@ -127,7 +127,7 @@ static enum pell_result make_solids(struct pt_scene *s)
         s->unit = 1e-6f * fmaxf(extent(lo), extent(hi)) + 1e-12f;
         s->radius = 0.5 * (double) vec3_length(vec3_sub(hi, lo)) * 1.0001 + 1e-6;
     }
-    return PELL_OK;
+    return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
 /* --- Boundaries --------------------------------------------------------------------------------------------------------------------- */
@@ -211,7 +211,7 @@ static enum pell_result make_boundaries(struct pt_scene *s)
     enum pell_result res = PELL_OK;
 
     for (size_t i = 0; i < s->solids->count; i++)
-        for (size_t t = 0; t < s->solids->solids[i].num_triangles; t++) {
+        for (size_t t = 0; t < s->solids->solids[i].num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
             const int m = mesh_of(s, i, t)->material;
             if (s->finish[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
                 continue;

@@ -139,7 +139,7 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
 
     *first = k->num_patches;
     for (size_t i = 0; i < count; i++)
-        for (size_t v = 0; v < scene->meshes[meshes[i]].num_vertices; v++) {
+        for (size_t v = 0; v < scene->meshes[meshes[i]].num_vertices && !pell_cancelled_at(k->ctx, v); v++) {
             const struct pell_vec3 p = vec3_load(scene->meshes[meshes[i]].position + 3 * v);
             low = vec3(fminf(low.x, p.x), fminf(low.y, p.y), fminf(low.z, p.z));
             high = vec3(fmaxf(high.x, p.x), fmaxf(high.y, p.y), fmaxf(high.z, p.z));
@@ -247,7 +247,7 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
     for (size_t i = 0; i < scene->num_meshes; i++)
         k->patch_of[i] = NO_PATCH;
     for (size_t i = 0; i < scene->num_materials; i++)
-        if (media[i].medium)
+        if (media[i].medium && !pell_cancelled(ctx))
             make_law(&media[i], &k->law[i]);
     PELL_TRY(make_objects(k, pool, rays));
     if (k->num_patches == 0) {

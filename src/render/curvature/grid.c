@@ -202,7 +202,7 @@ static float smooth_length(const struct pell_topology *t, const float *const *at
     double sum = 0.0, weight = 0.0;
     struct edge e;
 
-    for (uint32_t i = 0, end; i < t->num_halves; i = end) {
+    for (uint32_t i = 0, end, edges = 0; i < t->num_halves && !pell_cancelled_at(t->ctx, edges++); i = end) {
         end = pell_topology_edge(t, i);
         if (edge_of(t, at, i, end, &e) && fabs(e.angle) < CREASE) {
             const double length = (double) vec3_length(e.along), turn = length * fabs(e.angle);
@@ -226,21 +226,29 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     if (!at || !batch.piece)
         goto fail;
     for (size_t m = 0; m < t->num_meshes; m++)
-        for (uint32_t v = 0; v < scene->meshes[t->mesh[m]].num_vertices; v++)
+        for (uint32_t v = 0; v < scene->meshes[t->mesh[m]].num_vertices && !pell_cancelled_at(g->ctx, v); v++)
             at[t->weld[t->first_vertex[m] + v]] = scene->meshes[t->mesh[m]].position + 3 * (size_t) v;
+    if (pell_cancelled(g->ctx)) { /* some places may not be known */
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     patch->step = fmaxf(patch->step, smooth_length(t, at));
     for (uint32_t i = 0; i < t->num_triangles; i++) {
         const uint32_t *corner = t->corner + 3 * (size_t) i;
         const struct pell_vec3 p[3] = { vec3_load(at[corner[0]]), vec3_load(at[corner[1]]), vec3_load(at[corner[2]]) };
+        if (pell_cancelled_at(g->ctx, i)) {
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
         PELL_TRY(add_triangle(&batch, p));
     }
     PELL_TRY(add_pieces(&batch));
-    for (uint32_t i = 0, end; i < t->num_halves; i = end) {
+    for (uint32_t i = 0, end, edges = 0; i < t->num_halves && !pell_cancelled_at(g->ctx, edges++); i = end) {
         end = pell_topology_edge(t, i);
         if (edge_of(t, at, i, end, &e))
             PELL_TRY(add_edge(g, patch, number, e.from, e.along, e.angle));
     }
-    res = PELL_OK;
+    res = pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     pell_free(g->ctx, batch.piece);

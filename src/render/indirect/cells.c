@@ -171,6 +171,8 @@ static void cut_mesh(struct cutter *c, uint32_t number)
     for (uint32_t t = 0; t < mesh->num_triangles && c->res == PELL_OK; t++) {
         const uint32_t *index = mesh->index + 3 * (size_t) t, knot[3] = { first + index[0], first + index[1], first + index[2] };
         uint32_t cell;
+        if (pell_cancelled_at(in->ctx, t))
+            c->res = PELL_ERR_CANCELLED;
         c->triangle = t;
         for (int i = 0; i < 3; i++)
             c->corner[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
@@ -221,6 +223,8 @@ enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_s
     for (size_t i = 0; i < in->num_roots; i++)
         in->roots[i] = INDIRECT_NONE;
     count = cut_all(&c);
+    if (c.res != PELL_OK)
+        return c.res;
     if (count > 0.0)
         spacing->scale = (float) sqrt(count / in->p.samples);
     c.dry = false;

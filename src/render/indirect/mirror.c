@@ -196,7 +196,7 @@ static void even_light(struct pell_indirect *in)
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
             in->area[i][c] = 0.0f;
-    for (size_t i = 0; i < in->num_samples; i++) {
+    for (size_t i = 0; i < in->num_samples && !pell_cancelled_at(in->ctx, i); i++) {
         const struct indirect_sample *q = &in->samples[i];
         const float area = q->spacing * q->spacing;
         const struct photon p = { q->mesh, q->triangle, q->u, q->v, q->back, { area, area, area } };
@@ -236,7 +236,7 @@ enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_poo
     s.lights = lights;
     pell_pool_run(pool, (int) ((in->num_samples + CHUNK - 1) / CHUNK), send_chunk, &s);
     memset(in->reflected, 0, in->num_samples * sizeof(*in->reflected));
-    for (size_t i = 0; i < in->num_samples * PHOTONS; i++)
+    for (size_t i = 0; i < in->num_samples * PHOTONS && !pell_cancelled_at(in->ctx, i); i++)
         if (s.photons[i].mesh != PELL_NO_HIT)
             land(in, &s.photons[i], in->reflected);
     for (size_t i = 0; i < in->num_samples; i++)

@@ -59,7 +59,7 @@ static void split(const struct pell_indirect *in, uint32_t *order, uint32_t low,
 
 static void build(struct search *s, uint32_t low, uint32_t high)
 {
-    while (high - low > LEAF) {
+    while (high - low > LEAF && !pell_cancelled(s->in->ctx)) {
         const uint32_t middle = low + (high - low) / 2;
         struct pell_vec3 least = vec3(INFINITY, INFINITY, INFINITY), most = vec3(-INFINITY, -INFINITY, -INFINITY), d;
         for (uint32_t i = low; i < high; i++) {

@@ -10,9 +10,9 @@
 #define PARTS 80.0f  /* of a box's diagonal: the spacing on it */
 #define GROWTH 0.15f /* of the spacing with the distance */
 
-static void widen(struct indirect_box *box, const struct pell_mesh *mesh)
+static void widen(const struct pell_context *ctx, struct indirect_box *box, const struct pell_mesh *mesh)
 {
-    for (uint32_t i = 0; i < mesh->num_vertices; i++) {
+    for (uint32_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(ctx, i); i++) {
         const struct pell_vec3 p = vec3_load(mesh->position + 3 * (size_t) i);
         box->low = vec3(fminf(box->low.x, p.x), fminf(box->low.y, p.y), fminf(box->low.z, p.z));
         box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
@@ -40,7 +40,7 @@ void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spaci
             out->box[k] = (struct indirect_box) { vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY), 0.0f };
             out->count++;
         }
-        widen(&out->box[k], mesh);
+        widen(scene->ctx, &out->box[k], mesh);
     }
     for (int k = 0; k < out->count; k++)
         out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS, 1e-30f);

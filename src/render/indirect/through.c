@@ -195,7 +195,7 @@ fail:
 
 static void spread(const struct pell_indirect *in, const float *thick)
 {
-    for (size_t i = 0; i < in->num_values; i++) {
+    for (size_t i = 0; i < in->num_values && !pell_cancelled_at(in->ctx, i); i++) {
         const struct indirect_near *near = &in->near[i];
         for (int c = 0; c < 3; c++)
             in->value[i][c] = 0.0f;

@@ -335,6 +335,12 @@ fail:
     return res;
 }
 
+/* Each array of a large mesh takes a moment: asked between them. */
+static enum pell_result go_on(const struct gltf *g)
+{
+    return pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
 static enum pell_result fill_indices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const struct shape *s,
                                      struct pell_mesh *mesh)
 {
@@ -455,6 +461,7 @@ static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at
 
     gltf_read_floats(shape->position, false, mesh->position);
     PELL_TRY(check_positions(at, mesh));
+    PELL_TRY(go_on(g));
     PELL_TRY(read_normals(g, at, p, mesh));
     PELL_TRY(read_uvs(g, at, p, mesh));
     /* "when normals are not specified, the provided tangents (if present) must be ignored" */
@@ -464,12 +471,14 @@ static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at
         mesh->tangent[4 * i + 3] = mesh->tangent[4 * i + 3] < 0.0f ? -1.0f : 1.0f;
     if (p->color >= 0)
         PELL_TRY(read_colors(g, at, p, mesh));
+    PELL_TRY(go_on(g));
     if (weights)
         PELL_TRY(gltf_morph(g, at, p, weights, targets, mesh));
     if (placing->skin)
         PELL_TRY(gltf_skin_mesh(g, at, p, placing->skin, mesh));
     else
         place(world, mesh);
+    PELL_TRY(go_on(g));
     PELL_TRY(check_positions(at, mesh));
     turn(g, at, world, p->normal >= 0 && (!weights || any_normal(mesh)), mesh);
     return PELL_OK;
@@ -503,6 +512,7 @@ static enum pell_result place_primitive(struct gltf *g, const struct pell_json *
     mesh->object = g->next_object;
     mesh->material = material;
     PELL_TRY(fill_indices(g, at, p, &shape, mesh));
+    PELL_TRY(go_on(g));
     PELL_TRY(fill_vertices(g, at, p, &shape, placing, weights, targets, mesh));
     if (material >= 0)
         check_uv_sets(g, at, mesh);

@@ -30,11 +30,11 @@ static void find_groups(struct normals *n)
     const struct pell_topology *t = n->t;
     uint32_t edges = 0;
 
-    for (uint32_t i = 0; i < 3 * t->num_triangles; i++)
+    for (uint32_t i = 0; i < 3 * t->num_triangles && !pell_cancelled_at(n->scene->ctx, i); i++)
         n->group[i] = t->part[i / 3] == UINT32_MAX ? UINT32_MAX : i;
     for (uint32_t e = 0, end; e < t->num_halves; e = end) {
         end = pell_topology_edge(t, e);
-        if (++edges % PELL_EDGES_A_LOOK == 0 && pell_cancelled(n->scene->ctx))
+        if (pell_cancelled_at(n->scene->ctx, edges++))
             return;
         for (uint32_t i = e; i + 1 < end; i++) {
             const uint32_t a = t->half[i], b = t->half[i + 1];
@@ -45,11 +45,11 @@ static void find_groups(struct normals *n)
         }
     }
     /* Roots have the lowest number of their group. */
-    for (uint32_t i = 0; i < 3 * t->num_triangles; i++)
+    for (uint32_t i = 0; i < 3 * t->num_triangles && !pell_cancelled_at(n->scene->ctx, i); i++)
         if (n->group[i] != UINT32_MAX)
             n->group[i] = pell_union_root(n->group, i);
     n->num_groups = 0;
-    for (uint32_t i = 0; i < 3 * t->num_triangles; i++)
+    for (uint32_t i = 0; i < 3 * t->num_triangles && !pell_cancelled_at(n->scene->ctx, i); i++)
         if (n->group[i] != UINT32_MAX)
             n->group[i] = n->group[i] == i ? n->num_groups++ : n->group[n->group[i]];
 }
@@ -65,7 +65,7 @@ static void add_up(struct normals *n)
         for (uint32_t i = 0; i < mesh->num_triangles; i++) {
             const size_t tri = (size_t) t->first_triangle[m] + i;
             struct pell_vec3 p[3];
-            if (i % PELL_EDGES_A_LOOK == 0 && pell_cancelled(n->scene->ctx))
+            if (pell_cancelled_at(n->scene->ctx, i))
                 return;
             for (int k = 0; k < 3; k++)
                 p[k] = vec3_mul(vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i + k]), unit);
@@ -78,7 +78,7 @@ static void add_up(struct normals *n)
             }
         }
     }
-    for (uint32_t g = 0; g < n->num_groups; g++) {
+    for (uint32_t g = 0; g < n->num_groups && !pell_cancelled_at(n->scene->ctx, g); g++) {
         /* Long, thin objects have tiny cross products: bring them to one before squaring. */
         float *s = n->sum + 3 * (size_t) g;
         const float largest = fmaxf(fabsf(s[0]), fmaxf(fabsf(s[1]), fabsf(s[2])));
@@ -89,27 +89,41 @@ static void add_up(struct normals *n)
 /* The corners in the order of their groups: a counting sort. */
 static enum pell_result sort_corners(struct normals *n, uint32_t **sorted, uint32_t *count)
 {
+    struct pell_context *ctx = n->scene->ctx;
     const uint32_t corners = 3 * n->t->num_triangles;
-    uint32_t *start = pell_calloc(n->scene->ctx, (size_t) n->num_groups + 1, sizeof(*start));
+    uint32_t *start = pell_calloc(ctx, (size_t) n->num_groups + 1, sizeof(*start));
 
     *count = 0;
-    *sorted = pell_alloc_array(n->scene->ctx, corners, sizeof(**sorted));
+    *sorted = pell_alloc_array(ctx, corners, sizeof(**sorted));
     if (!start || !*sorted) {
-        pell_free(n->scene->ctx, start);
+        pell_free(ctx, start);
         return PELL_ERR_NOMEM;
     }
-    for (uint32_t i = 0; i < corners; i++)
+    for (uint32_t i = 0; i < corners && !pell_cancelled_at(ctx, i); i++)
         if (n->group[i] != UINT32_MAX) {
             start[n->group[i] + 1]++;
             ++*count;
         }
     for (uint32_t g = 0; g < n->num_groups; g++)
         start[g + 1] += start[g];
-    for (uint32_t i = 0; i < corners; i++)
+    for (uint32_t i = 0; i < corners && !pell_cancelled_at(ctx, i); i++)
         if (n->group[i] != UINT32_MAX)
             (*sorted)[start[n->group[i]]++] = i;
-    pell_free(n->scene->ctx, start);
-    return PELL_OK;
+    pell_free(ctx, start);
+    return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+/* The indices as they were before copies got numbers. */
+static void take_back(struct normals *n, const uint32_t *from)
+{
+    const struct pell_topology *t = n->t;
+
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        struct pell_mesh *mesh = &n->scene->meshes[t->mesh[m]];
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles; i++)
+            if (mesh->index[i] & COPY)
+                mesh->index[i] = from[mesh->index[i] & ~COPY];
+    }
 }
 
 /* Meshes without normals: a vertex per group that it is in; the first keeps its number, others are copies at the mesh's end. `wanted`
@@ -131,11 +145,15 @@ static enum pell_result assign(struct normals *n, const bool *wanted)
         goto fail;
     PELL_TRY(sort_corners(n, &sorted, &count));
     for (size_t m = 0; m < t->num_meshes; m++)
-        for (uint32_t i = t->first_triangle[m]; i < t->first_triangle[m + 1]; i++)
+        for (uint32_t i = t->first_triangle[m]; i < t->first_triangle[m + 1] && !pell_cancelled_at(ctx, i); i++)
             mesh_of[i] = (uint32_t) m;
 
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     /* First pass: count the copies of each mesh. */
-    for (uint32_t i = 0; i < count; i++) {
+    for (uint32_t i = 0; i < count && !pell_cancelled_at(ctx, i); i++) {
         const uint32_t m = mesh_of[sorted[i] / 3], group = n->group[sorted[i]];
         const struct pell_mesh *mesh = &n->scene->meshes[t->mesh[m]];
         const uint32_t v = t->first_vertex[m] + mesh->index[sorted[i] - 3 * t->first_triangle[m]];
@@ -153,6 +171,10 @@ static enum pell_result assign(struct normals *n, const bool *wanted)
         res = PELL_ERR_NOMEM;
         goto fail;
     }
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     memset(stamp, 0, t->num_vertices * sizeof(*stamp));
 
     /* Second pass: hand out numbers and write normals. `first_copy` runs ahead as they are taken. */
@@ -161,6 +183,11 @@ static enum pell_result assign(struct normals *n, const bool *wanted)
         struct pell_mesh *mesh = &n->scene->meshes[t->mesh[m]];
         uint32_t *index = &mesh->index[sorted[i] - 3 * t->first_triangle[m]];
         const uint32_t v = t->first_vertex[m] + *index;
+        if (pell_cancelled_at(ctx, i)) {
+            take_back(n, from);
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
         if (!wanted[m])
             continue;
         if (stamp[v] == 0) {
@@ -214,13 +241,13 @@ static void fill_gaps(struct normals *n)
 
     for (size_t m = 0; m < t->num_meshes; m++) {
         struct pell_mesh *mesh = &n->scene->meshes[t->mesh[m]];
-        for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles; i++) {
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_triangles && !pell_cancelled_at(n->scene->ctx, i); i++) {
             const uint32_t group = n->group[3 * (size_t) t->first_triangle[m] + i];
             float *v = mesh->normal + 3 * (size_t) mesh->index[i];
             if (group != UINT32_MAX && is_zero(v))
                 memcpy(v, n->sum + 3 * (size_t) group, 3 * sizeof(float));
         }
-        for (uint32_t i = 0; i < mesh->num_vertices; i++)
+        for (uint32_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(n->scene->ctx, i); i++)
             if (is_zero(mesh->normal + 3 * (size_t) i))
                 vec3_store(vec3(0, 0, 1), mesh->normal + 3 * (size_t) i);
     }
@@ -237,14 +264,14 @@ enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_t
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
         uint32_t zeros = 0;
-        for (uint32_t i = 0; i < mesh->num_vertices; i++)
+        for (uint32_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(scene->ctx, i); i++)
             zeros += is_zero(mesh->normal + 3 * (size_t) i);
         wanted[m] = zeros == mesh->num_vertices && mesh->num_vertices > 0;
         any_mesh |= wanted[m];
         any_gap |= zeros > 0;
     }
-    if (!any_gap) {
-        res = PELL_OK;
+    if (!any_gap || pell_cancelled(scene->ctx)) {
+        res = pell_cancelled(scene->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
         goto fail;
     }
     n.group = pell_alloc_array(scene->ctx, t->num_triangles, 3 * sizeof(*n.group));

@@ -53,17 +53,17 @@ static enum pell_result find_twins(struct pell_context *ctx, const struct pell_m
 
     if (keys && order && scratch) {
         const uint32_t *sorted;
-        for (size_t i = 0; i < count; i++) {
+        for (size_t i = 0; i < count && !pell_cancelled_at(ctx, i); i++) {
             memcpy(keys + 8 * i, mesh->position + 3 * i, 3 * sizeof(float));
             memcpy(keys + 8 * i + 3, mesh->normal + 3 * i, 3 * sizeof(float));
             memcpy(keys + 8 * i + 6, mesh->uv[uv] + 2 * i, 2 * sizeof(float));
         }
         sorted = pell_sort_keys(ctx, keys, 8, order, scratch, mesh->num_vertices);
-        for (size_t i = 0; i < count; i++) {
+        for (size_t i = 0; i < count && !pell_cancelled_at(ctx, i); i++) {
             const bool same = i && memcmp(keys + 8 * (size_t) sorted[i], keys + 8 * (size_t) sorted[i - 1], 8 * sizeof(*keys)) == 0;
             twin[sorted[i]] = same ? twin[sorted[i - 1]] : sorted[i];
         }
-        res = PELL_OK;
+        res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     }
     pell_free(ctx, keys);
     pell_free(ctx, order);
@@ -71,9 +71,9 @@ static enum pell_result find_twins(struct pell_context *ctx, const struct pell_m
     return res;
 }
 
-static void add_up(const struct pell_mesh *mesh, int uv, const uint32_t *twin, float *sum)
+static void add_up(const struct pell_context *ctx, const struct pell_mesh *mesh, int uv, const uint32_t *twin, float *sum)
 {
-    for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+    for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(ctx, i); i++) {
         const struct gradient g = gradient_of(mesh, uv, i);
         for (int k = 0; k < 3 && g.side >= 0; k++) {
             const uint32_t *v = mesh->index + 3 * (size_t) i;
@@ -99,12 +99,12 @@ static void write_tangent(float *to, const float *sum, const float *normal, floa
 }
 
 /* Which side each vertex is on (2: none) and, where it is on both, the number of its copy, counted from 1. Returns the count of copies. */
-static uint32_t find_splits(const struct pell_mesh *mesh, int uv, uint8_t *side, uint32_t *copy)
+static uint32_t find_splits(const struct pell_context *ctx, const struct pell_mesh *mesh, int uv, uint8_t *side, uint32_t *copy)
 {
     uint32_t copies = 0;
 
     memset(side, 2, mesh->num_vertices);
-    for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+    for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(ctx, i); i++) {
         const int s = gradient_of(mesh, uv, i).side;
         for (int k = 0; k < 3 && s >= 0; k++) {
             const uint32_t v = mesh->index[3 * (size_t) i + k];
@@ -130,8 +130,12 @@ enum pell_result pell_make_tangents(struct pell_scene *scene, size_t index, int 
     if (!twin || !copy || !side || !sum)
         goto fail;
     PELL_TRY(find_twins(ctx, mesh, uv, twin));
-    add_up(mesh, uv, twin, sum);
-    copies = find_splits(mesh, uv, side, copy);
+    add_up(ctx, mesh, uv, twin, sum);
+    copies = find_splits(ctx, mesh, uv, side, copy);
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     from = pell_alloc_array(ctx, copies, sizeof(*from));
     tangent = pell_alloc_array(ctx, (size_t) count + copies, 4 * sizeof(*tangent));
     if (!from || !tangent) {

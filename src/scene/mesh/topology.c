@@ -6,13 +6,26 @@
 
 #define DIGIT 2048
 
-/* Stable counting sort of `order` by an 11-bit digit of its items' keys; `into` gets the result. False if all digits are equal. */
-static bool sort_digit(const uint32_t *keys, size_t stride, int shift, const uint32_t *order, uint32_t *into, uint32_t count)
+struct sort {
+    struct pell_context *ctx;
+    const uint32_t *keys; /* the first word of each, or a later one */
+    size_t stride;
+    uint32_t count;
+};
+
+/* Stable counting sort of `order` by an 11-bit digit of its items' keys; `into` gets the result. False if all digits are equal, or the work
+ * was cancelled: then `order` holds all numbers, in any order. */
+static bool sort_digit(const struct sort *s, int shift, const uint32_t *order, uint32_t *into)
 {
+    const uint32_t *keys = s->keys, count = s->count;
+    const size_t stride = s->stride;
     uint32_t start[DIGIT] = { 0 }, sum = 0;
 
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++) {
+        if (pell_cancelled_at(s->ctx, i))
+            return false;
         start[keys[stride * i] >> shift & (DIGIT - 1)]++;
+    }
     if (count == 0 || start[keys[0] >> shift & (DIGIT - 1)] == count)
         return false;
     for (size_t d = 0; d < DIGIT; d++) {
@@ -20,8 +33,11 @@ static bool sort_digit(const uint32_t *keys, size_t stride, int shift, const uin
         start[d] = sum;
         sum += n;
     }
-    for (uint32_t i = 0; i < count; i++)
+    for (uint32_t i = 0; i < count; i++) {
+        if (pell_cancelled_at(s->ctx, i))
+            return false;
         into[start[keys[stride * order[i]] >> shift & (DIGIT - 1)]++] = order[i];
+    }
     return true;
 }
 
@@ -47,14 +63,53 @@ uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t 
         }
         return order;
     }
-    for (size_t word = words; word-- > 0;)
+    for (size_t word = words; word-- > 0;) {
+        const struct sort sort = { ctx, keys + word, words, count };
         for (int shift = 0; shift < 32 && !pell_cancelled(ctx); shift += 11)
-            if (sort_digit(keys + word, words, shift, order, scratch, count)) {
+            if (sort_digit(&sort, shift, order, scratch)) {
                 uint32_t *swap = order;
                 order = scratch;
                 scratch = swap;
             }
+    }
     return order;
+}
+
+enum pell_result pell_order_by_code(struct pell_context *ctx, size_t count, uint64_t (*code_at)(const void *items, size_t index),
+                                    const void *items, uint32_t **order)
+{
+    uint32_t *codes = pell_alloc_array(ctx, count, 2 * sizeof(*codes)), *a = pell_alloc_array(ctx, count, sizeof(*a));
+    uint32_t *b = pell_alloc_array(ctx, count, sizeof(*b)), *sorted;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *order = NULL;
+    if (!codes || !a || !b)
+        goto fail;
+    if (count > UINT32_MAX) {
+        res = pell_error(ctx, PELL_ERR_UNSUPPORTED, NULL, NULL, "%zu items are too many to be sorted", count);
+        goto fail;
+    }
+    for (size_t i = 0; i < count && !pell_cancelled_at(ctx, i); i++) {
+        const uint64_t code = code_at(items, i);
+        codes[2 * i] = (uint32_t) (code >> 32);
+        codes[2 * i + 1] = (uint32_t) code;
+    }
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
+    sorted = pell_sort_keys(ctx, codes, 2, a, b, (uint32_t) count);
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    if (res == PELL_OK) {
+        *order = sorted;
+        *(sorted == a ? &a : &b) = NULL;
+    }
+
+fail:
+    pell_free(ctx, codes);
+    pell_free(ctx, a);
+    pell_free(ctx, b);
+    return res;
 }
 
 /* An object of many millions of triangles takes seconds: between its steps. */
@@ -76,16 +131,21 @@ static enum pell_result weld(struct pell_topology *t, const struct pell_scene *s
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
         uint32_t *to = keys + 3 * (size_t) t->first_vertex[m];
-        for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices; i++) {
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices && !pell_cancelled_at(t->ctx, i); i++) {
             const float f = mesh->position[i] + 0.0f; /* -0 becomes 0 */
             memcpy(&to[i], &f, sizeof(f));
         }
     }
+    PELL_TRY(not_cancelled(t->ctx));
     sorted = pell_sort_keys(t->ctx, keys, 3, order, scratch, t->num_vertices);
     PELL_TRY(not_cancelled(t->ctx));
 
     /* The sort is stable: the first of a run is its first vertex. It stands for all of them, then gets its number. */
     for (uint32_t i = 0, first = 0; i < t->num_vertices; i++) {
+        if (pell_cancelled_at(t->ctx, i)) {
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
         if (i == 0 || memcmp(keys + 3 * (size_t) sorted[i], keys + 3 * (size_t) first, 3 * sizeof(*keys)) != 0)
             first = sorted[i];
         t->weld[sorted[i]] = first;
@@ -108,7 +168,7 @@ static void fill_triangles(struct pell_topology *t, const struct pell_scene *sce
 
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
             const size_t tri = (size_t) t->first_triangle[m] + i;
             const float *p[3];
             uint32_t *c = t->corner + 3 * tri;
@@ -164,24 +224,24 @@ static enum pell_result sort_halves(struct pell_topology *t)
     if (!start || !by_high)
         goto fail;
     t->num_halves = 0;
-    for (uint32_t i = 0; i < t->num_triangles; i++)
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
         for (uint32_t k = 0; k < 3 && !degenerate(t, i); k++, t->num_halves++)
             start[high_end(t, 3 * i + k) + 1]++;
     PELL_TRY(not_cancelled(t->ctx));
     for (size_t i = 1; i < buckets; i++)
         start[i] += start[i - 1];
-    for (uint32_t i = 0; i < t->num_triangles; i++)
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
         for (uint32_t k = 0; k < 3 && !degenerate(t, i); k++)
             by_high[start[high_end(t, 3 * i + k)]++] = 3 * i + k;
     PELL_TRY(not_cancelled(t->ctx));
 
     memset(start, 0, buckets * sizeof(*start));
-    for (uint32_t i = 0; i < t->num_halves; i++)
+    for (uint32_t i = 0; i < t->num_halves && !pell_cancelled_at(t->ctx, i); i++)
         start[low_end(t, by_high[i]) + 1]++;
     PELL_TRY(not_cancelled(t->ctx));
     for (size_t i = 1; i < buckets; i++)
         start[i] += start[i - 1];
-    for (uint32_t i = 0; i < t->num_halves; i++)
+    for (uint32_t i = 0; i < t->num_halves && !pell_cancelled_at(t->ctx, i); i++)
         t->half[start[low_end(t, by_high[i])]++] = by_high[i];
     res = PELL_OK;
 
@@ -226,14 +286,14 @@ static void find_parts(struct pell_topology *t)
         t->part[i] = i;
     for (uint32_t e = 0, end; e < t->num_halves; e = end) {
         end = pell_topology_edge(t, e);
-        if (++edges % PELL_EDGES_A_LOOK == 0 && pell_cancelled(t->ctx))
+        if (pell_cancelled_at(t->ctx, edges++))
             return;
         for (uint32_t i = e + 1; i < end; i++)
             pell_union_join(t->part, t->half[e] / 3, t->half[i] / 3);
     }
-    for (uint32_t i = 0; i < t->num_triangles; i++)
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
         t->part[i] = pell_union_root(t->part, i);
-    for (uint32_t i = 0; i < t->num_triangles; i++) {
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
         if (degenerate(t, i))
             t->part[i] = UINT32_MAX;
         else
@@ -247,7 +307,7 @@ static void measure_extent(struct pell_topology *t, const struct pell_scene *sce
 
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices; i++) {
+        for (size_t i = 0; i < 3 * (size_t) mesh->num_vertices && !pell_cancelled_at(t->ctx, i); i++) {
             const double x = mesh->position[i];
             min[i % 3] = x < min[i % 3] ? x : min[i % 3];
             max[i % 3] = x > max[i % 3] ? x : max[i % 3];
@@ -297,6 +357,7 @@ enum pell_result pell_topology_make(struct pell_topology *t, const struct pell_s
     PELL_TRY(weld(t, scene));
     PELL_TRY(not_cancelled(t->ctx));
     fill_triangles(t, scene);
+    PELL_TRY(not_cancelled(t->ctx));
     PELL_TRY(sort_halves(t));
     PELL_TRY(not_cancelled(t->ctx));
     find_parts(t);
@@ -333,7 +394,7 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
     }
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
             const uint32_t number = t->part[t->first_triangle[m] + i];
             struct pell_part *part = parts + number;
             for (int k = 0; number != UINT32_MAX && k < 3; k++) {
@@ -348,7 +409,7 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
     /* Divergence theorem; tetrahedra are taken to a corner of the part's box, so that parts far from the origin lose no digits. */
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
             const uint32_t number = t->part[t->first_triangle[m] + i];
             double p[3][3];
             if (number == UINT32_MAX)
@@ -361,7 +422,7 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
                                     6.0;
         }
     }
-    for (uint32_t e = 0, end; e < t->num_halves; e = end) {
+    for (uint32_t e = 0, end, edges = 0; e < t->num_halves && !pell_cancelled_at(t->ctx, edges++); e = end) {
         int64_t balance = 0;
         end = pell_topology_edge(t, e);
         for (uint32_t i = e; i < end; i++)

@@ -56,14 +56,18 @@ struct pell_part {
     double volume; /* enclosed, signed: positive where normals point outward; in the meshes' units */
     double min[3], max[3];
 };
-/* `parts` has num_parts elements. */
+/* `parts` has num_parts elements; not complete where the work was cancelled. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
-#define PELL_EDGES_A_LOOK (1u << 20) /* of a long loop between two looks whether the work was cancelled */
-
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
- * result: `order` or `scratch`, which has the same size. */
+ * result: `order` or `scratch`, which has the same size; unsorted where the work was cancelled. */
 uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
+
+/* Numbers of `count` items in the order of their codes, those of one code in their own order; the caller's. `items` is handed to
+ * `code_at`. */
+PELL_NODISCARD enum pell_result pell_order_by_code(struct pell_context *ctx, size_t count,
+                                                   uint64_t (*code_at)(const void *items, size_t index), const void *items,
+                                                   uint32_t **order);
 
 /* The scene's meshes sorted by (object, index): an object is a run. `order` has num_meshes elements. */
 void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);

@@ -473,7 +473,7 @@ static enum pell_result fill_mesh(struct obj *o, struct pell_mesh *mesh, const s
 {
     bool uv = false;
 
-    for (size_t i = 0; i < mesh->num_vertices; i++) {
+    for (size_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(o->ctx, i); i++) {
         memcpy(mesh->position + 3 * i, o->v + 3 * (size_t) unique[i].v, 3 * sizeof(float));
         if (unique[i].vn)
             memcpy(mesh->normal + 3 * i, o->vn + 3 * ((size_t) unique[i].vn - 1), 3 * sizeof(float));

@@ -88,12 +88,13 @@ static float key(const struct facet *f, int dimension, float weight)
     return weight * (f->n[0][j] + f->n[1][j] + f->n[2][j]);
 }
 
-/* The first half has keys up to those of the second. Gives up on orders made to be slow: any halves are valid. */
-static void halve(struct facet *f, size_t count, size_t half, int dimension, float weight)
+/* The first half has keys up to those of the second. Gives up on orders made to be slow, and where the work is cancelled: any halves are
+ * valid. */
+static void halve(const struct pell_context *ctx, struct facet *f, size_t count, size_t half, int dimension, float weight)
 {
-    size_t first = 0, last = count - 1;
+    size_t first = 0, last = count - 1, swaps = 0;
 
-    for (int turn = 0; first < last && turn < 96; turn++) {
+    for (int turn = 0; first < last && turn < 96 && !pell_cancelled(ctx); turn++) {
         const float pivot = key(&f[first + (last - first) / 2], dimension, weight);
         size_t i = first, j = last;
         for (;;) {
@@ -102,7 +103,7 @@ static void halve(struct facet *f, size_t count, size_t half, int dimension, flo
                 i++;
             while (pivot < key(&f[j], dimension, weight))
                 j--;
-            if (i >= j)
+            if (i >= j || pell_cancelled_at(ctx, swaps++))
                 break;
             t = f[i];
             f[i++] = f[j];
@@ -119,7 +120,7 @@ static void halve(struct facet *f, size_t count, size_t half, int dimension, flo
 }
 
 /* The first `first` of them apart from the others, along the widest dimension. */
-static void split(struct facet *f, size_t count, size_t first, float weight)
+static void split(const struct pell_context *ctx, struct facet *f, size_t count, size_t first, float weight)
 {
     float low[6], high[6];
     int widest = 0;
@@ -127,7 +128,7 @@ static void split(struct facet *f, size_t count, size_t first, float weight)
     for (int d = 0; d < 6; d++) {
         low[d] = INFINITY;
         high[d] = -INFINITY;
-        for (size_t i = 0; i < count; i++) {
+        for (size_t i = 0; i < count && !pell_cancelled_at(ctx, i); i++) {
             const float k = key(&f[i], d, weight);
             low[d] = SMALLER(low[d], k);
             high[d] = LARGER(high[d], k);
@@ -135,7 +136,7 @@ static void split(struct facet *f, size_t count, size_t first, float weight)
         if (high[d] - low[d] > high[widest] - low[widest])
             widest = d;
     }
-    halve(f, count, first, widest, weight);
+    halve(ctx, f, count, first, widest, weight);
 }
 
 /* What one child of a node holds at most: a power of the children, so that all nodes but the last ones are full. */
@@ -155,35 +156,36 @@ static size_t count_nodes(size_t facets)
     return 1 + (c > 1 ? full * count_nodes(c) + (rest > 1 ? count_nodes(rest) : 0) : 0);
 }
 
-static void divide(struct facet *f, size_t count, size_t parts, size_t c, float weight)
+static void divide(const struct pell_context *ctx, struct facet *f, size_t count, size_t parts, size_t c, float weight)
 {
     const size_t half = parts / 2;
 
     if (parts < 2)
         return;
-    split(f, count, half * c, weight);
-    divide(f, half * c, half, c, weight);
-    divide(f + half * c, count - half * c, parts - half, c, weight);
+    split(ctx, f, count, half * c, weight);
+    divide(ctx, f, half * c, half, c, weight);
+    divide(ctx, f + half * c, count - half * c, parts - half, c, weight);
 }
 
-/* A node over `count` facets from `first` on; returns its number. As deep as the logarithm of count, base 16. */
-static uint32_t build(struct tree *t, size_t first, size_t count, float weight)
+/* A node over `count` facets from `first` on; returns its number. As deep as the logarithm of count, base 16. Where the work is cancelled,
+ * children are left out. */
+static uint32_t build(const struct pell_context *ctx, struct tree *t, size_t first, size_t count, float weight)
 {
     const uint32_t number = (uint32_t) t->num_nodes++;
     struct pell_connect_node *node = &t->nodes[number];
     const size_t c = capacity(count);
 
     if (c > 1)
-        divide(t->facets + first, count, (count + c - 1) / c, c, weight);
+        divide(ctx, t->facets + first, count, (count + c - 1) / c, c, weight);
     for (size_t i = 0; i < LANES; i++) {
         const size_t start = i * c, n = start >= count ? 0 : count - start < c ? count - start : c;
-        if (n == 0) {
+        if (n == 0 || (n > 1 && pell_cancelled(ctx))) {
             node->child[i] = NOTHING;
             node->radius[i] = 0.0f;
             continue;
         }
         bound(t->facets + first + start, n, node, (int) i);
-        node->child[i] = n == 1 ? LEAF + (uint32_t) (first + start) : build(t, first + start, n, weight);
+        node->child[i] = n == 1 ? LEAF + (uint32_t) (first + start) : build(ctx, t, first + start, n, weight);
     }
     return number;
 }
@@ -206,6 +208,8 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
     for (size_t i = 0; i < t->num_facets; i++) {
         pell_connect_fill_facet(&c->scene->meshes[solid->triangles[i].mesh], solid->triangles[i].mesh, solid->triangles[i].triangle,
                                 c->flat, &t->facets[i]);
+        if (pell_cancelled_at(c->ctx, i))
+            return PELL_ERR_CANCELLED;
         for (int k = 0; k < 3; k++)
             for (int j = 0; j < 3; j++) {
                 low[j] = fminf(low[j], t->facets[i].p[k][j]);
@@ -217,7 +221,7 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
         largest = fmaxf(largest, fmaxf(fabsf(low[j]), fabsf(high[j])));
     }
     t->rounding = 1e-6 * (double) largest;
-    build(t, 0, t->num_facets, (float) NORMAL_WEIGHT * size);
+    build(c->ctx, t, 0, t->num_facets, (float) NORMAL_WEIGHT * size);
     return pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 

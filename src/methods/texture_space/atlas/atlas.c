@@ -69,23 +69,25 @@ static enum pell_result list_triangles(struct ts_atlas_build *b)
     if (!a->triangles || !a->corners || !a->chart || !a->twin || !b->area)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < b->num_meshes; i++)
-        for (uint32_t t = 0; t < scene->meshes[b->meshes[i]].num_triangles; t++)
+        for (uint32_t t = 0; t < scene->meshes[b->meshes[i]].num_triangles && !pell_cancelled_at(b->ctx, t); t++)
             a->triangles[a->first[b->meshes[i]] + t] = (struct ts_triangle) { b->meshes[i], t };
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         b->area[t] = area_of(a, t);
         b->total_area += b->area[t];
     }
+    if (pell_cancelled(b->ctx))
+        return PELL_ERR_CANCELLED;
     PELL_TRY(pell_topology_make(&b->topology, scene, b->meshes, b->num_meshes));
     for (size_t h = 0; h < 3 * count; h++)
         a->twin[h] = NONE;
-    for (uint32_t e = 0, end; e < b->topology.num_halves; e = end) {
+    for (uint32_t e = 0, end, edges = 0; e < b->topology.num_halves && !pell_cancelled_at(b->ctx, edges++); e = end) {
         end = pell_topology_edge(&b->topology, e);
         if (end - e == 2 && b->topology.half[e] / 3 != b->topology.half[e + 1] / 3) {
             a->twin[b->topology.half[e]] = b->topology.half[e + 1];
             a->twin[b->topology.half[e + 1]] = b->topology.half[e];
         }
     }
-    return PELL_OK;
+    return pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     return res;
@@ -98,7 +100,7 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
     double flat = 0.0, covered = 0.0;
     enum pell_result res;
 
-    for (uint32_t t = 0; t < a->num_triangles && !wrong; t++)
+    for (uint32_t t = 0; t < a->num_triangles && !wrong && !pell_cancelled_at(b->ctx, t); t++)
         covered += fabs(flat_area(a->corners[t]));
     if (!wrong && covered > COVERED_MOST * a->width * a->height)
         wrong = OVERLAPS;
@@ -106,9 +108,11 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
         ts_atlas_number_charts(b, order);
         PELL_TRY(ts_atlas_make_planes(b));
         ts_atlas_rasterize(b);
-        for (uint32_t t = 0; t < a->num_triangles; t++)
+        for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++)
             if (b->area[t] > 0.0 && !(fabs(flat_area(a->corners[t])) > 1e-9))
                 flat += b->area[t];
+        if (pell_cancelled(b->ctx)) /* whatever is wrong with it is not known */
+            return PELL_ERR_CANCELLED;
         a->degenerate = flat / b->total_area;
         a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
         if (a->degenerate > DEGENERATE_MOST)
@@ -127,7 +131,7 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
     a->without = !a->scene->meshes[b->meshes[0]].uv[0];
     PELL_TRY(ts_atlas_make_planes(b));
     ts_atlas_rasterize(b);
-    return PELL_OK;
+    return pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     return res;
@@ -159,6 +163,10 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
     PELL_TRY(lay_out(&b, order));
     a->mm_per_texel = b.claimed > 0 ? sqrt(b.total_area / (double) b.claimed) : 1.0;
     ts_atlas_rescue(&b);
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     a->inner = b.claimed;
     far = pell_alloc_array(ctx, a->size, sizeof(*far));
     if (!far) {

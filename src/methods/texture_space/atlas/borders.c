@@ -372,7 +372,7 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
 
     if (!near || !edge)
         goto fail;
-    for (uint32_t h = 0; h < 3 * a->num_triangles; h++) {
+    for (uint32_t h = 0; h < 3 * a->num_triangles && !pell_cancelled_at(b->ctx, h); h++) {
         const float *c = a->corners[h / 3];
         const float *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
         if (!a->chart[h / 3] || a->twin[h] == NONE || !a->chart[a->twin[h] / 3] || ts_atlas_joined(b, h))

@@ -38,16 +38,17 @@ bool ts_atlas_joined(const struct ts_atlas_build *b, uint32_t half)
 void ts_atlas_number_charts(struct ts_atlas_build *b, uint32_t *todo)
 {
     struct ts_atlas *a = b->a;
+    uint32_t steps = 0;
 
     memset(a->chart, 0, a->num_triangles * sizeof(*a->chart));
     a->num_charts = 0;
-    for (uint32_t seed = 0; seed < a->num_triangles; seed++) {
+    for (uint32_t seed = 0; seed < a->num_triangles && !pell_cancelled_at(b->ctx, seed); seed++) {
         uint32_t n = 0;
         if (a->chart[seed] || !(b->area[seed] > 0.0))
             continue;
         a->chart[seed] = ++a->num_charts;
         todo[n++] = seed;
-        while (n > 0) {
+        while (n > 0 && !pell_cancelled_at(b->ctx, steps++)) {
             const uint32_t t = todo[--n];
             for (uint32_t h = 3 * t; h < 3 * t + 3; h++)
                 if (a->twin[h] != NONE && !a->chart[a->twin[h] / 3] && b->area[a->twin[h] / 3] > 0.0 && ts_atlas_joined(b, h)) {
@@ -64,7 +65,7 @@ const char *ts_atlas_lay_out_file(struct ts_atlas_build *b)
     const int margin = 2 + (b->p->border < b->p->size / 8 ? b->p->border : b->p->size / 8);
     double low[2] = { INFINITY, INFINITY }, high[2] = { -INFINITY, -INFINITY }, scale;
 
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
         const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
         if (!m->uv[0])
@@ -84,7 +85,7 @@ const char *ts_atlas_lay_out_file(struct ts_atlas_build *b)
     scale = (b->p->size - 2 * margin) / scale;
     a->width = (int) ceil((high[0] - low[0]) * scale) + 2 * margin;
     a->height = (int) ceil((high[1] - low[1]) * scale) + 2 * margin;
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
         const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
         for (int k = 0; k < 6 && b->area[t] > 0.0; k++)
@@ -114,7 +115,7 @@ static enum pell_result make_cover(const struct ts_atlas_build *b, struct cover 
     g->texel = pell_calloc(b->ctx, g->mask, sizeof(*g->texel));
     g->depth = pell_alloc_array(b->ctx, g->mask, sizeof(*g->depth));
     g->mask--;
-    for (uint32_t t = 0; t < b->a->num_triangles; t++) {
+    for (uint32_t t = 0; t < b->a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         struct pell_vec3 p[3];
         corner_points(b->a, t, p);
         for (int k = 0; k < 3; k++) {
@@ -230,7 +231,7 @@ static void grow_chart(struct ts_atlas_build *b, struct cover *g, uint32_t seed,
             }
         c->count = n;
         c->area = 0.0;
-        for (uint32_t i = 0; i < n; i++) {
+        for (uint32_t i = 0; i < n && !pell_cancelled_at(b->ctx, i); i++) {
             sum = vec3_mad(sum, (float) b->area[order[i]], face_normal(b, order[i]));
             c->area += b->area[order[i]];
             if (round == 0)
@@ -250,7 +251,7 @@ static void connect_small(struct ts_atlas_build *b, struct cover *g, struct ts_f
 
     for (int round = 0; any && round < ROUNDS_MOST; round++) {
         any = false;
-        for (uint32_t t = 0; t < a->num_triangles; t++) {
+        for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
             int32_t best = 0;
             float most = JOIN_COSINE;
             if (!a->chart[t] || charts[a->chart[t] - 1].area >= CHART_LEAST * b->total_area)
@@ -286,7 +287,7 @@ static size_t flatten_charts(struct ts_atlas_build *b, struct ts_flat_chart *cha
 
     for (size_t i = 0; i < count; i++)
         charts[i].number = charts[i].count > 0 ? (int32_t) ++left : 0;
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
         struct pell_vec3 p[3], u, v;
         if (!c)
@@ -322,6 +323,10 @@ enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *ord
     PELL_TRY(make_cover(b, &cover));
     for (uint32_t seed = 0; seed < a->num_triangles; seed++) {
         void *array = charts;
+        if (pell_cancelled_at(b->ctx, seed)) {
+            res = PELL_ERR_CANCELLED;
+            goto fail;
+        }
         if (a->chart[seed] || !(b->area[seed] > 0.0))
             continue;
         PELL_TRY(pell_grow(b->ctx, &array, count, &capacity, sizeof(*charts)));
@@ -335,9 +340,13 @@ enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *ord
         goto fail;
     connect_small(b, &cover, charts);
     count = flatten_charts(b, charts, count);
+    if (pell_cancelled(b->ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
     a->num_charts = (int) count;
     PELL_TRY(ts_atlas_pack(b, charts, count, &scale));
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
         for (int k = 0; c && k < 6; k++)
             a->corners[t][k] = (float) (((double) a->corners[t][k] - c->low[k % 2]) * scale + (k % 2 ? c->y : c->x));

@@ -80,7 +80,7 @@ void ts_atlas_rasterize(struct ts_atlas_build *b)
     struct ts_atlas *a = b->a;
 
     b->claimed = b->twice = 0;
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const float *c = a->corners[t];
         struct ts_flat f;
         struct ts_metric m;
@@ -118,7 +118,7 @@ void ts_atlas_rescue(struct ts_atlas_build *b)
 {
     struct ts_atlas *a = b->a;
 
-    for (uint32_t t = 0; t < a->num_triangles; t++) {
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const float *c = a->corners[t];
         const float x = (c[0] + c[2] + c[4]) / 3.0f, y = (c[1] + c[3] + c[5]) / 3.0f;
         struct ts_place place;

@@ -1,0 +1,125 @@
+/* SPDX-License-Identifier: MIT
+ * signals.c - what Ctrl-C and SIGTERM do: ask the work to end, and end the process where that takes long. */
+#include "cli/cli.h"
+
+#include "base/file.h"
+
+#include <signal.h>
+#include <stdatomic.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+/* The work looks whether it was cancelled some hundred times a second; what does not are libraries: a ray structure of 16 million triangles
+ * takes seconds, of which Embree asks in few moments. */
+#define LATE_NS 300000000L  /* after the signal */
+#define AGAIN_NS 100000000L /* where files were in flight then */
+
+static struct cli *volatile interrupted; /* whose command runs; NULL: none does */
+static volatile sig_atomic_t interruptions, terminated;
+static atomic_flag told = ATOMIC_FLAG_INIT;
+static timer_t timer;
+static bool timer_there;
+
+/* Functions that signal handlers call may only call what POSIX lists for them (2.4.3). */
+static void put(int to, const char *text)
+{
+    if (write(to, text, strlen(text)) < 0)
+        return; /* nobody is there to be told */
+}
+
+static void put_count(int to, unsigned count)
+{
+    char digits[16];
+    size_t at = sizeof(digits) - 1;
+
+    digits[at] = '\0';
+    do
+        digits[--at] = (char) ('0' + count % 10);
+    while (count /= 10);
+    put(to, digits + at);
+}
+
+void cli_say_interrupted(const struct cli *cli)
+{
+    if (cli->quiet || cli->json || atomic_flag_test_and_set(&told))
+        return;
+    if (cli->partial) {
+        put(STDERR_FILENO, "interrupted; the picture was written with the samples that it had\n");
+    } else if (cli->images) {
+        put(STDERR_FILENO, "interrupted; written before: ");
+        put_count(STDERR_FILENO, (unsigned) cli->images);
+        put(STDERR_FILENO, cli->images == 1 ? " picture\n" : " pictures\n");
+    } else {
+        put(STDERR_FILENO, "interrupted; nothing was written\n");
+    }
+}
+
+/* As cli_print_json_error has it. */
+static const char cancelled_json[] = "{\n  \"error\": {\n    \"code\": \"cancelled\",\n    \"where\": \"\",\n"
+                                     "    \"what\": \"stopped before it was done\",\n    \"hint\": \"\"\n  }\n}\n";
+
+static void on_late(int signal)
+{
+    const struct cli *cli = interrupted;
+
+    (void) signal;
+    if (!cli || !pell_cancelled(cli->ctx) || pell_files_in_flight(cli->ctx) || cli->answered)
+        return;
+    if (cli->progress.width > 0)
+        put(STDERR_FILENO, "\n");
+    cli_say_interrupted(cli);
+    if (cli->json && !atomic_flag_test_and_set(&told))
+        put(STDOUT_FILENO, cancelled_json);
+    _exit(EXIT_INTERRUPTED);
+}
+
+static void on_signal(int signal)
+{
+    static const struct itimerspec late = { .it_value = { .tv_nsec = LATE_NS }, .it_interval = { .tv_nsec = AGAIN_NS } };
+
+    if (signal == SIGTERM)
+        terminated = 1;
+    if (interruptions)
+        _exit(EXIT_INTERRUPTED);
+    interruptions = 1;
+    if (!interrupted)
+        return;
+    pell_context_interrupt(interrupted->ctx);
+    if (timer_there)
+        timer_settime(timer, 0, &late, NULL);
+}
+
+bool cli_terminated(void)
+{
+    return terminated;
+}
+
+/* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
+static void catch_signal(int number)
+{
+    struct sigaction action = { .sa_handler = on_signal }, old;
+    if (sigaction(number, NULL, &old) == 0 && old.sa_handler != SIG_IGN)
+        sigaction(number, &action, NULL);
+}
+
+void cli_signals_begin(struct cli *cli)
+{
+    const struct sigaction late = { .sa_handler = on_late, .sa_flags = SA_RESTART };
+    struct sigevent event = { .sigev_notify = SIGEV_SIGNAL, .sigev_signo = SIGALRM };
+
+    interrupted = cli;
+    /* Of several processes none leaves the others: they end together. */
+    if (!cli->program->share && sigaction(SIGALRM, &late, NULL) == 0)
+        timer_there = timer_create(CLOCK_MONOTONIC, &event, &timer) == 0;
+    catch_signal(SIGINT);
+    catch_signal(SIGTERM);
+}
+
+void cli_signals_end(void)
+{
+    interrupted = NULL;
+    if (timer_there)
+        timer_delete(timer);
+    timer_there = false;
+}
