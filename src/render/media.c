@@ -37,15 +37,15 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
 }
 
 /* Whether material i lets light through, and by what law. */
-static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, struct pell_opposed *law,
-                     float white[3])
+static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, struct pell_indirect_solid *out)
 {
     const struct pell_frame_material *f = medium_of(scene, m, i);
 
-    if (!f || !m->thickness[i] || !(m->thickness[i]->max_mm > LEAST) || !pell_opposed_make(&f->medium, law))
+    if (!f || !m->thickness[i] || !(m->thickness[i]->max_mm > LEAST) || !pell_opposed_make(&f->medium, &out->law))
         return false;
+    out->profile = f->profile;
     for (int c = 0; c < 3; c++)
-        white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
+        out->white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
     return true;
 }
 
@@ -54,26 +54,24 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
                                     struct pell_indirect **out)
 {
     const size_t count = params->scene->num_materials;
-    struct pell_opposed *law = pell_calloc(ctx, count, sizeof(*law));
-    float(*white)[3] = pell_calloc(ctx, count, sizeof(*white));
+    struct pell_indirect_solid *solid = pell_calloc(ctx, count, sizeof(*solid));
     bool any = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
-    if (!law || !white)
+    if (!solid)
         goto fail;
     for (size_t i = 0; i < count; i++)
-        any |= find_law(params->scene, materials, i, &law[i], white[i]);
+        any |= find_law(params->scene, materials, i, &solid[i]);
     res = PELL_OK;
     if (!any)
         goto fail;
     PELL_TRY(pell_indirect_create(ctx, pool, params, out));
-    PELL_TRY(pell_indirect_send_through(*out, pool, lights, law, (const float(*)[3]) white));
+    PELL_TRY(pell_indirect_send_through(*out, pool, lights, solid));
 
 fail:
     if (res != PELL_OK)
         pell_indirect_destroy(out);
-    pell_free(ctx, law);
-    pell_free(ctx, white);
+    pell_free(ctx, solid);
     return res;
 }

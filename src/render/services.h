@@ -44,6 +44,7 @@ struct pell_surface_light {
     float *transmission[3];      /* of a thin sheet: share of what meets the other side; 0 elsewhere */
     float *strength;             /* of scattering, [0, 1]; 1 where no point is */
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
+    float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
     bool *there;                 /* false: no point, or one where the material is cut out by its alpha */
 };
 
@@ -56,6 +57,7 @@ struct pell_points_params {
     int samples;
     bool opposed; /* for methods that turn the profile between faces at an angle (optics/medium/opposed.h) */
     bool local;   /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */
+    bool flat;    /* not scaled by `gain` */
 };
 
 /* What a method keeps beyond its pass, for the next one of a renderer: a scene that moves is a new scene each frame, with the same

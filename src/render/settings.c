@@ -43,7 +43,7 @@ static const struct pell_knob settings_knobs[] = {
     { "single-scattering", PELL_KNOB_BOOL, "1", AT(single_scattering), { 1 }, 0, 1, NULL,
       "light that is scattered once below the surface follows the directions of light and view; off: it is part of the profile" },
     { "opposed", PELL_KNOB_BOOL, "1", AT(opposed), { 1 }, 0, 1, NULL,
-      "light goes between faces at an angle to each other as between them; off: as through a half-space, and straight through slabs" },
+      "light goes through solids as they are, from face to face; off: as through a half-space, and straight through slabs" },
     { "seed", PELL_KNOB_INT64, "1", AT(seed), { 0 }, 0, 9007199254740992.0, NULL,
       "seed of all sample patterns; the same seed gives the same bits" },
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,

@@ -33,6 +33,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->leaving);
     pell_free(in->ctx, in->value);
     pell_free(in->ctx, in->thick);
+    pell_free(in->ctx, in->solid);
     pell_free(in->ctx, in);
     *indirect = NULL;
 }
@@ -77,8 +78,12 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
     if (!in->direct || !in->albedo || !in->gathered || !in->leaving || !in->value)
         goto fail;
-    if (params->through && !(in->thick = pell_calloc(ctx, in->num_values, sizeof(*in->thick))))
-        goto fail;
+    if (params->through) {
+        in->thick = pell_calloc(ctx, in->num_values, sizeof(*in->thick));
+        in->solid = pell_calloc(ctx, in->num_values, sizeof(*in->solid));
+        if (!in->thick || !in->solid)
+            goto fail;
+    }
     if (!params->through && pell_scene_has_sheets(params->scene) &&
         !(in->through = pell_alloc_array(ctx, in->num_samples, sizeof(*in->through))))
         goto fail;

@@ -10,6 +10,7 @@
 #include "math/sampling.h"
 #include "math/vec.h"
 #include "scene/material_maps.h"
+#include "transport/light_tree.h"
 
 #define INDIRECT_RAYS 96 /* of a sample */
 #define INDIRECT_NONE UINT32_MAX
@@ -65,6 +66,13 @@ struct indirect_near {
     float weight[INDIRECT_NEAR]; /* 0 behind the last */
 };
 
+/* What solid.c finds at a place, of R, G and B. */
+struct indirect_solid_light {
+    float solved[3]; /* [0, 1]: how far the rest holds */
+    float gain[3];   /* factor of what a method finds that spreads light by the profile, */
+    float light[3];  /* and what is added to it, W/m^2 */
+};
+
 struct pell_indirect {
     struct pell_context *ctx;
     struct pell_indirect_params p;
@@ -91,7 +99,8 @@ struct pell_indirect {
     float (*reflected)[3], (*before)[3]; /* light that enters after one reflection; what left a bounce ago. NULL as mirrored */
     float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
     float (*value)[3];
-    float *thick; /* with p.through, of values: how far a part is thick beside the distance of samples */
+    float *thick;                       /* with p.through, of values: how far a part is thick beside the distance of samples */
+    struct indirect_solid_light *solid; /* with p.through, of values */
 };
 
 /* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */
@@ -181,6 +190,21 @@ float indirect_reflect(const struct pell_indirect *in, uint32_t material, struct
 /* Makes room for it where something is translucent; then `reflected`, by the scene's lights. */
 PELL_NODISCARD enum pell_result indirect_mirror_make(struct pell_indirect *in);
 PELL_NODISCARD enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_pool *pool);
+
+/* --- solid.c: diffusion in the solid that there is ---------------------------------------------------------------------------------- */
+
+/* Samples of one solid and material. */
+struct indirect_solid {
+    const struct pell_lit_place *samples; /* their power not scaled by curvature */
+    const float *thickness;               /* mm below each; INFINITY: nothing is opposite */
+    size_t count;
+    const struct pell_profile *profile; /* of R, G and B */
+    const struct pell_opposed *law;     /* how light goes through */
+    float spacing;                      /* mm between samples */
+};
+/* out[i] <- of sample i; solved 0 where the samples are too coarse for a channel's light. */
+PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
+                                                     struct indirect_solid_light *out);
 
 /* --- links.c: what each sample sees -------------------------------------------------------------------------------------------------- */
 

@@ -23,6 +23,7 @@
 #define PELL_INDIRECT_H
 
 #include "lights/specular_tables.h"
+#include "optics/medium/opposed.h"
 #include "render/services.h"
 #include "render/surface/stage.h"
 
@@ -55,17 +56,29 @@ struct pell_indirect_lights {
 PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indirect, struct pell_pool *pool,
                                                     const struct pell_indirect_lights *lights, const float (*total)[3], int bounces);
 
-/* In place of the above, with params.through: light that goes through the solids from where it enters to where its faces are others
- * (optics/medium/opposed.h), as radiant exitance. `law`: per scene material; amount 0: nothing goes through. `white`: what it is
- * multiplied by there. */
-struct pell_opposed;
+/* What lets light through in place of the above, with params.through; per scene material. */
+struct pell_indirect_solid {
+    struct pell_opposed law;            /* amount 0: nothing goes through */
+    float white[3];                     /* what it is multiplied by where it leaves */
+    const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees */
+};
+/* Light inside of the solids, from where it enters to where it leaves: solved where the samples are near enough to each other
+ * (Decision 37), else what goes between faces that look elsewhere (optics/medium/opposed.h). */
 PELL_NODISCARD enum pell_result pell_indirect_send_through(struct pell_indirect *indirect, struct pell_pool *pool,
-                                                           const struct pell_indirect_lights *lights, const struct pell_opposed *law,
-                                                           const float (*white)[3]);
+                                                           const struct pell_indirect_lights *lights,
+                                                           const struct pell_indirect_solid *solid);
 
-/* What leaves there at a point of a triangle, W/m^2 without its albedo. Returns how far it stands for all that gets through, [0, 1]: where
- * a part is thin beside the distance of samples, a slab's T is better. */
-float pell_indirect_through(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v, float rgb[3]);
+/* What it is at a point of a triangle. */
+struct pell_indirect_inside {
+    float thick; /* [0, 1]: how far `through` stands for all that gets through. Where a part is thin beside the distance of samples a slab's
+                    * T is better */
+    float through[3]; /* radiant exitance between faces that look elsewhere, W/m^2 without its albedo */
+    float solved[3];  /* [0, 1]: how far what follows holds, in place of `through`, of T, and of what curvature does */
+    float gain[3];    /* factor of what enters there, times `solved`; */
+    float light[3];   /* and radiant exitance that is added, W/m^2 without its albedo, times `solved` */
+};
+void pell_indirect_look(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v,
+                        struct pell_indirect_inside *out);
 
 /* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
  * clockwise; translucent materials have none. A mesh or triangle that there is not has no light. */

@@ -22,11 +22,12 @@ enum { CHUNK = 128, PACKET = 16 };
 struct send {
     struct pell_indirect *in;
     const struct pell_indirect_lights *lights;
-    const struct pell_opposed *law;
-    const float (*white)[3];
-    struct pell_lit_place *sample; /* of each of the stage's */
+    const struct pell_indirect_solid *solid; /* of scene materials */
+    struct pell_lit_place *sample;           /* of each of the stage's, its power not scaled by curvature */
+    float (*gain)[3];
     bool *there;
-    float *thick;         /* of samples */
+    float *thick, *thickness; /* of samples; thickness mm */
+    struct indirect_solid_light *light;
     const uint32_t *list; /* of one object and material */
     size_t count;
     struct pell_light_tree tree;
@@ -59,18 +60,23 @@ static float round_and_thick(float thinness, float curvature, float spacing)
 static void light16(const struct send *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
-    float irradiance[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET];
+    float irradiance[3][PACKET], gain[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET];
     uint32_t mesh[PACKET], triangle[PACKET], number[PACKET];
     bool there[PACKET];
-    const struct pell_points_params params = { .mix = 0.0f, .spacing = in->samples[first].spacing, .samples = 1, .opposed = true };
-    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number };
-    const struct pell_surface_light out = {
-        .irradiance = { irradiance[0], irradiance[1], irradiance[2] }, .curvature = curvature, .thinness = thinness, .there = there
+    const struct pell_points_params params = {
+        .mix = 0.0f, .spacing = in->samples[first].spacing, .samples = 1, .opposed = true, .flat = true
     };
+    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number };
+    const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
+                                            .gain = { gain[0], gain[1], gain[2] },
+                                            .curvature = curvature,
+                                            .thinness = thinness,
+                                            .there = there };
 
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
-        const bool is = s->law[q->material].amount[0] + s->law[q->material].amount[1] + s->law[q->material].amount[2] > 0.0f;
+        const float *amount = s->solid[q->material].law.amount;
+        const bool is = amount[0] + amount[1] + amount[2] > 0.0f;
         mesh[i] = is && !q->back ? q->mesh : PELL_NO_HIT;
         triangle[i] = q->triangle;
         u[i] = q->u;
@@ -85,9 +91,12 @@ static void light16(const struct send *s, size_t first, size_t count)
         p->curvature = curvature[i];
         vec3_store(q->position, p->position);
         vec3_store(q->normal, p->normal);
-        for (int c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++) {
             p->power[c] = there[i] ? irradiance[c][i] * p->area : 0.0f;
+            s->gain[first + i][c] = gain[c][i];
+        }
         s->there[first + i] = there[i];
+        s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
         s->thick[first + i] = round_and_thick(thinness[i], curvature[i], q->spacing);
     }
 }
@@ -114,7 +123,7 @@ static void add_pair(const struct send *s, const struct indirect_sample *to, con
 
     if (!(unseen > 0.0f))
         return;
-    pell_opposed_split(&s->law[to->material], &pair, through);
+    pell_opposed_split(&s->solid[to->material].law, &pair, through);
     for (int c = 0; c < 3; c++)
         sum[c] += unseen * through[c] * power[c];
 }
@@ -151,10 +160,12 @@ static void gather_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < first + CHUNK && i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
+        const float *solved = s->light[s->list[i]].solved;
         float sum[3] = { 0.0f };
-        gather(s, to, sum);
+        if (solved[0] + solved[1] + solved[2] < 3.0f)
+            gather(s, to, sum);
         for (int c = 0; c < 3; c++)
-            s->in->gathered[s->list[i]][c] = sum[c] * s->white[to->material][c];
+            s->in->gathered[s->list[i]][c] = sum[c] * s->solid[to->material].white[c];
     }
 }
 
@@ -165,92 +176,147 @@ static bool together(const struct pell_indirect *in, const struct indirect_sampl
     return a->material == b->material && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
 }
 
+/* Sums what goes between faces, where what was solved is not all. Takes over `lit`. */
+static enum pell_result send_between(struct send *s, struct pell_pool *pool, struct pell_lit_place *lit)
+{
+    enum pell_result res;
+
+    for (size_t i = 0; i < s->count; i++)
+        for (int c = 0; c < 3; c++)
+            lit[i].power[c] *= s->gain[s->list[i]][c];
+    res = pell_light_tree_make(s->in->ctx, lit, s->count, &s->tree);
+    if (res == PELL_OK)
+        pell_pool_run(pool, chunks_of(s->count), gather_chunk, s);
+    pell_light_tree_finish(&s->tree);
+    return res;
+}
+
 /* All samples that light goes to and fro between with `of`. `list` has room for every sample. */
 static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list)
 {
     struct pell_indirect *in = s->in;
     struct pell_lit_place *lit;
-    enum pell_result res;
+    struct indirect_solid_light *light = NULL;
+    const struct pell_indirect_solid *as = &s->solid[of->material];
+    struct indirect_solid solid = { .profile = as->profile, .law = &as->law };
+    float *thickness = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
 
     s->count = 0;
     for (size_t i = 0; i < in->num_samples; i++)
         if (s->there[i] && together(in, of, &in->samples[i]))
             list[s->count++] = (uint32_t) i;
     s->list = list;
-    if (!(lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit))))
-        return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < s->count; i++)
+    lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
+    light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
+    thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
+    if (!lit || !light || !thickness)
+        goto fail;
+    for (size_t i = 0; i < s->count; i++) {
         lit[i] = s->sample[list[i]];
-    PELL_TRY(pell_light_tree_make(in->ctx, lit, s->count, &s->tree));
-    pell_pool_run(pool, chunks_of(s->count), gather_chunk, s);
-    for (size_t i = 0; i < s->count; i++)
+        thickness[i] = s->thickness[list[i]];
+        solid.spacing = fmaxf(solid.spacing, in->samples[list[i]].spacing);
+    }
+    solid.samples = lit;
+    solid.thickness = thickness;
+    solid.count = s->count;
+    PELL_TRY(indirect_solid_solve(in->ctx, pool, &solid, light));
+    for (size_t i = 0; i < s->count; i++) {
+        for (int c = 0; c < 3; c++)
+            light[i].light[c] *= as->white[c];
+        s->light[list[i]] = light[i];
         s->there[list[i]] = false; /* done */
+    }
+    res = send_between(s, pool, lit);
+    lit = NULL;
     if (pell_cancelled(in->ctx))
         res = PELL_ERR_CANCELLED;
 
 fail:
-    pell_light_tree_finish(&s->tree);
+    pell_free(in->ctx, lit);
+    pell_free(in->ctx, light);
+    pell_free(in->ctx, thickness);
     return res;
 }
 
-static void spread(const struct pell_indirect *in, const float *thick)
+static void spread(const struct send *s)
 {
+    const struct pell_indirect *in = s->in;
+
     for (size_t i = 0; i < in->num_values && !pell_cancelled_at(in->ctx, i); i++) {
         const struct indirect_near *near = &in->near[i];
-        for (int c = 0; c < 3; c++)
-            in->value[i][c] = 0.0f;
+        struct indirect_solid_light *to = &in->solid[i];
+        memset(in->value[i], 0, sizeof(in->value[i]));
+        memset(to, 0, sizeof(*to));
         in->thick[i] = 0.0f;
         for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
-            in->thick[i] += near->weight[k] * thick[near->sample[k]];
-            for (int c = 0; c < 3; c++)
+            const struct indirect_solid_light *from = &s->light[near->sample[k]];
+            in->thick[i] += near->weight[k] * s->thick[near->sample[k]];
+            for (int c = 0; c < 3; c++) {
+                const float solved = near->weight[k] * from->solved[c];
                 in->value[i][c] += near->weight[k] * in->gathered[near->sample[k]][c];
+                to->solved[c] += solved;
+                to->gain[c] += solved * from->gain[c];
+                to->light[c] += solved * from->light[c];
+            }
         }
     }
 }
 
 enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pell_pool *pool, const struct pell_indirect_lights *lights,
-                                            const struct pell_opposed *law, const float (*white)[3])
+                                            const struct pell_indirect_solid *solid)
 {
     const size_t n = in->num_samples;
-    struct send s = { .in = in, .lights = lights, .law = law, .white = white };
+    struct send s = { .in = in, .lights = lights, .solid = solid };
     uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
     enum pell_result res = PELL_ERR_NOMEM;
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
+    s.gain = pell_alloc_array(in->ctx, n, sizeof(*s.gain));
     s.there = pell_calloc(in->ctx, n, sizeof(*s.there));
     s.thick = pell_calloc(in->ctx, n, sizeof(*s.thick));
-    if (!list || !s.sample || !s.there || !s.thick)
+    s.thickness = pell_calloc(in->ctx, n, sizeof(*s.thickness));
+    s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
+    if (!list || !s.sample || !s.gain || !s.there || !s.thick || !s.thickness || !s.light)
         goto fail;
     memset(in->gathered, 0, n * sizeof(*in->gathered));
     pell_pool_run(pool, chunks_of(n), light_chunk, &s);
     for (size_t i = 0; i < n; i++)
         if (s.there[i])
             PELL_TRY(send_group(&s, pool, &in->samples[i], list));
-    spread(in, s.thick);
+    spread(&s);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
     pell_free(in->ctx, list);
     pell_free(in->ctx, s.sample);
+    pell_free(in->ctx, s.gain);
     pell_free(in->ctx, s.there);
     pell_free(in->ctx, s.thick);
+    pell_free(in->ctx, s.thickness);
+    pell_free(in->ctx, s.light);
     return res;
 }
 
-float pell_indirect_through(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, float rgb[3])
+void pell_indirect_look(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v,
+                        struct pell_indirect_inside *out)
 {
     const struct pell_scene *scene = in->p.scene;
-    float weight[3], thick = 0.0f;
+    float weight[3];
     uint32_t knot[3];
 
-    memset(rgb, 0, 3 * sizeof(*rgb));
+    *out = (struct pell_indirect_inside) { .thick = 0.0f };
     if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles)
-        return 0.0f;
+        return;
     indirect_find(in, mesh, triangle, u, v, knot, weight);
     for (int i = 0; i < 3; i++) {
-        thick += weight[i] * in->thick[knot[i]];
-        for (int c = 0; c < 3; c++)
-            rgb[c] += weight[i] * in->value[knot[i]][c];
+        const struct indirect_solid_light *solid = &in->solid[knot[i]];
+        out->thick += weight[i] * in->thick[knot[i]];
+        for (int c = 0; c < 3; c++) {
+            out->through[c] += weight[i] * in->value[knot[i]][c];
+            out->solved[c] += weight[i] * solid->solved[c];
+            out->gain[c] += weight[i] * solid->gain[c];
+            out->light[c] += weight[i] * solid->light[c];
+        }
     }
-    return thick;
 }

@@ -388,9 +388,7 @@ static void bend(const struct job *job, struct packet *k, struct gains *gains)
         if (!k->lanes.opaque[i])
             pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
         for (int c = 0; c < 3; c++) {
-            gains->all[c][i] = job->p->local     ? (job->p->through ? e.opposed_local[c] : e.local[c])
-                               : job->p->opposed ? e.opposed[c]
-                                                 : e.gain[c];
+            gains->all[c][i] = job->p->flat ? 1.0f : pell_irradiance_gain(job->p, &e)[c];
             gains->once[c][i] = k->lanes.any_single ? gain_of_once(&e, c, k->lanes.single_eta2[i], job->p->local) : 1.0f;
             k->lanes.shift[c][i] = e.shift[c];
         }
@@ -408,31 +406,51 @@ static void scale(const struct gains *gains, struct packet *k)
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
 
-/* Light that solids transmit from all sides, before what goes straight is looked for where that is better. */
-static void look_through(const struct job *job, struct packet *k, float through[3][PELL_LANES])
+/* What is known of light inside of the solids; 0 where nothing is. */
+struct inside {
+    float through[3][PELL_LANES], solved[3][PELL_LANES], light[3][PELL_LANES];
+};
+
+/* Takes `gains` over where light in the solid was solved, before what goes straight is looked for where that is better. */
+static void look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
 {
     const struct pell_surface *s = job->p->surface;
 
     for (int i = 0; i < PELL_LANES; i++) {
         const int32_t at = k->index[i];
-        float rgb[3] = { 0.0f };
-        k->thick[i] =
-            !job->p->through || k->behind || !k->lanes.deep[i]
-                ? 0.0f
-                : pell_indirect_through(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], rgb);
-        for (int c = 0; c < 3; c++)
-            through[c][i] = rgb[c];
+        struct pell_indirect_inside q = { .thick = 0.0f };
+        if (!k->behind && !k->lanes.opaque[i])
+            pell_indirect_look(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
+        k->thick[i] = q.thick;
+        for (int c = 0; c < 3; c++) {
+            gains->all[c][i] = q.gain[c] + (1.0f - q.solved[c]) * gains->all[c][i];
+            in->through[c][i] = q.through[c];
+            in->solved[c][i] = q.solved[c];
+            in->light[c][i] = q.light[c];
+        }
     }
+}
+
+static void add_inside(const struct inside *in, struct packet *k)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++) {
+            const float straight = k->sums.transmitted[c][i], other = straight + k->thick[i] * (in->through[c][i] - straight);
+            k->sums.transmitted[c][i] = in->light[c][i] + (1.0f - in->solved[c][i]) * other;
+        }
 }
 
 static void shade_side(const struct job *job, struct packet *k)
 {
     struct gains gains;
-    float through[3][PELL_LANES];
+    struct inside inside;
 
+    for (int i = 0; i < PELL_LANES; i++)
+        k->thick[i] = 0.0f;
     if (job->p->curvature)
         bend(job, k, &gains);
-    look_through(job, k, through);
+    if (job->p->through)
+        look_inside(job, k, &gains, &inside);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
@@ -441,9 +459,8 @@ static void shade_side(const struct job *job, struct packet *k)
         add_indirect(job, k);
     if (job->p->curvature)
         scale(&gains, k);
-    for (int c = 0; c < 3 && job->p->through; c++)
-        for (int i = 0; i < PELL_LANES; i++)
-            k->sums.transmitted[c][i] += k->thick[i] * (through[c][i] - k->sums.transmitted[c][i]);
+    if (job->p->through)
+        add_inside(&inside, k);
 }
 
 /* What the far side of thin sheets receives is transmitted. */

@@ -153,6 +153,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     one.ambient = in->ambient ? ambient : NULL;
     one.lights = what->lights;
     one.local = what->local;
+    one.flat = what->flat;
     one.opposed = params->opposed && what->opposed;
     for (int k = 0; some && k < what->samples; k++) {
         one.sample = what->first + (uint32_t) k;
@@ -184,6 +185,15 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
                 out->curvature[first + i] = shape.mean;
             if (out->thinness)
                 out->thinness[first + i] = shape.thinness;
+        }
+        if (out->gain[0]) {
+            struct pell_curvature_effect e;
+            const bool is = params->curvature && some >> i & 1;
+            if (is)
+                pell_curvature_effect_at(params->curvature, packet.hit.mesh[i], packet.hit.triangle[i], packet.hit.u[i], packet.hit.v[i],
+                                         &e);
+            for (int c = 0; c < 3; c++)
+                out->gain[c][first + i] = is ? pell_irradiance_gain(&one, &e)[c] : 1.0f;
         }
         if (out->there)
             out->there[first + i] = some >> i & 1;

@@ -15,6 +15,7 @@
 #include "lights/lights.h"
 #include "lights/specular_tables.h"
 #include "render/angle.h"
+#include "render/curvature/stage.h"
 #include "render/services.h"
 #include "render/single.h"
 #include "render/surface/stage.h"
@@ -29,7 +30,6 @@ struct pell_lighting {
     int64_t shadow_rays;
 };
 
-struct pell_curvature;
 struct pell_indirect;
 
 struct pell_irradiance_params {
@@ -51,6 +51,7 @@ struct pell_irradiance_params {
     bool local;                                          /* with `curvature`: as struct pell_curvature_effect has it for methods that add
                                                                * transmitted light */
     bool opposed;                                        /* the same for methods that turn the profile between faces at an angle */
+    bool flat;                                           /* what curvature scales light by is left out */
     const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h), counted with
                                                                * the scene's first light; the surface has its hits then. NULL: none */
     const struct pell_indirect *through;                 /* light that goes through solids, in place of what is transmitted straight. NULL:
@@ -58,6 +59,12 @@ struct pell_irradiance_params {
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };
+
+/* By what curvature scales the light that enters. */
+static inline const float *pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effect *e)
+{
+    return p->local ? (p->through ? e->opposed_local : e->local) : p->opposed ? e->opposed : e->gain;
+}
 
 /* Allocates nothing; the same bits for any number of threads. */
 PELL_NODISCARD enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_lights *lights,

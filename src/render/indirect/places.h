@@ -1,0 +1,53 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * places.h - places of a solid's surface that stand for equal areas, chosen among samples, and clusters of them.
+ */
+#ifndef INDIRECT_PLACES_H
+#define INDIRECT_PLACES_H
+
+#include "base/pool.h"
+#include "math/vec.h"
+#include "transport/light_tree.h"
+
+#define PLACES_MOST 8192
+#define PLACES_NONE UINT32_MAX
+
+struct place {
+    struct pell_vec3 position, normal;
+    float area;       /* mm^2, of its samples */
+    float far;        /* of the nearest sample to their middle */
+    uint32_t nearest; /* that sample */
+    int32_t cell[3];  /* of a grid */
+    uint32_t next;    /* of its bucket, or PLACES_NONE */
+};
+
+/* Places beside each other that look the same way, which stand for one from afar. */
+struct cluster {
+    struct pell_vec3 position, normal; /* means by area */
+    float area, radius;                /* radius: around all of them */
+    int32_t cell[3];
+    uint32_t octant, first, end; /* places */
+};
+
+struct places {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct pell_lit_place *sample;
+    size_t num_samples;
+    uint32_t *of; /* each sample's place, or PLACES_NONE */
+    float step;   /* mm between places, about */
+    struct place *place;
+    struct cluster *cluster;
+    uint32_t count, num_clusters;
+    struct place *sorted;
+    uint32_t *bucket;
+};
+
+/* `samples` are borrowed. */
+PELL_NODISCARD enum pell_result places_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples,
+                                              size_t num_samples, struct places *out);
+void places_finish(struct places *p);
+/* Chooses anew, `step` apart. The same for any number of threads. */
+void places_choose(struct places *p, float step);
+
+#endif

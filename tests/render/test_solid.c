@@ -1,0 +1,287 @@
+/* SPDX-License-Identifier: MIT
+ * test_solid.c - diffusion in solids against its closed forms: balls and slabs under even light; and what is not
+ * solved. */
+#include "render/indirect/internal.h"
+
+#include "pell_test.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define PLACES 12000
+
+/* Profiles, how light falls in their media, and how much of it is in the depth: in the last one so little that not all of what enters
+ * diffuses. */
+static const double total[3] = { 0.8, 0.6, 0.7 }, kappa[3] = { 0.2, 0.45, 0.3 }, deep[3] = { 2.0, 2.0, 0.28 };
+
+struct fixture {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    struct pell_profile profile[3];
+    struct pell_opposed law;
+    double s[3], enters[3];
+    struct pell_lit_place place[PLACES];
+    float thickness[PLACES];
+    struct indirect_solid_light light[PLACES];
+    size_t count;
+};
+
+static int set_up(void **state)
+{
+    enum { ROWS = 200 };
+    struct fixture *f = calloc(1, sizeof(*f));
+    double r[ROWS], R[ROWS];
+
+    assert_non_null(f);
+    f->ctx = test_context(NULL, NULL);
+    assert_int_equal(pell_pool_create(f->ctx, 2, &f->pool), PELL_OK);
+    for (int c = 0; c < 3; c++) {
+        const double q = fmin(deep[c] / (2.0 * total[c]), 1.0 - total[c]);
+        for (int i = 0; i < ROWS; i++) {
+            r[i] = 0.1 * i;
+            R[i] = total[c] * exp(-r[i]) / (2.0 * PELL_PI);
+        }
+        assert_int_equal(pell_profile_from_table(r, R, ROWS, &f->profile[c], NULL), PELL_OK);
+        f->law.kappa[c] = (float) kappa[c];
+        f->law.depth[c] = 0.3f;
+        f->law.beyond[c] = 0.6f;
+        f->law.amount[c] = (float) (deep[c] / (2.0 * sinh(0.9 * kappa[c]) * exp(-1.2 * kappa[c])));
+        f->s[c] = q / (1.0 - q) / kappa[c];
+        f->enters[c] = total[c] / (1.0 - q);
+    }
+    *state = f;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    struct fixture *f = *state;
+
+    pell_pool_destroy(&f->pool);
+    pell_context_destroy(&f->ctx);
+    free(f);
+    return 0;
+}
+
+static void add(struct fixture *f, struct pell_vec3 position, struct pell_vec3 normal, double area)
+{
+    struct pell_lit_place *p = &f->place[f->count];
+
+    assert_true(f->count < PLACES);
+    vec3_store(position, p->position);
+    vec3_store(normal, p->normal);
+    p->area = (float) area;
+    for (int c = 0; c < 3; c++)
+        p->power[c] = (float) area;
+    f->thickness[f->count++] = INFINITY;
+}
+
+static void add_ball(struct fixture *f, struct pell_vec3 middle, double radius, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        const double z = 1.0 - (2.0 * (double) i + 1.0) / (double) count, r = sqrt(1.0 - z * z), t = 2.399963 * (double) i;
+        const struct pell_vec3 n = vec3((float) (r * cos(t)), (float) (r * sin(t)), (float) z);
+        add(f, vec3_mad(middle, (float) radius, n), n, 4.0 * PELL_PI * radius * radius / (double) count);
+    }
+}
+
+static void solve(struct fixture *f, double spacing)
+{
+    const struct indirect_solid solid = { f->place, f->thickness, f->count, f->profile, &f->law, (float) spacing };
+
+    assert_int_equal(indirect_solid_solve(f->ctx, f->pool, &solid, f->light), PELL_OK);
+}
+
+/* Under even light the sum of a profile is its total. */
+static double even(const struct fixture *f, size_t i, int c)
+{
+    return f->light[i].gain[c] * total[c] + f->light[i].light[c];
+}
+
+/* phi = 1/(1 + s (kappa coth(kappa R) - 1/R)) of even light that diffuses. */
+static void balls_return_what_diffusion_says(void **state)
+{
+    struct fixture *f = *state;
+
+    for (double radius = 3.0; radius < 13.0; radius *= 2.0) {
+        f->count = 0;
+        add_ball(f, vec3(5, 0, 0), radius, 9000);
+        solve(f, sqrt(4.0 * PELL_PI * radius * radius / 9000));
+        for (int c = 0; c < 3; c++) {
+            const double k = kappa[c], exact = f->enters[c] / (1.0 + f->s[c] * (k / tanh(k * radius) - 1.0 / radius));
+            double mean = 0.0;
+            for (size_t i = 0; i < f->count; i++) {
+                REQUIRE(f->light[i].solved[c] > 0.9f);
+                REQUIRE_REL(even(f, i, c), exact, 0.02);
+                mean += even(f, i, c) / (double) f->count;
+            }
+            REQUIRE_REL(mean, exact, 0.005);
+        }
+    }
+}
+
+/* Another solid far away changes nothing, though the places are shared out to both. */
+static void solids_of_one_object_do_not_mix(void **state)
+{
+    struct fixture *f = *state;
+    const double radius = 6.0, exact = 1.0 / (1.0 + f->s[1] * (kappa[1] / tanh(kappa[1] * radius) - 1.0 / radius));
+
+    add_ball(f, vec3(0, 0, 0), radius, 6000);
+    add_ball(f, vec3(0, 13, 0), radius, 6000);
+    solve(f, sqrt(4.0 * PELL_PI * radius * radius / 6000));
+    for (size_t i = 0; i < f->count; i++)
+        REQUIRE_REL(even(f, i, 1), exact, 0.02);
+}
+
+/* A square of n x n places, or two of them and the rim between them. */
+static void add_slab(struct fixture *f, int n, double step, double thickness, bool both)
+{
+    for (int i = 0; i < n * n; i++)
+        for (int side = 0; side < (both ? 2 : 1); side++) {
+            const double x = ((i % n) - 0.5 * (n - 1)) * step, y = ((i / n) - 0.5 * (n - 1)) * step, up = side ? -1.0 : 1.0;
+            add(f, vec3((float) x, (float) y, (float) (0.5 * up * thickness)), vec3(0, 0, (float) up), step * step);
+            f->thickness[f->count - 1] = both ? (float) thickness : INFINITY;
+        }
+    for (int i = 0, rows = (int) (thickness / step + 0.5); both && i < 4 * n * rows; i++) {
+        const double along = (i / 4 % n - 0.5 * (n - 1)) * step, z = ((i / 4 / n + 0.5) / rows - 0.5) * thickness, far = 0.5 * n * step;
+        const float sign = i % 2 ? 1.0f : -1.0f;
+        const bool turned = i / 2 % 2 != 0;
+        add(f, turned ? vec3(sign * (float) far, (float) along, (float) z) : vec3((float) along, sign * (float) far, (float) z),
+            turned ? vec3(sign, 0, 0) : vec3(0, sign, 0), step * thickness / rows);
+    }
+}
+
+/* phi = 1/(1 + s kappa tanh(kappa t/2)) between two faces under even light. */
+static void slabs_return_what_diffusion_says(void **state)
+{
+    struct fixture *f = *state;
+    const int n = 50;
+    const double step = 0.6;
+
+    for (double thickness = 6.0; thickness < 14.0; thickness *= 1.5) {
+        f->count = 0;
+        add_slab(f, n, step, thickness, true);
+        solve(f, step);
+        for (size_t i = 0; i < f->count; i++) {
+            const float *p = f->place[i].position;
+            if (fabsf(p[0]) > 6.0f || fabsf(p[1]) > 6.0f)
+                continue;
+            for (int c = 1; c < 3; c++) {
+                const double exact = f->enters[c] / (1.0 + f->s[c] * kappa[c] * tanh(0.5 * kappa[c] * thickness));
+                REQUIRE(f->light[i].solved[c] > 0.99f);
+                REQUIRE_REL(even(f, i, c), exact, 0.02);
+            }
+        }
+    }
+}
+
+/* An open surface has no inside; it stays what the profile makes of it. */
+static void a_plane_returns_its_profile(void **state)
+{
+    struct fixture *f = *state;
+
+    add_slab(f, 70, 0.6, 0.0, false);
+    solve(f, 0.6);
+    for (size_t i = 0; i < f->count; i++)
+        for (int c = 0; c < 3; c++)
+            if (fabsf(f->place[i].position[0]) < 10.0f && fabsf(f->place[i].position[1]) < 10.0f)
+                REQUIRE_REL(even(f, i, c), total[c], 0.03);
+}
+
+/* Legendre series of a ball that is lit by 1 where x > 0: E_l = (P_(l-1)(0) - P_(l+1)(0))/2, phi_l = E_l/(1 + s kappa i_l'/i_l). */
+static double half_lit(const struct fixture *f, int c, double radius, double x)
+{
+    enum { TERMS = 2000 };
+    const double z = kappa[c] * radius;
+    double P0[TERMS + 2], P[TERMS + 2], ratio[TERMS + 2], sum = 0.0; /* ratio: i_l/i_(l-1) */
+
+    P0[0] = P[0] = 1.0;
+    P0[1] = 0.0;
+    P[1] = x;
+    for (int l = 1; l <= TERMS; l++) {
+        P0[l + 1] = -l * P0[l - 1] / (l + 1);
+        P[l + 1] = ((2 * l + 1) * x * P[l] - l * P[l - 1]) / (l + 1);
+    }
+    ratio[TERMS + 1] = z / (2 * TERMS + 3);
+    for (int l = TERMS; l >= 1; l--)
+        ratio[l] = 1.0 / ((2 * l + 1) / z + ratio[l + 1]);
+    for (int l = 0; l <= TERMS; l++) {
+        const double E = l == 0 ? 0.5 : 0.5 * (P0[l - 1] - P0[l + 1]), slope = kappa[c] * (ratio[l + 1] + l / z);
+        sum += E * P[l] / (1.0 + f->s[c] * slope);
+    }
+    return f->enters[c] * sum;
+}
+
+/* Where light is far away it has all come through, beside what little a method would find. */
+static void light_gets_through_as_the_series_says(void **state)
+{
+    struct fixture *f = *state;
+    const double radius = 9.0;
+    const int c = 1;
+
+    add_ball(f, vec3(0, 0, 0), radius, 9000);
+    for (size_t i = 0; i < f->count; i++)
+        for (int k = 0; k < 3 && f->place[i].position[2] < 0.0f; k++)
+            f->place[i].power[k] = 0.0f;
+    solve(f, 0.34);
+    for (size_t i = 0; i < f->count; i += 10) {
+        const double x = (double) f->place[i].normal[2], phi = half_lit(f, c, radius, x);
+        if (x < -0.75)
+            REQUIRE_REL((double) f->light[i].light[c], phi, 0.1);
+    }
+}
+
+static void what_samples_are_too_coarse_for_is_not_solved(void **state)
+{
+    struct fixture *f = *state;
+
+    add_ball(f, vec3(0, 0, 0), 300.0, 9000);
+    solve(f, sqrt(4.0 * PELL_PI * 9e4 / 9000));
+    for (size_t i = 0; i < f->count; i++)
+        for (int c = 0; c < 3; c++)
+            REQUIRE(f->light[i].solved[c] == 0.0f);
+    f->count = 0; /* and thin parts are not, whatever is around them */
+    add_ball(f, vec3(0, 0, 0), 6.0, 9000);
+    f->thickness[4500] = 0.1f;
+    solve(f, 0.22);
+    REQUIRE(f->light[4500].solved[0] == 0.0f && f->light[4502].solved[0] == 1.0f);
+}
+
+/* No light, one place, places upon each other, normals that cancel. */
+static void odd_solids_are_survived(void **state)
+{
+    struct fixture *f = *state;
+
+    solve(f, 1.0);
+    add(f, vec3(0, 0, 0), vec3(0, 0, 1), 1.0);
+    solve(f, 1.0);
+    for (int i = 0; i < 1000; i++)
+        add(f, vec3(1, 2, 3), vec3(0, 0, i % 2 ? 1 : -1), 0.5);
+    for (int i = 0; i < 1000; i++)
+        add(f, vec3((float) i, 1e7f, -1e7f), vec3(1, 0, 0), 1e-20);
+    solve(f, 0.5);
+    add_ball(f, vec3(0, 0, 0), 6.0, 5000);
+    for (size_t i = 0; i < f->count; i++)
+        memset(f->place[i].power, 0, sizeof(f->place[i].power));
+    solve(f, 0.3);
+    for (size_t i = 0; i < f->count; i++)
+        for (int c = 0; c < 3; c++) {
+            REQUIRE(isfinite(f->light[i].gain[c]) && isfinite(f->light[i].light[c]));
+            REQUIRE(f->light[i].solved[c] >= 0.0f && f->light[i].solved[c] <= 1.0f);
+            REQUIRE(f->light[i].light[c] == 0.0f);
+        }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(balls_return_what_diffusion_says, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(solids_of_one_object_do_not_mix, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(slabs_return_what_diffusion_says, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_plane_returns_its_profile, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(light_gets_through_as_the_series_says, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(what_samples_are_too_coarse_for_is_not_solved, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(odd_solids_are_survived, set_up, tear_down),
+    };
+    return cmocka_run_group_tests_name("solid", tests, NULL, NULL);
+}
