@@ -90,13 +90,17 @@ static void gather_samples(struct places *s, bool move)
 
     pell_pool_run(s->pool, (int) ((s->num_samples + SAMPLES - 1) / SAMPLES), find_chunk, s);
     for (uint32_t i = 0; i < s->count; i++)
-        s->place[i].area = 0.0f;
+        s->place[i].area = s->place[i].curvature = 0.0f;
     for (size_t i = 0; i < s->num_samples; i++) {
         const struct pell_lit_place *p = &s->sample[i];
         if (s->of[i] == PLACES_NONE)
             continue;
         s->place[s->of[i]].area += p->area;
+        s->place[s->of[i]].curvature += p->area * p->curvature;
     }
+    for (uint32_t i = 0; i < s->count; i++)
+        if (s->place[i].area > 0.0f)
+            s->place[i].curvature /= s->place[i].area;
     if (!move)
         return;
     for (uint32_t i = 0; i < s->count; i++)
@@ -181,12 +185,14 @@ static void make_clusters(struct places *s)
         c = &s->cluster[p->next];
         c->end++;
         c->area += p->area;
+        c->curvature += p->area * p->curvature;
         c->position = vec3_mad(c->position, p->area, p->position);
         c->normal = vec3_mad(c->normal, p->area, p->normal);
     }
     for (uint32_t k = 0; k < s->num_clusters; k++) {
         struct cluster *c = &s->cluster[k];
         const float weight = c->area > 0.0f ? 1.0f / c->area : 0.0f;
+        c->curvature *= weight;
         c->position = vec3_mul(c->position, weight);
         c->normal = vec3_mul(c->normal, weight);
         c->first = next;

@@ -15,6 +15,7 @@
 struct place {
     struct pell_vec3 position, normal;
     float area;       /* mm^2, of its samples */
+    float curvature;  /* 1/mm, mean of theirs */
     float far;        /* of the nearest sample to their middle */
     uint32_t nearest; /* that sample */
     int32_t cell[3];  /* of a grid */
@@ -24,7 +25,7 @@ struct place {
 /* Places beside each other that look the same way, which stand for one from afar. */
 struct cluster {
     struct pell_vec3 position, normal; /* means by area */
-    float area, radius;                /* radius: around all of them */
+    float area, radius, curvature;     /* radius: around all of them; curvature: mean by area */
     int32_t cell[3];
     uint32_t octant, first, end; /* places */
 };

@@ -3,19 +3,18 @@
  * solid.c - diffusion in the solid that there is, in place of a half-space under each place of its surface.
  *
  * What is below a surface in a fold is not a half-space: light takes the way around the air, and the distance across it says too little. In
- * a medium that scatters much the fluence phi obeys (nabla^2 - kappa^2) phi = 0 inside and phi + s dphi/dn = E on the surface, E the light
- * that enters and diffuses; in these units phi there is what leaves. Green's third identity with G = exp(-kappa r)/(4 pi r) turns this into
+ * a medium that scatters much the fluence phi obeys (nabla^2 - kappa^2) phi = -q inside and phi + s dphi/dn = 0 on the surface, q the light
+ * that enters and diffuses, from the depth z below where it enters. Green's third identity with G = exp(-kappa r)/(4 pi r) turns this into
  * an equation on the surface alone (O. D. Kellogg, "Foundations of Potential Theory", 1929, chapter 8):
  *
- *     phi/2 + Int (G/s + dG/dn) phi = Int G E/s
+ *     phi/2 + Int (G/s + dG/dn) phi = Int G(x, y - z n) q          q = L E/s, so that phi is what leaves
  *
- * kappa is that of transport. Of light E0 a half-space returns E/(1 + s kappa), and a slab of the thickness t lets
- * 2 s kappa/(1 + s kappa)^2 exp(-kappa t) E through, if it is thick: s and E/E0 are those that make the one the profile's total a, the
- * other what transport says, C exp(-kappa t) (opposed.h):
+ * kappa is that of transport, z a mean free path, and s = tanh(kappa b)/kappa puts the plane where the fluence would vanish b above a flat
+ * surface. Over a ball it stays as high, so that s turns into s/(1 + s H), H the mean curvature. A slab then transmits what diffusion in
+ * opposed.h says, if L = amount/cosh(kappa b). A half-space returns L exp(-kappa z)/(1 + s kappa); what the profile's total has beside
+ * that, scattered few times, leaves where it entered.
  *
- *     s kappa/(1 + s kappa) = C/(2a),     E/E0 = a (1 + s kappa)          E/E0 at most 1
- *
- * It is solved by collocation at places that stand for equal areas, 0.4 diffusion lengths 1/kappa apart, for each channel its own, and by
+ * It is solved by collocation at places that stand for equal areas, 0.4 diffusion lengths 1/kappa apart, the same for all channels, and by
  * BiCGSTAB (H. A. van der Vorst, "Bi-CGSTAB", SIAM J. Sci. Stat. Comput. 13(2), 1992). Far places are seen as clusters. A place's share of
  * its own light is what is missing: to the G of a disc as large as the places nearby, and to the solid angle of a closed surface, by which
  * dG/dn of even fluence sums to -1/2 where kappa is 0.
@@ -35,8 +34,8 @@ enum { CHUNK = 32, SAMPLES = 256, FEWEST = 800, MOST = 4096, STEPS = 60, TABLE_B
 #define REACH 8.0f      /* diffusion lengths that a method looks for light */
 #define RESOLVED 0.7f   /* STEP up to which a channel is solved, */
 #define UNRESOLVED 1.2f /* and from which on it is not */
-#define DARK 0.25f      /* total of a profile up to which light scatters too seldom for diffusion, */
-#define BRIGHT 0.5f     /* and from which on it is; */
+#define DARK 0.3f       /* total of a profile up to which light scatters too seldom for diffusion, */
+#define BRIGHT 0.6f     /* and from which on it is; */
 #define BRIGHTEST 0.999 /* beyond, nothing is absorbed */
 #define FACING 0.3f     /* least cosine of normals on one surface */
 #define LEAST 0.3f      /* distances that places across a thin part are taken to be apart at least */
@@ -57,12 +56,13 @@ struct solid {
     const struct indirect_solid *of_solid;
     struct places places;
     int channel;
-    float kappa, s, enters, near, window2, least2, share, total; /* share: of the profile's total inside the window */
-    uint32_t *start, *column;    /* of rows; entries of a row: as many as there are places and more are clusters */
-    float *left, *source, *pair; /* of entries: phi's factor, G/s, and the profile as a method sums it */
-    double *work, *all;          /* vectors of places; all: with clusters behind the places */
-    double *phi, *sum;
-    float *table; /* R over the bits of the squared distance */
+    float kappa, s, depth, enters, stays;      /* enters: L; stays: what leaves where it entered, of E */
+    float near, window2, least2, share, total; /* share: of the profile inside the window */
+    uint32_t *start, *column;                  /* of rows; entries of a row: as many as there are places and more are clusters */
+    float *left;                               /* phi's factor, of entries */
+    double *work, *right, *phi, *sum;          /* vectors of places; work: five, sum: what a method finds */
+    double *all, *light;                       /* with clusters behind the places; light: what enters, W/m^2 */
+    float *table;                              /* R over the bits of the squared distance */
     uint32_t table_first;
 };
 
@@ -125,28 +125,50 @@ static void count_chunk(void *arg, int chunk, int worker)
 struct row {
     const struct place *x;
     uint32_t at;
-    float angle, area, pull, seen_area, pairs, sum;
+    float angle, area, pull, below, seen_area, near_pairs, pairs;
+    double right, sum;
 };
 
-static void add_entry(struct solid *s, struct row *row, struct pell_vec3 position, struct pell_vec3 normal, float area, uint32_t column)
+/* exp(-kappa r)/(4 pi r) */
+static float green(float kappa, float r)
 {
-    const struct pell_vec3 v = vec3_sub(position, row->x->position);
-    const float around = 1.0f / (4.0f * PELL_PI_F), r2 = fmaxf(vec3_dot(v, v), s->least2), r = sqrtf(r2);
-    const float even = -around * area * vec3_dot(v, normal) / (r2 * r), fallen = expf(-s->kappa * r);
-    const float facing = vec3_dot(row->x->normal, normal), seen = ramp(SEEN_LOW, SEEN_HIGH, facing);
+    return expf(-kappa * r) / (4.0f * PELL_PI_F * r);
+}
+
+/* What light leaves from or enters through: a place or a cluster. */
+struct patch {
+    struct pell_vec3 position, normal;
+    float area, curvature;
+};
+
+/* s of a curved surface, over that of a plane: what vanishes as far above a ball as above a plane falls faster at its surface. */
+static float bend_of(const struct solid *s, float curvature)
+{
+    return 1.0f / fminf(fmaxf(1.0f + s->s * curvature, 0.5f), 2.0f);
+}
+
+static void add_entry(struct solid *s, struct row *row, const struct patch *y, uint32_t column)
+{
+    const struct pell_vec3 v = vec3_sub(y->position, row->x->position), deep = vec3_mad(v, -s->depth, y->normal);
+    const float r2 = fmaxf(vec3_dot(v, v), s->least2), r = sqrtf(r2), G = y->area * green(s->kappa, r);
+    const float even = -y->area * vec3_dot(v, y->normal) / (4.0f * PELL_PI_F * r2 * r);
+    const float below = y->area * green(s->kappa, sqrtf(fmaxf(vec3_dot(deep, deep), s->least2)));
+    const float facing = vec3_dot(row->x->normal, y->normal), seen = ramp(SEEN_LOW, SEEN_HIGH, facing);
+    const float pair = seen > 0.0f ? seen * look_up(s, r2) * y->area : 0.0f;
     const uint32_t at = row->at++;
 
     s->column[at] = column;
-    s->source[at] = around * fallen * area / (r * s->s);
-    s->left[at] = s->source[at] + (1.0f + s->kappa * r) * fallen * even;
-    s->pair[at] = seen > 0.0f ? seen * look_up(s, r2) * area : 0.0f;
-    row->sum += s->pair[at];
+    s->left[at] = G / s->s - bend_of(s, y->curvature) * (s->kappa + 1.0f / r) * G * vec3_dot(v, y->normal) / r;
+    row->right += (double) below * s->light[column];
+    row->sum += (double) pair * s->light[column];
+    row->pairs += pair;
     row->angle += even;
     if (r2 < s->window2 && facing > FACING) {
-        row->area += area;
-        row->pull += s->source[at];
-        row->seen_area += seen * area;
-        row->pairs += s->pair[at];
+        row->area += y->area;
+        row->pull += G;
+        row->below += below;
+        row->seen_area += seen * y->area;
+        row->near_pairs += pair;
     }
 }
 
@@ -156,33 +178,37 @@ static void fill_row(struct solid *s, uint32_t i)
     const struct place *x = &s->places.place[i];
     struct row row = { .x = x, .at = s->start[i], .area = x->area, .seen_area = x->area };
     uint32_t self = row.at;
-    float angle;
+    float angle, wide, pull, below, pair;
 
     for (uint32_t k = 0; k < s->places.num_clusters; k++) {
         const struct cluster *c = &s->places.cluster[k];
         if (is_far(s, c, x)) {
-            add_entry(s, &row, c->position, c->normal, c->area, s->places.count + k);
+            add_entry(s, &row, &(struct patch) { c->position, c->normal, c->area, c->curvature }, s->places.count + k);
             continue;
         }
         for (uint32_t j = c->first; j < c->end; j++) {
+            const struct place *p = &s->places.place[j];
             if (j == i)
                 self = row.at++;
             else
-                add_entry(s, &row, s->places.place[j].position, s->places.place[j].normal, s->places.place[j].area, j);
+                add_entry(s, &row, &(struct patch) { p->position, p->normal, p->area, p->curvature }, j);
         }
     }
     s->column[self] = i;
-    /* Int exp(-kappa r)/(4 pi r) over a disc is (1 - exp(-kappa radius))/(2 kappa). */
-    s->source[self] = fmaxf((1.0f - expf(-s->kappa * sqrtf(row.area / PELL_PI_F))) / (2.0f * s->kappa * s->s) - row.pull, 0.0f);
-    s->pair[self] = fmaxf(s->share * row.seen_area / (PELL_PI_F * s->window2) - row.pairs, 0.0f);
-    row.sum += s->pair[self];
+    /* Int exp(-kappa r)/(4 pi r) over a disc is (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance from its plane, r' from its
+     * edge. */
+    wide = row.area / PELL_PI_F;
+    pull = fmaxf((1.0f - expf(-s->kappa * sqrtf(wide))) / (2.0f * s->kappa) - row.pull, 0.0f);
+    below = (expf(-s->kappa * s->depth) - expf(-s->kappa * sqrtf(wide + s->depth * s->depth))) / (2.0f * s->kappa) - row.below;
+    s->right[i] = (row.right + (double) fmaxf(below, 0.0f) * s->light[i]) * (double) (s->enters / s->s);
+    pair = fmaxf(s->share * row.seen_area / (PELL_PI_F * s->window2) - row.near_pairs, 0.0f);
+    /* Methods that see a part of the profile take it for all. */
+    row.pairs += pair;
+    s->sum[i] = row.pairs > 0.0f ? (row.sum + (double) pair * s->light[i]) * (double) (s->total / row.pairs) : 0.0;
     /* A closed surface of even fluence: dG/dn sums to -1/2. Where one is open, its own is that of a plane. */
     angle = -0.5f - row.angle;
     angle = angle < 0.0f ? angle * (1.0f - ramp(TURNED, OPEN, -angle)) : fminf(angle, 0.5f);
-    s->left[self] = 0.5f + s->source[self] + angle;
-    /* Methods that see a part of the profile take it for all. */
-    for (uint32_t k = s->start[i]; k < row.at && row.sum > 0.0f; k++)
-        s->pair[k] *= s->total / row.sum;
+    s->left[self] = bend_of(s, x->curvature) * (0.5f + angle) + pull / s->s;
 }
 
 static void fill_chunk(void *arg, int chunk, int worker)
@@ -197,8 +223,6 @@ static void fill_chunk(void *arg, int chunk, int worker)
 
 struct product {
     const struct solid *s;
-    const float *entry;
-    const double *from;
     double *to;
 };
 
@@ -212,24 +236,30 @@ static void product_chunk(void *arg, int chunk, int worker)
     for (uint32_t i = rows_of(s, chunk, &end); i < end; i++) {
         double sum = 0.0;
         for (uint32_t k = s->start[i]; k < s->start[i + 1]; k++)
-            sum += (double) p->entry[k] * p->from[s->column[k]];
+            sum += (double) s->left[k] * s->all[s->column[k]];
         p->to[i] = sum;
     }
 }
 
-static void multiply(const struct solid *s, const float *entry, const double *from, double *to)
+/* Puts the means of clusters behind the places. */
+static void extend(const struct solid *s, double *all)
 {
-    struct product p = { s, entry, s->all, to };
-
-    memcpy(s->all, from, s->places.count * sizeof(*from));
     for (uint32_t k = 0; k < s->places.num_clusters; k++) {
         const struct cluster *c = &s->places.cluster[k];
         double sum = 0.0;
         for (uint32_t j = c->first; j < c->end; j++)
-            sum += (double) s->places.place[j].area * from[j];
-        s->all[s->places.count + k] = c->area > 0.0f ? sum / (double) c->area : 0.0;
+            sum += (double) s->places.place[j].area * all[j];
+        all[s->places.count + k] = c->area > 0.0f ? sum / (double) c->area : 0.0;
     }
+}
 
+/* The left side of the equation. */
+static void multiply(const struct solid *s, const double *phi, double *to)
+{
+    struct product p = { s, to };
+
+    memcpy(s->all, phi, s->places.count * sizeof(*phi));
+    extend(s, s->all);
     pell_pool_run(s->pool, (int) ((s->places.count + CHUNK - 1) / CHUNK), product_chunk, &p);
 }
 
@@ -242,17 +272,17 @@ static double dot(const double *a, const double *b, uint32_t n)
     return sum;
 }
 
-/* phi of `right`, from phi as it is. False where it does not converge. */
-static bool solve(struct solid *s, const double *right)
+/* phi, from what it is set to. False where it does not converge. */
+static bool solve(struct solid *s)
 {
     const uint32_t n = s->places.count;
     double *r = s->work, *shadow = r + n, *p = shadow + n, *v = p + n, *t = v + n, *x = s->phi;
     double rho = 1.0, alpha = 1.0, omega = 1.0;
-    const double enough = TOLERANCE * TOLERANCE * dot(right, right, n);
+    const double enough = TOLERANCE * TOLERANCE * dot(s->right, s->right, n);
 
-    multiply(s, s->left, x, v);
+    multiply(s, x, v);
     for (uint32_t i = 0; i < n; i++) {
-        r[i] = shadow[i] = right[i] - v[i];
+        r[i] = shadow[i] = s->right[i] - v[i];
         p[i] = v[i] = 0.0;
     }
     for (int step = 0; step < STEPS; step++) {
@@ -263,7 +293,7 @@ static bool solve(struct solid *s, const double *right)
         rho = next;
         for (uint32_t i = 0; i < n; i++)
             p[i] = r[i] + beta * (p[i] - omega * v[i]);
-        multiply(s, s->left, p, v);
+        multiply(s, p, v);
         vs = dot(shadow, v, n);
         if (!(fabs(vs) > 0.0) || pell_cancelled(s->ctx))
             return false;
@@ -272,7 +302,7 @@ static bool solve(struct solid *s, const double *right)
             x[i] += alpha * p[i];
             r[i] -= alpha * v[i];
         }
-        multiply(s, s->left, r, t);
+        multiply(s, r, t);
         tt = dot(t, t, n);
         if (!(tt > 0.0))
             return true;
@@ -289,18 +319,18 @@ static bool solve(struct solid *s, const double *right)
 
 /* --- Of a channel -------------------------------------------------------------------------------------------------------------------- */
 
-/* kappa, s and `enters` of a profile, see above. */
-static void find_kappa(struct solid *s, double total)
+/* The law of a channel, see above. */
+static void find_kappa(struct solid *s)
 {
     const struct pell_opposed *law = s->of_solid->law;
     const int c = s->channel;
-    const double k = (double) law->kappa[c], beyond = (double) law->beyond[c];
-    const double deep = 2.0 * (double) law->amount[c] * sinh(k * ((double) law->depth[c] + beyond)) * exp(-2.0 * k * beyond);
-    const double q = fmin(deep / (2.0 * total), 1.0 - total);
+    const float beyond = law->kappa[c] * law->beyond[c];
 
-    s->kappa = (float) k;
-    s->s = (float) (q / (1.0 - q) / k);
-    s->enters = (float) (total / (1.0 - q));
+    s->kappa = law->kappa[c];
+    s->s = tanhf(beyond) / s->kappa;
+    s->depth = law->depth[c];
+    s->enters = law->amount[c] / coshf(beyond);
+    s->stays = s->total - s->enters * expf(-s->kappa * s->depth) / (1.0f + tanhf(beyond));
 }
 
 /* All that depends on a channel's profile. False: it is not solved. */
@@ -313,7 +343,7 @@ static bool find_law(struct solid *s, const struct pell_profile *profile)
     s->total = (float) total;
     if (!(total > (double) DARK && total < BRIGHTEST))
         return false;
-    find_kappa(s, total);
+    find_kappa(s);
     if (!(s->kappa > 0.0f && s->s > 0.0f) || step * s->kappa > UNRESOLVED)
         return false;
     s->near = NEAR * step;
@@ -355,6 +385,28 @@ static float distance_of_places(struct solid *s)
     return (double) step < (double) UNRESOLVED * most ? step : 0.0f;
 }
 
+/* Light that enters, of each place. */
+static enum pell_result make_vectors(struct solid *s)
+{
+    const struct places *p = &s->places;
+    const size_t n = p->count;
+
+    if (!(s->work = pell_calloc(s->ctx, n, 12 * sizeof(*s->work))))
+        return PELL_ERR_NOMEM;
+    s->right = s->work + 5 * n;
+    s->phi = s->right + n;
+    s->sum = s->phi + n;
+    s->all = s->sum + n; /* no more clusters than places */
+    s->light = s->all + 2 * n;
+    for (size_t i = 0; i < p->num_samples; i++)
+        if (p->of[i] != PLACES_NONE)
+            s->light[p->of[i]] += (double) p->sample[i].power[s->channel];
+    for (size_t i = 0; i < n; i++)
+        s->light[i] = p->place[i].area > 0.0f ? s->light[i] / (double) p->place[i].area : 0.0;
+    extend(s, s->light);
+    return PELL_OK;
+}
+
 static enum pell_result make_matrix(struct solid *s)
 {
     const int chunks = (int) ((s->places.count + CHUNK - 1) / CHUNK);
@@ -369,14 +421,8 @@ static enum pell_result make_matrix(struct solid *s)
     }
     s->column = pell_alloc_array(s->ctx, entries, sizeof(*s->column));
     s->left = pell_alloc_array(s->ctx, entries, sizeof(*s->left));
-    s->source = pell_alloc_array(s->ctx, entries, sizeof(*s->source));
-    s->pair = pell_alloc_array(s->ctx, entries, sizeof(*s->pair));
-    s->work = pell_calloc(s->ctx, s->places.count, 10 * sizeof(*s->work));
-    if (!s->column || !s->left || !s->source || !s->pair || !s->work)
+    if (!s->column || !s->left)
         return PELL_ERR_NOMEM;
-    s->phi = s->work + 6 * (size_t) s->places.count;
-    s->sum = s->phi + s->places.count;
-    s->all = s->sum + s->places.count; /* no more clusters than places */
     pell_pool_run(s->pool, chunks, fill_chunk, s);
     return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
@@ -386,11 +432,9 @@ static void drop_matrix(struct solid *s)
     pell_free(s->ctx, s->start);
     pell_free(s->ctx, s->column);
     pell_free(s->ctx, s->left);
-    pell_free(s->ctx, s->source);
-    pell_free(s->ctx, s->pair);
     pell_free(s->ctx, s->work);
     s->start = s->column = NULL;
-    s->left = s->source = s->pair = NULL;
+    s->left = NULL;
     s->work = NULL;
 }
 
@@ -417,7 +461,7 @@ static void hand_to(const struct hand_out *h, size_t i)
         const float t = 1.0f - vec3_dot(d, d) / wide2;
         if (t > 0.0f) {
             const float w = t * t * fmaxf(vec3_dot(p->normal, normal), 0.0f);
-            phi += w * (float) s->phi[s->column[k]];
+            phi += w * (float) (s->phi[s->column[k]] + (double) s->stays * s->light[s->column[k]]);
             sum += w * (float) s->sum[s->column[k]];
             weight += w;
         }
@@ -445,25 +489,15 @@ static void hand_out_chunk(void *arg, int chunk, int worker)
 static enum pell_result solve_channel(struct solid *s, const struct pell_profile *profile, struct indirect_solid_light *out)
 {
     struct hand_out h = { .s = s, .out = out };
-    double *right;
     enum pell_result res;
 
     if (!find_law(s, profile))
         return PELL_OK;
+    PELL_TRY(make_vectors(s));
     PELL_TRY(make_matrix(s));
-    right = s->work + 5 * (size_t) s->places.count;
-    for (size_t i = 0; i < s->places.num_samples; i++)
-        if (s->places.of[i] != PLACES_NONE)
-            s->work[s->places.of[i]] += (double) s->places.sample[i].power[s->channel];
-    for (uint32_t i = 0; i < s->places.count; i++)
-        s->work[i] = s->places.place[i].area > 0.0f ? s->work[i] / (double) s->places.place[i].area : 0.0;
-    multiply(s, s->source, s->work, right);
-    for (uint32_t i = 0; i < s->places.count; i++)
-        right[i] *= (double) s->enters;
-    multiply(s, s->pair, s->work, s->sum);
     memcpy(s->phi, s->sum, s->places.count * sizeof(*s->phi));
     h.solved = (1.0f - ramp(RESOLVED, UNRESOLVED, s->places.step * s->kappa)) * ramp(DARK, BRIGHT, s->total);
-    if (solve(s, right))
+    if (solve(s))
         pell_pool_run(s->pool, (int) ((s->places.num_samples + SAMPLES - 1) / SAMPLES), hand_out_chunk, &h);
     res = pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
