@@ -272,11 +272,10 @@ static enum pell_result make_through(struct cpu *e, const struct pell_engine_fra
 {
     const struct pell_indirect_params params = { e->scene, e->rays, e->tables, false, frame->settings->indirect_samples, 0, true };
     const double start = pell_seconds();
-    const struct pell_indirect_lights lights = { cpu_light_points, e };
-    enum pell_result res;
-    if (!frame->settings->opposed || !e->curvature || !frame->plan || !(frame->plan->needs & PELL_NEED_TRANSMISSION))
-        return PELL_OK;
-    res = pell_media_through(e->ctx, e->pool, &params, &lights, frame->materials, &e->through);
+    enum pell_result res = PELL_OK;
+
+    if (e->curvature)
+        res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { cpu_light_points, e }, &e->through);
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
 }
@@ -422,7 +421,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.view = &sample->view;
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
     light.opposed &= f->plan && f->plan->opposed;
-    light.through = light.local ? e->through : NULL;
+    light.through = e->through;
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     light.apart = apart ? f->materials->apart : NULL;
@@ -453,10 +452,10 @@ static enum pell_result cpu_shaded(void *engine, const struct pell_engine_sample
 {
     struct cpu *e = engine;
     const double start = pell_seconds();
-    const int64_t pixels = e->surface.translucent_pixels;
 
     pell_composite_shaded(e->pool, e->compositor, &e->composite, e->plane[PELL_PLANE_SHADED]);
-    pell_stage_note(sample->frame->notes, "lit", pell_seconds() - start, pixels, 0, pixels * 48);
+    pell_stage_note(sample->frame->notes, "lit", pell_seconds() - start, e->surface.translucent_pixels, 0,
+                    e->surface.translucent_pixels * 48);
     return PELL_OK;
 }
 
@@ -559,6 +558,8 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
     const double start = pell_seconds();
 
     if (scattered->there) {
+        if (e->through && plan->opposed)
+            pell_indirect_correct(e->through, e->pool, &e->surface, e->plane[PELL_PLANE_LIGHT]);
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
         p->excludes_surface_reflection = plan->excludes_surface_reflection;
@@ -592,8 +593,7 @@ static void denoise(struct cpu *e, const struct pell_engine_frame *f)
     const struct pell_denoise_params params = {
         .stride = e->surface.stride,
         .rect = f->covered,
-        .sum = &e->sum,
-        /* No sample comes any more. */
+        .sum = &e->sum, /* no sample comes any more */
         .scratch = { e->lighting.transmitted[0], e->lighting.transmitted[1], e->lighting.transmitted[2], e->lighting.specular[0] },
     };
     const int64_t pixels = (int64_t) (f->covered.x1 - f->covered.x0) * (f->covered.y1 - f->covered.y0);

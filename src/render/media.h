@@ -12,9 +12,10 @@ PELL_NODISCARD enum pell_result pell_media_curvature(struct pell_context *ctx, s
                                                      const struct pell_rays *rays, const struct pell_scene_materials *materials,
                                                      struct pell_curvature **out);
 
-/* Light that goes through the solids whose materials a method gave a table of thickness. *out is NULL where there is none. */
-PELL_NODISCARD enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool,
+/* Light that goes through the solids of a frame: of all, for a method that asks the whole solid, else of those whose materials it gave a
+ * table of thickness. *out is NULL where there is none. */
+PELL_NODISCARD enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
                                                    const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
-                                                   const struct pell_scene_materials *materials, struct pell_indirect **out);
+                                                   struct pell_indirect **out);
 
 #endif

@@ -86,7 +86,7 @@ static void add_ball(struct fixture *f, struct pell_vec3 middle, double radius, 
 
 static void solve(struct fixture *f, double spacing)
 {
-    const struct indirect_solid solid = { f->place, f->thickness, f->count, f->profile, &f->law, (float) spacing };
+    const struct indirect_solid solid = { f->place, f->thickness, f->count, f->profile, &f->law, NULL, (float) spacing };
 
     assert_int_equal(indirect_solid_solve(f->ctx, f->pool, &solid, f->light), PELL_OK);
 }

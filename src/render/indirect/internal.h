@@ -6,6 +6,7 @@
 #define RENDER_INDIRECT_INTERNAL_H
 
 #include "render/indirect/stage.h"
+#include "render/indirect/whole.h"
 
 #include "math/sampling.h"
 #include "math/vec.h"
@@ -200,6 +201,7 @@ struct indirect_solid {
     size_t count;
     const struct pell_profile *profile; /* of R, G and B */
     const struct pell_opposed *law;     /* how light goes through */
+    const struct whole *whole;          /* what the method finds that asks the whole solid; NULL: it sees some faces */
     float spacing;                      /* mm between samples */
 };
 /* out[i] <- of sample i; solved 0 where the samples are too coarse for a channel's light. */

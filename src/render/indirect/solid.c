@@ -15,40 +15,42 @@
  * that, scattered few times, leaves where it entered.
  *
  * It is solved by collocation at places that stand for equal areas, 0.4 diffusion lengths 1/kappa apart, the same for all channels, and by
- * BiCGSTAB (H. A. van der Vorst, "Bi-CGSTAB", SIAM J. Sci. Stat. Comput. 13(2), 1992). Far places are seen as clusters. A place's share of
+ * GMRES (Y. Saad and M. H. Schultz, "GMRES", SIAM J. Sci. Stat. Comput. 7(3), 1986). Far places are seen as clusters. A place's share of
  * its own light is what is missing: to the G of a disc as large as the places nearby, and to the solid angle of a closed surface, by which
  * dG/dn of even fluence sums to -1/2 where kappa is 0.
  *
- * A method finds M, the sum of the profile over the faces that it sees, over the same sum under even light. It keeps its detail: what
- * enters is scaled by phi/M. What is beyond LARGEST was transmitted, and is added without detail.
+ * A method finds M, the sum of the profile over the faces that it sees, over the same sum under even light; or what whole.h says. It keeps
+ * its detail: what enters is scaled by phi/M, or what is found. What is beyond LARGEST was transmitted, and is added without detail.
  */
 #include "render/indirect/internal.h"
 #include "render/indirect/places.h"
 
 #include <string.h>
 
-enum { CHUNK = 32, SAMPLES = 256, FEWEST = 800, MOST = 4096, STEPS = 60, TABLE_BITS = 18, TABLE = 4096 };
-#define STEP 0.4f       /* distance of places over the diffusion length */
-#define FINEST 1.2f     /* over the distance of samples */
-#define NEAR 10.0f      /* distances of places: beyond, clusters stand for them */
-#define REACH 8.0f      /* diffusion lengths that a method looks for light */
-#define RESOLVED 0.7f   /* STEP up to which a channel is solved, */
-#define UNRESOLVED 1.2f /* and from which on it is not */
-#define DARK 0.3f       /* total of a profile up to which light scatters too seldom for diffusion, */
-#define BRIGHT 0.6f     /* and from which on it is; */
-#define BRIGHTEST 0.999 /* beyond, nothing is absorbed */
-#define FACING 0.3f     /* least cosine of normals on one surface */
-#define LEAST 0.3f      /* distances that places across a thin part are taken to be apart at least */
-#define SEEN_LOW 0.4f   /* cosine of normals from which on methods see faces together, */
-#define SEEN_HIGH 0.9f  /* and from which on all of them */
-#define WINDOW 2.5f     /* distances inside which the profile's sum is set right */
-#define SMOOTH 1.6f     /* distances over which places are interpolated */
-#define TOLERANCE 1e-7
-#define LARGEST 1.1f /* factor of what enters */
-#define TURNED 0.15f /* dG/dn of a place at itself up to which the surface is taken to be closed, */
-#define OPEN 0.3f    /* and from which on it is not */
-#define THIN 2.0f    /* distances of places: thickness up to which a part is not solved, */
-#define THICK 4.0f   /* and from which on it is */
+enum { CHUNK = 32, SAMPLES = 256, FEWEST = 800, MOST = 4096, STEPS = 60, FOUND = 64 };
+#define STEP 0.4f          /* distance of places over the diffusion length */
+#define FINEST 1.2f        /* over the distance of samples */
+#define NEAR 10.0f         /* distances of places: beyond, clusters stand for them */
+#define REACH 8.0f         /* diffusion lengths that a method looks for light */
+#define RESOLVED 0.7f      /* STEP up to which a channel is solved, */
+#define UNRESOLVED 1.2f    /* and from which on it is not */
+#define DARK 0.3f          /* total of a profile up to which light scatters too seldom for diffusion, */
+#define BRIGHT 0.6f        /* and from which on it is; */
+#define BRIGHTEST 0.999    /* beyond, nothing is absorbed */
+#define FACING 0.3f        /* least cosine of normals on one surface */
+#define LEAST 0.3f         /* distances that places across a thin part are taken to be apart at least */
+#define SEEN_LOW 0.4f      /* cosine of normals from which on methods see faces together, */
+#define SEEN_HIGH 0.9f     /* and from which on all of them */
+#define WINDOW 2.5f        /* distances inside which the profile's sum is set right */
+#define SMOOTH 1.6f        /* distances over which places are interpolated */
+#define TOLERANCE 1e-7     /* of the residual, over the right side, that is asked for; */
+#define ENOUGH 1e-4        /* and that will do after STEPS */
+#define LARGEST 1.1f       /* factor of what enters, */
+#define LARGEST_WHOLE 3.0f /* and of what is found by methods that ask the whole solid */
+#define TURNED 0.15f       /* dG/dn of a place at itself up to which the surface is taken to be closed, */
+#define OPEN 0.3f          /* and from which on it is not */
+#define THIN 2.0f          /* distances of places: thickness up to which a part is not solved, */
+#define THICK 4.0f         /* and from which on it is */
 
 struct solid {
     struct pell_context *ctx;
@@ -60,32 +62,17 @@ struct solid {
     float near, window2, least2, share, total; /* share: of the profile inside the window */
     uint32_t *start, *column;                  /* of rows; entries of a row: as many as there are places and more are clusters */
     float *left;                               /* phi's factor, of entries */
-    double *work, *right, *phi, *sum;          /* vectors of places; work: five, sum: what a method finds */
+    double *vectors;                           /* holds those below */
+    double *right, *phi, *sum;                 /* of places; sum: what a method finds */
+    double *basis;                             /* STEPS + 1 of them */
     double *all, *light;                       /* with clusters behind the places; light: what enters, W/m^2 */
-    float *table;                              /* R over the bits of the squared distance */
-    uint32_t table_first;
+    struct radial *radial;
+    float (*found)[3]; /* of places, by a method that asks the whole solid; NULL: by the profile */
 };
 
 static float ramp(float low, float high, float x)
 {
     return fminf(fmaxf((x - low) / (high - low), 0.0f), 1.0f);
-}
-
-static uint32_t bits_of(float x)
-{
-    uint32_t bits;
-
-    memcpy(&bits, &x, sizeof(bits));
-    return bits;
-}
-
-static float look_up(const struct solid *s, float r2)
-{
-    const uint32_t bits = bits_of(r2), at = bits >> TABLE_BITS;
-    const float f = (float) (bits & ((1u << TABLE_BITS) - 1)) * (1.0f / (float) (1u << TABLE_BITS));
-    const uint32_t i = at < s->table_first ? 0 : at - s->table_first;
-
-    return i + 1 < TABLE ? s->table[i] + f * (s->table[i + 1] - s->table[i]) : 0.0f;
 }
 
 /* --- The equation --------------------------------------------------------------------------------------------------------------------- */
@@ -129,6 +116,12 @@ struct row {
     double right, sum;
 };
 
+/* Most x are small. */
+static float exp_near_0(float x)
+{
+    return fabsf(x) < 0.25f ? 1.0f + x * (1.0f + x * (0.5f + x * (1.0f / 6.0f + x * (1.0f / 24.0f)))) : expf(x);
+}
+
 /* exp(-kappa r)/(4 pi r) */
 static float green(float kappa, float r)
 {
@@ -152,9 +145,9 @@ static void add_entry(struct solid *s, struct row *row, const struct patch *y, u
     const struct pell_vec3 v = vec3_sub(y->position, row->x->position), deep = vec3_mad(v, -s->depth, y->normal);
     const float r2 = fmaxf(vec3_dot(v, v), s->least2), r = sqrtf(r2), G = y->area * green(s->kappa, r);
     const float even = -y->area * vec3_dot(v, y->normal) / (4.0f * PELL_PI_F * r2 * r);
-    const float below = y->area * green(s->kappa, sqrtf(fmaxf(vec3_dot(deep, deep), s->least2)));
+    const float deeper = sqrtf(fmaxf(vec3_dot(deep, deep), s->least2)), below = G * r / deeper * exp_near_0(s->kappa * (r - deeper));
     const float facing = vec3_dot(row->x->normal, y->normal), seen = ramp(SEEN_LOW, SEEN_HIGH, facing);
-    const float pair = seen > 0.0f ? seen * look_up(s, r2) * y->area : 0.0f;
+    const float pair = seen > 0.0f ? seen * radial_at(s->radial, r2) * y->area : 0.0f;
     const uint32_t at = row->at++;
 
     s->column[at] = column;
@@ -272,49 +265,76 @@ static double dot(const double *a, const double *b, uint32_t n)
     return sum;
 }
 
+/* The last of the basis against those before it: its part along each goes to h, its length behind them. */
+static void orthogonalise(const struct solid *s, int last, double *h)
+{
+    const uint32_t n = s->places.count;
+    double *v = s->basis + (size_t) last * n;
+
+    for (int k = 0; k < last; k++) {
+        const double *u = s->basis + (size_t) k * n;
+        h[k] = dot(u, v, n);
+        for (uint32_t i = 0; i < n; i++)
+            v[i] -= h[k] * u[i];
+    }
+    h[last] = sqrt(dot(v, v, n));
+    for (uint32_t i = 0; i < n && h[last] > 0.0; i++)
+        v[i] /= h[last];
+}
+
+/* Turns the column h by the rotations so far and by one that makes its last entry 0, and the residual g with it. */
+static void rotate(int step, double (*turn)[2], double *h, double *g)
+{
+    double length;
+
+    for (int k = 0; k < step; k++) {
+        const double a = h[k], b = h[k + 1];
+        h[k] = turn[k][0] * a + turn[k][1] * b;
+        h[k + 1] = turn[k][0] * b - turn[k][1] * a;
+    }
+    length = hypot(h[step], h[step + 1]);
+    turn[step][0] = length > 0.0 ? h[step] / length : 1.0;
+    turn[step][1] = length > 0.0 ? h[step + 1] / length : 0.0;
+    h[step] = length;
+    g[step + 1] = -turn[step][1] * g[step];
+    g[step] *= turn[step][0];
+}
+
 /* phi, from what it is set to. False where it does not converge. */
 static bool solve(struct solid *s)
 {
     const uint32_t n = s->places.count;
-    double *r = s->work, *shadow = r + n, *p = shadow + n, *v = p + n, *t = v + n, *x = s->phi;
-    double rho = 1.0, alpha = 1.0, omega = 1.0;
-    const double enough = TOLERANCE * TOLERANCE * dot(s->right, s->right, n);
+    double h[STEPS][STEPS + 1], turn[STEPS][2], g[STEPS + 1] = { 0.0 };
+    double *v = s->basis, whole = 0.0;
+    int steps = 0;
 
-    multiply(s, x, v);
+    multiply(s, s->phi, v);
     for (uint32_t i = 0; i < n; i++) {
-        r[i] = shadow[i] = s->right[i] - v[i];
-        p[i] = v[i] = 0.0;
+        v[i] = s->right[i] - v[i];
+        whole += s->right[i] * s->right[i];
     }
-    for (int step = 0; step < STEPS; step++) {
-        const double next = dot(shadow, r, n), beta = next / rho * (alpha / omega);
-        double tt, vs;
-        if (dot(r, r, n) <= enough)
-            return true;
-        rho = next;
+    g[0] = sqrt(dot(v, v, n));
+    whole = sqrt(whole);
+    for (uint32_t i = 0; i < n && g[0] > 0.0; i++)
+        v[i] /= g[0];
+    while (steps < STEPS && fabs(g[steps]) > TOLERANCE * whole) {
+        multiply(s, s->basis + (size_t) steps * n, s->basis + (size_t) (steps + 1) * n);
+        orthogonalise(s, steps + 1, h[steps]);
+        rotate(steps, turn, h[steps], g);
+        steps++;
+        if (pell_cancelled(s->ctx))
+            return false;
+    }
+    if (!(fabs(g[steps]) <= ENOUGH * whole))
+        return false;
+    for (int k = steps; k-- > 0;) { /* the triangle h y = g; y takes the place of g */
+        for (int j = k + 1; j < steps; j++)
+            g[k] -= h[j][k] * g[j];
+        g[k] = h[k][k] > 0.0 ? g[k] / h[k][k] : 0.0;
         for (uint32_t i = 0; i < n; i++)
-            p[i] = r[i] + beta * (p[i] - omega * v[i]);
-        multiply(s, p, v);
-        vs = dot(shadow, v, n);
-        if (!(fabs(vs) > 0.0) || pell_cancelled(s->ctx))
-            return false;
-        alpha = rho / vs;
-        for (uint32_t i = 0; i < n; i++) {
-            x[i] += alpha * p[i];
-            r[i] -= alpha * v[i];
-        }
-        multiply(s, r, t);
-        tt = dot(t, t, n);
-        if (!(tt > 0.0))
-            return true;
-        omega = dot(t, r, n) / tt;
-        for (uint32_t i = 0; i < n; i++) {
-            x[i] += omega * r[i];
-            r[i] -= omega * t[i];
-        }
-        if (!(fabs(omega) > 0.0))
-            return false;
+            s->phi[i] += g[k] * s->basis[(size_t) k * n + i];
     }
-    return false;
+    return true;
 }
 
 /* --- Of a channel -------------------------------------------------------------------------------------------------------------------- */
@@ -338,7 +358,6 @@ static bool find_law(struct solid *s, const struct pell_profile *profile)
 {
     const double total = pell_profile_total(profile);
     const float step = s->places.step;
-    float farthest;
 
     s->total = (float) total;
     if (!(total > (double) DARK && total < BRIGHTEST))
@@ -346,18 +365,10 @@ static bool find_law(struct solid *s, const struct pell_profile *profile)
     find_kappa(s);
     if (!(s->kappa > 0.0f && s->s > 0.0f) || step * s->kappa > UNRESOLVED)
         return false;
-    s->near = NEAR * step;
     s->least2 = LEAST * LEAST * step * step;
     s->window2 = WINDOW * WINDOW * step * step;
     s->share = (float) (total * pell_profile_cdf(profile, (double) (WINDOW * step)));
-    farthest = fmaxf(REACH / s->kappa, s->near);
-    s->table_first = bits_of(0.01f * step * step) >> TABLE_BITS;
-    for (uint32_t i = 0; i < TABLE; i++) {
-        const uint32_t bits = (s->table_first + i) << TABLE_BITS;
-        float r2;
-        memcpy(&r2, &bits, sizeof(r2));
-        s->table[i] = r2 < farthest * farthest ? (float) pell_profile_eval(profile, sqrt((double) r2)) : 0.0f;
-    }
+    radial_make(s->radial, profile, 0.1f * step, fmaxf(REACH / s->kappa, s->near));
     return true;
 }
 
@@ -386,56 +397,36 @@ static float distance_of_places(struct solid *s)
 }
 
 /* Light that enters, of each place. */
-static enum pell_result make_vectors(struct solid *s)
+static void find_light(struct solid *s)
 {
     const struct places *p = &s->places;
-    const size_t n = p->count;
 
-    if (!(s->work = pell_calloc(s->ctx, n, 12 * sizeof(*s->work))))
-        return PELL_ERR_NOMEM;
-    s->right = s->work + 5 * n;
-    s->phi = s->right + n;
-    s->sum = s->phi + n;
-    s->all = s->sum + n; /* no more clusters than places */
-    s->light = s->all + 2 * n;
+    memset(s->light, 0, p->count * sizeof(*s->light));
     for (size_t i = 0; i < p->num_samples; i++)
         if (p->of[i] != PLACES_NONE)
             s->light[p->of[i]] += (double) p->sample[i].power[s->channel];
-    for (size_t i = 0; i < n; i++)
+    for (uint32_t i = 0; i < p->count; i++)
         s->light[i] = p->place[i].area > 0.0f ? s->light[i] / (double) p->place[i].area : 0.0;
     extend(s, s->light);
-    return PELL_OK;
 }
 
-static enum pell_result make_matrix(struct solid *s)
+/* Which place sees which: the same for all channels. */
+static enum pell_result make_entries(struct solid *s)
 {
-    const int chunks = (int) ((s->places.count + CHUNK - 1) / CHUNK);
+    const uint32_t n = s->places.count;
     size_t entries = 0;
 
-    if (!(s->start = pell_calloc(s->ctx, (size_t) s->places.count + 1, sizeof(*s->start))))
+    if (!(s->start = pell_calloc(s->ctx, (size_t) n + 1, sizeof(*s->start))))
         return PELL_ERR_NOMEM;
-    pell_pool_run(s->pool, chunks, count_chunk, s);
-    for (uint32_t i = 0; i < s->places.count; i++) {
+    pell_pool_run(s->pool, (int) ((n + CHUNK - 1) / CHUNK), count_chunk, s);
+    for (uint32_t i = 0; i < n; i++) {
         entries += s->start[i + 1];
         s->start[i + 1] = (uint32_t) entries;
     }
     s->column = pell_alloc_array(s->ctx, entries, sizeof(*s->column));
     s->left = pell_alloc_array(s->ctx, entries, sizeof(*s->left));
-    if (!s->column || !s->left)
-        return PELL_ERR_NOMEM;
-    pell_pool_run(s->pool, chunks, fill_chunk, s);
-    return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
-}
-
-static void drop_matrix(struct solid *s)
-{
-    pell_free(s->ctx, s->start);
-    pell_free(s->ctx, s->column);
-    pell_free(s->ctx, s->left);
-    pell_free(s->ctx, s->work);
-    s->start = s->column = NULL;
-    s->left = NULL;
-    s->work = NULL;
+    s->vectors = pell_alloc_array(s->ctx, n, (7 + STEPS + 1) * sizeof(*s->vectors));
+    return s->column && s->left && s->vectors ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 struct hand_out {
@@ -451,25 +442,28 @@ static void hand_to(const struct hand_out *h, size_t i)
     const struct pell_vec3 at = vec3_load(s->places.sample[i].position), normal = vec3_load(s->places.sample[i].normal);
     const float wide2 = SMOOTH * SMOOTH * s->places.step * s->places.step;
     struct indirect_solid_light *out = &h->out[i];
-    float phi = 0.0f, sum = 0.0f, weight = 0.0f, gain;
+    float phi = 0.0f, sum = 0.0f, weight = 0.0f, gain, largest;
 
-    for (uint32_t k = s->start[s->places.of[i]]; k < s->start[s->places.of[i] + 1]; k++) {
-        const struct place *p = &s->places.place[s->column[k]];
-        if (s->column[k] >= s->places.count)
+    for (uint32_t k = 0; k < s->places.num_clusters; k++) {
+        const struct cluster *c = &s->places.cluster[k];
+        const struct pell_vec3 far = vec3_sub(c->position, at);
+        const float within = c->radius + SMOOTH * s->places.step;
+        if (vec3_dot(far, far) > within * within)
             continue;
-        const struct pell_vec3 d = vec3_sub(p->position, at);
-        const float t = 1.0f - vec3_dot(d, d) / wide2;
-        if (t > 0.0f) {
-            const float w = t * t * fmaxf(vec3_dot(p->normal, normal), 0.0f);
-            phi += w * (float) (s->phi[s->column[k]] + (double) s->stays * s->light[s->column[k]]);
-            sum += w * (float) s->sum[s->column[k]];
+        for (uint32_t j = c->first; j < c->end; j++) {
+            const struct place *p = &s->places.place[j];
+            const struct pell_vec3 d = vec3_sub(p->position, at);
+            const float t = fmaxf(1.0f - vec3_dot(d, d) / wide2, 0.0f), w = t * t * fmaxf(vec3_dot(p->normal, normal), 0.0f);
+            phi += w * (float) (s->phi[j] + (double) s->stays * s->light[j]);
+            sum += w * (float) s->sum[j];
             weight += w;
         }
     }
     if (!(weight > 0.0f))
         return;
     phi = fmaxf(phi, 0.0f);
-    gain = sum > 0.0f ? fminf(phi / sum, LARGEST) : LARGEST;
+    largest = s->found ? LARGEST_WHOLE : LARGEST;
+    gain = sum > 0.0f ? fminf(phi / sum, largest) : largest;
     out->solved[s->channel] = h->solved * ramp(THIN, THICK, s->of_solid->thickness[i] / s->places.step);
     out->gain[s->channel] = gain;
     out->light[s->channel] = fmaxf(phi - gain * sum, 0.0f) / weight;
@@ -486,24 +480,42 @@ static void hand_out_chunk(void *arg, int chunk, int worker)
             hand_to(h, i);
 }
 
+static void find_chunk(void *arg, int chunk, int worker)
+{
+    struct solid *s = arg;
+    const uint32_t first = (uint32_t) chunk * FOUND;
+
+    (void) worker;
+    for (uint32_t i = first; i < first + FOUND && i < s->places.count; i++) {
+        float position[3], normal[3];
+        vec3_store(s->places.place[i].position, position);
+        vec3_store(s->places.place[i].normal, normal);
+        whole_at(s->of_solid->whole, position, normal, s->found[i]);
+    }
+}
+
 static enum pell_result solve_channel(struct solid *s, const struct pell_profile *profile, struct indirect_solid_light *out)
 {
+    const uint32_t n = s->places.count;
     struct hand_out h = { .s = s, .out = out };
-    enum pell_result res;
 
     if (!find_law(s, profile))
         return PELL_OK;
-    PELL_TRY(make_vectors(s));
-    PELL_TRY(make_matrix(s));
-    memcpy(s->phi, s->sum, s->places.count * sizeof(*s->phi));
+    s->right = s->vectors;
+    s->phi = s->right + n;
+    s->sum = s->phi + n;
+    s->all = s->sum + n; /* no more clusters than places */
+    s->light = s->all + 2 * (size_t) n;
+    s->basis = s->light + 2 * (size_t) n;
+    find_light(s);
+    pell_pool_run(s->pool, (int) ((n + CHUNK - 1) / CHUNK), fill_chunk, s);
+    for (uint32_t i = 0; s->found && i < n; i++)
+        s->sum[i] = (double) s->found[i][s->channel];
+    memcpy(s->phi, s->sum, n * sizeof(*s->phi));
     h.solved = (1.0f - ramp(RESOLVED, UNRESOLVED, s->places.step * s->kappa)) * ramp(DARK, BRIGHT, s->total);
     if (solve(s))
         pell_pool_run(s->pool, (int) ((s->places.num_samples + SAMPLES - 1) / SAMPLES), hand_out_chunk, &h);
-    res = pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
-
-fail:
-    drop_matrix(s);
-    return res;
+    return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
 enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
@@ -516,15 +528,29 @@ enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool
     memset(out, 0, solid->count * sizeof(*out));
     if (!(step > 0.0f))
         return PELL_OK;
-    if (!(s.table = pell_alloc_array(ctx, TABLE, sizeof(*s.table))))
+    if (!(s.radial = pell_alloc(ctx, sizeof(*s.radial))))
         goto fail;
     PELL_TRY(places_create(ctx, pool, solid->samples, solid->count, &s.places));
     places_choose(&s.places, step);
+    s.near = NEAR * step;
+    if (solid->whole) {
+        res = PELL_ERR_NOMEM;
+        if (!(s.found = pell_alloc_array(ctx, s.places.count, sizeof(*s.found))))
+            goto fail;
+        pell_pool_run(pool, (int) ((s.places.count + FOUND - 1) / FOUND), find_chunk, &s);
+        res = PELL_OK;
+    }
+    PELL_TRY(make_entries(&s));
     for (s.channel = 0; s.channel < 3 && res == PELL_OK; s.channel++)
         res = solve_channel(&s, &solid->profile[s.channel], out);
 
 fail:
     places_finish(&s.places);
-    pell_free(ctx, s.table);
+    pell_free(ctx, s.radial);
+    pell_free(ctx, s.found);
+    pell_free(ctx, s.start);
+    pell_free(ctx, s.column);
+    pell_free(ctx, s.left);
+    pell_free(ctx, s.vectors);
     return res;
 }

@@ -60,10 +60,11 @@ PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indire
 struct pell_indirect_solid {
     struct pell_opposed law;            /* amount 0: nothing goes through */
     float white[3];                     /* what it is multiplied by where it leaves */
-    const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees */
+    const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees, */
+    bool all;                           /* or over the whole solid, turned by `law` */
 };
 /* Light inside of the solids, from where it enters to where it leaves: solved where the samples are near enough to each other
- * (Decision 37), else what goes between faces that look elsewhere (optics/medium/opposed.h). */
+ * (Decision 37), else what goes between faces that look elsewhere (optics/medium/opposed.h), but with `all`. */
 PELL_NODISCARD enum pell_result pell_indirect_send_through(struct pell_indirect *indirect, struct pell_pool *pool,
                                                            const struct pell_indirect_lights *lights,
                                                            const struct pell_indirect_solid *solid);
@@ -73,12 +74,16 @@ struct pell_indirect_inside {
     float thick; /* [0, 1]: how far `through` stands for all that gets through. Where a part is thin beside the distance of samples a slab's
                     * T is better */
     float through[3]; /* radiant exitance between faces that look elsewhere, W/m^2 without its albedo */
-    float solved[3];  /* [0, 1]: how far what follows holds, in place of `through`, of T, and of what curvature does */
-    float gain[3];    /* factor of what enters there, times `solved`; */
+    float solved[3];  /* [0, 1]: how far what follows holds, in place of `through`, of T, and of what curvature does but with `all` */
+    float gain[3];    /* factor of what enters there, or with `all` of what the method finds, times `solved`; */
     float light[3];   /* and radiant exitance that is added, W/m^2 without its albedo, times `solved` */
 };
 void pell_indirect_look(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v,
                         struct pell_indirect_inside *out);
+
+/* With `all`: scales `exitance`, what a method found at the surface's translucent pixels. */
+void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_pool *pool, const struct pell_surface *surface,
+                           float *const exitance[3]);
 
 /* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
  * clockwise; translucent materials have none. A mesh or triangle that there is not has no light. */

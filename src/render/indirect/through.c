@@ -176,19 +176,44 @@ static bool together(const struct pell_indirect *in, const struct indirect_sampl
     return a->material == b->material && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
 }
 
-/* Sums what goes between faces, where what was solved is not all. Takes over `lit`. */
-static enum pell_result send_between(struct send *s, struct pell_pool *pool, struct pell_lit_place *lit)
+/* The light of the samples `lit` as curvature scales it. */
+static struct pell_lit_place *scaled(const struct send *s, const struct pell_lit_place *lit)
 {
+    struct pell_lit_place *out = pell_alloc_array(s->in->ctx, s->count, sizeof(*out));
+
+    for (size_t i = 0; out && i < s->count; i++) {
+        out[i] = lit[i];
+        for (int c = 0; c < 3; c++)
+            out[i].power[c] *= s->gain[s->list[i]][c];
+    }
+    return out;
+}
+
+/* Sums what goes between faces, where what was solved is not all. */
+static enum pell_result send_between(struct send *s, struct pell_pool *pool, const struct pell_lit_place *lit)
+{
+    struct pell_lit_place *samples = scaled(s, lit);
     enum pell_result res;
 
-    for (size_t i = 0; i < s->count; i++)
-        for (int c = 0; c < 3; c++)
-            lit[i].power[c] *= s->gain[s->list[i]][c];
-    res = pell_light_tree_make(s->in->ctx, lit, s->count, &s->tree);
+    if (!samples)
+        return PELL_ERR_NOMEM;
+    res = pell_light_tree_make(s->in->ctx, samples, s->count, &s->tree);
     if (res == PELL_OK)
         pell_pool_run(pool, chunks_of(s->count), gather_chunk, s);
     pell_light_tree_finish(&s->tree);
     return res;
+}
+
+static enum pell_result make_whole(const struct send *s, const struct pell_lit_place *lit, float spacing,
+                                   const struct pell_indirect_solid *as, struct whole **out)
+{
+    struct pell_lit_place *samples = scaled(s, lit);
+
+    *out = samples ? pell_calloc(s->in->ctx, 1, sizeof(**out)) : NULL;
+    if (*out)
+        return whole_make(s->in->ctx, samples, s->count, spacing, as->profile, &as->law, *out);
+    pell_free(s->in->ctx, samples);
+    return PELL_ERR_NOMEM;
 }
 
 /* All samples that light goes to and fro between with `of`. `list` has room for every sample. */
@@ -199,6 +224,7 @@ static enum pell_result send_group(struct send *s, struct pell_pool *pool, const
     struct indirect_solid_light *light = NULL;
     const struct pell_indirect_solid *as = &s->solid[of->material];
     struct indirect_solid solid = { .profile = as->profile, .law = &as->law };
+    struct whole *whole = NULL;
     float *thickness = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -220,6 +246,9 @@ static enum pell_result send_group(struct send *s, struct pell_pool *pool, const
     solid.samples = lit;
     solid.thickness = thickness;
     solid.count = s->count;
+    if (as->all)
+        PELL_TRY(make_whole(s, lit, solid.spacing, as, &whole));
+    solid.whole = whole;
     PELL_TRY(indirect_solid_solve(in->ctx, pool, &solid, light));
     for (size_t i = 0; i < s->count; i++) {
         for (int c = 0; c < 3; c++)
@@ -227,8 +256,8 @@ static enum pell_result send_group(struct send *s, struct pell_pool *pool, const
         s->light[list[i]] = light[i];
         s->there[list[i]] = false; /* done */
     }
-    res = send_between(s, pool, lit);
-    lit = NULL;
+    if (!as->all)
+        res = send_between(s, pool, lit);
     if (pell_cancelled(in->ctx))
         res = PELL_ERR_CANCELLED;
 
@@ -236,6 +265,9 @@ fail:
     pell_free(in->ctx, lit);
     pell_free(in->ctx, light);
     pell_free(in->ctx, thickness);
+    if (whole)
+        whole_finish(whole);
+    pell_free(in->ctx, whole);
     return res;
 }
 
@@ -319,4 +351,36 @@ void pell_indirect_look(const struct pell_indirect *in, uint32_t mesh, uint32_t 
             out->light[c] += weight[i] * solid->light[c];
         }
     }
+}
+
+struct correct {
+    const struct pell_indirect *in;
+    const struct pell_surface *surface;
+    float *const *exitance;
+};
+
+static void correct_row(void *arg, int index, int worker)
+{
+    const struct correct *t = arg;
+    const struct pell_surface *s = t->surface;
+    const int y = s->translucent.y0 + index;
+
+    (void) worker;
+    for (int x = s->translucent.x0; x < s->translucent.x1; x++) {
+        const ptrdiff_t at = y * s->stride + x;
+        struct pell_indirect_inside q;
+        if (!s->material[at] || t->in->p.scene->materials[s->material[at] - 1].opaque)
+            continue;
+        pell_indirect_look(t->in, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
+        for (int c = 0; c < 3; c++)
+            t->exitance[c][at] *= q.gain[c] + (1.0f - q.solved[c]);
+    }
+}
+
+void pell_indirect_correct(const struct pell_indirect *in, struct pell_pool *pool, const struct pell_surface *surface,
+                           float *const exitance[3])
+{
+    struct correct t = { in, surface, exitance };
+
+    pell_pool_run(pool, surface->translucent.y1 - surface->translucent.y0, correct_row, &t);
 }
