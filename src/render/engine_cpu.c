@@ -1,67 +1,15 @@
 /* SPDX-License-Identifier: MIT
  * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
-#include "render/engine_cpu.h"
-#include "render/contact/stage.h"
-#include "render/curvature/stage.h"
 #include "render/denoise/stage.h"
-#include "render/indirect/stage.h"
+#include "render/engine_cpu_state.h"
 #include "render/layers.h"
 #include "render/media.h"
-#include "render/plane_buffers.h"
-#include "render/post/dof.h"
-#include "render/post/stage.h"
 
 #include <string.h>
 
-enum { BLOCKS = 16 }; /* most separate allocations of planes */
-
-struct cpu {
-    struct pell_context *ctx; /* borrowed */
-    struct pell_pool *pool;   /* borrowed */
-
-    /* Of the scene. */
-    const struct pell_scene *scene; /* borrowed */
-    struct pell_rays *rays;
-    struct pell_mips *mips;
-    struct pell_specular_tables *tables;
-    struct pell_compositor *compositor;
-
-    struct pell_lights *lights;
-    const struct pell_scene_materials *materials; /* borrowed: the renderer's own */
-    const struct pell_settings *settings;         /* of the lights; borrowed: the renderer's own */
-
-    struct pell_contact *contact;     /* NULL: no contact shadow */
-    struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
-
-    struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
-    struct pell_indirect *through;  /* NULL: nothing is sent through solids */
-    bool lit;                       /* the indirect light is up to date with the lights */
-
-    struct pell_raster *raster; /* NULL: camera visibility is ray traced */
-    bool rastered;              /* the raster was built, or found not to be possible */
-
-    /* Of the size. */
-    bool sized;
-    float *blocks[BLOCKS]; /* own the planes below */
-    int num_blocks;
-    struct pell_surface surface;
-    struct pell_lighting lighting;
-    struct pell_accumulator sum;
-    float *display[3];
-    float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
-    float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
-    float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */
-    float *open_tiles;
-    float widest_disc; /* of the frame's samples, px */
-    double *rows;      /* 4 a row for post, then 2 a row for the meter */
-
-    struct pell_composite_params composite; /* of the sample that is made */
-    struct pell_post_result post;
-};
-
 static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *pool, void **engine)
 {
-    struct cpu *e = pell_zalloc(ctx, sizeof(*e));
+    struct pell_cpu *e = pell_zalloc(ctx, sizeof(*e));
 
     *engine = e;
     if (!e)
@@ -73,7 +21,7 @@ static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *poo
 
 /* --- What outlives a frame ------------------------------------------------------------------------------------------------------- */
 
-static void drop_scene(struct cpu *e)
+static void drop_scene(struct pell_cpu *e)
 {
     pell_compositor_destroy(&e->compositor);
     pell_specular_tables_destroy(&e->tables);
@@ -83,7 +31,7 @@ static void drop_scene(struct cpu *e)
     e->scene = NULL;
 }
 
-static enum pell_result make_scene(struct cpu *e, const struct pell_scene *scene)
+static enum pell_result make_scene(struct pell_cpu *e, const struct pell_scene *scene)
 {
     enum pell_result res;
 
@@ -100,7 +48,7 @@ fail:
     return res;
 }
 
-static void drop_planes(struct cpu *e)
+static void drop_planes(struct pell_cpu *e)
 {
     pell_surface_finish(e->ctx, &e->surface);
     for (int i = 0; i < e->num_blocks; i++)
@@ -119,7 +67,7 @@ static void drop_planes(struct cpu *e)
     e->sized = false;
 }
 
-static enum pell_result allocate(struct cpu *e, const struct pell_settings *s, const struct pell_planes_wanted *w)
+static enum pell_result allocate(struct pell_cpu *e, const struct pell_settings *s, const struct pell_planes_wanted *w)
 {
     enum pell_result res;
 
@@ -150,7 +98,7 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
 }
 
 /* Those that every frame of the size has, at first; then those that the method and the settings ask for. */
-static enum pell_result make_planes(struct cpu *e, const struct pell_engine_frame *frame)
+static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
     const bool apart_single = frame->plan && frame->materials->single_apart, gives = frame->plan && (frame->plan->outputs || apart_single),
@@ -208,10 +156,7 @@ fail:
     return res;
 }
 
-static int64_t cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
-                                const struct pell_surface_light *out);
-
-static enum pell_result make_contact(struct cpu *e, const struct pell_engine_frame *frame)
+static enum pell_result make_contact(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const double start = pell_seconds();
     const enum pell_result res = pell_contact_create(e->ctx, e->pool, e->scene, e->rays, &e->contact);
@@ -221,7 +166,7 @@ static enum pell_result make_contact(struct cpu *e, const struct pell_engine_fra
     return res;
 }
 
-static enum pell_result make_curvature(struct cpu *e, const struct pell_engine_frame *frame)
+static enum pell_result make_curvature(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const double start = pell_seconds();
     enum pell_result res;
@@ -233,7 +178,7 @@ static enum pell_result make_curvature(struct cpu *e, const struct pell_engine_f
     return res;
 }
 
-static enum pell_result make_links(struct cpu *e, const struct pell_engine_frame *frame)
+static enum pell_result make_links(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
     const double start = pell_seconds();
@@ -254,35 +199,36 @@ static enum pell_result make_links(struct cpu *e, const struct pell_engine_frame
     return res;
 }
 
-static enum pell_result make_indirect(struct cpu *e, const struct pell_engine_frame *frame)
+static enum pell_result make_indirect(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const double start = pell_seconds();
     enum pell_result res;
 
     if (!e->indirect)
         return PELL_OK;
-    res = pell_indirect_solve(e->indirect, e->pool, &(struct pell_indirect_lights) { cpu_light_points, e },
+    res = pell_indirect_solve(e->indirect, e->pool, &(struct pell_indirect_lights) { pell_cpu_light_points, e },
                               (const float(*)[3]) frame->materials->total, frame->settings->bounces);
     e->lit = res == PELL_OK;
     pell_stage_note(frame->notes, "indirect light", pell_seconds() - start, 0, 0, 0);
     return res;
 }
 
-static enum pell_result make_through(struct cpu *e, const struct pell_engine_frame *frame)
+static enum pell_result make_through(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_indirect_params params = { e->scene, e->rays, e->tables, false, frame->settings->indirect_samples, 0, true };
     const double start = pell_seconds();
     enum pell_result res = PELL_OK;
 
     if (e->curvature)
-        res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { cpu_light_points, e }, &e->through);
+        res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->through);
+    e->whole = frame->plan && frame->plan->opposed;
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
 }
 
 static enum pell_result cpu_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const struct pell_settings *s = frame->settings;
     enum pell_result res = PELL_OK;
 
@@ -312,7 +258,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
 
 static void cpu_drop(void *engine, enum pell_engine_resource resource)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
 
     switch (resource) {
     case PELL_ENGINE_SCENE: drop_scene(e); break;
@@ -334,7 +280,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
 
 static void cpu_close(void *engine)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
 
     for (int i = 0; e && i < PELL_ENGINE_RESOURCES; i++)
         cpu_drop(e, (enum pell_engine_resource) i);
@@ -342,60 +288,11 @@ static void cpu_close(void *engine)
         pell_free(e->ctx, e);
 }
 
-/* --- What methods are lent -------------------------------------------------------------------------------------------------------- */
-
-/* Of a frame's light, all that does not depend on the sample. `apart`: what is scattered once is added by itself. Not so where indirect
- * light is still to be found: of all light that surfaces reflect. */
-static struct pell_irradiance_params light_params(const struct cpu *e, float mix, bool apart)
-{
-    return (struct pell_irradiance_params) {
-        .rays = e->rays,
-        .scene = e->scene,
-        .surface = &e->surface,
-        .tables = e->tables,
-        .mix = mix,
-        .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
-        .angle = apart                 ? e->materials->angle_apart
-                 : e->settings->angles ? e->materials->angle
-                                       : NULL,
-        .curvature = e->curvature,
-        .opposed = e->settings->opposed,
-        .indirect = e->lit ? e->indirect : NULL,
-        .seed = pell_settings_seed(e->settings),
-    };
-}
-
-static int64_t cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
-                                const struct pell_surface_light *out)
-{
-    const struct cpu *e = engine;
-    const struct pell_irradiance_params p = light_params(e, params->mix, e->materials->single_apart && (e->lit || !e->indirect));
-
-    return pell_irradiance_points(e->lights, &p, params, in, n, out);
-}
-
-static const struct pell_light_grid *cpu_light_grid(void *engine, size_t light)
-{
-    const struct cpu *e = engine;
-
-    return e->lights ? pell_lights_grid(e->lights, light) : NULL;
-}
-
-static void cpu_lend(void *engine, struct pell_services *services)
-{
-    struct cpu *e = engine;
-
-    services->rays = e->rays;
-    services->engine = e;
-    services->light_points = cpu_light_points;
-    services->light_grid = cpu_light_grid;
-}
-
 /* --- The stages of a sample ------------------------------------------------------------------------------------------------------- */
 
 static enum pell_result cpu_surface(void *engine, const struct pell_engine_sample *sample, struct pell_engine_seen *seen)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const struct pell_surface *s = &e->surface;
     const double start = pell_seconds();
     const enum pell_result res = pell_surface_render(e->pool, e->rays, e->scene, &sample->view, &e->surface);
@@ -409,12 +306,12 @@ static enum pell_result cpu_surface(void *engine, const struct pell_engine_sampl
 
 static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sample *sample)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const struct pell_engine_frame *f = sample->frame;
     const struct pell_settings *settings = f->settings;
     const float mix = f->plan ? f->plan->mix : -1.0f;
     const bool apart = f->plan && f->materials->single_apart;
-    struct pell_irradiance_params light = light_params(e, mix, apart);
+    struct pell_irradiance_params light = pell_cpu_light(e, mix, apart);
     const double start = pell_seconds();
     enum pell_result res;
 
@@ -422,6 +319,8 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
     light.opposed &= f->plan && f->plan->opposed;
     light.through = e->through;
+    light.whole = e->whole;
+    light.between = light.local && e->through;
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     light.apart = apart ? f->materials->apart : NULL;
@@ -450,7 +349,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
 
 static enum pell_result cpu_shaded(void *engine, const struct pell_engine_sample *sample)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const double start = pell_seconds();
 
     pell_composite_shaded(e->pool, e->compositor, &e->composite, e->plane[PELL_PLANE_SHADED]);
@@ -494,7 +393,7 @@ static void remap_row(void *arg, int index, int worker)
 
 static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample, struct pell_frame *in, struct pell_frame_light *out)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const struct pell_surface *s = &e->surface;
     float *const *const of_stages[PELL_PLANES] = {
         [PELL_PLANE_DEPTH] = &s->depth,
@@ -523,7 +422,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
 }
 
 /* The composite of one sample, blurred by its part of the lens. */
-static void composite_through_lens(struct cpu *e, const struct pell_engine_sample *sample)
+static void composite_through_lens(struct pell_cpu *e, const struct pell_engine_sample *sample)
 {
     float *const out[] = { e->sum.color[0], e->sum.color[1], e->sum.color[2], e->sum.alpha };
     const struct pell_engine_frame *f = sample->frame;
@@ -552,13 +451,13 @@ static void composite_through_lens(struct cpu *e, const struct pell_engine_sampl
 
 static enum pell_result cpu_composite(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const struct pell_plan *plan = sample->frame->plan;
     struct pell_composite_params *p = &e->composite;
     const double start = pell_seconds();
 
     if (scattered->there) {
-        if (e->through && plan->opposed)
+        if (e->through && e->whole)
             pell_indirect_correct(e->through, e->pool, &e->surface, e->plane[PELL_PLANE_LIGHT]);
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
@@ -583,12 +482,12 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
 
 static void cpu_average(void *engine, int done, int planned)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
 
     pell_output_layers_scale(&e->sum, (size_t) e->surface.stride * (size_t) e->surface.height, (float) planned / (float) done);
 }
 
-static void denoise(struct cpu *e, const struct pell_engine_frame *f)
+static void denoise(struct pell_cpu *e, const struct pell_engine_frame *f)
 {
     const struct pell_denoise_params params = {
         .stride = e->surface.stride,
@@ -605,7 +504,7 @@ static void denoise(struct cpu *e, const struct pell_engine_frame *f)
 
 static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f, const struct pell_view *view)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
     const struct pell_post_params params = {
         .scene = e->scene,
         .view = view,
@@ -639,7 +538,7 @@ static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f
 static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, bool noisy, struct pell_channel *channels,
                           struct pell_engine_result *out)
 {
-    const struct cpu *e = engine;
+    const struct pell_cpu *e = engine;
     const bool single = frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE || frame->materials->single_apart);
 
     *out = (struct pell_engine_result) {
@@ -663,14 +562,14 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
 
 double pell_engine_cpu_trace_bare(void *engine, const struct pell_view *view)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
 
     return e->rays && e->sized ? pell_surface_trace_bare(e->pool, e->rays, e->scene, view, &e->surface) : 0.0;
 }
 
 void pell_engine_cpu_record_rays(void *engine, struct pell_ray_record *record)
 {
-    struct cpu *e = engine;
+    struct pell_cpu *e = engine;
 
     if (e->rays)
         pell_rays_record(e->rays, record);
@@ -688,7 +587,7 @@ const struct pell_engine_interface pell_engine_cpu = {
     .close = cpu_close,
     .make = cpu_make,
     .drop = cpu_drop,
-    .lend = cpu_lend,
+    .lend = pell_cpu_lend,
     .surface = cpu_surface,
     .irradiance = cpu_irradiance,
     .shade = cpu_shaded,

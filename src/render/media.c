@@ -37,15 +37,14 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
 }
 
 /* Whether material i lets light through, and by what law. */
-static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool all,
+static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin,
                      struct pell_indirect_solid *out)
 {
     const struct pell_frame_material *f = medium_of(scene, m, i);
 
-    if (!f || !(all || (m->thickness[i] && m->thickness[i]->max_mm > LEAST)) || !pell_opposed_make(&f->medium, &out->law))
+    if (!f || (thin && !(m->thickness[i] && m->thickness[i]->max_mm > LEAST)) || !pell_opposed_make(&f->medium, &out->law))
         return false;
     out->profile = f->profile;
-    out->all = all;
     for (int c = 0; c < 3; c++)
         out->white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
     return true;
@@ -55,20 +54,24 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
                                     const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
                                     struct pell_indirect **out)
 {
-    const bool local = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), all = frame->plan && !local && frame->plan->opposed;
+    const bool thin = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), all = frame->plan && frame->plan->opposed;
     const size_t count = params->scene->num_materials;
     struct pell_indirect_solid *solid = NULL;
     bool any = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
-    if (!frame->settings->opposed || !(local || all))
+    if (!frame->settings->opposed || !(thin || all || (frame->plan && frame->plan->local)))
         return PELL_OK;
     solid = pell_calloc(ctx, count, sizeof(*solid));
     if (!solid)
         goto fail;
     for (size_t i = 0; i < count; i++)
-        any |= find_law(params->scene, frame->materials, i, all, &solid[i]);
+        any |= find_law(params->scene, frame->materials, i, thin, &solid[i]);
+    for (size_t i = 0; i < count; i++) {
+        solid[i].all = all;
+        solid[i].between = thin;
+    }
     res = PELL_OK;
     if (!any)
         goto fail;

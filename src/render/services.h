@@ -85,6 +85,7 @@ struct pell_services {
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
+    void (*solved)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3]);
 };
 
 /* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
@@ -122,6 +123,13 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
     };
 
     return pell_services_light_points(s, params, &in, (size_t) count, &out);
+}
+
+/* How far diffusion in the solid was solved at a point of a triangle, for a method whose plan is local, [0, 1]: as far the engine adds what
+ * is transmitted. */
+static inline void pell_services_solved(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3])
+{
+    s->solved(s->engine, mesh, triangle, u, v, solved);
 }
 
 /* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */

@@ -87,7 +87,7 @@ static void plan(const void *values, struct pell_plan *plan)
 {
     const struct convolution_knobs *k = values;
 
-    *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f };
+    *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f, .local = true };
     if (k->surfaces > 1)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_HIT;
 }

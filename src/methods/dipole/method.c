@@ -58,8 +58,8 @@ const struct pell_method pell_method_dipole = {
     .cite = "Henrik Wann Jensen, Stephen R. Marschner, Marc Levoy and Pat Hanrahan, A Practical Model for Subsurface Light Transport, "
             "SIGGRAPH, 2001; Alan King, Christopher Kulla, Alejandro Conty and Marcos Fajardo, BSSRDF Importance Sampling, SIGGRAPH "
             "talks, 2013",
-    .limits = "Slow: the error falls with the square root of the time. Assumes a half-space around each point, as every diffusion "
-              "profile does: thin and sharply curved parts differ from transport.",
+    .limits = "Slow: the error falls with the square root of the time. Assumes diffusion: parts of few mean free paths differ from "
+              "transport.",
     .knobs = knobs,
     .knobs_size = sizeof(struct dipole_knobs),
     .paper = paper,

@@ -60,8 +60,8 @@ const struct pell_method pell_method_hierarchical = {
     .name = "hierarchical",
     .title = "Diffusion over the whole surface, by an octree of samples",
     .cite = "Henrik Wann Jensen and Juan Buhler, A Rapid Hierarchical Rendering Technique for Translucent Materials, SIGGRAPH, 2002",
-    .limits = "Assumes a half-space around each point, as every diffusion profile does: thin and sharply curved parts differ from "
-              "transport. Irradiance detail finer than the sample distance is smoothed.",
+    .limits = "Assumes diffusion: parts of few mean free paths differ from transport. Irradiance detail finer than the sample distance "
+              "is smoothed.",
     .knobs = knobs,
     .knobs_size = sizeof(struct hierarchical_knobs),
     .paper = paper,

@@ -98,8 +98,8 @@ const struct pell_method pell_method_screen_space = {
     .name = "screen-space",
     .title = "Screen-space diffusion by Gaussian blurs",
     .cite = "Jorge Jimenez and Diego Gutierrez, Screen-Space Subsurface Scattering, GPU Pro, 2010",
-    .limits = "Light is exchanged only between visible points, along the surface; transmitted light goes straight through. Light "
-              "that would come from or go to hidden surface stays where it arrives.",
+    .limits = "Light is exchanged only between visible points, along the surface; what goes through the solid has no detail. Light "
+              "that would come from or go to hidden surface nearby stays where it arrives.",
     .knobs = knobs,
     .knobs_size = sizeof(struct screen_knobs),
     .paper = paper,

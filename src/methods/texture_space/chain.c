@@ -84,7 +84,7 @@ static void thin_out(void *arg, int chunk, int worker)
             continue;
         ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
         for (int c = 0; c < 3; c++)
-            t->share[c] *= near;
+            t->share[c] *= near * t->left[c];
     }
 }
 

@@ -16,7 +16,7 @@
 
 PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
-enum { LIGHTS_MOST = 16 };
+enum { LIGHTS_MOST = 16, LEFT_CHUNK = 1024 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear reading adds on the average */
 #define SIZE_LEAST 32.0             /* texels, of small objects beside large ones */
 #define PIXEL_TEXELS 8.0            /* maps of all objects together have no more texels for each pixel */
@@ -470,6 +470,37 @@ static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_para
                                      2 });
 }
 
+struct left_task {
+    struct ts_state *st;
+    const struct ts_atlas *atlas;
+};
+
+static void leave_chunk(void *arg, int chunk, int worker)
+{
+    const struct left_task *p = arg;
+    const struct ts_atlas *a = p->atlas;
+    struct ts_tsm *tsm = &p->st->tsm;
+    const size_t first = (size_t) chunk * LEFT_CHUNK;
+
+    (void) worker;
+    for (size_t i = first; i < first + LEFT_CHUNK && i < tsm->count; i++) {
+        struct ts_transmitted_texel *t = &tsm->texels[i];
+        const struct ts_triangle *of = &a->triangles[a->source[t->at]];
+        float solved[3];
+        pell_services_solved(p->st->services, of->mesh, of->triangle, a->bary[0][t->at], a->bary[1][t->at], solved);
+        for (int c = 0; c < 3; c++)
+            t->left[c] = 1.0f - solved[c];
+    }
+}
+
+/* What is left to transmit where diffusion in the solid is solved. */
+static void leave(struct ts_state *st, const struct ts_atlas *a)
+{
+    struct left_task task = { st, a };
+
+    pell_pool_run(st->services->pool, (int) ((st->tsm.count + LEFT_CHUNK - 1) / LEFT_CHUNK), leave_chunk, &task);
+}
+
 /* Blurs the light that one light transmits, and with lights=own what else enters of it; `*is`: it transmits any. */
 static enum pell_result transmit(struct ts_state *st, size_t number, size_t light, struct ts_chain_params *chain, bool *is)
 {
@@ -516,6 +547,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
                                      1,
                                      .of_light = true,
                                      .falloff = t.falloff });
+    leave(st, a);
     chain->transmission = true;
     ts_chain(st, solid, chain);
     chain->local = st->knobs.lights == TS_LIGHTS_OWN;

@@ -94,9 +94,11 @@ static void plan(const void *values, struct pell_plan *plan)
 {
     const struct ts_knobs *k = values;
 
-    *plan = (struct pell_plan) {
-        .needs = PELL_NEED_SCENE | PELL_NEED_HIT, .quantity = PELL_QUANTITY_EXITANCE, .mix = k->mix, .survives_light_change = true
-    };
+    *plan = (struct pell_plan) { .needs = PELL_NEED_SCENE | PELL_NEED_HIT,
+                                 .quantity = PELL_QUANTITY_EXITANCE,
+                                 .mix = k->mix,
+                                 .local = true,
+                                 .survives_light_change = true };
     if (k->first == TS_FIRST_UNBLURRED)
         plan->needs |= PELL_NEED_IRRADIANCE;
 }
@@ -107,7 +109,7 @@ const struct pell_method pell_method_texture_space = {
     .name = "texture-space",
     .title = "Diffusion in texture space with translucent shadow maps",
     .cite = "Eugene d'Eon, David Luebke and Eric Enderton, Efficient Rendering of Human Skin, Eurographics Symposium on Rendering, 2007",
-    .limits = "Light travels along the surface, or straight through from a lit point; light around or across a hollow is missing. "
+    .limits = "Light travels along the surface, or straight through from a lit point; what goes elsewhere in the solid has no detail. "
               "Transmission includes the first 16 lights; environments with tsm = ray alone.",
     .knobs = knobs,
     .knobs_size = sizeof(struct ts_knobs),

@@ -264,6 +264,7 @@ struct ts_transmitted_texel {
     float cosine;   /* between the normal at A and the way there */
     float opposed;  /* how far the normals at A and C oppose, [0, 1] */
     bool round;     /* `apart` is along the surface */
+    float left[3];  /* that the engine does not add, as diffusion in the solid */
     float share[3]; /* of the level that is being made */
 };
 

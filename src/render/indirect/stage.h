@@ -62,6 +62,7 @@ struct pell_indirect_solid {
     float white[3];                     /* what it is multiplied by where it leaves */
     const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees, */
     bool all;                           /* or over the whole solid, turned by `law` */
+    bool between;                       /* what goes between faces is summed where it is not solved */
 };
 /* Light inside of the solids, from where it enters to where it leaves: solved where the samples are near enough to each other
  * (Decision 37), else what goes between faces that look elsewhere (optics/medium/opposed.h), but with `all`. */

@@ -97,7 +97,7 @@ static void light16(const struct send *s, size_t first, size_t count)
         }
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
-        s->thick[first + i] = round_and_thick(thinness[i], curvature[i], q->spacing);
+        s->thick[first + i] = s->solid[q->material].between ? round_and_thick(thinness[i], curvature[i], q->spacing) : 0.0f;
     }
 }
 
@@ -256,7 +256,7 @@ static enum pell_result send_group(struct send *s, struct pell_pool *pool, const
         s->light[list[i]] = light[i];
         s->there[list[i]] = false; /* done */
     }
-    if (!as->all)
+    if (as->between)
         res = send_between(s, pool, lit);
     if (pell_cancelled(in->ctx))
         res = PELL_ERR_CANCELLED;

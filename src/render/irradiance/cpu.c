@@ -423,11 +423,11 @@ static void look_inside(const struct job *job, struct packet *k, struct gains *g
             pell_indirect_look(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
         k->thick[i] = q.thick;
         for (int c = 0; c < 3; c++) {
-            if (job->p->local)
+            if (!job->p->whole)
                 gains->all[c][i] = q.gain[c] + (1.0f - q.solved[c]) * gains->all[c][i];
             in->through[c][i] = q.through[c];
             in->solved[c][i] = q.solved[c];
-            in->light[c][i] = q.light[c];
+            in->light[c][i] = job->entering ? 0.0f : q.light[c];
         }
     }
 }

@@ -56,6 +56,8 @@ struct pell_irradiance_params {
                                                                * the scene's first light; the surface has its hits then. NULL: none */
     const struct pell_indirect *through;                 /* light that goes through solids, in place of what is transmitted straight. NULL:
                                                                * none */
+    bool whole;                                          /* `through` scales what the method finds, not what enters */
+    bool between;                                        /* with `local`: `through` has what goes between faces */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };
@@ -63,7 +65,7 @@ struct pell_irradiance_params {
 /* By what curvature scales the light that enters. */
 static inline const float *pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effect *e)
 {
-    return p->local ? (p->through ? e->opposed_local : e->local) : p->opposed ? e->opposed : e->gain;
+    return p->local ? (p->between ? e->opposed_local : e->local) : p->opposed ? e->opposed : e->gain;
 }
 
 /* Allocates nothing; the same bits for any number of threads. */

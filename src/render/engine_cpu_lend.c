@@ -1,0 +1,62 @@
+/* SPDX-License-Identifier: MIT
+ * engine_cpu_lend.c - light at any points, for methods and for the engine's own stages. */
+#include "render/engine_cpu_state.h"
+
+#include <string.h>
+
+struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool apart)
+{
+    return (struct pell_irradiance_params) {
+        .rays = e->rays,
+        .scene = e->scene,
+        .surface = &e->surface,
+        .tables = e->tables,
+        .mix = mix,
+        .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
+        .angle = apart                 ? e->materials->angle_apart
+                 : e->settings->angles ? e->materials->angle
+                                       : NULL,
+        .curvature = e->curvature,
+        .opposed = e->settings->opposed,
+        .indirect = e->lit ? e->indirect : NULL,
+        .seed = pell_settings_seed(e->settings),
+    };
+}
+
+int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                              const struct pell_surface_light *out)
+{
+    const struct pell_cpu *e = engine;
+    struct pell_irradiance_params p = pell_cpu_light(e, params->mix, e->materials->single_apart && (e->lit || !e->indirect));
+
+    p.through = params->local && !e->whole ? e->through : NULL;
+    return pell_irradiance_points(e->lights, &p, params, in, n, out);
+}
+
+static const struct pell_light_grid *cpu_light_grid(void *engine, size_t light)
+{
+    const struct pell_cpu *e = engine;
+
+    return e->lights ? pell_lights_grid(e->lights, light) : NULL;
+}
+
+static void cpu_solved(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3])
+{
+    const struct pell_cpu *e = engine;
+    struct pell_indirect_inside inside = { .thick = 0.0f };
+
+    if (e->through && !e->whole)
+        pell_indirect_look(e->through, mesh, triangle, u, v, &inside);
+    memcpy(solved, inside.solved, sizeof(inside.solved));
+}
+
+void pell_cpu_lend(void *engine, struct pell_services *services)
+{
+    struct pell_cpu *e = engine;
+
+    services->rays = e->rays;
+    services->engine = e;
+    services->light_points = pell_cpu_light_points;
+    services->light_grid = cpu_light_grid;
+    services->solved = cpu_solved;
+}

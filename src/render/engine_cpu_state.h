@@ -1,0 +1,74 @@
+/* SPDX-License-Identifier: MIT
+ * engine_cpu_state.h - what the files of the engine share. Private to them. */
+#ifndef PELL_ENGINE_CPU_STATE_H
+#define PELL_ENGINE_CPU_STATE_H
+
+#include "render/composite/stage.h"
+#include "render/contact/stage.h"
+#include "render/curvature/stage.h"
+#include "render/engine_cpu.h"
+#include "render/indirect/stage.h"
+#include "render/layers.h"
+#include "render/plane_buffers.h"
+#include "render/post/dof.h"
+#include "render/post/stage.h"
+
+enum { PELL_CPU_BLOCKS = 16 }; /* most separate allocations of planes */
+
+struct pell_cpu {
+    struct pell_context *ctx; /* borrowed */
+    struct pell_pool *pool;   /* borrowed */
+
+    /* Of the scene. */
+    const struct pell_scene *scene; /* borrowed */
+    struct pell_rays *rays;
+    struct pell_mips *mips;
+    struct pell_specular_tables *tables;
+    struct pell_compositor *compositor;
+
+    struct pell_lights *lights;
+    const struct pell_scene_materials *materials; /* borrowed: the renderer's own */
+    const struct pell_settings *settings;         /* of the lights; borrowed: the renderer's own */
+
+    struct pell_contact *contact;     /* NULL: no contact shadow */
+    struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
+
+    struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
+    struct pell_indirect *through;  /* NULL: nothing is sent through solids */
+    bool whole;                     /* `through` is for a method that asks the whole solid */
+    bool lit;                       /* the indirect light is up to date with the lights */
+
+    struct pell_raster *raster; /* NULL: camera visibility is ray traced */
+    bool rastered;              /* the raster was built, or found not to be possible */
+
+    /* Of the size. */
+    bool sized;
+    float *blocks[PELL_CPU_BLOCKS]; /* own the planes below */
+    int num_blocks;
+    struct pell_surface surface;
+    struct pell_lighting lighting;
+    struct pell_accumulator sum;
+    float *display[3];
+    float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
+    float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
+    float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */
+    float *open_tiles;
+    float widest_disc; /* of the frame's samples, px */
+    double *rows;      /* 4 a row for post, then 2 a row for the meter */
+
+    struct pell_composite_params composite; /* of the sample that is made */
+    struct pell_post_result post;
+};
+
+/* --- engine_cpu_lend.c: what methods are lent ---------------------------------------------------------------------------------------- */
+
+/* Of a frame's light, all that does not depend on the sample. `apart`: what is scattered once is added by itself. Not so where indirect
+ * light is still to be found: of all light that surfaces reflect. */
+struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool apart);
+/* pell_services.light_points */
+int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                              const struct pell_surface_light *out);
+/* pell_engine_interface.lend */
+void pell_cpu_lend(void *engine, struct pell_services *services);
+
+#endif
