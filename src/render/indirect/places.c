@@ -213,7 +213,7 @@ static void make_clusters(struct places *s)
     s->sorted = old;
 }
 
-void places_choose(struct places *s, float step)
+void indirect_places_choose(struct places *s, float step)
 {
     const float apart2 = PICK * PICK * step * step;
     float within;
@@ -237,8 +237,8 @@ void places_choose(struct places *s, float step)
     make_clusters(s);
 }
 
-enum pell_result places_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples, size_t num_samples,
-                               struct places *out)
+enum pell_result indirect_places_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples,
+                                        size_t num_samples, struct places *out)
 {
     *out = (struct places) { .ctx = ctx, .pool = pool, .sample = samples, .num_samples = num_samples };
     out->place = pell_alloc_array(ctx, PLACES_MOST, sizeof(*out->place));
@@ -248,11 +248,11 @@ enum pell_result places_create(struct pell_context *ctx, struct pell_pool *pool,
     out->of = pell_alloc_array(ctx, num_samples, sizeof(*out->of));
     if (out->place && out->sorted && out->cluster && out->bucket && out->of)
         return PELL_OK;
-    places_finish(out);
+    indirect_places_finish(out);
     return PELL_ERR_NOMEM;
 }
 
-void places_finish(struct places *p)
+void indirect_places_finish(struct places *p)
 {
     if (!p->ctx)
         return;

@@ -45,10 +45,10 @@ struct places {
 };
 
 /* `samples` are borrowed. */
-PELL_NODISCARD enum pell_result places_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples,
-                                              size_t num_samples, struct places *out);
-void places_finish(struct places *p);
+PELL_NODISCARD enum pell_result indirect_places_create(struct pell_context *ctx, struct pell_pool *pool,
+                                                       const struct pell_lit_place *samples, size_t num_samples, struct places *out);
+void indirect_places_finish(struct places *p);
 /* Chooses anew, `step` apart. The same for any number of threads. */
-void places_choose(struct places *p, float step);
+void indirect_places_choose(struct places *p, float step);
 
 #endif

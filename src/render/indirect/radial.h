@@ -7,6 +7,7 @@
 
 #include <pellucid/profile.h>
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 

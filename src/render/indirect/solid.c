@@ -490,7 +490,7 @@ static void find_chunk(void *arg, int chunk, int worker)
         float position[3], normal[3];
         vec3_store(s->places.place[i].position, position);
         vec3_store(s->places.place[i].normal, normal);
-        whole_at(s->of_solid->whole, position, normal, s->found[i]);
+        indirect_whole_at(s->of_solid->whole, position, normal, s->found[i]);
     }
 }
 
@@ -530,8 +530,8 @@ enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool
         return PELL_OK;
     if (!(s.radial = pell_alloc(ctx, sizeof(*s.radial))))
         goto fail;
-    PELL_TRY(places_create(ctx, pool, solid->samples, solid->count, &s.places));
-    places_choose(&s.places, step);
+    PELL_TRY(indirect_places_create(ctx, pool, solid->samples, solid->count, &s.places));
+    indirect_places_choose(&s.places, step);
     s.near = NEAR * step;
     if (solid->whole) {
         res = PELL_ERR_NOMEM;
@@ -545,7 +545,7 @@ enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool
         res = solve_channel(&s, &solid->profile[s.channel], out);
 
 fail:
-    places_finish(&s.places);
+    indirect_places_finish(&s.places);
     pell_free(ctx, s.radial);
     pell_free(ctx, s.found);
     pell_free(ctx, s.start);

@@ -211,7 +211,7 @@ static enum pell_result make_whole(const struct send *s, const struct pell_lit_p
 
     *out = samples ? pell_calloc(s->in->ctx, 1, sizeof(**out)) : NULL;
     if (*out)
-        return whole_make(s->in->ctx, samples, s->count, spacing, as->profile, &as->law, *out);
+        return indirect_whole_make(s->in->ctx, samples, s->count, spacing, as->profile, &as->law, *out);
     pell_free(s->in->ctx, samples);
     return PELL_ERR_NOMEM;
 }
@@ -266,7 +266,7 @@ fail:
     pell_free(in->ctx, light);
     pell_free(in->ctx, thickness);
     if (whole)
-        whole_finish(whole);
+        indirect_whole_finish(whole);
     pell_free(in->ctx, whole);
     return res;
 }

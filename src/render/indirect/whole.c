@@ -13,8 +13,8 @@
 #define FACING 0.3f      /* least cosine of normals on one surface */
 #define REACH 1.0e3f     /* windows: beyond, profiles are 0 */
 
-enum pell_result whole_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t count, float spacing,
-                            const struct pell_profile profile[3], const struct pell_opposed *law, struct whole *out)
+enum pell_result indirect_whole_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t count, float spacing,
+                                     const struct pell_profile profile[3], const struct pell_opposed *law, struct whole *out)
 {
     const float window = WINDOW * spacing;
 
@@ -27,7 +27,7 @@ enum pell_result whole_make(struct pell_context *ctx, struct pell_lit_place *sam
     return pell_light_tree_make(ctx, samples, count, &out->tree);
 }
 
-void whole_finish(struct whole *w)
+void indirect_whole_finish(struct whole *w)
 {
     pell_light_tree_finish(&w->tree);
 }
@@ -53,7 +53,7 @@ static void add(const struct whole *w, struct pell_vec3 at, struct pell_vec3 nor
         sum[c] += R[c] * from->power[c];
 }
 
-void whole_at(const struct whole *w, const float position[3], const float normal[3], float M[3])
+void indirect_whole_at(const struct whole *w, const float position[3], const float normal[3], float M[3])
 {
     const struct pell_light_tree *t = &w->tree;
     const struct pell_vec3 at = vec3_load(position), n = vec3_load(normal);

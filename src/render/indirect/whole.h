@@ -18,10 +18,11 @@ struct whole {
 };
 
 /* Takes over `samples`, also on failure; `spacing` mm lie between them. */
-PELL_NODISCARD enum pell_result whole_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t count, float spacing,
-                                           const struct pell_profile profile[3], const struct pell_opposed *law, struct whole *out);
-void whole_finish(struct whole *w);
+PELL_NODISCARD enum pell_result indirect_whole_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t count, float spacing,
+                                                    const struct pell_profile profile[3], const struct pell_opposed *law,
+                                                    struct whole *out);
+void indirect_whole_finish(struct whole *w);
 /* W/m^2 without what white makes of it. */
-void whole_at(const struct whole *w, const float position[3], const float normal[3], float M[3]);
+void indirect_whole_at(const struct whole *w, const float position[3], const float normal[3], float M[3]);
 
 #endif
