@@ -16,6 +16,7 @@
  */
 #include "methods/hierarchical/hierarchical.h"
 
+#include "math/scalar.h"
 #include "math/vec.h"
 #include "methods/reference_frame.h"
 #include "optics/medium/opposed.h"
@@ -329,12 +330,6 @@ static void add_samples(const struct solid *b, const struct pell_light_node *n, 
     }
 }
 
-static inline float ramp(float low, float high, float x)
-{
-    const float t = (x - low) / (high - low), s = t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t;
-    return s * s * (3.0f - 2.0f * s);
-}
-
 /* How much the samples in the window look like a smooth surface without a border, 0 to 1. */
 static float smooth_surface(const struct solid *b, const struct near *n)
 {
@@ -344,7 +339,7 @@ static float smooth_surface(const struct solid *b, const struct near *n)
     if (!(n->area > 0.0f))
         return 0.0f;
     length = sqrtf(n->normal[0] * n->normal[0] + n->normal[1] * n->normal[1] + n->normal[2] * n->normal[2]) / n->area;
-    return ramp(0.8f, 0.95f, length) * ramp(0.5f, 0.75f, cover) * (1.0f - ramp(1.35f, 1.6f, cover));
+    return smooth_ramp(0.8f, 0.95f, length) * smooth_ramp(0.5f, 0.75f, cover) * (1.0f - smooth_ramp(1.35f, 1.6f, cover));
 }
 
 static void gather(const struct hierarchical_state *st, const struct solid *b, const float p[3], const float normal[3], float strength,

@@ -25,6 +25,8 @@
 #include "render/indirect/internal.h"
 #include "render/indirect/places.h"
 
+#include "math/scalar.h"
+
 #include <string.h>
 
 enum { CHUNK = 32, SAMPLES = 256, FEWEST = 800, MOST = 4096, STEPS = 60, FOUND = 64 };
@@ -69,11 +71,6 @@ struct solid {
     struct radial *radial;
     float (*found)[3]; /* of places, by a method that asks the whole solid; NULL: by the profile */
 };
-
-static float ramp(float low, float high, float x)
-{
-    return fminf(fmaxf((x - low) / (high - low), 0.0f), 1.0f);
-}
 
 /* --- The equation --------------------------------------------------------------------------------------------------------------------- */
 

@@ -8,6 +8,7 @@
  */
 #include "render/indirect/internal.h"
 
+#include "math/scalar.h"
 #include "optics/medium/opposed.h"
 #include "transport/light_tree.h"
 
@@ -38,13 +39,6 @@ static int chunks_of(size_t count)
     return (int) ((count + CHUNK - 1) / CHUNK);
 }
 
-static float ramp(float low, float high, float x)
-{
-    const float t = fminf(fmaxf((x - low) / (high - low), 0.0f), 1.0f);
-
-    return t * t * (3.0f - 2.0f * t);
-}
-
 /* Part of what gets through that the sum finds best: not of sheets, as far as a part is one (struct pell_curvature_effect), and not where
  * samples are too far apart. */
 static float round_and_thick(float thinness, float curvature, float spacing)
@@ -52,7 +46,7 @@ static float round_and_thick(float thinness, float curvature, float spacing)
     const float beyond = thinness - fmaxf(0.5f * curvature, 0.0f),
                 sheet = thinness > 0.0f ? fmaxf(2.0f * beyond / thinness - 1.0f, 0.0f) : 0.0f;
 
-    return (1.0f - sheet) * ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
+    return (1.0f - sheet) * smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
 }
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
