@@ -1,30 +1,38 @@
 /* SPDX-License-Identifier: MIT
- * test_cancel.c - a large mesh is let go soon: wherever its preparation is cancelled, little work is done after that. */
+ *
+ * test_cancel.c - a large mesh is let go soon: wherever its preparation is cancelled, little work is done after that. And wherever a
+ * picture is cancelled, nothing is made of what was not computed, and the next one is as if nothing had been. */
 #include "slow.h"
 #include "stage.h"
 
-/* Cancels at the n-th large allocation: what follows one is mostly a loop over what it is for. */
+/* Cancels at the n-th allocation of `least` bytes or more: what follows one is mostly a loop over what it is for. Memory is garbage at
+ * first. */
 static struct canceller {
     struct pell_alloc_fault fault;
     struct pell_allocator inner;
     struct pell_context *ctx; /* NULL: counts alone */
-    int large, cancel_at;
+    size_t least;
+    int count, cancel_at;
     double since; /* processor time when it cancelled */
 } canceller;
 
 #define LARGE_BYTES ((size_t) 1 << 20)
 #define RINGS (SLOW ? 80 : 300) /* 358,800 triangles */
 #define RUNS 8                  /* a method */
+#define PLACES (SLOW ? 6 : 16)  /* of a small picture */
+#define GARBAGE 0xa5
 
 static void *cancelling_alloc(void *user, size_t size)
 {
     struct canceller *c = user;
+    void *ptr;
 
-    if (size >= LARGE_BYTES / (SLOW ? 16 : 1) && ++c->large == c->cancel_at && c->ctx) {
+    if (size >= c->least && ++c->count == c->cancel_at && c->ctx) {
         c->since = busy_seconds();
         pell_context_cancel(c->ctx);
     }
-    return c->inner.alloc(c->inner.user, size);
+    ptr = c->inner.alloc(c->inner.user, size);
+    return ptr && c->least < LARGE_BYTES / 16 ? memset(ptr, GARBAGE, size) : ptr;
 }
 
 static void cancelling_free(void *user, void *ptr)
@@ -34,21 +42,28 @@ static void cancelling_free(void *user, void *ptr)
     c->inner.free(c->inner.user, ptr);
 }
 
-static void start(struct stage *s, const char *method)
+static void start(struct stage *s, size_t least)
 {
     const struct pell_allocator allocator = { cancelling_alloc, cancelling_free, &canceller };
-    size_t material;
 
     memset(&canceller, 0, sizeof(canceller));
     canceller.inner = pell_failing_allocator(&canceller.fault);
+    canceller.least = least;
     memset(s, 0, sizeof(*s));
     OK(pell_context_create(&(struct pell_context_params) { .allocator = allocator, .log_level = PELL_LOG_ERROR }, &s->ctx));
     OK(pell_scene_create(s->ctx, &s->scene));
     OK(pell_device_create(s->ctx, &(struct pell_device_params) { .threads = 1 }, &s->device));
     OK(pell_renderer_create(s->device, &s->r));
     pell_knobs_default(pell_settings_knobs(), &s->settings);
-    s->settings.width = s->settings.height = 8;
     s->settings.msaa = 1;
+}
+
+static void start_large(struct stage *s, const char *method)
+{
+    size_t material;
+
+    start(s, LARGE_BYTES / (SLOW ? 16 : 1));
+    s->settings.width = s->settings.height = 8;
     s->settings.bounces = 0;
     s->settings.curvature = s->settings.opposed = s->settings.angles = s->settings.single_scattering = false;
     stage_medium(s, "marble", &material);
@@ -57,7 +72,7 @@ static void start(struct stage *s, const char *method)
     stage_camera(s, vec3(0, 0, 260), vec3(0, 0, 0), 0.35f, 0.0f);
     stage_method(s, method, strcmp(method, "path-trace") == 0 ? (const char *const[]) { "samples=1", NULL } : NULL);
     stage_complete(s);
-    canceller.large = 0;
+    canceller.count = 0;
 }
 
 static void require_soon(const char *method)
@@ -67,18 +82,18 @@ static void require_soon(const char *method)
     struct stage s;
     int all;
 
-    start(&s, method);
+    start_large(&s, method);
     OK(pell_renderer_set_scene(s.r, s.scene));
     OK(pell_renderer_render(s.r, &s.settings, &s.image));
-    all = canceller.large;
+    all = canceller.count;
     stage_finish(&s);
     REQUIRE(all > 4);
-    start(&s, method);
+    start_large(&s, method);
     canceller.ctx = s.ctx;
     for (int run = 0; run < RUNS && run < all; run++) {
         enum pell_result res;
         double after;
-        canceller.large = 0;
+        canceller.count = 0;
         canceller.cancel_at = all <= RUNS ? run + 1 : 1 + run * (all - 1) / (RUNS - 1);
         res = pell_renderer_set_scene(s.r, s.scene);
         if (res == PELL_OK)
@@ -101,11 +116,73 @@ static void path_trace_lets_go_soon(void **state)
     require_soon("path-trace");
 }
 
+/* A ball on a ground below a light and an environment, with all that is on by default. */
+static void start_small(struct stage *s, const char *method)
+{
+    size_t marble, ground;
+
+    start(s, 1);
+    s->settings.width = s->settings.height = 12;
+    stage_medium(s, "marble", &marble);
+    stage_opaque(s, 0.5f, &ground);
+    stage_ball(s, marble, 0, vec3(0, 0, 0), 8.0f, 10);
+    stage_box(s, ground, 1, vec3(-20, -10, -20), vec3(20, -8.5f, 20));
+    stage_light(s, PELL_LIGHT_POINT, vec3(30, 50, 60), vec3(0, 0, 0), 1.0f);
+    stage_camera(s, vec3(0, 0, 80), vec3(0, 0, 0), 0.35f, 0.0f);
+    stage_method(s, method, strcmp(method, "path-trace") == 0 ? (const char *const[]) { "samples=1", NULL } : NULL);
+    stage_complete(s);
+    OK(pell_renderer_set_scene(s->r, s->scene));
+    canceller.count = 0;
+}
+
+static void nothing_is_made_of_what_was_cancelled(void **state)
+{
+    const struct pell_method *method = *state;
+    const double begin = busy_seconds();
+    struct shot whole;
+    struct stage s;
+    size_t number = 0;
+    int all;
+
+    while (pell_method_at(number) != method)
+        number++;
+    if (!method->cpu)
+        skip();
+    start_small(&s, method->name);
+    OK(pell_renderer_render(s.r, &s.settings, &s.image));
+    all = canceller.count;
+    whole = shot_copy(&s.image);
+    stage_finish(&s);
+    for (int run = 0; run < PLACES; run++) {
+        start_small(&s, method->name);
+        canceller.ctx = s.ctx;
+        canceller.cancel_at = 1 + (run * all + (int) number * all / 9) / PLACES % all; /* methods share stages: elsewhere in each */
+        assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_CANCELLED);
+        canceller.ctx = NULL;
+        pell_context_resume(s.ctx);
+        if (run % 4 == 0) {
+            struct shot again;
+            OK(pell_renderer_render(s.r, &s.settings, &s.image));
+            again = shot_copy(&s.image);
+            if (!shot_equal(&whole, &again))
+                fail_msg("%s, cancelled at allocation %d of %d: the next picture is another", method->name, canceller.cancel_at, all);
+            shot_free(&again);
+        }
+        stage_finish(&s);
+        assert_int_equal(canceller.fault.live, 0);
+    }
+    print_message("# %s: %d allocations, %.1f s\n", method->name, all, busy_seconds() - begin);
+    shot_free(&whole);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(path_trace_lets_go_soon),
-    };
+    struct CMUnitTest tests[32] = { cmocka_unit_test(path_trace_lets_go_soon) };
+    size_t count = 1;
 
+    for (size_t i = 0; i < pell_method_count() && count < 32; i++)
+        tests[count++] = (struct CMUnitTest) { .name = pell_method_at(i)->name,
+                                               .test_func = nothing_is_made_of_what_was_cancelled,
+                                               .initial_state = (void *) pell_method_at(i) };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

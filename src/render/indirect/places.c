@@ -83,12 +83,14 @@ static void find_chunk(void *arg, int chunk, int worker)
         s->of[i] = nearest(s, vec3_load(s->sample[i].position), vec3_load(s->sample[i].normal), &within);
 }
 
-/* Each sample to its place, and places to the middle of theirs; those without one go. */
-static void gather_samples(struct places *s, bool move)
+/* Each sample to its place, and places to the middle of theirs; those without one go. False: cancelled. */
+static bool gather_samples(struct places *s, bool move)
 {
     uint32_t kept = 0;
 
     pell_pool_run(s->pool, (int) ((s->num_samples + SAMPLES - 1) / SAMPLES), find_chunk, s);
+    if (pell_cancelled(s->ctx))
+        return false; /* not every sample has one */
     for (uint32_t i = 0; i < s->count; i++)
         s->place[i].area = s->place[i].curvature = 0.0f;
     for (size_t i = 0; i < s->num_samples; i++) {
@@ -102,7 +104,7 @@ static void gather_samples(struct places *s, bool move)
         if (s->place[i].area > 0.0f)
             s->place[i].curvature /= s->place[i].area;
     if (!move)
-        return;
+        return true;
     for (uint32_t i = 0; i < s->count; i++)
         s->place[i].position = s->place[i].normal = vec3(0.0f, 0.0f, 0.0f);
     for (size_t i = 0; i < s->num_samples; i++) {
@@ -122,6 +124,7 @@ static void gather_samples(struct places *s, bool move)
         put(s, kept++);
     }
     s->count = kept;
+    return true;
 }
 
 /* Places to the sample of theirs that is nearest to their middle: a surface is there, and not two of them. */
@@ -213,7 +216,7 @@ static void make_clusters(struct places *s)
     s->sorted = old;
 }
 
-void indirect_places_choose(struct places *s, float step)
+enum pell_result indirect_places_choose(struct places *s, float step)
 {
     const float apart2 = PICK * PICK * step * step;
     float within;
@@ -230,11 +233,12 @@ void indirect_places_choose(struct places *s, float step)
         s->place[s->count] = (struct place) { .position = at, .normal = normal };
         put(s, s->count++);
     }
-    for (int round = 0; round < ROUNDS; round++)
-        gather_samples(s, true);
-    gather_samples(s, false);
+    for (int round = 0; round <= ROUNDS; round++)
+        if (!gather_samples(s, round < ROUNDS))
+            return PELL_ERR_CANCELLED;
     snap(s);
     make_clusters(s);
+    return PELL_OK;
 }
 
 enum pell_result indirect_places_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples,

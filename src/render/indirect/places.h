@@ -49,6 +49,6 @@ PELL_NODISCARD enum pell_result indirect_places_create(struct pell_context *ctx,
                                                        const struct pell_lit_place *samples, size_t num_samples, struct places *out);
 void indirect_places_finish(struct places *p);
 /* Chooses anew, `step` apart. The same for any number of threads. */
-void indirect_places_choose(struct places *p, float step);
+PELL_NODISCARD enum pell_result indirect_places_choose(struct places *p, float step);
 
 #endif

@@ -528,7 +528,7 @@ enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool
     if (!(s.radial = pell_alloc(ctx, sizeof(*s.radial))))
         goto fail;
     PELL_TRY(indirect_places_create(ctx, pool, solid->samples, solid->count, &s.places));
-    indirect_places_choose(&s.places, step);
+    PELL_TRY(indirect_places_choose(&s.places, step));
     s.near = NEAR * step;
     if (solid->whole) {
         res = PELL_ERR_NOMEM;
