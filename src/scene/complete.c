@@ -328,6 +328,16 @@ static bool inside(const struct pell_part *a, const struct pell_part *b)
     return true;
 }
 
+static void object_place(const struct pell_scene *scene, const char *name, struct pell_text *where)
+{
+    char shown[96];
+
+    if (name[0])
+        pell_text_add(where, "%s: \"%s\"", scene->path, pell_printable(name, shown, sizeof(shown)));
+    else
+        pell_text_add(where, "%s", scene->path);
+}
+
 /* True for a closed part that faces inward. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
  * fast on files of very many parts, only the largest ones are taken for possible hosts. */
 static void find_inverted(const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
@@ -373,7 +383,6 @@ static enum pell_result turn_outward(struct pell_scene *scene, const struct pell
     bool *inverted = pell_calloc(ctx, t->num_parts, sizeof(*inverted)), *turned = NULL;
     double *agreement = NULL;
     struct pell_text where = { 0 };
-    char shown[96];
     uint32_t count = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -425,7 +434,7 @@ static enum pell_result turn_outward(struct pell_scene *scene, const struct pell
         }
     }
     *any = true;
-    pell_text_add(&where, "%s: \"%s\"", scene->path, pell_printable(name, shown, sizeof(shown)));
+    object_place(scene, name, &where);
     pell_warn(ctx, where.str, NULL, "%u closed surface%s had inverted normals and %s flipped", count, count > 1 ? "s" : "",
               count > 1 ? "were" : "was");
     res = PELL_OK;
@@ -438,6 +447,27 @@ fail:
     return res;
 }
 
+/* The topology of an object in which no triangle lies on another. */
+static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *meshes, size_t count, const char *name,
+                                      struct pell_topology *t)
+{
+    struct pell_text where = { 0 };
+    uint32_t dropped = 0;
+    enum pell_result res = pell_topology_make(t, scene, meshes, count);
+
+    if (res == PELL_OK)
+        res = pell_drop_repeated(scene, t, &dropped);
+    if (res == PELL_OK && !dropped)
+        return PELL_OK;
+    pell_topology_finish(t);
+    if (res != PELL_OK)
+        return res;
+    object_place(scene, name, &where);
+    pell_warn(scene->ctx, where.str, NULL, "%s exactly where another lies: left out",
+              pell_counted(dropped, "triangle lies", "triangles lie").str);
+    return pell_topology_make(t, scene, meshes, count);
+}
+
 static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count)
 {
     const char *name = scene->meshes[meshes[0]].name;
@@ -447,7 +477,7 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
 
     if (pell_cancelled(scene->ctx))
         return PELL_ERR_CANCELLED;
-    PELL_TRY(pell_topology_make(&t, scene, meshes, count));
+    PELL_TRY(make_topology(scene, meshes, count, name, &t));
     res = turn_outward(scene, &t, name, &turned);
     /* Turning swaps corners: half-edges and face normals must be made again. */
     if (res == PELL_OK && turned) {

@@ -4,6 +4,8 @@
 
 #include "scene/mesh/topology.h"
 
+#include "slow.h"
+
 static void finish(struct pell_scene *s)
 {
     struct pell_context *ctx = s->ctx;
@@ -110,6 +112,42 @@ static void degenerate_triangles_do_not_hurt(void **state)
     for (uint32_t i = 0; i < s->meshes[0].num_vertices; i++)
         REQUIRE_NEAR(vec3_length(vec3_load(s->meshes[0].normal + 3 * i)), 1.0, 1e-5);
     finish(s);
+}
+
+/* A copy turned by a corner and one of vertices of its own go; one that is wound the other way or textured otherwise stays. */
+static void repeated_triangles_are_left_out(void **state)
+{
+    struct kept_messages kept = { 0 };
+    struct pell_scene *s = load(CUBE "f 1 3 2\nf 3 2 1\nf 1 2 3\nv 0 0 0\nv 1 0 0\nv 1 1 0\nf 9 11 10\n", &bare_mm, &kept);
+    (void) state;
+
+    assert_int_equal(s->meshes[0].num_triangles, 12 + 1);
+    assert_non_null(strstr(kept.last_warning, "3 triangles lie exactly where another lies: left out"));
+    finish(s);
+    s = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\nf 2/2 3/3 1/1\nf 1/1 2/3 3/2\n", &bare_mm, NULL);
+    assert_int_equal(s->meshes[0].num_triangles, 2);
+    finish(s);
+}
+
+/* As many as there are, upon each other: no work for each pair. */
+static void very_many_repeated_triangles_take_no_time(void **state)
+{
+    enum { COUNT = SLOW ? 20000 : 200000 };
+    char *text = malloc(64 + COUNT * sizeof("f 1 2 3\n"));
+    char *at = text;
+    struct pell_scene *s;
+    double begin;
+    (void) state;
+
+    at += sprintf(at, "v 0 0 0\nv 1 0 0\nv 0 1 0\n");
+    for (int i = 0; i < COUNT; i++)
+        at += sprintf(at, "f 1 2 3\n");
+    begin = busy_seconds();
+    s = load(text, &bare_mm, NULL);
+    REQUIRE(busy_seconds() - begin < 2.0);
+    assert_int_equal(s->meshes[0].num_triangles, 1);
+    finish(s);
+    free(text);
 }
 
 static void single_missing_normals_are_filled(void **state)
@@ -726,6 +764,8 @@ int main(void)
         cmocka_unit_test(a_sphere_is_smooth_however_its_vertices_are_split),
         cmocka_unit_test(normals_weigh_faces_by_area_times_angle),
         cmocka_unit_test(degenerate_triangles_do_not_hurt),
+        cmocka_unit_test(repeated_triangles_are_left_out),
+        cmocka_unit_test(very_many_repeated_triangles_take_no_time),
         cmocka_unit_test(single_missing_normals_are_filled),
         cmocka_unit_test(what_is_inside_out_is_turned_with_its_normals),
         cmocka_unit_test(the_wall_of_a_hollow_stays_as_it_is),

@@ -155,7 +155,7 @@ static void a_giant_spiral_ends_in_bounded_time(void **state)
 static void corners_share_a_vertex_only_if_all_three_numbers_agree(void **state)
 {
     struct pell_scene *s = load("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt 1 0.25\nvn 0 0 1\nvn 0 1 0\n"
-                                "f 1/1/1 2/1/1 3/1/1\nf 2/1/1 4/1/1 3/2/1\nf 3/2/1 2/1/2 4/1/1\nf 3/2/1 2/1/2 4/1/1\n");
+                                "f 1/1/1 2/1/1 3/1/1\nf 2/1/1 4/1/1 3/2/1\nf 3/2/1 2/1/2 1/1/1\nf 3/2/1 1/1/1 4/1/1\n");
     const struct pell_mesh *m = &s->meshes[0];
     (void) state;
 

@@ -59,6 +59,10 @@ struct pell_part {
 /* `parts` has num_parts elements; not complete where the work was cancelled. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
+/* Takes triangles out of the meshes that lie where another of the same mesh lies, wound and textured the same way (repeated.c). Where
+ * *dropped is not 0, the topology is no longer theirs. */
+PELL_NODISCARD enum pell_result pell_drop_repeated(struct pell_scene *scene, const struct pell_topology *topology, uint32_t *dropped);
+
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
  * result: `order` or `scratch`, which has the same size; unsorted where the work was cancelled. */
 uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
