@@ -30,6 +30,14 @@ struct reference_frame {
     float *standard_error[3];   /* planes of the frame's stride, in one block; NULL: not known */
 };
 
+/* After `done` of `all` parts of a sample of the picture. */
+static inline void reference_progress(struct pell_context *ctx, const char *method, const struct pell_frame *in, int done, int all)
+{
+    const double part = done < all ? (double) done / all : 1.0;
+
+    pell_progress(ctx, method, in->num_samples > 1 ? (in->sample + part) / in->num_samples : part);
+}
+
 static inline size_t reference_times(const void *state, struct pell_pass_time *times, size_t size)
 {
     const struct reference_frame *f = state;

@@ -14,6 +14,8 @@ static struct canceller {
     size_t least;
     int count, cancel_at;
     double since; /* processor time when it cancelled */
+    double done;  /* of the picture */
+    int shown;    /* how often that was told */
 } canceller;
 
 #define LARGE_BYTES ((size_t) 1 << 20)
@@ -42,6 +44,19 @@ static void cancelling_free(void *user, void *ptr)
     c->inner.free(c->inner.user, ptr);
 }
 
+/* What is told of a picture's progress never goes back. */
+static void watch(void *user, const char *task, double fraction)
+{
+    struct canceller *c = user;
+
+    if (strcmp(task, "layouts") == 0) /* before the picture */
+        return;
+    if (!(fraction >= c->done && fraction <= 1.0))
+        fail_msg("%s: progress goes from %g to %g", task, c->done, fraction);
+    c->done = fraction;
+    c->shown++;
+}
+
 static void start(struct stage *s, size_t least)
 {
     const struct pell_allocator allocator = { cancelling_alloc, cancelling_free, &canceller };
@@ -50,7 +65,11 @@ static void start(struct stage *s, size_t least)
     canceller.inner = pell_failing_allocator(&canceller.fault);
     canceller.least = least;
     memset(s, 0, sizeof(*s));
-    OK(pell_context_create(&(struct pell_context_params) { .allocator = allocator, .log_level = PELL_LOG_ERROR }, &s->ctx));
+    OK(pell_context_create(&(struct pell_context_params) { .log_level = PELL_LOG_ERROR,
+                                                           .progress = watch,
+                                                           .progress_user = &canceller,
+                                                           .allocator = allocator },
+                           &s->ctx));
     OK(pell_scene_create(s->ctx, &s->scene));
     OK(pell_device_create(s->ctx, &(struct pell_device_params) { .threads = 1 }, &s->device));
     OK(pell_renderer_create(s->device, &s->r));
@@ -152,6 +171,11 @@ static void nothing_is_made_of_what_was_cancelled(void **state)
     OK(pell_renderer_render(s.r, &s.settings, &s.image));
     all = canceller.count;
     whole = shot_copy(&s.image);
+    canceller.done = 0.0;
+    canceller.shown = 0;
+    s.settings.msaa = 2;
+    OK(pell_renderer_render(s.r, &s.settings, &s.image));
+    REQUIRE(canceller.shown >= 2);
     stage_finish(&s);
     for (int run = 0; run < PLACES; run++) {
         start_small(&s, method->name);
@@ -162,6 +186,7 @@ static void nothing_is_made_of_what_was_cancelled(void **state)
         pell_context_resume(s.ctx);
         if (run % 4 == 0) {
             struct shot again;
+            canceller.done = 0.0;
             OK(pell_renderer_render(s.r, &s.settings, &s.image));
             again = shot_copy(&s.image);
             if (!shot_equal(&whole, &again))

@@ -372,7 +372,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
         pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
-        pell_progress(st->ctx, "dipole", fmin(1.0, (double) (t.first + BATCH) / rows));
+        reference_progress(st->ctx, "dipole", in, t.first + BATCH, rows);
     }
     for (int i = 0; i < threads; i++) {
         sum.pixels += st->counts[i].pixels;

@@ -454,7 +454,7 @@ static enum pell_result hierarchical_render(void *state, const struct pell_frame
         pell_pool_run(st->services->pool, bands - t.first < BATCH ? bands - t.first : BATCH, gather_band, &t);
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
-        pell_progress(st->ctx, "hierarchical", fmin(1.0, (double) (t.first + BATCH) / bands));
+        reference_progress(st->ctx, "hierarchical", in, t.first + BATCH, bands);
     }
     st->frame.time = (struct pell_pass_time) {
         .name = "hierarchical.gather",

@@ -4,7 +4,7 @@
  */
 #include "methods/texture_space/atlas/internal.h"
 
-#define STEPS_MOST 1024 /* triangles on one way over the surface */
+#define STEPS_MOST 256 /* triangles on one way over the surface: a spike finer than a texel is passed around again and again */
 
 static double dot(const double a[3], const double b[3])
 {
@@ -48,12 +48,12 @@ bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2],
         for (uint32_t k = 0; k < 3; k++) {
             const uint32_t half = 3 * t + (k + 1) % 3; /* the edge across from corner k */
             if (half != entered && rate[k] < 0.0 && b[k] + s * rate[k] < 0.0) {
-                s = fmax(b[k], 0.0) / -rate[k];
+                s = (b[k] > 0.0 ? b[k] : 0.0) / -rate[k];
                 out = half;
             }
         }
         for (int k = 0; k < 3; k++)
-            b[k] = fmax(b[k] + s * rate[k], 0.0);
+            b[k] = b[k] + s * rate[k] > 0.0 ? b[k] + s * rate[k] : 0.0;
         length = b[0] + b[1] + b[2];
         if (out == NONE) {
             *triangle = t;
