@@ -22,6 +22,7 @@ extern "C" {
 #endif
 
 #define PELL_UV_SETS 4
+#define PELL_PICTURE_MOST 16384 /* px: a side of a picture */
 
 struct pell_context;
 

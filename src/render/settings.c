@@ -22,8 +22,8 @@ _Static_assert(PELL_COUNT(lobes) == PELL_SPECULAR_MODELS + 2, "one name per lobe
 #define AT(field) offsetof(struct pell_settings, field)
 /* clang-format off */
 static const struct pell_knob settings_knobs[] = {
-    { "width", PELL_KNOB_INT, "px", AT(width), { 1280 }, 1, 16384, NULL, "width of the picture" },
-    { "height", PELL_KNOB_INT, "px", AT(height), { 720 }, 1, 16384, NULL, "height of the picture" },
+    { "width", PELL_KNOB_INT, "px", AT(width), { 1280 }, 1, PELL_PICTURE_MOST, NULL, "width of the picture" },
+    { "height", PELL_KNOB_INT, "px", AT(height), { 720 }, 1, PELL_PICTURE_MOST, NULL, "height of the picture" },
     { "msaa", PELL_KNOB_INT, "1", AT(msaa), { 4 }, 1, PELL_MSAA_MOST, NULL,
       "samples per pixel; scattering is applied to each sample image, then they are averaged" },
     { "light-samples", PELL_KNOB_INT, "1", AT(light_samples), { 16 }, 1, 1024, NULL,

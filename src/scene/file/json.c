@@ -197,7 +197,7 @@ void pell_json_warn(const struct pell_json *at, const char *hint, const char *fm
 
 /* --- Checks ----------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result wrong_type(const struct pell_json *at, const char *allowed)
+enum pell_result pell_json_wrong_type(const struct pell_json *at, const char *allowed)
 {
     char value[96];
     return pell_json_error(at, PELL_ERR_FORMAT, NULL, "is %s, allowed: %s", pell_json_value(at, value, sizeof(value)), allowed);
@@ -212,7 +212,7 @@ static enum pell_result out_of_range(const struct pell_json *at, double min, dou
 
 enum pell_result pell_json_is_object(const struct pell_json *at)
 {
-    return json_is_object(at->value) ? PELL_OK : wrong_type(at, "an object");
+    return json_is_object(at->value) ? PELL_OK : pell_json_wrong_type(at, "an object");
 }
 
 enum pell_result pell_json_require(const struct pell_json *parent, const char *key)
@@ -250,7 +250,7 @@ enum pell_result pell_json_to_number(const struct pell_json *at, double min, dou
 {
     double x;
     if (!json_is_number(at->value))
-        return wrong_type(at, "a number");
+        return pell_json_wrong_type(at, "a number");
     x = json_number_value(at->value);
     if (!(x >= min && x <= max))
         return out_of_range(at, min, max);
@@ -266,12 +266,12 @@ enum pell_result pell_json_to_int(const struct pell_json *at, int64_t min, int64
     } else if (json_is_real(at->value)) {
         const double real = json_real_value(at->value);
         if (real != floor(real))
-            return wrong_type(at, "a whole number");
+            return pell_json_wrong_type(at, "a whole number");
         if (fabs(real) > 9007199254740992.0) /* 2^53: beyond it a double is no exact count */
             return out_of_range(at, (double) min, (double) max);
         x = (int64_t) real;
     } else {
-        return wrong_type(at, "a whole number");
+        return pell_json_wrong_type(at, "a whole number");
     }
     if (x < min || x > max)
         return out_of_range(at, (double) min, (double) max);
@@ -282,7 +282,7 @@ enum pell_result pell_json_to_int(const struct pell_json *at, int64_t min, int64
 enum pell_result pell_json_to_string(const struct pell_json *at, const char **out)
 {
     if (!json_is_string(at->value))
-        return wrong_type(at, "a string");
+        return pell_json_wrong_type(at, "a string");
     *out = json_string_value(at->value);
     return PELL_OK;
 }
@@ -294,7 +294,7 @@ enum pell_result pell_json_to_numbers(const struct pell_json *at, size_t count, 
     if (!json_is_array(at->value) || json_array_size(at->value) != count || count > PELL_COUNT(x)) {
         char allowed[48];
         snprintf(allowed, sizeof(allowed), "an array of %zu numbers", count);
-        return wrong_type(at, allowed);
+        return pell_json_wrong_type(at, allowed);
     }
     for (size_t i = 0; i < count; i++) {
         const struct pell_json element = pell_json_at(at, i);
@@ -321,7 +321,7 @@ enum pell_result pell_json_array(const struct pell_json *parent, const char *key
     if (!out->value)
         return PELL_OK;
     if (!json_is_array(out->value))
-        return wrong_type(out, "an array");
+        return pell_json_wrong_type(out, "an array");
     count = json_array_size(out->value);
     if (count < min || count > max)
         return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, NULL, "has %zu elements, allowed: %zu to %zu",
@@ -356,7 +356,7 @@ enum pell_result pell_json_bool(const struct pell_json *parent, const char *key,
     if (!at.value)
         return PELL_OK;
     if (!json_is_boolean(at.value))
-        return wrong_type(&at, "true or false");
+        return pell_json_wrong_type(&at, "true or false");
     *out = json_is_true(at.value);
     return PELL_OK;
 }

@@ -65,6 +65,8 @@ void pell_json_warn(const struct pell_json *at, const char *hint, const char *fm
 
 /* --- Checks ----------------------------------------------------------------------------------------------------------------- */
 
+/* PELL_ERR_FORMAT: what the value is, and what is allowed ("an object"). */
+enum pell_result pell_json_wrong_type(const struct pell_json *at, const char *allowed);
 /* PELL_ERR_FORMAT unless the place is an object. */
 PELL_NODISCARD enum pell_result pell_json_is_object(const struct pell_json *at);
 /* PELL_ERR_FORMAT unless the object has the key. */

@@ -142,6 +142,8 @@ static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell
     size_t size;
     enum pell_result res;
 
+    if (!plain && !json_is_object(at->value))
+        return pell_json_wrong_type(at, "a path, or an object with one");
     scale.where = pell_json_where(at, &where);
     if (!plain) {
         PELL_TRY(ONLY(at, mesh_keys));
@@ -413,8 +415,8 @@ static enum pell_result read_render(struct pell_scene_reader *r, const struct pe
         const struct pell_json at = pell_json_get(&knobs, key);
         PELL_TRY(add_option(r, &at, "knobs/", key));
     }
-    PELL_TRY(pell_json_number(&render, "width", 1.0, 1e6, &width));
-    PELL_TRY(pell_json_number(&render, "height", 1.0, 1e6, &height));
+    PELL_TRY(pell_json_number(&render, "width", 1.0, PELL_PICTURE_MOST, &width));
+    PELL_TRY(pell_json_number(&render, "height", 1.0, PELL_PICTURE_MOST, &height));
     extras->aspect = (float) (width / height);
     return PELL_OK;
 
