@@ -65,11 +65,10 @@ static void start(struct stage *s, size_t least)
     canceller.inner = pell_failing_allocator(&canceller.fault);
     canceller.least = least;
     memset(s, 0, sizeof(*s));
-    OK(pell_context_create(&(struct pell_context_params) { .log_level = PELL_LOG_ERROR,
-                                                           .progress = watch,
-                                                           .progress_user = &canceller,
-                                                           .allocator = allocator },
-                           &s->ctx));
+    OK(pell_context_create(
+        &(struct pell_context_params) {
+            .log_level = PELL_LOG_ERROR, .progress = watch, .progress_user = &canceller, .allocator = allocator },
+        &s->ctx));
     OK(pell_scene_create(s->ctx, &s->scene));
     OK(pell_device_create(s->ctx, &(struct pell_device_params) { .threads = 1 }, &s->device));
     OK(pell_renderer_create(s->device, &s->r));

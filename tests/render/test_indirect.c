@@ -282,6 +282,43 @@ static void a_convex_solid_keeps_its_bits(void **state)
     stage_finish(&s);
 }
 
+/* A part of an object that lies inside another is no surface: light goes through the solid as if it were not there. */
+static void what_lies_inside_a_solid_is_no_surface(void **state)
+{
+    static const char *const methods[] = { "screen-space", "hierarchical" };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+        struct shot plain = { 0 };
+        for (int inner = 0; inner < 2; inner++) {
+            struct shot shot;
+            struct stage s;
+            size_t material;
+
+            stage_start(&s, SIZE, SIZE);
+            stage_medium(&s, "marble", &material);
+            stage_ball(&s, material, 0, vec3(0, 0, 0), 20.0f, 24);
+            if (inner)
+                stage_ball(&s, material, 0, vec3(2, 4, 1), 14.0f, 24);
+            stage_light(&s, PELL_LIGHT_POINT, vec3(30, 60, -60), vec3(0, 0, 0), 2e-3f);
+            stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.5f, 0.0f);
+            s.settings.opposed = s.settings.curvature = s.settings.angles = true;
+            s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+            shot = stage_shot_of(&s, methods[i], NULL);
+            if (inner) {
+                const struct difference d = shot_difference(&plain, &shot);
+                print_message("# %s: differs by %.4f\n", methods[i], d.rms);
+                REQUIRE(d.rms < 0.12); /* samples lie elsewhere */
+                shot_free(&plain);
+                shot_free(&shot);
+            } else {
+                plain = shot;
+            }
+            stage_finish(&s);
+        }
+    }
+}
+
 /* What a method asks of points of the scene has it, once, however the lights are split. */
 static void points_have_it_as_pixels_have(void **state)
 {
@@ -387,6 +424,7 @@ int main(void)
         cmocka_unit_test(a_red_wall_reddens_the_floor_before_it),
         cmocka_unit_test(bits_are_those_of_any_number_of_threads_and_of_a_new_renderer),
         cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
+        cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
         cmocka_unit_test(a_convex_solid_keeps_its_bits),
         cmocka_unit_test(points_have_it_as_pixels_have),
         cmocka_unit_test(a_flat_medium_returns_light_by_its_angle),

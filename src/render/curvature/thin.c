@@ -9,6 +9,8 @@
 #include <string.h>
 
 #define LANES 16
+#define OFFSET 2.4e-5f /* of the largest coordinate: from a surface to where a ray begins */
+#define INSIDE_MOST 8  /* surfaces that a ray meets: parts of the object inside it are no end of it */
 
 struct thin_job {
     const struct curvature_object *object;
@@ -23,36 +25,61 @@ static float largest(struct pell_vec3 p)
     return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
 }
 
+/* How thin the object is below a piece, where a ray from it has met a surface; false: the ray goes on, into or out of a part that lies
+ * inside. `inside`: of how many such parts it is. */
+static bool measure(const struct thin_job *job, struct curvature_piece *piece, const struct pell_ray_hit16 *r, int i, int *inside)
+{
+    const struct pell_scene *scene = job->object->scene;
+    const struct pell_mesh *mesh = r->hit.mesh[i] < scene->num_meshes ? &scene->meshes[r->hit.mesh[i]] : NULL;
+    float opposed;
+
+    if (!mesh || mesh->object != job->id || (uint32_t) mesh->material != job->patch->material)
+        return true;
+    opposed = -vec3_dot(piece->normal, vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i])));
+    if (!(opposed > 0.0f)) {
+        ++*inside;
+        return false;
+    }
+    if (*inside > 0) {
+        --*inside;
+        return false;
+    }
+    piece->thinness = opposed / (r->ray.tfar[i] + OFFSET * largest(piece->at));
+    return true;
+}
+
 static void thin16(void *arg, int index, int worker)
 {
     const struct thin_job *job = arg;
-    const struct pell_scene *scene = job->object->scene;
     struct curvature_piece *piece = job->piece + (size_t) index * LANES;
     const size_t count = job->count - (size_t) index * LANES < LANES ? job->count - (size_t) index * LANES : LANES;
     struct pell_ray_hit16 r;
     _Alignas(64) int mask[LANES];
+    int inside[LANES] = { 0 };
+    bool any = true;
 
     (void) worker;
     memset(&r, 0, sizeof(r));
     for (size_t i = 0; i < LANES; i++) {
         const struct curvature_piece *p = &piece[i < count ? i : 0];
         const struct pell_vec3 inward = vec3_mul(p->normal, -1.0f);
-        const float e = 2.4e-5f * largest(p->at);
         mask[i] = i < count && p->area > 0.0 ? -1 : 0;
-        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, e, inward), inward, job->patch->farthest);
-        r.hit.mesh[i] = r.hit.instance[i] = PELL_NO_HIT;
+        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, OFFSET * largest(p->at), inward), inward, job->patch->farthest);
     }
-    pell_rays_closest16(job->object->rays, mask, false, &r);
-    for (size_t i = 0; i < count; i++) {
-        const struct pell_mesh *mesh = mask[i] && r.hit.mesh[i] < scene->num_meshes ? &scene->meshes[r.hit.mesh[i]] : NULL;
-        const float e = 2.4e-5f * largest(piece[i].at);
-        float opposed;
+    for (size_t i = 0; i < count; i++)
         piece[i].thinness = 0.0f;
-        if (!mesh || mesh->object != job->id || (uint32_t) mesh->material != job->patch->material)
-            continue;
-        opposed = -vec3_dot(piece[i].normal, vec3_normalize(vec3(r.hit.ngx[i], r.hit.ngy[i], r.hit.ngz[i])));
-        if (opposed > 0.0f)
-            piece[i].thinness = opposed / (r.ray.tfar[i] + e);
+    for (int step = 0; step < INSIDE_MOST && any; step++) {
+        any = false;
+        for (size_t i = 0; i < LANES; i++)
+            r.hit.mesh[i] = r.hit.instance[i] = PELL_NO_HIT;
+        pell_rays_closest16(job->object->rays, mask, false, &r);
+        for (size_t i = 0; i < LANES; i++) {
+            if (mask[i] && measure(job, &piece[i], &r, (int) i, &inside[i]))
+                mask[i] = 0;
+            any |= mask[i] != 0;
+            r.ray.tnear[i] = r.ray.tfar[i] + OFFSET * largest(piece[i < count ? i : 0].at);
+            r.ray.tfar[i] = job->patch->farthest;
+        }
     }
 }
 

@@ -61,6 +61,7 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->p = *params;
     indirect_spacing_make(params->scene, &spacing);
     PELL_TRY(indirect_cells_make(in, &spacing));
+    PELL_TRY(indirect_drop_buried(in, pool));
     PELL_TRY(indirect_near_make(in, pool, &spacing));
     if (!params->through) {
         PELL_TRY(indirect_mirror_make(in));

@@ -175,6 +175,11 @@ static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t 
                                      : in->num_knots + (knot - in->num_mesh_knots);
 }
 
+/* --- buried.c: samples inside the solid ------------------------------------------------------------------------------------------------ */
+
+/* Leaves them out. */
+PELL_NODISCARD enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool);
+
 /* --- near.c: the samples around each knot ------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *pool,
