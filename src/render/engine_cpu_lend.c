@@ -29,7 +29,7 @@ int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *par
     const struct pell_cpu *e = engine;
     struct pell_irradiance_params p = pell_cpu_light(e, params->mix, e->materials->single_apart && (e->lit || !e->indirect));
 
-    p.through = params->local && !e->whole ? e->through : NULL;
+    p.through = params->local && !params->flat && !e->whole ? e->through : NULL;
     return pell_irradiance_points(e->lights, &p, params, in, n, out);
 }
 

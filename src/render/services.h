@@ -41,19 +41,30 @@ struct pell_surface_light {
     float *position[3];          /* mm */
     float *normal[3];            /* geometric, unit, outward by the order of the triangle's corners */
     float *albedo[3];            /* albedo^m: what the irradiance is multiplied by */
-    float *transmission[3];      /* of a thin sheet: share of what meets the other side; 0 elsewhere */
+    float *transmission[3];      /* of a thin sheet: share of what meets the other side; with `gain` and params.local of a flat thin
+                                  * part of a solid, too, over what a half-space returns; `gain` has what passes round parts then. 0
+                                  * elsewhere */
     float *strength;             /* of scattering, [0, 1]; 1 where no point is */
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
     bool *there;                 /* false: no point, or one where the material is cut out by its alpha */
 };
 
+#define PELL_LIGHT_INDIRECT ((uint64_t) 1 << 63)
+
+static inline uint64_t pell_light_bit(size_t light)
+{
+    return (uint64_t) 1 << (light < 62 ? light : 62);
+}
+
 /* What holds for all points of a call. */
 struct pell_points_params {
-    uint64_t lights; /* bit min(i, 63) of each light i of the scene that counts, at least one; 0: all. Their sums are all light */
-    float mix;       /* as in struct pell_plan */
-    float spacing;   /* mm between points, > 0: textures are filtered to it */
-    uint32_t first;  /* number of the multisample, of `samples` whose mean is taken */
+    uint64_t
+        lights;     /* bit pell_light_bit(i) of each light i of the scene that counts, and PELL_LIGHT_INDIRECT for light that left a surface
+                      * before; 0: all. Their sums are all light */
+    float mix;      /* as in struct pell_plan */
+    float spacing;  /* mm between points, > 0: textures are filtered to it */
+    uint32_t first; /* number of the multisample, of `samples` whose mean is taken */
     int samples;
     bool opposed; /* for methods that turn the profile between faces at an angle (optics/medium/opposed.h) */
     bool local;   /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */

@@ -282,6 +282,15 @@ static void a_convex_solid_keeps_its_bits(void **state)
     stage_finish(&s);
 }
 
+static double shot_sum(const struct shot *shot, size_t plane)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < shot->width * shot->height; i++)
+        sum += shot_at(shot, plane, i % shot->width, i / shot->width);
+    return sum;
+}
+
 /* A part of an object that lies inside another is no surface: light goes through the solid as if it were not there. */
 static void what_lies_inside_a_solid_is_no_surface(void **state)
 {
@@ -317,6 +326,52 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
             stage_finish(&s);
         }
     }
+}
+
+/* A ball of marble with a wall of 3 mm and a lamp inside: light goes to and fro in there, by what a wall so thin sends back, and what gets
+ * out at each bounce is seen from outside. */
+static void a_thin_wall_lets_indirect_light_out(void **state)
+{
+    static const char *const methods[] = { "screen-space", "image-space", "texture-space" };
+    static const char *const traced[] = { SLOW ? "samples=64" : "samples=256", NULL };
+    struct shot truth;
+    struct stage s;
+    size_t material;
+    (void) state;
+
+    stage_start(&s, SIZE, SIZE);
+    stage_medium(&s, "marble", &material);
+    stage_ball(&s, material, 0, vec3(0, 0, 0), 30.0f, 24);
+    stage_ball(&s, material, 0, vec3(0, 0, 0), 27.0f, 24);
+    for (uint32_t i = 0; i < s.scene->meshes[1].num_triangles; i++) {
+        uint32_t *index = s.scene->meshes[1].index + 3 * i, first = index[0];
+        index[0] = index[1];
+        index[1] = first;
+    }
+    for (uint32_t i = 0; i < 3 * s.scene->meshes[1].num_vertices; i++)
+        s.scene->meshes[1].normal[i] *= -1.0f;
+    stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
+    stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 40.0f);
+    s.settings.opposed = s.settings.curvature = s.settings.angles = true;
+    s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+    s.settings.bounces = 8;
+    truth = stage_shot_of(&s, "path-trace", traced);
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+        struct shot none, shot;
+        s.settings.bounces = 0;
+        none = stage_shot_of(&s, methods[i], NULL);
+        s.settings.bounces = 8;
+        shot = stage_shot_of(&s, methods[i], NULL);
+        for (size_t c = 0; c < 3; c++) {
+            const double of = shot_sum(&truth, c);
+            print_message("# %s: %.3f without, %.3f with\n", methods[i], shot_sum(&none, c) / of, shot_sum(&shot, c) / of);
+            REQUIRE_NEAR(shot_sum(&shot, c) / of, 1.0, 0.15); /* what one bounce is off by counts many times */
+        }
+        shot_free(&none);
+        shot_free(&shot);
+    }
+    shot_free(&truth);
+    stage_finish(&s);
 }
 
 /* What a method asks of points of the scene has it, once, however the lights are split. */
@@ -424,6 +479,7 @@ int main(void)
         cmocka_unit_test(a_red_wall_reddens_the_floor_before_it),
         cmocka_unit_test(bits_are_those_of_any_number_of_threads_and_of_a_new_renderer),
         cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
+        cmocka_unit_test(a_thin_wall_lets_indirect_light_out),
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
         cmocka_unit_test(a_convex_solid_keeps_its_bits),
         cmocka_unit_test(points_have_it_as_pixels_have),

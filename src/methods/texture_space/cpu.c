@@ -533,7 +533,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         return PELL_OK;
     if (st->knobs.lights == TS_LIGHTS_OWN) {
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
-        ts_light_map(st, a, (uint64_t) 1 << light, around ? NULL : st->tsm.faces);
+        ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces);
         rays = 0;
         if (!around)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
@@ -572,7 +572,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     const struct ts_atlas *a = solid->atlas;
     struct mapping p = { .st = st, .solid = solid };
     struct ts_chain_params chain = { .local = true };
-    uint64_t rest = 0; /* lights whose own light is not blurred yet */
+    uint64_t rest = st->services->settings->bounces > 0 ? PELL_LIGHT_INDIRECT : 0; /* whose light is not blurred yet */
     int shining = 0;
     bool is_transmitted = false;
     enum pell_result res;
@@ -585,12 +585,12 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         show_light(st);
     }
     for (size_t i = 0; i < scene->num_lights; i++) {
-        const uint64_t bit = (uint64_t) 1 << (i < 63 ? i : 63);
+        const uint64_t bit = pell_light_bit(i);
         bool is = false;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         rest |= bit;
-        if (!transmits(st, &scene->lights[i]) || shining == LIGHTS_MOST || i >= 63)
+        if (!transmits(st, &scene->lights[i]) || shining == LIGHTS_MOST || i >= 62)
             continue;
         shining++;
         PELL_TRY(transmit(st, number, i, &chain, &is));

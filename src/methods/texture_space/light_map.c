@@ -103,7 +103,7 @@ static void light_rows(void *arg, int band, int worker)
 static bool has_environment(const struct pell_scene *scene, uint64_t lights)
 {
     for (size_t i = 0; i < scene->num_lights; i++)
-        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT && (lights == 0 || (lights >> (i < 63 ? i : 63) & 1)))
+        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT && (lights == 0 || (lights & pell_light_bit(i))))
             return true;
     return false;
 }

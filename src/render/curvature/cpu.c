@@ -341,6 +341,8 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
         for (int c = 0; c < 3; c++) {
             const float all = out->local[c] + sheet * (1.0f - out->local[c]);
             out->local[c] = fmaxf(all * slab[c] - through[c], 0.0f);
+            out->sheet[c] = sheet * through[c];
+            out->round[c] = through[c] - out->sheet[c];
             out->opposed_local[c] = fmaxf(all * slab[c] - fmaxf(through[c], across[c]), 0.0f);
         }
     } else {

@@ -48,6 +48,31 @@ static bool measure(const struct thin_job *job, struct curvature_piece *piece, c
     return true;
 }
 
+/* Pieces that lie inside another part of the object are no surface: on their outer side is an inner one. */
+static void drop_buried(const struct thin_job *job, struct curvature_piece *piece, size_t count)
+{
+    const struct pell_scene *scene = job->object->scene;
+    struct pell_ray_hit16 r;
+    _Alignas(64) int mask[LANES] = { 0 };
+    bool any = false;
+
+    memset(&r, 0, sizeof(r));
+    for (size_t i = 0; i < LANES; i++) {
+        const struct curvature_piece *p = &piece[i < count ? i : 0];
+        mask[i] = i < count && p->thinness > 0.0f ? -1 : 0;
+        any |= mask[i] != 0;
+        pell_ray16_set(&r.ray, (int) i, vec3_mad(p->at, OFFSET * largest(p->at), p->normal), p->normal, INFINITY);
+        r.hit.mesh[i] = r.hit.instance[i] = PELL_NO_HIT;
+    }
+    if (!any)
+        return;
+    pell_rays_closest16(job->object->rays, mask, false, &r);
+    for (size_t i = 0; i < count; i++)
+        if (mask[i] && r.hit.mesh[i] < scene->num_meshes && scene->meshes[r.hit.mesh[i]].object == job->id &&
+            vec3_dot(piece[i].normal, vec3(r.hit.ngx[i], r.hit.ngy[i], r.hit.ngz[i])) > 0.0f)
+            piece[i].thinness = 0.0f;
+}
+
 static void thin16(void *arg, int index, int worker)
 {
     const struct thin_job *job = arg;
@@ -81,6 +106,7 @@ static void thin16(void *arg, int index, int worker)
             r.ray.tfar[i] = job->patch->farthest;
         }
     }
+    drop_buried(job, piece, count);
 }
 
 void curvature_find_thin(const struct curvature_object *object, const struct curvature_patch *patch, struct curvature_piece *piece,

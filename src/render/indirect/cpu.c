@@ -28,7 +28,10 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->near);
     pell_free(in->ctx, in->direct);
     pell_free(in->ctx, in->albedo);
+    pell_free(in->ctx, in->across);
     pell_free(in->ctx, in->through);
+    pell_free(in->ctx, in->passed);
+    pell_free(in->ctx, in->behind);
     pell_free(in->ctx, in->gathered);
     pell_free(in->ctx, in->leaving);
     pell_free(in->ctx, in->value);
@@ -85,8 +88,8 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
         if (!in->thick || !in->solid)
             goto fail;
     }
-    if (!params->through && pell_scene_has_sheets(params->scene) &&
-        !(in->through = pell_alloc_array(ctx, in->num_samples, sizeof(*in->through))))
+    res = params->through ? PELL_OK : indirect_across_make(in, pool);
+    if (res != PELL_OK)
         goto fail;
     return PELL_OK;
 
@@ -108,15 +111,18 @@ struct solve {
 static void light16(const struct solve *s, size_t first, size_t count)
 {
     struct pell_indirect *in = s->in;
-    float irradiance[3][16], albedo[3][16], through[3][16];
+    float irradiance[3][16], albedo[3][16], through[3][16], gain[3][16];
     uint32_t mesh[16], triangle[16], number[16];
     float u[16], v[16];
     bool back[16];
-    const struct pell_points_params params = { .mix = 1.0f, .spacing = in->samples[first].spacing, .samples = 1 };
+    const struct pell_points_params params = {
+        .mix = 1.0f, .spacing = in->samples[first].spacing, .samples = 1, .local = true, .flat = true
+    };
     const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number, .back = back };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
                                             .albedo = { albedo[0], albedo[1], albedo[2] },
-                                            .transmission = { through[0], through[1], through[2] } };
+                                            .transmission = { through[0], through[1], through[2] },
+                                            .gain = { gain[0], gain[1], gain[2] } };
 
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
@@ -133,10 +139,18 @@ static void light16(const struct solve *s, size_t first, size_t count)
         const bool opaque = in->p.scene->materials[material].opaque;
         for (int c = 0; c < 3; c++) {
             const float total = opaque ? 1.0f : s->total[material][c];
-            in->direct[first + i][c] = total * irradiance[c][i];
-            in->albedo[first + i][c] = total * albedo[c][i];
-            if (in->through)
-                in->through[first + i][c] = through[c][i];
+            float stays = gain[c][i], passes = through[c][i];
+            if (in->across && in->across[first + i] == INDIRECT_NONE) { /* it leaves somewhere */
+                stays += passes;
+                passes = 0.0f;
+            }
+            in->direct[first + i][c] = total * stays * irradiance[c][i];
+            in->albedo[first + i][c] = total * stays * albedo[c][i];
+            in->leaving[first + i][c] = irradiance[c][i];
+            if (in->across) {
+                in->passed[first + i][c] = opaque ? 0.0f : total * passes;
+                in->through[first + i][c] = opaque ? passes : total * passes * albedo[c][i];
+            }
         }
     }
 }
@@ -151,6 +165,14 @@ static void light_chunk(void *arg, int index, int worker)
         light16(s, i, end - i < 16 ? end - i : 16);
 }
 
+/* Direct light that leaves on the other side of a solid. Of sheets it is there. */
+static void pass_direct(struct pell_indirect *in)
+{
+    for (size_t i = 0; in->across && i < in->num_samples; i++)
+        for (int c = 0; c < 3 && in->across[i] != INDIRECT_NONE; c++)
+            in->direct[i][c] += in->passed[i][c] * in->leaving[in->across[i]][c];
+}
+
 /* What leaves the samples after n bounces. */
 static void send_on(struct pell_indirect *in, int n)
 {
@@ -159,9 +181,9 @@ static void send_on(struct pell_indirect *in, int n)
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
             in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
-    for (size_t i = 0; in->through && n > 0 && i < in->num_samples; i++)
-        for (int c = 0; c < 3; c++)
-            in->leaving[i][c] += in->through[i][c] * in->gathered[indirect_across(in, i)][c];
+    for (size_t i = 0; in->across && n > 0 && i < in->num_samples; i++)
+        for (int c = 0; c < 3 && in->across[i] != INDIRECT_NONE; c++)
+            in->leaving[i][c] += in->through[i][c] * in->gathered[in->across[i]][c];
 }
 
 /* A reflection is on a way of its own: light by it left one bounce earlier. */
@@ -201,11 +223,18 @@ static void knot_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < first + CHUNK && i < count; i++) {
         const struct indirect_near *near = &in->near[i];
-        float sum[3] = { 0.0f, 0.0f, 0.0f };
-        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++)
-            for (int c = 0; c < 3; c++)
-                sum[c] += near->weight[k] * in->gathered[near->sample[k]][c];
+        float sum[3] = { 0.0f, 0.0f, 0.0f }, behind[3] = { 0.0f, 0.0f, 0.0f };
+        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
+            const uint32_t sample = near->sample[k], across = in->across ? in->across[sample] : INDIRECT_NONE;
+            for (int c = 0; c < 3; c++) {
+                sum[c] += near->weight[k] * in->gathered[sample][c];
+                if (across != INDIRECT_NONE)
+                    behind[c] += near->weight[k] * in->passed[sample][c] * in->gathered[across][c];
+            }
+        }
         memcpy(in->value[i], sum, sizeof(sum));
+        if (in->behind)
+            memcpy(in->behind[i], behind, sizeof(behind));
     }
 }
 
@@ -221,6 +250,9 @@ enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool 
     enum pell_result res;
 
     pell_pool_run(pool, chunks_of(in->num_samples), light_chunk, &s);
+    if (pell_cancelled(in->ctx))
+        return PELL_ERR_CANCELLED;
+    pass_direct(in);
     PELL_TRY(indirect_mirror_light(in, pool));
     for (s.bounce = 0; s.bounce < bounces; s.bounce++) {
         send_on(in, s.bounce);
@@ -233,18 +265,24 @@ fail:
     return res;
 }
 
-void pell_indirect_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3])
+void pell_indirect_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3],
+                      float behind[3])
 {
     const struct pell_scene *scene = in->p.scene;
     uint32_t knot[3];
     float weight[3];
 
     memset(rgb, 0, 3 * sizeof(*rgb));
+    memset(behind, 0, 3 * sizeof(*behind));
     if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles ||
         (back && !scene->materials[scene->meshes[mesh].material].opaque))
         return;
     indirect_find(in, mesh, triangle, u, v, knot, weight);
-    for (int i = 0; i < 3; i++)
-        for (int c = 0; c < 3; c++)
-            rgb[c] += weight[i] * in->value[indirect_value_of(in, mesh, knot[i], back)][c];
+    for (int i = 0; i < 3; i++) {
+        const size_t value = indirect_value_of(in, mesh, knot[i], back);
+        for (int c = 0; c < 3; c++) {
+            rgb[c] += weight[i] * in->value[value][c];
+            behind[c] += in->behind ? weight[i] * in->behind[value][c] : 0.0f;
+        }
+    }
 }

@@ -95,11 +95,14 @@ struct pell_indirect {
 
     /* Of the lights. */
     float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
-    float (*through)[3]; /* of samples on thin sheets: the share that comes from the other side, 0 of others; NULL: there are no sheets */
+    uint32_t *across;    /* of samples: that on the other side of a sheet, or of the solid, or INDIRECT_NONE; NULL: nothing is either */
+    float (*through)[3]; /* of samples: the share of what meets the one across that leaves here. NULL as across */
+    float (*passed)[3];  /* the same of solids, without the albedo here */
     float (*gathered)[3], (*leaving)[3];
     float (*reflected)[3], (*before)[3]; /* light that enters after one reflection; what left a bounce ago. NULL as mirrored */
     float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
     float (*value)[3];
+    float (*behind)[3];                 /* of values: light of solids' other sides that leaves here, without the albedo. NULL as across */
     float *thick;                       /* with p.through, of values: how far a part is thick beside the distance of samples */
     struct indirect_solid_light *solid; /* with p.through, of values */
 };
@@ -119,13 +122,6 @@ static inline struct indirect_place indirect_place_at(const struct pell_mesh *me
         p.normal = vec3_mad(p.normal, w[k], vec3_load(mesh->normal + 3 * (size_t) index[k]));
     }
     return p;
-}
-
-/* The sample across a sheet: both sides have theirs at the same places, the front's first. */
-static inline size_t indirect_across(const struct pell_indirect *in, size_t sample)
-{
-    const size_t other = in->samples[sample].back ? sample - 1 : sample + 1;
-    return other < in->num_samples ? other : sample;
 }
 
 /* Whether a mesh takes part. */
@@ -175,7 +171,7 @@ static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t 
                                      : in->num_knots + (knot - in->num_mesh_knots);
 }
 
-/* --- buried.c: samples inside the solid ------------------------------------------------------------------------------------------------ */
+/* --- buried.c: samples inside the solid ----------------------------------------------------------------------------------------------- */
 
 /* Leaves them out. */
 PELL_NODISCARD enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool);
@@ -212,6 +208,14 @@ struct indirect_solid {
 /* out[i] <- of sample i; solved 0 where the samples are too coarse for a channel's light. */
 PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
                                                      struct indirect_solid_light *out);
+
+/* The sample nearest to a point of a triangle, of those around; INDIRECT_NONE where there is none. */
+uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,
+                            struct pell_vec3 at);
+
+/* --- across.c: the samples on the other side ------------------------------------------------------------------------------------------ */
+
+PELL_NODISCARD enum pell_result indirect_across_make(struct pell_indirect *in, struct pell_pool *pool);
 
 /* --- links.c: what each sample sees -------------------------------------------------------------------------------------------------- */
 

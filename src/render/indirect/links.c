@@ -21,25 +21,15 @@ static void make_directions(struct directions *d)
     }
 }
 
-/* Where a ray ends: the sample nearest to it of those around, INDIRECT_NONE where there is none, and what leaves there along the ray, over
- * the mean. */
-static uint32_t end_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float *leaves)
+uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,
+                            struct pell_vec3 at)
 {
-    const struct pell_hit16 *h = &r->hit;
-    const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
-    const float mu = -vec3_dot(vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i])), d);
-    const struct pell_vec3 at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
-    uint32_t knot[3], best = INDIRECT_NONE, material;
-    float weight[3], least = INFINITY, mean;
+    uint32_t knot[3], best = INDIRECT_NONE;
+    float weight[3], least = INFINITY;
 
-    if (h->mesh[i] == PELL_NO_HIT)
-        return INDIRECT_NONE;
-    material = (uint32_t) in->p.scene->meshes[h->mesh[i]].material;
-    if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* from inside a solid */
-        return INDIRECT_NONE;
-    indirect_find(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], knot, weight);
+    indirect_find(in, mesh, triangle, u, v, knot, weight);
     for (int k = 0; k < 3; k++) {
-        const struct indirect_near *near = &in->near[indirect_value_of(in, h->mesh[i], knot[k], mu < 0.0f)];
+        const struct indirect_near *near = &in->near[indirect_value_of(in, mesh, knot[k], back)];
         for (int j = 0; j < INDIRECT_NEAR && near->weight[j] > 0.0f; j++) {
             const struct pell_vec3 to = vec3_sub(in->samples[near->sample[j]].position, at);
             const float d2 = vec3_dot(to, to);
@@ -49,8 +39,27 @@ static uint32_t end_of(const struct pell_indirect *in, const struct pell_ray_hit
             }
         }
     }
-    *leaves = indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f);
     return best;
+}
+
+/* Where a ray ends: the sample nearest to it of those around, INDIRECT_NONE where there is none, and what leaves there along the ray, over
+ * the mean. */
+static uint32_t end_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float *leaves)
+{
+    const struct pell_hit16 *h = &r->hit;
+    const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
+    const float mu = -vec3_dot(vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i])), d);
+    const struct pell_vec3 at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
+    uint32_t material;
+    float mean;
+
+    if (h->mesh[i] == PELL_NO_HIT)
+        return INDIRECT_NONE;
+    material = (uint32_t) in->p.scene->meshes[h->mesh[i]].material;
+    if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* from inside a solid */
+        return INDIRECT_NONE;
+    *leaves = indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f);
+    return indirect_sample_at(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], mu < 0.0f, at);
 }
 
 static struct indirect_link link_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i)

@@ -13,11 +13,11 @@
  * A bounce is a way through the open from a surface to a surface, as the knob bounces of path-trace counts them: after n of them E + E_i
  * has the first n + 1 terms of the series.
  *
- * A thin sheet sends on, beside what it reflects, what its other side received.
+ * A thin sheet sends on, beside what it reflects, what its other side received, and so do thin parts of a solid, by a slab's R and T.
  *
  * rho is the total diffuse reflectance: light leaves where it entered, not spread by the profile. What a translucent surface reflects
- * without letting it in goes on, too, and enters where it lands (mirror.c); one reflection on each way. Highlights of opaque materials,
- * and light that is transmitted through thin parts, light nothing.
+ * without letting it in goes on, too, and enters where it lands (mirror.c); one reflection on each way. Highlights of opaque
+ * materials light nothing.
  */
 #ifndef PELL_INDIRECT_H
 #define PELL_INDIRECT_H
@@ -87,7 +87,9 @@ void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_poo
                            float *const exitance[3]);
 
 /* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
- * clockwise; translucent materials have none. A mesh or triangle that there is not has no light. */
-void pell_indirect_at(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3]);
+ * clockwise; translucent materials have none. `behind`: radiant exitance, by a slab's T, of indirect light that enters across a thin part
+ * of the solid. A mesh or triangle that there is not has no light. */
+void pell_indirect_at(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3],
+                      float behind[3]);
 
 #endif

@@ -283,7 +283,7 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
 /* Whether the caller asked for this light of the scene. */
 static bool counts(const struct job *job, int light)
 {
-    return job->p->lights == 0 || (job->p->lights >> (light < 63 ? light : 63) & 1);
+    return job->p->lights == 0 || (job->p->lights & pell_light_bit((size_t) light));
 }
 
 static void environments(const struct job *job, struct packet *k)
@@ -350,11 +350,14 @@ static void add_indirect(const struct job *job, struct packet *k)
 
     for (int i = 0; i < k->count; i++) {
         const int32_t at = k->index[i];
-        float rgb[3];
+        float rgb[3], behind[3];
         pell_indirect_at(job->p->indirect, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at],
-                         k->lanes.opaque[i] && sees_back(job, k, i), rgb);
-        for (int c = 0; c < 3; c++)
+                         k->lanes.opaque[i] && sees_back(job, k, i), rgb, behind);
+        for (int c = 0; c < 3; c++) {
             k->sums.irradiance[c][i] += rgb[c] * k->lanes.enter_mean[c][i];
+            if (job->p->passed && !job->entering && !k->behind)
+                k->sums.transmitted[c][i] += behind[c];
+        }
     }
 }
 
@@ -456,7 +459,7 @@ static void shade_side(const struct job *job, struct packet *k)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
     environments(job, k);
-    if (job->p->indirect && counts(job, 0))
+    if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
         add_indirect(job, k);
     if (job->p->curvature)
         scale(&gains, k);

@@ -101,6 +101,23 @@ static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const 
     return some;
 }
 
+/* What curvature does at lane i, to out's point `at`. */
+static void find_gain(const struct pell_irradiance_params *params, const struct pell_points_params *what,
+                      const struct pell_ray_hit16 *packet, int i, bool is, size_t at, const struct pell_surface_light *out)
+{
+    struct pell_curvature_effect e;
+
+    if (is && params->curvature)
+        pell_curvature_effect_at(params->curvature, packet->hit.mesh[i], packet->hit.triangle[i], packet->hit.u[i], packet->hit.v[i], &e);
+    for (int c = 0; c < 3; c++) {
+        out->gain[c][at] = is && params->curvature ? pell_irradiance_gain(params, &e)[c] : 1.0f;
+        if (out->transmission[c] && is && params->curvature && what->local) { /* what passes a round part leaves all around it */
+            out->transmission[c][at] += e.sheet[c];
+            out->gain[c][at] += e.round[c];
+        }
+    }
+}
+
 /* Lights the points from `first` on, at most 16. Returns the number of rays. */
 static int64_t light16(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points_params *what,
                        const struct pell_surface_points *in, size_t first, size_t count, const struct pell_surface_light *out)
@@ -186,15 +203,8 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
             if (out->thinness)
                 out->thinness[first + i] = shape.thinness;
         }
-        if (out->gain[0]) {
-            struct pell_curvature_effect e;
-            const bool is = params->curvature && some >> i & 1;
-            if (is)
-                pell_curvature_effect_at(params->curvature, packet.hit.mesh[i], packet.hit.triangle[i], packet.hit.u[i], packet.hit.v[i],
-                                         &e);
-            for (int c = 0; c < 3; c++)
-                out->gain[c][first + i] = is ? pell_irradiance_gain(&one, &e)[c] : 1.0f;
-        }
+        if (out->gain[0])
+            find_gain(&one, what, &packet, (int) i, some >> i & 1, first + i, out);
         if (out->there)
             out->there[first + i] = some >> i & 1;
     }

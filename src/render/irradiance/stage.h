@@ -44,7 +44,7 @@ struct pell_irradiance_params {
     float mix;                                           /* plan's; negative: each material's own */
     const float *ambient;                                /* of pell_irradiance_points: visibility of the environment's smooth rest at
                                                                * the points; NULL: found by rays */
-    uint64_t lights;                                     /* bit min(i, 63) of each light i of the scene that counts; 0: all */
+    uint64_t lights;                                     /* as in struct pell_points_params */
     bool smooth;                                         /* boundary: Fresnel's F_t in place of rho_dt */
     const struct pell_curvature *curvature;              /* scales what enters translucent surfaces, which have their hits then. NULL:
                                                                * nothing is scaled */
@@ -52,11 +52,12 @@ struct pell_irradiance_params {
                                                                * transmitted light */
     bool opposed;                                        /* the same for methods that turn the profile between faces at an angle */
     bool flat;                                           /* what curvature scales light by is left out */
-    const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h), counted with
-                                                               * the scene's first light; the surface has its hits then. NULL: none */
+    const struct pell_indirect *indirect;                /* light that left a surface and enters again (indirect/stage.h); the surface
+                                                               * has its hits then. NULL: none */
     const struct pell_indirect *through;                 /* light that goes through solids, in place of what is transmitted straight. NULL:
                                                                * none */
     bool whole;                                          /* `through` scales what the method finds, not what enters */
+    bool passed;                                         /* the method adds what thin parts let through: `indirect`'s is, too */
     bool between;                                        /* with `local`: `through` has what goes between faces */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;

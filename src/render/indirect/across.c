@@ -1,0 +1,69 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * across.c - the samples on the other side: of a sheet, whose sides have theirs at the same places, the front's first; of a solid, by a ray
+ * along the inward normal, as the stage "curvature" measures how thin it is.
+ */
+#include "render/indirect/internal.h"
+
+#include <string.h>
+
+#define PACKET 16
+
+/* Where the ray of a sample leaves the solid, on the same object and material; INDIRECT_NONE: not by its outer side. */
+static uint32_t exit_of(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
+{
+    const struct pell_hit16 *h = &r->hit;
+    const struct pell_scene *scene = in->p.scene;
+    const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
+
+    if (h->mesh[i] == PELL_NO_HIT || scene->meshes[h->mesh[i]].object != scene->meshes[s->mesh].object ||
+        (uint32_t) scene->meshes[h->mesh[i]].material != s->material || !(vec3_dot(vec3(h->ngx[i], h->ngy[i], h->ngz[i]), d) > 0.0f))
+        return INDIRECT_NONE;
+    return indirect_sample_at(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], false,
+                              vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d));
+}
+
+static void across16(void *arg, int index, int worker)
+{
+    const struct pell_indirect *in = arg;
+    const size_t first = (size_t) index * PACKET;
+    _Alignas(64) int valid[PACKET] = { 0 };
+    struct pell_ray_hit16 r;
+
+    (void) worker;
+    memset(&r, 0, sizeof(r));
+    for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
+        const struct indirect_sample *s = &in->samples[first + i];
+        const struct pell_vec3 inward = vec3_mul(s->normal, -1.0f);
+        valid[i] = in->p.scene->materials[s->material].opaque ? 0 : -1;
+        pell_ray16_set(&r.ray, (int) i, vec3_mad(s->position, indirect_clearance(s->position, 0.0f), inward), inward, INFINITY);
+        r.hit.mesh[i] = PELL_NO_HIT;
+    }
+    pell_rays_closest16(in->p.rays, valid, false, &r);
+    for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
+        const size_t k = first + i, other = in->samples[k].back ? k - 1 : k + 1;
+        if (valid[i])
+            in->across[k] = exit_of(in, &in->samples[k], &r, (int) i);
+        else
+            in->across[k] = other < in->num_samples ? (uint32_t) other : INDIRECT_NONE;
+    }
+}
+
+enum pell_result indirect_across_make(struct pell_indirect *in, struct pell_pool *pool)
+{
+    const struct pell_scene *scene = in->p.scene;
+    bool any = pell_scene_has_sheets(scene);
+
+    for (size_t i = 0; i < scene->num_materials; i++)
+        any |= !scene->materials[i].opaque;
+    if (!any)
+        return PELL_OK;
+    in->across = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->across));
+    in->through = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->through));
+    in->passed = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->passed));
+    in->behind = pell_calloc(in->ctx, in->num_values, sizeof(*in->behind));
+    if (!in->across || !in->through || !in->passed || !in->behind)
+        return PELL_ERR_NOMEM;
+    pell_pool_run(pool, (int) ((in->num_samples + PACKET - 1) / PACKET), across16, in);
+    return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
