@@ -50,6 +50,20 @@ static void cpu_solved(void *engine, uint32_t mesh, uint32_t triangle, float u, 
     memcpy(solved, inside.solved, sizeof(inside.solved));
 }
 
+static void cpu_returned(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3])
+{
+    const struct pell_cpu *e = engine;
+    struct pell_curvature_effect effect = { .returned = { 1.0f, 1.0f, 1.0f } };
+    struct pell_indirect_inside inside = { .thick = 0.0f };
+
+    if (e->curvature)
+        pell_curvature_effect_at(e->curvature, mesh, triangle, u, v, &effect);
+    if (e->through)
+        pell_indirect_look(e->through, mesh, triangle, u, v, &inside);
+    for (int c = 0; c < 3; c++)
+        share[c] = 1.0f + (1.0f - inside.solved[c]) * (effect.returned[c] - 1.0f);
+}
+
 void pell_cpu_lend(void *engine, struct pell_services *services)
 {
     struct pell_cpu *e = engine;
@@ -59,4 +73,5 @@ void pell_cpu_lend(void *engine, struct pell_services *services)
     services->light_points = pell_cpu_light_points;
     services->light_grid = cpu_light_grid;
     services->solved = cpu_solved;
+    services->returned = cpu_returned;
 }

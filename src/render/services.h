@@ -97,6 +97,7 @@ struct pell_services {
                             const struct pell_surface_light *out);
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
     void (*solved)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3]);
+    void (*returned)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
 };
 
 /* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
@@ -141,6 +142,13 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
 static inline void pell_services_solved(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3])
 {
     s->solved(s->engine, mesh, triangle, u, v, solved);
+}
+
+/* What a profile returns at a point of a triangle that is on a flat thin part, over what it returns of a half-space, for a method that adds
+ * what goes between faces at an angle: 1 where diffusion in the solid was solved. */
+static inline void pell_services_returned(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v, float share[3])
+{
+    s->returned(s->engine, mesh, triangle, u, v, share);
 }
 
 /* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */

@@ -332,7 +332,7 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
  * out at each bounce is seen from outside. */
 static void a_thin_wall_lets_indirect_light_out(void **state)
 {
-    static const char *const methods[] = { "screen-space", "image-space", "texture-space" };
+    static const char *const methods[] = { "screen-space", "image-space", "texture-space", "hierarchical" };
     static const char *const traced[] = { SLOW ? "samples=64" : "samples=256", NULL };
     struct shot truth;
     struct stage s;

@@ -69,6 +69,7 @@ struct pixel {
     int32_t number; /* of the solid */
     struct pell_vec3 at, axis[3];
     double strength;
+    float returned[3];              /* pell_services_returned */
     double near_probes, near_areas; /* samples of each way in a round */
     uint32_t seed;
     double sum[TOGETHER][3];
@@ -111,6 +112,8 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
                                             vec3_dot(p->axis[2], n), curvature * s };
     const float scale[3] = { (float) p->solid->scale[0], (float) p->solid->scale[1], (float) p->solid->scale[2] };
 
+    for (int c = 0; c < 3; c++)
+        R[c] *= p->returned[c];
     pell_opposed_apply(&p->solid->opposed, &pair, scale, R);
 }
 
@@ -328,6 +331,9 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
                         vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), solid[i],
                         t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f,
                         reference_half_seed(in->seed, t->st->knobs.half), &p);
+            if (p.solid->is_opposed)
+                pell_services_returned(t->st->services, in->mesh[at[i]], in->triangle[at[i]], in->barycentric[0][at[i]],
+                                       in->barycentric[1][at[i]], p.returned);
             estimate(&p, own, light, standard_error);
         }
         for (int c = 0; c < 3; c++) {

@@ -291,6 +291,7 @@ static inline float box_distance2(const struct pell_light_node *n, const float *
 struct exit {
     const float *at, *normal;
     float inverse, inverse2; /* of the strength */
+    const float *returned;   /* pell_services_returned */
 };
 
 static void oppose(const struct solid *b, const struct exit *x, const float *from, const float *normal, float curvature, float R[4])
@@ -299,6 +300,8 @@ static void oppose(const struct solid *b, const struct exit *x, const float *fro
 
     if (!b->is_opposed)
         return;
+    for (int c = 0; c < 3; c++)
+        R[c] *= x->returned[c];
     for (int k = 0; k < 3; k++) {
         const float v = (x->at[k] - from[k]) * x->inverse;
         pair.distance2 += v * v;
@@ -343,7 +346,7 @@ static float smooth_surface(const struct solid *b, const struct near *n)
 }
 
 static void gather(const struct hierarchical_state *st, const struct solid *b, const float p[3], const float normal[3], float strength,
-                   const float own[3], float out[3])
+                   const float own[3], const float returned[3], float out[3])
 {
     const struct pell_light_node *nodes = b->tree.nodes;
     const float error = st->knobs.error, s = strength > 1.0f ? 1.0f : strength;
@@ -359,7 +362,7 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
         return;
     }
     inverse2 = 1.0f / (s * s);
-    x = (struct exit) { p, normal, 1.0f / s, inverse2 };
+    x = (struct exit) { p, normal, 1.0f / s, inverse2, returned };
     for (uint32_t i = 0; i < (uint32_t) b->tree.num_nodes;) {
         const struct pell_light_node *n = &nodes[i];
         const float d2 = distance2(n->centre, p);
@@ -383,9 +386,9 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
     }
     q = st->knobs.near == HI_NEAR_PLAIN ? 0.0f : smooth_surface(b, &near);
     for (int c = 0; c < 3; c++) {
-        const float core = b->radial.core[row][c] * b->cell, weight = near.weight[c] * inverse2 + core;
+        const float core = returned[c] * b->radial.core[row][c] * b->cell, weight = near.weight[c] * inverse2 + core;
         const float mean = weight > 0.0f ? (near.light[c] * inverse2 + core * own[c]) / weight : own[c];
-        const float light = sum[c] * inverse2 + q * b->radial.window[row][c] * mean + (1.0f - q) * near.light[c] * inverse2;
+        const float light = sum[c] * inverse2 + q * returned[c] * b->radial.window[row][c] * mean + (1.0f - q) * near.light[c] * inverse2;
         out[c] = light > 0.0f ? light : 0.0f;
     }
 }
@@ -410,10 +413,13 @@ static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
         const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
         const float normal[3] = { in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
-        float light[3] = { 0 };
+        float light[3] = { 0 }, returned[3] = { 1.0f, 1.0f, 1.0f };
+        if (solid[i] >= 0 && t->st->solid[solid[i]].is_opposed)
+            pell_services_returned(t->st->services, in->mesh[at[i]], in->triangle[at[i]], in->barycentric[0][at[i]],
+                                   in->barycentric[1][at[i]], returned);
         if (solid[i] >= 0)
             gather(t->st, &t->st->solid[solid[i]], p, normal, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own,
-                   light);
+                   returned, light);
         for (int c = 0; c < 3; c++)
             t->out->light[c][at[i]] = light[c];
     }

@@ -47,7 +47,8 @@ static void plan(const void *values, struct pell_plan *plan)
     const struct hierarchical_knobs *k = values;
 
     *plan = (struct pell_plan) {
-        .needs = PELL_NEED_IRRADIANCE | PELL_NEED_POSITION | PELL_NEED_NORMAL | PELL_NEED_SCENE | (k->strength ? PELL_NEED_STRENGTH : 0u),
+        .needs = PELL_NEED_IRRADIANCE | PELL_NEED_POSITION | PELL_NEED_NORMAL | PELL_NEED_SCENE | PELL_NEED_HIT |
+                 (k->strength ? PELL_NEED_STRENGTH : 0u),
         .quantity = PELL_QUANTITY_EXITANCE,
         .mix = -1.0f,
         .opposed = true,

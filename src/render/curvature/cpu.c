@@ -320,9 +320,11 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
 
     float across[3] = { 0.0f };
 
-    *out = (struct pell_curvature_effect) {
-        .gain = { 1.0f, 1.0f, 1.0f }, .local = { 1.0f, 1.0f, 1.0f }, .opposed = { 1.0f, 1.0f, 1.0f }, .opposed_local = { 1.0f, 1.0f, 1.0f }
-    };
+    *out = (struct pell_curvature_effect) { .gain = { 1.0f, 1.0f, 1.0f },
+                                            .local = { 1.0f, 1.0f, 1.0f },
+                                            .opposed = { 1.0f, 1.0f, 1.0f },
+                                            .opposed_local = { 1.0f, 1.0f, 1.0f },
+                                            .returned = { 1.0f, 1.0f, 1.0f } };
     if (shape.mean != 0.0f) {
         const float place = (shape.mean / law->limit + 1.0f) * (0.5f * (GAINS - 1));
         look_up(law->gain, place, out->gain);
@@ -343,6 +345,7 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
             out->local[c] = fmaxf(all * slab[c] - through[c], 0.0f);
             out->sheet[c] = sheet * through[c];
             out->round[c] = through[c] - out->sheet[c];
+            out->returned[c] = fminf(1.0f + sheet * (out->local[c] - 1.0f), 1.0f);
             out->opposed_local[c] = fmaxf(all * slab[c] - fmaxf(through[c], across[c]), 0.0f);
         }
     } else {

@@ -42,9 +42,10 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curva
  * along the cosine mu is scattered first one mean free path on along its refracted direction, beside the place where it enters. On a
  * curved surface more of it arrives where it grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which
  * over a ball is as much. `sheet` and `round`: the slab's T that `local` is less by, over what a half-space returns, as far as the part is
- * flat, and as far as it is round. */
+ * flat, and as far as it is round. `returned`: of what a half-space returns, the share that leaves on the same side of a part
+ * that is flat and thin; 1 of others. */
 struct pell_curvature_effect {
-    float gain[3], local[3], opposed[3], opposed_local[3], shift[3], sheet[3], round[3];
+    float gain[3], local[3], opposed[3], opposed_local[3], shift[3], sheet[3], round[3], returned[3];
 };
 void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
                               struct pell_curvature_effect *out);
