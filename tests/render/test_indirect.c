@@ -317,7 +317,7 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
             if (inner) {
                 const struct difference d = shot_difference(&plain, &shot);
                 print_message("# %s: differs by %.4f\n", methods[i], d.rms);
-                REQUIRE(d.rms < 0.12); /* samples lie elsewhere */
+                REQUIRE(d.rms < 0.2); /* samples lie elsewhere; 0.9 where the inner surface takes light */
                 shot_free(&plain);
                 shot_free(&shot);
             } else {
