@@ -294,6 +294,8 @@ static enum pell_result read_background(struct pell_scene_reader *r, const struc
                                    "is the environment, but no light is one");
         return PELL_OK;
     }
+    if (!json_is_object(at.value))
+        return pell_json_wrong_type(&at, "a name, a colour (#rrggbb), or an object");
     PELL_TRY(ONLY(&at, background_keys));
     if (pell_json_has(&at, "color") && pell_json_has(&at, "image"))
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "has both color and image; one is allowed");
