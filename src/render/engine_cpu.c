@@ -317,7 +317,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
 
     light.view = &sample->view;
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
-    light.passed = e->curvature && f->plan && (light.local || f->plan->local);
+    light.passed = f->plan && (light.local || f->plan->local);
     light.opposed &= f->plan && f->plan->opposed;
     light.through = e->through;
     light.whole = e->whole;

@@ -71,6 +71,15 @@ static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 
     r->flags[i] = 0;
 }
 
+/* Whether ray i of a packet has come to the inner side of this object. */
+static inline bool pell_hit16_inside(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
+{
+    const struct pell_hit16 *h = &r->hit;
+
+    return h->mesh[i] < scene->num_meshes && scene->meshes[h->mesh[i]].object == object &&
+           h->ngx[i] * r->ray.dx[i] + h->ngy[i] * r->ray.dy[i] + h->ngz[i] * r->ray.dz[i] > 0.0f;
+}
+
 struct pell_rays;
 
 PELL_NODISCARD enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,

@@ -134,7 +134,7 @@ static void path_trace_lets_go_soon(void **state)
     require_soon("path-trace");
 }
 
-/* A ball on a ground below a light and an environment, with all that is on by default. */
+/* A ball on a ground below a light, with all that is on by default. */
 static void start_small(struct stage *s, const char *method)
 {
     size_t marble, ground;

@@ -35,6 +35,17 @@ static double mean_light(const struct shot *shot, size_t c)
     return covered > 0.0 ? sum / covered : 0.0;
 }
 
+static void turn_inside_out(struct pell_mesh *mesh)
+{
+    for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+        uint32_t *index = mesh->index + 3 * i, first = index[0];
+        index[0] = index[1];
+        index[1] = first;
+    }
+    for (uint32_t i = 0; i < 3 * mesh->num_vertices; i++)
+        mesh->normal[i] *= -1.0f;
+}
+
 /* A light in the middle of a closed sphere of reflectance rho lights it evenly, E0; with each bounce there is rho times as much: after
  * n of them E0 (1 - rho^(n+1))/(1 - rho). Seen from inside, by triangles that face outward and inward. */
 static void an_integrating_sphere_sums_the_geometric_series(void **state)
@@ -53,13 +64,8 @@ static void an_integrating_sphere_sums_the_geometric_series(void **state)
         m = stage_opaque(&s, 1.0f, &material);
         memcpy(m->base_color, rho, sizeof(rho));
         stage_ball(&s, material, 0, vec3(0, 0, 0), 50.0f, 24);
-        for (uint32_t i = 0; inward && i < s.scene->meshes[0].num_triangles; i++) {
-            uint32_t *index = s.scene->meshes[0].index + 3 * i, first = index[0];
-            index[0] = index[1];
-            index[1] = first;
-        }
-        for (uint32_t i = 0; inward && i < 3 * s.scene->meshes[0].num_vertices; i++)
-            s.scene->meshes[0].normal[i] *= -1.0f;
+        if (inward)
+            turn_inside_out(&s.scene->meshes[0]);
         stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
         stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 1.5f, 0.0f);
         direct = shot_with(&s, 0);
@@ -103,13 +109,7 @@ static void light_that_a_wall_reflects_enters_elsewhere(void **state)
         }
         stage_ball(&s, material, 0, vec3(0, 0, 0), 50.0f, 48);
         s.scene->meshes[0].num_triangles--; /* closed surfaces are turned to face outward */
-        for (uint32_t i = 0; i < s.scene->meshes[0].num_triangles; i++) {
-            uint32_t *index = s.scene->meshes[0].index + 3 * i, first = index[0];
-            index[0] = index[1];
-            index[1] = first;
-        }
-        for (uint32_t i = 0; i < 3 * s.scene->meshes[0].num_vertices; i++)
-            s.scene->meshes[0].normal[i] *= -1.0f;
+        turn_inside_out(&s.scene->meshes[0]);
         stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
         stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 1.5f, 0.0f);
         direct = shot_with(&s, 0);
@@ -343,13 +343,7 @@ static void a_thin_wall_lets_indirect_light_out(void **state)
     stage_medium(&s, "marble", &material);
     stage_ball(&s, material, 0, vec3(0, 0, 0), 30.0f, 24);
     stage_ball(&s, material, 0, vec3(0, 0, 0), 27.0f, 24);
-    for (uint32_t i = 0; i < s.scene->meshes[1].num_triangles; i++) {
-        uint32_t *index = s.scene->meshes[1].index + 3 * i, first = index[0];
-        index[0] = index[1];
-        index[1] = first;
-    }
-    for (uint32_t i = 0; i < 3 * s.scene->meshes[1].num_vertices; i++)
-        s.scene->meshes[1].normal[i] *= -1.0f;
+    turn_inside_out(&s.scene->meshes[1]);
     stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
     stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 40.0f);
     s.settings.opposed = s.settings.curvature = s.settings.angles = true;

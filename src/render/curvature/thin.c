@@ -51,7 +51,6 @@ static bool measure(const struct thin_job *job, struct curvature_piece *piece, c
 /* Pieces that lie inside another part of the object are no surface: on their outer side is an inner one. */
 static void drop_buried(const struct thin_job *job, struct curvature_piece *piece, size_t count)
 {
-    const struct pell_scene *scene = job->object->scene;
     struct pell_ray_hit16 r;
     _Alignas(64) int mask[LANES] = { 0 };
     bool any = false;
@@ -68,8 +67,7 @@ static void drop_buried(const struct thin_job *job, struct curvature_piece *piec
         return;
     pell_rays_closest16(job->object->rays, mask, false, &r);
     for (size_t i = 0; i < count; i++)
-        if (mask[i] && r.hit.mesh[i] < scene->num_meshes && scene->meshes[r.hit.mesh[i]].object == job->id &&
-            vec3_dot(piece[i].normal, vec3(r.hit.ngx[i], r.hit.ngy[i], r.hit.ngz[i])) > 0.0f)
+        if (mask[i] && pell_hit16_inside(job->object->scene, &r, (int) i, job->id))
             piece[i].thinness = 0.0f;
 }
 

@@ -5,8 +5,6 @@
  */
 #include "render/indirect/internal.h"
 
-#include <string.h>
-
 #define PACKET 16
 
 /* Where the ray of a sample leaves the solid, on the same object and material; INDIRECT_NONE: not by its outer side. */
@@ -16,8 +14,7 @@ static uint32_t exit_of(const struct pell_indirect *in, const struct indirect_sa
     const struct pell_scene *scene = in->p.scene;
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
 
-    if (h->mesh[i] == PELL_NO_HIT || scene->meshes[h->mesh[i]].object != scene->meshes[s->mesh].object ||
-        (uint32_t) scene->meshes[h->mesh[i]].material != s->material || !(vec3_dot(vec3(h->ngx[i], h->ngy[i], h->ngz[i]), d) > 0.0f))
+    if (!pell_hit16_inside(scene, r, i, scene->meshes[s->mesh].object) || (uint32_t) scene->meshes[h->mesh[i]].material != s->material)
         return INDIRECT_NONE;
     return indirect_sample_at(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], false,
                               vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d));
@@ -27,19 +24,11 @@ static void across16(void *arg, int index, int worker)
 {
     const struct pell_indirect *in = arg;
     const size_t first = (size_t) index * PACKET;
-    _Alignas(64) int valid[PACKET] = { 0 };
+    _Alignas(64) int valid[PACKET];
     struct pell_ray_hit16 r;
 
     (void) worker;
-    memset(&r, 0, sizeof(r));
-    for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
-        const struct indirect_sample *s = &in->samples[first + i];
-        const struct pell_vec3 inward = vec3_mul(s->normal, -1.0f);
-        valid[i] = in->p.scene->materials[s->material].opaque ? 0 : -1;
-        pell_ray16_set(&r.ray, (int) i, vec3_mad(s->position, indirect_clearance(s->position, 0.0f), inward), inward, INFINITY);
-        r.hit.mesh[i] = PELL_NO_HIT;
-    }
-    pell_rays_closest16(in->p.rays, valid, false, &r);
+    indirect_along_normals16(in, first, true, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
         const size_t k = first + i, other = in->samples[k].back ? k - 1 : k + 1;
         if (valid[i])

@@ -15,20 +15,30 @@ struct buried {
     bool *is;
 };
 
+static void set_ray(struct pell_ray_hit16 *r, int i, const struct indirect_sample *s, float spacing, struct pell_vec3 from,
+                    struct pell_vec3 way)
+{
+    pell_ray16_set(&r->ray, i, vec3_mad(s->position, indirect_clearance(s->position, spacing), from), way, INFINITY);
+    r->hit.mesh[i] = PELL_NO_HIT;
+}
+
+void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool inward, int valid[16], struct pell_ray_hit16 *r)
+{
+    memset(r, 0, sizeof(*r));
+    memset(valid, 0, PACKET * sizeof(*valid));
+    for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
+        const struct indirect_sample *s = &in->samples[first + i];
+        const struct pell_vec3 way = vec3_mul(s->normal, inward ? -1.0f : 1.0f);
+        valid[i] = in->p.scene->materials[s->material].opaque ? 0 : -1;
+        set_ray(r, (int) i, s, inward ? 0.0f : s->spacing, way, way);
+    }
+    pell_rays_closest16(in->p.rays, valid, false, r);
+}
+
 /* Whether a ray that leaves a sample comes to the inner side of its own object. */
 static bool sees_inner_side(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
 {
-    const struct pell_hit16 *h = &r->hit;
-    const struct pell_scene *scene = in->p.scene;
-
-    return h->mesh[i] != PELL_NO_HIT && scene->meshes[h->mesh[i]].object == scene->meshes[s->mesh].object &&
-           h->ngx[i] * r->ray.dx[i] + h->ngy[i] * r->ray.dy[i] + h->ngz[i] * r->ray.dz[i] >= 0.0f;
-}
-
-static void set_ray(struct pell_ray_hit16 *r, int i, const struct indirect_sample *s, struct pell_vec3 way)
-{
-    pell_ray16_set(&r->ray, i, vec3_mad(s->position, indirect_clearance(s->position, s->spacing), s->normal), way, INFINITY);
-    r->hit.mesh[i] = PELL_NO_HIT;
+    return pell_hit16_inside(in->p.scene, r, i, in->p.scene->meshes[s->mesh].object);
 }
 
 static bool is_buried(const struct pell_indirect *in, const struct indirect_sample *s)
@@ -44,7 +54,8 @@ static bool is_buried(const struct pell_indirect *in, const struct indirect_samp
         float x, y;
         pell_disc_point(((float) i + 0.5f) / PACKET, pell_unit_float(pell_sobol0((uint32_t) i)), &x, &y);
         valid[i] = -1;
-        set_ray(&r, i, s, vec3_mad(vec3_mad(vec3_mul(s->normal, sqrtf(fmaxf(1.0f - x * x - y * y, 1e-6f))), x, t), y, b));
+        set_ray(&r, i, s, s->spacing, s->normal,
+                vec3_mad(vec3_mad(vec3_mul(s->normal, sqrtf(fmaxf(1.0f - x * x - y * y, 1e-6f))), x, t), y, b));
     }
     pell_rays_closest16(in->p.rays, valid, false, &r);
     for (int i = 0; i < PACKET; i++)
@@ -58,17 +69,11 @@ static void look16(void *arg, int index, int worker)
     const struct buried *b = arg;
     const struct pell_indirect *in = b->in;
     const size_t first = (size_t) index * PACKET;
-    _Alignas(64) int valid[PACKET] = { 0 };
+    _Alignas(64) int valid[PACKET];
     struct pell_ray_hit16 r;
 
     (void) worker;
-    memset(&r, 0, sizeof(r));
-    for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
-        const struct indirect_sample *s = &in->samples[first + i];
-        valid[i] = in->p.scene->materials[s->material].opaque ? 0 : -1;
-        set_ray(&r, (int) i, s, s->normal);
-    }
-    pell_rays_closest16(in->p.rays, valid, false, &r);
+    indirect_along_normals16(in, first, false, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++)
         b->is[first + i] = valid[i] && sees_inner_side(in, &in->samples[first + i], &r, (int) i) && is_buried(in, &in->samples[first + i]);
 }

@@ -173,6 +173,8 @@ static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t 
 
 /* --- buried.c: samples inside the solid ----------------------------------------------------------------------------------------------- */
 
+/* Rays from the translucent ones of the samples from `first` on, along or against their normals; valid: 0 of others. */
+void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool inward, int valid[16], struct pell_ray_hit16 *r);
 /* Leaves them out. */
 PELL_NODISCARD enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool);
 
