@@ -328,6 +328,44 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
     }
 }
 
+/* Two balls that nearly touch are as bright and of the same colour as one object and as two: no light goes from one inside the other. */
+static void solids_that_nearly_touch_stay_apart(void **state)
+{
+    static const char *const methods[] = { "hierarchical", "screen-space" };
+    static const double most[] = { 0.02, 0.055 }; /* blurs see what is near on the screen */
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+        struct shot two = { 0 };
+        for (int one = 0; one < 2; one++) {
+            struct difference d;
+            struct shot shot;
+            struct stage s;
+            size_t material;
+
+            stage_start(&s, SIZE, SIZE);
+            stage_medium(&s, "marble", &material);
+            stage_ball(&s, material, 0, vec3(-10.005f, 0, 0), 10.0f, 16);
+            stage_ball(&s, material, one ? 0 : 1, vec3(10.005f, 0, 0), 10.0f, 16);
+            stage_light(&s, PELL_LIGHT_POINT, vec3(30, 60, 60), vec3(0, 0, 0), 2e-3f);
+            stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.5f, 0.0f);
+            s.settings.opposed = s.settings.curvature = s.settings.angles = true;
+            s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+            shot = stage_shot_of(&s, methods[i], NULL);
+            stage_finish(&s);
+            if (!one) {
+                two = shot;
+                continue;
+            }
+            d = shot_difference(&two, &shot);
+            print_message("# %s: differs by %.4f\n", methods[i], d.rms);
+            REQUIRE(d.rms < most[i]);
+            shot_free(&two);
+            shot_free(&shot);
+        }
+    }
+}
+
 /* A ball of marble with a wall of 3 mm and a lamp inside: light goes to and fro in there, by what a wall so thin sends back, and what gets
  * out at each bounce is seen from outside. */
 static void a_thin_wall_lets_indirect_light_out(void **state)
@@ -475,6 +513,7 @@ int main(void)
         cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
         cmocka_unit_test(a_thin_wall_lets_indirect_light_out),
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
+        cmocka_unit_test(solids_that_nearly_touch_stay_apart),
         cmocka_unit_test(a_convex_solid_keeps_its_bits),
         cmocka_unit_test(points_have_it_as_pixels_have),
         cmocka_unit_test(a_flat_medium_returns_light_by_its_angle),

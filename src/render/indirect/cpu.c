@@ -28,6 +28,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->near);
     pell_free(in->ctx, in->direct);
     pell_free(in->ctx, in->albedo);
+    pell_free(in->ctx, in->part);
     pell_free(in->ctx, in->across);
     pell_free(in->ctx, in->through);
     pell_free(in->ctx, in->passed);
@@ -88,7 +89,7 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
         if (!in->thick || !in->solid)
             goto fail;
     }
-    res = params->through ? PELL_OK : indirect_across_make(in, pool);
+    res = params->through ? indirect_apart_make(in, pool) : indirect_across_make(in, pool);
     if (res != PELL_OK)
         goto fail;
     return PELL_OK;

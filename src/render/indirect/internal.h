@@ -93,6 +93,8 @@ struct pell_indirect {
 
     struct indirect_near *near; /* of each value */
 
+    uint32_t *part; /* with p.through, of samples: the solid of its object (apart.c), or INDIRECT_NONE; NULL: each object is one */
+
     /* Of the lights. */
     float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
     uint32_t *across;    /* of samples: that on the other side of a sheet, or of the solid, or INDIRECT_NONE; NULL: nothing is either */
@@ -214,6 +216,10 @@ PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, s
 /* The sample nearest to a point of a triangle, of those around; INDIRECT_NONE where there is none. */
 uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,
                             struct pell_vec3 at);
+
+/* --- apart.c: solids of one object ----------------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result indirect_apart_make(struct pell_indirect *in, struct pell_pool *pool);
 
 /* --- across.c: the samples on the other side ------------------------------------------------------------------------------------------ */
 

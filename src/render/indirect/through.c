@@ -10,6 +10,7 @@
 
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
+#include "scene/mesh/topology.h"
 #include "transport/light_tree.h"
 
 #include <string.h>
@@ -29,7 +30,7 @@ struct send {
     bool *there;
     float *thick, *thickness; /* of samples; thickness mm */
     struct indirect_solid_light *light;
-    const uint32_t *list; /* of one object and material */
+    const uint32_t *list; /* of one object and material, or a solid of it */
     size_t count;
     struct pell_light_tree tree;
 };
@@ -170,13 +171,13 @@ static bool together(const struct pell_indirect *in, const struct indirect_sampl
     return a->material == b->material && in->p.scene->meshes[a->mesh].object == in->p.scene->meshes[b->mesh].object;
 }
 
-/* The light of the samples `lit` as curvature scales it. */
-static struct pell_lit_place *scaled(const struct send *s, const struct pell_lit_place *lit)
+/* The light of the list's samples as curvature scales it. */
+static struct pell_lit_place *scaled(const struct send *s)
 {
     struct pell_lit_place *out = pell_alloc_array(s->in->ctx, s->count, sizeof(*out));
 
     for (size_t i = 0; out && i < s->count; i++) {
-        out[i] = lit[i];
+        out[i] = s->sample[s->list[i]];
         for (int c = 0; c < 3; c++)
             out[i].power[c] *= s->gain[s->list[i]][c];
     }
@@ -184,9 +185,9 @@ static struct pell_lit_place *scaled(const struct send *s, const struct pell_lit
 }
 
 /* Sums what goes between faces, where what was solved is not all. */
-static enum pell_result send_between(struct send *s, struct pell_pool *pool, const struct pell_lit_place *lit)
+static enum pell_result send_between(struct send *s, struct pell_pool *pool)
 {
-    struct pell_lit_place *samples = scaled(s, lit);
+    struct pell_lit_place *samples = scaled(s);
     enum pell_result res;
 
     if (!samples)
@@ -198,60 +199,34 @@ static enum pell_result send_between(struct send *s, struct pell_pool *pool, con
     return res;
 }
 
-static enum pell_result make_whole(const struct send *s, const struct pell_lit_place *lit, float spacing,
-                                   const struct pell_indirect_solid *as, struct whole **out)
-{
-    struct pell_lit_place *samples = scaled(s, lit);
-
-    *out = samples ? pell_calloc(s->in->ctx, 1, sizeof(**out)) : NULL;
-    if (*out)
-        return indirect_whole_make(s->in->ctx, samples, s->count, spacing, as->profile, &as->law, *out);
-    pell_free(s->in->ctx, samples);
-    return PELL_ERR_NOMEM;
-}
-
-/* All samples that light goes to and fro between with `of`. `list` has room for every sample. */
-static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list)
+/* Of the samples that s->list holds, those of one solid. */
+static enum pell_result send_solid(struct send *s, struct pell_pool *pool, struct whole *whole)
 {
     struct pell_indirect *in = s->in;
-    struct pell_lit_place *lit;
-    struct indirect_solid_light *light = NULL;
-    const struct pell_indirect_solid *as = &s->solid[of->material];
-    struct indirect_solid solid = { .profile = as->profile, .law = &as->law };
-    struct whole *whole = NULL;
-    float *thickness = NULL;
+    const struct pell_indirect_solid *as = &s->solid[in->samples[s->list[0]].material];
+    struct indirect_solid solid = { .profile = as->profile, .law = &as->law, .whole = whole, .count = s->count };
+    struct pell_lit_place *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
+    struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
+    float *thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
     enum pell_result res = PELL_ERR_NOMEM;
 
-    s->count = 0;
-    for (size_t i = 0; i < in->num_samples; i++)
-        if (s->there[i] && together(in, of, &in->samples[i]))
-            list[s->count++] = (uint32_t) i;
-    s->list = list;
-    lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
-    light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
-    thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
     if (!lit || !light || !thickness)
         goto fail;
     for (size_t i = 0; i < s->count; i++) {
-        lit[i] = s->sample[list[i]];
-        thickness[i] = s->thickness[list[i]];
-        solid.spacing = fmaxf(solid.spacing, in->samples[list[i]].spacing);
+        lit[i] = s->sample[s->list[i]];
+        thickness[i] = s->thickness[s->list[i]];
+        solid.spacing = fmaxf(solid.spacing, in->samples[s->list[i]].spacing);
     }
     solid.samples = lit;
     solid.thickness = thickness;
-    solid.count = s->count;
-    if (as->all)
-        PELL_TRY(make_whole(s, lit, solid.spacing, as, &whole));
-    solid.whole = whole;
     PELL_TRY(indirect_solid_solve(in->ctx, pool, &solid, light));
     for (size_t i = 0; i < s->count; i++) {
         for (int c = 0; c < 3; c++)
             light[i].light[c] *= as->white[c];
-        s->light[list[i]] = light[i];
-        s->there[list[i]] = false; /* done */
+        s->light[s->list[i]] = light[i];
     }
     if (as->between)
-        res = send_between(s, pool, lit);
+        res = send_between(s, pool);
     if (pell_cancelled(in->ctx))
         res = PELL_ERR_CANCELLED;
 
@@ -259,6 +234,75 @@ fail:
     pell_free(in->ctx, lit);
     pell_free(in->ctx, light);
     pell_free(in->ctx, thickness);
+    return res;
+}
+
+/* All samples of an object and a material that light goes into: s->list in the order of their solids. `list` and `scratch` have room for
+ * every sample. */
+static enum pell_result list_group(struct send *s, const struct indirect_sample *of, uint32_t *list, uint32_t *scratch)
+{
+    const struct pell_indirect *in = s->in;
+    uint32_t *part, *order;
+
+    s->count = 0;
+    for (size_t i = 0; i < in->num_samples; i++)
+        if (s->there[i] && together(in, of, &in->samples[i]))
+            list[s->count++] = (uint32_t) i;
+    for (size_t i = 0; i < s->count; i++)
+        s->there[list[i]] = false; /* done */
+    s->list = list;
+    if (!in->part)
+        return PELL_OK;
+    part = pell_alloc_array(in->ctx, s->count, 3 * sizeof(*part));
+    if (!part)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < s->count; i++)
+        part[i] = in->part[list[i]];
+    order = pell_sort_keys(in->ctx, part, 1, part + s->count, part + 2 * s->count, (uint32_t) s->count);
+    for (size_t i = 0; i < s->count; i++)
+        scratch[i] = list[order[i]];
+    memcpy(list, scratch, s->count * sizeof(*list));
+    pell_free(in->ctx, part);
+    return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static enum pell_result make_whole(const struct send *s, const struct pell_indirect_solid *as, struct whole **out)
+{
+    const struct pell_indirect *in = s->in;
+    struct pell_lit_place *samples = scaled(s);
+    float spacing = 0.0f;
+
+    *out = samples ? pell_calloc(in->ctx, 1, sizeof(**out)) : NULL;
+    for (size_t i = 0; i < s->count; i++)
+        spacing = fmaxf(spacing, in->samples[s->list[i]].spacing);
+    if (*out)
+        return indirect_whole_make(in->ctx, samples, s->count, spacing, as->profile, &as->law, *out);
+    pell_free(in->ctx, samples);
+    return PELL_ERR_NOMEM;
+}
+
+/* Methods that ask the whole solid ask the whole object, also where light goes to and fro in parts of it alone. */
+static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list,
+                                   uint32_t *scratch)
+{
+    const struct pell_indirect *in = s->in;
+    struct whole *whole = NULL;
+    size_t count;
+    enum pell_result res;
+
+    PELL_TRY(list_group(s, of, list, scratch));
+    count = s->count;
+    if (s->solid[of->material].all)
+        PELL_TRY(make_whole(s, &s->solid[of->material], &whole));
+    for (size_t i = 0, end; i < count; i = end) {
+        for (end = i + 1; end < count && (!in->part || in->part[list[end]] == in->part[list[i]]); end++)
+            ;
+        s->list = list + i;
+        s->count = end - i;
+        PELL_TRY(send_solid(s, pool, whole));
+    }
+
+fail:
     if (whole)
         indirect_whole_finish(whole);
     pell_free(in->ctx, whole);
@@ -294,7 +338,7 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
 {
     const size_t n = in->num_samples;
     struct send s = { .in = in, .lights = lights, .solid = solid };
-    uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
+    uint32_t *list = pell_alloc_array(in->ctx, n, 2 * sizeof(*list));
     enum pell_result res = PELL_ERR_NOMEM;
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
@@ -309,7 +353,7 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
     pell_pool_run(pool, chunks_of(n), light_chunk, &s);
     for (size_t i = 0; i < n; i++)
         if (s.there[i])
-            PELL_TRY(send_group(&s, pool, &in->samples[i], list));
+            PELL_TRY(send_group(&s, pool, &in->samples[i], list, list + n));
     spread(&s);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
