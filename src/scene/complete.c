@@ -9,6 +9,7 @@
 
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay far inside a float's range */
 #define SMALLEST_PICTURE 1e-6    /* mm, of what an orthographic camera sees: a nanometre */
+#define COARSEST 1e-3f           /* of the scene's extent: the largest step of coordinates that keeps a shape */
 #define NO_LENGTH 1e-30f         /* directions of less have none: their inverse would overflow */
 
 static bool in_range(double value, double min, double max)
@@ -321,14 +322,6 @@ static enum pell_result check_camera(struct pell_scene *scene, struct pell_camer
 
 /* --- Objects ------------------------------------------------------------------------------------------------------------------ */
 
-static bool inside(const struct pell_part *a, const struct pell_part *b)
-{
-    for (int c = 0; c < 3; c++)
-        if (!(a->min[c] > b->min[c] && a->max[c] < b->max[c]))
-            return false;
-    return true;
-}
-
 static void object_place(const struct pell_scene *scene, const char *name, struct pell_text *where)
 {
     char shown[96];
@@ -339,120 +332,10 @@ static void object_place(const struct pell_scene *scene, const char *name, struc
         pell_text_add(where, "%s", scene->path);
 }
 
-/* True for a closed part that faces inward. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
- * fast on files of very many parts, only the largest ones are taken for possible hosts. */
-static void find_inverted(const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
-{
-    enum { HOSTS = 64 };
-    const double least = 1e-9 * t->scale * t->scale * t->scale;
-    uint32_t hosts[HOSTS];
-    size_t num_hosts = 0;
-
-    for (uint32_t i = 0; i < t->num_parts; i++) {
-        size_t k = num_hosts < HOSTS ? num_hosts++ : HOSTS;
-        if (k == HOSTS && !(fabs(parts[i].volume) > fabs(parts[hosts[HOSTS - 1]].volume)))
-            continue;
-        for (k = k == HOSTS ? HOSTS - 1 : k; k > 0 && fabs(parts[hosts[k - 1]].volume) < fabs(parts[i].volume); k--)
-            hosts[k] = hosts[k - 1];
-        hosts[k] = i;
-    }
-    for (uint32_t i = 0; i < t->num_parts; i++) {
-        inverted[i] = parts[i].closed && parts[i].volume < -least;
-        for (size_t k = 0; k < num_hosts && inverted[i]; k++)
-            inverted[i] = hosts[k] == i || !inside(&parts[i], &parts[hosts[k]]);
-    }
-}
-
-/* Per part: how well the file's normals agree with the winding, summed over corners. */
-static void add_agreement(const struct pell_scene *scene, const struct pell_topology *t, double *agreement)
-{
-    for (size_t m = 0; m < t->num_meshes; m++) {
-        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
-            const size_t tri = (size_t) t->first_triangle[m] + i;
-            for (int k = 0; k < 3 && t->part[tri] != UINT32_MAX; k++)
-                agreement[t->part[tri]] +=
-                    (double) vec3_dot(vec3_load(t->face + 3 * tri), vec3_load(mesh->normal + 3 * (size_t) mesh->index[3 * (size_t) i + k]));
-        }
-    }
-}
-
-static enum pell_result turn_outward(struct pell_scene *scene, const struct pell_topology *t, const char *name, bool *any)
-{
-    struct pell_context *ctx = scene->ctx;
-    struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
-    bool *inverted = pell_calloc(ctx, t->num_parts, sizeof(*inverted)), *turned = NULL;
-    double *agreement = NULL;
-    struct pell_text where = { 0 };
-    uint32_t count = 0;
-    enum pell_result res = PELL_ERR_NOMEM;
-
-    if (!parts || !inverted)
-        goto fail;
-    *any = false;
-    res = PELL_OK;
-    pell_topology_parts(t, scene, parts);
-    if (pell_cancelled(ctx)) {
-        res = PELL_ERR_CANCELLED;
-        goto fail;
-    }
-    find_inverted(t, parts, inverted);
-    for (uint32_t i = 0; i < t->num_parts; i++)
-        count += inverted[i];
-    if (!count)
-        goto fail;
-
-    res = PELL_ERR_NOMEM;
-    agreement = pell_calloc(ctx, t->num_parts, sizeof(*agreement));
-    turned = pell_calloc(ctx, t->num_vertices, sizeof(*turned));
-    if (!agreement || !turned)
-        goto fail;
-    add_agreement(scene, t, agreement);
-    if (pell_cancelled(ctx)) { /* what is turned is turned as a whole */
-        res = PELL_ERR_CANCELLED;
-        goto fail;
-    }
-    for (size_t m = 0; m < t->num_meshes; m++) {
-        struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
-            const size_t tri = (size_t) t->first_triangle[m] + i;
-            uint32_t *v = mesh->index + 3 * (size_t) i;
-            const uint32_t swap = v[1];
-            if (t->part[tri] == UINT32_MAX || !inverted[t->part[tri]])
-                continue;
-            /* Normals that agreed with the wrong winding are wrong, too; others were right. */
-            for (int k = 0; k < 3 && agreement[t->part[tri]] > 0.0; k++) {
-                if (turned[t->first_vertex[m] + v[k]])
-                    continue;
-                turned[t->first_vertex[m] + v[k]] = true;
-                for (int c = 0; c < 3; c++)
-                    mesh->normal[3 * (size_t) v[k] + c] *= -1.0f;
-                if (mesh->tangent)
-                    mesh->tangent[4 * (size_t) v[k] + 3] *= -1.0f;
-            }
-            v[1] = v[2];
-            v[2] = swap;
-        }
-    }
-    *any = true;
-    object_place(scene, name, &where);
-    pell_warn(ctx, where.str, NULL, "%u closed surface%s had inverted normals and %s flipped", count, count > 1 ? "s" : "",
-              count > 1 ? "were" : "was");
-    res = PELL_OK;
-
-fail:
-    pell_free(ctx, parts);
-    pell_free(ctx, inverted);
-    pell_free(ctx, agreement);
-    pell_free(ctx, turned);
-    return res;
-}
-
 /* The topology of an object in which no triangle lies on another. */
-static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *meshes, size_t count, const char *name,
+static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *meshes, size_t count, const char *where,
                                       struct pell_topology *t)
 {
-    struct pell_text where = { 0 };
     uint32_t dropped = 0;
     enum pell_result res = pell_topology_make(t, scene, meshes, count);
 
@@ -463,27 +346,31 @@ static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *
     pell_topology_finish(t);
     if (res != PELL_OK)
         return res;
-    object_place(scene, name, &where);
-    pell_warn(scene->ctx, where.str, NULL, "%s exactly where another lies: left out",
+    pell_warn(scene->ctx, where, NULL, "%s exactly where another lies: left out",
               pell_counted(dropped, "triangle lies", "triangles lie").str);
     return pell_topology_make(t, scene, meshes, count);
 }
 
 static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count)
 {
-    const char *name = scene->meshes[meshes[0]].name;
+    enum pell_result (*const turn[])(struct pell_scene *, const struct pell_topology *, const char *, bool *) = { pell_even_winding,
+                                                                                                                  pell_turn_outward };
+    struct pell_text where = { 0 };
     struct pell_topology t;
-    bool turned = false;
     enum pell_result res;
 
     if (pell_cancelled(scene->ctx))
         return PELL_ERR_CANCELLED;
-    PELL_TRY(make_topology(scene, meshes, count, name, &t));
-    res = turn_outward(scene, &t, name, &turned);
-    /* Turning swaps corners: half-edges and face normals must be made again. */
-    if (res == PELL_OK && turned) {
-        pell_topology_finish(&t);
-        res = pell_topology_make(&t, scene, meshes, count);
+    object_place(scene, scene->meshes[meshes[0]].name, &where);
+    PELL_TRY(make_topology(scene, meshes, count, where.str, &t));
+    for (size_t i = 0; i < PELL_COUNT(turn) && res == PELL_OK; i++) {
+        bool turned = false;
+        res = turn[i](scene, &t, where.str, &turned);
+        /* Turning swaps corners: half-edges and face normals must be made again. */
+        if (res == PELL_OK && turned) {
+            pell_topology_finish(&t);
+            res = pell_topology_make(&t, scene, meshes, count);
+        }
     }
     if (res == PELL_OK)
         res = pell_make_normals(scene, &t);
@@ -569,10 +456,18 @@ static void warn_of_size(struct pell_scene *scene)
 {
     const float *min = scene->bounds_min, *max = scene->bounds_max;
     const float extent = fmaxf(max[0] - min[0], fmaxf(max[1] - min[1], max[2] - min[2]));
+    float farthest = 0.0f;
 
     if (extent < 0.1f || extent > 1e5f)
         pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",
                   "the largest extent is %g mm, which is %s for a translucent object", (double) extent, extent < 0.1f ? "tiny" : "huge");
+    for (int c = 0; c < 3; c++)
+        farthest = fmaxf(farthest, fmaxf(fabsf(min[c]), fabsf(max[c])));
+    if (farthest * FLT_EPSILON > COARSEST * extent)
+        pell_warn(
+            scene->ctx, scene->path, "move it to the origin in the program that it comes from",
+            "the scene lies up to %g mm from the origin, but is %.3g mm large: coordinates are rounded to %.2g mm, and its shape is lost",
+            (double) farthest, (double) extent, (double) (farthest * FLT_EPSILON));
 }
 
 enum pell_result pell_scene_check_view(struct pell_scene *scene)

@@ -27,6 +27,7 @@ enum kind { K_VERTEX, K_FACE, K_STRIPS, K_OTHER };
 
 struct element {
     enum kind kind;
+    char name[64]; /* as it may be shown */
     int64_t count;
     size_t first_property, num_properties;
 };

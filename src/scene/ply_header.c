@@ -4,6 +4,8 @@
  */
 #include "scene/ply.h"
 
+#include <stdio.h>
+
 static const struct {
     const char *name;
     enum type type;
@@ -79,10 +81,13 @@ static enum pell_result read_element(struct ply *p)
     size_t length = pell_lex_word(&p->lex, &word);
     struct element *e = &p->elements[p->num_elements];
     struct pell_text text;
+    char copy[64];
     double count;
 
     if (p->num_elements == MAX_ELEMENTS)
         return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, where_line(p, &text), NULL, "more than %d elements are not read", MAX_ELEMENTS);
+    snprintf(copy, sizeof(copy), "%.*s", (int) (length < sizeof(copy) ? length : sizeof(copy) - 1), word);
+    pell_printable(copy, e->name, sizeof(e->name));
     e->kind = pell_word_is(word, length, "vertex")      ? K_VERTEX
               : pell_word_is(word, length, "face")      ? K_FACE
               : pell_word_is(word, length, "tristrips") ? K_STRIPS
@@ -209,8 +214,8 @@ enum pell_result pell_ply_check_header(struct ply *p)
         int64_t bytes;
         if (__builtin_mul_overflow(e->count, least_row(p, e), &bytes) || __builtin_add_overflow(need, bytes, &need) || need > left)
             return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, NULL,
-                              "the header announces %lld rows of element %zu, which can't fit into the %lld bytes behind it",
-                              (long long) e->count, i + 1, (long long) (left - !p->binary));
+                              "the header announces %lld rows of element \"%s\", which can't fit into the %lld bytes behind it",
+                              (long long) e->count, e->name, (long long) (left - !p->binary));
         for (size_t k = e->first_property; k < e->first_property + e->num_properties; k++) {
             if (p->properties[k].role <= R_Z)
                 axes[p->properties[k].role] = true;
@@ -222,8 +227,9 @@ enum pell_result pell_ply_check_header(struct ply *p)
         if (e->kind == K_VERTEX && e->num_properties > 0)
             p->num_vertices = (size_t) e->count;
     }
-    if (!axes[0] || !axes[1] || !axes[2])
-        return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, NULL, "its vertices have no x, y and z");
+    for (int c = 0; c < 3; c++)
+        if (!axes[c])
+            return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, NULL, "its vertices have no %c, must have x, y and z", "xyz"[c]);
     if (!faces)
         return pell_error(p->ctx, PELL_ERR_FORMAT, p->import->path, "point clouds have no surface that light could enter",
                           "has no faces (vertex_indices) and no tristrips");

@@ -212,13 +212,19 @@ fail:
     return res;
 }
 
+/* Headers of binary files begin with "solid", too. */
+static bool is_text(const uint8_t *data, size_t size)
+{
+    return size >= 5 && memcmp(data, "solid", 5) == 0 && !memchr(data, 0, size < 4096 ? size : 4096);
+}
+
 enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data, size_t size)
 {
     struct stl s = { .import = import, .ctx = import->ctx };
     enum pell_result res;
 
     import->default_mm_per_unit = 0.0;
-    if (!pell_stl_is_binary(data, size) && (size < 5 || memcmp(data, "solid", 5) != 0))
+    if (!pell_stl_is_binary(data, size) && !is_text(data, size))
         res =
             size < HEADER
                 ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",

@@ -187,7 +187,7 @@ REFUSED = { # and what the message must say
     'pipe.gltf': (gltf(buffers=[{'byteLength': 36, 'uri': 'pipe'}]), 'is a pipe'),
     'escaped.gltf': (gltf(buffers=[{'byteLength': 36, 'uri': '%2e%2e/%2e%2e/etc/passwd'}]), 'leads out of'),
     'rows.ply': (ply('element vertex 4000000000\n' + PLACES), '4000000000'),
-    'nothing.ply': (ply('element vertex 100000000\n'), 'no x, y and z'),
+    'nothing.ply': (ply('element vertex 100000000\n'), 'must have x, y and z'),
     'list.ply': (ply('element vertex 3\n' + PLACES + 'element face 1\nproperty list uint int vertex_indices\n',
                      struct.pack('<9fI', *range(9), 4294967295)), 'a list has the length'),
     'short.glb': (b'glTF' + struct.pack('<III', 2, 0xffffffff, 0xfffffff0) + b'JSON', 'bytes'),

@@ -208,6 +208,63 @@ static void what_is_inside_out_is_turned_with_its_normals(void **state)
     finish(s);
 }
 
+/* An open sheet of which every third triangle is wound the other way. With normals most may be. */
+static void triangles_face_as_their_neighbours_do(void **state)
+{
+    enum { N = 6 };
+    (void) state;
+
+    for (int own = 0; own < 2; own++) {
+        char text[8192], *at = text;
+        struct kept_messages kept = { 0 };
+        struct pell_scene *s;
+
+        for (int i = 0; i < (N + 1) * (N + 1); i++)
+            at += sprintf(at, "v %d %d 0\n", i % (N + 1), i / (N + 1));
+        at += sprintf(at, "vn 0 0 1\n");
+        for (int i = 0; i < 2 * N * N; i++) {
+            const int a = i / 2 % N + i / 2 / N * (N + 1) + 1, b = a + 1, c = a + N + 2, d = a + N + 1;
+            const int corner[3] = { a, i % 2 ? c : b, i % 2 ? d : c };
+            const bool over = own ? i % 3 != 0 : i % 3 == 0;
+            at += own ? sprintf(at, "f %d//1 %d//1 %d//1\n", corner[0], corner[over ? 2 : 1], corner[over ? 1 : 2])
+                      : sprintf(at, "f %d %d %d\n", corner[0], corner[over ? 2 : 1], corner[over ? 1 : 2]);
+        }
+        s = load(text, &bare_mm, &kept);
+        assert_int_equal(kept.warnings, 1);
+        assert_non_null(strstr(kept.last_warning, own ? "48 triangles face against the neighbours" : "24 triangles face against"));
+        for (uint32_t i = 0; i < 3 * s->meshes[0].num_triangles; i++)
+            REQUIRE_NEAR(s->meshes[0].normal[3 * s->meshes[0].index[i] + 2], 1.0, 1e-6);
+        for (uint32_t i = 0; i < s->meshes[0].num_triangles; i++) {
+            const struct pell_mesh *m = &s->meshes[0];
+            const struct pell_vec3 a = vec3_load(m->position + 3 * m->index[3 * i]), b = vec3_load(m->position + 3 * m->index[3 * i + 1]);
+            const struct pell_vec3 c = vec3_load(m->position + 3 * m->index[3 * i + 2]);
+            REQUIRE_NEAR(vec3_cross(vec3_sub(b, a), vec3_sub(c, a)).z, 1.0, 1e-6);
+        }
+        finish(s);
+    }
+}
+
+/* A cube inside out whose last side was rounded apart from the others is closed enough to say where outside is; one that lacks a side is
+ * not. */
+static void what_is_nearly_closed_is_turned(void **state)
+{
+    static const char *const last[] = { "v 0 0 1e-6\nv 0 1 1e-6\nv 1 1 1e-6\nv 1 0 1e-6\nf 9 12 11 10\n", "" };
+    (void) state;
+
+    for (int open = 0; open < 2; open++) {
+        char text[1024];
+        struct kept_messages kept = { 0 };
+        struct pell_scene *s;
+
+        snprintf(text, sizeof(text), "%s%s%s", CUBE_VERTICES, "f 8 7 6 5\nf 5 6 2 1\nf 6 7 3 2\nf 7 8 4 3\nf 8 5 1 4\n", last[open]);
+        s = load(text, &bare_mm, &kept);
+        assert_int_equal(kept.warnings, open ? 0 : 1);
+        if (!open)
+            REQUIRE_NEAR(volume(&s->meshes[0]), 1.0, 1e-5);
+        finish(s);
+    }
+}
+
 static void the_wall_of_a_hollow_stays_as_it_is(void **state)
 {
     char *outer = sphere_obj(12, 5.0, false, false), *inner = sphere_obj(12, 3.0, false, true), *text;
@@ -769,6 +826,8 @@ int main(void)
         cmocka_unit_test(single_missing_normals_are_filled),
         cmocka_unit_test(what_is_inside_out_is_turned_with_its_normals),
         cmocka_unit_test(the_wall_of_a_hollow_stays_as_it_is),
+        cmocka_unit_test(triangles_face_as_their_neighbours_do),
+        cmocka_unit_test(what_is_nearly_closed_is_turned),
         cmocka_unit_test(tangents_follow_u_and_bitangents_run_up),
         cmocka_unit_test(vertices_of_both_handednesses_are_split),
         cmocka_unit_test(made_tangents_agree_with_those_of_a_file),

@@ -142,6 +142,11 @@ static void damaged_files_are_refused_with_their_place(void **state)
     refused("a.stl", bytes, size, "holds no triangles");
 #define REFUSED(text, said) refused("a.stl", text, sizeof(text) - 1, said)
     REFUSED("solid\nendsolid\n", "holds no triangles");
+    {
+        static uint8_t cut[84 + 50] = "solid in the header of a binary file";
+        cut[80] = 3;
+        refused("a.stl", cut, sizeof(cut), "names 3 triangles, for 234 bytes, but has 134 bytes");
+    }
     REFUSED("solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n", "line 6: a facet of 2 corners, must have 3");
     REFUSED("solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0", "line 5: z is \"\", must be a finite number");
     REFUSED("solid\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "ends within a facet");

@@ -87,7 +87,8 @@ enum pell_result pell_json_parse(struct pell_json_file *file, const void *data, 
         if (code == json_error_out_of_memory)
             return pell_error(file->ctx, PELL_ERR_NOMEM, file->path, NULL, "no memory for the JSON tree");
         pell_text_add(&where, "%s:%d:%d", file->path, error.line > 0 ? error.line : 1, error.column > 0 ? error.column : 1);
-        return pell_error(file->ctx, PELL_ERR_FORMAT, where.str, NULL, "not valid JSON: %s",
+        return pell_error(file->ctx, PELL_ERR_FORMAT, where.str,
+                          code == json_error_premature_end_of_input ? "the file may be cut off" : NULL, "not valid JSON: %s",
                           nul ? "a text holds \\u0000, which no text here may hold" : pell_printable(error.text, what, sizeof(what)));
     }
     return PELL_OK;

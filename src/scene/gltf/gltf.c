@@ -190,8 +190,8 @@ enum pell_result gltf_index(const struct pell_json *parent, const char *key, con
     if (count == 0)
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "is %" PRId64 ", but the file has no %s", i, array->key);
     if (i < 0 || i >= count)
-        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "is %" PRId64 ", allowed: [0, %" PRId64 "], as there are %" PRId64 " %s", i,
-                               count - 1, count, array->key);
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "is %" PRId64 ", allowed: [0, %" PRId64 "], by the number of %s", i, count - 1,
+                               array->key);
     *index = i;
     return PELL_OK;
 }

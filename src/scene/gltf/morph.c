@@ -8,6 +8,33 @@
 #include <inttypes.h>
 #include <string.h>
 
+/* A target's accessor against the primitive's, also where its weight is 0 and none of it is read. */
+static enum pell_result check_target(struct gltf *g, const struct pell_json *target, const char *key, int64_t index, int64_t position)
+{
+    const struct pell_json at = pell_json_get(target, key);
+    const struct pell_json accessor = pell_json_at(&g->accessors, (size_t) index), base = pell_json_at(&g->accessors, (size_t) position);
+    const char *type = "";
+    int64_t count = 0, expected = 0;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_string(&accessor, "type", &type));
+    PELL_TRY(pell_json_int(&accessor, "count", INT64_MIN, INT64_MAX, &count));
+    PELL_TRY(pell_json_int(&base, "count", INT64_MIN, INT64_MAX, &expected));
+    if (strcmp(type, "VEC3") != 0) {
+        char shown[32];
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has the type \"%s\", allowed: \"VEC3\"", index,
+                               pell_printable(type, shown, sizeof(shown)));
+    }
+    if (count != expected)
+        return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                               "accessor %" PRId64 " has %" PRId64 " elements, allowed: %" PRId64 ", as POSITION has", index, count,
+                               expected);
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
 enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *primitive, struct gltf_primitive *p, int64_t *count)
 {
     struct pell_json targets;
@@ -33,6 +60,12 @@ enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *prim
         PELL_TRY(gltf_index(&at, "POSITION", &g->accessors, &t->position));
         PELL_TRY(gltf_index(&at, "NORMAL", &g->accessors, &t->normal));
         PELL_TRY(gltf_index(&at, "TANGENT", &g->accessors, &t->tangent));
+        if (t->position >= 0)
+            PELL_TRY(check_target(g, &at, "POSITION", t->position, p->position));
+        if (t->normal >= 0)
+            PELL_TRY(check_target(g, &at, "NORMAL", t->normal, p->position));
+        if (t->tangent >= 0)
+            PELL_TRY(check_target(g, &at, "TANGENT", t->tangent, p->position));
         if ((pell_json_get(&at, "TEXCOORD_0").value || pell_json_get(&at, "TEXCOORD_1").value || pell_json_get(&at, "COLOR_0").value) &&
             gltf_once(g, GLTF_ONCE_MORPH_OTHERS))
             gltf_warn(g, GLTF_WARN_PRIMITIVE, &at, NULL, "morph targets of colours and texture coordinates are not used");
@@ -57,8 +90,12 @@ enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh
     *weights = NULL;
     if (count == 0 && pose && pose->moved[GLTF_WEIGHTS])
         return pell_json_error(node, PELL_ERR_FORMAT, NULL, "an animation moves its weights, but its mesh has no morph targets");
-    if (count == 0)
+    if (count == 0) {
+        const struct pell_json list = pell_json_get(mesh, "weights");
+        if (pell_json_count(&list) > 0 && gltf_once(g, GLTF_ONCE_WEIGHTLESS))
+            gltf_warn(g, GLTF_WARN_PRIMITIVE, &list, NULL, "the mesh has weights, but no morph targets");
         return PELL_OK;
+    }
     PELL_TRY(gltf_deform(g, mesh, count));
     w = pell_calloc(g->ctx, count, sizeof(*w));
     if (!w)

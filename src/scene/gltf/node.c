@@ -281,6 +281,8 @@ static enum pell_result read_node(struct gltf *g, const struct pell_json *node, 
             PELL_TRY(place_instances(g, node, &instancing, mesh, name, world));
         else if (skin >= 0 ? !placing.skin->flat : gltf_has_area(world))
             PELL_TRY(gltf_place_mesh(g, mesh, name, &placing));
+        else if (gltf_once(g, GLTF_ONCE_NO_AREA))
+            gltf_warn(g, GLTF_WARN_NODE, node, NULL, "the node's scale, or that of one above it, is 0: its mesh is left out");
     }
     if (camera >= 0)
         PELL_TRY(add_camera(g, node, camera, world));

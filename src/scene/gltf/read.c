@@ -148,8 +148,10 @@ static enum pell_result open_glb(struct gltf *g, const uint8_t *data, size_t siz
         type = little_endian(data + at + 4);
         at += GLB_CHUNK_HEADER;
         if (length > end - at)
-            return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL, "chunk %d has %s, but only %s left", chunk,
-                              pell_counted((long long) length, "byte", "bytes").str, pell_counted((long long) (end - at), "is", "are").str);
+            return pell_error(g->ctx, PELL_ERR_FORMAT, path,
+                              end < size ? "the length in the GLB's header is less than that of the file" : NULL,
+                              "chunk %d has %s, but only %s left", chunk, pell_counted((long long) length, "byte", "bytes").str,
+                              pell_counted((long long) (end - at), "is", "are").str);
         if (chunk == 0) {
             if (type != GLB_JSON)
                 return pell_error(g->ctx, PELL_ERR_FORMAT, path, NULL,

@@ -1,0 +1,323 @@
+/* SPDX-License-Identifier: MIT
+ * winding.c - triangles that face the way their neighbours do, and surfaces that face outward: what files get wrong. */
+#include "scene/mesh/topology.h"
+
+#include "math/vec.h"
+
+#include <string.h>
+
+#define GAP 1e-3 /* of its area: sum of an open surface's faces as vectors up to which it is nearly closed */
+
+/* --- Triangles among their neighbours ------------------------------------------------------------------------------------------------ */
+
+/* Sets of triangles that edges of two triangles join. */
+struct sets {
+    uint32_t *parent;
+    bool *odd;     /* against the parent */
+    bool *twisted; /* of roots: a surface of one side, as a Moebius strip */
+    double *score; /* of roots, what speaks for its own side */
+};
+
+static uint32_t find_root(const struct sets *s, uint32_t i, bool *odd)
+{
+    uint32_t root = i;
+    bool all = false;
+
+    for (; s->parent[root] != root; root = s->parent[root])
+        all ^= s->odd[root];
+    *odd = all;
+    while (i != root) {
+        const uint32_t next = s->parent[i];
+        const bool own = s->odd[i];
+        s->parent[i] = root;
+        s->odd[i] = all;
+        all ^= own;
+        i = next;
+    }
+    return root;
+}
+
+static void join(const struct sets *s, uint32_t a, uint32_t b, bool against)
+{
+    bool odd_a, odd_b;
+    const uint32_t root_a = find_root(s, a, &odd_a), root_b = find_root(s, b, &odd_b);
+    const uint32_t low = root_a < root_b ? root_a : root_b, high = root_a < root_b ? root_b : root_a;
+    const bool differ = odd_a ^ odd_b ^ against;
+
+    if (low == high) {
+        s->twisted[low] |= differ;
+        return;
+    }
+    s->parent[high] = low;
+    s->odd[high] = differ;
+    s->twisted[low] |= s->twisted[high];
+}
+
+/* How well a triangle agrees with the file's normals, or its area where there are none. */
+static double score_of(const struct pell_mesh *mesh, const float *face, const uint32_t *corner)
+{
+    const struct pell_vec3 n = vec3_load(face);
+    double sum = 0.0;
+    bool any = false;
+
+    for (int k = 0; k < 3; k++) {
+        const struct pell_vec3 normal = vec3_load(mesh->normal + 3 * (size_t) corner[k]);
+        sum += (double) vec3_dot(n, normal);
+        any |= vec3_dot(normal, normal) > 0.0f;
+    }
+    return any ? sum : 3.0 * (double) vec3_length(n);
+}
+
+static void turn_triangle(uint32_t *corner)
+{
+    const uint32_t swap = corner[1];
+
+    corner[1] = corner[2];
+    corner[2] = swap;
+}
+
+static void turn_vertex(struct pell_mesh *mesh, uint32_t vertex)
+{
+    for (size_t c = 0; c < 3; c++)
+        mesh->normal[3 * (size_t) vertex + c] *= -1.0f;
+    if (mesh->tangent)
+        mesh->tangent[4 * (size_t) vertex + 3] *= -1.0f;
+}
+
+/* Turns those of a mesh. Normals that agreed with the wrong winding are wrong, too, where no other triangle has them. `done`: of the mesh's
+ * vertices, false. */
+static void turn_marked(struct pell_mesh *mesh, const float *face, const bool *turn, bool *done)
+{
+    for (size_t i = 0; i < mesh->num_triangles; i++)
+        for (int k = 0; k < 3 && !turn[i]; k++)
+            done[mesh->index[3 * i + (size_t) k]] = true;
+    for (size_t i = 0; i < mesh->num_triangles; i++) {
+        uint32_t *corner = mesh->index + 3 * i;
+        if (!turn[i])
+            continue;
+        for (int k = 0; k < 3 && score_of(mesh, face + 3 * i, corner) > 0.0; k++)
+            if (!done[corner[k]]) {
+                done[corner[k]] = true;
+                turn_vertex(mesh, corner[k]);
+            }
+        turn_triangle(corner);
+    }
+}
+
+static bool any_against(const struct pell_topology *t)
+{
+    for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(t->ctx, e); e = end) {
+        end = pell_topology_edge(t, e);
+        if (end - e == 2 && pell_half_start(t, t->half[e]) == pell_half_start(t, t->half[e + 1]))
+            return true;
+    }
+    return false;
+}
+
+/* Marks what is to be turned: of each set the side that less speaks for. Returns how many. */
+static uint32_t mark(const struct pell_scene *scene, const struct pell_topology *t, const struct sets *s, bool *turn)
+{
+    uint32_t count = 0;
+    bool odd;
+
+    for (uint32_t i = 0; i < t->num_triangles; i++)
+        s->parent[i] = i;
+    for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(t->ctx, e); e = end) {
+        end = pell_topology_edge(t, e);
+        if (end - e == 2)
+            join(s, t->half[e] / 3, t->half[e + 1] / 3, pell_half_start(t, t->half[e]) == pell_half_start(t, t->half[e + 1]));
+    }
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
+            const uint32_t triangle = t->first_triangle[m] + i, root = find_root(s, triangle, &odd);
+            s->score[root] += (odd ? -1.0 : 1.0) * score_of(mesh, t->face + 3 * (size_t) triangle, mesh->index + 3 * (size_t) i);
+        }
+    }
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
+        const uint32_t root = find_root(s, i, &odd);
+        turn[i] = !s->twisted[root] && odd == (s->score[root] >= 0.0);
+        count += turn[i];
+    }
+    return count;
+}
+
+enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
+{
+    struct pell_context *ctx = scene->ctx;
+    const size_t n = t->num_triangles;
+    struct sets s = { 0 };
+    bool *turn = NULL, *done = NULL;
+    uint32_t count;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    *any = false;
+    if (!any_against(t))
+        return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    s.parent = pell_alloc_array(ctx, n, sizeof(*s.parent));
+    s.odd = pell_calloc(ctx, n, sizeof(*s.odd));
+    s.twisted = pell_calloc(ctx, n, sizeof(*s.twisted));
+    s.score = pell_calloc(ctx, n, sizeof(*s.score));
+    turn = pell_calloc(ctx, n, sizeof(*turn));
+    done = pell_calloc(ctx, t->num_vertices, sizeof(*done));
+    if (!s.parent || !s.odd || !s.twisted || !s.score || !turn || !done)
+        goto fail;
+    count = mark(scene, t, &s, turn);
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* what is turned is turned as a whole */
+    if (res != PELL_OK || count == 0)
+        goto fail;
+    for (size_t m = 0; m < t->num_meshes; m++)
+        turn_marked(&scene->meshes[t->mesh[m]], t->face + 3 * (size_t) t->first_triangle[m], turn + t->first_triangle[m],
+                    done + t->first_vertex[m]);
+    *any = true;
+    pell_warn(ctx, where, NULL, "%s against the neighbours: turned", pell_counted(count, "triangle faces", "triangles face").str);
+
+fail:
+    pell_free(ctx, s.parent);
+    pell_free(ctx, s.odd);
+    pell_free(ctx, s.twisted);
+    pell_free(ctx, s.score);
+    pell_free(ctx, turn);
+    pell_free(ctx, done);
+    return res;
+}
+
+/* --- Surfaces as a whole ------------------------------------------------------------------------------------------------------------- */
+
+static bool inside(const struct pell_part *a, const struct pell_part *b)
+{
+    for (int c = 0; c < 3; c++)
+        if (!(a->min[c] > b->min[c] && a->max[c] < b->max[c]))
+            return false;
+    return true;
+}
+
+/* True for a closed part that faces inward. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
+ * fast on files of very many parts, only the largest ones are taken for possible hosts. */
+static void find_inverted(const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
+{
+    enum { HOSTS = 64 };
+    const double least = 1e-9 * t->scale * t->scale * t->scale;
+    uint32_t hosts[HOSTS];
+    size_t num_hosts = 0;
+
+    for (uint32_t i = 0; i < t->num_parts; i++) {
+        size_t k = num_hosts < HOSTS ? num_hosts++ : HOSTS;
+        if (k == HOSTS && !(fabs(parts[i].volume) > fabs(parts[hosts[HOSTS - 1]].volume)))
+            continue;
+        for (k = k == HOSTS ? HOSTS - 1 : k; k > 0 && fabs(parts[hosts[k - 1]].volume) < fabs(parts[i].volume); k--)
+            hosts[k] = hosts[k - 1];
+        hosts[k] = i;
+    }
+    for (uint32_t i = 0; i < t->num_parts; i++) {
+        inverted[i] = parts[i].closed && parts[i].volume < -least;
+        for (size_t k = 0; k < num_hosts && inverted[i]; k++)
+            inverted[i] = hosts[k] == i || !inside(&parts[i], &parts[hosts[k]]);
+    }
+}
+
+/* True where the object's open parts are one surface that is closed but for seams, as of corners that were rounded apart, and faces inward.
+ * Faces of a closed surface sum to 0 as vectors, and its volume is the same from everywhere. */
+static bool open_is_inverted(const struct pell_topology *t, const struct pell_part *parts)
+{
+    const double unit = 0.5 * t->scale * t->scale, least = 1e-9 * t->scale * t->scale * t->scale;
+    double sum[3] = { 0 }, area = 0.0, volume = 0.0, rest;
+
+    for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
+        const float *face = t->face + 3 * (size_t) i;
+        const struct pell_part *part = t->part[i] == UINT32_MAX ? NULL : &parts[t->part[i]];
+        if (!part || part->closed)
+            continue;
+        area += unit * (double) vec3_length(vec3_load(face));
+        for (int c = 0; c < 3; c++) { /* volumes are taken from a corner of each part's box */
+            sum[c] += unit * (double) face[c];
+            volume += unit * (double) face[c] * (part->min[c] - parts[0].min[c]) / 3.0;
+        }
+    }
+    for (uint32_t i = 0; i < t->num_parts; i++)
+        if (!parts[i].closed)
+            volume += parts[i].volume;
+    rest = sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
+    return rest < GAP * area && volume < -(rest * t->scale + least);
+}
+
+/* Per part: how well the file's normals agree with the winding, summed over corners. */
+static void add_agreement(const struct pell_scene *scene, const struct pell_topology *t, double *agreement)
+{
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
+            const size_t tri = (size_t) t->first_triangle[m] + i;
+            for (int k = 0; k < 3 && t->part[tri] != UINT32_MAX; k++)
+                agreement[t->part[tri]] +=
+                    (double) vec3_dot(vec3_load(t->face + 3 * tri), vec3_load(mesh->normal + 3 * (size_t) mesh->index[3 * (size_t) i + k]));
+        }
+    }
+}
+
+enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_topology *t, const char *where, bool *any)
+{
+    struct pell_context *ctx = scene->ctx;
+    struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
+    bool *inverted = pell_calloc(ctx, t->num_parts, sizeof(*inverted)), *turned = NULL;
+    double *agreement = NULL;
+    uint32_t count = 0;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!parts || !inverted)
+        goto fail;
+    *any = false;
+    res = PELL_OK;
+    pell_topology_parts(t, scene, parts);
+    if (pell_cancelled(ctx)) {
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
+    find_inverted(t, parts, inverted);
+    if (open_is_inverted(t, parts))
+        for (uint32_t i = 0; i < t->num_parts; i++)
+            inverted[i] |= !parts[i].closed;
+    for (uint32_t i = 0; i < t->num_parts; i++)
+        count += inverted[i];
+    if (!count)
+        goto fail;
+
+    res = PELL_ERR_NOMEM;
+    agreement = pell_calloc(ctx, t->num_parts, sizeof(*agreement));
+    turned = pell_calloc(ctx, t->num_vertices, sizeof(*turned));
+    if (!agreement || !turned)
+        goto fail;
+    add_agreement(scene, t, agreement);
+    if (pell_cancelled(ctx)) { /* what is turned is turned as a whole */
+        res = PELL_ERR_CANCELLED;
+        goto fail;
+    }
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++) {
+            const size_t tri = (size_t) t->first_triangle[m] + i;
+            uint32_t *v = mesh->index + 3 * (size_t) i;
+            if (t->part[tri] == UINT32_MAX || !inverted[t->part[tri]])
+                continue;
+            /* Normals that agreed with the wrong winding are wrong, too; others were right. */
+            for (int k = 0; k < 3 && agreement[t->part[tri]] > 0.0; k++) {
+                if (turned[t->first_vertex[m] + v[k]])
+                    continue;
+                turned[t->first_vertex[m] + v[k]] = true;
+                turn_vertex(mesh, v[k]);
+            }
+            turn_triangle(v);
+        }
+    }
+    *any = true;
+    pell_warn(ctx, where, NULL, "%u closed surface%s had inverted normals and %s flipped", count, count > 1 ? "s" : "",
+              count > 1 ? "were" : "was");
+    res = PELL_OK;
+
+fail:
+    pell_free(ctx, parts);
+    pell_free(ctx, inverted);
+    pell_free(ctx, agreement);
+    pell_free(ctx, turned);
+    return res;
+}
