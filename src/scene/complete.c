@@ -9,6 +9,7 @@
 
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay far inside a float's range */
 #define SMALLEST_PICTURE 1e-6    /* mm, of what an orthographic camera sees: a nanometre */
+#define SMALLEST 5e-4f           /* mm, of a scene: half a micrometre */
 #define COARSEST 1e-3f           /* of the scene's extent: the largest step of coordinates that keeps a shape */
 #define NO_LENGTH 1e-30f         /* directions of less have none: their inverse would overflow */
 
@@ -452,12 +453,17 @@ fail:
     return res;
 }
 
-static void warn_of_size(struct pell_scene *scene)
+static enum pell_result check_size(struct pell_scene *scene)
 {
     const float *min = scene->bounds_min, *max = scene->bounds_max;
     const float extent = fmaxf(max[0] - min[0], fmaxf(max[1] - min[1], max[2] - min[2]));
     float farthest = 0.0f;
 
+    if (extent > 0.0f && extent < SMALLEST)
+        return pell_error(scene->ctx, scene->from_file ? PELL_ERR_FORMAT : PELL_ERR_INVALID, scene->path,
+                          "--size 70mm: the largest extent; --unit 1mm: what one unit is",
+                          "the largest extent is %.3g mm, allowed: %g mm and more: what is smaller than a wave of light casts no shadow",
+                          (double) extent, (double) SMALLEST);
     if (extent < 0.1f || extent > 1e5f)
         pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",
                   "the largest extent is %g mm, which is %s for a translucent object", (double) extent, extent < 0.1f ? "tiny" : "huge");
@@ -468,6 +474,7 @@ static void warn_of_size(struct pell_scene *scene)
             scene->ctx, scene->path, "move it to the origin in the program that it comes from",
             "the scene lies up to %g mm from the origin, but is %.3g mm large: coordinates are rounded to %.2g mm, and its shape is lost",
             (double) farthest, (double) extent, (double) (farthest * FLT_EPSILON));
+    return PELL_OK;
 }
 
 enum pell_result pell_scene_check_view(struct pell_scene *scene)
@@ -531,7 +538,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
                                          : pell_error(scene->ctx, PELL_ERR_FORMAT, scene->path, NULL, "holds no triangles");
         goto fail;
     }
-    warn_of_size(scene);
+    PELL_TRY(check_size(scene));
     PELL_TRY(complete_objects(scene));
     PELL_TRY(complete_tangents(scene));
     if (pell_cancelled(scene->ctx)) {

@@ -101,6 +101,23 @@ static void normals_weigh_faces_by_area_times_angle(void **state)
                  1.0, 1e-6);
 }
 
+/* Steps of single precision are 1 at 1e7. */
+static void what_is_too_far_for_its_size_is_told(void **state)
+{
+    static const char *const places[] = { "10000000", "10000" };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(places); i++) {
+        char text[256];
+        struct kept_messages kept = { 0 };
+        snprintf(text, sizeof(text), "v %s 0 0\nv %s 2 0\nv %s 0 2\nf 1 2 3\n", places[i], places[i], places[i]);
+        finish(load(text, &bare_mm, &kept));
+        assert_int_equal(kept.warnings, i == 0 ? 1 : 0);
+        if (i == 0)
+            assert_non_null(strstr(kept.last_warning, "from the origin, but is 2 mm large"));
+    }
+}
+
 static void degenerate_triangles_do_not_hurt(void **state)
 {
     struct pell_scene *s = load(CUBE "f 1 1 2\nf 1 2 1\nv 0.5 0 0\nf 1 9 2\n", &bare_mm, NULL);
@@ -678,6 +695,11 @@ static void spoil_far(struct pell_scene *s)
 {
     s->meshes[0].position[4] = 1e30f;
 }
+static void spoil_size(struct pell_scene *s)
+{
+    for (uint32_t i = 0; i < 3 * s->meshes[0].num_vertices; i++)
+        s->meshes[0].position[i] *= 1e-7f;
+}
 static void spoil_material(struct pell_scene *s)
 {
     s->meshes[0].material = 1;
@@ -730,6 +752,7 @@ static void values_that_a_renderer_could_not_trust_are_refused(void **state)
         { spoil_index, "refers to vertex 3; there are 3" },
         { spoil_position, "coordinate nan" },
         { spoil_far, "coordinate 1e+30" },
+        { spoil_size, "largest extent is 1e-06 mm, allowed: 0.0005 mm and more" },
         { spoil_material, "material 1 does not exist" },
         { spoil_medium, "sigma_a[1] is -1" },
         { spoil_nan_medium, "sigma_s_reduced[2] is" },
@@ -821,6 +844,7 @@ int main(void)
         cmocka_unit_test(a_sphere_is_smooth_however_its_vertices_are_split),
         cmocka_unit_test(normals_weigh_faces_by_area_times_angle),
         cmocka_unit_test(degenerate_triangles_do_not_hurt),
+        cmocka_unit_test(what_is_too_far_for_its_size_is_told),
         cmocka_unit_test(repeated_triangles_are_left_out),
         cmocka_unit_test(very_many_repeated_triangles_take_no_time),
         cmocka_unit_test(single_missing_normals_are_filled),

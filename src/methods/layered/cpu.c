@@ -14,6 +14,7 @@
 PELL_SIMD_TABLES(struct layered_kernels, layered_kernels);
 
 enum { BAND = 4 }; /* rows of a task */
+#define DENSE 0.5  /* albedo */
 
 /* --- Life ----------------------------------------------------------------------------------------------------------------------- */
 
@@ -75,6 +76,21 @@ static void warn_of_steps(const struct layered_state *st, const struct pell_mate
                   thinnest, ceil(deepest / thinnest));
 }
 
+/* Of light that dense media scatter, most is scattered more than once. */
+static void tell_of_dense(const struct layered_state *st, const struct pell_material *m)
+{
+    char shown[96];
+    double albedo = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        const double scattered = m->medium.sigma_s_reduced[c], all = scattered + m->medium.sigma_a[c];
+        albedo = fmax(albedo, all > 0.0 ? scattered / all : 0.0);
+    }
+    if (!st->knobs.multiple && st->knobs.as != LAYERED_PAPER && m->num_layers == 0 && albedo > DENSE)
+        pell_info(st->ctx, "layered", "light that \"%s\" scatters more than once is left out: multiple=on adds it",
+                  pell_printable(m->name, shown, sizeof(shown)));
+}
+
 static enum pell_result make_media(struct layered_state *st, const struct pell_scene *scene)
 {
     enum pell_result res = PELL_ERR_NOMEM;
@@ -92,6 +108,7 @@ static enum pell_result make_media(struct layered_state *st, const struct pell_s
             continue;
         m = &scene->materials[mesh->material];
         warn_of_steps(st, m);
+        tell_of_dense(st, m);
         medium = &st->media[mesh->material];
         st->medium_layers[mesh->material] = pell_alloc(st->ctx, sizeof(**st->medium_layers));
         if (!st->medium_layers[mesh->material])

@@ -217,7 +217,7 @@ PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, s
 uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,
                             struct pell_vec3 at);
 
-/* --- apart.c: solids of one object ----------------------------------------------------------------------------------------------------- */
+/* --- apart.c: solids of one object ---------------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result indirect_apart_make(struct pell_indirect *in, struct pell_pool *pool);
 

@@ -59,8 +59,8 @@ struct pell_part {
 /* `parts` has num_parts elements; not complete where the work was cancelled. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
-/* Turns triangles that face against their neighbours (winding.c), and closed surfaces that face inward; `where`: for messages. Where *any is
- * true, the topology is no longer theirs. */
+/* Turns triangles that face against their neighbours (winding.c), and closed surfaces that face inward; `where`: for messages. Where *any
+ * is true, the topology is no longer theirs. */
 PELL_NODISCARD enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
                                                   bool *any);
 PELL_NODISCARD enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
