@@ -108,7 +108,7 @@ static void light_that_a_wall_reflects_enters_elsewhere(void **state)
             m->medium.sigma_s_reduced[c] = 1e-3;
         }
         stage_ball(&s, material, 0, vec3(0, 0, 0), 50.0f, 48);
-        s.scene->meshes[0].num_triangles--; /* closed surfaces are turned to face outward */
+        s.scene->meshes[0].num_triangles -= 300; /* surfaces that are nearly closed are turned to face outward */
         turn_inside_out(&s.scene->meshes[0]);
         stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
         stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 1.5f, 0.0f);
