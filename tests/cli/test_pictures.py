@@ -211,6 +211,8 @@ def _(folder):
     for wrong, reason in ((('--turntable', '2'), b'does not go with --turntable'), (('--frames', '0:1:1'), b'does not go with --frames')):
         done = run(folder, *MESH, '--dump', 'other', *wrong, '-o', 'q.png')
         need(done.returncode == 2 and reason in done.stderr and not (folder / 'other').exists(), done.stderr)
+    done = run(folder, *MESH, '--dump', '', '-o', 'q.png')
+    need(done.returncode == 2 and b'--dump: is empty' in done.stderr and not (folder / 'q.png').exists(), done)
     done = run(folder, *MESH, '--dump', 'none/there', '-o', 'q.png')
     need(done.returncode == 3 and b'none/there' in done.stderr and not (folder / 'q.png').exists(), done)
 

@@ -225,6 +225,33 @@ static void what_is_inside_out_is_turned_with_its_normals(void **state)
     finish(s);
 }
 
+/* A hollow ball inside out becomes one; what is in the box of a ball inside out, but not in the ball, stays as it is. */
+static void a_hollow_is_turned_with_what_is_around_it(void **state)
+{
+    static const char beside[] =
+        "v 4.4 4.4 4.4\nv 4.8 4.4 4.4\nv 4.4 4.8 4.4\nv 4.4 4.4 4.8\nf -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n";
+    char *outer = sphere_obj(12, 5.0, false, true), *inner = sphere_obj(12, 3.0, false, false);
+    (void) state;
+
+    for (int within = 0; within < 2; within++) {
+        const char *other = within ? inner : beside;
+        const double want = 4.0 / 3.0 * PELL_PI * (within ? 125.0 - 27.0 : 125.0);
+        char *text = malloc(strlen(outer) + strlen(other) + 1);
+        struct kept_messages kept = { 0 };
+        struct pell_scene *s;
+        assert_non_null(text);
+        strcpy(text, outer);
+        strcat(text, other);
+        s = load(text, &bare_mm, &kept);
+        assert_non_null(strstr(kept.last_warning, within ? "2 closed surfaces had" : "1 closed surface had"));
+        REQUIRE_REL(volume(&s->meshes[0]), want, 0.05);
+        finish(s);
+        free(text);
+    }
+    free(outer);
+    free(inner);
+}
+
 /* An open sheet of which every third triangle is wound the other way. With normals most may be. */
 static void triangles_face_as_their_neighbours_do(void **state)
 {
@@ -852,6 +879,7 @@ int main(void)
         cmocka_unit_test(the_wall_of_a_hollow_stays_as_it_is),
         cmocka_unit_test(triangles_face_as_their_neighbours_do),
         cmocka_unit_test(what_is_nearly_closed_is_turned),
+        cmocka_unit_test(a_hollow_is_turned_with_what_is_around_it),
         cmocka_unit_test(tangents_follow_u_and_bitangents_run_up),
         cmocka_unit_test(vertices_of_both_handednesses_are_split),
         cmocka_unit_test(made_tangents_agree_with_those_of_a_file),

@@ -43,6 +43,8 @@ static enum exit_code choose_output(struct cli *cli, struct job *job)
     job->no_picture = part && cli->checkpoint && !cli->output && !cli->dump;
     if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
         return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
+    if (cli->dump && !cli->dump[0])
+        return cli_usage(cli, "--dump", NULL, "is empty, must name a folder");
     return EXIT_OK;
 }
 

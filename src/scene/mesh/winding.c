@@ -164,6 +164,11 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
         goto fail;
     count = mark(scene, t, &s, turn);
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* what is turned is turned as a whole */
+    for (size_t i = 0; i < n && res == PELL_OK; i++)
+        if (s.twisted[i] && s.parent[i] == i) {
+            pell_warn(ctx, where, NULL, "a surface has one side alone, as a Moebius strip: its triangles can't all face the same way");
+            break;
+        }
     if (res != PELL_OK || count == 0)
         goto fail;
     for (size_t m = 0; m < t->num_meshes; m++)
@@ -192,11 +197,49 @@ static bool inside(const struct pell_part *a, const struct pell_part *b)
     return true;
 }
 
+/* Whether a part goes around a point: its solid angle (Van Oosterom and Strackee 1983) is 4 pi or nothing. */
+static bool goes_around(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part, const float at[3])
+{
+    const struct pell_vec3 p = vec3_load(at);
+    double half = 0.0;
+
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
+            struct pell_vec3 v[3];
+            double length[3];
+            if (t->part[t->first_triangle[m] + i] != part)
+                continue;
+            for (int k = 0; k < 3; k++) {
+                v[k] = vec3_sub(vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i + (size_t) k]), p);
+                length[k] = (double) vec3_length(v[k]);
+            }
+            half += atan2((double) vec3_dot(v[0], vec3_cross(v[1], v[2])),
+                          length[0] * length[1] * length[2] + (double) vec3_dot(v[0], v[1]) * length[2] +
+                              (double) vec3_dot(v[1], v[2]) * length[0] + (double) vec3_dot(v[2], v[0]) * length[1]);
+        }
+    }
+    return fabs(half) > PELL_PI;
+}
+
+/* A corner of a part; NULL: it has none. */
+static const float *corner_of(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part)
+{
+    for (size_t m = 0; m < t->num_meshes; m++) {
+        const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+        for (uint32_t i = 0; i < mesh->num_triangles; i++)
+            if (t->part[t->first_triangle[m] + i] == part)
+                return mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i];
+    }
+    return NULL;
+}
+
 /* True for a closed part that faces inward. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
  * fast on files of very many parts, only the largest ones are taken for possible hosts. */
-static void find_inverted(const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
+static void find_inverted(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
 {
-    enum { HOSTS = 64 };
+    enum { HOSTS = 64, LOOKS = 64 };
+    int looks = 0;
     const double least = 1e-9 * t->scale * t->scale * t->scale;
     uint32_t hosts[HOSTS];
     size_t num_hosts = 0;
@@ -214,6 +257,13 @@ static void find_inverted(const struct pell_topology *t, const struct pell_part 
         for (size_t k = 0; k < num_hosts && inverted[i]; k++)
             inverted[i] = hosts[k] == i || !inside(&parts[i], &parts[hosts[k]]);
     }
+    /* The wall of a hollow in what is inside out faces outward, and is turned with it. */
+    for (uint32_t i = 0; i < t->num_parts; i++)
+        for (size_t k = 0; k < num_hosts && !inverted[i] && parts[i].closed && parts[i].volume > least; k++)
+            if (inverted[hosts[k]] && inside(&parts[i], &parts[hosts[k]]) && looks++ < LOOKS) {
+                const float *corner = corner_of(scene, t, i);
+                inverted[i] = corner && goes_around(scene, t, hosts[k], corner);
+            }
 }
 
 /* True where the object's open parts are one surface that is closed but for seams, as of corners that were rounded apart, and faces inward.
@@ -273,7 +323,7 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
         res = PELL_ERR_CANCELLED;
         goto fail;
     }
-    find_inverted(t, parts, inverted);
+    find_inverted(scene, t, parts, inverted);
     if (open_is_inverted(t, parts))
         for (uint32_t i = 0; i < t->num_parts; i++)
             inverted[i] |= !parts[i].closed;
