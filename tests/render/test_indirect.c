@@ -366,6 +366,40 @@ static void solids_that_nearly_touch_stay_apart(void **state)
     }
 }
 
+/* Few samples lie unevenly: none is taken for a hole that light is lost in, or a lamp. */
+static void few_samples_leave_no_spots(void **state)
+{
+    (void) state;
+
+    for (int samples = 800; samples <= 1400; samples += 150) {
+        struct shot shot[2];
+        double worst = 0.0;
+        for (int fine = 0; fine < 2; fine++) {
+            struct stage s;
+            size_t material;
+            stage_start(&s, SIZE, SIZE);
+            stage_medium(&s, "wholemilk", &material);
+            stage_ball(&s, material, 0, vec3(0, 0, 0), 35.0f, 16);
+            stage_light(&s, PELL_LIGHT_POINT, vec3(100, 200, 200), vec3(0, 0, 0), 2e-2f);
+            stage_camera(&s, vec3(0, 0, 200), vec3(0, 0, 0), 0.5f, 0.0f);
+            s.settings.opposed = s.settings.curvature = s.settings.angles = true;
+            s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+            s.settings.indirect_samples = fine ? 16384 : samples;
+            shot[fine] = stage_shot_of(&s, "screen-space", NULL);
+            stage_finish(&s);
+        }
+        for (size_t c = 0; c < 3; c++)
+            for (int i = 0; i < SIZE * SIZE; i++) {
+                const double few = shot_at(&shot[0], c, i % SIZE, i / SIZE), many = shot_at(&shot[1], c, i % SIZE, i / SIZE);
+                worst = fmax(worst, fabs(few - many) / shot_at(&shot[1], c, SIZE / 2, SIZE / 2));
+            }
+        print_message("# %d samples: off by %.3f of the light in the middle\n", samples, worst);
+        REQUIRE(worst < 0.06);
+        shot_free(&shot[0]);
+        shot_free(&shot[1]);
+    }
+}
+
 /* A ball of marble with a wall of 3 mm and a lamp inside: light goes to and fro in there, by what a wall so thin sends back, and what gets
  * out at each bounce is seen from outside. */
 static void a_thin_wall_lets_indirect_light_out(void **state)
@@ -514,6 +548,7 @@ int main(void)
         cmocka_unit_test(a_thin_wall_lets_indirect_light_out),
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
         cmocka_unit_test(solids_that_nearly_touch_stay_apart),
+        cmocka_unit_test(few_samples_leave_no_spots),
         cmocka_unit_test(a_convex_solid_keeps_its_bits),
         cmocka_unit_test(points_have_it_as_pixels_have),
         cmocka_unit_test(a_flat_medium_returns_light_by_its_angle),

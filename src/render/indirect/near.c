@@ -5,8 +5,10 @@
  */
 #include "render/indirect/internal.h"
 
+#include <limits.h>
 #include <string.h>
 
+#define ANY INT_MIN /* object */
 #define REACH 2.6f  /* of the spacing: how far samples are looked for, at first */
 #define TRIES 4     /* the reach is doubled so often at most, until there is a sample */
 #define FACING 0.3f /* least cosine between the normals */
@@ -79,6 +81,7 @@ static void build(struct search *s, uint32_t low, uint32_t high)
 struct query {
     struct pell_vec3 position, normal;
     uint32_t material;
+    int object; /* or ANY */
     bool back;
     float reach, spacing;
     struct indirect_near found;
@@ -94,6 +97,8 @@ static void consider(const struct pell_indirect *in, uint32_t number, struct que
     int at;
 
     if (!(w > 0.0f) || !(facing > FACING) || s->material != q->material || s->back != q->back)
+        return;
+    if (q->object != ANY && in->p.scene->meshes[s->mesh].object != q->object)
         return;
     w = w * w * facing * facing / (1.0f + 4.0f * height * height);
     at = q->count < INDIRECT_NEAR ? q->count++ : INDIRECT_NEAR - 1;
@@ -127,15 +132,26 @@ static void look(const struct search *s, uint32_t low, uint32_t high, struct que
         consider(s->in, s->order[low], q);
 }
 
-static void find_near(const struct search *s, struct query *q)
+static void try_near(const struct search *s, struct query *q)
 {
-    float sum = 0.0f;
-
     q->reach = REACH * q->spacing;
     for (int i = 0; i < TRIES && q->count == 0; i++) {
         memset(&q->found, 0, sizeof(q->found));
         look(s, 0, (uint32_t) s->in->num_samples, q);
         q->reach *= 2.0f;
+    }
+}
+
+/* What lies in or close to a translucent object may be in quite another light inside: it counts for those alone that are too small to have
+ * samples. */
+static void find_near(const struct search *s, struct query *q)
+{
+    float sum = 0.0f;
+
+    try_near(s, q);
+    if (q->count == 0 && q->object != ANY) {
+        q->object = ANY;
+        try_near(s, q);
     }
     for (int i = 0; i < q->count; i++)
         sum += q->found.weight[i];
@@ -152,6 +168,7 @@ static void find_knot(const struct search *s, uint32_t mesh, struct indirect_pla
         .position = place.position,
         .normal = vec3_mul(vec3_normalize(place.normal), s->back ? -1.0f : 1.0f),
         .material = (uint32_t) material,
+        .object = scene->materials[material].opaque ? ANY : scene->meshes[mesh].object,
         .back = s->back,
         .spacing = indirect_spacing_at(s->spacing, place.position),
     };

@@ -43,6 +43,8 @@ enum { CHUNK = 32, SAMPLES = 256, FEWEST = 800, MOST = 4096, STEPS = 60, FOUND =
 #define LEAST 0.3f         /* distances that places across a thin part are taken to be apart at least */
 #define SEEN_LOW 0.4f      /* cosine of normals from which on methods see faces together, */
 #define SEEN_HIGH 0.9f     /* and from which on all of them */
+#define SPREAD 0.6f        /* of the squared radius of a place's area: nearer, it is not seen as a point */
+#define OWN 0.4f           /* of what a disc of its own area returns to a place: the least share, where a large place is beside it */
 #define WINDOW 2.5f        /* distances inside which the profile's sum is set right */
 #define SMOOTH 1.6f        /* distances over which places are interpolated */
 #define TOLERANCE 1e-7     /* of the residual, over the right side, that is asked for; */
@@ -140,7 +142,7 @@ static float bend_of(const struct solid *s, float curvature)
 static void add_entry(struct solid *s, struct row *row, const struct patch *y, uint32_t column)
 {
     const struct pell_vec3 v = vec3_sub(y->position, row->x->position), deep = vec3_mad(v, -s->depth, y->normal);
-    const float r2 = fmaxf(vec3_dot(v, v), s->least2), r = sqrtf(r2), G = y->area * green(s->kappa, r);
+    const float r2 = fmaxf(vec3_dot(v, v), fmaxf(s->least2, SPREAD * y->area / PELL_PI_F)), r = sqrtf(r2), G = y->area * green(s->kappa, r);
     const float even = -y->area * vec3_dot(v, y->normal) / (4.0f * PELL_PI_F * r2 * r);
     const float deeper = sqrtf(fmaxf(vec3_dot(deep, deep), s->least2)), below = G * r / deeper * exp_near_0(s->kappa * (r - deeper));
     const float facing = vec3_dot(row->x->normal, y->normal), seen = ramp(SEEN_LOW, SEEN_HIGH, facing);
@@ -188,7 +190,8 @@ static void fill_row(struct solid *s, uint32_t i)
     /* Int exp(-kappa r)/(4 pi r) over a disc is (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance from its plane, r' from its
      * edge. */
     wide = row.area / PELL_PI_F;
-    pull = fmaxf((1.0f - expf(-s->kappa * sqrtf(wide))) / (2.0f * s->kappa) - row.pull, 0.0f);
+    pull = fmaxf((1.0f - expf(-s->kappa * sqrtf(wide))) / (2.0f * s->kappa) - row.pull,
+                 OWN * (1.0f - expf(-s->kappa * sqrtf(x->area / PELL_PI_F))) / (2.0f * s->kappa));
     below = (expf(-s->kappa * s->depth) - expf(-s->kappa * sqrtf(wide + s->depth * s->depth))) / (2.0f * s->kappa) - row.below;
     s->right[i] = (row.right + (double) fmaxf(below, 0.0f) * s->light[i]) * (double) (s->enters / s->s);
     pair = fmaxf(s->share * row.seen_area / (PELL_PI_F * s->window2) - row.near_pairs, 0.0f);
