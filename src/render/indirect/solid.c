@@ -43,8 +43,8 @@ enum { CHUNK = 32, SAMPLES = 256, FEWEST = 800, MOST = 4096, STEPS = 60, FOUND =
 #define LEAST 0.3f         /* distances that places across a thin part are taken to be apart at least */
 #define SEEN_LOW 0.4f      /* cosine of normals from which on methods see faces together, */
 #define SEEN_HIGH 0.9f     /* and from which on all of them */
-#define SPREAD 0.6f        /* of the squared radius of a place's area: nearer, it is not seen as a point */
-#define OWN 0.4f           /* of what a disc of its own area returns to a place: the least share, where a large place is beside it */
+#define SPREAD 0.8f        /* of the squared radius of a place's area: nearer, it is not seen as a point */
+#define OWN 0.5f           /* of what a disc of its own area returns to a place: the least share, where a large place is beside it */
 #define WINDOW 2.5f        /* distances inside which the profile's sum is set right */
 #define SMOOTH 1.6f        /* distances over which places are interpolated */
 #define TOLERANCE 1e-7     /* of the residual, over the right side, that is asked for; */
