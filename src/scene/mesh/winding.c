@@ -53,19 +53,25 @@ static void join(const struct sets *s, uint32_t a, uint32_t b, bool against)
     s->twisted[low] |= s->twisted[high];
 }
 
-/* How well a triangle agrees with the file's normals, or its area where there are none. */
+/* How well a triangle agrees with the file's normals, summed over corners; 0 where there are none. */
+static double agreement_of(const struct pell_mesh *mesh, const float *face, const uint32_t *corner)
+{
+    double sum = 0.0;
+
+    for (int k = 0; k < 3; k++)
+        sum += (double) vec3_dot(vec3_load(face), vec3_load(mesh->normal + 3 * (size_t) corner[k]));
+    return sum;
+}
+
+/* The same, or its area where there are none. */
 static double score_of(const struct pell_mesh *mesh, const float *face, const uint32_t *corner)
 {
-    const struct pell_vec3 n = vec3_load(face);
-    double sum = 0.0;
-    bool any = false;
-
     for (int k = 0; k < 3; k++) {
         const struct pell_vec3 normal = vec3_load(mesh->normal + 3 * (size_t) corner[k]);
-        sum += (double) vec3_dot(n, normal);
-        any |= vec3_dot(normal, normal) > 0.0f;
+        if (vec3_dot(normal, normal) > 0.0f)
+            return agreement_of(mesh, face, corner);
     }
-    return any ? sum : 3.0 * (double) vec3_length(n);
+    return 3.0 * (double) vec3_length(vec3_load(face));
 }
 
 static void turn_triangle(uint32_t *corner)
@@ -84,24 +90,23 @@ static void turn_vertex(struct pell_mesh *mesh, uint32_t vertex)
         mesh->tangent[4 * (size_t) vertex + 3] *= -1.0f;
 }
 
-/* Turns those of a mesh. Normals that agreed with the wrong winding are wrong, too, where no other triangle has them. `done`: of the mesh's
+/* Turns those of a mesh. Normals that agreed with the wrong winding are wrong, too, where no other triangle has them. `wrong`: of the mesh's
  * vertices, false. */
-static void turn_marked(struct pell_mesh *mesh, const float *face, const bool *turn, bool *done)
+static void turn_marked(struct pell_mesh *mesh, const float *face, const bool *turn, bool *wrong)
 {
     for (size_t i = 0; i < mesh->num_triangles; i++)
-        for (int k = 0; k < 3 && !turn[i]; k++)
-            done[mesh->index[3 * i + (size_t) k]] = true;
+        if (turn[i] && agreement_of(mesh, face + 3 * i, mesh->index + 3 * i) > 0.0)
+            for (size_t k = 0; k < 3; k++)
+                wrong[mesh->index[3 * i + k]] = true;
     for (size_t i = 0; i < mesh->num_triangles; i++) {
-        uint32_t *corner = mesh->index + 3 * i;
-        if (!turn[i])
-            continue;
-        for (int k = 0; k < 3 && score_of(mesh, face + 3 * i, corner) > 0.0; k++)
-            if (!done[corner[k]]) {
-                done[corner[k]] = true;
-                turn_vertex(mesh, corner[k]);
-            }
-        turn_triangle(corner);
+        for (size_t k = 0; k < 3 && !turn[i]; k++)
+            wrong[mesh->index[3 * i + k]] = false;
+        if (turn[i])
+            turn_triangle(mesh->index + 3 * i);
     }
+    for (uint32_t v = 0; v < mesh->num_vertices; v++)
+        if (wrong[v])
+            turn_vertex(mesh, v);
 }
 
 static bool any_against(const struct pell_topology *t)
@@ -147,7 +152,7 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
     struct pell_context *ctx = scene->ctx;
     const size_t n = t->num_triangles;
     struct sets s = { 0 };
-    bool *turn = NULL, *done = NULL;
+    bool *turn = NULL, *wrong = NULL;
     uint32_t count;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -159,8 +164,8 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
     s.twisted = pell_calloc(ctx, n, sizeof(*s.twisted));
     s.score = pell_calloc(ctx, n, sizeof(*s.score));
     turn = pell_calloc(ctx, n, sizeof(*turn));
-    done = pell_calloc(ctx, t->num_vertices, sizeof(*done));
-    if (!s.parent || !s.odd || !s.twisted || !s.score || !turn || !done)
+    wrong = pell_calloc(ctx, t->num_vertices, sizeof(*wrong));
+    if (!s.parent || !s.odd || !s.twisted || !s.score || !turn || !wrong)
         goto fail;
     count = mark(scene, t, &s, turn);
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* what is turned is turned as a whole */
@@ -173,7 +178,7 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
         goto fail;
     for (size_t m = 0; m < t->num_meshes; m++)
         turn_marked(&scene->meshes[t->mesh[m]], t->face + 3 * (size_t) t->first_triangle[m], turn + t->first_triangle[m],
-                    done + t->first_vertex[m]);
+                    wrong + t->first_vertex[m]);
     *any = true;
     pell_warn(ctx, where, NULL, "%s against the neighbours: turned", pell_counted(count, "triangle faces", "triangles face").str);
 
@@ -183,7 +188,7 @@ fail:
     pell_free(ctx, s.twisted);
     pell_free(ctx, s.score);
     pell_free(ctx, turn);
-    pell_free(ctx, done);
+    pell_free(ctx, wrong);
     return res;
 }
 
@@ -298,9 +303,8 @@ static void add_agreement(const struct pell_scene *scene, const struct pell_topo
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
         for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
             const size_t tri = (size_t) t->first_triangle[m] + i;
-            for (int k = 0; k < 3 && t->part[tri] != UINT32_MAX; k++)
-                agreement[t->part[tri]] +=
-                    (double) vec3_dot(vec3_load(t->face + 3 * tri), vec3_load(mesh->normal + 3 * (size_t) mesh->index[3 * (size_t) i + k]));
+            if (t->part[tri] != UINT32_MAX)
+                agreement[t->part[tri]] += agreement_of(mesh, t->face + 3 * tri, mesh->index + 3 * (size_t) i);
         }
     }
 }
