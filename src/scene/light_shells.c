@@ -5,26 +5,31 @@
  */
 #include "scene/scene.h"
 
+double pell_triangle_solid_angle(const struct pell_mesh *m, uint32_t triangle, const float p[3])
+{
+    double v[3][3], l[3], triple, dots;
+
+    for (size_t c = 0; c < 3; c++) {
+        for (size_t a = 0; a < 3; a++)
+            v[c][a] = (double) m->position[3 * (size_t) m->index[3 * (size_t) triangle + c] + a] - (double) p[a];
+        l[c] = sqrt(v[c][0] * v[c][0] + v[c][1] * v[c][1] + v[c][2] * v[c][2]);
+    }
+    triple = v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) + v[0][1] * (v[1][2] * v[2][0] - v[1][0] * v[2][2]) +
+             v[0][2] * (v[1][0] * v[2][1] - v[1][1] * v[2][0]);
+    dots = l[0] * l[1] * l[2];
+    for (int c = 0; c < 3; c++) {
+        const double *a = v[c], *b = v[(c + 1) % 3];
+        dots += (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) * l[(c + 2) % 3];
+    }
+    return 2.0 * atan2(triple, dots);
+}
+
 double pell_mesh_solid_angle(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3])
 {
     double sum = 0.0;
 
-    for (uint32_t i = 0; i < m->num_triangles && !pell_cancelled_at(ctx, i); i++) {
-        double v[3][3], l[3], triple, dots;
-        for (size_t c = 0; c < 3; c++) {
-            for (size_t a = 0; a < 3; a++)
-                v[c][a] = (double) m->position[3 * (size_t) m->index[3 * (size_t) i + c] + a] - (double) p[a];
-            l[c] = sqrt(v[c][0] * v[c][0] + v[c][1] * v[c][1] + v[c][2] * v[c][2]);
-        }
-        triple = v[0][0] * (v[1][1] * v[2][2] - v[1][2] * v[2][1]) + v[0][1] * (v[1][2] * v[2][0] - v[1][0] * v[2][2]) +
-                 v[0][2] * (v[1][0] * v[2][1] - v[1][1] * v[2][0]);
-        dots = l[0] * l[1] * l[2];
-        for (int c = 0; c < 3; c++) {
-            const double *a = v[c], *b = v[(c + 1) % 3];
-            dots += (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) * l[(c + 2) % 3];
-        }
-        sum += 2.0 * atan2(triple, dots);
-    }
+    for (uint32_t i = 0; i < m->num_triangles && !pell_cancelled_at(ctx, i); i++)
+        sum += pell_triangle_solid_angle(m, i, p);
     return sum;
 }
 

@@ -4,8 +4,6 @@
  */
 #include "scene/ply.h"
 
-#include <stdio.h>
-
 static const struct {
     const char *name;
     enum type type;
@@ -16,14 +14,21 @@ static const struct {
     { "int32", T_INT32 }, { "uint32", T_UINT32 }, { "float32", T_FLOAT }, { "float64", T_DOUBLE },
 };
 
+/* A word of the header as it may be shown; `shown` has 64 bytes and is returned. */
+static const char *show_word(const char *word, size_t length, char *shown)
+{
+    char copy[64] = "";
+
+    memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
+    return pell_printable(copy, shown, 64);
+}
+
 static enum pell_result bad_header(struct ply *p, const char *what, const char *word, size_t length)
 {
     struct pell_text text;
-    char copy[64] = "", shown[64];
+    char shown[64];
 
-    memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
-    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "%s, but is \"%s\"", what,
-                      pell_printable(copy, shown, sizeof(shown)));
+    return pell_error(p->ctx, PELL_ERR_FORMAT, where_line(p, &text), NULL, "%s, but is \"%s\"", what, show_word(word, length, shown));
 }
 
 static enum type type_of(const char *word, size_t length)
@@ -81,13 +86,11 @@ static enum pell_result read_element(struct ply *p)
     size_t length = pell_lex_word(&p->lex, &word);
     struct element *e = &p->elements[p->num_elements];
     struct pell_text text;
-    char copy[64];
     double count;
 
     if (p->num_elements == MAX_ELEMENTS)
         return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, where_line(p, &text), NULL, "more than %d elements are not read", MAX_ELEMENTS);
-    snprintf(copy, sizeof(copy), "%.*s", (int) (length < sizeof(copy) ? length : sizeof(copy) - 1), word);
-    pell_printable(copy, e->name, sizeof(e->name));
+    show_word(word, length, e->name);
     e->kind = pell_word_is(word, length, "vertex")      ? K_VERTEX
               : pell_word_is(word, length, "face")      ? K_FACE
               : pell_word_is(word, length, "tristrips") ? K_STRIPS

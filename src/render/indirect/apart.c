@@ -7,8 +7,6 @@
 
 #include "scene/mesh/topology.h"
 
-#include <string.h>
-
 #define PACKET 16
 
 struct apart {

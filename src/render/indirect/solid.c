@@ -127,6 +127,12 @@ static float green(float kappa, float r)
     return expf(-kappa * r) / (4.0f * PELL_PI_F * r);
 }
 
+/* Int exp(-kappa r)/(4 pi r) over a disc, at its middle. */
+static float disc(float kappa, float area)
+{
+    return (1.0f - expf(-kappa * sqrtf(area / PELL_PI_F))) / (2.0f * kappa);
+}
+
 /* What light leaves from or enters through: a place or a cluster. */
 struct patch {
     struct pell_vec3 position, normal;
@@ -190,8 +196,7 @@ static void fill_row(struct solid *s, uint32_t i)
     /* Int exp(-kappa r)/(4 pi r) over a disc is (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance from its plane, r' from its
      * edge. */
     wide = row.area / PELL_PI_F;
-    pull = fmaxf((1.0f - expf(-s->kappa * sqrtf(wide))) / (2.0f * s->kappa) - row.pull,
-                 OWN * (1.0f - expf(-s->kappa * sqrtf(x->area / PELL_PI_F))) / (2.0f * s->kappa));
+    pull = fmaxf(disc(s->kappa, row.area) - row.pull, OWN * disc(s->kappa, x->area));
     below = (expf(-s->kappa * s->depth) - expf(-s->kappa * sqrtf(wide + s->depth * s->depth))) / (2.0f * s->kappa) - row.below;
     s->right[i] = (row.right + (double) fmaxf(below, 0.0f) * s->light[i]) * (double) (s->enters / s->s);
     pair = fmaxf(s->share * row.seen_area / (PELL_PI_F * s->window2) - row.near_pairs, 0.0f);

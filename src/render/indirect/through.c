@@ -237,12 +237,11 @@ fail:
     return res;
 }
 
-/* All samples of an object and a material that light goes into: s->list in the order of their solids. `list` and `scratch` have room for
- * every sample. */
-static enum pell_result list_group(struct send *s, const struct indirect_sample *of, uint32_t *list, uint32_t *scratch)
+/* All samples of an object and a material that light goes into: s->list in the order of their solids. `list` has room for every sample. */
+static enum pell_result list_group(struct send *s, const struct indirect_sample *of, uint32_t *list)
 {
     const struct pell_indirect *in = s->in;
-    uint32_t *part, *order;
+    uint32_t *part, *order, *sorted;
 
     s->count = 0;
     for (size_t i = 0; i < in->num_samples; i++)
@@ -253,15 +252,16 @@ static enum pell_result list_group(struct send *s, const struct indirect_sample 
     s->list = list;
     if (!in->part)
         return PELL_OK;
-    part = pell_alloc_array(in->ctx, s->count, 3 * sizeof(*part));
+    part = pell_alloc_array(in->ctx, s->count, 4 * sizeof(*part));
     if (!part)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < s->count; i++)
         part[i] = in->part[list[i]];
     order = pell_sort_keys(in->ctx, part, 1, part + s->count, part + 2 * s->count, (uint32_t) s->count);
+    sorted = part + 3 * s->count;
     for (size_t i = 0; i < s->count; i++)
-        scratch[i] = list[order[i]];
-    memcpy(list, scratch, s->count * sizeof(*list));
+        sorted[i] = list[order[i]];
+    memcpy(list, sorted, s->count * sizeof(*list));
     pell_free(in->ctx, part);
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
@@ -282,15 +282,14 @@ static enum pell_result make_whole(const struct send *s, const struct pell_indir
 }
 
 /* Methods that ask the whole solid ask the whole object, also where light goes to and fro in parts of it alone. */
-static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list,
-                                   uint32_t *scratch)
+static enum pell_result send_group(struct send *s, struct pell_pool *pool, const struct indirect_sample *of, uint32_t *list)
 {
     const struct pell_indirect *in = s->in;
     struct whole *whole = NULL;
     size_t count;
     enum pell_result res;
 
-    PELL_TRY(list_group(s, of, list, scratch));
+    PELL_TRY(list_group(s, of, list));
     count = s->count;
     if (s->solid[of->material].all)
         PELL_TRY(make_whole(s, &s->solid[of->material], &whole));
@@ -338,7 +337,7 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
 {
     const size_t n = in->num_samples;
     struct send s = { .in = in, .lights = lights, .solid = solid };
-    uint32_t *list = pell_alloc_array(in->ctx, n, 2 * sizeof(*list));
+    uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
     enum pell_result res = PELL_ERR_NOMEM;
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
@@ -353,7 +352,7 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
     pell_pool_run(pool, chunks_of(n), light_chunk, &s);
     for (size_t i = 0; i < n; i++)
         if (s.there[i])
-            PELL_TRY(send_group(&s, pool, &in->samples[i], list, list + n));
+            PELL_TRY(send_group(&s, pool, &in->samples[i], list));
     spread(&s);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 

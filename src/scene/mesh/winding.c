@@ -90,8 +90,8 @@ static void turn_vertex(struct pell_mesh *mesh, uint32_t vertex)
         mesh->tangent[4 * (size_t) vertex + 3] *= -1.0f;
 }
 
-/* Turns those of a mesh. Normals that agreed with the wrong winding are wrong, too, where no other triangle has them. `wrong`: of the mesh's
- * vertices, false. */
+/* Turns those of a mesh. Normals that agreed with the wrong winding are wrong, too, where no other triangle has them. `wrong`: of the
+ * mesh's vertices, false. */
 static void turn_marked(struct pell_mesh *mesh, const float *face, const bool *turn, bool *wrong)
 {
     for (size_t i = 0; i < mesh->num_triangles; i++)
@@ -202,29 +202,18 @@ static bool inside(const struct pell_part *a, const struct pell_part *b)
     return true;
 }
 
-/* Whether a part goes around a point: its solid angle (Van Oosterom and Strackee 1983) is 4 pi or nothing. */
+/* Whether a part is around a point. */
 static bool goes_around(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part, const float at[3])
 {
-    const struct pell_vec3 p = vec3_load(at);
-    double half = 0.0;
+    double sum = 0.0;
 
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
-        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {
-            struct pell_vec3 v[3];
-            double length[3];
-            if (t->part[t->first_triangle[m] + i] != part)
-                continue;
-            for (int k = 0; k < 3; k++) {
-                v[k] = vec3_sub(vec3_load(mesh->position + 3 * (size_t) mesh->index[3 * (size_t) i + (size_t) k]), p);
-                length[k] = (double) vec3_length(v[k]);
-            }
-            half += atan2((double) vec3_dot(v[0], vec3_cross(v[1], v[2])),
-                          length[0] * length[1] * length[2] + (double) vec3_dot(v[0], v[1]) * length[2] +
-                              (double) vec3_dot(v[1], v[2]) * length[0] + (double) vec3_dot(v[2], v[0]) * length[1]);
-        }
+        for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
+            if (t->part[t->first_triangle[m] + i] == part)
+                sum += pell_triangle_solid_angle(mesh, i, at);
     }
-    return fabs(half) > PELL_PI;
+    return fabs(sum) > 2.0 * PELL_PI;
 }
 
 /* A corner of a part; NULL: it has none. */

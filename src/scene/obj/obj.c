@@ -630,9 +630,10 @@ enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data
         }
     }
     if (o.num_triangles == 0) {
-        res = memchr(data, 0, size) ? pell_error(o.ctx, PELL_ERR_FORMAT, import->path, NULL, "is no OBJ: it is not text")
-              : o.thin              ? pell_error(o.ctx, PELL_ERR_FORMAT, import->path, NULL, "holds no faces of three corners or more")
-                                    : pell_error(o.ctx, PELL_ERR_FORMAT, import->path, NULL, "holds no faces");
+        res = pell_error(o.ctx, PELL_ERR_FORMAT, import->path, NULL, "%s",
+                         memchr(data, 0, size) ? "is no OBJ: it is not text"
+                         : o.thin              ? "holds no faces of three corners or more"
+                                               : "holds no faces");
         goto fail;
     }
     PELL_TRY(settle_materials(&o));
