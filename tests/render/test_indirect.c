@@ -328,6 +328,41 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
     }
 }
 
+/* Bricks side by side are one solid: where they lie on each other there is no surface. */
+static void bricks_side_by_side_are_one_solid(void **state)
+{
+    struct shot whole = { 0 };
+    (void) state;
+
+    for (int bricks = 1; bricks <= 3; bricks += 2) {
+        struct shot shot;
+        struct stage s;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, "marble", &material);
+        for (int i = 0; i < bricks; i++)
+            stage_box(&s, material, 0, vec3(-30.0f + 60.0f * (float) i / (float) bricks, -10, -10),
+                      vec3(-30.0f + 60.0f * (float) (i + 1) / (float) bricks, 10, 10));
+        stage_light(&s, PELL_LIGHT_POINT, vec3(-60, 60, 60), vec3(0, 0, 0), 2e-3f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.5f, 0.0f);
+        s.settings.opposed = s.settings.curvature = s.settings.angles = true;
+        s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+        shot = stage_shot_of(&s, "screen-space", NULL);
+        stage_finish(&s);
+        if (bricks == 1) {
+            whole = shot;
+            continue;
+        }
+        for (size_t c = 0; c < 3; c++)
+            for (int x = 0; x < SIZE; x++)
+                if (shot_at(&whole, c, x, SIZE / 2) > 0.0)
+                    REQUIRE_NEAR(shot_at(&shot, c, x, SIZE / 2) / shot_at(&whole, c, x, SIZE / 2), 1.0, 0.06);
+        shot_free(&whole);
+        shot_free(&shot);
+    }
+}
+
 /* Two balls that nearly touch are as bright and of the same colour as one object and as two: no light goes from one inside the other. */
 static void solids_that_nearly_touch_stay_apart(void **state)
 {
@@ -547,6 +582,7 @@ int main(void)
         cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
         cmocka_unit_test(a_thin_wall_lets_indirect_light_out),
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
+        cmocka_unit_test(bricks_side_by_side_are_one_solid),
         cmocka_unit_test(solids_that_nearly_touch_stay_apart),
         cmocka_unit_test(few_samples_leave_no_spots),
         cmocka_unit_test(a_convex_solid_keeps_its_bits),

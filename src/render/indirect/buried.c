@@ -41,6 +41,14 @@ static bool sees_inner_side(const struct pell_indirect *in, const struct indirec
     return pell_hit16_inside(in->p.scene, r, i, in->p.scene->meshes[s->mesh].object);
 }
 
+static bool meets_object(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
+{
+    const struct pell_scene *scene = in->p.scene;
+    const uint32_t mesh = r->hit.mesh[i];
+
+    return mesh < scene->num_meshes && scene->meshes[mesh].object == scene->meshes[s->mesh].object;
+}
+
 static bool is_buried(const struct pell_indirect *in, const struct indirect_sample *s)
 {
     _Alignas(64) int valid[PACKET];
@@ -63,7 +71,8 @@ static bool is_buried(const struct pell_indirect *in, const struct indirect_samp
     return outside <= MOST_OUTSIDE;
 }
 
-/* A ray along the normal tells of most that they are not. */
+/* A ray along the normal tells of most that they are not. Where faces of two parts lie on each other, as of bricks side by side, it is luck
+ * which of them it meets. */
 static void look16(void *arg, int index, int worker)
 {
     const struct buried *b = arg;
@@ -75,7 +84,7 @@ static void look16(void *arg, int index, int worker)
     (void) worker;
     indirect_along_normals16(in, first, false, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++)
-        b->is[first + i] = valid[i] && sees_inner_side(in, &in->samples[first + i], &r, (int) i) && is_buried(in, &in->samples[first + i]);
+        b->is[first + i] = valid[i] && meets_object(in, &in->samples[first + i], &r, (int) i) && is_buried(in, &in->samples[first + i]);
 }
 
 enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool)
