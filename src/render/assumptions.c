@@ -38,7 +38,7 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
     return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
 }
 
-enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, KINDS };
+enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, BARE, KINDS };
 
 /* Counts a warning; true where it is one of those to be logged. */
 static bool tell(struct pell_context *ctx, int *found)
@@ -46,13 +46,24 @@ static bool tell(struct pell_context *ctx, int *found)
     return (*found)++ < pell_context_limits(ctx)->warnings;
 }
 
+static void tell_missing_uv(struct pell_context *ctx, const struct pell_scene *scene, int *found)
+{
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *mesh = &scene->meshes[i];
+        const struct pell_material *m = &scene->materials[mesh->material];
+        if (pell_scene_missing_uv(mesh, m) >= 0 && tell(ctx, found))
+            pell_warn(ctx, mesh->name && mesh->name[0] ? mesh->name : "an unnamed mesh", "unwrap it, or leave the textures out",
+                      "has no texture coordinates (UV set %d), which the textures of \"%s\" need", pell_scene_missing_uv(mesh, m), m->name);
+    }
+}
+
 enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const struct pell_settings *settings)
 {
     const struct pell_scene *scene = r->scene;
     struct pell_context *ctx = r->ctx;
     static const char *const kinds[KINDS] = {
-        "open surfaces",           "surfaces with inverted normals", "mean free paths",          "scattering too small to see",
-        "objects without an area", "objects that coincide",          "objects around the camera"
+        "open surfaces",           "surfaces with inverted normals", "mean free paths",           "scattering too small to see",
+        "objects without an area", "objects that coincide",          "objects around the camera", "meshes without texture coordinates"
     };
     const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
@@ -102,6 +113,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
                       "light travels %.3g mm below the surface of %s, which is %.2g pixels here: scattering is not visible", widest,
                       m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
     }
+    tell_missing_uv(ctx, scene, &found[BARE]);
     for (int k = 0; k < KINDS; k++)
         if (found[k] > limit)
             pell_warn(ctx, scene->path, NULL, "%s about %s", pell_counted(found[k] - limit, "more warning", "more warnings").str, kinds[k]);

@@ -380,8 +380,7 @@ fail:
 
 /* --- Textures and materials --------------------------------------------------------------------------------------------------- */
 
-/* A UV set that one of the material's maps needs and the mesh lacks, or -1. */
-static int missing_uv(const struct pell_mesh *mesh, const struct pell_material *m)
+int pell_scene_missing_uv(const struct pell_mesh *mesh, const struct pell_material *m)
 {
     for (enum pell_map i = 0; i < PELL_MAPS; i++) {
         const struct pell_texture_map *map = pell_material_map(m, i);
@@ -402,7 +401,7 @@ static enum pell_result check_maps(struct check *k)
     for (size_t i = 0; i < k->scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &k->scene->meshes[i];
         const struct pell_material *m = &k->scene->materials[mesh->material];
-        const int uv = missing_uv(mesh, m);
+        const int uv = pell_scene_missing_uv(mesh, m);
         if (uv >= 0)
             PELL_TRY(add(k, NO_UV, PELL_SEVERITY_WARNING, name_place("mesh", mesh->name, &text),
                          "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name));

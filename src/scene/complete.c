@@ -196,6 +196,25 @@ static enum pell_result check_map(struct pell_scene *scene, const struct pell_ma
     return PELL_OK;
 }
 
+/* Maps hold reflectances, shares and directions, but for that of light that is emitted. */
+static void limit_map(const struct pell_scene *scene, const struct pell_texture_map *map, bool emits)
+{
+    const struct pell_image *image = map->texture ? &map->texture->image : NULL;
+    const float most = emits ? 1e12f : 1.0f;
+    const size_t count = image && image->type == PELL_PIXEL_F32 ? (size_t) image->width * image->height * image->channels : 0;
+    float *values = count ? image->pixels : NULL, first = 0.0f;
+    long long outside = 0;
+
+    for (size_t i = 0; values && i < count && !pell_cancelled_at(scene->ctx, i); i++)
+        if (!(values[i] >= 0.0f && values[i] <= most)) {
+            first = outside++ ? first : values[i];
+            values[i] = values[i] > 0.0f ? most : 0.0f;
+        }
+    if (outside)
+        pell_warn(scene->ctx, map->texture->name, NULL, "a material's map: %s outside of [0, %g], such as %g, and clamped",
+                  pell_counted(outside, "value is", "values are").str, (double) most, (double) first);
+}
+
 /* A file's layers have been looked at where they were read. */
 static enum pell_result check_layers(struct pell_scene *scene, const struct pell_material *m)
 {
@@ -251,8 +270,11 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
     for (size_t i = 0; res == PELL_OK && i < PELL_COUNT(numbers); i++)
         if (!in_range(numbers[i].value, numbers[i].min, numbers[i].max))
             res = bad_value(scene, "material", m->name, numbers[i].field, numbers[i].value, numbers[i].min, numbers[i].max);
-    for (enum pell_map i = 0; res == PELL_OK && i < PELL_MAPS; i++)
+    for (enum pell_map i = 0; res == PELL_OK && i < PELL_MAPS; i++) {
         res = check_map(scene, m, pell_material_map(m, i));
+        if (res == PELL_OK)
+            limit_map(scene, pell_material_map(m, i), i == PELL_MAP_EMISSIVE);
+    }
     return res == PELL_OK ? check_layers(scene, m) : res;
 }
 

@@ -13,6 +13,8 @@ PELL_NODISCARD enum pell_result pell_scene_add_option(struct pell_scene *scene, 
 enum pell_result pell_material_unknown(struct pell_context *ctx, const char *where, const char *name);
 PELL_NODISCARD enum pell_result pell_material_set(struct pell_context *ctx, struct pell_material *material,
                                                   const struct pell_material_entry *entry);
+/* A UV set that one of the material's maps needs and the mesh lacks, or -1. */
+int pell_scene_missing_uv(const struct pell_mesh *mesh, const struct pell_material *m);
 /* Of one triangle, as below. */
 double pell_triangle_solid_angle(const struct pell_mesh *m, uint32_t triangle, const float p[3]);
 /* Solid angle that a mesh takes seen from a point, signed: 4 pi from within a closed one whose triangles face outward, 0 from outside (Van

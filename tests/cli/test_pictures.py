@@ -75,6 +75,19 @@ def _(folder):
         need(max(pixels[channels * (13 * 48 + 24):][:3]) > 60, given, 'the object is lit')
 
 
+@test('textures on a mesh without texture coordinates are told of; one number is a colour for all channels')
+def _(folder):
+    (folder / 't.pfm').write_bytes(b'Pf\n1 1\n-1.0\n' + struct.pack('<f', 0.5))
+    (folder / 'ball.ply').write_text('ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n'
+                                     'element face 4\nproperty list uchar int vertex_indices\nend_header\n'
+                                     '0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n', 'utf-8')
+    for material, told in (({'color': 0.5, 'mean_free_path': '0.1mm'}, False),
+                           ({'preset': 'marble', 'textures': {'roughness': 't.pfm'}}, True)):
+        (folder / 't.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'ball.ply', 'unit': '1cm', 'materials': {'*': material}}), 'utf-8')
+        done = works(folder, 'render', 't.json', *SMALL, '-o', 'a.png')
+        need((b'has no texture coordinates (UV set 0)' in done.stderr) == told, told, done.stderr)
+
+
 @test('a picture shows the thing lit before its backdrop, and -m none differs')
 def _(folder):
     works(folder, *MESH, '-o', 'a.png')

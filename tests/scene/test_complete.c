@@ -362,6 +362,40 @@ static struct pell_scene *mapped(const float (*position)[3], const float (*uv)[2
     return s;
 }
 
+/* A texture of floats can hold anything; what reflects more than all light, or less than none, makes no picture. */
+static void maps_of_floats_are_limited(void **state)
+{
+    static const float given[4] = { -5.0f, 0.25f, 1e30f, 3.0f }, reflected[4] = { 0.0f, 0.25f, 1.0f, 1.0f },
+                       emitted[4] = { 0.0f, 0.25f, 1e12f, 3.0f };
+    const struct pell_load_params bare = { .bare = true };
+    (void) state;
+
+    for (int emits = 0; emits < 2; emits++) {
+        struct kept_messages kept = { 0 };
+        struct pell_context *ctx = test_context(NULL, &kept);
+        struct pell_texture *texture;
+        struct pell_scene *s;
+        size_t mesh, material;
+
+        assert_int_equal(pell_scene_create(ctx, &s), PELL_OK);
+        assert_int_equal(pell_scene_add_material(s, "m", &material), PELL_OK);
+        assert_int_equal(pell_scene_add_texture(s, "map", &texture), PELL_OK);
+        texture->image = (struct pell_image) { 4, 1, 1, PELL_PIXEL_F32, false, pell_alloc_array(ctx, 4, sizeof(float)) };
+        memcpy(texture->image.pixels, given, sizeof(given));
+        *(emits ? &s->materials[material].emissive_map : &s->materials[material].base_color_map) =
+            (struct pell_texture_map) { .texture = texture, .matrix = { 1, 0, 0, 0, 1, 0 } };
+        assert_int_equal(pell_scene_add_mesh(s, "m", &mesh), PELL_OK);
+        assert_int_equal(pell_mesh_allocate(s, mesh, 3, 1), PELL_OK);
+        memcpy(s->meshes[mesh].position, (const float[9]) { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, 9 * sizeof(float));
+        memcpy(s->meshes[mesh].index, (const uint32_t[3]) { 0, 1, 2 }, 3 * sizeof(uint32_t));
+        assert_int_equal(pell_scene_complete(s, &bare), PELL_OK);
+        assert_memory_equal(texture->image.pixels, emits ? emitted : reflected, sizeof(given));
+        assert_int_equal(kept.warnings, 1);
+        assert_non_null(strstr(kept.last_warning, "such as -5"));
+        finish(s);
+    }
+}
+
 static void tangents_follow_u_and_bitangents_run_up(void **state)
 {
     static const float position[4][3] = { { 0, 0, 0 }, { 1, 0, 0 }, { 1, 1, 0 }, { 0, 1, 0 } };
@@ -882,6 +916,7 @@ int main(void)
         cmocka_unit_test(triangles_face_as_their_neighbours_do),
         cmocka_unit_test(what_is_nearly_closed_is_turned),
         cmocka_unit_test(a_hollow_is_turned_with_what_is_around_it),
+        cmocka_unit_test(maps_of_floats_are_limited),
         cmocka_unit_test(tangents_follow_u_and_bitangents_run_up),
         cmocka_unit_test(vertices_of_both_handednesses_are_split),
         cmocka_unit_test(made_tangents_agree_with_those_of_a_file),

@@ -72,13 +72,17 @@ static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_
 {
     const char *text, *hash;
     struct pell_texture *texture;
-    char *name = NULL;
+    char *name = NULL, shown[160], letter[32];
     int channel = 0;
     enum pell_result res;
 
     PELL_TRY(pell_json_to_string(at, &text));
     hash = strrchr(text, '#');
     if (hash && (channel = pell_scene_channel_called(hash + 1)) < 0) {
+        if (!strchr(hash, '.'))
+            return pell_json_error(at, PELL_ERR_FORMAT, "as in \"maps.png#g\"",
+                                   "is \"%s\": there is no channel \"%s\", allowed: r, g, b, a", pell_printable(text, shown, sizeof(shown)),
+                                   pell_printable(hash + 1, letter, sizeof(letter)));
         hash = NULL; /* a '#' of the file's name */
         channel = 0;
     }
@@ -199,6 +203,19 @@ static enum pell_result read_lengths(const struct pell_json *parent, const char 
     return res;
 }
 
+/* One number for all channels, or three. */
+static enum pell_result read_reflectance(const struct pell_json *at, const char *key, double color[3])
+{
+    const struct pell_json place = pell_json_get(at, key);
+    enum pell_result res;
+
+    if (!json_is_number(place.value))
+        return pell_json_numbers(at, key, 3, 0.0, 1.0, color);
+    res = pell_json_to_number(&place, 0.0, 1.0, &color[0]);
+    color[1] = color[2] = color[0];
+    return res;
+}
+
 /* "color" with a length: the medium that has this colour by the material's model of the profile. */
 static enum pell_result read_look(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
 {
@@ -216,7 +233,7 @@ static enum pell_result read_look(struct pell_scene_reader *r, const struct pell
     if (!key)
         return PELL_OK;
     PELL_TRY(pell_json_require(at, "color"));
-    PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, look.color));
+    PELL_TRY(read_reflectance(at, "color", look.color));
     PELL_TRY(read_lengths(at, key, look.radius));
     look.kind = (enum pell_scatter_radius) kind;
     forget_preset(r, m);
@@ -240,7 +257,7 @@ static enum pell_result read_color(const struct pell_json *at, struct pell_mater
 
     if (!place.value)
         return PELL_OK;
-    PELL_TRY(pell_json_numbers(at, "color", 3, 0.0, 1.0, color));
+    PELL_TRY(read_reflectance(at, "color", color));
     PELL_TRY(pell_json_string(at, "below", &below));
     if (!length_key(at) && !m->opaque && strcmp(below, "surface-color") != 0 && m->color_from == PELL_COLOR_FROM_PROFILE)
         return pell_json_error(&place, PELL_ERR_FORMAT, "add mean_free_path (\"1mm\"), or \"color_from\": \"texture\", or \"opaque\": true",
@@ -414,7 +431,7 @@ static enum pell_result read_sheet(const struct pell_json *at, struct pell_mater
     PELL_TRY(pell_json_float(at, "diffuse_transmission", 0.0, 1.0, &m->diffuse_transmission));
     if (!pell_json_has(at, "diffuse_transmission_color"))
         return PELL_OK;
-    PELL_TRY(pell_json_numbers(at, "diffuse_transmission_color", 3, 0.0, 1.0, color));
+    PELL_TRY(read_reflectance(at, "diffuse_transmission_color", color));
     for (int c = 0; c < 3; c++)
         m->diffuse_transmission_color[c] = (float) color[c];
 
