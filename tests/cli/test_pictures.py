@@ -83,7 +83,8 @@ def _(folder):
                                      '0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n', 'utf-8')
     for material, told in (({'color': 0.5, 'mean_free_path': '0.1mm'}, False),
                            ({'preset': 'marble', 'textures': {'roughness': 't.pfm'}}, True)):
-        (folder / 't.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'ball.ply', 'unit': '1cm', 'materials': {'*': material}}), 'utf-8')
+        scene = {'pellucid': 1, 'mesh': 'ball.ply', 'unit': '1cm', 'materials': {'*': material}}
+        (folder / 't.json').write_text(json.dumps(scene), 'utf-8')
         done = works(folder, 'render', 't.json', *SMALL, '-o', 'a.png')
         need((b'has no texture coordinates (UV set 0)' in done.stderr) == told, told, done.stderr)
 
