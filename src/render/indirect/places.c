@@ -4,13 +4,14 @@
 #include "render/indirect/places.h"
 
 #include "base/base.h"
+#include "scene/mesh/topology.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { SAMPLES = 256, ROUNDS = 3 };
 #define MASK ((size_t) 2 * PLACES_MOST - 1) /* of buckets */
-#define CLUSTER 3.0f                        /* distances of places that one is wide */
+#define CLUSTER 3.0f                        /* distances of places that clusters are apart */
 #define PICK 0.85f                          /* of the distance: no two places are nearer at first */
 #define FACING 0.3f                         /* least cosine of the normals that one place stands for */
 #define TURN 0.7f                           /* distances that turning a normal by its length counts as */
@@ -152,71 +153,8 @@ static void snap(struct places *s)
     }
 }
 
-/* The cluster of a place, a new one if need be. */
-static uint32_t cluster_of(struct places *s, const struct place *p)
-{
-    const uint32_t octant = (p->normal.x > 0.0f) + 2u * (p->normal.y > 0.0f) + 4u * (p->normal.z > 0.0f);
-    struct cluster *c;
-    int32_t cell[3];
-    uint32_t b;
-
-    cell_of(CLUSTER * s->step, p->position, cell);
-    for (b = (bucket_of(cell) + octant) & MASK; s->bucket[b] != PLACES_NONE; b = (b + 1) & MASK) {
-        c = &s->cluster[s->bucket[b]];
-        if (c->octant == octant && memcmp(c->cell, cell, sizeof(cell)) == 0)
-            return s->bucket[b];
-    }
-    s->bucket[b] = s->num_clusters;
-    c = &s->cluster[s->num_clusters];
-    *c = (struct cluster) { .octant = octant };
-    memcpy(c->cell, cell, sizeof(cell));
-    return s->num_clusters++;
-}
-
-/* Puts the places of each cluster beside each other. */
-static void make_clusters(struct places *s)
-{
-    uint32_t next = 0;
-    struct place *old = s->place;
-
-    memset(s->bucket, 0xff, (MASK + 1) * sizeof(*s->bucket));
-    s->num_clusters = 0;
-    for (uint32_t i = 0; i < s->count; i++) {
-        struct place *p = &s->place[i];
-        struct cluster *c;
-        p->next = cluster_of(s, p);
-        c = &s->cluster[p->next];
-        c->end++;
-        c->area += p->area;
-        c->curvature += p->area * p->curvature;
-        c->position = vec3_mad(c->position, p->area, p->position);
-        c->normal = vec3_mad(c->normal, p->area, p->normal);
-    }
-    for (uint32_t k = 0; k < s->num_clusters; k++) {
-        struct cluster *c = &s->cluster[k];
-        const float weight = c->area > 0.0f ? 1.0f / c->area : 0.0f;
-        c->curvature *= weight;
-        c->position = vec3_mul(c->position, weight);
-        c->normal = vec3_mul(c->normal, weight);
-        c->first = next;
-        next += c->end;
-        c->end = c->first;
-    }
-    for (uint32_t i = 0; i < s->count; i++) {
-        struct cluster *c = &s->cluster[old[i].next];
-        const struct pell_vec3 d = vec3_sub(old[i].position, c->position);
-        c->radius = fmaxf(c->radius, vec3_length(d));
-        s->sorted[c->end] = old[i];
-        old[i].next = c->end++;
-    }
-    for (size_t i = 0; i < s->num_samples; i++)
-        if (s->of[i] != PLACES_NONE)
-            s->of[i] = old[s->of[i]].next;
-    s->place = s->sorted;
-    s->sorted = old;
-}
-
-enum pell_result indirect_places_choose(struct places *s, float step)
+/* Chooses places, `step` apart. */
+static enum pell_result choose(struct places *s, float step)
 {
     const float apart2 = PICK * PICK * step * step;
     float within;
@@ -236,9 +174,114 @@ enum pell_result indirect_places_choose(struct places *s, float step)
     for (int round = 0; round <= ROUNDS; round++)
         if (!gather_samples(s, round < ROUNDS))
             return PELL_ERR_CANCELLED;
-    snap(s);
-    make_clusters(s);
     return PELL_OK;
+}
+
+/* Cells along a curve that fills space, Z upon Z (G. M. Morton 1966). */
+static uint64_t code_of(const void *items, size_t index)
+{
+    const struct place *p = (const struct place *) items + index;
+    uint64_t code = 0;
+
+    for (int bit = 20; bit >= 0; bit--)
+        for (int k = 0; k < 3; k++)
+            code = code << 1 | ((uint32_t) (p->cell[k] + (1 << 20)) >> bit & 1u);
+    return code;
+}
+
+/* Which cluster each place is of: places of places, farther apart. Those that are near each other follow each other, so that what a place
+ * sees as clusters and as places comes in few runs. */
+static enum pell_result choose_clusters(struct places *s, uint32_t *of)
+{
+    struct pell_lit_place *place = pell_calloc(s->ctx, s->count, sizeof(*place));
+    struct places wide = { .ctx = NULL };
+    uint32_t *order = NULL, *number = NULL;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!place)
+        goto fail;
+    for (uint32_t i = 0; i < s->count; i++) {
+        place[i].area = s->place[i].area;
+        vec3_store(s->place[i].position, place[i].position);
+        vec3_store(s->place[i].normal, place[i].normal);
+    }
+    PELL_TRY(indirect_places_create(s->ctx, s->pool, place, s->count, &wide));
+    PELL_TRY(choose(&wide, CLUSTER * s->step));
+    PELL_TRY(pell_order_by_code(s->ctx, wide.count, code_of, wide.place, &order));
+    res = PELL_ERR_NOMEM;
+    if (!(number = pell_alloc_array(s->ctx, wide.count, sizeof(*number))))
+        goto fail;
+    for (uint32_t k = 0; k < wide.count; k++)
+        number[order[k]] = k;
+    s->num_clusters = wide.count;
+    for (uint32_t i = 0; i < s->count; i++)
+        of[i] = wide.of[i] != PLACES_NONE ? number[wide.of[i]] : s->num_clusters++;
+    res = PELL_OK;
+
+fail:
+    indirect_places_finish(&wide);
+    pell_free(s->ctx, place);
+    pell_free(s->ctx, order);
+    pell_free(s->ctx, number);
+    return res;
+}
+
+/* Puts the places of each cluster beside each other. */
+static enum pell_result make_clusters(struct places *s)
+{
+    uint32_t next = 0, *of = pell_alloc_array(s->ctx, s->count, 2 * sizeof(*of)), *moved = of ? of + s->count : NULL;
+    struct place *old = s->place;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!of)
+        return res;
+    PELL_TRY(choose_clusters(s, of));
+    memset(s->cluster, 0, s->num_clusters * sizeof(*s->cluster));
+    for (uint32_t i = 0; i < s->count; i++) {
+        struct cluster *c = &s->cluster[of[i]];
+        const struct place *p = &s->place[i];
+        c->end++;
+        c->area += p->area;
+        c->curvature += p->area * p->curvature;
+        c->position = vec3_mad(c->position, p->area, p->position);
+        c->normal = vec3_mad(c->normal, p->area, p->normal);
+    }
+    for (uint32_t k = 0; k < s->num_clusters; k++) {
+        struct cluster *c = &s->cluster[k];
+        const float weight = c->area > 0.0f ? 1.0f / c->area : 0.0f;
+        c->curvature *= weight;
+        c->position = vec3_mul(c->position, weight);
+        c->normal = vec3_mul(c->normal, weight);
+        c->first = next;
+        next += c->end;
+        c->end = c->first;
+    }
+    for (uint32_t i = 0; i < s->count; i++) {
+        struct cluster *c = &s->cluster[of[i]];
+        c->radius = fmaxf(c->radius, vec3_length(vec3_sub(old[i].position, c->position)));
+        s->sorted[c->end] = old[i];
+        s->sorted[c->end].cluster = of[i];
+        moved[i] = c->end++;
+    }
+    for (size_t i = 0; i < s->num_samples; i++)
+        if (s->of[i] != PLACES_NONE)
+            s->of[i] = moved[s->of[i]];
+    s->place = s->sorted;
+    s->sorted = old;
+
+fail:
+    pell_free(s->ctx, of);
+    return res;
+}
+
+enum pell_result indirect_places_choose(struct places *s, float step)
+{
+    enum pell_result res = choose(s, step);
+
+    if (res != PELL_OK)
+        return res;
+    snap(s);
+    return make_clusters(s);
 }
 
 enum pell_result indirect_places_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples,

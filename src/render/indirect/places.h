@@ -20,14 +20,14 @@ struct place {
     uint32_t nearest; /* that sample */
     int32_t cell[3];  /* of a grid */
     uint32_t next;    /* of its bucket, or PLACES_NONE */
+    uint32_t cluster;
 };
 
-/* Places beside each other that look the same way, which stand for one from afar. */
+/* Places beside each other that look much the same way, which stand for one from afar. */
 struct cluster {
     struct pell_vec3 position, normal; /* means by area */
     float area, radius, curvature;     /* radius: around all of them; curvature: mean by area */
-    int32_t cell[3];
-    uint32_t octant, first, end; /* places */
+    uint32_t first, end;               /* places */
 };
 
 struct places {
