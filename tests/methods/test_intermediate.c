@@ -230,6 +230,41 @@ static void thickness_is_that_of_the_object(void **state)
     stage_finish(&s);
 }
 
+/* Maps are as fine as the picture needs, and what they are depends on the camera alone, not on where it was before. */
+static void maps_are_as_fine_as_the_picture_needs(void **state)
+{
+    static const char *const none[] = { NULL };
+    static const float distance[] = { 100.0f, 30.0f, 400.0f, 100.0f };
+    struct seen seen = { .fail_at = -1 };
+    struct stage s;
+    struct shot shot, first = { 0 };
+    int side[PELL_COUNT(distance)];
+
+    (void) state;
+    start(&s, "texture-space");
+    stage_camera(&s, vec3(0, 0, 60), vec3(0, 0, 0), 0.4f, 0.0f);
+    shot = stage_shot_of(&s, "texture-space", none);
+    for (size_t i = 0; i < PELL_COUNT(distance); i++) {
+        int image;
+        shot_free(&shot);
+        stage_camera(&s, vec3(0, 0, distance[i]), vec3(0, 0, 0), 0.4f, 0.0f);
+        render_observed(&s, &seen, &shot);
+        image = find(&seen, "texture-space.light-1.thickness");
+        side[i] = seen.width[image];
+        if (i == 0) {
+            first = shot;
+            shot = (struct shot) { 0 };
+        }
+    }
+    print_message("# %d texels at 100 mm, %d at 30, %d at 400, %d at 100 again\n", side[0], side[1], side[2], side[3]);
+    REQUIRE(side[1] > 2 * side[0] && side[1] <= 1024 && side[0] > 2 * side[2] && side[3] == side[0]);
+    REQUIRE(shot_difference(&first, &shot).rms == 0.0);
+    forget(&seen);
+    shot_free(&shot);
+    shot_free(&first);
+    stage_finish(&s);
+}
+
 static void an_observer_ends_the_frame(void **state)
 {
     static const char *const methods[] = { "screen-space", "texture-space", "image-space", "layered", "convolution" };
@@ -263,6 +298,7 @@ int main(void)
         cmocka_unit_test(blurs_of_screen_space_add_up_to_its_light),
         cmocka_unit_test(planes_of_convolution_share_out_the_light),
         cmocka_unit_test(thickness_is_that_of_the_object),
+        cmocka_unit_test(maps_are_as_fine_as_the_picture_needs),
         cmocka_unit_test(an_observer_ends_the_frame),
     };
     return cmocka_run_group_tests_name("methods.intermediate", tests, NULL, NULL);

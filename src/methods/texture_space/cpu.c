@@ -18,10 +18,6 @@ PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
 enum { LIGHTS_MOST = 16, LEFT_CHUNK = 1024 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear reading adds on the average */
-#define SIZE_LEAST 32.0             /* texels, of small objects beside large ones */
-#define PIXEL_TEXELS 8.0            /* maps of all objects together have no more texels for each pixel */
-#define TAPS_REACH 3.46             /* standard deviations */
-#define COVERED 0.6
 #define STRENGTH_LEAST 1e-3f
 
 /* --- Life ------------------------------------------------------------------------------------------------------------------------ */
@@ -32,16 +28,9 @@ static void ts_free(void *state)
 
     if (!st)
         return;
-    for (size_t i = 0; st->solid && i < st->num_solids; i++) {
-        ts_atlas_destroy(&st->solid[i].atlas);
-        if (st->solid[i].map)
-            pell_free(st->ctx, st->solid[i].map - 4 * TS_MARGIN);
-    }
+    ts_layouts_finish(st);
     for (size_t i = 0; st->profiles && i < st->num_profiles; i++)
         ts_profile_finish(st->ctx, &st->profiles[i]);
-    ts_tsm_finish(st->ctx, &st->tsm);
-    pell_free(st->ctx, st->cells);
-    pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st->profiles);
     pell_free(st->ctx, st->solid);
     pell_solids_destroy(&st->solids);
@@ -64,170 +53,6 @@ static void ts_destroy(void *state)
     st->services = NULL;
     st->in = NULL;
     *kept = (struct pell_kept) { st, ts_free };
-}
-
-static bool scaled_strength(const struct ts_state *st, int32_t solid)
-{
-    const struct pell_scene *scene = st->services->scene;
-
-    for (size_t i = 0; st->knobs.strength && i < scene->num_meshes; i++)
-        if (st->solids->of_mesh[i] == solid) {
-            const struct pell_material *m = &scene->materials[scene->meshes[i].material];
-            if (m->strength != 1.0f || m->strength_map.texture)
-                return true;
-        }
-    return false;
-}
-
-/* As far as the taps of the widest blur reach, where texels are as long as they would be if charts covered 0.6 of the map. */
-static int border_of(const struct ts_state *st, const struct ts_profile *p, double area, int size)
-{
-    double widest = 0.0, reach;
-
-    if (st->knobs.border >= 0)
-        return st->knobs.border;
-    for (int i = 0; i < p->count; i++)
-        widest = fmax(widest, p->variance[i] - (i > 0 ? p->variance[i - 1] : 0.0));
-    reach = TAPS_REACH * sqrt(widest * COVERED * size * size / area);
-    return (int) fmin(fmax(ceil(reach), 4.0), ceil(0.1 * size));
-}
-
-/* Objects that were laid out again for the same reason are told of in one line. */
-static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *shape)
-{
-    for (size_t i = 0; i < st->solids->count; i++) {
-        const struct ts_atlas *a = st->solid[i].atlas;
-        const char *name = shape->materials[st->solids->solids[i].material].name, *wrong = a ? a->wrong : NULL;
-        char more[64] = "";
-        size_t others = 0;
-
-        if (!wrong)
-            continue;
-        for (size_t j = i + 1; j < st->solids->count; j++)
-            if (st->solid[j].atlas && st->solid[j].atlas->wrong == wrong &&
-                st->solids->solids[j].material == st->solids->solids[i].material) {
-                st->solid[j].atlas->wrong = NULL;
-                others++;
-            }
-        if (others)
-            snprintf(more, sizeof(more), "; so are %zu other objects", others);
-        if (a->without)
-            pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", wrong, a->num_charts, more);
-        else
-            pell_warn(st->ctx, name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts%s", wrong, a->num_charts,
-                      more);
-    }
-}
-
-/* Factor of the sides of all maps: together they have at most four times the texels of one of the side `size`, and in small images fewer,
- * but for maps that are as small as they get. */
-static double share_texels(const struct ts_state *st, const struct pell_frame_shape *shape, double largest)
-{
-    const double one = (double) st->knobs.size * st->knobs.size, pixels = (double) shape->width * shape->height;
-    const double most = fmin(fmax(PIXEL_TEXELS * pixels, 2.0 * one), 4.0 * one);
-    double all = 0.0;
-
-    for (size_t i = 0; i < st->solids->count && largest > 0.0; i++)
-        all += one * st->solids->solids[i].area / largest;
-    return all > most ? sqrt(most / all) : 1.0;
-}
-
-static enum pell_result make_atlases(struct ts_state *st, const struct pell_frame_shape *shape)
-{
-    const struct pell_solids *b = st->solids;
-    double largest = 0.0, factor;
-    enum pell_result res;
-
-    for (size_t i = 0; i < b->count; i++)
-        largest = fmax(largest, b->solids[i].area);
-    factor = share_texels(st, shape, largest);
-    for (size_t i = 0; i < b->count; i++) {
-        const struct pell_solid *solid = &b->solids[i];
-        const struct pell_frame_material *m = &shape->materials[solid->material];
-        const double share = largest > 0.0 ? factor * sqrt(solid->area / largest) : 0.0;
-        struct ts_profile *profile = &st->profiles[solid->material];
-        struct ts_atlas_params p = {
-            .pool = st->pool,
-            .scene = st->services->scene,
-            .solids = b,
-            .solid = i,
-            .name = m->name,
-            .charts = st->knobs.charts,
-            .size = (int) fmin(fmax(ceil(st->knobs.size * share), SIZE_LEAST), st->knobs.size),
-        };
-        if (solid->num_triangles == 0)
-            continue;
-        if (profile->count == 0)
-            PELL_TRY(ts_profile_make(st->ctx, m, &st->knobs, ts_is_local(st), profile));
-        st->solid[i].profile = profile;
-        p.border = border_of(st, profile, solid->area, p.size);
-        PELL_TRY(ts_atlas_make(st->ctx, &p, &st->solid[i].atlas));
-        st->solid[i].map = pell_calloc(st->ctx, 4 * st->solid[i].atlas->size, sizeof(float));
-        if (!st->solid[i].map)
-            return PELL_ERR_NOMEM;
-        st->solid[i].map += 4 * TS_MARGIN;
-        if (pell_cancelled(st->ctx))
-            return PELL_ERR_CANCELLED;
-        pell_progress(st->ctx, "layouts", (double) (i + 1) / (double) b->count);
-    }
-    tell_of_layouts(st, shape);
-    return PELL_OK;
-
-fail:
-    return res;
-}
-
-/* Planes of the largest atlas serve all. */
-static enum pell_result make_planes(struct ts_state *st)
-{
-    const bool seven = st->knobs.kernel == TS_KERNEL_SEVEN, transmission = st->knobs.tsm != TS_TSM_OFF;
-    const struct ts_atlas **atlases = pell_calloc(st->ctx, st->solids->count + 1, sizeof(*atlases));
-    size_t size = 0, cells = 0, count = 0, planes = 0;
-    bool strength = false;
-    float **list[TS_LIT + 2 * TS_PLANES + 9];
-    enum pell_result res = PELL_ERR_NOMEM;
-
-    if (!atlases)
-        return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < st->solids->count; i++) {
-        const struct ts_atlas *a = st->solid[i].atlas;
-        if (!a)
-            continue;
-        atlases[count++] = a;
-        size = a->size > size ? a->size : size;
-        cells = (size_t) a->blocks * (size_t) a->height > cells ? (size_t) a->blocks * (size_t) a->height : cells;
-        strength |= scaled_strength(st, (int32_t) i);
-    }
-    for (int i = 0; i < (transmission ? 4 : 3); i++)
-        list[planes++] = &st->light[i];
-    for (int i = 0; i < (seven ? 6 : transmission ? 4 : 3); i++) {
-        list[planes++] = &st->now[i];
-        list[planes++] = &st->half[i];
-    }
-    for (int i = 0; i < 3; i++)
-        list[planes++] = &st->sum[i];
-    for (int i = 0; i < 3 && transmission && st->knobs.soften; i++)
-        list[planes++] = &st->behind[i];
-    if (strength)
-        list[planes++] = &st->strength;
-    if (strength || !st->knobs.stretch) {
-        list[planes++] = &st->scaled[0];
-        list[planes++] = &st->scaled[1];
-    }
-    size = (size + 15) / 16 * 16 + 48;
-    st->memory = pell_calloc(st->ctx, size * planes + 1, sizeof(float));
-    st->cells = pell_calloc(st->ctx, cells + 1, sizeof(*st->cells));
-    if (!st->memory || !st->cells)
-        goto fail;
-    for (size_t i = 0; i < planes; i++)
-        *list[i] = st->memory + i * size + TS_MARGIN;
-    if (transmission)
-        PELL_TRY(ts_tsm_allocate(st->ctx, atlases, count, st->knobs.tsm == TS_TSM_MAP ? st->knobs.tsm_size : 0, &st->tsm));
-    res = PELL_OK;
-
-fail:
-    pell_free(st->ctx, atlases);
-    return res;
 }
 
 /* Materials, knobs, size and settings: all that layouts, profiles and planes depend on beside the triangles. */
@@ -292,6 +117,7 @@ static enum pell_result ts_create(const struct pell_services *services, const st
         *state = st;
         st->services = services;
         st->solids = solids;
+        ts_layouts_measure(st);
         st->layout = pell_seconds() - start;
         return PELL_OK;
     }
@@ -313,10 +139,7 @@ static enum pell_result ts_create(const struct pell_services *services, const st
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));
     if (!st->solid || !st->profiles)
         return PELL_ERR_NOMEM;
-    PELL_TRY(make_atlases(st, shape));
-    PELL_TRY(make_planes(st));
-    st->whole = true;
-    st->layout = pell_seconds() - start;
+    ts_layouts_measure(st);
     return PELL_OK;
 
 fail:
@@ -453,7 +276,7 @@ static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_para
         .tilts = st->knobs.stretch,
         .grid = st->knobs.kernel == TS_KERNEL_DENSE ? GRID_VARIANCE : 0.0f,
     };
-    chain->scaled = scaled_strength(st, (int32_t) number);
+    chain->scaled = ts_scaled_strength(st, (int32_t) number);
     if (chain->scaled || !st->knobs.stretch)
         scale_lengths(st, a, chain->scaled);
     if (st->knobs.tsm != TS_TSM_OFF)
@@ -648,7 +471,9 @@ static enum pell_result ts_render(void *state, const struct pell_frame *in, cons
     st->num_times = 0;
     st->in = in;
     st->clock = pell_seconds() - st->layout;
-    if (st->layout > 0.0) /* of this frame's triangles */
+    if (in->first || !st->whole)
+        PELL_TRY(ts_layouts_fit(st, in));
+    if (st->layout > 0.0) /* of this frame's triangles, or anew */
         ts_note_time(st, "layout", 0, 0, 0);
     st->layout = 0.0;
     if (st->lit != in->lights_revision) {

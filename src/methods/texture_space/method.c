@@ -28,8 +28,9 @@ static const char *const lights_names[] = { "own", "sum", NULL };
 /* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { TS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
-    { "size", PELL_KNOB_INT, "texels", AT(size), { 1024 }, 16, 8192, NULL,
-      "side of the largest object's map; smaller objects get smaller maps with the same texel density" },
+    { "size", PELL_KNOB_INT, "texels", AT(size), { 0 }, 0, 8192, NULL,
+      "side of the largest object's map, from 16 on; smaller objects get smaller maps with the same texel density; 0: two texels per "
+      "pixel where an object is nearest, at most 1024" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 6 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "charts", PELL_KNOB_ENUM, "1", AT(charts), { TS_CHARTS_AUTO }, 0, 0, charts_names,
@@ -70,6 +71,7 @@ static void paper(void *values)
     struct ts_knobs *k = values;
 
     k->as = TS_PAPER;
+    k->size = TS_SIZE_MOST;
     k->kernel = TS_KERNEL_SEVEN;
     k->border = 0;
     k->first = TS_FIRST_UNBLURRED;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - what the parts of the method on the cpu engine share; private to this folder. cpu.c calls light_map.c, chain.c and read_map.c;
- * chain.c and cpu.c call fill.c.
+ * state.h - what the parts of the method on the cpu engine share; private to this folder. cpu.c calls layouts.c, light_map.c, chain.c and
+ * read_map.c; chain.c and cpu.c call fill.c.
  */
 #ifndef METHODS_TEXTURE_SPACE_STATE_H
 #define METHODS_TEXTURE_SPACE_STATE_H
@@ -18,6 +18,9 @@ struct ts_solid {
     struct ts_atlas *atlas;
     const struct ts_profile *profile; /* of its material */
     float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
+    int side;                         /* texels */
+    struct pell_vec3 middle;          /* of its bounds, */
+    float radius;                     /* and half their diagonal; mm */
 };
 
 struct ts_state {
@@ -84,6 +87,16 @@ static inline void ts_note_time(struct ts_state *st, const char *name, int64_t p
     }
     st->clock = now;
 }
+
+/* --- layouts.c ------------------------------------------------------------------------------------------------------------------- */
+
+/* Where solids are: once for each set of vertices. */
+void ts_layouts_measure(struct ts_state *st);
+/* Makes the maps, or those whose texels are too fine or too coarse for the frame anew. */
+PELL_NODISCARD enum pell_result ts_layouts_fit(struct ts_state *st, const struct pell_frame *in);
+void ts_layouts_finish(struct ts_state *st);
+/* Whether a solid's scattering radius is scaled. */
+bool ts_scaled_strength(const struct ts_state *st, int32_t solid);
 
 /* --- show.c ---------------------------------------------------------------------------------------------------------------------- */
 

@@ -12,6 +12,7 @@
 #include <pellucid/method.h>
 
 enum ts_as { TS_BEST, TS_PAPER };
+enum { TS_SIZE_LEAST = 16, TS_SIZE_MOST = 1024 }; /* texels; the most that are not asked for */
 enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
 enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
@@ -23,7 +24,7 @@ enum ts_lights { TS_LIGHTS_OWN, TS_LIGHTS_SUM };
 
 struct ts_knobs {
     int as;   /* enum ts_as */
-    int size; /* texels */
+    int size; /* texels; 0: as the picture needs */
     int gaussians;
     int charts; /* enum ts_charts */
     int border; /* texels */
