@@ -11,7 +11,9 @@
 
 #include <string.h>
 
-enum { CHUNK = 64, PHOTONS = 4 /* of a sample */ };
+enum { CHUNK = 64, PHOTONS = 4 /* of a sample */, PARTS = 64 /* of a photon */ };
+#define COARSE 1.5f     /* distances of samples where a photon lands: one from samples farther apart is sent in parts */
+#define LEAST_AREA 0.5f /* of a sample's own: what even light brings to one may be less by chance, even nothing */
 
 float indirect_transmittance(const struct pell_indirect *in, uint32_t material, float mu, float *mean)
 {
@@ -79,6 +81,16 @@ struct shine {
     const struct pell_indirect *in;
     const struct pell_light_sampler *lights;
     struct photon *photons; /* [sample][PHOTONS] */
+    uint32_t *coarse;       /* those that land among samples much finer than the one that they are from, */
+    size_t num_coarse;
+    struct photon *parts; /* [coarse][PARTS] */
+};
+
+/* A packet of photons on their way. */
+struct flight {
+    struct pell_ray16 shadow; /* to the light */
+    struct pell_ray_hit16 r;
+    float power[16][3]; /* at their start */
 };
 
 /* What a place of a light sends to a sample, W/m^2, from the unit direction `v`. False: nothing. */
@@ -112,46 +124,41 @@ static bool light_from(const struct shine *s, const struct indirect_sample *to, 
     return irradiance[0] + irradiance[1] + irradiance[2] > 0.0f;
 }
 
-/* 16 photons of four samples. */
-static void send16(const struct shine *s, size_t first, size_t end)
+/* Sets photon i out: light from `v`, `distance` away, that is reflected at `at`, near a sample. */
+static bool set_out(const struct shine *s, const struct indirect_sample *q, struct pell_vec3 at, struct pell_vec3 v, float distance,
+                    uint32_t hash, const float power[3], struct flight *f, int i)
 {
     const struct pell_indirect *in = s->in;
-    _Alignas(64) int valid[16] = { 0 };
-    struct pell_ray16 shadow;
-    struct pell_ray_hit16 r;
-    float irradiance[16][3];
+    struct pell_vec3 w, o;
+    const float share = indirect_reflect(in, q->material, q->smooth, vec3_mul(v, -1.0f), hash, &w);
 
-    memset(&shadow, 0, sizeof(shadow));
-    memset(&r, 0, sizeof(r));
+    if (!(share > 0.0f) || !(vec3_dot(w, q->normal) > 0.0f))
+        return false;
+    for (int c = 0; c < 3; c++)
+        f->power[i][c] = share * power[c];
+    o = vec3_mad(at, indirect_clearance(at, q->spacing), q->normal);
+    pell_ray16_set(&f->shadow, i, o, v, distance);
+    pell_ray16_set(&f->r.ray, i, o, w, INFINITY);
+    return true;
+}
+
+/* Where 16 photons land. */
+static void fly16(const struct shine *s, struct flight *f, int valid[16], struct photon *out)
+{
+    const struct pell_indirect *in = s->in;
+
+    pell_rays_occluded16(in->p.rays, valid, false, &f->shadow);
     for (int i = 0; i < 16; i++) {
-        const size_t number = first * PHOTONS + (size_t) i, sample = number / PHOTONS;
-        const struct indirect_sample *q = &in->samples[sample < end ? sample : first];
-        struct pell_vec3 v, o, w;
-        float distance, share;
-        s->photons[number].mesh = PELL_NO_HIT;
-        r.hit.mesh[i] = PELL_NO_HIT;
-        if (sample >= end || q->back || !light_from(s, q, (uint32_t) number, &v, &distance, irradiance[i]))
-            continue;
-        share = indirect_reflect(in, q->material, q->smooth, vec3_mul(v, -1.0f), pell_hash(in->p.seed ^ (uint32_t) number), &w);
-        if (!(share > 0.0f) || !(vec3_dot(w, q->normal) > 0.0f))
-            continue;
-        for (int c = 0; c < 3; c++)
-            irradiance[i][c] *= share * q->spacing * q->spacing / PHOTONS;
-        o = vec3_mad(q->position, indirect_clearance(q->position, q->spacing), q->normal);
-        valid[i] = -1;
-        pell_ray16_set(&shadow, i, o, v, distance);
-        pell_ray16_set(&r.ray, i, o, w, INFINITY);
+        valid[i] &= -(int) (f->shadow.tfar[i] >= 0.0f);
+        f->r.hit.mesh[i] = PELL_NO_HIT;
     }
-    pell_rays_occluded16(in->p.rays, valid, false, &shadow);
-    for (int i = 0; i < 16; i++)
-        valid[i] &= -(int) (shadow.tfar[i] >= 0.0f);
-    pell_rays_closest16(in->p.rays, valid, false, &r);
+    pell_rays_closest16(in->p.rays, valid, false, &f->r);
     for (int i = 0; i < 16; i++) {
-        struct photon *p = &s->photons[first * PHOTONS + (size_t) i];
-        const struct pell_hit16 *h = &r.hit;
-        const struct pell_vec3 w = vec3(r.ray.dx[i], r.ray.dy[i], r.ray.dz[i]);
+        const struct pell_hit16 *h = &f->r.hit;
+        const struct pell_vec3 w = vec3(f->r.ray.dx[i], f->r.ray.dy[i], f->r.ray.dz[i]);
         float mu, mean, enter;
         uint32_t material;
+        out[i].mesh = PELL_NO_HIT;
         if (!valid[i] || h->mesh[i] == PELL_NO_HIT)
             continue;
         mu = -vec3_dot(vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i])), w);
@@ -159,10 +166,45 @@ static void send16(const struct shine *s, size_t first, size_t end)
         if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* from inside a solid */
             continue;
         enter = indirect_transmittance(in, material, fabsf(mu), &mean);
-        *p = (struct photon) { h->mesh[i], h->triangle[i], h->u[i], h->v[i], mu < 0.0f, { 0.0f } };
+        out[i] = (struct photon) { h->mesh[i], h->triangle[i], h->u[i], h->v[i], mu < 0.0f, { 0.0f } };
         for (int c = 0; c < 3; c++)
-            p->power[c] = enter * irradiance[i][c];
+            out[i].power[c] = enter * f->power[i][c];
     }
+}
+
+/* The sample of a photon, and what its light brings to it. False: nothing. */
+static bool photon_of(const struct shine *s, size_t number, size_t samples, const struct indirect_sample **q, struct pell_vec3 *v,
+                      float *distance, float power[3])
+{
+    const size_t sample = number / PHOTONS;
+
+    if (sample >= samples)
+        return false;
+    *q = &s->in->samples[sample];
+    if ((*q)->back || !light_from(s, *q, (uint32_t) number, v, distance, power))
+        return false;
+    for (int c = 0; c < 3; c++)
+        power[c] *= (*q)->spacing * (*q)->spacing / PHOTONS;
+    return true;
+}
+
+/* 16 photons of four samples. */
+static void send16(const struct shine *s, size_t first, size_t end)
+{
+    _Alignas(64) int valid[16] = { 0 };
+    struct flight f;
+
+    memset(&f, 0, sizeof(f));
+    for (int i = 0; i < 16; i++) {
+        const size_t number = first * PHOTONS + (size_t) i;
+        const struct indirect_sample *q;
+        struct pell_vec3 v;
+        float distance, power[3];
+        if (photon_of(s, number, end, &q, &v, &distance, power) &&
+            set_out(s, q, q->position, v, distance, pell_hash(s->in->p.seed ^ (uint32_t) number), power, &f, i))
+            valid[i] = -1;
+    }
+    fly16(s, &f, valid, s->photons + first * PHOTONS);
 }
 
 static void send_chunk(void *arg, int index, int worker)
@@ -173,6 +215,78 @@ static void send_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < end; i += 16 / PHOTONS)
         send16(s, i, end);
+}
+
+/* A photon that would be a spot where it lands, sent in parts from all over the area that its sample stands for. */
+static void send_parts(void *arg, int index, int worker)
+{
+    const struct shine *s = arg;
+    const size_t number = s->coarse[index];
+    const struct indirect_sample *q;
+    struct pell_vec3 v, t, b;
+    float distance, power[3];
+
+    (void) worker;
+    if (!photon_of(s, number, s->in->num_samples, &q, &v, &distance, power))
+        return;
+    vec3_basis(q->normal, &t, &b);
+    for (int c = 0; c < 3; c++)
+        power[c] /= PARTS;
+    for (int first = 0; first < PARTS; first += 16) {
+        _Alignas(64) int valid[16] = { 0 };
+        struct flight f;
+        memset(&f, 0, sizeof(f));
+        for (int i = 0; i < 16; i++) {
+            const uint32_t k = (uint32_t) (first + i), hash = pell_hash(s->in->p.seed ^ ((uint32_t) number * PARTS + k));
+            const float x = ((float) k + 0.5f) / PARTS - 0.5f, y = pell_unit_float(pell_sobol0(k)) - 0.5f;
+            const struct pell_vec3 aside = vec3_mul(vec3_mad(vec3_mul(t, x), y, b), q->spacing);
+            struct pell_vec3 to = v;
+            float away = distance;
+            if (distance < INFINITY) {
+                to = vec3_sub(vec3_mul(v, distance), aside);
+                away = vec3_length(to);
+                to = vec3_mul(to, away > 0.0f ? 1.0f / away : 0.0f);
+            }
+            if (set_out(s, q, vec3_add(q->position, aside), to, away, hash, power, &f, i))
+                valid[i] = -1;
+        }
+        fly16(s, &f, valid, s->parts + (size_t) index * PARTS + (size_t) first);
+    }
+}
+
+/* Finds the photons that land among much finer samples than theirs, and sends them in parts. */
+static enum pell_result send_coarse(struct shine *s, struct pell_pool *pool)
+{
+    const struct pell_indirect *in = s->in;
+    size_t room = 0;
+    enum pell_result res;
+
+    for (size_t i = 0; i < in->num_samples * PHOTONS && !pell_cancelled_at(in->ctx, i); i++) {
+        struct photon *p = &s->photons[i];
+        uint32_t knot[3];
+        float weight[3];
+        const struct indirect_near *near;
+        if (p->mesh == PELL_NO_HIT)
+            continue;
+        indirect_find(in, p->mesh, p->triangle, p->u, p->v, knot, weight);
+        near = &in->near[indirect_value_of(in, p->mesh, knot[0], p->back)];
+        if (!(near->weight[0] > 0.0f) || in->samples[i / PHOTONS].spacing < COARSE * in->samples[near->sample[0]].spacing)
+            continue;
+        PELL_TRY(pell_grow(in->ctx, (void **) &s->coarse, s->num_coarse + 1, &room, sizeof(*s->coarse)));
+        s->coarse[s->num_coarse++] = (uint32_t) i;
+        p->mesh = PELL_NO_HIT;
+    }
+    if (s->num_coarse == 0)
+        return PELL_OK;
+    if (!(s->parts = pell_calloc(in->ctx, s->num_coarse, PARTS * sizeof(*s->parts))))
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < s->num_coarse * PARTS; i++)
+        s->parts[i].mesh = PELL_NO_HIT;
+    pell_pool_run(pool, (int) s->num_coarse, send_parts, s);
+    return PELL_OK;
+
+fail:
+    return res;
 }
 
 /* Shares what lands at a place among the samples around it. */
@@ -235,16 +349,22 @@ enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_poo
     PELL_TRY(pell_light_sampler_create(in->ctx, in->p.scene, &lights));
     s.lights = lights;
     pell_pool_run(pool, (int) ((in->num_samples + CHUNK - 1) / CHUNK), send_chunk, &s);
+    PELL_TRY(send_coarse(&s, pool));
     memset(in->reflected, 0, in->num_samples * sizeof(*in->reflected));
     for (size_t i = 0; i < in->num_samples * PHOTONS && !pell_cancelled_at(in->ctx, i); i++)
         if (s.photons[i].mesh != PELL_NO_HIT)
             land(in, &s.photons[i], in->reflected);
+    for (size_t i = 0; i < s.num_coarse * PARTS && !pell_cancelled_at(in->ctx, i); i++)
+        if (s.parts[i].mesh != PELL_NO_HIT)
+            land(in, &s.parts[i], in->reflected);
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
-            in->reflected[i][c] /= fmaxf(in->area[i][c], 1e-30f);
+            in->reflected[i][c] /= fmaxf(in->area[i][c], LEAST_AREA * in->samples[i].spacing * in->samples[i].spacing);
 
 fail:
     pell_light_sampler_destroy(&lights);
     pell_free(in->ctx, s.photons);
+    pell_free(in->ctx, s.coarse);
+    pell_free(in->ctx, s.parts);
     return res;
 }
