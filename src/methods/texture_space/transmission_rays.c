@@ -12,6 +12,7 @@
 enum { PARTS_MOST = 16 };
 #define ASKEW 0.95f   /* a way that meets a face at a smaller cosine is no measure of the distance from it */
 #define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
+#define FARTHER 3.0f  /* ways on from the dark are no more times longer */
 #define OBLIQUE 4.0f  /* rays go this many times the thickness at which nothing is transmitted */
 
 /* The next part of a way begins just outside of a point of the surface, or just inside. */
@@ -204,14 +205,21 @@ static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transm
     return ts_toward(t->p->light, s->at, s->geometric, far);
 }
 
+/* Where no way ends in light, or one that crosses a hollow, the first one stays: beside the light's edge the blurred alpha is that of the part
+ * between its faces, which would let the light from far away through. */
 static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const struct ts_spot c = ts_spot_at(t->p->atlas, k->at[lane]);
+    struct ts_transmitted_texel other = *out;
 
-    if (k->exit[lane].triangle != UINT32_MAX && ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], k->light[lane], out))
+    const float alpha = t->alpha[out->at];
+
+    if (k->exit[lane].triangle == UINT32_MAX || !ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], k->light[lane], &other))
         return;
-    t->alpha[k->at[lane]] = 0.0f;
-    out->at = (int32_t) k->at[lane];
+    if (other.m < FARTHER * out->m)
+        *out = other;
+    else
+        t->alpha[out->at] = alpha;
 }
 
 void ts_go_on(void *arg, int chunk, int worker)
