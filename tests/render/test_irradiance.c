@@ -138,6 +138,39 @@ static void few_area_samples_are_unbiased(void **state)
     rig_finish(&r);
 }
 
+/* Lights much larger than their distance: right with many samples, and with 16 none is a speck. */
+static void wide_lights_are_even(void **state)
+{
+    (void) state;
+
+    for (int samples = 16; samples <= 1024; samples *= 64) {
+        struct pell_vec3 corner[4];
+        struct pell_light *l;
+        struct rig r;
+        double disc;
+        start_plane(&r);
+        r.settings.light_samples = samples;
+        l = rig_light(&r, PELL_LIGHT_RECT, vec3(5, 0, 70), vec3(5, 0, 0), 5.0f);
+        l->width = 3000.0f;
+        l->height = 2000.0f;
+        rig_render(&r);
+        rect_corners(&r.scene->lights[0], corner);
+        for (int y = 0; y < SIZE; y += 5)
+            for (int x = 0; x < SIZE; x += 5) {
+                const double e = 5.0 * polygon_irradiance(rig_point(&r, x, y), vec3(0, 0, 1), corner, 4);
+                REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, y)], e, samples < 1024 ? 0.25 : 5e-3);
+            }
+        rig_finish(&r);
+        start_plane(&r);
+        r.settings.light_samples = samples;
+        rig_light(&r, PELL_LIGHT_DISC, vec3(0, 0, 20), vec3(0, 0, 0), 2.0f)->radius = 400.0f;
+        rig_render(&r);
+        disc = PELL_PI * 2.0 * 160000.0 / (160000.0 + 400.0);
+        REQUIRE_REL(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)], disc, samples < 1024 ? 0.25 : 5e-3);
+        rig_finish(&r);
+    }
+}
+
 /* Half of the light's face is below the plane's horizon, and a light that looks away gives nothing. */
 static void a_rectangle_is_clipped_at_the_horizon(void **state)
 {
@@ -673,6 +706,7 @@ int main(void)
         cmocka_unit_test(plane_under_a_directional),
         cmocka_unit_test(plane_under_a_rectangle),
         cmocka_unit_test(few_area_samples_are_unbiased),
+        cmocka_unit_test(wide_lights_are_even),
         cmocka_unit_test(a_rectangle_is_clipped_at_the_horizon),
         cmocka_unit_test(a_disc_on_its_axis),
         cmocka_unit_test(occluders_throw_exact_shadows),
