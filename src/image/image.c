@@ -82,10 +82,19 @@ void pell_image_count_finite(float *values, size_t count, struct pell_not_finite
 
 void pell_image_warn_finite(struct pell_context *ctx, const char *name, const struct pell_not_finite *bad)
 {
-    if (bad->nan || bad->inf)
-        pell_warn(ctx, name, NULL, "%s read as 0, %s read as +-%g",
-                  pell_counted((long long) bad->nan, "value is not a number and was", "values are not a number and were").str,
-                  pell_counted((long long) bad->inf, "is infinite and was", "are infinite and were").str, (double) PELL_HALF_MAX);
+    const char *nan = "values are not a number and were", *inf = "are infinite and were";
+    struct pell_text text = { 0 };
+
+    if (bad->nan)
+        pell_text_add(&text, "%s read as 0", pell_counted((long long) bad->nan, "value is not a number and was", nan).str);
+    if (bad->inf)
+        pell_text_add(&text, "%s%s read as +-%g", bad->nan ? ", " : "",
+                      pell_counted((long long) bad->inf, bad->nan ? "is infinite and was" : "value is infinite and was",
+                                   bad->nan ? inf : "values are infinite and were")
+                          .str,
+                      (double) PELL_HALF_MAX);
+    if (text.str[0])
+        pell_warn(ctx, name, NULL, "%s", text.str);
 }
 
 void pell_image_make_finite(struct pell_context *ctx, const char *name, float *values, size_t count)

@@ -38,7 +38,7 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
     return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
 }
 
-enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, BARE, KINDS };
+enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, BARE, HOLLOW, KINDS };
 
 /* Counts a warning; true where it is one of those to be logged. */
 static bool tell(struct pell_context *ctx, int *found)
@@ -61,10 +61,15 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
 {
     const struct pell_scene *scene = r->scene;
     struct pell_context *ctx = r->ctx;
-    static const char *const kinds[KINDS] = {
-        "open surfaces",           "surfaces with inverted normals", "mean free paths",           "scattering too small to see",
-        "objects without an area", "objects that coincide",          "objects around the camera", "meshes without texture coordinates"
-    };
+    static const char *const kinds[KINDS] = { "open surfaces",
+                                              "surfaces with inverted normals",
+                                              "mean free paths",
+                                              "scattering too small to see",
+                                              "objects without an area",
+                                              "objects that coincide",
+                                              "objects around the camera",
+                                              "meshes without texture coordinates",
+                                              "objects that enclose no volume" };
     const int limit = pell_context_limits(ctx)->warnings;
     struct pell_scene_report report = { 0 };
     int found[KINDS] = { 0 };
@@ -102,6 +107,12 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
             pell_warn(ctx, place, "close it: transmission needs a closed surface",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
                       (long long) o->boundary_edges);
+        if (pell_object_is_hollow(o)) {
+            if (tell(ctx, &found[HOLLOW]))
+                pell_warn(ctx, place, "give it a thickness, or make it a sheet: opaque with diffuse_transmission",
+                          "the surface encloses no volume: its sides lie on each other");
+            continue;
+        }
         if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
             pell_warn(ctx, place, "flip its faces", "the surface has inverted normals");
         if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))

@@ -11,6 +11,7 @@ enum kind {
     NONMANIFOLD,
     FLIPPED,
     INWARD,
+    HOLLOW,
     DEGENERATE,
     COINCIDENT,
     CAMERA,
@@ -22,6 +23,8 @@ enum kind {
     NONE_TRANSLUCENT,
     KINDS
 };
+
+#define HOLLOW_THICKNESS 1e-7 /* of an object's extent: thinner, it has none */
 
 /* What an object has in common with its copies, but not with them alone; sums are made where triangles are as many as another's. */
 struct likeness {
@@ -48,6 +51,7 @@ static const char *const kinds[KINDS] = {
     [NONMANIFOLD] = "objects with edges of more than two triangles",
     [FLIPPED] = "objects with triangles that face opposite ways",
     [INWARD] = "objects with inverted normals",
+    [HOLLOW] = "objects that enclose no volume",
     [DEGENERATE] = "objects with triangles without an area",
     [COINCIDENT] = "objects that lie where another does",
     [CAMERA] = "objects that hold the camera",
@@ -128,8 +132,15 @@ static void measure(const struct pell_topology *t, const struct pell_part *parts
     for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
         area += (double) vec3_length(vec3_load(t->face + 3 * (size_t) i));
     o->area_mm2 = 0.5 * area * t->scale * t->scale;
+    if (pell_object_is_hollow(o)) /* rounding alone */
+        o->volume_mm3 = 0.0;
     o->outward = o->closed && o->volume_mm3 > 0.0;
     o->thickness_mm = o->outward && o->area_mm2 > 0.0 ? 2.0 * o->volume_mm3 / o->area_mm2 : 0.0;
+}
+
+bool pell_object_is_hollow(const struct pell_object_report *o)
+{
+    return o->closed && o->area_mm2 > 0.0 && 2.0 * fabs(o->volume_mm3) < HOLLOW_THICKNESS * o->area_mm2 * sqrt(o->area_mm2);
 }
 
 /* The longest mean free path of the object's translucent materials; 0 if it has none. */
@@ -172,6 +183,8 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
     if (o->flipped_edges)
         PELL_TRY(add(k, FLIPPED, PELL_SEVERITY_WARNING, where, "%s between triangles that face opposite ways",
                      pell_counted(o->flipped_edges, "edge lies", "edges lie").str));
+    if (translucent && pell_object_is_hollow(o))
+        PELL_TRY(add(k, HOLLOW, PELL_SEVERITY_WARNING, where, "encloses no volume: its sides lie on each other; give it a thickness"));
     if (o->closed && o->volume_mm3 < 0.0)
         PELL_TRY(add(k, INWARD, PELL_SEVERITY_WARNING, where, "has inverted normals: it encloses %.4g mm^3", o->volume_mm3));
     if (o->degenerate_triangles)
@@ -182,7 +195,7 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
                      o->degenerate_triangles == o->triangles ? ": the object is invisible" : ""));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
-    if (path > size)
+    if (path > size && !pell_object_is_hollow(o))
         PELL_TRY(
             add(k, THIN, PELL_SEVERITY_WARNING, where,
                 "light goes %.3g mm in \"%s\" between two scattering events, but the object is %.3g mm %s: diffusion does not hold; is "

@@ -196,11 +196,10 @@ static enum pell_result check_map(struct pell_scene *scene, const struct pell_ma
     return PELL_OK;
 }
 
-/* Maps hold reflectances, shares and directions, but for that of light that is emitted. */
-static void limit_map(const struct pell_scene *scene, const struct pell_texture_map *map, bool emits)
+/* Floats of a texture to [0, most]. */
+static void limit_texture(const struct pell_scene *scene, const struct pell_texture *texture, float most, const char *what)
 {
-    const struct pell_image *image = map->texture ? &map->texture->image : NULL;
-    const float most = emits ? 1e12f : 1.0f;
+    const struct pell_image *image = texture ? &texture->image : NULL;
     const size_t count = image && image->type == PELL_PIXEL_F32 ? (size_t) image->width * image->height * image->channels : 0;
     float *values = count ? image->pixels : NULL, first = 0.0f;
     long long outside = 0;
@@ -211,7 +210,7 @@ static void limit_map(const struct pell_scene *scene, const struct pell_texture_
             values[i] = values[i] > 0.0f ? most : 0.0f;
         }
     if (outside)
-        pell_warn(scene->ctx, map->texture->name, NULL, "a material's map: %s outside of [0, %g], such as %g, and clamped",
+        pell_warn(scene->ctx, texture->name, NULL, "%s: %s outside of [0, %g], such as %g, and clamped", what,
                   pell_counted(outside, "value is", "values are").str, (double) most, (double) first);
 }
 
@@ -273,7 +272,8 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
     for (enum pell_map i = 0; res == PELL_OK && i < PELL_MAPS; i++) {
         res = check_map(scene, m, pell_material_map(m, i));
         if (res == PELL_OK)
-            limit_map(scene, pell_material_map(m, i), i == PELL_MAP_EMISSIVE);
+            /* Maps hold reflectances, shares and directions, but for that of light that is emitted. */
+            limit_texture(scene, pell_material_map(m, i)->texture, i == PELL_MAP_EMISSIVE ? 1e12f : 1.0f, "a material's map");
     }
     return res == PELL_OK ? check_layers(scene, m) : res;
 }
@@ -305,6 +305,7 @@ static enum pell_result check_light(struct pell_scene *scene, struct pell_light 
         return bad_value(scene, "light", l->name, "its radius (mm)", l->radius, FLT_MIN, 1e9);
     if (l->type == PELL_LIGHT_SPOT && !(in_range(l->cos_outer, -1.0, 1.0) && in_range(l->cos_inner, l->cos_outer, 1.0)))
         return bad_value(scene, "light", l->name, "the cosine of its cone", l->cos_outer, -1.0, 1.0);
+    limit_texture(scene, l->image, 1e12f, "a light's picture");
     if (!in_range(l->image_fov, 0.0, 3.1415925))
         return bad_value(scene, "light", l->name, "its picture's angle", l->image_fov, 0.0, PELL_PI);
     if (!isfinite(l->rotate))

@@ -6,6 +6,7 @@
 #include "scene/scene.h"
 
 #include <string.h>
+#include <strings.h>
 
 #define MM_MIN 1e-9 /* of one unit, and of a size */
 #define MM_MAX 1e12
@@ -70,7 +71,7 @@ enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *d
     if (size >= 4 && memcmp(p, "ply", 3) == 0 && is_space(p[3]))
         return PELL_SCENE_PLY;
     if (pell_path_has_extension(path, "stl") || pell_stl_is_binary(data, size) ||
-        (size >= 6 && memcmp(p, "solid", 5) == 0 && is_space(p[5])))
+        (size >= 6 && strncasecmp((const char *) p, "solid", 5) == 0 && is_space(p[5])))
         return PELL_SCENE_STL;
     if (size >= 3 && memcmp(p, "\xef\xbb\xbf", 3) == 0)
         p += 3;

@@ -13,6 +13,8 @@ PELL_NODISCARD enum pell_result pell_scene_add_option(struct pell_scene *scene, 
 enum pell_result pell_material_unknown(struct pell_context *ctx, const char *where, const char *name);
 PELL_NODISCARD enum pell_result pell_material_set(struct pell_context *ctx, struct pell_material *material,
                                                   const struct pell_material_entry *entry);
+/* Whether a closed surface encloses nothing: its sides lie on each other. */
+bool pell_object_is_hollow(const struct pell_object_report *o);
 /* A UV set that one of the material's maps needs and the mesh lacks, or -1. */
 int pell_scene_missing_uv(const struct pell_mesh *mesh, const struct pell_material *m);
 /* Of one triangle, as below. */

@@ -5,6 +5,7 @@
 #include "scene/scene.h"
 
 #include <stdio.h>
+#include <strings.h>
 
 enum { HEADER = 84, RECORD = 50, PROBES = 64 };
 
@@ -164,6 +165,12 @@ static enum pell_result read_vertex(struct stl *s, struct pell_lex *l)
     return add_corner(s, p);
 }
 
+/* Some programs write them in capitals. */
+static bool is_word(const char *word, size_t length, const char *name)
+{
+    return length == strlen(name) && strncasecmp(word, name, length) == 0;
+}
+
 /* Of words only those that say something are read: "vertex", and where a facet begins and ends. */
 static enum pell_result read_text(struct stl *s, const uint8_t *data, size_t size)
 {
@@ -173,9 +180,9 @@ static enum pell_result read_text(struct stl *s, const uint8_t *data, size_t siz
     for (; l.at < l.end; pell_lex_next_line(&l)) {
         const char *word;
         const size_t length = pell_lex_word(&l, &word);
-        if (pell_word_is(word, length, "vertex"))
+        if (is_word(word, length, "vertex"))
             PELL_TRY(read_vertex(s, &l));
-        if (s->num_corners % 3 != 0 && (pell_word_is(word, length, "endfacet") || pell_word_is(word, length, "endloop")))
+        if (s->num_corners % 3 != 0 && (is_word(word, length, "endfacet") || is_word(word, length, "endloop")))
             return pell_error(s->ctx, PELL_ERR_FORMAT, s->import->path, NULL, "line %lld: a facet of %zu corners, must have 3",
                               (long long) l.line, s->num_corners % 3);
         if (s->num_corners % 3072 == 0)
@@ -215,7 +222,7 @@ fail:
 /* Headers of binary files begin with "solid", too. */
 static bool is_text(const uint8_t *data, size_t size)
 {
-    return size >= 5 && memcmp(data, "solid", 5) == 0 && !memchr(data, 0, size < 4096 ? size : 4096);
+    return size >= 5 && strncasecmp((const char *) data, "solid", 5) == 0 && !memchr(data, 0, size < 4096 ? size : 4096);
 }
 
 enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data, size_t size)

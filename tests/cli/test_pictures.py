@@ -319,6 +319,19 @@ def wait_for(truth, seconds=120):
         time.sleep(0.01)
 
 
+@test('Ctrl-C before every pixel has a path keeps the picture that was there')
+def _(folder):
+    (folder / 'there.png').write_bytes(b'as it was')
+    child = start(folder, 'render', 'bunny.obj', '--size', '70mm', '--material', 'wholemilk', '-m', 'path-trace', '--samples', '64',
+                  '--width', '2000', '--height', '1500', '--msaa', '1', '-o', 'there.png')
+    time.sleep(2)
+    need(child.poll() is None, 'it ended before')
+    child.send_signal(signal.SIGINT)
+    error = child.communicate(timeout=60)[1]
+    need(child.returncode == 130 and b'nothing was written' in error, child.returncode, error)
+    need((folder / 'there.png').read_bytes() == b'as it was', 'the picture is another')
+
+
 @test('Ctrl-C during a picture: exit 130 soon, no file, one object with --json')
 def _(folder):
     before = names(folder)

@@ -87,6 +87,18 @@ static void a_cube_without_area_is_said_to_have_none(void **state)
     finish(&c);
 }
 
+/* A tetrahedron pressed flat: no volume, whatever its normals say. */
+static void sides_that_lie_on_each_other_enclose_nothing(void **state)
+{
+    const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
+    struct checked c = check("flat.obj", "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 0.5 0.5 0\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n", &params, NULL);
+    (void) state;
+
+    assert_true(c.report.objects[0].closed && !c.report.objects[0].outward);
+    assert_int_equal(find(&c, "encloses no volume")->severity, PELL_SEVERITY_WARNING);
+    finish(&c);
+}
+
 /* Two nodes of one mesh at the same place, and a third moved by the width of a hair. */
 static void an_object_that_is_there_twice_is_found(void **state)
 {
@@ -328,6 +340,7 @@ int main(void)
         cmocka_unit_test(a_cube_is_closed_and_measured),
         cmocka_unit_test(an_open_cube_has_its_boundary_counted),
         cmocka_unit_test(a_cube_without_area_is_said_to_have_none),
+        cmocka_unit_test(sides_that_lie_on_each_other_enclose_nothing),
         cmocka_unit_test(an_object_that_is_there_twice_is_found),
         cmocka_unit_test(two_objects_that_cross_are_no_copies),
         cmocka_unit_test(a_camera_inside_an_object_is_found),

@@ -649,7 +649,7 @@ static const struct {
     { SCENE(",\"camera\":{\"side\":\"fornt\"}"), "s.json:/camera/side", "no \"fornt\"", "\"front\"" },
     { SCENE(",\"camera\":{\"side\":\"10,95\"}"), "s.json:/camera/side", "10,95", "35,15" },
     { SCENE(",\"camera\":{\"side\":34}"), "s.json:/camera/side", "34", "" },
-    { SCENE(",\"camera\":{\"side\":\"34\",\"fov_deg\":20}"), "s.json:/camera/fov_deg", "unknown", "" },
+    { SCENE(",\"camera\":{\"side\":\"34\",\"fov_deg\":20}"), "s.json:/camera/fov_deg", "does not go with", "from" },
     { SCENE(",\"background\":\"#12345\""), "s.json:/background", "no \"#12345\"", "#RRGGBB" },
     { SCENE(",\"materials\":{\"*\":{\"preset\":\"marbel\"}}"), "s.json:/materials/*/preset", "no material \"marbel\"", "\"marble\"" },
     { SCENE(",\"materials\":{\"*\":{\"sigma_a\":[1,1,1]}}"), "s.json:/materials/*", "sigma_s_reduced", "" },

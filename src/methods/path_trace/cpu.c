@@ -288,7 +288,7 @@ static void report(struct pt_state *st, const struct pt_run *run)
                   100.0 * (double) cut / samples, 100.0 * missing, bound);
     if (lost > 0)
         pell_warn(st->ctx, "path-trace", "`pellucid check` lists open surfaces",
-                  "%.3g %% of the paths left a solid without hitting its surface", 100.0 * (double) lost / samples);
+                  "%.3g %% of the paths left a solid without hitting its surface", fmin(100.0 * (double) lost / samples, 100.0));
     if ((double) crossed > CROSSED * samples && finest_path(st->services->scene) > 0.0)
         pell_warn(st->ctx, "path-trace", "scattering is not visible at this size: an opaque material looks the same",
                   "a mean free path of %.3g mm is shorter than places on the object can be told apart: light near its surface is uncertain",
@@ -303,8 +303,6 @@ static void report(struct pt_state *st, const struct pt_run *run)
                   (long long) chains);
     if (atomic_load(&st->invalid))
         pell_warn(st->ctx, "path-trace", "please report the scene", "some samples were not finite and were set to 0");
-    if (least == 0 && most > 0 && !pt_merges(st))
-        pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: the others are black");
 }
 
 static enum pell_result start_frame(struct pt_state *st, const struct pell_frame *in)
@@ -386,9 +384,13 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
         PELL_TRY(pt_share_finish(st, in));
     else if (st->services->checkpoint && last)
         PELL_TRY(pt_write_films(st, in, true));
-    /* A sample of the multisample in which pixels are black for want of a path would darken those before it. */
-    if (number > 0 && pell_context_interrupted(st->ctx) && has_black(run.shown))
+    /* A sample of the multisample in which pixels are black for want of a path would darken those before it, and a picture that has no
+     * other would take the place of a whole one. */
+    if (pell_context_interrupted(st->ctx) && has_black(run.shown) && !(number == 0 && (pt_share(st) || pt_merges(st)))) {
+        if (number == 0)
+            pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: there is no picture yet");
         return PELL_ERR_CANCELLED;
+    }
     if (last && run.shown == run.film)
         report(st, &run);
     st->frame.time.seconds = pell_seconds() - start;

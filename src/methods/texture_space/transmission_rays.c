@@ -205,8 +205,8 @@ static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transm
     return ts_toward(t->p->light, s->at, s->geometric, far);
 }
 
-/* Where no way ends in light, or one that crosses a hollow, the first one stays: beside the light's edge the blurred alpha is that of the part
- * between its faces, which would let the light from far away through. */
+/* Where no way ends in light, or one that crosses a hollow, the first one stays: beside the light's edge the blurred alpha is that of the
+ * part between its faces, which would let the light from far away through. */
 static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const struct ts_spot c = ts_spot_at(t->p->atlas, k->at[lane]);

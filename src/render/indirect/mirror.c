@@ -86,6 +86,13 @@ struct shine {
     struct photon *parts; /* [coarse][PARTS] */
 };
 
+/* Light of a photon where it meets a sample's surface: from the unit direction `v`, from `distance` away. */
+struct arrival {
+    const struct indirect_sample *sample;
+    struct pell_vec3 at, v;
+    float distance, power[3];
+};
+
 /* A packet of photons on their way. */
 struct flight {
     struct pell_ray16 shadow; /* to the light */
@@ -124,20 +131,19 @@ static bool light_from(const struct shine *s, const struct indirect_sample *to, 
     return irradiance[0] + irradiance[1] + irradiance[2] > 0.0f;
 }
 
-/* Sets photon i out: light from `v`, `distance` away, that is reflected at `at`, near a sample. */
-static bool set_out(const struct shine *s, const struct indirect_sample *q, struct pell_vec3 at, struct pell_vec3 v, float distance,
-                    uint32_t hash, const float power[3], struct flight *f, int i)
+/* Sets photon i out, reflected. */
+static bool set_out(const struct shine *s, const struct arrival *from, uint32_t hash, struct flight *f, int i)
 {
-    const struct pell_indirect *in = s->in;
+    const struct indirect_sample *q = from->sample;
     struct pell_vec3 w, o;
-    const float share = indirect_reflect(in, q->material, q->smooth, vec3_mul(v, -1.0f), hash, &w);
+    const float share = indirect_reflect(s->in, q->material, q->smooth, vec3_mul(from->v, -1.0f), hash, &w);
 
     if (!(share > 0.0f) || !(vec3_dot(w, q->normal) > 0.0f))
         return false;
     for (int c = 0; c < 3; c++)
-        f->power[i][c] = share * power[c];
-    o = vec3_mad(at, indirect_clearance(at, q->spacing), q->normal);
-    pell_ray16_set(&f->shadow, i, o, v, distance);
+        f->power[i][c] = share * from->power[c];
+    o = vec3_mad(from->at, indirect_clearance(from->at, q->spacing), q->normal);
+    pell_ray16_set(&f->shadow, i, o, from->v, from->distance);
     pell_ray16_set(&f->r.ray, i, o, w, INFINITY);
     return true;
 }
@@ -172,19 +178,17 @@ static void fly16(const struct shine *s, struct flight *f, int valid[16], struct
     }
 }
 
-/* The sample of a photon, and what its light brings to it. False: nothing. */
-static bool photon_of(const struct shine *s, size_t number, size_t samples, const struct indirect_sample **q, struct pell_vec3 *v,
-                      float *distance, float power[3])
+/* False: no light comes to the photon's sample. */
+static bool photon_of(const struct shine *s, size_t number, size_t samples, struct arrival *from)
 {
-    const size_t sample = number / PHOTONS;
+    const struct indirect_sample *q = &s->in->samples[number / PHOTONS];
 
-    if (sample >= samples)
+    if (number / PHOTONS >= samples || q->back || !light_from(s, q, (uint32_t) number, &from->v, &from->distance, from->power))
         return false;
-    *q = &s->in->samples[sample];
-    if ((*q)->back || !light_from(s, *q, (uint32_t) number, v, distance, power))
-        return false;
+    from->sample = q;
+    from->at = q->position;
     for (int c = 0; c < 3; c++)
-        power[c] *= (*q)->spacing * (*q)->spacing / PHOTONS;
+        from->power[c] *= q->spacing * q->spacing / PHOTONS;
     return true;
 }
 
@@ -197,11 +201,8 @@ static void send16(const struct shine *s, size_t first, size_t end)
     memset(&f, 0, sizeof(f));
     for (int i = 0; i < 16; i++) {
         const size_t number = first * PHOTONS + (size_t) i;
-        const struct indirect_sample *q;
-        struct pell_vec3 v;
-        float distance, power[3];
-        if (photon_of(s, number, end, &q, &v, &distance, power) &&
-            set_out(s, q, q->position, v, distance, pell_hash(s->in->p.seed ^ (uint32_t) number), power, &f, i))
+        struct arrival from;
+        if (photon_of(s, number, end, &from) && set_out(s, &from, pell_hash(s->in->p.seed ^ (uint32_t) number), &f, i))
             valid[i] = -1;
     }
     fly16(s, &f, valid, s->photons + first * PHOTONS);
@@ -222,16 +223,15 @@ static void send_parts(void *arg, int index, int worker)
 {
     const struct shine *s = arg;
     const size_t number = s->coarse[index];
-    const struct indirect_sample *q;
-    struct pell_vec3 v, t, b;
-    float distance, power[3];
+    struct arrival whole;
+    struct pell_vec3 t, b;
 
     (void) worker;
-    if (!photon_of(s, number, s->in->num_samples, &q, &v, &distance, power))
+    if (!photon_of(s, number, s->in->num_samples, &whole))
         return;
-    vec3_basis(q->normal, &t, &b);
+    vec3_basis(whole.sample->normal, &t, &b);
     for (int c = 0; c < 3; c++)
-        power[c] /= PARTS;
+        whole.power[c] /= PARTS;
     for (int first = 0; first < PARTS; first += 16) {
         _Alignas(64) int valid[16] = { 0 };
         struct flight f;
@@ -239,15 +239,15 @@ static void send_parts(void *arg, int index, int worker)
         for (int i = 0; i < 16; i++) {
             const uint32_t k = (uint32_t) (first + i), hash = pell_hash(s->in->p.seed ^ ((uint32_t) number * PARTS + k));
             const float x = ((float) k + 0.5f) / PARTS - 0.5f, y = pell_unit_float(pell_sobol0(k)) - 0.5f;
-            const struct pell_vec3 aside = vec3_mul(vec3_mad(vec3_mul(t, x), y, b), q->spacing);
-            struct pell_vec3 to = v;
-            float away = distance;
-            if (distance < INFINITY) {
-                to = vec3_sub(vec3_mul(v, distance), aside);
-                away = vec3_length(to);
-                to = vec3_mul(to, away > 0.0f ? 1.0f / away : 0.0f);
+            const struct pell_vec3 aside = vec3_mul(vec3_mad(vec3_mul(t, x), y, b), whole.sample->spacing);
+            struct arrival from = whole;
+            from.at = vec3_add(whole.at, aside);
+            if (whole.distance < INFINITY) {
+                const struct pell_vec3 to = vec3_sub(vec3_mul(whole.v, whole.distance), aside);
+                from.distance = vec3_length(to);
+                from.v = vec3_mul(to, from.distance > 0.0f ? 1.0f / from.distance : 0.0f);
             }
-            if (set_out(s, q, vec3_add(q->position, aside), to, away, hash, power, &f, i))
+            if (set_out(s, &from, hash, &f, i))
                 valid[i] = -1;
         }
         fly16(s, &f, valid, s->parts + (size_t) index * PARTS + (size_t) first);

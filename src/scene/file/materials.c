@@ -237,10 +237,15 @@ static enum pell_result read_look(struct pell_scene_reader *r, const struct pell
     PELL_TRY(read_lengths(at, key, look.radius));
     look.kind = (enum pell_scatter_radius) kind;
     forget_preset(r, m);
-    if (pell_medium_from_color_and_radius(&look, m->model, NULL, &m->medium, &fault) != PELL_OK)
+    if (pell_medium_from_color_and_radius(&look, m->model, NULL, &m->medium, &fault) != PELL_OK) {
+        if (!isfinite(fault.min))
+            return pell_json_error(at, PELL_ERR_FORMAT, "make the colour darker, or give the mean free path",
+                                   "has no medium: where the colour is 1 nothing is absorbed, and light goes any distance, not %g mm",
+                                   fault.value);
         return pell_json_error(at, PELL_ERR_FORMAT, "another colour, length or profile can do it",
                                "has no medium: %s is %g, allowed with the rest: [%g, %g]", fault.field ? fault.field : "color", fault.value,
                                fault.min, fault.max);
+    }
     return PELL_OK;
 
 fail:

@@ -213,6 +213,12 @@ static enum pell_result read_side(struct pell_scene_reader *r, const struct pell
     const char *text;
     enum pell_result res;
 
+    for (size_t i = 0; i < PELL_COUNT(camera_keys); i++)
+        if (pell_json_has(at, camera_keys[i])) {
+            const struct pell_json other = pell_json_get(at, camera_keys[i]);
+            return pell_json_error(&other, PELL_ERR_FORMAT, "give \"from\" and \"to\" instead of \"side\"",
+                                   "does not go with \"side\", by which the camera frames the objects");
+        }
     PELL_TRY(ONLY(at, side_keys));
     PELL_TRY(pell_json_to_string(&side, &text));
     PELL_TRY(pell_side_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&side, &where), text, &view));
