@@ -230,7 +230,7 @@ static void thickness_is_that_of_the_object(void **state)
     stage_finish(&s);
 }
 
-/* Maps are as fine as the picture needs, and what they are depends on the camera alone, not on where it was before. */
+/* Maps are as fine as the picture needs, and what they are depends on the camera and the first frame alone, not on what was between. */
 static void maps_are_as_fine_as_the_picture_needs(void **state)
 {
     static const char *const none[] = { NULL };

@@ -121,6 +121,14 @@ static double needed_side(const struct ts_state *st, size_t i, const struct pell
     return st->knobs.size == 0 && needed > 0.0 && needed < side ? side * exp2(-0.5 * floor(2.0 * log2(side / needed))) : side;
 }
 
+/* The first frame's side where that is not far off: maps of objects that move stay as they are, in any run that makes some of the frames. */
+static int keep_first(struct ts_solid *solid, int needed)
+{
+    if (solid->first_side == 0)
+        solid->first_side = needed;
+    return needed <= 2 * solid->first_side && 2 * needed >= solid->first_side ? solid->first_side : needed;
+}
+
 /* The sides that the maps are to have; true: they have them. */
 static bool find_sides(struct ts_state *st, const struct pell_frame *in)
 {
@@ -135,8 +143,9 @@ static bool find_sides(struct ts_state *st, const struct pell_frame *in)
         const double share = largest > 0.0 ? factor * sqrt(b->solids[i].area / largest) : 0.0;
         const double side = fmin(fmax(ceil(size_of(st) * share), SIZE_LEAST), size_of(st));
         const int needed = (int) ceil(fmin(fmax(needed_side(st, i, in->view, side), SIZE_LEAST), side));
-        same &= b->solids[i].num_triangles == 0 || st->solid[i].side == needed;
-        st->solid[i].side = needed;
+        const int kept = keep_first(&st->solid[i], needed);
+        same &= b->solids[i].num_triangles == 0 || st->solid[i].side == kept;
+        st->solid[i].side = kept;
     }
     return same;
 }

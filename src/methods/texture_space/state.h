@@ -18,7 +18,7 @@ struct ts_solid {
     struct ts_atlas *atlas;
     const struct ts_profile *profile; /* of its material */
     float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
-    int side;                         /* texels */
+    int side, first_side;             /* texels; of the first frame's map, 0: not yet */
     struct pell_vec3 middle;          /* of its bounds, */
     float radius;                     /* and half their diagonal; mm */
 };
