@@ -121,7 +121,7 @@ static double needed_side(const struct ts_state *st, size_t i, const struct pell
     return st->knobs.size == 0 && needed > 0.0 && needed < side ? side * exp2(-0.5 * floor(2.0 * log2(side / needed))) : side;
 }
 
-/* The first frame's side where that is not far off: maps of objects that move stay as they are, in any run that makes some of the frames. */
+/* The first frame's side where that is not far off: maps of moving objects stay as they are, in any run that makes some of the frames. */
 static int keep_first(struct ts_solid *solid, int needed)
 {
     if (solid->first_side == 0)
