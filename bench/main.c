@@ -25,6 +25,7 @@ static const struct command commands[] = {
     COMMAND("munoz-3", "convolution by resolution, figure 3, and filling the picture", SCENE | PICTURE),
     COMMAND("munoz-5", "convolution by planes, figure 5", SCENE | PICTURE),
     COMMAND("deon-1", "texture-space by resolution and lights, table 1 of its paper", SCENE),
+    COMMAND("jimenez-7.2", "screen-space beside texture-space by heads, lights and distance, table 7.2 of its paper", SCENE),
     COMMAND("francois-2", "layered by samples and lights, table 2 of its paper", SCENE),
 };
 
@@ -44,6 +45,7 @@ static const struct row_of {
     { "munoz-3", bench_munoz_3, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
     { "munoz-5", bench_munoz_5, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
     { "deon-1", bench_deon, NULL, NULL, BENCH_PIXELS | BENCH_RAYS, NULL },
+    { "jimenez-7.2", bench_jimenez, NULL, NULL, 0, NULL },
     { "francois-2", bench_francois, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, "layer-samples/s" },
 };
 

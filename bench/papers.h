@@ -63,5 +63,6 @@ enum pell_result bench_munoz_3(struct bench *b);
 enum pell_result bench_munoz_5(struct bench *b);
 enum pell_result bench_deon(struct bench *b);
 enum pell_result bench_francois(struct bench *b);
+enum pell_result bench_jimenez(struct bench *b);
 
 #endif

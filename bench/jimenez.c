@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: MIT
+ * jimenez.c - `pellucid-bench jimenez-7.2`: table 7.2 of Jimenez and Gutierrez, "Screen-Space Subsurface Scattering" (GPU Pro, 2010):
+ * screen-space beside texture-space by heads, lights and distance, without and with 8 samples a pixel; heads far away, behind a plane and
+ * outside of the picture; marble; and bloom and depth of field in the same frame. Lights move in every frame, so that a map that is lit
+ * once would not hold. (The paper, on a GeForce 8600M GS: 5 heads 50 against 29 frames/s, 6 lights 69 against 54, far 220 against 120,
+ * 10 heads far 3.6 times as fast, 5 heads behind a plane 2 times, 5 busts of marble 2.8 times.) */
+#include "papers.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define HEADS 10 /* of the scene, behind its plane */
+#define LIGHTS 6
+#define NEAR 780.0f /* mm from the camera to the first row of heads; 3 and 9 times as much are medium and far */
+#define MANY 8      /* samples a pixel */
+#define REPEATS 3   /* frames, at most */
+
+enum place { IN_SIGHT, HIDDEN, ASIDE };
+
+struct crowd {
+    const char *name;
+    int heads, lights;
+    float distance; /* of NEAR */
+    enum place place;
+};
+
+/* Stages that don't know the light or the camera: once for a scene. */
+static bool is_once(const char *stage)
+{
+    static const char *const names[] = { "prepare", "curvature", "contact shadow", "indirect links", "layout" };
+
+    for (size_t i = 0; i < PELL_COUNT(names); i++)
+        if (strcmp(stage, names[i]) == 0)
+            return true;
+    return false;
+}
+
+static double frame_ms(const struct pell_render_result *p)
+{
+    double sum = 0.0;
+
+    for (size_t k = 0; k < p->num_stages; k++)
+        sum += is_once(p->stages[k].name) ? 0.0 : p->stages[k].ms;
+    return sum;
+}
+
+/* A part of the scene, seen from there. `all`: the whole of it. */
+static enum pell_result gather(struct bench *b, const struct pell_scene *all, const struct crowd *crowd)
+{
+    const bool plane = crowd->place == HIDDEN;
+    struct pell_scene *s = b->s.scene;
+    struct pell_camera *c = &s->cameras[0];
+
+    s->meshes = all->meshes + (plane ? 0 : 1);
+    s->num_meshes = (size_t) crowd->heads + plane;
+    s->num_lights = (size_t) crowd->lights;
+    c->position[2] = NEAR * crowd->distance;
+    c->forward[0] = crowd->place == ASIDE ? 1.0f : 0.0f;
+    c->forward[2] = crowd->place == ASIDE ? 0.0f : -1.0f;
+    return pell_renderer_set_scene(b->s.renderer, s);
+}
+
+/* A frame whose lights have moved, after one that touched all memory; the stages of the last one are left in *p. */
+static enum pell_result measure_frames(struct bench *b, const char *method, double *ms, struct pell_render_result *p)
+{
+    double times[REPEATS];
+    const int repeats = b->repeats < REPEATS ? b->repeats : REPEATS;
+    enum pell_result res;
+
+    PELL_TRY(bench_choose(b, method, ""));
+    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, p));
+    for (int i = 0; i < repeats; i++) {
+        b->s.settings.seed++; /* light holds for one seed */
+        PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, p));
+        times[i] = frame_ms(p);
+    }
+    *ms = bench_median(times, repeats);
+
+fail:
+    return res;
+}
+
+static enum pell_result compare(struct bench *b, const struct pell_scene *all, const struct crowd *crowd, int msaa)
+{
+    static const char *const methods[] = { "screen-space", "texture-space" };
+    struct pell_render_result p;
+    double first = 0.0, ms;
+    enum pell_result res;
+
+    b->s.settings.msaa = msaa;
+    PELL_TRY(gather(b, all, crowd));
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+        char name[96];
+        struct row *r;
+        PELL_TRY(measure_frames(b, methods[i], &ms, &p));
+        snprintf(name, sizeof(name), "%s, %dx, %s", crowd->name, msaa, methods[i]);
+        r = bench_add(&b->rows, name, ms);
+        if (i == 0) {
+            first = ms;
+        } else if (r && first > 0.0) {
+            r->ratio = ms / first;
+            r->against = methods[0];
+        }
+    }
+
+fail:
+    return res;
+}
+
+/* What bloom, depth of field and scattering take in one frame: figure 7.2 of the paper. */
+static enum pell_result add_effects(struct bench *b, const struct pell_scene *all)
+{
+    static const struct crowd three = { "3 heads", 3, 2, 3.0f, IN_SIGHT };
+    struct pell_render_result p;
+    double ms;
+    enum pell_result res;
+
+    b->s.settings.msaa = 1;
+    b->s.settings.bloom = 0.05f;
+    b->s.settings.dof = true;
+    PELL_TRY(gather(b, all, &three));
+    PELL_TRY(measure_frames(b, "screen-space", &ms, &p));
+    bench_add(&b->rows, "3 heads with bloom and depth of field, 1x", ms);
+    bench_add(&b->rows, "  scattering alone", bench_own_ms(&p));
+    for (size_t k = 0; k < p.num_stages; k++)
+        if (strcmp(p.stages[k].name, "bloom") == 0 || strcmp(p.stages[k].name, "depth of field") == 0) {
+            char name[96];
+            snprintf(name, sizeof(name), "  %s", p.stages[k].name);
+            bench_add(&b->rows, name, p.stages[k].ms);
+        }
+    b->s.settings.bloom = 0.0f;
+    b->s.settings.dof = false;
+
+fail:
+    return res;
+}
+
+/* All that table shows of the scene as it is opened now. */
+static enum pell_result run_crowds(struct bench *b, const struct crowd *crowds, size_t count, int msaa)
+{
+    struct pell_scene *s = b->s.scene;
+    const struct pell_scene whole = *s;
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < count && res == PELL_OK; i++)
+        res = compare(b, &whole, &crowds[i], msaa);
+    if (count > 1 && msaa == 1 && res == PELL_OK)
+        res = add_effects(b, &whole);
+    s->meshes = whole.meshes; /* to be released */
+    s->num_meshes = whole.num_meshes;
+    s->num_lights = whole.num_lights;
+    return res;
+}
+
+static void set_up(struct bench *b)
+{
+    b->s.settings.width = 1280;
+    b->s.settings.height = 720;
+    b->s.settings.bounces = 0;
+    b->s.settings.opposed = b->s.settings.curvature = false;
+}
+
+enum pell_result bench_jimenez(struct bench *b)
+{
+    static const struct crowd crowds[] = {
+        { "1 head, 2 lights, medium", 1, 2, 3.0f, IN_SIGHT },
+        { "3 heads", 3, 2, 3.0f, IN_SIGHT },
+        { "5 heads", 5, 2, 3.0f, IN_SIGHT },
+        { "4 lights", 1, 4, 3.0f, IN_SIGHT },
+        { "6 lights", 1, 6, 3.0f, IN_SIGHT },
+        { "near", 1, 2, 1.0f, IN_SIGHT },
+        { "far", 1, 2, 9.0f, IN_SIGHT },
+        { "10 heads, far", 10, 2, 9.0f, IN_SIGHT },
+        { "5 heads behind a plane", 5, 2, 3.0f, HIDDEN },
+        { "5 heads outside of the picture", 5, 2, 3.0f, ASIDE },
+    };
+    static const struct crowd busts = { "5 heads of marble", 5, 2, 3.0f, IN_SIGHT };
+    enum { OF_TABLE = 7 }; /* those with 8 samples a pixel, too */
+    const struct pell_scene *s = b->s.scene;
+    enum pell_result res;
+
+    if (s->num_meshes != 1 + HEADS || s->num_lights != LIGHTS)
+        return pell_error(b->cli->ctx, PELL_ERR_INVALID, b->path, NULL,
+                          "has %zu meshes and %zu lights, the bench takes a plane, %d heads and %d lights", s->num_meshes, s->num_lights,
+                          HEADS, LIGHTS);
+    set_up(b);
+    snprintf(
+        b->setup, sizeof(b->setup),
+        "medians of at most %d frames whose lights have moved: irradiance, scattering, composite; without indirect light, curvature and "
+        "opposed faces; 1280 x 720",
+        REPEATS);
+    PELL_TRY(run_crowds(b, crowds, PELL_COUNT(crowds), 1));
+    PELL_TRY(run_crowds(b, crowds, OF_TABLE, MANY));
+    if (bench_open(b, "marble") != EXIT_OK)
+        return PELL_ERR_INVALID;
+    set_up(b);
+    res = run_crowds(b, &busts, 1, 1);
+
+fail:
+    return res;
+}
