@@ -58,9 +58,9 @@ static inline float pell_opposed_pull(float kappa, float d2)
     return (1.0f + s) * expf(-s) / (12.5663706f * d * d * d);
 }
 
-/* What goes from one place to the other through the solid, 1/mm^2, beside what a profile spreads; returns how much of the profile over the
- * distance is left beside it. */
-static inline float pell_opposed_split(const struct pell_opposed *o, const struct pell_opposed_pair *p, float through[3])
+/* pell_opposed_split of these channels; 0 of others. */
+static inline float pell_opposed_split_of(const struct pell_opposed *o, const struct pell_opposed_pair *p, const bool is[3],
+                                          float through[3])
 {
     const float apart = 1.0f - p->facing, turned = apart < 0.0f ? 0.0f : apart > 1.0f ? 1.0f : apart;
     const float weight = turned * turned * (3.0f - 2.0f * turned), t = sqrtf(turned), over = p->to - p->from;
@@ -79,6 +79,8 @@ static inline float pell_opposed_split(const struct pell_opposed *o, const struc
         open = (apart < 2.0f ? 1.0f - 0.5f * apart : 0.0f) / (round * round);
     }
     for (int c = 0; c < 3 && solid > 0.0f; c++) {
+        if (!is[c])
+            continue;
         const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], out = 1.0f + bent * e;
         const float from = p->from - e * apart, to = p->to + e * apart, d2 = p->distance2 + 2.0f * e * (over + e * apart);
         const float near2 = d2 + z * (z + 2.0f * from), far2 = d2 + z * (z - 2.0f * from);
@@ -89,6 +91,15 @@ static inline float pell_opposed_split(const struct pell_opposed *o, const struc
             through[c] = weight * solid * o->amount[c] * (1.0f + (out * out - 1.0f) * t) * (1.0f + (C - 1.0f) * t) * flux;
     }
     return 1.0f - weight + weight * (1.0f - solid) * open;
+}
+
+/* What goes from one place to the other through the solid, 1/mm^2, beside what a profile spreads; returns how much of the profile over the
+ * distance is left beside it. */
+static inline float pell_opposed_split(const struct pell_opposed *o, const struct pell_opposed_pair *p, float through[3])
+{
+    static const bool all[3] = { true, true, true };
+
+    return pell_opposed_split_of(o, p, all, through);
 }
 
 /* Share of pell_opposed_split that is added to a method that spreads light along all the faces that it sees, whatever their angle: faces

@@ -18,6 +18,7 @@
 enum { CHUNK = 128, PACKET = 16 };
 #define ERROR 0.25f    /* sr: solid angle of a node that counts as one */
 #define MEAN 0.5f      /* least squared length of the mean of a node's normals */
+#define FAR 14.0f      /* diffusion lengths: beyond, nothing goes through */
 #define THIN_LOW 2.0f  /* thickness of a part in distances of samples: below it a slab's T is taken, */
 #define THIN_HIGH 4.0f /* and above it the sum */
 
@@ -108,22 +109,25 @@ static void light_chunk(void *arg, int index, int worker)
 
 /* --- From sample to sample -------------------------------------------------------------------------------------------------------- */
 
-static void add_pair(const struct send *s, const struct indirect_sample *to, const float position[3], const float normal[3],
+static void add_pair(const struct pell_opposed *law, const struct indirect_sample *to, const float position[3], const float normal[3],
                      float curvature, const float power[3], float sum[3])
 {
     const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), n = vec3_load(normal);
     const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n), curvature };
-    const float unseen = pell_opposed_unseen(pair.facing);
+    const float unseen = pell_opposed_unseen(pair.facing), far2 = FAR * FAR;
     float through[3];
+    bool is[3];
 
     if (!(unseen > 0.0f))
         return;
-    pell_opposed_split(&s->solid[to->material].law, &pair, through);
+    for (int c = 0; c < 3; c++)
+        is[c] = law->amount[c] > 0.0f && law->kappa[c] * law->kappa[c] * pair.distance2 < far2;
+    pell_opposed_split_of(law, &pair, is, through);
     for (int c = 0; c < 3; c++)
         sum[c] += unseen * through[c] * power[c];
 }
 
-static void gather(const struct send *s, const struct indirect_sample *to, float sum[3])
+static void gather(const struct send *s, const struct pell_opposed *law, const struct indirect_sample *to, float sum[3])
 {
     const struct pell_light_tree *t = &s->tree;
 
@@ -133,12 +137,12 @@ static void gather(const struct send *s, const struct indirect_sample *to, float
         if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
             i = n->next;
         } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(mean, mean) > MEAN) {
-            add_pair(s, to, n->centre, n->normal, n->curvature, n->power, sum);
+            add_pair(law, to, n->centre, n->normal, n->curvature, n->power, sum);
             i = n->next;
         } else if (n->count) {
             for (uint32_t k = n->first; k < n->first + n->count; k++) {
                 const struct pell_lit_place *p = &t->samples[k];
-                add_pair(s, to, p->position, p->normal, p->curvature, p->power, sum);
+                add_pair(law, to, p->position, p->normal, p->curvature, p->power, sum);
             }
             i = n->next;
         } else {
@@ -156,9 +160,12 @@ static void gather_chunk(void *arg, int index, int worker)
     for (size_t i = first; i < first + CHUNK && i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
         const float *solved = s->light[s->list[i]].solved;
+        struct pell_opposed law = s->solid[to->material].law;
         float sum[3] = { 0.0f };
-        if (solved[0] + solved[1] + solved[2] < 3.0f)
-            gather(s, to, sum);
+        for (int c = 0; c < 3; c++)
+            law.amount[c] = solved[c] < 1.0f ? law.amount[c] : 0.0f;
+        if (law.amount[0] + law.amount[1] + law.amount[2] > 0.0f)
+            gather(s, &law, to, sum);
         for (int c = 0; c < 3; c++)
             s->in->gathered[s->list[i]][c] = sum[c] * s->solid[to->material].white[c];
     }
