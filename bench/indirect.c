@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * indirect.c - `pellucid-bench truth-gap`: time of indirect light: links of a first frame by samples, moved lights by bounces, and the
- * stage "irradiance" of a frame that keeps both, beside the same without. */
+ * stage "irradiance" of a frame that keeps both, beside the same without; and diffusion in solids (render/indirect/solid.c). */
 #include "papers.h"
 
 #include <string.h>
@@ -87,6 +87,11 @@ enum pell_result bench_indirect(struct bench *b)
         still = on ? still : ms;
         add(b, on ? "every frame: irradiance with it" : "every frame: irradiance without", ms, still, on ? "without" : NULL);
     }
+    PELL_TRY(bench_choose(b, "screen-space", ""));
+    PELL_TRY(measure(b, "through", new_links, &first));
+    add(b, "first frame: light through solids, screen-space", first, first, NULL);
+    PELL_TRY(measure(b, "through", new_lights, &ms));
+    add(b, "lights moved: light through solids", ms, first, "first frame");
 
 fail:
     return res;

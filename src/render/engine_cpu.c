@@ -220,7 +220,8 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
     enum pell_result res = PELL_OK;
 
     if (e->curvature)
-        res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->through);
+        res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->solids,
+                                 &e->through);
     e->whole = frame->plan && frame->plan->opposed;
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
@@ -271,9 +272,12 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
     case PELL_ENGINE_CONTACT: pell_contact_destroy(&e->contact); break;
     case PELL_ENGINE_CURVATURE: pell_curvature_destroy(&e->curvature); break;
-    case PELL_ENGINE_LINKS: pell_indirect_destroy(&e->indirect); break;
+    case PELL_ENGINE_LINKS: /* depend on the surfaces, as solids do */
+        pell_indirect_destroy(&e->indirect);
+        pell_indirect_destroy(&e->solids);
+        break;
     case PELL_ENGINE_INDIRECT: e->lit = false; break;
-    case PELL_ENGINE_THROUGH: pell_indirect_destroy(&e->through); break;
+    case PELL_ENGINE_THROUGH: e->through = NULL; break;
     case PELL_ENGINE_RESOURCES: break;
     }
 }

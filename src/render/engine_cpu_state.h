@@ -34,7 +34,8 @@ struct pell_cpu {
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
     struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
-    struct pell_indirect *through;  /* NULL: nothing is sent through solids */
+    struct pell_indirect *solids;   /* samples of solids, made when they are first needed */
+    struct pell_indirect *through;  /* those, with what goes through them; NULL: nothing does */
     bool whole;                     /* `through` is for a method that asks the whole solid */
     bool lit;                       /* the indirect light is up to date with the lights */
 

@@ -52,7 +52,7 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
 
 enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
                                     const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
-                                    struct pell_indirect **out)
+                                    struct pell_indirect **kept, struct pell_indirect **out)
 {
     const bool thin = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), all = frame->plan && frame->plan->opposed;
     const size_t count = params->scene->num_materials;
@@ -75,12 +75,14 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
     res = PELL_OK;
     if (!any)
         goto fail;
-    PELL_TRY(pell_indirect_create(ctx, pool, params, out));
-    PELL_TRY(pell_indirect_send_through(*out, pool, lights, solid));
+    if (!*kept)
+        PELL_TRY(pell_indirect_create(ctx, pool, params, kept));
+    PELL_TRY(pell_indirect_send_through(*kept, pool, lights, solid));
+    *out = *kept;
 
 fail:
     if (res != PELL_OK)
-        pell_indirect_destroy(out);
+        pell_indirect_destroy(kept);
     pell_free(ctx, solid);
     return res;
 }
