@@ -13,8 +13,8 @@ PELL_NODISCARD enum pell_result pell_media_curvature(struct pell_context *ctx, s
                                                      struct pell_curvature **out);
 
 /* Light that goes through the solids of a frame: of all, for a method that asks the whole solid, else of those whose materials it gave a
- * table of thickness. *out is NULL where there is none, else *kept, whose samples stay from call to call while the surfaces stay: made where
- * it is NULL, the caller's to destroy. */
+ * table of thickness. *out is NULL where there is none, else *kept, whose samples stay from call to call while the surfaces stay: made
+ * where it is NULL, the caller's to destroy. */
 PELL_NODISCARD enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
                                                    const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
                                                    struct pell_indirect **kept, struct pell_indirect **out);
