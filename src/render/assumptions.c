@@ -51,9 +51,10 @@ static void tell_missing_uv(struct pell_context *ctx, const struct pell_scene *s
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         const struct pell_material *m = &scene->materials[mesh->material];
-        if (pell_scene_missing_uv(mesh, m) >= 0 && tell(ctx, found))
+        const int uv = pell_scene_missing_uv(mesh, m);
+        if (uv >= 0 && tell(ctx, found))
             pell_warn(ctx, mesh->name && mesh->name[0] ? mesh->name : "an unnamed mesh", "unwrap it, or leave the textures out",
-                      "has no texture coordinates (UV set %d), which the textures of \"%s\" need", pell_scene_missing_uv(mesh, m), m->name);
+                      "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name);
     }
 }
 

@@ -91,7 +91,7 @@ static double share_texels(const struct ts_state *st, const struct pell_frame_sh
 /* Where solids are. */
 void ts_layouts_measure(struct ts_state *st)
 {
-    for (size_t i = 0; i < st->solids->count; i++) {
+    for (size_t i = 0; i < st->solids->count && st->knobs.size == 0; i++) { /* a side that is given asks for no place */
         const struct pell_solid *solid = &st->solids->solids[i];
         struct ts_solid *out = &st->solid[i];
         struct pell_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);

@@ -210,9 +210,8 @@ static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transm
 static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const struct ts_spot c = ts_spot_at(t->p->atlas, k->at[lane]);
-    struct ts_transmitted_texel other = *out;
-
     const float alpha = t->alpha[out->at];
+    struct ts_transmitted_texel other = *out;
 
     if (k->exit[lane].triangle == UINT32_MAX || !ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], k->light[lane], &other))
         return;

@@ -82,20 +82,7 @@ static void find_runs(const struct equation *e, uint32_t row, struct runs *r)
     add_run(r, true, 0, 0);
 }
 
-static void count_chunk(void *arg, int chunk, int worker)
-{
-    struct equation *e = arg;
-    uint32_t end;
-
-    (void) worker;
-    for (uint32_t i = rows_of(e, chunk, &end); i < end; i++) {
-        struct runs r = { .out = NULL };
-        find_runs(e, i, &r);
-        e->first_run[i + 1] = r.count;
-        e->first_entry[i + 1] = r.entries;
-    }
-}
-
+/* Counts the runs of rows, or once there is room for them puts them there. */
 static void find_chunk(void *arg, int chunk, int worker)
 {
     struct equation *e = arg;
@@ -103,8 +90,12 @@ static void find_chunk(void *arg, int chunk, int worker)
 
     (void) worker;
     for (uint32_t i = rows_of(e, chunk, &end); i < end; i++) {
-        struct runs r = { .out = e->run + e->first_run[i] };
+        struct runs r = { .out = e->run ? e->run + e->first_run[i] : NULL };
         find_runs(e, i, &r);
+        if (e->run)
+            continue;
+        e->first_run[i + 1] = r.count;
+        e->first_entry[i + 1] = r.entries;
     }
 }
 
@@ -181,7 +172,7 @@ enum pell_result equation_make(struct equation *e)
     e->first_entry = pell_calloc(e->ctx, (size_t) n + 1, sizeof(*e->first_entry));
     if (!e->first_run || !e->first_entry)
         return PELL_ERR_NOMEM;
-    for_rows(e, count_chunk, e);
+    for_rows(e, find_chunk, e);
     for (uint32_t i = 0; i < n; i++) {
         entries += e->first_entry[i + 1];
         runs += e->first_run[i + 1];

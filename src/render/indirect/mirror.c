@@ -181,9 +181,10 @@ static void fly16(const struct shine *s, struct flight *f, int valid[16], struct
 /* False: no light comes to the photon's sample. */
 static bool photon_of(const struct shine *s, size_t number, size_t samples, struct arrival *from)
 {
-    const struct indirect_sample *q = &s->in->samples[number / PHOTONS];
+    const size_t sample = number / PHOTONS;
+    const struct indirect_sample *q = sample < samples ? &s->in->samples[sample] : NULL;
 
-    if (number / PHOTONS >= samples || q->back || !light_from(s, q, (uint32_t) number, &from->v, &from->distance, from->power))
+    if (!q || q->back || !light_from(s, q, (uint32_t) number, &from->v, &from->distance, from->power))
         return false;
     from->sample = q;
     from->at = q->position;

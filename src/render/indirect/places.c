@@ -290,7 +290,7 @@ enum pell_result indirect_places_create(struct pell_context *ctx, struct pell_po
     *out = (struct places) { .ctx = ctx, .pool = pool, .sample = samples, .num_samples = num_samples };
     out->place = pell_alloc_array(ctx, PLACES_MOST, sizeof(*out->place));
     out->sorted = pell_alloc_array(ctx, PLACES_MOST, sizeof(*out->sorted));
-    out->cluster = pell_alloc_array(ctx, PLACES_MOST, sizeof(*out->cluster));
+    out->cluster = pell_alloc_array(ctx, PLACES_MOST, 2 * sizeof(*out->cluster)); /* chosen ones, and of places that none is near */
     out->bucket = pell_alloc_array(ctx, MASK + 1, sizeof(*out->bucket));
     out->of = pell_alloc_array(ctx, num_samples, sizeof(*out->of));
     if (out->place && out->sorted && out->cluster && out->bucket && out->of)

@@ -107,17 +107,20 @@ static float clamp1(float x)
     return x < -1.0f ? -1.0f : x > 1.0f ? 1.0f : x;
 }
 
-/* False where the light is small from there, behind, or the point is in its plane. */
-static bool make_wide(const struct pell_light_data *light, struct pell_vec3 to, struct wide *w)
+/* `half`: the light's half extents. False where it is small from there, behind, or the point is in its plane. */
+static bool make_wide(const struct pell_light_data *light, const float half[2], struct pell_vec3 to, struct wide *w)
 {
-    const struct pell_vec3 right = vec3(light->right.x, light->right.y, light->right.z), up = vec3(light->up.x, light->up.y, light->up.z);
-    const float half_x = vec3_length(right), half_y = vec3_length(up);
-    const float x = vec3_dot(to, right) / half_x, y = vec3_dot(to, up) / half_y;
-    const float outside_x = fmaxf(fabsf(x) - half_x, 0.0f), outside_y = fmaxf(fabsf(y) - half_y, 0.0f);
-    float inverse[2][2], n[4], angle[4];
+    const float half_x = half[0], half_y = half[1], area = 4.0f * half_x * half_y;
+    float x, y, outside_x, outside_y, inverse[2][2], n[4], angle[4];
 
     w->h = -(to.x * light->direction.x + to.y * light->direction.y + to.z * light->direction.z);
-    if (!(w->h > 0.0f) || 4.0f * half_x * half_y < WIDE * (w->h * w->h + outside_x * outside_x + outside_y * outside_y))
+    if (!(w->h > 0.0f) || area < WIDE * w->h * w->h) /* most lights, at once */
+        return false;
+    x = (to.x * light->right.x + to.y * light->right.y + to.z * light->right.z) / half_x;
+    y = (to.x * light->up.x + to.y * light->up.y + to.z * light->up.z) / half_y;
+    outside_x = fmaxf(fabsf(x) - half_x, 0.0f);
+    outside_y = fmaxf(fabsf(y) - half_y, 0.0f);
+    if (area < WIDE * (w->h * w->h + outside_x * outside_x + outside_y * outside_y))
         return false;
     w->x0 = x - half_x;
     w->x1 = x + half_x;
@@ -154,31 +157,29 @@ static void place_wide(const struct wide *w, float u, float v, float *x, float *
     *y = 2.0f * (at_y - w->y0) / (w->y1 - w->y0) - 1.0f;
 }
 
-/* Samples of a wide light over the solid angle that it takes; wide[i]: sr that a sample stands for, 0: over its face. Of a disc those of
- * the square around it count that lie in it. */
+/* Samples of a wide light over the solid angle that it takes; wide[i]: sr that a sample stands for, 0: over its face, -1: no light there.
+ * Of a disc those of the square around it count that lie in it. */
 static void place_wide_samples(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_aim *a, float wide[N])
 {
-    const float face =
-        4.0f * vec3_length(vec3(light->right.x, light->right.y, light->right.z)) * vec3_length(vec3(light->up.x, light->up.y, light->up.z));
+    const float half[2] = { vec3_length(vec3(light->right.x, light->right.y, light->right.z)),
+                            vec3_length(vec3(light->up.x, light->up.y, light->up.z)) };
     const bool disc = light->type == PELL_LIGHT_DATA_DISC;
-    const float share = light->power.w / (disc ? 0.25f * PELL_PI_F * face : face); /* 1/samples */
+    const float share = light->power.w / ((disc ? PELL_PI_F : 4.0f) * half[0] * half[1]); /* 1/samples */
 
     for (int i = 0; i < N; i++) {
         const struct pell_vec3 to = vec3(light->position.x - p->px[i], light->position.y - p->py[i], light->position.z - p->pz[i]);
         struct wide w;
         float x, y;
         wide[i] = 0.0f;
-        if (!p->valid[i] || !make_wide(light, to, &w))
+        if (!p->valid[i] || !make_wide(light, half, to, &w))
             continue;
         place_wide(&w, pell_unit_float(a->at[0][i]), pell_unit_float(a->at[1][i]), &x, &y);
-        wide[i] = disc && x * x + y * y > 1.0f ? 0.0f : w.angle * share;
+        wide[i] = disc && x * x + y * y > 1.0f ? -1.0f : w.angle * share;
         a->at[0][i] = (uint32_t) (fminf(0.5f + 0.5f * x, 0.9999999f) * 4294967296.0f);
         a->at[1][i] = (uint32_t) (fminf(0.5f + 0.5f * y, 0.9999999f) * 4294967296.0f);
         a->sx[i] = light->position.x + x * light->right.x + y * light->up.x;
         a->sy[i] = light->position.y + x * light->right.y + y * light->up.y;
         a->sz[i] = light->position.z + x * light->right.z + y * light->up.z;
-        if (!(wide[i] > 0.0f))
-            wide[i] = -1.0f; /* no light */
     }
 }
 
