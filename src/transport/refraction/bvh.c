@@ -175,6 +175,7 @@ static uint32_t build(const struct pell_context *ctx, struct tree *t, size_t fir
     struct pell_connect_node *node = &t->nodes[number];
     const size_t c = capacity(count);
 
+    memset(node, 0, sizeof(*node));
     if (c > 1)
         divide(ctx, t->facets + first, count, (count + c - 1) / c, c, weight);
     for (size_t i = 0; i < LANES; i++) {
@@ -201,7 +202,7 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
     if (solid->num_triangles >= LEAF)
         return pell_error(c->ctx, PELL_ERR_UNSUPPORTED, c->scene->path, NULL, "%zu triangles are too many", solid->num_triangles);
     t->facets = pell_alloc_array(c->ctx, solid->num_triangles, sizeof(*t->facets));
-    t->nodes = pell_calloc(c->ctx, count_nodes(solid->num_triangles), sizeof(*t->nodes));
+    t->nodes = pell_alloc_array(c->ctx, count_nodes(solid->num_triangles), sizeof(*t->nodes));
     if (!t->facets || !t->nodes)
         return PELL_ERR_NOMEM;
     t->num_facets = solid->num_triangles;
