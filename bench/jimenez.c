@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define HEADS 10 /* of the scene, behind its plane */
+#define HEADS 10 /* of the scene, before its plane */
 #define LIGHTS 6
 #define NEAR 780.0f /* mm from the camera to the first row of heads; 3 and 9 times as much are medium and far */
 #define MANY 8      /* samples a pixel */
@@ -55,9 +55,9 @@ static enum pell_result gather(struct bench *b, const struct pell_scene *all, co
     s->meshes = all->meshes + (plane ? 0 : 1);
     s->num_meshes = (size_t) crowd->heads + plane;
     s->num_lights = (size_t) crowd->lights;
-    c->position[2] = NEAR * crowd->distance;
+    c->position[2] = plane ? -NEAR * crowd->distance : NEAR * crowd->distance; /* the plane is behind the heads */
     c->forward[0] = crowd->place == ASIDE ? 1.0f : 0.0f;
-    c->forward[2] = crowd->place == ASIDE ? 0.0f : -1.0f;
+    c->forward[2] = crowd->place == ASIDE ? 0.0f : plane ? 1.0f : -1.0f;
     return pell_renderer_set_scene(b->s.renderer, s);
 }
 
