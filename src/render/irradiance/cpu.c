@@ -16,8 +16,9 @@
 
 #define TILE_W 32
 #define TILE_H 16
-#define LINE 16 /* floats of a cache line; a tile has as many lines of a plane as packets */
-#define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
+#define LINE 16              /* floats of a cache line; a tile has as many lines of a plane as packets */
+#define LEAST_STRAIGHT 1e-4f /* share of transmitted light for which rays are sent: more than what rounding leaves of none */
+#define BLOCK 4              /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
 
 /* --- Filling lanes ------------------------------------------------------------------------------------------------------------ */
 
@@ -411,6 +412,7 @@ static void scale(const struct gains *gains, struct packet *k)
 
 /* What is known of light inside of the solids; 0 where nothing is. */
 struct inside {
+    float thick[PELL_LANES]; /* share of transmitted light that is `through`, and not sought straight */
     float through[3][PELL_LANES], solved[3][PELL_LANES], light[3][PELL_LANES];
 };
 
@@ -424,7 +426,8 @@ static void look_inside(const struct job *job, struct packet *k, struct gains *g
         struct pell_indirect_inside q = { .thick = 0.0f };
         if (!k->behind && !k->lanes.opaque[i])
             pell_indirect_look(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
-        k->thick[i] = q.thick;
+        in->thick[i] = q.thick;
+        k->straight[i] = -(int32_t) ((1.0f - q.thick) * (1.0f - fminf(fminf(q.solved[0], q.solved[1]), q.solved[2])) > LEAST_STRAIGHT);
         for (int c = 0; c < 3; c++) {
             if (!job->p->whole)
                 gains->all[c][i] = q.gain[c] + (1.0f - q.solved[c]) * gains->all[c][i];
@@ -439,7 +442,7 @@ static void add_inside(const struct inside *in, struct packet *k)
 {
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++) {
-            const float straight = k->sums.transmitted[c][i], other = straight + k->thick[i] * (in->through[c][i] - straight);
+            const float straight = k->sums.transmitted[c][i], other = straight + in->thick[i] * (in->through[c][i] - straight);
             k->sums.transmitted[c][i] = in->light[c][i] + (1.0f - in->solved[c][i]) * other;
         }
 }
@@ -450,7 +453,7 @@ static void shade_side(const struct job *job, struct packet *k)
     struct inside inside;
 
     for (int i = 0; i < PELL_LANES; i++)
-        k->thick[i] = 0.0f;
+        k->straight[i] = -1;
     if (job->p->curvature)
         bend(job, k, &gains);
     if (job->p->through)

@@ -28,8 +28,8 @@ struct packet {
     struct pell_aim aim;
     _Alignas(64) int32_t index[16];
     uint32_t material[16];
-    float thick[16];   /* share of transmitted light that is not sought straight through; 0 without params->through */
-    float ambient[16]; /* visibility of the environment's smooth rest */
+    int32_t straight[16]; /* lanes for which transmitted light is sought straight through */
+    float ambient[16];    /* visibility of the environment's smooth rest */
     int count;
     int64_t held;  /* the material whose traits all lanes have; -1: none */
     bool single;   /* one material */

@@ -182,7 +182,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     int depth[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++) {
-        k->aim.back[i] &= -(int32_t) (k->thick[i] < 1.0f);
+        k->aim.back[i] &= k->straight[i];
         const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
         const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
@@ -261,7 +261,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         origin[i] = inside(l, i);
         pell_ray16_set(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
                        l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
-        exits.found[i] = l->valid[i] & l->deep[i] & -(int32_t) (k->thick[i] < 1.0f);
+        exits.found[i] = l->valid[i] & l->deep[i] & k->straight[i];
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
     find_exits(job, k, k->aim.back, NULL, &r, depth, &exits);
