@@ -215,7 +215,14 @@ static enum pell_result make_indirect(struct pell_cpu *e, const struct pell_engi
 
 static enum pell_result make_through(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
-    const struct pell_indirect_params params = { e->scene, e->rays, e->tables, false, frame->settings->indirect_samples, 0, true };
+    const struct pell_indirect_params params = {
+        .scene = e->scene,
+        .rays = e->rays,
+        .tables = e->tables,
+        .samples = frame->settings->indirect_samples,
+        .through = true,
+        .like = e->indirect,
+    };
     const double start = pell_seconds();
     enum pell_result res = PELL_OK;
 
@@ -272,9 +279,9 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
     case PELL_ENGINE_CONTACT: pell_contact_destroy(&e->contact); break;
     case PELL_ENGINE_CURVATURE: pell_curvature_destroy(&e->curvature); break;
-    case PELL_ENGINE_LINKS: /* depend on the surfaces, as solids do */
+    case PELL_ENGINE_LINKS:                /* depend on the surfaces, as solids do */
+        pell_indirect_destroy(&e->solids); /* it may borrow from the links */
         pell_indirect_destroy(&e->indirect);
-        pell_indirect_destroy(&e->solids);
         break;
     case PELL_ENGINE_INDIRECT: e->lit = false; break;
     case PELL_ENGINE_THROUGH: e->through = NULL; break;

@@ -14,18 +14,20 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
 
     if (!in)
         return;
-    pell_free(in->ctx, in->meshes);
-    pell_free(in->ctx, in->roots);
-    pell_free(in->ctx, in->cells);
-    pell_free(in->ctx, in->extra);
-    pell_free(in->ctx, in->samples);
+    if (!in->p.like) {
+        pell_free(in->ctx, in->meshes);
+        pell_free(in->ctx, in->roots);
+        pell_free(in->ctx, in->cells);
+        pell_free(in->ctx, in->extra);
+        pell_free(in->ctx, in->samples);
+        pell_free(in->ctx, in->near);
+    }
     pell_free(in->ctx, in->links);
     pell_free(in->ctx, in->mirrored);
     pell_free(in->ctx, in->reflected);
     pell_free(in->ctx, in->before);
     pell_free(in->ctx, in->area);
     pell_free(in->ctx, in->enter);
-    pell_free(in->ctx, in->near);
     pell_free(in->ctx, in->direct);
     pell_free(in->ctx, in->albedo);
     pell_free(in->ctx, in->part);
@@ -51,11 +53,41 @@ static bool any_link(const struct pell_indirect *in)
     return false;
 }
 
+static void borrow_samples(struct pell_indirect *in, const struct pell_indirect *from)
+{
+    in->meshes = from->meshes;
+    in->roots = from->roots;
+    in->cells = from->cells;
+    in->extra = from->extra;
+    in->num_roots = from->num_roots;
+    in->num_cells = from->num_cells;
+    in->num_extra = from->num_extra;
+    in->num_mesh_knots = from->num_mesh_knots;
+    in->num_knots = from->num_knots;
+    in->num_values = from->num_values;
+    in->samples = from->samples;
+    in->num_samples = from->num_samples;
+    in->near = from->near;
+}
+
+static enum pell_result make_samples(struct pell_indirect *in, struct pell_pool *pool)
+{
+    struct indirect_spacing spacing;
+    enum pell_result res;
+
+    indirect_spacing_make(in->p.scene, &spacing);
+    PELL_TRY(indirect_cells_make(in, &spacing));
+    PELL_TRY(indirect_drop_buried(in, pool));
+    PELL_TRY(indirect_near_make(in, pool, &spacing));
+
+fail:
+    return res;
+}
+
 enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_indirect_params *params,
                                       struct pell_indirect **out)
 {
     struct pell_indirect *in = pell_zalloc(ctx, sizeof(*in));
-    struct indirect_spacing spacing;
     enum pell_result res;
 
     *out = in;
@@ -63,10 +95,10 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
         return PELL_ERR_NOMEM;
     in->ctx = ctx;
     in->p = *params;
-    indirect_spacing_make(params->scene, &spacing);
-    PELL_TRY(indirect_cells_make(in, &spacing));
-    PELL_TRY(indirect_drop_buried(in, pool));
-    PELL_TRY(indirect_near_make(in, pool, &spacing));
+    if (params->like)
+        borrow_samples(in, params->like);
+    else
+        PELL_TRY(make_samples(in, pool));
     if (!params->through) {
         PELL_TRY(indirect_mirror_make(in));
         PELL_TRY(indirect_links_make(in, pool));

@@ -33,10 +33,11 @@ struct pell_indirect_params {
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     const struct pell_specular_tables *tables;
-    bool smooth;   /* boundary of translucent materials: Fresnel's F_t in place of rho_dt */
-    int samples;   /* of all surfaces, about */
-    uint32_t seed; /* of the rays' directions */
-    bool through;  /* for pell_indirect_send_through alone: no links */
+    bool smooth;                      /* boundary of translucent materials: Fresnel's F_t in place of rho_dt */
+    int samples;                      /* of all surfaces, about */
+    uint32_t seed;                    /* of the rays' directions */
+    bool through;                     /* for pell_indirect_send_through alone: no links */
+    const struct pell_indirect *like; /* one of the same scene and `samples`, whose samples it borrows; NULL: none */
 };
 
 /* Samples and links: what does not depend on lights. *out is NULL where no surface can light another. Borrows what `params` points to. The
