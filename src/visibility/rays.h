@@ -71,13 +71,18 @@ static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 
     r->flags[i] = 0;
 }
 
-/* Whether ray i of a packet has come to the inner side of this object. */
+/* Whether ray i of a packet has met this object, */
+static inline bool pell_hit16_meets(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
+{
+    return r->hit.mesh[i] < scene->num_meshes && scene->meshes[r->hit.mesh[i]].object == object;
+}
+
+/* and has come to its inner side. */
 static inline bool pell_hit16_inside(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
 {
     const struct pell_hit16 *h = &r->hit;
 
-    return h->mesh[i] < scene->num_meshes && scene->meshes[h->mesh[i]].object == object &&
-           h->ngx[i] * r->ray.dx[i] + h->ngy[i] * r->ray.dy[i] + h->ngz[i] * r->ray.dz[i] > 0.0f;
+    return pell_hit16_meets(scene, r, i, object) && h->ngx[i] * r->ray.dx[i] + h->ngy[i] * r->ray.dy[i] + h->ngz[i] * r->ray.dz[i] > 0.0f;
 }
 
 struct pell_rays;

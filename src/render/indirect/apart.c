@@ -147,9 +147,8 @@ static void meet16(void *arg, int index, int worker)
     indirect_along_normals16(in, first, true, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
         const struct pell_mesh *from = &scene->meshes[in->samples[first + i].mesh];
-        const uint32_t mesh = r.hit.mesh[i];
-        const bool same = valid[i] && mesh < scene->num_meshes && scene->meshes[mesh].object == from->object;
-        a->met[first + i] = same ? part_at(a, mesh, r.hit.triangle[i]) : INDIRECT_NONE;
+        const bool same = valid[i] && pell_hit16_meets(scene, &r, (int) i, from->object);
+        a->met[first + i] = same ? part_at(a, r.hit.mesh[i], r.hit.triangle[i]) : INDIRECT_NONE;
     }
 }
 

@@ -35,22 +35,15 @@ void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool
     pell_rays_closest16(in->p.rays, valid, false, r);
 }
 
-/* Whether a ray that leaves a sample comes to the inner side of its own object. */
-static bool sees_inner_side(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
+static int object_of(const struct pell_indirect *in, size_t sample)
 {
-    return pell_hit16_inside(in->p.scene, r, i, in->p.scene->meshes[s->mesh].object);
+    return in->p.scene->meshes[in->samples[sample].mesh].object;
 }
 
-static bool meets_object(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
+/* Whether most rays that leave a sample come to the inner side of its own object. */
+static bool is_buried(const struct pell_indirect *in, size_t number)
 {
-    const struct pell_scene *scene = in->p.scene;
-    const uint32_t mesh = r->hit.mesh[i];
-
-    return mesh < scene->num_meshes && scene->meshes[mesh].object == scene->meshes[s->mesh].object;
-}
-
-static bool is_buried(const struct pell_indirect *in, const struct indirect_sample *s)
-{
+    const struct indirect_sample *s = &in->samples[number];
     _Alignas(64) int valid[PACKET];
     struct pell_ray_hit16 r;
     struct pell_vec3 t, b;
@@ -67,7 +60,7 @@ static bool is_buried(const struct pell_indirect *in, const struct indirect_samp
     }
     pell_rays_closest16(in->p.rays, valid, false, &r);
     for (int i = 0; i < PACKET; i++)
-        outside += !sees_inner_side(in, s, &r, i);
+        outside += !pell_hit16_inside(in->p.scene, &r, i, object_of(in, number));
     return outside <= MOST_OUTSIDE;
 }
 
@@ -84,7 +77,7 @@ static void look16(void *arg, int index, int worker)
     (void) worker;
     indirect_along_normals16(in, first, false, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++)
-        b->is[first + i] = valid[i] && meets_object(in, &in->samples[first + i], &r, (int) i) && is_buried(in, &in->samples[first + i]);
+        b->is[first + i] = valid[i] && pell_hit16_meets(in->p.scene, &r, (int) i, object_of(in, first + i)) && is_buried(in, first + i);
 }
 
 enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool)
