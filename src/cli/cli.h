@@ -177,6 +177,8 @@ int cli_main(const struct program *program, int argc, char **argv);
 
 /* Whether SIGTERM has come: a batch system ends the job. */
 bool cli_terminated(void);
+/* What an interruption ends with: EXIT_RESUMABLE after SIGTERM where there is a checkpoint to go on from, even if it has nothing yet. */
+enum exit_code cli_interrupted(const struct cli *cli);
 /* From here to the end of the command a signal asks its work to end. Where that takes long and nothing lies half-made on the disk, the
  * process ends by itself: nobody waits for a library's build. A second signal ends it at once. */
 void cli_signals_begin(struct cli *cli);

@@ -95,6 +95,8 @@ int cli_main(const struct program *program, int argc, char **argv)
     cli.warnings = json_array();
     pell_knobs_default(pell_limit_knobs(), &cli.limits);
     code = run(&cli, argc, (const char **) argv);
+    if (code == EXIT_INTERRUPTED)
+        code = cli_interrupted(&cli);
     if (code == EXIT_MEMORY && !cli.error.there) /* where no context was there to say so */
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_NOMEM, program->name, "there is not enough memory", "" });
     if (code != EXIT_OK)

@@ -71,7 +71,7 @@ static void on_late(int signal)
     cli_say_interrupted(cli);
     if (cli->json && !atomic_flag_test_and_set(&told))
         put(STDOUT_FILENO, cancelled_json);
-    _exit(EXIT_INTERRUPTED);
+    _exit(cli_interrupted(cli));
 }
 
 static void on_signal(int signal)
@@ -93,6 +93,11 @@ static void on_signal(int signal)
 bool cli_terminated(void)
 {
     return terminated;
+}
+
+enum exit_code cli_interrupted(const struct cli *cli)
+{
+    return terminated && cli->checkpoint && cli->merge.count == 0 ? EXIT_RESUMABLE : EXIT_INTERRUPTED;
 }
 
 /* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */

@@ -180,10 +180,11 @@ static enum pell_result render_samples(struct pell_renderer *r, const struct pel
     if (may_end)
         pell_interruptible(r->ctx, 1);
     for (int i = 0; res == PELL_OK && i < msaa; i++) {
+        const bool left_out = i > 0; /* where the method takes it for too incomplete to count */
         res = render_sample(r, frame, i);
-        if (may_end && pell_context_interrupted(r->ctx) && !pell_cancelled(r->ctx) &&
-            (res == PELL_OK || (res == PELL_ERR_CANCELLED && i > 0))) { /* a sample may be too incomplete to count */
-            *partial = true;
+        if (may_end && !pell_cancelled(r->ctx) &&
+            ((res == PELL_OK && pell_context_interrupted(r->ctx)) || (res == PELL_ERR_CANCELLED && left_out))) {
+            *partial = pell_context_interrupted(r->ctx);
             r->device->engine->average(r->engine, res == PELL_OK ? i + 1 : i, msaa);
             res = PELL_OK;
             break;

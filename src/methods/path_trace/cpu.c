@@ -23,6 +23,7 @@ enum {
     PLAIN = 64, /* samples without a stopping criterion */
 };
 
+#define UNEVEN 2.0   /* samples of one sample of the multisample over those of another, from which on it is told */
 #define CROSSED 0.01 /* of the paths: fewer is rounding at edges */
 #define PLACES 64.0  /* roundings of a coordinate: on mean free paths shorter than that walks meet surfaces anew */
 /* A round is given up when it is later than the deadline by LATE_SECONDS and by LATE of the time limit. */
@@ -271,16 +272,18 @@ static void report(struct pt_state *st, const struct pt_run *run)
     const double missing = (now.cut_weight - st->before.cut_weight) / samples, films = run->number + 1.0;
     const int64_t cut = now.cut - st->before.cut, lost = now.lost - st->before.lost, crossed = now.crossed - st->before.crossed;
     const int64_t chains = now.chains - st->before.chains, given_up = now.chains_cut - st->before.chains_cut;
-    char error[80] = "", bound[96] = "";
-    uint32_t least, most;
+    char error[80] = "", bound[96] = "", hint[32];
 
-    pt_count_range(run, run->film, &least, &most);
-    if (least > 1 && run->from == 0 && run->end_tile - run->first_tile == run->film->tiles)
-        snprintf(error, sizeof(error), ", relative error %.2f %% (standard error of its pixels)",
-                 100.0 * pt_film_error(run->film, pt_traced(st)) / sqrt(films));
+    if (isfinite(st->error2) && run->from == 0 && run->end_tile - run->first_tile == run->film->tiles)
+        snprintf(error, sizeof(error), ", relative error %.2f %% (standard error of its pixels)", 100.0 * sqrt(st->error2) / films);
     if (run->film->count > 0 && now.samples > st->before.samples)
-        pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", least * films, error,
+        pell_info(st->ctx, "path-trace", "%.0f samples per pixel%s; %.0f scatterings and %.1f rays a sample", (double) st->made, error,
                   (double) (now.scatterings - st->before.scatterings) / samples, (double) (now.rays - st->before.rays) / samples);
+    snprintf(hint, sizeof(hint), "--samples %.0f", fmin(st->most * films, PT_MOST));
+    if (st->most > UNEVEN * (double) st->fewest && !pell_context_interrupted(st->ctx))
+        pell_warn(st->ctx, "path-trace", hint,
+                  "the checkpoint has %u samples for one sample of the multisample, and others end with %u: the picture has their noise",
+                  st->most, st->fewest);
     if (lights > 0.0)
         snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", missing * lights);
     if (cut > 0)
@@ -305,14 +308,31 @@ static void report(struct pt_state *st, const struct pt_run *run)
         pell_warn(st->ctx, "path-trace", "please report the scene", "some samples were not finite and were set to 0");
 }
 
+static void add_to_report(struct pt_state *st, const struct pt_run *run)
+{
+    uint32_t least, most;
+
+    pt_count_range(run, run->film, &least, &most);
+    if (run->film->count == 0)
+        return;
+    st->made += least;
+    st->fewest = least < st->fewest ? least : st->fewest;
+    st->most = least > st->most ? least : st->most;
+    st->error2 += least > 1 ? pow(pt_film_error(run->film, pt_traced(st)), 2.0) : (double) INFINITY;
+}
+
 static enum pell_result start_frame(struct pt_state *st, const struct pell_frame *in)
 {
     st->begin = st->written = pell_seconds();
     st->shown = 0.0;
-    st->unfinished = st->unwritten = false;
+    st->unfinished = st->unwritten = st->gaps = false;
     atomic_store(&st->invalid, false);
     atomic_store(&st->late, false);
     st->before = count_all(st);
+    st->made = 0;
+    st->fewest = UINT32_MAX;
+    st->most = 0;
+    st->error2 = 0.0;
     st->frame.time = (struct pell_pass_time) { .name = "path-trace" };
     if (pt_share(st))
         return pt_share_start(st, in);
@@ -335,6 +355,37 @@ static void set_part(struct pt_run *run)
     run->from = c ? (uint32_t) (c->first_sample / run->in->num_samples) : 0;
     run->first_tile = c && (size_t) c->first_tile < tiles ? (size_t) c->first_tile : 0;
     run->end_tile = c && c->end_tile > 0 && (size_t) c->end_tile < tiles ? (size_t) c->end_tile : tiles;
+}
+
+/* Whether files that are merged have no sample in some tile where the first sample of the multisample has: all from here on are like that,
+ * as a run makes them one after the other. */
+static bool is_left_out(const struct pt_run *run)
+{
+    const struct pt_film *first = run->st->films, *film = run->film;
+
+    if (!pt_merges(run->st) || run->st->services->checkpoint->mode != PELL_CHECKPOINT_MERGE_PARTIAL || film == first)
+        return false;
+    if (film->identity == 0 || film->tiles != first->tiles)
+        return true;
+    for (size_t t = 0; t < film->tiles; t++)
+        if (film->num_spans[t] == 0 && first->num_spans[t] > 0 && film->starts[t] < film->starts[t + 1])
+            return true;
+    return false;
+}
+
+static enum pell_result leave_out(struct pt_run *run)
+{
+    struct pt_state *st = run->st;
+    enum pell_result res;
+
+    PELL_TRY(pt_write_films(st, run->in, true));
+    pell_warn(st->ctx, st->services->checkpoint->parts[0], NULL,
+              "a partial picture: it is the mean of %u of %d samples of the multisample, the others lack tiles and are left out",
+              run->number, run->in->num_samples);
+    return PELL_ERR_CANCELLED;
+
+fail:
+    return res;
 }
 
 /* Of runs that ended by an error or a time, the whole is what the longest part has. */
@@ -373,6 +424,8 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
     if (number == 0)
         PELL_TRY(start_frame(st, in));
     set_part(&run);
+    if (is_left_out(&run))
+        return leave_out(&run);
     PELL_TRY(pt_start_film(&run));
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
@@ -391,8 +444,11 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
             pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: there is no picture yet");
         return PELL_ERR_CANCELLED;
     }
-    if (last && run.shown == run.film)
-        report(st, &run);
+    if (run.shown == run.film) {
+        add_to_report(st, &run);
+        if (last)
+            report(st, &run);
+    }
     st->frame.time.seconds = pell_seconds() - start;
     st->frame.time.pixels = (int64_t) run.film->count;
     st->frame.time.bytes = (int64_t) (run.film->count * (sizeof(struct pt_pixel) + 40));

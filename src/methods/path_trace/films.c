@@ -271,10 +271,11 @@ enum pell_result pt_check_gaps(const struct pt_run *run, uint32_t end)
                           "render the missing part; `pellucid merge --partial` takes what is there",
                           "these files leave gaps: samples %u:%u are missing in %s, the first is tile %zu", from * msaa, to * msaa,
                           pell_counted((long long) tiles, "tile", "tiles").str, first);
-    if (tiles > 0 && run->number == 0)
+    if (tiles > 0 && !st->gaps)
         pell_warn(st->ctx, st->services->checkpoint->parts[0], NULL,
                   "a partial picture: %s samples, the first is tile %zu without %u:%u; %s black",
                   pell_counted((long long) tiles, "tile lacks", "tiles lack").str, first, from * msaa, to * msaa,
                   pell_counted((long long) black, "tile has none and is", "tiles have none and are").str);
+    st->gaps = st->gaps || tiles > 0;
     return PELL_OK;
 }

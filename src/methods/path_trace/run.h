@@ -30,6 +30,10 @@ struct pt_state {
     atomic_bool invalid;     /* some sample of the frame was no number */
     atomic_bool late;        /* the round was given up at the deadline */
     bool unwritten;          /* the last checkpoint was not written */
+    bool gaps;               /* of the files that are merged, told */
+    uint64_t made;           /* samples of a pixel, of all samples of the multisample so far, */
+    uint32_t fewest, most;   /* and of one of them */
+    double error2;           /* sum of their squared errors; INFINITY: some is not known */
     struct pt_film *done;    /* of each film: samples that were there at the beginning of a shared run; spans alone */
     struct pt_film total;    /* of all ranks, on rank 0: pixels alone */
     struct pt_film kept;     /* the film before the round, where there is a deadline */
