@@ -325,6 +325,41 @@ static void a_frame_allocates_nothing(void **state)
     stage_finish(&s);
 }
 
+/* The larger of |v/middle - 1| and -(that) of the pixels of a wide box that goes on beyond the picture under even light. */
+static double worst_at_borders(const char *borders, float radius)
+{
+    const char *const knobs[] = { borders, NULL };
+    double worst = 0.0;
+    struct stage s;
+    struct shot shot;
+    size_t m;
+
+    stage_start(&s, 48, 32);
+    stage_gaussians(&s, (double) radius, &m);
+    stage_box(&s, m, 0, vec3(-60, -60, -30), vec3(60, 60, 0));
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 100), vec3(0, 0, 0), 1.0f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.17f, 0.0f);
+    shot = stage_shot_of(&s, "convolution", knobs);
+    for (int y = 0; y < shot.height; y++)
+        for (int x = 0; x < shot.width; x++)
+            for (size_t c = 0; c < 3; c++)
+                worst = fmax(worst, fabs(shot_at(&shot, c, x, y) / shot_at(&shot, c, shot.width / 2, shot.height / 2) - 1.0));
+    shot_free(&shot);
+    stage_finish(&s);
+    return worst;
+}
+
+static void objects_go_on_beyond_the_picture(void **state)
+{
+    (void) state;
+    for (float radius = 0.2f; radius < 2.0f; radius *= 3.0f) {
+        const double open = worst_at_borders("borders=open", radius), made_up = worst_at_borders("borders=auto", radius);
+        print_message("# radius %g mm of 17 mm: off by %.3f at the picture's borders, open %.3f\n", (double) radius, made_up, open);
+        REQUIRE(made_up < 0.1 && (open > 0.3 || open < 2.0 * made_up));
+    }
+    assert_true(worst_at_borders("borders=open", 1.8f) > 0.3);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -336,6 +371,7 @@ int main(void)
         cmocka_unit_test(light_behind_is_of_its_own_frame),
         cmocka_unit_test(planes_slide_without_popping),
         cmocka_unit_test(thick_parts_stay_dark_before_light),
+        cmocka_unit_test(objects_go_on_beyond_the_picture),
         cmocka_unit_test(too_many_solids_are_refused_by_name),
         cmocka_unit_test(a_frame_allocates_nothing),
     };

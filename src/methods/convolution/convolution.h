@@ -105,6 +105,12 @@ struct conv_sources {
     struct conv_behind behind;
 };
 
+/* mm that a pixel at this depth is wide. */
+static inline float conv_pixel_at(const struct pell_frame *in, float depth)
+{
+    return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
+}
+
 /* The picture's depths; `median`: mm, as in struct conv_depths. */
 struct conv_depths convolution_depths(const struct conv_sources *s, float median);
 /* A row of pixels. */

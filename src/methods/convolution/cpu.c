@@ -307,6 +307,7 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     j->set = set;
     note_time(st, CONV_T_SPECTRA, &clock, 0, 0);
     convolution_weigh(st);
+    convolution_find_borders(st);
     note_time(st, CONV_T_WEIGHTS, &clock, j->extent.pixels, j->extent.pixels * 44);
     PELL_TRY(convolution_show_begin(st));
     for (int c = 0; c < 3; c++) {

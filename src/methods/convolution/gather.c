@@ -97,6 +97,8 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     st->kernels->gather(&g, x0, x1, out);
     if (j->edges[j->channel].fade > 0.0f)
         st->kernels->edges(&j->edges[j->channel], y, rect->x0, rect->x1, out - rect->x0);
+    if (j->cut)
+        convolution_make_up_row(st, y, out - rect->x0);
     if (j->divide && !j->uniform)
         divide_row(st, y, sum);
 }

@@ -82,11 +82,6 @@ void convolution_find_extent(struct convolution_state *st)
 
 /* --- Planes -------------------------------------------------------------------------------------------------------------------- */
 
-static float pixel_at(const struct pell_frame *in, float depth)
-{
-    return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
-}
-
 /* The depths under which 1/n, 2/n .. of the surface are, mixed with equal ones. */
 static void place_by_surface(const struct convolution_state *st, struct conv_layout *lay, float low, float high)
 {
@@ -94,7 +89,7 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
     const struct pell_frame *in = st->sources.in;
     const struct conv_behind *b = &st->sources.behind;
     const struct conv_extent *e = &st->job.extent;
-    const float gap = 8.001f * pixel_at(in, high) * (float) st->step;
+    const float gap = 8.001f * conv_pixel_at(in, high) * (float) st->step;
     double count[BINS] = { 0 }, all = 0.0, sum = 0.0;
     int at = 1;
 
@@ -129,7 +124,7 @@ void convolution_lay_out(struct convolution_state *st)
     const int align = st->step > st->sources.behind.step ? st->step : st->sources.behind.step;
     const double reach = convolution_reach(j->radial, REACH);
     struct conv_layout *lay = &j->layout;
-    const float middle = 0.5f * (e->low + e->high), unit = pixel_at(in, middle);
+    const float middle = 0.5f * (e->low + e->high), unit = conv_pixel_at(in, middle);
     float low = e->low, high = e->high;
     double pad;
 
@@ -151,7 +146,7 @@ void convolution_lay_out(struct convolution_state *st)
     for (int i = 0; i < lay->planes; i++)
         lay->pixel[i] = st->knobs.pixels == CONV_ONE
                             ? lay->unit
-                            : conv_clamp(pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
+                            : conv_clamp(conv_pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
     j->x0 = e->rect.x0 / align * align;
     j->y0 = e->rect.y0 / align * align;
     lay->width = (e->rect.x1 - j->x0 + st->step - 1) / st->step;

@@ -53,8 +53,8 @@ static const struct pell_knob knobs[] = {
       "where light goes a pixel or two: pixels across an edge in depth are no neighbours; the surface goes on evenly there "
       "instead" },
     { "borders", PELL_KNOB_ENUM, "1", AT(borders), { CONV_BORDERS_AUTO }, 0, 0, borders_names,
-      "open: light comes from what was found alone; even: what was not found is taken to be as bright as what was; auto: even "
-      "for surfaces=1" },
+      "open: light comes from what was found alone; even: what was not found is taken to be as bright as what was; auto: that of "
+      "objects beyond the picture's border alone, and even for surfaces=1" },
     { 0 },
 };
 /* clang-format on */

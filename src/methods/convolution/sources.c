@@ -12,19 +12,12 @@
 
 #include <string.h>
 
-/* --- What the camera sees
- * --------------------------------------------------------------------------------------------------------------- */
-
-/* mm that a pixel is wide. */
-static float pixel_at(const struct pell_frame *in, float depth)
-{
-    return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
-}
+/* --- What the camera sees ----------------------------------------------------------------------------------------------------------- */
 
 /* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the camera from the side of the picture. */
 static void cover(const struct conv_sources *s, float depth, float facing, float *area, float *slant)
 {
-    const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = s->one_size ? 1.0f : pixel_at(s->in, depth);
+    const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = s->one_size ? 1.0f : conv_pixel_at(s->in, depth);
 
     *area = mm * mm / f;
     *slant = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
@@ -153,7 +146,7 @@ static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, 
     const struct pell_vec3 normal = vec3_normalize(vec3(hit->hit.ngx[i], hit->hit.ngy[i], hit->hit.ngz[i]));
     const float facing = -vec3_dot(normal, c->direction[i]), least = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS;
     /* As its slope makes it farther across the cell, too. */
-    const float across = (float) n * pixel_at(in, depth) * sqrtf(facing < 1.0f ? 1.0f - facing * facing : 0.0f) / least;
+    const float across = (float) n * conv_pixel_at(in, depth) * sqrtf(facing < 1.0f ? 1.0f - facing * facing : 0.0f) / least;
 
     if (facing > 0.0f && depth <= c->front[i] + 1e-4f * s->far_depth + across)
         return true;
@@ -209,7 +202,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             points.u[i] = hit.hit.u[i];
             points.v[i] = hit.hit.v[i];
             points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
-            spacing += is ? pixel_at(s->in, depth[i]) * (float) b->step : 0.0f;
+            spacing += is ? conv_pixel_at(s->in, depth[i]) * (float) b->step : 0.0f;
             there += is;
         }
         if (there == 0)

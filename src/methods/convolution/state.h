@@ -30,6 +30,15 @@ struct conv_extent {
     int64_t pixels;
 };
 
+/* What a border of the picture hides, see borders.c: over the root of the distance. */
+enum { CONV_BORDER_STEPS = 32 };
+enum conv_side { CONV_LEFT, CONV_RIGHT, CONV_TOP, CONV_BOTTOM, CONV_SIDES };
+struct conv_border {
+    float reach; /* mm */
+    float hidden[CONV_BORDER_STEPS + 1];
+    float known[CONV_WINDOW]; /* of it, what `edges` has made up for: over pixels from the border */
+};
+
 struct convolution_state {
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
@@ -86,6 +95,9 @@ struct convolution_state {
         struct conv_weights weights;
         struct conv_shares shares;
         struct conv_edges edges[3]; /* fade 0: none */
+        bool cut;                   /* the object may go on beyond the picture, */
+        struct conv_border border[3];
+        float beyond[CONV_SIDES]; /* pixels that it may go on for */
     } job;
     float *shown; /* what show.c collects; NULL: nobody observes */
     struct pell_pass_time times[CONV_TIMES];
@@ -115,6 +127,10 @@ void convolution_place(struct convolution_state *st);
 /* How far light behind is from the planes that it and what lies before it share: the distance at which as much arrives as on the mean over
  * all rays. Planes without any: half way to the next. */
 void convolution_measure_behind(struct convolution_state *st);
+
+/* borders.c: whether light from beyond the picture is made up for; then that of a row of pixels, `out` from x = 0 on. */
+void convolution_find_borders(struct convolution_state *st);
+void convolution_make_up_row(const struct convolution_state *st, int y, float *out);
 
 /* light.c: what light weighs, by place and lean; then for one channel light to planes, and their rows to half spectra. */
 void convolution_weigh(struct convolution_state *st);
