@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import logging
+import os
 import threading
 import warnings
 from typing import Any, Callable, Iterable, Optional
@@ -14,6 +15,14 @@ from ._pellucid import ffi, lib
 
 Progress = Callable[[str, float], Any]
 _logger = logging.getLogger("pellucid")
+
+
+def path_bytes(path: Any) -> bytes:
+    """A str, bytes or PathLike as C takes it. InvalidError: C would see its part before a NUL alone."""
+    data = os.fsencode(path)
+    if b"\0" in data:
+        raise InvalidError("has a NUL byte, where C would end it", repr(path))
+    return data
 
 
 class Error(Exception):

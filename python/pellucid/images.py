@@ -7,7 +7,7 @@ from typing import Union
 
 import numpy as np
 
-from ._base import Context, InvalidError, ffi, lib, numbers, pointer, text
+from ._base import Context, InvalidError, ffi, lib, numbers, path_bytes, pointer, text
 
 Path = Union[str, os.PathLike]
 
@@ -16,7 +16,7 @@ def read_image(path: Path, *, data: bool = False) -> np.ndarray:
     """(height, width, channels) float32, linear: of PNG, JPEG, HDR, EXR or PFM. data: the values are no colours (normals, lengths)."""
     context, image = Context(), ffi.new("struct pell_image *")
     try:
-        context.call(lib.pell_image_read, context.c, os.fsencode(path), lib.PELL_ROLE_DATA if data else lib.PELL_ROLE_COLOR, image)
+        context.call(lib.pell_image_read, context.c, path_bytes(path), lib.PELL_ROLE_DATA if data else lib.PELL_ROLE_COLOR, image)
         context.call(lib.pell_image_to_float, context.c, image)
         shape = (image.height, image.width, image.channels)
         return np.frombuffer(ffi.buffer(image.pixels, 4 * shape[0] * shape[1] * shape[2]), np.float32).reshape(shape).copy()
@@ -29,7 +29,7 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
     """All channels of an OpenEXR file by name: (height, width) float32, as stored."""
     context, layers = Context(), ffi.new("struct pell_layers *")
     try:
-        context.call(lib.pell_exr_read, context.c, os.fsencode(path), layers)
+        context.call(lib.pell_exr_read, context.c, path_bytes(path), layers)
         shape = (layers.height, layers.width)
         return {text(layers.layers[i].name): np.frombuffer(ffi.buffer(layers.layers[i].data, 4 * shape[0] * shape[1]),
                                                            np.float32).reshape(shape).copy() for i in range(layers.count)}
@@ -53,7 +53,7 @@ def write_layers(path: Path, channels: dict[str, np.ndarray], *, full_float: boo
     params = ffi.new("struct pell_write_params *", {"width": width, "height": height, "channels": rows, "num_channels": len(names)})
     context = Context()
     try:
-        context.call(lib.pell_image_write, context.c, os.fsencode(path), ffi.NULL, params)
+        context.call(lib.pell_image_write, context.c, path_bytes(path), ffi.NULL, params)
     finally:
         context.close()
 

@@ -10,7 +10,8 @@ from typing import Any, Iterable, Mapping, Optional, Union
 
 import numpy as np
 
-from ._base import Closing, Context, InvalidError, Progress, choose, doubles, ffi, lib, number, numbers, pointer, set_fields, text, three
+from ._base import (Closing, Context, InvalidError, Progress, choose, doubles, ffi, lib, number, numbers, path_bytes, pointer, set_fields, text,
+                    three)
 
 Length = Union[float, int, str]
 _UNITS = {"nm": 1e-6, "um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6, "in": 25.4}
@@ -52,7 +53,7 @@ def _load_params(keep: list, **options: Any):
         value = given[key]
         if value is None:
             return ffi.NULL
-        keep.append(ffi.new("char[]", str(value).encode()))
+        keep.append(ffi.new("char[]", path_bytes(str(value))))
         return keep[-1]
 
     return ffi.new("struct pell_load_params *", {
@@ -94,7 +95,7 @@ class Scene(Closing):
         keep: list = []
         params = _load_params(keep, **options)
         self = cls(progress)
-        self.context.call(lib.pell_scene_load, self.context.c, os.fsencode(path), params, self._scene)
+        self.context.call(lib.pell_scene_load, self.context.c, path_bytes(path), params, self._scene)
         return self
 
     @classmethod
@@ -108,7 +109,7 @@ class Scene(Closing):
         except (TypeError, ValueError, AttributeError) as e:
             raise InvalidError(str(e), "Scene.from_dict") from None
         self = cls(progress)
-        self.context.call(lib.pell_scene_load_memory, self.context.c, os.fsencode(os.path.join(folder, "dict.json")), data, len(data),
+        self.context.call(lib.pell_scene_load_memory, self.context.c, path_bytes(os.path.join(folder, "dict.json")), data, len(data),
                           params, self._scene)
         return self
 

@@ -123,6 +123,8 @@ def test_scenes_load_with_a_side_lights_and_a_background(ball_file):
 
 
 def test_errors_carry_place_and_hint(ball_file, tmp_path):
+    with pytest.raises(pellucid.InvalidError, match="NUL"):
+        pellucid.read_image(f"{ball_file}\0b")
     with pytest.raises(pellucid.FileError):
         pellucid.Scene.load(tmp_path / "missing.obj")
     with pytest.raises(pellucid.InvalidError) as e:

@@ -476,7 +476,7 @@ static enum pell_result check_materials(struct check *k)
     if (!used)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < scene->num_meshes; i++)
-        used[scene->meshes[i].material] |= (int) i != scene->ground_mesh;
+        used[scene->meshes[i].material] = true;
     for (size_t i = 0; i < scene->num_materials; i++) {
         const struct pell_material *m = &scene->materials[i];
         translucent |= used[i] && (!m->opaque || pell_material_is_thin(m));

@@ -28,12 +28,11 @@ static void report(const struct pell_scene *scene)
     bool translucent = false;
     int64_t triangles = 0;
 
-    for (size_t i = 0; i < scene->num_meshes; i++)
-        if ((int) i != scene->ground_mesh) {
-            const struct pell_material *m = &scene->materials[scene->meshes[i].material];
-            triangles += scene->meshes[i].num_triangles;
-            translucent |= !m->opaque || pell_material_is_thin(m);
-        }
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_material *m = &scene->materials[scene->meshes[i].material];
+        triangles += (int) i == scene->ground_mesh ? 0 : scene->meshes[i].num_triangles;
+        translucent |= !m->opaque || pell_material_is_thin(m);
+    }
     pell_info(scene->ctx, scene->path, "%s, %.4g x %.4g x %.4g mm (one unit of the mesh file is %.6g mm)",
               pell_counted(triangles, "triangle", "triangles").str, (double) (max[0] - min[0]), (double) (max[1] - min[1]),
               (double) (max[2] - min[2]), scene->mm_per_unit);

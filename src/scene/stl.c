@@ -228,17 +228,18 @@ static bool is_text(const uint8_t *data, size_t size)
 enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data, size_t size)
 {
     struct stl s = { .import = import, .ctx = import->ctx };
+    const unsigned long long named = size < HEADER ? 0 : (unsigned long long) little(data + HEADER - 4) * RECORD + HEADER;
     enum pell_result res;
 
     import->default_mm_per_unit = 0.0;
     if (!pell_stl_is_binary(data, size) && !is_text(data, size))
-        res =
-            size < HEADER
-                ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
-                             "is no STL: it has %s, and does not begin with \"solid\"", pell_counted((long long) size, "byte", "bytes").str)
-                : pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off", "names %s, for %llu bytes, but has %zu bytes",
-                             pell_counted(little(data + HEADER - 4), "triangle", "triangles").str,
-                             (unsigned long long) little(data + HEADER - 4) * RECORD + HEADER, size);
+        res = size < HEADER ? pell_error(s.ctx, PELL_ERR_FORMAT, import->path, "the file may be cut off",
+                                         "is no STL: it has %s, and does not begin with \"solid\"",
+                                         pell_counted((long long) size, "byte", "bytes").str)
+                            : pell_error(s.ctx, PELL_ERR_FORMAT, import->path,
+                                         size < named ? "the file may be cut off" : "what is behind them is no triangle",
+                                         "names %s, for %llu bytes, but has %zu bytes",
+                                         pell_counted(little(data + HEADER - 4), "triangle", "triangles").str, named, size);
     else
         res = pell_stl_is_binary(data, size) ? read_binary(&s, data, size) : read_text(&s, data, size);
     if (res == PELL_OK)

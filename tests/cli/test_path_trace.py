@@ -57,6 +57,22 @@ def _(folder):
     need((folder / 'whole.pfm').read_bytes() == (folder / 'killed.pfm').read_bytes(), 'bits differ')
 
 
+@test('a translucent ground has no other side: light in it is as a half-space returns it')
+def _(folder):
+    (folder / 'ground.json').write_text(json.dumps({
+        'pellucid': 1, 'mesh': 'bunny.obj', 'unit': '1mm', 'materials': {'*': {'opaque': True, 'color': 0.5}}, 'ground': 'wax',
+        'camera': {'from': ['60mm', '40mm', '90mm'], 'to': ['60mm', '-20mm', '60mm']},
+        'lights': [{'type': 'directional', 'direction': [0, -1, 0], 'irradiance': [3, 3, 3]}]}))
+    mean = {}
+    for method, more in (('path-trace', ['--set', 'samples=64']), ('screen-space', [])):
+        done = works(folder, 'render', 'ground.json', '--width', '12', '--height', '9', '--msaa', '1', '-m', method, *more, '-o', 'g.pfm')
+        need(b'no material is translucent' not in done.stderr, done.stderr)
+        rgb = pfm_pixels((folder / 'g.pfm').read_bytes())
+        mean[method] = [sum(rgb[c::3]) / len(rgb[c::3]) for c in range(3)]
+    need(mean['screen-space'][0] > 1.5 * mean['screen-space'][2] > 0, 'wax is orange', mean)
+    need(all(abs(a / b - 1) < 0.05 for a, b in zip(mean['path-trace'], mean['screen-space'])), mean)
+
+
 @test('Ctrl-C: exit 130, a whole picture of the samples so far, and a checkpoint to go on from')
 def _(folder):
     begin = time.monotonic()

@@ -238,6 +238,12 @@ static void media_that_do_not_fit_their_object_are_named(void **state)
               &(struct pell_load_params) { .bare = true }, files);
     find(&c, "no material is translucent");
     finish(&c);
+    c = check("s.json",
+              "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"size\":\"90mm\",\"materials\":{\"*\":{\"opaque\":true}},\"ground\":\"wax\"}", NULL,
+              files);
+    for (size_t i = 0; i < c.report.num_problems; i++)
+        assert_null(strstr(c.report.problems[i].what, "no material is translucent"));
+    finish(&c);
     c = check(
         "s.json",
         "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"size\":\"90mm\",\"ground\":true,\"materials\":{\"*\":{\"preset\":\"skin-6gaussian\"}}}",

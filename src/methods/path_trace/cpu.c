@@ -23,7 +23,7 @@ enum {
     PLAIN = 64, /* samples without a stopping criterion */
 };
 
-#define UNEVEN 2.0   /* samples of one sample of the multisample over those of another, from which on it is told */
+#define UNEVEN 2.0   /* samples of one sample of the multisample over those of another, from which on it is reported */
 #define CROSSED 0.01 /* of the paths: fewer is rounding at edges */
 #define PLACES 64.0  /* roundings of a coordinate: on mean free paths shorter than that walks meet surfaces anew */
 /* A round is given up when it is later than the deadline by LATE_SECONDS and by LATE of the time limit. */

@@ -50,6 +50,19 @@ static void bound(const struct pt_scene *s, size_t i)
     }
 }
 
+/* The ground is a sheet that bounds all below and behind it: its medium ends as far from it as it is large. */
+static void deepen_ground(const struct pt_scene *s, size_t i)
+{
+    struct pt_solid *b = &s->solid[i];
+    const struct pell_vec3 size = vec3_sub(b->hi, b->lo);
+    const float depth = fmaxf(size.x, fmaxf(size.y, size.z));
+
+    if (s->scene->ground_mesh < 0 || s->solids->solids[i].triangles[0].mesh != (uint32_t) s->scene->ground_mesh)
+        return;
+    b->lo = vec3_sub(b->lo, vec3(depth, depth, depth));
+    b->hi = vec3_add(b->hi, vec3(depth, depth, depth));
+}
+
 /* Which surfaces have holes; one warning an object. (Closed ones are turned the right way round where a scene is completed.) */
 static enum pell_result inspect(struct pt_scene *s)
 {
@@ -121,6 +134,7 @@ static enum pell_result make_solids(struct pt_scene *s)
         bound(s, i);
         lo = vec3(fminf(lo.x, b->lo.x), fminf(lo.y, b->lo.y), fminf(lo.z, b->lo.z));
         hi = vec3(fmaxf(hi.x, b->hi.x), fmaxf(hi.y, b->hi.y), fmaxf(hi.z, b->hi.z));
+        deepen_ground(s, i);
     }
     if (lo.x <= hi.x) {
         s->centre = vec3_mul(vec3_add(lo, hi), 0.5f);
