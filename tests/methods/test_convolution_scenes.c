@@ -325,7 +325,7 @@ static void a_frame_allocates_nothing(void **state)
     stage_finish(&s);
 }
 
-/* The larger of |v/middle - 1| and -(that) of the pixels of a wide box that goes on beyond the picture under even light. */
+/* |v/middle - 1| of a wide box that goes on beyond the picture under even light, of the pixel where it is largest. */
 static double worst_at_borders(const char *borders, float radius)
 {
     const char *const knobs[] = { borders, NULL };

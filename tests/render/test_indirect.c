@@ -403,6 +403,34 @@ static void bricks_side_by_side_are_one_solid(void **state)
     }
 }
 
+/* The dark side of a block lit from above: behind it is no light, and what is there comes from the rim. A slab of its thickness lets none
+ * through. */
+static void sides_of_blocks_are_lit_from_the_rim(void **state)
+{
+    double light[2];
+    (void) state;
+
+    for (int k = 0; k < 2; k++) {
+        struct shot shot;
+        struct stage s;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, "jade", &material);
+        stage_box(&s, material, 0, vec3(-14, -14, -14), vec3(14, 14, 14));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 60, 0), vec3(0, 0, 0), 10.0f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
+        s.settings.opposed = s.settings.curvature = true;
+        s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+        shot = stage_shot_of(&s, k ? "screen-space" : "hierarchical", NULL);
+        light[k] = shot_at(&shot, 1, SIZE / 2, SIZE / 2);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# in the middle of the side: screen-space has %.2f of hierarchical's light\n", light[1] / light[0]);
+    REQUIRE(light[1] > 0.25 * light[0] && light[1] < 1.5 * light[0]); /* path-trace: 0.65 */
+}
+
 /* Two balls that nearly touch are as bright and of the same colour as one object and as two: no light goes from one inside the other. */
 static void solids_that_nearly_touch_stay_apart(void **state)
 {
@@ -623,6 +651,7 @@ int main(void)
         cmocka_unit_test(a_thin_wall_lets_indirect_light_out),
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
         cmocka_unit_test(bricks_side_by_side_are_one_solid),
+        cmocka_unit_test(sides_of_blocks_are_lit_from_the_rim),
         cmocka_unit_test(a_mirroring_ground_leaves_no_spots),
         cmocka_unit_test(solids_that_nearly_touch_stay_apart),
         cmocka_unit_test(few_samples_leave_no_spots),

@@ -21,6 +21,8 @@ enum { CHUNK = 128, PACKET = 16 };
 #define FAR 14.0f      /* diffusion lengths: beyond, nothing goes through */
 #define THIN_LOW 2.0f  /* thickness of a part in distances of samples: below it a slab's T is taken, */
 #define THIN_HIGH 4.0f /* and above it the sum */
+#define DEEP_LOW 5.0f  /* thickness of a sheet in diffusion lengths: below it a slab's T is taken, */
+#define DEEP_HIGH 8.0f /* and above it, where little but what comes from its rim gets through, the sum */
 
 struct send {
     struct pell_indirect *in;
@@ -41,14 +43,26 @@ static int chunks_of(size_t count)
     return (int) ((count + CHUNK - 1) / CHUNK);
 }
 
-/* Part of what gets through that the sum finds best: not of sheets, as far as a part is one (struct pell_curvature_effect), and not where
- * samples are too far apart. */
-static float round_and_thick(float thinness, float curvature, float spacing)
+/* The longest diffusion length of what goes through, mm; 0: nothing does. */
+static float longest_way(const struct pell_opposed *law)
 {
-    const float beyond = thinness - fmaxf(0.5f * curvature, 0.0f),
-                sheet = thinness > 0.0f ? fmaxf(2.0f * beyond / thinness - 1.0f, 0.0f) : 0.0f;
+    float longest = 0.0f;
 
-    return (1.0f - sheet) * smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
+    for (int c = 0; c < 3; c++)
+        if (law->amount[c] > 0.0f && law->kappa[c] > 0.0f)
+            longest = fmaxf(longest, 1.0f / law->kappa[c]);
+    return longest;
+}
+
+/* Part of what gets through that the sum finds best: not of sheets, as far as a part is one (struct pell_curvature_effect) and light comes
+ * from the other side more than from the rim, and not where samples are too far apart. */
+static float round_and_thick(const struct pell_opposed *law, float thinness, float curvature, float spacing)
+{
+    const float beyond = thinness - fmaxf(0.5f * curvature, 0.0f), thick = thinness * longest_way(law);
+    const float sheet = thinness > 0.0f ? fmaxf(2.0f * beyond / thinness - 1.0f, 0.0f) : 0.0f;
+    const float deep = thick > 0.0f ? smooth_ramp(DEEP_LOW, DEEP_HIGH, 1.0f / thick) : 0.0f;
+
+    return (1.0f - sheet * (1.0f - deep)) * smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
 }
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
@@ -93,7 +107,8 @@ static void light16(const struct send *s, size_t first, size_t count)
         }
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
-        s->thick[first + i] = s->solid[q->material].between ? round_and_thick(thinness[i], curvature[i], q->spacing) : 0.0f;
+        s->thick[first + i] =
+            s->solid[q->material].between ? round_and_thick(&s->solid[q->material].law, thinness[i], curvature[i], q->spacing) : 0.0f;
     }
 }
 
