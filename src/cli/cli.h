@@ -183,7 +183,8 @@ enum exit_code cli_interrupted(const struct cli *cli);
  * process ends by itself: nobody waits for a library's build. A second signal ends it at once. */
 void cli_signals_begin(struct cli *cli);
 void cli_signals_end(void);
-void cli_say_interrupted(const struct cli *cli);
+/* Why there is no picture, or not the whole of it; once. `code`: EXIT_INTERRUPTED or EXIT_RESUMABLE. */
+void cli_say_interrupted(const struct cli *cli, enum exit_code code);
 
 /* --- options.c ---------------------------------------------------------------------------------------------------------------- */
 

@@ -101,10 +101,8 @@ int cli_main(const struct program *program, int argc, char **argv)
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_NOMEM, program->name, "there is not enough memory", "" });
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);
-    if (code == EXIT_RESUMABLE && !cli.quiet && !cli.json)
-        fputs("not finished; the same command resumes it from the checkpoint\n", stderr);
-    if (code == EXIT_INTERRUPTED)
-        cli_say_interrupted(&cli);
+    if (code == EXIT_INTERRUPTED || code == EXIT_RESUMABLE)
+        cli_say_interrupted(&cli, code);
     if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
         cli.answered = true; /* nothing more can go there */
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_IO, STDOUT_NAME, "the answer can't be written", "" });

@@ -40,11 +40,18 @@ static void put_count(int to, unsigned count)
     put(to, digits + at);
 }
 
-void cli_say_interrupted(const struct cli *cli)
+enum exit_code cli_interrupted(const struct cli *cli)
+{
+    return terminated && cli->checkpoint && cli->merge.count == 0 ? EXIT_RESUMABLE : EXIT_INTERRUPTED;
+}
+
+void cli_say_interrupted(const struct cli *cli, enum exit_code code)
 {
     if (cli->quiet || cli->json || atomic_flag_test_and_set(&told))
         return;
-    if (cli->partial) {
+    if (code == EXIT_RESUMABLE) {
+        put(STDERR_FILENO, "not finished; the same command resumes it from the checkpoint\n");
+    } else if (cli->partial) {
         put(STDERR_FILENO, "interrupted; the picture was written with the samples that it had\n");
     } else if (cli->images) {
         put(STDERR_FILENO, "interrupted; written before: ");
@@ -68,7 +75,7 @@ static void on_late(int signal)
         return;
     if (cli->progress.width > 0)
         put(STDERR_FILENO, "\n");
-    cli_say_interrupted(cli);
+    cli_say_interrupted(cli, cli_interrupted(cli));
     if (cli->json && !atomic_flag_test_and_set(&told))
         put(STDOUT_FILENO, cancelled_json);
     _exit(cli_interrupted(cli));
@@ -93,11 +100,6 @@ static void on_signal(int signal)
 bool cli_terminated(void)
 {
     return terminated;
-}
-
-enum exit_code cli_interrupted(const struct cli *cli)
-{
-    return terminated && cli->checkpoint && cli->merge.count == 0 ? EXIT_RESUMABLE : EXIT_INTERRUPTED;
 }
 
 /* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
