@@ -192,14 +192,14 @@ def _(folder):
     same(folder, 'c.pfm', 'm.pfm')
     done = works(folder, *TRACE, '--samples', '4', '--checkpoint', 'c.ckpt', '-o', 'c.pfm')
     need(b'--samples' in done.stderr and b'the picture has their noise' in done.stderr, done.stderr)
+    works(folder, *TRACE, '--samples', '8', '--checkpoint', 'd.ckpt', '-o', 'd.pfm')
+    need(not [n for n in names(folder) if n.endswith('.lock')], names(folder))
     child = subprocess.Popen([PROGRAM, *TRACE, '--width', '2000', '--height', '1500', '--samples', '100000000', '--checkpoint', 'e.ckpt',
                               '-o', 'e.pfm'], cwd=folder, env=clean_environment(), stderr=subprocess.PIPE)
     time.sleep(0.5)
     child.send_signal(signal.SIGTERM)  # before all pixels have a sample
     _, err = child.communicate(timeout=60)
     need(child.returncode == 75 and not (folder / 'e.pfm').exists() and b'the same command resumes it' in err, child.returncode, err)
-    works(folder, *TRACE, '--samples', '8', '--checkpoint', 'd.ckpt', '-o', 'd.pfm')
-    need(not [n for n in names(folder) if n.endswith('.lock')], names(folder))
 
 
 @test('a checkpoint that can not be written at the end: the picture is, one error says so, and the exit code')
