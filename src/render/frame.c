@@ -180,10 +180,10 @@ static enum pell_result render_samples(struct pell_renderer *r, const struct pel
     if (may_end)
         pell_interruptible(r->ctx, 1);
     for (int i = 0; res == PELL_OK && i < msaa; i++) {
-        const bool left_out = i > 0; /* where the method takes it for too incomplete to count */
         res = render_sample(r, frame, i);
+        /* The method may take a sample for too incomplete to count. */
         if (may_end && !pell_cancelled(r->ctx) &&
-            ((res == PELL_OK && pell_context_interrupted(r->ctx)) || (res == PELL_ERR_CANCELLED && left_out))) {
+            (res == PELL_OK ? pell_context_interrupted(r->ctx) : res == PELL_ERR_CANCELLED && i > 0)) {
             *partial = pell_context_interrupted(r->ctx);
             r->device->engine->average(r->engine, res == PELL_OK ? i + 1 : i, msaa);
             res = PELL_OK;

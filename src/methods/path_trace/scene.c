@@ -57,7 +57,7 @@ static void deepen_ground(const struct pt_scene *s, size_t i)
     const struct pell_vec3 size = vec3_sub(b->hi, b->lo);
     const float depth = fmaxf(size.x, fmaxf(size.y, size.z));
 
-    if (s->scene->ground_mesh < 0 || s->solids->solids[i].triangles[0].mesh != (uint32_t) s->scene->ground_mesh)
+    if (s->scene->ground_mesh < 0 || s->solids->of_mesh[s->scene->ground_mesh] != (int) i)
         return;
     b->lo = vec3_sub(b->lo, vec3(depth, depth, depth));
     b->hi = vec3_add(b->hi, vec3(depth, depth, depth));
