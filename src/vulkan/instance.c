@@ -1,8 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * instance.c - opens the Vulkan loader and an instance, with the validation layer where it is asked for. */
+#define _GNU_SOURCE /* dl_iterate_phdr */
 #include "vulkan/instance.h"
 
 #include <dlfcn.h>
+#include <link.h>
 #include <string.h>
 
 #define LAYER "VK_LAYER_KHRONOS_validation"
@@ -93,6 +95,60 @@ static bool has_layer(const struct pell_vk_instance *v)
     return false;
 }
 
+/* --- Drivers stay loaded ----------------------------------------------------------------------------------------------------------- */
+
+/* The loader unloads drivers with the last instance. Each time that NVIDIA's is loaded again it takes static thread storage that the C
+ * library does not get back: after some 30 instances there is none left, and no driver. So what an instance has loaded stays. */
+
+enum { LIBRARIES_MOST = 1024, NEW_MOST = 128, PATH_MOST = 256 };
+
+struct libraries {
+    ElfW(Addr) base[LIBRARIES_MOST];
+    int count;
+};
+
+struct new_libraries {
+    const struct libraries *before;
+    char path[NEW_MOST][PATH_MOST];
+    int count;
+};
+
+static int list_library(struct dl_phdr_info *info, size_t size, void *user)
+{
+    struct libraries *list = user;
+
+    (void) size;
+    list->base[list->count++] = info->dlpi_addr;
+    return list->count == LIBRARIES_MOST;
+}
+
+static int list_new_library(struct dl_phdr_info *info, size_t size, void *user)
+{
+    struct new_libraries *list = user;
+
+    (void) size;
+    for (int i = 0; i < list->before->count; i++)
+        if (list->before->base[i] == info->dlpi_addr)
+            return 0;
+    if (info->dlpi_name && info->dlpi_name[0] && strlen(info->dlpi_name) < PATH_MOST)
+        strcpy(list->path[list->count++], info->dlpi_name);
+    return list->count == NEW_MOST;
+}
+
+static void keep_loaded(const struct libraries *before)
+{
+    struct new_libraries list = { .before = before };
+
+    dl_iterate_phdr(list_new_library, &list);
+    for (int i = 0; i < list.count; i++) {
+        void *library = dlopen(list.path[i], RTLD_LAZY | RTLD_NOLOAD | RTLD_NODELETE);
+        if (library)
+            dlclose(library);
+    }
+}
+
+/* --- Instances ---------------------------------------------------------------------------------------------------------------------- */
+
 /* VK_ERROR_INCOMPATIBLE_DRIVER, with nothing made, where there is no driver. */
 static VkResult create_instance(struct pell_context *ctx, struct pell_vk_instance *v, bool validate)
 {
@@ -140,9 +196,11 @@ static VkResult create_instance(struct pell_context *ctx, struct pell_vk_instanc
 
 enum pell_result pell_vk_instance_open(struct pell_context *ctx, bool validate, struct pell_vk_instance *out, const char **why)
 {
+    struct libraries before = { .count = 0 };
     VkResult result;
 
     *out = (struct pell_vk_instance) { .loader = NULL };
+    dl_iterate_phdr(list_library, &before);
     if (!open_loader(out, why))
         return PELL_OK;
     out->labels = has_extension(out, VK_EXT_DEBUG_UTILS_EXTENSION_NAME);
@@ -150,6 +208,7 @@ enum pell_result pell_vk_instance_open(struct pell_context *ctx, bool validate, 
         return pell_error(ctx, PELL_ERR_DEVICE, "vulkan", "install vulkan-validationlayers", "the layer %s is not installed", LAYER);
     *why = "there is no Vulkan driver: install one (mesa-vulkan-drivers)";
     result = create_instance(ctx, out, validate);
+    keep_loaded(&before);
     return result == VK_SUCCESS || result == VK_ERROR_INCOMPATIBLE_DRIVER ? PELL_OK : pell_vk_failed(ctx, "vkCreateInstance", result);
 }
 

@@ -68,6 +68,8 @@ static const struct {
     { "screen-space", "paper by the surface's slope", { "as=paper", "foreshortening=surface", NULL } },
     { "screen-space", "six, first unblurred", { "gaussians=6", "first=unblurred", NULL } },
     { "screen-space", "irradiance, paper's edges, no strength", { "edges=paper", "strength=false", NULL } },
+    { "screen-space", "a separable kernel", { "kernel=separable", NULL } },
+    { "screen-space", "of rank 3 and few taps", { "kernel=separable", "rank=3", "taps=5", NULL } },
     { "image-space", "best", { NULL } },
     { "image-space", "paper", { "as=paper", NULL } },
     { "image-space", "views of lights", { "views=eye+lights", "view-size=64", "samples=8", NULL } },
@@ -114,7 +116,7 @@ static bool is_inside(const struct shot *s, int x, int y)
 
 struct parity {
     double mean; /* mean difference over the mean */
-    double far;  /* share of the pixels away from silhouettes that differ by more than 0.1 % */
+    double far;  /* share of the pixels away from silhouettes that differ by more than 1 % */
     int inside;
 };
 
@@ -135,7 +137,7 @@ static struct parity compare(const struct shot *a, const struct shot *b)
             if (!is_inside(a, x, y))
                 continue;
             for (size_t c = 0; c < 3; c++)
-                differs |= fabs(shot_at(a, c, x, y) - shot_at(b, c, x, y)) > 0.001 * shot_at(a, c, x, y) + 1e-6 * sum / (double) a->size;
+                differs |= fabs(shot_at(a, c, x, y) - shot_at(b, c, x, y)) > 0.01 * shot_at(a, c, x, y) + 1e-6 * sum / (double) a->size;
             p.inside++;
             far += differs;
         }
@@ -155,13 +157,14 @@ static void both_engines_give_one_picture(void **state)
             struct shot cpu = shot_on(false, scenes[i].make, forms[k].method, forms[k].knobs);
             const struct parity p = compare(&cpu, &gpu), apart = compare(&cpu, &none);
 
-            print_message("# %s, %s, %s: mean difference %.2g, %.2g of %d pixels over 0.1 %%; %.2g without scattering\n", scenes[i].name,
+            print_message("# %s, %s, %s: mean difference %.2g, %.2g of %d pixels over 1 %%; %.2g without scattering\n", scenes[i].name,
                           forms[k].method, forms[k].name, p.mean, p.far, p.inside, apart.mean);
             REQUIRE(p.inside > 1500);
             /* There is something to be different. The listing's spans are under two pixels on the slabs, and are left out. */
             REQUIRE(apart.mean > 0.01 || (i == 0 && k > 0 && k < 5));
-            /* Ten and a hundred times what rounding makes: a stage that is left out of a shader shows. */
-            REQUIRE(p.mean < 1e-6);
+            /* On drivers for CPUs 1e-7. GPUs round quotients and roots as they like, which moves a few samples to the next pixel: 2e-5 at
+             * most was seen. A stage that is left out of a shader shows. */
+            REQUIRE(p.mean < 1e-4);
             REQUIRE(p.far < 0.001);
             shot_free(&gpu);
             shot_free(&cpu);
@@ -222,7 +225,7 @@ static void colours_spread_light_alike(void **state)
                 }
         print_message("# %s: mean difference %.2g\n", knobs_text[i], difference / sum);
         REQUIRE(sum > 100.0);
-        REQUIRE(difference < 1e-6 * sum);
+        REQUIRE(difference < 2e-5 * sum);
         patch_destroy(p[0]);
         patch_destroy(p[1]);
         pell_method_knobs_destroy(ctx, &knobs);
@@ -311,7 +314,7 @@ static void passes_have_times(void **state)
     } passes[] = {
         { "screen-space",
           { "pack", "upload", "load", "measure", "blur 1", "blur 2", "download", "unpack" },
-          { 48, 48, 56, 128, 176, 176, 32, 28 } },
+          { 48, 48, 68, 72, 128, 128, 32, 28 } },
         { "image-space", { "pack", "upload", "load", "sample", "reconstruct", "download", "unpack" }, { 48, 48, 56, 72, 80, 32, 28 } },
     };
     struct kept_messages kept = { 0 };
@@ -371,9 +374,7 @@ static void other_methods_name_their_engines(void **state)
 /* What the device does not do it refuses, and says what does. */
 static void knobs_of_the_cpu_alone_are_refused(void **state)
 {
-    static const char *const knobs[][3] = { { "kernel=separable", NULL }, { "edges=paper", "rotate=true", NULL } };
-    static const char *const words[] = { "the engine vulkan has no kernel=separable, only gaussians",
-                                         "the engine vulkan has no rotate=on" };
+    static const char *const knobs[][3] = { { "kernel=separable", "rotate=true", NULL }, { "edges=paper", "rotate=true", NULL } };
     static const double variance = 1.0, weight[1][3] = { { 0.3, 0.2, 0.1 } };
     const struct pell_frame_material m = patch_gaussians(1, &variance, weight);
     struct kept_messages kept = { 0 };
@@ -388,7 +389,7 @@ static void knobs_of_the_cpu_alone_are_refused(void **state)
         struct pell_pass *pass;
         patch_configure(ctx, method, knobs[i], values);
         assert_int_equal(pell_pass_create(device, method, values, &p->frame.shape, &pass), PELL_ERR_UNSUPPORTED);
-        assert_string_equal(kept.what, words[i]);
+        assert_string_equal(kept.what, "the engine vulkan has no rotate=on");
         assert_non_null(strstr(kept.hint, "--engine cpu"));
         assert_null(pass);
     }

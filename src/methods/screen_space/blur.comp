@@ -4,24 +4,26 @@
 // blur.comp - one of the two passes of a step: Jimenez and Gutierrez, GPU Pro, 2010, ch. 7. AXIS 0: along x; 1: along D, and into the
 // weighted sum of section 7.3.3. PAPER 0: taps are weighted by their distance on the surface (README.md; mirror of kernels.c and taps.c);
 // bits 1: the seven taps of listing 7.1 (listing.c), 2: with its slope.
-//   in     0 geometry depth (mm), |Tx|, |D| (mm), material
-//   in     1 rate     px^2 per mm^2 of the variances: facing, along Tx, along D; 0
-//   in     2 table    share of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material
-//   in     3 plans    taps a side, pixels between them, lean of the taps (bits of a float), 0
-//   in     4 from     light, W/m^2 or W/(m^2 sr)
-//   in/out 5 to       out: the pass's result; in (AXIS 1, fresh): light before the first step
-//   in/out 6 sum      AXIS 1: the weighted sum of all steps so far
+//   in     0 geometry depth (mm), length on the surface along this axis, |Tx| or |D| (mm)
+//   in     1 across   depth (mm), |Tx| (mm)
+//   in     2 scale    px^2 per mm^2 of the variances
+//   in     3 table    share of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material
+//   in     4 plans    see plan.comp
+//   in     5 from     light, W/m^2 or W/(m^2 sr); material
+//   out    6 to       the pass's result, material
+//   in/out 7 sum      AXIS 1: the weighted sum of all steps so far, at first the light before them; 0
 #define USES_TABLE
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int AXIS = 0;
 layout(constant_id = 1) const int PAPER = 0;
-layout(set = 0, binding = 0) readonly buffer Geometry { vec4 geometry[]; };
-layout(set = 0, binding = 1) readonly buffer Rate { vec4 rate[]; };
-layout(set = 0, binding = 2) readonly buffer Table { vec4 table[]; };
-layout(set = 0, binding = 3) readonly buffer Plans { ivec4 plans[]; };
-layout(set = 0, binding = 4) readonly buffer From { vec4 from[]; };
-layout(set = 0, binding = 5) buffer To { vec4 to[]; };
-layout(set = 0, binding = 6) buffer Sum { vec4 sum[]; };
+layout(set = 0, binding = 0) readonly buffer Geometry { vec2 geometry[]; };
+layout(set = 0, binding = 1) readonly buffer Across { vec2 across[]; };
+layout(set = 0, binding = 2) readonly buffer Scale { float scale[]; };
+layout(set = 0, binding = 3) readonly buffer Table { vec4 table[]; };
+layout(set = 0, binding = 4) readonly buffer Plans { ivec4 plans[]; };
+layout(set = 0, binding = 5) readonly buffer From { vec4 from[]; };
+layout(set = 0, binding = 6) writeonly buffer To { vec4 to[]; };
+layout(set = 0, binding = 7) buffer Sum { vec4 sum[]; };
 #include "methods/screen_space/common.glsl"
 
 // So many pixels along the axis. (Not a constant vector: Mesa 22.3 takes the wrong one of a specialised choice between two.)
@@ -47,17 +49,24 @@ float grid_difference(float u1, float u0)
     return (over.x * under.y - over.y * under.x) / (under.x * under.y) + (rest.x - rest.y);
 }
 
+// The pixel that is blurred.
+struct Centre {
+    ivec2 p;
+    vec2 own;      // depth, length along the axis, mm
+    float beside;  // AXIS 1: |Tx|
+    float scale;
+    vec4 light;    // with its material
+};
+
 // What the taps sum up to: light times weight, weight.
 struct Gathered {
     vec3 light;
     float weight;
 };
 
-// A tap j steps away. Between the points of two pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap.
-void tap(ivec2 p, int j, ivec4 plan, vec4 own, vec2 t, float fall, inout Gathered g)
+// A tap `pace` pixels away. Between the points of two pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap.
+void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathered g)
 {
-    const float skew = intBitsToFloat(plan.z);
-    const int pace = plan.y * j;
     ivec2 offset = along(pace);
     float beside = 0.0;
 
@@ -66,77 +75,78 @@ void tap(ivec2 p, int j, ivec4 plan, vec4 own, vec2 t, float fall, inout Gathere
         offset.x = exact < 0.0 ? -int(0.5 - exact) : int(exact + 0.5);
         beside = float(offset.x) - exact;
     }
-    if (!is_inside(p + offset))
+    if (!is_inside(c.p + offset))
         return;
-    const vec4 other = geometry[pixel_at(p + offset)];
-    if (other.w != own.w)
+    const int i = pixel_at(c.p + offset);
+    const vec4 light = from[i];
+    if (light.w != c.light.w)
         return;
-    const float dz = other.x - own.x, h = fall * (other.x * pc.depth_mm + pc.fixed_mm);
+    const vec2 other = geometry[i];
+    const float dz = other.x - c.own.x, h = fall * (other.x * pc.depth_mm + pc.fixed_mm);
     const vec3 way = vec3(h * vec2(offset) + fall * dz * t, fall * dz);
-    const float across = beside * own.y * fall; // from the line that the tap stands for, along x
-    const float y = max(dot(way, way) - across * across, 0.0);
-    const float weight = (kernel_of(min(y, Y_MAX) + Y_SHIFT) - kernel_of(Y_MAX + Y_SHIFT)) * (AXIS == 0 ? other.y : other.z);
+    const float across_mm = beside * c.beside * fall; // from the line that the tap stands for, along x
+    const float y = max(dot(way, way) - across_mm * across_mm, 0.0);
+    const float weight = (kernel_of(min(y, Y_MAX) + Y_SHIFT) - kernel_of(Y_MAX + Y_SHIFT)) * other.y;
 
-    g.light += weight * from[pixel_at(p + offset)].rgb;
+    g.light += weight * light.rgb;
     g.weight += weight;
 }
 
-// The blur along the surface. Light that a tap would have brought but does not stays where it is.
-vec3 blur_surface(ivec2 p, vec4 own, ivec4 plan, float before, float after)
+// The blur along the surface. Light that a tap would have brought but does not stays where it is. `mm2`: before and after.
+vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
 {
-    const int i = pixel_at(p);
-    const float to_px = AXIS == 0 ? rate[i].y : rate[i].z, len = AXIS == 0 ? own.y : own.z;
-    const float add = grid_difference(after * to_px, before * to_px);
+    const int count = plan.x & 65535, stride = plan.x >> 16;
+    const float len = c.own.y, mm = c.own.x * pc.depth_mm + pc.fixed_mm;
+    const float to_px = len > 0.0 ? c.scale * mm * mm / (len * len) : 0.0;
+    const float add = grid_difference(mm2.y * to_px, mm2.x * to_px);
     const float inverse = 1.0 / (sqrt(max(add, S2_MIN)) * (len > 0.0 ? len : 1.0));
     const float mixed = max(min(add / S2_MIN_VARIANCE, 1.0), 0.0), fall = inverse * K_SCALE_ROOT;
-    const vec2 t = ray_of(p);
-    float share = inverse * mixed * (K_NORM * float(plan.y));
+    const vec2 t = ray_of(c.p);
+    float share = inverse * mixed * (K_NORM * float(stride));
     Gathered g = Gathered(vec3(0.0), 0.0);
 
-    for (int j = 1; j <= plan.x; j++) {
-        const ivec2 reach = along(j * plan.y);
-        if (!is_inside(p - reach) && !is_inside(p + reach))
+    for (int j = 1; j <= count; j++) {
+        const ivec2 reach = along(j * stride);
+        if (!is_inside(c.p - reach) && !is_inside(c.p + reach))
             break;
-        tap(p, -j, plan, own, t, fall, g);
-        tap(p, j, plan, own, t, fall, g);
+        tap(c, -j * stride, intBitsToFloat(plan.y), t, fall, g);
+        tap(c, j * stride, intBitsToFloat(plan.y), t, fall, g);
     }
     const float weight = g.weight * share;
     const float keep = max(1.0 - weight, 0.0);
     share /= max(weight, 1.0);
-    return g.light * share + keep * from[i].rgb;
+    return g.light * share + keep * c.light.rgb;
 }
 
 // Span in pixels over that of a facing surface: listing 7.1, or by the surface.
-float paper_slope(ivec2 p, vec4 own)
+float paper_slope(const Centre c)
 {
-    if ((PAPER & 2) == 0) {
-        const float len = AXIS == 0 ? own.y : own.z;
-        return len > 0.0 ? (own.x * pc.depth_mm + pc.fixed_mm) / len : 0.0;
-    }
+    if ((PAPER & 2) == 0)
+        return c.own.y > 0.0 ? (c.own.x * pc.depth_mm + pc.fixed_mm) / c.own.y : 0.0;
     // Derivatives are those of a quad of 2 x 2 pixels. Where the other pixel is not of this surface, the limit.
-    const ivec2 at = p + ivec2(pc.x0, pc.y0);
-    const ivec2 q = p + along(((AXIS == 0 ? at.x : at.y) & 1) == 1 ? -1 : 1);
+    const ivec2 at = c.p + ivec2(pc.x0, pc.y0);
+    const ivec2 q = c.p + along(((AXIS == 0 ? at.x : at.y) & 1) == 1 ? -1 : 1);
     float change = pc.maxdd;
-    if (is_inside(q) && geometry[pixel_at(q)].w == own.w)
-        change = min(abs(geometry[pixel_at(q)].x - own.x) * pc.unit, pc.maxdd);
-    const float level = pc.orthographic != 0 ? 1.0 : own.x * pc.unit;
+    if (is_inside(q) && from[pixel_at(q)].w == c.light.w)
+        change = min(abs(geometry[pixel_at(q)].x - c.own.x) * pc.unit, pc.maxdd);
+    const float level = pc.orthographic != 0 ? 1.0 : c.own.x * pc.unit;
     return level / (level + pc.correction * change);
 }
 
 // Seven bilinear taps over +-span; those outside the mask are left out.
-vec3 blur_paper(ivec2 p, vec4 own, float added)
+vec3 blur_paper(const Centre c, float added)
 {
     const float weights[7] = float[](0.006, 0.061, 0.242, 0.382, 0.242, 0.061, 0.006);
-    const float span = min(SCREEN_SPAN * sqrt(added * rate[pixel_at(p)].x) * paper_slope(p, own), 262144.0);
+    const float span = min(SCREEN_SPAN * sqrt(added * c.scale) * paper_slope(c), 262144.0);
     vec3 light = vec3(0.0);
     float all = 0.0;
 
     for (int t = 0; t < 7; t++) {
         const float offset = float(t - 3) * (1.0 / 3.0) * span, whole = floor(offset), part = offset - whole;
         for (int k = 0; k < 2; k++) {
-            const ivec2 q = p + along(int(whole) + k);
+            const ivec2 q = c.p + along(int(whole) + k);
             const float share = weights[t] * (k == 0 ? 1.0 - part : part);
-            if (!is_inside(q) || geometry[pixel_at(q)].w != own.w)
+            if (!is_inside(q) || from[pixel_at(q)].w != c.light.w)
                 continue;
             all += share;
             light += share * from[pixel_at(q)].rgb;
@@ -152,28 +162,27 @@ void main()
 
     if (!is_inside(p))
         return;
-    const vec4 own = geometry[i];
-    if (!(own.w > 0.0)) {
+    const vec4 light = from[i];
+    if (!(light.w > 0.0)) {
         to[i] = vec4(0.0);
-        if (AXIS == 1)
-            sum[i] = vec4(0.0);
         return;
     }
-    const int material = int(own.w), cells = pc.width / BLOCK * pc.height;
-    const ivec4 plan = plans[AXIS * cells + i / BLOCK];
-    float before;
-    const bool on = applied(material, rate[i].x, before);
-    vec3 result = from[i].rgb;
-    if (on) {
-        const float after = variance_of(pc.step, material);
-        result = PAPER != 0 ? blur_paper(p, own, after - before) : blur_surface(p, own, plan, before, after);
-    }
+    const Centre c = Centre(p, geometry[i], AXIS == 1 ? across[i].y : 0.0, scale[i], light);
+    const int material = int(light.w), cells = pc.width / BLOCK * pc.height;
+    const ivec4 plan = PAPER != 0 ? ivec4(0, 0, 0, floatBitsToInt(-1.0))
+                                  : plans[((pc.step - pc.planned) * 2 + AXIS) * cells + i / BLOCK];
+    vec2 mm2 = intBitsToFloat(plan.zw);
+    if (mm2.y < 0.0)
+        mm2.y = applied(pc.step, material, c.scale, mm2.x) ? variance_of(pc.step, material) : 0.0;
+    const bool on = mm2.y > 0.0;
+    const vec3 result = !on ? light.rgb : PAPER != 0 ? blur_paper(c, mm2.y - mm2.x) : blur_surface(c, plan, mm2);
     if (AXIS == 1) {
         // Where a pixel left the step out, its weight goes to the last result, or, as in the paper, to all that the sum holds.
         vec3 share = pc.whole != 0 ? vec3(1.0) : table[(pc.base + pc.step) * pc.row + material].rgb;
         if (PAPER != 0 && !on)
             share = vec3(0.0);
-        sum[i] = vec4(mix(pc.fresh != 0 ? to[i].rgb : sum[i].rgb, result, share), 0.0);
+        sum[i] = vec4(mix(sum[i].rgb, result, share), 0.0);
     }
-    to[i] = vec4(result, 0.0);
+    if (AXIS == 0 || pc.step + 1 < pc.end)
+        to[i] = vec4(result, light.w);
 }

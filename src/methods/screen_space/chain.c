@@ -8,6 +8,8 @@
 #include "methods/thickness.h"
 #include "render/intermediate.h"
 
+#include <pellucid/kernel.h>
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -111,6 +113,13 @@ const char *pell_ss_step_name(int step, int preblur)
                                                            "blur 6", "blur 7", "blur 8", "blur 9", "blur 10" };
 
     return step < preblur ? "blur ahead" : names[step - preblur];
+}
+
+const char *pell_ss_term_name(int term)
+{
+    static const char *const names[PELL_KERNEL_RANK_MAX] = { "kernel 1", "kernel 2", "kernel 3" };
+
+    return names[term];
 }
 
 static enum pell_result make_tables(struct screen_chain *st, const struct pell_frame_shape *shape)

@@ -36,6 +36,8 @@ void pell_ss_chain_choose(const struct screen_chain *chain, float scale, int *pr
 
 /* "blur ahead", "blur 1". */
 const char *pell_ss_step_name(int step, int preblur);
+/* "kernel 1": of a separable kernel's terms. */
+const char *pell_ss_term_name(int term);
 
 /* Shows what a step gave by itself, as an intermediate image: planes of a stride (0: the frame's). */
 PELL_NODISCARD enum pell_result pell_ss_show(const struct screen_chain *chain, const struct pell_services *services,

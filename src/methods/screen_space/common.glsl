@@ -31,16 +31,16 @@ float variance_of(int step, int material)
     return table[(pc.base + step) * pc.row + material].w;
 }
 
-// Variance before the running step where a material's pixels have this scale; returns whether the step blurs them. As in blocks.h.
-bool applied(int material, float scale, out float before)
+// Variance before a step where a material's pixels have this scale; returns whether the step blurs them. As in blocks.h.
+bool applied(int step, int material, float scale, out float before)
 {
     float last = 0.0;
 
-    for (int step = 0; step < pc.step; step++) {
-        const float v = variance_of(step, material);
+    for (int i = 0; i < step; i++) {
+        const float v = variance_of(i, material);
         last = (v - last) * scale > pc.skip ? v : last;
     }
     before = last;
-    return (variance_of(pc.step, material) - last) * scale > pc.skip;
+    return (variance_of(step, material) - last) * scale > pc.skip;
 }
 #endif

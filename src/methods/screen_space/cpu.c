@@ -499,7 +499,6 @@ static void run_term(void *arg, int index, int worker)
 
 static enum pell_result render_terms(struct screen_state *st)
 {
-    static const char *const names[PELL_KERNEL_RANK_MAX] = { "kernel 1", "kernel 2", "kernel 3" };
     struct screen_work *w = &st->work;
     const struct pell_rect *rect = &w->in->rect;
     const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND, rank = st->factors.rank;
@@ -516,7 +515,7 @@ static enum pell_result render_terms(struct screen_state *st)
             for (int i = 0; i < bands; i++)
                 active += st->bands[i].active[0];
         }
-        note_time(st, names[w->term], pell_seconds() - start, active / 2, active * 16);
+        note_time(st, pell_ss_term_name(w->term), pell_seconds() - start, active / 2, active * 16);
         if (observed) {
             const enum pell_result res =
                 pell_ss_show(&st->chain, st->services, w->in, (const float *const *) (w->last ? w->out->light : w->sum),

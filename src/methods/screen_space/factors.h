@@ -6,10 +6,10 @@
 #ifndef PELL_SCREEN_SPACE_FACTORS_H
 #define PELL_SCREEN_SPACE_FACTORS_H
 
+#include "methods/screen_space/formulas.h"
+
 #include <pellucid/frame.h>
 #include <pellucid/kernel.h>
-
-enum { SCREEN_FACTOR_PARTS = 32 };
 
 /* A term of a material's kernel. The profile's total is 1. */
 struct screen_factor {

@@ -1,18 +1,27 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// measure.comp - how the surface lies below each pixel; mirror of the first half of measure.c. Tx, Ty: from the pixel's point on the
-// surface to the next one along x and y.
-//   in  0 place    depth (mm), material, px^2 per mm^2, 0
-//   out 1 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2); 1 where depth jumps or creases, else 0
+// measure.comp - how the surface lies below each pixel, and what is known of a block of 16 pixels of a row, which is a row of a workgroup;
+// mirror of the first half of measure.c. Tx, Ty: from the pixel's point on the surface to the next one along x and y.
+//   in  0 place    depth (mm), material
+//   in  1 scale    px^2 per mm^2
+//   out 2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
+//   out 3 cells    mean lean of the second pass (pixels that x falls as y grows by one); 0 nothing is translucent, 1 something, 2 all is
+//                  of one material, and depth neither jumps nor creases
 layout(local_size_x = 16, local_size_y = 8) in;
-layout(set = 0, binding = 0) readonly buffer Place { vec4 place[]; };
-layout(set = 0, binding = 1) writeonly buffer Slopes { vec4 slopes[]; };
+layout(set = 0, binding = 0) readonly buffer Place { vec2 place[]; };
+layout(set = 0, binding = 1) readonly buffer Scale { float scale[]; };
+layout(set = 0, binding = 2) writeonly buffer Slopes { vec4 slopes[]; };
+layout(set = 0, binding = 3) writeonly buffer Cells { vec2 cells[]; };
 #include "methods/screen_space/common.glsl"
+
+shared float leans[8][16];
+shared uint facts[8][16]; // bits FULL, BLURRED, ROUGH, OTHER
+const uint FULL = 1u, BLURRED = 2u, ROUGH = 4u, OTHER = 8u;
 
 vec2 neighbour(ivec2 p) // depth, material
 {
-    return is_inside(p) ? place[pixel_at(p)].xy : vec2(0.0);
+    return is_inside(p) ? place[pixel_at(p)] : vec2(0.0);
 }
 
 // Change of depth per pixel: the central difference, but at most twice the smaller one-sided one (van Leer 1977).
@@ -24,13 +33,8 @@ float limited(float back, float ahead, bool has_back, bool has_ahead)
     return (has_back || has_ahead) && a * b > 0.0 ? (mean < 0.0 ? -low : low) : 0.0;
 }
 
-void main()
+vec3 slopes_at(ivec2 p, vec2 own, out bool rough)
 {
-    const ivec2 p = ivec2(gl_GlobalInvocationID.xy);
-
-    if (!is_inside(p))
-        return;
-    const vec2 own = neighbour(p);
     const float z = own.x, mm = z * pc.depth_mm + pc.fixed_mm;
     const vec2 l = neighbour(p - ivec2(1, 0)), r = neighbour(p + ivec2(1, 0));
     const vec2 u = neighbour(p - ivec2(0, 1)), d = neighbour(p + ivec2(0, 1));
@@ -41,8 +45,43 @@ void main()
     const float x2 = STEP_LENGTH2(mm, dx, t.x, ray2), y2 = STEP_LENGTH2(mm, dy, t.y, ray2);
     const float both = STEP_PRODUCT(mm, dx, dy, t.x, t.y, ray2);
     const bool on = own.y > 0.0 && z > 0.0 && x2 > 0.0 && y2 > 0.0;
-    const bool rough = max(max(abs(left), abs(right)), max(abs(above), abs(under))) > mm * JUMP ||
-                       max(abs(right - left), abs(under - above)) > mm * CREASE;
 
-    slopes[pixel_at(p)] = vec4(on ? vec3(x2, y2, both) : vec3(0.0), rough ? 1.0 : 0.0);
+    rough = max(max(abs(left), abs(right)), max(abs(above), abs(under))) > mm * JUMP ||
+            max(abs(right - left), abs(under - above)) > mm * CREASE;
+    return on ? vec3(x2, y2, both) : vec3(0.0);
+}
+
+void main()
+{
+    const ivec2 p = ivec2(gl_GlobalInvocationID.xy);
+    const uint x = gl_LocalInvocationID.x, y = gl_LocalInvocationID.y;
+    const bool here = is_inside(p);
+
+    leans[y][x] = 0.0;
+    facts[y][x] = 0u;
+    if (here) {
+        const int i = pixel_at(p);
+        const vec2 own = place[i];
+        bool rough = false;
+        const vec3 s = own.y > 0.0 ? slopes_at(p, own, rough) : vec3(0.0);
+        slopes[i] = vec4(s, 0.0);
+        leans[y][x] = s.x > 0.0 ? s.z / s.x : 0.0;
+        facts[y][x] = (own.y > 0.0 ? FULL : 0u) | (scale[i] > 0.0 ? BLURRED : 0u) | (rough ? ROUGH : 0u) |
+                      (own.y != place[i - int(x)].y ? OTHER : 0u);
+    }
+    barrier();
+    if (!here || x != 0u)
+        return;
+    int blurred = 0;
+    float lean = 0.0;
+    uint all = FULL, any = 0u;
+    for (int k = 0; k < BLOCK; k++) {
+        lean += leans[y][k];
+        blurred += (facts[y][k] & BLURRED) != 0u ? 1 : 0;
+        all &= facts[y][k];
+        any |= facts[y][k];
+    }
+    lean = blurred > 0 ? clamp(lean / float(blurred), -LEAN_MAX, LEAN_MAX) : 0.0;
+    const bool smooth_all = all == FULL && (any & (ROUGH | OTHER)) == 0u;
+    cells[pixel_at(p) / BLOCK] = vec2(lean, (any & FULL) == 0u ? 0.0 : smooth_all ? 2.0 : 1.0);
 }

@@ -1,21 +1,36 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// plan.comp - which blocks a step blurs, by how many taps and how far apart: one invocation a block (x) and axis (y); mirror of `choose` in
-// blocks.h and `space` in kernels.c.
-//   in  0 geometry depth (mm), |Tx|, |D| (mm), material
-//   in  1 rate     px^2 per mm^2 of the variances: facing, along Tx, along D; 0
-//   in  2 table    share of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material
+// plan.comp - lengths on the surface along the two passes, Tx and D = Ty - lean Tx (mirror of the second half of measure.c); and which
+// blocks each of SCREEN_PLANNED steps blurs, by how many taps and how far apart (`choose` in blocks.h, `space` in kernels.c). A row of a
+// workgroup is a block: its invocations are pixels first, and then steps and axes. FORM 0: Gaussians, 1: seven taps, which need no plan,
+// 2: a separable kernel.
+//   in  0 place    depth (mm), material
+//   in  1 scale    px^2 per mm^2 of the variances
+//   in  2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
 //   in  3 lines    lean (px per px), pixels of smooth blocks along the row, down the column, 0
-//   out 4 plans    taps a side, pixels between them, lean of the taps (bits of a float), 0; axis 1 after axis 0
+//   in  4 table    share of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material; the last row's fourth:
+//                  extent of the separable kernel, mm
+//   out 5 across   depth (mm), |Tx|
+//   out 6 down     depth (mm), |D|
+//   out 7 plans    of each block, axis and step: taps a side and 65536 times the pixels between them, lean of the taps (bits of a float),
+//                  mm^2 before the step and after it (bits of floats): where its pixels differ -1, and 0 where the step blurs none. FORM 2:
+//                  how far taps go, px; lean; 0; 0
 #define USES_TABLE
-layout(local_size_x = 64) in;
-layout(set = 0, binding = 0) readonly buffer Geometry { vec4 geometry[]; };
-layout(set = 0, binding = 1) readonly buffer Rate { vec4 rate[]; };
-layout(set = 0, binding = 2) readonly buffer Table { vec4 table[]; };
+layout(local_size_x = 16, local_size_y = 8) in;
+layout(constant_id = 0) const int FORM = 0;
+layout(set = 0, binding = 0) readonly buffer Place { vec2 place[]; };
+layout(set = 0, binding = 1) readonly buffer Scale { float scale[]; };
+layout(set = 0, binding = 2) readonly buffer Slopes { vec4 slopes[]; };
 layout(set = 0, binding = 3) readonly buffer Lines { vec4 lines[]; };
-layout(set = 0, binding = 4) writeonly buffer Plans { ivec4 plans[]; };
+layout(set = 0, binding = 4) readonly buffer Table { vec4 table[]; };
+layout(set = 0, binding = 5) writeonly buffer Across { vec2 across[]; };
+layout(set = 0, binding = 6) writeonly buffer Down { vec2 down[]; };
+layout(set = 0, binding = 7) writeonly buffer Plans { ivec4 plans[]; };
 #include "methods/screen_space/common.glsl"
+
+// Of a pixel: scale, px^2 per mm^2 along Tx and along D, material.
+shared vec4 pixels[8][16];
 
 // Whether a line of taps stays in smooth blocks. Those of a leaning line are within the columns that it runs through.
 bool is_clear(int cell, int block, int blocks, int axis, float skew, float reach)
@@ -33,33 +48,105 @@ bool is_clear(int cell, int block, int blocks, int axis, float skew, float reach
     return true;
 }
 
-void main()
+// What all pixels of the block have applied before a step and after it, mm^2: after is 0 where the step blurs none, -1 where they differ.
+vec2 in_common(uint y, int step)
 {
-    const int cell = int(gl_GlobalInvocationID.x), axis = int(gl_GlobalInvocationID.y);
-    const int blocks = pc.width / BLOCK, cells = blocks * pc.height;
-    float most = 0.0, least = 1e30;
+    float low = 1e30, high = 0.0, owner = 0.0, before, before_high;
+    bool one = true;
 
-    if (cell >= cells)
-        return;
-    for (int i = cell * BLOCK; i < (cell + 1) * BLOCK; i++) {
-        const int material = int(geometry[i].w);
-        const float to_px = axis == 0 ? rate[i].y : rate[i].z;
-        float before;
-        if (!applied(material, rate[i].x, before) || !(to_px > 0.0))
+    for (int l = 0; l < BLOCK; l++) {
+        const vec4 pixel = pixels[y][l];
+        if (!(pixel.w > 0.0))
             continue;
-        const float low = before * to_px, add = (variance_of(pc.step, material) - before) * to_px;
-        most = max(most, add);
-        least = min(least, min(low, add));
+        one = one && (owner == 0.0 || owner == pixel.w);
+        owner = pixel.w;
+        low = min(low, pixel.x);
+        high = max(high, pixel.x);
     }
-    most += 0.1; // what the grid adds at most
-    const float reach = K_REACH * sqrt(max(most, S2_MIN));
+    if (owner == 0.0)
+        return vec2(0.0);
+    // Each choice depends on the scale monotonically: where the extremes agree in all of them, so do the pixels between.
+    const bool on = applied(step, int(owner), low, before), on_high = applied(step, int(owner), high, before_high);
+    if (!one || on != on_high || before != before_high)
+        return vec2(0.0, -1.0);
+    return vec2(before, on ? variance_of(step, int(owner)) : 0.0);
+}
+
+// Of variances in px^2 the largest that the step adds, and the smallest that was there or is added.
+vec2 range_of(uint y, int axis, int step, vec2 common_of)
+{
+    vec2 range = vec2(0.0, 1e30);
+
+    for (int l = 0; l < BLOCK; l++) {
+        const vec4 pixel = pixels[y][l];
+        const float to_px = axis == 0 ? pixel.y : pixel.z;
+        vec2 mm2 = common_of;
+        if (!(pixel.w > 0.0) || !(to_px > 0.0))
+            continue;
+        if (mm2.y < 0.0)
+            mm2.y = applied(step, int(pixel.w), pixel.x, mm2.x) ? variance_of(step, int(pixel.w)) : 0.0;
+        if (!(mm2.y > 0.0))
+            continue;
+        const float low = mm2.x * to_px, add = (mm2.y - mm2.x) * to_px;
+        range = vec2(max(range.x, add), min(range.y, min(low, add)));
+    }
+    return range;
+}
+
+ivec4 plan_of(int cell, int block, int blocks, uint y, int axis, int step)
+{
+    const vec2 common_of = in_common(y, step);
+    if (common_of.y == 0.0)
+        return ivec4(0);
+    const vec2 range = range_of(y, axis, step, common_of);
+    const float reach = K_REACH * sqrt(max(range.x + 0.1, S2_MIN)); // 0.1: what the grid adds at most
     // Under half a pixel to the side all taps are upright.
     const float skew = axis == 0 || abs(lines[cell].x) * reach < 0.5 ? 0.0 : lines[cell].x;
     // Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then.
-    const float dense = is_clear(cell, cell % blocks, blocks, axis, skew, reach) ? reach
-                        : reach > STRIDE_DENSE * TAPS_DENSE                      ? reach / TAPS_DENSE
-                                                                                 : STRIDE_DENSE;
-    const float pace = min(1.5 * sqrt(least), dense);
-    const int stride = pace >= 2.0 ? int(min(pace, 65536.0)) : 1;
-    plans[axis * cells + cell] = ivec4(int(min(reach, 262144.0) / float(stride)), stride, floatBitsToInt(skew), 0);
+    const float dense = is_clear(cell, block, blocks, axis, skew, reach) ? reach
+                        : reach > STRIDE_DENSE * TAPS_DENSE             ? reach / TAPS_DENSE
+                                                                        : STRIDE_DENSE;
+    const float pace = min(1.5 * sqrt(range.y), dense);
+    const int stride = pace >= 2.0 ? int(min(pace, 32767.0)) : 1;
+    return ivec4(int(min(reach / float(stride), 65535.0)) | stride << 16, floatBitsToInt(vec3(skew, common_of)));
+}
+
+ivec4 separable_of(int cell, uint y, int axis)
+{
+    float most = 0.0, extent = 0.0;
+
+    for (int l = 0; l < BLOCK; l++) {
+        const vec4 pixel = pixels[y][l];
+        if (!(pixel.w > 0.0))
+            continue;
+        most = max(most, axis == 0 ? pixel.y : pixel.z);
+        extent = max(extent, table[pc.total * pc.row + int(pixel.w)].w);
+    }
+    return ivec4(floatBitsToInt(vec2(min(extent * sqrt(most), 65536.0), axis == 0 ? 0.0 : lines[cell].x)), 0, 0);
+}
+
+void main()
+{
+    const ivec2 p = ivec2(gl_GlobalInvocationID.xy);
+    const uint x = gl_LocalInvocationID.x, y = gl_LocalInvocationID.y;
+    const int i = pixel_at(p), blocks = pc.width / BLOCK, cell = i / BLOCK;
+    const bool here = is_inside(p);
+
+    if (here) {
+        const vec4 s = slopes[i];
+        const vec2 own = place[i];
+        const float lean = lines[cell].x, mm = own.x * pc.depth_mm + pc.fixed_mm, facing = scale[i] * mm * mm;
+        const vec2 size2 = vec2(s.x, s.y + lean * (lean * s.x - 2.0 * s.z));
+        const vec2 size = sqrt(max(size2, vec2(0.0)));
+        across[i] = vec2(own.x, size.x);
+        down[i] = vec2(own.x, size.y);
+        pixels[y][x] =
+            vec4(scale[i], size2.x > 0.0 ? facing / size2.x : 0.0, size2.y > 0.0 ? facing / size2.y : 0.0, own.y);
+    }
+    barrier();
+    const int axis = int(x & 1u), slot = int(x >> 1);
+    if (!here || FORM == 1 || pc.planned + slot >= pc.end || (FORM == 2 && slot > 0))
+        return;
+    plans[(slot * 2 + axis) * (blocks * pc.height) + cell] =
+        FORM == 2 ? separable_of(cell, y, axis) : plan_of(cell, p.x / BLOCK, blocks, y, axis, pc.planned + slot);
 }

@@ -7,6 +7,8 @@
 
 #include "shared/language.h"
 
+#define SCREEN_PLANNED 8 /* steps that one pass of plan.comp plans */
+
 /* The grid is the part of the picture that holds the frame's rectangle, from a multiple of 16 pixels on: blocks of 16 pixels of a row. */
 struct screen_push {
     int32_t width, height;                 /* of the grid, px; the width is a multiple of 16 */
@@ -15,11 +17,13 @@ struct screen_push {
     int32_t row;                           /* entries of a row of the table: materials + 1 */
     int32_t base;                          /* first row of this frame's steps */
     int32_t total;                         /* the row of the profiles' totals */
-    int32_t step;
-    int32_t fresh; /* nothing is in the sum yet */
-    int32_t whole; /* the step's result is all of the sum: to be looked at */
+    int32_t step;                          /* or term of the separable kernel */
+    int32_t planned;                       /* the first step that plans are of */
+    int32_t end;                           /* behind the last step */
+    int32_t whole;                         /* the step's result is all of the sum: to be looked at */
     int32_t orthographic;
     int32_t strength;         /* counts, else it is 1 */
+    int32_t rank, taps;       /* of the separable kernel */
     float depth_mm, fixed_mm; /* mm per pixel = depth * depth_mm + fixed_mm */
     float ratio2;             /* scales all variances */
     float skip;               /* px^2: a step that adds less is left out */

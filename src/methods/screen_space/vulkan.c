@@ -5,21 +5,29 @@
  */
 #include "methods/gpu_planes.h"
 #include "methods/screen_space/chain.h"
+#include "methods/screen_space/factors.h"
 #include "methods/screen_space/push.h"
 
 #include <string.h>
 
-enum { CELLS_GROUP = 64, GROUP_X = 16, GROUP_Y = 8, GROUPS_MOST = 65535 };
+enum {
+    LINES_ACROSS = 4096,                       /* workgroups of lines.comp in a row, at most */
+    FACTOR_SIZE = 2 + 3 * SCREEN_FACTOR_PARTS, /* vectors of a factor: see separable.comp */
+};
 
 enum buffer {
     TABLE_UP,
     TABLE,
+    FACTORS_UP,
+    FACTORS,
     PLACE,
-    RATE,
-    GEOMETRY,
+    SCALE,
+    SLOPES,
     CELLS,
     LINES,
     PLANS,
+    ALONG_X,
+    ALONG_D,
     NOW,
     HALF,
     SUM,
@@ -28,7 +36,7 @@ enum buffer {
     SURFACE /* the frame's planes */
 };
 
-/* Of the table, which is as large as the chain, nothing is said here. */
+/* Of the tables, which are as large as chains and kernels, nothing is said here. */
 static const struct {
     const char *name;
     enum pell_gpu_place place;
@@ -36,38 +44,39 @@ static const struct {
 } buffer_rows[BUFFERS] = {
     [TABLE_UP] = { "screen-space steps, upload", PELL_GPU_TO_DEVICE, 0, 0 },
     [TABLE] = { "screen-space steps", PELL_GPU_ON_DEVICE, 0, 0 },
-    [PLACE] = { "screen-space place", PELL_GPU_ON_DEVICE, 16, 0 },
-    [RATE] = { "screen-space rate", PELL_GPU_ON_DEVICE, 16, 0 },
-    [GEOMETRY] = { "screen-space geometry", PELL_GPU_ON_DEVICE, 16, 0 },
+    [FACTORS_UP] = { "screen-space kernel, upload", PELL_GPU_TO_DEVICE, 0, 0 },
+    [FACTORS] = { "screen-space kernel", PELL_GPU_ON_DEVICE, 0, 0 },
+    [PLACE] = { "screen-space place", PELL_GPU_ON_DEVICE, 8, 0 },
+    [SCALE] = { "screen-space scale", PELL_GPU_ON_DEVICE, 4, 0 },
+    [SLOPES] = { "screen-space slopes", PELL_GPU_ON_DEVICE, 16, 0 },
     [CELLS] = { "screen-space blocks", PELL_GPU_ON_DEVICE, 0, 8 },
     [LINES] = { "screen-space lines", PELL_GPU_ON_DEVICE, 0, 16 },
-    [PLANS] = { "screen-space plans", PELL_GPU_ON_DEVICE, 0, 32 },
+    [PLANS] = { "screen-space plans", PELL_GPU_ON_DEVICE, 0, 2 * 16 * SCREEN_PLANNED },
+    [ALONG_X] = { "screen-space lengths along x", PELL_GPU_ON_DEVICE, 8, 0 },
+    [ALONG_D] = { "screen-space lengths down", PELL_GPU_ON_DEVICE, 8, 0 },
     [NOW] = { "screen-space now", PELL_GPU_ON_DEVICE, 16, 0 },
     [HALF] = { "screen-space half", PELL_GPU_ON_DEVICE, 16, 0 },
     [SUM] = { "screen-space sum", PELL_GPU_ON_DEVICE, 16, 0 },
 };
 
-extern const struct pell_shader pell_screen_space_load_shader, pell_screen_space_measure_shader, pell_screen_space_cells_shader,
-    pell_screen_space_lean_shader, pell_screen_space_clear_shader, pell_screen_space_size_shader, pell_screen_space_plan_shader,
-    pell_screen_space_blur_shader;
+extern const struct pell_shader pell_screen_space_load_shader, pell_screen_space_measure_shader, pell_screen_space_lines_shader,
+    pell_screen_space_plan_shader, pell_screen_space_blur_shader, pell_screen_space_separable_shader;
 
-enum pass { LOAD, MEASURE, CELL, LEAN, CLEAR, SIZE, PLAN, ACROSS, DOWN, PASSES };
+enum pass { LOAD, MEASURE, LINE, PLAN, ACROSS, DOWN, TERM_ACROSS, TERM_DOWN, PASSES };
+enum form { GAUSSIANS, LISTING, SEPARABLE }; /* constant FORM of plan.comp */
 
 static const struct {
     const struct pell_shader *shader;
-    enum buffer buffers[7]; /* as its bindings */
-    uint32_t axis;
-    bool special; /* has the constants AXIS and PAPER */
+    enum buffer buffers[8]; /* as its bindings */
 } pass_rows[PASSES] = {
-    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, PLACE, NOW }, 0, false },
-    [MEASURE] = { &pell_screen_space_measure_shader, { PLACE, RATE }, 0, false },
-    [CELL] = { &pell_screen_space_cells_shader, { PLACE, RATE, CELLS }, 0, false },
-    [LEAN] = { &pell_screen_space_lean_shader, { CELLS, LINES }, 0, false },
-    [CLEAR] = { &pell_screen_space_clear_shader, { CELLS, LINES }, 0, false },
-    [SIZE] = { &pell_screen_space_size_shader, { PLACE, LINES, RATE, GEOMETRY }, 0, false },
-    [PLAN] = { &pell_screen_space_plan_shader, { GEOMETRY, RATE, TABLE, LINES, PLANS }, 0, false },
-    [ACROSS] = { &pell_screen_space_blur_shader, { GEOMETRY, RATE, TABLE, PLANS, NOW, HALF, SUM }, 0, true },
-    [DOWN] = { &pell_screen_space_blur_shader, { GEOMETRY, RATE, TABLE, PLANS, HALF, NOW, SUM }, 1, true },
+    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, PLACE, SCALE, NOW, SUM } },
+    [MEASURE] = { &pell_screen_space_measure_shader, { PLACE, SCALE, SLOPES, CELLS } },
+    [LINE] = { &pell_screen_space_lines_shader, { CELLS, LINES } },
+    [PLAN] = { &pell_screen_space_plan_shader, { PLACE, SCALE, SLOPES, LINES, TABLE, ALONG_X, ALONG_D, PLANS } },
+    [ACROSS] = { &pell_screen_space_blur_shader, { ALONG_X, ALONG_X, SCALE, TABLE, PLANS, NOW, HALF, SUM } },
+    [DOWN] = { &pell_screen_space_blur_shader, { ALONG_D, ALONG_X, SCALE, TABLE, PLANS, HALF, NOW, SUM } },
+    [TERM_ACROSS] = { &pell_screen_space_separable_shader, { ALONG_X, ALONG_D, SCALE, FACTORS, PLANS, NOW, HALF, SUM } },
+    [TERM_DOWN] = { &pell_screen_space_separable_shader, { ALONG_D, ALONG_X, SCALE, FACTORS, PLANS, HALF, NOW, SUM } },
 };
 
 struct vec4 {
@@ -79,6 +88,8 @@ struct screen_gpu {
     const struct pell_services *services;
     struct pell_gpu *gpu;
     struct screen_chain chain;
+    struct screen_factors factors; /* with kernel=separable */
+    enum form form;
     struct pell_gpu_planes planes;
     struct pell_gpu_buffer *buffers[BUFFERS];
     struct pell_gpu_pass *passes[PASSES];
@@ -102,6 +113,7 @@ static void gpu_destroy(void *state)
         pell_gpu_buffer_destroy(&st->buffers[i]);
     pell_gpu_planes_finish(&st->planes);
     pell_free(st->ctx, st->scales);
+    pell_ss_factors_finish(st->ctx, &st->factors);
     pell_ss_chain_finish(&st->chain);
     pell_free(st->ctx, st);
 }
@@ -111,20 +123,28 @@ static uint64_t table_size(const struct screen_gpu *st)
     return (uint64_t) (SCREEN_PREBLUR + st->chain.steps + 1) * (st->chain.num_materials + 1) * sizeof(struct vec4);
 }
 
+static uint64_t factors_size(const struct screen_gpu *st)
+{
+    return (uint64_t) (st->chain.num_materials + 1) * (uint64_t) st->factors.rank * FACTOR_SIZE * sizeof(struct vec4);
+}
+
+static bool is_needed(const struct screen_gpu *st, enum buffer which)
+{
+    return st->form == SEPARABLE || (which != FACTORS && which != FACTORS_UP);
+}
+
 static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_frame_shape *shape)
 {
     const uint64_t blocks = ((uint64_t) shape->width + SCREEN_BLOCK - 1) / SCREEN_BLOCK * (uint64_t) shape->height;
     enum pell_result res = PELL_OK;
 
-    if (blocks > (uint64_t) GROUPS_MOST * CELLS_GROUP)
-        return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, "screen-space", "use a smaller picture, or --engine cpu",
-                          "%d x %d pixels, the engine vulkan takes %lld at most", shape->width, shape->height,
-                          (long long) GROUPS_MOST * CELLS_GROUP * SCREEN_BLOCK);
     for (int i = 0; res == PELL_OK && i < BUFFERS; i++) {
-        const uint64_t size = i == TABLE || i == TABLE_UP
-                                  ? table_size(st)
+        const uint64_t size = i == TABLE || i == TABLE_UP ? table_size(st)
+                              : i == FACTORS || i == FACTORS_UP
+                                  ? factors_size(st)
                                   : blocks * (uint64_t) (buffer_rows[i].of_pixel * SCREEN_BLOCK + buffer_rows[i].of_block);
-        res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &st->buffers[i]);
+        if (is_needed(st, i))
+            res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &st->buffers[i]);
     }
     return res;
 }
@@ -136,17 +156,25 @@ static struct pell_gpu_buffer *buffer_of(const struct screen_gpu *st, enum buffe
                               : st->buffers[which];
 }
 
+static bool is_used(const struct screen_gpu *st, enum pass pass)
+{
+    return st->form == SEPARABLE ? pass != ACROSS && pass != DOWN : pass != TERM_ACROSS && pass != TERM_DOWN;
+}
+
 static enum pell_result make_passes(struct screen_gpu *st)
 {
     enum pell_result res = PELL_OK;
 
     for (int i = 0; res == PELL_OK && i < PASSES; i++) {
-        const uint32_t constants[2] = { pass_rows[i].axis, (uint32_t) st->chain.forms };
+        const uint32_t first = i == PLAN ? st->form : i == DOWN || i == TERM_DOWN, constants[2] = { first, (uint32_t) st->chain.forms };
+        const size_t count = i == ACROSS || i == DOWN ? 2 : i == PLAN || i == TERM_ACROSS || i == TERM_DOWN ? 1 : 0;
         struct pell_gpu_buffer *buffers[PELL_COUNT(pass_rows[i].buffers)];
 
+        if (!is_used(st, i))
+            continue;
         for (size_t k = 0; k < PELL_COUNT(buffers); k++)
             buffers[k] = buffer_of(st, pass_rows[i].buffers[k]);
-        res = pell_gpu_pass_create(st->gpu, pass_rows[i].shader, constants, pass_rows[i].special ? 2 : 0, buffers, &st->passes[i]);
+        res = pell_gpu_pass_create(st->gpu, pass_rows[i].shader, constants, count, buffers, &st->passes[i]);
     }
     return res;
 }
@@ -161,7 +189,24 @@ static void fill_table(const struct screen_gpu *st)
     for (size_t i = 0; i < steps; i++)
         table[i] = (struct vec4) { c->blend[i][0], c->blend[i][1], c->blend[i][2], c->variance[i] };
     for (size_t m = 0; m < row; m++)
-        table[steps + m] = (struct vec4) { c->total[m][0], c->total[m][1], c->total[m][2], 0.0f };
+        table[steps + m] =
+            (struct vec4) { c->total[m][0], c->total[m][1], c->total[m][2], st->form == SEPARABLE ? st->factors.extent_mm[m] : 0.0f };
+}
+
+/* The kernel's factors, as separable.comp has them. */
+static void fill_factors(const struct screen_gpu *st)
+{
+    const size_t count = (st->chain.num_materials + 1) * (size_t) st->factors.rank;
+    struct vec4 *to = pell_gpu_buffer_host(st->buffers[FACTORS_UP]);
+
+    for (size_t i = 0; i < count; i++) {
+        const struct screen_factor *f = &st->factors.factor[i];
+        *to++ = (struct vec4) { f->pass[0], f->pass[1], f->pass[2], st->factors.extent_mm[i / (size_t) st->factors.rank] };
+        *to++ = (struct vec4) { f->sign[0], f->sign[1], f->sign[2], 0.0f };
+        for (int k = 0; k < SCREEN_FACTOR_PARTS; k++)
+            for (int c = 0; c < 3; c++)
+                *to++ = (struct vec4) { f->cubic[c][0][k], f->cubic[c][1][k], f->cubic[c][2][k], f->cubic[c][3][k] };
+    }
 }
 
 static enum pell_result gpu_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
@@ -180,11 +225,13 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     st->services = services;
     st->gpu = services->gpu;
     c = &st->chain;
-    if (chosen->kernel == SCREEN_KERNEL_SEPARABLE || (chosen->rotate && chosen->edges == SCREEN_EDGES_PAPER))
+    st->form = chosen->kernel == SCREEN_KERNEL_SEPARABLE ? SEPARABLE : chosen->edges == SCREEN_EDGES_PAPER ? LISTING : GAUSSIANS;
+    if (chosen->rotate && st->form != GAUSSIANS)
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "screen-space", "use --engine cpu, or leave the knob as it is by default",
-                          "the engine vulkan has no %s",
-                          chosen->kernel == SCREEN_KERNEL_SEPARABLE ? "kernel=separable, only gaussians" : "rotate=on");
+                          "the engine vulkan has no rotate=on");
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
+    if (st->form == SEPARABLE)
+        PELL_TRY(pell_ss_factors_make(c, shape, &st->factors));
     st->push = (struct screen_push) {
         .picture_width = shape->width,
         .picture_height = shape->height,
@@ -192,6 +239,8 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
         .total = SCREEN_PREBLUR + c->steps,
         .orthographic = shape->orthographic,
         .strength = c->knobs.strength,
+        .rank = st->factors.rank,
+        .taps = c->knobs.taps,
         .depth_mm = c->depth_mm,
         .fixed_mm = c->fixed_mm,
         .ratio2 = c->ratio2,
@@ -208,6 +257,8 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     PELL_TRY(pell_gpu_planes_make(services, shape, &st->planes));
     PELL_TRY(make_passes(st));
     fill_table(st);
+    if (st->form == SEPARABLE)
+        fill_factors(st);
     return services->planes ? PELL_OK : pell_gpu_commands_create(st->gpu, "screen-space", &st->commands);
 
 fail:
@@ -257,41 +308,54 @@ static void set_grid(struct screen_gpu *st)
 
 static void run_pixels(struct screen_gpu *st, struct pell_gpu_commands *c, enum pass pass)
 {
-    pell_gpu_run(c, st->passes[pass], &st->push, pell_gpu_groups(st->push.width, GROUP_X), pell_gpu_groups(st->push.height, GROUP_Y), 1);
+    const uint32_t *group = pass_rows[pass].shader->local;
+
+    pell_gpu_run(c, st->passes[pass], &st->push, pell_gpu_groups(st->push.width, (int) group[0]),
+                 pell_gpu_groups(st->push.height, (int) group[1]), 1);
 }
 
-static void run_cells(struct screen_gpu *st, struct pell_gpu_commands *c, enum pass pass, uint32_t axes)
+static void run_lines(struct screen_gpu *st, struct pell_gpu_commands *c)
 {
-    const int64_t cells = (int64_t) st->push.width / SCREEN_BLOCK * st->push.height;
+    const int64_t lines = (int64_t) st->push.height + st->push.width / SCREEN_BLOCK, across = lines < LINES_ACROSS ? lines : LINES_ACROSS;
 
-    pell_gpu_run(c, st->passes[pass], &st->push, pell_gpu_groups(cells, CELLS_GROUP), axes, 1);
+    pell_gpu_run(c, st->passes[LINE], &st->push, (uint32_t) across, pell_gpu_groups(lines, (int) across), 1);
+}
+
+static const char *step_name(const struct screen_gpu *st, int step, int preblur)
+{
+    return st->form == SEPARABLE ? pell_ss_term_name(step) : pell_ss_step_name(step, preblur);
 }
 
 /* Records all from the frame's planes to the step before `steps.end`, and the copy of what came of it. `whole`: see struct screen_push. */
 static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, struct steps steps, bool whole)
 {
+    const bool separable = st->form == SEPARABLE;
+
     st->push.base = SCREEN_PREBLUR - steps.preblur;
     st->push.whole = whole;
+    st->push.planned = steps.first;
+    st->push.end = steps.end;
+    pell_gpu_copy(c, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
+    if (separable)
+        pell_gpu_copy(c, st->buffers[FACTORS_UP], st->buffers[FACTORS], factors_size(st));
     pell_gpu_mark(c, "load");
     run_pixels(st, c, LOAD);
     pell_gpu_mark(c, "measure");
     run_pixels(st, c, MEASURE);
-    run_cells(st, c, CELL, 1);
-    run_cells(st, c, LEAN, 1);
-    pell_gpu_run(c, st->passes[CLEAR], &st->push, pell_gpu_groups((int64_t) st->push.height + st->push.width / SCREEN_BLOCK, CELLS_GROUP),
-                 1, 1);
-    run_pixels(st, c, SIZE);
+    run_lines(st, c);
+    run_pixels(st, c, PLAN);
     for (int step = steps.first; step < steps.end; step++) {
-        pell_gpu_mark(c, pell_ss_step_name(step, steps.preblur));
+        pell_gpu_mark(c, step_name(st, step, steps.preblur));
         st->push.step = step;
-        st->push.fresh = step == steps.first;
-        if (!(st->chain.forms & SCREEN_FORM_PAPER_EDGES))
-            run_cells(st, c, PLAN, 2);
-        run_pixels(st, c, ACROSS);
-        run_pixels(st, c, DOWN);
+        if (st->form == GAUSSIANS && step == st->push.planned + SCREEN_PLANNED) {
+            st->push.planned = step;
+            run_pixels(st, c, PLAN);
+        }
+        run_pixels(st, c, separable ? TERM_ACROSS : ACROSS);
+        run_pixels(st, c, separable ? TERM_DOWN : DOWN);
     }
     pell_gpu_mark(c, "download");
-    pell_gpu_planes_download(&st->planes, c, st->buffers[steps.first < steps.end ? SUM : NOW]);
+    pell_gpu_planes_download(&st->planes, c, st->buffers[SUM]);
 }
 
 /* Runs them, and brings what came of it to three planes. */
@@ -302,7 +366,6 @@ static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool
 
     PELL_TRY(pell_gpu_begin(c));
     pell_gpu_mark(c, "upload");
-    pell_gpu_copy(c, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
     pell_gpu_planes_upload(&st->planes, c);
     record_steps(st, c, steps, whole);
     PELL_TRY(pell_gpu_finish(c));
@@ -313,18 +376,26 @@ fail:
     return res;
 }
 
+/* Those of a frame in which the largest pixel is `scale` px^2 per mm^2: blurs, or the kernel's terms. */
+static struct steps choose_steps(const struct screen_gpu *st, float scale)
+{
+    struct steps steps = { .end = st->factors.rank };
+
+    if (st->form == SEPARABLE)
+        return steps;
+    pell_ss_chain_choose(&st->chain, scale, &steps.preblur, &steps.first);
+    steps.end = steps.preblur + st->chain.steps;
+    return steps;
+}
+
 /* On a program's own device: the grid is the whole picture. */
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float nearest)
 {
     struct screen_gpu *st = state;
-    struct steps steps;
 
     pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->push.picture_height);
     set_grid(st);
-    pell_ss_chain_choose(&st->chain, scale_of(&st->push, nearest, 1.0f), &steps.preblur, &steps.first);
-    steps.end = steps.preblur + st->chain.steps;
-    pell_gpu_copy(commands, st->buffers[TABLE_UP], st->buffers[TABLE], table_size(st));
-    record_steps(st, commands, steps, false);
+    record_steps(st, commands, choose_steps(st, scale_of(&st->push, nearest, 1.0f)), false);
 }
 
 /* Each step's result by itself. */
@@ -336,7 +407,7 @@ static enum pell_result show_blurs(struct screen_gpu *st, const struct pell_fram
     enum pell_result res = planes ? PELL_OK : PELL_ERR_NOMEM;
 
     for (int step = steps.first; step < steps.end && res == PELL_OK; step++) {
-        res = run_list(st, (struct steps) { steps.first, step + 1, steps.preblur }, true, to);
+        res = run_list(st, (struct steps) { steps.first, step + 1, steps.preblur }, st->form != SEPARABLE, to);
         if (res == PELL_OK)
             res = pell_ss_show(&st->chain, st->services, in, (const float *const *) to, 0, step, steps.preblur);
     }
@@ -346,11 +417,12 @@ static enum pell_result show_blurs(struct screen_gpu *st, const struct pell_fram
 
 static int bytes_of(const char *mark)
 {
-    return !strcmp(mark, "upload")     ? 48
-           : !strcmp(mark, "load")     ? 56
-           : !strcmp(mark, "measure")  ? 128
-           : !strcmp(mark, "download") ? 32
-                                       : 176;
+    return !strcmp(mark, "upload")       ? 48
+           : !strcmp(mark, "load")       ? 68
+           : !strcmp(mark, "measure")    ? 72
+           : !strcmp(mark, "download")   ? 32
+           : !strncmp(mark, "kernel", 6) ? 108
+                                         : 128;
 }
 
 static enum pell_result gpu_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
@@ -367,8 +439,7 @@ static enum pell_result gpu_render(void *state, const struct pell_frame *in, con
     set_grid(st);
     for (int row = 0; row < st->planes.height; row++)
         most = st->scales[row] > most ? st->scales[row] : most;
-    pell_ss_chain_choose(&st->chain, most, &steps.preblur, &steps.first);
-    steps.end = steps.preblur + st->chain.steps;
+    steps = choose_steps(st, most);
     res = pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
     if (res == PELL_OK && pell_services_observed(st->services, in))
         res = show_blurs(st, in, steps);

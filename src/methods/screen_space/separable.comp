@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// separable.comp - one of the two passes of a term of a separable kernel: Jimenez, Zsolnai, Jarabo et al., "Separable Subsurface
+// Scattering", 2015, section 4; README.md has the mathematics; mirror of separable.c. AXIS 0: along x; 1: along D, and into the sum of the terms.
+//   in     0 geometry depth (mm), length on the surface along this axis (mm)
+//   in     1 other    depth (mm), length along the other axis (mm)
+//   in     2 scale    px^2 per mm^2 of the variances
+//   in     3 factors  of each material and term: integral over all x (R, G, B), extent (mm); sign (R, G, B), 0; of
+//                     SCREEN_FACTOR_PARTS cubics (factors.h) the coefficients for R, G and B
+//   in     4 plans    how far taps go (px), lean of the taps (bits of floats), 0, 0
+//   in     5 from     light, W/m^2 or W/(m^2 sr); material
+//   out    6 to       AXIS 0: the pass's result, material
+//   in/out 7 sum      AXIS 1: the sum of the terms so far, 0
+layout(local_size_x = 16, local_size_y = 8) in;
+layout(constant_id = 0) const int AXIS = 0;
+layout(set = 0, binding = 0) readonly buffer Geometry { vec2 geometry[]; };
+layout(set = 0, binding = 1) readonly buffer Other { vec2 other[]; };
+layout(set = 0, binding = 2) readonly buffer Scale { float scale[]; };
+layout(set = 0, binding = 3) readonly buffer Factors { vec4 factors[]; };
+layout(set = 0, binding = 4) readonly buffer Plans { ivec4 plans[]; };
+layout(set = 0, binding = 5) readonly buffer From { vec4 from[]; };
+layout(set = 0, binding = 6) writeonly buffer To { vec4 to[]; };
+layout(set = 0, binding = 7) buffer Sum { vec4 sum[]; };
+#include "methods/screen_space/common.glsl"
+
+const int PARTS = SCREEN_FACTOR_PARTS;
+
+// The pixel that is blurred.
+struct Centre {
+    ivec2 p;
+    vec2 own;     // depth, length along the axis, mm
+    float beside; // AXIS 1: |Tx|
+    vec4 light;   // with its material
+    vec2 t;       // slopes of its ray
+    float per_mm; // of the kernel's extent, by the pixel's scale
+    int first;    // of the factor's cubics
+};
+
+struct Gathered {
+    vec3 light, weight;
+};
+
+// Light between two shares of the factor's extent.
+vec3 between(int first, float near, float far)
+{
+    const vec2 place = sqrt(min(vec2(near, far), vec2(1.0))) * float(PARTS);
+    const ivec2 k = ivec2(min(place, vec2(PARTS - 1)));
+    const vec2 t = place - vec2(k);
+    vec3 light;
+
+    for (int c = 0; c < 3; c++) {
+        const vec4 low = factors[first + 3 * k.x + c], high = factors[first + 3 * k.y + c];
+        light[c] = (high.x + t.y * (high.y + t.y * (high.z + t.y * high.w))) - (low.x + t.x * (low.y + t.x * (low.z + t.x * low.w)));
+    }
+    return light;
+}
+
+// The tap `ahead` pixels along the line, which stands for all between two edges.
+void tap(const Centre c, int ahead, float skew, vec2 edge, inout Gathered g)
+{
+    const ivec2 offset = AXIS == 0 ? ivec2(ahead, 0) : ivec2(int(floor(0.5 - float(ahead) * skew)), ahead);
+
+    if (!is_inside(c.p + offset))
+        return;
+    const int i = pixel_at(c.p + offset);
+    const vec4 light = from[i];
+    const vec2 there = geometry[i];
+    if (light.w != c.light.w || !(there.y > 0.0))
+        return;
+    const float h = there.x * pc.depth_mm + pc.fixed_mm, dz = there.x - c.own.x;
+    const vec3 way = vec3(h * vec2(offset) + dz * c.t, dz);
+    // From where the line is to the pixel that stands for it.
+    const float beside = AXIS == 0 ? 0.0 : (float(offset.x) + float(ahead) * skew) * c.beside;
+    const float apart = sqrt(max(dot(way, way) - beside * beside, 0.0)) / abs(float(ahead));
+    if (!(apart > 0.0))
+        return;
+    const vec3 weight = between(c.first, edge.x * apart * c.per_mm, edge.y * apart * c.per_mm) * (there.y / apart);
+    g.weight += weight;
+    g.light += weight * light.rgb;
+}
+
+// The i-th tap's distance on either side, px: every pixel while that makes no more than pc.taps, else taps that are dense in the middle, at
+// squares.
+int place_of(int i, int before, float reach)
+{
+    const float part = float(i) / (float(pc.taps) + 0.5), square = reach * part * part;
+    const int at = reach > float(pc.taps) + 0.5 && square > float(i) ? int(square + 0.5) : i;
+
+    return max(at, before + 1);
+}
+
+Gathered gather(const Centre c, float reach, float skew)
+{
+    const bool sparse = reach > float(pc.taps) + 0.5;
+    Gathered g = Gathered(vec3(0.0), vec3(0.0));
+    float near = 0.5;
+    int at = 0, next = reach > 0.0 ? place_of(1, 0, reach) : 0;
+
+    for (int i = 1; i <= pc.taps && float(at) < reach; i++) {
+        at = next;
+        const bool last = i == pc.taps || !(float(at) < reach);
+        next = last ? at : place_of(i + 1, at, reach);
+        // The last one stands for all that is left.
+        const float far = last ? (sparse ? reach : float(at) + 0.5) : 0.5 * float(at + next);
+        tap(c, -at, skew, vec2(near, far), g);
+        tap(c, at, skew, vec2(near, far), g);
+        near = far;
+    }
+    return g;
+}
+
+void main()
+{
+    const ivec2 p = ivec2(gl_GlobalInvocationID.xy);
+    const int i = pixel_at(p), term = pc.step;
+
+    if (!is_inside(p))
+        return;
+    const vec4 light = from[i];
+    if (!(light.w > 0.0)) {
+        if (AXIS == 0)
+            to[i] = vec4(0.0);
+        return;
+    }
+    const int head = (int(light.w) * pc.rank + term) * (2 + 3 * PARTS);
+    const vec4 pass = factors[head];
+    const vec2 own = geometry[i], beside = other[i];
+    const vec2 plan = intBitsToFloat(plans[AXIS * (pc.width / BLOCK * pc.height) + i / BLOCK].xy);
+    const float mm = own.x * pc.depth_mm + pc.fixed_mm, extent = pass.w, size = scale[i];
+    Gathered g = Gathered(vec3(0.0), vec3(0.0));
+    if (size > 0.0 && extent > 0.0 && own.y > 0.0 && beside.y > 0.0)
+        g = gather(Centre(p, own, beside.y, light, ray_of(p), 1.0 / (extent * sqrt(size) * mm), head + 2), plan.x, plan.y);
+    // What the taps do not bring stays.
+    vec3 result = g.light + (pass.rgb - g.weight) * light.rgb;
+    for (int c = 0; c < 3; c++)
+        if (term == 0 && pass[c] > 0.0 && g.weight[c] > pass[c]) // where lengths vary too fast
+            result[c] = g.light[c] * (pass[c] / g.weight[c]);
+    if (AXIS == 0)
+        to[i] = vec4(result, light.w);
+    else
+        sum[i] = vec4((term > 0 ? sum[i].rgb : vec3(0.0)) + factors[head + 1].rgb * result, 0.0);
+}
