@@ -131,7 +131,7 @@ static int list_new_library(struct dl_phdr_info *info, size_t size, void *user)
         if (list->before->base[i] == info->dlpi_addr)
             return 0;
     if (info->dlpi_name && info->dlpi_name[0] && strlen(info->dlpi_name) < PATH_MOST)
-        strcpy(list->path[list->count++], info->dlpi_name);
+        memcpy(list->path[list->count++], info->dlpi_name, strlen(info->dlpi_name) + 1);
     return list->count == NEW_MOST;
 }
 

@@ -55,10 +55,24 @@ static void slanting(struct stage *s)
     stage_camera(s, vec3(90, 90, 130), vec3(0, 0, 0), 0.4f, 0.0f);
 }
 
+/* A plate of marble, 3 mm thick and bent by a ball of another material that it hides, lit from behind and from in front. */
+static void lit_from_behind(struct stage *s)
+{
+    size_t plate, ball;
+
+    stage_medium(s, "marble", &plate);
+    stage_gaussians(s, 1.0, &ball)->strength = 0.6f;
+    stage_box(s, plate, 0, vec3(-30, -30, -3), vec3(30, 30, 0));
+    stage_ball(s, ball, 1, vec3(12, -8, 1), 9.0f, 20);
+    stage_light(s, PELL_LIGHT_POINT, vec3(-20, 30, -60), vec3(0, 0, 0), 30.0f);
+    stage_light(s, PELL_LIGHT_SPOT, vec3(40, 30, 60), vec3(0, 0, 0), 0.3f);
+    stage_camera(s, vec3(15, 10, 100), vec3(0, 0, 0), 0.5f, 0.0f);
+}
+
 static const struct {
     const char *name;
     void (*make)(struct stage *s);
-} scenes[] = { { "slabs", slabs }, { "ball and box", ball_and_box }, { "slanting", slanting } };
+} scenes[] = { { "slabs", slabs }, { "ball and box", ball_and_box }, { "slanting", slanting }, { "lit from behind", lit_from_behind } };
 
 static const struct {
     const char *method, *name, *knobs[5];
@@ -70,6 +84,11 @@ static const struct {
     { "screen-space", "irradiance, paper's edges, no strength", { "edges=paper", "strength=false", NULL } },
     { "screen-space", "a separable kernel", { "kernel=separable", NULL } },
     { "screen-space", "of rank 3 and few taps", { "kernel=separable", "rank=3", "taps=5", NULL } },
+    { "texture-space", "best", { "size=128", NULL } },
+    { "texture-space", "paper", { "as=paper", "size=128", NULL } },
+    { "texture-space", "by maps, sum of lights, Gaussians", { "size=128", "tsm=map", "lights=sum", "through=gaussian", NULL } },
+    { "texture-space", "linear fade, sharp, no strength", { "size=128", "fade=linear", "soften=false", "strength=false", NULL } },
+    { "texture-space", "without transmission or stretch", { "size=128", "tsm=off", "stretch=false", NULL } },
     { "image-space", "best", { NULL } },
     { "image-space", "paper", { "as=paper", NULL } },
     { "image-space", "views of lights", { "views=eye+lights", "view-size=64", "samples=8", NULL } },

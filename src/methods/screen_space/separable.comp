@@ -2,7 +2,8 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // separable.comp - one of the two passes of a term of a separable kernel: Jimenez, Zsolnai, Jarabo et al., "Separable Subsurface
-// Scattering", 2015, section 4; README.md has the mathematics; mirror of separable.c. AXIS 0: along x; 1: along D, and into the sum of the terms.
+// Scattering", 2015, section 4; README.md has the mathematics; mirror of separable.c. AXIS 0: along x; 1: along D, and into the sum of
+// the terms.
 //   in     0 geometry depth (mm), length on the surface along this axis (mm)
 //   in     1 other    depth (mm), length along the other axis (mm)
 //   in     2 scale    px^2 per mm^2 of the variances

@@ -421,7 +421,7 @@ static int bytes_of(const char *mark)
            : !strcmp(mark, "load")       ? 68
            : !strcmp(mark, "measure")    ? 72
            : !strcmp(mark, "download")   ? 32
-           : !strncmp(mark, "kernel", 6) ? 108
+           : !strncmp(mark, "kernel", 6) ? 104
                                          : 128;
 }
 

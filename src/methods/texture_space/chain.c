@@ -1,118 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
  * chain.c - the chain of blurs: each level blurs what the one before left, adds its share to the sum, and transmits its share through thin
- * parts. The inner loops of the blurs are in kernels.c.
+ * parts. What it is made of runs on an engine (struct ts_runner).
  */
 #include "methods/texture_space/state.h"
 
 #include <string.h>
 
-#define FADE 6.0f             /* standard deviations at which transmitted light counts in full */
 #define SOFT (1.0 / 3.0)      /* of the widest blur's width */
 #define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight that reaches no further is left out */
-
-enum { CHUNK = 4096 };
-
-struct chain {
-    struct ts_state *st;
-    const struct ts_solid *solid;
-    float *const *now; /* what is blurred next: st->light at first, st->now later */
-    int planes;        /* of what the chain starts with */
-    int level;         /* in the profile */
-    bool down;
-    bool scaled; /* by strength */
-};
-
-static void blur_rows(void *arg, int band, int worker)
-{
-    const struct chain *p = arg;
-    const struct ts_atlas *a = p->solid->atlas;
-
-    (void) worker;
-    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
-        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++) {
-            if (p->down)
-                p->st->kernels->down(&p->st->work, y, a->runs[r].from, a->runs[r].to);
-            else
-                p->st->kernels->across(&p->st->work, y, a->runs[r].from, a->runs[r].to);
-        }
-}
-
-/* The paper's taps blur the stretch as well: texels per mm, along x and y. */
-static void start_rows(void *arg, int band, int worker)
-{
-    const struct chain *p = arg;
-    struct ts_state *st = p->st;
-    const struct ts_atlas *a = p->solid->atlas;
-
-    (void) worker;
-    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
-        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++) {
-            const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
-            const size_t n = (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK;
-            for (int c = 0; c < st->work.planes - 2; c++)
-                if (c < p->planes)
-                    memcpy(st->now[c] + at, p->now[c] + at, n * sizeof(float));
-                else
-                    memset(st->now[c] + at, 0, n * sizeof(float));
-            for (ptrdiff_t i = at; i < at + (ptrdiff_t) n; i++) {
-                const float lx = st->work.length[0][i], ly = st->work.length[1][i], skew = st->knobs.stretch ? a->skew[i] * lx : 0.0f;
-                st->now[4][i] = lx > 0.0f ? 1.0f / lx : 0.0f;
-                st->now[5][i] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
-            }
-        }
-}
-
-static void thin_out(void *arg, int chunk, int worker)
-{
-    const struct chain *p = arg;
-    struct ts_state *st = p->st;
-    const struct ts_profile *profile = p->solid->profile;
-    const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
-    const bool linear = st->knobs.fade == TS_FADE_LINEAR;
-    const float reach = FADE * (float) sqrt(profile->variance[p->level]), falloff = -0.5f / (float) profile->variance[p->level];
-
-    (void) worker;
-    for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
-        struct ts_transmitted_texel *t = &st->tsm.texels[i];
-        const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
-        /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
-        float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
-        near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
-        t->share[0] = t->share[1] = t->share[2] = 0.0f;
-        if (!(alpha > 0.0f) || !(strength > 0.0f))
-            continue;
-        ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
-        for (int c = 0; c < 3; c++)
-            t->share[c] *= near * t->left[c];
-    }
-}
-
-static void add_transmission(void *arg, int chunk, int worker)
-{
-    const struct chain *p = arg;
-    struct ts_state *st = p->st;
-    const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
-    const float *const planes[3] = { p->now[0], p->now[1], p->now[2] };
-    float *const *out = st->knobs.soften ? st->behind : st->sum;
-
-    (void) worker;
-    for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
-        const struct ts_transmitted_texel *t = &st->tsm.texels[i];
-        float rgb[3];
-        if (!(t->share[0] > 0.0f || t->share[1] > 0.0f || t->share[2] > 0.0f))
-            continue;
-        ts_read(p->solid->atlas, &t->from, planes, 3, rgb);
-        if (t->part > 0.0f) {
-            float also[3];
-            ts_read(p->solid->atlas, &t->also, planes, 3, also);
-            for (int c = 0; c < 3; c++)
-                rgb[c] += t->part * (also[c] - rgb[c]);
-        }
-        for (int c = 0; c < 3; c++)
-            out[c][t->at] += t->share[c] * rgb[c];
-    }
-}
 
 static const char *level_name(int i)
 {
@@ -125,14 +21,8 @@ static const char *level_name(int i)
     return names[i];
 }
 
-/* A blur of the chain; `add`: what it gives is part of the answer. */
-struct blur {
-    double before, after; /* variance, mm^2 */
-    const double *weight; /* NULL: don't add it to the sum */
-};
-
 /* How far from charts borders must be blurred along, for the blur down to find what it needs, and how far there must be light in them. */
-static void reach_of(const struct chain *p, const struct blur *b, int *blurred, int *filled)
+static void reach_of(const struct ts_blurring *p, const struct ts_blur *b, int *blurred, int *filled)
 {
     const struct ts_state *st = p->st;
     struct ts_work w = st->work;
@@ -150,67 +40,25 @@ static void reach_of(const struct chain *p, const struct blur *b, int *blurred, 
     *filled = (int) fmaxf(reach[1], aside + reach[0]);
 }
 
-/* Along and down, from p->now to st->now; adds the result to the sum, weighted. Borders must hold what the blur needs. */
-static void blur_planes(struct chain *p, const struct blur *b, int64_t *texels)
-{
-    struct ts_state *st = p->st;
-    struct ts_work *w = &st->work;
-    const struct ts_atlas *a = p->solid->atlas;
-    int blurred, filled;
-
-    reach_of(p, b, &blurred, &filled);
-    w->before = (float) b->before;
-    w->after = (float) b->after;
-    for (int c = 0; c < 3; c++) {
-        w->sum[c] = b->weight ? st->sum[c] : NULL;
-        w->weight[c] = b->weight ? (float) b->weight[c] : 0.0f;
-    }
-    for (int down = 0; down < 2; down++) {
-        for (int c = 0; c < w->planes; c++) {
-            w->from[c] = down ? st->half[c] : p->now[c];
-            w->to[c] = down ? st->now[c] : st->half[c];
-        }
-        p->down = down;
-        w->near = down ? 0 : blurred;
-        ts_rows(st, a->height, blur_rows, p);
-    }
-    p->now = st->now;
-    *texels = 2 * a->inner + (int64_t) a->within[blurred] + (int64_t) a->within[filled];
-}
-
 /* Fills the borders of p->now so far as the next blur needs it, and so that it can be read anywhere in charts. */
-static void fill_for(struct chain *p, const struct blur *next, int planes)
+static void fill_for(struct ts_blurring *p, const struct ts_blur *next, int planes)
 {
     int blurred, filled = 1;
 
     if (next)
         reach_of(p, next, &blurred, &filled);
-    ts_fill(p->st, p->solid->atlas, p->now, planes, filled > 1 ? filled : 1);
-}
-
-/* Before the first blur: what is blurred is in `from`. */
-static void start(struct chain *p, float *const *from, int planes)
-{
-    struct ts_state *st = p->st;
-
-    st->work.planes = st->knobs.kernel == TS_KERNEL_SEVEN ? 6 : planes;
-    p->now = from;
-    if (st->work.planes == 6) {
-        p->planes = planes;
-        ts_rows(st, p->solid->atlas->height, start_rows, p);
-        p->now = st->now;
-    }
+    p->st->run->fill(p, planes, filled > 1 ? filled : 1);
 }
 
 /* One level of the chain. */
 struct level {
     int number; /* in the profile */
     bool blurs;
-    struct blur blur; /* where it doesn't, its weight counts alone */
+    struct ts_blur blur; /* where it doesn't, its weight counts alone */
 };
 
 /* Texels may be longer than what a blur adds: reading the map alone blurs more. */
-static bool reaches(const struct chain *p, const struct blur *b)
+static bool reaches(const struct ts_blurring *p, const struct ts_blur *b)
 {
     const struct ts_state *st = p->st;
     struct ts_work w = st->work;
@@ -220,7 +68,7 @@ static bool reaches(const struct chain *p, const struct blur *b)
     return w.planes > 4 || st->kernels->reach(&w, st->least[0]) > 0.0f || st->kernels->reach(&w, st->least[1]) > 0.0f;
 }
 
-static int list_levels(const struct chain *p, bool local, struct level *out)
+static int list_levels(const struct ts_blurring *p, bool local, struct level *out)
 {
     const struct ts_profile *profile = p->solid->profile;
     const double finest = 1.0 / (p->solid->atlas->mm_per_texel * p->solid->atlas->mm_per_texel);
@@ -244,7 +92,7 @@ static int list_levels(const struct chain *p, bool local, struct level *out)
     return count;
 }
 
-static const struct blur *next_blur(const struct level *levels, int from, int count)
+static const struct ts_blur *next_blur(const struct level *levels, int from, int count)
 {
     for (int i = from; i < count; i++)
         if (levels[i].blurs)
@@ -252,77 +100,98 @@ static const struct blur *next_blur(const struct level *levels, int from, int co
     return NULL;
 }
 
-/* A level that blurs nothing. */
-static void sum_rows(void *arg, int band, int worker)
+/* Along and down; adds the result to the sum, weighted. Borders must hold what the blur needs. Returns the texels of both passes. */
+static int64_t blur_planes(struct ts_blurring *p, const struct ts_blur *b)
 {
-    const struct chain *p = arg;
-    const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->solid->atlas;
+    int blurred, filled;
 
-    (void) worker;
-    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
-        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-            for (int c = 0; c < 3; c++) {
-                const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
-                const float *from = p->now[c] + at;
-                float *restrict sum = st->sum[c] + at;
-                for (int i = 0; i < (a->runs[r].to - a->runs[r].from) * TS_BLOCK; i++)
-                    sum[i] += st->work.weight[c] * from[i];
-            }
+    reach_of(p, b, &blurred, &filled);
+    p->st->run->blur(p, b, blurred);
+    return 2 * a->inner + (int64_t) a->within[blurred] + (int64_t) a->within[filled];
 }
 
-void ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params)
+static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
 {
-    struct chain chain = { .st = st, .solid = solid, .scaled = params->scaled }, *p = &chain;
+    p->st->work.planes = p->st->knobs.kernel == TS_KERNEL_SEVEN ? 6 : planes;
+    p->planes = planes;
+    return p->st->run->start(p, behind, planes);
+}
+
+static enum pell_result show_blur(struct ts_blurring *p, int number)
+{
+    struct ts_state *st = p->st;
+    enum pell_result res;
+
+    if (!pell_services_observed(st->services, st->in))
+        return PELL_OK;
+    PELL_TRY(st->run->look(p, false));
+    ts_show(st, &(struct ts_image) { "blur",
+                                     "W/m^2",
+                                     "the irradiance map after the Gaussians up to this one",
+                                     { st->now[0], st->now[1], st->now[2] },
+                                     3,
+                                     number,
+                                     true,
+                                     true });
+
+fail:
+    return res;
+}
+
+enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params)
+{
+    struct ts_blurring chain = { .st = st, .solid = solid, .scaled = params->scaled }, *p = &chain;
+    const struct ts_runner *run = st->run;
     const bool transmission = params->transmission;
-    const int planes = transmission ? 4 : 3, chunks = (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
+    const int planes = transmission ? 4 : 3;
     struct level levels[TS_LEVELS];
     int number = 0, count;
+    enum pell_result res;
 
-    start(p, st->light, planes);
+    PELL_TRY(start(p, false, planes));
     count = list_levels(p, params->local, levels);
     fill_for(p, next_blur(levels, 0, count), planes);
     for (int i = 0; i < count; i++) {
-        const struct blur *b = &levels[i].blur;
-        int64_t texels = 0;
+        const struct ts_blur *b = &levels[i].blur;
         p->level = levels[i].number;
         if (transmission)
-            pell_pool_run(st->pool, chunks, thin_out, p);
+            run->thin_out(p);
         if (levels[i].blurs) {
-            blur_planes(p, b, &texels);
-            ts_show(st, &(struct ts_image) { "blur",
-                                             "W/m^2",
-                                             "the irradiance map after the Gaussians up to this one",
-                                             { p->now[0], p->now[1], p->now[2] },
-                                             3,
-                                             i + 1,
-                                             true,
-                                             true });
+            const int64_t texels = blur_planes(p, b);
+            PELL_TRY(show_blur(p, i + 1));
             if (transmission || i + 1 < count)
                 fill_for(p, next_blur(levels, i + 1, count), planes);
-            ts_note_time(st, level_name(number++), texels, 8 * texels * st->work.planes, 0);
+            run->note(st, level_name(number++), texels, 2 * st->work.planes);
         } else if (b->weight) {
-            for (int c = 0; c < 3; c++)
-                st->work.weight[c] = (float) b->weight[c];
-            ts_rows(st, p->solid->atlas->height, sum_rows, p);
-            ts_note_time(st, "unblurred", p->solid->atlas->inner, 36 * p->solid->atlas->inner, 0);
+            run->add(p, b->weight);
+            run->note(st, "unblurred", solid->atlas->inner, 9);
         }
         if (transmission) {
-            pell_pool_run(st->pool, chunks, add_transmission, p);
-            ts_note_time(st, "through", (int64_t) st->tsm.count, (int64_t) st->tsm.count * 80, 0);
+            run->through(p);
+            run->note(st, "transmit", (int64_t) st->tsm.count, 20);
         }
     }
+    return run->finish(p);
+
+fail:
+    return res;
 }
 
-void ts_soften(struct ts_state *st, const struct ts_solid *solid)
+enum pell_result ts_soften(struct ts_state *st, const struct ts_solid *solid)
 {
     static const double whole[3] = { 1.0, 1.0, 1.0 };
-    struct chain chain = { .st = st, .solid = solid }, *p = &chain;
-    const struct blur blur = { 0.0, SOFT * SOFT * solid->profile->widest * solid->profile->widest, whole };
+    struct ts_blurring chain = { .st = st, .solid = solid }, *p = &chain;
+    const struct ts_blur blur = { 0.0, SOFT * SOFT * solid->profile->widest * solid->profile->widest, whole };
     int64_t texels;
+    enum pell_result res;
 
-    start(p, st->behind, 3);
+    PELL_TRY(start(p, true, 3));
     fill_for(p, &blur, 3);
-    blur_planes(p, &blur, &texels);
-    ts_note_time(st, "soften", texels, 8 * texels * st->work.planes, 0);
+    texels = blur_planes(p, &blur);
+    st->run->note(st, "soften", texels, 2 * st->work.planes);
+    return st->run->finish(p);
+
+fail:
+    return res;
 }

@@ -38,7 +38,7 @@ static void ts_free(void *state)
 }
 
 /* A state that is whole is kept, for the pass of the same scene a moment later. */
-static void ts_destroy(void *state)
+void ts_destroy(void *state)
 {
     struct ts_state *st = state;
     struct pell_kept *kept = st && st->whole ? st->services->kept : NULL;
@@ -101,8 +101,8 @@ static struct ts_state *take_kept(const struct pell_services *services, const st
     return st;
 }
 
-static enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
-                                  void **state)
+enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                           const struct ts_runner *run, void **state)
 {
     const double start = pell_seconds();
     struct pell_context *ctx = services->ctx;
@@ -128,6 +128,7 @@ static enum pell_result ts_create(const struct pell_services *services, const st
     }
     st->services = services;
     st->ctx = ctx;
+    st->run = run;
     st->pool = services->pool;
     st->kernels = pell_ts_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct ts_knobs *) knobs;
@@ -225,27 +226,6 @@ static void find_least(struct ts_state *st, const struct ts_atlas *a)
             st->least[k] = fminf(st->least[k], cell->least[k]);
         st->skew = fmaxf(st->skew, fabsf(cell->skew));
     }
-}
-
-static void store_rows(void *arg, int band, int worker)
-{
-    const struct mapping *p = arg;
-    const struct ts_atlas *a = p->solid->atlas;
-
-    (void) worker;
-    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
-        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
-            for (int b = a->runs[r].from; b < a->runs[r].to; b++) {
-                const ptrdiff_t first = y * a->stride + b * TS_BLOCK;
-                if (a->cells[(ptrdiff_t) y * a->blocks + b].near > TS_READ_FAR)
-                    continue;
-                for (ptrdiff_t at = first; at < first + TS_BLOCK; at++) {
-                    float *out = p->solid->map + 4 * at;
-                    for (int c = 0; c < 3; c++)
-                        out[c] = p->st->sum[c][at];
-                    out[3] = a->key[at];
-                }
-            }
 }
 
 static void show_light(struct ts_state *st)
@@ -372,7 +352,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
                                      .falloff = t.falloff });
     leave(st, a);
     chain->transmission = true;
-    ts_chain(st, solid, chain);
+    PELL_TRY(ts_chain(st, solid, chain));
     chain->local = st->knobs.lights == TS_LIGHTS_OWN;
     return PELL_OK;
 
@@ -403,6 +383,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     st->clock = pell_seconds();
     ts_rows(st, a->height, clear_rows, &p);
     begin_solid(st, number, &chain);
+    PELL_TRY(st->run->begin(st, solid));
     if (st->knobs.lights == TS_LIGHTS_SUM) {
         ts_light_map(st, a, 0, NULL);
         show_light(st);
@@ -428,17 +409,18 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     }
     chain.transmission = false;
     if (chain.local && rest)
-        ts_chain(st, solid, &chain);
+        PELL_TRY(ts_chain(st, solid, &chain));
     if (is_transmitted && st->knobs.soften)
-        ts_soften(st, solid);
+        PELL_TRY(ts_soften(st, solid));
+    if (pell_services_observed(st->services, st->in))
+        PELL_TRY(st->run->look(&(struct ts_blurring) { .st = st, .solid = solid }, true));
     ts_show(st, &(struct ts_image) { "exitance",
                                      "W/m^2",
                                      "radiant exitance, all Gaussians and transmission",
                                      { st->sum[0], st->sum[1], st->sum[2] },
                                      3,
                                      .color = true });
-    ts_fill(st, a, st->sum, 3, TS_READ_FAR);
-    ts_rows(st, a->height, store_rows, &p);
+    PELL_TRY(st->run->store(st, solid));
     ts_note_time(st, "start", a->inner, a->inner * 28, 0);
     return st->shown.result != PELL_OK ? st->shown.result : pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
@@ -462,7 +444,7 @@ static void warn_of_lights(struct ts_state *st)
     st->warned = lights;
 }
 
-static enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct ts_state *st = state;
     int64_t pixels;
@@ -493,7 +475,7 @@ fail:
     return res;
 }
 
-static size_t ts_times(const void *state, struct pell_pass_time *list, size_t size)
+size_t ts_times(const void *state, struct pell_pass_time *list, size_t size)
 {
     const struct ts_state *st = state;
 
@@ -502,4 +484,9 @@ static size_t ts_times(const void *state, struct pell_pass_time *list, size_t si
     return st->num_times < size ? st->num_times : size;
 }
 
-const struct pell_method_engine pell_ts_cpu = { .create = ts_create, .record = ts_render, .destroy = ts_destroy, .times = ts_times };
+static enum pell_result create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
+{
+    return ts_create(services, shape, knobs, &ts_cpu_runner, state);
+}
+
+const struct pell_method_engine pell_ts_cpu = { .create = create, .record = ts_render, .destroy = ts_destroy, .times = ts_times };

@@ -6,6 +6,7 @@
  * their order do not depend on the width.
  */
 #include "methods/texture_space/kernels.h"
+#include "methods/texture_space/formulas.h"
 
 #include "base/simd.h"
 #include "math/lanes.h"
@@ -14,17 +15,6 @@
 #include <string.h>
 
 /* --- The kernel ---------------------------------------------------------------------------------------------------------------- */
-
-/* K(t) = k(t^2/32) - k(3.4^2/32), k(y) = ((1 - y + y^2/2))^16 ~ exp(-16 y), for |t| < 3.4. Its integral function differs by 0.002 from
- * that of the Gaussian of its own variance, V = 0.969786. */
-#define Y_SHIFT 0.36125f /* 3.4^2/32 */
-#define K_END 0.00364057731f
-#define K_FALL 0.0303058276f /* V/32: y = K_FALL (distance/sigma)^2 */
-#define K_REACH 3.45255705f  /* 3.4/sqrt(V): the support in standard deviations */
-/* Under 0.6 texels a sampled Gaussian loses variance. Such a blur is the one of 0.6 texels, mixed with the texel as it is. */
-#define S2_MIN 0.36f
-#define S2_MIN_VARIANCE 0.347774418f /* that K, sampled at whole texels, has there */
-#define TAPS_MOST 4096
 
 INLINE vf kernel(vf y)
 {
@@ -120,7 +110,7 @@ INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const s
 /* How far taps go from a texel: to K_REACH standard deviations of what the blur adds. */
 INLINE float reach_of(float add)
 {
-    return add > 1e-4f ? K_REACH * sqrtf(add > S2_MIN ? add : S2_MIN) : 0.0f;
+    return add > ADD_LEAST ? K_REACH * sqrtf(add > S2_MIN ? add : S2_MIN) : 0.0f;
 }
 
 static float reach(const struct ts_work *w, float length)
@@ -237,7 +227,7 @@ static void seven(const struct ts_work *w, int y, int from, int to, int axis)
 {
     static const float weights[4] = { 1.0f, 0.60653066f, 0.13533528f, 0.011108997f };
     const ptrdiff_t pitch = axis == 0 ? 1 : w->stride;
-    const float span = sqrtf(w->after - w->before) * (1.0f / 0.99800f); /* sqrt(0.996), the taps' own */
+    const float span = sqrtf(w->after - w->before) * (1.0f / SEVEN_SPAN);
     const int most = axis == 0 ? w->width : w->height;
 
     for (int x = from * TS_BLOCK; x < to * TS_BLOCK && x < w->width; x++) {

@@ -251,6 +251,8 @@ void ts_layouts_finish(struct ts_state *st)
             pell_free(st->ctx, st->solid[i].map - 4 * TS_MARGIN);
         st->solid[i].map = NULL;
     }
+    if (st->run)
+        st->run->forget(st);
     ts_tsm_finish(st->ctx, &st->tsm);
     pell_free(st->ctx, st->cells);
     pell_free(st->ctx, st->memory);

@@ -119,6 +119,9 @@ const struct pell_method pell_method_texture_space = {
     .paper_settings = paper_settings,
     .plan = plan,
     .cpu = &pell_ts_cpu,
+#ifdef PELL_HAVE_VULKAN
+    .vulkan = &pell_ts_vulkan,
+#endif
     .ignores = PELL_IGNORES_DEPTH_MAPS,
     .keeps_first = true,
 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - what the parts of the method on the cpu engine share; private to this folder. cpu.c calls layouts.c, light_map.c, chain.c and
- * read_map.c; chain.c and cpu.c call fill.c.
+ * state.h - what the parts of the method share; private to this folder. cpu.c calls layouts.c, light_map.c, chain.c and read_map.c; chain.c
+ * and cpu.c call a runner, which is that of an engine: run_cpu.c or vulkan.c.
  */
 #ifndef METHODS_TEXTURE_SPACE_STATE_H
 #define METHODS_TEXTURE_SPACE_STATE_H
@@ -23,7 +23,11 @@ struct ts_solid {
     float radius;                     /* and half their diagonal; mm */
 };
 
+struct ts_runner;
+
 struct ts_state {
+    const struct ts_runner *run;          /* the engine's */
+    void *device;                         /* its own; NULL where it has none, or nothing on it yet */
     const struct pell_services *services; /* borrowed */
     const struct pell_frame *in;          /* that is being made */
     struct pell_context *ctx;
@@ -66,25 +70,32 @@ static inline void ts_rows(const struct ts_state *st, int height, void (*task)(v
     pell_pool_run(st->pool, (height + TS_ROWS - 1) / TS_ROWS, task, arg);
 }
 
-/* Adds the time since the last call to the pass of this name. */
-static inline void ts_note_time(struct ts_state *st, const char *name, int64_t pixels, int64_t bytes, int64_t rays)
+/* Adds to the pass of this name. */
+static inline void ts_add_time(struct ts_state *st, const struct pell_pass_time *time)
 {
-    const double now = pell_seconds();
     size_t i = 0;
 
-    while (i < st->num_times && st->times[i].name != name)
+    while (i < st->num_times && st->times[i].name != time->name)
         i++;
     if (i < TS_TIMES) {
         struct pell_pass_time *t = &st->times[i];
         if (i == st->num_times) {
-            *t = (struct pell_pass_time) { .name = name };
+            *t = (struct pell_pass_time) { .name = time->name };
             st->num_times++;
         }
-        t->seconds += now - st->clock;
-        t->pixels += pixels;
-        t->bytes += bytes;
-        t->rays += rays;
+        t->seconds += time->seconds;
+        t->pixels += time->pixels;
+        t->bytes += time->bytes;
+        t->rays += time->rays;
     }
+}
+
+/* Adds the time since the last call to the pass of this name. */
+static inline void ts_note_time(struct ts_state *st, const char *name, int64_t pixels, int64_t bytes, int64_t rays)
+{
+    const double now = pell_seconds();
+
+    ts_add_time(st, &(struct pell_pass_time) { name, now - st->clock, pixels, bytes, rays });
     st->clock = now;
 }
 
@@ -128,6 +139,14 @@ static inline bool ts_is_local(const struct ts_state *st)
            st->knobs.lights == TS_LIGHTS_OWN;
 }
 
+/* --- cpu.c, whatever the engine --------------------------------------------------------------------------------------------------- */
+
+PELL_NODISCARD enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
+                                          const struct ts_runner *run, void **state);
+PELL_NODISCARD enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
+void ts_destroy(void *state);
+size_t ts_times(const void *state, struct pell_pass_time *list, size_t size);
+
 /* --- fill.c ---------------------------------------------------------------------------------------------------------------------- */
 
 /* Fills `count` planes' borders that are no further than `far` texels from charts. */
@@ -142,9 +161,61 @@ struct ts_chain_params {
 };
 
 /* Blurs what is in st->light. */
-void ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params);
+PELL_NODISCARD enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params);
 /* Transmitted light is at least as smooth as its way is long: blurs st->behind into the sum. */
-void ts_soften(struct ts_state *st, const struct ts_solid *solid);
+PELL_NODISCARD enum pell_result ts_soften(struct ts_state *st, const struct ts_solid *solid);
+
+/* A chain that is running. */
+struct ts_blurring {
+    struct ts_state *st;
+    const struct ts_solid *solid;
+    float *const *now; /* on the cpu engine what is blurred next: st->light at first, st->now later */
+    int planes;        /* of what the chain starts with */
+    int level;         /* in the profile */
+    bool down;
+    bool scaled; /* by strength */
+};
+
+struct ts_blur {
+    double before, after; /* variance, mm^2 */
+    const double *weight; /* NULL: don't add it to the sum */
+};
+
+/* Standard deviations at which transmitted light counts in full, with fade=linear. */
+#define TS_FADE_REACH 6.0f
+
+/* --- run_cpu.c, vulkan.c ---------------------------------------------------------------------------------------------------------- */
+
+/* Planes of a solid's map on an engine: `now`, which is blurred; the sum of what leaves; what is transmitted and not soft yet. What fails
+ * is reported by begin, start, look, finish and store; what lies between is recorded alone where the engine is a device. */
+struct ts_runner {
+    /* Of a solid whose lengths and cells are in st->work: sums are 0. */
+    enum pell_result (*begin)(struct ts_state *st, const struct ts_solid *solid);
+    /* `now` is st->light, or what is transmitted (`behind`): so many planes. With the paper's taps the stretch, too. */
+    enum pell_result (*start)(struct ts_blurring *p, bool behind, int planes);
+    /* Borders of `now` that are no further than `far` texels from charts. */
+    void (*fill)(struct ts_blurring *p, int planes, int far);
+    /* Shares of the texels that light is transmitted to, by `now`'s alpha, of p->level. */
+    void (*thin_out)(struct ts_blurring *p);
+    /* Blurs `now`, borders first so far as `blurred`; adds the result to the sum. */
+    void (*blur)(struct ts_blurring *p, const struct ts_blur *blur, int blurred);
+    /* Adds `now` to the sum. */
+    void (*add)(struct ts_blurring *p, const double weight[3]);
+    /* Adds `now`, where it is transmitted from, by the shares. */
+    void (*through)(struct ts_blurring *p);
+    /* What has run since the last call is a pass of this name: texels, and planes of them that were read and written. */
+    void (*note)(struct ts_state *st, const char *name, int64_t texels, int planes);
+    /* Brings `now`, or the sum, to st->now or st->sum, to be looked at. */
+    enum pell_result (*look)(struct ts_blurring *p, bool sum);
+    /* The chain has ended. */
+    enum pell_result (*finish)(struct ts_blurring *p);
+    /* The sum becomes the solid's map. */
+    enum pell_result (*store)(struct ts_state *st, const struct ts_solid *solid);
+    /* Layouts go. */
+    void (*forget)(struct ts_state *st);
+};
+
+extern const struct ts_runner ts_cpu_runner;
 
 /* --- read_map.c ------------------------------------------------------------------------------------------------------------------ */
 

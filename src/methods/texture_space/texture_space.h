@@ -5,6 +5,7 @@
 #ifndef PELL_TEXTURE_SPACE_H
 #define PELL_TEXTURE_SPACE_H
 
+#include "methods/texture_space/formulas.h"
 #include "methods/texture_space/kernels.h"
 #include "render/services.h"
 #include "scene/triangle.h"
@@ -230,9 +231,6 @@ int64_t ts_ambient_look(const struct ts_ambient_params *params);
 
 /* --- profile.c: the Gaussians of a material ------------------------------------------------------------------------------------------ */
 
-#define TS_LEVELS 32 /* blurs of a chain, those without weight included */
-#define TS_THICK 96  /* rows of a table over thickness */
-
 struct ts_profile {
     int count;
     double variance[TS_LEVELS];  /* mm^2, rising */
@@ -314,5 +312,6 @@ PELL_NODISCARD enum pell_result ts_tsm_light(const struct ts_tsm_params *params,
                                              struct ts_tsm *out, int64_t *rays);
 
 extern const struct pell_method_engine pell_ts_cpu;
+extern const struct pell_method_engine pell_ts_vulkan; /* of builds that have Vulkan */
 
 #endif

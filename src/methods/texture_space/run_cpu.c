@@ -1,0 +1,262 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * run_cpu.c - a solid's map on the cpu engine: bands of rows, chunks of texels. The inner loops of the blurs are in kernels.c.
+ */
+#include "methods/texture_space/state.h"
+
+#include <string.h>
+
+enum { CHUNK = 4096 };
+
+static void blur_rows(void *arg, int band, int worker)
+{
+    const struct ts_blurring *p = arg;
+    const struct ts_atlas *a = p->solid->atlas;
+
+    (void) worker;
+    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++) {
+            if (p->down)
+                p->st->kernels->down(&p->st->work, y, a->runs[r].from, a->runs[r].to);
+            else
+                p->st->kernels->across(&p->st->work, y, a->runs[r].from, a->runs[r].to);
+        }
+}
+
+/* The paper's taps blur the stretch as well: texels per mm, along x and y. */
+static void start_rows(void *arg, int band, int worker)
+{
+    const struct ts_blurring *p = arg;
+    struct ts_state *st = p->st;
+    const struct ts_atlas *a = p->solid->atlas;
+
+    (void) worker;
+    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++) {
+            const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
+            const size_t n = (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK;
+            for (int c = 0; c < st->work.planes - 2; c++)
+                if (c < p->planes)
+                    memcpy(st->now[c] + at, p->now[c] + at, n * sizeof(float));
+                else
+                    memset(st->now[c] + at, 0, n * sizeof(float));
+            for (ptrdiff_t i = at; i < at + (ptrdiff_t) n; i++) {
+                const float lx = st->work.length[0][i], ly = st->work.length[1][i], skew = st->knobs.stretch ? a->skew[i] * lx : 0.0f;
+                st->now[4][i] = lx > 0.0f ? 1.0f / lx : 0.0f;
+                st->now[5][i] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
+            }
+        }
+}
+
+static void thin_chunk(void *arg, int chunk, int worker)
+{
+    const struct ts_blurring *p = arg;
+    struct ts_state *st = p->st;
+    const struct ts_profile *profile = p->solid->profile;
+    const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
+    const bool linear = st->knobs.fade == TS_FADE_LINEAR;
+    const float reach = TS_FADE_REACH * (float) sqrt(profile->variance[p->level]), falloff = -0.5f / (float) profile->variance[p->level];
+
+    (void) worker;
+    for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
+        struct ts_transmitted_texel *t = &st->tsm.texels[i];
+        const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
+        /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
+        float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
+        near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
+        t->share[0] = t->share[1] = t->share[2] = 0.0f;
+        if (!(alpha > 0.0f) || !(strength > 0.0f))
+            continue;
+        ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
+        for (int c = 0; c < 3; c++)
+            t->share[c] *= near * t->left[c];
+    }
+}
+
+static void add_transmission(void *arg, int chunk, int worker)
+{
+    const struct ts_blurring *p = arg;
+    struct ts_state *st = p->st;
+    const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
+    const float *const planes[3] = { p->now[0], p->now[1], p->now[2] };
+    float *const *out = st->knobs.soften ? st->behind : st->sum;
+
+    (void) worker;
+    for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
+        const struct ts_transmitted_texel *t = &st->tsm.texels[i];
+        float rgb[3];
+        if (!(t->share[0] > 0.0f || t->share[1] > 0.0f || t->share[2] > 0.0f))
+            continue;
+        ts_read(p->solid->atlas, &t->from, planes, 3, rgb);
+        if (t->part > 0.0f) {
+            float also[3];
+            ts_read(p->solid->atlas, &t->also, planes, 3, also);
+            for (int c = 0; c < 3; c++)
+                rgb[c] += t->part * (also[c] - rgb[c]);
+        }
+        for (int c = 0; c < 3; c++)
+            out[c][t->at] += t->share[c] * rgb[c];
+    }
+}
+
+/* A level that blurs nothing. */
+static void sum_rows(void *arg, int band, int worker)
+{
+    const struct ts_blurring *p = arg;
+    const struct ts_state *st = p->st;
+    const struct ts_atlas *a = p->solid->atlas;
+
+    (void) worker;
+    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
+            for (int c = 0; c < 3; c++) {
+                const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
+                const float *from = p->now[c] + at;
+                float *restrict sum = st->sum[c] + at;
+                for (int i = 0; i < (a->runs[r].to - a->runs[r].from) * TS_BLOCK; i++)
+                    sum[i] += st->work.weight[c] * from[i];
+            }
+}
+
+static enum pell_result begin(struct ts_state *st, const struct ts_solid *solid)
+{
+    (void) st;
+    (void) solid;
+    return PELL_OK;
+}
+
+static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
+{
+    struct ts_state *st = p->st;
+
+    (void) planes;
+    p->now = behind ? st->behind : st->light;
+    if (st->work.planes == 6) {
+        ts_rows(st, p->solid->atlas->height, start_rows, p);
+        p->now = st->now;
+    }
+    return PELL_OK;
+}
+
+static void fill(struct ts_blurring *p, int planes, int far)
+{
+    ts_fill(p->st, p->solid->atlas, p->now, planes, far);
+}
+
+static int chunks_of(const struct ts_state *st)
+{
+    return (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
+}
+
+static void thin_out(struct ts_blurring *p)
+{
+    pell_pool_run(p->st->pool, chunks_of(p->st), thin_chunk, p);
+}
+
+static void through(struct ts_blurring *p)
+{
+    pell_pool_run(p->st->pool, chunks_of(p->st), add_transmission, p);
+}
+
+static void blur(struct ts_blurring *p, const struct ts_blur *b, int blurred)
+{
+    struct ts_state *st = p->st;
+    struct ts_work *w = &st->work;
+
+    w->before = (float) b->before;
+    w->after = (float) b->after;
+    for (int c = 0; c < 3; c++) {
+        w->sum[c] = b->weight ? st->sum[c] : NULL;
+        w->weight[c] = b->weight ? (float) b->weight[c] : 0.0f;
+    }
+    for (int down = 0; down < 2; down++) {
+        for (int c = 0; c < w->planes; c++) {
+            w->from[c] = down ? st->half[c] : p->now[c];
+            w->to[c] = down ? st->now[c] : st->half[c];
+        }
+        p->down = down;
+        w->near = down ? 0 : blurred;
+        ts_rows(st, p->solid->atlas->height, blur_rows, p);
+    }
+    p->now = st->now;
+}
+
+static void add(struct ts_blurring *p, const double weight[3])
+{
+    for (int c = 0; c < 3; c++)
+        p->st->work.weight[c] = (float) weight[c];
+    ts_rows(p->st, p->solid->atlas->height, sum_rows, p);
+}
+
+static void note(struct ts_state *st, const char *name, int64_t texels, int planes)
+{
+    ts_note_time(st, name, texels, 4 * planes * texels, 0);
+}
+
+static enum pell_result look(struct ts_blurring *p, bool sum)
+{
+    (void) p;
+    (void) sum;
+    return PELL_OK;
+}
+
+static enum pell_result finish(struct ts_blurring *p)
+{
+    (void) p;
+    return PELL_OK;
+}
+
+struct storing {
+    const struct ts_state *st;
+    const struct ts_solid *solid;
+};
+
+static void store_rows(void *arg, int band, int worker)
+{
+    const struct storing *p = arg;
+    const struct ts_atlas *a = p->solid->atlas;
+
+    (void) worker;
+    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
+            for (int b = a->runs[r].from; b < a->runs[r].to; b++) {
+                const ptrdiff_t first = y * a->stride + b * TS_BLOCK;
+                if (a->cells[(ptrdiff_t) y * a->blocks + b].near > TS_READ_FAR)
+                    continue;
+                for (ptrdiff_t at = first; at < first + TS_BLOCK; at++) {
+                    float *out = p->solid->map + 4 * at;
+                    for (int c = 0; c < 3; c++)
+                        out[c] = p->st->sum[c][at];
+                    out[3] = a->key[at];
+                }
+            }
+}
+
+static enum pell_result store(struct ts_state *st, const struct ts_solid *solid)
+{
+    struct storing task = { st, solid };
+
+    ts_fill(st, solid->atlas, st->sum, 3, TS_READ_FAR);
+    ts_rows(st, solid->atlas->height, store_rows, &task);
+    return PELL_OK;
+}
+
+static void forget(struct ts_state *st)
+{
+    (void) st;
+}
+
+const struct ts_runner ts_cpu_runner = {
+    .begin = begin,
+    .start = start,
+    .fill = fill,
+    .thin_out = thin_out,
+    .blur = blur,
+    .add = add,
+    .through = through,
+    .note = note,
+    .look = look,
+    .finish = finish,
+    .store = store,
+    .forget = forget,
+};

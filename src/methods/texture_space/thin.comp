@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// thin.comp - what a level of the chain transmits to each texel: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2, equation (16), or a
+// slab's T(r; d) (README.md); mirror of run_cpu.c and ts_profile_transmission. One invocation a texel of the list.
+//   in  0 texels   where light comes from: struct ts_through
+//   in  1 now      light, W/m^2; alpha of the thickness before the level's blur
+//   in  2 table    shares of the levels of a slab's transmission (R, G, B), TS_LEVELS for each of TS_THICK thicknesses
+//   out 3 share    of the light that enters there
+layout(local_size_x = 64) in;
+#include "methods/texture_space/common.glsl"
+layout(set = 0, binding = 0) readonly buffer Texels { ts_through texels[]; };
+layout(set = 0, binding = 1) readonly buffer Now { vec4 now[]; };
+layout(set = 0, binding = 2) readonly buffer Table { vec4 table[]; };
+layout(set = 0, binding = 3) writeonly buffer Share { vec4 share[]; };
+
+// 1 - exp(-x), x >= 0.
+float rest_of(float x)
+{
+    return x < 0.05 ? x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0)))) : 1.0 - exp(-x);
+}
+
+vec3 transmission(float d, float opposed)
+{
+    vec3 through = d * d < 80.0 * pc.variance ? weight() * exp(-d * d / (2.0 * pc.variance)) : vec3(0.0);
+
+    if (pc.slab == 0)
+        return through;
+    through *= 1.0 - opposed;
+    if (d < pc.thickest) {
+        const float f = sqrt(d / pc.thickest) * float(TS_THICK - 1);
+        const int row = f < float(TS_THICK - 2) ? int(f) : TS_THICK - 2;
+        const vec3 low = table[row * TS_LEVELS + pc.level].rgb, high = table[(row + 1) * TS_LEVELS + pc.level].rgb;
+        through += opposed * (low + (f - float(row)) * (high - low));
+    }
+    return through;
+}
+
+void main()
+{
+    const int e = entry();
+
+    if (e >= pc.count)
+        return;
+    const ts_through t = texels[e];
+    const float alpha = now[pc.origin + t.at].w;
+    // Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)).
+    float near = pc.linear != 0 ? min(t.apart / pc.reach, 1.0) : rest_of(max(t.apart * t.apart - t.m * t.m, 0.0) * 0.5 / pc.variance);
+    near += t.round != 0 || pc.linear != 0 ? 0.0 : (1.0 - near) * t.opposed;
+    vec3 part = vec3(0.0);
+    if (alpha > 0.0 && t.strength > 0.0)
+        part = transmission(max(-log(alpha), 0.0) * pc.widest / t.strength, t.opposed) * near * vec3(t.left_r, t.left_g, t.left_b);
+    share[e] = vec4(part, 0.0);
+}
