@@ -5,7 +5,7 @@
  *     pell_vulkan_pass_create(ctx, &device, method, knobs, &shape, &buffers, &pass);   // once
  *     pell_vulkan_pass_record(pass, command_buffer, nearest_mm);                       // every frame
  *
- * Methods that have the engine vulkan run here: screen-space, and image-space with its camera's view.
+ * Methods that need no scene run here: screen-space, and image-space with its camera's view.
  *
  * Needs no headers of Vulkan: handles are pointers to its structs, VkBuffer is passed as uint64_t. The device is of Vulkan 1.3, with the
  * features synchronization2 and maintenance4. Everything that a pass needs besides your buffers is made with it.
