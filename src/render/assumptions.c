@@ -103,7 +103,8 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
             pell_warn(ctx, place, "remove one of them", "has exactly the same surface as \"%s\": each hides the other",
                       pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
         if (o->holds_camera && tell(ctx, &found[HOLDS]))
-            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's", "the camera is inside the object");
+            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
+                      "the camera is inside the object, which methods know from outside alone");
         if (!o->closed && tell(ctx, &found[OPEN]))
             pell_warn(ctx, place, "close it: transmission needs a closed surface",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",

@@ -84,6 +84,7 @@ void pell_renderer_warn_ignored(const struct pell_renderer *r)
             if ((r->method->ignores & rows[k].input) && rows[k].has && rows[k].has(m))
                 snprintf(list + strlen(list), sizeof(list) - strlen(list), "%s%s", list[0] ? ", " : "", rows[k].name);
         if (list[0] && is_used(r->scene, i))
-            pell_warn(r->ctx, m->name, "compare methods on scenes without it", "%s ignores its %s", r->method->name, list);
+            pell_warn(r->ctx, pell_material_shown_name(m), "compare methods on scenes without it", "%s ignores its %s", r->method->name,
+                      list);
     }
 }

@@ -68,7 +68,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
         f->strength = fmaxf(m->strength, 1.0f / 1024.0f);
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
         f->preset = m->profile ? NULL : m->preset;
-        PELL_TRY(pell_frame_material_check(r->ctx, m->name, f));
+        PELL_TRY(pell_frame_material_check(r->ctx, pell_material_shown_name(m), f));
         out->frame_index[i + 1] = (uint16_t) ++out->count;
     }
     PELL_TRY(pell_object_materials_make(r->ctx, scene, out));
@@ -198,8 +198,8 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         if (at == 0)
             continue;
         if (setting > 0 && (m->profile || m->gaussians.count > 0))
-            pell_warn(r->ctx, m->name, "a model makes profiles of coefficients", "has no coefficients: its own profile is used, not %s",
-                      pell_profile_model_at(model_of(m, setting))->name);
+            pell_warn(r->ctx, pell_material_shown_name(m), "a model makes profiles of coefficients",
+                      "has no coefficients: its own profile is used, not %s", pell_profile_model_at(model_of(m, setting))->name);
         while (k < i && !(index[k + 1] && same_profile(m, &scene->materials[k], setting)))
             k++;
         if (k < i) {
@@ -210,7 +210,8 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             res = PELL_ERR_NOMEM;
             if (!(r->profiles[at - 1] = pell_calloc(r->ctx, 6, sizeof(**r->profiles))))
                 goto fail;
-            PELL_TRY(pell_frame_material_profile(r->ctx, m->name, &frame[at - 1], model_of(m, setting), r->profiles[at - 1]));
+            PELL_TRY(pell_frame_material_profile(r->ctx, pell_material_shown_name(m), &frame[at - 1], model_of(m, setting),
+                                                 r->profiles[at - 1]));
             of->all = r->profiles[at - 1];
             of->multiple = make_rest(r, m, model_of(m, setting), r->profiles[at - 1] + 3) ? r->profiles[at - 1] + 3 : NULL;
         }

@@ -458,7 +458,7 @@ enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quie
     }
     if (!missing)
         return PELL_OK;
-    PELL_TRY(pell_scene_add_material(scene, "default", &index));
+    PELL_TRY(pell_scene_add_material(scene, PELL_DEFAULT_MATERIAL, &index));
     PELL_TRY(pell_material_apply(scene, index, scene->path, "marble"));
     m = &scene->materials[index];
     if (colored) {

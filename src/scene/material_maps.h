@@ -5,6 +5,10 @@
 
 #include <pellucid/scene.h>
 
+#include <string.h>
+
+#define PELL_DEFAULT_MATERIAL "default" /* of meshes for which the file names none */
+
 enum pell_map {
     PELL_MAP_BASE,
     PELL_MAP_NORMAL,
@@ -39,6 +43,12 @@ static inline const struct pell_texture_map *pell_material_map(const struct pell
 static inline struct pell_texture_map *pell_material_map_of(struct pell_material *m, enum pell_map map)
 {
     return (struct pell_texture_map *) pell_material_map(m, map);
+}
+
+/* For messages: what the loader made where the file names none is known by its preset. */
+static inline const char *pell_material_shown_name(const struct pell_material *m)
+{
+    return m->preset && m->preset[0] && strcmp(m->name, PELL_DEFAULT_MATERIAL) == 0 ? m->preset : m->name;
 }
 
 /* A sheet that lets light through: both of its sides are lit. */

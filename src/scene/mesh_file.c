@@ -5,6 +5,7 @@
 #include "base/file.h"
 #include "scene/scene.h"
 
+#include <stdio.h>
 #include <string.h>
 #include <strings.h>
 
@@ -180,6 +181,38 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
     return PELL_OK;
 }
 
+/* Meshes that the file does not name have the file's name, and the number of their object where there are several. */
+static enum pell_result name_meshes(struct pell_import *import)
+{
+    struct pell_scene *scene = import->scene;
+    const char *slash = strrchr(import->path, '/'), *base = slash ? slash + 1 : import->path, *dot = strrchr(base, '.');
+    const size_t length = dot && dot > base ? (size_t) (dot - base) : strlen(base);
+    int first = -1;
+    bool several = false;
+
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        if (scene->meshes[i].name[0])
+            continue;
+        first = first < 0 ? scene->meshes[i].object : first;
+        several |= scene->meshes[i].object != first;
+    }
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        struct pell_mesh *mesh = &scene->meshes[i];
+        char name[128];
+        if (mesh->name[0])
+            continue;
+        if (several)
+            snprintf(name, sizeof(name), "%.*s %d", (int) (length < 100 ? length : 100), base, mesh->object + 1);
+        else
+            snprintf(name, sizeof(name), "%.*s", (int) (length < 100 ? length : 100), base);
+        pell_free(import->ctx, mesh->name);
+        mesh->name = pell_strdup(import->ctx, name);
+        if (!mesh->name)
+            return PELL_ERR_NOMEM;
+    }
+    return PELL_OK;
+}
+
 enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
                                 const struct pell_scale *scale, const struct pell_moment *moment, struct pell_scene **out)
 {
@@ -214,6 +247,7 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
              : format == PELL_SCENE_OBJ ? pell_import_obj(&import, data, size)
              : format == PELL_SCENE_PLY ? pell_import_ply(&import, data, size)
                                         : pell_import_stl(&import, data, size));
+    PELL_TRY(name_meshes(&import));
     PELL_TRY(find_unit(&import, scale, &mm));
     for (int i = 0; i < 3; i++)
         matrix.m[5 * i] = mm;

@@ -60,6 +60,30 @@ static void a_unit_and_a_size_together_are_refused(void **state)
     assert_int_equal(try_text("cube.obj", CUBE, &huge).res, PELL_ERR_INVALID);
 }
 
+/* What a file does not name is known by the file, in messages and lists. */
+static void meshes_without_names_have_the_files(void **state)
+{
+    static const char *const two = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\no named\nf 1 2 3\no\nf 3 2 1\n";
+    static const char *const expected[] = { "three 1", "named", "three 3" };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    const struct pell_load_params params = { .mm_per_unit = 1.0, .bare = true };
+    struct pell_scene *s;
+    (void) state;
+
+    assert_int_equal(load_text(ctx, "cube.obj", CUBE, &params, &s), PELL_OK);
+    assert_true(s->meshes[0].name[0]);
+    pell_scene_destroy(&s);
+    assert_int_equal(load_text(ctx, "three.ply", TRIANGLE_PLY, &params, &s), PELL_OK);
+    assert_string_equal(s->meshes[0].name, "three");
+    pell_scene_destroy(&s);
+    assert_int_equal(load_text(ctx, "folder/of.two/three.obj", two, &params, &s), PELL_OK);
+    assert_int_equal(s->num_meshes, PELL_COUNT(expected));
+    for (size_t i = 0; i < s->num_meshes; i++)
+        assert_string_equal(s->meshes[i].name, expected[i]);
+    pell_scene_destroy(&s);
+    pell_context_destroy(&ctx);
+}
+
 static void a_size_is_the_largest_extent(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -364,6 +388,7 @@ int main(void)
         cmocka_unit_test(built_in_files_read_as_their_entries),
         cmocka_unit_test(a_cancelled_context_reads_nothing),
         cmocka_unit_test(an_unsaid_material_is_marble),
+        cmocka_unit_test(meshes_without_names_have_the_files),
         cmocka_unit_test(a_scene_in_memory_looks_for_files_in_its_folder),
         cmocka_unit_test(uv_sets_and_pixels_are_allocated_once_and_within_range),
     };

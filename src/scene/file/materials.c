@@ -563,7 +563,7 @@ enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struc
 
     PELL_TRY(pell_json_object(root, "materials", &materials));
     all = pell_json_get(&materials, "*");
-    PELL_TRY(pell_scene_default_material(r->scene, all.value || pell_json_has(&materials, "default")));
+    PELL_TRY(pell_scene_default_material(r->scene, all.value || pell_json_has(&materials, PELL_DEFAULT_MATERIAL)));
     if (!materials.value)
         return PELL_OK;
     for (size_t i = 0; all.value && i < r->scene->num_materials; i++)
