@@ -2,7 +2,9 @@
  * memory.c - buffers, and the blocks of device memory that they are parts of: drivers allow few allocations, and each is slow. */
 #include "vulkan/core.h"
 
-#define BLOCK_SIZE (UINT64_C(64) << 20)
+/* As much as there is already, between these. */
+#define BLOCK_LEAST (UINT64_C(2) << 20)
+#define BLOCK_MOST (UINT64_C(64) << 20)
 
 /* Part of a block: its chunks follow each other without gaps, and no two free ones are neighbours. */
 struct pell_vk_chunk {
@@ -104,6 +106,13 @@ static void release(struct pell_gpu *gpu, struct pell_vk_chunk *c)
     destroy_block(gpu, block);
 }
 
+static uint64_t block_size(const struct pell_gpu *gpu, uint64_t size)
+{
+    const uint64_t used = gpu->memory_used, block = used < BLOCK_LEAST ? BLOCK_LEAST : used > BLOCK_MOST ? BLOCK_MOST : used;
+
+    return size > block ? size : block;
+}
+
 /* The first place in the block that holds `size` aligned bytes. */
 static struct pell_vk_chunk *fit(const struct pell_vk_block *block, uint64_t size, uint64_t align, uint64_t *offset)
 {
@@ -126,7 +135,7 @@ static enum pell_result allocate(struct pell_gpu *gpu, uint32_t type, uint64_t s
         if (b->type == type)
             c = fit(b, size, align, &offset);
     if (!c) {
-        PELL_TRY(create_block(gpu, type, size > BLOCK_SIZE ? size : BLOCK_SIZE, &fresh));
+        PELL_TRY(create_block(gpu, type, block_size(gpu, size), &fresh));
         c = fit(fresh, size, align, &offset);
         fresh->next = gpu->blocks;
         gpu->blocks = fresh;
