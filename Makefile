@@ -21,7 +21,8 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
             TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp \
             VK_ICD_FILENAMES=/dev/null
 
-.PHONY: help demo build test test-asan test-tsan fuzz-short soak test-mpi check-clang install uninstall deb test-deb check-abi docs clean
+.PHONY: help shaders demo build test test-asan test-tsan fuzz-short \
+        soak test-mpi check-clang install uninstall deb test-deb check-abi docs clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
@@ -48,6 +49,9 @@ test-tsan: ## the tests that start threads, under the thread sanitizer
 	@CC=clang TARGETS=suite:threads scripts/build.sh build-tsan --buildtype=debugoptimized -Db_sanitize=thread $(watched) \
 	    -Dc_args=-gline-tables-only
 	@$(sanitized) scripts/run_tests.py build-tsan test-tsan --timeout-multiplier 6 --suite threads
+
+shaders: ## the methods' compute shaders as SPIR-V, HLSL and MSL, in build/shaders (needs spirv-cross)
+	@scripts/export_shaders.py $(BUILD)/shaders
 
 test-mpi: ## pellucid-mpi under mpirun: the same bits on any number of ranks, killed and resumed
 	@scripts/setup.sh --ci
