@@ -64,6 +64,29 @@ static enum exit_code parse_percent(struct cli *cli, const char *where, const ch
                       pell_error(cli->ctx, PELL_ERR_INVALID, where, "1% or 0.5%", "\"%s\" is no percentage above 0 and up to 100", text));
 }
 
+/* The knob of a method that common option `i` stands for, or NULL. */
+static const struct pell_knob *common_knob(const struct pell_method *method, size_t i)
+{
+    const struct pell_knob *knob = NULL;
+
+    for (int n = 0; n < 2 && !knob && common_options[i].knobs[n]; n++)
+        knob = pell_knob_find(method->knobs, common_options[i].knobs[n]);
+    return knob && (strcmp(common_options[i].option, "target-error") != 0 || strcmp(knob->unit, "1") == 0) /* an error of another kind */
+               ? knob
+               : NULL;
+}
+
+/* "image-space, layered, path-trace have one". */
+static void list_owners(size_t i, struct pell_text *text)
+{
+    int count = 0;
+
+    for (size_t k = 0; k < pell_method_count(); k++)
+        if (common_knob(pell_method_at(k), i))
+            pell_text_add(text, "%s%s", count++ > 0 ? ", " : "", pell_method_at(k)->name);
+    pell_text_add(text, count > 1 ? " have one" : " has one");
+}
+
 /* Sets the knobs that common options stand for. */
 static enum exit_code apply_common(struct cli *cli, const struct pell_method *method, const struct settings_list *common, void *values)
 {
@@ -71,7 +94,8 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
 
     for (size_t k = 0; k < common->count && code == EXIT_OK; k++) {
         const struct pell_setting *s = &common->items[k];
-        const struct pell_knob *knob = NULL;
+        const struct pell_knob *knob;
+        struct pell_text owners = { .length = 0 };
         const char *text = s->value;
         char number[40], owner[80];
         double value = 0.0;
@@ -79,11 +103,12 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
 
         while (strcmp(common_options[i].option, s->name) != 0)
             i++;
-        for (int n = 0; n < 2 && !knob && common_options[i].knobs[n]; n++)
-            knob = pell_knob_find(method->knobs, common_options[i].knobs[n]);
-        if (!knob || (strcmp(s->name, "target-error") == 0 && strcmp(knob->unit, "1") != 0)) /* an error of another kind */
-            return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, s->where, "path-trace has one", "method %s has no %s",
-                                              method->name, common_options[i].what));
+        knob = common_knob(method, i);
+        if (!knob) {
+            list_owners(i, &owners);
+            return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, s->where, owners.str, "method %s has no %s", method->name,
+                                              common_options[i].what));
+        }
         if (strcmp(s->name, "time-limit") == 0)
             code = cli_parse_seconds(cli, s->where, s->value, &value);
         else if (strcmp(s->name, "target-error") == 0)
@@ -222,7 +247,8 @@ enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine)
             *engine = (enum pell_engine) i;
     if (!known) {
         struct pell_text hint = { .length = 0 };
-        const bool near = pell_text_suggest(&hint, "", cli->engine, cli_engine_names, 3);
+        const bool gpu = strcmp(cli->engine, "gpu") == 0;
+        const bool near = pell_text_suggest(&hint, "", gpu ? "vulkan" : cli->engine, cli_engine_names, 3);
         return cli_usage(cli, "--engine", near ? hint.str : NULL, "\"%s\", must be auto, cpu or vulkan", cli->engine);
     }
     if (cli->device && *engine != PELL_ENGINE_VULKAN)

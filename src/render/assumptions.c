@@ -85,10 +85,10 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         return res;
     for (size_t i = 0; i < report.num_objects; i++) {
         const struct pell_object_report *o = &report.objects[i];
-        const char *place = o->name[0] ? o->name : "an unnamed object";
+        char shown[96], other[96];
+        const char *place = o->name[0] ? pell_printable(o->name, shown, sizeof(shown)) : "an unnamed object";
         const struct pell_material *m;
         double mfp, widest;
-        char other[96];
 
         if (o->material < 0 || (size_t) o->material >= scene->num_materials || scene->materials[o->material].opaque)
             continue;

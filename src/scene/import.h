@@ -21,8 +21,11 @@ struct pell_moment {
     enum pell_result code; /* of one that is not there; 0: PELL_ERR_INVALID */
 };
 
+struct pell_loader;
+
 struct pell_import {
     struct pell_context *ctx;
+    const struct pell_loader *loader;
     struct pell_scene *scene; /* the file's content, in its units; a mesh for which it names no material has material -1 */
     const char *path;         /* as the user gave it: for messages */
     const char *root;         /* folder that external files must lie under */

@@ -167,8 +167,11 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
         if (!pell_scene_bounds(import->scene, min, max))
             return pell_cancelled(import->ctx)
                        ? PELL_ERR_CANCELLED
-                       : pell_error(import->ctx, PELL_ERR_FORMAT, import->path, NULL,
-                                    "holds no triangles, or coordinates that are too large, so a size can't be given to it");
+                       : pell_error(
+                             import->ctx, PELL_ERR_FORMAT, import->path, NULL,
+                             import->scene->total_triangles > 0
+                                 ? "its coordinates are too large for a size to be given to it: their differences must be in floats' range"
+                                 : "holds no triangles, so a size can't be given to it");
         for (int c = 0; c < 3; c++)
             extent = fmax(extent, (double) max[c] - min[c]);
         if (!(extent > 0.0))
@@ -218,7 +221,9 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
 {
     struct pell_context *ctx = loader->ctx;
     const enum pell_scene_format format = pell_scene_tell_format(path, data, size);
-    struct pell_import import = { .ctx = ctx, .path = path, .allow_outside = loader->params->allow_outside, .moment = *moment };
+    struct pell_import import = {
+        .ctx = ctx, .loader = loader, .path = path, .allow_outside = loader->params->allow_outside, .moment = *moment
+    };
     struct pell_mat4 matrix = mat4_identity();
     char *folder = NULL;
     double mm;

@@ -100,7 +100,7 @@ static enum pell_result read_element(struct ply *p)
             return bad_header(p, "an element must be declared once", word, length);
     length = pell_lex_word(&p->lex, &word);
     if (!pell_parse_number(word, length, &count) || !(count >= 0.0 && count <= 9e15) || count != floor(count))
-        return bad_header(p, "the count of an element must be a whole number", word, length);
+        return bad_header(p, "the count of an element must be a whole number of at most 9e15", word, length);
     e->count = (int64_t) count;
     e->first_property = p->num_properties;
     e->num_properties = 0;

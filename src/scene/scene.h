@@ -88,7 +88,10 @@ struct pell_loader {
     const char *root;
     enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
     void *user;
-    bool is_scene_file;  /* the bytes are a scene file's, whatever the path's name */
+    bool is_scene_file; /* the bytes are a scene file's, whatever the path's name */
+    /* Whether the scene file says what a mesh file's material of this name is; NULL: it does not, or there is none. */
+    bool (*defines)(const void *of, const char *material);
+    const void *defines_of;
     const char *granted; /* one image that a scene file may name wherever it lies; NULL: none */
 };
 

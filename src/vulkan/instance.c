@@ -30,9 +30,12 @@ static const char *result_name(VkResult result)
 enum pell_result pell_vk_failed(struct pell_context *ctx, const char *call, VkResult result)
 {
     const bool memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    const char *hint = memory                                     ? "use a smaller picture, or --engine cpu"
+                       : result == VK_ERROR_INITIALIZATION_FAILED ? "drivers say so where memory ends, too; or use --engine cpu"
+                                                                  : "use --engine cpu";
 
-    return pell_error(ctx, memory ? PELL_ERR_NOMEM : PELL_ERR_DEVICE, "vulkan", memory ? "use a smaller picture, or --engine cpu" : NULL,
-                      "%s failed: %s (VkResult %d)", call, result_name(result), (int) result);
+    return pell_error(ctx, memory ? PELL_ERR_NOMEM : PELL_ERR_DEVICE, "vulkan", hint, "%s failed: %s (VkResult %d)", call,
+                      result_name(result), (int) result);
 }
 
 /* Called by the layer, maybe from a driver's thread. */

@@ -1,6 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * passes.c - a compute shader with the buffers that it works on. */
+#define _GNU_SOURCE /* MAP_ANONYMOUS */
 #include "vulkan/core.h"
+
+#include <sys/mman.h>
+
+#define COMPILER_MEMORY ((size_t) 32 << 20)
 
 static enum pell_result create_layouts(struct pell_gpu_pass *p)
 {
@@ -33,6 +38,17 @@ fail:
     return res;
 }
 
+/* A driver that compiles for the CPU can end the process where its memory ends: it is asked for first. */
+static enum pell_result need_memory(struct pell_gpu *gpu)
+{
+    void *room = mmap(NULL, COMPILER_MEMORY, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+
+    if (room == MAP_FAILED)
+        return pell_error(gpu->ctx, PELL_ERR_NOMEM, gpu->name, "use --engine cpu", "too little memory to compile a shader");
+    munmap(room, COMPILER_MEMORY);
+    return PELL_OK;
+}
+
 static enum pell_result create_pipeline(struct pell_gpu_pass *p, const uint32_t *constants, size_t count)
 {
     const struct pell_shader *s = p->shader;
@@ -55,6 +71,7 @@ static enum pell_result create_pipeline(struct pell_gpu_pass *p, const uint32_t 
 
     for (size_t i = 0; i < count; i++)
         entries[i] = (VkSpecializationMapEntry) { (uint32_t) i, (uint32_t) (i * sizeof(*constants)), sizeof(*constants) };
+    PELL_TRY(need_memory(gpu));
     PELL_TRY(PELL_VK(gpu, CreateShaderModule, (gpu->device, &module_info, NULL, &module)));
     info.stage.module = module;
     res = PELL_VK(gpu, CreateComputePipelines, (gpu->device, gpu->cache, 1, &info, NULL, &p->pipeline));

@@ -286,9 +286,32 @@ static void materials_are_overlaid_by_name(void **state)
     m = called(s, "Cloth");
     assert_string_equal(m->preset, "wholemilk");
     REQUIRE_NEAR(m->roughness, 0.7, 1e-6);
-    assert_int_equal(kept.warnings, 2); /* the materials that no library defines; "Skim" */
+    assert_int_equal(kept.warnings, 1); /* no library defines the mesh's materials, but this file does */
     assert_non_null(strstr(kept.last_warning, "no material is called \"Skim\""));
     finish(s);
+}
+
+/* A mesh file's materials that nothing defines are reported: those that the scene file or the mesh's own "material" settle are not. */
+static void materials_that_nothing_defines_are_reported(void **state)
+{
+    static const struct {
+        const char *rest;
+        int warnings;
+    } cases[] = { { "", 1 },
+                  { ",\"materials\":{\"Skin\":{\"preset\":\"marble\"}}", 1 },
+                  { ",\"materials\":{\"Skin\":{\"preset\":\"marble\"},\"Cloth\":{\"opaque\":true}}", 0 },
+                  { ",\"materials\":{\"*\":{\"preset\":\"marble\"}}", 0 } };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct kept_messages kept = { 0 };
+        char text[256];
+        snprintf(text, sizeof(text), "{\"pellucid\":1,\"mesh\":\"two.obj\",\"unit\":\"10mm\"%s}", cases[i].rest);
+        finish(load(text, &kept));
+        assert_int_equal(kept.warnings, cases[i].warnings);
+        if (i == 1)
+            assert_non_null(strstr(kept.last_warning, "1 material which no library defines (\"Cloth\")"));
+    }
 }
 
 /* Under the model that the material asks for, the medium has the colour; and what other programs call a radius is a length. */
@@ -1199,6 +1222,7 @@ int main(void)
         cmocka_unit_test(lights_are_read),
         cmocka_unit_test(sides_studios_and_backgrounds_are_those_of_the_options),
         cmocka_unit_test(materials_are_overlaid_by_name),
+        cmocka_unit_test(materials_that_nothing_defines_are_reported),
         cmocka_unit_test(a_profile_is_a_model_or_a_table),
         cmocka_unit_test(a_radius_means_what_its_kind_says),
         cmocka_unit_test(a_colour_and_a_mean_free_path_make_a_medium),

@@ -52,7 +52,8 @@ static const struct pell_knob knobs[] = {
     { "taps", PELL_KNOB_INT, "1", AT(taps), { 12 }, 1, 64, NULL,
       "with kernel = separable: taps of a pass on either side; pixels between them are left out where the kernel is wider" },
     { "rotate", PELL_KNOB_BOOL, "1", AT(rotate), { 0 }, 0, 1, NULL,
-      "turn lines of taps that have gaps from pixel to pixel, which makes noise of banding; with kernel = separable or edges = paper" },
+      "turn lines of taps that have gaps from pixel to pixel, which makes noise of banding; with kernel = separable or edges = paper, and "
+      "the engine cpu" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "through", PELL_KNOB_ENUM, "1", AT(transmission), { SCREEN_TRANSMISSION_SLAB }, 0, 0, transmission_names,
       "transmission: none; by thickness d, as the sum of w exp(-d^2/(2 v)); or through a slab of the medium where faces oppose, if the "

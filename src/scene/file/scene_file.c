@@ -127,11 +127,27 @@ fail:
     return res;
 }
 
+struct defined {
+    const struct pell_scene_reader *reader;
+    bool all; /* by the mesh's own "material" */
+};
+
+/* What "materials" says of a mesh file's. */
+static bool defines_material(const void *of, const char *name)
+{
+    const struct defined *d = of;
+    const struct pell_json root = pell_json_root(&d->reader->file), materials = pell_json_get(&root, "materials");
+
+    return d->all || (materials.value && (pell_json_has(&materials, "*") || pell_json_has(&materials, name)));
+}
+
 /* `at` is a path or an object with one. */
 static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell_json *at)
 {
     const bool plain = json_is_string(at->value);
     const struct pell_json material = plain ? *at : pell_json_get(at, "material"), path_at = plain ? *at : pell_json_get(at, "path");
+    const struct defined defined = { r, !plain && material.value };
+    struct pell_loader loader = *r->loader;
     struct pell_scale scale = r->scale;
     struct pell_scene *scene = NULL;
     struct pell_mat4 matrix;
@@ -144,6 +160,8 @@ static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell
 
     if (!plain && !json_is_object(at->value))
         return pell_json_wrong_type(at, "a path, or an object with one");
+    loader.defines = defines_material;
+    loader.defines_of = &defined;
     scale.where = pell_json_where(at, &where);
     if (!plain) {
         PELL_TRY(ONLY(at, mesh_keys));
@@ -156,7 +174,7 @@ static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell
         res = res == PELL_ERR_INVALID ? PELL_ERR_FORMAT : res;
         goto fail;
     }
-    PELL_TRY(pell_load_mesh(r->loader, path, data, size, &scale, &r->moment, &scene));
+    PELL_TRY(pell_load_mesh(&loader, path, data, size, &scale, &r->moment, &scene));
     if (!plain) {
         PELL_TRY(read_placement(at, scene->mm_per_unit, &matrix));
         PELL_TRY(pell_scene_transform(scene, &matrix, 1.0));

@@ -353,7 +353,7 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
         }
     }
     *any = true;
-    pell_warn(ctx, where, NULL, "%u closed surface%s had inverted normals and %s flipped", count, count > 1 ? "s" : "",
+    pell_warn(ctx, where, NULL, "%u surface%s had inverted normals and %s flipped", count, count > 1 ? "s" : "",
               count > 1 ? "were" : "was");
     res = PELL_OK;
 

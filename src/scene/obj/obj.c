@@ -230,7 +230,8 @@ fail:
         char copy[64] = "", shown[64];
         const size_t length = pell_lex_word(l, &word);
         memcpy(copy, word, length < sizeof(copy) ? length : sizeof(copy) - 1);
-        return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL, "a face's corner is \"%s\", must be like 1, 1/2, 1//3 or 1/2/3",
+        return pell_error(o->ctx, PELL_ERR_FORMAT, where(o, &text), NULL,
+                          "a face's corner is \"%s\", must be whole numbers as in 1, 1/2, 1//3 or 1/2/3, none beyond 2147483647",
                           pell_printable(copy, shown, sizeof(shown)));
     }
 }
@@ -562,9 +563,18 @@ fail:
     return res;
 }
 
+/* Whether someone else says what the material is. */
+static bool is_defined_elsewhere(const struct pell_import *import, const char *name)
+{
+    const struct pell_loader *l = import->loader;
+
+    return l->params->material || (l->defines && l->defines(l->defines_of, name));
+}
+
 /* Materials that no library defines are marble, as objects without a material are. */
 static enum pell_result settle_materials(struct obj *o)
 {
+    const char *first = NULL;
     enum pell_result res;
     size_t missing = 0;
 
@@ -572,12 +582,15 @@ static enum pell_result settle_materials(struct obj *o)
         if (o->mtl.defined[i])
             continue;
         PELL_TRY(pell_material_apply(o->import->scene, i, o->import->path, "marble"));
+        if (is_defined_elsewhere(o->import, o->import->scene->materials[i].name))
+            continue;
+        first = first ? first : o->import->scene->materials[i].name;
         missing++;
     }
     if (missing)
         pell_warn(o->ctx, o->import->path, "--material NAME chooses another for all",
-                  "%zu material%s no library defines (\"%s\"%s): marble is used", missing, missing > 1 ? "s which" : " which",
-                  o->import->scene->materials[0].name, missing > 1 ? ", ..." : "");
+                  "%zu material%s no library defines (\"%s\"%s): marble is used", missing, missing > 1 ? "s which" : " which", first,
+                  missing > 1 ? ", ..." : "");
     return PELL_OK;
 
 fail:
