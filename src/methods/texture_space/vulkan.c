@@ -323,6 +323,7 @@ struct packing {
     float *const *planes; /* of light */
     int count;
     bool scaled; /* by strength */
+    float *map;  /* that comes back */
 };
 
 static int chunks_of(size_t count)
@@ -626,8 +627,19 @@ static enum pell_result finish(struct ts_blurring *p)
     return close_list(p->st);
 }
 
+static void unpack_map(void *arg, int chunk, int worker)
+{
+    const struct packing *p = arg;
+    const struct ts_device *d = p->st->device;
+    const size_t from = (size_t) chunk * CHUNK, end = chunk_end(p->atlas->size, chunk);
+
+    (void) worker;
+    memcpy(p->map + 4 * from, (const float *) pell_gpu_buffer_host(d->buffers[RESULT]) + 4 * from, (end - from) * 16);
+}
+
 static enum pell_result store(struct ts_state *st, const struct ts_solid *solid)
 {
+    struct packing task = { .st = st, .atlas = solid->atlas, .map = solid->map - 4 * TS_MARGIN };
     struct ts_device *d = st->device;
     const struct ts_atlas *a = solid->atlas;
     enum pell_result res;
@@ -639,7 +651,7 @@ static enum pell_result store(struct ts_state *st, const struct ts_solid *solid)
     pell_gpu_copy(d->commands, d->buffers[SUM], d->buffers[RESULT], (uint64_t) a->size * 16);
     take_note(d, "download", (int64_t) a->size, (int64_t) a->size * 32);
     PELL_TRY(close_list(st));
-    memcpy(solid->map - 4 * TS_MARGIN, pell_gpu_buffer_host(d->buffers[RESULT]), a->size * 16);
+    pell_pool_run(st->pool, chunks_of(a->size), unpack_map, &task);
     ts_note_time(st, "unpack", a->inner, (int64_t) a->size * 32, 0);
 
 fail:
