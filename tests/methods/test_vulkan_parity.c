@@ -322,6 +322,53 @@ static void calls_that_fail_are_reported(void **state)
     calls_fail("image-space");
 }
 
+/* The same of a method that needs a scene, in whose frames everything is made: each call fails in a frame of a fresh renderer, the same
+ * renderer then gives the picture, and the device's memory is free when it is gone. */
+static void calls_that_fail_in_a_scene_are_reported(void **state)
+{
+    static const char *const knobs[] = { "size=64", NULL };
+    struct shot good = { 0 };
+    int failed = 0;
+    (void) state;
+
+    skip_without_gpu();
+    for (uint64_t n = 0; n == 0 || failed == (int) n - 1; n++) {
+        struct stage s;
+        struct shot shot;
+        enum pell_result res;
+
+        stage_start(&s, 40, 30);
+        pell_renderer_destroy(&s.r);
+        pell_device_destroy(&s.device);
+        s.device = validated(s.ctx);
+        OK(pell_renderer_create(s.device, &s.r));
+        lit_from_behind(&s);
+        stage_complete(&s);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        s.set = true;
+        stage_method(&s, "texture-space", knobs);
+        pell_gpu_fail_at(s.device->gpu, n); /* 0: none */
+        res = pell_renderer_render(s.r, &s.settings, &s.image);
+        REQUIRE(res == PELL_OK ? s.kept.errors == 0 : res == PELL_ERR_NOMEM && s.kept.errors == 1);
+        failed += res != PELL_OK;
+        pell_gpu_fail_at(s.device->gpu, 0);
+        shot = stage_shot(&s);
+        if (n == 0)
+            good = shot;
+        REQUIRE(shot_equal(&shot, &good));
+        if (n > 0)
+            shot_free(&shot);
+        pell_renderer_destroy(&s.r);
+        assert_true(pell_gpu_memory_used(s.device->gpu) == 0);
+        pell_device_destroy(&s.device);
+        REQUIRE(s.kept.errors == (res != PELL_OK));
+        stage_finish(&s);
+    }
+    print_message("# texture-space: %d calls\n", failed);
+    REQUIRE(failed > 60);
+    shot_free(&good);
+}
+
 /* Times per pass come from the device, and passes know their bytes. */
 static void passes_have_times(void **state)
 {
@@ -421,9 +468,13 @@ static void knobs_of_the_cpu_alone_are_refused(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(both_engines_give_one_picture),    cmocka_unit_test(colours_spread_light_alike),
-        cmocka_unit_test(calls_that_fail_are_reported),     cmocka_unit_test(passes_have_times),
-        cmocka_unit_test(other_methods_name_their_engines), cmocka_unit_test(knobs_of_the_cpu_alone_are_refused),
+        cmocka_unit_test(both_engines_give_one_picture),
+        cmocka_unit_test(colours_spread_light_alike),
+        cmocka_unit_test(calls_that_fail_are_reported),
+        cmocka_unit_test(calls_that_fail_in_a_scene_are_reported),
+        cmocka_unit_test(passes_have_times),
+        cmocka_unit_test(other_methods_name_their_engines),
+        cmocka_unit_test(knobs_of_the_cpu_alone_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -484,11 +484,11 @@ static void a_method_without_the_engine_is_refused_with_those_it_has(void **stat
     (void) state;
     start(&s, NULL);
     start_renderer(&s);
-    assert_int_equal(pell_renderer_set_method(s.r, pell_method_find(s.ctx, "test", "texture-space"), NULL), PELL_ERR_DEVICE);
-    assert_string_equal(s.kept.where, "texture-space");
+    assert_int_equal(pell_renderer_set_method(s.r, pell_method_find(s.ctx, "test", "layered"), NULL), PELL_ERR_DEVICE);
+    assert_string_equal(s.kept.where, "layered");
     assert_string_equal(s.kept.what, "has no engine null, only cpu");
     stage_render(&s); /* the old one is still there */
-    assert_int_equal(pell_pass_create(s.device, pell_method_find(s.ctx, "test", "texture-space"), NULL, &shape, &pass), PELL_ERR_DEVICE);
+    assert_int_equal(pell_pass_create(s.device, pell_method_find(s.ctx, "test", "layered"), NULL, &shape, &pass), PELL_ERR_DEVICE);
     assert_null(pass);
     seen.needs = PELL_NEED_SCENE;
     assert_int_equal(pell_pass_create(s.device, &probe_method, NULL, &shape, &pass), PELL_ERR_UNSUPPORTED);

@@ -441,11 +441,12 @@ static enum pell_result begin(struct ts_state *st, const struct ts_solid *solid)
     PELL_TRY(open_list(d));
     if (d->held != a || d->positions != a->positions || scaled)
         send_layout(st, solid);
-    d->held = a;
-    d->positions = a->positions;
+    d->held = NULL; /* until it is there */
     run_texels(d, CLEAR);
     take_note(d, "clear", a->inner, a->inner * 40);
-    return close_list(st);
+    PELL_TRY(close_list(st));
+    d->held = a;
+    d->positions = a->positions;
 
 fail:
     return res;
