@@ -6,7 +6,8 @@
 #ifndef PELL_SCREEN_SPACE_FORMULAS_H
 #define PELL_SCREEN_SPACE_FORMULAS_H
 
-#define SCREEN_FACTOR_PARTS 32  /* cubics that a factor of a separable kernel is made of */
+#define SCREEN_FACTOR_PARTS 32                           /* cubics that a factor of a separable kernel is made of */
+#define SCREEN_FACTOR_SIZE (2 + 3 * SCREEN_FACTOR_PARTS) /* vectors of one on a device: see separable.comp */
 #define SCREEN_SPAN 2.88675135f /* 3/sqrt(1.08): the listing's 7 taps over +-span have a standard deviation of span/SCREEN_SPAN */
 
 /* A Gaussian of compact support: K(t) = q(t^2/16) - q(0.7225), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 make

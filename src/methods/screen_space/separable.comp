@@ -124,7 +124,7 @@ void main()
             to[i] = vec4(0.0);
         return;
     }
-    const int head = (int(light.w) * pc.rank + term) * (2 + 3 * PARTS);
+    const int head = (int(light.w) * pc.rank + term) * SCREEN_FACTOR_SIZE;
     const vec4 pass = factors[head];
     const vec2 own = geometry[i], beside = other[i];
     const vec2 plan = intBitsToFloat(plans[AXIS * (pc.width / BLOCK * pc.height) + i / BLOCK].xy);

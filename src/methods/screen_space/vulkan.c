@@ -10,10 +10,7 @@
 
 #include <string.h>
 
-enum {
-    LINES_ACROSS = 4096,                       /* workgroups of lines.comp in a row, at most */
-    FACTOR_SIZE = 2 + 3 * SCREEN_FACTOR_PARTS, /* vectors of a factor: see separable.comp */
-};
+enum { LINES_ACROSS = 4096 }; /* workgroups of lines.comp in a row, at most */
 
 enum buffer {
     TABLE_UP,
@@ -125,7 +122,7 @@ static uint64_t table_size(const struct screen_gpu *st)
 
 static uint64_t factors_size(const struct screen_gpu *st)
 {
-    return (uint64_t) (st->chain.num_materials + 1) * (uint64_t) st->factors.rank * FACTOR_SIZE * sizeof(struct vec4);
+    return (uint64_t) (st->chain.num_materials + 1) * (uint64_t) st->factors.rank * SCREEN_FACTOR_SIZE * sizeof(struct vec4);
 }
 
 static bool is_needed(const struct screen_gpu *st, enum buffer which)

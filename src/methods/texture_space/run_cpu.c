@@ -41,9 +41,10 @@ static void start_rows(void *arg, int band, int worker)
                 else
                     memset(st->now[c] + at, 0, n * sizeof(float));
             for (ptrdiff_t i = at; i < at + (ptrdiff_t) n; i++) {
-                const float lx = st->work.length[0][i], ly = st->work.length[1][i], skew = st->knobs.stretch ? a->skew[i] * lx : 0.0f;
-                st->now[4][i] = lx > 0.0f ? 1.0f / lx : 0.0f;
-                st->now[5][i] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
+                float density[2];
+                ts_stretch(st, a, i, density);
+                st->now[4][i] = density[0];
+                st->now[5][i] = density[1];
             }
         }
 }

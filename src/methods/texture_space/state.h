@@ -181,6 +181,15 @@ struct ts_blur {
     const double *weight; /* NULL: don't add it to the sum */
 };
 
+/* The stretch that the paper's taps blur, too: texels per mm along x and y; 0 without chart. */
+static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *a, ptrdiff_t at, float density[2])
+{
+    const float lx = st->work.length[0][at], ly = st->work.length[1][at], skew = st->knobs.stretch ? a->skew[at] * lx : 0.0f;
+
+    density[0] = lx > 0.0f ? 1.0f / lx : 0.0f;
+    density[1] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
+}
+
 /* Standard deviations at which transmitted light counts in full, with fade=linear. */
 #define TS_FADE_REACH 6.0f
 

@@ -351,12 +351,8 @@ static void pack_pairs(void *to, const float *first, const float *second, size_t
 
 static void pack_stretch(const struct ts_state *st, const struct ts_atlas *a, float *to, size_t from, size_t end)
 {
-    for (size_t k = from; k < end; k++) {
-        const ptrdiff_t i = (ptrdiff_t) k - TS_MARGIN;
-        const float lx = st->work.length[0][i], ly = st->work.length[1][i], skew = st->knobs.stretch ? a->skew[i] * lx : 0.0f;
-        to[2 * k] = lx > 0.0f ? 1.0f / lx : 0.0f;
-        to[2 * k + 1] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
-    }
+    for (size_t k = from; k < end; k++)
+        ts_stretch(st, a, (ptrdiff_t) k - TS_MARGIN, to + 2 * k);
 }
 
 static void pack_layout(void *arg, int chunk, int worker)
