@@ -166,6 +166,7 @@ enum pell_result viewer_document_note(struct viewer_document *d, const struct pe
 static enum pell_result read_base(struct viewer_document *d, const char *path, json_t **base)
 {
     struct pell_json_file file = { .ctx = d->ctx, .path = path, .range = PELL_ERR_FORMAT };
+    struct pell_json root;
     uint8_t *data = NULL;
     size_t size;
     bool scene;
@@ -180,6 +181,8 @@ static enum pell_result read_base(struct viewer_document *d, const char *path, j
     res = PELL_OK;
     if (scene) {
         PELL_TRY(pell_json_parse(&file, data, size));
+        root = pell_json_root(&file);
+        PELL_TRY(pell_json_is_object(&root));
         *base = json_incref(file.root);
     } else {
         *base = json_pack("{s:i,s:s}", "pellucid", 1, "mesh", pell_path_name(path));

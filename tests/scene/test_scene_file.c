@@ -779,6 +779,8 @@ static const struct {
     { SCENE(",\"render\":{\"width\":null}"), "s.json:/render/width", "must be a number", "" },
     { SCENE(",\"render\":{\"knobs\":5}"), "s.json:/render/knobs", "an object", "" },
     { SCENE(",\"mesh\":\"cube.obj\""), "s.json:1:", "duplicate", "" },
+    { "5", "s.json:/", "is 5, allowed: an object", "" },
+    { "null", "s.json:/", "is null, allowed: an object", "" },
     { "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"1mm\",\"camera\":{\"from\":[0,0,1e999]}}", "s.json:1:", "not valid JSON", "" },
     { "{\"pellucid\":1,\"mesh\":\"s.json\",\"unit\":\"1mm\"}", "s.json", "no such file", "" },
     { "{\"pellucid\":1,\"mesh\":\"soap.json\",\"unit\":\"1mm\"}", "soap.json", "a mesh file is needed", "" },

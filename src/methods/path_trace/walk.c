@@ -327,6 +327,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
                          .crossed = true,
                          .tight = true,
                          .events = 1 };
+    const int64_t crossed = walker->counts.crossed;
     struct boundary b;
     int count = 0;
 
@@ -340,6 +341,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
     p.vertices = walker->vertices;
     if (!look(&p, hit, &b)) /* never: the camera is in no solid yet */
         return 0;
+    walker->counts.crossed = crossed; /* a camera inside a solid crosses nothing */
     p.entered = b.before.count > 0;
     for (int reflected = 0; reflected < (b.rough ? 1 : 2); reflected++) {
         struct pt_walk *q = &walks[count];

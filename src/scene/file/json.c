@@ -78,7 +78,7 @@ enum pell_result pell_json_parse(struct pell_json_file *file, const void *data, 
     }
     if ((res = scan(file, text, size)) != PELL_OK)
         return res;
-    file->root = json_loadb(text, size, JSON_REJECT_DUPLICATES, &error);
+    file->root = json_loadb(text, size, JSON_REJECT_DUPLICATES | JSON_DECODE_ANY, &error);
     if (!file->root) {
         struct pell_text where = { 0 };
         char what[JSON_ERROR_TEXT_LENGTH];
