@@ -70,6 +70,12 @@ struct pell_scene_materials {
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
 };
 
+/* Whether what gets through thin parts by a slab's T is there, so that what goes between faces of thicker parts adds to it. */
+static inline bool pell_plan_transmits(const struct pell_plan *plan)
+{
+    return (plan->needs & PELL_NEED_TRANSMISSION) || plan->transmits;
+}
+
 /* Whether the method knows objects by their materials alone, and some share one: of_mesh is what the frame's plane `material` holds. */
 static inline bool pell_objects_apart(const struct pell_scene_materials *m, const struct pell_plan *plan)
 {

@@ -230,6 +230,7 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
         res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->solids,
                                  &e->through);
     e->whole = frame->plan && frame->plan->opposed;
+    e->between = frame->plan && pell_plan_transmits(frame->plan);
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
 }
@@ -332,7 +333,7 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.opposed &= f->plan && f->plan->opposed;
     light.through = e->through;
     light.whole = e->whole;
-    light.between = light.local && e->through;
+    light.between = light.local && e->through && e->between;
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     light.apart = apart ? f->materials->apart : NULL;

@@ -37,6 +37,7 @@ struct pell_cpu {
     struct pell_indirect *solids;   /* samples of solids, made when they are first needed */
     struct pell_indirect *through;  /* those, with what goes through them; NULL: nothing does */
     bool whole;                     /* `through` is for a method that asks the whole solid */
+    bool between;                   /* `through` has what goes between faces */
     bool lit;                       /* the indirect light is up to date with the lights */
 
     struct pell_raster *raster; /* NULL: camera visibility is ray traced */

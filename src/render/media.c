@@ -70,7 +70,7 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
         any |= find_law(params->scene, frame->materials, i, thin, &solid[i]);
     for (size_t i = 0; i < count; i++) {
         solid[i].all = all;
-        solid[i].between = thin;
+        solid[i].between = pell_plan_transmits(frame->plan);
     }
     res = PELL_OK;
     if (!any)

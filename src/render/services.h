@@ -96,7 +96,7 @@ struct pell_services {
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
-    void (*solved)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3]);
+    void (*transmitted)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
     void (*returned)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
 };
 
@@ -137,11 +137,12 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
     return pell_services_light_points(s, params, &in, (size_t) count, &out);
 }
 
-/* How far diffusion in the solid was solved at a point of a triangle, for a method whose plan is local, [0, 1]: as far the engine adds what
- * is transmitted. */
-static inline void pell_services_solved(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v, float solved[3])
+/* Share of what a slab transmits that a method adds at a point of a triangle, [0, 1], if it transmits by its plan: 0 where the engine knows
+ * the light in the solid and adds it, 1 where it does not. */
+static inline void pell_services_transmitted(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v,
+                                             float share[3])
 {
-    s->solved(s->engine, mesh, triangle, u, v, solved);
+    s->transmitted(s->engine, mesh, triangle, u, v, share);
 }
 
 /* What a profile returns at a point of a triangle that is on a flat thin part, over what it returns of a half-space, for a method that adds

@@ -289,14 +289,11 @@ static void leave_chunk(void *arg, int chunk, int worker)
     for (size_t i = first; i < first + LEFT_CHUNK && i < tsm->count; i++) {
         struct ts_transmitted_texel *t = &tsm->texels[i];
         const struct ts_triangle *of = &a->triangles[a->source[t->at]];
-        float solved[3];
-        pell_services_solved(p->st->services, of->mesh, of->triangle, a->bary[0][t->at], a->bary[1][t->at], solved);
-        for (int c = 0; c < 3; c++)
-            t->left[c] = 1.0f - solved[c];
+        pell_services_transmitted(p->st->services, of->mesh, of->triangle, a->bary[0][t->at], a->bary[1][t->at], t->left);
     }
 }
 
-/* What is left to transmit where diffusion in the solid is solved. */
+/* What is left to transmit beside what the engine knows of light inside of the solid. */
 static void leave(struct ts_state *st, const struct ts_atlas *a)
 {
     struct left_task task = { st, a };

@@ -105,7 +105,7 @@ struct pell_indirect {
     float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
     float (*value)[3];
     float (*behind)[3];                 /* of values: light of solids' other sides that leaves here, without the albedo. NULL as across */
-    float *thick;                       /* with p.through, of values: how far a part is thick beside the distance of samples */
+    float (*thick)[3];                  /* with p.through, of values: how far a part is thick beside the distance of samples */
     struct indirect_solid_light *solid; /* with p.through, of values */
 };
 

@@ -73,9 +73,9 @@ PELL_NODISCARD enum pell_result pell_indirect_send_through(struct pell_indirect 
 
 /* What it is at a point of a triangle. */
 struct pell_indirect_inside {
-    float thick; /* [0, 1]: how far `through` stands for all that gets through. Where a part is thin beside the distance of samples a slab's
-                    * T is better */
-    float through[3]; /* radiant exitance between faces that look elsewhere, W/m^2 without its albedo */
+    float thick[3];   /* [0, 1]: how far `through` stands for all that gets through. Where a part is thin beside the distance of samples a
+                       * slab's T is better */
+    float through[3]; /* radiant exitance between faces that look elsewhere, W/m^2 without its albedo, times `thick` */
     float solved[3];  /* [0, 1]: how far what follows holds, in place of `through`, of T, and of what curvature does but with `all` */
     float gain[3];    /* factor of what enters there, or with `all` of what the method finds, times `solved`; */
     float light[3];   /* and radiant exitance that is added, W/m^2 without its albedo, times `solved` */

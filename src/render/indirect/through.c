@@ -21,8 +21,8 @@ enum { CHUNK = 128, PACKET = 16 };
 #define FAR 14.0f      /* diffusion lengths: beyond, nothing goes through */
 #define THIN_LOW 2.0f  /* thickness of a part in distances of samples: below it a slab's T is taken, */
 #define THIN_HIGH 4.0f /* and above it the sum */
-#define DEEP_LOW 5.0f  /* thickness of a sheet in diffusion lengths: below it a slab's T is taken, */
-#define DEEP_HIGH 8.0f /* and above it, where little but what comes from its rim gets through, the sum */
+#define DEEP_LOW 3.0f  /* thickness in diffusion lengths of a channel: below it a slab's T is taken, */
+#define DEEP_HIGH 6.0f /* and above it, where little but what comes from the rim gets through, the sum */
 
 struct send {
     struct pell_indirect *in;
@@ -31,7 +31,7 @@ struct send {
     struct pell_lit_place *sample;           /* of each of the stage's, its power not scaled by curvature */
     float (*gain)[3];
     bool *there;
-    float *thick, *thickness; /* of samples; thickness mm */
+    float (*thick)[3], *thickness; /* of samples; thickness mm */
     struct indirect_solid_light *light;
     const uint32_t *list; /* of one object and material, or a solid of it */
     size_t count;
@@ -43,26 +43,14 @@ static int chunks_of(size_t count)
     return (int) ((count + CHUNK - 1) / CHUNK);
 }
 
-/* The longest diffusion length of what goes through, mm; 0: nothing does. */
-static float longest_way(const struct pell_opposed *law)
+/* Share of what gets through that the sum finds best: all in parts that are deep for a channel, where light comes from the rim, too; none
+ * where samples are too far apart. */
+static void deep_parts(const struct pell_opposed *law, float thinness, float spacing, float part[3])
 {
-    float longest = 0.0f;
+    const float fine = smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
 
     for (int c = 0; c < 3; c++)
-        if (law->amount[c] > 0.0f && law->kappa[c] > 0.0f)
-            longest = fmaxf(longest, 1.0f / law->kappa[c]);
-    return longest;
-}
-
-/* Part of what gets through that the sum finds best: not of sheets, as far as a part is one (struct pell_curvature_effect) and light comes
- * from the other side more than from the rim, and not where samples are too far apart. */
-static float round_and_thick(const struct pell_opposed *law, float thinness, float curvature, float spacing)
-{
-    const float beyond = thinness - fmaxf(0.5f * curvature, 0.0f), thick = thinness * longest_way(law);
-    const float sheet = thinness > 0.0f ? fmaxf(2.0f * beyond / thinness - 1.0f, 0.0f) : 0.0f;
-    const float deep = thick > 0.0f ? smooth_ramp(DEEP_LOW, DEEP_HIGH, 1.0f / thick) : 0.0f;
-
-    return (1.0f - sheet * (1.0f - deep)) * smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
+        part[c] = fine * (thinness > 0.0f ? smooth_ramp(DEEP_LOW, DEEP_HIGH, law->kappa[c] / thinness) : 1.0f);
 }
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
@@ -107,8 +95,8 @@ static void light16(const struct send *s, size_t first, size_t count)
         }
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
-        s->thick[first + i] =
-            s->solid[q->material].between ? round_and_thick(&s->solid[q->material].law, thinness[i], curvature[i], q->spacing) : 0.0f;
+        if (s->solid[q->material].between)
+            deep_parts(&s->solid[q->material].law, thinness[i], q->spacing, s->thick[first + i]);
     }
 }
 
@@ -174,15 +162,15 @@ static void gather_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < first + CHUNK && i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
-        const float *solved = s->light[s->list[i]].solved;
+        const float *solved = s->light[s->list[i]].solved, *thick = s->thick[s->list[i]];
         struct pell_opposed law = s->solid[to->material].law;
         float sum[3] = { 0.0f };
         for (int c = 0; c < 3; c++)
-            law.amount[c] = solved[c] < 1.0f ? law.amount[c] : 0.0f;
+            law.amount[c] = solved[c] < 1.0f && thick[c] > 0.0f ? law.amount[c] : 0.0f;
         if (law.amount[0] + law.amount[1] + law.amount[2] > 0.0f)
             gather(s, &law, to, sum);
         for (int c = 0; c < 3; c++)
-            s->in->gathered[s->list[i]][c] = sum[c] * s->solid[to->material].white[c];
+            s->in->gathered[s->list[i]][c] = thick[c] * sum[c] * s->solid[to->material].white[c];
     }
 }
 
@@ -339,13 +327,13 @@ static void spread(const struct send *s)
         struct indirect_solid_light *to = &in->solid[i];
         memset(in->value[i], 0, sizeof(in->value[i]));
         memset(to, 0, sizeof(*to));
-        in->thick[i] = 0.0f;
+        memset(in->thick[i], 0, sizeof(in->thick[i]));
         for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
             const struct indirect_solid_light *from = &s->light[near->sample[k]];
-            in->thick[i] += near->weight[k] * s->thick[near->sample[k]];
             for (int c = 0; c < 3; c++) {
                 const float solved = near->weight[k] * from->solved[c];
                 in->value[i][c] += near->weight[k] * in->gathered[near->sample[k]][c];
+                in->thick[i][c] += near->weight[k] * s->thick[near->sample[k]][c];
                 to->solved[c] += solved;
                 to->gain[c] += solved * from->gain[c];
                 to->light[c] += solved * from->light[c];
@@ -396,15 +384,15 @@ void pell_indirect_look(const struct pell_indirect *in, uint32_t mesh, uint32_t 
     float weight[3];
     uint32_t knot[3];
 
-    *out = (struct pell_indirect_inside) { .thick = 0.0f };
+    *out = (struct pell_indirect_inside) { .thick = { 0.0f } };
     if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles)
         return;
     indirect_find(in, mesh, triangle, u, v, knot, weight);
     for (int i = 0; i < 3; i++) {
         const struct indirect_solid_light *solid = &in->solid[knot[i]];
-        out->thick += weight[i] * in->thick[knot[i]];
         for (int c = 0; c < 3; c++) {
             out->through[c] += weight[i] * in->value[knot[i]][c];
+            out->thick[c] += weight[i] * in->thick[knot[i]][c];
             out->solved[c] += weight[i] * solid->solved[c];
             out->gain[c] += weight[i] * solid->gain[c];
             out->light[c] += weight[i] * solid->light[c];

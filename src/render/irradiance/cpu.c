@@ -16,9 +16,8 @@
 
 #define TILE_W 32
 #define TILE_H 16
-#define LINE 16              /* floats of a cache line; a tile has as many lines of a plane as packets */
-#define LEAST_STRAIGHT 1e-4f /* share of transmitted light for which rays are sent: more than what rounding leaves of none */
-#define BLOCK 4              /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
+#define LINE 16 /* floats of a cache line; a tile has as many lines of a plane as packets */
+#define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
 
 /* --- Filling lanes ------------------------------------------------------------------------------------------------------------ */
 
@@ -362,90 +361,7 @@ static void add_indirect(const struct job *job, struct packet *k)
     }
 }
 
-/* --- Curvature ----------------------------------------------------------------------------------------------------------------- */
-
-/* Factors of all light that enters, for the methods, and of what is scattered once below the surface. */
-struct gains {
-    float all[3][PELL_LANES], once[3][PELL_LANES];
-};
-
-/* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
- * and more mean free paths. Less than diffusion's gain, as such light goes less far. Thin parts keep the same share of it as of all. */
-static float gain_of_once(const struct pell_curvature_effect *e, int c, float inverse_eta2, bool local)
-{
-    const float bend = inverse_eta2 > 0.0f ? e->shift[c] / sqrtf(inverse_eta2) : 0.0f, gain = 1.0f / (1.0f - smaller(bend, 0.25f));
-
-    return local && e->gain[c] > 0.0f ? gain * e->local[c] / e->gain[c] : gain;
-}
-
-/* What curvature does to light that enters: to that of a direction before the lights are added up, and to all of it afterwards. */
-static void bend(const struct job *job, struct packet *k, struct gains *gains)
-{
-    const struct pell_surface *s = job->p->surface;
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        const int32_t at = k->index[i];
-        struct pell_curvature_effect e = { .gain = { 1.0f, 1.0f, 1.0f },
-                                           .local = { 1.0f, 1.0f, 1.0f },
-                                           .opposed = { 1.0f, 1.0f, 1.0f },
-                                           .opposed_local = { 1.0f, 1.0f, 1.0f } };
-        if (!k->lanes.opaque[i])
-            pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
-        for (int c = 0; c < 3; c++) {
-            gains->all[c][i] = job->p->flat ? 1.0f : pell_irradiance_gain(job->p, &e)[c];
-            gains->once[c][i] = k->lanes.any_single ? gain_of_once(&e, c, k->lanes.single_eta2[i], job->p->local) : 1.0f;
-            k->lanes.shift[c][i] = e.shift[c];
-        }
-    }
-}
-
-static void scale(const struct gains *gains, struct packet *k)
-{
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < k->count; i++) {
-            k->sums.irradiance[c][i] *= gains->all[c][i];
-            k->sums.single[c][i] *= gains->once[c][i];
-        }
-}
-
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
-
-/* What is known of light inside of the solids; 0 where nothing is. */
-struct inside {
-    float thick[PELL_LANES]; /* share of transmitted light that is `through`, and not sought straight */
-    float through[3][PELL_LANES], solved[3][PELL_LANES], light[3][PELL_LANES];
-};
-
-/* Takes `gains` over where light in the solid was solved, before what goes straight is looked for where that is better. */
-static void look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
-{
-    const struct pell_surface *s = job->p->surface;
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        const int32_t at = k->index[i];
-        struct pell_indirect_inside q = { .thick = 0.0f };
-        if (!k->behind && !k->lanes.opaque[i])
-            pell_indirect_look(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
-        in->thick[i] = q.thick;
-        k->straight[i] = -(int32_t) ((1.0f - q.thick) * (1.0f - fminf(fminf(q.solved[0], q.solved[1]), q.solved[2])) > LEAST_STRAIGHT);
-        for (int c = 0; c < 3; c++) {
-            if (!job->p->whole)
-                gains->all[c][i] = q.gain[c] + (1.0f - q.solved[c]) * gains->all[c][i];
-            in->through[c][i] = q.through[c];
-            in->solved[c][i] = q.solved[c];
-            in->light[c][i] = job->entering ? 0.0f : q.light[c];
-        }
-    }
-}
-
-static void add_inside(const struct inside *in, struct packet *k)
-{
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < PELL_LANES; i++) {
-            const float straight = k->sums.transmitted[c][i], other = straight + in->thick[i] * (in->through[c][i] - straight);
-            k->sums.transmitted[c][i] = in->light[c][i] + (1.0f - in->solved[c][i]) * other;
-        }
-}
 
 static void shade_side(const struct job *job, struct packet *k)
 {
@@ -455,9 +371,9 @@ static void shade_side(const struct job *job, struct packet *k)
     for (int i = 0; i < PELL_LANES; i++)
         k->straight[i] = -1;
     if (job->p->curvature)
-        bend(job, k, &gains);
+        pell_bend_gains(job, k, &gains);
     if (job->p->through)
-        look_inside(job, k, &gains, &inside);
+        pell_look_inside(job, k, &gains, &inside);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
@@ -465,9 +381,9 @@ static void shade_side(const struct job *job, struct packet *k)
     if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
         add_indirect(job, k);
     if (job->p->curvature)
-        scale(&gains, k);
+        pell_scale_lanes(&gains, k);
     if (job->p->through)
-        add_inside(&inside, k);
+        pell_add_inside(&inside, k);
 }
 
 /* What the far side of thin sheets receives is transmitted. */

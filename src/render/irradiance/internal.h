@@ -87,4 +87,25 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
 /* The same of the environments' low-frequency remainder: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k);
 
+/* --- inside.c -------------------------------------------------------------------------------------------------------------------- */
+
+/* Factors of all light that enters, for the methods, and of what is scattered once below the surface. */
+struct gains {
+    float all[3][PELL_LANES], once[3][PELL_LANES];
+    float between[3][PELL_LANES]; /* `all` where what goes between faces is added */
+};
+
+/* What is known of light inside of the solids; 0 where nothing is. */
+struct inside {
+    float thick[3][PELL_LANES]; /* share of transmitted light that is `through`, and not sought straight */
+    float through[3][PELL_LANES], solved[3][PELL_LANES], light[3][PELL_LANES];
+};
+
+/* What curvature does to light that enters: to that of a direction before the lights are added up, and to all of it afterwards. */
+void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gains);
+void pell_scale_lanes(const struct gains *gains, struct packet *k);
+/* Takes `gains` over where light in the solid was solved, before what goes straight is looked for where that is better. */
+void pell_look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in);
+void pell_add_inside(const struct inside *in, struct packet *k);
+
 #endif

@@ -66,7 +66,7 @@ struct pell_irradiance_params {
 /* By what curvature scales the light that enters. */
 static inline const float *pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effect *e)
 {
-    return p->local ? (p->between ? e->opposed_local : e->local) : p->opposed ? e->opposed : e->gain;
+    return p->local ? e->local : p->opposed ? e->opposed : e->gain;
 }
 
 /* Allocates nothing; the same bits for any number of threads. */

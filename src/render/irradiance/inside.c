@@ -1,0 +1,83 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * inside.c - what the shape of a solid and the light inside of it do to the light of a packet: factors of what enters, and what is
+ * transmitted. */
+#include "render/irradiance/internal.h"
+
+#include "math/scalar.h"
+#include "render/curvature/stage.h"
+#include "render/indirect/stage.h"
+
+#define LEAST_STRAIGHT 1e-4f /* share of transmitted light for which rays are sent: more than what rounding leaves of none */
+
+/* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
+ * and more mean free paths. Less than diffusion's gain, as such light goes less far. Thin parts keep the same share of it as of all. */
+static float gain_of_once(const struct pell_curvature_effect *e, int c, float inverse_eta2, bool local)
+{
+    const float bend = inverse_eta2 > 0.0f ? e->shift[c] / sqrtf(inverse_eta2) : 0.0f, gain = 1.0f / (1.0f - smaller(bend, 0.25f));
+
+    return local && e->gain[c] > 0.0f ? gain * e->local[c] / e->gain[c] : gain;
+}
+
+void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gains)
+{
+    const struct pell_surface *s = job->p->surface;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int32_t at = k->index[i];
+        struct pell_curvature_effect e = { .gain = { 1.0f, 1.0f, 1.0f },
+                                           .local = { 1.0f, 1.0f, 1.0f },
+                                           .opposed = { 1.0f, 1.0f, 1.0f },
+                                           .opposed_local = { 1.0f, 1.0f, 1.0f } };
+        if (!k->lanes.opaque[i])
+            pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
+        for (int c = 0; c < 3; c++) {
+            gains->all[c][i] = job->p->flat ? 1.0f : pell_irradiance_gain(job->p, &e)[c];
+            gains->between[c][i] = job->p->flat ? 1.0f : e.opposed_local[c];
+            gains->once[c][i] = k->lanes.any_single ? gain_of_once(&e, c, k->lanes.single_eta2[i], job->p->local) : 1.0f;
+            k->lanes.shift[c][i] = e.shift[c];
+        }
+    }
+}
+
+void pell_scale_lanes(const struct gains *gains, struct packet *k)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < k->count; i++) {
+            k->sums.irradiance[c][i] *= gains->all[c][i];
+            k->sums.single[c][i] *= gains->once[c][i];
+        }
+}
+
+void pell_look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
+{
+    const struct pell_surface *s = job->p->surface;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        const int32_t at = k->index[i];
+        struct pell_indirect_inside q = { .thick = { 0.0f } };
+        if (!k->behind && !k->lanes.opaque[i])
+            pell_indirect_look(job->p->through, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
+        k->straight[i] = 0;
+        for (int c = 0; c < 3; c++) {
+            if (job->p->between)
+                gains->all[c][i] += q.thick[c] * (gains->between[c][i] - gains->all[c][i]);
+            if (!job->p->whole)
+                gains->all[c][i] = q.gain[c] + (1.0f - q.solved[c]) * gains->all[c][i];
+            in->through[c][i] = job->entering ? 0.0f : q.through[c];
+            in->solved[c][i] = q.solved[c];
+            in->light[c][i] = job->entering ? 0.0f : q.light[c];
+            in->thick[c][i] = q.thick[c];
+            k->straight[i] |= -(int32_t) ((1.0f - q.thick[c]) * (1.0f - q.solved[c]) > LEAST_STRAIGHT);
+        }
+    }
+}
+
+void pell_add_inside(const struct inside *in, struct packet *k)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++) {
+            const float straight = k->sums.transmitted[c][i], other = straight * (1.0f - in->thick[c][i]) + in->through[c][i];
+            k->sums.transmitted[c][i] = in->light[c][i] + (1.0f - in->solved[c][i]) * other;
+        }
+}
