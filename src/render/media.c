@@ -7,6 +7,8 @@
 #include "optics/profile/white.h"
 #include "transport/solids.h"
 
+#include <string.h>
+
 #define LEAST 1e-6f /* mm: thickness at which the tables of materials that transmit nothing end */
 
 /* NULL: it has no coefficients. */
@@ -36,17 +38,27 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
     return res;
 }
 
-/* Whether material i lets light through, and by what law. */
+/* Whether material i lets light through, and by what law. The laws of materials before it are in `out`: that of the same medium is taken. */
 static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin,
                      struct pell_indirect_solid *out)
 {
-    const struct pell_frame_material *f = medium_of(scene, m, i);
+    const struct pell_frame_material *f = medium_of(scene, m, i), *before = NULL;
+    size_t k = 0;
 
-    if (!f || (thin && !(m->thickness[i] && m->thickness[i]->max_mm > LEAST)) || !pell_opposed_make(&f->medium, &out->law))
+    if (!f || (thin && !(m->thickness[i] && m->thickness[i]->max_mm > LEAST)))
         return false;
-    out->profile = f->profile;
+    while (k < i && !(out[k].profile && (before = medium_of(scene, m, k)) && before->profile == f->profile && before->white == f->white &&
+                      memcmp(&before->medium, &f->medium, sizeof(f->medium)) == 0))
+        k++;
+    if (k < i) {
+        out[i] = out[k];
+        return true;
+    }
+    if (!pell_opposed_make(&f->medium, &out[i].law))
+        return false;
+    out[i].profile = f->profile;
     for (int c = 0; c < 3; c++)
-        out->white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
+        out[i].white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
     return true;
 }
 
@@ -67,7 +79,7 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
     if (!solid)
         goto fail;
     for (size_t i = 0; i < count; i++)
-        any |= find_law(params->scene, frame->materials, i, thin, &solid[i]);
+        any |= find_law(params->scene, frame->materials, i, thin, solid);
     for (size_t i = 0; i < count; i++) {
         solid[i].all = all;
         solid[i].between = pell_plan_transmits(frame->plan);

@@ -84,10 +84,11 @@ static enum pell_profile_model model_of(const struct pell_material *m, int setti
     return setting > 0 ? (enum pell_profile_model)(setting - 1) : m->model;
 }
 
-/* Materials with one profile share it: the profile is large, and some models take their time. */
+/* Materials with one profile share it and what follows from it: the profile is large, and some models take their time. */
 static bool same_profile(const struct pell_material *a, const struct pell_material *b, int setting)
 {
     return !b->opaque && !a->profile && !b->profile && a->gaussians.count == 0 && b->gaussians.count == 0 &&
+           (a->color_from == PELL_COLOR_FROM_TEXTURE) == (b->color_from == PELL_COLOR_FROM_TEXTURE) &&
            model_of(a, setting) == model_of(b, setting) && memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0;
 }
 
@@ -216,9 +217,14 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             of->multiple = make_rest(r, m, model_of(m, setting), r->profiles[at - 1] + 3) ? r->profiles[at - 1] + 3 : NULL;
         }
         frame[at - 1].profile = of->all;
-        if (k < i)
+        if (k < i) {
+            memcpy(r->materials.total[i], r->materials.total[k], sizeof(r->materials.total[i]));
             r->materials.angle[i] = r->materials.angle[k];
-        if (r->settings.angles && (k == i || frame[at - 1].white != frame[index[k + 1] - 1].white))
+            r->materials.apart[i] = r->materials.apart[k];
+            r->materials.angle_apart[i] = r->materials.angle_apart[k];
+            continue;
+        }
+        if (r->settings.angles)
             fill_angle(&frame[at - 1], &r->materials.angle[i]);
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);

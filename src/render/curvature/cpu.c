@@ -130,6 +130,57 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
         }
 }
 
+struct laws {
+    const struct pell_context *ctx;
+    const struct pell_curvature_medium *media;
+    struct curvature_law *law;
+    size_t *first; /* per material: the first that is the same to light */
+};
+
+static bool is_same(const struct pell_curvature_medium *a, const struct pell_curvature_medium *b)
+{
+    return memcmp(a->medium, b->medium, sizeof(*a->medium)) == 0 &&
+           (a->profile == b->profile || memcmp(a->profile, b->profile, 3 * sizeof(*a->profile)) == 0);
+}
+
+static void law_of(void *arg, int index, int worker)
+{
+    const struct laws *t = arg;
+
+    (void) worker;
+    if (t->media[index].medium && t->first[index] == (size_t) index && !pell_cancelled(t->ctx))
+        make_law(&t->media[index], &t->law[index]);
+}
+
+/* The laws of all materials: made once for those that are the same. */
+static enum pell_result make_laws(struct pell_curvature *k, struct pell_pool *pool, const struct pell_curvature_medium *media)
+{
+    const size_t count = k->scene->num_materials;
+    struct laws t = { k->ctx, media, k->law, pell_alloc_array(k->ctx, count, 2 * sizeof(*t.first)) };
+    size_t *different = t.first ? t.first + count : NULL, num_different = 0;
+
+    if (!t.first)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < count; i++) {
+        size_t j = 0;
+        t.first[i] = i;
+        if (!media[i].medium || pell_cancelled_at(k->ctx, i))
+            continue;
+        while (j < num_different && !is_same(&media[different[j]], &media[i]))
+            j++;
+        if (j < num_different)
+            t.first[i] = different[j];
+        else
+            different[num_different++] = i;
+    }
+    pell_pool_run(pool, (int) count, law_of, &t);
+    for (size_t i = 0; i < count; i++)
+        if (t.first[i] != i)
+            k->law[i] = k->law[t.first[i]];
+    pell_free(k->ctx, t.first);
+    return PELL_OK;
+}
+
 /* The patches of an object, its meshes sorted into them. */
 static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *meshes, size_t count, size_t *first)
 {
@@ -246,9 +297,7 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++)
         k->patch_of[i] = NO_PATCH;
-    for (size_t i = 0; i < scene->num_materials; i++)
-        if (media[i].medium && !pell_cancelled(ctx))
-            make_law(&media[i], &k->law[i]);
+    PELL_TRY(make_laws(k, pool, media));
     PELL_TRY(make_objects(k, pool, rays));
     if (k->num_patches == 0) {
         pell_curvature_destroy(out);

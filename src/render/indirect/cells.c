@@ -9,6 +9,7 @@
 
 #define CUTS (1u << 17) /* at most; what is left over stays whole */
 #define DEPTH 12        /* cuts of a triangle at most */
+#define MORE 4.0        /* times the samples that are asked for, at most */
 
 struct cutter {
     struct pell_indirect *in;
@@ -67,7 +68,7 @@ static void spread_samples(struct cutter *c, const float corner[3][2], double ar
     const double before = c->count, share = area / ((double) spacing * (double) spacing);
 
     c->count = before + share;
-    while (!c->dry && c->res == PELL_OK && c->first + 0.5 <= c->count) {
+    while (!c->dry && c->res == PELL_OK && c->first + 0.5 <= fmin(c->count, MORE * c->in->p.samples)) {
         const double f = share > 0.0 ? fmin(fmax((c->first + 0.5 - before) / share, 0.0), 1.0) : 0.5;
         double g = PELL_GOLDEN_SECTION * c->first;
         float a, b, at[2];

@@ -5,22 +5,30 @@
  */
 #include "render/indirect/internal.h"
 
-#include <limits.h>
+#include "scene/mesh/topology.h"
+
 #include <string.h>
 
-#define ANY INT_MIN /* object */
 #define REACH 2.6f  /* of the spacing: how far samples are looked for, at first */
 #define TRIES 4     /* the reach is doubled so often at most, until there is a sample */
 #define FACING 0.3f /* least cosine between the normals */
 #define CHUNK 1024  /* knots of a task */
 #define LEAF 8      /* samples of a leaf of the tree */
 
-/* A k-d tree in an array: samples[order[...]], the middle one of a range splits it (Bentley 1975). */
+/* k-d trees in an array, one for the samples of each key: samples[order[...]], the middle one of a range splits it (Bentley 1975). */
+struct trees {
+    uint32_t *order, *key; /* two words each: what the samples in order have in common */
+    uint8_t *axis;         /* of the range whose middle it is */
+    size_t count;
+};
+
+/* What light tells samples apart by: those of a material and side, and of translucent objects beside that by the object. */
+enum together { MATERIALS, OBJECTS, TREES };
+
 struct search {
     struct pell_indirect *in;
     const struct indirect_spacing *spacing;
-    uint32_t *order;
-    uint8_t *axis; /* of the range whose middle it is */
+    struct trees trees[TREES];
     bool back;
 };
 
@@ -59,30 +67,86 @@ static void split(const struct pell_indirect *in, uint32_t *order, uint32_t low,
     }
 }
 
-static void build(struct search *s, uint32_t low, uint32_t high)
+static void build(const struct pell_indirect *in, const struct trees *t, uint32_t low, uint32_t high)
 {
-    while (high - low > LEAF && !pell_cancelled(s->in->ctx)) {
+    while (high - low > LEAF && !pell_cancelled(in->ctx)) {
         const uint32_t middle = low + (high - low) / 2;
         struct pell_vec3 least = vec3(INFINITY, INFINITY, INFINITY), most = vec3(-INFINITY, -INFINITY, -INFINITY), d;
         for (uint32_t i = low; i < high; i++) {
-            const struct pell_vec3 p = s->in->samples[s->order[i]].position;
+            const struct pell_vec3 p = in->samples[t->order[i]].position;
             least = vec3(fminf(least.x, p.x), fminf(least.y, p.y), fminf(least.z, p.z));
             most = vec3(fmaxf(most.x, p.x), fmaxf(most.y, p.y), fmaxf(most.z, p.z));
         }
         d = vec3_sub(most, least);
-        s->axis[middle] = d.x >= d.y && d.x >= d.z ? 0 : d.y >= d.z ? 1 : 2;
-        split(s->in, s->order, low, high, middle, s->axis[middle]);
-        build(s, low, middle);
+        t->axis[middle] = d.x >= d.y && d.x >= d.z ? 0 : d.y >= d.z ? 1 : 2;
+        split(in, t->order, low, high, middle, t->axis[middle]);
+        build(in, t, low, middle);
         low = middle + 1;
     }
+}
+
+static void set_key(enum together which, uint32_t material, bool back, int object, uint32_t key[2])
+{
+    key[0] = 2 * material + (back ? 1 : 0);
+    key[1] = which == OBJECTS ? (uint32_t) object : 0;
+}
+
+static int compare_keys(const uint32_t a[2], const uint32_t b[2])
+{
+    return a[0] != b[0] ? (a[0] < b[0] ? -1 : 1) : a[1] != b[1] ? (a[1] < b[1] ? -1 : 1) : 0;
+}
+
+static enum pell_result make_trees(const struct pell_indirect *in, enum together which, struct trees *t)
+{
+    const size_t n = in->num_samples;
+    uint32_t *key = pell_alloc_array(in->ctx, n, 3 * sizeof(*key)), *sorted;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    t->count = n;
+    t->order = pell_alloc_array(in->ctx, n, sizeof(*t->order));
+    t->key = pell_alloc_array(in->ctx, n, 2 * sizeof(*t->key));
+    t->axis = pell_calloc(in->ctx, n, sizeof(*t->axis));
+    if (!key || !t->order || !t->key || !t->axis)
+        goto fail;
+    for (size_t i = 0; i < n; i++)
+        set_key(which, in->samples[i].material, in->samples[i].back, in->p.scene->meshes[in->samples[i].mesh].object, key + 2 * i);
+    sorted = pell_sort_keys(in->ctx, key, 2, t->order, key + 2 * n, (uint32_t) n);
+    res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    if (res != PELL_OK)
+        goto fail;
+    if (sorted != t->order)
+        memcpy(t->order, sorted, n * sizeof(*sorted));
+    for (size_t i = 0; i < n; i++)
+        memcpy(t->key + 2 * i, key + 2 * (size_t) t->order[i], 2 * sizeof(*key));
+    for (size_t i = 0, end; i < n; i = end) {
+        for (end = i + 1; end < n && compare_keys(t->key + 2 * end, t->key + 2 * i) == 0; end++)
+            ;
+        build(in, t, (uint32_t) i, (uint32_t) end);
+    }
+
+fail:
+    pell_free(in->ctx, key);
+    return res;
+}
+
+/* The first whose key is not below, or with `beyond` above, this one. */
+static uint32_t bound(const struct trees *t, const uint32_t key[2], bool beyond)
+{
+    size_t low = 0, high = t->count;
+
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (compare_keys(t->key + 2 * middle, key) < (beyond ? 1 : 0))
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return (uint32_t) low;
 }
 
 /* What is looked for, and the best of it so far, heaviest first. */
 struct query {
     struct pell_vec3 position, normal;
-    uint32_t material;
-    int object; /* or ANY */
-    bool back;
     float reach, spacing;
     struct indirect_near found;
     int count;
@@ -96,9 +160,7 @@ static void consider(const struct pell_indirect *in, uint32_t number, struct que
     float w = 1.0f - d2 / (q->reach * q->reach);
     int at;
 
-    if (!(w > 0.0f) || !(facing > FACING) || s->material != q->material || s->back != q->back)
-        return;
-    if (q->object != ANY && in->p.scene->meshes[s->mesh].object != q->object)
+    if (!(w > 0.0f) || !(facing > FACING))
         return;
     w = w * w * facing * facing / (1.0f + 4.0f * height * height);
     at = q->count < INDIRECT_NEAR ? q->count++ : INDIRECT_NEAR - 1;
@@ -112,15 +174,15 @@ static void consider(const struct pell_indirect *in, uint32_t number, struct que
     q->found.weight[at] = w;
 }
 
-static void look(const struct search *s, uint32_t low, uint32_t high, struct query *q)
+static void look(const struct pell_indirect *in, const struct trees *t, uint32_t low, uint32_t high, struct query *q)
 {
     while (high - low > LEAF) {
         const uint32_t middle = low + (high - low) / 2;
-        const int axis = s->axis[middle];
-        const float d = along(q->position, axis) - along(s->in->samples[s->order[middle]].position, axis);
+        const int axis = t->axis[middle];
+        const float d = along(q->position, axis) - along(in->samples[t->order[middle]].position, axis);
         if (fabsf(d) < q->reach) {
-            look(s, low, middle, q);
-            consider(s->in, s->order[middle], q);
+            look(in, t, low, middle, q);
+            consider(in, t->order[middle], q);
             low = middle + 1;
         } else if (d > 0.0f) {
             low = middle + 1;
@@ -129,53 +191,49 @@ static void look(const struct search *s, uint32_t low, uint32_t high, struct que
         }
     }
     for (; low < high; low++)
-        consider(s->in, s->order[low], q);
+        consider(in, t->order[low], q);
 }
 
-static void try_near(const struct search *s, struct query *q)
+static void try_near(const struct search *s, enum together which, const struct indirect_sample *like, struct query *q)
 {
+    const struct trees *t = &s->trees[which];
+    uint32_t key[2], low, high;
+
+    set_key(which, like->material, like->back, s->in->p.scene->meshes[like->mesh].object, key);
+    low = bound(t, key, false);
+    high = bound(t, key, true);
     q->reach = REACH * q->spacing;
-    for (int i = 0; i < TRIES && q->count == 0; i++) {
+    for (int i = 0; i < TRIES && low < high && q->count == 0; i++) {
         memset(&q->found, 0, sizeof(q->found));
-        look(s, 0, (uint32_t) s->in->num_samples, q);
+        look(s->in, t, low, high, q);
         q->reach *= 2.0f;
     }
 }
 
-/* What lies in or close to a translucent object may be in quite another light inside: it counts for those alone that are too small to have
- * samples. */
-static void find_near(const struct search *s, struct query *q)
-{
-    float sum = 0.0f;
-
-    try_near(s, q);
-    if (q->count == 0 && q->object != ANY) {
-        q->object = ANY;
-        try_near(s, q);
-    }
-    for (int i = 0; i < q->count; i++)
-        sum += q->found.weight[i];
-    for (int i = 0; i < q->count; i++)
-        q->found.weight[i] /= sum;
-}
-
-/* Knots of one mesh, `first` to `end` of its vertices, or of those that cells have. */
+/* Knots of one mesh, `first` to `end` of its vertices, or of those that cells have. What lies in or close to a translucent object may be in
+ * quite another light inside: it counts for those alone that are too small to have samples. */
 static void find_knot(const struct search *s, uint32_t mesh, struct indirect_place place, uint32_t knot)
 {
     const struct pell_scene *scene = s->in->p.scene;
     const int material = scene->meshes[mesh].material;
+    const struct indirect_sample like = { .mesh = mesh, .material = (uint32_t) material, .back = s->back };
     struct query q = {
         .position = place.position,
         .normal = vec3_mul(vec3_normalize(place.normal), s->back ? -1.0f : 1.0f),
-        .material = (uint32_t) material,
-        .object = scene->materials[material].opaque ? ANY : scene->meshes[mesh].object,
-        .back = s->back,
         .spacing = indirect_spacing_at(s->spacing, place.position),
     };
+    float sum = 0.0f;
 
     if (s->back && !scene->materials[material].opaque)
         return;
-    find_near(s, &q);
+    if (!scene->materials[material].opaque)
+        try_near(s, OBJECTS, &like, &q);
+    if (q.count == 0)
+        try_near(s, MATERIALS, &like, &q);
+    for (int i = 0; i < q.count; i++)
+        sum += q.found.weight[i];
+    for (int i = 0; i < q.count; i++)
+        q.found.weight[i] /= sum;
     s->in->near[indirect_value_of(s->in, mesh, knot, s->back)] = q.found;
 }
 
@@ -208,24 +266,22 @@ static void near_chunk(void *arg, int index, int worker)
 enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *pool, const struct indirect_spacing *spacing)
 {
     struct search s = { .in = in, .spacing = spacing };
-    enum pell_result res = PELL_ERR_NOMEM;
+    enum pell_result res = PELL_OK;
 
-    s.order = pell_alloc_array(in->ctx, in->num_samples, sizeof(*s.order));
-    s.axis = pell_calloc(in->ctx, in->num_samples, sizeof(*s.axis));
-    in->near = pell_calloc(in->ctx, in->num_values, sizeof(*in->near));
-    if (!s.order || !s.axis || !in->near)
-        goto fail;
-    for (size_t i = 0; i < in->num_samples; i++)
-        s.order[i] = (uint32_t) i;
-    build(&s, 0, (uint32_t) in->num_samples);
-    for (int side = 0; side < 2; side++) {
+    if (!(in->near = pell_calloc(in->ctx, in->num_values, sizeof(*in->near))))
+        return PELL_ERR_NOMEM;
+    for (int i = 0; i < TREES && res == PELL_OK; i++)
+        res = make_trees(in, (enum together) i, &s.trees[i]);
+    for (int side = 0; side < 2 && res == PELL_OK; side++) {
         s.back = side == 1;
         pell_pool_run(pool, (int) ((in->num_knots + CHUNK - 1) / CHUNK), near_chunk, &s);
     }
-    res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
-
-fail:
-    pell_free(in->ctx, s.order);
-    pell_free(in->ctx, s.axis);
+    if (res == PELL_OK && pell_cancelled(in->ctx))
+        res = PELL_ERR_CANCELLED;
+    for (int i = 0; i < TREES; i++) {
+        pell_free(in->ctx, s.trees[i].order);
+        pell_free(in->ctx, s.trees[i].key);
+        pell_free(in->ctx, s.trees[i].axis);
+    }
     return res;
 }

@@ -7,6 +7,8 @@
 
 #include "math/scalar.h"
 
+#include <float.h>
+
 #define PARTS 80.0f  /* of a box's diagonal: the spacing on it */
 #define GROWTH 0.15f /* of the spacing with the distance */
 
@@ -17,6 +19,12 @@ static void widen(const struct pell_context *ctx, struct indirect_box *box, cons
         box->low = vec3(fminf(box->low.x, p.x), fminf(box->low.y, p.y), fminf(box->low.z, p.z));
         box->high = vec3(fmaxf(box->high.x, p.x), fmaxf(box->high.y, p.y), fmaxf(box->high.z, p.z));
     }
+}
+
+/* Of a box's coordinates, > 0: an object of that size is a point. */
+static float rounding(const struct indirect_box *b)
+{
+    return fmaxf(2.0f * FLT_EPSILON * fmaxf(vec3_length(b->low), vec3_length(b->high)), 1e-30f);
 }
 
 void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spacing *out)
@@ -43,7 +51,7 @@ void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spaci
         widen(scene->ctx, &out->box[k], mesh);
     }
     for (int k = 0; k < out->count; k++)
-        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS, 1e-30f);
+        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS, rounding(&out->box[k]));
 }
 
 float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p)
