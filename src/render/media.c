@@ -38,7 +38,7 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
     return res;
 }
 
-/* Whether material i lets light through, and by what law. The laws of materials before it are in `out`: that of the same medium is taken. */
+/* Whether material i lets light through, and by what law: out[i]. That of a material before it is taken if the medium is the same. */
 static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin,
                      struct pell_indirect_solid *out)
 {

@@ -14,8 +14,8 @@
 #define MOST_CUBES 6e6  /* of one solid: more take longer to fill than they save */
 #define STEPS 24        /* of a cube's side: distances are stored in these, rounded down */
 #define BAND 3.0f       /* cubes: nearer ones get exact distances */
-#define LARGEST 8.0f    /* cubes that a triangle may span before it is cut in four */
-#define DEEPEST 24      /* most subdivisions of a triangle */
+#define LARGEST 8.0f    /* cubes that a triangle may span before it is halved */
+#define DEEPEST 48      /* most times that a triangle is halved */
 #define SLAB 8          /* layers that one task looks after */
 #define HALF 0.8660255f /* of a cube's diagonal, in sides */
 #define SLACK 2e-3f     /* sides: roundings, in floats from the grid's corner */
@@ -118,7 +118,25 @@ static void lower_row(const struct facet *restrict t, const float *restrict x, i
     }
 }
 
-/* Corners in sides from the grid's corner; layers [from, to). */
+/* The corner that it begins at. */
+static int longest_side(const float corner[3][3])
+{
+    float longest = -1.0f;
+    int at = 0;
+
+    for (int i = 0; i < 3; i++) {
+        const float *a = corner[i], *b = corner[(i + 1) % 3];
+        const float d[3] = { b[0] - a[0], b[1] - a[1], b[2] - a[2] }, length2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        if (length2 > longest) {
+            longest = length2;
+            at = i;
+        }
+    }
+    return at;
+}
+
+/* Corners in sides from the grid's corner; layers [from, to). Large triangles are halved across their longest side, so that slivers have as
+ * many parts as they are long. */
 static void tell(const struct fill *f, const float corner[3][3], int from, int to, int depth)
 {
     const struct pell_distance_grid *g = f->grid;
@@ -137,16 +155,13 @@ static void tell(const struct fill *f, const float corner[3][3], int from, int t
         last[k] = (int) fminf(high + BAND, end - 0.5f) + 1;
     }
     if (extent > LARGEST && depth < DEEPEST) {
-        float middle[3][3];
-        for (int k = 0; k < 3; k++)
-            for (int i = 0; i < 3; i++)
-                middle[i][k] = 0.5f * (corner[i][k] + corner[(i + 1) % 3][k]);
-        for (int i = 0; i < 4; i++) {
-            float part[3][3];
-            memcpy(part[0], i < 3 ? corner[i] : middle[0], sizeof(part[0]));
-            memcpy(part[1], i < 3 ? middle[i] : middle[1], sizeof(part[1]));
-            memcpy(part[2], i < 3 ? middle[(i + 2) % 3] : middle[2], sizeof(part[2]));
-            tell(f, (const float(*)[3]) part, from, to, depth + 1);
+        const int at = longest_side(corner), next = (at + 1) % 3;
+        for (int i = 0; i < 2; i++) {
+            float half[3][3];
+            memcpy(half, corner, sizeof(half));
+            for (int k = 0; k < 3; k++)
+                half[i ? at : next][k] = 0.5f * (corner[at][k] + corner[next][k]);
+            tell(f, (const float(*)[3]) half, from, to, depth + 1);
         }
         return;
     }

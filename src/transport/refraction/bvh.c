@@ -8,7 +8,10 @@
 #define LANES PELL_CONNECT_CHILDREN
 #define LEAF PELL_CONNECT_LEAF
 #define NOTHING PELL_CONNECT_NOTHING
-#define NORMAL_WEIGHT 0.125 /* of a unit of normal when the hierarchy is split, in sizes of the solid */
+#define HALVINGS 6              /* of a triangle, at most */
+#define PIECES 3                /* times the triangles that pieces of slivers may add, */
+#define PIECES_LEAST (1u << 17) /* and besides so many */
+#define NORMAL_WEIGHT 0.125     /* of a unit of normal when the hierarchy is split, in sizes of the solid */
 
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
 {
@@ -17,6 +20,7 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
     double length;
 
     memset(f, 0, sizeof(*f));
+    f->piece = (struct piece) { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
     f->mesh = mesh;
     f->triangle = triangle;
     for (int k = 0; k < 3; k++)
@@ -48,12 +52,14 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
 
     for (size_t i = 0; i < count; i++)
         for (int k = 0; k < 3; k++) {
+            const struct pell_dvec3 at = facet_corner(f[i].p, f[i].piece.uv[k]);
+            const float p[3] = { (float) at.x, (float) at.y, (float) at.z };
             for (int j = 0; j < 3; j++) {
-                low[j] = SMALLER(low[j], f[i].p[k][j]);
-                high[j] = LARGER(high[j], f[i].p[k][j]);
-                largest = LARGER(largest, fabsf(f[i].p[k][j]));
+                low[j] = SMALLER(low[j], p[j]);
+                high[j] = LARGER(high[j], p[j]);
+                largest = LARGER(largest, fabsf(p[j]));
             }
-            sum = dvec3_mad(sum, 1.0, dvec3_load(f[i].n[k]));
+            sum = dvec3_mad(sum, 1.0, facet_corner(f[i].n, f[i].piece.uv[k]));
         }
     node->x[lane] = 0.5f * (low[0] + high[0]);
     node->y[lane] = 0.5f * (low[1] + high[1]);
@@ -63,7 +69,8 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
     axis = length > 0.0 ? dvec3_mul(sum, 1.0 / length) : (struct pell_dvec3) { 0.0, 0.0, 1.0 };
     for (size_t i = 0; i < count; i++)
         for (int k = 0; k < 3; k++) {
-            const struct pell_dvec3 d = dvec3_sub(dvec3_load(f[i].p[k]), centre), n = dvec3_load(f[i].n[k]);
+            const struct pell_dvec3 d = dvec3_sub(facet_corner(f[i].p, f[i].piece.uv[k]), centre);
+            const struct pell_dvec3 n = facet_corner(f[i].n, f[i].piece.uv[k]);
             const double l = sqrt(dvec3_dot(n, n));
             const double r = dvec3_dot(d, d), along = l > 0.0 ? dvec3_dot(axis, n) / l : -1.0;
             radius = LARGER(radius, r);
@@ -81,11 +88,11 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
 /* Position, then normal, times `weight`, in one dimension of six. */
 static float key(const struct facet *f, int dimension, float weight)
 {
+    const float(*const corner)[3] = dimension < 3 ? f->p : f->n, (*const uv)[2] = f->piece.uv;
+    const float u = uv[0][0] + uv[1][0] + uv[2][0], v = uv[0][1] + uv[1][1] + uv[2][1];
     const int j = dimension % 3;
 
-    if (dimension < 3)
-        return f->p[0][j] + f->p[1][j] + f->p[2][j];
-    return weight * (f->n[0][j] + f->n[1][j] + f->n[2][j]);
+    return (dimension < 3 ? 1.0f : weight) * ((3.0f - u - v) * corner[0][j] + u * corner[1][j] + v * corner[2][j]);
 }
 
 /* The first half has keys up to those of the second. Gives up on orders made to be slow, and where the work is cancelled: any halves are
@@ -191,19 +198,101 @@ static uint32_t build(const struct pell_context *ctx, struct tree *t, size_t fir
     return number;
 }
 
+/* --- Slivers ------------------------------------------------------------------------------------------------------------------ */
+
+/* Times that a triangle is halved so that its pieces are no slivers, 0 for planar ones: a solution in them takes no search. */
+static int halvings(const struct facet *f)
+{
+    const struct pell_dvec3 a = dvec3_load(f->p[0]), e = dvec3_sub(dvec3_load(f->p[1]), a), g = dvec3_sub(dvec3_load(f->p[2]), a),
+                            h = dvec3_sub(g, e), n = dvec3_cross(e, g);
+    const double longest2 = fmax(fmax(dvec3_dot(e, e), dvec3_dot(g, g)), dvec3_dot(h, h)), area2 = sqrt(dvec3_dot(n, n));
+    int depth = 0;
+
+    while (!f->planar && depth < HALVINGS && longest2 > ldexp(PELL_CONNECT_SLIVER * area2, depth))
+        depth++;
+    return depth;
+}
+
+static int longest_side(const struct facet *f)
+{
+    double longest2 = -1.0;
+    int at = 0;
+
+    for (int k = 0; k < 3; k++) {
+        const struct pell_dvec3 d = dvec3_sub(facet_corner(f->p, f->piece.uv[(k + 1) % 3]), facet_corner(f->p, f->piece.uv[k]));
+        if (dvec3_dot(d, d) > longest2) {
+            longest2 = dvec3_dot(d, d);
+            at = k;
+        }
+    }
+    return at;
+}
+
+/* Halves t->facets[at] so often; the pieces but one go to the end. */
+static void cut(struct tree *t, size_t at, int times)
+{
+    const size_t other = t->num_facets;
+    struct piece half[2];
+
+    if (times <= 0)
+        return;
+    piece_halve(&t->facets[at].piece, longest_side(&t->facets[at]), half);
+    t->facets[other] = t->facets[at];
+    t->facets[at].piece = half[0];
+    t->facets[other].piece = half[1];
+    t->num_facets++;
+    cut(t, at, times - 1);
+    cut(t, other, times - 1);
+}
+
+/* Long thin triangles are kept in pieces, as far as that makes a few times as many. */
+static enum pell_result cut_slivers(struct pell_connector *c, struct tree *t)
+{
+    const size_t n = t->num_facets, most = PIECES * n + PIECES_LEAST < LEAF - 1 ? PIECES * n + PIECES_LEAST : LEAF - 1;
+    size_t wanted[HALVINGS + 1] = { 0 }, all = n;
+    struct facet *facets;
+    int depth = 0;
+
+    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++)
+        wanted[halvings(&t->facets[i])]++;
+    for (int d = 1; d <= HALVINGS; d++) { /* each that wants more than d - 1 halvings turns 2^(d - 1) pieces into twice as many */
+        size_t more = 0;
+        for (int k = d; k <= HALVINGS; k++)
+            more += wanted[k] << (d - 1);
+        if (more == 0 || all + more > most)
+            break;
+        all += more;
+        depth = d;
+    }
+    if (depth == 0)
+        return PELL_OK;
+    facets = pell_alloc_array(c->ctx, all, sizeof(*facets));
+    if (!facets)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++)
+        facets[i] = t->facets[i];
+    pell_free(c->ctx, t->facets);
+    t->facets = facets;
+    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++) {
+        const int times = halvings(&t->facets[i]);
+        cut(t, i, times < depth ? times : depth);
+    }
+    return pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
 enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number)
 {
     const struct pell_solid *solid = &c->solids->solids[number];
     struct tree *t = &c->trees[number];
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, size = 0.0f, largest = 0.0f;
+    enum pell_result res;
 
     if (solid->num_triangles == 0)
         return PELL_OK;
     if (solid->num_triangles >= LEAF)
         return pell_error(c->ctx, PELL_ERR_UNSUPPORTED, c->scene->path, NULL, "%zu triangles are too many", solid->num_triangles);
     t->facets = pell_alloc_array(c->ctx, solid->num_triangles, sizeof(*t->facets));
-    t->nodes = pell_alloc_array(c->ctx, count_nodes(solid->num_triangles), sizeof(*t->nodes));
-    if (!t->facets || !t->nodes)
+    if (!t->facets)
         return PELL_ERR_NOMEM;
     t->num_facets = solid->num_triangles;
     for (size_t i = 0; i < t->num_facets; i++) {
@@ -222,6 +311,12 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
         largest = fmaxf(largest, fmaxf(fabsf(low[j]), fabsf(high[j])));
     }
     t->rounding = 1e-6 * (double) largest;
+    res = cut_slivers(c, t);
+    if (res != PELL_OK)
+        return res;
+    t->nodes = pell_alloc_array(c->ctx, count_nodes(t->num_facets), sizeof(*t->nodes));
+    if (!t->nodes)
+        return PELL_ERR_NOMEM;
     build(c->ctx, t, 0, t->num_facets, (float) NORMAL_WEIGHT * size);
     return pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }

@@ -12,11 +12,43 @@
 
 #define FAR 1e15 /* mm: no place is beyond */
 
+/* A piece of a triangle by the barycentric coordinates of its corners: multiples of 2^-depth. */
+struct piece {
+    float uv[3][2];
+    int depth; /* how often it was halved */
+};
+
+/* A triangle, or a piece of one that is long and thin. */
 struct facet {
-    float p[3][3], n[3][3];
+    float p[3][3], n[3][3]; /* of the triangle */
     uint32_t mesh, triangle;
+    struct piece piece;
     bool planar; /* the normals are the triangle's own */
 };
+
+/* Longest side over height: pieces of curved triangles that are longer are halved across it. */
+#define PELL_CONNECT_SLIVER 3.0
+
+static inline struct pell_dvec3 facet_corner(const float corner[3][3], const float uv[2])
+{
+    const struct pell_dvec3 a = dvec3_load(corner[0]), b = dvec3_load(corner[1]), c = dvec3_load(corner[2]);
+
+    return dvec3_mad(dvec3_mad(a, (double) uv[0], dvec3_sub(b, a)), (double) uv[1], dvec3_sub(c, a));
+}
+
+/* The halves of a piece on both sides of the line from a corner to the middle of the side across from it. */
+static inline void piece_halve(const struct piece *p, int side, struct piece half[2])
+{
+    const int next = (side + 1) % 3;
+    const struct piece from = *p;
+
+    for (int i = 0; i < 2; i++) {
+        half[i] = from;
+        half[i].depth++;
+        for (int k = 0; k < 2; k++)
+            half[i].uv[i ? side : next][k] = 0.5f * (from.uv[side][k] + from.uv[next][k]);
+    }
+}
 
 struct tree {
     struct facet *facets;

@@ -10,10 +10,11 @@
 #include "transport/refraction/internal.h"
 
 #define QUARTERS 4
-#define PARTS 4000  /* most parts of a triangle that are examined; one that needs more is given up */
-#define DEPTH 20    /* of halving a triangle */
-#define BESIDE 1e-9 /* barycentric: roots up to this far outside are accepted, so that none on a shared edge is missed */
-#define SAME 1e-6   /* of a triangle's size: roots nearer than this, of two triangles, are one on their edge */
+#define PARTS 4000        /* most parts of a triangle that are examined; one that needs more is given up */
+#define DEPTH 20          /* of halving a triangle */
+#define NEARLY_LINEAR 0.4 /* size over the distance to x or the light, below which H x n is worth a look */
+#define BESIDE 1e-9       /* barycentric: roots up to this far outside are accepted, so that none on a shared edge is missed */
+#define SAME 1e-6         /* of a triangle's size: roots nearer than this, of two triangles, are one on their edge */
 
 /* Keeps a path, unless a neighbour has found it, too: the nearest, where there are too many. */
 static void keep(struct query *q, const struct path *p)
@@ -145,6 +146,7 @@ struct curved {
     struct pell_dvec3 axis[3];      /* of the frame, in the world's */
     struct pell_dvec3 p0, x, place; /* x and the light in the frame */
     struct pell_dvec3 n, nu, nv;    /* normal = n + u nu + v nv, not unit */
+    double area2;                   /* twice the area */
     double size, radius;            /* longest side; from the middle to the farthest corner */
     double turn;                    /* from the normal in the middle to that of a corner, at most */
     double grazing;
@@ -238,36 +240,64 @@ struct part {
     int depth;
 };
 
-/* The four quarters of a part in which H can be along n, by bounds that hold however far it is; as for nodes. Returns how many. */
-static int quarter(const struct curved *c, const struct part *part, struct part *out)
+/* What bounds a curved triangle in floats, as many are asked for. */
+struct bounds {
+    float x[3], place[3], is_near, ex1, ex2, ey2, eta, sign, grazing, n[3], nu[3], nv[3];
+};
+
+static struct bounds bounds_of(const struct curved *c)
+{
+    return (struct bounds) {
+        .x = { (float) c->x.x, (float) c->x.y, (float) c->x.z },
+        .place = { (float) c->place.x, (float) c->place.y, (float) c->place.z },
+        .is_near = c->away ? 0.0f : 1.0f,
+        .ex1 = (float) c->ex1,
+        .ex2 = (float) c->ex2,
+        .ey2 = (float) c->ey2,
+        .eta = (float) c->eta,
+        .sign = c->eta > 1.0 ? -1.0f : 1.0f,
+        .grazing = (float) c->grazing,
+        .n = { (float) c->n.x, (float) c->n.y, (float) c->n.z },
+        .nu = { (float) c->nu.x, (float) c->nu.y, (float) c->nu.z },
+        .nv = { (float) c->nv.x, (float) c->nv.y, (float) c->nv.z },
+    };
+}
+
+/* Whether H can be along n within `radius` of (u, v), where n turns by `turn` at most: by bounds that hold however far it is, as for
+ * nodes. `near`: 1 over the distance to x or the light. */
+static inline int is_possible(const struct bounds *b, float u, float v, float radius, float turn, float *near)
+{
+    const float px = u * b->ex1 + v * b->ex2, py = v * b->ey2, ax = b->x[0] - px, ay = b->x[1] - py, z = b->x[2];
+    const float bx = b->place[0] - b->is_near * px, by = b->place[1] - b->is_near * py, lz = b->place[2], eta = b->eta;
+    const float iv = 1.0f / sqrtf(ax * ax + ay * ay + z * z), il = 1.0f / sqrtf(bx * bx + by * by + lz * lz);
+    const float sv = radius * iv, sl = b->is_near * radius * il;
+    const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 2e-6f;
+    const float hx = eta * ax * iv + bx * il, hy = eta * ay * iv + by * il, hz = eta * z * iv + lz * il;
+    const float mx = b->n[0] + u * b->nu[0] + v * b->nv[0], my = b->n[1] + u * b->nu[1] + v * b->nv[1];
+    const float mz = b->n[2] + u * b->nu[2] + v * b->nv[2];
+    const float h = sqrtf(hx * hx + hy * hy + hz * hz), in = 1.0f / sqrtf(LARGER(mx * mx + my * my + mz * mz, 1e-30f));
+    const float ih = 1.0f / LARGER(h, 1e-30f), sb = spread * ih, cb = sqrtf(LARGER(1.0f - sb * sb, 0.0f));
+    const float sine = turn * in, cosine = sqrtf(LARGER(1.0f - sine * sine, 0.0f));
+    const float facing = b->sign * (hx * mx + hy * my + hz * mz) * ih * in;
+    const int inside = (sv >= 1.0f) | (sl >= 1.0f);
+    const int along = (facing >= cosine * cb - sine * sb - 4e-6f) | (sb >= 0.99f) | (sine >= 0.99f);
+
+    *near = LARGER(iv, b->is_near * il);
+    return inside | ((h <= b->grazing + spread) & along);
+}
+
+/* The four quarters of a part in which H can be along n. Returns how many. */
+static int quarter(const struct curved *c, const struct bounds *bounds, const struct part *part, struct part *out)
 {
     static const float at[QUARTERS][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
-    const float half = 0.5f * (float) part->side, x = (float) c->x.x, y = (float) c->x.y, z = (float) c->x.z;
-    const float lx = (float) c->place.x, ly = (float) c->place.y, lz = (float) c->place.z, place = c->away ? 0.0f : 1.0f;
-    const float ex1 = (float) c->ex1, ex2 = (float) c->ex2, ey2 = (float) c->ey2, eta = (float) c->eta, grazing = (float) c->grazing;
-    const float nx = (float) c->n.x, ny = (float) c->n.y, nz = (float) c->n.z, ux = (float) c->nu.x, uy = (float) c->nu.y;
-    const float uz = (float) c->nu.z, vx = (float) c->nv.x, vy = (float) c->nv.y, vz = (float) c->nv.z, sign = eta > 1.0f ? -1.0f : 1.0f;
-    const float radius = (float) c->radius * fabsf(half), turn = (float) c->turn * fabsf(half);
+    const float half = 0.5f * (float) part->side, radius = (float) c->radius * fabsf(half), turn = (float) c->turn * fabsf(half);
     float near[QUARTERS];
     int open[QUARTERS], count = 0;
 
     for (int i = 0; i < QUARTERS; i++) {
         const float u = (float) part->u + half * (at[i][0] + at[i][2] * (1.0f / 3.0f));
         const float v = (float) part->v + half * (at[i][1] + at[i][2] * (1.0f / 3.0f));
-        const float px = u * ex1 + v * ex2, py = v * ey2, ax = x - px, ay = y - py, bx = lx - place * px, by = ly - place * py;
-        const float iv = 1.0f / sqrtf(ax * ax + ay * ay + z * z), il = 1.0f / sqrtf(bx * bx + by * by + lz * lz);
-        const float sv = radius * iv, sl = place * radius * il;
-        const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 2e-6f;
-        const float hx = eta * ax * iv + bx * il, hy = eta * ay * iv + by * il, hz = eta * z * iv + lz * il;
-        const float mx = nx + u * ux + v * vx, my = ny + u * uy + v * vy, mz = nz + u * uz + v * vz;
-        const float h = sqrtf(hx * hx + hy * hy + hz * hz), in = 1.0f / sqrtf(LARGER(mx * mx + my * my + mz * mz, 1e-30f));
-        const float ih = 1.0f / LARGER(h, 1e-30f), sb = spread * ih, cb = sqrtf(LARGER(1.0f - sb * sb, 0.0f));
-        const float sine = turn * in, cosine = sqrtf(LARGER(1.0f - sine * sine, 0.0f));
-        const float facing = sign * (hx * mx + hy * my + hz * mz) * ih * in;
-        const int inside = (sv >= 1.0f) | (sl >= 1.0f);
-        const int along = (facing >= cosine * cb - sine * sb - 4e-6f) | (sb >= 0.99f) | (sine >= 0.99f);
-        open[i] = inside | ((h <= grazing + spread) & along);
-        near[i] = LARGER(iv, place * il);
+        open[i] = is_possible(bounds, u, v, radius, turn, &near[i]);
     }
     for (int i = 0; i < QUARTERS; i++)
         if (open[i])
@@ -321,7 +351,7 @@ static enum verdict weigh(const struct curved *c, const struct part *part, doubl
     return fabs(area) > 12.0 * bend * longest ? LINEAR : WILD;
 }
 
-static void search(struct curved *c)
+static void search(struct curved *c, const struct bounds *bounds)
 {
     struct part stack[3 * DEPTH + 4];
     int count = 0, looked = 0;
@@ -333,7 +363,7 @@ static void search(struct curved *c)
         const struct part p = stack[--count];
         const bool last = p.depth == DEPTH || looked >= PARTS;
         looked += 4;
-        if (p.near < 0.4 || last) {
+        if (p.near < NEARLY_LINEAR || last) {
             double start[2];
             const enum verdict verdict = weigh(c, &p, start);
             if (verdict == EMPTY)
@@ -346,7 +376,7 @@ static void search(struct curved *c)
                 continue;
             }
         }
-        count += quarter(c, &p, stack + count);
+        count += quarter(c, bounds, &p, stack + count);
     }
 }
 
@@ -360,41 +390,22 @@ static inline struct pell_dvec3 from_frame(const struct curved *c, struct pell_d
     return dvec3_mad(dvec3_mad(dvec3_mul(c->axis[0], a.x), a.y, c->axis[1]), a.z, c->axis[2]);
 }
 
-static void solve_curved(struct query *q, const struct facet *f)
+/* A barycentric coordinate of the triangle at (u, v) of a piece. */
+static double along(const struct piece *p, int k, double u, double v)
 {
-    const struct pell_dvec3 p0 = dvec3_load(f->p[0]), e1 = dvec3_sub(dvec3_load(f->p[1]), p0), e2 = dvec3_sub(dvec3_load(f->p[2]), p0),
-                            cr = dvec3_cross(e1, e2);
-    const double area2 = sqrt(dvec3_dot(cr, cr)), length = sqrt(dvec3_dot(e1, e1));
-    struct curved c = { .facet = f, .eta = q->eta, .away = q->away, .p0 = p0, .grazing = q->grazing };
+    return (1.0 - u - v) * (double) p->uv[0][k] + u * (double) p->uv[1][k] + v * (double) p->uv[2][k];
+}
 
-    c.axis[2] = dvec3_mul(cr, 1.0 / area2);
-    c.axis[0] = dvec3_mul(e1, 1.0 / length);
-    c.axis[1] = dvec3_cross(c.axis[2], c.axis[0]);
-    c.x = to_frame(&c, dvec3_sub(q->x, p0));
-    c.place = to_frame(&c, q->away ? q->place : dvec3_sub(q->place, p0));
-    if (!(c.x.z < 0.0) || !(c.place.z > 0.0))
-        return;
-    c.ex1 = length;
-    c.ex2 = dvec3_dot(e2, c.axis[0]);
-    c.ey2 = dvec3_dot(e2, c.axis[1]);
-    c.size = sqrt(fmax(fmax(length * length, dvec3_dot(e2, e2)), dvec3_dot(dvec3_sub(e2, e1), dvec3_sub(e2, e1))));
-    c.n = to_frame(&c, dvec3_load(f->n[0]));
-    c.nu = dvec3_sub(to_frame(&c, dvec3_load(f->n[1])), c.n);
-    c.nv = dvec3_sub(to_frame(&c, dvec3_load(f->n[2])), c.n);
-    for (int k = 0; k < 3; k++) {
-        const double u = (k == 1) - 1.0 / 3.0, v = (k == 2) - 1.0 / 3.0, x = u * c.ex1 + v * c.ex2, y = v * c.ey2;
-        const struct pell_dvec3 dn = dvec3_mad(dvec3_mul(c.nu, u), v, c.nv);
-        c.radius = fmax(c.radius, sqrt(x * x + y * y) * (1.0 + 1e-6));
-        c.turn = fmax(c.turn, sqrt(dvec3_dot(dn, dn)) * (1.0 + 1e-6));
-    }
-    search(&c);
-    for (int i = 0; i < c.roots; i++) {
-        struct path p = { .facet = f, .u = c.root[i][0], .v = c.root[i][1], .size = c.size };
-        const struct pell_dvec3 at = { p.u * c.ex1 + p.v * c.ex2, p.v * c.ey2, 0.0 };
+static void keep_roots(struct query *q, const struct curved *c, const struct piece *piece)
+{
+    for (int i = 0; i < c->roots; i++) {
+        const double u = c->root[i][0], v = c->root[i][1];
+        struct path p = { .facet = c->facet, .size = c->size };
+        const struct pell_dvec3 at = { u * c->ex1 + v * c->ex2, v * c->ey2, 0.0 };
         double ju[2], jv[2], det, n, cos_i;
         struct state s;
-        look(&c, p.u, p.v, &s);
-        det = fabs(jacobian(&c, &s, ju, jv));
+        look(c, u, v, &s);
+        det = fabs(jacobian(c, &s, ju, jv));
         n = sqrt(dvec3_dot(s.n, s.n));
         cos_i = -dvec3_dot(s.v, s.n) / n;
         p.cos_o = dvec3_dot(s.l, s.n) / n;
@@ -402,17 +413,136 @@ static void solve_curved(struct query *q, const struct facet *f)
         p.facing_out = s.l.z;
         if (!(cos_i > 0.0 && p.cos_o > 0.0 && p.facing_in > 0.0 && p.facing_out > 0.0 && s.n.z > 0.0))
             continue;
-        p.at = dvec3_mad(p0, 1.0, from_frame(&c, at));
-        p.normal = from_frame(&c, dvec3_mul(s.n, 1.0 / n));
-        p.inside = from_frame(&c, dvec3_mul(s.v, -1.0));
-        p.outside = from_frame(&c, s.l);
+        p.u = along(piece, 0, u, v);
+        p.v = along(piece, 1, u, v);
+        p.at = dvec3_mad(c->p0, 1.0, from_frame(c, at));
+        p.normal = from_frame(c, dvec3_mul(s.n, 1.0 / n));
+        p.inside = from_frame(c, dvec3_mul(s.v, -1.0));
+        p.outside = from_frame(c, s.l);
         p.inside_mm = 1.0 / s.inverse_v;
         p.outside_mm = q->away ? INFINITY : 1.0 / s.inverse_l;
         /* |d light / d(u, v)| |d r / d x| / |d r / d(u, v)|, x in the plane across the path. */
-        p.spread = area2 * p.facing_out * (q->away ? 1.0 : s.inverse_l * s.inverse_l) * q->eta * q->eta * s.inverse_v * s.inverse_v *
+        p.spread = c->area2 * p.facing_out * (q->away ? 1.0 : s.inverse_l * s.inverse_l) * q->eta * q->eta * s.inverse_v * s.inverse_v *
                    s.n.z * cos_i * n / det;
         keep(q, &p);
     }
+}
+
+/* False: x is above the piece, or the light below it. */
+static bool make_curved(const struct query *q, const struct facet *f, const struct piece *piece, struct curved *c)
+{
+    const struct pell_dvec3 p0 = facet_corner(f->p, piece->uv[0]), e1 = dvec3_sub(facet_corner(f->p, piece->uv[1]), p0),
+                            e2 = dvec3_sub(facet_corner(f->p, piece->uv[2]), p0), cr = dvec3_cross(e1, e2), e3 = dvec3_sub(e2, e1);
+    const double length = sqrt(dvec3_dot(e1, e1));
+
+    *c = (struct curved) { .facet = f, .eta = q->eta, .away = q->away, .p0 = p0, .grazing = q->grazing };
+    c->area2 = sqrt(dvec3_dot(cr, cr));
+    c->axis[2] = dvec3_mul(cr, 1.0 / c->area2);
+    c->axis[0] = dvec3_mul(e1, 1.0 / length);
+    c->axis[1] = dvec3_cross(c->axis[2], c->axis[0]);
+    c->x = to_frame(c, dvec3_sub(q->x, p0));
+    c->place = to_frame(c, q->away ? q->place : dvec3_sub(q->place, p0));
+    if (!(c->x.z < 0.0) || !(c->place.z > 0.0))
+        return false;
+    c->ex1 = length;
+    c->ex2 = dvec3_dot(e2, c->axis[0]);
+    c->ey2 = dvec3_dot(e2, c->axis[1]);
+    c->size = sqrt(fmax(fmax(length * length, dvec3_dot(e2, e2)), dvec3_dot(e3, e3)));
+    c->n = to_frame(c, facet_corner(f->n, piece->uv[0]));
+    c->nu = dvec3_sub(to_frame(c, facet_corner(f->n, piece->uv[1])), c->n);
+    c->nv = dvec3_sub(to_frame(c, facet_corner(f->n, piece->uv[2])), c->n);
+    for (int k = 0; k < 3; k++) {
+        const double u = (k == 1) - 1.0 / 3.0, v = (k == 2) - 1.0 / 3.0, x = u * c->ex1 + v * c->ex2, y = v * c->ey2;
+        const struct pell_dvec3 dn = dvec3_mad(dvec3_mul(c->nu, u), v, c->nv);
+        c->radius = fmax(c->radius, sqrt(x * x + y * y) * (1.0 + 1e-6));
+        c->turn = fmax(c->turn, sqrt(dvec3_dot(dn, dn)) * (1.0 + 1e-6));
+    }
+    return true;
+}
+
+static void solve_piece(struct query *q, const struct facet *f, const struct piece *piece)
+{
+    struct curved c;
+    struct bounds bounds;
+
+    if (!make_curved(q, f, piece, &c))
+        return;
+    bounds = bounds_of(&c);
+    search(&c, &bounds);
+    keep_roots(q, &c, piece);
+}
+
+/* What a piece is like in the frame of the curved triangle that it is a piece of. */
+struct outline {
+    float u, v, radius, turn, longest2;
+    int longest;
+};
+
+static struct outline outline_of(const struct bounds *b, const struct piece *p)
+{
+    struct outline o = { .u = (p->uv[0][0] + p->uv[1][0] + p->uv[2][0]) / 3.0f, .v = (p->uv[0][1] + p->uv[1][1] + p->uv[2][1]) / 3.0f };
+    float radius2 = 0.0f, turn2 = 0.0f;
+
+    for (int k = 0; k < 3; k++) {
+        const float *corner = p->uv[k], *next = p->uv[(k + 1) % 3];
+        const float u = corner[0] - o.u, v = corner[1] - o.v, x = u * b->ex1 + v * b->ex2, y = v * b->ey2;
+        const float mx = u * b->nu[0] + v * b->nv[0], my = u * b->nu[1] + v * b->nv[1], mz = u * b->nu[2] + v * b->nv[2];
+        const float du = next[0] - corner[0], dv = next[1] - corner[1], sx = du * b->ex1 + dv * b->ex2, sy = dv * b->ey2;
+        const float side2 = sx * sx + sy * sy;
+        radius2 = LARGER(radius2, x * x + y * y);
+        turn2 = LARGER(turn2, mx * mx + my * my + mz * mz);
+        if (side2 > o.longest2) {
+            o.longest2 = side2;
+            o.longest = k;
+        }
+    }
+    o.radius = sqrtf(radius2) * (1.0f + 1e-5f);
+    o.turn = sqrtf(turn2) * (1.0f + 1e-5f);
+    return o;
+}
+
+static const struct piece whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
+
+/* A long thin triangle is halved first: quarters of it would be as long and thin, and four times as many. */
+static void solve_sliver(struct query *q, const struct facet *f, const struct curved *c, const struct bounds *bounds)
+{
+    struct piece stack[DEPTH + 2] = { whole };
+    int count = 1;
+
+    while (count > 0) {
+        const struct piece p = stack[--count];
+        const struct outline o = outline_of(bounds, &p);
+        float near;
+        if (!is_possible(bounds, o.u, o.v, o.radius, o.turn, &near))
+            continue;
+        if (p.depth < DEPTH && (double) o.longest2 > PELL_CONNECT_SLIVER * c->area2 / (double) (1u << p.depth) &&
+            (double) (sqrtf(o.longest2) * near) >= NEARLY_LINEAR) {
+            piece_halve(&p, o.longest, stack + count);
+            count += 2;
+        } else {
+            struct piece part = { .depth = p.depth };
+            for (int i = 0; i < 3; i++)
+                for (int k = 0; k < 2; k++)
+                    part.uv[i][k] = (float) along(&f->piece, k, (double) p.uv[i][0], (double) p.uv[i][1]);
+            solve_piece(q, f, &part);
+        }
+    }
+}
+
+static void solve_curved(struct query *q, const struct facet *f)
+{
+    struct curved c;
+    struct bounds bounds;
+
+    if (!make_curved(q, f, &f->piece, &c))
+        return;
+    bounds = bounds_of(&c);
+    if (c.size * c.size > PELL_CONNECT_SLIVER * c.area2) {
+        solve_sliver(q, f, &c, &bounds);
+        return;
+    }
+    search(&c, &bounds);
+    keep_roots(q, &c, &f->piece);
 }
 
 void pell_connect_solve(struct query *q, const struct facet *f)
