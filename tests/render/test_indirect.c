@@ -368,6 +368,53 @@ static void a_mirroring_ground_leaves_no_spots(void **state)
         shot_free(&shot[k]);
 }
 
+/* Triangles in the order of their sectors, pole to pole. */
+static void order_by_sectors(struct pell_mesh *m, int rings)
+{
+    const int sectors = 2 * rings, each = 2 * (rings - 1);
+    uint32_t *sorted = malloc(3 * (size_t) m->num_triangles * sizeof(*sorted)), *out = sorted;
+
+    assert_non_null(sorted);
+    for (int i = 0; i < sectors; i++)
+        for (int k = 0; k < each; k++) { /* the ring at a pole has one triangle a sector, others two */
+            const int row = (k + 1) / 2, in_ring = row == 0 || row == rings - 1 ? 1 : 2;
+            const int before = row == 0 ? 0 : sectors + 2 * sectors * (row - 1),
+                      at = before + in_ring * i + (in_ring == 2 ? (k + 1) % 2 : 0);
+            memcpy(out, m->index + 3 * at, 3 * sizeof(*out));
+            out += 3;
+        }
+    memcpy(m->index, sorted, 3 * (size_t) m->num_triangles * sizeof(*sorted));
+    free(sorted);
+}
+
+/* A ball whose sectors have two samples each: these don't lie at two heights. */
+static void samples_keep_no_step_with_the_mesh(void **state)
+{
+    enum { RINGS = 256, SAMPLES_EACH = 2 };
+    double light[2];
+
+    (void) state;
+    for (int fine = 0; fine < 2; fine++) {
+        struct shot shot;
+        struct stage s;
+        size_t material;
+
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, "marble", &material);
+        order_by_sectors(shapes_ball(s.scene, material, vec3(0, 0, 0), 15.0f, RINGS), RINGS);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 60, 60), vec3(0, 0, 0), 10.0f);
+        stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.35f, 0.0f);
+        s.settings.opposed = s.settings.curvature = true;
+        s.settings.indirect_samples = fine ? 16384 : 2 * RINGS * SAMPLES_EACH;
+        shot = stage_shot_of(&s, "screen-space", NULL);
+        light[fine] = shot_at(&shot, 1, SIZE / 2, SIZE / 2);
+        shot_free(&shot);
+        stage_finish(&s);
+    }
+    print_message("# with two samples a sector: %.3f of the light with 16384\n", light[0] / light[1]);
+    REQUIRE_NEAR(light[0] / light[1], 1.0, 0.06);
+}
+
 /* Bricks side by side are one solid: where they lie on each other there is no surface. */
 static void bricks_side_by_side_are_one_solid(void **state)
 {
@@ -655,6 +702,7 @@ int main(void)
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),
         cmocka_unit_test(bricks_side_by_side_are_one_solid),
         cmocka_unit_test(sides_of_blocks_are_lit_from_the_rim),
+        cmocka_unit_test(samples_keep_no_step_with_the_mesh),
         cmocka_unit_test(a_mirroring_ground_leaves_no_spots),
         cmocka_unit_test(solids_that_nearly_touch_stay_apart),
         cmocka_unit_test(few_samples_leave_no_spots),

@@ -7,9 +7,10 @@
 
 #include "scene/triangle.h"
 
-#define CUTS (1u << 17) /* at most; what is left over stays whole */
-#define DEPTH 12        /* cuts of a triangle at most */
-#define MORE 4.0        /* times the samples that are asked for, at most */
+#define CUTS (1u << 17)            /* at most; what is left over stays whole */
+#define DEPTH 12                   /* cuts of a triangle at most */
+#define PLASTIC 0.7548776662466927 /* 1 over the root of x^3 = x + 1: fractions that go with those of the golden section */
+#define MORE 4.0                   /* times the samples that are asked for, at most */
 
 struct cutter {
     struct pell_indirect *in;
@@ -61,18 +62,22 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
         };
 }
 
-/* The samples of a piece of `area` mm^2. Places along its first side follow how much of a sample is over, those across multiples of the
- * golden section. */
+/* The samples of a piece of `area` mm^2: each stands for a whole one of the running sum of areas. Its place there, and so along the piece's
+ * first side, is in the middle, but in pieces of less than one sample it follows the golden section: a row of such pieces may be as large
+ * as a few samples, and all of a mesh's rows would have them at the same height. */
 static void spread_samples(struct cutter *c, const float corner[3][2], double area, float spacing)
 {
-    const double before = c->count, share = area / ((double) spacing * (double) spacing);
+    const double before = c->count, share = area / ((double) spacing * (double) spacing), most = MORE * c->in->p.samples;
 
     c->count = before + share;
-    while (!c->dry && c->res == PELL_OK && c->first + 0.5 <= fmin(c->count, MORE * c->in->p.samples)) {
-        const double f = share > 0.0 ? fmin(fmax((c->first + 0.5 - before) / share, 0.0), 1.0) : 0.5;
-        double g = PELL_GOLDEN_SECTION * c->first;
+    while (!c->dry && c->res == PELL_OK && c->first < most) {
+        const double golden = PELL_GOLDEN_SECTION * c->first, plastic = PLASTIC * c->first;
+        const double place = c->first + (share < 1.0 ? golden - floor(golden) : 0.5);
+        const double f = fmin(fmax((place - before) / share, 0.0), 1.0),
+                     g = share < 1.0 ? plastic - floor(plastic) : golden - floor(golden);
         float a, b, at[2];
-        g -= floor(g);
+        if (!(place < c->count))
+            break;
         pell_triangle_point((float) f, (float) g, &a, &b);
         for (int k = 0; k < 2; k++)
             at[k] = (1.0f - a - b) * corner[0][k] + a * corner[1][k] + b * corner[2][k];
