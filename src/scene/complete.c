@@ -8,7 +8,7 @@
 #include <string.h>
 
 #define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay far inside a float's range */
-#define SMALLEST_PICTURE 1e-6    /* mm, of what an orthographic camera sees: a nanometre */
+#define SMALLEST_PICTURE 1e-6f   /* mm, of what an orthographic camera sees: a nanometre */
 #define SMALLEST 5e-4f           /* mm, of a scene: half a micrometre */
 #define COARSEST 1e-3f           /* of the scene's extent: the largest step of coordinates that keeps a shape */
 #define NO_LENGTH 1e-30f         /* directions of less have none: their inverse would overflow */
@@ -328,8 +328,8 @@ static enum pell_result check_camera(struct pell_scene *scene, struct pell_camer
     for (int i = 0; i < 3; i++)
         if (!in_range(c->position[i], -LARGEST_COORDINATE, LARGEST_COORDINATE))
             return bad_value(scene, "camera", c->name, "its position (mm)", c->position[i], -LARGEST_COORDINATE, LARGEST_COORDINATE);
-    if (c->ortho_height != 0.0f && !in_range(c->ortho_height, SMALLEST_PICTURE, 1e12))
-        return bad_value(scene, "camera", c->name, "the height of its picture (mm)", c->ortho_height, SMALLEST_PICTURE, 1e12);
+    if (c->ortho_height != 0.0f && !in_range(c->ortho_height, (double) SMALLEST_PICTURE, 1e12))
+        return bad_value(scene, "camera", c->name, "the height of its picture (mm)", c->ortho_height, (double) SMALLEST_PICTURE, 1e12);
     if (c->ortho_height == 0.0f && !in_range(c->fov, 1e-4, 3.14))
         return bad_value(scene, "camera", c->name, "its vertical angle (radians)", c->fov, 1e-4, 3.14);
     if (!in_range(c->focus, 0.0, 1e12))

@@ -73,7 +73,8 @@ def _(folder):
     for wrong, word in ((['--frames', '0:2'], b'FROM:TO:STEP'), (['--frames', '2:0:1'], b'backwards'),
                         (['--frames', '0:1e9:1'], b'at most'),
                         (['--frames', '0:1:1', '--time', '1'], b'--time'), (['--frames', '0:1:1', '--turntable', '2'], b'--turntable'),
-                        (['--frames', '0:1:1', '--format', 'png', '-o', '-'], b'--frames'), (['--animation', 'wvae'], b'"wave"'),
+                        (['--frames', '0:1:1', '--format', 'png', '-o', '-'], b'--frames'),
+                        (['--turntable', '2', '-o', '-'], b'--turntable'), (['--animation', 'wvae'], b'"wave"'),
                         (['--time', 'soon'], b'seconds')):
         done = run(folder, 'render', wave, *QUICK, *wrong)
         need(done.returncode == 2 and word in done.stderr, wrong, done.returncode, done.stderr)
@@ -117,6 +118,15 @@ def _(folder):
         if (folder / 'a.png').exists():
             (folder / 'a.png').unlink()
     need(not faults, '\n'.join(faults))
+
+
+@test('an object whose shape is rounded away far from the origin is told, and ends')
+def _(folder):
+    (folder / 'cube.obj').write_bytes((EXAMPLES / 'cube.obj').read_bytes())
+    (folder / 'far.json').write_text('{"pellucid":1,"meshes":[{"path":"cube.obj","size":"20mm","translate":["1e10mm",0,0]}],'
+                                     '"materials":{"*":{"preset":"marble"}}}', 'utf-8')
+    done = run(folder, 'render', 'far.json', '-m', 'none', *QUICK, '-o', 'a.png', timeout=120)
+    need(done.returncode == 0 and b'its shape is lost' in done.stderr, done.returncode, done.stderr)
 
 
 @test('meshes without a unit are refused, with the reason and what to do')

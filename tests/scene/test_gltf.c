@@ -644,6 +644,10 @@ static void accessors_outside_their_bytes_are_refused(void **state)
           "\"values\":{\"bufferView\":0}}",
           "/accessors/0", "sparse index 0 is 128, allowed: [0, 2]" },
         { "{\"buffer\":0,\"byteLength\":48}",
+          "\"count\":3,\"sparse\":{\"count\":2,\"indices\":{\"bufferView\":0,\"componentType\":5121},"
+          "\"values\":{\"bufferView\":0}}",
+          "/accessors/0", "sparse index 1 is 0 after 0; they must increase" },
+        { "{\"buffer\":0,\"byteLength\":48}",
           "\"count\":3,\"sparse\":{\"count\":1,\"indices\":{\"bufferView\":0,\"componentType\":5126},"
           "\"values\":{\"bufferView\":0}}",
           "/sparse/indices/componentType", "allowed: 5121" },

@@ -411,6 +411,13 @@ static void limits_hold_before_memory_is_taken(void **state)
     pell_context_destroy(&ctx);
 
     pell_knobs_default(pell_limit_knobs(), &limits);
+    limits.vertices = 3;
+    assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
+    assert_int_equal(load_text(ctx, "a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\n", &bare_mm, &s), PELL_ERR_UNSUPPORTED);
+    assert_non_null(strstr(kept.where, "a.obj:4"));
+    pell_context_destroy(&ctx);
+
+    pell_knobs_default(pell_limit_knobs(), &limits);
     limits.vertices = 23; /* creases split 8 vertices into 24 */
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(load_text(ctx, "a.obj", CUBE, &bare_mm, &s), PELL_ERR_UNSUPPORTED);
@@ -420,7 +427,7 @@ static void limits_hold_before_memory_is_taken(void **state)
     limits.triangles = 11;
     assert_int_equal(pell_context_create(&params, &ctx), PELL_OK);
     assert_int_equal(load_text(ctx, "a.obj", CUBE, &bare_mm, &s), PELL_ERR_UNSUPPORTED);
-    assert_int_equal(kept.errors, 3);
+    assert_int_equal(kept.errors, 4);
     pell_context_destroy(&ctx);
 
     pell_knobs_default(pell_limit_knobs(), &limits);

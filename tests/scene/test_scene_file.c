@@ -723,6 +723,8 @@ static const struct {
     { OF_ALL("\"layers\":[{" SIGMA "},{" SIGMA ",\"depth\":\"1mm\"}]"), "s.json:/materials/*/layers/0", "has no \"depth\"", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"2mm\"},{" SIGMA ",\"depth\":\"1mm\"}]"), "s.json:/materials/*/layers/1/depth",
       "is 1 mm, allowed: [2,", "top to bottom" },
+    { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"a.png#q\",\"depth_scale\":\"4mm\"}]"), "s.json:/materials/*/layers/0/depth",
+      "no channel \"q\"", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"a.png#r\"}]"), "s.json:/materials/*/layers/0", "must have depth_scale", "4mm" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"a.png#r\",\"depth_scale\":\"2km\"}]"), "s.json:/materials/*/layers/0/depth_scale",
       "is 2e+06 mm, allowed:", "" },

@@ -62,14 +62,14 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
         const bool near = pell_text_suggest(&hint, "", cli->format, names, count);
         return cli_usage(cli, "--format", near ? hint.str : NULL, "is \"%s\", must be png, exr, hdr or pfm", cli->format);
     }
-    if (!job->format)
-        return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
-                         "is \"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
     if (to_stdout && (cli->json || cli->numbers.turntable > 0 || cli->frames))
         return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
                          cli->json     ? "--json"
                          : cli->frames ? "--frames"
                                        : "--turntable");
+    if (!job->format)
+        return cli_usage(cli, "--output", to_stdout ? "add --format png" : "the format follows from the name's ending, or from --format",
+                         "is \"%s\", must end in .png, .exr, .hdr or .pfm", job->output);
     return EXIT_OK;
 }
 

@@ -108,7 +108,6 @@ static bool is_length(const char *text)
 static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_json *at, const char *text, const struct pell_material *m,
                                  int channel, struct pell_texture_map *map)
 {
-    static const char letters[] = "rgba";
     char *name = NULL;
     struct pell_texture *texture;
     size_t length = strlen(text);
@@ -118,13 +117,8 @@ static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_
         r->layers = NULL; /* another material has another texture */
         return map->texture ? PELL_OK : pell_json_error(at, PELL_ERR_FORMAT, NULL, "the material has no such texture");
     }
-    if (channel < 0) {
-        channel = 0;
-        if (length > 2 && text[length - 2] == '#' && strchr(letters, text[length - 1])) {
-            channel = (int) (strchr(letters, text[length - 1]) - letters);
-            length -= 2;
-        }
-    }
+    if (channel < 0)
+        PELL_TRY(pell_scene_channel_of(at, text, &length, &channel));
     name = pell_strndup(r->ctx, text, length);
     if (!name)
         return PELL_ERR_NOMEM;

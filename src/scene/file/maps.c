@@ -29,6 +29,23 @@ int pell_scene_channel_called(const char *name)
     return at ? (int) (at - letters) : -1;
 }
 
+enum pell_result pell_scene_channel_of(const struct pell_json *at, const char *text, size_t *length, int *channel)
+{
+    const char *hash = strrchr(text, '#');
+    char shown[160], letter[32];
+
+    *length = strlen(text);
+    *channel = 0;
+    if (!hash || strchr(hash, '.')) /* a '#' of the file's name */
+        return PELL_OK;
+    *channel = pell_scene_channel_called(hash + 1);
+    if (*channel < 0)
+        return pell_json_error(at, PELL_ERR_FORMAT, "as in \"maps.png#g\"", "is \"%s\": there is no channel \"%s\", allowed: r, g, b, a",
+                               pell_printable(text, shown, sizeof(shown)), pell_printable(hash + 1, letter, sizeof(letter)));
+    *length = (size_t) (hash - text);
+    return PELL_OK;
+}
+
 bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map)
 {
     const char *dot = strrchr(text, '.');

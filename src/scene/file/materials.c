@@ -70,23 +70,16 @@ fail:
 static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_json *at, enum pell_image_role role,
                                  struct pell_texture_map *map)
 {
-    const char *text, *hash;
+    const char *text;
     struct pell_texture *texture;
-    char *name = NULL, shown[160], letter[32];
-    int channel = 0;
+    char *name = NULL;
+    size_t length;
+    int channel;
     enum pell_result res;
 
     PELL_TRY(pell_json_to_string(at, &text));
-    hash = strrchr(text, '#');
-    if (hash && (channel = pell_scene_channel_called(hash + 1)) < 0) {
-        if (!strchr(hash, '.'))
-            return pell_json_error(at, PELL_ERR_FORMAT, "as in \"maps.png#g\"",
-                                   "is \"%s\": there is no channel \"%s\", allowed: r, g, b, a", pell_printable(text, shown, sizeof(shown)),
-                                   pell_printable(hash + 1, letter, sizeof(letter)));
-        hash = NULL; /* a '#' of the file's name */
-        channel = 0;
-    }
-    name = pell_strndup(r->ctx, text, hash ? (size_t) (hash - text) : strlen(text));
+    PELL_TRY(pell_scene_channel_of(at, text, &length, &channel));
+    name = pell_strndup(r->ctx, text, length);
     if (!name)
         return PELL_ERR_NOMEM;
     PELL_TRY(pell_scene_picture(r, at, name, role, &texture));

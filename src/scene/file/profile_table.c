@@ -262,6 +262,8 @@ enum pell_result pell_profile_table_read(struct pell_context *ctx, const char *p
         res = PELL_ERR_NOMEM;
     for (int c = 0; c < 3 && res == PELL_OK; c++)
         res = make_channel(&t, c, r, R, &out[c]);
+    if (res == PELL_OK && !(pell_profile_total(&out[0]) + pell_profile_total(&out[1]) + pell_profile_total(&out[2]) > 0.0))
+        pell_warn(ctx, path, "R(r) is in 1/mm^2", "all values are 0: the material returns no light");
 
 fail:
     if (res != PELL_OK)

@@ -69,6 +69,8 @@ extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];
 struct pell_texture_map *pell_scene_map_called(struct pell_material *m, const char *name);
 /* 0 to 3 of "r", "g", "b", "a"; -1: none of them. */
 int pell_scene_channel_called(const char *name);
+/* How much of "file.png#r" is the file's name, and its channel; 0 where it names none. */
+PELL_NODISCARD enum pell_result pell_scene_channel_of(const struct pell_json *at, const char *text, size_t *length, int *channel);
 /* "baseColor.a": a channel of one of the material's textures, which may have none. False: the text is something else. */
 bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map);
 

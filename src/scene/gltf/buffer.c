@@ -409,8 +409,12 @@ static enum pell_result read_accessor(struct gltf *g, int64_t index, struct gltf
         a->data = view.data + offset;
     }
     PELL_TRY(read_sparse(g, &at, a));
-    for (uint32_t i = 0; i < a->sparse_count; i++) {
+    for (uint32_t i = 0, before = 0; i < a->sparse_count; i++) {
         const uint32_t target = load_uint(a->sparse_index, a->sparse_type, i);
+        if (i > 0 && target <= before)
+            return pell_json_error(&at, PELL_ERR_FORMAT, NULL,
+                                   "sparse index %" PRIu32 " is %" PRIu32 " after %" PRIu32 "; they must increase", i, target, before);
+        before = target;
         if (target >= a->count)
             return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "sparse index %" PRIu32 " is %" PRIu32 ", allowed: [0, %" PRIu32 "]", i,
                                    target, a->count - 1);

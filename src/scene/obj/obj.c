@@ -79,11 +79,11 @@ static enum pell_result grow(struct obj *o, float **array, size_t count, size_t 
     struct pell_text text;
     enum pell_result res;
 
-    if (count < *capacity)
-        return PELL_OK;
     if (count >= (size_t) limit)
         return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), "the limit \"vertices\" can be raised",
                           "more than %lld vertices are not allowed", (long long) limit);
+    if (count < *capacity)
+        return PELL_OK;
     res = pell_grow(o->ctx, &grown, count, capacity, each * sizeof(float));
     *array = grown;
     return res;
