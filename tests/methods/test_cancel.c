@@ -95,7 +95,7 @@ static void start_large(struct stage *s, const char *method)
 
 static void require_soon(const char *method)
 {
-    const double most = SLOW ? 1.0 : 0.12;
+    const double most = SLOW ? 1.0 : 0.2;
     double worst = 0.0;
     struct stage s;
     int all;

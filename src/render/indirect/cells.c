@@ -62,17 +62,16 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
         };
 }
 
-/* The samples of a piece of `area` mm^2: each stands for a whole one of the running sum of areas. Its place there, and so along the piece's
- * first side, is in the middle, but in pieces of less than one sample it follows the golden section: a row of such pieces may be as large
- * as a few samples, and all of a mesh's rows would have them at the same height. */
+/* The samples of a piece of `area` mm^2. Each stands for a whole one of the running sum of areas, and is at a place in it that follows the
+ * golden section: rows of triangles may be as large as a few samples, and places in the middle would be at the same height in all of
+ * them. That gives the place along the piece's first side; those across follow another number where pieces have one sample at most. */
 static void spread_samples(struct cutter *c, const float corner[3][2], double area, float spacing)
 {
     const double before = c->count, share = area / ((double) spacing * (double) spacing), most = MORE * c->in->p.samples;
 
     c->count = before + share;
     while (!c->dry && c->res == PELL_OK && c->first < most) {
-        const double golden = PELL_GOLDEN_SECTION * c->first, plastic = PLASTIC * c->first;
-        const double place = c->first + (share < 1.0 ? golden - floor(golden) : 0.5);
+        const double golden = PELL_GOLDEN_SECTION * c->first, plastic = PLASTIC * c->first, place = c->first + golden - floor(golden);
         const double f = fmin(fmax((place - before) / share, 0.0), 1.0),
                      g = share < 1.0 ? plastic - floor(plastic) : golden - floor(golden);
         float a, b, at[2];
@@ -182,6 +181,8 @@ static void cut_mesh(struct cutter *c, uint32_t number)
         c->triangle = t;
         for (int i = 0; i < 3; i++)
             c->corner[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
+        if (!(vec3_length(pell_triangle_cross(c->corner)) > 0.0f)) /* its pieces may have an area, by rounding */
+            continue;
         cell = cut(c, whole, knot, INDIRECT_NONE, 0);
         if (!c->dry)
             in->roots[in->meshes[number].first_root + t] = cell;

@@ -8,10 +8,10 @@
 #define LANES PELL_CONNECT_CHILDREN
 #define LEAF PELL_CONNECT_LEAF
 #define NOTHING PELL_CONNECT_NOTHING
-#define HALVINGS 6              /* of a triangle, at most */
-#define PIECES 3                /* times the triangles that pieces of slivers may add, */
-#define PIECES_LEAST (1u << 17) /* and besides so many */
-#define NORMAL_WEIGHT 0.125     /* of a unit of normal when the hierarchy is split, in sizes of the solid */
+#define HALVINGS 6                /* of a triangle, at most: 2^HALVINGS is PELL_CONNECT_PIECES */
+#define CUT 8.0                   /* longest side over height from which on a triangle is kept in pieces */
+#define PIECES ((size_t) 1 << 17) /* of a solid, or a sixteenth more than it has triangles */
+#define NORMAL_WEIGHT 0.125       /* of a unit of normal when the hierarchy is split, in sizes of the solid */
 
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
 {
@@ -20,7 +20,7 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
     double length;
 
     memset(f, 0, sizeof(*f));
-    f->piece = (struct piece) { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
+    f->corner[1][0] = f->corner[2][1] = PELL_CONNECT_PIECES;
     f->mesh = mesh;
     f->triangle = triangle;
     for (int k = 0; k < 3; k++)
@@ -50,32 +50,36 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
     struct pell_dvec3 centre, sum = { 0.0, 0.0, 0.0 }, axis;
     double radius = 0.0, cosine = 1.0, length;
 
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count; i++) {
+        const struct piece piece = facet_piece(&f[i]);
         for (int k = 0; k < 3; k++) {
-            const struct pell_dvec3 at = facet_corner(f[i].p, f[i].piece.uv[k]);
+            const struct pell_dvec3 at = facet_corner(f[i].p, piece.uv[k]);
             const float p[3] = { (float) at.x, (float) at.y, (float) at.z };
             for (int j = 0; j < 3; j++) {
                 low[j] = SMALLER(low[j], p[j]);
                 high[j] = LARGER(high[j], p[j]);
                 largest = LARGER(largest, fabsf(p[j]));
             }
-            sum = dvec3_mad(sum, 1.0, facet_corner(f[i].n, f[i].piece.uv[k]));
+            sum = dvec3_mad(sum, 1.0, facet_corner(f[i].n, piece.uv[k]));
         }
+    }
     node->x[lane] = 0.5f * (low[0] + high[0]);
     node->y[lane] = 0.5f * (low[1] + high[1]);
     node->z[lane] = 0.5f * (low[2] + high[2]);
     centre = (struct pell_dvec3) { (double) node->x[lane], (double) node->y[lane], (double) node->z[lane] };
     length = sqrt(dvec3_dot(sum, sum));
     axis = length > 0.0 ? dvec3_mul(sum, 1.0 / length) : (struct pell_dvec3) { 0.0, 0.0, 1.0 };
-    for (size_t i = 0; i < count; i++)
+    for (size_t i = 0; i < count; i++) {
+        const struct piece piece = facet_piece(&f[i]);
         for (int k = 0; k < 3; k++) {
-            const struct pell_dvec3 d = dvec3_sub(facet_corner(f[i].p, f[i].piece.uv[k]), centre);
-            const struct pell_dvec3 n = facet_corner(f[i].n, f[i].piece.uv[k]);
+            const struct pell_dvec3 d = dvec3_sub(facet_corner(f[i].p, piece.uv[k]), centre);
+            const struct pell_dvec3 n = facet_corner(f[i].n, piece.uv[k]);
             const double l = sqrt(dvec3_dot(n, n));
             const double r = dvec3_dot(d, d), along = l > 0.0 ? dvec3_dot(axis, n) / l : -1.0;
             radius = LARGER(radius, r);
             cosine = SMALLER(cosine, along);
         }
+    }
     /* More than what floats lose, here and in a query. */
     node->radius[lane] = (float) (sqrt(radius) * (1.0 + 1e-5)) + 1e-6f * largest;
     node->ax[lane] = (float) axis.x;
@@ -88,8 +92,9 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
 /* Position, then normal, times `weight`, in one dimension of six. */
 static float key(const struct facet *f, int dimension, float weight)
 {
-    const float(*const corner)[3] = dimension < 3 ? f->p : f->n, (*const uv)[2] = f->piece.uv;
-    const float u = uv[0][0] + uv[1][0] + uv[2][0], v = uv[0][1] + uv[1][1] + uv[2][1];
+    const float(*const corner)[3] = dimension < 3 ? f->p : f->n;
+    const float u = (float) (f->corner[0][0] + f->corner[1][0] + f->corner[2][0]) * (1.0f / PELL_CONNECT_PIECES);
+    const float v = (float) (f->corner[0][1] + f->corner[1][1] + f->corner[2][1]) * (1.0f / PELL_CONNECT_PIECES);
     const int j = dimension % 3;
 
     return (dimension < 3 ? 1.0f : weight) * ((3.0f - u - v) * corner[0][j] + u * corner[1][j] + v * corner[2][j]);
@@ -208,18 +213,20 @@ static int halvings(const struct facet *f)
     const double longest2 = fmax(fmax(dvec3_dot(e, e), dvec3_dot(g, g)), dvec3_dot(h, h)), area2 = sqrt(dvec3_dot(n, n));
     int depth = 0;
 
-    while (!f->planar && depth < HALVINGS && longest2 > ldexp(PELL_CONNECT_SLIVER * area2, depth))
-        depth++;
+    if (longest2 > CUT * area2)
+        while (!f->planar && depth < HALVINGS && longest2 > ldexp(PELL_CONNECT_SLIVER * area2, depth))
+            depth++;
     return depth;
 }
 
 static int longest_side(const struct facet *f)
 {
+    const struct piece piece = facet_piece(f);
     double longest2 = -1.0;
     int at = 0;
 
     for (int k = 0; k < 3; k++) {
-        const struct pell_dvec3 d = dvec3_sub(facet_corner(f->p, f->piece.uv[(k + 1) % 3]), facet_corner(f->p, f->piece.uv[k]));
+        const struct pell_dvec3 d = dvec3_sub(facet_corner(f->p, piece.uv[(k + 1) % 3]), facet_corner(f->p, piece.uv[k]));
         if (dvec3_dot(d, d) > longest2) {
             longest2 = dvec3_dot(d, d);
             at = k;
@@ -232,52 +239,51 @@ static int longest_side(const struct facet *f)
 static void cut(struct tree *t, size_t at, int times)
 {
     const size_t other = t->num_facets;
-    struct piece half[2];
+    struct facet *f = &t->facets[at], *g = &t->facets[other];
+    int side, next;
 
     if (times <= 0)
         return;
-    piece_halve(&t->facets[at].piece, longest_side(&t->facets[at]), half);
-    t->facets[other] = t->facets[at];
-    t->facets[at].piece = half[0];
-    t->facets[other].piece = half[1];
+    side = longest_side(f);
+    next = (side + 1) % 3;
+    *g = *f;
+    for (int k = 0; k < 2; k++)
+        f->corner[next][k] = g->corner[side][k] = (uint8_t) ((f->corner[side][k] + f->corner[next][k]) / 2);
     t->num_facets++;
     cut(t, at, times - 1);
     cut(t, other, times - 1);
 }
 
-/* Long thin triangles are kept in pieces, as far as that makes a few times as many. */
-static enum pell_result cut_slivers(struct pell_connector *c, struct tree *t)
+static void fill(const struct pell_connector *c, const struct pell_solid *solid, size_t i, struct facet *f)
 {
-    const size_t n = t->num_facets, most = PIECES * n + PIECES_LEAST < LEAF - 1 ? PIECES * n + PIECES_LEAST : LEAF - 1;
-    size_t wanted[HALVINGS + 1] = { 0 }, all = n;
-    struct facet *facets;
+    const uint32_t mesh = solid->triangles[i].mesh;
+
+    pell_connect_fill_facet(&c->scene->meshes[mesh], mesh, solid->triangles[i].triangle, c->flat, f);
+}
+
+/* How often long thin triangles are halved at most, so that they don't make too many; *pieces: of all. */
+static int plan_pieces(const struct pell_connector *c, const struct pell_solid *solid, size_t *pieces)
+{
+    const size_t n = solid->num_triangles, most = n + n / 16 < PIECES ? PIECES : n + n / 16 < LEAF ? n + n / 16 : LEAF - 1;
+    size_t wanted[HALVINGS + 1] = { 0 };
     int depth = 0;
 
-    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++)
-        wanted[halvings(&t->facets[i])]++;
+    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++) {
+        struct facet f;
+        fill(c, solid, i, &f);
+        wanted[halvings(&f)]++;
+    }
+    *pieces = n;
     for (int d = 1; d <= HALVINGS; d++) { /* each that wants more than d - 1 halvings turns 2^(d - 1) pieces into twice as many */
         size_t more = 0;
         for (int k = d; k <= HALVINGS; k++)
             more += wanted[k] << (d - 1);
-        if (more == 0 || all + more > most)
+        if (more == 0 || *pieces + more > most)
             break;
-        all += more;
+        *pieces += more;
         depth = d;
     }
-    if (depth == 0)
-        return PELL_OK;
-    facets = pell_alloc_array(c->ctx, all, sizeof(*facets));
-    if (!facets)
-        return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++)
-        facets[i] = t->facets[i];
-    pell_free(c->ctx, t->facets);
-    t->facets = facets;
-    for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++) {
-        const int times = halvings(&t->facets[i]);
-        cut(t, i, times < depth ? times : depth);
-    }
-    return pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    return depth;
 }
 
 enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number)
@@ -285,35 +291,40 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
     const struct pell_solid *solid = &c->solids->solids[number];
     struct tree *t = &c->trees[number];
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY }, size = 0.0f, largest = 0.0f;
-    enum pell_result res;
+    size_t pieces;
+    int depth;
 
     if (solid->num_triangles == 0)
         return PELL_OK;
     if (solid->num_triangles >= LEAF)
         return pell_error(c->ctx, PELL_ERR_UNSUPPORTED, c->scene->path, NULL, "%zu triangles are too many", solid->num_triangles);
-    t->facets = pell_alloc_array(c->ctx, solid->num_triangles, sizeof(*t->facets));
+    depth = plan_pieces(c, solid, &pieces);
+    if (pell_cancelled(c->ctx))
+        return PELL_ERR_CANCELLED;
+    t->facets = pell_alloc_array(c->ctx, pieces, sizeof(*t->facets));
     if (!t->facets)
         return PELL_ERR_NOMEM;
     t->num_facets = solid->num_triangles;
-    for (size_t i = 0; i < t->num_facets; i++) {
-        pell_connect_fill_facet(&c->scene->meshes[solid->triangles[i].mesh], solid->triangles[i].mesh, solid->triangles[i].triangle,
-                                c->flat, &t->facets[i]);
+    for (size_t i = 0; i < solid->num_triangles; i++) {
+        struct facet *f = &t->facets[i];
+        fill(c, solid, i, f);
         if (pell_cancelled_at(c->ctx, i))
             return PELL_ERR_CANCELLED;
         for (int k = 0; k < 3; k++)
             for (int j = 0; j < 3; j++) {
-                low[j] = fminf(low[j], t->facets[i].p[k][j]);
-                high[j] = fmaxf(high[j], t->facets[i].p[k][j]);
+                low[j] = fminf(low[j], f->p[k][j]);
+                high[j] = fmaxf(high[j], f->p[k][j]);
             }
+        if (depth > 0) {
+            const int times = halvings(f);
+            cut(t, i, times < depth ? times : depth);
+        }
     }
     for (int j = 0; j < 3; j++) {
         size = fmaxf(size, high[j] - low[j]);
         largest = fmaxf(largest, fmaxf(fabsf(low[j]), fabsf(high[j])));
     }
     t->rounding = 1e-6 * (double) largest;
-    res = cut_slivers(c, t);
-    if (res != PELL_OK)
-        return res;
     t->nodes = pell_alloc_array(c->ctx, count_nodes(t->num_facets), sizeof(*t->nodes));
     if (!t->nodes)
         return PELL_ERR_NOMEM;

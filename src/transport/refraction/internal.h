@@ -18,13 +18,25 @@ struct piece {
     int depth; /* how often it was halved */
 };
 
+#define PELL_CONNECT_PIECES 64 /* unit of a facet's barycentric coordinates: it was halved 6 times at most */
+
 /* A triangle, or a piece of one that is long and thin. */
 struct facet {
     float p[3][3], n[3][3]; /* of the triangle */
     uint32_t mesh, triangle;
-    struct piece piece;
-    bool planar; /* the normals are the triangle's own */
+    uint8_t corner[3][2]; /* of the piece, barycentric */
+    bool planar;          /* the normals are the triangle's own */
 };
+
+static inline struct piece facet_piece(const struct facet *f)
+{
+    struct piece p = { .depth = 0 };
+
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 2; k++)
+            p.uv[i][k] = (float) f->corner[i][k] * (1.0f / PELL_CONNECT_PIECES);
+    return p;
+}
 
 /* Longest side over height: pieces of curved triangles that are longer are halved across it. */
 #define PELL_CONNECT_SLIVER 3.0

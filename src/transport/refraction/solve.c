@@ -504,7 +504,8 @@ static struct outline outline_of(const struct bounds *b, const struct piece *p)
 static const struct piece whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
 
 /* A long thin triangle is halved first: quarters of it would be as long and thin, and four times as many. */
-static void solve_sliver(struct query *q, const struct facet *f, const struct curved *c, const struct bounds *bounds)
+static void solve_sliver(struct query *q, const struct facet *f, const struct piece *of, const struct curved *c,
+                         const struct bounds *bounds)
 {
     struct piece stack[DEPTH + 2] = { whole };
     int count = 1;
@@ -523,7 +524,7 @@ static void solve_sliver(struct query *q, const struct facet *f, const struct cu
             struct piece part = { .depth = p.depth };
             for (int i = 0; i < 3; i++)
                 for (int k = 0; k < 2; k++)
-                    part.uv[i][k] = (float) along(&f->piece, k, (double) p.uv[i][0], (double) p.uv[i][1]);
+                    part.uv[i][k] = (float) along(of, k, (double) p.uv[i][0], (double) p.uv[i][1]);
             solve_piece(q, f, &part);
         }
     }
@@ -531,18 +532,19 @@ static void solve_sliver(struct query *q, const struct facet *f, const struct cu
 
 static void solve_curved(struct query *q, const struct facet *f)
 {
+    const struct piece piece = facet_piece(f);
     struct curved c;
     struct bounds bounds;
 
-    if (!make_curved(q, f, &f->piece, &c))
+    if (!make_curved(q, f, &piece, &c))
         return;
     bounds = bounds_of(&c);
     if (c.size * c.size > PELL_CONNECT_SLIVER * c.area2) {
-        solve_sliver(q, f, &c, &bounds);
+        solve_sliver(q, f, &piece, &c, &bounds);
         return;
     }
     search(&c, &bounds);
-    keep_roots(q, &c, &f->piece);
+    keep_roots(q, &c, &piece);
 }
 
 void pell_connect_solve(struct query *q, const struct facet *f)
