@@ -62,18 +62,20 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
         };
 }
 
-/* The samples of a piece of `area` mm^2. Each stands for a whole one of the running sum of areas, and is at a place in it that follows the
- * golden section: rows of triangles may be as large as a few samples, and places in the middle would be at the same height in all of
- * them. That gives the place along the piece's first side; those across follow another number where pieces have one sample at most. */
-static void spread_samples(struct cutter *c, const float corner[3][2], double area, float spacing)
+/* The samples of a piece of `area` mm^2. Each stands for a whole one of the running sum of areas, and lies in the middle of that; this
+ * gives its place along the piece's first side, those across follow the golden section. In whole triangles of less than one sample the
+ * place in the sum follows the golden section, and those across another number: rows of triangles may be as large as a few samples, and
+ * middles would be at the same height in all of them. */
+static void spread_samples(struct cutter *c, const float corner[3][2], bool is_whole, double area, float spacing)
 {
     const double before = c->count, share = area / ((double) spacing * (double) spacing), most = MORE * c->in->p.samples;
+    const bool alone = is_whole && share < 1.0;
 
     c->count = before + share;
     while (!c->dry && c->res == PELL_OK && c->first < most) {
-        const double golden = PELL_GOLDEN_SECTION * c->first, plastic = PLASTIC * c->first, place = c->first + golden - floor(golden);
-        const double f = fmin(fmax((place - before) / share, 0.0), 1.0),
-                     g = share < 1.0 ? plastic - floor(plastic) : golden - floor(golden);
+        const double golden = PELL_GOLDEN_SECTION * c->first, plastic = PLASTIC * c->first, section = c->first + golden - floor(golden);
+        const double place = alone && section >= before ? section : fmax(c->first + 0.5, before);
+        const double f = fmin((place - before) / share, 1.0), g = alone ? plastic - floor(plastic) : golden - floor(golden);
         float a, b, at[2];
         if (!(place < c->count))
             break;
@@ -128,7 +130,7 @@ static uint32_t cut(struct cutter *c, const float corner[3][2], const uint32_t k
     for (int i = 0; i < 3; i++)
         longest = fmaxf(longest, vec3_length(vec3_sub(p[i], p[(i + 1) % 3])));
     if (!(longest > 2.0f * spacing) || depth == DEPTH || c->cuts == CUTS || c->res != PELL_OK) {
-        spread_samples(c, corner, 0.5 * (double) vec3_length(pell_triangle_cross(p)), spacing);
+        spread_samples(c, corner, depth == 0, 0.5 * (double) vec3_length(pell_triangle_cross(p)), spacing);
         return cell;
     }
     c->cuts++;
