@@ -137,10 +137,10 @@ struct laws {
     size_t *first; /* per material: the first that is the same to light */
 };
 
+/* Equal media share their profile (resources.c). */
 static bool is_same(const struct pell_curvature_medium *a, const struct pell_curvature_medium *b)
 {
-    return memcmp(a->medium, b->medium, sizeof(*a->medium)) == 0 &&
-           (a->profile == b->profile || memcmp(a->profile, b->profile, 3 * sizeof(*a->profile)) == 0);
+    return a->profile == b->profile && memcmp(a->medium, b->medium, sizeof(*a->medium)) == 0;
 }
 
 static void law_of(void *arg, int index, int worker)

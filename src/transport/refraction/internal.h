@@ -48,20 +48,6 @@ static inline struct pell_dvec3 facet_corner(const float corner[3][3], const flo
     return dvec3_mad(dvec3_mad(a, (double) uv[0], dvec3_sub(b, a)), (double) uv[1], dvec3_sub(c, a));
 }
 
-/* The halves of a piece on both sides of the line from a corner to the middle of the side across from it. */
-static inline void piece_halve(const struct piece *p, int side, struct piece half[2])
-{
-    const int next = (side + 1) % 3;
-    const struct piece from = *p;
-
-    for (int i = 0; i < 2; i++) {
-        half[i] = from;
-        half[i].depth++;
-        for (int k = 0; k < 2; k++)
-            half[i].uv[i ? side : next][k] = 0.5f * (from.uv[side][k] + from.uv[next][k]);
-    }
-}
-
 struct tree {
     struct facet *facets;
     struct pell_connect_node *nodes;

@@ -501,6 +501,20 @@ static struct outline outline_of(const struct bounds *b, const struct piece *p)
     return o;
 }
 
+/* The halves of a piece on both sides of the line from a corner to the middle of the side across from it. */
+static void halve(const struct piece *p, int side, struct piece half[2])
+{
+    const int next = (side + 1) % 3;
+    const struct piece from = *p;
+
+    for (int i = 0; i < 2; i++) {
+        half[i] = from;
+        half[i].depth++;
+        for (int k = 0; k < 2; k++)
+            half[i].uv[i ? side : next][k] = 0.5f * (from.uv[side][k] + from.uv[next][k]);
+    }
+}
+
 static const struct piece whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
 
 /* A long thin triangle is halved first: quarters of it would be as long and thin, and four times as many. */
@@ -518,7 +532,7 @@ static void solve_sliver(struct query *q, const struct facet *f, const struct pi
             continue;
         if (p.depth < DEPTH && (double) o.longest2 > PELL_CONNECT_SLIVER * c->area2 / (double) (1u << p.depth) &&
             (double) (sqrtf(o.longest2) * near) >= NEARLY_LINEAR) {
-            piece_halve(&p, o.longest, stack + count);
+            halve(&p, o.longest, stack + count);
             count += 2;
         } else {
             struct piece part = { .depth = p.depth };
