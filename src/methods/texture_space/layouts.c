@@ -54,14 +54,16 @@ static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *
         if (!wrong)
             continue;
         for (size_t j = i + 1; j < st->solids->count; j++)
-            if (st->solid[j].atlas && st->solid[j].atlas->wrong == wrong &&
+            if (st->solid[j].atlas && st->solid[j].atlas->wrong == wrong && st->solid[j].atlas->apart == a->apart &&
                 st->solids->solids[j].material == st->solids->solids[i].material) {
                 st->solid[j].atlas->wrong = NULL;
                 others++;
             }
         if (others)
             snprintf(more, sizeof(more), "; so are %zu other objects", others);
-        if (a->without)
+        if (a->apart)
+            pell_info(st->ctx, name, "%s: %d charts moved apart%s", wrong, a->num_charts, more);
+        else if (a->without)
             pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", wrong, a->num_charts, more);
         else
             pell_warn(st->ctx, name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts%s", wrong, a->num_charts,

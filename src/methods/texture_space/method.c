@@ -34,8 +34,8 @@ static const struct pell_knob knobs[] = {
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 6 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "charts", PELL_KNOB_ENUM, "1", AT(charts), { TS_CHARTS_AUTO }, 0, 0, charts_names,
-      "the layout: by the texture coordinates, or by planar charts; auto: planar where coordinates are missing, overlap or are "
-      "of no use" },
+      "the layout: by the texture coordinates as they are, or by planar charts; auto: by the first set whose charts do not overlap, "
+      "or by charts of the first that are moved apart; planar where coordinates are missing or of no use" },
     { "border", PELL_KNOB_INT, "texels", AT(border), { -1 }, -1, 512, NULL,
       "width of the border in which charts continue over their neighbours, so that blurs cross seams; 0: seams show; -1: as "
       "far as the widest blur reaches, up to a tenth of the map" },

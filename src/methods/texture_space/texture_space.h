@@ -99,7 +99,7 @@ struct ts_atlas {
     float (*corners)[6];           /* per triangle: x, y of its corners, in texels; a texel's middle is at + 1/2 */
     int32_t *chart;                /* per triangle: 1, 2, ...; 0: it has no area */
     uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
-    bool planar;                   /* its charts are our own */
+    bool apart;                    /* the file's charts, moved apart */
     const char *wrong;             /* constant text: what was wrong with its texture coordinates; NULL: nothing, or charts=planar */
     bool without;                  /* it has none */
     int num_charts;

@@ -4,11 +4,15 @@
  */
 #include "methods/texture_space/atlas/internal.h"
 
+#include <string.h>
+
 #define OVERLAP_MOST 0.01    /* share of the texels that two triangles may claim in a layout that is used */
 #define DEGENERATE_MOST 0.02 /* share of the area whose triangles have none in the layout */
 #define COVERED_MOST 4.0     /* times the map is covered in a layout that is looked at further */
 #define OVERLAPS "its texture coordinates overlap"
 #define COVERED_LEAST 0.02 /* share of the layout's rectangle that is covered */
+#define APART_MOST 1024    /* charts that are moved apart */
+#define APART_LEAST 0.1    /* share of the map that they cover: planar charts do better than that */
 
 void ts_atlas_destroy(struct ts_atlas **atlas)
 {
@@ -93,41 +97,86 @@ fail:
     return res;
 }
 
+/* Numbers the charts of the corners that were laid out and says which texels they cover. `wrong`: what speaks against them; NULL: nothing. */
+static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const char **wrong)
+{
+    struct ts_atlas *a = b->a;
+    double flat = 0.0;
+    enum pell_result res;
+
+    ts_atlas_number_charts(b, order);
+    PELL_TRY(ts_atlas_make_planes(b));
+    ts_atlas_rasterize(b);
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++)
+        if (b->area[t] > 0.0 && !(fabs(flat_area(a->corners[t])) > 1e-9))
+            flat += b->area[t];
+    if (pell_cancelled(b->ctx)) /* whatever is wrong with it is not known */
+        return PELL_ERR_CANCELLED;
+    a->degenerate = flat / b->total_area;
+    a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
+    *wrong = NULL;
+    if (a->degenerate > DEGENERATE_MOST)
+        *wrong = "part of it has no area in its texture coordinates";
+    else if (a->overlap > OVERLAP_MOST)
+        *wrong = OVERLAPS;
+    else if ((double) b->claimed < COVERED_LEAST * a->width * a->height)
+        *wrong = "its texture coordinates leave most of the map empty";
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* By a set of texture coordinates as it is. */
+static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t *order, const char **wrong)
+{
+    struct ts_atlas *a = b->a;
+    double covered = 0.0;
+
+    *wrong = ts_atlas_lay_out_file(b, set);
+    for (uint32_t t = 0; t < a->num_triangles && !*wrong && !pell_cancelled_at(b->ctx, t); t++)
+        covered += fabs(flat_area(a->corners[t]));
+    if (*wrong)
+        return b->p->charts == TS_CHARTS_UV
+                   ? pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", *wrong)
+                   : PELL_OK;
+    if (covered > COVERED_MOST * a->width * a->height) {
+        *wrong = OVERLAPS;
+        return PELL_OK;
+    }
+    return cover(b, order, wrong);
+}
+
+/* By the first set whose charts lie side by side; else by charts of the first set that are moved apart; else by planar ones. */
 static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
-    const char *wrong = b->p->charts == TS_CHARTS_PLANAR ? "" : ts_atlas_lay_out_file(b);
-    double flat = 0.0, covered = 0.0;
+    const char *wrong = NULL, *still = NULL;
     enum pell_result res;
 
-    for (uint32_t t = 0; t < a->num_triangles && !wrong && !pell_cancelled_at(b->ctx, t); t++)
-        covered += fabs(flat_area(a->corners[t]));
-    if (!wrong && covered > COVERED_MOST * a->width * a->height)
-        wrong = OVERLAPS;
-    if (!wrong) {
-        ts_atlas_number_charts(b, order);
-        PELL_TRY(ts_atlas_make_planes(b));
-        ts_atlas_rasterize(b);
-        for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++)
-            if (b->area[t] > 0.0 && !(fabs(flat_area(a->corners[t])) > 1e-9))
-                flat += b->area[t];
-        if (pell_cancelled(b->ctx)) /* whatever is wrong with it is not known */
-            return PELL_ERR_CANCELLED;
-        a->degenerate = flat / b->total_area;
-        a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
-        if (a->degenerate > DEGENERATE_MOST)
-            wrong = "part of it has no area in its texture coordinates";
-        else if (a->overlap > OVERLAP_MOST)
-            wrong = OVERLAPS;
-        else if ((double) b->claimed < COVERED_LEAST * a->width * a->height)
-            wrong = "its texture coordinates leave most of the map empty";
-        if (!wrong || b->p->charts == TS_CHARTS_UV)
+    for (int set = 0; set < PELL_UV_SETS && b->p->charts != TS_CHARTS_PLANAR; set++) {
+        const char *fault;
+        if (set > 0 && !ts_atlas_has_set(b, set))
+            continue;
+        PELL_TRY(lay_out_set(b, set, order, &fault));
+        if (!fault || b->p->charts == TS_CHARTS_UV)
             return PELL_OK;
-    } else if (b->p->charts == TS_CHARTS_UV) {
-        return pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", wrong);
+        wrong = set == 0 ? fault : wrong;
+    }
+    if (wrong && strcmp(wrong, OVERLAPS) == 0 && !ts_atlas_lay_out_file(b, 0)) {
+        ts_atlas_number_charts(b, order);
+        if (a->num_charts <= APART_MOST && !pell_cancelled(b->ctx)) {
+            PELL_TRY(ts_atlas_move_apart(b));
+            PELL_TRY(cover(b, order, &still));
+            if (!still && (double) b->claimed >= APART_LEAST * a->width * a->height) {
+                a->apart = true;
+                a->wrong = wrong;
+                return PELL_OK;
+            }
+        }
     }
     PELL_TRY(ts_atlas_lay_out_planar(b, order));
-    a->wrong = wrong[0] ? wrong : NULL;
+    a->wrong = wrong;
     a->without = !a->scene->meshes[b->meshes[0]].uv[0];
     PELL_TRY(ts_atlas_make_planes(b));
     ts_atlas_rasterize(b);

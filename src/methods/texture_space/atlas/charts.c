@@ -59,7 +59,15 @@ void ts_atlas_number_charts(struct ts_atlas_build *b, uint32_t *todo)
     }
 }
 
-const char *ts_atlas_lay_out_file(struct ts_atlas_build *b)
+bool ts_atlas_has_set(const struct ts_atlas_build *b, int set)
+{
+    for (size_t i = 0; i < b->num_meshes; i++)
+        if (!b->a->scene->meshes[b->meshes[i]].uv[set])
+            return false;
+    return true;
+}
+
+const char *ts_atlas_lay_out_file(struct ts_atlas_build *b, int set)
 {
     struct ts_atlas *a = b->a;
     const int margin = 2 + (b->p->border < b->p->size / 8 ? b->p->border : b->p->size / 8);
@@ -68,11 +76,11 @@ const char *ts_atlas_lay_out_file(struct ts_atlas_build *b)
     for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
         const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
-        if (!m->uv[0])
+        if (!m->uv[set])
             return "it has no texture coordinates";
         for (int k = 0; k < 3 && b->area[t] > 0.0; k++)
             for (int i = 0; i < 2; i++) {
-                const double v = (double) m->uv[0][2 * (size_t) index[k] + (size_t) i];
+                const double v = (double) m->uv[set][2 * (size_t) index[k] + (size_t) i];
                 if (!(fabs(v) < 1e6))
                     return "its texture coordinates are no numbers of use";
                 low[i] = fmin(low[i], v);
@@ -89,7 +97,7 @@ const char *ts_atlas_lay_out_file(struct ts_atlas_build *b)
         const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
         const uint32_t *index = m->index + 3 * (size_t) a->triangles[t].triangle;
         for (int k = 0; k < 6 && b->area[t] > 0.0; k++)
-            a->corners[t][k] = (float) (((double) m->uv[0][2 * (size_t) index[k / 2] + (size_t) (k % 2)] - low[k % 2]) * scale + margin);
+            a->corners[t][k] = (float) (((double) m->uv[set][2 * (size_t) index[k / 2] + (size_t) (k % 2)] - low[k % 2]) * scale + margin);
     }
     return NULL;
 }
@@ -310,13 +318,66 @@ static size_t flatten_charts(struct ts_atlas_build *b, struct ts_flat_chart *cha
     return left;
 }
 
+/* Corners, in mm in their charts, to where these are put in the map. */
+static enum pell_result put_side_by_side(struct ts_atlas_build *b, struct ts_flat_chart *charts, size_t count)
+{
+    struct ts_atlas *a = b->a;
+    double scale;
+    enum pell_result res;
+
+    PELL_TRY(ts_atlas_pack(b, charts, count, &scale));
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
+        const struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
+        for (int k = 0; c && k < 6; k++)
+            a->corners[t][k] = (float) (((double) a->corners[t][k] - c->low[k % 2]) * scale + (k % 2 ? c->y : c->x));
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result ts_atlas_move_apart(struct ts_atlas_build *b)
+{
+    struct ts_atlas *a = b->a;
+    const size_t count = (size_t) a->num_charts;
+    struct ts_flat_chart *charts = pell_calloc(b->ctx, count + 1, sizeof(*charts));
+    double *flat = pell_calloc(b->ctx, count + 1, sizeof(*flat));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    if (!charts || !flat)
+        goto fail;
+    for (size_t i = 0; i < count; i++)
+        charts[i] = (struct ts_flat_chart) { .number = (int32_t) i + 1, .low = { INFINITY, INFINITY }, .high = { -INFINITY, -INFINITY } };
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++)
+        if (a->chart[t]) {
+            charts[a->chart[t] - 1].area += b->area[t];
+            flat[a->chart[t] - 1] += fabs(flat_area(a->corners[t]));
+        }
+    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
+        struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
+        const double mm = c && flat[c->number - 1] > 1e-9 ? sqrt(c->area / flat[c->number - 1]) : 0.0; /* to a texel */
+        for (int k = 0; c && k < 6; k++) {
+            a->corners[t][k] *= (float) mm;
+            c->low[k % 2] = fmin(c->low[k % 2], (double) a->corners[t][k]);
+            c->high[k % 2] = fmax(c->high[k % 2], (double) a->corners[t][k]);
+        }
+    }
+    PELL_TRY(put_side_by_side(b, charts, count));
+    res = PELL_OK;
+
+fail:
+    pell_free(b->ctx, flat);
+    pell_free(b->ctx, charts);
+    return res;
+}
+
 enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
     struct ts_flat_chart *charts = NULL;
     struct cover cover = { 0 };
     size_t count = 0, capacity = 0;
-    double scale;
     enum pell_result res = PELL_ERR_NOMEM;
 
     memset(a->chart, 0, a->num_triangles * sizeof(*a->chart));
@@ -345,13 +406,7 @@ enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *ord
         goto fail;
     }
     a->num_charts = (int) count;
-    PELL_TRY(ts_atlas_pack(b, charts, count, &scale));
-    for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
-        const struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
-        for (int k = 0; c && k < 6; k++)
-            a->corners[t][k] = (float) (((double) a->corners[t][k] - c->low[k % 2]) * scale + (k % 2 ? c->y : c->x));
-    }
-    a->planar = true;
+    PELL_TRY(put_side_by_side(b, charts, count));
     res = PELL_OK;
 
 fail:

@@ -67,7 +67,7 @@ static inline bool opposed(const struct ts_atlas_build *b, uint32_t half, uint32
     return pell_half_start(&b->topology, half) == pell_half_end(&b->topology, twin);
 }
 
-/* A planar chart. */
+/* A chart on its own, as planar ones are. */
 struct ts_flat_chart {
     struct pell_vec3 axis;
     double area;            /* mm^2, when it was grown */
@@ -136,8 +136,13 @@ static inline struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triang
 
 /* --- charts.c: which triangles make a chart, and where their corners lie --------------------------------------------------------- */
 
-/* The layout of the file, scaled to fit. Returns NULL, or what is wrong with it. */
-const char *ts_atlas_lay_out_file(struct ts_atlas_build *b);
+/* Whether all meshes have this set of texture coordinates. */
+bool ts_atlas_has_set(const struct ts_atlas_build *b, int set);
+/* The layout of the file by one set, scaled to fit. Returns NULL, or what is wrong with it. */
+const char *ts_atlas_lay_out_file(struct ts_atlas_build *b, int set);
+/* Charts that lie over each other in the layout of the file, as mirrored halves, repeated tiles and objects that share a texture do: side
+ * by side, with as many texels to a mm of each. They are numbered. */
+PELL_NODISCARD enum pell_result ts_atlas_move_apart(struct ts_atlas_build *b);
 /* Charts that grow over the surface as far as it faces their axis, each seen from there. `order` has room for all triangles. */
 PELL_NODISCARD enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *order);
 /* Numbers charts by what is connected in the layout. `todo` has room for all triangles. */

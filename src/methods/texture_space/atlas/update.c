@@ -22,8 +22,9 @@ uint64_t ts_atlas_print(const struct pell_scene *scene, const struct pell_solids
         print = pell_hash_word(print, i);
         print = pell_hash_bytes(print, m->index, 3 * sizeof(*m->index) * (size_t) m->num_triangles);
         print = pell_hash_word(print, m->num_vertices);
-        if (m->uv[0])
-            print = pell_hash_bytes(print, m->uv[0], 2 * sizeof(*m->uv[0]) * (size_t) m->num_vertices);
+        for (int set = 0; set < PELL_UV_SETS; set++)
+            if (m->uv[set])
+                print = pell_hash_bytes(print, m->uv[set], 2 * sizeof(*m->uv[set]) * (size_t) m->num_vertices);
     }
     return print;
 }
