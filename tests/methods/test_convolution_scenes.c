@@ -360,6 +360,74 @@ static void objects_go_on_beyond_the_picture(void **state)
     assert_true(worst_at_borders("borders=open", 1.8f) > 0.3);
 }
 
+/* A facing slab of marble, lit at a spot near its middle, with a strength that is constant, painted alike, or painted in steps. */
+enum painted { CONSTANT, ALIKE, STEPS };
+static struct shot shot_of_strength(const char *method, const char *const *knobs, enum painted painted, uint8_t strength)
+{
+    static const uint8_t steps[4] = { 255, 180, 90, 20 };
+    struct pell_material *m;
+    struct pell_mesh *mesh;
+    struct stage s;
+    struct shot shot;
+    uint8_t pixels[16];
+    size_t material;
+
+    stage_start(&s, 64, 48);
+    s.settings.bounces = 0;
+    m = stage_medium(&s, "marble", &material);
+    for (size_t i = 0; i < sizeof(pixels); i++)
+        pixels[i] = painted == STEPS ? steps[i / 4] : strength;
+    if (painted == CONSTANT)
+        m->strength = (float) strength / 255.0f;
+    else
+        m->strength_map =
+            (struct pell_texture_map) { .matrix = { 1, 0, 0, 0, 1, 0 }, .texture = shapes_texture(s.scene, 2, 2, 4, false, pixels) };
+    stage_box(&s, material, 0, vec3(-60.0f, -60.0f, -60.0f), vec3(60.0f, 60.0f, 0.0f));
+    mesh = &s.scene->meshes[s.scene->num_meshes - 1];
+    mesh->uv[0] = pell_calloc(s.ctx, mesh->num_vertices, 2 * sizeof(float));
+    assert_non_null(mesh->uv[0]);
+    for (size_t i = 0; i < mesh->num_vertices; i++)
+        for (size_t k = 0; k < 2; k++)
+            mesh->uv[0][2 * i + k] = 0.5f + mesh->position[3 * i + k] / 40.0f;
+    stage_light(&s, PELL_LIGHT_POINT, vec3(-3.0f, 1.0f, 6.0f), vec3(0, 0, 0), 50.0f);
+    stage_camera(&s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 12.0f);
+    shot = stage_shot_of(&s, method, knobs);
+    stage_finish(&s);
+    return shot;
+}
+
+/* A painted strength is that strength, whether a level has it or two are mixed; where it varies each pixel has its own, as with the method
+ * that sums samples. */
+static void a_painted_strength_scales_the_radius(void **state)
+{
+    static const uint8_t strengths[] = { 255, 180, 90, 20 };
+    static const char *const samples[] = { "samples=1024", "tile=1", "through=off", "reconstruct=off", NULL };
+    static const char *const off[] = { "strength=off", NULL };
+    struct shot painted, other;
+    struct difference d, without;
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(strengths); k++) {
+        painted = shot_of_strength("convolution", NULL, ALIKE, strengths[k]);
+        other = shot_of_strength("convolution", NULL, CONSTANT, strengths[k]);
+        d = shot_difference(&painted, &other);
+        print_message("# strength %.2f: painted and constant differ by %.4f of the mean\n", strengths[k] / 255.0, d.rms);
+        REQUIRE(d.rms < (k == 0 ? 1e-6 : 0.006));
+        shot_free(&painted);
+        shot_free(&other);
+    }
+    other = shot_of_strength("image-space", samples, STEPS, 0);
+    painted = shot_of_strength("convolution", NULL, STEPS, 0);
+    d = shot_difference(&painted, &other);
+    shot_free(&painted);
+    painted = shot_of_strength("convolution", off, STEPS, 0);
+    without = shot_difference(&painted, &other);
+    print_message("# painted in steps: %.4f from image-space, %.4f without the map\n", d.rms, without.rms);
+    REQUIRE(d.rms < 0.012 && d.rms < 0.25 * without.rms);
+    shot_free(&painted);
+    shot_free(&other);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -372,6 +440,7 @@ int main(void)
         cmocka_unit_test(planes_slide_without_popping),
         cmocka_unit_test(thick_parts_stay_dark_before_light),
         cmocka_unit_test(objects_go_on_beyond_the_picture),
+        cmocka_unit_test(a_painted_strength_scales_the_radius),
         cmocka_unit_test(too_many_solids_are_refused_by_name),
         cmocka_unit_test(a_frame_allocates_nothing),
     };

@@ -40,6 +40,7 @@ struct convolution_knobs {
     bool apart;
     bool edges;
     int borders; /* enum conv_borders */
+    bool strength;
 };
 
 /* --- radial.c: a material's profile as tables -------------------------------------------------------------------------------------- */
@@ -49,7 +50,7 @@ enum { CONV_LINE_OCTAVE = 8, CONV_LINE_ROWS = CONV_LINE_OCTAVE * CONV_OCTAVES };
 /* One channel. */
 struct conv_radial {
     const struct pell_profile *profile;
-    double radius; /* scales the profile's radii: the material's constant strength, (0, 1] */
+    double radius; /* scales the profile's radii, (0, 1] */
     float scale;   /* of the profile: 1, or one over its total */
     float total;   /* M of even light of 1 */
     bool point;    /* light does not spread */
@@ -61,7 +62,7 @@ struct conv_radial {
 
 /* `memory`: CONV_RADIAL_FLOATS for each of three channels. */
 #define CONV_RADIAL_FLOATS (CONV_ROWS + 2 + CONV_LINE_ROWS + 2)
-void convolution_radial_make(const struct pell_frame_material *m, float *memory, struct conv_radial out[3]);
+void convolution_radial_make(const struct pell_frame_material *m, double radius, float *memory, struct conv_radial out[3]);
 /* R at a squared radius. */
 float convolution_radial_value(const struct conv_radial *r, float radius2);
 /* Share of the light that enters on a plane which reaches a plane h mm away, and what a square [x - 1/2, x + 1/2] x [y - 1/2, y + 1/2] of
@@ -123,7 +124,7 @@ void convolution_sources_aim(struct conv_sources *s);
 
 /* What the spectra of a group depend on. */
 struct conv_layout {
-    size_t group;
+    size_t group;                 /* and the level of its strength */
     int planes;                   /* in use */
     float depth[CONV_PLANES];     /* mm, rising */
     float pixel[CONV_PLANES];     /* mm that a pixel of the plane is wide, reduced resolution counted in */

@@ -42,6 +42,7 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st->behind_memory);
     pell_free(st->ctx, st->sources.front.group);
     pell_free(st->ctx, st->front_memory);
+    pell_free(st->ctx, st->level_tables);
     pell_free(st->ctx, st->tables);
     pell_free(st->ctx, st->radial);
     pell_solids_destroy(&st->solids);
@@ -59,10 +60,15 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
     st->num_materials = shape->num_materials;
     st->radial = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->radial));
     st->tables = pell_alloc_array(st->ctx, shape->num_materials, 3 * CONV_RADIAL_FLOATS * sizeof(float));
-    if (!st->radial || !st->tables)
+    if (st->knobs.strength)
+        st->level_tables = pell_alloc_array(st->ctx, CONV_LEVELS, 3 * CONV_RADIAL_FLOATS * sizeof(float));
+    if (!st->radial || !st->tables || (st->knobs.strength && !st->level_tables))
         return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < shape->num_materials; i++)
-        convolution_radial_make(&shape->materials[i], st->tables + i * 3 * CONV_RADIAL_FLOATS, st->radial[i]);
+    for (size_t i = 0; i < shape->num_materials; i++) {
+        const float strength = shape->materials[i].strength;
+        const double radius = strength > 0.0f ? fmin((double) strength, 1.0) : 1.0;
+        convolution_radial_make(&shape->materials[i], radius, st->tables + i * 3 * CONV_RADIAL_FLOATS, st->radial[i]);
+    }
     st->num_groups = st->solids ? st->solids->count : shape->num_materials;
     return PELL_OK;
 }
@@ -151,7 +157,10 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
     st->job.tables[1] = st->job.tables[0] + table;
     for (int i = 0; i < workers; i++)
         st->scratch[i] = st->scratch_memory + (size_t) i * scratch;
-    st->num_sets = st->num_groups < CONV_SETS ? st->num_groups : CONV_SETS;
+    st->num_sets = st->num_groups;
+    if (st->knobs.strength && convolution_has_strength_maps(st->services->scene))
+        st->num_sets *= CONV_LEVELS + 1;
+    st->num_sets = st->num_sets < CONV_SETS ? st->num_sets : CONV_SETS;
     for (size_t i = 0; i < st->num_sets; i++) {
         st->sets[i].size = convolution_spectra_size(&st->knobs, shape->orthographic, width, height);
         st->sets[i].memory = pell_alloc_array(st->ctx, st->sets[i].size, sizeof(float));
@@ -270,35 +279,21 @@ static void convolve(struct convolution_state *st, int channel, bool uniform)
     note_time(st, CONV_T_GATHER, &clock, j->extent.pixels, j->extent.pixels * 24 + (j->layout.planes + j->between) * half_bytes);
 }
 
-static enum pell_result render_group(struct convolution_state *st, size_t group)
+/* The group by one level of its strength: its light to planes, and its pixels. */
+static enum pell_result render_level(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
-    struct conv_spectra *set = &st->sets[group % st->num_sets];
+    struct conv_spectra *set;
     double clock = pell_seconds();
     enum pell_result res;
 
-    j->group = group;
-    j->radial = st->radial[st->solids ? st->solids->solids[group].material : group];
-    convolution_find_extent(st);
-    if (j->extent.pixels == 0)
-        return PELL_OK;
-    convolution_lay_out(st);
-    j->between = st->knobs.restore == CONV_BETWEEN ? j->layout.planes - 1 : 0;
-    j->stride = round_up(j->layout.width, L);
-    j->block = (ptrdiff_t) j->layout.height * E;
-    j->bands = (j->layout.height + CONV_BAND - 1) / CONV_BAND;
-    j->column_blocks = j->layout.across / 32 + 1;
-    j->divide = is_uniform(st);
-    pell_fft_init(&j->across, j->layout.across, j->tables[0]);
-    pell_fft_init(&j->down, j->layout.down, j->tables[1]);
-    convolution_place(st);
+    j->layout.group = j->group * (CONV_LEVELS + 1) + (size_t) (j->level + 1);
+    set = &st->sets[(j->level < 0 ? j->group : j->layout.group) % st->num_sets];
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < CONV_PLANES; i++)
             j->layout.behind[c][i] = -1.0f;
-    j->behind = st->knobs.apart && st->sources.behind.layers > 0 ? j->layout.planes : 0;
     if (j->behind)
         convolution_measure_behind(st);
-    note_time(st, CONV_T_PLANES, &clock, j->extent.pixels, j->extent.pixels * 16);
     convolution_spectra_make(st->pool, &st->knobs, j->radial, &j->layout, st->kernels, st->scratch, set);
     if (pell_cancelled(st->ctx)) {
         set->layout.planes = 0;
@@ -322,6 +317,42 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
 
 fail:
     convolution_show_drop(st);
+    return res;
+}
+
+static enum pell_result render_group(struct convolution_state *st, size_t group)
+{
+    struct conv_job *j = &st->job;
+    const size_t material = st->solids ? st->solids->solids[group].material : group;
+    const struct pell_frame_material *m = &st->materials[material];
+    double clock = pell_seconds();
+    enum pell_result res;
+
+    j->group = group;
+    convolution_find_extent(st);
+    if (j->extent.pixels == 0)
+        return PELL_OK;
+    convolution_find_levels(st, m->strength);
+    convolution_take_level(st, m, material, j->first_level); /* the widest lays out for all */
+    convolution_lay_out(st);
+    j->between = st->knobs.restore == CONV_BETWEEN ? j->layout.planes - 1 : 0;
+    j->behind = st->knobs.apart && st->sources.behind.layers > 0 ? j->layout.planes : 0;
+    j->stride = round_up(j->layout.width, L);
+    j->block = (ptrdiff_t) j->layout.height * E;
+    j->bands = (j->layout.height + CONV_BAND - 1) / CONV_BAND;
+    j->column_blocks = j->layout.across / 32 + 1;
+    j->divide = is_uniform(st);
+    pell_fft_init(&j->across, j->layout.across, j->tables[0]);
+    pell_fft_init(&j->down, j->layout.down, j->tables[1]);
+    convolution_place(st);
+    note_time(st, CONV_T_PLANES, &clock, j->extent.pixels, j->extent.pixels * 16);
+    for (int level = j->first_level; level <= j->last_level; level++) {
+        convolution_take_level(st, m, material, level);
+        PELL_TRY(render_level(st));
+    }
+    return PELL_OK;
+
+fail:
     return res;
 }
 

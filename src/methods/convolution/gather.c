@@ -59,7 +59,7 @@ static void find_reached(const struct convolution_state *st, int y, int *x0, int
 }
 
 /* A mean of what is there, whatever rounding says of light that is far dimmer than elsewhere. */
-static void divide_row(const struct convolution_state *st, int y, const float *sum)
+static void divide_row(const struct convolution_state *st, int y, const float *sum, float *out)
 {
     const struct conv_job *j = &st->job;
     const struct conv_radial *r = &j->radial[j->channel];
@@ -72,7 +72,7 @@ static void divide_row(const struct convolution_state *st, int y, const float *s
             continue;
         m = uniform > 0.0f ? sum[x - j->extent.rect.x0] / uniform : j->in->irradiance[j->channel][to];
         m = r->total * (m < j->extent.brightest[j->channel] ? m : j->extent.brightest[j->channel]);
-        j->out->light[j->channel][to] = m > 0.0f ? m : 0.0f;
+        out[x - j->extent.rect.x0] = m > 0.0f ? m : 0.0f;
     }
 }
 
@@ -87,7 +87,8 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     const struct conv_gather g = {
         f->group + at, f->place + at, f->leaves[j->channel] + at, rows, j->layout.planes, (uint16_t) (j->group + 1),
     };
-    float *out = j->uniform ? st->uniform + at : j->divide ? sum : j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
+    float *const light = j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
+    float *const out = j->uniform ? st->uniform + at : j->divide || j->level >= 0 ? sum : light;
     int x0, x1;
 
     find_reached(st, y, &x0, &x1);
@@ -100,7 +101,9 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     if (j->cut)
         convolution_make_up_row(st, y, out - rect->x0);
     if (j->divide && !j->uniform)
-        divide_row(st, y, sum);
+        divide_row(st, y, sum, j->level >= 0 ? sum : light);
+    if (j->level >= 0 && !j->uniform)
+        convolution_blend_row(st, y, sum);
 }
 
 /* A band of images as large as the picture, and its pixels. */

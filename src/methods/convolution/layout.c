@@ -19,7 +19,9 @@ static void add_depth(struct conv_extent *e, float depth)
     e->high = depth > e->high ? depth : e->high;
 }
 
-static const struct conv_extent nothing = { .rect = { 65536, 65536, 0, 0 }, .low = INFINITY, .high = -INFINITY };
+static const struct conv_extent nothing = {
+    .rect = { 65536, 65536, 0, 0 }, .low = INFINITY, .high = -INFINITY, .weakest = INFINITY, .strongest = -INFINITY
+};
 
 static void extent_row(void *arg, int index, int worker)
 {
@@ -37,6 +39,10 @@ static void extent_row(void *arg, int index, int worker)
         e.rect.x1 = x + 1;
         e.pixels++;
         add_depth(&e, in->depth[y * in->shape.stride + x]);
+        if (in->strength) {
+            e.weakest = fminf(e.weakest, in->strength[y * in->shape.stride + x]);
+            e.strongest = fmaxf(e.strongest, in->strength[y * in->shape.stride + x]);
+        }
         for (int c = 0; c < 3; c++) {
             const float light = in->irradiance[c][y * in->shape.stride + x];
             e.brightest[c] = light > e.brightest[c] ? light : e.brightest[c];
@@ -76,6 +82,8 @@ void convolution_find_extent(struct convolution_state *st)
         for (int c = 0; c < 3; c++)
             all.brightest[c] = fmaxf(all.brightest[c], e->brightest[c]);
         all.pixels += e->pixels;
+        all.weakest = fminf(all.weakest, e->weakest);
+        all.strongest = fmaxf(all.strongest, e->strongest);
     }
     st->job.extent = all;
 }
@@ -129,7 +137,7 @@ void convolution_lay_out(struct convolution_state *st)
     double pad;
 
     memset(lay, 0, sizeof(*lay));
-    lay->group = j->group;
+    lay->group = j->group * (CONV_LEVELS + 1);
     lay->planes = st->knobs.planes;
     if (!(high - low > 1e-2f * unit) || !(high - low > 4e-6f * high)) /* as good as flat, and facing */
         lay->planes = 1;

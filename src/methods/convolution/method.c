@@ -55,6 +55,8 @@ static const struct pell_knob knobs[] = {
     { "borders", PELL_KNOB_ENUM, "1", AT(borders), { CONV_BORDERS_AUTO }, 0, 0, borders_names,
       "open: light comes from what was found alone; even: what was not found is taken to be as bright as what was; auto: that of "
       "objects beyond the picture's border alone, and even for surfaces=1" },
+    { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL,
+      "scale the scattering radius by the material's strength map: convolutions at radii that halve, and pixels between them" },
     { 0 },
 };
 /* clang-format on */
@@ -74,6 +76,7 @@ static void paper(void *values)
     k->pixels = CONV_ONE;
     k->apart = false;
     k->edges = false;
+    k->strength = false;
 }
 
 /* Section 4: Phong for what the surface reflects. */
@@ -88,6 +91,8 @@ static void plan(const void *values, struct pell_plan *plan)
     const struct convolution_knobs *k = values;
 
     *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f, .local = true };
+    if (k->strength)
+        plan->needs |= PELL_NEED_STRENGTH;
     if (k->surfaces > 1)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_HIT;
 }
@@ -99,13 +104,12 @@ const struct pell_method pell_method_convolution = {
     .title = "Convolution of light on planes through the object",
     .cite = "Adolfo Munoz, Jose I. Echevarria, Francisco J. Seron and Diego Gutierrez, Convolution-Based Simulation of Homogeneous "
             "Subsurface Scattering, Computer Graphics Forum 30(8), 2011",
-    .limits = "Distances along the view direction are as coarse as the planes, so tilted surfaces are smoothed. A material has one "
-              "profile: strength maps are ignored.",
+    .limits = "Distances along the view direction are as coarse as the planes, so tilted surfaces are smoothed.",
     .knobs = knobs,
     .knobs_size = sizeof(struct convolution_knobs),
     .paper = paper,
     .paper_settings = paper_settings,
     .plan = plan,
     .cpu = &pell_convolution_cpu,
-    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_DEPTH_MAPS,
+    .ignores = PELL_IGNORES_DEPTH_MAPS,
 };

@@ -61,9 +61,9 @@ static double integrate_line(const struct conv_radial *r, double distance2)
     return 2.0 * sum;
 }
 
-static void make_channel(const struct pell_frame_material *m, int c, float *memory, struct conv_radial *r)
+static void make_channel(const struct pell_frame_material *m, double radius, int c, float *memory, struct conv_radial *r)
 {
-    const double radius = m->strength > 0.0f ? fmin((double) m->strength, 1.0) : 1.0, total = pell_profile_total(&m->profile[c]);
+    const double total = pell_profile_total(&m->profile[c]);
     const double median = total > 0.0 ? radius * pell_profile_sample(&m->profile[c], 0.5) : 0.0;
 
     *r = (struct conv_radial) {
@@ -89,10 +89,10 @@ static void make_channel(const struct pell_frame_material *m, int c, float *memo
         r->line[i] = (float) integrate_line(r, radius2_at(r, i, CONV_LINE_OCTAVE));
 }
 
-void convolution_radial_make(const struct pell_frame_material *m, float *memory, struct conv_radial out[3])
+void convolution_radial_make(const struct pell_frame_material *m, double radius, float *memory, struct conv_radial out[3])
 {
     for (int c = 0; c < 3; c++)
-        make_channel(m, c, memory + c * CONV_RADIAL_FLOATS, &out[c]);
+        make_channel(m, radius, c, memory + c * CONV_RADIAL_FLOATS, &out[c]);
 }
 
 double convolution_reach(const struct conv_radial r[3], double share)

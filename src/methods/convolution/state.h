@@ -8,7 +8,7 @@
 
 #include "methods/convolution/convolution.h"
 
-enum { CONV_BAND = 16, CONV_SETS = 4, CONV_MULTIPLE = 16 };
+enum { CONV_BAND = 16, CONV_SETS = 4, CONV_MULTIPLE = 16, CONV_LEVELS = 7 };
 enum {
     CONV_T_AREAS,
     CONV_T_BEHIND,
@@ -27,6 +27,7 @@ struct conv_extent {
     float low, high; /* depth */
     unsigned seen;   /* of a row: bit i, pixels between planes i and i + 1 */
     float brightest[3];
+    float weakest, strongest; /* strength */
     int64_t pixels;
 };
 
@@ -50,6 +51,9 @@ struct convolution_state {
     size_t num_materials, num_groups;
     struct conv_radial (*radial)[3]; /* of materials */
     float *tables;
+    struct conv_radial level_radial[CONV_LEVELS][3]; /* of a material at other strengths, */
+    size_t level_of[CONV_LEVELS];                    /* its number + 1 */
+    float *level_tables;
     struct conv_spectra sets[CONV_SETS];
     size_t num_sets;
 
@@ -80,6 +84,7 @@ struct convolution_state {
         float median;                               /* mm: the radius with half of the light inside, mean of the channels */
         struct conv_extent extent;
         size_t group;
+        int level, first_level, last_level;      /* of its strength; -1: the same everywhere */
         int channel, x0, y0;                     /* of the images' first pixel, in the picture's pixels */
         ptrdiff_t stride;                        /* of images */
         ptrdiff_t block;                         /* of half spectra */
@@ -142,6 +147,12 @@ float *convolution_band_images(const struct convolution_state *st, int worker);
 void convolution_transform_rows(struct convolution_state *st, int band, int worker, float *images);
 void convolution_transform_columns(struct convolution_state *st);
 void convolution_transform_back(struct convolution_state *st, int band, int worker, const bool *which, float *images, size_t size);
+
+/* levels.c: strength maps. Which levels the job's pixels need; the job's profile at one of them; its pixels' share of a row of one. */
+bool convolution_has_strength_maps(const struct pell_scene *scene);
+void convolution_find_levels(struct convolution_state *st, float constant);
+void convolution_take_level(struct convolution_state *st, const struct pell_frame_material *m, size_t material, int level);
+void convolution_blend_row(const struct convolution_state *st, int y, const float *row);
 
 /* gather.c: rows of planes back, and to pixels. */
 void convolution_gather(struct convolution_state *st);

@@ -97,7 +97,7 @@ fail:
     return res;
 }
 
-/* Numbers the charts of the corners that were laid out and says which texels they cover. `wrong`: what speaks against them; NULL: nothing. */
+/* Numbers the charts of the corners that were laid out and finds the texels that they cover. `wrong`: what speaks against them, or NULL. */
 static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const char **wrong)
 {
     struct ts_atlas *a = b->a;
