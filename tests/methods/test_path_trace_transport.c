@@ -992,18 +992,19 @@ static void surfaces_that_cross_are_lit(void **state)
     }
 }
 
-static void paint_roughness(struct stage *s, size_t material, int width, int height, const float *number)
+static struct pell_texture *paint(struct stage *s, int width, int height, int channels, const float *number)
 {
+    const size_t count = (size_t) width * (size_t) height * (size_t) channels;
     struct pell_texture *t;
 
-    OK(pell_scene_add_texture(s->scene, "roughness", &t));
-    t->image = (struct pell_image) { .width = width, .height = height, .channels = 1, .type = PELL_PIXEL_F32 };
-    t->image.pixels = pell_alloc_array(s->scene->ctx, (size_t) width * (size_t) height, sizeof(float));
+    OK(pell_scene_add_texture(s->scene, "painting", &t));
+    t->image = (struct pell_image) { .width = width, .height = height, .channels = channels, .type = PELL_PIXEL_F32 };
+    t->image.pixels = pell_alloc_array(s->scene->ctx, count, sizeof(float));
     assert_non_null(t->image.pixels);
-    memcpy(t->image.pixels, number, (size_t) width * (size_t) height * sizeof(float));
+    memcpy(t->image.pixels, number, count * sizeof(float));
     t->nearest = width == 2;
-    s->scene->materials[material].roughness_map.texture = t;
     layers_unwrap(s->scene);
+    return t;
 }
 
 /* A map of one number is that number, to the bit; where it varies, from smooth on, too, the furnace stays white, by walks alone and with
@@ -1030,9 +1031,9 @@ static void roughness_maps_are_read(void **state)
         s.scene->materials[m].roughness = k == 0 ? 0.4f : 0.8f;
         stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
         if (maps[k] == halves)
-            paint_roughness(&s, m, 2, 1, halves);
+            s.scene->materials[m].roughness_map.texture = paint(&s, 2, 1, 1, halves);
         else if (maps[k])
-            paint_roughness(&s, m, maps[k] == varied ? 4 : 1, maps[k] == varied ? 2 : 1, maps[k]);
+            s.scene->materials[m].roughness_map.texture = paint(&s, maps[k] == varied ? 4 : 1, maps[k] == varied ? 2 : 1, 1, maps[k]);
         stage_environment(&s, 1.0f);
         if (k == 5) /* one light, seen in the surface */
             stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.0f, 1.0f), vec3(0, 0, 0), 1.0f);
@@ -1057,6 +1058,92 @@ static void roughness_maps_are_read(void **state)
         stage_finish(&s);
     }
     assert_memory_equal(light[0], light[1], sizeof(light[0]));
+}
+
+/* --- Colours -------------------------------------------------------------------------------------------------------------------------- */
+
+/* What a half-space returns of diffuse light that entered it, of the ball's media. */
+static double half_space(const struct pell_medium *m, int c)
+{
+    const double total = pell_half_space_albedo(m->sigma_s_reduced[c] / (m->sigma_s_reduced[c] + m->sigma_a[c]), m->eta);
+
+    return total * pell_half_space_angle_of(total, m->eta).mean;
+}
+
+/* Light that scatters in a ball passes its boundary once in and once out: a uniform base colour is a factor, however it is shared out, and
+ * however lights are found; what the surface reflects has none of it. */
+static void a_colour_is_a_factor(void **state)
+{
+    static const float mixes[] = { 0.0f, 0.3f, 1.0f }, base[3] = { 0.9f, 0.4f, 0.1f };
+    static const struct {
+        bool rough;
+        enum pell_light_type type;
+    } cases[] = { { false, PELL_LIGHT_POINT }, { true, PELL_LIGHT_POINT }, { false, PELL_LIGHT_RECT }, { true, PELL_LIGHT_RECT } };
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(cases); k++)
+        for (size_t i = 0; i < PELL_COUNT(mixes); i++) {
+            struct rig_mean r[2];
+            double factor[3];
+            for (int tinted = 0; tinted < 2; tinted++) {
+                struct pell_material *m;
+                struct pt_knobs knobs;
+                struct pt_point at;
+                struct stage s;
+                lit_ball(&s, &knobs, cases[k].rough, 1.0, 0.02, cases[k].type, 6.0f, 24);
+                m = &s.scene->materials[0];
+                m->color_from = tinted ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
+                m->mix = mixes[i];
+                for (int c = 0; c < 3; c++) {
+                    m->base_color[c] = base[c];
+                    factor[c] = (double) base[c] / half_space(&m->medium, c);
+                }
+                stage_render(&s);
+                at = on_ball(&s, 4.0f, 0.9f, 0.4f);
+                r[tinted] = with_techniques(&s, knobs, PT_ALL, &at, 0, FEWER(600));
+                stage_finish(&s);
+            }
+            for (int c = 0; c < 3; c++) {
+                REQUIRE_REL(r[1].mean[2][c], r[0].mean[2][c], 1e-4);
+                for (int part = 0; part < 2; part++)
+                    REQUIRE_NEAR(r[1].mean[part][c], factor[c] * r[0].mean[part][c],
+                                 SIGMAS * hypot(r[1].error[part][c], factor[c] * r[0].error[part][c]));
+            }
+        }
+}
+
+/* Colours of the light that enters (mix 1) that sum to white give light that sums to white's, where half of a ball is one, half the other:
+ * each place is asked for its own. */
+static void colours_are_read_where_light_enters(void **state)
+{
+    static const float left[6] = { 1.0f, 0.7f, 0.2f, 0.0f, 0.3f, 0.8f }, right[6] = { 0.0f, 0.3f, 0.8f, 1.0f, 0.7f, 0.2f };
+    static const float white[6] = { 1.0f, 1.0f, 1.0f, 1.0f, 1.0f, 1.0f };
+    const float *const maps[3] = { white, left, right };
+
+    (void) state;
+    for (int rough = 0; rough < 2; rough++) {
+        struct rig_mean r[3];
+        for (int k = 0; k < 3; k++) {
+            struct pt_knobs knobs;
+            struct pt_point at;
+            struct stage s;
+            lit_ball(&s, &knobs, rough, 0.4, 0.01, PELL_LIGHT_POINT, 0.0f, 24);
+            s.scene->materials[0].color_from = PELL_COLOR_FROM_TEXTURE;
+            s.scene->materials[0].mix = 1.0f;
+            s.scene->materials[0].base_color[0] = s.scene->materials[0].base_color[1] = s.scene->materials[0].base_color[2] = 1.0f;
+            s.scene->materials[0].base_color_map.texture = paint(&s, 2, 1, 3, maps[k]);
+            stage_render(&s);
+            at = on_ball(&s, 4.0f, 0.06f, 0.03f);
+            r[k] = with_techniques(&s, knobs, PT_ALL, &at, 0, FEWER(1500));
+            stage_finish(&s);
+        }
+        for (int part = 0; part < 2; part++)
+            for (int c = 0; c < 3; c++) {
+                const double bar = hypot(r[0].error[part][c], hypot(r[1].error[part][c], r[2].error[part][c]));
+                REQUIRE_NEAR(r[1].mean[part][c] + r[2].mean[part][c], r[0].mean[part][c], SIGMAS * bar);
+                REQUIRE(r[1].mean[part][c] != r[2].mean[part][c]);
+            }
+    }
 }
 
 static void bounds_are_counted(void **state)
@@ -1238,6 +1325,8 @@ int main(void)
         cmocka_unit_test(surfaces_that_cross_are_counted),
         cmocka_unit_test(surfaces_that_cross_are_lit),
         cmocka_unit_test(roughness_maps_are_read),
+        cmocka_unit_test(a_colour_is_a_factor),
+        cmocka_unit_test(colours_are_read_where_light_enters),
         cmocka_unit_test(bounds_are_counted),
         cmocka_unit_test(thin_plates_are_slabs),
         cmocka_unit_test(a_profile_alone_has_an_equivalent_medium),

@@ -82,6 +82,8 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u,
     ratio = in * out;
     for (int c = 0; c < 3; c++)
         p->power[c] *= ratio;
+    if (*refracted)
+        pt_tint(s, hit, enter, p->power);
     p->place = *refracted ? after : before;
     ray->x = hit->p;
     ray->from = pt_leave(hit, ray->w);

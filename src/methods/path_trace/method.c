@@ -87,7 +87,6 @@ const struct pell_method pell_method_path_trace = {
     .paper = paper,
     .plan = plan,
     .cpu = &pell_path_trace_cpu,
-    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_SPECULAR |
-               PELL_IGNORES_PROFILE_MODEL,
+    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,
     .partial = true,
 };

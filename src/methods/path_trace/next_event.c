@@ -158,6 +158,7 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
     pell_light_sampler_power_at(s->light_sampler, source, c->at, power);
     pt_scatter_values(at, c->inside, values);
     pt_transmittance(s, solid, at->x, c->inside, e.length, sampler, passed);
+    pt_tint(s, &e.hit, true, passed);
     for (int k = 0; k < 3; k++)
         sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * scale;
 }
@@ -361,6 +362,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
         return;
     pt_scatter_values(at, e.w, values);
     pt_transmittance(s, solid, at->x, e.w, e.length, &own, passed);
+    pt_tint(s, &e.hit, true, passed);
     for (int k = 0; k < 3; k++)
         sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * source.pdf);
 }
@@ -399,5 +401,5 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
         !pt_unoccluded(s, counts, pt_leave(hit, v), v, source.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (at->beta[k] * power[k]) * kernel * scale / source.pdf;
+        sum[k] += (double) (at->beta[k] * power[k] * (at->rough && open < 0 ? at->tint[k] : 1.0f)) * kernel * scale / source.pdf;
 }

@@ -122,6 +122,13 @@ struct pt_roughness_step {
     int steps;       /* 1: no map, or one of one number */
 };
 
+/* What a boundary does to light that passes it: maps.c. */
+struct pt_tint {
+    bool is;
+    float mix;
+    float per_reflectance[3];
+};
+
 struct pt_scene {
     struct pell_context *ctx;
     const struct pell_services *services;
@@ -133,6 +140,7 @@ struct pt_scene {
     struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
     size_t num_rough;
     struct pt_roughness_step *finish; /* of a scene material's boundary */
+    struct pt_tint *tint;             /* the same */
     struct pell_light_sampler *light_sampler;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */
@@ -159,6 +167,19 @@ struct pt_hit {
     int material;               /* scene's */
 };
 
+/* maps.c. What a map says there; 1 where it or its coordinates are missing. */
+void pt_texel_at(const struct pt_scene *s, const struct pt_hit *hit, const struct pell_texture_map *map, float texel[4]);
+void pt_set_tints(struct pt_scene *s);
+/* What light that enters a solid there, or leaves it, is multiplied by. False: by 1. */
+bool pt_tint_at(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float tint[3]);
+static inline void pt_tint(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float beta[3])
+{
+    float tint[3];
+    const bool is = pt_tint_at(s, hit, enters, tint);
+
+    for (int c = 0; is && c < 3; c++)
+        beta[c] *= tint[c];
+}
 /* alpha of the boundary there; 0: smooth. */
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit);
 /* NULL: smooth, or indices that match. */
@@ -244,6 +265,7 @@ struct pt_scatterer {
     float off;                             /* mm: how far from a rough boundary rays start */
     float beta[3];                         /* the weights with the collision; a light's path has power here, mm^2 W/m^2 */
     int bounces;                           /* of the path up to here */
+    float tint[3];                         /* of a rough boundary: of the light that passes it, to the walk's side */
 };
 
 /* Whether a path may have so many ways through the open from a surface to a surface: the knob. */

@@ -171,21 +171,6 @@ static float step_alpha(const struct pt_roughness_step *f, int step)
     return r >= SMOOTH_ROUGHNESS ? r * r : 0.0f;
 }
 
-static void texel_at(const struct pt_scene *s, const struct pt_hit *hit, const struct pell_texture_map *map, float texel[4])
-{
-    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
-    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
-    const float k = 1.0f - hit->u - hit->v;
-
-    texel[0] = texel[1] = texel[2] = texel[3] = 1.0f;
-    if (map->texture && m->uv[map->uv]) {
-        const float *uv = m->uv[map->uv], *a = uv + 2 * (size_t) i[0], *b = uv + 2 * (size_t) i[1], *c = uv + 2 * (size_t) i[2];
-        const float tu = k * a[0] + hit->u * b[0] + hit->v * c[0], tv = k * a[1] + hit->u * b[1] + hit->v * c[1], *t = map->matrix;
-        pell_image_sample(&map->texture->image, map->texture->wrap_u, map->texture->wrap_v, map->texture->nearest,
-                          t[0] * tu + t[1] * tv + t[2], t[3] * tu + t[4] * tv + t[5], texel);
-    }
-}
-
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
 {
     const struct pt_roughness_step *f = &s->finish[hit->material];
@@ -193,7 +178,7 @@ float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
     float texel[4], step = 0.0f;
 
     if (f->steps > 1) {
-        texel_at(s, hit, &m->roughness_map, texel);
+        pt_texel_at(s, hit, &m->roughness_map, texel);
         step = (m->roughness * texel[m->roughness_map.channel & 3] - f->low) / (f->high - f->low) * (float) (f->steps - 1) + 0.5f;
         step = fminf(fmaxf(step, 0.0f), (float) (f->steps - 1));
     }
@@ -395,6 +380,7 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_connector_destroy(&s->connector);
     pell_light_sampler_destroy(&s->light_sampler);
     pell_free(s->ctx, s->rough);
+    pell_free(s->ctx, s->tint);
     pell_free(s->ctx, s->finish);
     for (size_t i = 0; s->solid && i < s->solids->count; i++)
         pt_medium_finish(s->ctx, &s->solid[i].medium);
@@ -457,10 +443,12 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
     res = PELL_ERR_NOMEM;
     s->solid = pell_calloc(ctx, s->solids->count + 1, sizeof(*s->solid));
     s->finish = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->finish));
-    if (!s->solid || !s->finish)
+    s->tint = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->tint));
+    if (!s->solid || !s->finish || !s->tint)
         goto fail;
     set_finishes(s);
     PELL_TRY(make_solids(s));
+    pt_set_tints(s);
     PELL_TRY(make_boundaries(s));
     PELL_TRY(inspect(s));
     PELL_TRY(make_helpers(s));
@@ -538,51 +526,6 @@ bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pe
 
     counts->rays++;
     return !pell_rays_occluded(s->rays, &ray);
-}
-
-static void base_color(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
-{
-    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
-    const struct pell_material *material = &s->scene->materials[hit->material];
-    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
-    const float k = 1.0f - hit->u - hit->v;
-    float texel[4];
-
-    texel_at(s, hit, &material->base_color_map, texel);
-    for (size_t c = 0; c < 3; c++) {
-        float x = material->base_color[c] * (1.0f - material->metallic) * texel[c];
-        if (m->color)
-            x *= k * m->color[4 * (size_t) i[0] + c] + hit->u * m->color[4 * (size_t) i[1] + c] + hit->v * m->color[4 * (size_t) i[2] + c];
-        rgb[c] = fminf(fmaxf(x, 0.0f), 1.0f);
-    }
-}
-
-struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
-                                 float weight[3])
-{
-    const struct pell_material *m = &s->scene->materials[hit->material];
-    const struct pell_vec3 n = vec3_dot(w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;
-    float texel[4], color[4], through, sum[2] = { 0.0f, 0.0f }, pass[3];
-    bool passes;
-
-    base_color(s, hit, weight);
-    if (!pell_material_is_thin(m))
-        return n;
-    texel_at(s, hit, &m->diffuse_transmission_map, texel);
-    texel_at(s, hit, &m->diffuse_transmission_color_map, color);
-    through = fminf(fmaxf(m->diffuse_transmission * texel[m->diffuse_transmission_map.channel & 3], 0.0f), 1.0f);
-    for (int c = 0; c < 3; c++) {
-        pass[c] = through * (1.0f - m->metallic) * fminf(fmaxf(m->diffuse_transmission_color[c] * color[c], 0.0f), 1.0f);
-        weight[c] *= 1.0f - through;
-        sum[0] += weight[c];
-        sum[1] += pass[c];
-    }
-    if (!(sum[1] > 0.0f))
-        return n;
-    passes = pt_random(sampler) * (sum[0] + sum[1]) < sum[1];
-    for (int c = 0; c < 3; c++)
-        weight[c] = (passes ? pass[c] : weight[c]) * (sum[0] + sum[1]) / sum[passes];
-    return passes ? vec3_mul(n, -1.0f) : n;
 }
 
 /* --- Places ----------------------------------------------------------------------------------------------------------------------- */

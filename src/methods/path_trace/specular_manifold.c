@@ -40,9 +40,10 @@ struct chain {
     struct pell_dvec3 dp[2], dw[2]; /* by turning w0 about t0, t1 */
     struct pell_vec3 from;          /* where rays start */
     struct pt_medium_stack place;
-    double share; /* Fresnel's */
-    double depth; /* least optical thickness */
-    bool odd;     /* something that refractive connections do not know */
+    double share;  /* Fresnel's */
+    float tint[3]; /* of the boundaries that it passes */
+    double depth;  /* least optical thickness */
+    bool odd;      /* something that refractive connections do not know */
 };
 
 /* What all chains of one question have in common. */
@@ -70,6 +71,8 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
     c->dw[1] = t1;
     c->place = front ? *q->here : *q->beyond;
     c->share = 1.0;
+    for (int k = 0; k < 3; k++)
+        c->tint[k] = front ? 1.0f : q->at->tint[k];
     c->depth = 0.0;
     c->odd = false;
 }
@@ -168,6 +171,8 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     if (passes && !(square > 0.0 && fresnel < 1.0))
         return false;
     c->share *= passes ? 1.0 - fresnel : fresnel;
+    if (passes)
+        pt_tint(s, hit, !enter, c->tint); /* light goes the other way */
     if (passes)
         ct = sqrt(square);
     for (int k = 0; k < 2; k++) {
@@ -389,7 +394,8 @@ static bool light_of(const struct quest *q, const struct chain *c, struct pt_sam
     pell_light_sampler_power_at(q->s->light_sampler, &q->source, at, power);
     pt_scatter_values(q->at, w, values);
     for (int k = 0; k < 3; k++)
-        out[k] = (double) (q->at->beta[k] * values[k] * power[k]) * c->share / (along * q->source.pdf * exp(-REACH * c->depth));
+        out[k] =
+            (double) (q->at->beta[k] * values[k] * power[k] * c->tint[k]) * c->share / (along * q->source.pdf * exp(-REACH * c->depth));
     for (int i = 0; i < c->kind.count; i++) {
         float passed[3];
         if (c->leg[i].solid < 0)

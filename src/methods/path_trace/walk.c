@@ -150,6 +150,8 @@ static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct bound
 
 static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, bool transmitted)
 {
+    if (transmitted)
+        pt_tint(p->s, hit, !b->enter, p->beta); /* light goes the other way */
     p->place = transmitted ? b->after : b->before;
     p->x = hit->p;
     p->from = pt_leave(hit, p->w);
@@ -162,10 +164,12 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
     const struct pt_scene *s = p->s;
     const int open = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
     const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lights but the environment, from where the walk scattered */
-    const struct pt_scatterer at = { hit->p,    p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] },
-                                     p->bounces };
+    struct pt_scatterer at = {
+        hit->p, p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] }, p->bounces, { 1.0f, 1.0f, 1.0f }
+    };
     bool transmitted;
 
+    pt_tint(s, hit, !b->enter, at.tint);
     if (open != 0 && (s->knobs.techniques & PT_LIGHTS)) {
         double sum[3] = { 0.0, 0.0, 0.0 };
         pt_next_event(s, p->counts, hit, &at, open, looked, p->sampler, sum);

@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: MIT
+ * maps.c - what textures say of a place on a surface: numbers, the colour of something opaque, and the tint of a boundary.
+ *
+ * Where colour comes from the base colour b, a medium has the reflectance b, as with the methods that blur: light that enters is multiplied
+ * by b^m, and light that leaves by b^(1-m)/rho, m the material's mix, rho what the half-space of the medium reflects of diffuse light that
+ * entered it. The medium says how far light spreads, the texture how much returns. */
+#include "methods/path_trace/path.h"
+
+#include "image/color.h"
+#include "scene/material_maps.h"
+#include "transport/equivalent_medium.h"
+
+#include <pellucid/profile.h>
+#include <string.h>
+
+void pt_texel_at(const struct pt_scene *s, const struct pt_hit *hit, const struct pell_texture_map *map, float texel[4])
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    const float k = 1.0f - hit->u - hit->v;
+
+    texel[0] = texel[1] = texel[2] = texel[3] = 1.0f;
+    if (map->texture && m->uv[map->uv]) {
+        const float *uv = m->uv[map->uv], *a = uv + 2 * (size_t) i[0], *b = uv + 2 * (size_t) i[1], *c = uv + 2 * (size_t) i[2];
+        const float tu = k * a[0] + hit->u * b[0] + hit->v * c[0], tv = k * a[1] + hit->u * b[1] + hit->v * c[1], *t = map->matrix;
+        pell_image_sample(&map->texture->image, map->texture->wrap_u, map->texture->wrap_v, map->texture->nearest,
+                          t[0] * tu + t[1] * tv + t[2], t[3] * tu + t[4] * tv + t[5], texel);
+    }
+}
+
+static void base_color(const struct pt_scene *s, const struct pt_hit *hit, float rgb[3])
+{
+    const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
+    const struct pell_material *material = &s->scene->materials[hit->material];
+    const uint32_t *i = m->index + 3 * (size_t) hit->triangle;
+    const float k = 1.0f - hit->u - hit->v;
+    float texel[4];
+
+    pt_texel_at(s, hit, &material->base_color_map, texel);
+    for (size_t c = 0; c < 3; c++) {
+        float x = material->base_color[c] * (1.0f - material->metallic) * texel[c];
+        if (m->color)
+            x *= k * m->color[4 * (size_t) i[0] + c] + hit->u * m->color[4 * (size_t) i[1] + c] + hit->v * m->color[4 * (size_t) i[2] + c];
+        rgb[c] = fminf(fmaxf(x, 0.0f), 1.0f);
+    }
+}
+
+struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
+                                 float weight[3])
+{
+    const struct pell_material *m = &s->scene->materials[hit->material];
+    const struct pell_vec3 n = vec3_dot(w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;
+    float texel[4], color[4], through, sum[2] = { 0.0f, 0.0f }, pass[3];
+    bool passes;
+
+    base_color(s, hit, weight);
+    if (!pell_material_is_thin(m))
+        return n;
+    pt_texel_at(s, hit, &m->diffuse_transmission_map, texel);
+    pt_texel_at(s, hit, &m->diffuse_transmission_color_map, color);
+    through = fminf(fmaxf(m->diffuse_transmission * texel[m->diffuse_transmission_map.channel & 3], 0.0f), 1.0f);
+    for (int c = 0; c < 3; c++) {
+        pass[c] = through * (1.0f - m->metallic) * fminf(fmaxf(m->diffuse_transmission_color[c] * color[c], 0.0f), 1.0f);
+        weight[c] *= 1.0f - through;
+        sum[0] += weight[c];
+        sum[1] += pass[c];
+    }
+    if (!(sum[1] > 0.0f))
+        return n;
+    passes = pt_random(sampler) * (sum[0] + sum[1]) < sum[1];
+    for (int c = 0; c < 3; c++)
+        weight[c] = (passes ? pass[c] : weight[c]) * (sum[0] + sum[1]) / sum[passes];
+    return passes ? vec3_mul(n, -1.0f) : n;
+}
+
+/* --- Tints ------------------------------------------------------------------------------------------------------------------------ */
+
+/* What a material's half-space reflects of diffuse light that entered it. */
+static double reflectance(const struct pell_material *m, int c)
+{
+    const double eta = (double) m->medium.eta;
+    struct pell_medium medium = m->medium;
+    struct pell_medium_fault fault;
+    struct pell_profile own;
+    double total = 0.0;
+
+    if (pell_has_profile_only(m) && pell_equivalent_medium(m, &medium, &fault) != PELL_OK)
+        return 1.0; /* was refused before */
+    if (m->profile && !pell_has_profile_only(m))
+        total = pell_profile_total(&m->profile[c]);
+    else if (m->gaussians.count > 0 && !pell_has_profile_only(m) && pell_profile_from_gaussians(&m->gaussians, c, &own) == PELL_OK)
+        total = pell_profile_total(&own);
+    else
+        total = pell_half_space_albedo(medium.sigma_s_reduced[c] / (medium.sigma_s_reduced[c] + medium.sigma_a[c]), eta);
+    return total * pell_half_space_angle_of(total, eta).mean;
+}
+
+void pt_set_tints(struct pt_scene *s)
+{
+    for (size_t i = 0; i < s->scene->num_materials; i++) {
+        const struct pell_material *m = &s->scene->materials[i];
+        struct pt_tint *t = &s->tint[i];
+        if (m->opaque || m->color_from != PELL_COLOR_FROM_TEXTURE)
+            continue;
+        t->is = true;
+        t->mix = m->mix;
+        for (int c = 0; c < 3; c++) {
+            const double rho = reflectance(m, c);
+            t->per_reflectance[c] = rho > 0.0 ? (float) (1.0 / rho) : 0.0f;
+        }
+    }
+}
+
+/* b^m; 0^0 is 1. */
+static float power(float base, float exponent)
+{
+    if (exponent <= 0.0f)
+        return 1.0f;
+    if (exponent >= 1.0f)
+        return base;
+    return exponent == 0.5f ? sqrtf(base) : base > 0.0f ? powf(base, exponent) : 0.0f;
+}
+
+bool pt_tint_at(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float tint[3])
+{
+    const struct pt_tint *t = &s->tint[hit->material];
+
+    if (!t->is)
+        return false;
+    base_color(s, hit, tint);
+    for (int c = 0; c < 3; c++)
+        tint[c] = enters ? power(tint[c], t->mix) : power(tint[c], 1.0f - t->mix) * t->per_reflectance[c];
+    return true;
+}
