@@ -825,6 +825,33 @@ static void other_layouts_are_made_of_those_of_no_use(void **state)
     }
 }
 
+/* A post that stands in a slab: the part of the slab under the post has no light, and takes none from beside it. */
+static void parts_in_each_other_have_no_dark_seam(void **state)
+{
+    static const char *const fine[] = { "size=256", "tsm=off", NULL };
+    struct stage s;
+    struct shot a, b;
+    double ratio[2];
+    size_t m;
+
+    (void) state;
+    stage_start(&s, 64, 24);
+    stage_gaussians(&s, 1.0, &m);
+    stage_box(&s, m, 0, vec3(-20, -20, -10), vec3(20, 20, 0));
+    stage_box(&s, m, 0, vec3(-5, -5, -6), vec3(5, 5, 8));
+    stage_environment(&s, 1.0f);
+    stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 12.0f);
+    a = stage_shot_of(&s, "texture-space", fine);
+    b = stage_shot_of(&s, "hierarchical", NULL);
+    for (int k = 0; k < 2; k++)
+        ratio[k] = shot_at(k ? &b : &a, 0, 32 + 11, 12) / shot_at(k ? &b : &a, 0, 32 + 24, 12);
+    print_message("# beside the post %.3f of the light far from it, by the sum over the surface %.3f\n", ratio[0], ratio[1]);
+    REQUIRE_NEAR(ratio[0], ratio[1], 0.15); /* 0.69 with the dark of the buried part */
+    shot_free(&a);
+    shot_free(&b);
+    stage_finish(&s);
+}
+
 static void any_size_and_any_knob_is_finite(void **state)
 {
     static const char *const sets[][6] = {
@@ -1045,6 +1072,7 @@ int main(void)
         cmocka_unit_test(a_shell_glows_where_it_faces_the_light_in_its_own_shadow),
         cmocka_unit_test(a_ball_is_like_the_sum_over_its_surface),
         cmocka_unit_test(other_layouts_are_made_of_those_of_no_use),
+        cmocka_unit_test(parts_in_each_other_have_no_dark_seam),
         cmocka_unit_test(any_size_and_any_knob_is_finite),
         cmocka_unit_test(a_medium_that_scatters_nothing_is_black),
         cmocka_unit_test(two_objects_that_touch_do_not_bleed),

@@ -164,6 +164,7 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         struct ts_atlas_params p = {
             .pool = st->pool,
             .scene = st->services->scene,
+            .rays = st->services->rays,
             .solids = b,
             .solid = i,
             .name = m->name,

@@ -115,6 +115,7 @@ struct ts_atlas {
     float *skew;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
     float *tilt[2];            /* what taps weigh more per texel along x, and at right angles: it makes up for how these lines bend */
     int64_t inner;             /* texels of charts, borders apart */
+    int64_t buried;            /* texels that were taken out of charts, as they are inside of another part */
     struct ts_border *borders; /* while they are made */
     struct ts_fill *fills;     /* of them, by squares of TS_BLOCK; in each those with parts last, else those nearest to charts first */
     size_t num_borders;
@@ -138,6 +139,7 @@ struct ts_atlas {
 struct ts_atlas_params {
     struct pell_pool *pool;
     const struct pell_scene *scene;
+    const struct pell_rays *rays;
     const struct pell_solids *solids;
     size_t solid;
     const char *name; /* for messages */

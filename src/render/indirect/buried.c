@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * buried.c - samples inside the solid: parts of an object are often pushed into each other, and what is inside of another part is no
- * surface. No light enters there, and none leaves.
+ * buried.c - samples inside the solid are left out: visibility/buried.h.
  */
 #include "render/indirect/internal.h"
 
+#include "visibility/buried.h"
+
 #include <string.h>
 
-#define PACKET 16
-#define MOST_OUTSIDE 4 /* of PACKET rays that may see no inner side of the object from a buried sample */
+#define PACKET PELL_PACKET
 
 struct buried {
     const struct pell_indirect *in;
@@ -35,49 +35,28 @@ void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool
     pell_rays_closest16(in->p.rays, valid, false, r);
 }
 
-static int object_of(const struct pell_indirect *in, size_t sample)
-{
-    return in->p.scene->meshes[in->samples[sample].mesh].object;
-}
-
-/* Whether most rays that leave a sample come to the inner side of its own object. */
-static bool is_buried(const struct pell_indirect *in, size_t number)
-{
-    const struct indirect_sample *s = &in->samples[number];
-    _Alignas(64) int valid[PACKET];
-    struct pell_ray_hit16 r;
-    struct pell_vec3 t, b;
-    int outside = 0;
-
-    vec3_basis(s->normal, &t, &b);
-    memset(&r, 0, sizeof(r));
-    for (int i = 0; i < PACKET; i++) {
-        float x, y;
-        pell_disc_point(((float) i + 0.5f) / PACKET, pell_unit_float(pell_sobol0((uint32_t) i)), &x, &y);
-        valid[i] = -1;
-        set_ray(&r, i, s, s->spacing, s->normal,
-                vec3_mad(vec3_mad(vec3_mul(s->normal, sqrtf(fmaxf(1.0f - x * x - y * y, 1e-6f))), x, t), y, b));
-    }
-    pell_rays_closest16(in->p.rays, valid, false, &r);
-    for (int i = 0; i < PACKET; i++)
-        outside += !pell_hit16_inside(in->p.scene, &r, i, object_of(in, number));
-    return outside <= MOST_OUTSIDE;
-}
-
-/* A ray along the normal tells of most that they are not. Where faces of two parts lie on each other, as of bricks side by side, it is luck
- * which of them it meets. */
 static void look16(void *arg, int index, int worker)
 {
     const struct buried *b = arg;
     const struct pell_indirect *in = b->in;
     const size_t first = (size_t) index * PACKET;
-    _Alignas(64) int valid[PACKET];
-    struct pell_ray_hit16 r;
+    struct pell_buried_place places[PACKET] = { { .object = 0 } };
+    size_t of[PACKET];
+    bool is[PACKET];
+    int count = 0;
 
     (void) worker;
-    indirect_along_normals16(in, first, false, valid, &r);
-    for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++)
-        b->is[first + i] = valid[i] && pell_hit16_meets(in->p.scene, &r, (int) i, object_of(in, first + i)) && is_buried(in, first + i);
+    for (size_t i = first; i < first + PACKET && i < in->num_samples; i++) {
+        const struct indirect_sample *s = &in->samples[i];
+        if (in->p.scene->materials[s->material].opaque)
+            continue;
+        places[count] = (struct pell_buried_place) { s->position, s->normal, indirect_clearance(s->position, s->spacing),
+                                                     in->p.scene->meshes[s->mesh].object };
+        of[count++] = i;
+    }
+    pell_buried16(in->p.scene, in->p.rays, places, count, is);
+    for (int i = 0; i < count; i++)
+        b->is[of[i]] = is[i];
 }
 
 enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool)

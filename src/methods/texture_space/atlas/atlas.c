@@ -216,6 +216,7 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
         res = PELL_ERR_CANCELLED;
         goto fail;
     }
+    PELL_TRY(ts_atlas_drop_buried(&b, order));
     a->inner = b.claimed;
     far = pell_alloc_array(ctx, a->size, sizeof(*far));
     if (!far) {
@@ -246,6 +247,7 @@ fail:
     pell_free(ctx, b.area);
     pell_free(ctx, order);
     pell_free(ctx, far);
+    pell_free(ctx, b.buried);
     pell_free(ctx, b.place);
     pell_free(ctx, b.border_place);
     ts_atlas_destroy(&a);

@@ -71,7 +71,7 @@ static void near_edge(const struct nearest *n, uint32_t h, int y0, int y1)
             const ptrdiff_t at = y * a->stride + x;
             float dx, dy, s, d2;
 
-            if (a->source[at] != NONE)
+            if (a->source[at] != NONE || (n->b->buried && n->b->buried[at]))
                 continue;
             dx = (float) x + 0.5f - p[0];
             dy = (float) y + 0.5f - p[1];

@@ -24,6 +24,7 @@ struct ts_atlas_build {
     size_t num_meshes;
     double *area; /* per triangle, mm^2 */
     double total_area;
+    bool *buried;                  /* per texel: was taken out of its chart; NULL: none */
     struct pell_vec3 *place;       /* of each texel, mm */
     struct ts_place *border_place; /* what each border stands for */
     struct ts_turn *turn;          /* and how that lies */
@@ -167,6 +168,9 @@ void ts_atlas_rescue(struct ts_atlas_build *b);
 struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, const double u[2], const double v[2]);
 struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f);
 void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m);
+
+/* buried.c: takes the texels that lie inside of another part of the solid out of their charts. `todo` has room for all triangles. */
+PELL_NODISCARD enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b, uint32_t *todo);
 
 /* --- borders.c: in this order ---------------------------------------------------------------------------------------------------- */
 

@@ -127,7 +127,7 @@ bool ts_atlas_update(struct ts_atlas *a, struct pell_pool *pool, const struct pe
         return true;
     for (uint32_t t = 0; t < a->num_triangles; t++) {
         const double own = area_of(a, t);
-        if ((own > 0.0) != (a->chart[t] != 0)) {
+        if (a->buried > 0 || (own > 0.0) != (a->chart[t] != 0)) {
             a->scene = before;
             return false;
         }

@@ -1,0 +1,54 @@
+/* SPDX-License-Identifier: MIT
+ * buried.c - see buried.h. */
+#include "visibility/buried.h"
+
+#include "math/sampling.h"
+
+#include <string.h>
+
+#define MOST_OUTSIDE 4 /* of PELL_PACKET rays that may see no inner side of the object from a buried place */
+
+static void set_ray(struct pell_ray_hit16 *r, int i, const struct pell_buried_place *p, struct pell_vec3 way)
+{
+    pell_ray16_set(&r->ray, i, vec3_mad(p->at, p->clearance, p->normal), way, INFINITY);
+    r->hit.mesh[i] = PELL_NO_HIT;
+}
+
+static bool is_buried(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *p)
+{
+    _Alignas(64) int valid[PELL_PACKET];
+    struct pell_ray_hit16 r;
+    struct pell_vec3 t, b;
+    int outside = 0;
+
+    vec3_basis(p->normal, &t, &b);
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < PELL_PACKET; i++) {
+        float x, y;
+        pell_disc_point(((float) i + 0.5f) / PELL_PACKET, pell_unit_float(pell_sobol0((uint32_t) i)), &x, &y);
+        valid[i] = -1;
+        set_ray(&r, i, p, vec3_mad(vec3_mad(vec3_mul(p->normal, sqrtf(fmaxf(1.0f - x * x - y * y, 1e-6f))), x, t), y, b));
+    }
+    pell_rays_closest16(rays, valid, false, &r);
+    for (int i = 0; i < PELL_PACKET; i++)
+        outside += !pell_hit16_inside(scene, &r, i, p->object);
+    return outside <= MOST_OUTSIDE;
+}
+
+/* Where faces of two parts lie on each other, as of bricks side by side, it is luck which of them the ray along the normal meets: it need
+ * not be an inner side. */
+void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *places, int count,
+                   bool buried[PELL_PACKET])
+{
+    _Alignas(64) int valid[PELL_PACKET] = { 0 };
+    struct pell_ray_hit16 r;
+
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < count; i++) {
+        valid[i] = -1;
+        set_ray(&r, i, &places[i], places[i].normal);
+    }
+    pell_rays_closest16(rays, valid, false, &r);
+    for (int i = 0; i < PELL_PACKET; i++)
+        buried[i] = i < count && pell_hit16_meets(scene, &r, i, places[i].object) && is_buried(scene, rays, &places[i]);
+}
