@@ -565,6 +565,44 @@ static void normal_maps_bend_the_normal_as_gltf_says(void **state)
     stage_finish(&s);
 }
 
+/* Bumps that are smaller than a pixel are roughness: slopes of +-s along x in every other texel have the variance s^2 along one axis, half
+ * of it in the mean. */
+static void bumps_smaller_than_a_pixel_are_roughness(void **state)
+{
+    enum { SIZE = 256 };
+    const float slope = 0.35f, z = 1.0f / sqrtf(1.0f + slope * slope);
+
+    (void) state;
+    for (int model = 0; model < 2; model++) {
+        struct pell_context *ctx = test_context(NULL, NULL);
+        struct pell_scene *scene = shapes_scene(ctx);
+        struct stage s;
+        uint8_t *pixels = malloc((size_t) 3 * SIZE * SIZE);
+        double expected, mean = 0.0;
+        assert_non_null(pixels);
+        for (int i = 0; i < SIZE * SIZE; i++) {
+            const float x = (i % SIZE + i / SIZE) % 2 ? slope * z : -slope * z;
+            pixels[3 * i] = (uint8_t) lrintf(255.0f * (0.5f + 0.5f * x));
+            pixels[3 * i + 1] = 128;
+            pixels[3 * i + 2] = (uint8_t) lrintf(255.0f * (0.5f + 0.5f * z));
+        }
+        scene->materials[0].normal_map.texture = shapes_texture(scene, SIZE, SIZE, 3, false, pixels);
+        scene->materials[0].specular = model ? PELL_SPECULAR_KELEMEN : PELL_SPECULAR_GGX;
+        scene->materials[0].roughness = 0.3f;
+        free(pixels);
+        shapes_quad(scene, 0, vec3(0, 0, 0), vec3(10, 0, 0), vec3(0, 10, 0));
+        s = stage_of(ctx, scene, 1);
+        add_mips(&s);
+        render(&s, 16, 16, 100.0f, 16.0f);
+        for (int i = 0; i < 256; i++)
+            mean += (double) s.surface.roughness[i / 16 * s.surface.stride + i % 16] / 256.0;
+        expected = model ? sqrt(0.09 + (double) (slope * slope)) : sqrt(sqrt(pow(0.3, 4.0) + (double) (slope * slope)));
+        print_message("# roughness 0.3 over bumps: %.3f, expected %.3f\n", mean, expected);
+        REQUIRE_NEAR(mean, expected, 0.05 * expected);
+        stage_finish(&s);
+    }
+}
+
 static void every_map_multiplies_its_own_factor(void **state)
 {
     static const uint8_t four[4] = { 51, 102, 153, 204 };
@@ -818,6 +856,7 @@ int main(void)
         cmocka_unit_test(holes_and_insides),
         cmocka_unit_test(normals_that_point_anywhere_are_brought_to_the_viewer),
         cmocka_unit_test(normal_maps_bend_the_normal_as_gltf_says),
+        cmocka_unit_test(bumps_smaller_than_a_pixel_are_roughness),
         cmocka_unit_test(every_map_multiplies_its_own_factor),
         cmocka_unit_test(magnified_textures_are_what_a_look_up_one_by_one_gives),
         cmocka_unit_test(shrunk_textures_show_their_mean_and_do_not_alias),

@@ -24,6 +24,8 @@
 #define BEND 0.01f
 /* Surfaces seen at a more grazing cosine than this are not blurred further: a square filter would lose the other direction. */
 #define GRAZING 0.0625f
+/* What eight bits leave of 1 - length^2 of a mean normal. */
+#define ROUNDED 0.004f
 
 struct vec16 {
     float16 x, y, z;
@@ -47,6 +49,8 @@ struct hits {
     struct vec16 view; /* unit, to the viewer */
     struct uv16 uv[PELL_UV_SETS];
     bool has_uv[PELL_UV_SETS];
+    float16 bumps; /* variance of the slopes that the normal map has inside of a pixel */
+    bool bumpy;
 };
 
 struct shaded {
@@ -180,6 +184,39 @@ static void geometric_normals(const struct pell_hit16 *hit, struct hits *h, stru
     }
 }
 
+/* How much the normals differ whose mean (x, y, z) is where a texture is shrunk: a mean is the shorter, the more they do. As of a von Mises
+ * and Fisher distribution of this mean length r, whose slopes have the variance (1 - r^2)/(r (3 - r^2)) (Toksvig 2005, "Mipmapping Normal
+ * Maps", has (1 - r)/r, the same to the first order). */
+static void measure_bumps(struct hits *h, const float16 *restrict rgba)
+{
+    const struct pell_texture_map *map = &h->material->normal_map;
+    const struct pell_image *image = &map->texture->image;
+    const float texels =
+        (float) image->width * (float) image->height * fabsf(map->matrix[0] * map->matrix[4] - map->matrix[1] * map->matrix[3]);
+    const struct uv16 *uv = coordinates(h, map->uv);
+    const float scale = h->material->normal_scale * h->material->normal_scale;
+
+    h->bumpy = true;
+    for (int i = 0; i < LANES; i++) {
+        const float x = 2.0f * rgba[0][i] - 1.0f, y = 2.0f * rgba[1][i] - 1.0f, z = 2.0f * rgba[2][i] - 1.0f, r2 = x * x + y * y + z * z;
+        const float missing = 1.0f - r2 - ROUNDED, least = r2 > 0.01f ? r2 : 0.01f;
+        const float covered = uv->area[i] * texels - 1.0f, shrunk = covered > 1.0f ? 1.0f : covered > 0.0f ? covered : 0.0f;
+        h->bumps[i] = missing > 0.0f ? shrunk * scale * missing / (sqrtf(least) * (3.0f - least)) : 0.0f;
+    }
+}
+
+/* A lobe over bumps that are smaller than a pixel is the lobe of all their normals: as wide as both. Twice the variance of slopes is the
+ * square of alpha (Beckmann's distribution). */
+static void widen_lobes(const struct hits *h, float *restrict roughness)
+{
+    const bool whole = h->material->specular == PELL_SPECULAR_KELEMEN;
+
+    for (int i = 0; i < LANES; i++) {
+        const float r = roughness[i], r2 = r * r, width2 = (whole ? r2 : r2 * r2) + 2.0f * h->bumps[i], root = sqrtf(width2);
+        roughness[i] = h->bumps[i] > 0.0f ? whole ? root : sqrtf(root) : r;
+    }
+}
+
 /* Normal mapping as glTF 2.0, section 3.9.3, and the tangent frame of section 3.7.2.1: b = w n x t, green is +b. */
 static void map_normals(struct hits *h, struct vec16 *restrict n)
 {
@@ -189,6 +226,7 @@ static void map_normals(struct hits *h, struct vec16 *restrict n)
 
     if (!h->material->normal_map.texture || !h->mesh->tangent || !look_up(h, PELL_MAP_NORMAL, 7, rgba))
         return;
+    measure_bumps(h, rgba);
     interpolate3(h, h->mesh->tangent, 4, &t);
     interpolate(h, h->mesh->tangent, 4, 3, handed);
     for (int i = 0; i < LANES; i++) {
@@ -390,6 +428,8 @@ static void shade_material(struct hits *h, const struct pell_surface *out, struc
         if (m->metallic > 0.0f)
             number(h, PELL_MAP_METALLIC, s->metallic);
     }
+    if (h->bumpy)
+        widen_lobes(h, s->roughness);
     clamp(s->roughness, 0.03f, 1.0f);
     clamp(s->metallic, 0.0f, 1.0f);
     if (m->rho_s_map.texture) {

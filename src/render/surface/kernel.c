@@ -47,7 +47,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     h.lanes = lanes;
     h.packet = p;
     h.camera = job->view;
-    h.has_footprint = false;
+    h.has_footprint = h.bumpy = false;
     memset(h.has_uv, 0, sizeof(h.has_uv));
     prepare(p, &h);
     h.corners = known;

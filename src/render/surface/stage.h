@@ -29,7 +29,7 @@ struct pell_surface {
     float *ng[3];                 /* geometric normal, unit, on the side of the viewer */
     float *ns[3];             /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
     float *base[3];           /* base colour, linear: factor x map x vertex colour */
-    float *roughness;         /* perceptual, [0.03, 1] */
+    float *roughness;         /* perceptual, [0.03, 1]; the bumps of a normal map that are smaller than a pixel counted in */
     float *metallic;          /* [0, 1] */
     float *specular[3];       /* rho_s x map x tint: scales the specular lobe */
     float *strength;          /* of scattering, [0, 1] */
@@ -52,10 +52,11 @@ struct pell_surface {
 };
 
 /* Whether roughness, metallic and specular are the same wherever a material is seen, as in pell_surface_uniform: who finds a whole block of
- * it can leave five planes unread. */
+ * it can leave five planes unread. Bumps that are smaller than a pixel make lobes wider. */
 static inline bool pell_surface_is_uniform(const struct pell_material *m)
 {
-    return !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture && !m->specular_color_map.texture;
+    return !m->normal_map.texture && !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture &&
+           !m->specular_color_map.texture;
 }
 
 /* Even, and of no colour or metal of its own: light that enters and leaves meets nothing of the four that the material does not say. */

@@ -11,8 +11,8 @@
 #define COVERED_MOST 4.0     /* times the map is covered in a layout that is looked at further */
 #define OVERLAPS "its texture coordinates overlap"
 #define COVERED_LEAST 0.02 /* share of the layout's rectangle that is covered */
-#define APART_MOST 1024    /* charts that are moved apart */
-#define APART_LEAST 0.1    /* share of the map that they cover: planar charts do better than that */
+#define APART_MOST 128     /* charts that are moved apart */
+#define APART_LEAST 0.15   /* share of the map that they cover: planar charts do better than that */
 
 void ts_atlas_destroy(struct ts_atlas **atlas)
 {
@@ -127,20 +127,25 @@ fail:
     return res;
 }
 
+/* Texels of the triangles that were laid out, whichever lie over each other. */
+static double covered(const struct ts_atlas_build *b)
+{
+    double sum = 0.0;
+
+    for (uint32_t t = 0; t < b->a->num_triangles && !pell_cancelled_at(b->ctx, t); t++)
+        sum += fabs(flat_area(b->a->corners[t]));
+    return sum;
+}
+
 /* By a set of texture coordinates as it is. */
 static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t *order, const char **wrong)
 {
-    struct ts_atlas *a = b->a;
-    double covered = 0.0;
-
     *wrong = ts_atlas_lay_out_file(b, set);
-    for (uint32_t t = 0; t < a->num_triangles && !*wrong && !pell_cancelled_at(b->ctx, t); t++)
-        covered += fabs(flat_area(a->corners[t]));
     if (*wrong)
         return b->p->charts == TS_CHARTS_UV
                    ? pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", *wrong)
                    : PELL_OK;
-    if (covered > COVERED_MOST * a->width * a->height) {
+    if (covered(b) > COVERED_MOST * b->a->width * b->a->height) {
         *wrong = OVERLAPS;
         return PELL_OK;
     }
@@ -167,8 +172,10 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
         ts_atlas_number_charts(b, order);
         if (a->num_charts <= APART_MOST && !pell_cancelled(b->ctx)) {
             PELL_TRY(ts_atlas_move_apart(b));
-            PELL_TRY(cover(b, order, &still));
-            if (!still && (double) b->claimed >= APART_LEAST * a->width * a->height) {
+            still = OVERLAPS;
+            if (covered(b) >= APART_LEAST * a->width * a->height)
+                PELL_TRY(cover(b, order, &still));
+            if (!still) {
                 a->apart = true;
                 a->wrong = wrong;
                 return PELL_OK;
