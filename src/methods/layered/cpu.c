@@ -24,6 +24,7 @@ static void layered_destroy(void *state)
 
     if (!st)
         return;
+    layered_keep_end(st);
     layered_diffuse_destroy(st);
     layered_refracted_destroy(st);
     for (int i = 0; st->workers && i < pell_pool_threads(st->pool); i++) {

@@ -50,6 +50,7 @@ struct layered_cloud {
     float *position, *normal; /* xyz */
     float *weight;            /* > 0 */
     float radius;             /* mm: of the neighbourhood, (8) */
+    const uint8_t *keep;      /* 1: of a vertex whose plane is there; NULL: of none */
 };
 
 /* plane[i] = the unit normal n_SP, and h: where the plane meets the vertex's normal, mm. Fewer than 6 neighbours, or neighbours that are no

@@ -102,6 +102,7 @@ const struct pell_method pell_method_layered = {
     .paper = paper,
     .paper_settings = pell_paper_light,
     .plan = plan,
+    .keeps_first = true,
     .cpu = &layered_cpu,
     .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |
                PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,

@@ -34,6 +34,7 @@ struct layered_worker {
 
 struct layered_diffuse;
 struct pell_connector;
+struct layered_kept;
 
 struct layered_state {
     const struct pell_services *services; /* borrowed */
@@ -54,6 +55,7 @@ struct layered_state {
     struct layered_worker *workers;
     struct pell_solids *solids;       /* refraction=exact, else NULL */
     struct pell_connector *connector; /* the same */
+    struct layered_kept *kept;        /* between create and destroy; else the renderer keeps it */
     struct layered_diffuse *diffuse;  /* NULL: neither multiple scattering nor a film is asked for */
     int most_layers, most_packs;
     float size; /* mm: of the scene */
@@ -117,6 +119,17 @@ static inline void layered_map_uv(const struct pell_texture_map *map, const stru
 /* --- plane_fit.c: planes of the vertices of all solids -------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene);
+
+/* --- plane_keep.c: planes from frame to frame ----------------------------------------------------------------------------------------- */
+
+/* Takes what was kept for a scene of as many meshes, or nothing; layered_keep_end leaves it for the next pass of the renderer. */
+PELL_NODISCARD enum pell_result layered_keep_begin(struct layered_state *st, const struct pell_scene *scene);
+void layered_keep_end(struct layered_state *st);
+/* Writes planes of the solid whose first mesh is `first` that need not be fitted, and `keep` of them; *left: how many others there are. */
+PELL_NODISCARD enum pell_result layered_keep_take(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                                  const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left);
+PELL_NODISCARD enum pell_result layered_keep_give(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                                  const struct layered_cloud *cloud, const float (*plane)[4]);
 
 /* --- light_points.c: places on the scene's lights
  * --------------------------------------------------------------------------------------- */
