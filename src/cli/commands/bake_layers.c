@@ -267,6 +267,9 @@ static enum exit_code answer(struct cli *cli, const struct bake *b)
 
 static void warn(const struct bake *b)
 {
+    for (int k = 0; k < b->num_inner; k++)
+        if (!memchr(b->layer, k + 1, (size_t) b->num_layers))
+            pell_warn(b->ctx, b->inner[k].path, "its unit is that of the outer mesh", "no ray meets \"%s\"", b->inner[k].name);
     if (b->shared > b->shown / 1000)
         pell_warn(b->ctx, b->outer.path, "lay it out without overlaps", "%lld texels of the map are of several triangles",
                   (long long) b->shared);
