@@ -1,13 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * francois.c - `pellucid-bench francois-2`: layered on a picture that its fish fills, 800 x 600, three painted layers: by samples
- * with one and with two lights, and how far each is from 400 samples; by lights; and what the layers take in memory. (The paper, figure 14
- * and table 2: 126, 51 and 20 frames a second with 10, 50 and 100 samples on a GeForce 7800 GTX.) */
+ * francois.c - `pellucid-bench francois-2`: layered on pictures that its fish (three painted layers) and its gecko (four) fill, 800 x 600:
+ * by samples with one and with two lights, and how far each is from 400 samples; by lights; and what the layers take in memory. (The paper,
+ * figure 14 and table 2: the fish 126, 51 and 20 frames a second with 10, 50 and 100 samples on a GeForce 7800 GTX, the gecko 120, 33 and
+ * 16.) */
 #include "papers.h"
 
 #include <string.h>
 
 enum { WIDTH = 800, HEIGHT = 600, MOST_LIGHTS = 4 };
 #define TRUTH "400"
+
+static const int samples[] = { 10, 20, 50, 100 };
 
 static int layers_of(const struct pell_scene *scene)
 {
@@ -18,20 +21,20 @@ static int layers_of(const struct pell_scene *scene)
     return most;
 }
 
-/* The march of so many samples under the first lights; *ms: the median of warm frames, may be NULL. */
-static enum pell_result measure(struct bench *b, int samples, int lights, const char *as, double *ms)
+/* The march of `count` samples under the first lights; *ms: the median of warm frames, may be NULL. */
+static enum pell_result measure(struct bench *b, const char *what, int count, int lights, const char *as, double *ms)
 {
     char knobs[64], name[96];
     const struct bench_run run = { "layered", knobs, false, false };
     struct bench_result r;
     enum pell_result res;
 
-    snprintf(knobs, sizeof(knobs), "as=%s samples=%d", as, samples);
-    snprintf(name, sizeof(name), "%d samples, %d light%s%s", samples, lights, lights > 1 ? "s" : "",
+    snprintf(knobs, sizeof(knobs), "as=%s samples=%d", as, count);
+    snprintf(name, sizeof(name), "%s%d samples, %d light%s%s", what, count, lights, lights > 1 ? "s" : "",
              strcmp(as, "best") == 0 ? "" : ", as=paper");
     PELL_TRY(bench_measure(b, name, &run, &r));
     if (r.row)
-        r.row->items = r.pixels * samples * lights * layers_of(b->s.scene);
+        r.row->items = r.pixels * count * lights * layers_of(b->s.scene);
     if (r.row && ms)
         *ms = r.row->ms;
 
@@ -40,16 +43,18 @@ fail:
 }
 
 /* How long the planes through the surface take that `as=best` makes once a scene: a stage of a first frame. */
-static enum pell_result add_planes(struct bench *b)
+static enum pell_result add_planes(struct bench *b, const char *what)
 {
+    char name[96];
     struct pell_render_result p;
     enum pell_result res;
 
+    snprintf(name, sizeof(name), "%sonce a scene: planes", what);
     PELL_TRY(bench_choose(b, "layered", "as=best"));
     PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
     for (size_t i = 0; i < p.num_stages; i++)
         if (strcmp(p.stages[i].name, "planes") == 0)
-            bench_add(&b->rows, "once a scene: planes", p.stages[i].ms);
+            bench_add(&b->rows, name, p.stages[i].ms);
 
 fail:
     return res;
@@ -76,9 +81,48 @@ static void add_memory(struct bench *b)
         }
 }
 
+/* Both forms by samples under the first light, each against its own with many samples; *ms as of measure(), with 50 samples. */
+static enum pell_result add_samples(struct bench *b, const char *what, double *ms)
+{
+    enum pell_result res;
+
+    PELL_TRY(bench_keep_truth(b, "layered", "samples=" TRUTH));
+    for (size_t i = 0; i < PELL_COUNT(samples); i++)
+        PELL_TRY(measure(b, what, samples[i], 1, "best", samples[i] == 50 ? ms : NULL));
+    PELL_TRY(bench_keep_truth(b, "layered", "as=paper samples=" TRUTH));
+    for (size_t i = 0; i < PELL_COUNT(samples); i++)
+        PELL_TRY(measure(b, what, samples[i], 1, "paper", NULL));
+
+fail:
+    return res;
+}
+
+/* The gecko under its first light; its scene lies beside the fish's. */
+static enum pell_result add_gecko(struct bench *b)
+{
+    const char *const fish = b->path;
+    const size_t stem = strlen(fish) - strlen(".json");
+    char path[4096 + sizeof("-gecko")];
+    enum pell_result res = PELL_ERR_IO;
+
+    snprintf(path, sizeof(path), "%.*s-gecko.json", (int) stem, fish);
+    b->path = path;
+    if (bench_open(b, NULL) == EXIT_OK) {
+        b->s.settings.width = WIDTH;
+        b->s.settings.height = HEIGHT;
+        b->s.scene->num_lights = b->s.scene->num_lights > 1 ? 1 : b->s.scene->num_lights;
+        PELL_TRY(pell_renderer_set_scene(b->s.renderer, b->s.scene));
+        PELL_TRY(add_planes(b, "gecko: "));
+        PELL_TRY(add_samples(b, "gecko: ", NULL));
+    }
+
+fail:
+    b->path = fish;
+    return res;
+}
+
 enum pell_result bench_francois(struct bench *b)
 {
-    static const int samples[] = { 10, 20, 50, 100 };
     struct pell_scene *scene = b->s.scene;
     const size_t all = scene->num_lights;
     const int layers = layers_of(scene);
@@ -92,30 +136,33 @@ enum pell_result bench_francois(struct bench *b)
     b->s.settings.width = WIDTH;
     b->s.settings.height = HEIGHT;
     snprintf(b->setup, sizeof(b->setup),
-             "%d x %d pixels, %d layers; medians of %d warm frames of the march with its rays; errors against " TRUTH " samples", WIDTH,
-             HEIGHT, layers, b->repeats);
+             "%d x %d pixels, the fish with %d layers and the gecko with 4; medians of %d warm frames of the march with its rays; errors "
+             "against " TRUTH " samples",
+             WIDTH, HEIGHT, layers, b->repeats);
     for (int lights = 1; lights <= MOST_LIGHTS; lights++) {
         scene->num_lights = (size_t) lights;
         PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
-        if (lights == 1)
-            PELL_TRY(add_planes(b));
+        if (lights == 1) {
+            PELL_TRY(add_planes(b, ""));
+            PELL_TRY(add_samples(b, "", &ms[1]));
+            continue;
+        }
         PELL_TRY(bench_keep_truth(b, "layered", "samples=" TRUTH));
         for (size_t i = 0; i < PELL_COUNT(samples); i++)
-            if (lights <= 2 || samples[i] == 50)
-                PELL_TRY(measure(b, samples[i], lights, "best", samples[i] == 50 ? &ms[lights] : NULL));
-        if (lights > 1)
-            continue;
-        PELL_TRY(bench_keep_truth(b, "layered", "as=paper samples=" TRUTH));
-        for (size_t i = 0; i < PELL_COUNT(samples); i++)
-            PELL_TRY(measure(b, samples[i], lights, "paper", NULL));
+            if (lights == 2 || samples[i] == 50)
+                PELL_TRY(measure(b, "", samples[i], lights, "best", samples[i] == 50 ? &ms[lights] : NULL));
     }
     if ((r = bench_add(&b->rows, "a light more, 50 samples", (ms[MOST_LIGHTS] - ms[1]) / (MOST_LIGHTS - 1)))) {
         r->ratio = r->ms / ms[1];
         r->against = "one light";
     }
+    scene->num_lights = all;
+    PELL_TRY(add_gecko(b)); /* the fish's scene is closed */
     add_memory(b);
+    return PELL_OK;
 
 fail:
-    scene->num_lights = all;
+    if (scene == b->s.scene)
+        scene->num_lights = all;
     return res;
 }

@@ -972,50 +972,83 @@ def gecko_spine(x, y):
     return (k + t) / (len(GECKO_BACK) - 1), abs(y - mix(ay, by, t)) / mix(ar, br, t)
 
 
+@lru_cache(maxsize=None)
+def scale_seed(i, j, jitter):
+    """Of a net of triangles, one unit wide, each corner moved by up to `jitter`."""
+    turn, out = 2 * math.pi * fraction(i, j, 11), jitter * fraction(i, j, 12)
+    return i + 0.5 * (j & 1) + out * math.cos(turn), 0.8660254 * j + out * math.sin(turn), fraction(i, j, 13)
+
+
+def scale(x, y, size, jitter):
+    """(distance from the middle of the scale that is here, as a share of `size`; a number of that scale, [0, 1))"""
+    x, y = x / size, y / size
+    row = math.floor(y / 0.8660254 + 0.5)
+    best, number = 9.0, 0.0
+    for j in (row - 1, row, row + 1):
+        column = math.floor(x - 0.5 * (j & 1) + 0.5)
+        for i in (column - 1, column, column + 1):
+            px, py, k = scale_seed(i, j, jitter)
+            d = (x - px) * (x - px) + (y - py) * (y - py)
+            if d < best:
+                best, number = d, k
+    return math.sqrt(best), number
+
+
+def tubercle(x, y):
+    """The warts of the back, 0 between them, 1 on their tops: in crooked rows, not on the snout, the feet and under the flanks."""
+    along, aside = gecko_spine(x, y)
+    d, number = scale(x + 0.8 * noise(0.3 * x, 0.3 * y, 21), y, 2.5, 0.22)
+    radius = (0.2 + 0.1 * number) * step(0.06, 0.16, along) * step(1.0, 0.75, aside) * step(1.0, 0.8, along)
+    return (1 - (d / radius) ** 2) ** 2 if number > 0.25 and d < radius else 0.0
+
+
 def gecko_skin(x, y):
-    """Grains, coarser on the back, mm over the smooth surface."""
-    fine = areole(x, y, 0.9)
-    tubercle = areole(x + 40, y + 9, 3.1)
-    return 0.10 * math.sqrt(fine) + 0.12 * step(0.55, 1.0, tubercle)
+    """Granular scales, round and close together, and warts among them, mm over the smooth surface."""
+    d, number = scale(x, y, 0.62, 0.14)
+    grain = max(0.0, 1 - (d / 0.56) ** 2) * (0.7 + 0.3 * number)
+    return 0.036 * grain + 0.2 * tubercle(x, y)
 
 
 def gecko_tissue(x, y):
     """Bottoms of the horny skin, of pigment, of flesh, of bone, mm."""
     along, aside = gecko_spine(x, y)
-    horn = 0.04 + 0.05 * areole(x, y, 0.9)
-    wave = along + 0.012 * (noise(0.35 * x, 0.35 * y, 5) - 0.5)
-    band = 0.5 + 0.5 * math.cos(2 * math.pi * 13.0 * wave)
-    spots = noise(0.8 * x, 0.8 * y, 8)
-    pigment = 0.004 + 0.26 * step(0.5, 0.9, band) * step(1.2, 0.5, aside) * step(0.25, 0.6, spots) + 0.05 * step(0.68, 0.85, spots)
+    d, number = scale(x, y, 0.62, 0.14)
+    wart = tubercle(x, y)
+    horn = 0.03 + 0.03 * max(0.0, 1 - (d / 0.56) ** 2) + 0.05 * wart
+    ragged = 0.02 * (noise(0.22 * x, 0.22 * y, 5) - 0.5) + 0.008 * (noise(0.9 * x, 0.9 * y, 6) - 0.5)
+    band = 0.5 + 0.5 * math.cos(2 * math.pi * 11.0 * (along + ragged))
+    back, fleck = step(1.25, 0.7, aside), noise(1.1 * x, 1.1 * y, 8)
+    dark = step(0.42, 0.72, band + 0.3 * (fleck - 0.5)) * back
+    pigment = 0.004 + 0.02 * back * (0.4 + 1.2 * fleck) + 0.26 * dark + 0.12 * wart + 0.1 * step(0.7, 0.85, fleck) * back
+    pigment *= 0.8 + 0.4 * number  # each scale has its own
     return horn, horn + pigment, 3.5, 3.5
 
 
 def gecko_layers():
-    picture = gecko_picture(768, (0.08, 0.15, 3.5, 3.5))
+    picture = gecko_picture(1024, (0.06, 0.12, 3.5, 3.5))
     picture.fill(gecko_tissue)
     tail = [(x, y, mix(0.75, 0.28, k / len(GECKO_BACK))) for k, (x, y, r) in enumerate(GECKO_BACK) if k > 16]
 
     def beaded(beads):
         def bead(ch, d, t):
             waist = 1.0 - 0.35 * (0.5 + 0.5 * math.cos(2 * math.pi * beads * t)) ** 2
-            return deep(0.1, 0.6)(ch, d / waist, t) if d < waist else ch
+            return deep(0.5, 1.2)(ch, d / waist, t) if d < waist else ch
         return bead
     for k in range(30, 51, 2):  # ribs
         x, y, r = GECKO_BACK[k]
         for side in (1, -1):
-            picture.stroke(bow(x, y, x + 2.6, y + side * 0.86 * r, -0.16 * side, 0.26, 0.14), deep(0.12, 0.5))
+            picture.stroke(bow(x, y, x + 2.6, y + side * 0.86 * r, -0.16 * side, 0.34, 0.2), deep(0.7, 1.2))
     for leg in GECKO_LEGS:
         hip, knee, ankle = leg[:3]
-        for a, b, r in ((hip, knee, 0.55), (knee, ankle, 0.45)):
+        for a, b, r in ((hip, knee, 0.6), (knee, ankle, 0.5)):
             near, far = (tuple(mix(p, q, f) for p, q in zip(a, b)) for f in (0.2, 0.8))
-            picture.stroke([(*a, 1.3 * r), (*near, r), (*far, r), (*b, 1.3 * r)], deep(0.12, 0.5))
+            picture.stroke([(*a, 1.3 * r), (*near, r), (*far, r), (*b, 1.3 * r)], deep(0.55, 1.2))
         for a, b in gecko_toes(leg):
             for f in (0.1, 0.45, 0.72):
                 near, far = (tuple(mix(p, q, g) for p, q in zip(a, b)) for g in (f, f + 0.22))
-                picture.stroke([(*near, 0.24), (*far, 0.2)], deep(0.06, 0.4))
-    for side in (1, -1):  # jaws and brows
-        picture.stroke(bow(1.6, 0.5 + 0.7 * side, 13.0, 0.5 + 3.6 * side, 0.16 * side, 0.34, 0.5), deep(0.1, 0.6))
-        picture.stroke(bow(2.6, 0.5 + 0.5 * side, 15.0, 0.4 + 1.3 * side, 0.05 * side, 0.3, 0.4), deep(0.15, 0.6))
+                picture.stroke([(*near, 0.24), (*far, 0.2)], deep(0.2, 0.8))
+    for side in (1, -1):  # jaws
+        picture.stroke(bow(1.6, 0.5 + 0.7 * side, 13.0, 0.5 + 3.6 * side, 0.16 * side, 0.34, 0.5), deep(0.6, 1.2))
     picture.stroke(tail, beaded(44))
     return picture
 
@@ -1124,7 +1157,7 @@ PICTURES = {
     'leaf-normal': (leaf_relief, 8, 1.0),
     'veined-head-layers': (head_layers, 16, 12.0),
     'gecko-layers': (gecko_layers, 16, 3.5),
-    'gecko-normal': (lambda: skin_of(gecko_picture(768, (0.0,)), gecko_skin), 8, 1.0),
+    'gecko-normal': (lambda: skin_of(gecko_picture(1536, (0.0,)), gecko_skin), 8, 1.0),
 }
 ON_REQUEST = ('fish-1400', 'fish-5000', 'fish-20000')
 

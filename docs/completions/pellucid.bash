@@ -8,10 +8,10 @@ _pellucid()
     if [ "$current" = = ]; then current=; elif [ "$before" = = ]; then before=${COMP_WORDS[COMP_CWORD-2]}; fi
 
     if [ "$COMP_CWORD" = 1 ]; then
-        COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info help --help --version" -- "$current"))
+        COMPREPLY=($(compgen -W "render merge check bake-layers methods materials profile bench compare view info help --help --version" -- "$current"))
         return
     fi
-    [ "$command" = help ] && { COMPREPLY=($(compgen -W "render merge check methods materials profile bench compare view info lengths scenes knobs output layers noise exit-codes environment files topics" -- "$current")); return; }
+    [ "$command" = help ] && { COMPREPLY=($(compgen -W "render merge check bake-layers methods materials profile bench compare view info lengths scenes knobs output layers noise exit-codes environment files topics" -- "$current")); return; }
     for ((i = 2; i < COMP_CWORD - 1; i++)); do
         case ${COMP_WORDS[i]} in -m | --method) method=${COMP_WORDS[i+1]} ;; esac
     done
@@ -60,8 +60,8 @@ _pellucid()
         single-scatter) COMPREPLY=($(compgen -S = -W "as error most distance refraction normals half" -- "$current")) ;;
         esac
         return ;;
-    --checkpoint | --cross-section | --dump | --environment | --half | --input | --layers | --mask | --output | --token-file | -o) mapfile -t COMPREPLY < <(compgen -f -- "$current"); return ;;
-    --ambient-samples | --angles | --animation | --background | --bloom | --bloom-radius | --bounces | --boundary | --camera | --checkpoint-every | --compare | --curvature | --denoise | --device | --dof | --down-to | --engine | --environment-lights | --environment-rotate | --environment-scale | --eta | --exit | --export | --exposure | --exposures | --floor | --format | --frame-range | --frames | --from | --gaussians | --height | --indirect-samples | --layer | --layers-of | --light-samples | --limit | --line | --listen | --log-level | --method | --methods | --model | --msaa | --opposed | --points | --port | --ppd | --profile | --progress | --rank | --reference | --repeats | --roughness | --sample-range | --samples | --scene-range | --seed | --single-scattering | --size | --skin | --solver | --specular | --stops | --studio | --taps | --target-error | --threads | --tile-range | --time | --time-limit | --to | --tonemap | --turntable | --unit | --up | --wavelength | --white | --width | -m) return ;;
+    --checkpoint | --cross-section | --dump | --environment | --half | --inner | --input | --layers | --mask | --output | --token-file | -o) mapfile -t COMPREPLY < <(compgen -f -- "$current"); return ;;
+    --ambient-samples | --angles | --animation | --background | --bloom | --bloom-radius | --bounces | --boundary | --camera | --checkpoint-every | --compare | --curvature | --denoise | --device | --dof | --down-to | --engine | --environment-lights | --environment-rotate | --environment-scale | --eta | --exit | --export | --exposure | --exposures | --floor | --format | --frame-range | --frames | --from | --gaussians | --height | --indirect-samples | --layer | --layers-of | --light-samples | --limit | --line | --listen | --log-level | --map-size | --method | --methods | --model | --msaa | --opposed | --points | --port | --ppd | --profile | --progress | --rank | --reference | --repeats | --roughness | --sample-range | --samples | --scene-range | --seed | --single-scattering | --size | --skin | --solver | --specular | --stops | --studio | --taps | --target-error | --threads | --tile-range | --time | --time-limit | --to | --tonemap | --turntable | --unit | --up | --wavelength | --white | --width | -m) return ;;
     esac
     case $current in
     -*)
@@ -69,6 +69,7 @@ _pellucid()
         render) COMPREPLY=($(compgen -W "--material --size --unit --camera --time --animation --allow-outside --limit --method --set --samples --time-limit --target-error --up --from --studio --environment --environment-rotate --environment-scale --background --checkpoint --checkpoint-every --sample-range --tile-range --frame-range --output --format --turntable --frames --dump --stats --engine --device --threads --json --progress --quiet --log-level --help --version --width --height --msaa --light-samples --ambient-samples --environment-lights --bounces --indirect-samples --angles --curvature --single-scattering --opposed --seed --exposure --stops --white --bloom --bloom-radius --denoise --dof --tonemap --exit --boundary --profile --specular" -- "$current")) ;;
         merge) COMPREPLY=($(compgen -W "--partial --input --checkpoint --allow-outside --output --format --engine --device --threads --json --progress --quiet --log-level --help --version" -- "$current")) ;;
         check) COMPREPLY=($(compgen -W "--material --size --unit --camera --time --animation --allow-outside --limit --up --cross-section --line --down-to --layers-of --json --quiet --log-level --help --version" -- "$current")) ;;
+        bake-layers) COMPREPLY=($(compgen -W "--inner --map-size --down-to --output --size --unit --limit --threads --json --quiet --log-level --help --version" -- "$current")) ;;
         methods) COMPREPLY=($(compgen -W "--json --quiet --log-level --help --version" -- "$current")) ;;
         materials) COMPREPLY=($(compgen -W "--json --quiet --log-level --help --version" -- "$current")) ;;
         profile) COMPREPLY=($(compgen -W "--limit --model --compare --gaussians --shared --free --eta --roughness --layers --skin --wavelength --solver --from --to --points --weighted --csv --export --taps --rank --output --json --quiet --log-level --help --version" -- "$current")) ;;

@@ -75,6 +75,7 @@ enum option_group {
     OPTIONS_PARTS = 1 << 11,   /* parts of a picture or of a sequence */
     OPTIONS_MERGE = 1 << 12,
     OPTIONS_VIEW = 1 << 13,
+    OPTIONS_BAKE = 1 << 14,
 };
 
 struct settings_list {
@@ -117,7 +118,10 @@ struct cli {
         bool no_open;
     } view;
     struct {
-        int threads, turntable, repeats, points, taps, rank, port;
+        struct settings_list inner; /* --inner NAME=FILE */
+    } bake;
+    struct {
+        int threads, turntable, repeats, points, taps, rank, port, map_size;
     } numbers;
     enum pell_log_level log_level;
     struct settings_list knobs;    /* --set NAME=VALUE */
@@ -325,6 +329,7 @@ enum exit_code command_check(struct cli *cli);
 enum exit_code command_bench(struct cli *cli);
 enum exit_code command_profile(struct cli *cli);
 enum exit_code command_compare(struct cli *cli);
+enum exit_code command_bake_layers(struct cli *cli);
 /* Of the room viewer; absent where the build has no libwebsockets. */
 enum exit_code command_view(struct cli *cli);
 

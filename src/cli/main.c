@@ -41,6 +41,21 @@ static const struct command commands[] = {
       "  pellucid check scene.json --json\n"
       "  pellucid check scene.json --cross-section layers.svg --down-to 2mm\n",
       OPTIONS_SCENE | OPTIONS_CHECK, 1, 1, command_check },
+    { "bake-layers", "INPUT", "depth maps of the layers of `layered` from meshes inside a mesh",
+      "INPUT is a closed mesh with texture coordinates (OBJ, PLY, glTF; OBJ and PLY need --size or --unit). From each texel of its layout "
+      "a "
+      "ray goes along the inward normal through the closed meshes of --inner, and the map of a layer holds how deep its bottom lies. A "
+      "mesh "
+      "that a ray goes into and out of makes layers above, of and below it: body, vessel, body; at most four such pairs of each mesh.\n"
+      "\n"
+      "The folder gets layers-0.exr (the bottoms of four layers in mm, depth_scale 1mm), layers-1.exr and so on, and scene.json, a scene "
+      "of "
+      "the mesh with these layers, whose coefficients are examples to be changed. It refers to the mesh outside of its folder, so "
+      "`render` needs --allow-outside.\n",
+      "  pellucid bake-layers arm.obj --unit 1mm --inner vein=vein.obj -o arm-layers\n"
+      "  pellucid bake-layers arm.obj --unit 1mm --inner vein=vein.obj --down-to 3mm -o near-layers\n"
+      "  pellucid render arm-layers/scene.json --allow-outside -o arm.png\n",
+      OPTIONS_BAKE, 1, 1, command_bake_layers },
     { "methods", "[NAME]", "the methods, or the knobs, paper and limits of one", "",
       "  pellucid methods\n"
       "  pellucid methods screen-space\n"

@@ -23,12 +23,13 @@ static const struct pell_knob number_knobs[] = {
     { "rank", PELL_KNOB_INT, "1", NUMBER(rank), { 1 }, 1, PELL_KERNEL_RANK_MAX, NULL,
       "separable terms of that kernel, each of two passes; more of them have less error" },
     { "port", PELL_KNOB_INT, "1", NUMBER(port), { 0 }, 0, 65535, NULL, "TCP port of the page; 0: one that is free" },
+    { "map-size", PELL_KNOB_INT, "texels", NUMBER(map_size), { 1024 }, 8, 8192, NULL, "texels along a side of the maps" },
     {0},
 };
 /* clang-format on */
 #undef NUMBER
 
-enum kind { HELP, VERSION, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON };
+enum kind { HELP, VERSION, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON, INNER };
 
 struct option {
     unsigned groups; /* any of them */
@@ -43,8 +44,16 @@ struct option {
 static const struct option options[] = {
     { OPTIONS_SCENE, 0, "material", "NAME|FILE", "material of all objects: a built-in name (`pellucid materials`) or a material file", TEXT,
       AT(material), NULL },
-    { OPTIONS_SCENE, 0, "size", "LENGTH", "largest extent of the object, with its unit: 70mm", TEXT, AT(size), NULL },
-    { OPTIONS_SCENE, 0, "unit", "LENGTH", "length of one unit of the mesh file: 1mm", TEXT, AT(unit), NULL },
+    { OPTIONS_BAKE, 0, "inner", "NAME=FILE",
+      "a closed mesh inside INPUT, of the same unit, and the name of its layers; repeatable: of meshes that are in each other the last "
+      "counts",
+      INNER, 0, NULL },
+    { OPTIONS_BAKE, 0, "map-size", "N", NULL, NUMBER, 0, &number_knobs[7] },
+    { OPTIONS_BAKE, 0, "down-to", "LENGTH", "depth that rays go down to: 5mm; default: to the other side", TEXT, AT(check.down_to), NULL },
+    { OPTIONS_BAKE, 'o', "output", "FOLDER", "folder for the maps (EXR, 32 bit, in mm) and scene.json, which names them", TEXT, AT(output),
+      NULL },
+    { OPTIONS_SCENE | OPTIONS_BAKE, 0, "size", "LENGTH", "largest extent of the object, with its unit: 70mm", TEXT, AT(size), NULL },
+    { OPTIONS_SCENE | OPTIONS_BAKE, 0, "unit", "LENGTH", "length of one unit of the mesh file: 1mm", TEXT, AT(unit), NULL },
     { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; default: its first, or one that frames the object", TEXT, AT(camera),
       NULL },
     { OPTIONS_SCENE, 0, "time", "SECONDS", "time of the animation of glTF files; default: the scene file's, or no animation", TEXT,
@@ -53,7 +62,7 @@ static const struct option options[] = {
       NULL },
     { OPTIONS_SCENE | OPTIONS_BENCH, 0, "allow-outside", NULL, "let files refer to files outside the scene's folder", FLAG,
       AT(allow_outside), NULL },
-    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_REPEATS | OPTIONS_PROFILE | OPTIONS_COMPARE, 0, "limit", "NAME=VALUE",
+    { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_REPEATS | OPTIONS_PROFILE | OPTIONS_COMPARE | OPTIONS_BAKE, 0, "limit", "NAME=VALUE",
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "scattering method (`pellucid methods`); none: no scattering", TEXT, AT(method), NULL },
     { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
@@ -195,7 +204,7 @@ static const struct option options[] = {
     { OPTIONS_VIEW, 0, "no-open", NULL, "open no browser, only print the address", FLAG, AT(view.no_open), NULL },
     { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
     { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
-    { OPTIONS_ENGINE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
+    { OPTIONS_ENGINE | OPTIONS_BAKE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
     { OPTIONS_ALL, 0, "json", NULL, "print the result as one JSON object on stdout", FLAG, AT(json), NULL },
     { OPTIONS_PARTS | OPTIONS_MERGE, 0, "progress", "FORM", "text (default), or json: an object a second and line on stderr", TEXT,
       AT(progress_form), NULL },
@@ -378,6 +387,7 @@ void cli_finish(struct cli *cli)
         free(cli->arguments[i]);
     free(cli->arguments);
     cli_free_settings(&cli->knobs);
+    cli_free_settings(&cli->bake.inner);
     cli_free_settings(&cli->settings);
     cli_free_settings(&cli->common);
     json_decref(cli->warnings);
@@ -461,6 +471,7 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
         res = *field ? PELL_OK : PELL_ERR_NOMEM;
         break;
     case KNOB: code = cli_add_pair(cli, &cli->knobs, where, text); break;
+    case INNER: code = cli_add_pair(cli, &cli->bake.inner, where, text); break;
     case LIMIT:
         if ((code = split(cli, where, text, &value)) == EXIT_OK)
             res = pell_knob_set(ctx, pell_limit_knobs(), "limits", where, &cli->limits, text, value);

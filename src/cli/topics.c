@@ -81,7 +81,8 @@ const struct topic cli_topics[] = {
       "in "
       "the last: a flat stack, which is the same everywhere. A scene file's material has \"layers\" with a \"depth\" each, a text with its "
       "unit (\"1.5mm\") or an image: how far below the surface the layer ends, which may differ from place to place. Every method "
-      "renders both; `layered` shows what is painted into the second.\n",
+      "renders both; `layered` shows what is painted into the second. `bake-layers` makes the images of the second from meshes inside a "
+      "mesh.\n",
       "|layer|stacks|stack|", NULL },
     { "noise", "two measures of it, and which is printed where",
       "Both fall as 1 over the root of the number of samples. The second is larger where a background without noise fills much of the "

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """test_bench.py PROGRAM ROOT: `pellucid-bench`, the benches of the papers: what they print and refuse, and that pages name them right."""
+import json
 import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 from cli_test import PROGRAM, ROOT, SANITIZED, clean_environment, main, need, one_object, run, test, text, works
 
@@ -46,6 +48,15 @@ def _(folder):
         need(done.returncode == 2 and option.encode() in done.stderr and not done.stdout, name, option, done.stderr)
     done = run(folder, 'profils')
     need(done.returncode == 2 and b'pellucid-bench profiles' in done.stderr, done.stderr)
+
+
+@test('francois-2 has a second scene beside its own, with all that it names')
+def _(folder):
+    beside = Path(PROGRAM).resolve().parent
+    scenes = [json.loads((beside / f'francois-2{name}.json').read_text('utf-8')) for name in ('', '-gecko')]
+    for scene, body, layers in zip(scenes, ('Fish', 'Gecko'), (3, 4)):
+        need(len(scene['lights']) == 4 and len(scene['materials'][body]['layers']) == layers, body, scene['materials'][body])
+        need((beside / scene['mesh']).is_file() and (beside / f'{body.lower()}-layers.png').is_file(), body, scene['mesh'])
 
 
 @test('profiles: rows of fits, layers and evaluation, with ratios and errors')

@@ -18,7 +18,7 @@ from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite
 from viewer_test import Viewer
 
 LONG = 'x' * 100000
-COMMANDS = ['render', 'merge', 'check', 'methods', 'materials', 'profile', 'bench', 'compare', 'info']
+COMMANDS = ['render', 'merge', 'check', 'bake-layers', 'methods', 'materials', 'profile', 'bench', 'compare', 'info']
 if subprocess.run([PROGRAM, 'view', '--help'], capture_output=True, check=False).returncode == 0:
     COMMANDS.append('view')
 MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']

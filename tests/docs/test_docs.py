@@ -228,7 +228,7 @@ OTHERS = {
 
 @test('every option that the documentation names is one of the program')
 def _(folder):
-    names = re.findall(r'^  ([a-z]+) ', text(works(folder, '--help').stdout), re.MULTILINE)
+    names = re.findall(r'^  ([a-z][a-z-]*) ', text(works(folder, '--help').stdout), re.MULTILINE)
     need('render' in names and 'info' in names, names)
     helps = ''.join(text(works(folder, c, '--help').stdout) for c in names if c != 'pellucid')
     there = set(re.findall(r'--([a-z][a-z-]*)', helps)) | {'help', 'version'}

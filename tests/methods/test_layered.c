@@ -429,9 +429,12 @@ static void paths_on_a_slab(void **state)
         }
     assert_int_equal(posix_memalign((void **) &p, 64, sizeof(*p)), 0);
     for (int level = 0; level < PELL_SIMD_LEVELS && level <= (int) pell_simd_best(); level++) {
-        const struct layered_work work = {
-            .most_halves = INFINITY, .samples = 11, .exponential = true, .rest = true, .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f }
-        };
+        const struct layered_work work = { .most_halves = INFINITY,
+                                           .samples = 11,
+                                           .exponential = true,
+                                           .rest = true,
+                                           .nodes = LAYERED_RAYED,
+                                           .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f } };
         memset(p, 0, sizeof(*p));
         memset(&source, 0, sizeof(source));
         for (int i = 0; i < 16; i++) {

@@ -130,12 +130,33 @@ def write_scene(path, **render):
                                               'render': render}), 'ascii')
 
 
+# Corners of a box by bits x, y, z, and its faces, counter-clockwise seen from outside.
+BOX_FACES = {'top': (4, 5, 7, 6), 'bottom': (0, 2, 3, 1), 'left': (0, 4, 6, 2), 'right': (1, 3, 7, 5), 'back': (2, 6, 7, 3),
+             'front': (0, 1, 5, 4)}
+
+
+def write_box(path, low, high, uv=True, size=1.0):
+    """Each face has a third by a half of the map, with a margin."""
+    lines, corners = [], [[(high if k >> d & 1 else low)[d] for d in range(3)] for k in range(8)]
+    lines += ['v {:g} {:g} {:g}'.format(*c) for c in corners]
+    for i in range(6):
+        x, y = i % 3 / 3, i // 3 / 2
+        for a, b in ((0.02, 0.02), (0.31, 0.02), (0.31, 0.48), (0.02, 0.48)):
+            lines.append(f'vt {size * (x + a):.6f} {size * (y + b):.6f}')
+    for i, face in enumerate(BOX_FACES.values()):
+        words = [f'{c + 1}/{4 * i + k + 1}' if uv else str(c + 1) for k, c in enumerate(face)]
+        lines.append('f ' + ' '.join(words))
+    path.write_text('\n'.join(lines) + '\n')
+
+
 def furnish(folder):
     """The files that the examples of the help name."""
     folder = pathlib.Path(folder)
     write_obj(folder / 'bunny.obj', *sphere())
     write_gltf(folder / 'head.gltf', *sphere())
     write_scene(folder / 'scene.json')
+    write_box(folder / 'arm.obj', (0, 0, 0), (20, 20, 6))
+    write_box(folder / 'vein.obj', (-1, 8, 3), (21, 12, 5))
     (folder / 'studio.hdr').write_bytes(b'#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n' + bytes((90, 100, 120, 128)) * 32)
     (folder / 'wax.json').write_text('{"sigma_a": [0.006, 0.03, 0.12], "sigma_s_reduced": [1.4, 1.25, 1.1], "eta": 1.44}', 'ascii')
 

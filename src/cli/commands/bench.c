@@ -156,7 +156,8 @@ static bool find_folder(char *folder, size_t size)
 /* A name of the program `pellucid-bench`, which had its benches here once. */
 static bool is_of_papers(const char *name)
 {
-    static const char *const names[] = { "profiles", "truth", "mertens", "munoz-2", "munoz-3", "munoz-5", "deon-1", "francois-2" };
+    static const char *const names[] = { "profiles", "truth",  "mertens",    "munoz-2",         "munoz-3",
+                                         "munoz-5",  "deon-1", "francois-2", "francois-2-gecko" };
 
     for (size_t i = 0; i < PELL_COUNT(names); i++)
         if (strcmp(name, names[i]) == 0)

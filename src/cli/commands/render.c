@@ -224,7 +224,7 @@ static enum exit_code begin_sequence(struct cli *cli, struct job *job)
     if (job->first == 0 || !(exposure || kept))
         return EXIT_OK;
     if (!cli->quiet && !cli->json)
-        fprintf(stderr, "image 0 is rendered for its %s\n", kept ? "surface's layout" : "exposure; --exposure saves that");
+        fprintf(stderr, "image 0 is rendered for its %s\n", kept ? "surface, which the method keeps" : "exposure; --exposure saves that");
     res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     if (res == PELL_OK)
         keep_tone(job);

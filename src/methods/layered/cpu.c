@@ -24,7 +24,9 @@ static void layered_destroy(void *state)
 
     if (!st)
         return;
+    layered_keep_end(st);
     layered_diffuse_destroy(st);
+    layered_refracted_destroy(st);
     for (int i = 0; st->workers && i < pell_pool_threads(st->pool); i++) {
         struct layered_worker *w = &st->workers[i];
         pell_free(st->ctx, w->packet.uv);
@@ -164,13 +166,16 @@ static enum pell_result layered_create(const struct pell_services *services, con
     st->pool = services->pool;
     st->kernels = layered_kernels_tables[pell_simd_best()];
     st->knobs = *k;
+    if (k->refraction == LAYERED_EXACT)
+        st->knobs.path = LAYERED_RAYS; /* whose places stand for the march */
     st->work = (struct layered_work) {
         .samples = k->samples,
         .exponential = k->march == LAYERED_EXPONENTIAL,
-        .refracts = k->refraction == LAYERED_PLANAR,
+        .refracts = k->refraction != LAYERED_NONE,
         .absolute = k->path == LAYERED_PLANES && k->refraction == LAYERED_NONE,
         .rest = k->as != LAYERED_PAPER,
         .most_halves = k->tolerance > 0.0f ? -log2f(k->tolerance) : INFINITY,
+        .nodes = LAYERED_RAYED,
         .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f },
     };
     st->size = vec3_length(vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min)));
@@ -179,6 +184,14 @@ static enum pell_result layered_create(const struct pell_services *services, con
     PELL_TRY(make_media(st, scene));
     PELL_TRY(layered_fit(st, scene));
     PELL_TRY(layered_make_lights(st, scene));
+    if (k->refraction == LAYERED_EXACT) {
+        PELL_TRY(layered_refracted_make(st, scene));
+        st->work.nodes = LAYERED_NODES;
+        for (int i = 0; i < LAYERED_NODES; i++) { /* the denser the less deep */
+            const float x = (float) i / (LAYERED_NODES - 1);
+            st->work.node[i] = 0.004f + 0.986f * x * x;
+        }
+    }
     PELL_TRY(make_workers(st));
     if (k->multiple || k->diffuse > 0.0f)
         PELL_TRY(layered_diffuse_make(st, shape));
@@ -276,7 +289,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
         struct layered_light *source = &w->sources[waiting];
         if (layered_set_power(st, &st->light_points[i], p, source)) {
             layered_set_planes(st, &st->light_points[i], p, w, source);
-            for (int k = 0; k < LAYERED_NODES && source->any_nodes; k++)
+            for (int k = 0; k < st->work.nodes && source->any_nodes; k++)
                 layered_set_node(st, m, p, source, mesh, triangle, k, w);
             waiting++;
         }

@@ -23,8 +23,9 @@
 
 enum {
     LAYERED_LANES = 16,
-    LAYERED_NODES = 5, /* rays of a light's sample to a pixel's march */
-    LAYERED_GROUP = 8, /* lights' samples in one march */
+    LAYERED_RAYED = 5,  /* rays of a light's sample to a pixel's march */
+    LAYERED_NODES = 16, /* the same of refracted paths; at most so many */
+    LAYERED_GROUP = 8,  /* lights' samples in one march */
     LAYERED_LEVELS = 16,
 };
 #define LAYERED_FAR 1e30f        /* mm: no bottom, no exit */
@@ -119,9 +120,10 @@ struct layered_light {
 
 struct layered_work {
     int samples;
-    bool exponential;          /* else the plain sum: each sample in one layer */
-    bool refracts, absolute;   /* absolute: the paper's |n_M . w| for light from below, too */
-    bool rest;                 /* what is left of a path below its layers is the last layer's */
+    bool exponential;        /* else the plain sum: each sample in one layer */
+    bool refracts, absolute; /* absolute: the paper's |n_M . w| for light from below, too */
+    bool rest;               /* what is left of a path below its layers is the last layer's */
+    int nodes;
     float node[LAYERED_NODES]; /* t of each */
     float most_halves;         /* a march ends where all light is halved more often on its way; INFINITY: never */
 };

@@ -13,7 +13,7 @@
 
 enum layered_as { LAYERED_BEST, LAYERED_PAPER };
 enum layered_march { LAYERED_EXPONENTIAL, LAYERED_SUM };
-enum layered_refraction { LAYERED_PLANAR, LAYERED_NONE };
+enum layered_refraction { LAYERED_PLANAR, LAYERED_NONE, LAYERED_EXACT };
 enum layered_path { LAYERED_PLANES_RAYS, LAYERED_PLANES, LAYERED_RAYS };
 enum layered_planes { LAYERED_BY_AREA, LAYERED_BY_VERTEX, LAYERED_TANGENT };
 enum layered_under { LAYERED_AS_MATERIAL, LAYERED_STOP, LAYERED_LAST, LAYERED_COLOR };
@@ -50,6 +50,7 @@ struct layered_cloud {
     float *position, *normal; /* xyz */
     float *weight;            /* > 0 */
     float radius;             /* mm: of the neighbourhood, (8) */
+    const uint8_t *keep;      /* 1: of a vertex whose plane is there; NULL: of none */
 };
 
 /* plane[i] = the unit normal n_SP, and h: where the plane meets the vertex's normal, mm. Fewer than 6 neighbours, or neighbours that are no

@@ -161,7 +161,7 @@ INLINE vf bent(const struct layered_work *work, const struct layered_light *sour
         bend += (slope - before) * (1.0f / (at[k + 1] - at[k - 1]));
         sides += 1.0f;
     }
-    if (k + 2 < LAYERED_NODES) {
+    if (k + 2 < work->nodes) {
         const vf after = (load(source->km[k + 2] + lane) - b) * (1.0f / (at[k + 2] - at[k + 1]));
         bend += (after - slope) * (1.0f / (at[k + 2] - at[k]));
         sides += 1.0f;
@@ -179,7 +179,7 @@ INLINE void by_nodes(const struct layered_work *work, const struct layered_mediu
     float f;
     int k = 0;
 
-    while (k + 2 < LAYERED_NODES && s->t > work->node[k + 1])
+    while (k + 2 < work->nodes && s->t > work->node[k + 1])
         k++;
     f = (s->t - work->node[k]) / (work->node[k + 1] - work->node[k]);
     f = f > 0.0f ? f < 1.0f ? f : 1.0f : 0.0f;

@@ -16,7 +16,7 @@
 
 static const char *const as_names[] = { "best", "paper", NULL };
 static const char *const march_names[] = { "exponential", "sum", NULL };
-static const char *const refraction_names[] = { "planar", "none", NULL };
+static const char *const refraction_names[] = { "planar", "none", "exact", NULL };
 static const char *const path_names[] = { "planes+rays", "planes", "rays", NULL };
 static const char *const planes_names[] = { "area", "vertex", "tangent", NULL };
 static const char *const under_names[] = { "material", "stop", "last", "surface-color", NULL };
@@ -31,7 +31,8 @@ static const struct pell_knob knobs[] = {
     { "march", PELL_KNOB_ENUM, "1", AT(march), { LAYERED_EXPONENTIAL }, 0, 0, march_names,
       "integral of each step over the layers that it crosses, or as in the paper the value at its midpoint" },
     { "refraction", PELL_KNOB_ENUM, "1", AT(refraction), { LAYERED_PLANAR }, 0, 0, refraction_names,
-      "refract camera rays at the surface and light at the plane where it enters; none: rays go straight, nothing is reflected" },
+      "refract camera rays at the surface and light at the plane where it enters; none: rays go straight, nothing is reflected; exact: "
+      "light enters where its refracted path does, whatever light-path says, and curved boundaries focus it (slow)" },
     { "light-path", PELL_KNOB_ENUM, "1", AT(path), { LAYERED_PLANES_RAYS }, 0, 0, path_names,
       "entry points of light: by planes, and by rays for light from below the horizon; by planes alone, as in the paper; by rays alone" },
     { "planes", PELL_KNOB_ENUM, "1", AT(planes), { LAYERED_BY_AREA }, 0, 0, planes_names,
@@ -94,12 +95,14 @@ const struct pell_method pell_method_layered = {
     .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "
             "2006",
     .limits = "Without multiple=on dense media are too dark. Planes approximate the surface where light enters, which "
-              "is wrong where it curves within a few mean free paths. The boundary is smooth; colour and strength maps are ignored.",
+              "is wrong where it curves within a few mean free paths (refraction=exact is not). The boundary is smooth; colour and "
+              "strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct layered_knobs),
     .paper = paper,
     .paper_settings = pell_paper_light,
     .plan = plan,
+    .keeps_first = true,
     .cpu = &layered_cpu,
     .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |
                PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,

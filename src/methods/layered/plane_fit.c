@@ -72,6 +72,50 @@ static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct
         weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* of no triangle, or of large ones alone */
 }
 
+/* Vertices of all meshes of the solid and what they stand for. */
+static void fill_cloud(const struct layered_state *st, const struct pell_scene *scene, size_t first, bool parts,
+                       struct layered_cloud *cloud)
+{
+    size_t at = 0;
+
+    cloud->count = cloud->fitted;
+    for (size_t i = first; i < scene->num_meshes; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (!layered_same_solid(m, &scene->meshes[first]))
+            continue;
+        memcpy(cloud->position + 3 * at, m->position, 3 * (size_t) m->num_vertices * sizeof(float));
+        memcpy(cloud->normal + 3 * at, m->normal, 3 * (size_t) m->num_vertices * sizeof(float));
+        for (size_t k = 0; k < m->num_vertices; k++)
+            cloud->weight[at + k] = 1.0f;
+        if (st->knobs.planes == LAYERED_BY_AREA)
+            weigh(m, at, parts, cloud);
+        at += m->num_vertices;
+    }
+}
+
+/* Planes that were kept, and the rest by fits. */
+static enum pell_result find_planes(struct layered_state *st, const struct pell_scene *scene, size_t first, struct layered_cloud *cloud,
+                                    float (*plane)[4])
+{
+    uint8_t *keep = pell_calloc(st->ctx, cloud->fitted + 1, 1);
+    enum pell_result res = PELL_ERR_NOMEM;
+    size_t left;
+
+    if (!keep)
+        return res;
+    PELL_TRY(layered_keep_take(st, scene, first, cloud, plane, keep, &left));
+    cloud->keep = keep;
+    if (left > 0)
+        PELL_TRY(layered_planes_fit(cloud, plane));
+    PELL_TRY(layered_keep_give(st, scene, first, cloud, (const float(*)[4]) plane));
+    st->fitted += (int64_t) left;
+
+fail:
+    cloud->keep = NULL;
+    pell_free(st->ctx, keep);
+    return res;
+}
+
 /* All meshes of one solid, of which `first` is the first. */
 static enum pell_result fit_solid(struct layered_state *st, const struct pell_scene *scene, size_t first)
 {
@@ -99,29 +143,16 @@ static enum pell_result fit_solid(struct layered_state *st, const struct pell_sc
     plane = pell_alloc_array(st->ctx, cloud.fitted + 1, sizeof(*plane));
     if (!cloud.position || !cloud.normal || !cloud.weight || !plane)
         goto fail;
-    cloud.count = cloud.fitted;
-    for (size_t i = first; i < scene->num_meshes; i++) {
-        const struct pell_mesh *m = &scene->meshes[i];
-        if (!layered_same_solid(m, solid))
-            continue;
-        memcpy(cloud.position + 3 * at, m->position, 3 * (size_t) m->num_vertices * sizeof(float));
-        memcpy(cloud.normal + 3 * at, m->normal, 3 * (size_t) m->num_vertices * sizeof(float));
-        for (size_t k = 0; k < m->num_vertices; k++)
-            cloud.weight[at + k] = 1.0f;
-        if (st->knobs.planes == LAYERED_BY_AREA)
-            weigh(m, at, parts > 0, &cloud);
-        at += m->num_vertices;
-    }
+    fill_cloud(st, scene, first, parts > 0, &cloud);
     if (st->knobs.planes == LAYERED_TANGENT) {
         for (size_t i = 0; i < cloud.fitted; i++) {
             memcpy(plane[i], cloud.normal + 3 * i, 3 * sizeof(float));
             plane[i][3] = 0.0f;
         }
     } else {
-        PELL_TRY(layered_planes_fit(&cloud, plane));
+        PELL_TRY(find_planes(st, scene, first, &cloud, plane));
         res = PELL_ERR_NOMEM;
     }
-    at = 0;
     for (size_t i = first; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
         if (!layered_same_solid(m, solid))
@@ -132,7 +163,6 @@ static enum pell_result fit_solid(struct layered_state *st, const struct pell_sc
         memcpy(st->planes[i], plane + at, (size_t) m->num_vertices * sizeof(*plane));
         at += m->num_vertices;
     }
-    st->fitted += (int64_t) cloud.fitted;
     res = PELL_OK;
 
 fail:
@@ -142,6 +172,7 @@ fail:
     pell_free(st->ctx, cloud.position);
     return res;
 }
+
 enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene)
 {
     const double start = pell_seconds();
@@ -151,6 +182,7 @@ enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *
     if (!st->planes)
         goto fail;
     st->num_meshes = scene->num_meshes;
+    PELL_TRY(layered_keep_begin(st, scene));
     for (size_t i = 0; i < scene->num_meshes; i++)
         if (layered_scatters(scene, &scene->meshes[i]) && !st->planes[i])
             PELL_TRY(fit_solid(st, scene, i));

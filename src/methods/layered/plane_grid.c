@@ -340,7 +340,7 @@ static void fit_batch(void *arg, int index, int worker)
         const float *normal = c->normal + 3 * (size_t) vertex;
         struct moments m;
         double v[3];
-        if (vertex >= c->fitted)
+        if (vertex >= c->fitted || (c->keep && c->keep[vertex]))
             continue;
         position_of(f, vertex, v);
         for (int k = 0; k < 3; k++)

@@ -143,7 +143,7 @@ void layered_set_planes(const struct layered_state *st, const struct layered_lig
 struct node {
     struct rays rays;
     struct pell_vec3 at[16], way[16], k[16], n[16];
-    bool asked[16], there[16]; /* there: the ray left the solid */
+    bool asked[16], there[16], refracted[16]; /* there: the ray left the solid; refracted: what is known is exact */
 };
 
 static void trace_node(const struct layered_state *st, const struct layered_packet *p, const uint32_t *mesh, struct node *n,
@@ -214,7 +214,7 @@ static void cast_shadows(const struct layered_state *st, const struct layered_pa
     for (int i = 0; i < p->count; i++) {
         struct pell_vec3 from = n->k[i], to;
         float distance;
-        if (!n->asked[i] || !(source->beam[node][i] > 0.0f))
+        if (!n->asked[i] || n->refracted[i] || !(source->beam[node][i] > 0.0f))
             continue;
         if (!n->there[i])
             from = vec3_mad(n->at[i], source->km[node][i], n->way[i]);
@@ -240,6 +240,42 @@ static void depths_of(const struct layered_state *st, int material, const struct
         depth[j] = fminf(j + 1 == m->count && m->bottomless ? LAYERED_FAR : depth[j], LAYERED_FAR);
 }
 
+/* Where the refracted paths come in; a lane that none reaches keeps what its ray found, without light. */
+static void refract_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
+                         struct layered_light *source, const uint32_t *mesh, int node, struct node *n, struct layered_worker *w)
+{
+    const struct pell_scene *scene = st->services->scene;
+    const int material = scene->meshes[mesh[0]].material;
+    const float before = node > 0 ? st->work.node[node - 1] : 0.0f;
+    float clearest = INFINITY;
+
+    for (int j = 0; j < m->count; j++)
+        for (int c = 0; c < 3; c++)
+            clearest = fminf(clearest, m->layer[j].halves[c]);
+    for (int i = 0; i < p->count; i++) {
+        struct layered_entry e;
+        float depth[PELL_LAYERS_MOST];
+        if (before * p->length[i] * clearest > st->work.most_halves) /* the march has ended before */
+            continue;
+        n->refracted[i] = n->asked[i] && n->rays.r.hit.mesh[i] != PELL_NO_HIT; /* else a sheet without another side */
+        if (!n->refracted[i])
+            continue;
+        source->beam[node][i] = 0.0f;
+        if (!layered_refract(st, m, st->solids->of_mesh[mesh[i]], n->at[i], source->away, layered_lane3(source->to, i), &e, &w->rays))
+            continue;
+        source->km[node][i] = e.km;
+        source->cosine[node][i] = e.cosine;
+        source->beam[node][i] = e.beam;
+        source->way[node][0][i] = e.way.x;
+        source->way[node][1][i] = e.way.y;
+        source->way[node][2][i] = e.way.z;
+        if (m->packs > 0)
+            depths_of(st, material, &scene->meshes[e.mesh], e.triangle, e.u, e.v, depth);
+        for (int j = 0; j < m->count && m->packs > 0; j++)
+            source->depth[(node * m->count + j) * LAYERED_LANES + i] = depth[j];
+    }
+}
+
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                       struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w)
 {
@@ -250,6 +286,7 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
 
     for (int i = 0; i < p->count; i++) {
         float distance;
+        n.refracted[i] = false;
         n.asked[i] = source->planes[i] < 1.0f && source->power[0][i] + source->power[1][i] + source->power[2][i] > 0.0f;
         n.at[i] = vec3_mad(layered_lane3(p->p, i), t * p->length[i], layered_lane3(p->w, i));
         n.way[i] = toward(source, i, n.at[i], &distance);
@@ -294,6 +331,8 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
         for (int j = 0; j < m->count && m->packs > 0; j++)
             source->depth[(node * m->count + j) * LAYERED_LANES + i] = depth[j];
     }
+    if (st->connector)
+        refract_node(st, m, p, source, mesh, node, &n, w);
     if (st->knobs.shadows)
         cast_shadows(st, p, source, &n, node, w);
 }

@@ -11,6 +11,7 @@
 #include "lights/light_sampling.h"
 #include "math/vec.h"
 #include "render/services.h"
+#include "transport/solids.h"
 #include "visibility/light_grid.h"
 
 /* A place on a light, or how to choose one for a pixel. */
@@ -32,6 +33,8 @@ struct layered_worker {
 };
 
 struct layered_diffuse;
+struct pell_connector;
+struct layered_kept;
 
 struct layered_state {
     const struct pell_services *services; /* borrowed */
@@ -50,7 +53,10 @@ struct layered_state {
     struct layered_light_point *light_points;
     int num_light_points;
     struct layered_worker *workers;
-    struct layered_diffuse *diffuse; /* NULL: neither multiple scattering nor a film is asked for */
+    struct pell_solids *solids;       /* refraction=exact, else NULL */
+    struct pell_connector *connector; /* the same */
+    struct layered_kept *kept;        /* between create and destroy; else the renderer keeps it */
+    struct layered_diffuse *diffuse;  /* NULL: neither multiple scattering nor a film is asked for */
     int most_layers, most_packs;
     float size; /* mm: of the scene */
     struct pell_pass_time times[3];
@@ -114,6 +120,17 @@ static inline void layered_map_uv(const struct pell_texture_map *map, const stru
 
 PELL_NODISCARD enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene);
 
+/* --- plane_keep.c: planes from frame to frame ----------------------------------------------------------------------------------------- */
+
+/* Takes what was kept for a scene of as many meshes, or nothing; layered_keep_end leaves it for the next pass of the renderer. */
+PELL_NODISCARD enum pell_result layered_keep_begin(struct layered_state *st, const struct pell_scene *scene);
+void layered_keep_end(struct layered_state *st);
+/* Writes planes of the solid whose first mesh is `first` that need not be fitted, and `keep` of them; *left: how many others there are. */
+PELL_NODISCARD enum pell_result layered_keep_take(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                                  const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left);
+PELL_NODISCARD enum pell_result layered_keep_give(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                                  const struct layered_cloud *cloud, const float (*plane)[4]);
+
 /* --- light_points.c: places on the scene's lights
  * --------------------------------------------------------------------------------------- */
 
@@ -135,6 +152,24 @@ void layered_set_planes(const struct layered_state *st, const struct layered_lig
 /* A light's node, of the lanes that ask for some: how light comes to that place of the march. */
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                       struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
+
+/* --- refracted.c: refraction=exact ---------------------------------------------------------------------------------------------------- */
+
+/* Where light comes in on its way to a place of the march. */
+struct layered_entry {
+    uint32_t mesh, triangle;
+    float u, v, km, cosine; /* km: |KM|, mm; the cosine at K inside */
+    float beam;             /* irradiance across the beam at M without extinction, over the light's power */
+    struct pell_vec3 way;   /* unit, from M toward K */
+};
+
+PELL_NODISCARD enum pell_result layered_refracted_make(struct layered_state *st, const struct pell_scene *scene);
+void layered_refracted_destroy(struct layered_state *st);
+
+/* The shortest of the refracted paths from `place` (away: a direction) to x inside; the light of the others is added to its own, less what
+ * they lose on their longer way. False: no light reaches x. */
+bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool away,
+                     struct pell_vec3 place, struct layered_entry *out, int64_t *rays);
 
 /* --- diffuse.c: what leaves as diffuse light ------------------------------------------------------------------------------------------ */
 
