@@ -485,7 +485,7 @@ static void combined_samples_beat_either_kind_at_a_shadow(void **state)
     light_a_half(q);
     patch_run(&at, method(at.ctx), SLOW ? (const char *const[]) { "samples=1024", "tile=1", "renormalise=off", NULL } : many, q);
     for (size_t k = 0; k < 4; k++) {
-        const char *const settings[] = { "samples=16", "tile=8", "renormalise=off", "reconstruct=off", sampling[k], NULL };
+        const char *const settings[] = { "samples=16", "tile=8", "renormalise=off", "reconstruct=off", "adaptive=off", sampling[k], NULL };
         double square[5] = { 0 }, value[5] = { 0 };
         for (int shift = 0; shift < 8; shift++) { /* every pattern of the tile at every distance from the edge */
             for (int y = 0; y < 192; y++)
@@ -601,6 +601,87 @@ static void sheets_far_apart_do_not_mix(void **state)
         patch_destroy(p);
     }
     place_destroy(&at);
+}
+
+/* --- Counts of samples ------------------------------------------------------------------------------------------------------------- */
+
+/* A plane with an edge of light in its middle, and squared errors of 16 samples against its closed form. */
+static double edge_error(const struct bench_place *at, const char *adaptive, bool even)
+{
+    const struct pell_frame_material m = narrow();
+    const char *const settings[] = { "samples=16", "renormalise=off", "reconstruct=off", adaptive, NULL };
+    struct patch *p = patch_create(256, 64, true, 4.0, 600.0, &m, 1);
+    double square = 0.0;
+
+    if (!even)
+        light_a_half(p);
+    patch_run(at, method(at->ctx), settings, p);
+    for (int y = 24; y < 40; y++)
+        for (int x = 108; x < 148; x++)
+            for (int c = 0; c < 3; c++) {
+                const double v = (double) p->result[c][patch_at(p, x, y)];
+                const double e = v - (even ? pell_gaussians_total(&m.gaussians, c) : step_of(&m, c, (x + 0.5 - 128.0) / 4.0));
+                square += e * e;
+            }
+    patch_destroy(p);
+    return sqrt(square / (40 * 16 * 3));
+}
+
+/* More samples at the edge make its error less; even light is sampled as without. */
+static void samples_go_where_light_varies(void **state)
+{
+    struct bench_place at = place_create(2, NULL, NULL);
+    const double on = edge_error(&at, "adaptive=on", false), off = edge_error(&at, "adaptive=off", false);
+
+    (void) state;
+    print_message("# 16 samples near an edge: rms error %.4f, the same number for all pixels %.4f\n", on, off);
+    REQUIRE(on < 0.85 * off);
+    assert_true(edge_error(&at, "adaptive=on", true) == edge_error(&at, "adaptive=off", true));
+    place_destroy(&at);
+}
+
+/* No more samples than pixels times `samples`, and nearly that many; twice the light changes nothing. */
+static void counts_keep_to_their_mean(void **state)
+{
+    const struct is_knobs knobs = { .samples = 16, .adaptive = true };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_frame_material m = narrow();
+    struct patch *p = patch_create(150, 90, true, 4.0, 600.0, &m, 1);
+    struct is_set set = { .middle = 1.0f, .scale = { 1.0f, 1.0f, 1.0f } };
+    struct is_work w = { .in = &p->frame, .sets = &set, .focal_px = 4.0f };
+    uint8_t count[120], classes[120], before[120];
+    uint16_t step[120];
+    struct is_adapt a = { 10, 12, count, step, classes };
+
+    (void) state;
+    for (int k = 0; k < IS_CLASSES; k++)
+        w.counts[k].samples = is_class_samples(&knobs, k);
+    assert_int_equal(is_row_samples(&knobs), 8 + 16 + 32 + 64);
+    p->frame.rect = (struct pell_rect) { 3, 5, 150, 90 };
+    for (int round = 0; round < 2; round++) {
+        int64_t samples = 0, pixels = 0;
+        for (int y = 0; y < 90; y++)
+            for (int x = 0; x < 150; x++)
+                for (int c = 0; c < 3; c++)
+                    p->light[c][patch_at(p, x, y)] =
+                        (float) (1 + round) * (x > 90 ? 0.2f + standard_error((unsigned) x, (unsigned) y, 1) : 1.0f);
+        memset(classes, 0, sizeof(classes));
+        for (int ry = 0; ry < 12; ry++)
+            is_adapt_row(&w, &a, ry);
+        is_adapt_choose(&w, &a);
+        for (int i = 0; i < 120; i++) {
+            samples += (int64_t) count[i] * w.counts[classes[i]].samples;
+            pixels += count[i];
+        }
+        assert_int_equal(pixels, 147 * 85);
+        REQUIRE(samples <= 16 * pixels && samples > 12 * pixels);
+        REQUIRE(classes[5 * 10 + 8] > classes[5 * 10 + 2]);
+        if (round > 0)
+            assert_memory_equal(classes, before, sizeof(classes));
+        memcpy(before, classes, sizeof(classes));
+    }
+    patch_destroy(p);
+    pell_context_destroy(&ctx);
 }
 
 /* --- Knobs ---------------------------------------------------------------------------------------------------------------------------- */
@@ -838,6 +919,8 @@ int main(void)
         cmocka_unit_test(reconstruction_keeps_light_and_takes_noise),
         cmocka_unit_test(reconstruction_leaves_what_is_sharp),
         cmocka_unit_test(sheets_far_apart_do_not_mix),
+        cmocka_unit_test(samples_go_where_light_varies),
+        cmocka_unit_test(counts_keep_to_their_mean),
         cmocka_unit_test(strength_scales_the_radius),
         cmocka_unit_test(a_texture_says_how_far_light_goes),
         cmocka_unit_test(odd_colours_do_no_harm),

@@ -31,7 +31,7 @@ struct is_knobs {
     int views;       /* enum is_views */
     int view_size;   /* px */
     int renormalise; /* enum is_renormalise */
-    bool jacobian, reconstruct, strength;
+    bool adaptive, jacobian, reconstruct, strength;
     int spread;   /* enum is_spread */
     int profile;  /* enum is_profile */
     int through;  /* enum is_through: is_through_of */
@@ -52,6 +52,10 @@ static inline int is_through_of(const struct is_knobs *k)
 int is_importance_samples(const struct is_knobs *k);
 int is_uniform_samples(const struct is_knobs *k);
 int is_tile_side(const struct is_knobs *k);
+/* Whether pixels differ in how many samples they take, the samples of a class (0: it is not there) and of all classes. */
+bool is_adapts(const struct is_knobs *k);
+int is_class_samples(const struct is_knobs *k, int class);
+int is_row_samples(const struct is_knobs *k);
 
 /* R': the radius with 99 % of the energy of the widest channel; 0 for a material that returns no light. */
 double is_reach(const struct pell_frame_material *m);
@@ -65,6 +69,20 @@ double is_level_albedo(int level);
 /* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
 void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
                    double *turns);
+
+/* --- adapt.c: how many samples each region takes ---------------------------------------------------------------------------------- */
+
+struct is_adapt {
+    int width, height; /* regions of the picture */
+    uint8_t *count;    /* owned, as are the next: translucent pixels of each */
+    uint16_t *step;    /* of the variance of the light around */
+    uint8_t *classes;
+};
+
+/* Count and step of the regions of row ry. Thread-safe for different rows. */
+void is_adapt_row(const struct is_work *w, struct is_adapt *a, int ry);
+/* Their classes, when all rows are there. */
+void is_adapt_choose(const struct is_work *w, struct is_adapt *a);
 
 /* --- views.c: irradiance images from the lights ----------------------------------------------------------------------------------- */
 

@@ -29,6 +29,9 @@ static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 16 }, 1, 16384, NULL, "samples per pixel and view" },
+    { "adaptive", PELL_KNOB_BOOL, "1", AT(adaptive), { 1 }, 0, 1, NULL,
+      "half to four times the samples where light varies less or more within the scattering radius, in all no more; above 128 samples "
+      "all take the same" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { IS_COMBINED }, 0, 0, sampling_names,
       "radii by the profile, uniform on a disc, or half of each: from one common distribution, or as in the paper from two" },
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
@@ -65,6 +68,7 @@ static void paper(void *values)
     k->as = IS_PAPER;
     k->sampling = IS_SEPARATE;
     k->renormalise = IS_BY_COUNT;
+    k->adaptive = false;
     k->jacobian = false;
     k->reconstruct = false;
     k->strength = false;

@@ -125,6 +125,19 @@ void is_setup_finish(struct is_setup *st)
     pell_free(st->ctx, st->sets);
 }
 
+static void set_counts(struct is_work *w, const struct is_knobs *k)
+{
+    const int importance = is_importance_samples(k);
+
+    for (int class = 0; class < IS_CLASSES; class ++) {
+        struct is_knobs of = *k;
+        of.samples = is_class_samples(k, class);
+        w->counts[class] = (struct is_count) { of.samples, is_importance_samples(&of), (float) is_uniform_samples(&of), w->samples_row };
+        w->samples_row += of.samples;
+    }
+    w->first_kind = k->sampling == IS_SEPARATE && importance > 0 ? importance : k->samples;
+}
+
 enum pell_result is_setup_make(const struct pell_services *services, const struct pell_frame_shape *shape, const struct is_knobs *k,
                                struct is_setup *st)
 {
@@ -137,9 +150,7 @@ enum pell_result is_setup_make(const struct pell_services *services, const struc
     if ((size_t) shape->width * (size_t) shape->height > MOST_PIXELS)
         return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, "image-space", NULL, "%d x %d pixels, at most %zu in all", shape->width,
                           shape->height, MOST_PIXELS);
-    w->samples = k->samples;
-    w->importance = is_importance_samples(k);
-    w->first_kind = k->sampling == IS_SEPARATE && w->importance > 0 ? w->importance : k->samples;
+    set_counts(w, k);
     w->tile = is_tile_side(k);
     w->jacobian = k->jacobian || k->misprint == IS_MISPRINT_JACOBIAN;
     w->inverted = k->misprint == IS_MISPRINT_JACOBIAN;
