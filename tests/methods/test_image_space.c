@@ -556,6 +556,48 @@ static void reconstruction_keeps_light_and_takes_noise(void **state)
     place_destroy(&at);
 }
 
+/* Images of seeds 0, 1, .. are of other patterns: their mean is that of as many more samples. */
+static void the_mean_of_images_converges(void **state)
+{
+    static const char *const reconstruct[] = { "reconstruct=off", "reconstruct=on" };
+    const struct pell_frame_material m = narrow();
+    struct bench_place at = place_create(2, NULL, NULL);
+    struct patch *p = ball(&m), *q = ball(&m);
+
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        const char *const few[] = { "samples=16", reconstruct[k], NULL }, *const many[] = { "samples=4096", reconstruct[k], NULL };
+        struct pell_pass *pass = patch_pass(&at, method(at.ctx), few, p);
+        double error[4] = { 0 }, *sum = calloc(3 * 80 * 80, sizeof(*sum));
+        patch_run(&at, method(at.ctx), many, q);
+        for (uint32_t n = 0; n < 64; n++) {
+            const int which = n == 0 ? 0 : n == 3 ? 1 : n == 15 ? 2 : 3;
+            p->frame.seed = n;
+            assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
+            error[which] = 0.0;
+            for (int i = 0; i < 3 * 80 * 80; i++) {
+                const size_t j = patch_at(p, i / 3 % 80, i / 240);
+                sum[i] += p->material[j] ? (double) p->result[i % 3][j] : 0.0;
+                error[which] += p->material[j] ? pow(sum[i] / (n + 1) - (double) q->result[i % 3][j], 2.0) : 0.0;
+            }
+        }
+        print_message("# 16 samples, %s: rms error of the mean of 4, 16 and 64 images less by a factor of %.1f, %.1f, %.1f\n",
+                      reconstruct[k], sqrt(error[0] / error[1]), sqrt(error[0] / error[2]), sqrt(error[0] / error[3]));
+        /* Squares of the factors: independent samples would give 16. One reconstructed image has much of its neighbours' samples. */
+        REQUIRE(error[0] > (k ? 6.0 : 16.0) * error[2] && error[0] > (k ? 16.0 : 64.0) * error[3]);
+        p->frame.seed = 0; /* the first one again */
+        assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
+        patch_run(&at, method(at.ctx), few, q);
+        for (int c = 0; c < 3; c++)
+            assert_memory_equal(p->result[c], q->result[c], sizeof(float) * (size_t) p->frame.shape.stride * 80);
+        pell_pass_destroy(&pass);
+        free(sum);
+    }
+    patch_destroy(p);
+    patch_destroy(q);
+    place_destroy(&at);
+}
+
 /* Where light stays within a pixel there is no noise to take, and detail stays. */
 static void reconstruction_leaves_what_is_sharp(void **state)
 {
@@ -917,6 +959,7 @@ int main(void)
         cmocka_unit_test(what_renormalising_does_at_silhouettes),
         cmocka_unit_test(combined_samples_beat_either_kind_at_a_shadow),
         cmocka_unit_test(reconstruction_keeps_light_and_takes_noise),
+        cmocka_unit_test(the_mean_of_images_converges),
         cmocka_unit_test(reconstruction_leaves_what_is_sharp),
         cmocka_unit_test(sheets_far_apart_do_not_mix),
         cmocka_unit_test(samples_go_where_light_varies),

@@ -31,7 +31,7 @@ struct is_knobs {
     int views;       /* enum is_views */
     int view_size;   /* px */
     int renormalise; /* enum is_renormalise */
-    bool adaptive, jacobian, reconstruct, strength;
+    bool adaptive, progressive, jacobian, reconstruct, strength;
     int spread;   /* enum is_spread */
     int profile;  /* enum is_profile */
     int through;  /* enum is_through: is_through_of */
@@ -64,6 +64,8 @@ double is_reach(const struct pell_frame_material *m);
  * IS_LEVELS levels. */
 PELL_NODISCARD enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
                                             double most, struct is_set *set);
+/* Puts the patterns of picture `number` into the offsets of an owned set; 0: those that were made. */
+void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set);
 /* The albedo of a level. */
 double is_level_albedo(int level);
 /* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
@@ -109,6 +111,7 @@ struct is_setup {
     struct pell_thickness_table *thickness; /* of each material, or NULL */
     struct is_light_view light_views[IS_VIEWS_MOST];
     struct is_view views[IS_VIEWS_MOST];
+    uint64_t number;     /* of the picture whose patterns the sets have: is_set_turn */
     struct is_work work; /* planes and image are the engine's; all else is set here */
 };
 

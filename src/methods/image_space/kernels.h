@@ -29,6 +29,7 @@ enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT }; /* a
 struct is_set {
     float *offset;            /* owned or another's, of each profile and each class after the other: [(y mod n) * samples + k][3][16 lanes]:
                                * x, y in the tangent plane, mm, and 1/density */
+    float *made;              /* owned or another's: the offsets as they were made; NULL: as they are */
     float (*rows)[8];         /* likewise */
     float (*level)[IS_LEVEL]; /* likewise; of each level; NULL: there are none */
     bool owned;

@@ -32,6 +32,8 @@ static const struct pell_knob knobs[] = {
     { "adaptive", PELL_KNOB_BOOL, "1", AT(adaptive), { 1 }, 0, 1, NULL,
       "half to four times the samples where light varies less or more within the scattering radius, in all no more; above 128 samples "
       "all take the same" },
+    { "progressive", PELL_KNOB_BOOL, "1", AT(progressive), { 1 }, 0, 1, NULL,
+      "multisamples and images of other seeds have other patterns, so that their mean is that of as many more samples" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { IS_COMBINED }, 0, 0, sampling_names,
       "radii by the profile, uniform on a disc, or half of each: from one common distribution, or as in the paper from two" },
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
@@ -69,6 +71,7 @@ static void paper(void *values)
     k->sampling = IS_SEPARATE;
     k->renormalise = IS_BY_COUNT;
     k->adaptive = false;
+    k->progressive = false;
     k->jacobian = false;
     k->reconstruct = false;
     k->strength = false;

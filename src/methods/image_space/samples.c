@@ -185,6 +185,46 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
     *turns = turn - floor(turn);
 }
 
+/* The place in a tile of a rank. */
+static void place_of(int rank, int n, int *x, int *y)
+{
+    for (*y = 0; *y < n; ++*y)
+        for (*x = 0; *x < n; ++*x)
+            if (bayer(*x, *y, n) == rank)
+                return;
+}
+
+/* Pictures are numbered. From one to the next the tile moves, so that after n^2 of them each pixel has had every pattern: the mean is that
+ * of n^2 times as many samples in equal shares. Then all turn by an angle that no fraction is near. */
+void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set)
+{
+    const int n = is_tile_side(knobs);
+    const uint64_t patterns = (uint64_t) (n * n), round = number / patterns % (1 << 24);
+    const double turn = 2.0 * PELL_PI * fmod((double) round * PELL_GOLDEN_TURN, 1.0);
+    const float c = (float) cos(turn), s = (float) sin(turn);
+    const float *from = set->made;
+    float *to = set->offset;
+    int dx = 0, dy = 0;
+
+    place_of((int) (number % patterns), n, &dx, &dy);
+    for (int profile = 0; profile < (set->level ? 1 + IS_LEVELS : 1); profile++)
+        for (int class = 0; class < IS_CLASSES; class ++) {
+            const int samples = is_class_samples(knobs, class);
+            const size_t row = (size_t) samples * 3 * IS_BLOCK;
+            for (int y = 0; y < n; y++)
+                for (int k = 0; k < samples; k++)
+                    for (int l = 0; l < IS_BLOCK; l++) {
+                        const float *p = from + (size_t) ((y + dy) % n) * row + (size_t) k * 3 * IS_BLOCK + (l + dx) % IS_BLOCK;
+                        float *q = to + (size_t) y * row + (size_t) k * 3 * IS_BLOCK + l;
+                        q[0] = c * p[0] - s * p[IS_BLOCK];
+                        q[IS_BLOCK] = s * p[0] + c * p[IS_BLOCK];
+                        q[2 * IS_BLOCK] = p[2 * IS_BLOCK];
+                    }
+            from += (size_t) n * row;
+            to += (size_t) n * row;
+        }
+}
+
 /* --- Tables ----------------------------------------------------------------------------------------------------------------------- */
 
 /* A row's four values at a squared radius, in units of length^2. */
@@ -413,7 +453,9 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
         set->scale[c] = lit[c] ? (m->white ? 1.0f : (float) pell_profile_total(&m->profile[c])) : 0.0f;
     set->offset = pell_calloc(ctx, profiles * offsets, sizeof(float));
     set->rows = pell_calloc(ctx, profiles * IS_ROWS, sizeof(*set->rows));
-    if (!set->offset || !set->rows)
+    if (knobs->progressive)
+        set->made = pell_calloc(ctx, profiles * offsets, sizeof(float));
+    if (!set->offset || !set->rows || (knobs->progressive && !set->made))
         goto fail;
     fill(m, knobs, set, length, reach, set->offset, set->rows);
     res = PELL_OK;
@@ -422,6 +464,8 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
         set->level = pell_calloc(ctx, IS_LEVELS, sizeof(*set->level));
         res = set->level ? make_levels(ctx, m, knobs, &levels, scratch, set) : PELL_ERR_NOMEM;
     }
+    if (set->made)
+        memcpy(set->made, set->offset, profiles * offsets * sizeof(float));
 
 fail:
     pell_free(ctx, scratch);

@@ -115,6 +115,7 @@ void is_setup_finish(struct is_setup *st)
     for (size_t i = 0; st->sets && i < st->num_sets; i++)
         if (st->sets[i].owned) {
             pell_free(st->ctx, st->sets[i].offset);
+            pell_free(st->ctx, st->sets[i].made);
             pell_free(st->ctx, st->sets[i].rows);
             pell_free(st->ctx, st->sets[i].level);
         }
@@ -242,8 +243,15 @@ enum pell_result is_setup_frame(struct is_setup *st, const struct pell_frame *in
 {
     struct is_work *w = &st->work;
     const bool observed = pell_services_observed(st->services, in);
+    const uint64_t number = (uint64_t) in->seed * (uint64_t) (in->num_samples > 1 ? in->num_samples : 1) + (uint64_t) in->sample;
     enum pell_result res = PELL_OK;
 
+    if (st->knobs.progressive && number != st->number) {
+        for (size_t i = 0; i < st->num_sets; i++)
+            if (st->sets[i].owned)
+                is_set_turn(&st->knobs, number, &st->sets[i]);
+        st->number = number;
+    }
     w->mid_x = 0.5f * (float) in->shape.width;
     w->mid_y = 0.5f * (float) in->shape.height;
     if (st->solids)

@@ -90,9 +90,10 @@ struct is_gpu {
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
     struct is_push push;
-    int picture_height;  /* px */
-    int32_t *row_solids; /* a row of the picture for each row of the grid */
-    bool sent;           /* what does not depend on the frame is on the device */
+    int picture_height;   /* px */
+    int32_t *row_solids;  /* a row of the picture for each row of the grid */
+    bool sent;            /* what does not depend on the frame is on the device */
+    uint64_t sent_number; /* of the picture whose patterns are there */
 };
 
 /* --- Life ---------------------------------------------------------------------------------------------------------------------- */
@@ -206,20 +207,38 @@ struct places {
     uint32_t offsets, rows, levels;
 };
 
-static void fill_profiles(const struct is_gpu *st, const struct is_set *set, const struct places *at)
+static void fill_offsets(const struct is_gpu *st, const struct is_set *set, uint32_t at)
 {
-    const size_t n = (size_t) st->setup.work.tile, samples = (size_t) st->setup.work.samples_row, profiles = profiles_of(set);
-    float *offset = (float *) pell_gpu_buffer_host(st->buffers[OFFSETS_UP]) + 4 * (size_t) at->offsets;
-    float *rows = (float *) pell_gpu_buffer_host(st->buffers[ROWS_UP]) + 4 * (size_t) at->rows;
+    const size_t n = (size_t) st->setup.work.tile, samples = (size_t) st->setup.work.samples_row;
+    float *offset = (float *) pell_gpu_buffer_host(st->buffers[OFFSETS_UP]) + 4 * (size_t) at;
 
-    memcpy(rows, set->rows, profiles * IS_ROWS * sizeof(*set->rows));
-    for (size_t row = 0; row < profiles * n * samples; row++) /* of the tile, and one sample */
+    for (size_t row = 0; row < profiles_of(set) * n * samples; row++) /* of the tile, and one sample */
         for (size_t x = 0; x < n; x++) {
             for (size_t c = 0; c < 3; c++)
                 offset[c] = set->offset[(row * 3 + c) * IS_BLOCK + x];
             offset[3] = 0.0f;
             offset += 4;
         }
+}
+
+/* Of all sets, in the order of fill_tables. */
+static void fill_all_offsets(const struct is_gpu *st)
+{
+    const struct is_setup *s = &st->setup;
+    uint32_t at = 0;
+
+    for (size_t i = 0; i < s->num_sets; i++)
+        if (s->sets[i].owned) {
+            fill_offsets(st, &s->sets[i], at);
+            at += (uint32_t) (profiles_of(&s->sets[i]) * samples_of(st));
+        }
+}
+
+static void fill_rows(const struct is_gpu *st, const struct is_set *set, uint32_t at)
+{
+    float *rows = (float *) pell_gpu_buffer_host(st->buffers[ROWS_UP]) + 4 * (size_t) at;
+
+    memcpy(rows, set->rows, profiles_of(set) * IS_ROWS * sizeof(*set->rows));
 }
 
 static void fill_levels(const struct is_gpu *st, const struct is_set *set, const struct places *at)
@@ -262,7 +281,7 @@ static enum pell_result fill_tables(const struct is_gpu *st)
         const struct is_set *set = &s->sets[i];
         if (set->owned) {
             at[i] = next;
-            fill_profiles(st, set, &next);
+            fill_rows(st, set, next.rows);
             if (set->level)
                 fill_levels(st, set, &next);
             next.offsets += (uint32_t) (profiles_of(set) * samples_of(st));
@@ -275,6 +294,7 @@ static enum pell_result fill_tables(const struct is_gpu *st)
         }
         fill_set(set, &at[i], sets + i * SET_WORDS);
     }
+    fill_all_offsets(st);
     pell_free(st->ctx, at);
     return PELL_OK;
 }
@@ -465,12 +485,15 @@ static enum pell_result run_list(struct is_gpu *st)
     pell_gpu_mark(c, "upload");
     if (!st->sent)
         send(st, c, SETS_UP, VIEWS_UP, 0);
+    else if (st->sent_number != st->setup.number)
+        send(st, c, OFFSETS_UP, ROWS_UP, 0);
     send(st, c, VIEWS_UP, st->push.colours ? SOLIDS_UP : BASE_UP, pixels);
     send(st, c, SOLIDS_UP, TEXELS, pixels);
     pell_gpu_planes_upload(&st->planes, c);
     record_passes(st, c);
     PELL_TRY(pell_gpu_finish(c));
     st->sent = true;
+    st->sent_number = st->setup.number;
     return PELL_OK;
 
 fail:
@@ -484,6 +507,8 @@ static enum pell_result gpu_render(void *state, const struct pell_frame *in, con
     enum pell_result res;
 
     PELL_TRY(is_setup_frame(&st->setup, in));
+    if (st->setup.number != st->sent_number)
+        fill_all_offsets(st);
     st->push.colours = st->sizes[BASE] > 0 && in->base[0] && in->base[1] && in->base[2];
     st->push.mid_x = st->setup.work.mid_x;
     st->push.mid_y = st->setup.work.mid_y;
