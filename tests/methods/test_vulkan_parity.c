@@ -92,6 +92,7 @@ static const struct {
     { "image-space", "best", { NULL } },
     { "image-space", "paper", { "as=paper", NULL } },
     { "image-space", "views of lights", { "views=eye+lights", "view-size=64", "samples=8", NULL } },
+    { "image-space", "views around", { "views=eye+around", "view-size=48", "samples=4", NULL } },
     { "image-space", "misprints, one pattern", { "sampling=uniform", "misprint=jacobian", "tile=1", "strength=false", NULL } },
     { "image-space", "two kinds, off", { "sampling=separate", "tile=8", "renormalise=off", NULL } },
 };

@@ -16,7 +16,7 @@ struct pell_services;
 enum is_as { IS_BEST, IS_PAPER };
 enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
 enum is_tile { IS_TILE_1, IS_TILE_2, IS_TILE_4, IS_TILE_8 };
-enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS };
+enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS, IS_VIEWS_AROUND };
 enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
 enum is_spread { IS_SPREAD_MATERIAL, IS_SPREAD_ALBEDO };
 enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
@@ -38,10 +38,10 @@ struct is_knobs {
     int misprint; /* enum is_misprint */
 };
 
-/* Views of lights see where light enters, so that nothing is missing then. */
+/* Views of lights, or from around, see where light enters, so that nothing is missing then. */
 static inline int is_through_of(const struct is_knobs *k)
 {
-    return k->through != IS_THROUGH_AUTO ? k->through : k->views == IS_VIEWS_LIGHTS ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
+    return k->through != IS_THROUGH_AUTO ? k->through : k->views != IS_VIEWS_CAMERA ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
 }
 
 /* --- samples.c: the sample set of a material ------------------------------------------------------------------------------------ */
@@ -86,7 +86,7 @@ void is_adapt_row(const struct is_work *w, struct is_adapt *a, int ry);
 /* Their classes, when all rows are there. */
 void is_adapt_choose(const struct is_work *w, struct is_adapt *a);
 
-/* --- views.c: irradiance images from the lights ----------------------------------------------------------------------------------- */
+/* --- views.c: irradiance images from the lights, or from around -------------------------------------------------------------------- */
 
 #define IS_VIEWS_MOST 8 /* lights with a view; more are reported */
 
@@ -95,9 +95,10 @@ struct is_light_view {
     float *texels; /* owned; size x size of IS_TEXEL floats */
 };
 
-/* One view per light that is not an environment, of all translucent surfaces, keys = solid + 1. The renderer lends its scene. */
-PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, int size,
-                                                    struct is_light_view *views, int *count);
+/* One view per light that is not an environment, or along each axis both ways (IS_VIEWS_AROUND), of all translucent surfaces, keys =
+ * solid + 1. The renderer lends its scene. */
+PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids,
+                                                    const struct is_knobs *k, struct is_light_view *views, int *count);
 
 /* --- setup.c: what every engine has ------------------------------------------------------------------------------------------------ */
 

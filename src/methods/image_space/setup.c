@@ -158,15 +158,15 @@ enum pell_result is_setup_make(const struct pell_services *services, const struc
     w->reconstruct = k->reconstruct && w->tile > 1;
     w->renormalise = k->renormalise;
     if (w->renormalise == IS_AS_VIEWS_ASK)
-        w->renormalise = k->views == IS_VIEWS_LIGHTS ? IS_NEVER : IS_BY_WEIGHT;
+        w->renormalise = k->views != IS_VIEWS_CAMERA ? IS_NEVER : IS_BY_WEIGHT;
     w->factor = k->misprint == IS_MISPRINT_TWO_PI ? (float) (0.5 / PELL_PI) : 1.0f;
     w->focal_px = shape->focal_px;
     PELL_TRY(make_sets(st, shape));
     w->sets = st->sets;
     PELL_TRY(make_thickness(st, shape));
-    if (k->views == IS_VIEWS_LIGHTS) {
+    if (k->views != IS_VIEWS_CAMERA) {
         PELL_TRY(pell_services_solids(services, &st->solids));
-        PELL_TRY(is_light_views_make(services, st->solids, k->view_size, st->light_views, &w->num_views));
+        PELL_TRY(is_light_views_make(services, st->solids, k, st->light_views, &w->num_views));
         w->views = st->views;
     }
     return PELL_OK;
