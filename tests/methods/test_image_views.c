@@ -144,11 +144,17 @@ static void what_several_views_see_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* With views of lights the method knows solids: no light goes from one object to another, though they touch. */
+/* No light goes from one object to another, though they touch: with more views the method knows solids, with the camera's alone the renderer
+ * gives objects of one material numbers of their own. */
 static void light_stays_in_its_object(void **state)
 {
+    static const char *const around[] = { "views=eye+around", "view-size=128", NULL };
+
     (void) state;
     require_light_stays_in_its_object("image-space", lights, false, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", around, false, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", camera, false, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", NULL, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
 /* The same bits for any number of threads, and after other scenes: geometry, topology, materials, lights and camera may all change from
