@@ -144,8 +144,8 @@ static void what_several_views_see_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* No light goes from one object to another, though they touch: with more views the method knows solids, with the camera's alone the renderer
- * gives objects of one material numbers of their own. */
+/* No light goes from one object to another, though they touch: with more views the method knows solids, with the camera's alone the
+ * renderer gives objects of one material numbers of their own. */
 static void light_stays_in_its_object(void **state)
 {
     static const char *const around[] = { "views=eye+around", "view-size=128", NULL };
