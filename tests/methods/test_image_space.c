@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_image_space.c - the image-space method on planes: its estimates against closed forms and against sums over every visible piece of the
- * surface. */
+ * test_image_space.c - the image-space method on planes: its estimates against closed forms and against sums over every visible piece of
+ * the surface. */
 #include "image_patches.h"
 #include "slow.h"
 
