@@ -117,7 +117,6 @@ static const struct promise_exception exceptions[] = {
     { "layered", "parts_of_an_object_share_light", "light that scatters once leaves where the eye's ray found it" },
     { "single-scatter", "parts_of_an_object_share_light", "light that scatters once leaves where the eye's ray found it" },
     { "screen-space", "another_seed_gives_another_pattern", "draws no random numbers" },
-    { "image-space", "another_seed_gives_another_pattern", "the tile's samples are the same for every seed" },
     { "texture-space", "another_seed_gives_another_pattern", "a point light is no random choice, and no environment is there" },
     { "convolution", "another_seed_gives_another_pattern", "draws no random numbers" },
     { "layered", "another_seed_gives_another_pattern", "a point light is no random choice" },

@@ -1,198 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * test_image_space.c - the image-space method on planes: its samples against the profiles, its estimates against closed forms and against
- * sums over every visible piece of the surface. */
-#include "patch.h"
+ * test_image_space.c - the image-space method on planes: its estimates against closed forms and against sums over every visible piece of
+ * the surface. */
+#include "image_patches.h"
 #include "slow.h"
 
 #include "math/vec.h"
-#include "methods/image_space/image_space.h"
 
 #include <pellucid/inversion.h>
 
-static const struct pell_method *method(struct pell_context *ctx)
-{
-    return pell_method_find(ctx, "test", "image-space");
-}
-
-static struct pell_frame_material narrow(void)
-{
-    static const double variance[3] = { 0.5, 2.0, 6.0 }, weight[3][3] = { { 0.3, 0.2, 0.6 }, { 0.3, 0.3, 0.1 }, { 0.3, 0.4, 0.1 } };
-    return patch_gaussians(3, variance, weight);
-}
-
-static struct pell_frame_material medium(const char *name)
-{
-    return (struct pell_frame_material) { .name = name, .preset = name, .medium = pell_material_find(name)->medium };
-}
-
-static float standard_error(unsigned x, unsigned y, unsigned c)
-{
-    unsigned h = x * 374761393u + y * 668265263u + c * 2246822519u + 12345u;
-
-    h = (h ^ (h >> 13)) * 1274126177u;
-    return (float) ((h ^ (h >> 16)) & 0xffffff) / 16777216.0f;
-}
-
-/* --- Samples --------------------------------------------------------------------------------------------------------------------- */
-
-static int by_size(const void *a, const void *b)
-{
-    const double x = *(const double *) a, y = *(const double *) b;
-    return (x > y) - (x < y);
-}
-
-/* All samples of a tile together are as the profile is spread, and so is each pixel's own share of them. */
-static void radii_are_distributed_as_the_profile(void **state)
-{
-    static const char *const names[] = { "marble", "wholemilk", "skin1", "ketchup" };
-    static const enum pell_profile_model models[] = { PELL_PROFILE_DIPOLE, PELL_PROFILE_NORMALIZED_DIFFUSION, PELL_PROFILE_BETTER_DIPOLE };
-    struct pell_profile *profile = calloc(3, sizeof(*profile));
-    double worst_all = 0.0, worst_pixel = 0.0, mean = 0.0;
-
-    (void) state;
-    for (size_t i = 0; i < PELL_COUNT(names); i++)
-        for (size_t k = 0; k < PELL_COUNT(models); k++) {
-            struct pell_frame_material m = medium(names[i]);
-            struct is_knobs knobs = { .samples = 32, .sampling = IS_SEPARATE, .tile = IS_TILE_4 };
-            double r[256], turns[256];
-            m.profile = profile;
-            for (int c = 0; c < 3; c++)
-                assert_int_equal(pell_profile_make(models[k], &m.medium, c, NULL, &profile[c]), PELL_OK);
-            for (int uniform = 0; uniform < 2; uniform++) {
-                const double reach = is_reach(&m);
-                double c = 0.0, s = 0.0;
-                for (int x = 0; x < 16; x++) {
-                    for (int j = 0; j < 16; j++) {
-                        is_set_sample(&m, &knobs, reach, x % 4, x / 4, j + 16 * uniform, &r[16 * x + j], &turns[16 * x + j]);
-                        c += cos(2.0 * PELL_PI * turns[16 * x + j]);
-                        s += sin(2.0 * PELL_PI * turns[16 * x + j]);
-                    }
-                    qsort(&r[16 * x], 16, sizeof(double), by_size);
-                }
-                mean = fmax(mean, hypot(c, s) / 256.0);
-                for (int all = 0; all < 2; all++) {
-                    const int n = all ? 256 : 16;
-                    if (all)
-                        qsort(r, 256, sizeof(double), by_size);
-                    for (int j = 0; j < 256; j++) {
-                        double inside = 0.0;
-                        for (int ch = 0; ch < 3; ch++)
-                            inside += pell_profile_cdf(&profile[ch], r[j]) / 3.0;
-                        if (uniform)
-                            inside = r[j] * r[j] / (reach * reach);
-                        double *const worst = all ? &worst_all : &worst_pixel;
-                        *worst = fmax(*worst, fabs(inside - ((double) (j % n) + 0.5) / n));
-                    }
-                }
-            }
-        }
-    print_message("# distance to the distribution: %.5f of 256 samples of a tile, %.4f of 16 of a pixel; mean direction %.4f\n", worst_all,
-                  worst_pixel, mean);
-    REQUIRE(worst_all < 1e-4);
-    REQUIRE(worst_pixel <= 0.5 / 16.0);
-    REQUIRE(mean < 0.02);
-    free(profile);
-}
-
-/* What one number used twice does to the dipole's distribution: docs/errata.md, mertens-2, has 0.203 for marble's green. */
-static void one_number_for_two_choices_bends_the_distribution(void **state)
-{
-    struct pell_profile *profile = calloc(3, sizeof(*profile));
-    struct pell_frame_material m = medium("marble");
-    double distance[2];
-
-    (void) state;
-    for (int c = 0; c < 3; c++) {
-        m.medium.sigma_a[c] = m.medium.sigma_a[1];
-        m.medium.sigma_s_reduced[c] = m.medium.sigma_s_reduced[1];
-    }
-    m.medium.eta = 1.3;
-    for (int c = 0; c < 3; c++)
-        assert_int_equal(pell_profile_make(PELL_PROFILE_DIPOLE, &m.medium, c, NULL, &profile[c]), PELL_OK);
-    m.profile = profile;
-    for (int printed = 0; printed < 2; printed++) {
-        const struct is_knobs knobs = { .samples = 4096, .sampling = IS_IMPORTANCE, .misprint = printed ? IS_MISPRINT_ONE_NUMBER : 0 };
-        double *r = calloc(4096, sizeof(*r)), turns;
-        distance[printed] = 0.0;
-        for (int k = 0; k < 4096; k++)
-            is_set_sample(&m, &knobs, 1.0, 0, 0, k, &r[k], &turns);
-        qsort(r, 4096, sizeof(*r), by_size);
-        for (int k = 0; k < 4096; k++)
-            distance[printed] = fmax(distance[printed], fabs(pell_profile_cdf(&profile[0], r[k]) - (k + 0.5) / 4096));
-        free(r);
-    }
-    print_message("# marble G: Kolmogorov distance %.5f, with one number %.4f\n", distance[0], distance[1]);
-    REQUIRE(distance[0] < 2e-4);
-    REQUIRE_NEAR(distance[1], 0.203, 0.002);
-    free(profile);
-}
-
-/* The range of the radial tables and what interpolation in them costs, over the radii with all but 1e-6 of the light. */
-static void tables_are_the_profile(void **state)
-{
-    static const char *const names[] = { "marble", "wholemilk", "skin1", "ketchup" };
-    static const enum pell_profile_model models[] = { PELL_PROFILE_DIPOLE, PELL_PROFILE_NORMALIZED_DIFFUSION };
-    struct pell_profile *profile = calloc(3, sizeof(*profile));
-    struct pell_context *ctx = test_context(NULL, NULL);
-
-    (void) state;
-    for (size_t k = 0; k < PELL_COUNT(models); k++) {
-        double worst = 0.0, lost = 0.0;
-        for (size_t i = 0; i < PELL_COUNT(names); i++) {
-            const struct is_knobs knobs = { .samples = 1 };
-            struct pell_frame_material m = medium(names[i]);
-            struct is_set set;
-            double last;
-            m.profile = profile;
-            for (int c = 0; c < 3; c++)
-                assert_int_equal(pell_profile_make(models[k], &m.medium, c, NULL, &profile[c]), PELL_OK);
-            assert_int_equal(is_set_make(ctx, &m, &knobs, is_reach(&m), &set), PELL_OK);
-            last = sqrt(exp2(IS_OCTAVES) / (double) set.per_length2);
-            for (int c = 0; c < 3; c++) {
-                const double far = pell_profile_sample(&profile[c], 1.0 - 1e-6);
-                lost = fmax(lost, 1.0 - pell_profile_cdf(&profile[c], last));
-                for (int row = 0; row < IS_ROWS; row++)
-                    for (int f = 1; f < 4; f++) {
-                        const double square =
-                            exp2(row / IS_ROWS_OCTAVE - IS_OCTAVES) * (1.0 + (row % IS_ROWS_OCTAVE + 0.25 * f) / IS_ROWS_OCTAVE);
-                        const double r = sqrt(square / (double) set.per_length2),
-                                     seen = (double) set.rows[row][c] + 0.25 * f * (double) set.rows[row][4 + c];
-                        const double exact = pell_profile_pdf(&profile[c], r) / (double) set.per_length2;
-                        if (r < far)
-                            worst = fmax(worst, fabs(seen / exact - 1.0));
-                    }
-            }
-            pell_free(ctx, set.offset);
-            pell_free(ctx, set.rows);
-            pell_free(ctx, set.level);
-        }
-        print_message("# %s: tables within %.5f of R where all but 1e-6 of the light is, and lose %.1e of it beyond\n",
-                      pell_profile_model_at(models[k])->name, worst, lost);
-        REQUIRE(worst < 0.008);
-        REQUIRE(lost < 1e-6);
-    }
-    pell_context_destroy(&ctx);
-    free(profile);
-}
-
 /* --- Closed forms: a plane, lit beyond an edge -------------------------------------------------------------------------------------- */
-
-static void light_a_half(struct patch *p)
-{
-    for (int y = 0; y < p->frame.shape.height; y++)
-        for (int x = 0; x < p->frame.shape.width; x++)
-            for (int c = 0; c < 3; c++)
-                p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.shape.width;
-}
-
-static double step_of(const struct pell_frame_material *m, int c, double x_mm)
-{
-    double sum = 0.0;
-
-    for (int i = 0; i < m->gaussians.count; i++)
-        sum += m->gaussians.weight[i][c] * 0.5 * (1.0 + erf(x_mm / sqrt(2.0 * m->gaussians.variance[i])));
-    return sum;
-}
 
 /* What a pixel in column x is off by, as a part of the total; the plane leans by `slope` to the side. */
 static double step_error(const struct patch *p, const struct pell_frame_material *m, int c, int x, int y, double depth, double slope)
@@ -276,35 +92,6 @@ static void the_mean_of_few_samples_is_the_closed_form(void **state)
 }
 
 /* --- Sums over what is visible ------------------------------------------------------------------------------------------------------- */
-
-#define BALL_MM 12.0
-#define BALL_AT 600.0
-#define BALL_PX 3.0 /* a mm, at its centre */
-
-/* Depth of the ball where a pixel (or a place in one) sees it; 0: not. */
-static double ball_depth(const struct patch *p, double x, double y)
-{
-    const double tx = patch_tan_x(p, x), ty = patch_tan_y(p, y), a = 1.0 + tx * tx + ty * ty;
-    const double under = BALL_AT * BALL_AT - a * (BALL_AT * BALL_AT - BALL_MM * BALL_MM);
-    return under > 0.0 ? (BALL_AT - sqrt(under)) / a : 0.0;
-}
-
-static struct patch *ball(const struct pell_frame_material *m)
-{
-    struct patch *p = patch_create(80, 80, false, BALL_PX * BALL_AT, BALL_AT, m, 1);
-
-    for (int y = 0; y < 80; y++)
-        for (int x = 0; x < 80; x++) {
-            const size_t i = patch_at(p, x, y);
-            const double z = ball_depth(p, x, y);
-            p->material[i] = z > 0.0;
-            p->depth[i] = z > 0.0 ? (float) z : NAN;
-            for (int c = 0; c < 3; c++) /* a light on the left, the shadow of a post, a texture */
-                p->light[c][i] =
-                    (float) (fmax(0.0, 0.9 - 0.02 * x) * (x > 30 && x < 38 ? 0.1 : 1.0) * (0.8 + 0.2 * sin(0.7 * x + c) * cos(0.9 * y)));
-        }
-    return p;
-}
 
 /* A point of the ball and the area that a pixel's part covers there. */
 static double ball_patch(const struct patch *p, double x, double y, double part, double at[3])
@@ -485,7 +272,7 @@ static void combined_samples_beat_either_kind_at_a_shadow(void **state)
     light_a_half(q);
     patch_run(&at, method(at.ctx), SLOW ? (const char *const[]) { "samples=1024", "tile=1", "renormalise=off", NULL } : many, q);
     for (size_t k = 0; k < 4; k++) {
-        const char *const settings[] = { "samples=16", "tile=8", "renormalise=off", "reconstruct=off", sampling[k], NULL };
+        const char *const settings[] = { "samples=16", "tile=8", "renormalise=off", "reconstruct=off", "adaptive=off", sampling[k], NULL };
         double square[5] = { 0 }, value[5] = { 0 };
         for (int shift = 0; shift < 8; shift++) { /* every pattern of the tile at every distance from the edge */
             for (int y = 0; y < 192; y++)
@@ -827,9 +614,6 @@ static void every_misprint_shows(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(radii_are_distributed_as_the_profile),
-        cmocka_unit_test(one_number_for_two_choices_bends_the_distribution),
-        cmocka_unit_test(tables_are_the_profile),
         cmocka_unit_test(half_lit_planes_are_the_analytic_convolution),
         cmocka_unit_test(the_mean_of_few_samples_is_the_closed_form),
         cmocka_unit_test(many_samples_converge_to_the_visible_surface),

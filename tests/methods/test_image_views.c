@@ -78,6 +78,40 @@ static void views_of_lights_close_the_gap_to_the_whole_surface(void **state)
     }
 }
 
+/* Under an even sky there is no light with a view: views along the axes see what the sky lights. */
+static void views_around_see_what_the_sky_lights(void **state)
+{
+    static const char *const names[] = { "sheet under a sky", "two balls under a sky", "ball lit from behind" };
+    static const char *const around[] = { "samples=64", "views=eye+around", "view-size=128", NULL }, *const fine[] = { "density=16", NULL };
+
+    (void) state;
+    for (int k = 0; k < 3; k++) {
+        struct stage s;
+        struct shot whole, one, all;
+        double truth, rms[2], seen[2];
+        object(&s, k == 0 ? 2 : k == 1 ? 1 : 3, 32);
+        if (k < 2) {
+            s.scene->lights[0].type = PELL_LIGHT_ENVIRONMENT;
+            for (int c = 0; c < 3; c++)
+                s.scene->lights[0].power[c] = 0.3f;
+        }
+        whole = stage_shot_of(&s, "hierarchical", fine);
+        one = stage_shot_of(&s, "image-space", camera);
+        all = stage_shot_of(&s, "image-space", around);
+        truth = mean_of(&whole, NULL, NULL);
+        seen[0] = mean_of(&one, &whole, &rms[0]);
+        seen[1] = mean_of(&all, &whole, &rms[1]);
+        print_message("# %s: the eye finds %.4f of hierarchical's light (rms difference %.4f), views around %.4f (%.4f)\n", names[k],
+                      seen[0] / truth, rms[0] / truth, seen[1] / truth, rms[1] / truth);
+        REQUIRE(fabs(seen[1] / truth - 1.0) < 0.04 && fabs(seen[0] / truth - 1.0) > 0.15);
+        REQUIRE(rms[1] < 0.25 * rms[0]);
+        shot_free(&whole);
+        shot_free(&one);
+        shot_free(&all);
+        stage_finish(&s);
+    }
+}
+
 /* Light that a second view also sees must not count twice: the whole of a front in even light, with two more views of it. */
 static void what_several_views_see_counts_once(void **state)
 {
@@ -110,11 +144,17 @@ static void what_several_views_see_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* With views of lights the method knows solids: no light goes from one object to another, though they touch. */
+/* No light goes from one object to another, though they touch: with more views the method knows solids, with the camera's alone the
+ * renderer gives objects of one material numbers of their own. */
 static void light_stays_in_its_object(void **state)
 {
+    static const char *const around[] = { "views=eye+around", "view-size=128", NULL };
+
     (void) state;
     require_light_stays_in_its_object("image-space", lights, false, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", around, false, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", camera, false, 0.0f, 16.0f, 16, 6, 8);
+    require_light_stays_in_its_object("image-space", NULL, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
 /* The same bits for any number of threads, and after other scenes: geometry, topology, materials, lights and camera may all change from
@@ -213,6 +253,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(views_of_lights_close_the_gap_to_the_whole_surface),
+        cmocka_unit_test(views_around_see_what_the_sky_lights),
         cmocka_unit_test(what_several_views_see_counts_once),
         cmocka_unit_test(light_stays_in_its_object),
         cmocka_unit_test(everything_may_change_from_frame_to_frame),

@@ -20,7 +20,9 @@ static const struct row {
     { "texture-space",
       "kernel=seven border=0 first=unblurred tsm=map thickness=printed through=gaussian fade=linear soften=off lights=sum gaussians=6",
       LIGHT " exit=published bloom=0.05", 0.5f },
-    { "image-space", "sampling=separate views=eye renormalise=count jacobian=off reconstruct=off profile=dipole misprint=none",
+    { "image-space",
+      "adaptive=off progressive=off sampling=separate views=eye renormalise=count jacobian=off reconstruct=off profile=dipole "
+      "misprint=none",
       LIGHT " exit=published", -2.0f },
     { "layered", "samples=100 march=sum refraction=none light-path=planes planes=vertex lamps=1 below=stop shadows=off", LIGHT, -2.0f },
     { "convolution",

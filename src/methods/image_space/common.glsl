@@ -16,6 +16,29 @@ bool is_inside(ivec2 p)
     return p.x >= 0 && p.y >= 0 && p.x < pc.width && p.y < pc.height;
 }
 
+// --- How many samples: adapt.c ------------------------------------------------------------------------------------------------------
+
+int regions_x()
+{
+    return pc.width / IS_REGION_X; // widths are whole
+}
+
+int regions_y()
+{
+    return (pc.y0 + pc.height + IS_REGION_Y - 1) / IS_REGION_Y - pc.y0 / IS_REGION_Y;
+}
+
+int class_samples(int of)
+{
+    const int change = of - IS_CLASS_OF_ALL;
+    return change < 0 ? max(pc.samples >> -change, 1) : pc.samples << change;
+}
+
+int class_at(int at, int from)
+{
+    return at < from ? 0 : min((at - from) / IS_CLASS_STEPS, IS_CLASSES - 1);
+}
+
 // Of a pixel of the grid: its place relative to the middle of the picture, over f.
 vec2 ray_of(ivec2 p)
 {

@@ -21,6 +21,7 @@ struct is_state {
     const struct is_kernels *kernels;
     float *memory, *texels;
     int32_t *solid;
+    struct is_adapt adapt;
     int64_t *counts;                             /* of bands */
     void (*row)(const struct is_work *w, int y); /* what the running pass does; NULL: gather */
     struct pell_pass_time times[4];
@@ -36,11 +37,32 @@ static void is_destroy(void *state)
     if (!st)
         return;
     is_setup_finish(&st->setup);
+    pell_free(st->ctx, st->adapt.count);
+    pell_free(st->ctx, st->adapt.step);
+    pell_free(st->ctx, st->adapt.classes);
     pell_free(st->ctx, st->counts);
     pell_free(st->ctx, st->solid);
     pell_free(st->ctx, st->texels);
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st);
+}
+
+static enum pell_result make_regions(struct is_state *st, const struct pell_frame_shape *shape)
+{
+    struct is_adapt *a = &st->adapt;
+    size_t size;
+
+    if (!is_adapts(&st->setup.knobs))
+        return PELL_OK;
+    a->width = (shape->width + IS_REGION_X - 1) / IS_REGION_X;
+    a->height = (shape->height + IS_REGION_Y - 1) / IS_REGION_Y;
+    size = (size_t) a->width * (size_t) a->height;
+    a->count = pell_calloc(st->ctx, size, sizeof(*a->count));
+    a->step = pell_calloc(st->ctx, size, sizeof(*a->step));
+    a->classes = pell_calloc(st->ctx, size, sizeof(*a->classes));
+    st->setup.work.classes = a->classes;
+    st->setup.work.regions_row = a->width;
+    return a->count && a->step && a->classes ? PELL_OK : PELL_ERR_NOMEM;
 }
 
 static enum pell_result make_planes(struct is_state *st, const struct pell_frame_shape *shape)
@@ -85,6 +107,7 @@ static enum pell_result is_create(const struct pell_services *services, const st
     st->pool = services->pool;
     st->kernels = pell_is_kernels_tables[pell_simd_best()];
     PELL_TRY(is_setup_make(services, shape, knobs, &st->setup));
+    PELL_TRY(make_regions(st, shape));
     return make_planes(st, shape);
 
 fail:
@@ -123,6 +146,25 @@ static void pass(struct is_state *st, void (*row)(const struct is_work *w, int y
     pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
 }
 
+static void run_regions(void *arg, int index, int worker)
+{
+    struct is_state *st = arg;
+
+    (void) worker;
+    is_adapt_row(&st->setup.work, &st->adapt, st->setup.work.in->rect.y0 / IS_REGION_Y + index);
+}
+
+/* How many samples each region takes. */
+static void adapt(struct is_state *st)
+{
+    const struct pell_rect *rect = &st->setup.work.in->rect;
+
+    if (!st->setup.work.classes)
+        return;
+    pell_pool_run(st->pool, (rect->y1 + IS_REGION_Y - 1) / IS_REGION_Y - rect->y0 / IS_REGION_Y, run_regions, st);
+    is_adapt_choose(&st->setup.work, &st->adapt);
+}
+
 static void note_time(struct is_state *st, const char *name, double *from, int64_t pixels, int64_t bytes)
 {
     const double now = pell_seconds();
@@ -159,6 +201,7 @@ static enum pell_result is_render(void *state, const struct pell_frame *in, cons
     }
     pass(st, st->kernels->load);
     pass(st, st->kernels->measure);
+    adapt(st);
     note_time(st, "load", &clock, 0, 0);
     pass(st, NULL);
     for (int i = 0; i < bands; i++)

@@ -37,6 +37,22 @@
 #define IS_PART_TO 1.5f
 #define IS_PART(t) ((t) * (t) * (3.0f - 2.0f * (t))) /* t in [0, 1] */
 
+/* Where counts of samples adapt (adapt.c), a picture is divided into regions of pixels, from its first pixel on. */
+#define IS_REGION_X 16
+#define IS_REGION_Y 8 /* >= the largest tile */
+#define IS_CLASSES 4  /* counts of samples: half of `samples`, all, twice, four times */
+#define IS_CLASS_OF_ALL 1
+#define IS_ADAPTS_TO 128 /* more samples are not adapted */
+/* Steps of log2 of a variance: 8 to a factor of 2, so 16 from a class to the next. */
+#define IS_STEP_SHIFT 20
+#define IS_CLASS_STEPS 16
+#define IS_STEPS 2048
+#define IS_STEPS_UP 1024    /* step of the variance 1 */
+#define IS_FARTHEST 64      /* px: the most that the first is */
+#define IS_FARTHER 4        /* times the first distance: the second */
+#define IS_NEAR 3.0f        /* times that distance on the surface: in depth, at most */
+#define IS_DIFFERS_BY 1e-4f /* of the squared light: what is added to a squared difference */
+
 /* w of a texel's plane, du and dv pixels from its centre. */
 #define IS_PLANE_AT(w, gu, gv, du, dv) ((w) + (gu) * (du) + (gv) * (dv))
 /* dA_p/dA_p' of a perspective view: h_p/h_p' times the cube of z/z'. */

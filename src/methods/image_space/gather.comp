@@ -12,6 +12,7 @@
 //   in  5 rows       radial tables, two each: R of the channels and their mean over their totals, times length^2; the rise to the next row
 //   in  6 views      of each view of a light: see points.glsl
 //   in  7 lights     the irradiance images of these views, one after the other
+//   in  10 regions   see choose.comp, where counts of samples adapt
 //   out 8 light      M (W/m^2), 0
 //   out 9 alpha      how much a pixel's channels take part in the reconstruction; footprints off its plane where w is off by one
 // Estimator: biased where the images do not hold the surface (renormalised), else by rounding of radii to rows of a table alone.
@@ -27,6 +28,7 @@ layout(set = 0, binding = 6) readonly buffer Views { vec4 views[]; };
 layout(set = 0, binding = 7) readonly buffer Lights { vec4 lights[]; };
 layout(set = 0, binding = 8) writeonly buffer Light { vec4 light[]; };
 layout(set = 0, binding = 9) writeonly buffer Alpha { vec4 alpha[]; };
+layout(set = 0, binding = 10) readonly buffer Regions { uint regions[]; };
 #include "methods/image_space/common.glsl"
 #include "methods/image_space/points.glsl"
 
@@ -118,7 +120,7 @@ void main()
     const Place place = start(p, own, its.a);
     Sums s = Sums(vec3(0.0), vec3(0.0), 0.0);
 
-    take_samples(place, 0, pc.by_count != 0 ? pc.first_kind : pc.samples, s);
+    take_samples(place, 0, pc.by_count != 0 ? pc.first_kind : place.samples, s);
     if (pc.by_count != 0) { // samples of a kind stand for those of the kind that found nothing
         s.light *= s.count > 0.0 ? float(pc.first_kind) / s.count : 0.0;
         if (pc.first_kind < pc.samples) {

@@ -16,7 +16,7 @@ struct pell_services;
 enum is_as { IS_BEST, IS_PAPER };
 enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
 enum is_tile { IS_TILE_1, IS_TILE_2, IS_TILE_4, IS_TILE_8 };
-enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS };
+enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS, IS_VIEWS_AROUND };
 enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
 enum is_spread { IS_SPREAD_MATERIAL, IS_SPREAD_ALBEDO };
 enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
@@ -31,17 +31,17 @@ struct is_knobs {
     int views;       /* enum is_views */
     int view_size;   /* px */
     int renormalise; /* enum is_renormalise */
-    bool jacobian, reconstruct, strength;
+    bool adaptive, progressive, jacobian, reconstruct, strength;
     int spread;   /* enum is_spread */
     int profile;  /* enum is_profile */
     int through;  /* enum is_through: is_through_of */
     int misprint; /* enum is_misprint */
 };
 
-/* Views of lights see where light enters, so that nothing is missing then. */
+/* Views of lights, or from around, see where light enters, so that nothing is missing then. */
 static inline int is_through_of(const struct is_knobs *k)
 {
-    return k->through != IS_THROUGH_AUTO ? k->through : k->views == IS_VIEWS_LIGHTS ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
+    return k->through != IS_THROUGH_AUTO ? k->through : k->views != IS_VIEWS_CAMERA ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
 }
 
 /* --- samples.c: the sample set of a material ------------------------------------------------------------------------------------ */
@@ -52,6 +52,10 @@ static inline int is_through_of(const struct is_knobs *k)
 int is_importance_samples(const struct is_knobs *k);
 int is_uniform_samples(const struct is_knobs *k);
 int is_tile_side(const struct is_knobs *k);
+/* Whether pixels differ in how many samples they take, the samples of a class (0: it is not there) and of all classes. */
+bool is_adapts(const struct is_knobs *k);
+int is_class_samples(const struct is_knobs *k, int class);
+int is_row_samples(const struct is_knobs *k);
 
 /* R': the radius with 99 % of the energy of the widest channel; 0 for a material that returns no light. */
 double is_reach(const struct pell_frame_material *m);
@@ -60,13 +64,29 @@ double is_reach(const struct pell_frame_material *m);
  * IS_LEVELS levels. */
 PELL_NODISCARD enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
                                             double most, struct is_set *set);
+/* Puts the patterns of picture `number` into the offsets of an owned set; 0: those that were made. */
+void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set);
 /* The albedo of a level. */
 double is_level_albedo(int level);
 /* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
 void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
                    double *turns);
 
-/* --- views.c: irradiance images from the lights ----------------------------------------------------------------------------------- */
+/* --- adapt.c: how many samples each region takes ---------------------------------------------------------------------------------- */
+
+struct is_adapt {
+    int width, height; /* regions of the picture */
+    uint8_t *count;    /* owned, as are the next: translucent pixels of each */
+    uint16_t *step;    /* of the variance of the light around */
+    uint8_t *classes;
+};
+
+/* Count and step of the regions of row ry. Thread-safe for different rows. */
+void is_adapt_row(const struct is_work *w, struct is_adapt *a, int ry);
+/* Their classes, when all rows are there. */
+void is_adapt_choose(const struct is_work *w, struct is_adapt *a);
+
+/* --- views.c: irradiance images from the lights, or from around -------------------------------------------------------------------- */
 
 #define IS_VIEWS_MOST 8 /* lights with a view; more are reported */
 
@@ -75,9 +95,10 @@ struct is_light_view {
     float *texels; /* owned; size x size of IS_TEXEL floats */
 };
 
-/* One view per light that is not an environment, of all translucent surfaces, keys = solid + 1. The renderer lends its scene. */
-PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, int size,
-                                                    struct is_light_view *views, int *count);
+/* One view per light that is not an environment, or along each axis both ways (IS_VIEWS_AROUND), of all translucent surfaces, keys =
+ * solid + 1. The renderer lends its scene. */
+PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids,
+                                                    const struct is_knobs *k, struct is_light_view *views, int *count);
 
 /* --- setup.c: what every engine has ------------------------------------------------------------------------------------------------ */
 
@@ -91,6 +112,7 @@ struct is_setup {
     struct pell_thickness_table *thickness; /* of each material, or NULL */
     struct is_light_view light_views[IS_VIEWS_MOST];
     struct is_view views[IS_VIEWS_MOST];
+    uint64_t number;     /* of the picture whose patterns the sets have: is_set_turn */
     struct is_work work; /* planes and image are the engine's; all else is set here */
 };
 

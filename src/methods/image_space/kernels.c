@@ -135,6 +135,12 @@ INLINE void sample_all(const struct is_work *w, const struct place *p, const str
     }
 }
 
+/* Of the pixels' row of the tile, in those of a profile. */
+INLINE int first_sample(const struct is_work *w, const struct place *p)
+{
+    return w->tile * p->count->first + p->y % w->tile * p->count->samples;
+}
+
 /* The levels of each pixel of a vector. */
 INLINE void choose_levels(const struct is_work *w, const struct is_set *set, struct place *p)
 {
@@ -155,7 +161,7 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
     }
     level = nearest(greater(lesser(mean, all(IS_LEVELS - 1.0f)), all(0.0f)));
     p->density = (level + 1) * (IS_ROWS * 8);
-    p->offset = ((level + 1) * w->tile + p->y % w->tile) * (w->samples * 3 * IS_BLOCK) + (p->x & (IS_BLOCK - 1));
+    p->offset = ((level + 1) * w->tile * w->samples_row + first_sample(w, p)) * (3 * IS_BLOCK) + (p->x & (IS_BLOCK - 1));
     level *= IS_LEVEL;
     for (int k = 0; k < IS_LEVEL; k++)
         row[k] = gather(&set->level[0][k], level);
@@ -192,9 +198,9 @@ INLINE void make_up(struct sums *s)
 INLINE void sample(const struct is_work *w, struct place *p, const struct is_set *set, int lane, bool parallel, const struct views *views,
                    struct sums *s)
 {
-    const float *offset = set->offset + (size_t) (p->y % w->tile) * (size_t) w->samples * 3 * IS_BLOCK + lane;
+    const float *offset = set->offset + (size_t) first_sample(w, p) * 3 * IS_BLOCK + lane;
 
-    *s = (struct sums) { .to = w->renormalise == IS_BY_COUNT ? w->first_kind : w->samples };
+    *s = (struct sums) { .to = w->renormalise == IS_BY_COUNT ? w->first_kind : p->count->samples };
     for (int c = 0; c < 3; c++)
         p->quarter[c] = all(set->quarter[c]);
     if (set->level && w->in->base[0]) {
@@ -205,8 +211,8 @@ INLINE void sample(const struct is_work *w, struct place *p, const struct is_set
     if (w->renormalise != IS_BY_COUNT)
         return;
     make_up(s);
-    if (w->first_kind < w->samples) {
-        struct sums rest = { .from = w->first_kind, .to = w->samples };
+    if (w->first_kind < p->count->samples) {
+        struct sums rest = { .from = w->first_kind, .to = p->count->samples };
         sample_some(w, p, set, offset, parallel, views, &rest);
         make_up(&rest);
         for (int c = 0; c < 3; c++)
@@ -321,6 +327,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
         if (!any(left))
             continue;
         start(w, block + l, y, parallel, &p);
+        p.count = &w->counts[w->classes ? w->classes[y / IS_REGION_Y * w->regions_row + block / IS_REGION_X] : IS_CLASS_OF_ALL];
         p.strength = load(strength + l);
         for (int v = 0; v <= w->num_views && w->num_views > 0; v++)
             make_plane(&images[v], &p, &planes[v]);

@@ -27,14 +27,17 @@ enum is_level { IS_UNIFORM_AT, IS_BROAD2_AT, IS_REACH2_AT, IS_QUARTER_AT }; /* a
 
 /* The samples of a material, and what they are weighed by. Offsets and rows of the material itself come first, then those of the levels. */
 struct is_set {
-    float *offset;            /* owned or another's: [(y mod n) * samples + k][3][16 lanes]: x, y in the tangent plane, mm, and 1/density */
+    float *offset;            /* owned or another's, of each profile and each class after the other: [(y mod n) * samples + k][3][16 lanes]:
+                               * x, y in the tangent plane, mm, and 1/density */
+    float *made;              /* owned or another's: the offsets as they were made; NULL: as they are */
     float (*rows)[8];         /* likewise */
     float (*level)[IS_LEVEL]; /* likewise; of each level; NULL: there are none */
     bool owned;
     float per_length2; /* 1/mm^2 */
     float reach2;      /* R'^2 in the unit of the tables */
-    float uniform;     /* N_u p_u in that unit, at r = 0 */
+    float uniform;     /* p_u in that unit, at r = 0 */
     float broad2;      /* p_u falls with (1 + r^2/broad2)^2; 0: it is uniform up to R' */
+    float middle;      /* mm: radius with half of the light inside, mean of the channels */
     float scale[3];    /* M of even light of 1 */
     float quarter[3];  /* mm: radius with a quarter of the channel's light inside */
 };
@@ -48,20 +51,30 @@ struct is_view {
     float rotate[3][3], shift[3];
 };
 
+/* Of a class of pixels: how many samples each takes of each view. */
+struct is_count {
+    int samples, importance; /* importance samples among them, which come first */
+    float uniform;           /* the others */
+    int first;               /* samples of the classes before it in a row of a set */
+};
+
 /* One frame's work; the same for all rows and threads. */
 struct is_work {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
-    ptrdiff_t stride;                /* of the planes below, which have margins of IS_MARGIN pixels and rows */
-    float *key, *w, *gu, *gv, *flat; /* of the camera's pixels; key 0: none */
-    float *alpha[3], *light[3];      /* how much a pixel takes part in the reconstruction, and its M */
-    float *texels;                   /* the camera's irradiance image */
-    ptrdiff_t texel_stride;          /* texels in a row */
-    const int32_t *solid;            /* of pixels, texel_stride apart; NULL: materials are keys */
-    const struct is_set *sets;       /* of materials */
-    int samples, importance;         /* of each view; importance samples among them, which come first */
-    int first_kind;                  /* samples before those of another distribution; all where there is one */
-    int tile;                        /* 1, 2, 4, 8 */
+    ptrdiff_t stride;                   /* of the planes below, which have margins of IS_MARGIN pixels and rows */
+    float *key, *w, *gu, *gv, *flat;    /* of the camera's pixels; key 0: none */
+    float *alpha[3], *light[3];         /* how much a pixel takes part in the reconstruction, and its M */
+    float *texels;                      /* the camera's irradiance image */
+    ptrdiff_t texel_stride;             /* texels in a row */
+    const int32_t *solid;               /* of pixels, texel_stride apart; NULL: materials are keys */
+    const struct is_set *sets;          /* of materials */
+    struct is_count counts[IS_CLASSES]; /* where they do not adapt, IS_CLASS_OF_ALL alone is there */
+    int samples_row;                    /* samples of all classes */
+    const uint8_t *classes;             /* of regions, from the picture's first on; NULL: all IS_CLASS_OF_ALL */
+    int regions_row;                    /* regions in a row of the picture */
+    int first_kind;                     /* samples before those of another distribution; all where there is one */
+    int tile;                           /* 1, 2, 4, 8 */
     const struct is_view *views;
     int num_views;           /* without the camera's */
     bool jacobian, inverted; /* of the Jacobian: at all, as misprinted */

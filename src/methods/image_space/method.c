@@ -17,7 +17,7 @@
 static const char *const as_names[] = { "best", "paper", NULL };
 static const char *const sampling_names[] = { "combined", "separate", "importance", "uniform", NULL };
 static const char *const tile_names[] = { "1", "2", "4", "8", NULL };
-static const char *const views_names[] = { "eye", "eye+lights", NULL };
+static const char *const views_names[] = { "eye", "eye+lights", "eye+around", NULL };
 static const char *const renormalise_names[] = { "auto", "weight", "count", "off", NULL };
 static const char *const spread_names[] = { "material", "albedo", NULL };
 static const char *const profile_names[] = { "material", "dipole", NULL };
@@ -29,16 +29,22 @@ static const char *const misprint_names[] = { "none", "two-pi", "jacobian", "one
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 16 }, 1, 16384, NULL, "samples per pixel and view" },
+    { "adaptive", PELL_KNOB_BOOL, "1", AT(adaptive), { 1 }, 0, 1, NULL,
+      "half to four times the samples where light varies less or more within the scattering radius, in all no more; above 128 samples "
+      "all take the same" },
+    { "progressive", PELL_KNOB_BOOL, "1", AT(progressive), { 1 }, 0, 1, NULL,
+      "multisamples and images of other seeds have other patterns, so that their mean is that of as many more samples" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { IS_COMBINED }, 0, 0, sampling_names,
       "radii by the profile, uniform on a disc, or half of each: from one common distribution, or as in the paper from two" },
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
       "side of the tile of pixels with different samples; 1: all pixels have the same" },
     { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_CAMERA }, 0, 0, views_names,
-      "irradiance images: the camera's view, or also the views of the lights" },
-    { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the lights' irradiance images" },
+      "irradiance images: the camera's view; also the views of the lights; or also six parallel views along the axes, which see what "
+      "environments light" },
+    { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the other views' irradiance images" },
     { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
       "for samples that miss: make the weights of the others sum to one, scale by their count as in the paper, or lose the light; auto: "
-      "weight for the camera alone, off with views of lights" },
+      "weight for the camera alone, off with more views" },
     { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weigh by area on the surface over area in the tangent plane" },
     { "reconstruct", PELL_KNOB_BOOL, "1", AT(reconstruct), { 1 }, 0, 1, NULL,
       "mean over the tile along the surface, if light spreads farther than the tile" },
@@ -50,7 +56,7 @@ static const struct pell_knob knobs[] = {
       "the material's own, or the dipole of its coefficients" },
     { "through", PELL_KNOB_ENUM, "1", AT(through), { IS_THROUGH_AUTO }, 0, 0, through_names,
       "transmission by thickness d: none, as the profile beyond the radius d, or through a slab of the medium where faces oppose; auto: "
-      "slab with the camera's view alone, off with views of lights, which see where it enters" },
+      "slab with the camera's view alone, off with more views, which see where it enters" },
     { "misprint", PELL_KNOB_ENUM, "1", AT(misprint), { IS_AS_MEANT }, 0, 0, misprint_names,
       "undo a correction of the paper's equations: 1/(2 pi) in (9), Jacobian of (8) inverted, one random number for two choices" },
     { 0 },
@@ -65,6 +71,8 @@ static void paper(void *values)
     k->as = IS_PAPER;
     k->sampling = IS_SEPARATE;
     k->renormalise = IS_BY_COUNT;
+    k->adaptive = false;
+    k->progressive = false;
     k->jacobian = false;
     k->reconstruct = false;
     k->strength = false;
@@ -81,7 +89,7 @@ static void plan(const void *values, struct pell_plan *plan)
         plan->needs |= PELL_NEED_STRENGTH;
     if (is_through_of(k) != IS_THROUGH_OFF)
         plan->needs |= PELL_NEED_TRANSMISSION;
-    if (k->views == IS_VIEWS_LIGHTS)
+    if (k->views != IS_VIEWS_CAMERA)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_POSITION | PELL_NEED_NORMAL;
 }
 
@@ -93,9 +101,8 @@ const struct pell_method pell_method_image_space = {
     .cite = "Tom Mertens, Jan Kautz, Philippe Bekaert, Frank Van Reeth and Hans-Peter Seidel, Efficient Rendering of Local Subsurface "
             "Scattering, Pacific Graphics, 2003",
     .limits = "Light that enters outside the irradiance images is missing, but for what goes straight through thin parts (views = "
-              "eye+lights includes "
-              "most of it). Few samples "
-              "leave a pattern where the irradiance varies and the profile is wide.",
+              "eye+lights or eye+around include most of it). Few samples leave a pattern where the irradiance varies and the profile is "
+              "wide.",
     .knobs = knobs,
     .knobs_size = sizeof(struct is_knobs),
     .paper = paper,

@@ -2,9 +2,10 @@
 // points.glsl - the points of the surface that samples find, in the camera's irradiance image and in those of lights, and how densely each
 // view samples there: mirror of points.h. Vectors are in the camera's frame: x right, y down, z forward, mm.
 //
-// sets, 4 for a material, bits of floats where no other is said: 1/length^2, R'^2, N_u p_u, broad^2 (struct is_set); scale of the channels,
-// int: first of its offsets; mm with a quarter of a channel's light, int: first of its rows; int: first of its levels or -1, 0, 0, 0.
-// Of a level 2: N_u p_u, broad^2, R'^2, mm with a quarter of red; of green, of blue, 0, 0.
+// sets, 4 for a material, bits of floats where no other is said: 1/length^2, R'^2, p_u, broad^2 (struct is_set); scale of the channels,
+// int: first of its offsets; mm with a quarter of a channel's light, int: first of its rows; int: first of its levels or -1, mm with half
+// of the light, 0, 0.
+// Of a level 2: p_u, broad^2, R'^2, mm with a quarter of red; of green, of blue, 0, 0.
 // views, 4 each: the rows of the rotation from the camera's frame, each with the shift; focal length, middle (px), 1: parallel, 0.
 
 struct Place {
@@ -15,6 +16,8 @@ struct Place {
     float strength, per_length2; // 1/(length strength)^2
     float uniform_density, broad2, reach2;
     vec3 quarter, scale;
+    int samples;
+    float importance, others; // samples of the two kinds
     int offset, rows; // of its samples, of its densities
     // Where it has a level of its own:
     bool varies;
@@ -87,11 +90,29 @@ void choose_levels(int first, int pixel, ivec2 tile, inout Place p)
     const vec4 a = uintBitsToFloat(sets[first + 2 * level]), b = uintBitsToFloat(sets[first + 2 * level + 1]);
     p.varies = true;
     p.rows += (level + 1) * 2 * IS_ROWS;
-    p.offset += (level + 1) * pc.tile * pc.tile * pc.samples;
+    p.offset += (level + 1) * pc.tile * pc.tile * pc.row_samples;
     p.uniform_density = a.x;
     p.broad2 = a.y;
     p.reach2 = a.z;
     p.quarter = vec3(a.w, b.xy);
+}
+
+// The samples of its class, and the first of them.
+void choose_samples(ivec2 pixel, int row, inout Place p)
+{
+    int of = IS_CLASS_OF_ALL, importance;
+
+    if (pc.adaptive != 0) {
+        const int y = (pc.y0 + pixel.y) / IS_REGION_Y - pc.y0 / IS_REGION_Y;
+        of = class_at(int(regions[1 + y * regions_x() + pixel.x / IS_REGION_X] >> 8), int(regions[0]));
+        for (int k = 0; k < of; k++)
+            p.offset += pc.tile * pc.tile * class_samples(k);
+    }
+    p.samples = class_samples(of);
+    p.offset += row * p.samples * pc.tile;
+    importance = pc.halves != 0 ? (p.samples + 1) / 2 : pc.importance > 0 ? p.samples : 0;
+    p.importance = float(importance);
+    p.others = float(p.samples - importance);
 }
 
 // `own`, `h`: of its texel.
@@ -125,7 +146,8 @@ Place start(ivec2 pixel, vec4 own, float h)
     p.scale = uintBitsToFloat(scale.xyz);
     p.quarter = uintBitsToFloat(quarter.xyz);
     p.rows = int(quarter.w);
-    p.offset = int(scale.w) + tile.y * pc.samples * pc.tile + tile.x;
+    p.offset = int(scale.w) + tile.x;
+    choose_samples(pixel, tile.y, p);
     p.varies = false;
     p.channel_rows = ivec3(0);
     p.part = vec3(0.0);
@@ -292,12 +314,12 @@ float density_from(int v, Place p, vec3 to)
         return 0.0;
     const float jacobian = pc.jacobian != 0 ? jacobian_of(m, its.w, ratio, plane.dist) : 1.0;
     const int at = p.rows + find_row(square, part);
-    float density = float(pc.importance) * (rows[at].w + part * rows[at + 1].w);
+    float density = p.importance * (rows[at].w + part * rows[at + 1].w);
     if (p.broad2 > 0.0) {
         const float fall = 1.0 + square / p.broad2;
-        density += p.uniform_density / (fall * fall);
+        density += p.others * p.uniform_density / (fall * fall);
     } else {
-        density += square <= p.reach2 ? p.uniform_density : 0.0;
+        density += p.others * (square <= p.reach2 ? p.uniform_density : 0.0);
     }
     density = pc.jacobian < 0 ? density * jacobian : density / jacobian;
     return density >= 0.0 && density < 1e30 ? density : 0.0;

@@ -17,6 +17,7 @@ struct place {
     vf t[2], z, h, per_h;       /* ray, plane, 1/h */
     vf at[3], n[3], s[3], q[3]; /* x_o; unit: normal, tangents */
     vf strength, per_length2;   /* 1/(length strength)^2 */
+    const struct is_count *count;
     vf quarter[3];
     /* Where each pixel has a level of its own: its offsets, its rows, those of each channel and the part of the next level's; densities. */
     vi offset, density, rows[3];
@@ -266,12 +267,13 @@ INLINE vf density_from(const struct is_work *w, const struct image *m, const str
     at = find_row(square, &part);
     if (varies)
         at += p->density;
-    density = (float) w->importance * (gather(&set->rows[0][3], at) + part * gather(&set->rows[0][7], at));
+    density = (float) p->count->importance * (gather(&set->rows[0][3], at) + part * gather(&set->rows[0][7], at));
     if (set->broad2 > 0.0f) {
         const vf fall = 1.0f + square / (varies ? p->broad2 : all(set->broad2));
-        density += (varies ? p->uniform : all(set->uniform)) / (fall * fall);
+        density += p->count->uniform * (varies ? p->uniform : all(set->uniform)) / (fall * fall);
     } else {
-        density += select(square <= (varies ? p->reach2 : all(set->reach2)), varies ? p->uniform : all(set->uniform), all(0.0f));
+        density += p->count->uniform *
+                   select(square <= (varies ? p->reach2 : all(set->reach2)), varies ? p->uniform : all(set->uniform), all(0.0f));
     }
     density = w->inverted ? density * jacobian : density / jacobian;
     seen &= (density >= 0.0f) & (density < 1e30f);

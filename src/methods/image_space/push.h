@@ -18,7 +18,10 @@ struct is_push {
     int32_t strength;            /* strength counts, else it is 1 */
     int32_t colours;             /* base colours are there */
     int32_t samples;             /* of each view */
-    int32_t importance;          /* samples among them, which come first */
+    int32_t row_samples;         /* of all classes */
+    int32_t adaptive;            /* there are classes: adapt.c */
+    int32_t halves;              /* half the samples of a class are importance samples, else as many as of `samples` */
+    int32_t importance;          /* samples among `samples`, which come first */
     int32_t first_kind;          /* samples before those of another distribution; all where there is one */
     int32_t tile;                /* px: 1, 2, 4, 8 */
     int32_t views;               /* without the camera's */

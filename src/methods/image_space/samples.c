@@ -28,6 +28,28 @@ int is_uniform_samples(const struct is_knobs *k)
     return k->samples - is_importance_samples(k);
 }
 
+/* Where samples are of two kinds that are counted for themselves, or of the paper's, they do not adapt; nor where they are many. */
+bool is_adapts(const struct is_knobs *k)
+{
+    return k->adaptive && k->samples <= IS_ADAPTS_TO && k->sampling != IS_SEPARATE && k->renormalise != IS_BY_COUNT;
+}
+
+int is_class_samples(const struct is_knobs *k, int class)
+{
+    const int shift = class - IS_CLASS_OF_ALL, samples = shift < 0 ? k->samples >> -shift : k->samples << (shift > 0 ? shift : 0);
+
+    return shift == 0 ? k->samples : !is_adapts(k) ? 0 : samples > 1 ? samples : 1;
+}
+
+int is_row_samples(const struct is_knobs *k)
+{
+    int sum = 0;
+
+    for (int class = 0; class < IS_CLASSES; class ++)
+        sum += is_class_samples(k, class);
+    return sum;
+}
+
 int is_tile_side(const struct is_knobs *k)
 {
     return 1 << k->tile;
@@ -163,6 +185,46 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
     *turns = turn - floor(turn);
 }
 
+/* The place in a tile of a rank. */
+static void place_of(int rank, int n, int *x, int *y)
+{
+    for (*y = 0; *y < n; ++*y)
+        for (*x = 0; *x < n; ++*x)
+            if (bayer(*x, *y, n) == rank)
+                return;
+}
+
+/* Pictures are numbered. From one to the next the tile moves, so that after n^2 of them each pixel has had every pattern: the mean is that
+ * of n^2 times as many samples in equal shares. Then all turn by an angle that no fraction is near. */
+void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set)
+{
+    const int n = is_tile_side(knobs);
+    const uint64_t patterns = (uint64_t) (n * n), round = number / patterns % (1 << 24);
+    const double turn = 2.0 * PELL_PI * fmod((double) round * PELL_GOLDEN_TURN, 1.0);
+    const float c = (float) cos(turn), s = (float) sin(turn);
+    const float *from = set->made;
+    float *to = set->offset;
+    int dx = 0, dy = 0;
+
+    place_of((int) (number % patterns), n, &dx, &dy);
+    for (int profile = 0; profile < (set->level ? 1 + IS_LEVELS : 1); profile++)
+        for (int class = 0; class < IS_CLASSES; class ++) {
+            const int samples = is_class_samples(knobs, class);
+            const size_t row = (size_t) samples * 3 * IS_BLOCK;
+            for (int y = 0; y < n; y++)
+                for (int k = 0; k < samples; k++)
+                    for (int l = 0; l < IS_BLOCK; l++) {
+                        const float *p = from + (size_t) ((y + dy) % n) * row + (size_t) k * 3 * IS_BLOCK + (l + dx) % IS_BLOCK;
+                        float *q = to + (size_t) y * row + (size_t) k * 3 * IS_BLOCK + l;
+                        q[0] = c * p[0] - s * p[IS_BLOCK];
+                        q[IS_BLOCK] = s * p[0] + c * p[IS_BLOCK];
+                        q[2 * IS_BLOCK] = p[2 * IS_BLOCK];
+                    }
+            from += (size_t) n * row;
+            to += (size_t) n * row;
+        }
+}
+
 /* --- Tables ----------------------------------------------------------------------------------------------------------------------- */
 
 /* A row's four values at a squared radius, in units of length^2. */
@@ -214,7 +276,7 @@ static double density_at(const float (*rows)[8], double square)
     return (double) rows[row][3] + (part - row) * (double) rows[row][7];
 }
 
-/* N_u p_u. */
+/* p_u. */
 static double other_density(const struct is_set *set, double square)
 {
     const double fall = 1.0 + (set->broad2 > 0.0f ? square / (double) set->broad2 : 0.0);
@@ -227,7 +289,6 @@ static double other_density(const struct is_set *set, double square)
 /* What a profile's samples are spread by. */
 static void set_reach(const struct pell_frame_material *m, const struct is_knobs *knobs, double length, double reach, struct is_set *set)
 {
-    const int uniform = is_uniform_samples(knobs);
     bool lit[3];
 
     lit_channels(m, lit);
@@ -235,19 +296,18 @@ static void set_reach(const struct pell_frame_material *m, const struct is_knobs
     set->reach2 = (float) (reach * reach / (length * length));
     set->broad2 = knobs->sampling == IS_COMBINED ? (float) (BROAD_PART * BROAD_PART) * set->reach2 : 0.0f;
     set->uniform = 0.0f;
-    if (uniform > 0 && reach > 0.0)
-        set->uniform = (float) uniform / (PELL_PI_F * (set->broad2 > 0.0f ? set->broad2 : set->reach2));
+    if (reach > 0.0)
+        set->uniform = 1.0f / (PELL_PI_F * (set->broad2 > 0.0f ? set->broad2 : set->reach2));
     for (int c = 0; c < 3; c++)
         set->quarter[c] = lit[c] ? (float) pell_profile_sample(&m->profile[c], 0.25) : 0.0f;
 }
 
-/* The rows and offsets of a profile. */
-static void fill(const struct pell_frame_material *m, const struct is_knobs *knobs, const struct is_set *set, double length, double reach,
-                 float *offset, float (*rows)[8])
+/* The offsets of a profile and a class, whose samples `knobs` has. */
+static void fill_class(const struct pell_frame_material *m, const struct is_knobs *knobs, const struct is_set *set, double length,
+                       double reach, float *offset, float (*rows)[8])
 {
-    const int n = is_tile_side(knobs), importance = is_importance_samples(knobs);
+    const int n = is_tile_side(knobs), importance = is_importance_samples(knobs), uniform = is_uniform_samples(knobs);
 
-    make_rows(m, length, rows);
     for (int y = 0; y < n; y++)
         for (int x = 0; x < n; x++)
             for (int k = 0; k < knobs->samples; k++) {
@@ -257,13 +317,27 @@ static void fill(const struct pell_frame_material *m, const struct is_knobs *kno
                 r = fmin(r, 1e15);
                 square = r * r / (length * length);
                 density = importance * density_at((const float(*)[8]) rows, square);
-                density += other_density(set, square);
+                density += uniform * other_density(set, square);
                 for (int l = 0; l < IS_BLOCK; l += n) {
                     to[l] = (float) (r * cos(2.0 * PELL_PI * turns));
                     to[l + IS_BLOCK] = (float) (r * sin(2.0 * PELL_PI * turns));
                     to[l + 2 * IS_BLOCK] = density > 1e-20 ? (float) (1.0 / density) : 0.0f;
                 }
             }
+}
+
+/* The rows and offsets of a profile. */
+static void fill(const struct pell_frame_material *m, const struct is_knobs *knobs, const struct is_set *set, double length, double reach,
+                 float *offset, float (*rows)[8])
+{
+    make_rows(m, length, rows);
+    for (int class = 0; class < IS_CLASSES; class ++) {
+        struct is_knobs of = *knobs;
+        of.samples = is_class_samples(knobs, class);
+        if (of.samples > 0)
+            fill_class(m, &of, set, length, reach, offset, rows);
+        offset += (size_t) is_tile_side(knobs) * (size_t) of.samples * 3 * IS_BLOCK;
+    }
 }
 
 double is_level_albedo(int level)
@@ -351,7 +425,7 @@ static enum pell_result make_levels(struct pell_context *ctx, const struct pell_
 enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs, double most,
                              struct is_set *set)
 {
-    const size_t offsets = (size_t) is_tile_side(knobs) * (size_t) knobs->samples * 3 * IS_BLOCK;
+    const size_t offsets = (size_t) is_tile_side(knobs) * (size_t) is_row_samples(knobs) * 3 * IS_BLOCK;
     const double median = mixture_radius(m, 1.0, 0.0, 0.5), length = median > 1e-15 ? fmin(median, 1e15) : 1e-15;
     const double reach = fmin(is_reach(m), most);
     struct pell_profile *scratch = NULL;
@@ -374,11 +448,14 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
                       "has no profile for each albedo: the scattering distance is the same below all colours");
     }
     set_reach(m, knobs, length, reach, set);
+    set->middle = (float) fmin(median, 1e15);
     for (int c = 0; c < 3; c++)
         set->scale[c] = lit[c] ? (m->white ? 1.0f : (float) pell_profile_total(&m->profile[c])) : 0.0f;
     set->offset = pell_calloc(ctx, profiles * offsets, sizeof(float));
     set->rows = pell_calloc(ctx, profiles * IS_ROWS, sizeof(*set->rows));
-    if (!set->offset || !set->rows)
+    if (knobs->progressive)
+        set->made = pell_calloc(ctx, profiles * offsets, sizeof(float));
+    if (!set->offset || !set->rows || (knobs->progressive && !set->made))
         goto fail;
     fill(m, knobs, set, length, reach, set->offset, set->rows);
     res = PELL_OK;
@@ -387,6 +464,8 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
         set->level = pell_calloc(ctx, IS_LEVELS, sizeof(*set->level));
         res = set->level ? make_levels(ctx, m, knobs, &levels, scratch, set) : PELL_ERR_NOMEM;
     }
+    if (set->made)
+        memcpy(set->made, set->offset, profiles * offsets * sizeof(float));
 
 fail:
     pell_free(ctx, scratch);

@@ -115,6 +115,7 @@ void is_setup_finish(struct is_setup *st)
     for (size_t i = 0; st->sets && i < st->num_sets; i++)
         if (st->sets[i].owned) {
             pell_free(st->ctx, st->sets[i].offset);
+            pell_free(st->ctx, st->sets[i].made);
             pell_free(st->ctx, st->sets[i].rows);
             pell_free(st->ctx, st->sets[i].level);
         }
@@ -123,6 +124,19 @@ void is_setup_finish(struct is_setup *st)
     pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st->thickness);
     pell_free(st->ctx, st->sets);
+}
+
+static void set_counts(struct is_work *w, const struct is_knobs *k)
+{
+    const int importance = is_importance_samples(k);
+
+    for (int class = 0; class < IS_CLASSES; class ++) {
+        struct is_knobs of = *k;
+        of.samples = is_class_samples(k, class);
+        w->counts[class] = (struct is_count) { of.samples, is_importance_samples(&of), (float) is_uniform_samples(&of), w->samples_row };
+        w->samples_row += of.samples;
+    }
+    w->first_kind = k->sampling == IS_SEPARATE && importance > 0 ? importance : k->samples;
 }
 
 enum pell_result is_setup_make(const struct pell_services *services, const struct pell_frame_shape *shape, const struct is_knobs *k,
@@ -137,24 +151,22 @@ enum pell_result is_setup_make(const struct pell_services *services, const struc
     if ((size_t) shape->width * (size_t) shape->height > MOST_PIXELS)
         return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, "image-space", NULL, "%d x %d pixels, at most %zu in all", shape->width,
                           shape->height, MOST_PIXELS);
-    w->samples = k->samples;
-    w->importance = is_importance_samples(k);
-    w->first_kind = k->sampling == IS_SEPARATE && w->importance > 0 ? w->importance : k->samples;
+    set_counts(w, k);
     w->tile = is_tile_side(k);
     w->jacobian = k->jacobian || k->misprint == IS_MISPRINT_JACOBIAN;
     w->inverted = k->misprint == IS_MISPRINT_JACOBIAN;
     w->reconstruct = k->reconstruct && w->tile > 1;
     w->renormalise = k->renormalise;
     if (w->renormalise == IS_AS_VIEWS_ASK)
-        w->renormalise = k->views == IS_VIEWS_LIGHTS ? IS_NEVER : IS_BY_WEIGHT;
+        w->renormalise = k->views != IS_VIEWS_CAMERA ? IS_NEVER : IS_BY_WEIGHT;
     w->factor = k->misprint == IS_MISPRINT_TWO_PI ? (float) (0.5 / PELL_PI) : 1.0f;
     w->focal_px = shape->focal_px;
     PELL_TRY(make_sets(st, shape));
     w->sets = st->sets;
     PELL_TRY(make_thickness(st, shape));
-    if (k->views == IS_VIEWS_LIGHTS) {
+    if (k->views != IS_VIEWS_CAMERA) {
         PELL_TRY(pell_services_solids(services, &st->solids));
-        PELL_TRY(is_light_views_make(services, st->solids, k->view_size, st->light_views, &w->num_views));
+        PELL_TRY(is_light_views_make(services, st->solids, k, st->light_views, &w->num_views));
         w->views = st->views;
     }
     return PELL_OK;
@@ -231,8 +243,15 @@ enum pell_result is_setup_frame(struct is_setup *st, const struct pell_frame *in
 {
     struct is_work *w = &st->work;
     const bool observed = pell_services_observed(st->services, in);
+    const uint64_t number = (uint64_t) in->seed * (uint64_t) (in->num_samples > 1 ? in->num_samples : 1) + (uint64_t) in->sample;
     enum pell_result res = PELL_OK;
 
+    if (st->knobs.progressive && number != st->number) {
+        for (size_t i = 0; i < st->num_sets; i++)
+            if (st->sets[i].owned)
+                is_set_turn(&st->knobs, number, &st->sets[i]);
+        st->number = number;
+    }
     w->mid_x = 0.5f * (float) in->shape.width;
     w->mid_y = 0.5f * (float) in->shape.height;
     if (st->solids)

@@ -10,10 +10,13 @@ enum pell_result is_show_samples(const struct pell_services *services, const str
                                  size_t count)
 {
     const int n = is_tile_side(knobs), samples = knobs->samples;
+    int first = 0;
     const size_t size = (size_t) samples * (size_t) (n * n);
     float *copy = pell_alloc_array(services->ctx, size, 3 * sizeof(*copy));
     enum pell_result res = copy ? PELL_OK : PELL_ERR_NOMEM;
 
+    for (int class = 0; class < IS_CLASS_OF_ALL; class ++)
+        first += is_class_samples(knobs, class);
     for (size_t i = 0; i < count && res == PELL_OK; i++) {
         char name[64];
         const struct pell_intermediate image = {
@@ -31,7 +34,7 @@ enum pell_result is_show_samples(const struct pell_services *services, const str
             for (int p = 0; p < n * n; p++)
                 for (int k = 0; k < samples; k++)
                     copy[(size_t) c * size + (size_t) (p * samples + k)] =
-                        sets[i].offset[((p / n * samples + k) * 3 + c) * IS_BLOCK + p % n];
+                        sets[i].offset[((n * first + p / n * samples + k) * 3 + c) * IS_BLOCK + p % n];
         snprintf(name, sizeof(name), "image-space.material-%d.samples", (int) i + 1);
         res = pell_show(services, &image);
     }

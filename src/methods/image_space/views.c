@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * views.c - irradiance images from the lights: what each light sees of the translucent surfaces, and all the light that enters there.
+ * views.c - irradiance images from the lights, or from around: what each sees of the translucent surfaces, and all the light that enters
+ * there.
  */
 #include "methods/image_space/image_space.h"
 
@@ -115,35 +116,96 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
     return v->focal_px > 0.0f && isfinite(v->focal_px);
 }
 
-enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, int size,
+/* A box that holds all translucent surfaces; false where there are none. */
+static bool find_box(const struct pell_scene *scene, const struct pell_solids *solids, struct pell_vec3 *low, struct pell_vec3 *high)
+{
+    bool some = false;
+
+    *low = vec3(INFINITY, INFINITY, INFINITY);
+    *high = vec3(-INFINITY, -INFINITY, -INFINITY);
+    for (size_t i = 0; i < scene->num_meshes && i < solids->num_meshes; i++) {
+        const struct pell_mesh *mesh = &scene->meshes[i];
+        for (uint32_t v = 0; v < mesh->num_vertices && solids->of_mesh[i] >= 0; v++) {
+            const struct pell_vec3 p = vec3_load(mesh->position + 3 * (size_t) v);
+            *low = vec3(fminf(low->x, p.x), fminf(low->y, p.y), fminf(low->z, p.z));
+            *high = vec3(fmaxf(high->x, p.x), fmaxf(high->y, p.y), fmaxf(high->z, p.z));
+            some = true;
+        }
+    }
+    return some;
+}
+
+/* Parallel views of the box along axis number / 2, one way and the other. */
+static bool aim_along(struct pell_vec3 low, struct pell_vec3 high, int number, int size, struct pell_view *v)
+{
+    static const float axes[3][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 } };
+    const struct pell_vec3 middle = vec3_mul(vec3_add(low, high), 0.5f), extent = vec3_sub(high, low);
+    const struct pell_vec3 right = vec3_load(axes[(number / 2 + 1) % 3]), up = vec3_load(axes[(number / 2 + 2) % 3]);
+    const float side = fmaxf(vec3_dot(extent, right), vec3_dot(extent, up)) * 1.001f, deep = vec3_length(extent);
+
+    *v = (struct pell_view) { .width = size, .height = size, .orthographic = true, .up = up };
+    if (!(side > 0.0f && deep < 1e15f))
+        return false;
+    v->forward = vec3_mul(vec3_load(axes[number / 2]), number & 1 ? -1.0f : 1.0f);
+    v->right = vec3_mul(right, number & 1 ? 1.0f : -1.0f); /* right x up = -forward */
+    v->origin = vec3_mad(middle, -deep, v->forward);
+    v->focal_px = (float) size / side;
+    return v->focal_px > 0.0f && isfinite(v->focal_px);
+}
+
+/* Renders the irradiance of an aimed view. */
+static enum pell_result fill_view(const struct pell_services *services, const struct pell_solids *solids, struct is_light_view *to)
+{
+    struct view_task task = { services, solids, to };
+    const size_t size = (size_t) to->view.width;
+
+    to->texels = pell_calloc(services->ctx, size * size, IS_TEXEL * sizeof(float));
+    if (!to->texels)
+        return PELL_ERR_NOMEM;
+    pell_pool_run(services->pool, to->view.width, view_row, &task);
+    return pell_cancelled(services->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+static enum pell_result views_around(const struct pell_services *services, const struct pell_solids *solids, int size,
                                      struct is_light_view *views, int *count)
 {
-    struct pell_context *ctx = services->ctx;
+    struct pell_vec3 low, high;
+    enum pell_result res = PELL_OK;
+
+    if (!find_box(services->scene, solids, &low, &high))
+        return PELL_OK;
+    for (int i = 0; i < 6 && res == PELL_OK; i++)
+        if (aim_along(low, high, i, size, &views[*count].view))
+            res = fill_view(services, solids, &views[(*count)++]);
+    return res;
+}
+
+enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids, const struct is_knobs *k,
+                                     struct is_light_view *views, int *count)
+{
     const struct pell_scene *scene = services->scene;
     size_t left = 0;
 
     *count = 0;
+    if (k->views == IS_VIEWS_AROUND)
+        return views_around(services, solids, k->view_size, views, count);
     for (size_t i = 0; i < scene->num_lights; i++) {
-        struct is_light_view *to = &views[*count];
-        struct view_task task = { services, solids, to };
         struct pell_view v;
-        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || !aim(scene, &scene->lights[i], size, &v))
+        enum pell_result res;
+        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || !aim(scene, &scene->lights[i], k->view_size, &v))
             continue;
         if (*count == IS_VIEWS_MOST) {
             left++;
             continue;
         }
-        to->view = v;
-        to->texels = pell_calloc(ctx, (size_t) size * (size_t) size, IS_TEXEL * sizeof(float));
-        if (!to->texels)
-            return PELL_ERR_NOMEM;
-        ++*count;
-        pell_pool_run(services->pool, size, view_row, &task);
-        if (pell_cancelled(ctx))
-            return PELL_ERR_CANCELLED;
+        views[*count].view = v;
+        res = fill_view(services, solids, &views[(*count)++]);
+        if (res != PELL_OK)
+            return res;
     }
     if (left > 0)
-        pell_warn(ctx, "image-space", "leave out the dimmest", "%s no irradiance image of their own, at most %d have one",
+        pell_warn(services->ctx, "image-space", "leave out the dimmest, or take views=eye+around",
+                  "%s no irradiance image of their own, at most %d have one",
                   pell_counted((long long) left, "light has", "lights have").str, IS_VIEWS_MOST);
     return PELL_OK;
 }

@@ -30,6 +30,7 @@ enum buffer {
     SOLIDS_UP,
     SOLIDS,
     TEXELS,
+    REGIONS,
     M,
     ALPHA,
     RESULT,
@@ -58,21 +59,25 @@ static const struct {
     [SOLIDS_UP] = { "image-space solids, upload", PELL_GPU_TO_DEVICE, 4 },
     [SOLIDS] = { "image-space solids", PELL_GPU_ON_DEVICE, 4 },
     [TEXELS] = { "image-space texels", PELL_GPU_ON_DEVICE, 32 },
+    [REGIONS] = { "image-space regions", PELL_GPU_ON_DEVICE, 0 },
     [M] = { "image-space M", PELL_GPU_ON_DEVICE, 16 },
     [ALPHA] = { "image-space alpha", PELL_GPU_ON_DEVICE, 16 },
     [RESULT] = { "image-space result", PELL_GPU_ON_DEVICE, 16 },
 };
 
-extern const struct pell_shader pell_image_space_load_shader, pell_image_space_gather_shader, pell_image_space_rebuild_shader;
+extern const struct pell_shader pell_image_space_load_shader, pell_image_space_adapt_shader, pell_image_space_choose_shader,
+    pell_image_space_gather_shader, pell_image_space_rebuild_shader;
 
-enum pass { LOAD, GATHER, REBUILD, PASSES };
+enum pass { LOAD, ADAPT, CHOOSE, GATHER, REBUILD, PASSES };
 
 static const struct {
     const struct pell_shader *shader;
-    enum buffer buffers[10]; /* as its bindings */
+    enum buffer buffers[11]; /* as its bindings */
 } pass_rows[PASSES] = {
     [LOAD] = { &pell_image_space_load_shader, { LIGHT, SURFACE, SOLIDS, TEXELS } },
-    [GATHER] = { &pell_image_space_gather_shader, { TEXELS, SURFACE, BASE, SETS, OFFSETS, ROWS, VIEWS, LIGHTS, M, ALPHA } },
+    [ADAPT] = { &pell_image_space_adapt_shader, { LIGHT, SURFACE, SETS, REGIONS } },
+    [CHOOSE] = { &pell_image_space_choose_shader, { REGIONS } },
+    [GATHER] = { &pell_image_space_gather_shader, { TEXELS, SURFACE, BASE, SETS, OFFSETS, ROWS, VIEWS, LIGHTS, M, ALPHA, REGIONS } },
     [REBUILD] = { &pell_image_space_rebuild_shader, { TEXELS, M, ALPHA, RESULT } },
 };
 
@@ -85,9 +90,10 @@ struct is_gpu {
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
     struct is_push push;
-    int picture_height;  /* px */
-    int32_t *row_solids; /* a row of the picture for each row of the grid */
-    bool sent;           /* what does not depend on the frame is on the device */
+    int picture_height;   /* px */
+    int32_t *row_solids;  /* a row of the picture for each row of the grid */
+    bool sent;            /* what does not depend on the frame is on the device */
+    uint64_t sent_number; /* of the picture whose patterns are there */
 };
 
 /* --- Life ---------------------------------------------------------------------------------------------------------------------- */
@@ -120,7 +126,7 @@ static size_t samples_of(const struct is_gpu *st)
 {
     const struct is_work *w = &st->setup.work;
 
-    return (size_t) w->tile * (size_t) w->tile * (size_t) w->samples;
+    return (size_t) w->tile * (size_t) w->tile * (size_t) w->samples_row;
 }
 
 static bool has_levels(const struct is_gpu *st)
@@ -152,6 +158,8 @@ static enum pell_result make_buffers(struct is_gpu *st, const struct pell_frame_
     st->sizes[LIGHTS] = 4 * IS_TEXEL * texels * views;
     for (int i = BASE; i < BUFFERS; i++)
         st->sizes[i] = pixels * (uint64_t) buffer_rows[i].of_pixel;
+    if (is_adapts(&set->knobs)) /* a row more, as the grid's first row is anywhere in one */
+        st->sizes[REGIONS] = 4 + 4 * (pixels / (uint64_t) shape->height / IS_REGION_X) * ((uint64_t) shape->height / IS_REGION_Y + 2);
     if (!has_levels(st))
         st->sizes[BASE] = 0;
     if (!set->solids)
@@ -183,7 +191,7 @@ static enum pell_result make_passes(struct is_gpu *st)
     for (int i = 0; res == PELL_OK && i < PASSES; i++) {
         struct pell_gpu_buffer *buffers[PELL_COUNT(pass_rows[i].buffers)];
 
-        if (i == REBUILD && !st->setup.work.reconstruct)
+        if ((i == REBUILD && !st->setup.work.reconstruct) || ((i == ADAPT || i == CHOOSE) && !is_adapts(&st->setup.knobs)))
             continue;
         for (size_t k = 0; k < PELL_COUNT(buffers); k++)
             buffers[k] = buffer_of(st, pass_rows[i].buffers[k]);
@@ -199,20 +207,38 @@ struct places {
     uint32_t offsets, rows, levels;
 };
 
-static void fill_profiles(const struct is_gpu *st, const struct is_set *set, const struct places *at)
+static void fill_offsets(const struct is_gpu *st, const struct is_set *set, uint32_t at)
 {
-    const size_t n = (size_t) st->setup.work.tile, samples = (size_t) st->setup.work.samples, profiles = profiles_of(set);
-    float *offset = (float *) pell_gpu_buffer_host(st->buffers[OFFSETS_UP]) + 4 * (size_t) at->offsets;
-    float *rows = (float *) pell_gpu_buffer_host(st->buffers[ROWS_UP]) + 4 * (size_t) at->rows;
+    const size_t n = (size_t) st->setup.work.tile, samples = (size_t) st->setup.work.samples_row;
+    float *offset = (float *) pell_gpu_buffer_host(st->buffers[OFFSETS_UP]) + 4 * (size_t) at;
 
-    memcpy(rows, set->rows, profiles * IS_ROWS * sizeof(*set->rows));
-    for (size_t row = 0; row < profiles * n * samples; row++) /* of the tile, and one sample */
+    for (size_t row = 0; row < profiles_of(set) * n * samples; row++) /* of the tile, and one sample */
         for (size_t x = 0; x < n; x++) {
             for (size_t c = 0; c < 3; c++)
                 offset[c] = set->offset[(row * 3 + c) * IS_BLOCK + x];
             offset[3] = 0.0f;
             offset += 4;
         }
+}
+
+/* Of all sets, in the order of fill_tables. */
+static void fill_all_offsets(const struct is_gpu *st)
+{
+    const struct is_setup *s = &st->setup;
+    uint32_t at = 0;
+
+    for (size_t i = 0; i < s->num_sets; i++)
+        if (s->sets[i].owned) {
+            fill_offsets(st, &s->sets[i], at);
+            at += (uint32_t) (profiles_of(&s->sets[i]) * samples_of(st));
+        }
+}
+
+static void fill_rows(const struct is_gpu *st, const struct is_set *set, uint32_t at)
+{
+    float *rows = (float *) pell_gpu_buffer_host(st->buffers[ROWS_UP]) + 4 * (size_t) at;
+
+    memcpy(rows, set->rows, profiles_of(set) * IS_ROWS * sizeof(*set->rows));
 }
 
 static void fill_levels(const struct is_gpu *st, const struct is_set *set, const struct places *at)
@@ -239,6 +265,7 @@ static void fill_set(const struct is_set *set, const struct places *at, uint32_t
     memcpy(to + 8, set->quarter, sizeof(set->quarter));
     to[11] = at->rows;
     to[12] = set->level ? at->levels : UINT32_MAX;
+    memcpy(to + 13, &set->middle, sizeof(set->middle));
 }
 
 static enum pell_result fill_tables(const struct is_gpu *st)
@@ -254,7 +281,7 @@ static enum pell_result fill_tables(const struct is_gpu *st)
         const struct is_set *set = &s->sets[i];
         if (set->owned) {
             at[i] = next;
-            fill_profiles(st, set, &next);
+            fill_rows(st, set, next.rows);
             if (set->level)
                 fill_levels(st, set, &next);
             next.offsets += (uint32_t) (profiles_of(set) * samples_of(st));
@@ -267,6 +294,7 @@ static enum pell_result fill_tables(const struct is_gpu *st)
         }
         fill_set(set, &at[i], sets + i * SET_WORDS);
     }
+    fill_all_offsets(st);
     pell_free(st->ctx, at);
     return PELL_OK;
 }
@@ -297,8 +325,11 @@ static void set_push(struct is_gpu *st, const struct pell_frame_shape *shape)
         .orthographic = shape->orthographic,
         .solids = st->setup.solids != NULL,
         .strength = st->setup.knobs.strength,
-        .samples = w->samples,
-        .importance = w->importance,
+        .samples = w->counts[IS_CLASS_OF_ALL].samples,
+        .row_samples = w->samples_row,
+        .adaptive = is_adapts(&st->setup.knobs),
+        .halves = st->setup.knobs.sampling == IS_COMBINED || st->setup.knobs.sampling == IS_SEPARATE,
+        .importance = w->counts[IS_CLASS_OF_ALL].importance,
         .first_kind = w->first_kind,
         .tile = w->tile,
         .views = w->num_views,
@@ -411,6 +442,11 @@ static void record_passes(struct is_gpu *st, struct pell_gpu_commands *c)
     const bool reconstruct = st->setup.work.reconstruct;
 
     run_pixels(st, c, "load", LOAD);
+    if (is_adapts(&st->setup.knobs)) {
+        pell_gpu_run(c, st->passes[ADAPT], &st->push, pell_gpu_groups(st->push.width, 8 * IS_REGION_X),
+                     pell_gpu_groups(st->push.height + IS_REGION_Y, 8 * IS_REGION_Y), 1);
+        pell_gpu_run(c, st->passes[CHOOSE], &st->push, 1, 1, 1);
+    }
     run_pixels(st, c, "sample", GATHER);
     if (reconstruct)
         run_pixels(st, c, "reconstruct", REBUILD);
@@ -449,12 +485,15 @@ static enum pell_result run_list(struct is_gpu *st)
     pell_gpu_mark(c, "upload");
     if (!st->sent)
         send(st, c, SETS_UP, VIEWS_UP, 0);
+    else if (st->sent_number != st->setup.number)
+        send(st, c, OFFSETS_UP, ROWS_UP, 0);
     send(st, c, VIEWS_UP, st->push.colours ? SOLIDS_UP : BASE_UP, pixels);
     send(st, c, SOLIDS_UP, TEXELS, pixels);
     pell_gpu_planes_upload(&st->planes, c);
     record_passes(st, c);
     PELL_TRY(pell_gpu_finish(c));
     st->sent = true;
+    st->sent_number = st->setup.number;
     return PELL_OK;
 
 fail:
@@ -468,6 +507,8 @@ static enum pell_result gpu_render(void *state, const struct pell_frame *in, con
     enum pell_result res;
 
     PELL_TRY(is_setup_frame(&st->setup, in));
+    if (st->setup.number != st->sent_number)
+        fill_all_offsets(st);
     st->push.colours = st->sizes[BASE] > 0 && in->base[0] && in->base[1] && in->base[2];
     st->push.mid_x = st->setup.work.mid_x;
     st->push.mid_y = st->setup.work.mid_y;
