@@ -50,7 +50,7 @@ static struct tables *tables_of(const struct pell_frame_material *m)
                                                 : pell_profile_make(PELL_PROFILE_DIPOLE, &m->medium, c, NULL, &t->profile[c]),
                          PELL_OK);
     t->m.profile = t->profile;
-    convolution_radial_make(&t->m, t->memory, t->radial);
+    convolution_radial_make(&t->m, 1.0, t->memory, t->radial);
     return t;
 }
 
