@@ -90,7 +90,7 @@ struct cli {
     int num_arguments;
 
     /* Options as given; NULL or false where not. */
-    char *output, *format, *method, *material, *size, *unit, *camera, *engine, *device;
+    char *output, *format, *method, *max_error, *material, *size, *unit, *camera, *engine, *device;
     char *up, *from, *studio, *environment, *environment_scale, *environment_rotate, *background;
     char *time, *animation, *frames, *checkpoint, *checkpoint_every, *dump, *progress_form;
     bool json, quiet, stats, allow_outside;
@@ -124,12 +124,13 @@ struct cli {
         int threads, turntable, repeats, points, taps, rank, port, map_size;
     } numbers;
     enum pell_log_level log_level;
-    struct settings_list knobs;    /* --set NAME=VALUE */
-    struct settings_list settings; /* --width 640: rows of pell_settings_knobs() */
-    struct settings_list common;   /* --samples 64: options that each method maps to a knob of its own */
-    struct pell_limits limits;     /* --limit NAME=VALUE */
-    char command_line[2048];       /* for metadata, without folders of this machine */
-    const char **words;            /* the command line as it was given, borrowed */
+    enum { CLI_TELLS_ALL, CLI_TELLS_ERRORS, CLI_TELLS_NOTHING } tells; /* whatever log_level says: while something is only tried */
+    struct settings_list knobs;                                        /* --set NAME=VALUE */
+    struct settings_list settings;                                     /* --width 640: rows of pell_settings_knobs() */
+    struct settings_list common; /* --samples 64: options that each method maps to a knob of its own */
+    struct pell_limits limits;   /* --limit NAME=VALUE */
+    char command_line[2048];     /* for metadata, without folders of this machine */
+    const char **words;          /* the command line as it was given, borrowed */
     int num_words;
     bool of_a_file;        /* parsed from a checkpoint, not from the command line: prints nothing */
     const char *given[96]; /* names of the options on the command line, "taps" */
@@ -278,6 +279,8 @@ struct session {
 
 /* "30s", "5min", "2h", "250ms": a time carries its unit. */
 enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char *text, double *seconds);
+/* "1%" -> 0.01; (0, 1]. */
+enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char *text, double *share);
 /* What the command line says about loading. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
 /* What --engine takes; ends with NULL. */

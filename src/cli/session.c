@@ -50,8 +50,7 @@ enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char 
         cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h", "\"%s\", must be a time above 0 with its unit", text));
 }
 
-/* "1%" -> 0.01. */
-static enum exit_code parse_percent(struct cli *cli, const char *where, const char *text, double *share)
+enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char *text, double *share)
 {
     const size_t length = strlen(text);
 
@@ -112,7 +111,7 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
         if (strcmp(s->name, "time-limit") == 0)
             code = cli_parse_seconds(cli, s->where, s->value, &value);
         else if (strcmp(s->name, "target-error") == 0)
-            code = parse_percent(cli, s->where, s->value, &value);
+            code = cli_parse_percent(cli, s->where, s->value, &value);
         if (value > 0.0)
             text = pell_format_number(value, true, number, sizeof(number));
         snprintf(owner, sizeof(owner), "method %s", method->name);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * render.c - `pellucid render`: a picture, a turntable of them, or the frames of an animation. */
+#include "cli/auto.h"
 #include "cli/dump.h"
 
 #include "base/file.h"
@@ -20,6 +21,8 @@ struct job {
     uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
     struct pell_render_result image;     /* the last one */
     json_t *images;                      /* of a turntable or of frames: their names */
+    bool chooses;                        /* its method by --max-error */
+    json_t *chosen;                      /* how it came to that; or NULL */
     struct {
         double from, step;
         int count; /* 0: none */
@@ -131,6 +134,28 @@ static void numbered(const char *path, int number, int count, char *out, size_t 
     if (!dot)
         dot = path + strlen(path);
     snprintf(out, size, "%.*s_%0*d%s", (int) (dot - path), path, digits, number, dot);
+}
+
+/* -m auto is --max-error with its default. */
+static enum exit_code check_choice(struct cli *cli, struct job *job)
+{
+    const bool named = cli->method && strcmp(cli->method, "auto") == 0;
+
+    job->chooses = cli->max_error || named;
+    if (named) {
+        free(cli->method);
+        cli->method = NULL; /* until it is known: the scene file's, or the default */
+    }
+    if (!job->chooses)
+        return EXIT_OK;
+    if (cli->method)
+        return cli_usage(cli, "--max-error", NULL, "chooses the method: it does not go with --method %s", cli->method);
+    if (cli->knobs.count || cli->common.count)
+        return cli_usage(cli, cli->knobs.count ? cli->knobs.items[0].where : cli->common.items[0].where, "name a method with -m",
+                         "is of a method, which --max-error chooses");
+    if (cli->checkpoint || cli->program->share)
+        return cli_usage(cli, "--max-error", "-m path-trace", "does not go with %s", cli->checkpoint ? "--checkpoint" : "ranks");
+    return EXIT_OK;
 }
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------ */
@@ -426,6 +451,8 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
                   cli->warnings);
     if (o && job->images)
         json_object_set(o, "images", job->images);
+    if (o && job->chosen)
+        json_object_set(o, "auto", job->chosen);
     if (o && p->partial)
         json_object_set_new(o, "partial", json_true());
     if (o && p->unfinished && cli->resumable)
@@ -448,7 +475,11 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = strcmp(job.output, "-") == 0 || job.no_picture ? EXIT_OK : check_writable(cli, "--output", job.output);
     if (code == EXIT_OK)
+        code = check_choice(cli, &job);
+    if (code == EXIT_OK)
         code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
+    if (code == EXIT_OK && job.chooses)
+        code = auto_choose(cli, &job.session, &job.chosen);
     if (code == EXIT_OK)
         code = set_share(cli, &job);
     if (code == EXIT_OK)
@@ -473,6 +504,7 @@ enum exit_code command_render(struct cli *cli)
         answer(cli, &job);
     dump_close(&job.session, &dump);
     json_decref(job.images);
+    json_decref(job.chosen);
     cli_unlock(cli->checkpoint, &job.lock);
     free(job.note);
     session_close(&job.session);

@@ -1,0 +1,302 @@
+/* SPDX-License-Identifier: MIT
+ * auto.c - `render --max-error`: the cheapest method whose error on this scene is below a bound. What an error depends on - mean free paths
+ * against size and pixels, curvature, thin parts, folds, lights - a small image of the scene has in it: methods are tried on one against
+ * path-trace, in the order of their cost, until one is good enough. */
+#include "cli/auto.h"
+
+#include "base/file.h"
+
+#include <pellucid/compare.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define DEFAULT "8%"   /* of -m auto */
+#define PIXELS 16000.0 /* of the small image: errors per pixel grow with what it resolves */
+#define RESOLVED 0.25  /* of the bound's square, as the standard error of an error's: then the truth has samples enough */
+
+/* Of path-trace, in both halves of the truth: as many as resolve the bound. */
+static const char *const samples[] = { "32", "64", "128", "256" };
+
+/* In the order of their cost. */
+static const struct {
+    const char *method; /* NULL: no scattering */
+    const char *knob, *value;
+} candidates[] = {
+    { NULL, NULL, NULL },           { "screen-space", NULL, NULL },    { "image-space", NULL, NULL },
+    { "convolution", NULL, NULL },  { "convolution", "planes", "16" }, { "texture-space", NULL, NULL },
+    { "hierarchical", NULL, NULL },
+};
+
+struct trial {
+    struct cli *cli;
+    struct session *session;
+    struct pell_settings settings; /* of the small image */
+    size_t pixels;
+    float *planes; /* both halves of the reference, then the method's: three each; then the mask */
+    json_t *tried;
+};
+
+static float *plane(const struct trial *t, size_t number)
+{
+    return t->planes + number * t->pixels;
+}
+
+/* Light that left translucent pixels, into three planes. */
+static void take_light(const struct trial *t, const struct pell_render_result *p, float *to)
+{
+    static const char *const names[3] = { "R", "G", "B" };
+
+    memset(to, 0, 3 * t->pixels * sizeof(*to));
+    for (size_t c = 0; c < 3; c++)
+        for (size_t k = 0; k < PELL_COUNT(cli_subsurface_layers); k++) {
+            const struct pell_channel *from = cli_channel(p, cli_subsurface_layers[k], names[c]);
+            for (int y = 0; from && y < p->height; y++)
+                for (int x = 0; x < p->width; x++)
+                    to[c * t->pixels + (size_t) y * (size_t) p->width + (size_t) x] += from->data[y * from->stride + x];
+        }
+}
+
+static bool take_mask(const struct trial *t, const struct pell_render_result *p)
+{
+    const struct pell_channel *from = cli_channel(p, "translucent", "Y");
+    bool any = false;
+
+    for (int y = 0; from && y < p->height; y++)
+        for (int x = 0; x < p->width; x++) {
+            const float is = from->data[y * from->stride + x];
+            plane(t, 9)[(size_t) y * (size_t) p->width + (size_t) x] = is;
+            any = any || is > 0.5f;
+        }
+    return any;
+}
+
+/* The values are the caller's to free. */
+static enum pell_result make_values(const struct trial *t, const struct pell_method *m, const char *knob, const char *value, void **values)
+{
+    const struct pell_setting set = { knob, value, "--max-error" };
+
+    *values = calloc(1, m->knobs_size);
+    return *values ? pell_method_configure(t->cli->ctx, m, &set, knob ? 1 : 0, *values) : PELL_ERR_NOMEM;
+}
+
+static enum pell_result render_small(struct trial *t, const struct pell_method *m, const void *values, struct pell_render_result *image)
+{
+    struct cli *cli = t->cli;
+    enum pell_result res = pell_renderer_set_method(t->session->renderer, m, values);
+
+    if (res == PELL_OK)
+        res = pell_renderer_render(t->session->renderer, &t->settings, image);
+    cli_progress_end(cli);
+    return res == PELL_OK && image->partial ? PELL_ERR_CANCELLED : res;
+}
+
+/* Both halves of path-trace. */
+static enum pell_result render_truth(struct trial *t, const char *count)
+{
+    const struct pell_method *m = pell_method_find(t->cli->ctx, "--max-error", "path-trace");
+    struct pell_render_result image;
+    void *values = NULL;
+    enum pell_result res = m ? PELL_OK : PELL_ERR_INVALID;
+
+    t->cli->tells = CLI_TELLS_ERRORS;
+    for (int half = 0; half < 2 && res == PELL_OK; half++) {
+        free(values);
+        PELL_TRY(make_values(t, m, "samples", count, &values));
+        PELL_TRY(pell_method_knobs_set_text(t->cli->ctx, m, values, "half", half ? "2" : "1"));
+        PELL_TRY(render_small(t, m, values, &image));
+        take_light(t, &image, plane(t, half ? 3 : 0));
+        if (!take_mask(t, &image)) {
+            res = pell_error(t->cli->ctx, PELL_ERR_INVALID, t->session->scene->path, "give it a --material, or name a method with -m",
+                             "no pixel shows a translucent object: --max-error has nothing to measure");
+            goto fail;
+        }
+    }
+fail:
+    t->cli->tells = CLI_TELLS_ALL;
+    free(values);
+    return res;
+}
+
+/* Relative error of the method's planes, and its standard error. */
+static enum pell_result measure(const struct trial *t, double *error, double *noise, double *square_noise)
+{
+    struct pell_compare_params params;
+    struct pell_comparison result = { .width = 0 };
+    struct pell_compare_input in = { .width = t->settings.width, .height = t->settings.height, .stride = t->settings.width };
+    enum pell_result res;
+
+    pell_knobs_default(pell_compare_knobs(), &params);
+    params.threads = t->cli->numbers.threads;
+    for (size_t c = 0; c < 3; c++) {
+        in.test[c] = plane(t, 6 + c);
+        in.reference[c] = plane(t, c);
+        in.half[c] = plane(t, 3 + c);
+    }
+    in.mask = plane(t, 9);
+    in.figures_only = true;
+    res = pell_compare(t->cli->ctx, &in, &params, &result);
+    if (res == PELL_OK) {
+        *error = isfinite(result.masked.rel_mse) ? sqrt(fmax(result.masked.rel_mse, 0.0)) : INFINITY; /* all is black */
+        *square_noise = result.masked.rel_mse_error;
+        *noise = result.masked.rel_mse_error / (2.0 * fmax(*error, sqrt(fabs(result.masked.rel_mse_error))));
+    }
+    pell_comparison_finish(t->cli->ctx, &result);
+    return res;
+}
+
+static void add_tried(const struct trial *t, const char *name, double error, double noise)
+{
+    json_t *o = json_pack("{s:s,s:f}", "method", name, "error", error);
+
+    if (o && isfinite(noise))
+        json_object_set_new(o, "noise", json_real(noise));
+    json_array_append_new(t->tried, o);
+}
+
+/* The scene's other settings at a size that costs little. */
+static void shrink(struct trial *t)
+{
+    const double all = (double) t->settings.width * (double) t->settings.height, scale = all > PIXELS ? sqrt(PIXELS / all) : 1.0;
+
+    t->settings.width = (int) fmax(floor(t->settings.width * scale + 0.5), 1.0);
+    t->settings.height = (int) fmax(floor(t->settings.height * scale + 0.5), 1.0);
+    t->settings.msaa = 1;
+    t->settings.dof = t->settings.denoise = false;
+    t->settings.bloom = 0.0f;
+    t->settings.layers = true;
+}
+
+/* A method and its values become the session's. */
+static enum exit_code take(struct cli *cli, struct session *s, const struct pell_method *m, void *values)
+{
+    free(s->knobs);
+    s->method = m;
+    s->knobs = values;
+    return session_settings(cli, s->scene, m, values, &s->settings);
+}
+
+/* With as many samples as tell an error at the bound from one well below it. */
+static enum pell_result find_truth(struct trial *t, double bound)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < PELL_COUNT(samples); i++) {
+        struct pell_render_result image;
+        double error, noise, square_noise;
+        PELL_TRY(render_truth(t, samples[i]));
+        t->cli->tells = CLI_TELLS_NOTHING;
+        res = render_small(t, NULL, NULL, &image);
+        t->cli->tells = CLI_TELLS_ALL;
+        if (res != PELL_OK)
+            goto fail;
+        take_light(t, &image, plane(t, 6));
+        PELL_TRY(measure(t, &error, &noise, &square_noise));
+        /* The better a method is, the less of the noise is its own: of `none`, the worst, this is the most. */
+        if (!(square_noise > RESOLVED * bound * bound))
+            break;
+    }
+fail:
+    return res;
+}
+
+static enum pell_result try_all(struct trial *t, double bound, const struct pell_method **method, void **values, double *error)
+{
+    enum pell_result res = PELL_OK;
+
+    for (size_t i = 0; i < PELL_COUNT(candidates); i++) {
+        const struct pell_method *m = candidates[i].method ? pell_method_find(t->cli->ctx, "--max-error", candidates[i].method) : NULL;
+        struct pell_render_result image;
+        double noise = 0.0, square_noise;
+        char name[64];
+        snprintf(name, sizeof(name), "%s%s%s%s%s", m ? m->name : "none", candidates[i].knob ? ":" : "",
+                 candidates[i].knob ? candidates[i].knob : "", candidates[i].knob ? "=" : "",
+                 candidates[i].knob ? candidates[i].value : "");
+        if (m && !(pell_device_engine(t->session->device) == PELL_ENGINE_VULKAN ? m->vulkan : m->cpu))
+            continue;
+        if (m)
+            PELL_TRY(make_values(t, m, candidates[i].knob, candidates[i].value, values));
+        t->cli->tells = CLI_TELLS_NOTHING;
+        res = render_small(t, m, *values, &image);
+        t->cli->tells = CLI_TELLS_ALL;
+        if (res == PELL_ERR_UNSUPPORTED || res == PELL_ERR_INVALID) { /* not this scene */
+            free(*values);
+            *values = NULL;
+            continue;
+        }
+        if (res != PELL_OK)
+            goto fail;
+        take_light(t, &image, plane(t, 6));
+        PELL_TRY(measure(t, error, &noise, &square_noise));
+        if (!isfinite(*error))
+            *error = 0.0; /* as good as any */
+        add_tried(t, name, *error, noise);
+        if (*error + (isfinite(noise) ? noise : 0.0) <= bound) {
+            *method = m;
+            return PELL_OK;
+        }
+        free(*values);
+        *values = NULL;
+    }
+    *error = 0.0;
+    *method = pell_method_find(t->cli->ctx, "--max-error", "path-trace");
+    return *method ? make_values(t, *method, NULL, NULL, values) : PELL_ERR_INVALID;
+fail:
+    free(*values);
+    *values = NULL;
+    return res;
+}
+
+static void say(const struct trial *t, const struct pell_method *m, double bound, double error)
+{
+    struct pell_text line = { .length = 0 };
+    const size_t count = json_array_size(t->tried);
+
+    if (error > 0.0 || !m || strcmp(m->name, "path-trace") != 0)
+        pell_text_add(&line, "%s: %.1f %% from path-trace on %d x %d pixels, %.3g %% are allowed",
+                      json_string_value(json_object_get(json_array_get(t->tried, count - 1), "method")), 100.0 * error, t->settings.width,
+                      t->settings.height, 100.0 * bound);
+    else
+        pell_text_add(&line, "path-trace: on %d x %d pixels no method is within %.3g %%", t->settings.width, t->settings.height,
+                      100.0 * bound);
+    for (size_t i = 0; i < count; i++) {
+        const json_t *o = json_array_get(t->tried, i);
+        const bool last = i + 1 == count && m && strcmp(m->name, "path-trace") != 0;
+        if (!last)
+            pell_text_add(&line, "%s%s %.1f %%", i == 0 ? "; " : ", ", json_string_value(json_object_get(o, "method")),
+                          100.0 * json_real_value(json_object_get(o, "error")));
+    }
+    pell_info(t->cli->ctx, "--max-error", "%s", line.str);
+}
+
+enum exit_code auto_choose(struct cli *cli, struct session *s, json_t **answer)
+{
+    struct trial t = { .cli = cli, .session = s, .settings = s->settings, .tried = json_array() };
+    const struct pell_method *method = NULL;
+    void *values = NULL;
+    double bound = 0.0, error = 0.0;
+    enum exit_code code = cli_parse_percent(cli, "--max-error", cli->max_error ? cli->max_error : DEFAULT, &bound);
+    enum pell_result res = PELL_OK;
+
+    if (code == EXIT_OK) {
+        shrink(&t);
+        t.pixels = (size_t) t.settings.width * (size_t) t.settings.height;
+        t.planes = pell_calloc(cli->ctx, t.pixels, 10 * sizeof(float));
+        res = t.planes && t.tried ? find_truth(&t, bound) : PELL_ERR_NOMEM;
+        if (res == PELL_OK)
+            res = try_all(&t, bound, &method, &values, &error);
+        code = cli_failed(cli, res);
+    }
+    if (code == EXIT_OK) {
+        say(&t, method, bound, error);
+        code = take(cli, s, method, values);
+        if (code == EXIT_OK)
+            code = cli_failed(cli, pell_renderer_set_method(s->renderer, s->method, s->knobs));
+        *answer =
+            json_pack("{s:f,s:i,s:i,s:O}", "max_error", bound, "width", t.settings.width, "height", t.settings.height, "tried", t.tried);
+    }
+    pell_free(cli->ctx, t.planes);
+    json_decref(t.tried);
+    return code;
+}

@@ -1,0 +1,12 @@
+/* SPDX-License-Identifier: MIT
+ * auto.h - the method that `render --max-error` chooses. */
+#ifndef PELL_CLI_AUTO_H
+#define PELL_CLI_AUTO_H
+
+#include "cli/cli.h"
+
+/* Gives an open session the cheapest method whose error against path-trace, on a small image of its scene, is at most cli->max_error (NULL:
+ * 8 %), and says so in one line; path-trace where none is. *answer: what was tried, for the answer as JSON. */
+enum exit_code auto_choose(struct cli *cli, struct session *s, json_t **answer);
+
+#endif
