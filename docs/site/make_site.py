@@ -21,7 +21,8 @@ TITLE = 'Pellucid'
 GROUPS = [
     ('Start', ['README.md', 'docs/guide/first-picture.md', 'docs/guide/command-line.md', 'docs/guide/scene-file.md',
                'docs/guide/viewer.md', 'docs/gallery.md', 'docs/guide/troubleshooting.md']),
-    ('Light below surfaces', ['docs/guide/paper-to-pixels.md', 'docs/guide/paper-coverage.md', 'docs/guide/materials.md',
+    ('Light below surfaces', ['docs/guide/paper-to-pixels.md', 'docs/guide/paper-figures.md', 'docs/guide/paper-coverage.md',
+                              'docs/guide/materials.md',
                               'docs/guide/profiles.md', 'docs/guide/optics-proof.md', 'docs/guide/conventions.md']),
     ('Methods', ['docs/guide/methods.md', 'docs/guide/choosing.md', 'docs/guide/compare.md', 'docs/guide/denoising.md',
                  'src/methods/*/README.md']),

@@ -294,7 +294,7 @@ def _(folder):
     need(one == [m for m in every if m['name'] == 'screen-space'] and len(one) == 1, one)
     column = [line.split()[3] for line in text(works(folder, 'methods').stdout).splitlines()]
     need(column == [m['runs_on'] for m in every] + ['-'], column)
-    need(next(m for m in every if m['name'] == 'convolution')['ignores'] == ['strength map', "layers' depth maps"], every)
+    need(next(m for m in every if m['name'] == 'convolution')['ignores'] == ["layers' depth maps"], every)
     for method in every:
         keys(method, 'name title kind engines runs_on ignores citation knobs')
         need((method['runs_on'] == 'planes') == (method['name'] in ('screen-space', 'image-space')), method)
