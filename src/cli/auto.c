@@ -4,8 +4,6 @@
  * path-trace, in the order of their cost, until one is good enough. */
 #include "cli/auto.h"
 
-#include "base/file.h"
-
 #include <pellucid/compare.h>
 
 #include <math.h>

@@ -136,6 +136,8 @@ static enum pell_result make_grid(struct fit *f, double size)
         f->low[i % 3] = fmin(f->low[i % 3], (double) c->position[i]);
         high[i % 3] = fmax(high[i % 3], (double) c->position[i]);
     }
+    if (pell_cancelled(c->ctx)) /* there are no bounds */
+        return PELL_ERR_CANCELLED;
     f->size = size;
     for (int k = 0; k < 3; k++)
         f->size = fmax(f->size, (high[k] - f->low[k]) / 5e5);
