@@ -76,6 +76,7 @@ enum option_group {
     OPTIONS_MERGE = 1 << 12,
     OPTIONS_VIEW = 1 << 13,
     OPTIONS_BAKE = 1 << 14,
+    OPTIONS_CHOICE = 1 << 15, /* of a method: by one process */
 };
 
 struct settings_list {

@@ -65,7 +65,7 @@ static const struct option options[] = {
     { OPTIONS_SCENE | OPTIONS_BENCH | OPTIONS_REPEATS | OPTIONS_PROFILE | OPTIONS_COMPARE | OPTIONS_BAKE, 0, "limit", "NAME=VALUE",
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "scattering method (`pellucid methods`); none: no scattering", TEXT, AT(method), NULL },
-    { OPTIONS_FILE, 0, "max-error", "PERCENT",
+    { OPTIONS_CHOICE, 0, "max-error", "PERCENT",
       "takes the cheapest method whose error is at most this, as measured on a small image against path-trace; -m auto: 8%", TEXT,
       AT(max_error), NULL },
     { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
