@@ -223,7 +223,7 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
         res = PELL_ERR_CANCELLED;
         goto fail;
     }
-    PELL_TRY(ts_atlas_drop_buried(&b, order));
+    PELL_TRY(ts_atlas_drop_buried(&b));
     a->inner = b.claimed;
     far = pell_alloc_array(ctx, a->size, sizeof(*far));
     if (!far) {

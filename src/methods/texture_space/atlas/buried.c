@@ -7,78 +7,35 @@
 
 #include "visibility/buried.h"
 
-#include <string.h>
-
 #define CLEAR 1e-4f   /* of the largest coordinate, and of a texel: how far from the surface rays start */
 #define PARTS_MOST 64 /* whose boxes are compared; of more, all are looked at */
 
-/* A connected part of the surface. */
-struct part {
-    struct pell_vec3 low, high;
-    bool meets; /* the box of another one */
-};
-
 struct search {
     struct ts_atlas_build *b;
-    const int32_t *of; /* part of each triangle */
-    const struct part *parts;
-    int *count; /* per band */
+    const bool *meets; /* per connected part: its box meets that of another one */
+    int *count;        /* per band */
 };
 
-/* Numbers connected parts; returns how many there are. `todo` has room for all triangles. */
-static int32_t number_parts(const struct ts_atlas_build *b, int32_t *of, uint32_t *todo)
+static bool apart(const struct pell_part *p, const struct pell_part *q)
 {
-    const struct ts_atlas *a = b->a;
-    int32_t count = 0;
-
-    for (uint32_t t = 0; t < a->num_triangles; t++)
-        of[t] = -1;
-    for (uint32_t seed = 0; seed < a->num_triangles && !pell_cancelled_at(b->ctx, seed); seed++) {
-        uint32_t n = 0;
-        if (of[seed] >= 0)
-            continue;
-        of[seed] = count;
-        todo[n++] = seed;
-        while (n > 0) {
-            const uint32_t t = todo[--n];
-            for (uint32_t h = 3 * t; h < 3 * t + 3; h++)
-                if (a->twin[h] != NONE && of[a->twin[h] / 3] < 0) {
-                    of[a->twin[h] / 3] = count;
-                    todo[n++] = a->twin[h] / 3;
-                }
-        }
-        count++;
-    }
-    return count;
-}
-
-static bool apart(const struct part *p, const struct part *q)
-{
-    return p->low.x > q->high.x || q->low.x > p->high.x || p->low.y > q->high.y || q->low.y > p->high.y || p->low.z > q->high.z ||
-           q->low.z > p->high.z;
+    for (int k = 0; k < 3; k++)
+        if (p->min[k] > q->max[k] || q->min[k] > p->max[k])
+            return true;
+    return false;
 }
 
 /* False: no two boxes meet. */
-static bool compare_boxes(const struct ts_atlas_build *b, const int32_t *of, struct part *parts, int32_t count)
+static bool compare_boxes(const struct pell_part *parts, uint32_t count, bool *meets)
 {
-    bool any = false;
+    bool any = count > PARTS_MOST;
 
-    for (int32_t i = 0; i < count; i++)
-        parts[i] = (struct part) { { INFINITY, INFINITY, INFINITY }, { -INFINITY, -INFINITY, -INFINITY }, count > PARTS_MOST };
-    for (uint32_t t = 0; t < b->a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
-        struct part *p = &parts[of[t]];
-        struct pell_vec3 corner[3];
-        corner_points(b->a, t, corner);
-        for (int k = 0; k < 3; k++) {
-            p->low = vec3(fminf(p->low.x, corner[k].x), fminf(p->low.y, corner[k].y), fminf(p->low.z, corner[k].z));
-            p->high = vec3(fmaxf(p->high.x, corner[k].x), fmaxf(p->high.y, corner[k].y), fmaxf(p->high.z, corner[k].z));
-        }
-    }
-    for (int32_t i = 0; i < count && count <= PARTS_MOST; i++)
-        for (int32_t k = 0; k < i; k++)
+    for (uint32_t i = 0; i < count; i++)
+        meets[i] = count > PARTS_MOST;
+    for (uint32_t i = 0; i < count && count <= PARTS_MOST; i++)
+        for (uint32_t k = 0; k < i; k++)
             if (!apart(&parts[i], &parts[k]))
-                parts[i].meets = parts[k].meets = any = true;
-    return any || count > PARTS_MOST;
+                meets[i] = meets[k] = any = true;
+    return any;
 }
 
 /* Tests the texels that were collected. */
@@ -109,7 +66,11 @@ static void search_band(void *arg, int band, int worker)
         for (ptrdiff_t at = y * a->stride; at < y * a->stride + a->width; at++) {
             struct pell_buried_place *p = &places[count];
             float largest;
-            if (a->source[at] == NONE || !s->parts[s->of[a->source[at]]].meets)
+            uint32_t part;
+            if (a->source[at] == NONE)
+                continue;
+            part = s->b->topology.part[a->source[at]];
+            if (part == NONE || !s->meets[part])
                 continue;
             ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &p->at, &p->normal, &largest);
             p->clearance = CLEAR * fmaxf(largest, (float) a->mm_per_texel);
@@ -123,35 +84,32 @@ static void search_band(void *arg, int band, int worker)
     s->count[band] += count ? flush(s->b, places, texels, count) : 0;
 }
 
-enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b, uint32_t *todo)
+enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b)
 {
     struct ts_atlas *a = b->a;
     const int bands = (a->height + BAND - 1) / BAND;
-    int32_t *of = NULL, count;
-    struct part *parts = NULL;
+    const uint32_t count = b->topology.num_parts;
+    struct pell_part *parts = NULL;
+    bool *meets = NULL;
     struct search s = { .b = b };
-    enum pell_result res = PELL_OK;
+    enum pell_result res = PELL_ERR_NOMEM;
 
-    if (a->scene->animated) /* parts that move dig each other out */
+    if (a->scene->animated || count < 2) /* parts that move dig each other out */
         return PELL_OK;
-    of = pell_alloc_array(b->ctx, (size_t) a->num_triangles + 1, sizeof(*of));
-    res = PELL_ERR_NOMEM;
-    if (!of)
-        goto fail;
-    count = number_parts(b, of, todo);
-    parts = pell_alloc_array(b->ctx, (size_t) count + 1, sizeof(*parts));
+    parts = pell_alloc_array(b->ctx, count, sizeof(*parts));
+    meets = pell_alloc_array(b->ctx, count, sizeof(*meets));
     s.count = pell_calloc(b->ctx, (size_t) bands, sizeof(*s.count));
-    if (!parts || !s.count)
+    if (!parts || !meets || !s.count)
         goto fail;
+    pell_topology_parts(&b->topology, a->scene, parts);
     res = PELL_OK;
-    if (count < 2 || !compare_boxes(b, of, parts, count))
+    if (!compare_boxes(parts, count, meets))
         goto fail;
     res = PELL_ERR_NOMEM;
     b->buried = pell_calloc(b->ctx, a->size, sizeof(*b->buried));
     if (!b->buried)
         goto fail;
-    s.of = of;
-    s.parts = parts;
+    s.meets = meets;
     pell_pool_run(b->p->pool, bands, search_band, &s);
     for (int i = 0; i < bands; i++)
         a->buried += s.count[i];
@@ -167,7 +125,7 @@ enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b, uint32_t *todo)
 
 fail:
     pell_free(b->ctx, s.count);
+    pell_free(b->ctx, meets);
     pell_free(b->ctx, parts);
-    pell_free(b->ctx, of);
     return res;
 }

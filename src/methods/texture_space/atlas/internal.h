@@ -169,8 +169,8 @@ struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, con
 struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f);
 void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m);
 
-/* buried.c: takes the texels that lie inside of another part of the solid out of their charts. `todo` has room for all triangles. */
-PELL_NODISCARD enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b, uint32_t *todo);
+/* buried.c: takes the texels that lie inside of another part of the solid out of their charts. */
+PELL_NODISCARD enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b);
 
 /* --- borders.c: in this order ---------------------------------------------------------------------------------------------------- */
 
