@@ -75,23 +75,19 @@ struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *
 
 /* --- Tints ------------------------------------------------------------------------------------------------------------------------ */
 
-/* What a material's half-space reflects of diffuse light that entered it. */
-static double reflectance(const struct pell_material *m, int c)
+/* What a material's half-space reflects of diffuse light that entered it. `medium`: what is traced of it. */
+static double reflectance(const struct pell_material *m, const struct pell_medium *medium, int c)
 {
-    const double eta = (double) m->medium.eta;
-    struct pell_medium medium = m->medium;
-    struct pell_medium_fault fault;
+    const double scattered = medium->sigma_s_reduced[c], eta = (double) m->medium.eta;
     struct pell_profile own;
-    double total = 0.0;
+    double total;
 
-    if (pell_has_profile_only(m) && pell_equivalent_medium(m, &medium, &fault) != PELL_OK)
-        return 1.0; /* was refused before */
-    if (m->profile && !pell_has_profile_only(m))
+    if (medium == &m->medium && m->profile)
         total = pell_profile_total(&m->profile[c]);
-    else if (m->gaussians.count > 0 && !pell_has_profile_only(m) && pell_profile_from_gaussians(&m->gaussians, c, &own) == PELL_OK)
+    else if (medium == &m->medium && m->gaussians.count > 0 && pell_profile_from_gaussians(&m->gaussians, c, &own) == PELL_OK)
         total = pell_profile_total(&own);
     else
-        total = pell_half_space_albedo(medium.sigma_s_reduced[c] / (medium.sigma_s_reduced[c] + medium.sigma_a[c]), eta);
+        total = pell_half_space_albedo(scattered / (scattered + medium->sigma_a[c]), eta);
     return total * pell_half_space_angle_of(total, eta).mean;
 }
 
@@ -99,36 +95,34 @@ void pt_set_tints(struct pt_scene *s)
 {
     for (size_t i = 0; i < s->scene->num_materials; i++) {
         const struct pell_material *m = &s->scene->materials[i];
+        const struct pell_medium *medium = &m->medium;
         struct pt_tint *t = &s->tint[i];
+        struct pell_medium equivalent;
+        struct pell_medium_fault fault;
         if (m->opaque || m->color_from != PELL_COLOR_FROM_TEXTURE)
             continue;
+        if (pell_has_profile_only(m)) {
+            if (pell_equivalent_medium(m, &equivalent, &fault) != PELL_OK)
+                continue; /* no solid is of it: it was refused */
+            medium = &equivalent;
+        }
         t->is = true;
         t->mix = m->mix;
         for (int c = 0; c < 3; c++) {
-            const double rho = reflectance(m, c);
+            const double rho = reflectance(m, medium, c);
             t->per_reflectance[c] = rho > 0.0 ? (float) (1.0 / rho) : 0.0f;
         }
     }
 }
 
-/* b^m; 0^0 is 1. */
-static float power(float base, float exponent)
-{
-    if (exponent <= 0.0f)
-        return 1.0f;
-    if (exponent >= 1.0f)
-        return base;
-    return exponent == 0.5f ? sqrtf(base) : base > 0.0f ? powf(base, exponent) : 0.0f;
-}
-
-bool pt_tint_at(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float tint[3])
+void pt_tint(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float beta[3])
 {
     const struct pt_tint *t = &s->tint[hit->material];
+    float color[3];
 
     if (!t->is)
-        return false;
-    base_color(s, hit, tint);
+        return;
+    base_color(s, hit, color);
     for (int c = 0; c < 3; c++)
-        tint[c] = enters ? power(tint[c], t->mix) : power(tint[c], 1.0f - t->mix) * t->per_reflectance[c];
-    return true;
+        beta[c] *= enters ? pell_color_share(color[c], t->mix) : pell_color_share(color[c], 1.0f - t->mix) * t->per_reflectance[c];
 }

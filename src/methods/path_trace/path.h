@@ -170,16 +170,8 @@ struct pt_hit {
 /* maps.c. What a map says there; 1 where it or its coordinates are missing. */
 void pt_texel_at(const struct pt_scene *s, const struct pt_hit *hit, const struct pell_texture_map *map, float texel[4]);
 void pt_set_tints(struct pt_scene *s);
-/* What light that enters a solid there, or leaves it, is multiplied by. False: by 1. */
-bool pt_tint_at(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float tint[3]);
-static inline void pt_tint(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float beta[3])
-{
-    float tint[3];
-    const bool is = pt_tint_at(s, hit, enters, tint);
-
-    for (int c = 0; is && c < 3; c++)
-        beta[c] *= tint[c];
-}
+/* Light that enters a solid there, or leaves it. */
+void pt_tint(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float beta[3]);
 /* alpha of the boundary there; 0: smooth. */
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit);
 /* NULL: smooth, or indices that match. */

@@ -9,6 +9,7 @@
 #include "math/scalar.h"
 #include "render/curvature/stage.h"
 #include "render/indirect/stage.h"
+#include "scene/material_maps.h"
 #include "scene/triangle.h"
 
 #include <float.h>
@@ -20,18 +21,6 @@
 #define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
 
 /* --- Filling lanes ------------------------------------------------------------------------------------------------------------ */
-
-/* base^m with the common exponents done without a library call. */
-static float entering_albedo(float base, float m)
-{
-    if (m <= 0.0f)
-        return 1.0f;
-    if (m >= 1.0f)
-        return base;
-    if (m == 0.5f)
-        return sqrtf(max0(base));
-    return base > 0.0f ? powf(base, m) : 0.0f;
-}
 
 /* What a lane takes from its material. */
 struct traits {
@@ -129,7 +118,7 @@ static void color_entering(const struct job *job, struct packet *k)
         const float mix = job->p->mix >= 0.0f ? job->p->mix : m->mix;
         if (!m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE)
             for (int c = 0; c < 3; c++)
-                k->lanes.albedo[c][i] = entering_albedo(s->base[c][k->index[i]], mix);
+                k->lanes.albedo[c][i] = pell_color_share(s->base[c][k->index[i]], mix);
     }
 }
 
