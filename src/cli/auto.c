@@ -19,12 +19,22 @@ static const char *const samples[] = { "32", "64", "128", "256" };
 
 /* In the order of their cost. */
 static const struct {
-    const char *method; /* NULL: no scattering */
+    const char *label, *method; /* method NULL: no scattering */
     const char *knob, *value;
 } candidates[] = {
-    { NULL, NULL, NULL },           { "screen-space", NULL, NULL },    { "image-space", NULL, NULL },
-    { "convolution", NULL, NULL },  { "convolution", "planes", "16" }, { "texture-space", NULL, NULL },
-    { "hierarchical", NULL, NULL },
+    { "none", NULL, NULL, NULL },
+    { "screen-space", "screen-space", NULL, NULL },
+    { "image-space", "image-space", NULL, NULL },
+    { "convolution", "convolution", NULL, NULL },
+    { "convolution:planes=16", "convolution", "planes", "16" },
+    { "texture-space", "texture-space", NULL, NULL },
+    { "hierarchical", "hierarchical", NULL, NULL },
+};
+
+/* A method's relative error on the small image. */
+struct measured {
+    double error, noise; /* its standard error */
+    double square_noise; /* the standard error of its square */
 };
 
 struct trial {
@@ -79,14 +89,19 @@ static enum pell_result make_values(const struct trial *t, const struct pell_met
     return *values ? pell_method_configure(t->cli->ctx, m, &set, knob ? 1 : 0, *values) : PELL_ERR_NOMEM;
 }
 
-static enum pell_result render_small(struct trial *t, const struct pell_method *m, const void *values, struct pell_render_result *image)
+/* `tells`: what is said meanwhile. */
+static enum pell_result render_small(struct trial *t, const struct pell_method *m, const void *values, int tells,
+                                     struct pell_render_result *image)
 {
     struct cli *cli = t->cli;
-    enum pell_result res = pell_renderer_set_method(t->session->renderer, m, values);
+    enum pell_result res;
 
+    cli->tells = tells;
+    res = pell_renderer_set_method(t->session->renderer, m, values);
     if (res == PELL_OK)
         res = pell_renderer_render(t->session->renderer, &t->settings, image);
     cli_progress_end(cli);
+    cli->tells = CLI_TELLS_ALL;
     return res == PELL_OK && image->partial ? PELL_ERR_CANCELLED : res;
 }
 
@@ -98,12 +113,11 @@ static enum pell_result render_truth(struct trial *t, const char *count)
     void *values = NULL;
     enum pell_result res = m ? PELL_OK : PELL_ERR_INVALID;
 
-    t->cli->tells = CLI_TELLS_ERRORS;
     for (int half = 0; half < 2 && res == PELL_OK; half++) {
         free(values);
         PELL_TRY(make_values(t, m, "samples", count, &values));
         PELL_TRY(pell_method_knobs_set_text(t->cli->ctx, m, values, "half", half ? "2" : "1"));
-        PELL_TRY(render_small(t, m, values, &image));
+        PELL_TRY(render_small(t, m, values, CLI_TELLS_ERRORS, &image));
         take_light(t, &image, plane(t, half ? 3 : 0));
         if (!take_mask(t, &image)) {
             res = pell_error(t->cli->ctx, PELL_ERR_INVALID, t->session->scene->path, "give it a --material, or name a method with -m",
@@ -112,13 +126,12 @@ static enum pell_result render_truth(struct trial *t, const char *count)
         }
     }
 fail:
-    t->cli->tells = CLI_TELLS_ALL;
     free(values);
     return res;
 }
 
-/* Relative error of the method's planes, and its standard error. */
-static enum pell_result measure(const struct trial *t, double *error, double *noise, double *square_noise)
+/* Of the method's planes. */
+static enum pell_result measure(const struct trial *t, struct measured *out)
 {
     struct pell_compare_params params;
     struct pell_comparison result = { .width = 0 };
@@ -136,20 +149,21 @@ static enum pell_result measure(const struct trial *t, double *error, double *no
     in.figures_only = true;
     res = pell_compare(t->cli->ctx, &in, &params, &result);
     if (res == PELL_OK) {
-        *error = isfinite(result.masked.rel_mse) ? sqrt(fmax(result.masked.rel_mse, 0.0)) : INFINITY; /* all is black */
-        *square_noise = result.masked.rel_mse_error;
-        *noise = result.masked.rel_mse_error / (2.0 * fmax(*error, sqrt(fabs(result.masked.rel_mse_error))));
+        const double square = result.masked.rel_mse;
+        out->error = isfinite(square) ? sqrt(fmax(square, 0.0)) : 0.0; /* all is black: as good as any */
+        out->square_noise = result.masked.rel_mse_error;
+        out->noise = out->square_noise / (2.0 * fmax(out->error, sqrt(fabs(out->square_noise))));
     }
     pell_comparison_finish(t->cli->ctx, &result);
     return res;
 }
 
-static void add_tried(const struct trial *t, const char *name, double error, double noise)
+static void add_tried(const struct trial *t, const char *label, const struct measured *m)
 {
-    json_t *o = json_pack("{s:s,s:f}", "method", name, "error", error);
+    json_t *o = json_pack("{s:s,s:f}", "method", label, "error", m->error);
 
-    if (o && isfinite(noise))
-        json_object_set_new(o, "noise", json_real(noise));
+    if (o && isfinite(m->noise))
+        json_object_set_new(o, "noise", json_real(m->noise));
     json_array_append_new(t->tried, o);
 }
 
@@ -175,30 +189,27 @@ static enum exit_code take(struct cli *cli, struct session *s, const struct pell
     return session_settings(cli, s->scene, m, values, &s->settings);
 }
 
-/* With as many samples as tell an error at the bound from one well below it. */
+/* With as many samples as tell an error at the bound from one well below it, by `none`: the better a method is, the less noise its error
+ * has. Leaves the light of `none` as the method's. */
 static enum pell_result find_truth(struct trial *t, double bound)
 {
-    enum pell_result res = PELL_OK;
+    struct pell_render_result image;
+    struct measured none;
+    enum pell_result res;
 
+    PELL_TRY(render_small(t, NULL, NULL, CLI_TELLS_ERRORS, &image));
+    take_light(t, &image, plane(t, 6));
     for (size_t i = 0; i < PELL_COUNT(samples); i++) {
-        struct pell_render_result image;
-        double error, noise, square_noise;
         PELL_TRY(render_truth(t, samples[i]));
-        t->cli->tells = CLI_TELLS_NOTHING;
-        res = render_small(t, NULL, NULL, &image);
-        t->cli->tells = CLI_TELLS_ALL;
-        if (res != PELL_OK)
-            goto fail;
-        take_light(t, &image, plane(t, 6));
-        PELL_TRY(measure(t, &error, &noise, &square_noise));
-        /* The better a method is, the less of the noise is its own: of `none`, the worst, this is the most. */
-        if (!(square_noise > RESOLVED * bound * bound))
+        PELL_TRY(measure(t, &none));
+        if (!(none.square_noise > RESOLVED * bound * bound))
             break;
     }
 fail:
     return res;
 }
 
+/* After find_truth. *method path-trace, *error 0: none is near enough. */
 static enum pell_result try_all(struct trial *t, double bound, const struct pell_method **method, void **values, double *error)
 {
     enum pell_result res = PELL_OK;
@@ -206,32 +217,26 @@ static enum pell_result try_all(struct trial *t, double bound, const struct pell
     for (size_t i = 0; i < PELL_COUNT(candidates); i++) {
         const struct pell_method *m = candidates[i].method ? pell_method_find(t->cli->ctx, "--max-error", candidates[i].method) : NULL;
         struct pell_render_result image;
-        double noise = 0.0, square_noise;
-        char name[64];
-        snprintf(name, sizeof(name), "%s%s%s%s%s", m ? m->name : "none", candidates[i].knob ? ":" : "",
-                 candidates[i].knob ? candidates[i].knob : "", candidates[i].knob ? "=" : "",
-                 candidates[i].knob ? candidates[i].value : "");
-        if (m && !(pell_device_engine(t->session->device) == PELL_ENGINE_VULKAN ? m->vulkan : m->cpu))
+        struct measured found;
+        if (m && !session_runs(t->session, m))
             continue;
-        if (m)
+        if (m) {
             PELL_TRY(make_values(t, m, candidates[i].knob, candidates[i].value, values));
-        t->cli->tells = CLI_TELLS_NOTHING;
-        res = render_small(t, m, *values, &image);
-        t->cli->tells = CLI_TELLS_ALL;
-        if (res == PELL_ERR_UNSUPPORTED || res == PELL_ERR_INVALID) { /* not this scene */
-            free(*values);
-            *values = NULL;
-            continue;
+            res = render_small(t, m, *values, CLI_TELLS_NOTHING, &image);
+            if (res == PELL_ERR_UNSUPPORTED || res == PELL_ERR_INVALID) { /* not this scene */
+                free(*values);
+                *values = NULL;
+                continue;
+            }
+            if (res != PELL_OK)
+                goto fail;
+            take_light(t, &image, plane(t, 6));
         }
-        if (res != PELL_OK)
-            goto fail;
-        take_light(t, &image, plane(t, 6));
-        PELL_TRY(measure(t, error, &noise, &square_noise));
-        if (!isfinite(*error))
-            *error = 0.0; /* as good as any */
-        add_tried(t, name, *error, noise);
-        if (*error + (isfinite(noise) ? noise : 0.0) <= bound) {
+        PELL_TRY(measure(t, &found));
+        add_tried(t, candidates[i].label, &found);
+        if (found.error + (isfinite(found.noise) ? found.noise : 0.0) <= bound) {
             *method = m;
+            *error = found.error;
             return PELL_OK;
         }
         free(*values);

@@ -296,6 +296,8 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
 /* Loads the scene anew, at a time in seconds; the rest stays. */
 enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s);
 void session_close(struct session *s);
+/* Whether the session's engine has the method. */
+bool session_runs(const struct session *s, const struct pell_method *method);
 /* The settings for a method on a scene: the method's defaults, then the scene file's options, then the command line's. */
 enum exit_code session_settings(struct cli *cli, const struct pell_scene *scene, const struct pell_method *method, const void *knobs,
                                 struct pell_settings *settings);

@@ -366,6 +366,11 @@ static enum exit_code configure(struct cli *cli, struct session *s)
     return code;
 }
 
+bool session_runs(const struct session *s, const struct pell_method *method)
+{
+    return pell_device_engine(s->device) == PELL_ENGINE_VULKAN ? method->vulkan != NULL : method->cpu != NULL;
+}
+
 enum exit_code session_settings(struct cli *cli, const struct pell_scene *scene, const struct pell_method *method, const void *knobs,
                                 struct pell_settings *settings)
 {

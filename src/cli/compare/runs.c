@@ -13,11 +13,6 @@ static const struct pell_knob *find_knob(const struct pell_method *method, const
     return method ? pell_knob_find(method->knobs, name) : NULL;
 }
 
-static bool on_engine(const struct session *s, const struct pell_method *method)
-{
-    return pell_device_engine(s->device) == PELL_ENGINE_VULKAN ? method->vulkan != NULL : method->cpu != NULL;
-}
-
 /* Two labels may give one name of a file. */
 static void name_file(struct run_list *runs, struct run *run)
 {
@@ -189,7 +184,7 @@ static void leave_out(struct run_list *runs, const struct session *s)
     size_t kept = 0;
 
     for (size_t i = 0; i < runs->count; i++)
-        if (runs->list[i].optional && !on_engine(s, runs->list[i].method))
+        if (runs->list[i].optional && !session_runs(s, runs->list[i].method))
             free(runs->list[i].values);
         else
             runs->list[kept++] = runs->list[i];
@@ -211,7 +206,7 @@ enum exit_code runs_open(struct cli *cli, struct run_list *runs, const struct se
             code = session_settings(cli, s->scene, run->method, run->values, &run->settings);
         run->settings.layers = true;
         run->settings.denoise = false; /* a scene file may ask: what is measured is as the method made it */
-        if (code == EXIT_OK && run->method && !on_engine(s, run->method))
+        if (code == EXIT_OK && run->method && !session_runs(s, run->method))
             code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, run->label, NULL, "has no engine %s", engine));
     }
     return code;
