@@ -276,6 +276,21 @@ static inline double shot_at(const struct shot *shot, size_t plane, int x, int y
     return (double) shot->data[plane * shot->size + (size_t) y * (size_t) shot->width + (size_t) x];
 }
 
+/* Mean of green of what is covered; something is. */
+static inline double shot_mean_green(const struct shot *shot)
+{
+    double sum = 0.0, n = 0.0;
+
+    for (int y = 0; y < shot->height; y++)
+        for (int x = 0; x < shot->width; x++)
+            if (shot_at(shot, SHOT_A, x, y) > 0.0) {
+                sum += shot_at(shot, SHOT_G, x, y);
+                n += 1.0;
+            }
+    REQUIRE(n > 0.0);
+    return sum / n;
+}
+
 static inline bool shot_equal(const struct shot *a, const struct shot *b)
 {
     return a->width == b->width && a->height == b->height && a->planes == b->planes &&
