@@ -11,14 +11,14 @@ from pathlib import Path
 
 from cli_test import PROGRAM, ROOT, SANITIZED, clean_environment, main, need, one_object, run, test, text, works
 
-NAMES = ['profiles', 'truth', 'truth-gap', 'mertens', 'munoz-2', 'munoz-3', 'munoz-5', 'deon-1', 'francois-2']
+NAMES = ['profiles', 'truth', 'truth-gap', 'mertens', 'munoz-2', 'munoz-3', 'munoz-5', 'deon-1', 'jimenez-7.2', 'francois-2']
 TINY = ['--width', '48', '--height', '27', '--light-samples', '2', '--threads', '2']
 
 
 @test('help lists every bench, and each has a page of its own')
 def _(folder):
     shown = text(works(folder, '--help').stdout)
-    need(re.findall(r'^  ([a-z0-9-]+) +[a-z]', shown, re.MULTILINE)[:len(NAMES)] == NAMES, shown)
+    need(re.findall(r'^  ([a-z0-9.-]+) +[a-z]', shown, re.MULTILINE)[:len(NAMES)] == NAMES, shown)
     for name in NAMES:
         page = text(works(folder, name, '--help').stdout)
         need(f'usage: pellucid-bench {name} [OPTIONS]' in page and f'  pellucid-bench {name} --repeats 1' in page, page)
@@ -28,11 +28,11 @@ def _(folder):
 @test('pages name benches that are there')
 def _(folder):
     pages = [*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md'), *(ROOT / 'src').rglob('*.md'), *(ROOT / 'bench').glob('*.md')]
-    found = [(p.name, name) for p in pages for name in re.findall(r'pellucid-bench ([a-z0-9-]+)', p.read_text('utf-8'))]
+    found = [(p.name, name) for p in pages for name in re.findall(r'pellucid-bench ([a-z0-9-]+(?:\.[0-9]+)?)', p.read_text('utf-8'))]
     need(len(found) > 10, found)
     for page, name in found:
         need(name in [*NAMES, '--help'], page, 'names', name)
-    table = re.findall(r'^\| `([a-z0-9-]+)`', (ROOT / 'bench/README.md').read_text('utf-8'), re.MULTILINE)
+    table = re.findall(r'^\| `([a-z0-9.-]+)`', (ROOT / 'bench/README.md').read_text('utf-8'), re.MULTILINE)
     need(table == NAMES, table)
 
 
