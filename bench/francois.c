@@ -97,27 +97,19 @@ fail:
     return res;
 }
 
-/* The gecko under its first light; its scene lies beside the fish's. */
-static enum pell_result add_gecko(struct bench *b)
+/* The gecko under its first light. */
+static enum pell_result run_gecko(struct bench *b)
 {
-    const char *const fish = b->path;
-    const size_t stem = strlen(fish) - strlen(".json");
-    char path[4096 + sizeof("-gecko")];
-    enum pell_result res = PELL_ERR_IO;
+    enum pell_result res;
 
-    snprintf(path, sizeof(path), "%.*s-gecko.json", (int) stem, fish);
-    b->path = path;
-    if (bench_open(b, NULL) == EXIT_OK) {
-        b->s.settings.width = WIDTH;
-        b->s.settings.height = HEIGHT;
-        b->s.scene->num_lights = b->s.scene->num_lights > 1 ? 1 : b->s.scene->num_lights;
-        PELL_TRY(pell_renderer_set_scene(b->s.renderer, b->s.scene));
-        PELL_TRY(add_planes(b, "gecko: "));
-        PELL_TRY(add_samples(b, "gecko: ", NULL));
-    }
+    b->s.settings.width = WIDTH;
+    b->s.settings.height = HEIGHT;
+    b->s.scene->num_lights = b->s.scene->num_lights > 1 ? 1 : b->s.scene->num_lights;
+    PELL_TRY(pell_renderer_set_scene(b->s.renderer, b->s.scene));
+    PELL_TRY(add_planes(b, "gecko: "));
+    PELL_TRY(add_samples(b, "gecko: ", NULL));
 
 fail:
-    b->path = fish;
     return res;
 }
 
@@ -157,7 +149,7 @@ enum pell_result bench_francois(struct bench *b)
         r->against = "one light";
     }
     scene->num_lights = all;
-    PELL_TRY(add_gecko(b)); /* the fish's scene is closed */
+    PELL_TRY(bench_beside(b, "-gecko", run_gecko)); /* the fish's scene is closed */
     add_memory(b);
     return PELL_OK;
 

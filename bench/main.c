@@ -40,13 +40,13 @@ static const struct row_of {
     { "profiles", bench_profiles, NULL, NULL, BENCH_ERROR, "R(r)/s" },
     { "truth", bench_truth, "wholemilk", "seed", BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR | BENCH_WORK, NULL },
     { "truth-gap", bench_indirect, NULL, "bounces", 0, NULL },
-    { "mertens", bench_mertens, NULL, NULL, BENCH_PIXELS | BENCH_ERROR, "samples/s" },
-    { "munoz-2", bench_munoz_2, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
-    { "munoz-3", bench_munoz_3, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
-    { "munoz-5", bench_munoz_5, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
-    { "deon-1", bench_deon, NULL, NULL, BENCH_PIXELS | BENCH_RAYS, NULL },
+    { "mertens", bench_mertens, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_ERROR, "samples/s" },
+    { "munoz-2", bench_munoz_2, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
+    { "munoz-3", bench_munoz_3, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
+    { "munoz-5", bench_munoz_5, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, NULL },
+    { "deon-1", bench_deon, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_RAYS, NULL },
     { "jimenez-7.2", bench_jimenez, NULL, NULL, 0, NULL },
-    { "francois-2", bench_francois, NULL, NULL, BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, "layer-samples/s" },
+    { "francois-2", bench_francois, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, "layer-samples/s" },
 };
 
 /* The scene lies beside the program. */

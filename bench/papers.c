@@ -26,6 +26,22 @@ enum exit_code bench_open(struct bench *b, const char *material)
     return code;
 }
 
+enum pell_result bench_beside(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b))
+{
+    const char *const own = b->path;
+    char path[4096];
+    enum pell_result res = PELL_ERR_IO;
+
+    snprintf(path, sizeof(path), "%.*s%s.json", (int) (strlen(own) - strlen(".json")), own, suffix);
+    free(b->cli->material);
+    b->cli->material = NULL;
+    b->path = path;
+    if (bench_open(b, NULL) == EXIT_OK)
+        res = run(b);
+    b->path = own;
+    return res;
+}
+
 void bench_close(struct bench *b)
 {
     session_close(&b->s);
@@ -147,7 +163,7 @@ static void nudge(struct bench *b, int frame)
 
 enum pell_result bench_measure(struct bench *b, const char *name, const struct bench_run *run, struct bench_result *result)
 {
-    double *times = calloc((size_t) b->repeats * MAX_STAGES, sizeof(*times)), sum = 0.0, copy = 0.0;
+    double *times = calloc((size_t) b->repeats * MAX_STAGES, sizeof(*times)), sum = 0.0, frame = 0.0, copy = 0.0;
     struct bench_result found = { 0 };
     struct pell_render_result p = { 0 };
     enum pell_result res = times ? PELL_OK : PELL_ERR_NOMEM;
@@ -172,6 +188,7 @@ enum pell_result bench_measure(struct bench *b, const char *name, const struct b
         char text[96];
         if (strcmp(t->name, "surface") == 0)
             found.seen = t->pixels;
+        frame += median;
         if (bench_is_common(t->name))
             continue;
         sum += median;
@@ -184,6 +201,7 @@ enum pell_result bench_measure(struct bench *b, const char *name, const struct b
             bench_add_stage(&b->rows, text, median, t);
     }
     if ((found.row = bench_add(&b->rows, name, sum))) {
+        found.row->frame_ms = frame;
         found.row->pixels = found.pixels;
         found.row->rays = rays;
         found.row->bytes = bytes;

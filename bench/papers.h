@@ -24,6 +24,8 @@ struct bench {
 /* Closes what is open and opens the scene anew, one sample a pixel; stages are timed beside copies. `material` NULL: the scene's own. */
 enum exit_code bench_open(struct bench *b, const char *material);
 void bench_close(struct bench *b);
+/* Opens the scene NAME`suffix`.json that lies beside the bench's own, which is closed, and runs that. */
+enum pell_result bench_beside(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b));
 /* A method with its knobs as "name=value name=value", all others at their defaults. */
 enum pell_result bench_choose(struct bench *b, const char *method, const char *knobs);
 /* Makes light of every material go `factor` times as far. */

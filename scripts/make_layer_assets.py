@@ -817,8 +817,7 @@ def leaf_field():
     return picture
 
 
-def leaf():
-    columns, rows = 150, 64
+def leaf(columns=150, rows=64):
     field = leaf_field()
     stations = spread(lambda x: 1 + 2 * step(4, 0, abs(x)) + 2 * math.exp((x - LEAF_TO) / 2.0) + 2 * math.exp((LEAF_FROM - x) / 0.8),
                       LEAF_FROM, LEAF_TO, columns)
@@ -1139,6 +1138,7 @@ MESHES = {
     'leaf': ('a leaf, 85 mm and its stalk', leaf),
     'gecko': ('a gecko, 105 mm with its tail', gecko),
     'veined-head': ('the bust, with coordinates of a picture painted from in front', head),
+    'leaf-1000': ('a leaf, coarse', lambda: leaf(32, 14)),
     'fish-1400': ('a small fish, coarse', lambda: fish(1400)),
     'fish-5000': ('a small fish', lambda: fish(5000)),
     'fish-20000': ('a small fish, fine', lambda: fish(20000)),
@@ -1159,7 +1159,7 @@ PICTURES = {
     'gecko-layers': (gecko_layers, 16, 3.5),
     'gecko-normal': (lambda: skin_of(gecko_picture(1536, (0.0,)), gecko_skin), 8, 1.0),
 }
-ON_REQUEST = ('fish-1400', 'fish-5000', 'fish-20000')
+ON_REQUEST = ('leaf-1000', 'fish-1400', 'fish-5000', 'fish-20000')
 
 
 def main():

@@ -64,6 +64,8 @@ json_t *bench_json(const struct rows *rows)
             json_object_set_new(o, "ratio", json_real(r->ratio));
             json_object_set_new(o, "ratio_to", json_string(r->against));
         }
+        if (o && r->frame_ms > 0.0)
+            json_object_set_new(o, "frame_ms", json_real(r->frame_ms));
         if (o && isfinite(r->error))
             json_object_set_new(o, "error", json_real(r->error));
         if (o && isfinite(r->work))
@@ -82,6 +84,7 @@ void bench_print(const struct rows *rows, unsigned columns, const char *items)
     for (size_t i = 0; i < rows->count; i++)
         width = (int) strlen(rows->items[i].name) > width ? (int) strlen(rows->items[i].name) : width;
     printf("%-*s %9s", width, "row", "ms");
+    printf("%s", columns & BENCH_FRAME ? "     frame" : "");
     printf("%s%s", columns & BENCH_PIXELS ? "     pixels" : "", columns & BENCH_RAYS ? "       rays" : "");
     printf("%s", columns & BENCH_COPY ? "   copy ms" : "");
     if (items)
@@ -100,6 +103,10 @@ void bench_print(const struct rows *rows, unsigned columns, const char *items)
         if (r->items && r->ms > 0.0)
             snprintf(text[4], sizeof(text[4]), "%.4g", 1e3 * (double) r->items / r->ms);
         printf("%-*s %9s", width, r->name, text[0]);
+        if (columns & BENCH_FRAME && r->frame_ms > 0.0)
+            printf(" %9.2f", r->frame_ms);
+        else if (columns & BENCH_FRAME)
+            printf(" %9s", "");
         if (columns & BENCH_PIXELS)
             printf(" %10s", text[1]);
         if (columns & BENCH_RAYS)

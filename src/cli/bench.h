@@ -13,9 +13,10 @@ struct row {
     double ms, bandwidth_ms, ratio; /* ratio: what the row says it is, 0 where it has none */
     const char *against;            /* what `ratio` is a ratio to */
     int64_t pixels, rays, bytes;
-    double error;  /* of the result, where it is measured; else NAN */
-    int64_t items; /* radii or samples that `ms` is for; 0: none */
-    double work;   /* seconds of processor time times relative variance, where it is measured; else NAN */
+    double frame_ms; /* of all stages, those that all methods share included; 0: not measured */
+    double error;    /* of the result, where it is measured; else NAN */
+    int64_t items;   /* radii or samples that `ms` is for; 0: none */
+    double work;     /* seconds of processor time times relative variance, where it is measured; else NAN */
 };
 
 struct rows {
@@ -24,7 +25,7 @@ struct rows {
 };
 
 /* Columns of the table. */
-enum { BENCH_PIXELS = 1, BENCH_RAYS = 2, BENCH_COPY = 4, BENCH_ERROR = 8, BENCH_WORK = 16 };
+enum { BENCH_PIXELS = 1, BENCH_RAYS = 2, BENCH_COPY = 4, BENCH_ERROR = 8, BENCH_WORK = 16, BENCH_FRAME = 32 };
 /* Prints the table. `items`: what rows count beside pixels ("samples/s"), or NULL. */
 void bench_print(const struct rows *rows, unsigned columns, const char *items);
 /* The rows as a table below a few lines with the machine, the build and `setup`; or as JSON with the members of the object `facts` (NULL:

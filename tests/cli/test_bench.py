@@ -94,7 +94,7 @@ def _(folder):
     for planes in (4, 8):
         for resolution in ('1', '1/2', '1/4'):
             row = rows[f'{planes} planes, resolution {resolution}']
-            need(row['ms'] > 0 and row['pixels'] > 100, row)
+            need(row['frame_ms'] > row['ms'] > 0 and row['pixels'] > 100, row)
     need(0 < rows['8 planes, resolution 1']['error'] < 0.5 and 'error' not in rows['radius x 4'], rows)
     need(rows['radius x 1']['ratio'] == 1 and rows['radius x 4']['ratio'] > 0, rows)
     need(0 < rows['dense, t 0.05, resolution 1/2']['error'] < 1, rows)

@@ -88,6 +88,30 @@ static void meshes_are_placed_in_their_own_units(void **state)
     finish(s);
 }
 
+static void entries_of_one_object_share_it_and_their_materials(void **state)
+{
+#define ENTRY(rest) "{\"path\":\"cube.obj\",\"unit\":\"1mm\"" rest "}"
+    struct pell_scene *s =
+        load("{\"pellucid\":1,\"meshes\":[" ENTRY(",\"object\":\"a\"") "," ENTRY(
+                 ",\"object\":\"b\"") ","
+                                      "{\"path\":\"two.obj\",\"unit\":\"1mm\",\"translate\":[1,0,0],\"object\":\"a\",\"material\":"
+                                      "\"ketchup\"}," ENTRY(",\"translate\":[0,1,0],\"object\":\"a\"") "," ENTRY(
+                                          ",\"object\":\"a\",\"material\":\"ketchup\"") "," ENTRY("") "]}",
+             NULL);
+    const struct pell_mesh *m = s->meshes;
+    (void) state;
+
+    assert_int_equal(s->num_meshes, 7); /* two.obj has two materials, with names of their own that one entry replaces */
+    for (size_t i = 2; i < 6; i++)
+        assert_int_equal(m[i].object, m[0].object);
+    REQUIRE(m[1].object != m[0].object && m[6].object != m[0].object && m[6].object != m[1].object);
+    assert_int_equal(m[4].material, m[0].material);
+    assert_int_equal(m[5].material, m[2].material);
+    REQUIRE(m[2].material != m[0].material);
+    finish(s);
+#undef ENTRY
+}
+
 static void positions_are_in_mesh_units_or_say_their_own(void **state)
 {
     struct pell_scene *s = load(SCENE(",\"camera\":{\"from\":[0,\"5cm\",8],\"to\":[0,5,0],\"up\":[0,1,1],\"fov_deg\":30},"
@@ -980,7 +1004,7 @@ static const char *const good[] = {
     SCENE(",\"materials\":{\"*\":{\"skin\":{\"melanin\":0.1,\"melanin_blend\":0.5,\"haemoglobin\":0.02,\"oxygenation\":0.7}}}"),
     "{\"$schema\":\"scene.schema.json\",\"pellucid\":1,\"meshes\":[\"cube.obj\",{\"path\":\"cube.obj\",\"unit\":\"1 "
     "cm\",\"translate\":[0,\"-5mm\",\"0cm\"],"
-    "\"rotate_deg\":[1,2,3],\"scale\":-2,\"material\":\"apple\"}],\"size\":\"7e-2m\"}",
+    "\"rotate_deg\":[1,2,3],\"scale\":-2,\"material\":\"apple\",\"object\":\"fruit\"}],\"size\":\"7e-2m\"}",
     "{\"pellucid\":1,\"mesh\":\"walk.gltf\",\"time\":1.5,\"animation\":\"stand\"}",
     SCENE(",\"time\":0,\"camera\":{\"from\":[0,0,9],\"to\":[1,1,1],\"up\":[0,1,0],\"ortho_height\":\"5cm\",\"focus\":3,\"f_number\":2.8}"),
     SCENE(",\"camera\":{\"side\":\"front\"},\"lights\":[{\"studio\":\"back\"}],\"background\":\"#00ff00\""),
@@ -1220,6 +1244,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(meshes_are_placed_in_their_own_units),
+        cmocka_unit_test(entries_of_one_object_share_it_and_their_materials),
         cmocka_unit_test(positions_are_in_mesh_units_or_say_their_own),
         cmocka_unit_test(the_command_line_stands_above_the_file),
         cmocka_unit_test(time_is_the_command_lines_then_the_files),

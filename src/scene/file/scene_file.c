@@ -4,6 +4,8 @@
  * Numbers of positions and lengths are in units of the mesh; texts carry their unit. Materials are overlaid in scene_material.c. */
 #include "scene/file/scene_file.h"
 
+#include "scene/material_maps.h"
+
 #include <stdio.h>
 #include <string.h>
 
@@ -12,7 +14,7 @@
 #define KEYS(name, ...) static const char *const name[] = { __VA_ARGS__ }
 KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "image_rate", "camera", "lights", "materials",
      "background", "ground", "render");
-KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material");
+KEYS(mesh_keys, "path", "unit", "size", "translate", "rotate_deg", "scale", "material", "object");
 KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
 KEYS(side_keys, "side");
 KEYS(background_keys, "color", "image", "ground");
@@ -141,15 +143,63 @@ static bool defines_material(const void *of, const char *name)
     return d->all || (materials.value && (pell_json_has(&materials, "*") || pell_json_has(&materials, name)));
 }
 
+/* Whether materials of two mesh files are one: they have one name, which "materials" of the scene file goes by; or one built-in entry, and
+ * nothing beside it. */
+static bool is_same_material(const struct pell_material *a, const struct pell_material *b)
+{
+    bool painted = false;
+
+    if (!a->preset != !b->preset || (a->preset && strcmp(a->preset, b->preset) != 0))
+        return false;
+    for (int map = 0; map < PELL_MAPS; map++)
+        painted |= pell_material_map(a, map)->texture || pell_material_map(b, map)->texture;
+    return strcmp(a->name, b->name) == 0 || (a->preset && !painted);
+}
+
+/* "object" of the meshes from `first` on: with those of earlier entries that have the same name they are one object, in which each material
+ * is there once, as light scatters from mesh to mesh of one material. */
+static enum pell_result join_object(struct pell_scene_reader *r, const struct pell_json *at, size_t first)
+{
+    const struct pell_scene *s = r->scene;
+    const char *name;
+    uint32_t number;
+    bool fresh;
+    enum pell_result res;
+
+    PELL_TRY(pell_json_to_string(at, &name));
+    PELL_TRY(pell_names_enter(&r->objects, name, strlen(name), &number, &fresh));
+    PELL_TRY(pell_grow(r->ctx, (void **) &r->first_of_object, number, &r->object_capacity, sizeof(*r->first_of_object)));
+    if (fresh)
+        r->first_of_object[number] = first;
+    for (size_t i = first; i < s->num_meshes; i++) {
+        struct pell_mesh *mesh = &s->meshes[i];
+        mesh->object = s->meshes[r->first_of_object[number]].object;
+        for (size_t k = 0; k < first && mesh->material >= 0; k++) {
+            const struct pell_mesh *other = &s->meshes[k];
+            if (other->object == mesh->object && other->material >= 0 &&
+                is_same_material(&s->materials[other->material], &s->materials[mesh->material])) {
+                mesh->material = other->material;
+                break;
+            }
+        }
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
 /* `at` is a path or an object with one. */
 static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell_json *at)
 {
     const bool plain = json_is_string(at->value);
+    const size_t before = r->scene->num_meshes;
     const struct pell_json material = plain ? *at : pell_json_get(at, "material"), path_at = plain ? *at : pell_json_get(at, "path");
     const struct defined defined = { r, !plain && material.value };
     struct pell_loader loader = *r->loader;
     struct pell_scale scale = r->scale;
     struct pell_scene *scene = NULL;
+    struct pell_json object;
     struct pell_mat4 matrix;
     struct pell_text where;
     const char *reference;
@@ -184,6 +234,9 @@ static enum pell_result read_mesh(struct pell_scene_reader *r, const struct pell
     if (r->scene->num_meshes == 0)
         r->scene->mm_per_unit = scene->mm_per_unit;
     PELL_TRY(pell_scene_merge(r->scene, scene));
+    object = pell_json_get(at, "object");
+    if (!plain && object.value)
+        PELL_TRY(join_object(r, &object, before));
 
 fail:
     pell_scene_destroy(&scene);
@@ -536,6 +589,7 @@ enum pell_result pell_read_scene_file(const struct pell_loader *loader, const ch
     struct pell_scene_reader r = { .ctx = loader->ctx,
                                    .loader = loader,
                                    .file = { .ctx = loader->ctx, .path = path, .range = PELL_ERR_FORMAT },
+                                   .objects = { .ctx = loader->ctx, .where = path },
                                    .unit = 1.0,
                                    .image_rate = 24.0 };
     struct pell_json root;
@@ -561,6 +615,8 @@ enum pell_result pell_read_scene_file(const struct pell_loader *loader, const ch
 
 fail:
     pell_scene_destroy(&r.scene);
+    pell_names_finish(&r.objects);
+    pell_free(r.ctx, r.first_of_object);
     pell_json_finish(&r.file);
     return res;
 }

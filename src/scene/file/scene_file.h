@@ -5,6 +5,7 @@
 
 #include "base/file.h"
 #include "scene/file/json.h"
+#include "scene/names.h"
 #include "scene/scene.h"
 
 #define RADIANS (PELL_PI / 180.0)
@@ -17,6 +18,8 @@ struct pell_scene_reader {
     struct pell_import import; /* for pictures */
     const char *granted;       /* of the loader */
     struct pell_scale scale;   /* of the top level */
+    struct pell_names objects; /* those that "object" of meshes names */
+    size_t *first_of_object, object_capacity;
     struct pell_moment moment;
     struct pell_text moment_where;
     double image_rate;           /* of sequences of pictures, 1/s */
