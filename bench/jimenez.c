@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * jimenez.c - `pellucid-bench jimenez-7.2`: table 7.2 of Jimenez and Gutierrez, "Screen-Space Subsurface Scattering" (GPU Pro, 2010):
  * screen-space beside texture-space by heads, lights and distance, without and with 8 samples a pixel; heads far away, behind a plane and
- * outside of the picture; marble; 200 leaves; and bloom and depth of field in the same frame. Lights move in every frame, so that a map that
+ * outside of the picture; marble; 200 leaves; bloom and depth of field in the same frame. Lights move in every frame, so that a map that
  * is lit once would not hold. (The paper, on a GeForce 8600M GS: 5 heads 50 against 29 frames/s, 6 lights 69 against 54, far 220 against
  * 120, 10 heads far 3.6 times as fast, 5 heads behind a plane 2 times, 5 busts of marble 2.8 times.) */
 #include "papers.h"

@@ -332,6 +332,29 @@ def test_a_pass_writes_into_the_callers_planes():
         pellucid.Pass("path-trace", shape, [marble], 10.0)
 
 
+@pytest.mark.parametrize("method, knobs", [("screen-space", {}), ("image-space", {"views": "eye"}), ("convolution", {"surfaces": 1})])
+def test_a_pass_over_the_planes_of_a_render_is_that_render(ball, method, knobs):
+    material, fov, distance = "skin-6gaussian", 20.0, 200.0
+    vertices, triangles, _ = ball
+    view = {"camera": {"position": [0, 0, distance], "to": [0, 0, 0], "fov_deg": fov},
+            "lights": [{"type": "point", "position": [-60, 70, 90], "power": [5, 5, 5]}]}
+    with pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], [{"preset": material}], **view) as scene, \
+            pellucid.Renderer(scene) as renderer:
+        images = renderer.render(method, size=SIZE, msaa=1, intermediates=True, **knobs).intermediates
+    planes = {}
+    for name in ("material", "depth", "strength", "irradiance", "normal"):
+        plane = images[f"frame.{name}"].data
+        plane = plane if plane.ndim == 2 else np.moveaxis(plane, 2, 0)
+        planes[name] = np.ascontiguousarray(plane, np.uint16 if name == "material" else np.float32)
+    light = np.zeros((3, SIZE[1], SIZE[0]), np.float32)
+    focal = SIZE[1] / 2 / np.tan(np.radians(fov / 2))
+    with pellucid.Pass(method, light.shape[1:], [pellucid.material(material)["gaussians"]], focal, perspective=True, **knobs) as scatter:
+        scatter.render({"light": light}, **planes)
+    covered = planes["material"] > 0
+    assert covered.sum() > 100 and light[:, covered].mean() > 1
+    assert (light[:, covered] == np.moveaxis(images["frame.light"].data, 2, 0)[:, covered]).all()
+
+
 def test_methods_tell_their_knobs():
     found = pellucid.methods()
     assert found["screen-space"]["knobs"]["gaussians"]["default"] > 0 and found["path-trace"]["reference"]
