@@ -126,8 +126,9 @@ PELL_API const struct pell_plane_info *pell_plane_at(int plane);
  * depends on the angle between the normals at A and C: it is lerp(value, slab, max(0, -n_A.n_C)). */
 struct pell_thickness_table {
     float max_mm;
-    float value[PELL_THICKNESS_STEPS][3]; /* between faces that do not oppose */
-    float slab[PELL_THICKNESS_STEPS][3];  /* between parallel faces; `value` where the method knows no slab */
+    float value[PELL_THICKNESS_STEPS][3];  /* between faces that do not oppose */
+    float slab[PELL_THICKNESS_STEPS][3];   /* between parallel faces; `value` where the method knows no slab */
+    float spread[PELL_THICKNESS_STEPS][3]; /* mm^2: variance along an axis of where that light leaves; 0: straight across */
 };
 
 #ifdef __cplusplus

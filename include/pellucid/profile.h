@@ -83,6 +83,9 @@ struct pell_slab_light {
 PELL_API bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_slab *out);
 /* A slab of `d` mm, d >= 0. Error below 1e-3 of each share where the share is above 1e-6. */
 PELL_API struct pell_slab_light pell_slab_at(const struct pell_slab *slab, double d);
+/* How far light that is transmitted through a slab of `d` mm, d >= 0, spreads sideways: the variance of T(r) along one axis, mm^2, by
+ * diffusion from a source one mean free path deep. The medium is valid; roughness is left out. Thread-safe. */
+PELL_API double pell_slab_spread(const struct pell_medium *medium, int channel, double d);
 
 /* --- Models ------------------------------------------------------------------------------------------------------------------- */
 

@@ -51,6 +51,11 @@ static double slab(const void *of, int channel, double d)
     return s->over[channel] > 0.0 ? pell_slab_at(&s->slab[channel], d).transmitted / s->over[channel] : 0.0;
 }
 
+static double spread(const void *of, int channel, double d)
+{
+    return pell_slab_spread(of, channel, d);
+}
+
 /* Where no channel has more than LEAST of its largest share, which a slab has at about a mean free path. */
 static double end_of(pell_thickness_fn *f, const void *of)
 {
@@ -106,8 +111,12 @@ void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickne
     if (!(end > 0.0))
         return;
     fill(through, of, end, t->value);
-    if (has_slab)
-        fill(slab, &slabs, end, t->slab);
-    else
-        memcpy(t->slab, t->value, sizeof(t->slab));
+    memcpy(t->slab, t->value, sizeof(t->slab));
+    if (!has_slab)
+        return;
+    fill(slab, &slabs, end, t->slab);
+    fill(spread, &m->medium, end, t->spread);
+    for (int i = 0; i < PELL_THICKNESS_STEPS; i++)
+        for (int c = 0; c < 3; c++)
+            t->spread[i][c] *= (float) (scale * scale);
 }

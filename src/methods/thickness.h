@@ -21,7 +21,7 @@ size_t pell_first_alike(const struct pell_frame_shape *shape, size_t i);
 typedef double pell_thickness_fn(const void *of, int channel, double d);
 
 /* Fills `t`: `through` between faces that do not oppose and, with `with_slab`, the slab's total between those that do, over that of the
- * profile where the material is `white`. `scale` stretches all distances, >= 0; 0: nothing is transmitted. */
+ * profile where the material is `white`, and how far it spreads. `scale` stretches all distances, >= 0; 0: nothing is transmitted. */
 void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickness_fn *through, const void *of, bool with_slab,
                                double scale, struct pell_thickness_table *t);
 

@@ -4,6 +4,7 @@
 #include "render/engine_cpu_state.h"
 #include "render/layers.h"
 #include "render/media.h"
+#include "render/spread/stage.h"
 
 #include <string.h>
 
@@ -55,15 +56,18 @@ static void drop_planes(struct pell_cpu *e)
         pell_free(e->ctx, e->blocks[i]);
     pell_free(e->ctx, e->open_tiles);
     pell_free(e->ctx, e->rows);
+    pell_free(e->ctx, e->spread_lit);
     memset(&e->lighting, 0, sizeof(e->lighting));
     memset(&e->sum, 0, sizeof(e->sum));
     memset(e->display, 0, sizeof(e->display));
+    memset(e->spread, 0, sizeof(e->spread));
     memset(e->plane, 0, sizeof(e->plane));
     memset(e->glow, 0, sizeof(e->glow));
     memset(e->open, 0, sizeof(e->open));
     e->num_blocks = 0;
     e->open_tiles = NULL;
     e->rows = NULL;
+    e->spread_lit = NULL;
     e->sized = false;
 }
 
@@ -97,6 +101,11 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
     return !p->need || (plan && (plan->needs & p->need));
 }
 
+static bool spreads(const struct pell_engine_frame *frame)
+{
+    return frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION) && frame->plan->spreads;
+}
+
 /* Those that every frame of the size has, at first; then those that the method and the settings ask for. */
 static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
@@ -106,6 +115,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     const bool apart = pell_objects_apart(frame->materials, frame->plan);
     struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
+    size_t blocks;
 
     if (!e->sized)
         PELL_TRY(pell_surface_allocate(e->ctx, s->width, s->height, &e->surface));
@@ -114,6 +124,11 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     pell_planes_want(&w, e->lighting.specular, 3);
     if (apart_single)
         pell_planes_want(&w, e->lighting.single, 3);
+    if (spreads(frame)) {
+        pell_planes_want(&w, &e->lighting.way, 1);
+        pell_planes_want(&w, e->spread, 3);
+        pell_planes_want(&w, e->plane[PELL_PLANE_LIGHT], 3);
+    }
     pell_planes_want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];
@@ -138,6 +153,9 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     if (!e->rows && !(e->rows = pell_calloc(e->ctx, (size_t) s->height * 6, sizeof(*e->rows))))
         goto fail;
     if (s->dof && !e->open_tiles && !(e->open_tiles = pell_calloc(e->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
+        goto fail;
+    blocks = pell_spread_blocks(e->surface.stride) * (size_t) s->height;
+    if (spreads(frame) && !e->spread_lit && !(e->spread_lit = pell_calloc(e->ctx, blocks, 2)))
         goto fail;
     e->sum.meter = e->rows + (size_t) s->height * 4;
     e->surface.mips = e->mips;
@@ -404,6 +422,35 @@ static void remap_row(void *arg, int index, int worker)
     }
 }
 
+/* `key`: the frame's plane `material`. */
+static void spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key)
+{
+    const struct pell_view *view = &sample->view;
+    struct pell_spread_params params = {
+        .rect = e->surface.translucent,
+        .stride = e->surface.stride,
+        .key = key,
+        .material = e->surface.material,
+        .thickness = sample->frame->materials->thickness,
+        .depth = e->surface.depth,
+        .way = e->lighting.way,
+        .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
+        .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
+    };
+    const double start = pell_seconds();
+    int64_t pixels;
+
+    for (int c = 0; c < 3; c++) {
+        params.transmitted[c] = e->lighting.transmitted[c];
+        params.sum[c] = e->spread[c];
+        params.half[c] = e->plane[PELL_PLANE_LIGHT][c];
+    }
+    params.lit[0] = e->spread_lit;
+    params.lit[1] = e->spread_lit + pell_spread_blocks(params.stride) * (size_t) view->height;
+    pixels = pell_spread_render(e->pool, &params);
+    pell_stage_note(sample->frame->notes, "spread", pell_seconds() - start, pixels, 0, pixels * 32);
+}
+
 static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample, struct pell_frame *in, struct pell_frame_light *out)
 {
     struct pell_cpu *e = engine;
@@ -425,6 +472,8 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
     };
 
     pell_pool_run(e->pool, s->translucent.y1 - s->translucent.y0, remap_row, (void *) &remap);
+    if (spreads(sample->frame))
+        spread(e, sample, remap.out);
     in->rect = s->translucent;
     for (int i = 0; i < PELL_PLANES; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);

@@ -49,6 +49,8 @@ struct pell_cpu {
     int num_blocks;
     struct pell_surface surface;
     struct pell_lighting lighting;
+    float *spread[3]; /* room of the stage "spread" */
+    uint8_t *spread_lit;
     struct pell_accumulator sum;
     float *display[3];
     float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */

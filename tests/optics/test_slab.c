@@ -128,6 +128,47 @@ static void media_out_of_range_are_slabs_of_nothing(void **state)
     REQUIRE(pell_slab_at(&s, (double) NAN).reflected < 1e-300);
 }
 
+/* Pairs of poles (Donner and Jensen 2005): one of height z holds exp(-s |z|) of light, to which a second moment of 2 |z| exp(-s |z|)/s
+ * belongs. */
+static void light_spreads_in_a_slab_as_its_poles_say(void **state)
+{
+    static const double absorbed[] = { 0.002, 0.05, 1.0 }, thicknesses[] = { 1.0, 3.0, 12.0 };
+    (void) state;
+
+    for (size_t a = 0; a < PELL_COUNT(absorbed); a++)
+        for (size_t k = 0; k < PELL_COUNT(thicknesses); k++) {
+            const struct pell_medium m = medium_of(absorbed[a], 2.0, 0.0, 1.4);
+            const double d = thicknesses[k], t = absorbed[a] + 2.0, s = sqrt(3.0 * absorbed[a] * t), l = 1.0 / t;
+            const double fdr = pell_fresnel_diffuse(1.4, PELL_FRESNEL_EXACT), zb = 2.0 / (3.0 * t) * (1.0 + fdr) / (1.0 - fdr);
+            double total = 0.0, moment = 0.0;
+            for (int i = -400; i <= 400; i++)
+                for (int sign = 1; sign >= -1; sign -= 2) {
+                    const double z = d - (2.0 * i * (d + 2.0 * zb) + (sign > 0 ? l : -l - 2.0 * zb));
+                    const double light = sign * copysign(exp(-s * fabs(z)), z);
+                    total += light;
+                    moment += 2.0 * light * fabs(z) / s;
+                }
+            REQUIRE_REL(pell_slab_spread(&m, 1, d), 0.5 * moment / total, 1e-6);
+        }
+}
+
+/* Without absorption a thick slab's is a third of the square of its thickness; little absorption is near none; and nothing spreads in no
+ * slab. */
+static void light_spreads_over_a_third_of_the_square_of_a_thickness(void **state)
+{
+    const struct pell_medium clear = medium_of(0.0, 1.0, 0.0, 1.0), nearly = medium_of(1e-9, 1.0, 0.0, 1.0);
+    (void) state;
+
+    REQUIRE_REL(pell_slab_spread(&clear, 0, 1e4), 1e8 / 3.0, 1e-3);
+    REQUIRE_REL(pell_slab_spread(&nearly, 0, 3.0), pell_slab_spread(&clear, 0, 3.0), 1e-5);
+    REQUIRE(pell_slab_spread(&clear, 0, 0.0) >= 0.0 && pell_slab_spread(&clear, 0, 0.0) < 2.0);
+    for (double d = 0.0, before = 0.0; d < 20.0; d += 0.1) {
+        const double now = pell_slab_spread(&clear, 0, d);
+        REQUIRE(now >= before);
+        before = now;
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -137,6 +178,8 @@ int main(void)
         cmocka_unit_test(transmission_without_absorption_falls_as_one_over_the_thickness),
         cmocka_unit_test(forward_scattering_moves_light_from_straight_to_scattered),
         cmocka_unit_test(media_out_of_range_are_slabs_of_nothing),
+        cmocka_unit_test(light_spreads_in_a_slab_as_its_poles_say),
+        cmocka_unit_test(light_spreads_over_a_third_of_the_square_of_a_thickness),
     };
 
     return cmocka_run_group_tests_name("optics.slab", tests, NULL, NULL);

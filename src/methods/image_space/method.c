@@ -89,6 +89,7 @@ static void plan(const void *values, struct pell_plan *plan)
         plan->needs |= PELL_NEED_STRENGTH;
     if (is_through_of(k) != IS_THROUGH_OFF)
         plan->needs |= PELL_NEED_TRANSMISSION;
+    plan->spreads = is_through_of(k) == IS_THROUGH_SLAB;
     if (k->views != IS_VIEWS_CAMERA)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_POSITION | PELL_NEED_NORMAL;
 }

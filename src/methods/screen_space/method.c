@@ -91,6 +91,7 @@ static void plan(const void *values, struct pell_plan *plan)
         plan->needs |= PELL_NEED_STRENGTH;
     if (k->transmission != SCREEN_TRANSMISSION_OFF)
         plan->needs |= PELL_NEED_TRANSMISSION;
+    plan->spreads = k->transmission == SCREEN_TRANSMISSION_SLAB;
 }
 
 extern const struct pell_method pell_method_screen_space;

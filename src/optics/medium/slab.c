@@ -13,6 +13,7 @@
  */
 #include "math/quadrature.h"
 #include "math/vec.h"
+#include "optics/medium/dipole.h"
 #include "optics/profile/shape.h"
 
 #include <float.h>
@@ -252,4 +253,29 @@ struct pell_slab_light pell_slab_at(const struct pell_slab *s, double d)
     out.transmitted += straight(thickness, s->boundary, &again_reduced) - out.straight;
     out.reflected += again_reduced - again;
     return out;
+}
+
+/* x coth x and x tanh x. */
+static double x_coth(double x)
+{
+    return x > 1e-4 ? x / tanh(x) : 1.0 + x * x / 3.0;
+}
+
+static double x_tanh(double x)
+{
+    return x * tanh(x);
+}
+
+/* A wave of frequency k decays with kappa = sqrt(sigma_tr^2 + k^2), and of a source at z0 = 1/sigma_t' between extrapolated boundaries z_b
+ * outside of the slab sinh(kappa (z0 + z_b)) cosh(kappa z_b)/sinh(kappa (d + 2 z_b)) leaves on the far side. The variance along an axis is
+ * -d/d(k^2) of twice its logarithm at k = 0. */
+double pell_slab_spread(const struct pell_medium *m, int channel, double d)
+{
+    const double sigma_t = m->sigma_a[channel] + m->sigma_s_reduced[channel], D = 1.0 / (3.0 * sigma_t);
+    const double kappa = sqrt(m->sigma_a[channel] / D), zb = 2.0 * pell_boundary_A(m->eta, PELL_FRESNEL_EXACT, 0.0) * D;
+    const double length = fmax(d, 0.0) + 2.0 * zb, source = fmin(1.0 / sigma_t, fmax(d, 0.0)) + zb;
+
+    if (kappa * length < 1e-3)
+        return fmax((length * length - source * source) / 3.0 - zb * zb, 0.0);
+    return fmax((x_coth(kappa * length) - x_coth(kappa * source) - x_tanh(kappa * zb)) / (kappa * kappa), 0.0);
 }

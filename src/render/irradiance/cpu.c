@@ -459,6 +459,7 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
  * longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
     _Alignas(64) float planes[4][3][TILE_H * TILE_W]; /* irradiance, through, specular, single */
+    float way[TILE_H * TILE_W];
 };
 
 /* Copies a tile to the planes. Pixels that nothing covers get 0. */
@@ -468,6 +469,9 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
     float *const *const planes[4] = { job->out->irradiance, job->out->transmitted, job->out->specular, job->out->single };
 
+    for (int y = 0; job->out->way && y < rows; y++)
+        for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
+            memcpy(job->out->way + (y0 + y) * stride + x0 + x, tile->way + y * TILE_W + x, LINE * sizeof(float));
     for (int k = 0; k < (job->p->apart ? 4 : 3); k++)
         for (int c = 0; c < 3; c++)
             for (int y = 0; y < rows; y++)
@@ -522,6 +526,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         out.specular[c] = tile.planes[2][c];
         out.single[c] = job->p->apart ? tile.planes[3][c] : NULL;
     }
+    out.way = job->out->way ? tile.way : NULL;
     if (list.count < TILE_W * TILE_H)
         memset(&tile, 0, sizeof(tile));
     for (int first = 0; first < list.count; first += PELL_LANES) {

@@ -75,6 +75,14 @@ void pell_look_inside(const struct job *job, struct packet *k, struct gains *gai
 
 void pell_add_inside(const struct inside *in, struct packet *k)
 {
+    for (int i = 0; i < k->count; i++) {
+        float all = 0.0f, kept = 0.0f;
+        for (int c = 0; c < 3; c++) {
+            all += k->sums.transmitted[c][i];
+            kept += k->sums.transmitted[c][i] * (1.0f - in->thick[c][i]) * (1.0f - in->solved[c][i]);
+        }
+        k->sums.way[i] *= all > 0.0f ? kept / all : 0.0f;
+    }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++) {
             const float straight = k->sums.transmitted[c][i], other = straight * (1.0f - in->thick[c][i]) + in->through[c][i];

@@ -605,6 +605,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
             sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] = 0.0f;
+    memset(sums->way, 0, sizeof(sums->way));
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
     gather(s->ng[1], index, rows, p->gy);
@@ -658,7 +659,7 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
                   const int32_t *restrict index, int count, struct pell_lighting *out)
 {
     const ptrdiff_t rows = count == N ? square(index) : 0;
-    _Alignas(64) float irradiance[N], transmitted[N], single[N], leaves[N] = { 0 };
+    _Alignas(64) float irradiance[N], transmitted[N], single[N], way[N], leaves[N] = { 0 };
 
     if (p->any_single) {
         transmittance(t, p, p->nv, leaves);
@@ -677,6 +678,13 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
         scatter(sums->specular[c], index, count, rows, out->specular[c]);
         if (out->single[c])
             scatter(single, index, count, rows, out->single[c]);
+    }
+    if (out->way) {
+        for (int i = 0; i < N; i++) {
+            const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i];
+            way[i] = all > 0.0f ? sums->way[i] / all : 0.0f;
+        }
+        scatter(way, index, count, rows, out->way);
     }
 }
 

@@ -169,6 +169,15 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
     return pell_transmittance(l->rho[i], l->fd[i], scale, bias);
 }
 
+/* What gets through to lane i, of which it is known how far it went. */
+static void add_transmitted(struct packet *k, int i, const float light[3], float d)
+{
+    for (int c = 0; c < 3; c++) {
+        k->sums.transmitted[c][i] += light[c];
+        k->sums.way[i] += d * light[c];
+    }
+}
+
 void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
@@ -209,7 +218,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         const bool lifted =
             visible[i] && exits.terminator_offset[i] > TERMINATOR_LIFTED * l->epsilon[i]; /* the triangle does not decide what faces the
                                                                                        * light */
-        float share[3], m, facing, mu, g, w, same;
+        float share[3], m, d, facing, mu, g, w, same;
         if (!visible[i])
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
@@ -219,11 +228,13 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
             continue;
         g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
-        pass_thickness(job, k, i, m + (m * cosine[i] - m) * max0(-same), &exits.normal[i], same, share);
+        d = m + (m * cosine[i] - m) * max0(-same);
+        pass_thickness(job, k, i, d, &exits.normal[i], same, share);
         w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
         w *= far ? 1.0f : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
         for (int c = 0; c < 3; c++)
-            k->sums.transmitted[c][i] += smaller(a->intensity[c][i] * w * share[c], 1e25f);
+            share[c] = smaller(a->intensity[c][i] * w * share[c], 1e25f);
+        add_transmitted(k, i, share, d);
     }
 }
 
@@ -282,7 +293,8 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         for (size_t e = 0; e < job->lights->num_environments; e++) {
             smooth_rest(job, k, i, (int) e, exits.normal[i], rest);
             for (int c = 0; c < 3; c++)
-                k->sums.transmitted[c][i] += rest[c] * visible[i] * share[c];
+                rest[c] *= visible[i] * share[c];
+            add_transmitted(k, i, rest, m);
         }
     }
 }

@@ -1,0 +1,298 @@
+/* SPDX-License-Identifier: MIT
+ * cpu.c - see stage.h. */
+#include "render/spread/stage.h"
+
+#include "math/vec.h"
+#include "shared/table.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <string.h>
+
+enum {
+    BAND = 8,   /* rows that a thread takes at a time */
+    LEVELS = 8, /* the widest has a standard deviation of 2^7 times the narrowest's */
+};
+
+#define NARROWEST 0.7f /* px: standard deviation of the narrowest Gaussian where pixels are finest */
+#define REACH2 11.0f   /* variances: (1 - d^2/reach^2)^4 has a variance of reach^2/11 along a line */
+#define SPACING 0.75f  /* standard deviations between taps, at most */
+
+struct job {
+    const struct pell_spread_params *p;
+    const struct pell_spread_kernels *kernels;
+    void (*row)(const struct job *job, int y, struct pell_rect rect);
+    struct pell_rect rect;      /* that rows are of */
+    float variance[LEVELS + 1]; /* mm^2: none, then of each level */
+    int level;                  /* counted from 1 */
+    float inverse;              /* 1/reach^2 of the blur, 1/mm^2 */
+    int taps, spacing;          /* of it: to each side, px */
+    bool down;                  /* it runs down columns, from `half` to `sum`; else along rows, from `sum` to `half` */
+    _Atomic int x0, y0, x1, y1; /* where light went straight */
+    _Atomic uint32_t finest;    /* bits of the least mm of a pixel there */
+    _Atomic uint32_t widest;    /* bits of the largest variance */
+};
+
+static uint32_t bits_of(float positive)
+{
+    uint32_t bits;
+
+    memcpy(&bits, &positive, sizeof(bits));
+    return bits;
+}
+
+static float of_bits(uint32_t bits)
+{
+    float value;
+
+    memcpy(&value, &bits, sizeof(value));
+    return value;
+}
+
+static void lower(_Atomic uint32_t *least, uint32_t value)
+{
+    uint32_t old = atomic_load_explicit(least, memory_order_relaxed);
+
+    while (value < old && !atomic_compare_exchange_weak_explicit(least, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
+}
+
+static void raise(_Atomic uint32_t *most, uint32_t value)
+{
+    uint32_t old = atomic_load_explicit(most, memory_order_relaxed);
+
+    while (value > old && !atomic_compare_exchange_weak_explicit(most, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
+}
+
+static void extend(_Atomic int *end, int value, int sign)
+{
+    int old = atomic_load_explicit(end, memory_order_relaxed);
+
+    while (sign * value > sign * old &&
+           !atomic_compare_exchange_weak_explicit(end, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
+}
+
+/* Of the light of a pixel, by channel; false where none went straight. */
+static inline bool variance_at(const struct pell_spread_params *p, ptrdiff_t at, float variance[3])
+{
+    const struct pell_thickness_table *t = p->way[at] > 0.0f && p->key[at] && p->material[at] ? p->thickness[p->material[at] - 1] : NULL;
+    float place;
+    int i;
+
+    if (!t)
+        return false;
+    place = pell_thickness_place(p->way[at], t->max_mm, PELL_THICKNESS_STEPS);
+    i = pell_table_cell(place, PELL_THICKNESS_STEPS);
+    for (int c = 0; c < 3; c++)
+        variance[c] = pell_lerp(t->spread[i][c], t->spread[i + 1][c], fminf(place - (float) i, 1.0f));
+    return true;
+}
+
+static void scan_row(const struct job *job, int y, struct pell_rect rect)
+{
+    const struct pell_spread_params *p = job->p;
+    struct job *found = (struct job *) job;
+    float finest = INFINITY, widest = 0.0f;
+    int first = INT32_MAX, last = -1;
+
+    for (int x = rect.x0; x < rect.x1; x++) {
+        const ptrdiff_t at = y * p->stride + x;
+        float v[3];
+        if (!variance_at(p, at, v))
+            continue;
+        finest = fminf(finest, p->depth[at] * p->depth_mm + p->fixed_mm);
+        widest = fmaxf(widest, fmaxf(fmaxf(v[0], v[1]), v[2]));
+        first = x < first ? x : first;
+        last = x;
+    }
+    if (last < 0)
+        return;
+    extend(&found->x0, first, -1);
+    extend(&found->x1, last + 1, 1);
+    extend(&found->y0, y, -1);
+    extend(&found->y1, y + 1, 1);
+    lower(&found->finest, bits_of(finest));
+    raise(&found->widest, bits_of(widest));
+}
+
+/* Share of light of a variance that a level takes; level 0 is what is not blurred. */
+static inline float share_of(const struct job *job, int level, float variance)
+{
+    const float *v = job->variance;
+    const float below = level > 0 ? v[level - 1] : -1.0f, above = level < LEVELS ? v[level + 1] : 0.0f;
+
+    if (variance <= v[level])
+        return level > 0 ? fmaxf((variance - below) / (v[level] - below), 0.0f) : 1.0f;
+    return level < LEVELS ? fmaxf((above - variance) / (above - v[level]), 0.0f) : 1.0f;
+}
+
+/* Whether the block of a row that holds pixel x has light in `sum` (0) or `half` (1). */
+static inline uint8_t *lit(const struct job *job, int plane, int y, int x)
+{
+    return job->p->lit[plane] + (size_t) y * pell_spread_blocks(job->p->stride) + (size_t) (x / PELL_SPREAD_BLOCK);
+}
+
+/* Adds the level's share to `sum`. */
+static void add_row(const struct job *job, int y, struct pell_rect rect)
+{
+    const struct pell_spread_params *p = job->p;
+
+    for (int x = rect.x0; x < rect.x1; x++) {
+        const ptrdiff_t at = y * p->stride + x;
+        float v[3];
+        if (!variance_at(p, at, v))
+            continue;
+        *lit(job, 0, y, x) = 1;
+        for (int c = 0; c < 3; c++)
+            p->sum[c][at] += p->transmitted[c][at] * share_of(job, job->level, v[c]);
+    }
+}
+
+static void clear_row(const struct job *job, int y, struct pell_rect rect)
+{
+    for (int c = 0; c < 3; c++)
+        memset(job->p->sum[c] + y * job->p->stride + rect.x0, 0, (size_t) (rect.x1 - rect.x0) * sizeof(float));
+    for (int plane = 0; plane < 2; plane++)
+        memset(lit(job, plane, y, 0), 0, pell_spread_blocks(job->p->stride));
+}
+
+static void end_row(const struct job *job, int y, struct pell_rect rect)
+{
+    const struct pell_spread_params *p = job->p;
+
+    for (int x = rect.x0; x < rect.x1; x++) {
+        const ptrdiff_t at = y * p->stride + x;
+        float v[3];
+        const bool straight = variance_at(p, at, v);
+        for (int c = 0; c < 3 && p->key[at]; c++)
+            p->transmitted[c][at] = p->transmitted[c][at] * (straight ? share_of(job, 0, v[c]) : 1.0f) + p->sum[c][at];
+    }
+}
+
+/* Whether there is light in reach of the pixels from x0 to x1 of a row. */
+static bool any_lit(const struct job *job, int y, int x0, int x1, struct pell_rect rect)
+{
+    const int reach = job->taps * job->spacing, least = (x0 - reach > rect.x0 ? x0 - reach : rect.x0) / PELL_SPREAD_BLOCK,
+              most = ((x1 + reach < rect.x1 ? x1 + reach : rect.x1) - 1) / PELL_SPREAD_BLOCK;
+    bool any = false;
+
+    for (int k = -job->taps; k <= job->taps && job->down && !any; k++) {
+        const int tap = y + k * job->spacing;
+        any = tap >= rect.y0 && tap < rect.y1 && *lit(job, 1, tap, x0);
+    }
+    for (int b = least; b <= most && !job->down && !any; b++)
+        any = *lit(job, 0, y, b * PELL_SPREAD_BLOCK);
+    return any;
+}
+
+/* Of the pixels from x0 to x1 of a row. */
+static void blur_block(const struct job *job, int y, int x0, int x1, struct pell_rect rect)
+{
+    const struct pell_spread_params *p = job->p;
+    float *const *from = job->down ? p->half : p->sum, *const *to = job->down ? p->sum : p->half;
+    const ptrdiff_t at = y * p->stride + x0;
+    struct pell_spread_block b = { .key = p->key + at, .depth = p->depth + at, .inverse = job->inverse };
+
+    for (int c = 0; c < 3; c++)
+        b.from[c] = from[c] + at;
+    for (int i = 0; i < x1 - x0; i++)
+        b.mm[i] = b.depth[i] * p->depth_mm + p->fixed_mm;
+    for (int k = -job->taps; k <= job->taps; k++) {
+        const int apart = k * job->spacing;
+        if (job->down && y + apart >= rect.y0 && y + apart < rect.y1)
+            job->kernels->add(&b, apart * p->stride, (float) apart, 0, x1 - x0);
+        else if (!job->down)
+            job->kernels->add(&b, apart, (float) apart, x0 + apart < rect.x0 ? rect.x0 - x0 - apart : 0,
+                              (x1 + apart < rect.x1 ? x1 : rect.x1 - apart) - x0);
+    }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < x1 - x0; i++)
+            to[c][at + i] = b.weight[i] > 0.0f ? b.light[c][i] / b.weight[i] : 0.0f;
+}
+
+static void blur_row(const struct job *job, int y, struct pell_rect rect)
+{
+    for (int x0 = rect.x0, x1; x0 < rect.x1; x0 = x1) {
+        const int end = (x0 / PELL_SPREAD_BLOCK + 1) * PELL_SPREAD_BLOCK;
+        bool any;
+        x1 = end < rect.x1 ? end : rect.x1;
+        any = any_lit(job, y, x0, x1, rect);
+        if (any)
+            blur_block(job, y, x0, x1, rect);
+        for (int c = 0; c < 3 && !any && !job->down; c++) /* `sum` is 0 there already */
+            memset(job->p->half[c] + y * job->p->stride + x0, 0, (size_t) (x1 - x0) * sizeof(float));
+        *lit(job, !job->down, y, x0) = any;
+    }
+}
+
+static void run_rows(void *arg, int index, int worker)
+{
+    const struct job *job = arg;
+    const int y0 = job->rect.y0 + index * BAND, y1 = y0 + BAND < job->rect.y1 ? y0 + BAND : job->rect.y1;
+
+    (void) worker;
+    for (int y = y0; y < y1; y++)
+        job->row(job, y, job->rect);
+}
+
+static void run(struct pell_pool *pool, struct job *job, void (*row)(const struct job *job, int y, struct pell_rect rect))
+{
+    job->row = row;
+    pell_pool_run(pool, (job->rect.y1 - job->rect.y0 + BAND - 1) / BAND, run_rows, job);
+}
+
+/* The rectangle with what is `reach` pixels around it, where there are translucent pixels. */
+static struct pell_rect widened(struct pell_rect r, int reach, struct pell_rect within)
+{
+    return (struct pell_rect) { .x0 = r.x0 - reach > within.x0 ? r.x0 - reach : within.x0,
+                                .y0 = r.y0 - reach > within.y0 ? r.y0 - reach : within.y0,
+                                .x1 = r.x1 + reach < within.x1 ? r.x1 + reach : within.x1,
+                                .y1 = r.y1 + reach < within.y1 ? r.y1 + reach : within.y1 };
+}
+
+int64_t pell_spread_render(struct pell_pool *pool, const struct pell_spread_params *p)
+{
+    struct job job = { .p = p,
+                       .kernels = pell_spread_kernels_tables[pell_simd_best()],
+                       .rect = p->rect,
+                       .x0 = INT32_MAX,
+                       .y0 = INT32_MAX,
+                       .finest = UINT32_MAX };
+    struct pell_rect straight, around;
+    float finest, widest;
+    int levels = 0, reach = 0;
+
+    if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)
+        return 0;
+    run(pool, &job, scan_row);
+    straight = (struct pell_rect) { .x0 = job.x0, .y0 = job.y0, .x1 = job.x1, .y1 = job.y1 };
+    if (straight.x0 >= straight.x1)
+        return 0;
+    finest = of_bits(job.finest);
+    widest = of_bits(job.widest);
+    for (int i = 1; i <= LEVELS; i++) {
+        job.variance[i] = NARROWEST * NARROWEST * finest * finest * (float) (1 << 2 * (i - 1));
+        levels += i == levels + 1 && job.variance[i - 1] < widest;
+    }
+    if (levels == 0)
+        return 0;
+    for (int i = 1; i <= levels; i++)
+        reach += (int) fminf(ceilf(sqrtf(REACH2 * (job.variance[i] - job.variance[i - 1])) / finest), 65536.0f);
+    around = widened(straight, 2 * reach, p->rect); /* what light reaches, and what those pixels weigh it by */
+    job.rect = around;
+    run(pool, &job, clear_row);
+    for (job.level = levels; job.level > 0; job.level--) {
+        const float variance = job.variance[job.level] - job.variance[job.level - 1], px = sqrtf(variance) / finest;
+        job.rect = straight;
+        run(pool, &job, add_row);
+        job.rect = around;
+        job.inverse = 1.0f / (REACH2 * variance);
+        job.spacing = SPACING * px > 1.0f ? (int) (SPACING * px) : 1;
+        job.taps = (int) (sqrtf(REACH2) * px) / job.spacing;
+        job.down = false;
+        run(pool, &job, blur_row);
+        job.down = true;
+        run(pool, &job, blur_row);
+    }
+    run(pool, &job, end_row);
+    return (int64_t) (around.x1 - around.x0) * (around.y1 - around.y0);
+}

@@ -1,0 +1,23 @@
+/* SPDX-License-Identifier: MIT
+ * kernel.c - see kernel.h; compiled once per SIMD level. */
+#include "render/spread/kernel.h"
+
+static void add(struct pell_spread_block *restrict b, ptrdiff_t offset, float apart, int first, int end)
+{
+    const uint16_t *restrict key = b->key, *restrict other = key + offset;
+    const float *restrict depth = b->depth, *restrict beyond = depth + offset;
+    const float *restrict red = b->from[0] + offset, *restrict green = b->from[1] + offset, *restrict blue = b->from[2] + offset;
+    const float inverse = b->inverse;
+
+    for (int i = first; i < end; i++) {
+        const float aside = apart * b->mm[i], ahead = beyond[i] - depth[i], left = 1.0f - (aside * aside + ahead * ahead) * inverse;
+        const float inside = left > 0.0f ? left : 0.0f, w2 = inside * inside, w = key[i] == other[i] ? w2 * w2 : 0.0f;
+        b->light[0][i] += w * red[i];
+        b->light[1][i] += w * green[i];
+        b->light[2][i] += w * blue[i];
+        b->weight[i] += w;
+    }
+}
+
+extern const struct pell_spread_kernels PELL_SIMD(pell_spread_kernels);
+const struct pell_spread_kernels PELL_SIMD(pell_spread_kernels) = { add };
