@@ -155,9 +155,6 @@ PELL_NODISCARD enum pell_result ts_atlas_make(struct pell_context *ctx, const st
 void ts_atlas_destroy(struct ts_atlas **atlas);
 /* Where a point of a triangle (number and barycentrics) lies. */
 struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t triangle, float u, float v);
-/* Goes `way` (mm, in the triangle's plane) from a point straight on over the surface, around its edges, and leaves it as it points there.
- * False where the surface ends. */
-bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 *way);
 /* Mean of the four texels that are of the place's chart, weighted by nearness; false: there is none. `planes` begin at texel (0, 0). */
 static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, const float *const *planes, int count, float *out)
 {

@@ -330,7 +330,7 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
     corner_points(a, t, p);
     m = ts_atlas_metric_of(a, t, &f);
     straight = there = vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]));
-    if (!ts_atlas_walk(a, &to, from, &there))
+    if (!ts_atlas_walk(b, &to, from, &there))
         return false;
     *place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
     if (!take_border(a, at, place, border))
@@ -405,6 +405,7 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     a->first_turn = pell_alloc_array(b->ctx, (size_t) a->height + 1, sizeof(*a->first_turn));
     if (!a->borders || !b->border_place || !b->turn || !a->first_turn)
         goto fail;
+    PELL_TRY(ts_atlas_unfold(b));
     pell_pool_run(b->p->pool, a->height, cross_row, &beside);
     res = PELL_ERR_CANCELLED;
     if (pell_cancelled(b->ctx))
@@ -423,6 +424,8 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     res = PELL_OK;
 
 fail:
+    pell_free(b->ctx, b->hinge);
+    b->hinge = NULL;
     pell_free(b->ctx, b->turn);
     b->turn = NULL;
     pell_free(b->ctx, beside.first);

@@ -14,6 +14,8 @@
 #define COVERED_PLANAR 0.6 /* of the map by planar charts, at most */
 #define BAND 16            /* rows that a thread looks at in one go */
 
+struct ts_hinge;
+
 /* An atlas in the making. */
 struct ts_atlas_build {
     struct pell_context *ctx;
@@ -22,7 +24,8 @@ struct ts_atlas_build {
     struct pell_topology topology;
     uint32_t *meshes;
     size_t num_meshes;
-    double *area; /* per triangle, mm^2 */
+    double *area;           /* per triangle, mm^2 */
+    struct ts_hinge *hinge; /* per half-edge; for walks */
     double total_area;
     bool *buried;                  /* per texel: was taken out of its chart; NULL: none */
     struct pell_vec3 *place;       /* of each texel, mm */
@@ -134,6 +137,20 @@ static inline struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triang
     ts_point_of(a, triangle, u, v, &at, &normal, &largest);
     return at;
 }
+
+/* --- walk.c ---------------------------------------------------------------------------------------------------------------------- */
+
+/* A triangle in the plane of one of its edges: how long that is, and where the third corner lies, from the edge's first one along it and at
+ * right angles to it, mm. */
+struct ts_hinge {
+    float length, x, y;
+};
+
+/* Measures all triangles; before walks. */
+PELL_NODISCARD enum pell_result ts_atlas_unfold(struct ts_atlas_build *b);
+/* Goes `way` (mm, in the triangle's plane) from a point straight on over the surface, around its edges, and leaves it as it points there.
+ * False where the surface ends. */
+bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way);
 
 /* --- charts.c: which triangles make a chart, and where their corners lie --------------------------------------------------------- */
 

@@ -4,104 +4,131 @@
  */
 #include "methods/texture_space/atlas/internal.h"
 
+#include "base/pool.h"
+
 #define STEPS_MOST 256 /* triangles on one way over the surface: a spike finer than a texel is passed around again and again */
 
-static double dot(const double a[3], const double b[3])
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+enum { TRIANGLES = 1024 }; /* that a thread looks at in one go */
 
-bool ts_atlas_walk(const struct ts_atlas *a, uint32_t *triangle, double bary[2], struct pell_vec3 *way)
+static void unfold_triangles(void *arg, int chunk, int worker)
 {
-    double d[3] = { (double) way->x, (double) way->y, (double) way->z };
-    uint32_t t = *triangle, entered = NONE;
+    struct ts_atlas_build *b = arg;
+    const uint32_t first = (uint32_t) chunk * TRIANGLES, most = b->a->num_triangles;
 
-    for (int step = 0; step < STEPS_MOST; step++) {
+    (void) worker;
+    for (uint32_t t = first; t < first + TRIANGLES && t < most; t++) {
         struct pell_vec3 corner[3];
-        double p[3][3], e[2][3], gram[3], det, rhs[2], rate[3], b[3], s = 1.0, along[3], length, f, part, rest[3], high, inward[3];
-        uint32_t out = NONE, twin;
-        bool same;
-
-        corner_points(a, t, corner);
+        double p[3][3];
+        corner_points(b->a, t, corner);
         for (int k = 0; k < 3; k++) {
             p[k][0] = (double) corner[k].x;
             p[k][1] = (double) corner[k].y;
             p[k][2] = (double) corner[k].z;
         }
-        for (int k = 0; k < 2; k++)
-            for (int i = 0; i < 3; i++)
-                e[k][i] = p[k + 1][i] - p[0][i];
-        gram[0] = dot(e[0], e[0]);
-        gram[1] = dot(e[0], e[1]);
-        gram[2] = dot(e[1], e[1]);
-        det = gram[0] * gram[2] - gram[1] * gram[1];
-        if (!(det > 0.0))
-            return false;
-        rhs[0] = dot(d, e[0]);
-        rhs[1] = dot(d, e[1]);
-        rate[1] = (rhs[0] * gram[2] - rhs[1] * gram[1]) / det;
-        rate[2] = (rhs[1] * gram[0] - rhs[0] * gram[1]) / det;
-        rate[0] = -rate[1] - rate[2];
-        b[1] = bary[0];
-        b[2] = bary[1];
-        b[0] = 1.0 - b[1] - b[2];
-        for (uint32_t k = 0; k < 3; k++) {
-            const uint32_t half = 3 * t + (k + 1) % 3; /* the edge across from corner k */
-            if (half != entered && rate[k] < 0.0 && b[k] + s * rate[k] < 0.0) {
-                s = (b[k] > 0.0 ? b[k] : 0.0) / -rate[k];
-                out = half;
+        for (int k = 0; k < 3; k++) {
+            struct ts_hinge *h = &b->hinge[3 * t + (uint32_t) k];
+            double e[3], w[3], square = 0.0, along = 0.0, high = 0.0, length;
+            for (int i = 0; i < 3; i++) {
+                e[i] = p[(k + 1) % 3][i] - p[k][i];
+                w[i] = p[(k + 2) % 3][i] - p[k][i];
+                square += e[i] * e[i];
+                along += e[i] * w[i];
             }
+            for (int i = 0; i < 3; i++) {
+                const double rest = square > 0.0 ? w[i] - along / square * e[i] : 0.0;
+                high += rest * rest;
+            }
+            length = sqrt(square);
+            *h = (struct ts_hinge) { (float) length, square > 0.0 ? (float) (along / length) : 0.0f, (float) sqrt(high) };
         }
-        for (int k = 0; k < 3; k++)
-            b[k] = b[k] + s * rate[k] > 0.0 ? b[k] + s * rate[k] : 0.0;
-        length = b[0] + b[1] + b[2];
+    }
+}
+
+enum pell_result ts_atlas_unfold(struct ts_atlas_build *b)
+{
+    b->hinge = pell_alloc_array(b->ctx, 3 * (size_t) b->a->num_triangles + 1, sizeof(*b->hinge));
+    if (!b->hinge)
+        return PELL_ERR_NOMEM;
+    pell_pool_run(b->p->pool, (int) ((b->a->num_triangles + TRIANGLES - 1) / TRIANGLES), unfold_triangles, b);
+    return PELL_OK;
+}
+
+/* Unit vectors of a triangle's first edge, and at right angles to it toward the third corner; false: it has no area. */
+static bool axes_of(const struct ts_atlas *a, uint32_t half, struct pell_vec3 axis[2])
+{
+    const uint32_t k = half % 3;
+    struct pell_vec3 p[3], to;
+
+    corner_points(a, half / 3, p);
+    axis[0] = vec3_normalize(vec3_sub(p[(k + 1) % 3], p[k]));
+    to = vec3_sub(p[(k + 2) % 3], p[k]);
+    axis[1] = vec3_normalize(vec3_mad(to, -vec3_dot(to, axis[0]), axis[0]));
+    return vec3_dot(axis[0], axis[0]) > 0.5f && vec3_dot(axis[1], axis[1]) > 0.5f;
+}
+
+/* Each triangle is unfolded beside the one before it, in the plane of the edge that the way came across: x along it, y into the triangle. */
+bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way)
+{
+    const struct ts_atlas *a = b->a;
+    const struct ts_hinge *hinge = &b->hinge[3 * (size_t) *triangle];
+    uint32_t half = 3 * *triangle; /* the edge */
+    struct pell_vec3 axis[2];
+    double x = bary[0] * (double) hinge->length + bary[1] * (double) hinge->x, y = bary[1] * (double) hinge->y, dx, dy;
+
+    if (!axes_of(a, half, axis))
+        return false;
+    dx = (double) vec3_dot(*way, axis[0]);
+    dy = (double) vec3_dot(*way, axis[1]);
+    for (int step = 0; step < STEPS_MOST; step++) {
+        const double length = (double) hinge->length, cx = (double) hinge->x, cy = (double) hinge->y;
+        const uint32_t base = half - half % 3;
+        double s = 1.0, f = 0.0, out_length = 1.0, out_x = 0.0, out_y = 0.0;
+        uint32_t out = NONE, twin;
+
+        if (!(length > 0.0 && cy > 0.0))
+            return false;
+        /* Across the edges from each of its two corners to the third, and in the first one across the edge itself. */
+        for (uint32_t k = step == 0 ? 0 : 1; k < 3; k++) {
+            const double px = k == 1 ? length : k == 2 ? cx : 0.0, py = k == 2 ? cy : 0.0;
+            const double ex = (k == 0 ? length : k == 1 ? cx : 0.0) - px, ey = (k == 1 ? cy : 0.0) - py;
+            const double leaves = dx * ey - dy * ex, inside = ex * (y - py) - ey * (x - px); /* to its left */
+            if (!(leaves > 0.0 && inside < s * leaves))
+                continue;
+            s = inside > 0.0 ? inside / leaves : 0.0;
+            out = base + (half + k) % 3;
+            out_length = ex * ex + ey * ey;
+            out_x = ex;
+            out_y = ey;
+            f = ((x + s * dx - px) * ex + (y + s * dy - py) * ey) / out_length;
+        }
         if (out == NONE) {
-            *triangle = t;
-            bary[0] = b[1] / length;
-            bary[1] = b[2] / length;
-            *way = vec3((float) d[0], (float) d[1], (float) d[2]);
+            const double v = fmin(fmax((y + dy) / cy, 0.0), 1.0), u = fmin(fmax((x + dx - v * cx) / length, 0.0), 1.0 - v);
+            const double w[3] = { 1.0 - u - v, u, v };
+            *triangle = half / 3;
+            for (uint32_t k = 0; k < 3; k++) /* of the edge's corners and the third */
+                if ((half + k) % 3 > 0)
+                    bary[(half + k) % 3 - 1] = w[k];
+            if (!axes_of(a, half, axis))
+                return false;
+            *way = vec3_mad(vec3_mul(axis[0], (float) dx), (float) dy, axis[1]);
             return true;
         }
         twin = a->twin[out];
         if (twin == NONE || !a->chart[twin / 3])
             return false;
+        /* What goes along the edge stays, the rest turns about it. */
+        out_length = sqrt(out_length);
+        f = fmin(fmax(f, 0.0), 1.0);
         {
-            const uint32_t i = out % 3, j = (i + 1) % 3;
-            f = b[i] + b[j] > 0.0 ? b[j] / (b[i] + b[j]) : 0.5;
-            for (int k = 0; k < 3; k++)
-                along[k] = p[j][k] - p[i][k];
+            const bool same = !opposed(b, out, twin);
+            const double along = (dx * out_x + dy * out_y) / out_length, across = (dx * out_y - dy * out_x) / out_length;
+            hinge = &b->hinge[twin];
+            half = twin;
+            x = (same ? f : 1.0 - f) * (double) hinge->length;
+            y = 0.0;
+            dx = (1.0 - s) * (same ? along : -along);
+            dy = (1.0 - s) * (across > 0.0 ? across : 0.0);
         }
-        length = sqrt(dot(along, along));
-        if (!(length > 0.0))
-            return false;
-        for (int k = 0; k < 3; k++)
-            along[k] /= length;
-        part = (1.0 - s) * dot(d, along);
-        for (int k = 0; k < 3; k++)
-            rest[k] = (1.0 - s) * d[k] - part * along[k];
-        high = sqrt(dot(rest, rest));
-        /* Into the other triangle: what goes along the edge stays, the rest turns about it. */
-        t = twin / 3;
-        corner_points(a, t, corner);
-        {
-            const uint32_t i = twin % 3, j = (i + 1) % 3, k = (i + 2) % 3;
-            const struct pell_vec3 edge = vec3_sub(corner[j], corner[i]), to = vec3_sub(corner[k], corner[i]);
-            const double w[3] = { (double) to.x, (double) to.y, (double) to.z }, across = dot(w, along);
-            double c[3] = { 0.0, 0.0, 0.0 };
-            same = (double) edge.x * along[0] + (double) edge.y * along[1] + (double) edge.z * along[2] > 0.0;
-            for (int n = 0; n < 3; n++)
-                inward[n] = w[n] - across * along[n];
-            length = sqrt(dot(inward, inward));
-            if (!(length > 0.0))
-                return false;
-            for (int n = 0; n < 3; n++)
-                d[n] = part * along[n] + high * inward[n] / length;
-            c[i] = same ? 1.0 - f : f;
-            c[j] = same ? f : 1.0 - f;
-            bary[0] = c[1];
-            bary[1] = c[2];
-        }
-        entered = twin;
     }
     return false;
 }
