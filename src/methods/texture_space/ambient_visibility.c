@@ -80,12 +80,28 @@ static int look(const struct ambient *s, struct packet *k)
     return count * s->samples;
 }
 
+/* Whether a block or one that the filter reaches from it is asked for. */
+static bool is_needed(const struct ambient *s, int y, int x)
+{
+    const struct ts_atlas *a = s->p->atlas;
+    const int b = x / TS_BLOCK;
+
+    if (!s->p->need)
+        return true;
+    for (int j = y - s->side + 1; j < y + s->side; j++)
+        for (int i = b - 1; i <= b + 1; i++)
+            if (j >= 0 && i >= 0 && j < a->height && i < a->blocks && s->p->need[(ptrdiff_t) j * a->blocks + i])
+                return true;
+    return false;
+}
+
 static void look_rows(void *arg, int band, int worker)
 {
     struct ambient *s = arg;
     const struct ts_atlas *a = s->p->atlas;
     struct packet k;
     int64_t rays = 0;
+    bool needed = true;
 
     (void) worker;
     memset(&k, 0, sizeof(k));
@@ -101,7 +117,9 @@ static void look_rows(void *arg, int band, int worker)
                 const int i = k.count;
                 float largest;
                 s->p->seen[at] = 0.0f;
-                if (a->source[at] == UINT32_MAX)
+                if (x % TS_BLOCK == 0)
+                    needed = is_needed(s, y, x);
+                if (a->source[at] == UINT32_MAX || !needed)
                     continue;
                 ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &k.from[i], &k.normal[i], &largest);
                 k.from[i] = vec3_mad(k.from[i], 3e-5f * largest, k.normal[i]);

@@ -92,6 +92,26 @@ static int list_levels(const struct ts_blurring *p, bool local, struct level *ou
     return count;
 }
 
+int ts_chain_blurs(struct ts_state *st, const struct ts_solid *solid, struct ts_blur out[TS_LEVELS])
+{
+    const struct ts_blurring p = { .st = st, .solid = solid };
+    struct level levels[TS_LEVELS];
+    const int all = list_levels(&p, true, levels);
+    int count = 0;
+
+    for (int i = 0; i < all; i++)
+        if (levels[i].blurs)
+            out[count++] = levels[i].blur;
+    return count;
+}
+
+struct ts_blur ts_soft_blur(const struct ts_solid *solid)
+{
+    static const double whole[3] = { 1.0, 1.0, 1.0 };
+
+    return (struct ts_blur) { 0.0, SOFT * SOFT * solid->profile->widest * solid->profile->widest, whole };
+}
+
 static const struct ts_blur *next_blur(const struct level *levels, int from, int count)
 {
     for (int i = from; i < count; i++)
@@ -108,6 +128,7 @@ static int64_t blur_planes(struct ts_blurring *p, const struct ts_blur *b)
 
     reach_of(p, b, &blurred, &filled);
     p->st->run->blur(p, b, blurred);
+    p->blurs++;
     return 2 * a->inner + (int64_t) a->within[blurred] + (int64_t) a->within[filled];
 }
 
@@ -180,9 +201,8 @@ fail:
 
 enum pell_result ts_soften(struct ts_state *st, const struct ts_solid *solid)
 {
-    static const double whole[3] = { 1.0, 1.0, 1.0 };
     struct ts_blurring chain = { .st = st, .solid = solid }, *p = &chain;
-    const struct ts_blur blur = { 0.0, SOFT * SOFT * solid->profile->widest * solid->profile->widest, whole };
+    const struct ts_blur blur = ts_soft_blur(solid);
     int64_t texels;
     enum pell_result res;
 

@@ -3,7 +3,8 @@
  * cpu.c - the texture-space method on the cpu engine: what lives between frames, and the steps that make the map of a solid: light on the
  * map (light_map.c), transmission (translucent shadow map), the chain of blurs (chain.c). Pixels then read it (read_map.c).
  *
- * A frame makes the map when it is the first one that sees the scene and its lights like this; later ones only look at it.
+ * A frame makes the map when it is the first one that sees the scene and its lights like this; later ones only look at it. The first
+ * view makes of it what its pixels need (need.c).
  */
 #include "methods/texture_space/state.h"
 
@@ -156,7 +157,7 @@ static void scale_lengths(struct ts_state *st, const struct ts_atlas *a, bool st
 
     if (strength) {
         ts_light_map_and_strength(st, a);
-        ts_fill(st, a, plane, 1, TS_FAR - 1);
+        ts_fill(st, a, plane, 1, TS_FAR - 1, 0);
     }
     for (int y = 0; y < a->height; y++)
         for (int b = 0; b < a->blocks; b++) {
@@ -318,12 +319,16 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         .size = st->knobs.tsm_size,
         .printed = st->knobs.thickness == TS_THICKNESS_PRINTED,
         .at_once = around || st->knobs.lights == TS_LIGHTS_SUM,
+        .need = st->need.on ? st->need.stage : NULL,
         .thickest = solid->profile->thickest,
         .falloff = solid->profile->widest,
     };
     int64_t rays = 0;
     enum pell_result res;
 
+    st->tsm.count = 0;
+    if (st->need.on)
+        ts_need_chain(st, solid, true);
     ts_tsm_face(&t, &st->tsm);
     PELL_TRY(ts_tsm_make(&t, st->light[3], &st->tsm, &rays));
     ts_note_time(st, "tsm", a->inner, a->inner * 40, rays);
@@ -333,7 +338,9 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         return PELL_OK;
     if (st->knobs.lights == TS_LIGHTS_OWN) {
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
-        ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces);
+        if (st->need.on && around)
+            ts_need_chain(st, solid, true);
+        ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around); /* ways look for light anywhere */
         rays = 0;
         if (!around)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
@@ -348,6 +355,8 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
                                      .of_light = true,
                                      .falloff = t.falloff });
     leave(st, a);
+    if (st->need.on)
+        ts_need_chain(st, solid, true);
     chain->transmission = true;
     PELL_TRY(ts_chain(st, solid, chain));
     chain->local = st->knobs.lights == TS_LIGHTS_OWN;
@@ -380,9 +389,11 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     st->clock = pell_seconds();
     ts_rows(st, a->height, clear_rows, &p);
     begin_solid(st, number, &chain);
+    if (st->need.on)
+        ts_need_begin(st, solid);
     PELL_TRY(st->run->begin(st, solid));
     if (st->knobs.lights == TS_LIGHTS_SUM) {
-        ts_light_map(st, a, 0, NULL);
+        ts_light_map(st, a, 0, NULL, true);
         show_light(st);
     }
     for (size_t i = 0; i < scene->num_lights; i++) {
@@ -400,13 +411,17 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     }
     st->tsm.count = 0;
     st->shown.light = -1;
+    if (st->need.on)
+        ts_need_chain(st, solid, false);
     if (st->knobs.lights == TS_LIGHTS_OWN && rest) {
-        ts_light_map(st, a, rest, NULL);
+        ts_light_map(st, a, rest, NULL, false);
         show_light(st);
     }
     chain.transmission = false;
     if (chain.local && rest)
         PELL_TRY(ts_chain(st, solid, &chain));
+    if (is_transmitted && st->knobs.soften && st->need.on)
+        ts_need_soft(st, solid);
     if (is_transmitted && st->knobs.soften)
         PELL_TRY(ts_soften(st, solid));
     if (pell_services_observed(st->services, st->in))
@@ -441,6 +456,43 @@ static void warn_of_lights(struct ts_state *st)
     st->warned = lights;
 }
 
+/* Makes what this frame reads and no earlier one has made. The second time that a view asks for more of a solid it becomes whole, and so
+ * do all others from then on. */
+static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *in)
+{
+    const bool may = ts_need_may(st, in);
+    bool whole = true;
+    enum pell_result res;
+
+    for (size_t i = 0; i < st->solids->count; i++)
+        whole &= !st->solid[i].atlas || st->solid[i].made == TS_MADE_WHOLE;
+    if (whole)
+        return PELL_OK;
+    if (st->knobs.cull && st->run->culls) {
+        ts_need_see(st, in, may);
+        ts_note_time(st, "need", 0, 0, 0);
+    }
+    for (size_t i = 0; i < st->solids->count; i++) {
+        struct ts_solid *solid = &st->solid[i];
+        const bool more = atomic_exchange(&solid->missing, false);
+        if (!solid->atlas || solid->made == TS_MADE_WHOLE || (may && !more) || (solid->made == TS_MADE_IN_PART && !more))
+            continue;
+        st->need.on = may && solid->made == TS_MADE_NOT;
+        st->reused |= solid->made == TS_MADE_IN_PART;
+        solid->made = TS_MADE_NOT;
+        res = light_solid(st, i);
+        if (res != PELL_OK) {
+            ts_need_forget(solid);
+            goto fail;
+        }
+        solid->made = st->need.on ? TS_MADE_IN_PART : TS_MADE_WHOLE;
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
 enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct ts_state *st = state;
@@ -456,13 +508,12 @@ enum pell_result ts_render(void *state, const struct pell_frame *in, const struc
         ts_note_time(st, "layout", 0, 0, 0);
     st->layout = 0.0;
     if (st->lit != in->lights_revision) {
-        st->lit = 0;
-        warn_of_lights(st);
         for (size_t i = 0; i < st->solids->count; i++)
-            if (st->solid[i].atlas)
-                PELL_TRY(light_solid(st, i));
+            ts_need_forget(&st->solid[i]);
+        warn_of_lights(st);
         st->lit = in->lights_revision;
     }
+    PELL_TRY(make_maps(st, in));
     st->clock = pell_seconds();
     pixels = ts_read_map(st, in, out);
     ts_note_time(st, "gather", pixels, pixels * (4 * 16 + 16 + 12), 0);

@@ -10,7 +10,9 @@ struct filling {
     const struct ts_atlas *atlas;
     float *const *planes;
     int count;
-    int far; /* borders no further from charts than this */
+    int far;             /* borders no further from charts than this */
+    const uint8_t *need; /* per texel: the stage that it is needed up to; NULL: all are */
+    int stage;
 };
 
 /* All that a border reads lies inside charts: other borders may be filled by another thread just now. */
@@ -48,10 +50,12 @@ static inline void fill_square(const struct filling *p, size_t square, int count
             __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].from);
             __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].at, 1);
         }
-        fill_border(a, &a->fills[i], planes, count);
+        if (!p->need || p->need[a->fills[i].at] >= p->stage)
+            fill_border(a, &a->fills[i], planes, count);
     }
     for (size_t i = a->first_mended[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
-        mend_border(a, &a->fills[i], planes, count);
+        if (!p->need || p->need[a->fills[i].at] >= p->stage)
+            mend_border(a, &a->fills[i], planes, count);
 }
 
 static void fill_borders(void *arg, int chunk, int worker)
@@ -70,9 +74,16 @@ static void fill_borders(void *arg, int chunk, int worker)
             fill_square(p, s, p->count);
 }
 
-void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far)
+void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far, int stage)
 {
-    struct filling p = { .atlas = a, .planes = planes, .count = count, .far = far };
+    struct filling p = {
+        .atlas = a,
+        .planes = planes,
+        .count = count,
+        .far = far,
+        .need = st->need.on ? st->need.stage : NULL,
+        .stage = stage,
+    };
 
     pell_pool_run(st->pool, (int) ((a->num_squares + SQUARES - 1) / SQUARES), fill_borders, &p);
 }

@@ -209,7 +209,7 @@ INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
         const ptrdiff_t index = (ptrdiff_t) y * w->stride + b * TS_BLOCK;
         const int low = axis == 0 ? b * TS_BLOCK + TS_BLOCK - 1 : y, high = axis == 0 ? w->width - 1 - b * TS_BLOCK : w->height - 1 - y;
 
-        if (cell->near > w->near)
+        if (cell->near > w->near || (w->need && w->need[(ptrdiff_t) y * w->blocks + b] < w->stage))
             continue;
         if (w->planes == 3)
             blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, 3);

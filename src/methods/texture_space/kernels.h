@@ -32,6 +32,8 @@ struct ts_work {
     const float *from[TS_PLANES]; /* what is blurred */
     float *to[TS_PLANES];
     int planes;          /* 3 or 4; with the paper's taps two more, the stretch */
+    const uint8_t *need; /* per block of a row: the stage that it is needed up to; NULL: all are */
+    uint8_t stage;       /* blocks that are not needed at this one are left out */
     int near;            /* blocks that are further from charts than this are left out */
     float before, after; /* mm^2 of the chain before and after this blur */
     float grid;          /* texels^2 that reading the map adds by itself */

@@ -182,6 +182,11 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         if (!st->solid[i].map)
             return PELL_ERR_NOMEM;
         st->solid[i].map += 4 * TS_MARGIN;
+        st->solid[i].seen = pell_calloc(st->ctx, st->solid[i].atlas->size, sizeof(*st->solid[i].seen));
+        if (!st->solid[i].seen)
+            return PELL_ERR_NOMEM;
+        st->solid[i].seen += TS_MARGIN;
+        st->solid[i].made = TS_MADE_NOT;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "layouts", (double) (i + 1) / (double) b->count);
@@ -233,8 +238,13 @@ static enum pell_result make_planes(struct ts_state *st)
     size = (size + 15) / 16 * 16 + 48;
     st->memory = pell_calloc(st->ctx, size * planes + 1, sizeof(float));
     st->cells = pell_calloc(st->ctx, cells + 1, sizeof(*st->cells));
-    if (!st->memory || !st->cells)
+    st->need.cell = pell_calloc(st->ctx, cells + 4 * size + 1, sizeof(*st->need.cell));
+    if (!st->memory || !st->cells || !st->need.cell)
         goto fail;
+    st->need.stage = st->need.cell + cells + TS_MARGIN;
+    st->need.wide = st->need.stage + size;
+    st->need.shown = st->need.wide + size;
+    st->need.behind = st->need.shown + size;
     for (size_t i = 0; i < planes; i++)
         *list[i] = st->memory + i * size + TS_MARGIN;
     if (transmission)
@@ -252,11 +262,16 @@ void ts_layouts_finish(struct ts_state *st)
         ts_atlas_destroy(&st->solid[i].atlas);
         if (st->solid[i].map)
             pell_free(st->ctx, st->solid[i].map - 4 * TS_MARGIN);
+        if (st->solid[i].seen)
+            pell_free(st->ctx, (void *) (st->solid[i].seen - TS_MARGIN));
         st->solid[i].map = NULL;
+        st->solid[i].seen = NULL;
     }
     if (st->run)
         st->run->forget(st);
     ts_tsm_finish(st->ctx, &st->tsm);
+    pell_free(st->ctx, st->need.cell);
+    st->need.cell = NULL;
     pell_free(st->ctx, st->cells);
     pell_free(st->ctx, st->memory);
     st->cells = NULL;

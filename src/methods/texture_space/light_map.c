@@ -12,6 +12,7 @@ struct lighting {
     const struct ts_atlas *atlas;
     uint64_t lights;      /* whose light is computed */
     const uint8_t *faces; /* what triangles show them, where it is one of a known direction; NULL: unknown */
+    const uint8_t *need;  /* per texel: 0: not asked for; NULL: all are */
     bool strength;        /* keep it, too */
     _Atomic int64_t rays;
 };
@@ -82,7 +83,7 @@ static void light_rows(void *arg, int band, int worker)
                 const int x = block * TS_BLOCK + texels[t] % TS_BLOCK, y = y0 + texels[t] / TS_BLOCK;
                 const ptrdiff_t i = y * a->stride + x;
                 struct texels *k = &list[ts_ambient_part(side, x, y) % (uint32_t) parts];
-                if (p->faces && p->faces[a->source[i]] & TS_FACE_DARK)
+                if ((p->need && !p->need[i]) || (p->faces && p->faces[a->source[i]] & TS_FACE_DARK))
                     continue;
                 k->points.mesh[k->count] = a->triangles[a->source[i]].mesh;
                 k->points.triangle[k->count] = a->triangles[a->source[i]].triangle;
@@ -114,15 +115,17 @@ static void light_charts(struct lighting *p)
     ts_note_time(p->st, "map light", p->atlas->inner, p->atlas->inner * 24, atomic_load(&p->rays));
 }
 
-void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces)
+void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all)
 {
-    struct lighting lighting = { .st = st, .atlas = a, .lights = lights, .faces = faces };
+    const bool part = st->need.on && !all;
+    struct lighting lighting = { .st = st, .atlas = a, .lights = lights, .faces = faces, .need = part ? st->need.stage : NULL };
 
     if (has_environment(st->services->scene, lights)) {
         const struct ts_ambient_params ambient = {
             .services = st->services,
             .atlas = a,
             .seed = st->in->seed,
+            .need = part ? st->need.cell : NULL,
             .seen = st->half[0],
             .spare = st->half[1],
         };

@@ -59,6 +59,8 @@ static const struct pell_knob knobs[] = {
     { "lights", PELL_KNOB_ENUM, "1", AT(lights), { TS_LIGHTS_OWN }, 0, 0, lights_names,
       "light transmitted through the thickness of one light: that light's, or that of all lights as in the paper" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
+    { "cull", PELL_KNOB_BOOL, "1", AT(cull), { 1 }, 0, 1, NULL,
+      "leave out the texels that no pixel of the first view needs, as the engine cpu does; whole maps are made when the view changes" },
     { "mix", PELL_KNOB_FLOAT, "1", AT(mix), { -1 }, -1, 1, NULL,
       "share of the colour that is applied before scattering, as an exponent; negative: the material's" },
     { 0 },

@@ -66,7 +66,7 @@ static void thin_chunk(void *arg, int chunk, int worker)
         float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
         near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
         t->share[0] = t->share[1] = t->share[2] = 0.0f;
-        if (!(alpha > 0.0f) || !(strength > 0.0f))
+        if (!(alpha > 0.0f) || !(strength > 0.0f) || (st->need.on && !st->need.behind[t->at]))
             continue;
         ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
         for (int c = 0; c < 3; c++)
@@ -141,7 +141,7 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
 
 static void fill(struct ts_blurring *p, int planes, int far)
 {
-    ts_fill(p->st, p->solid->atlas, p->now, planes, far);
+    ts_fill(p->st, p->solid->atlas, p->now, planes, far, TS_NEED_BEFORE(p->blurs));
 }
 
 static int chunks_of(const struct ts_state *st)
@@ -177,6 +177,8 @@ static void blur(struct ts_blurring *p, const struct ts_blur *b, int blurred)
         }
         p->down = down;
         w->near = down ? 0 : blurred;
+        w->need = st->need.on ? st->need.cell : NULL;
+        w->stage = (uint8_t) (down ? TS_NEED_DOWN(p->blurs) : TS_NEED_ALONG(p->blurs));
         ts_rows(st, p->solid->atlas->height, blur_rows, p);
     }
     p->now = st->now;
@@ -237,7 +239,7 @@ static enum pell_result store(struct ts_state *st, const struct ts_solid *solid)
 {
     struct storing task = { st, solid };
 
-    ts_fill(st, solid->atlas, st->sum, 3, TS_READ_FAR);
+    ts_fill(st, solid->atlas, st->sum, 3, TS_READ_FAR, 1);
     ts_rows(st, solid->atlas->height, store_rows, &task);
     return PELL_OK;
 }
@@ -260,4 +262,5 @@ const struct ts_runner ts_cpu_runner = {
     .finish = finish,
     .store = store,
     .forget = forget,
+    .culls = true,
 };

@@ -10,20 +10,42 @@
 
 #include "base/pool.h"
 
+#include <stdatomic.h>
+
 enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 8, TS_LIT = 4, TS_READ_FAR = 6 };
 /* TS_ROWS: that a thread takes in one go. TS_READ_FAR: texels from the inside of charts that pixels read at most: look_around's, and the
  * four about a place. */
+
+enum ts_made { TS_MADE_NOT, TS_MADE_IN_PART, TS_MADE_WHOLE };
 
 struct ts_solid {
     struct ts_atlas *atlas;
     const struct ts_profile *profile; /* of its material */
     float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
     int side, first_side;             /* texels; of the first frame's map, 0: not yet */
+    enum ts_made made;                /* of these lights */
+    _Atomic uint8_t *seen;            /* per texel, while it is made in part: need.c */
+    _Atomic bool missing;             /* pixels read what is not made */
     struct pell_vec3 middle;          /* of its bounds, */
     float radius;                     /* and half their diagonal; mm */
 };
 
 struct ts_runner;
+
+/* Stages of a chain that texels are needed up to: before its blur number i, and after the first half of that and the second. */
+#define TS_NEED_BEFORE(i) (1 + 2 * (i))
+#define TS_NEED_ALONG(i) (2 + 2 * (i))
+#define TS_NEED_DOWN(i) (3 + 2 * (i))
+
+/* Which texels of the solid that is being made are needed. Planes at texel (0, 0). */
+struct ts_need {
+    bool on;
+    uint8_t *stage;  /* that each is needed up to; 0: never */
+    uint8_t *cell;   /* most of each block of a row */
+    uint8_t *wide;   /* to work in */
+    uint8_t *shown;  /* those that pixels read */
+    uint8_t *behind; /* those whose transmitted light is needed */
+};
 
 struct ts_state {
     const struct ts_runner *run;          /* the engine's */
@@ -37,7 +59,9 @@ struct ts_state {
     struct pell_solids *solids;
     struct ts_solid *solid;
     size_t num_solids;
-    bool whole;                  /* made without a failure */
+    bool whole;  /* made without a failure */
+    bool reused; /* maps have been read from more than one view: culling would make them twice */
+    struct ts_need need;
     struct ts_profile *profiles; /* of materials; a solid's alone are made */
     size_t num_profiles;
     struct ts_tsm tsm;
@@ -126,9 +150,9 @@ void ts_show(struct ts_state *st, const struct ts_image *image);
 
 /* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
 
-/* Light of these lights (a bit each; 0: all) that enters, to st->light. `faces`: of lights of one known direction, what each triangle shows
- * them; NULL: unknown. Between chains: st->half holds the ambient visibility. */
-void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces);
+/* Light of these lights (a bit each; 0: all) that enters, to st->light; of a map made in part `all` texels, or those that are needed.
+ * `faces`: of lights of one known direction, what each triangle shows them; NULL: unknown. Between chains: st->half holds the ambient visibility. */
+void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all);
 /* The same, and the material's strength, to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
 
@@ -138,6 +162,20 @@ static inline bool ts_is_local(const struct ts_state *st)
     return st->services->settings->curvature && st->knobs.transmission == TS_TRANSMISSION_SLAB && st->knobs.tsm == TS_TSM_RAY &&
            st->knobs.lights == TS_LIGHTS_OWN;
 }
+
+/* --- need.c ---------------------------------------------------------------------------------------------------------------------- */
+
+/* Whether maps are made in part. */
+bool ts_need_may(const struct ts_state *st, const struct pell_frame *in);
+/* Marks what pixels read, with `ahead` those of the samples to come, too. */
+void ts_need_see(struct ts_state *st, const struct pell_frame *in, bool ahead);
+/* Nothing is made of a solid. */
+void ts_need_forget(struct ts_solid *solid);
+/* Before a solid is made in part: what was marked becomes what its map shows. */
+void ts_need_begin(struct ts_state *st, struct ts_solid *solid);
+/* What a chain of all blurs needs, with `transmission` for the texels of the list that receive any, too; and what softening needs. */
+void ts_need_chain(struct ts_state *st, const struct ts_solid *solid, bool transmission);
+void ts_need_soft(struct ts_state *st, const struct ts_solid *solid);
 
 /* --- cpu.c, whatever the engine --------------------------------------------------------------------------------------------------- */
 
@@ -149,8 +187,9 @@ size_t ts_times(const void *state, struct pell_pass_time *list, size_t size);
 
 /* --- fill.c ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Fills `count` planes' borders that are no further than `far` texels from charts. */
-void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far);
+/* Fills `count` planes' borders that are no further than `far` texels from charts, and of a map that is made in part those that are needed
+ * at `stage`. */
+void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far, int stage);
 
 /* --- chain.c --------------------------------------------------------------------------------------------------------------------- */
 
@@ -172,6 +211,7 @@ struct ts_blurring {
     float *const *now; /* on the cpu engine what is blurred next: st->light at first, st->now later */
     int planes;        /* of what the chain starts with */
     int level;         /* in the profile */
+    int blurs;         /* that are done */
     bool down;
     bool scaled; /* by strength */
 };
@@ -180,6 +220,11 @@ struct ts_blur {
     double before, after; /* variance, mm^2 */
     const double *weight; /* NULL: don't add it to the sum */
 };
+
+/* The blurs of a solid's chain, those that reach no further than a texel left out. Returns how many. */
+int ts_chain_blurs(struct ts_state *st, const struct ts_solid *solid, struct ts_blur out[TS_LEVELS]);
+/* That of transmitted light. */
+struct ts_blur ts_soft_blur(const struct ts_solid *solid);
 
 /* The stretch that the paper's taps blur, too: texels per mm along x and y; 0 without chart. */
 static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *a, ptrdiff_t at, float density[2])
@@ -222,6 +267,7 @@ struct ts_runner {
     enum pell_result (*store)(struct ts_state *st, const struct ts_solid *solid);
     /* Layouts go. */
     void (*forget)(struct ts_state *st);
+    bool culls; /* leaves out what st->need says */
 };
 
 extern const struct ts_runner ts_cpu_runner;

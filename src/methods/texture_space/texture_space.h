@@ -40,6 +40,7 @@ struct ts_knobs {
     bool soften;
     int lights; /* enum ts_lights */
     bool strength;
+    bool cull;
     float mix; /* negative: each material's own */
 };
 
@@ -219,6 +220,7 @@ struct ts_ambient_params {
     const struct pell_services *services;
     const struct ts_atlas *atlas;
     uint32_t seed;
+    const uint8_t *need; /* per block of a row: 0: none of its texels is asked for; NULL: all are */
     float *seen, *spare; /* planes: share of the sky about a texel's geometric normal that is seen, by its cosine; and one to work in */
 };
 
@@ -290,6 +292,7 @@ struct ts_tsm_params {
     int form, size;                     /* enum ts_form; of the map, px */
     bool printed;                       /* the paper's thickness */
     bool at_once;                       /* ts_tsm_light will not be called */
+    const uint8_t *need;                /* per texel: 0: its light is not asked for; NULL: all are */
     double thickest;                    /* mm */
     double falloff;                     /* mm: alpha is exp(-d/falloff) */
 };

@@ -44,6 +44,8 @@ bool ts_asks(const struct ts_task *t, ptrdiff_t at)
 {
     const bool away = t->faces[t->p->atlas->source[at]] & TS_FACE_AWAY;
 
+    if (t->p->need && !t->p->need[at])
+        return false;
     return t->p->at_once ? true : t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
 }
 

@@ -66,7 +66,8 @@ static bool axes_of(const struct ts_atlas *a, uint32_t half, struct pell_vec3 ax
     return vec3_dot(axis[0], axis[0]) > 0.5f && vec3_dot(axis[1], axis[1]) > 0.5f;
 }
 
-/* Each triangle is unfolded beside the one before it, in the plane of the edge that the way came across: x along it, y into the triangle. */
+/* Each triangle is unfolded beside the one before it, in the plane of the edge that the way came across: x along it, y into the
+ * triangle. */
 bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way)
 {
     const struct ts_atlas *a = b->a;
