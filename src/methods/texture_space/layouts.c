@@ -205,7 +205,7 @@ static enum pell_result make_planes(struct ts_state *st)
     const struct ts_atlas **atlases = pell_calloc(st->ctx, st->solids->count + 1, sizeof(*atlases));
     size_t size = 0, cells = 0, count = 0, planes = 0;
     bool strength = false;
-    float **list[TS_LIT + 2 * TS_PLANES + 9];
+    float **list[TS_LIT + 2 * TS_PLANES + 10];
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!atlases)
@@ -229,6 +229,7 @@ static enum pell_result make_planes(struct ts_state *st)
         list[planes++] = &st->sum[i];
     for (int i = 0; i < 3 && transmission && st->knobs.soften; i++)
         list[planes++] = &st->behind[i];
+    list[planes++] = &st->need.wide_key;
     if (strength)
         list[planes++] = &st->strength;
     if (strength || !st->knobs.stretch) {

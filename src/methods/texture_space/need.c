@@ -196,10 +196,20 @@ static int reach_at(const struct growing *p, ptrdiff_t cell, int axis)
     return reach > 0.0f ? reach < 255.0f ? reach > 1.0f ? (int) reach : 1 : 255 : 0;
 }
 
-static inline void raise(uint8_t *plane, int from, int to, int value)
+/* Taps are of their texel's chart: those of a row. */
+static inline void raise_chart(uint8_t *stage, const float *keys, float key, int from, int to, int value)
 {
     for (int x = from; x <= to; x++)
-        plane[x] = plane[x] > value ? plane[x] : (uint8_t) value;
+        stage[x] = keys[x] != key || stage[x] > value ? stage[x] : (uint8_t) value;
+}
+
+/* How far those of columns go, and of which chart; columns that several charts go down are of any: 0. */
+static inline void reach_down(uint8_t *wide, float *keys, float key, int from, int to, int reach)
+{
+    for (int x = from; x <= to; x++) {
+        keys[x] = wide[x] > 0 && keys[x] != key ? 0.0f : key;
+        wide[x] = wide[x] > reach ? wide[x] : (uint8_t) reach;
+    }
 }
 
 /* Along rows: the set itself, or for columns that lean how far each texel reaches down, wherever to the side that may be. */
@@ -213,6 +223,7 @@ static void grow_rows(void *arg, int band, int worker)
     for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++) {
         const uint8_t *stage = need->stage + y * a->stride;
         uint8_t *out = (p->down ? need->wide : need->stage) + y * a->stride;
+        const float *key = a->key + y * a->stride;
         if (p->down)
             memset(out, 0, (size_t) a->width);
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
@@ -221,17 +232,22 @@ static void grow_rows(void *arg, int band, int worker)
                 const int end = (b + 1) * TS_BLOCK;
                 int reach = -1, aside = 0;
                 for (int x = b * TS_BLOCK; x < end; x++) {
-                    int first = x;
+                    const int first = x;
+                    int low, high;
                     if (stage[x] < p->from)
                         continue;
-                    while (x + 1 < end && stage[x + 1] >= p->from)
+                    while (x + 1 < end && stage[x + 1] >= p->from && key[x + 1] == key[first])
                         x++;
                     if (reach < 0) {
                         reach = reach_at(p, cell, p->down);
                         aside = p->down ? (int) (fabsf(p->st->work.cells[cell].skew) * (float) reach + 0.5f) : reach;
                     }
-                    raise(out, first - aside > 0 ? first - aside : 0, x + aside < a->width ? x + aside : a->width - 1,
-                          p->down ? reach : p->to);
+                    low = first > aside ? first - aside : 0;
+                    high = x + aside < a->width ? x + aside : a->width - 1;
+                    if (p->down)
+                        reach_down(out, need->wide_key + y * a->stride, key[first], low, high, reach);
+                    else
+                        raise_chart(out, key, key[first], low, high, p->to);
                 }
             }
     }
@@ -244,6 +260,7 @@ static void grow_columns(void *arg, int strip, int worker)
     const struct ts_atlas *a = p->atlas;
     const int x0 = strip * STRIP, n = a->width - x0 < STRIP ? a->width - x0 : STRIP;
     uint8_t left[STRIP];
+    float key[STRIP] = { 0 }; /* of whose chart */
 
     (void) worker;
     for (int back = 0; back < 2; back++) {
@@ -252,9 +269,12 @@ static void grow_columns(void *arg, int strip, int worker)
             const ptrdiff_t row = (back ? a->height - 1 - j : j) * a->stride + x0;
             uint8_t *stage = p->st->need.stage + row;
             const uint8_t *wide = p->st->need.wide + row;
+            const float *own = a->key + row, *wide_key = p->st->need.wide_key + row;
             for (int i = 0; i < n; i++) {
-                const uint8_t value = left[i] > 0 || wide[i] > 0 ? (uint8_t) p->to : 0, less = left[i] > 0 ? left[i] - 1 : 0;
-                stage[i] = stage[i] > value ? stage[i] : value;
+                const uint8_t less = left[i] > 0 ? left[i] - 1 : 0;
+                key[i] = wide[i] == 0 ? key[i] : left[i] == 0 || key[i] == wide_key[i] ? wide_key[i] : 0.0f;
+                if ((left[i] > 0 || wide[i] > 0) && stage[i] < p->to && (key[i] == 0.0f || key[i] == own[i]))
+                    stage[i] = (uint8_t) p->to;
                 left[i] = less > wide[i] ? less : wide[i];
             }
         }

@@ -43,6 +43,7 @@ struct ts_need {
     uint8_t *stage;  /* that each is needed up to; 0: never */
     uint8_t *cell;   /* most of each block of a row */
     uint8_t *wide;   /* to work in */
+    float *wide_key;
     uint8_t *shown;  /* those that pixels read */
     uint8_t *behind; /* those whose transmitted light is needed */
 };
