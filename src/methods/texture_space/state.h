@@ -40,9 +40,9 @@ struct ts_runner;
 /* Which texels of the solid that is being made are needed. Planes at texel (0, 0). */
 struct ts_need {
     bool on;
-    uint8_t *stage;  /* that each is needed up to; 0: never */
-    uint8_t *cell;   /* most of each block of a row */
-    uint8_t *wide;   /* to work in */
+    uint8_t *stage; /* that each is needed up to; 0: never */
+    uint8_t *cell;  /* most of each block of a row */
+    uint8_t *wide;  /* to work in */
     float *wide_key;
     uint8_t *shown;  /* those that pixels read */
     uint8_t *behind; /* those whose transmitted light is needed */

@@ -49,60 +49,113 @@ static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_
     return sum > 1e-3f || take_nearest(a, p, border);
 }
 
+/* An edge in the layout. */
+struct segment {
+    uint32_t half;
+    float px, py, ex, ey, inverse; /* its first corner; along it; 1 over its length squared */
+};
+
+static struct segment segment_of(const struct ts_atlas *a, uint32_t h)
+{
+    const float *c = a->corners[h / 3], *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
+    const float ex = q[0] - p[0], ey = q[1] - p[1], l2 = ex * ex + ey * ey;
+
+    return (struct segment) { h, p[0], p[1], ex, ey, l2 > 0.0f ? 1.0f / l2 : 0.0f };
+}
+
 /* Texels and the nearest edge at which a chart ends but the surface goes on. */
 struct nearest {
     const struct ts_atlas_build *b;
-    const uint32_t *edges; /* halves */
+    const struct segment *edges;
     size_t num_edges;
     float *distance2;
-    uint32_t *edge; /* NONE: all are too far */
+    uint32_t *edge;          /* NONE: all are too far */
+    struct segment *scratch; /* room for all edges, of each thread */
 };
 
-static void near_edge(const struct nearest *n, uint32_t h, int y0, int y1)
+enum { TILE = 16 };        /* texels a side */
+#define TILE_RADIUS 10.61f /* from a tile's middle to that of its farthest texel */
+#define TILTED 1.001f      /* more than what an edge counts as nearer for lying in front */
+
+/* Squared distance of a point from an edge; dx, dy: from its first corner. */
+static inline float from_segment(const struct segment *e, float dx, float dy)
+{
+    float s = (dx * e->ex + dy * e->ey) * e->inverse;
+
+    s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
+    return (dx - s * e->ex) * (dx - s * e->ex) + (dy - s * e->ey) * (dy - s * e->ey);
+}
+
+/* Of the middle of a tile; INFINITY where that is beyond `most`, or might as well be. */
+static inline float from_tile(const struct segment *e, int x0, int y0, float most)
+{
+    const float dx = (float) x0 + 0.5f * TILE - e->px, dy = (float) y0 + 0.5f * TILE - e->py;
+
+    return dx < fminf(e->ex, 0.0f) - most || dx > fmaxf(e->ex, 0.0f) + most ? INFINITY : sqrtf(from_segment(e, dx, dy));
+}
+
+static void near_edge(const struct nearest *n, const struct segment *e, int x0, int y0)
 {
     const struct ts_atlas *a = n->b->a;
-    const float reach = (float) n->b->p->border, *c = a->corners[h / 3], *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
-    const float ex = q[0] - p[0], ey = q[1] - p[1], l2 = ex * ex + ey * ey, inverse = l2 > 0.0f ? 1.0f / l2 : 0.0f;
-    const float left = fmaxf(floorf(fminf(p[0], q[0]) - reach), 0.0f), right = fmaxf(p[0], q[0]) + reach;
-    const float top = fmaxf(floorf(fminf(p[1], q[1]) - reach), (float) y0), bottom = fmaxf(p[1], q[1]) + reach;
+    const float reach = (float) n->b->p->border;
 
-    for (int y = (int) top; y < y1 && (float) y < bottom; y++)
-        for (int x = (int) left; x < a->width && (float) x < right; x++) {
+    for (int y = y0; y < y0 + TILE && y < a->height; y++)
+        for (int x = x0; x < x0 + TILE; x++) {
             const ptrdiff_t at = y * a->stride + x;
-            float dx, dy, s, d2;
+            const float dx = (float) x + 0.5f - e->px, dy = (float) y + 0.5f - e->py;
+            float d2;
 
             if (a->source[at] != NONE || (n->b->buried && n->b->buried[at]))
                 continue;
-            dx = (float) x + 0.5f - p[0];
-            dy = (float) y + 0.5f - p[1];
-            s = (dx * ex + dy * ey) * inverse;
-            s = s > 0.0f ? s < 1.0f ? s : 1.0f : 0.0f;
-            d2 = (dx - s * ex) * (dx - s * ex) + (dy - s * ey) * (dy - s * ey);
+            d2 = from_segment(e, dx, dy);
             if (d2 >= reach * reach)
                 continue;
             /* Of the two edges of a corner the one that the texel lies more in front of. */
-            d2 -= 1e-3f * (dx * ey - dy * ex) * (dx * ey - dy * ex) * inverse;
+            d2 -= 1e-3f * (dx * e->ey - dy * e->ex) * (dx * e->ey - dy * e->ex) * e->inverse;
             if (d2 < n->distance2[at]) {
                 n->distance2[at] = d2;
-                n->edge[at] = h;
+                n->edge[at] = e->half;
             }
         }
+}
+
+/* Of the edges in reach of a tile most are further from all of its texels than the nearest one is. */
+static void near_tile(const struct nearest *n, int x0, int y0)
+{
+    const float reach = (float) n->b->p->border + TILE_RADIUS;
+    float least = reach, most;
+
+    for (size_t i = 0; i < n->num_edges; i++)
+        least = fminf(least, from_tile(&n->edges[i], x0, y0, least));
+    most = fminf(TILTED * (least + TILE_RADIUS) + TILE_RADIUS, reach);
+    for (size_t i = 0; i < n->num_edges && least < reach; i++)
+        if (from_tile(&n->edges[i], x0, y0, most) <= most)
+            near_edge(n, &n->edges[i], x0, y0);
 }
 
 static void near_rows(void *arg, int index, int worker)
 {
     const struct nearest *n = arg;
     const struct ts_atlas *a = n->b->a;
-    const int y0 = index * BAND, y1 = y0 + BAND < a->height ? y0 + BAND : a->height;
+    const int y0 = index * TILE, y1 = y0 + TILE < a->height ? y0 + TILE : a->height;
     const float reach = (float) n->b->p->border;
+    struct segment *edges = n->scratch + (size_t) worker * n->num_edges;
+    struct nearest band = *n;
 
-    (void) worker;
     for (ptrdiff_t at = y0 * a->stride; at < y1 * a->stride; at++) {
         n->distance2[at] = reach * reach;
         n->edge[at] = NONE;
     }
-    for (size_t i = 0; i < n->num_edges && !pell_cancelled(n->b->ctx); i++)
-        near_edge(n, n->edges[i], y0, y1);
+    band.edges = edges;
+    band.num_edges = 0;
+    for (size_t i = 0; i < n->num_edges; i++) {
+        const struct segment *e = &n->edges[i];
+        const float top = fminf(e->py, e->py + e->ey), bottom = fmaxf(e->py, e->py + e->ey);
+        if (top - reach < (float) y1 && bottom + reach > (float) y0)
+            edges[band.num_edges++] = n->edges[i];
+    }
+    for (int x0 = 0; x0 < a->width && !pell_cancelled(n->b->ctx); x0 += TILE)
+        near_tile(&band, x0, y0);
 }
 
 void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far)
@@ -364,7 +417,8 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     const float reach = (float) b->p->border;
     double budget = BORDER_WORK * (double) a->size;
     float *near = pell_alloc_array(b->ctx, a->size, sizeof(*near));
-    uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge)), *edges = NULL;
+    uint32_t *edge = pell_alloc_array(b->ctx, a->size, sizeof(*edge));
+    struct segment *edges = NULL, *scratch = NULL;
     size_t count = 0, room = 0;
     struct nearest nearest = { .b = b, .distance2 = near, .edge = edge };
     struct beside beside = { .b = b, .edge = edge };
@@ -382,10 +436,14 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
         if (budget < 0.0)
             break;
         PELL_TRY(pell_grow(b->ctx, (void **) &edges, nearest.num_edges, &room, sizeof(*edges)));
-        edges[nearest.num_edges++] = h;
+        edges[nearest.num_edges++] = segment_of(a, h);
     }
     nearest.edges = edges;
-    pell_pool_run(b->p->pool, (a->height + BAND - 1) / BAND, near_rows, &nearest);
+    nearest.scratch = scratch = pell_alloc_array(b->ctx, nearest.num_edges * (size_t) pell_pool_threads(b->p->pool) + 1, sizeof(*scratch));
+    res = PELL_ERR_NOMEM;
+    if (!scratch)
+        goto fail;
+    pell_pool_run(b->p->pool, (a->height + TILE - 1) / TILE, near_rows, &nearest);
     res = PELL_ERR_CANCELLED;
     if (pell_cancelled(b->ctx))
         goto fail;
@@ -433,6 +491,7 @@ fail:
     pell_free(b->ctx, near);
     pell_free(b->ctx, edge);
     pell_free(b->ctx, edges);
+    pell_free(b->ctx, scratch);
     return res;
 }
 
