@@ -139,6 +139,20 @@ static void a_sheet_lit_in_part_is_the_convolution(void **state)
 }
 
 /* The sheared sheet's axes are not at right angles: a blur straight along them is not round, and that shows with the paper's taps. */
+/* Thirteen taps are no convolution: how far they are off, beside the paper's seven in each blur. */
+static void fewer_taps_are_near_the_convolution(void **state)
+{
+    static const char *const seven[] = { "size=308", "border=24", "tsm=off", "kernel=seven", NULL };
+    static const char *const thirteen[] = { "size=308", "border=24", "tsm=off", "kernel=jittered-13", NULL };
+    double largest[2][2], rms[2][2];
+    (void) state;
+
+    quadrant_of(GOOD, seven, 0.0, 1e9, largest[0], rms[0]);
+    quadrant_of(GOOD, thirteen, 0.0, 1e9, largest[1], rms[1]);
+    print_message("# seven: %.4f of the step at most, %.4f rms; jittered-13: %.4f, %.4f\n", largest[0][0], rms[0][0], largest[1][0], rms[1][0]);
+    REQUIRE(rms[0][0] < 0.015 && rms[1][0] < 0.035);
+}
+
 static void layouts_of_all_kinds_give_one_picture(void **state)
 {
     static const double most[LAYOUTS] = { 0.005, 0.01, 0.005, 0.01, 0.04, 0.03 };
@@ -450,8 +464,9 @@ static void no_seam_shows_on_a_solid_in_many_charts(void **state)
 static void uniform_light_gives_the_albedo(void **state)
 {
     (void) state;
-    for (int paper = 0; paper < 2; paper++) {
-        static const char *const as_paper[] = { "as=paper", "size=128", NULL }, *const best[] = { "size=128", NULL };
+    static const char *const forms[3][3] = { { "size=128" }, { "size=128", "as=paper" }, { "size=128", "kernel=jittered-13" } };
+
+    for (int form = 0; form < 3; form++) {
         struct stage s;
         struct shot shot;
         double low[3] = { 1e9, 1e9, 1e9 }, high[3] = { 0 };
@@ -461,7 +476,7 @@ static void uniform_light_gives_the_albedo(void **state)
         stage_ball(&s, m, 0, vec3(0, 0, 0), 10.0f, 24);
         stage_environment(&s, 1.0f);
         stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 22.0f);
-        shot = stage_shot_of(&s, "texture-space", paper ? as_paper : best);
+        shot = stage_shot_of(&s, "texture-space", forms[form]);
         for (int y = 0; y < 40; y++)
             for (int x = 0; x < 40; x++)
                 for (size_t c = 0; c < 3; c++)
@@ -1057,6 +1072,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_sheet_lit_in_part_is_the_convolution),
+        cmocka_unit_test(fewer_taps_are_near_the_convolution),
         cmocka_unit_test(layouts_of_all_kinds_give_one_picture),
         cmocka_unit_test(no_seam_shows_on_a_sheet_that_is_cut),
         cmocka_unit_test(a_sheet_that_deforms_is_the_convolution),

@@ -171,7 +171,14 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
     enum pell_result res;
 
     PELL_TRY(start(p, false, planes));
-    count = list_levels(p, params->local, levels);
+    if (params->local && st->knobs.kernel == TS_KERNEL_JITTERED) {
+        run->fill(p, 3, TS_FAR - 1);
+        run->scatter(p);
+        run->note(st, "taps", solid->atlas->inner, 4 * TS_TAPS * 3);
+        if (!transmission)
+            return run->finish(p);
+    }
+    count = list_levels(p, params->local && st->knobs.kernel != TS_KERNEL_JITTERED, levels);
     fill_for(p, next_blur(levels, 0, count), planes);
     for (int i = 0; i < count; i++) {
         const struct ts_blur *b = &levels[i].blur;

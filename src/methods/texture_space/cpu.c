@@ -255,7 +255,7 @@ static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_para
         .length = { a->length[0], a->length[1] },
         .tilt = { a->tilt[0], a->tilt[1] },
         .tilts = st->knobs.stretch,
-        .grid = st->knobs.kernel == TS_KERNEL_DENSE ? GRID_VARIANCE : 0.0f,
+        .grid = st->knobs.kernel != TS_KERNEL_SEVEN ? GRID_VARIANCE : 0.0f,
     };
     chain->scaled = ts_scaled_strength(st, (int32_t) number);
     if (chain->scaled || !st->knobs.stretch)
@@ -461,7 +461,7 @@ static void warn_of_lights(struct ts_state *st)
 static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *in)
 {
     const bool may = ts_need_may(st, in);
-    bool whole = true;
+    bool whole = true, in_part = false;
     enum pell_result res;
 
     for (size_t i = 0; i < st->solids->count; i++)
@@ -469,7 +469,13 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
     if (whole)
         return PELL_OK;
     if (st->knobs.cull && st->run->culls) {
-        ts_need_see(st, in, may);
+        ts_need_see(st, in);
+        for (size_t i = 0; may && i < st->solids->count; i++) {
+            st->solid[i].partly = atomic_load(&st->solid[i].missing) && st->solid[i].made == TS_MADE_NOT && ts_need_pays(&st->solid[i]);
+            in_part |= st->solid[i].partly;
+        }
+        if (in_part && in->num_samples > 1)
+            ts_need_look_ahead(st, in);
         ts_note_time(st, "need", 0, 0, 0);
     }
     for (size_t i = 0; i < st->solids->count; i++) {
@@ -477,7 +483,7 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
         const bool more = atomic_exchange(&solid->missing, false);
         if (!solid->atlas || solid->made == TS_MADE_WHOLE || (may && !more) || (solid->made == TS_MADE_IN_PART && !more))
             continue;
-        st->need.on = may && solid->made == TS_MADE_NOT;
+        st->need.on = may && solid->made == TS_MADE_NOT && solid->partly;
         st->reused |= solid->made == TS_MADE_IN_PART;
         solid->made = TS_MADE_NOT;
         res = light_solid(st, i);

@@ -259,6 +259,46 @@ static void seven(const struct ts_work *w, int y, int from, int to, int axis)
     }
 }
 
+/* --- A few taps at any place ------------------------------------------------------------------------------------------------------ */
+
+static void scatter(const struct ts_work *w, const float *skew, const struct ts_tap *taps, int count, int y, int from, int to)
+{
+    for (int x = from * TS_BLOCK; x < to * TS_BLOCK && x < w->width; x++) {
+        const ptrdiff_t at = (ptrdiff_t) y * w->stride + x;
+        float all[3] = { 0 }, found[3] = { 0 }, sum[3] = { 0 }, across, down;
+
+        if (!(w->key[at] > 0.0f))
+            continue;
+        across = 1.0f / w->length[0][at];
+        down = 1.0f / w->length[1][at];
+        for (int i = 0; i < count; i++) {
+            const float dy = taps[i].y * down, py = (float) y + dy;
+            const float px = (float) x + taps[i].x * across - (w->tilts ? skew[at] * dy : 0.0f);
+            const float fx = floorf(px), fy = floorf(py);
+            float near = 0.0f, light[3] = { 0 };
+            for (int c = 0; c < 3; c++)
+                all[c] += taps[i].weight[c];
+            if (!(fx >= 0.0f && fy >= 0.0f && fx < (float) (w->width - 1) && fy < (float) (w->height - 1)))
+                continue;
+            for (int k = 0; k < 4; k++) {
+                const ptrdiff_t tap = ((ptrdiff_t) fy + k / 2) * w->stride + (ptrdiff_t) fx + k % 2;
+                const float part = (k % 2 ? px - fx : 1.0f - (px - fx)) * (k / 2 ? py - fy : 1.0f - (py - fy));
+                if (w->key[tap] != w->key[at])
+                    continue;
+                near += part;
+                for (int c = 0; c < 3; c++)
+                    light[c] += part * w->from[c][tap];
+            }
+            for (int c = 0; c < 3; c++) {
+                found[c] += taps[i].weight[c] * near;
+                sum[c] += taps[i].weight[c] * light[c];
+            }
+        }
+        for (int c = 0; c < 3; c++)
+            w->sum[c][at] += found[c] > 0.0f ? sum[c] * all[c] / found[c] : 0.0f;
+    }
+}
+
 static void across(const struct ts_work *w, int y, int from, int to)
 {
     if (w->planes > 4)
@@ -276,4 +316,4 @@ static void down(const struct ts_work *w, int y, int from, int to)
 }
 
 extern const struct ts_kernels PELL_SIMD(pell_ts_kernels);
-const struct ts_kernels PELL_SIMD(pell_ts_kernels) = { .across = across, .down = down, .reach = reach };
+const struct ts_kernels PELL_SIMD(pell_ts_kernels) = { .across = across, .down = down, .scatter = scatter, .reach = reach };

@@ -21,6 +21,11 @@ struct ts_cell {
     int near;                /* texels, along the longer axis, from the nearest of them to one inside a chart; none is of a chart: TS_FAR */
 };
 
+/* A place about a texel, mm along x and at right angles to that, and what its light counts. */
+struct ts_tap {
+    float x, y, weight[3];
+};
+
 struct ts_work {
     int width, height, blocks;
     ptrdiff_t stride;
@@ -45,6 +50,9 @@ struct ts_kernels {
     /* Blur blocks [from, to) of row y along x, or along y. */
     void (*across)(const struct ts_work *w, int y, int from, int to);
     void (*down)(const struct ts_work *w, int y, int from, int to);
+    /* Adds what `count` taps about each texel of blocks [from, to) of row y bring to the sum: as much as all of them weigh, however many
+     * lie on the chart. Along x and y, whose step goes `skew` texels along x, too. */
+    void (*scatter)(const struct ts_work *w, const float *skew, const struct ts_tap *taps, int count, int y, int from, int to);
     /* How many texels of this length taps reach. Longer ones are reached less far. */
     float (*reach)(const struct ts_work *w, float length);
 };

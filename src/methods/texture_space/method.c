@@ -16,7 +16,7 @@
 
 static const char *const as_names[] = { "best", "paper", NULL };
 static const char *const charts_names[] = { "auto", "uv", "planar", NULL };
-static const char *const kernel_names[] = { "dense", "seven", NULL };
+static const char *const kernel_names[] = { "dense", "seven", "jittered-13", NULL };
 static const char *const first_names[] = { "blurred", "unblurred", NULL };
 static const char *const tsm_names[] = { "ray", "map", "off", NULL };
 static const char *const transmission_names[] = { "slab", "gaussian", NULL };
@@ -40,7 +40,8 @@ static const struct pell_knob knobs[] = {
       "width of the border in which charts continue over their neighbours, so that blurs cross seams; 0: seams show; -1: as "
       "far as the widest blur reaches, up to a tenth of the map" },
     { "kernel", PELL_KNOB_ENUM, "1", AT(kernel), { TS_KERNEL_DENSE }, 0, 0, kernel_names,
-      "dense: taps at texels, weighted by their distance along the surface; seven: the paper's taps by the blurred stretch map" },
+      "dense: taps at texels, weighted by their distance along the surface; seven: the paper's taps by the blurred stretch map; "
+      "jittered-13: one pass of thirteen taps in place of all Gaussians (Hable, Borshukov and Hejl 2009), on engine cpu alone" },
     { "stretch", PELL_KNOB_BOOL, "1", AT(stretch), { 1 }, 0, 1, NULL,
       "correct blurs for the stretch of the layout; off: one scale for the whole map" },
     { "first", PELL_KNOB_ENUM, "1", AT(first), { TS_FIRST_BLURRED }, 0, 0, first_names,
@@ -60,7 +61,8 @@ static const struct pell_knob knobs[] = {
       "light transmitted through the thickness of one light: that light's, or that of all lights as in the paper" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "cull", PELL_KNOB_BOOL, "1", AT(cull), { 1 }, 0, 1, NULL,
-      "leave out the texels that no pixel of the first view needs, as the engine cpu does; whole maps are made when the view changes" },
+      "leave out objects that no pixel shows, and where less than a quarter of one is seen the texels that no pixel of the first view "
+      "needs; engine cpu alone" },
     { "mix", PELL_KNOB_FLOAT, "1", AT(mix), { -1 }, -1, 1, NULL,
       "share of the colour that is applied before scattering, as an exponent; negative: the material's" },
     { 0 },

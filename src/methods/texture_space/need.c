@@ -15,6 +15,7 @@
 
 enum { SEEN_NOT, SEEN_MISSING, SEEN_MADE };
 enum { AROUND = 4 };  /* texels: as far as read_map.c looks around */
+enum { SEEN_SHARE = 4 }; /* where more of a solid is seen, all that is left out costs less than to find it */
 enum { STRIP = 128 }; /* columns that a thread goes down at once */
 
 /* --- What pixels read ------------------------------------------------------------------------------------------------------------ */
@@ -117,17 +118,21 @@ static bool looks_ahead(const struct ts_state *st, const struct pell_frame *in)
 
 bool ts_need_may(const struct ts_state *st, const struct pell_frame *in)
 {
-    return st->knobs.cull && st->run->culls && st->knobs.kernel != TS_KERNEL_SEVEN && !st->reused && !st->services->observer &&
+    return st->knobs.cull && st->run->culls && st->knobs.kernel == TS_KERNEL_DENSE && !st->reused && !st->services->observer &&
            (in->num_samples <= 1 || looks_ahead(st, in));
 }
 
-void ts_need_see(struct ts_state *st, const struct pell_frame *in, bool ahead)
+void ts_need_see(struct ts_state *st, const struct pell_frame *in)
 {
     struct seeing p = { .st = st, .in = in, .rect = in->rect };
 
     ts_rows(st, in->rect.y1 - in->rect.y0, see_rows, &p);
-    if (!ahead || in->num_samples <= 1)
-        return;
+}
+
+void ts_need_look_ahead(struct ts_state *st, const struct pell_frame *in)
+{
+    struct seeing p = { .st = st, .in = in, .rect = in->rect };
+
     p.rect.x0 -= p.rect.x0 > 0;
     p.rect.y0 -= p.rect.y0 > 0;
     p.rect.x1 += p.rect.x1 < in->shape.width;
@@ -137,6 +142,16 @@ void ts_need_see(struct ts_state *st, const struct pell_frame *in, bool ahead)
         pell_golden_grid(i, in->num_samples, &p.view.shift_x, &p.view.shift_y);
         ts_rows(st, p.rect.y1 - p.rect.y0, look_rows, &p);
     }
+}
+
+bool ts_need_pays(const struct ts_solid *solid)
+{
+    const struct ts_atlas *a = solid->atlas;
+    int64_t count = 0;
+
+    for (ptrdiff_t i = 0; i < a->height * a->stride; i++)
+        count += a->source[i] != UINT32_MAX && atomic_load_explicit(&solid->seen[i], memory_order_relaxed) != SEEN_NOT;
+    return SEEN_SHARE * count < a->inner;
 }
 
 void ts_need_forget(struct ts_solid *solid)

@@ -13,6 +13,8 @@
 #define RATIO_MOST 4.0          /* of the variances of one blur and the next: section 5.1 */
 #define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
 #define LEAST_RETURNED 0.3      /* of the half-space's light: where a sheet tapers the map holds more than its thickness there says */
+#define TAPS_MIDDLE 0.15 /* share of the profile of the middle one of thirteen taps, and of the inner ring with it */
+#define TAPS_INNER 0.7
 #define SLAB_LEAST 0.1          /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 
@@ -178,6 +180,74 @@ fail:
     return res;
 }
 
+/* --- Thirteen taps --------------------------------------------------------------------------------------------------------------- */
+
+/* Share of a channel's light that leaves within r mm of where it entered. */
+static double within(const struct ts_profile *p, int first, int channel, double r)
+{
+    double sum = 0.0;
+
+    for (int i = first; i < p->count; i++)
+        sum += p->weight[i][channel] * -expm1(-r * r / (2.0 * p->variance[i]));
+    return sum;
+}
+
+/* The same of the mean of the channels, each as a share of what it has. */
+static double mean_within(const struct ts_profile *p, int first, double r)
+{
+    double sum = 0.0, n = 0.0;
+
+    for (int c = 0; c < 3; c++) {
+        const double all = within(p, first, c, 1e3 * p->widest);
+        sum += all > 0.0 ? within(p, first, c, r) / all : 0.0;
+        n += all > 0.0;
+    }
+    return n > 0.0 ? sum / n : 1.0;
+}
+
+static double radius_of(const struct ts_profile *p, int first, double share)
+{
+    double low = 0.0, high = 8.0 * p->widest;
+
+    for (int i = 0; i < 50; i++) {
+        const double mid = 0.5 * (low + high);
+        if (mean_within(p, first, mid) < share)
+            low = mid;
+        else
+            high = mid;
+    }
+    return high;
+}
+
+/* Hable, Borshukov and Hejl 2009: the middle and two rings of six taps, each moved about in its sixth of the ring, and weighted in each
+ * channel by the profile's share of the ring. Theirs are fitted to one skin; here the rings' limits are shares of any profile. */
+static void make_taps(struct ts_profile *p, bool unblurred)
+{
+    static const double limit[4] = { 0.0, TAPS_MIDDLE, TAPS_INNER, 1.0 };
+    static const double aside[12] = { 0.17, 0.62, 0.38, 0.85, 0.05, 0.73, 0.58, 0.13, 0.91, 0.34, 0.76, 0.29 };
+    static const int order[6] = { 0, 3, 5, 1, 4, 2 };
+    double radius[4] = { 0.0 }, before[3] = { 0.0 };
+    int first = 0;
+
+    while (unblurred && first < p->count && !(p->weight[first][0] > 0.0 || p->weight[first][1] > 0.0 || p->weight[first][2] > 0.0))
+        first++;
+    first += unblurred;
+    for (int ring = 0, n = 0; ring < 3; ring++) {
+        const int count = ring == 0 ? 1 : 6;
+        radius[ring + 1] = ring < 2 ? radius_of(p, first, limit[ring + 1]) : 1e3 * p->widest;
+        for (int k = 0; k < count; k++, n++) {
+            const double stratum = (order[k] + 0.5) / 6.0, share = limit[ring] + stratum * (limit[ring + 1] - limit[ring]);
+            const double r = ring == 0 ? 0.0 : radius_of(p, first, share), phi = 2.0 * PELL_PI * (k + aside[n > 0 ? n - 1 : 0]) / 6.0;
+            p->taps[n].x = (float) (r * cos(phi));
+            p->taps[n].y = (float) (r * sin(phi));
+            for (int c = 0; c < 3; c++)
+                p->taps[n].weight[c] = (float) ((within(p, first, c, radius[ring + 1]) - before[c]) / count);
+        }
+        for (int c = 0; c < 3; c++)
+            before[c] = within(p, first, c, radius[ring + 1]);
+    }
+}
+
 enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs, bool local,
                                  struct ts_profile *out)
 {
@@ -198,6 +268,7 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
         pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, RATIO_MOST);
     out->widest = sqrt(out->variance[out->count - 1]);
     out->thickest = gaussian_end(out);
+    make_taps(out, knobs->first == TS_FIRST_UNBLURRED);
     if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && pell_slabs_make(m, slab))
         return make_slabs(ctx, m, slab, local, out);
     return PELL_OK;

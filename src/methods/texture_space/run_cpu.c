@@ -184,6 +184,26 @@ static void blur(struct ts_blurring *p, const struct ts_blur *b, int blurred)
     p->now = st->now;
 }
 
+static void scatter_rows(void *arg, int band, int worker)
+{
+    const struct ts_blurring *p = arg;
+    const struct ts_atlas *a = p->solid->atlas;
+
+    (void) worker;
+    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
+        for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
+            p->st->kernels->scatter(&p->st->work, a->skew, p->solid->profile->taps, TS_TAPS, y, a->runs[r].from, a->runs[r].to);
+}
+
+static void scatter(struct ts_blurring *p)
+{
+    for (int c = 0; c < 3; c++) {
+        p->st->work.from[c] = p->now[c];
+        p->st->work.sum[c] = p->st->sum[c];
+    }
+    ts_rows(p->st, p->solid->atlas->height, scatter_rows, p);
+}
+
 static void add(struct ts_blurring *p, const double weight[3])
 {
     for (int c = 0; c < 3; c++)
@@ -255,6 +275,7 @@ const struct ts_runner ts_cpu_runner = {
     .fill = fill,
     .thin_out = thin_out,
     .blur = blur,
+    .scatter = scatter,
     .add = add,
     .through = through,
     .note = note,

@@ -26,6 +26,7 @@ struct ts_solid {
     enum ts_made made;                /* of these lights */
     _Atomic uint8_t *seen;            /* per texel, while it is made in part: need.c */
     _Atomic bool missing;             /* pixels read what is not made */
+    bool partly;                      /* it is to be made in part */
     struct pell_vec3 middle;          /* of its bounds, */
     float radius;                     /* and half their diagonal; mm */
 };
@@ -152,7 +153,8 @@ void ts_show(struct ts_state *st, const struct ts_image *image);
 /* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
 
 /* Light of these lights (a bit each; 0: all) that enters, to st->light; of a map made in part `all` texels, or those that are needed.
- * `faces`: of lights of one known direction, what each triangle shows them; NULL: unknown. Between chains: st->half holds the ambient visibility. */
+ * `faces`: of lights of one known direction, what each triangle shows them; NULL: unknown. Between chains: st->half holds the ambient
+ * visibility. */
 void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all);
 /* The same, and the material's strength, to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
@@ -168,8 +170,11 @@ static inline bool ts_is_local(const struct ts_state *st)
 
 /* Whether maps are made in part. */
 bool ts_need_may(const struct ts_state *st, const struct pell_frame *in);
-/* Marks what pixels read, with `ahead` those of the samples to come, too. */
-void ts_need_see(struct ts_state *st, const struct pell_frame *in, bool ahead);
+/* Marks what pixels read; and those of the samples to come. */
+void ts_need_see(struct ts_state *st, const struct pell_frame *in);
+void ts_need_look_ahead(struct ts_state *st, const struct pell_frame *in);
+/* Whether so little of a solid is marked that it is made in part. */
+bool ts_need_pays(const struct ts_solid *solid);
 /* Nothing is made of a solid. */
 void ts_need_forget(struct ts_solid *solid);
 /* Before a solid is made in part: what was marked becomes what its map shows. */
@@ -254,6 +259,8 @@ struct ts_runner {
     void (*thin_out)(struct ts_blurring *p);
     /* Blurs `now`, borders first so far as `blurred`; adds the result to the sum. */
     void (*blur)(struct ts_blurring *p, const struct ts_blur *blur, int blurred);
+    /* Adds what taps at a few places about each texel of `now` bring to the sum. */
+    void (*scatter)(struct ts_blurring *p);
     /* Adds `now` to the sum. */
     void (*add)(struct ts_blurring *p, const double weight[3]);
     /* Adds `now`, where it is transmitted from, by the shares. */

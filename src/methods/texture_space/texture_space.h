@@ -15,7 +15,7 @@
 enum ts_as { TS_BEST, TS_PAPER };
 enum { TS_SIZE_LEAST = 16, TS_SIZE_MOST = 1024 }; /* texels; the most that are not asked for */
 enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
-enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN };
+enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN, TS_KERNEL_JITTERED };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
 enum ts_thickness { TS_THICKNESS_FACES, TS_THICKNESS_PRINTED };
 enum ts_form { TS_TSM_RAY, TS_TSM_MAP, TS_TSM_OFF };
@@ -238,6 +238,7 @@ struct ts_profile {
     double weight[TS_LEVELS][3]; /* 0: only for the ratio */
     int added;                   /* that have no weight */
     double widest;               /* sqrt of the last variance, mm */
+    struct ts_tap taps[TS_TAPS]; /* of kernel=jittered-13 */
     double thickest;             /* mm: beyond it nothing is transmitted */
     bool slab;                   /* a table is there */
     /* Share of level i of the transmission through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */

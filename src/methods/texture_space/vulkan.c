@@ -672,6 +672,10 @@ static const struct ts_runner vulkan_runner = {
 
 static enum pell_result create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
 {
+    *state = NULL;
+    if (((const struct ts_knobs *) knobs)->kernel == TS_KERNEL_JITTERED)
+        return pell_error(services->ctx, PELL_ERR_UNSUPPORTED, "texture-space", "use --engine cpu, or leave the knob as it is by default",
+                          "the engine vulkan has no kernel=jittered-13");
     return ts_create(services, shape, knobs, &vulkan_runner, state);
 }
 
