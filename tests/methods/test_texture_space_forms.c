@@ -94,11 +94,118 @@ static void views_from_all_sides_see_all_of_it(void **state)
     stage_finish(&s);
 }
 
+/* --- Detail of normal maps -------------------------------------------------------------------------------------------------------- */
+
+#define HALF 30.0f  /* of the sheet, mm */
+#define SLOPE 0.25f /* at its steepest */
+
+/* A sheet in waves along x, with the texture coordinates of a flat one; `high` 0: flat. */
+static void ridges(struct stage *s, size_t material, float wave, float high)
+{
+    enum { N = 480 };
+    struct pell_mesh *m = shapes_mesh(s->scene, material, 2 * (N + 1), 2 * N);
+
+    m->uv[0] = pell_calloc(s->ctx, 2 * (N + 1), 2 * sizeof(float));
+    m->tangent = pell_calloc(s->ctx, 2 * (N + 1), 4 * sizeof(float));
+    assert_true(m->uv[0] && m->tangent);
+    for (uint32_t i = 0; i < 2 * (N + 1); i++) {
+        const float x = HALF * (2.0f * (float) (i / 2) / N - 1.0f), y = i % 2 ? HALF : -HALF, k = 2.0f * (float) PELL_PI / wave;
+        vec3_store(vec3(x, y, high * sinf(k * x)), m->position + 3 * i);
+        vec3_store(vec3_normalize(vec3(-high * k * cosf(k * x), 0, 1)), m->normal + 3 * i);
+        vec3_store(vec3_normalize(vec3(1, 0, high * k * cosf(k * x))), m->tangent + 4 * i);
+        m->tangent[4 * i + 3] = 1.0f;
+        m->uv[0][2 * i] = 0.5f + 0.5f * x / HALF;
+        m->uv[0][2 * i + 1] = 0.5f - 0.5f * y / HALF;
+    }
+    for (uint32_t i = 0; i < N; i++)
+        for (uint32_t k = 0; k < 6; k++)
+            m->index[6 * i + k] = 2 * i + ((const uint32_t[]) { 0, 2, 3, 0, 3, 1 })[k];
+    shapes_bound(s->scene, m);
+}
+
+/* The normal map of these waves. */
+static struct pell_texture *ridge_map(struct stage *s, float wave)
+{
+    enum { N = 1024 };
+    uint8_t pixels[N][3];
+
+    for (int i = 0; i < N; i++) {
+        const float x = HALF * (2.0f * ((float) i + 0.5f) / N - 1.0f);
+        const struct pell_vec3 n = vec3_normalize(vec3(-SLOPE * cosf(2.0f * (float) PELL_PI / wave * x), 0, 1));
+        pixels[i][0] = (uint8_t) (127.5f * (1.0f + n.x) + 0.5f);
+        pixels[i][1] = 128;
+        pixels[i][2] = (uint8_t) (127.5f * (1.0f + n.z) + 0.5f);
+    }
+    return shapes_texture(s->scene, N, 1, 3, false, pixels[0]);
+}
+
+/* Mean and contrast of the waves in the middle of a picture 24 mm wide: twice the amplitude over the mean, of each channel. */
+static void contrast_of(const struct shot *shot, float wave, double mean[3], double contrast[3])
+{
+    for (size_t c = 0; c < 3; c++) {
+        double sum = 0.0, in[2] = { 0 };
+        for (int y = 0; y < shot->height; y++)
+            for (int x = 0; x < shot->width; x++) {
+                const double at = ((x + 0.5) / shot->width - 0.5) * 24.0, phase = 2.0 * PELL_PI * at / (double) wave;
+                sum += shot_at(shot, c, x, y);
+                in[0] += shot_at(shot, c, x, y) * cos(phase);
+                in[1] += shot_at(shot, c, x, y) * sin(phase);
+            }
+        mean[c] = sum / (double) shot->size;
+        contrast[c] = 2.0 * hypot(in[0], in[1]) / sum;
+    }
+}
+
+/* Light on a flat sheet with a normal map is blurred as that on the waves that the map is of: their height is small beside their length,
+ * and so is what it changes of the distances that light travels. */
+static void light_on_a_normal_map_is_that_on_its_bumps(void **state)
+{
+    static const char *const fine[] = { "size=512", "tsm=off", NULL }, *const whole[] = { "density=16", NULL };
+    static const double variance[3] = { 0.25, 1.0, 4.0 }, weight[3][3] = { { 0.1, 0.2, 0.3 }, { 0.3, 0.2, 0.1 }, { 0.4, 0.3, 0.2 } };
+    (void) state;
+
+    for (int n = 0; n < 2; n++) {
+        const float wave = n == 0 ? 4.0f : 8.0f;
+        double mean[3][3], contrast[3][3];
+        for (int form = 0; form < 3; form++) { /* the bumps by the sum over the surface, the map on a flat sheet, the map without scattering */
+            struct stage s;
+            struct shot shot;
+            struct pell_material *m;
+            size_t index;
+            stage_start(&s, 96, 8);
+            m = stage_gaussians(&s, 0.25, &index);
+            m->normal_map.texture = form > 0 ? ridge_map(&s, wave) : NULL;
+            ridges(&s, index, wave, form > 0 ? 0.0f : SLOPE * wave / (2.0f * (float) PELL_PI));
+            stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(60, 0, 80), vec3(0, 0, 0), 1.0f);
+            stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 2.0f);
+            shot = stage_shot_of(&s, form == 0 ? "hierarchical" : form == 1 ? "texture-space" : "none", form == 0 ? whole : form == 1 ? fine : NULL);
+            contrast_of(&shot, wave, mean[form], contrast[form]);
+            shot_free(&shot);
+            stage_finish(&s);
+        }
+        for (size_t c = 0; c < 3; c++) {
+            double kept = 0.0, all = 0.0;
+            for (int i = 0; i < 3; i++) {
+                kept += weight[i][c] * exp(-0.5 * variance[i] * pow(2.0 * PELL_PI / (double) wave, 2.0));
+                all += weight[i][c];
+            }
+            print_message("# waves of %g mm, channel %zu: contrast %.4f on bumps, %.4f on the map, %.4f unscattered (times %.3f: %.4f); mean "
+                          "%.4f, %.4f\n",
+                          (double) wave, c, contrast[0][c], contrast[1][c], contrast[2][c], kept / all, kept / all * contrast[2][c], mean[0][c],
+                          mean[1][c]);
+            REQUIRE_NEAR(contrast[1][c], kept / all * contrast[2][c], 0.003);
+            REQUIRE_NEAR(contrast[1][c], contrast[0][c], 0.015);
+            REQUIRE_REL(mean[1][c], mean[0][c], 0.015);
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_is_not_seen_is_left_out_without_a_trace),
         cmocka_unit_test(views_from_all_sides_see_all_of_it),
+        cmocka_unit_test(light_on_a_normal_map_is_that_on_its_bumps),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);
