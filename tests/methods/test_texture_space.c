@@ -149,7 +149,8 @@ static void fewer_taps_are_near_the_convolution(void **state)
 
     quadrant_of(GOOD, seven, 0.0, 1e9, largest[0], rms[0]);
     quadrant_of(GOOD, thirteen, 0.0, 1e9, largest[1], rms[1]);
-    print_message("# seven: %.4f of the step at most, %.4f rms; jittered-13: %.4f, %.4f\n", largest[0][0], rms[0][0], largest[1][0], rms[1][0]);
+    print_message("# seven: %.4f of the step at most, %.4f rms; jittered-13: %.4f, %.4f\n", largest[0][0], rms[0][0], largest[1][0],
+                  rms[1][0]);
     REQUIRE(rms[0][0] < 0.015 && rms[1][0] < 0.035);
 }
 

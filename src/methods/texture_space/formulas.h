@@ -20,7 +20,7 @@
 
 #define SEVEN_SPAN 0.99800f /* sqrt(0.996): what seven taps a standard deviation apart have, in standard deviations */
 
-#define TS_TAPS 13 /* of kernel=jittered-13 */
+#define TS_TAPS 13   /* of kernel=jittered-13 */
 #define TS_LEVELS 32 /* blurs of a chain, those without weight included */
 #define TS_THICK 96  /* rows of a table over thickness */
 

@@ -14,9 +14,9 @@
 #include <string.h>
 
 enum { SEEN_NOT, SEEN_MISSING, SEEN_MADE };
-enum { AROUND = 4 };  /* texels: as far as read_map.c looks around */
+enum { AROUND = 4 };     /* texels: as far as read_map.c looks around */
 enum { SEEN_SHARE = 4 }; /* where more of a solid is seen, all that is left out costs less than to find it */
-enum { STRIP = 128 }; /* columns that a thread goes down at once */
+enum { STRIP = 128 };    /* columns that a thread goes down at once */
 
 /* --- What pixels read ------------------------------------------------------------------------------------------------------------ */
 

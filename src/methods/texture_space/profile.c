@@ -13,9 +13,9 @@
 #define RATIO_MOST 4.0          /* of the variances of one blur and the next: section 5.1 */
 #define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
 #define LEAST_RETURNED 0.3      /* of the half-space's light: where a sheet tapers the map holds more than its thickness there says */
-#define TAPS_MIDDLE 0.15 /* share of the profile of the middle one of thirteen taps, and of the inner ring with it */
+#define TAPS_MIDDLE 0.15        /* share of the profile of the middle one of thirteen taps, and of the inner ring with it */
 #define TAPS_INNER 0.7
-#define SLAB_LEAST 0.1          /* mm, the range of the spec's tables */
+#define SLAB_LEAST 0.1 /* mm, the range of the spec's tables */
 #define SLAB_MOST 50.0
 
 /* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */

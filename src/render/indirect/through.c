@@ -11,6 +11,7 @@
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
 #include "scene/mesh/topology.h"
+#include "scene/triangle.h"
 #include "transport/light_tree.h"
 
 #include <string.h>
@@ -209,6 +210,47 @@ static enum pell_result send_between(struct send *s, struct pell_pool *pool)
     return res;
 }
 
+/* Whether most of a mesh lies inside of an object: what its normals meet first is that object's inner side. */
+static bool lies_inside(const struct pell_indirect *in, const struct pell_mesh *m, int object)
+{
+    const struct pell_scene *scene = in->p.scene;
+    _Alignas(64) int valid[16];
+    struct pell_ray_hit16 r;
+    int inside = 0, count = 0;
+
+    memset(&r, 0, sizeof(r));
+    for (int i = 0; i < 16; i++) {
+        const uint32_t t = (uint32_t) ((uint64_t) i * m->num_triangles / 16);
+        struct pell_vec3 p[3], n, at;
+        pell_triangle_corners(m, t, p);
+        n = vec3_normalize(pell_triangle_cross(p));
+        at = vec3_mul(vec3_add(p[0], vec3_add(p[1], p[2])), 1.0f / 3.0f);
+        valid[i] = vec3_dot(n, n) > 0.5f ? -1 : 0;
+        count += valid[i] != 0;
+        pell_ray16_set(&r.ray, i, vec3_mad(at, indirect_clearance(at, 0.0f), n), n, INFINITY);
+        r.hit.mesh[i] = PELL_NO_HIT;
+    }
+    pell_rays_closest16(in->p.rays, valid, false, &r);
+    for (int i = 0; i < 16; i++)
+        inside += valid[i] && pell_hit16_inside(scene, &r, i, object);
+    return 2 * inside > count;
+}
+
+/* Whether anything else is inside of a solid, as bones are: diffusion is not solved around it, and methods' own ways end there. */
+static bool holds_another(const struct pell_indirect *in, const struct indirect_sample *of)
+{
+    const struct pell_scene *scene = in->p.scene;
+    const int object = scene->meshes[of->mesh].object;
+    bool holds = false;
+
+    for (size_t i = 0; i < scene->num_meshes && !holds; i++) {
+        const struct pell_mesh *m = &scene->meshes[i];
+        if (m->num_triangles > 0 && (m->object != object || (uint32_t) m->material != of->material))
+            holds = lies_inside(in, m, object);
+    }
+    return holds;
+}
+
 /* Of the samples that s->list holds, those of one solid. */
 static enum pell_result send_solid(struct send *s, struct pell_pool *pool, struct whole *whole)
 {
@@ -301,6 +343,8 @@ static enum pell_result send_group(struct send *s, struct pell_pool *pool, const
 
     PELL_TRY(list_group(s, of, list));
     count = s->count;
+    if (holds_another(in, of))
+        return PELL_OK;
     if (s->solid[of->material].all)
         PELL_TRY(make_whole(s, &s->solid[of->material], &whole));
     for (size_t i = 0, end; i < count; i = end) {
