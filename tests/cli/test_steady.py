@@ -80,8 +80,8 @@ def read_pfm(path):
 
 def film(folder, method):
     works(folder, 'render', 'finger.gltf', '--material', 'skin1', '-m', method, '--frames', f'0.5:{0.5 + 0.001 * (FRAMES - 1)}:0.001',
-          '--width', str(WIDTH), '--height', str(HEIGHT), '--msaa', '1', '--light-samples', '2', '--indirect-samples', '256', '--from', '35,15',
-          '--studio', 'back', '--background', 'black', '-q', '-o', f'{method}.pfm')
+          '--width', str(WIDTH), '--height', str(HEIGHT), '--msaa', '1', '--light-samples', '2', '--indirect-samples', '256', '--from',
+          '35,15', '--studio', 'back', '--background', 'black', '-q', '-o', f'{method}.pfm')
     return [read_pfm(folder / f'{method}_{i:04d}.pfm') for i in range(FRAMES)]
 
 

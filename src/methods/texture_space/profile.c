@@ -236,7 +236,7 @@ static void make_taps(struct ts_profile *p, bool unblurred)
         const int count = ring == 0 ? 1 : 6;
         radius[ring + 1] = ring < 2 ? radius_of(p, first, limit[ring + 1]) : 1e3 * p->widest;
         for (int k = 0; k < count; k++, n++) {
-            const double stratum = (order[k] + 0.5) / 6.0, share = limit[ring] + stratum * (limit[ring + 1] - limit[ring]);
+            const double part = (order[k] + 0.5) / 6.0, share = limit[ring] + part * (limit[ring + 1] - limit[ring]);
             const double r = ring == 0 ? 0.0 : radius_of(p, first, share), phi = 2.0 * PELL_PI * (k + aside[n > 0 ? n - 1 : 0]) / 6.0;
             p->taps[n].x = (float) (r * cos(phi));
             p->taps[n].y = (float) (r * sin(phi));
