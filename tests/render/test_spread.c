@@ -34,8 +34,10 @@ static struct sheet *sheet_of(double variance, int threads)
     s->table.max_mm = 10.0f;
     s->tables[0] = &s->table;
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++)
-        for (int c = 0; c < 3; c++)
+        for (int c = 0; c < 3; c++) {
+            s->table.slab[i][c] = 0.1f;
             s->table.spread[i][c] = (float) variance * (float) (1 << 2 * c);
+        }
     for (int i = 0; i < SIZE; i++) {
         s->key[i] = s->material[i] = 1;
         s->depth[i] = 100.0f;

@@ -16,6 +16,7 @@ enum {
 
 #define NARROWEST 0.7f /* px: standard deviation of the narrowest Gaussian where pixels are finest */
 #define REACH2 11.0f   /* variances: (1 - d^2/reach^2)^4 has a variance of reach^2/11 along a line */
+#define LEAST 2e-3f    /* of light that arrives behind: what less of it gets through is left as it is */
 #define SPACING 0.75f  /* standard deviations between taps, at most */
 
 struct job {
@@ -82,6 +83,8 @@ static inline bool variance_at(const struct pell_spread_params *p, ptrdiff_t at,
         return false;
     place = pell_thickness_place(p->way[at], t->max_mm, PELL_THICKNESS_STEPS);
     i = pell_table_cell(place, PELL_THICKNESS_STEPS);
+    if (fmaxf(fmaxf(t->slab[i][0], t->slab[i][1]), t->slab[i][2]) < LEAST)
+        return false;
     for (int c = 0; c < 3; c++)
         variance[c] = pell_lerp(t->spread[i][c], t->spread[i + 1][c], fminf(place - (float) i, 1.0f));
     return true;
