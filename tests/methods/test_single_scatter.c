@@ -42,6 +42,7 @@ static void rig_start(struct rig *r)
 
 static void rig_build(struct rig *r, int normals, int refraction, int distance, float error)
 {
+    static const struct pell_tint tints[4]; /* none */
     static const uint16_t index[8] = { 0, 1 };
     const struct pell_frame_material material = { .medium = { .eta = 1.4 }, .name = "test" };
     const struct pell_load_params bare = { .bare = true };
@@ -62,6 +63,7 @@ static void rig_build(struct rig *r, int normals, int refraction, int distance, 
         .connector = r->connector,
         .light_sampler = r->light_sampler,
         .medium = &r->medium,
+        .tint = tints,
         .seed = 7,
         .knobs = { .error = error, .most = 2000000, .distance = distance, .refraction = refraction, .normals = normals },
     };

@@ -117,8 +117,9 @@ static enum pell_result make_media(struct layered_state *st, const struct pell_s
             goto fail;
         PELL_TRY(pell_medium_layers_make(st->ctx, "layered", m, st->medium_layers[mesh->material]));
         PELL_TRY(layered_medium_make(st->ctx, st->medium_layers[mesh->material], m->name, st->knobs.under, medium));
+        PELL_TRY(layered_medium_color(st->ctx, m, medium));
         st->most_layers = medium->count > st->most_layers ? medium->count : st->most_layers;
-        st->most_packs = medium->packs > st->most_packs ? medium->packs : st->most_packs;
+        st->most_packs = medium->packs + medium->colors > st->most_packs ? medium->packs + medium->colors : st->most_packs;
         res = PELL_ERR_NOMEM;
     }
     return PELL_OK;
@@ -214,10 +215,10 @@ static void read_triangle(const struct layered_state *st, const struct layered_m
         memcpy(t.corner[c], from->position + 3 * v, sizeof(t.corner[c]));
         memcpy(t.normal[c], from->normal + 3 * v, sizeof(t.normal[c]));
         memcpy(t.plane[c], plane[v], sizeof(t.plane[c]));
-        for (int k = 0; k < m->packs; k++)
+        for (int k = 0; k < m->packs + m->colors; k++)
             layered_map_uv(m->pack[k].map, from, (uint32_t) v, t.uv[k][c]);
     }
-    st->kernels->fill(&t, m->packs, of, p);
+    st->kernels->fill(&t, m->packs + m->colors, of, p);
 }
 
 /* Reads 16 pixels; lanes without one are the first. */
@@ -266,10 +267,33 @@ static void set_colors(const struct pell_material *m, const struct pell_scene *s
     p->shows_bottom = true;
     for (int i = 0; i < p->count; i++) {
         float color[3];
-        layered_base_color(m, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], color);
+        pell_base_color_at(m, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], color);
         for (int c = 0; c < 3; c++)
             p->color[c][i] = color[c] * (1.0f / PELL_PI_F);
     }
+}
+
+/* Factors of light that leaves, and of light that enters where pictures do not give them. */
+static void set_tints(const struct pell_scene *scene, const struct pell_material *material, const struct layered_medium *m,
+                      struct layered_packet *p, const uint32_t *mesh, const uint32_t *triangle, float leaves[3][LAYERED_LANES])
+{
+    struct pell_material plain = *material;
+
+    plain.base_color_map.texture = NULL;
+    for (int i = 0; i < p->count; i++) {
+        float color[3], own[3], in[3] = { 1.0f, 1.0f, 1.0f }, out[3] = { 1.0f, 1.0f, 1.0f };
+        pell_base_color_at(material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], color);
+        pell_base_color_at(&plain, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], own);
+        pell_tint_apply(&m->tint, m->colors ? own : color, true, in);
+        pell_tint_apply(&m->tint, color, false, out);
+        for (int c = 0; c < 3; c++) {
+            p->enters[c][i] = in[c];
+            leaves[c][i] = m->colors ? out[c] : in[c] * out[c];
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        for (int i = p->count; i < LAYERED_LANES; i++)
+            p->enters[c][i] = 0.0f;
 }
 
 static void run_packet(const struct layered_state *st, int material, const int32_t *at, int count, struct layered_worker *w)
@@ -278,9 +302,12 @@ static void run_packet(const struct layered_state *st, int material, const int32
     const struct layered_medium *m = &st->media[material];
     struct layered_packet *p = &w->packet;
     uint32_t mesh[16], triangle[16];
+    float leaves[3][LAYERED_LANES];
     int waiting = 0;
 
     read_packet(st, m, at, count, p, mesh, triangle);
+    if (m->tint.is)
+        set_tints(scene, &scene->materials[material], m, p, mesh, triangle, leaves);
     st->kernels->start(&st->work, m, p);
     layered_find_exits(st, m, mesh, w);
     if (m->substrate == PELL_SUBSTRATE_SURFACE_COLOR && !m->bottomless)
@@ -303,7 +330,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++) {
             const bool apart = st->out->single[0] != NULL;
-            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i];
+            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i] * (m->tint.is ? leaves[c][i] : 1.0f);
             st->out->light[c][at[i]] = apart ? 0.0f : light;
             if (apart)
                 st->out->single[c][at[i]] = light;

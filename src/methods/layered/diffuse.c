@@ -152,8 +152,10 @@ static void begin_row(void *arg, int index, int worker)
             continue;
         mesh = &scene->meshes[in->mesh[at]];
         m = d->of[mesh->material];
-        if (st->knobs.diffuse > 0.0f)
-            layered_base_color(&scene->materials[mesh->material], mesh, in->triangle[at], in->barycentric[0][at], in->barycentric[1][at],
+        if (st->knobs.diffuse > 0.0f && scene->materials[mesh->material].color_from == PELL_COLOR_FROM_TEXTURE)
+            color[0] = color[1] = color[2] = 1.0f; /* the light that enters and the picture have it */
+        else if (st->knobs.diffuse > 0.0f)
+            pell_base_color_at(&scene->materials[mesh->material], mesh, in->triangle[at], in->barycentric[0][at], in->barycentric[1][at],
                                color);
         for (int c = 0; c < 3; c++)
             d->sum[c][at] = st->knobs.diffuse * color[c] * in->irradiance[c][at];

@@ -172,7 +172,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
         store(p->color[k] + lane, all(0.0f));
         store(p->light[k] + lane, all(0.0f));
     }
-    for (int k = 0; k < m->packs; k++)
+    for (int k = 0; k < m->packs + m->colors; k++)
         start_place(&m->pack[k], p->uv + (ptrdiff_t) k * 6 * LANES, p, lane, a, b, way, &p->place[k]);
 }
 

@@ -17,6 +17,7 @@
 #define PELL_LAYERED_KERNELS_H
 
 #include "shared/phase.h"
+#include "transport/surface_color.h"
 #include "visibility/rays.h"
 
 #include <pellucid/scene.h>
@@ -58,9 +59,10 @@ struct layered_pack {
 };
 
 struct layered_medium {
-    int count, packs;
+    int count, packs, colors; /* packs of depths; 1: behind them that of the colour of light that enters, 0: it is the same all over */
     struct layered_layer *layer;
     struct layered_pack *pack;
+    struct pell_tint tint; /* of the boundary */
     float eta;
     float deepest; /* mm that a march goes down: the deepest bottom, or where the last layer lets nothing through */
     float first;   /* 1/mm: sigma_t of the first layer, the smallest of its channels */
@@ -82,7 +84,7 @@ struct layered_place {
 /* What a pixel's triangle says, at its corners; rows of struct layered_packet in their order. */
 struct layered_triangle {
     float corner[3][3], normal[3][3], plane[3][4];
-    float uv[PELL_LAYERS_MOST][3][2]; /* of packs */
+    float uv[PELL_LAYERS_MOST + 1][3][2]; /* of packs */
 };
 
 struct layered_packet {
@@ -94,6 +96,7 @@ struct layered_packet {
     float rate[16], length[16], gain[16];
     float exit[16], exit_rate[16], exit_normal[3][16];
     float color[3][16];    /* below the deepest layer: albedo / pi */
+    float enters[3][16];   /* of m->colors: the factor that is not in the picture */
     int32_t ends_deep[16]; /* -1: the march ends at the deepest layer's bottom */
     int32_t at[16];        /* pixels */
     int count;
@@ -115,7 +118,8 @@ struct layered_light {
     bool any_planes, any_nodes;
     /* Of nodes: |KM|, cosine at K, how much of the beam is there (with 1/d^2), the way to the light inside. */
     float km[LAYERED_NODES][16], cosine[LAYERED_NODES][16], beam[LAYERED_NODES][16], way[LAYERED_NODES][3][16];
-    float *depth; /* of layers at K: [node][layer][16]; owned by the worker */
+    float tint[LAYERED_NODES][3][16]; /* of m->colors: of light that enters at K */
+    float *depth;                     /* of layers at K: [node][layer][16]; owned by the worker */
 };
 
 struct layered_work {

@@ -38,6 +38,9 @@ struct layered_knobs {
 
 PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers,
                                                     const char *name, int under, struct layered_medium *out);
+/* The tint of the material's boundary, after the above. */
+PELL_NODISCARD enum pell_result layered_medium_color(struct pell_context *ctx, const struct pell_material *material,
+                                                     struct layered_medium *m);
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
 
 /* --- plane_grid.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */

@@ -29,6 +29,7 @@ struct path {
     vf km, cosine, per, rise; /* |KM|, cosine at K and one over it, d|KM|/dx */
     vf beam;                  /* irradiance is power times this */
     vf way[3];                /* unit, from M toward the light */
+    vf tint[3];               /* of m->colors: of light that enters at K */
     vf bottom[MOST];          /* of layers at K */
 };
 
@@ -146,6 +147,25 @@ INLINE void depths_at(const struct layered_medium *m, const struct layered_packe
     order_depths(m, bottom);
 }
 
+/* What the boundary does to light that enters at k. */
+INLINE void tint_at(const struct layered_medium *m, const struct layered_packet *p, const struct ray *ray, const vf k[3], vf out[3])
+{
+    const struct layered_place *place = &p->place[m->packs];
+    const int lane = ray->lane;
+    vf d[3], g[3], u = load(place->u[0] + lane), v = load(place->v[0] + lane), q[4];
+
+    for (int i = 0; i < 3; i++)
+        d[i] = k[i] - ray->p[i];
+    load3(place->gu, lane, g);
+    u += dot3(g, d);
+    load3(place->gv, lane, g);
+    v += dot3(g, d);
+    look_up_numbers(&m->pack[m->packs], place, lane, 3, u, v, q);
+    load3(p->enters, lane, out);
+    for (int c = 0; c < 3; c++)
+        out[c] *= q[c] * (1.0f / 65535.0f / 32767.0f) + 32768.0f / 65535.0f;
+}
+
 /* |KM| between nodes k and k + 1: a parabola by the slopes on both sides, for chords of what is round rise like roots; between the
  * two. */
 INLINE vf bent(const struct layered_work *work, const struct layered_light *source, int lane, int k, float t)
@@ -183,20 +203,25 @@ INLINE void by_nodes(const struct layered_work *work, const struct layered_mediu
         k++;
     f = (s->t - work->node[k]) / (work->node[k + 1] - work->node[k]);
     f = f > 0.0f ? f < 1.0f ? f : 1.0f : 0.0f;
-#define BETWEEN(what) (load(source->what[k] + lane) + f * (load(source->what[k + 1] + lane) - load(source->what[k] + lane)))
+#define BETWEEN_OF(what, row)                                                                                                              \
+    (load(source->what[k] row + lane) + f * (load(source->what[k + 1] row + lane) - load(source->what[k] row + lane)))
+#define BETWEEN(what) BETWEEN_OF(what, )
     path->km = bent(work, source, lane, k, s->t);
     path->cosine = BETWEEN(cosine);
     path->per = 1.0f / path->cosine;
     path->beam = BETWEEN(beam);
     path->rise =
         (load(source->km[k + 1] + lane) - load(source->km[k] + lane)) * ray->per_length * (1.0f / (work->node[k + 1] - work->node[k]));
-#undef BETWEEN
     path->rise = between(path->rise, -1.0f, 20.0f);
     for (int i = 0; i < 3; i++)
-        path->way[i] = load(source->way[k][i] + lane) + f * (load(source->way[k + 1][i] + lane) - load(source->way[k][i] + lane));
+        path->way[i] = BETWEEN_OF(way, [i]);
     unit = 1.0f / root(greater(dot3(path->way, path->way), all(1e-12f)));
     for (int i = 0; i < 3; i++)
         path->way[i] *= unit;
+    for (int c = 0; c < 3 && m->colors; c++)
+        path->tint[c] = BETWEEN_OF(tint, [c]);
+#undef BETWEEN
+#undef BETWEEN_OF
     for (int j = 0; j < m->count; j++) {
         const vf here = load(source->depth + (k * m->count + j) * LANES + lane);
         const vf there = load(source->depth + ((k + 1) * m->count + j) * LANES + lane);
@@ -217,6 +242,8 @@ INLINE void mix_paths(const struct layered_medium *m, vf planes, const struct pa
     path->beam += planes * (a->beam - path->beam);
     for (int i = 0; i < 3; i++)
         path->way[i] += planes * (a->way[i] - path->way[i]);
+    for (int c = 0; c < 3 && m->colors; c++)
+        path->tint[c] += planes * (a->tint[c] - path->tint[c]);
     for (int j = 0; j < m->count; j++)
         path->bottom[j] += planes * (a->bottom[j] - path->bottom[j]);
 }
@@ -380,6 +407,8 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
         by_planes(work, m, source, lane, s, coming->enters, &path);
         if (s->trace)
             store(s->trace, path.km);
+        if (m->colors)
+            tint_at(m, p, ray, coming->enters, path.tint);
         if (m->packs > 0)
             depths_at(m, p, ray, coming->enters, path.bottom);
         else
@@ -392,6 +421,8 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
         if (source->any_planes)
             mix_paths(m, load(source->planes + lane), &planes, &path);
     }
+    for (int c = 0; c < 3 && m->colors; c++)
+        colour[c] *= path.tint[c];
     attenuation(work, m, s, &path, source->any_nodes || p->thin, light);
     for (int c = 0; c < 3; c++) { /* light from below rises on the way down: of its own way nothing is certain */
         const vf down = source->any_nodes || p->thin ? all(0.0f) : light[c];

@@ -162,9 +162,9 @@ INLINE vf folded(vf u, enum pell_wrap wrap)
     return between(u - floor_of(u), 0.0f, 1.0f);
 }
 
-/* Depths of the first `count` layers of a pack at (u, v), filtered: one fetch of four neighbours per lane. */
-INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_place *place, int lane, int count,
-                    vf u, vf v, vf out[4])
+/* The first `count` numbers of a pack at (u, v), filtered: one fetch of four neighbours per lane. A number is signed, and 32767 times as
+ * large. */
+INLINE void look_up_numbers(const struct layered_pack *pack, const struct layered_place *place, int lane, int count, vf u, vf v, vf out[4])
 {
     const struct pell_texture *t = pack->map->texture;
     const vf w = load(place->width + lane), h = load(place->height + lane);
@@ -193,8 +193,17 @@ INLINE void look_up(const struct layered_medium *m, const struct layered_pack *p
     below = (below << 16) + (32767 - below);
     for (int i = 0; i < count; i++) {
         const vf a = weighed(left[i], below), b = weighed(right[i], below);
-        out[i] = (a + share * (b - a)) * m->layer[pack->layer[i]].per_number + m->layer[pack->layer[i]].middle;
+        out[i] = a + share * (b - a);
     }
+}
+
+/* Depths of the first `count` layers of a pack. */
+INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_place *place, int lane, int count,
+                    vf u, vf v, vf out[4])
+{
+    look_up_numbers(pack, place, lane, count, u, v, out);
+    for (int i = 0; i < count; i++)
+        out[i] = out[i] * m->layer[pack->layer[i]].per_number + m->layer[pack->layer[i]].middle;
 }
 
 /* Bottoms of all layers; where they cross, the upper one wins. */

@@ -16,7 +16,8 @@
 INLINE bool is_fast(const struct layered_work *work, const struct layered_medium *m, const struct layered_packet *p,
                     const struct layered_light *sources, int count)
 {
-    bool usual = work->exponential && work->refracts && work->rest && !p->thin && !p->shows_bottom && m->count <= FAST && m->packs <= 1;
+    bool usual = work->exponential && work->refracts && work->rest && !p->thin && !p->shows_bottom && m->count <= FAST && m->packs <= 1 &&
+                 m->colors == 0;
 
     for (int l = 0; l < count; l++)
         usual = usual && !sources[l].any_nodes;

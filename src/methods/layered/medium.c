@@ -4,6 +4,7 @@
 
 #include "base/base.h"
 #include "scene/layers.h"
+#include "scene/material_maps.h"
 
 #include <math.h>
 #include <string.h>
@@ -155,6 +156,25 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
     layer->middle = (float) (depth * (double) largest * 32768.0 / 65535.0);
 }
 
+/* The colour of light that enters, in place of depths. */
+static void read_color(const struct pell_texture_map *from, float mix, const struct layered_level *l, uint16_t *numbers)
+{
+    struct pell_texture_map map = *from;
+
+    memcpy(map.matrix, (const float[6]) { 1, 0, 0, 0, 1, 0 }, sizeof(map.matrix));
+    for (int y = 0; y < l->height; y++)
+        for (int x = 0; x < l->width; x++) {
+            float rgba[4] = { 0 };
+            pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
+            for (int c = 0; c < 3; c++) {
+                const float share = pell_color_share(rgba[c], mix);
+                numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + c] =
+                    (uint16_t) (share > 0.0f ? fminf(share, 1.0f) * 65535.0f + 0.5f : 0.0f);
+            }
+        }
+}
+
+/* Of depths, or where `medium_layers` is NULL of the colour of light that enters. */
 static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_medium_layers *medium_layers,
                                   struct layered_medium *m, struct layered_pack *p)
 {
@@ -163,8 +183,7 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
     int64_t texels = 0;
 
     if (image->width < 1 || image->height < 1 || (int64_t) image->width * image->height > (int64_t) 1 << 28)
-        return pell_error(ctx, PELL_ERR_UNSUPPORTED, name, NULL,
-                          "layered: the depth map %s has %d x %d texels, at least one and at most 2^28",
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, name, NULL, "layered: the map %s has %d x %d texels, at least one and at most 2^28",
                           p->map->texture->name ? p->map->texture->name : "", image->width, image->height);
     for (int w = image->width, h = image->height;; w = w > 1 ? w / 2 : 1, h = h > 1 ? h / 2 : 1) {
         p->level[p->levels++] = (struct layered_level) { (int32_t) texels, w + 2, w, h };
@@ -175,7 +194,9 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
     numbers = pell_calloc(ctx, (size_t) texels, 4 * sizeof(*numbers));
     p->texels = pell_calloc(ctx, (size_t) texels, 8 * sizeof(*p->texels));
     if (numbers && p->texels) {
-        for (int k = 0; k < p->count; k++)
+        if (!medium_layers)
+            read_color(p->map, m->tint.mix, &p->level[0], numbers);
+        for (int k = 0; medium_layers && k < p->count; k++)
             read_layer(&medium_layers->item[p->layer[k]], &m->layer[p->layer[k]], &p->level[0], numbers);
         for (int i = 0; i < p->levels; i++) {
             if (i > 0)
@@ -224,7 +245,7 @@ enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell
     out->eta = (float) medium_layers->eta;
     out->substrate = substrate;
     out->layer = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->layer));
-    out->pack = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->pack));
+    out->pack = pell_calloc(ctx, (size_t) medium_layers->count + 1, sizeof(*out->pack));
     if (!out->layer || !out->pack)
         goto fail;
     for (int i = 0; i < medium_layers->count; i++) {
@@ -257,9 +278,21 @@ fail:
     return res;
 }
 
+enum pell_result layered_medium_color(struct pell_context *ctx, const struct pell_material *material, struct layered_medium *m)
+{
+    struct layered_pack *p = &m->pack[m->packs];
+
+    pell_tint_make(material, &m->tint);
+    if (!m->tint.is || !(m->tint.mix > 0.0f) || !material->base_color_map.texture)
+        return PELL_OK;
+    m->colors = 1;
+    *p = (struct layered_pack) { .map = &material->base_color_map, .layer = { -1, -1, -1, -1 }, .count = 3 };
+    return make_pack(ctx, material->name, NULL, m, p);
+}
+
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m)
 {
-    for (int k = 0; m->pack && k < m->packs; k++)
+    for (int k = 0; m->pack && k < m->packs + m->colors; k++)
         pell_free(ctx, m->pack[k].texels);
     pell_free(ctx, m->pack);
     pell_free(ctx, m->layer);

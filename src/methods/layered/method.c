@@ -95,8 +95,8 @@ const struct pell_method pell_method_layered = {
     .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "
             "2006",
     .limits = "Without multiple=on dense media are too dark. Planes approximate the surface where light enters, which "
-              "is wrong where it curves within a few mean free paths (refraction=exact is not). The boundary is smooth; colour and "
-              "strength maps are ignored.",
+              "is wrong where it curves within a few mean free paths (refraction=exact is not). The boundary is smooth; strength maps "
+              "are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct layered_knobs),
     .paper = paper,
@@ -104,6 +104,6 @@ const struct pell_method pell_method_layered = {
     .plan = plan,
     .keeps_first = true,
     .cpu = &layered_cpu,
-    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |
-               PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,
+    .ignores =
+        PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS | PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,
 };

@@ -53,7 +53,7 @@ static void place_far(const struct layered_medium *m, struct layered_packet *p, 
     const struct pell_vec3 g1 = vec3_mul(vec3_cross(e2, n), area), g2 = vec3_mul(vec3_cross(n, e1), area), w = layered_lane3(p->w, i);
     const float d1 = vec3_dot(g1, w), d2 = vec3_dot(g2, w);
 
-    for (int k = 0; k < m->packs; k++) {
+    for (int k = 0; k < m->packs + m->colors; k++) {
         struct layered_place *o = &p->place[k];
         float c[3][2];
         for (int q = 0; q < 3; q++)
@@ -240,6 +240,20 @@ static void depths_of(const struct layered_state *st, int material, const struct
         depth[j] = fminf(j + 1 == m->count && m->bottomless ? LAYERED_FAR : depth[j], LAYERED_FAR);
 }
 
+/* The tint of light that enters there. */
+static void tint_node(const struct layered_medium *m, const struct pell_scene *scene, uint32_t mesh, uint32_t triangle, float u, float v,
+                      struct layered_light *source, int node, int i)
+{
+    float color[3], tint[3] = { 1.0f, 1.0f, 1.0f };
+
+    if (!m->colors)
+        return;
+    pell_base_color_at(&scene->materials[scene->meshes[mesh].material], &scene->meshes[mesh], triangle, u, v, color);
+    pell_tint_apply(&m->tint, color, true, tint);
+    for (int c = 0; c < 3; c++)
+        source->tint[node][c][i] = tint[c];
+}
+
 /* Where the refracted paths come in; a lane that none reaches keeps what its ray found, without light. */
 static void refract_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                          struct layered_light *source, const uint32_t *mesh, int node, struct node *n, struct layered_worker *w)
@@ -269,6 +283,7 @@ static void refract_node(const struct layered_state *st, const struct layered_me
         source->way[node][0][i] = e.way.x;
         source->way[node][1][i] = e.way.y;
         source->way[node][2][i] = e.way.z;
+        tint_node(m, scene, e.mesh, e.triangle, e.u, e.v, source, node, i);
         if (m->packs > 0)
             depths_of(st, material, &scene->meshes[e.mesh], e.triangle, e.u, e.v, depth);
         for (int j = 0; j < m->count && m->packs > 0; j++)
@@ -301,8 +316,10 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
         float depth[PELL_LAYERS_MOST], distance, co;
         source->km[node][i] = source->beam[node][i] = 0.0f;
         source->cosine[node][i] = 1.0f;
-        for (int k = 0; k < 3; k++)
+        for (int k = 0; k < 3; k++) {
             source->way[node][k][i] = k == 0;
+            source->tint[node][k][i] = 0.0f;
+        }
         for (int j = 0; j < m->count; j++)
             source->depth[(node * m->count + j) * LAYERED_LANES + i] = m->layer[j].depth;
         if (i >= p->count || !n.asked[i])
@@ -320,9 +337,11 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
                 source->beam[node][i] = eta == 1.0f ? 1.0f : (float) (1.0 - pell_fresnel((double) eta, (double) fminf(co, 1.0f))) * co / ci;
                 source->beam[node][i] *= source->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
             }
+            tint_node(m, scene, h->mesh[i], h->triangle[i], h->u[i], h->v[i], source, node, i);
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i], depth);
         } else {
+            tint_node(m, scene, mesh[i], triangle[i], p->u[i], p->v[i], source, node, i);
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
             open_sheet(m, p, source, &n, node, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i);

@@ -178,11 +178,6 @@ void layered_diffuse_destroy(struct layered_state *st);
 /* Writes the frame's `light`: radiant exitance. */
 PELL_NODISCARD enum pell_result layered_diffuse_render(struct layered_state *st);
 
-/* --- base_color.c --------------------------------------------------------------------------------------------------------------------- */
-
-/* Base colour of a point of a triangle, [0, 1]. */
-void layered_base_color(const struct pell_material *m, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float color[3]);
-
 /* show.c: for who observes the renderer (pell_services_observed), of the frame in st->in. */
 PELL_NODISCARD enum pell_result layered_show(const struct layered_state *st);
 

@@ -15,6 +15,7 @@
 #include "transport/distance_field.h"
 #include "transport/medium_layers.h"
 #include "transport/refraction/connect.h"
+#include "transport/surface_color.h"
 #include "visibility/rays.h"
 
 #define PT_NEST 8   /* solids in solids that a path keeps account of */
@@ -122,13 +123,6 @@ struct pt_roughness_step {
     int steps;       /* 1: no map, or one of one number */
 };
 
-/* What a boundary does to light that passes it: maps.c. */
-struct pt_tint {
-    bool is;
-    float mix;
-    float per_reflectance[3];
-};
-
 struct pt_scene {
     struct pell_context *ctx;
     const struct pell_services *services;
@@ -140,7 +134,7 @@ struct pt_scene {
     struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
     size_t num_rough;
     struct pt_roughness_step *finish; /* of a scene material's boundary */
-    struct pt_tint *tint;             /* the same */
+    struct pell_tint *tint;           /* the same */
     struct pell_light_sampler *light_sampler;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */

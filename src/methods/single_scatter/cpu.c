@@ -17,6 +17,7 @@ struct single_state {
     struct pell_connector *connector;
     struct pell_light_sampler *light_sampler;
     struct single_medium *medium; /* of each solid */
+    struct pell_tint *tint;       /* of the scene's materials */
     struct single_world world;    /* of all that */
     struct single_counts *counts;
 };
@@ -97,6 +98,7 @@ static void single_destroy(void *state)
     for (size_t i = 0; st->medium && i < st->solids->count; i++)
         single_medium_finish(st->ctx, &st->medium[i]);
     pell_free(st->ctx, st->medium);
+    pell_free(st->ctx, st->tint);
     pell_light_sampler_destroy(&st->light_sampler);
     pell_connector_destroy(&st->connector);
     pell_solids_destroy(&st->solids);
@@ -122,9 +124,12 @@ static enum pell_result single_create(const struct pell_services *services, cons
     PELL_TRY(pell_light_sampler_create(ctx, scene, &st->light_sampler));
     res = PELL_ERR_NOMEM;
     st->medium = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->medium));
+    st->tint = pell_calloc(ctx, scene->num_materials + 1, sizeof(*st->tint));
     st->counts = pell_calloc(ctx, (size_t) pell_pool_threads(services->pool), sizeof(*st->counts));
-    if (!st->medium || !st->counts)
+    if (!st->medium || !st->tint || !st->counts)
         goto fail;
+    for (size_t i = 0; i < scene->num_materials; i++)
+        pell_tint_make(&scene->materials[i], &st->tint[i]);
     PELL_TRY(reference_make_planes(ctx, shape, &st->frame));
     for (size_t i = 0; i < st->solids->count; i++) {
         const struct pell_solid *b = &st->solids->solids[i];
@@ -141,6 +146,7 @@ static enum pell_result single_create(const struct pell_services *services, cons
         .connector = st->connector,
         .light_sampler = st->light_sampler,
         .medium = st->medium,
+        .tint = st->tint,
         .knobs = *k,
     };
     return PELL_OK;

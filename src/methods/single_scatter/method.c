@@ -65,13 +65,13 @@ const struct pell_method pell_method_single_scatter = {
             "Participating "
             "Media, EGSR, 2012",
     .limits = "Multiple scattering and internal reflections before or after the scattering event are not included. The boundary is "
-              "smooth, whatever the material's roughness; colour and strength maps are ignored.",
+              "smooth, whatever the material's roughness; strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct single_knobs),
     .paper = paper,
     .paper_settings = pell_paper_light,
     .plan = plan,
     .cpu = &pell_single_scatter_cpu,
-    .ignores = PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_COLOR | PELL_IGNORES_MIX | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS |
-               PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,
+    .ignores =
+        PELL_IGNORES_STRENGTH_MAP | PELL_IGNORES_NORMAL_MAP | PELL_IGNORES_ROUGHNESS | PELL_IGNORES_SPECULAR | PELL_IGNORES_PROFILE_MODEL,
 };

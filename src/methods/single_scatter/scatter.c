@@ -35,6 +35,7 @@ struct ray {
     double eta;
     struct pell_vec3 at, w; /* w: inward */
     double transmit;        /* F_t / eta^2 */
+    float tint[3];          /* of light that leaves there */
     struct single_way way;
     double length;        /* of the way */
     double shade[3];      /* 1 - e^-tau of all of it */
@@ -62,6 +63,19 @@ static bool closest(const struct single_world *world, struct pell_vec3 from, str
     pell_rays_closest16(world->rays, valid, true, r);
     counts->rays++;
     return r->hit.mesh[0] != PELL_NO_HIT;
+}
+
+/* Multiplies light that passes the boundary there. */
+static void tint(const struct single_world *world, uint32_t mesh, uint32_t triangle, float u, float v, bool enters, float light[3])
+{
+    const struct pell_mesh *m = &world->scene->meshes[mesh];
+    const struct pell_tint *t = &world->tint[m->material];
+    float color[3];
+
+    if (!t->is)
+        return;
+    pell_base_color_at(&world->scene->materials[m->material], m, triangle, u, v, color);
+    pell_tint_apply(t, color, enters, light);
 }
 
 /* Finds the triangle that the camera sees, and where its ray goes below. */
@@ -121,6 +135,8 @@ static bool enter(const struct single_world *world, struct pell_vec3 at, struct 
     if (!(facing > 0.0))
         return false;
     ray->transmit = ray->eta == 1.0 ? 1.0 : (1.0 - pell_fresnel(ray->eta, cos_o)) / (ray->eta * ray->eta);
+    ray->tint[0] = ray->tint[1] = ray->tint[2] = 1.0f;
+    tint(world, r.hit.mesh[0], r.hit.triangle[0], u, v, false, ray->tint);
     e = pell_connector_rounding(world->connector, ray->solid) / fmax(facing, 0.02);
     ray->length = closest(world, ray->at, ray->w, e, INFINITY, counts, &r) ? (double) r.ray.tfar[0] : INFINITY;
     return true;
@@ -217,6 +233,7 @@ static void bring(const struct ray *ray, const struct pell_light_sample *source,
         single_way_make(ray->world->connector, ray->solid, ray->medium, x, p->inside, p->inside_mm, &way);
         if (way.stretch[way.count - 1].end < p->inside_mm)
             continue;
+        tint(ray->world, p->mesh, p->triangle, p->u, p->v, true, power);
         for (int k = 0; k < ray->channels; k++) {
             const int c = ray->lit[k];
             out[c] += layer->sigma_s[c] * pell_phase_value(&layer->phase[c], cosine) * beam * (double) power[c] *
@@ -252,7 +269,7 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
             continue;
         bring(ray, &source, s, layer, depth, light);
         for (int c = 0; c < 3; c++)
-            sum[c] += ray->transmit * light[c] / density;
+            sum[c] += ray->transmit * (double) ray->tint[c] * light[c] / density;
     }
     ray->counts->samples += ROUND;
 }

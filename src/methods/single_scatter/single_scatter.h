@@ -8,6 +8,7 @@
 #include "lights/light_sampling.h"
 #include "transport/medium_layers.h"
 #include "transport/refraction/connect.h"
+#include "transport/surface_color.h"
 
 #include <pellucid/method.h>
 
@@ -91,6 +92,7 @@ struct single_world {
     const struct pell_connector *connector;
     const struct pell_light_sampler *light_sampler;
     const struct single_medium *medium; /* of each solid */
+    const struct pell_tint *tint;       /* of the scene's materials */
     struct single_knobs knobs;
     uint32_t seed;
 };
