@@ -240,15 +240,22 @@ static void depths_of(const struct layered_state *st, int material, const struct
         depth[j] = fminf(j + 1 == m->count && m->bottomless ? LAYERED_FAR : depth[j], LAYERED_FAR);
 }
 
+/* Of a mesh. */
+struct place {
+    uint32_t mesh, triangle;
+    float u, v;
+};
+
 /* The tint of light that enters there. */
-static void tint_node(const struct layered_medium *m, const struct pell_scene *scene, uint32_t mesh, uint32_t triangle, float u, float v,
-                      struct layered_light *source, int node, int i)
+static void tint_node(const struct layered_medium *m, const struct pell_scene *scene, const struct place *at, struct layered_light *source,
+                      int node, int i)
 {
+    const struct pell_mesh *mesh = &scene->meshes[at->mesh];
     float color[3], tint[3] = { 1.0f, 1.0f, 1.0f };
 
     if (!m->colors)
         return;
-    pell_base_color_at(&scene->materials[scene->meshes[mesh].material], &scene->meshes[mesh], triangle, u, v, color);
+    pell_base_color_at(&scene->materials[mesh->material], mesh, at->triangle, at->u, at->v, color);
     pell_tint_apply(&m->tint, color, true, tint);
     for (int c = 0; c < 3; c++)
         source->tint[node][c][i] = tint[c];
@@ -283,7 +290,7 @@ static void refract_node(const struct layered_state *st, const struct layered_me
         source->way[node][0][i] = e.way.x;
         source->way[node][1][i] = e.way.y;
         source->way[node][2][i] = e.way.z;
-        tint_node(m, scene, e.mesh, e.triangle, e.u, e.v, source, node, i);
+        tint_node(m, scene, &(struct place) { e.mesh, e.triangle, e.u, e.v }, source, node, i);
         if (m->packs > 0)
             depths_of(st, material, &scene->meshes[e.mesh], e.triangle, e.u, e.v, depth);
         for (int j = 0; j < m->count && m->packs > 0; j++)
@@ -337,11 +344,11 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
                 source->beam[node][i] = eta == 1.0f ? 1.0f : (float) (1.0 - pell_fresnel((double) eta, (double) fminf(co, 1.0f))) * co / ci;
                 source->beam[node][i] *= source->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
             }
-            tint_node(m, scene, h->mesh[i], h->triangle[i], h->u[i], h->v[i], source, node, i);
+            tint_node(m, scene, &(struct place) { h->mesh[i], h->triangle[i], h->u[i], h->v[i] }, source, node, i);
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i], depth);
         } else {
-            tint_node(m, scene, mesh[i], triangle[i], p->u[i], p->v[i], source, node, i);
+            tint_node(m, scene, &(struct place) { mesh[i], triangle[i], p->u[i], p->v[i] }, source, node, i);
             if (m->packs > 0)
                 depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
             open_sheet(m, p, source, &n, node, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i);

@@ -5,6 +5,8 @@
  * al. 1965) below the largest sigma_t of any layer and channel, null collisions weighed in the same way. */
 #include "methods/path_trace/path.h"
 
+#include "scene/triangle.h"
+
 /* A flight that ended by chance at `length`: does a surface come first? */
 static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float length, float *safe,
                     struct pt_hit *hit)
@@ -132,28 +134,55 @@ static const struct pt_coefficients *layer_at(const struct pt_scene *s, int soli
     return i < m->layers ? &m->layer[i] : lowest;
 }
 
-/* A way that light at x can go before it is below the layers, at least the least one worth a step; 0: it is there. Without an end below
- * the layers: any. Painted bottoms go up and down: half of the distance to them. */
-static float room(const struct pt_scene *s, int solid, struct pell_vec3 x)
+/* The bottom of the layers near x: the nearest place of the surface, and where the bottom is from there. */
+struct bottom {
+    struct pell_nearest nearest;
+    struct pell_vec3 n;  /* unit, outward */
+    double depth, least; /* mm; least: of a step toward it */
+};
+
+static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x, struct bottom *b)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
-    struct pell_nearest nearest;
-    double bottom = (double) m->deepest, gap;
+    const float reach = m->floor ? 1.01f * m->deepest + 64.0f * s->unit : m->deepest;
+    struct pell_vec3 corner[3];
+
+    b->depth = (double) m->deepest;
+    b->least = fmax((m->painting ? 2e-3 : 1e-4) * (double) m->deepest, m->floor ? 4.0 * (double) s->unit : 0.0);
+    if (!pell_rays_closest_point(s->rays, x, reach, s->solids->of_mesh, solid, &b->nearest))
+        return false;
+    if (m->painting) {
+        float depth[PELL_LAYERS_MOST];
+        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[b->nearest.mesh], b->nearest.triangle, b->nearest.u,
+                                  b->nearest.v, depth);
+        b->depth = (double) depth[m->layers - 1];
+    }
+    if (!m->floor)
+        return true;
+    b->n = vec3_mul(vec3_sub(b->nearest.point, x), 1.0f / fmaxf((float) b->nearest.distance, 1e-20f));
+    if (b->nearest.distance < 16.0 * (double) s->unit) { /* on the surface */
+        pell_triangle_corners(&s->scene->meshes[b->nearest.mesh], b->nearest.triangle, corner);
+        b->n = vec3_normalize(pell_triangle_cross(corner));
+    }
+    return true;
+}
+
+/* A way that light at x can go along w before it is below the layers, at least the least one worth a step; 0: it is there. Without an end
+ * below the layers: any. Painted bottoms go up and down: half of the distance to them. What a floor reflects goes up from it. */
+static float room(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w)
+{
+    const struct pt_medium *m = &s->solid[solid].medium;
+    struct bottom b;
+    double gap;
 
     if (!m->ends)
         return INFINITY;
-    if (!pell_rays_closest_point(s->rays, x, m->deepest, s->solids->of_mesh, solid, &nearest))
+    if (!find_bottom(s, solid, x, &b))
         return 0.0f;
-    if (m->painting) {
-        float depth[PELL_LAYERS_MOST];
-        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v,
-                                  depth);
-        bottom = (double) depth[m->layers - 1];
-    }
-    gap = bottom - nearest.distance;
+    gap = b.depth - b.nearest.distance;
     if (!(gap > 0.0))
-        return 0.0f;
-    return (float) fmax(m->painting ? 0.5 * gap : gap, (m->painting ? 2e-3 : 1e-4) * (double) m->deepest);
+        return m->floor && gap > -3.0 * b.least && vec3_dot(w, b.n) > 0.0f ? (float) b.least : 0.0f;
+    return (float) fmax(m->painting ? 0.5 * gap : gap, b.least);
 }
 
 static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, float beta[3], struct pt_free_path *out)
@@ -162,6 +191,26 @@ static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, 
     out->medium = &m->layer[m->layers - 1];
     out->length = length;
     out->x = x;
+}
+
+/* Light at x is below the layers. */
+static void end_below(const struct pt_scene *s, int solid, struct pell_vec3 x, float length, float beta[3], struct pt_free_path *out)
+{
+    const struct pt_medium *m = &s->solid[solid].medium;
+    const struct pell_mesh *mesh;
+    struct bottom b;
+
+    if (!m->floor || !find_bottom(s, solid, x, &b)) {
+        absorb(m, x, length, beta, out);
+        return;
+    }
+    mesh = &s->scene->meshes[b.nearest.mesh];
+    pell_base_color_at(&s->scene->materials[mesh->material], mesh, b.nearest.triangle, b.nearest.u, b.nearest.v, out->albedo);
+    out->floor = true;
+    out->medium = NULL;
+    out->length = length;
+    out->n = b.n;
+    out->x = vec3_mad(x, (float) (b.nearest.distance - fmax(b.depth - b.least, 0.0)), b.n);
 }
 
 /* Flights between collisions, real ones or not. One ray finds the surface, as far as it was asked for. */
@@ -174,11 +223,11 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
     float length = 0.0f;
 
     for (;;) {
-        const float free = room(s, solid, r.x), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float free = room(s, solid, r.x, r.w), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
         const float step = fminf(chance, free);
         float sum = 0.0f, real = 0.0f, p;
         if (free == 0.0f) {
-            absorb(&b->medium, r.x, length, beta, out);
+            end_below(s, solid, r.x, length, beta, out);
             return;
         }
         out->met = stopped(s, counts, solid, &r, step < 1e30f ? step : INFINITY, safe, &out->hit);
@@ -200,7 +249,7 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
             continue;
         out->medium = layer_at(s, solid, r.x);
         if (!out->medium) {
-            absorb(&b->medium, r.x, length, beta, out);
+            end_below(s, solid, r.x, length, beta, out);
             return;
         }
         for (int c = 0; c < 3; c++) {
@@ -221,7 +270,7 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
 void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
                         struct pt_sampler *sampler, struct pt_free_path *out)
 {
-    out->met = out->lost = false;
+    out->met = out->lost = out->floor = false;
     if (s->solid[solid].medium.homogeneous)
         sample_homogeneous(s, counts, solid, ray, beta, safe, sampler, out);
     else
@@ -244,7 +293,7 @@ void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, s
         return;
     for (float at = 0.0f;;) {
         const struct pt_coefficients *k;
-        const float free = room(s, solid, vec3_mad(x, at, w)), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
+        const float free = room(s, solid, vec3_mad(x, at, w), w), chance = most > 0.0f ? -logf((float) pt_fine(sampler)) / most : INFINITY;
         at += fminf(chance, free);
         if (!(at < reach) && free > 0.0f)
             return;

@@ -163,11 +163,16 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
         return false;
     at.x = free_path.x;
     at.medium = free_path.medium;
-    if (free_path.met) {
+    if (free_path.met || free_path.floor) {
         float albedo[3];
         at.medium = NULL;
-        at.n = pt_leave_opaque(s, &free_path.hit, p->ray.w, sampler, albedo);
-        at.x = pt_leave(&free_path.hit, at.n);
+        if (free_path.met) {
+            at.n = pt_leave_opaque(s, &free_path.hit, p->ray.w, sampler, albedo);
+            at.x = pt_leave(&free_path.hit, at.n);
+        } else {
+            at.n = free_path.n;
+            memcpy(albedo, free_path.albedo, sizeof(albedo));
+        }
         for (int c = 0; c < 3; c++)
             p->power[c] *= albedo[c];
         keep(w, &at, p->power, 0.0f, solid);

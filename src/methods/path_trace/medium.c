@@ -87,11 +87,6 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scen
     if (!medium_layers)
         return PELL_ERR_NOMEM;
     PELL_TRY(make_layers(ctx, m, medium_layers));
-    if (medium_layers->substrate == PELL_SUBSTRATE_SURFACE_COLOR) {
-        res = pell_error(ctx, PELL_ERR_UNSUPPORTED, m->name, "\"below\": \"stop\" or \"last\"",
-                         "has a surface below its layers, where path-trace reflects no light");
-        goto fail;
-    }
     res = PELL_ERR_NOMEM;
     out->layer = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->layer));
     out->depth = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->depth));
@@ -105,6 +100,7 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scen
     if (!out->layer || !out->depth)
         goto fail;
     fill(medium_layers, out);
+    out->floor = out->ends && medium_layers->substrate == PELL_SUBSTRATE_SURFACE_COLOR;
     out->eta = (float) medium_layers->eta;
     out->slowest = INFINITY;
     for (int i = 0; i < out->layers; i++)

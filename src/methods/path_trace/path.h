@@ -82,6 +82,7 @@ struct pt_medium {
     float eta;
     bool homogeneous;               /* one layer without a bottom */
     bool ends;                      /* below the layers light is gone */
+    bool floor;                     /* but for what a Lambertian surface of the base colour reflects there */
     int layers;                     /* >= 1 */
     struct pt_coefficients *layer;  /* the medium's own, as all that follows */
     float *depth;                   /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
@@ -91,7 +92,7 @@ struct pt_medium {
     float slowest;                  /* least sigma_t of all channels and layers */
 };
 
-/* PELL_ERR_UNSUPPORTED, logged, for a surface below layers, and profiles that no medium is equivalent to. `out` is to be finished whatever
+/* PELL_ERR_UNSUPPORTED, logged, for profiles that no medium is equivalent to. `out` is to be finished whatever
  * happens. */
 PELL_NODISCARD enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
                                                struct pt_medium *out);
@@ -219,10 +220,13 @@ struct pt_ray {
 struct pt_free_path {
     struct pell_vec3 x; /* where it ends */
     bool met;           /* a surface: `hit` */
+    bool floor;         /* what is below the layers: reflects `albedo`, x is just off it, on the side of n */
     bool lost;          /* left the solid through no surface */
     float length;
     const struct pt_coefficients *medium; /* of what it scatters in */
     struct pt_hit hit;
+    struct pell_vec3 n;
+    float albedo[3];
 };
 
 /* By the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. *safe: a distance from x that is

@@ -84,6 +84,21 @@ void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, e
     }
 }
 
+/* Off what is below layers. */
+static void reflect_floor(struct pt_walk *p, const struct pt_free_path *path)
+{
+    struct pt_scatterer at = { path->x, p->w, .n = path->n, .bounces = p->bounces };
+
+    p->mixed = true;
+    for (int c = 0; c < 3; c++)
+        at.beta[c] = p->beta[c] *= path->albedo[c];
+    p->safe = 0.0f;
+    p->last = PT_LAST_NONE;
+    pt_scattered(p, &at, pt_top(&p->place), PT_CONNECTION_NOT);
+    p->w = pt_scatter_sample(&at, p->sampler, NULL);
+    p->x = p->from = at.x;
+}
+
 static void reflect_opaque(struct pt_walk *p, const struct pt_hit *hit)
 {
     const struct pt_scene *s = p->s;
@@ -291,6 +306,10 @@ bool pt_walk_on(struct pt_walk *p)
     if (free_path.lost) {
         pt_left(p, free_path.x);
         return true;
+    }
+    if (free_path.floor) {
+        reflect_floor(p, &free_path);
+        return roulette(p);
     }
     p->counts->scatterings++;
     p->scattered++;
