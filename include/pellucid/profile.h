@@ -144,9 +144,9 @@ struct pell_profile {
 struct pell_profile_params {
     enum pell_fresnel_model fresnel; /* model of Fdr for a smooth boundary; dipole, better-dipole, photon-beam */
     double roughness;                /* of the boundary, [0, 1]; 0: smooth. Changes A by pell_fresnel_diffuse_rough, exact Fresnel only;
-                                        dipole, better-dipole, photon-beam (its single scattering leaves through a smooth one) */
+                                        dipole, better-dipole, photon-beam (their single scattering leaves through a smooth one) */
     double A;                        /* (0, PELL_PROFILE_A_MAX]: instead of the value from boundary and eta; dipole; 0: none */
-    bool without_single;             /* monte-carlo, photon-beam: exclude single scattering */
+    bool without_single;             /* better-dipole, monte-carlo, photon-beam: exclude single scattering */
 };
 
 /* One channel of a medium under a model. `params` may be NULL. PELL_ERR_INVALID: the medium is not valid, or the channel, model or

@@ -862,7 +862,7 @@ static void what_is_below_is_black(void **state)
 
 #define FLOOR 0.6f
 
-/* A slab over what reflects FLOOR: its own floor (0; painted: 1) or a box in it (2), under light from a cosine of 0.8, or where `furnace` an
+/* A slab over what reflects FLOOR: its own floor (0; painted: 1) or a box in it (2), under light from a cosine of 0.8; `furnace`: in an
  * environment of 1. */
 static struct rig_mean over_floor(int kind, const double (*optics)[3], double eta, bool furnace, float reflects, int n)
 {

@@ -802,11 +802,10 @@ static void compare_polynomial(json_t *root)
 enum { BATCHES = 16, CHANNELS = 36, RINGS = 22, PER_DECADE = 5 };
 #define RING_FIRST 0.01 /* mean free paths */
 
-/* Flux per photon of one channel: everything, through rings, and the part that was scattered once. Ring 0 is inside RING_FIRST, the last is
- * beyond all. */
+/* Flux per photon of one channel: everything, and through rings. Ring 0 is inside RING_FIRST, the last is beyond all. */
 struct tally {
     double alpha, eta;
-    double total[2][BATCHES], once[BATCHES], ring[RINGS][BATCHES], ring_once[RINGS];
+    double total[2][BATCHES], ring[RINGS][BATCHES];
 };
 
 static struct tally tallies[CHANNELS];
@@ -829,13 +828,8 @@ static void leave(void *user, const struct pell_photon_exit *e)
             continue;
         const double w = e->weight * pow(tallies[i].alpha, e->collisions);
         tallies[i].total[e->face][batch] += w;
-        if (e->collisions == 1)
-            tallies[i].once[batch] += w;
-        if (rings) {
+        if (rings)
             tallies[i].ring[k][batch] += w;
-            if (e->collisions == 1)
-                tallies[i].ring_once[k] += w;
-        }
     }
 }
 
@@ -868,13 +862,9 @@ static void walk(const struct pell_photon_stack *s, uint64_t photons, uint64_t s
                 continue;
             for (int face = 0; face < 2; face++)
                 tallies[i].total[face][b] /= (double) each;
-            tallies[i].once[b] /= (double) each;
             for (int k = 0; k < RINGS; k++)
                 tallies[i].ring[k][b] /= (double) each;
         }
-    for (int i = 0; i < tally_count; i++)
-        for (int k = 0; k < RINGS && (!rings || tallies[i].eta == walking_eta); k++)
-            tallies[i].ring_once[k] /= (double) (each * BATCHES);
     for (int face = 0; face < 2; face++)
         for (int b = 0; b < BATCHES; b++)
             straight[face][b] /= (double) each;
@@ -1301,12 +1291,6 @@ static double through(const struct pell_profile *p, int k)
     return p->total * (b - a);
 }
 
-/* Whether photons scattered once belong to what a model means. */
-static bool has_single(int model)
-{
-    return model != PELL_PROFILE_BETTER_DIPOLE;
-}
-
 static void models(uint64_t photons)
 {
     static struct pell_profile p;
@@ -1314,21 +1298,19 @@ static void models(uint64_t photons)
     double noise = 0.0;
     walk_media(photons);
     for (int i = 0; i < CHANNELS; i++) {
-        double error, all = mean_of(tallies[i].total[0], &error), once = mean_of(tallies[i].once, &error), sum = 0.0;
+        double error, all = mean_of(tallies[i].total[0], &error), sum = 0.0;
         for (int k = 0; k < RINGS; k++) {
             mean_of(tallies[i].ring[k], &error);
             sum += 0.8 * error; /* mean of |x| */
         }
         noise = fmax(noise, sum / all);
         for (int model = 0; model < PELL_PROFILE_MODELS; model++) {
-            double missed = 0.0, wanted = has_single(model) ? all : all - once;
+            double missed = 0.0;
             model_of((enum pell_profile_model) model, i, &p);
-            for (int k = 0; k < RINGS; k++) {
-                const double flux = mean_of(tallies[i].ring[k], &error) - (has_single(model) ? 0.0 : tallies[i].ring_once[k]);
-                missed += fabs(through(&p, k) - flux);
-            }
-            off[model][i] = missed / wanted;
-            total[model][i] = p.total / wanted - 1.0;
+            for (int k = 0; k < RINGS; k++)
+                missed += fabs(through(&p, k) - mean_of(tallies[i].ring[k], &error));
+            off[model][i] = missed / all;
+            total[model][i] = p.total / all - 1.0;
         }
     }
     for (int table = 0; table < 2; table++) {

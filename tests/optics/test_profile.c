@@ -102,7 +102,7 @@ static void every_kind(struct pell_profile out[4])
 {
     const struct pell_medium m = medium_of(0.3, 1.1, 1.4);
     const struct pell_gaussians g = { .count = 3, .variance = { 0.01, 0.3, 2.0 }, .weight = { { 0.2 }, { 0.5 }, { 0.1 } } };
-    REQUIRE(pell_profile_make(PELL_PROFILE_BETTER_DIPOLE, &m, 0, NULL, &out[PELL_PROFILE_KIND_POLES]) == PELL_OK);
+    REQUIRE(pell_profile_make(PELL_PROFILE_DIPOLE, &m, 0, NULL, &out[PELL_PROFILE_KIND_POLES]) == PELL_OK);
     REQUIRE(pell_profile_make(PELL_PROFILE_NORMALIZED_DIFFUSION, &m, 0, NULL, &out[PELL_PROFILE_KIND_BURLEY]) == PELL_OK);
     REQUIRE(pell_profile_make(PELL_PROFILE_PHOTON_BEAM, &m, 0, NULL, &out[PELL_PROFILE_KIND_NODES]) == PELL_OK);
     REQUIRE(pell_profile_from_gaussians(&g, 0, &out[PELL_PROFILE_KIND_GAUSSIANS]) == PELL_OK);

@@ -119,7 +119,7 @@ static double mass(double log_r, const void *albedo)
     return 2.0 * PELL_PI * r * r * pell_sampling_table_pdf(&table, *(const double *) albedo, r);
 }
 
-/* The distribution is within 5e-4 of the model's, radii within 3 %, the density within 2 %, at any albedo. */
+/* The distribution is within 6e-4 of the model's, radii within 3 %, the density within 2 %, at any albedo. */
 static void tables_are_close_to_their_models(void **state)
 {
     (void) state;
@@ -140,7 +140,7 @@ static void tables_are_close_to_their_models(void **state)
         }
         print_message("# %s: distribution %.1e, radius %.1e, density %.1e\n", pell_profile_model_at((size_t) k)->name, worst, worst_r,
                       worst_pdf);
-        REQUIRE(worst < 5e-4 && worst_r < 0.03 && worst_pdf < 0.02);
+        REQUIRE(worst < 6e-4 && worst_r < 0.03 && worst_pdf < 0.02);
     }
 }
 
