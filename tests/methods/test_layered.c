@@ -408,7 +408,8 @@ static void paths_on_a_slab(void **state)
 {
     struct layered_layer layer[2] = { { .depth = 0.7f, .pack = -1, .sigma_s = { 1, 2, 3 }, .sigma_t = { 2, 3, 4 }, .one_phase = true },
                                       { .depth = 2.0f, .pack = -1, .sigma_s = { 1, 2, 3 }, .sigma_t = { 1, 2, 5 }, .one_phase = true } };
-    const struct layered_medium m = { .count = 2, .layer = layer, .eta = 1.4f, .deepest = 2.0f, .first = 2.0f };
+    float edges[12];
+    const struct layered_medium m = { .count = 2, .layer = layer, .eta = 1.4f, .deepest = 2.0f, .first = 2.0f, .edges = { edges, edges } };
     struct layered_packet *p = NULL;
     struct layered_light source;
     float trace[11 * 16], light[3][16];
@@ -421,6 +422,8 @@ static void paths_on_a_slab(void **state)
             layer[i].halves[c] = 1.442695f * layer[i].sigma_t[c];
             layer[i].most_halves = fmaxf(layer[i].most_halves, layer[i].halves[c]);
         }
+    for (int i = 0; i < 12; i++)
+        edges[i] = (float) i / 11.0f;
     assert_int_equal(posix_memalign((void **) &p, 64, sizeof(*p)), 0);
     for (int level = 0; level < PELL_SIMD_LEVELS && level <= (int) pell_simd_best(); level++) {
         const struct layered_work work = { .most_halves = INFINITY,

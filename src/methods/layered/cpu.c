@@ -118,6 +118,7 @@ static enum pell_result make_media(struct layered_state *st, const struct pell_s
         PELL_TRY(pell_medium_layers_make(st->ctx, "layered", m, st->medium_layers[mesh->material]));
         PELL_TRY(layered_medium_make(st->ctx, st->medium_layers[mesh->material], m->name, st->knobs.under, medium));
         PELL_TRY(layered_medium_color(st->ctx, m, medium));
+        PELL_TRY(layered_medium_steps(st->ctx, st->knobs.samples, st->knobs.steps == LAYERED_EQUAL, medium));
         st->most_layers = medium->count > st->most_layers ? medium->count : st->most_layers;
         st->most_packs = medium->packs + medium->colors > st->most_packs ? medium->packs + medium->colors : st->most_packs;
         res = PELL_ERR_NOMEM;

@@ -28,6 +28,7 @@ enum {
     LAYERED_NODES = 16, /* the same of refracted paths; at most so many */
     LAYERED_GROUP = 8,  /* lights' samples in one march */
     LAYERED_LEVELS = 16,
+    LAYERED_THICKNESSES = 10,
 };
 #define LAYERED_FAR 1e30f        /* mm: no bottom, no exit */
 #define LAYERED_GRAZING 0.05f    /* cosines are this at least */
@@ -38,6 +39,7 @@ enum {
 
 struct layered_layer {
     float depth;       /* mm to its bottom; painted: of the number 1 in its tile */
+    float mean;        /* the same, the mean over its map */
     int pack, channel; /* -1: even */
     float sigma_s[3], sigma_t[3];
     float halves[3], most_halves; /* 1/mm: how often light is halved, sigma_t/ln 2; the largest of them */
@@ -69,6 +71,9 @@ struct layered_medium {
     int substrate; /* enum pell_substrate */
     float rest[3]; /* 1/mm, as halves: of paths below the deepest layer that go on to another surface */
     bool bottomless;
+    /* Where steps begin and end, shares of a march: of one to the deepest bottom; then of those that end at another surface, at 1, 1/2, 1/4
+     * ... of that. Owned, one block. */
+    float *edges[1 + LAYERED_THICKNESSES];
 };
 
 /* --- A packet: 16 pixels of one material ---------------------------------------------------------------------------------------- */

@@ -12,6 +12,7 @@
 #include <pellucid/method.h>
 
 enum layered_as { LAYERED_BEST, LAYERED_PAPER };
+enum layered_steps { LAYERED_BY_LIGHT, LAYERED_EQUAL };
 enum layered_march { LAYERED_EXPONENTIAL, LAYERED_SUM };
 enum layered_refraction { LAYERED_PLANAR, LAYERED_NONE, LAYERED_EXACT };
 enum layered_path { LAYERED_PLANES_RAYS, LAYERED_PLANES, LAYERED_RAYS };
@@ -21,6 +22,7 @@ enum layered_under { LAYERED_AS_MATERIAL, LAYERED_STOP, LAYERED_LAST, LAYERED_CO
 struct layered_knobs {
     int as; /* enum layered_as */
     int samples;
+    int steps; /* enum layered_steps */
     float tolerance;
     int march;      /* enum layered_march */
     int refraction; /* enum layered_refraction */
@@ -41,6 +43,8 @@ PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, co
 /* The tint of the material's boundary, after the above. */
 PELL_NODISCARD enum pell_result layered_medium_color(struct pell_context *ctx, const struct pell_material *material,
                                                      struct layered_medium *m);
+/* `count` steps of a march, after all of the above. */
+PELL_NODISCARD enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool equal, struct layered_medium *m);
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
 
 /* --- plane_grid.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */

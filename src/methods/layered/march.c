@@ -438,10 +438,27 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
     }
 }
 
+/* Where the steps of a packet begin and end: by how deep its marches go, on average. */
+static const float *edges_of(const struct layered_medium *m, const struct layered_packet *p)
+{
+    float deep = 0.0f, share;
+    int k = 1;
+
+    if (!p->thin)
+        return m->edges[0];
+    for (int i = 0; i < p->count; i++)
+        deep += p->length[i] * p->rate[i];
+    share = m->deepest > 0.0f ? deep / ((float) p->count * m->deepest) : 1.0f;
+    for (; k < LAYERED_THICKNESSES && share < 0.707f; k++)
+        share *= 2.0f;
+    return m->edges[k];
+}
+
 static void march_lanes(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                         const struct layered_light *sources, int count, int lane)
 {
     const int n = work->samples;
+    const float *edges = edges_of(m, p);
     vf sum[3] = { { 0 } }, gain = load(p->gain + lane);
     vi some = (vi) all(0.0f) == 0;
     struct coming coming[LAYERED_GROUP];
@@ -470,11 +487,11 @@ static void march_lanes(const struct layered_work *work, const struct layered_me
     for (int c = 0; c < 3; c++)
         s.tau[c] = all(0.0f);
     s.alive = all(1.0f);
-    s.step = ray.length * (1.0f / (float) n);
     if (m->packs == 0)
         order_depths(m, s.bottom);
     for (int i = 0; i < n && any((s.alive > 0.0f) & some); i++) {
-        s.t = ((float) i + 0.5f) / (float) n;
+        s.t = 0.5f * (edges[i] + edges[i + 1]);
+        s.step = ray.length * (edges[i + 1] - edges[i]);
         s.x = ray.length * s.t;
         s.per_x = ray.per_length * (1.0f / s.t);
         find_place(m, p, &ray, &s);

@@ -186,8 +186,9 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
 {
     const struct layered_layer *layer = m->layer;
     const int n = work->samples;
+    const float *edges = m->edges[0];
     const vf length = load(p->length + lane), rate = load(p->rate + lane), per_rate = 1.0f / rate;
-    const vf per_length = 1.0f / greater(length, all(1e-20f)), rise = rate * length * (1.0f / (float) n);
+    const vf per_length = 1.0f / greater(length, all(1e-20f)), rise = rate * length;
     vf at[3], normal[3], turn[3], lag[3], u = { 0 }, v = { 0 }, du = { 0 }, dv = { 0 };
     vf h = load(p->h + lane), gain = load(p->gain + lane);
     struct lanes k = { .m = m, .pack = m->packs > 0 ? &m->pack[0] : NULL, .place = p->place, .lane = lane, .alive = all(1.0f) };
@@ -218,7 +219,7 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
         s.bottom[j] = greater(all(layer[j].depth), j > 0 ? s.bottom[j > 0 ? j - 1 : 0] : all(0.0f));
 
     for (int i = 0; i < n; i++) {
-        const float t = ((float) i + 0.5f) / (float) n;
+        const float t = 0.5f * (edges[i] + edges[i + 1]);
         const vf x = length * t;
         vf plane[3], m_at[3], unit;
         vi goes_on = { 0 };
@@ -234,9 +235,9 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
         s.down = s.slope * x;
         for (int l = 0; l < count; l++)
             enter(&sources[l], lane, m->eta, m_at, plane, s.down, &beams[l], &entries[l]);
-        s.low = rise * (float) i;
+        s.low = rise * edges[i];
         s.middle = x * rate;
-        s.high = rise * (float) (i + 1);
+        s.high = rise * edges[i + 1];
         k.u = u + x * du;
         k.v = v + x * dv;
         find_layers(&k, per_rate, &s, layers);
@@ -246,7 +247,7 @@ INLINE void fast_lanes(const struct layered_work *work, const struct layered_med
             add_light(&k, &s, &entries[l], work->most_halves, &beams[l], layers);
         for (int c = 0; c < 3; c++)
             k.tau[c] += s.tau[c];
-        k.alive = (vf) ((vi) k.alive & ~(s.high - s.above > 1e-3f * rise));
+        k.alive = (vf) ((vi) k.alive & ~(s.high - s.above > 1e-3f * (s.high - s.low)));
         for (int l = 0; l < count; l++)
             goes_on |= beams[l].goes_on;
         if (!any((k.alive > 0.0f) & goes_on))

@@ -11,6 +11,12 @@
 
 #define OPAQUE_DEPTH 14.0f /* optical depth of the ray of the camera that a march without a bottom goes to: e^-14 */
 #define BLACK 1e4f         /* 1/mm */
+#define WAYS 2.2           /* mm of a light's way down and up for each of depth */
+#define EVEN 0.1           /* share of a march's steps that are equal */
+#define NEAR_THIN 0.5     /* of one that ends at another surface: share of those by the light of this, */
+#define FAR_THIN 0.2      /* and by the light of that */
+
+enum { PARTS = 4096 }; /* of a march */
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
 
@@ -136,6 +142,7 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
     struct pell_texture_map map = *layer_medium->map;
     const double depth = fmin(layer_medium->depth, (double) PELL_LAYER_DEPTH_MAX);
     float largest = 0.0f;
+    double sum = 0.0;
 
     memcpy(map.matrix, (const float[6]) { 1, 0, 0, 0, 1, 0 }, sizeof(map.matrix));
     for (int pass = 0; pass < 2; pass++)
@@ -145,12 +152,15 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
                 pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
                 share = pell_layer_share(rgba[map.channel], layer_medium->inverse);
                 share = share < 1e6f ? share : 0.0f; /* no number, too */
-                if (pass == 0)
+                if (pass == 0) {
                     largest = share > largest ? share : largest;
-                else
+                    sum += (double) share;
+                } else {
                     numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
                         (uint16_t) (largest > 0.0f ? share / largest * 65535.0f + 0.5f : 0.0f);
+                }
             }
+    layer->mean = (float) (depth * sum / ((double) l->width * (double) l->height));
     layer->depth = (float) (depth * (double) largest);
     layer->per_number = (float) (depth * (double) largest / 65535.0 / 32767.0);
     layer->middle = (float) (depth * (double) largest * 32768.0 / 65535.0);
@@ -252,7 +262,7 @@ enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell
         const struct pell_layer_medium *from = &medium_layers->item[i];
         struct layered_layer *to = &out->layer[i];
         to->pack = -1;
-        to->depth = (float) fmin(from->depth, (double) LAYERED_FAR);
+        to->depth = to->mean = (float) fmin(from->depth, (double) LAYERED_FAR);
         to->one_phase = true;
         for (int c = 0; c < 3; c++) {
             to->sigma_s[c] = (float) from->sigma_s[c];
@@ -290,8 +300,75 @@ enum pell_result layered_medium_color(struct pell_context *ctx, const struct pel
     return make_pack(ctx, material->name, NULL, m, p);
 }
 
+/* How much a place at a share x of the way to the deepest bottom matters: the error of a step rises with its length cubed and the light
+ * that comes from there, which layers take on its way down and up; so steps are as the cube root of that light. */
+static double matters(const struct layered_medium *m, double x)
+{
+    double above = 0.0, sum = 0.0, tau[3] = { 0.0, 0.0, 0.0 };
+    const double z = x * (double) m->deepest;
+    int i = 0;
+
+    for (; i + 1 < m->count && z >= fmax((double) m->layer[i].mean, above); i++) {
+        const double bottom = fmax((double) m->layer[i].mean, above);
+        for (int c = 0; c < 3; c++)
+            tau[c] += (double) m->layer[i].sigma_t[c] * (bottom - above);
+        above = bottom;
+    }
+    for (int c = 0; c < 3; c++) {
+        const double t = (double) m->layer[i].sigma_t[c];
+        sum += exp(-WAYS * (tau[c] + t * (z - above)));
+    }
+    return cbrt(sum / 3.0);
+}
+
+/* Where `count` equal shares of a density over PARTS parts of [0, 1] end. */
+static void set_edges(const double *density, int count, float *edges)
+{
+    double sum = 0.0, before = 0.0, all = 0.0;
+    int part = 0;
+
+    for (int i = 0; i < PARTS; i++)
+        all += density[i];
+    for (int i = 0; i <= count; i++) {
+        const double share = all * i / count;
+        while (part < PARTS && sum + density[part] < share)
+            sum += density[part++];
+        before = part < PARTS ? part + (share - sum) / density[part] : PARTS;
+        edges[i] = (float) fmin(before / PARTS, 1.0);
+    }
+    edges[count] = 1.0f;
+}
+
+enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool equal, struct layered_medium *m)
+{
+    double *light = pell_alloc_array(ctx, PARTS, sizeof(*light)), *density = pell_alloc_array(ctx, PARTS, sizeof(*density));
+    float *edges = pell_alloc_array(ctx, (size_t) count + 1, (1 + LAYERED_THICKNESSES) * sizeof(*edges));
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    m->edges[0] = edges;
+    if (!light || !density || !edges)
+        goto fail;
+    for (int k = 0; k <= LAYERED_THICKNESSES; k++) {
+        const double thick = k > 0 ? ldexp(1.0, 1 - k) : 1.0, near = k > 0 ? NEAR_THIN : 1.0 - EVEN, far = k > 0 ? FAR_THIN : 0.0;
+        double mean = 0.0;
+        for (int i = 0; i < PARTS; i++)
+            mean += (light[i] = matters(m, thick * (i + 0.5) / PARTS)) / PARTS;
+        for (int i = 0; i < PARTS; i++)
+            density[i] = mean > 0.0 && !equal ? (near * light[i] + far * light[PARTS - 1 - i]) / mean + (1.0 - near - far) : 1.0;
+        m->edges[k] = edges + (size_t) k * ((size_t) count + 1);
+        set_edges(density, count, m->edges[k]);
+    }
+    res = PELL_OK;
+
+fail:
+    pell_free(ctx, density);
+    pell_free(ctx, light);
+    return res;
+}
+
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m)
 {
+    pell_free(ctx, m->edges[0]);
     for (int k = 0; m->pack && k < m->packs + m->colors; k++)
         pell_free(ctx, m->pack[k].texels);
     pell_free(ctx, m->pack);

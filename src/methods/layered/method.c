@@ -15,6 +15,7 @@
 #include <stddef.h>
 
 static const char *const as_names[] = { "best", "paper", NULL };
+static const char *const steps_names[] = { "optical", "equal", NULL };
 static const char *const march_names[] = { "exponential", "sum", NULL };
 static const char *const refraction_names[] = { "planar", "none", "exact", NULL };
 static const char *const path_names[] = { "planes+rays", "planes", "rays", NULL };
@@ -26,6 +27,8 @@ static const char *const under_names[] = { "material", "stop", "last", "surface-
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { LAYERED_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 20 }, 1, 4096, NULL, "sample points along the ray below the surface" },
+    { "steps", PELL_KNOB_ENUM, "1", AT(steps), { LAYERED_BY_LIGHT }, 0, 0, steps_names,
+      "steps of the march: by optical depth, shorter where more light comes from, or all equal, as in the paper" },
     { "tolerance", PELL_KNOB_FLOAT, "1", AT(tolerance), { 1e-3 }, 0, 0.1, NULL,
       "a march ends where this share of the light that entered is left on its way down and up again; 0: at the deepest layer's bottom" },
     { "march", PELL_KNOB_ENUM, "1", AT(march), { LAYERED_EXPONENTIAL }, 0, 0, march_names,
@@ -59,6 +62,7 @@ static void paper(void *values)
 
     k->as = LAYERED_PAPER;
     k->samples = 100;
+    k->steps = LAYERED_EQUAL;
     k->tolerance = 0.0f;
     k->march = LAYERED_SUM;
     k->refraction = LAYERED_NONE;

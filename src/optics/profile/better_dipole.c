@@ -10,8 +10,8 @@
  * F is met from inside. A rough boundary changes c1 to what it reflects, and c2 in proportion. Without absorption the total is 1 for any c1
  * and c2. Light scattered once is not in it: alpha' stands squared.
  *
- * Light scattered once is added as in single.c, with the medium's own sigma_s, sigma_t and phase function. What it is of, at an albedo of 1,
- * does not collide again: R counts by 1 - that. So the total without absorption is still 1, for any g; at g = 0 totals are within 4 % of
+ * Light scattered once is added as in single.c, with the medium's own sigma_s, sigma_t and phase function. What it is of, at an albedo of
+ * 1, does not collide again: R counts by 1 - that. So the total without absorption is still 1, for any g; at g = 0 totals are within 4 % of
  * photons, where the sum of both would be up to 18 % too much. */
 #include "math/quadrature.h"
 #include "math/vec.h"
