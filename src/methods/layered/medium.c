@@ -13,8 +13,8 @@
 #define BLACK 1e4f         /* 1/mm */
 #define WAYS 2.2           /* mm of a light's way down and up for each of depth */
 #define EVEN 0.1           /* share of a march's steps that are equal */
-#define NEAR_THIN 0.5     /* of one that ends at another surface: share of those by the light of this, */
-#define FAR_THIN 0.2      /* and by the light of that */
+#define NEAR_THIN 0.5      /* of one that ends at another surface: share of those by the light of this, */
+#define FAR_THIN 0.2       /* and by the light of that */
 
 enum { PARTS = 4096 }; /* of a march */
 
