@@ -95,6 +95,14 @@ static void fill(pell_thickness_fn *f, const void *of, double max_mm, float valu
         }
 }
 
+double pell_thickness_beyond(const void *material, int channel, double d)
+{
+    const struct pell_frame_material *m = material;
+    const struct pell_profile *p = &m->profile[channel];
+
+    return (m->white ? 1.0 : pell_profile_total(p)) * (1.0 - pell_profile_cdf(p, d));
+}
+
 void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickness_fn *through, const void *of, bool with_slab,
                                double scale, struct pell_thickness_table *t)
 {

@@ -20,6 +20,9 @@ size_t pell_first_alike(const struct pell_frame_shape *shape, size_t i);
  * integrated over the plane there. */
 typedef double pell_thickness_fn(const void *of, int channel, double d);
 
+/* What the profile of a channel has beyond the radius d: Int R(sqrt(r^2 + d^2)) over the plane at the depth d. */
+double pell_thickness_beyond(const void *material, int channel, double d);
+
 /* Fills `t`: `through` between faces that do not oppose and, with `with_slab`, the slab's total between those that do, over that of the
  * profile where the material is `white`, and how far it spreads. `scale` stretches all distances, >= 0; 0: nothing is transmitted. */
 void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickness_fn *through, const void *of, bool with_slab,

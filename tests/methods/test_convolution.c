@@ -368,7 +368,7 @@ static void leaning_planes_keep_most_of_their_light(void **state)
 static void a_picture_is_the_sum_over_its_pixels(void **state)
 {
     static const double variances[] = { 0.02, 0.5, 9.0, 400.0, 4e4 };
-    static const char *const form[] = { "surfaces=1", "borders=open", NULL };
+    static const char *const form[] = { "surfaces=1", "borders=open", "resolution=1", NULL };
     enum { W = 53, H = 37 };
     struct bench_place at = place_create(2, NULL, NULL);
 

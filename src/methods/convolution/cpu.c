@@ -5,6 +5,8 @@
  */
 #include "methods/convolution/state.h"
 
+#include "methods/thickness.h"
+
 #include "base/pool.h"
 #include "base/simd.h"
 #include "math/vec.h"
@@ -45,6 +47,7 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st->level_tables);
     pell_free(st->ctx, st->tables);
     pell_free(st->ctx, st->radial);
+    pell_free(st->ctx, st->thickness);
     pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
@@ -52,6 +55,22 @@ static void convolution_destroy(void *state)
 static int round_up(int n, int multiple)
 {
     return (n + multiple - 1) / multiple * multiple;
+}
+
+static enum pell_result make_thickness(struct convolution_state *st, const struct pell_frame_shape *shape)
+{
+    st->thickness = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->thickness));
+    if (!st->thickness)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < shape->num_materials; i++) {
+        const struct pell_frame_material *m = &shape->materials[i];
+        const size_t first = pell_first_alike(shape, i);
+        if (first < i)
+            st->thickness[i] = st->thickness[first];
+        else
+            pell_thickness_table_make(m, pell_thickness_beyond, m, true, 1.0, &st->thickness[i]);
+    }
+    return PELL_OK;
 }
 
 static enum pell_result make_materials(struct convolution_state *st, const struct pell_frame_shape *shape)
@@ -70,7 +89,7 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
         convolution_radial_make(&shape->materials[i], radius, st->tables + i * 3 * CONV_RADIAL_FLOATS, st->radial[i]);
     }
     st->num_groups = st->solids ? st->solids->count : shape->num_materials;
-    return PELL_OK;
+    return st->knobs.through == CONV_THROUGH_SLAB ? make_thickness(st, shape) : PELL_OK;
 }
 
 static enum pell_result make_sources(struct convolution_state *st, const struct pell_frame_shape *shape)
@@ -103,7 +122,7 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
         return PELL_OK;
     cells = (size_t) b->width * (size_t) b->height * (size_t) b->layers;
     b->group = pell_calloc(st->ctx, cells, sizeof(*b->group));
-    st->behind_memory = pell_alloc_array(st->ctx, cells, 13 * sizeof(float));
+    st->behind_memory = pell_alloc_array(st->ctx, cells, 19 * sizeof(float));
     if (!b->group || !st->behind_memory)
         return PELL_ERR_NOMEM;
     b->depth = st->behind_memory;
@@ -114,6 +133,8 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
         b->light[c] = b->place + (1 + c) * cells;
         b->enters[c] = b->place + (4 + c) * cells;
         b->close[c] = b->place + (7 + c) * cells;
+        b->counts[c] = b->place + (10 + c) * cells;
+        b->even[c] = b->place + (13 + c) * cells;
     }
     return PELL_OK;
 }
@@ -123,35 +144,64 @@ static bool is_uniform(const struct convolution_state *st)
     return st->knobs.borders == CONV_BORDERS_EVEN || (st->knobs.borders == CONV_BORDERS_AUTO && st->knobs.surfaces == 1);
 }
 
+/* Room for images of this many pixels to one of the picture's. */
+static void find_room(const struct convolution_state *st, const struct pell_frame_shape *shape, int step, struct conv_room *out)
+{
+    const int width = (shape->width + 2 * step - 2) / step + 1, height = (shape->height + 2 * step - 2) / step + 1;
+    const int planes = convolution_planes(&st->knobs, step);
+    const size_t bands = (size_t) (height + CONV_BAND - 1) / CONV_BAND;
+
+    *out = (struct conv_room) {
+        .step = step,
+        .width = width,
+        .height = height,
+        .across = pell_fft_good(2 * width, CONV_MULTIPLE),
+        .down = pell_fft_good(2 * height, CONV_MULTIPLE),
+        .bands = (int) bands,
+        .num_images = planes + (st->knobs.restore == CONV_BETWEEN ? planes - 1 : 0) + (st->solids && st->knobs.apart ? planes : 0),
+        .image_size = (size_t) round_up(width, L) * bands * CONV_BAND,
+    };
+    out->half_size = ((size_t) out->across / 32 + 1) * bands * CONV_BAND * E;
+}
+
+static size_t larger(size_t a, size_t b)
+{
+    return a > b ? a : b;
+}
+
 static enum pell_result make_images(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
-    const int width = (shape->width + 2 * st->step - 2) / st->step + 1, height = (shape->height + 2 * st->step - 2) / st->step + 1;
-    const int across = pell_fft_good(2 * width, CONV_MULTIPLE), down = pell_fft_good(2 * height, CONV_MULTIPLE);
-    const int workers = pell_pool_threads(st->pool);
-    const size_t bands = (size_t) (height + CONV_BAND - 1) / CONV_BAND;
-    size_t scratch, each, table;
+    const int workers = pell_pool_threads(st->pool), first = st->knobs.resolution == CONV_AUTO_SIZE ? CONV_FULL : st->knobs.resolution;
+    const int last = st->knobs.resolution == CONV_AUTO_SIZE ? CONV_HALF_SIZE : st->knobs.resolution;
+    size_t images = 0, half = 0, marks = 0, bands = 0, scratch = 0, table = 0, spectra = 0;
 
-    st->num_images = st->knobs.planes + (st->knobs.restore == CONV_BETWEEN ? st->knobs.planes - 1 : 0);
-    st->num_images += st->solids && st->knobs.apart ? st->knobs.planes : 0;
-    st->image_size = (size_t) round_up(width, L) * bands * CONV_BAND;
-    st->half_size = ((size_t) across / 32 + 1) * bands * CONV_BAND * E;
-    if (st->step > 1)
-        st->images = pell_alloc_array(st->ctx, st->image_size, (size_t) st->num_images * sizeof(float));
-    st->half = pell_alloc_array(st->ctx, st->half_size, (size_t) st->num_images * sizeof(float));
-    st->occupied = pell_calloc(st->ctx, bands, (size_t) st->num_images);
+    for (int i = first; i <= last; i++) {
+        struct conv_room *r = &st->rooms[i];
+        size_t longest;
+        find_room(st, shape, 1 << i, r);
+        longest = (size_t) (r->across > r->down ? r->across : r->down);
+        images = larger(images, i == CONV_FULL ? 0 : r->image_size * (size_t) r->num_images);
+        half = larger(half, r->half_size * (size_t) r->num_images);
+        bands = larger(bands, (size_t) r->bands);
+        marks = larger(marks, (size_t) r->bands * (size_t) r->num_images);
+        scratch = larger(scratch, ((size_t) r->num_images + 2) * pell_fft_buffer((int) longest));
+        scratch = larger(scratch, convolution_spectra_scratch(r->width, r->height));
+        spectra = larger(spectra, convolution_spectra_size(&st->knobs, r->step, shape->orthographic, r->width, r->height));
+        table = larger(table, 3 * longest + 4096);
+    }
+    st->room = st->rooms[first];
+    if (images > 0)
+        st->images = pell_alloc_array(st->ctx, images, sizeof(float));
+    st->half = pell_alloc_array(st->ctx, half, sizeof(float));
+    st->occupied = pell_calloc(st->ctx, marks, 1);
     st->lit = pell_calloc(st->ctx, bands, sizeof(*st->lit));
     if (is_uniform(st))
         st->uniform = pell_alloc_array(st->ctx, (size_t) shape->width * (size_t) shape->height, sizeof(float));
-    each = pell_fft_buffer(across > down ? across : down);
-    scratch = ((size_t) st->num_images + 2) * each;
-    if (scratch < convolution_spectra_scratch(width, height))
-        scratch = convolution_spectra_scratch(width, height);
     scratch = (scratch + 63) / 16 * 16;
     st->scratch = pell_calloc(st->ctx, (size_t) workers, sizeof(*st->scratch));
     st->scratch_memory = pell_alloc_array(st->ctx, scratch, (size_t) workers * sizeof(float));
-    table = 3 * (size_t) (across > down ? across : down) + 4096;
     st->job.tables[0] = pell_alloc_array(st->ctx, table, 2 * sizeof(float));
-    if ((st->step > 1 && !st->images) || !st->half || !st->occupied || !st->lit || !st->scratch || !st->scratch_memory ||
+    if ((images > 0 && !st->images) || !st->half || !st->occupied || !st->lit || !st->scratch || !st->scratch_memory ||
         !st->job.tables[0] || (is_uniform(st) && !st->uniform))
         return PELL_ERR_NOMEM;
     st->job.tables[1] = st->job.tables[0] + table;
@@ -162,8 +212,7 @@ static enum pell_result make_images(struct convolution_state *st, const struct p
         st->num_sets *= CONV_LEVELS + 1;
     st->num_sets = st->num_sets < CONV_SETS ? st->num_sets : CONV_SETS;
     for (size_t i = 0; i < st->num_sets; i++) {
-        st->sets[i].size = convolution_spectra_size(&st->knobs, shape->orthographic, width, height);
-        st->sets[i].memory = pell_alloc_array(st->ctx, st->sets[i].size, sizeof(float));
+        st->sets[i].memory = pell_alloc_array(st->ctx, spectra, sizeof(float));
         if (!st->sets[i].memory)
             return PELL_ERR_NOMEM;
     }
@@ -185,7 +234,6 @@ static enum pell_result convolution_create(const struct pell_services *services,
     st->pool = services->pool;
     st->kernels = convolution_kernels_tables[pell_simd_best()];
     st->knobs = *(const struct convolution_knobs *) knobs;
-    st->step = 1 << st->knobs.resolution;
     if (shape->width > PELL_FFT_MOST / 4 || shape->height > PELL_FFT_MOST / 4)
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%d x %d pixels, at most %d a side", shape->width, shape->height,
                           PELL_FFT_MOST / 4);
@@ -203,6 +251,7 @@ static enum pell_result convolution_create(const struct pell_services *services,
     st->sources.services = services;
     st->sources.solids = st->solids;
     st->sources.one_size = st->knobs.pixels == CONV_ONE;
+    st->sources.along = st->knobs.through == CONV_THROUGH_SLAB;
     st->sources.kernels = st->kernels;
     return PELL_OK;
 
@@ -269,7 +318,7 @@ static void convolve(struct convolution_state *st, int channel, bool uniform)
     for (int i = 0; i < images; i++) {
         j->lit[i] = false;
         for (int band = 0; band < j->bands; band++)
-            j->lit[i] = j->lit[i] || st->occupied[band * st->num_images + i];
+            j->lit[i] = j->lit[i] || st->occupied[band * st->room.num_images + i];
         lit += j->lit[i];
     }
     note_time(st, CONV_T_SPREAD, &clock, j->extent.pixels, j->extent.pixels * 20 + lit * half_bytes);
@@ -302,7 +351,6 @@ static enum pell_result render_level(struct convolution_state *st)
     j->set = set;
     note_time(st, CONV_T_SPECTRA, &clock, 0, 0);
     convolution_weigh(st);
-    convolution_find_borders(st);
     note_time(st, CONV_T_WEIGHTS, &clock, j->extent.pixels, j->extent.pixels * 44);
     PELL_TRY(convolution_show_begin(st));
     for (int c = 0; c < 3; c++) {
@@ -333,6 +381,8 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     if (j->extent.pixels == 0)
         return PELL_OK;
     convolution_find_levels(st, m->strength);
+    convolution_take_level(st, m, material, j->last_level);
+    convolution_take_room(st);
     convolution_take_level(st, m, material, j->first_level); /* the widest lays out for all */
     convolution_lay_out(st);
     j->between = st->knobs.restore == CONV_BETWEEN ? j->layout.planes - 1 : 0;
@@ -416,6 +466,17 @@ static size_t convolution_times(const void *state, struct pell_pass_time *list, 
     return n;
 }
 
+static const struct pell_thickness_table *convolution_thickness(const void *state, size_t material)
+{
+    const struct convolution_state *st = state;
+
+    return st->thickness && material < st->num_materials ? &st->thickness[material] : NULL;
+}
+
 const struct pell_method_engine pell_convolution_cpu = {
-    .create = convolution_create, .record = convolution_render, .destroy = convolution_destroy, .times = convolution_times
+    .create = convolution_create,
+    .record = convolution_render,
+    .destroy = convolution_destroy,
+    .times = convolution_times,
+    .thickness = convolution_thickness,
 };

@@ -25,15 +25,15 @@ static void expand_rows(const struct convolution_state *st, int y, const bool *w
 {
     const struct conv_job *j = &st->job;
     const int last = j->layout.height - 1, first = j->extent.rect.x0 - j->x0, width = j->layout.width;
-    const size_t size = ((size_t) width * (size_t) st->step + 31) / 16 * 16;
-    const float v = ((float) (y - j->y0) + 0.5f) / (float) st->step - 0.5f, at = v < 0.0f ? 0.0f : v > (float) last ? (float) last : v;
+    const size_t size = ((size_t) width * (size_t) st->room.step + 31) / 16 * 16;
+    const float v = ((float) (y - j->y0) + 0.5f) / (float) st->room.step - 0.5f, at = v < 0.0f ? 0.0f : v > (float) last ? (float) last : v;
     const int py = (int) at;
 
     for (int i = 0; i < j->layout.planes + j->between; i++) {
         const float *row = conv_image(st, i) + (ptrdiff_t) py * j->stride;
         if (!which[i])
             continue;
-        st->kernels->expand(row, row + (py < last ? j->stride : 0), at - (float) py, width, st->step, spare, spare + width + 48);
+        st->kernels->expand(row, row + (py < last ? j->stride : 0), at - (float) py, width, st->room.step, spare, spare + width + 48);
         rows[i] = spare + width + 48 + first;
         spare += (size_t) width + 48 + size;
     }
@@ -44,15 +44,15 @@ static void find_reached(const struct convolution_state *st, int y, int *x0, int
 {
     const struct conv_job *j = &st->job;
     const struct pell_rect *rect = &j->extent.rect;
-    const int half = st->step / 2, row = y - j->y0 - half; /* a pixel lies between this one of the images and the next */
-    const int margin = st->step > 1, at = row >= 0 ? row / st->step : 0;
+    const int half = st->room.step / 2, row = y - j->y0 - half; /* a pixel lies between this one of the images and the next */
+    const int margin = st->room.step > 1, at = row >= 0 ? row / st->room.step : 0;
     int low, high;
 
     *x0 = *x1 = 0;
     if (at < j->reached.y0 - margin || at >= j->reached.y1)
         return;
-    low = (j->reached.x0 - margin) * st->step + half - rect->x0 + j->x0;
-    high = j->reached.x1 * st->step + half - rect->x0 + j->x0;
+    low = (j->reached.x0 - margin) * st->room.step + half - rect->x0 + j->x0;
+    high = j->reached.x1 * st->room.step + half - rect->x0 + j->x0;
     *x0 = j->reached.x0 - margin <= 0 || low < 0 ? 0 : low;
     high = high < rect->x1 - rect->x0 ? high : rect->x1 - rect->x0;
     *x1 = high > *x0 ? high : *x0; /* what is reached may lie beside all pixels */
@@ -96,10 +96,11 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
         for (int x = side ? x1 : 0; x < (side ? width : x0); x++)
             out[x] = g.group[x] == g.own ? 0.0f : out[x];
     st->kernels->gather(&g, x0, x1, out);
-    if (j->edges[j->channel].fade > 0.0f)
-        st->kernels->edges(&j->edges[j->channel], y, rect->x0, rect->x1, out - rect->x0);
-    if (j->cut)
-        convolution_make_up_row(st, y, out - rect->x0);
+    if (j->edges[j->channel].fade > 0.0f) {
+        struct conv_edges edges = j->edges[j->channel];
+        edges.light = j->uniform ? NULL : edges.light;
+        st->kernels->edges(&edges, y, rect->x0, rect->x1, out - rect->x0);
+    }
     if (j->divide && !j->uniform)
         divide_row(st, y, sum, j->level >= 0 ? sum : light);
     if (j->level >= 0 && !j->uniform)
@@ -135,7 +136,8 @@ static void back_band(void *arg, int band, int worker)
 {
     struct convolution_state *st = arg;
 
-    convolution_transform_back(st, band, worker, st->job.seen, st->images + (ptrdiff_t) band * CONV_BAND * st->job.stride, st->image_size);
+    convolution_transform_back(st, band, worker, st->job.seen, st->images + (ptrdiff_t) band * CONV_BAND * st->job.stride,
+                               st->room.image_size);
 }
 
 static void expand_and_gather(void *arg, int index, int worker)
@@ -155,7 +157,7 @@ void convolution_gather(struct convolution_state *st)
 {
     const struct conv_job *j = &st->job;
 
-    if (st->step == 1) {
+    if (st->room.step == 1) {
         pell_pool_run(st->pool, j->bands, gather_band, st);
     } else {
         pell_pool_run(st->pool, j->bands, back_band, st);

@@ -429,7 +429,9 @@ INLINE void load_rest(const struct conv_edges *s, int x, int y, struct spots *o)
 
     if (y < s->y0 || y >= s->y1)
         return;
-    o->flux = load_between(s->light + y * s->stride, x, s->x0, s->x1) * load_between(s->enters + row, x, s->x0, s->x1);
+    o->flux = load_between(s->enters + row, x, s->x0, s->x1);
+    if (s->light)
+        o->flux *= load_between(s->light + y * s->stride, x, s->x0, s->x1);
     o->flux = select(o->there, o->flux, all(0.0f));
     o->place = select(o->there, load_between(s->place + row, x, s->x0, s->x1), all(0.0f));
 }

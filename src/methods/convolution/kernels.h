@@ -86,7 +86,7 @@ enum { CONV_WINDOW = 3 }; /* pixels each way that `edges` looks at */
 
 /* Pixels of one channel near edges in depth. */
 struct conv_edges {
-    const float *depth, *light; /* of pixel (0, 0), as are the rest */
+    const float *depth, *light; /* of pixel (0, 0), as are the rest; `light` NULL: of 1 */
     const uint16_t *group;
     const float *place, *area, *enters, *leaves;
     ptrdiff_t stride, group_stride; /* of the picture's, and of the rest */

@@ -54,8 +54,11 @@ static void extent_row(void *arg, int index, int worker)
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++) {
         const size_t row = ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width;
         for (int x = in->rect.x0 / b->step; x <= (in->rect.x1 - 1) / b->step; x++)
-            if (b->group[row + (size_t) x] == st->job.group + 1)
+            if (b->group[row + (size_t) x] == st->job.group + 1) {
                 add_depth(&e, b->depth[row + (size_t) x]);
+                for (int c = 0; c < 3; c++)
+                    e.brightest[c] = fmaxf(e.brightest[c], b->light[c][row + (size_t) x]);
+            }
     }
     st->rows[index] = e;
 }
@@ -73,14 +76,14 @@ void convolution_find_extent(struct convolution_state *st)
             add_depth(&all, e->low);
             add_depth(&all, e->high);
         }
+        for (int c = 0; c < 3; c++)
+            all.brightest[c] = fmaxf(all.brightest[c], e->brightest[c]);
         if (e->pixels == 0)
             continue;
         all.rect.x0 = e->rect.x0 < all.rect.x0 ? e->rect.x0 : all.rect.x0;
         all.rect.x1 = e->rect.x1 > all.rect.x1 ? e->rect.x1 : all.rect.x1;
         all.rect.y0 = e->rect.y0 < all.rect.y0 ? e->rect.y0 : all.rect.y0;
         all.rect.y1 = e->rect.y1;
-        for (int c = 0; c < 3; c++)
-            all.brightest[c] = fmaxf(all.brightest[c], e->brightest[c]);
         all.pixels += e->pixels;
         all.weakest = fminf(all.weakest, e->weakest);
         all.strongest = fmaxf(all.strongest, e->strongest);
@@ -97,7 +100,7 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
     const struct pell_frame *in = st->sources.in;
     const struct conv_behind *b = &st->sources.behind;
     const struct conv_extent *e = &st->job.extent;
-    const float gap = 8.001f * conv_pixel_at(in, high) * (float) st->step;
+    const float gap = 8.001f * conv_pixel_at(in, high) * (float) st->room.step;
     double count[BINS] = { 0 }, all = 0.0, sum = 0.0;
     int at = 1;
 
@@ -123,13 +126,28 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
         lay->depth[i] = fminf(lay->depth[i], lay->depth[i + 1] - gap);
 }
 
+/* resolution=auto: half where half of the light of every channel goes this many pixels. What half the resolution adds to the spread of
+ * light is little beside that of a surface in depth; on a caller's planes the convolution stays exact. */
+#define FAR_PX 3.0f
+
+void convolution_take_room(struct convolution_state *st)
+{
+    const struct conv_job *j = &st->job;
+    const float pixel = conv_pixel_at(j->in, 0.5f * (j->extent.low + j->extent.high));
+    bool far = st->solids != NULL;
+
+    for (int c = 0; c < 3; c++)
+        far = far && (!(j->radial[c].total > 0.0f) || (!j->radial[c].point && sqrtf(j->radial[c].median2) >= FAR_PX * pixel));
+    st->room = st->rooms[st->knobs.resolution != CONV_AUTO_SIZE ? st->knobs.resolution : far ? CONV_HALF_SIZE : CONV_FULL];
+}
+
 /* Chooses planes, sizes and lengths of transforms. */
 void convolution_lay_out(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
     const struct pell_frame *in = j->in;
     const struct conv_extent *e = &j->extent;
-    const int align = st->step > st->sources.behind.step ? st->step : st->sources.behind.step;
+    const int align = st->room.step > st->sources.behind.step ? st->room.step : st->sources.behind.step;
     const double reach = convolution_reach(j->radial, REACH);
     struct conv_layout *lay = &j->layout;
     const float middle = 0.5f * (e->low + e->high), unit = conv_pixel_at(in, middle);
@@ -138,27 +156,27 @@ void convolution_lay_out(struct convolution_state *st)
 
     memset(lay, 0, sizeof(*lay));
     lay->group = j->group * (CONV_LEVELS + 1);
-    lay->planes = st->knobs.planes;
+    lay->planes = convolution_planes(&st->knobs, st->room.step);
     if (!(high - low > 1e-2f * unit) || !(high - low > 4e-6f * high)) /* as good as flat, and facing */
         lay->planes = 1;
     if (st->knobs.placement == CONV_SURFACE) /* no closer than kernels that are sampled every second pixel want it */
-        for (; lay->planes > 2 && high - low < 16.0f * unit * (float) (st->step * (lay->planes - 1)); lay->planes--)
+        for (; lay->planes > 2 && high - low < 16.0f * unit * (float) (st->room.step * (lay->planes - 1)); lay->planes--)
             continue;
-    if (st->knobs.placement == CONV_SURFACE && lay->planes == 2 && high - low < 8.0f * unit * (float) st->step)
+    if (st->knobs.placement == CONV_SURFACE && lay->planes == 2 && high - low < 8.0f * unit * (float) st->room.step)
         lay->planes = 1;
     for (int i = 0; i < lay->planes; i++)
         lay->depth[i] = lay->planes == 1 ? middle : low + (high - low) * ((float) i / (float) (lay->planes - 1));
     if (st->knobs.placement == CONV_SURFACE && lay->planes > 2)
         place_by_surface(st, lay, low, high);
-    lay->unit = unit * (float) st->step;
+    lay->unit = unit * (float) st->room.step;
     for (int i = 0; i < lay->planes; i++)
         lay->pixel[i] = st->knobs.pixels == CONV_ONE
                             ? lay->unit
-                            : conv_clamp(conv_pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->step;
+                            : conv_clamp(conv_pixel_at(in, lay->depth[i]), 1e-3f * unit, 1e3f * unit) * (float) st->room.step;
     j->x0 = e->rect.x0 / align * align;
     j->y0 = e->rect.y0 / align * align;
-    lay->width = (e->rect.x1 - j->x0 + st->step - 1) / st->step;
-    lay->height = (e->rect.y1 - j->y0 + st->step - 1) / st->step;
+    lay->width = (e->rect.x1 - j->x0 + st->room.step - 1) / st->room.step;
+    lay->height = (e->rect.y1 - j->y0 + st->room.step - 1) / st->room.step;
     pad = ceil(fmin(reach / (double) lay->pixel[0], 1e9)) + 1.0;
     lay->across = pell_fft_good(lay->width + (int) fmin(pad, lay->width), CONV_MULTIPLE);
     lay->down = pell_fft_good(lay->height + (int) fmin(pad, lay->height), CONV_MULTIPLE);

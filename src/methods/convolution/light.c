@@ -11,6 +11,8 @@
 #include <limits.h>
 #include <string.h>
 
+#define LEAST_VALUE 1e-30f /* 1/mm^2: R beyond is none, and its inverse no number */
+
 /* What weighing a row needs: of pixels, and of cells behind. */
 struct buffers {
     float *far, *front, *behind, *distance, *slant, *over;
@@ -52,22 +54,24 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         to->front[i] = before ? f->place[pixel] : 0.0f;
         to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->shape.stride + x], 0.0f) : -1.0f;
     }
-    if (!j->behind || j->layout.planes == 1)
-        for (int c = 0; c < 3; c++)
-            memset(close[c], 0, (size_t) count * sizeof(float));
-    if (!j->behind) {
-        kernels->weigh(&j->weights, &cells, enters, NULL);
-        return;
-    }
-    if (j->layout.planes > 1) {
+    if (j->behind && j->layout.planes > 1) {
         cells.far = to->over;
         kernels->weigh(&j->weights, &cells, close, NULL);
+    } else {
+        for (int c = 0; c < 3; c++)
+            memset(close[c], 0, (size_t) count * sizeof(float));
     }
-    /* Kernels that begin at some distance know nothing of leans. */
-    cells.slant = cells.far = to->slant;
+    if (j->behind) /* kernels that begin at some distance know nothing of leans */
+        cells.slant = cells.far = to->slant;
     kernels->weigh(&j->weights, &cells, enters, NULL);
-    if (j->layout.planes > 1)
+    if (j->behind && j->layout.planes > 1)
         kernels->share(&j->shares, count, to->front, to->behind, to->distance, enters, close);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < count; i++)
+            if (cells.group[i] == cells.own) {
+                enters[c][i] *= b->counts[c][at + (size_t) i];
+                close[c][i] *= b->counts[c][at + (size_t) i];
+            }
 }
 
 static void weigh_row(void *arg, int index, int worker)
@@ -125,7 +129,7 @@ static void set_weights(struct convolution_state *st)
         .by_response = st->knobs.restore == CONV_RESPONSE,
         .several = j->set->num_responses > 1,
         .pixel = j->layout.pixel,
-        .per_unit2 = st->sources.one_size ? 1.0f / (float) (st->step * st->step) : 1.0f / (j->layout.unit * j->layout.unit),
+        .per_unit2 = st->sources.one_size ? 1.0f / (float) (st->room.step * st->room.step) : 1.0f / (j->layout.unit * j->layout.unit),
         .response = { j->set->response[0], j->set->response[1], j->set->response[2] },
     };
     j->shares = (struct conv_shares) {
@@ -170,7 +174,7 @@ static void set_edges(struct convolution_state *st, int c)
         .value = r->value,
         .per_median2 = r->per_median2,
     };
-    if (!st->knobs.edges || st->step > 1 || st->knobs.split == CONV_HALF || st->knobs.restore != CONV_BETWEEN || j->divide || r->point ||
+    if (!st->knobs.edges || st->room.step > 1 || st->knobs.split == CONV_HALF || st->knobs.restore != CONV_BETWEEN || r->point ||
         lay->planes == 1)
         return;
     s->fade = conv_clamp(1.5f - 0.5f * sqrtf(r->median2) / lay->unit, 0.0f, 1.0f);
@@ -178,9 +182,10 @@ static void set_edges(struct convolution_state *st, int c)
     for (int y = 0; y < SIDE; y++)
         for (int x = 0; x < SIDE; x++) {
             const float radius2 = (float) (x * x + y * y) * lay->unit * lay->unit, value = convolution_radial_value(r, radius2);
+            const bool is = value > LEAST_VALUE;
             s->radius2[y][x] = radius2;
-            s->square[y][x] = value > 0.0f ? (float) squares[y * SIDE + x] : 0.0f;
-            s->per_value[y][x] = value > 0.0f ? 1.0f / value : 0.0f;
+            s->square[y][x] = is ? (float) squares[y * SIDE + x] : 0.0f;
+            s->per_value[y][x] = is ? 1.0f / value : 0.0f;
             s->next[y][x] = s->per_value[y][x] * convolution_radial_value(r, radius2 + spacing * spacing);
         }
 }
@@ -235,12 +240,12 @@ static void spread_front(const struct convolution_state *st, const struct band *
         .image_size = to->size,
         .x0 = rect->x0 - j->x0,
         .width = (int) j->stride,
-        .step = st->step,
+        .step = st->room.step,
         .own = (uint16_t) (j->group + 1),
     };
     int ends[2] = { INT_MAX, 0 };
 
-    for (int row = j->y0 + y * st->step; row < j->y0 + (y + 1) * st->step; row++) {
+    for (int row = j->y0 + y * st->room.step; row < j->y0 + (y + 1) * st->room.step; row++) {
         const bool is = row >= rect->y0 && row < rect->y1;
         const int py = is ? row : rect->y0;
         const ptrdiff_t at = py * f->stride + j->x0;
@@ -265,7 +270,8 @@ struct cells {
 static void spread_cells(const struct convolution_state *st, const struct band *to, int first, bool front, const struct cells *c)
 {
     const struct conv_job *j = &st->job;
-    const int step = st->sources.behind.step, repeat = step > st->step ? step / st->step : 1, per = st->step > step ? st->step / step : 1;
+    const int step = st->sources.behind.step, repeat = step > st->room.step ? step / st->room.step : 1,
+              per = st->room.step > step ? st->room.step / step : 1;
     const struct conv_spread s = {
         .planes = j->layout.planes,
         .between = front ? j->between : 0,
@@ -314,9 +320,9 @@ static void spread_behind(const struct convolution_state *st, const struct band 
             .group = b->group + at,
             .place = b->place + at,
             .enters = b->enters[j->channel] + at,
-            .light = j->uniform ? NULL : b->light[j->channel] + at,
+            .light = (j->uniform ? b->even : b->light)[j->channel] + at,
             .count = end - x < CELLS ? end - x : CELLS,
-            .x = (x * b->step - j->x0) / st->step,
+            .x = (x * b->step - j->x0) / st->room.step,
             .y = y,
             .y1 = y1,
         };
@@ -344,25 +350,25 @@ static void spread_band(void *arg, int band, int worker)
     const struct conv_behind *b = &st->sources.behind;
     const int images = j->layout.planes + j->between + j->behind, y0 = band * CONV_BAND;
     const int top = j->extent.rect.y0 / b->step, last = (j->extent.rect.y1 - 1) / b->step; /* other cells were not placed */
-    const int repeat = b->step > st->step ? b->step / st->step : 1;
+    const int repeat = b->step > st->room.step ? b->step / st->room.step : 1;
     const struct band to = {
         .images = convolution_band_images(st, worker),
         .size = (size_t) CONV_BAND * (size_t) j->stride,
-        .marks = st->occupied + band * st->num_images,
+        .marks = st->occupied + band * st->room.num_images,
         .lit = &st->lit[band],
         .y0 = y0,
         .y1 = y0 + CONV_BAND < j->layout.height ? y0 + CONV_BAND : j->layout.height,
     };
 
-    for (int i = st->step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* others are written whole */
+    for (int i = st->room.step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* others are written whole */
         memset(to.images + (size_t) i * to.size, 0, to.size * sizeof(float));
-    memset(to.marks, 0, (size_t) st->num_images);
+    memset(to.marks, 0, (size_t) st->room.num_images);
     *to.lit = (struct pell_rect) { INT_MAX, INT_MAX, 0, 0 };
     for (int y = y0; y < to.y1; y++)
         spread_front(st, &to, y);
     for (int k = 0; k < b->layers; k++)
         for (int y = y0; y < to.y1; y += repeat)
-            for (int cy = (j->y0 + y * st->step) / b->step; cy * b->step < j->y0 + (y + repeat) * st->step; cy++)
+            for (int cy = (j->y0 + y * st->room.step) / b->step; cy * b->step < j->y0 + (y + repeat) * st->room.step; cy++)
                 if (cy >= top && cy <= last)
                     spread_behind(st, &to, k, cy, y, y + repeat < to.y1 ? y + repeat : to.y1);
     convolution_transform_rows(st, band, worker, to.images);

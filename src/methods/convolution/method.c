@@ -18,16 +18,18 @@ static const char *const placement_names[] = { "equal", "surface", NULL };
 static const char *const split_names[] = { "linear", "half", NULL };
 static const char *const restore_names[] = { "between", "response", "off", NULL };
 static const char *const threshold_names[] = { "energy", "printed", NULL };
-static const char *const resolution_names[] = { "1", "1/2", "1/4", NULL };
+static const char *const resolution_names[] = { "1", "1/2", "1/4", "auto", NULL };
 static const char *const pixels_names[] = { "each", "one", NULL };
+static const char *const through_names[] = { "slab", "planes", NULL };
 static const char *const step_names[] = { "1", "2", "4", NULL };
-static const char *const borders_names[] = { "auto", "open", "even", NULL };
+static const char *const borders_names[] = { "even", "open", "auto", NULL };
 
 #define AT(field) offsetof(struct convolution_knobs, field)
 /* clang-format off */
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { CONV_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
-    { "planes", PELL_KNOB_INT, "1", AT(planes), { 4 }, 2, CONV_PLANES, NULL, "planes across the depth of the visible object" },
+    { "planes", PELL_KNOB_INT, "1", AT(planes), { 0 }, 0, CONV_PLANES, NULL,
+      "planes across the depth of the visible object; 0: 4, or 12 where they have half the resolution" },
     { "placement", PELL_KNOB_ENUM, "1", AT(placement), { CONV_EQUAL }, 0, 0, placement_names,
       "equally spaced, or denser where there is more surface" },
     { "split", PELL_KNOB_ENUM, "1", AT(split), { CONV_LINEAR }, 0, 0, split_names,
@@ -38,7 +40,9 @@ static const struct pell_knob knobs[] = {
       "skip pairs of planes that exchange less than this" },
     { "threshold-by", PELL_KNOB_ENUM, "1", AT(threshold_by), { CONV_BY_ENERGY }, 0, 0, threshold_names,
       "share of the light, or R over R(0) as in the paper" },
-    { "resolution", PELL_KNOB_ENUM, "1", AT(resolution), { CONV_FULL }, 0, 0, resolution_names, "of the planes, of the picture's" },
+    { "resolution", PELL_KNOB_ENUM, "1", AT(resolution), { CONV_AUTO_SIZE }, 0, 0, resolution_names,
+      "of the planes, of the picture's; auto: 1/2 for objects of a scene where half of the light of all channels goes three pixels "
+      "and more, else 1" },
     { "pixels", PELL_KNOB_ENUM, "1", AT(pixels), { CONV_EACH }, 0, 0, pixels_names,
       "size of pixels under perspective: each plane's own, or one for all planes as in the paper" },
     { "visible", PELL_KNOB_BOOL, "1", AT(visible), { 1 }, 0, 1, NULL, "transform back only planes that the picture needs" },
@@ -46,15 +50,18 @@ static const struct pell_knob knobs[] = {
       "crossings of a view ray whose light is found: the visible one, the last one, and those before that; 1 needs no scene" },
     { "behind-step", PELL_KNOB_ENUM, "px", AT(behind_step), { CONV_EVERY_2 }, 0, 0, step_names,
       "spacing of the rays that find hidden surfaces" },
+    { "through", PELL_KNOB_ENUM, "1", AT(through), { CONV_THROUGH_SLAB }, 0, 0, through_names,
+      "light through thin parts: through a slab of the medium, by the thickness along rays, or by R at the distance of the planes, as in "
+      "the paper" },
     { "apart", PELL_KNOB_BOOL, "1", AT(apart), { 1 }, 0, 1, NULL,
       "keep light that enters on the far side in its own image, at its mean distance from the plane; off: one image, as in the "
       "paper" },
     { "edges", PELL_KNOB_BOOL, "1", AT(edges), { 1 }, 0, 1, NULL,
       "where light goes a pixel or two: pixels across an edge in depth are no neighbours; the surface goes on evenly there "
       "instead" },
-    { "borders", PELL_KNOB_ENUM, "1", AT(borders), { CONV_BORDERS_AUTO }, 0, 0, borders_names,
-      "open: light comes from what was found alone; even: what was not found is taken to be as bright as what was; auto: that of "
-      "objects beyond the picture's border alone, and even for surfaces=1" },
+    { "borders", PELL_KNOB_ENUM, "1", AT(borders), { CONV_BORDERS_EVEN }, 0, 0, borders_names,
+      "even: hidden surface is taken to be as bright as what was found, by the same convolutions of light of 1; open: light comes from "
+      "what was found alone; auto: open, and even for surfaces=1, which finds nothing hidden" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL,
       "scale the scattering radius by the material's strength map: convolutions at radii that halve, and pixels between them" },
     { 0 },
@@ -67,6 +74,7 @@ static void paper(void *values)
     struct convolution_knobs *k = values;
 
     k->as = CONV_PAPER;
+    k->planes = 4;
     k->split = CONV_HALF;
     k->restore = CONV_LOST;
     k->threshold = 0.001f;
@@ -74,8 +82,10 @@ static void paper(void *values)
     k->resolution = CONV_HALF_SIZE;
     k->behind_step = CONV_EVERY_1;
     k->pixels = CONV_ONE;
+    k->through = CONV_THROUGH_PLANES;
     k->apart = false;
     k->edges = false;
+    k->borders = CONV_BORDERS_AUTO;
     k->strength = false;
 }
 
@@ -93,6 +103,8 @@ static void plan(const void *values, struct pell_plan *plan)
     *plan = (struct pell_plan) { .needs = PELL_NEED_IRRADIANCE, .quantity = PELL_QUANTITY_EXITANCE, .mix = -1.0f, .local = true };
     if (k->strength)
         plan->needs |= PELL_NEED_STRENGTH;
+    if (k->through == CONV_THROUGH_SLAB)
+        plan->needs |= PELL_NEED_TRANSMISSION;
     if (k->surfaces > 1)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_HIT;
 }

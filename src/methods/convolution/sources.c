@@ -12,6 +12,8 @@
 
 #include <string.h>
 
+#define LEAST_COUNT 1e-3f
+
 /* --- What the camera sees ----------------------------------------------------------------------------------------------------------- */
 
 /* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the camera from the side of the picture. */
@@ -122,19 +124,51 @@ static float cell_middle(const struct conv_behind *b, int cell)
     return (float) (cell * b->step) + 0.5f * (float) (b->step - 1);
 }
 
+/* Share of a sample's light that planes bring. Faces that look where pixels do, to the camera or, past a rim, nearly so, send light along
+ * the surface; others through the solid: by planes, that is the engine's where diffusion in the solid was solved. */
+static bool find_counts(const struct conv_sources *s, const struct pell_points16 *points, int i, struct pell_vec3 normal,
+                        struct pell_vec3 direction, float counts[3], float *along)
+{
+    const float away = fminf(vec3_dot(normal, direction), 1.0f);
+    float most = 0.0f;
+
+    counts[0] = counts[1] = counts[2] = *along = 1.0f;
+    if (away > 0.0f) {
+        *along = 1.0f - away * away;
+        if (s->along)
+            counts[0] = counts[1] = counts[2] = 0.0f;
+        else
+            pell_services_transmitted(s->services, points->mesh[i], points->triangle[i], points->u[i], points->v[i], counts);
+    }
+    for (int c = 0; c < 3; c++) {
+        counts[c] += *along * (1.0f - counts[c]);
+        most = fmaxf(most, counts[c]);
+    }
+    return most > LEAST_COUNT;
+}
+
 static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, float depth,
-                       const struct pell_points16_light *light, int32_t solid)
+                       const struct pell_points16 *points, const struct pell_points16_light *light)
 {
     const struct conv_behind *b = &s->behind;
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
     const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
 
+    float counts[3], along;
+
+    if (!find_counts(s, points, i, n, c->direction[i], counts, &along))
+        return;
+    if (layer > 0 && !(light->irradiance[0][i] + light->irradiance[1][i] + light->irradiance[2][i] > 0.0f))
+        along = 0.0f; /* one part of the object inside another, more likely than not: no surface that could be lit */
     cover(s, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);
     b->depth[to] = depth;
-    b->group[to] = (uint16_t) (solid + 1);
-    for (int k = 0; k < 3; k++)
+    b->group[to] = (uint16_t) (s->solids->of_mesh[points->mesh[i]] + 1);
+    for (int k = 0; k < 3; k++) {
         b->light[k][to] = light->irradiance[k][i];
+        b->counts[k][to] = counts[k];
+        b->even[k][to] = along / fmaxf(counts[k], LEAST_COUNT);
+    }
 }
 
 /* Whether a hit is of what the camera sees, and a pixel already: a triangle of one of the cell's pixels, or one that faces the camera and
@@ -208,11 +242,13 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         if (there == 0)
             break;
         rays += (int) pell_services_light16(
-            s->services, &(struct pell_points_params) { .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples },
+            s->services,
+            &(struct pell_points_params) {
+                .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples, .local = s->along },
             &points, NULL, 16, &light);
         for (int i = 0; i < c->count; i++)
             if (open[i] && light.there[i] && s->solids->of_mesh[points.mesh[i]] >= 0)
-                put_sample(s, c, i, layer, cell_y, depth[i], &light, s->solids->of_mesh[points.mesh[i]]);
+                put_sample(s, c, i, layer, cell_y, depth[i], &points, &light);
     }
     return rays;
 }

@@ -28,10 +28,10 @@ static size_t whole(int across, int down)
     return ((size_t) across / 32 + 1) * ((size_t) down / 2 + 1) * PELL_FFT_LANES;
 }
 
-size_t convolution_spectra_size(const struct convolution_knobs *k, bool orthographic, int width, int height)
+size_t convolution_spectra_size(const struct convolution_knobs *k, int step, bool orthographic, int width, int height)
 {
     const int across = pell_fft_good(2 * width, MULTIPLE), down = pell_fft_good(2 * height, MULTIPLE);
-    const size_t full = whole(across, down), n = (size_t) k->planes, own = orthographic ? 1 : n;
+    const size_t full = whole(across, down), n = (size_t) convolution_planes(k, step), own = orthographic ? 1 : n;
     const size_t half = ((size_t) across / 64 + 2) * ((size_t) down / 4 + 2) * PELL_FFT_LANES; /* of planes 8 pixels apart, or more */
     const size_t pairs = k->placement == CONV_SURFACE ? full + n * (n - 1) / 2 * half : full * (n - 1);
 

@@ -31,13 +31,11 @@ struct conv_extent {
     int64_t pixels;
 };
 
-/* What a border of the picture hides, see borders.c: over the root of the distance. */
-enum { CONV_BORDER_STEPS = 32 };
-enum conv_side { CONV_LEFT, CONV_RIGHT, CONV_TOP, CONV_BOTTOM, CONV_SIDES };
-struct conv_border {
-    float reach; /* mm */
-    float hidden[CONV_BORDER_STEPS + 1];
-    float known[CONV_WINDOW]; /* of it, what `edges` has made up for: over pixels from the border */
+/* Images of one resolution. */
+struct conv_room {
+    int step;                                           /* pixels of the picture to one of an image */
+    int width, height, across, down, bands, num_images; /* at most */
+    size_t image_size, half_size;                       /* of one */
 };
 
 struct convolution_state {
@@ -49,7 +47,8 @@ struct convolution_state {
     struct pell_solids *solids; /* or NULL */
     const struct pell_frame_material *materials;
     size_t num_materials, num_groups;
-    struct conv_radial (*radial)[3]; /* of materials */
+    struct conv_radial (*radial)[3];        /* of materials */
+    struct pell_thickness_table *thickness; /* of materials; NULL with through=planes */
     float *tables;
     struct conv_radial level_radial[CONV_LEVELS][3]; /* of a material at other strengths, */
     size_t level_of[CONV_LEVELS];                    /* its number + 1 */
@@ -63,13 +62,11 @@ struct convolution_state {
     unsigned char *there;     /* groups in a frame */
     int *ray_counts;
 
-    int step; /* pixels to one of an image */
-    int num_images;
-    float *images; /* of planes that are smaller than the picture */
+    struct conv_room rooms[CONV_AUTO_SIZE], room; /* by enum conv_resolution, those that may be asked for; of the job */
+    float *images;                                /* of planes that are smaller than the picture */
     float *half, **scratch, *scratch_memory, *uniform;
-    size_t image_size, half_size; /* of one */
-    unsigned char *occupied;      /* [band][image] */
-    struct pell_rect *lit;        /* of bands: where their light is, pixels of images */
+    unsigned char *occupied; /* [band][image] */
+    struct pell_rect *lit;   /* of bands: where their light is, pixels of images */
 
     /* The running group and channel. */
     struct conv_job {
@@ -100,9 +97,6 @@ struct convolution_state {
         struct conv_weights weights;
         struct conv_shares shares;
         struct conv_edges edges[3]; /* fade 0: none */
-        bool cut;                   /* the object may go on beyond the picture, */
-        struct conv_border border[3];
-        float beyond[CONV_SIDES]; /* pixels that it may go on for */
     } job;
     float *shown; /* what show.c collects; NULL: nobody observes */
     struct pell_pass_time times[CONV_TIMES];
@@ -116,26 +110,23 @@ static inline float conv_clamp(float x, float low, float high)
 
 static inline float *conv_image(const struct convolution_state *st, int image)
 {
-    return st->images + (size_t) image * st->image_size;
+    return st->images + (size_t) image * st->room.image_size;
 }
 
 static inline float *conv_half(const struct convolution_state *st, int image)
 {
-    return st->half + (size_t) image * st->half_size;
+    return st->half + (size_t) image * st->room.half_size;
 }
 
 /* layout.c: the pixels of the job's group, its planes and the sizes of its images, the place of each sample among the planes, and which
  * images the picture needs. */
 void convolution_find_extent(struct convolution_state *st);
+void convolution_take_room(struct convolution_state *st);
 void convolution_lay_out(struct convolution_state *st);
 void convolution_place(struct convolution_state *st);
 /* How far light behind is from the planes that it and what lies before it share: the distance at which as much arrives as on the mean over
  * all rays. Planes without any: half way to the next. */
 void convolution_measure_behind(struct convolution_state *st);
-
-/* borders.c: whether light from beyond the picture is made up for; then that of a row of pixels, `out` from x = 0 on. */
-void convolution_find_borders(struct convolution_state *st);
-void convolution_make_up_row(const struct convolution_state *st, int y, float *out);
 
 /* light.c: what light weighs, by place and lean; then for one channel light to planes, and their rows to half spectra. */
 void convolution_weigh(struct convolution_state *st);

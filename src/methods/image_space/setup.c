@@ -81,15 +81,6 @@ fail:
     return res;
 }
 
-/* What the profile of a channel has beyond the radius d: Int R(sqrt(r^2 + d^2)) over the plane at the depth d. */
-static double beyond(const void *material, int channel, double d)
-{
-    const struct pell_frame_material *m = material;
-    const struct pell_profile *p = &m->profile[channel];
-
-    return (m->white ? 1.0 : pell_profile_total(p)) * (1.0 - pell_profile_cdf(p, d));
-}
-
 static enum pell_result make_thickness(struct is_setup *st, const struct pell_frame_shape *shape)
 {
     const int through = is_through_of(&st->knobs);
@@ -105,7 +96,7 @@ static enum pell_result make_thickness(struct is_setup *st, const struct pell_fr
         if (first < i)
             st->thickness[i] = st->thickness[first];
         else
-            pell_thickness_table_make(m, beyond, m, through == IS_THROUGH_SLAB, 1.0, &st->thickness[i]);
+            pell_thickness_table_make(m, pell_thickness_beyond, m, through == IS_THROUGH_SLAB, 1.0, &st->thickness[i]);
     }
     return PELL_OK;
 }
