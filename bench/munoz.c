@@ -89,13 +89,13 @@ enum pell_result bench_munoz_2(struct bench *b)
             const bool printed = strcmp(rows[i].rule, "printed") == 0;
             const double n = convolutions(&s->materials[s->meshes[0].material], depth_range(s), 8, strtod(rows[i].value, NULL), printed);
             char knobs[96], name[96];
-            snprintf(knobs, sizeof(knobs), "planes=8 threshold=%s threshold-by=%s", rows[i].value, rows[i].rule);
+            snprintf(knobs, sizeof(knobs), "planes=8 resolution=1 threshold=%s threshold-by=%s", rows[i].value, rows[i].rule);
             snprintf(name, sizeof(name), "%s, t %s%s, %.1f convolutions", small ? "small" : "large", rows[i].value,
                      printed ? " as printed" : "", n);
             PELL_TRY(measure(b, name, knobs, false, false));
         }
         PELL_TRY(measure(b, small ? "small, also planes that are not seen" : "large, also planes that are not seen",
-                         "planes=8 threshold=0 visible=off", false, false));
+                         "planes=8 resolution=1 threshold=0 visible=off", false, false));
     }
     res = PELL_OK;
 
@@ -142,7 +142,7 @@ static enum pell_result fill(struct bench *b)
     b->s.scene->cameras[0].fov = camera.fov * FILLING;
     for (size_t i = 0; i < PELL_COUNT(values); i++) {
         snprintf(name, sizeof(name), "4 planes, resolution %s", values[i]);
-        snprintf(knobs, sizeof(knobs), "resolution=%s", values[i]);
+        snprintf(knobs, sizeof(knobs), "planes=4 resolution=%s", values[i]);
         PELL_TRY(measure(b, name, knobs, true, true));
     }
     first = b->rows.count;
@@ -150,7 +150,7 @@ static enum pell_result fill(struct bench *b)
         PELL_TRY(bench_stretch(b, radii[i] / now));
         now = radii[i];
         snprintf(name, sizeof(name), "radius x %g", now);
-        PELL_TRY(measure(b, name, "", false, true));
+        PELL_TRY(measure(b, name, "planes=4 resolution=1", false, true));
         plain = i == 1 ? b->rows.items[b->rows.count - 1].ms : plain;
     }
     for (size_t i = first; i < b->rows.count; i++) {

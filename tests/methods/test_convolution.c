@@ -362,6 +362,63 @@ static void leaning_planes_keep_most_of_their_light(void **state)
     place_destroy(&at);
 }
 
+/* A leaning plane, half of it lit. Across its slope light spreads as on a facing one; along it as far as planes parallel to the image
+ * tell depths apart. */
+static void a_step_across_a_slope_is_exact(void **state)
+{
+    static const char *const forms[][3] = { { "surfaces=1", "planes=4", NULL }, { "surfaces=1", "planes=16", NULL } };
+    const struct pell_frame_material m = one(2.0);
+    struct bench_place at = place_create(2, NULL, NULL);
+
+    (void) state;
+    for (int degrees = 0; degrees <= 75; degrees += SLOW ? 75 : 15) {
+        const double slope = tan(degrees * PELL_PI / 180.0), longer = sqrt(1.0 + slope * slope);
+        double worst[2][2] = { { 0.0 } };
+        for (int k = 0; k < 4; k++) {
+            const int form = k / 2, along = k % 2;
+            struct patch *p = patch_create(181, 121, true, 3.0, 600.0, &m, 1);
+            patch_tilt(p, 600.0, slope, 0.0);
+            for (int y = 0; y < 121; y++)
+                for (int x = 0; x < 181; x++)
+                    for (int c = 0; c < 3; c++)
+                        p->light[c][patch_at(p, x, y)] = (along ? x < 90 : y < 60) ? 1.0f : 0.0f;
+            patch_run(&at, method(at.ctx), forms[form], p);
+            for (int i = -20; i < 20; i++) {
+                const double v = (double) p->result[0][along ? patch_at(p, 90 + i, 60) : patch_at(p, 90, 60 + i)];
+                const double mm = -(i + 0.5) / 3.0 * (along ? longer : 1.0);
+                worst[form][along] = fmax(worst[form][along], fabs(v - inside_step(-INFINITY, mm, 2.0)));
+            }
+            patch_destroy(p);
+        }
+        print_message("# %2d degrees: off by %.3f of the step across the slope, %.3f along it; 16 planes %.3f, %.3f\n", degrees,
+                      worst[0][0], worst[0][1], worst[1][0], worst[1][1]);
+        for (int form = 0; form < 2; form++)
+            REQUIRE(worst[form][0] < 1e-3 && worst[form][1] < (degrees <= 45 ? 0.1 : 0.3));
+    }
+    place_destroy(&at);
+}
+
+/* Light that stays in a small part of its pixel, beside an edge in depth: at the next pixel R is near the least number of a float. */
+static void light_that_stays_in_its_pixel_is_kept(void **state)
+{
+    static const char *const form[] = { "surfaces=1", NULL };
+    struct bench_place at = place_create(2, NULL, NULL);
+
+    (void) state;
+    for (double variance = 4e-4; variance < 7e-4; variance += 2e-5) {
+        const struct pell_frame_material m = one(variance);
+        struct patch *p = patch_create(40, 20, true, 3.0, 600.0, &m, 1);
+        for (int y = 0; y < 20; y++)
+            for (int x = 20; x < 40; x++)
+                p->depth[patch_at(p, x, y)] = 610.0f;
+        patch_run(&at, method(at.ctx), form, p);
+        for (int x = 0; x < 40; x++)
+            REQUIRE_NEAR((double) p->result[0][patch_at(p, x, 10)], 1.0, 1e-3);
+        patch_destroy(p);
+    }
+    place_destroy(&at);
+}
+
 /* --- Nothing comes round ----------------------------------------------------------------------------------------------------------- */
 
 /* Light of a facing plane against the sum over all pixels, with profiles narrower than a pixel and wider than the picture. */
@@ -492,6 +549,8 @@ int main(void)
         cmocka_unit_test(splitting_in_halves_loses_light),
         cmocka_unit_test(edges_in_depth_keep_light_apart),
         cmocka_unit_test(leaning_planes_keep_most_of_their_light),
+        cmocka_unit_test(a_step_across_a_slope_is_exact),
+        cmocka_unit_test(light_that_stays_in_its_pixel_is_kept),
         cmocka_unit_test(a_picture_is_the_sum_over_its_pixels),
         cmocka_unit_test(the_left_edge_does_not_light_the_right),
         cmocka_unit_test(coarse_planes_lose_detail_alone),

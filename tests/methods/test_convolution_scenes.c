@@ -276,6 +276,33 @@ static void thick_parts_stay_dark_before_light(void **state)
     REQUIRE(thick[1] < 1e-4 * thin[1]);
 }
 
+/* The middle of sheets of a medium that are lit from behind: a slab's T, which R at the distance of the planes is not. */
+static void sheets_transmit_what_slabs_do(void **state)
+{
+    (void) state;
+    for (float d = 0.5f; d < 5.0f; d *= 2.0f) {
+        double middle[3];
+        for (int i = 0; i < 3; i++) {
+            static const char *const planes[] = { "through=planes", NULL };
+            struct stage s;
+            struct shot shot;
+            size_t m;
+            stage_start(&s, 32, 32);
+            stage_medium(&s, "marble", &m);
+            stage_box(&s, m, 0, vec3(-20, -20, -d), vec3(20, 20, 0));
+            stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -60), vec3(0, 0, 0), 2.0f);
+            stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 16.0f);
+            shot = stage_shot_of(&s, i == 0 ? "screen-space" : "convolution", i == 2 ? planes : NULL);
+            middle[i] = shot_at(&shot, 1, 16, 16);
+            shot_free(&shot);
+            stage_finish(&s);
+        }
+        print_message("# %g mm: %.3f of a slab's light, by planes %.3f\n", (double) d, middle[1] / middle[0], middle[2] / middle[0]);
+        REQUIRE_REL(middle[1], middle[0], 0.02);
+        REQUIRE(d > 0.5f || middle[2] > 1.15 * middle[0]);
+    }
+}
+
 /* Pixels keep the numbers of solids in 16 bits. */
 static void too_many_solids_are_refused_by_name(void **state)
 {
@@ -440,6 +467,7 @@ int main(void)
         cmocka_unit_test(light_behind_is_of_its_own_frame),
         cmocka_unit_test(planes_slide_without_popping),
         cmocka_unit_test(thick_parts_stay_dark_before_light),
+        cmocka_unit_test(sheets_transmit_what_slabs_do),
         cmocka_unit_test(objects_go_on_beyond_the_picture),
         cmocka_unit_test(a_painted_strength_scales_the_radius),
         cmocka_unit_test(too_many_solids_are_refused_by_name),
