@@ -51,9 +51,9 @@ _pellucid()
         case $method in
         screen-space) COMPREPLY=($(compgen -S = -W "as gaussians profile input first edges foreshortening ssslevel correction maxdd lod kernel rank taps rotate strength through" -- "$current")) ;;
         image-space) COMPREPLY=($(compgen -S = -W "as samples adaptive progressive sampling tile views view-size renormalise jacobian reconstruct strength spread profile through misprint" -- "$current")) ;;
-        texture-space) COMPREPLY=($(compgen -S = -W "as size gaussians charts border kernel stretch first tsm tsm-size through thickness fade soften lights strength mix" -- "$current")) ;;
+        texture-space) COMPREPLY=($(compgen -S = -W "as size gaussians charts border kernel stretch first tsm tsm-size through thickness fade soften lights strength cull mix" -- "$current")) ;;
         convolution) COMPREPLY=($(compgen -S = -W "as planes placement split restore threshold threshold-by resolution pixels visible surfaces behind-step through apart edges borders strength" -- "$current")) ;;
-        layered) COMPREPLY=($(compgen -S = -W "as samples tolerance march refraction light-path planes epsilon lamps below shadows multiple diffuse" -- "$current")) ;;
+        layered) COMPREPLY=($(compgen -S = -W "as samples steps tolerance march refraction light-path planes epsilon lamps below shadows multiple diffuse" -- "$current")) ;;
         hierarchical) COMPREPLY=($(compgen -S = -W "as error density most near gaussians strength" -- "$current")) ;;
         dipole) COMPREPLY=($(compgen -S = -W "as error most sampling strength half" -- "$current")) ;;
         path-trace) COMPREPLY=($(compgen -S = -W "as samples error time-limit surface normals boundary bounces reentry events roulette acceleration connections half" -- "$current")) ;;
