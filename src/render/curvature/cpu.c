@@ -386,6 +386,7 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
     if (shape.thinness > 0.0f) {
         const float sheet = fmaxf(2.0f * beyond / shape.thinness - 1.0f, 0.0f); /* 0: balls and cylinders; 1: flat */
         float slab[3] = { 1.0f, 1.0f, 1.0f }, through[3];
+        out->flat = sheet;
         look_up(law->through, thin_place(law, shape.thinness), through);
         if (beyond > 0.0f)
             look_up(law->slab, thin_place(law, beyond), slab);

@@ -46,6 +46,7 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curva
  * that is flat and thin; 1 of others. */
 struct pell_curvature_effect {
     float gain[3], local[3], opposed[3], opposed_local[3], shift[3], sheet[3], round[3], returned[3];
+    float flat; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
 };
 void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
                               struct pell_curvature_effect *out);

@@ -357,8 +357,10 @@ static void shade_side(const struct job *job, struct packet *k)
     struct gains gains;
     struct inside inside;
 
-    for (int i = 0; i < PELL_LANES; i++)
+    for (int i = 0; i < PELL_LANES; i++) {
         k->straight[i] = -1;
+        k->flat[i] = 1.0f;
+    }
     if (job->p->curvature)
         pell_bend_gains(job, k, &gains);
     if (job->p->through)

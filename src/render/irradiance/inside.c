@@ -31,6 +31,7 @@ void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gain
                                            .opposed_local = { 1.0f, 1.0f, 1.0f } };
         if (!k->lanes.opaque[i])
             pell_curvature_effect_at(job->p->curvature, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &e);
+        k->flat[i] = e.flat;
         for (int c = 0; c < 3; c++) {
             gains->all[c][i] = job->p->flat ? 1.0f : pell_irradiance_gain(job->p, &e)[c];
             gains->between[c][i] = job->p->flat ? 1.0f : e.opposed_local[c];

@@ -29,6 +29,7 @@ struct packet {
     _Alignas(64) int32_t index[16];
     uint32_t material[16];
     int32_t straight[16]; /* lanes for which transmitted light is sought straight through */
+    float flat[16];       /* share of the variance of a slab with which straight light spreads: struct pell_curvature_effect */
     float ambient[16];    /* visibility of the environment's smooth rest */
     int count;
     int64_t held;  /* the material whose traits all lanes have; -1: none */

@@ -169,12 +169,13 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
     return pell_transmittance(l->rho[i], l->fd[i], scale, bias);
 }
 
-/* What gets through to lane i, of which it is known how far it went. */
+/* What gets through to lane i, of which it is known how far it went. In round parts light spreads around all of it, which is no matter of a
+ * slab. */
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
         k->sums.transmitted[c][i] += light[c];
-        k->sums.way[i] += d * light[c];
+        k->sums.way[i] += d * k->flat[i] * light[c];
     }
 }
 
