@@ -17,6 +17,7 @@
 #define REPEATS 3   /* frames, at most */
 #define LEAVES 200
 #define CROWN 330.0f        /* mm: its radius */
+#define AWAY 2340.0f        /* mm: from the camera to its middle */
 #define AROUND 3.883222077f /* rad from a leaf to the next: 2 pi (golden ratio - 1) */
 
 enum place { IN_SIGHT, HIDDEN, ASIDE };
@@ -196,6 +197,8 @@ static enum pell_result run_leaves(struct bench *b)
     static const struct crowd crowd = { "200 leaves", 0, 2, 0.0f, IN_SIGHT };
     struct pell_scene *s = b->s.scene;
     const struct pell_scene whole = *s;
+    struct pell_camera *camera = &s->cameras[0];
+    const struct pell_camera near = *camera;
     struct pell_mesh *leaves;
     enum pell_result res;
 
@@ -213,6 +216,8 @@ static enum pell_result run_leaves(struct bench *b)
         }
     s->meshes = leaves;
     s->num_meshes = LEAVES;
+    camera->position[0] = 0.0f;
+    camera->position[2] = AWAY;
     for (int c = 0; c < 3; c++) {
         s->bounds_max[c] = CROWN + whole.bounds_max[0]; /* x is a leaf's length, the largest of it */
         s->bounds_min[c] = -s->bounds_max[c];
@@ -222,6 +227,7 @@ static enum pell_result run_leaves(struct bench *b)
 
 fail:
     *s = whole;
+    *camera = near;
     for (int i = 0; i < LEAVES; i++) {
         free(leaves[i].position);
         free(leaves[i].normal);
