@@ -244,7 +244,10 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
         for (ptrdiff_t at = y * a->stride; at < y * a->stride + a->width; at++)
             if (a->source[at] != NONE)
                 b.place[at] = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
-    ts_atlas_tilt(&b);
+    if (a->scene->animated)
+        ts_atlas_tilt_by_lengths(a, params->pool); /* a film's first frame as all others */
+    else
+        ts_atlas_tilt(&b);
     *out = a;
     a = NULL;
 

@@ -41,6 +41,8 @@ static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pe
 
 /* update.c: of all vertices. */
 uint64_t ts_atlas_positions(const struct ts_atlas *a);
+/* update.c: what curvature.c does, by how lengths change across lines, which needs no places. */
+void ts_atlas_tilt_by_lengths(struct ts_atlas *a, struct pell_pool *pool);
 
 /* mm^2; 0 where it is no number. */
 static inline double area_of(const struct ts_atlas *a, uint32_t t)

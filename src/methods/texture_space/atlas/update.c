@@ -115,6 +115,11 @@ static void tilt_rows(void *arg, int band, int worker)
             }
 }
 
+void ts_atlas_tilt_by_lengths(struct ts_atlas *a, struct pell_pool *pool)
+{
+    pell_pool_run(pool, (a->height + BAND - 1) / BAND, tilt_rows, a);
+}
+
 bool ts_atlas_update(struct ts_atlas *a, struct pell_pool *pool, const struct pell_scene *scene)
 {
     const struct pell_scene *before = a->scene;
@@ -137,6 +142,6 @@ bool ts_atlas_update(struct ts_atlas *a, struct pell_pool *pool, const struct pe
     a->mm_per_texel = a->inner > 0 ? sqrt(area / (double) a->inner) : 1.0;
     pell_pool_run(pool, (int) ((a->num_triangles + TRIANGLES - 1) / TRIANGLES), measure_triangles, a);
     pell_pool_run(pool, (a->height + BAND - 1) / BAND, measure_rows, a);
-    pell_pool_run(pool, (a->height + BAND - 1) / BAND, tilt_rows, a);
+    ts_atlas_tilt_by_lengths(a, pool);
     return true;
 }
