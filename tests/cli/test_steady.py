@@ -109,7 +109,7 @@ def steady(folder):
     print(f'# of {len(pixels)} pixels: second difference {scattered[0]:.5f} of the mean, without scattering {plain[0]:.5f}; from the first '
           f'frame to the last {scattered[1]:.4f}, {plain[1]:.4f}')
     need(plain[1] > 0.005, 'nothing moves')
-    need(scattered[0] < 0.0015, scattered, plain)
+    need(scattered[0] < 0.0008, scattered, plain)
 
 
 if __name__ == '__main__':
