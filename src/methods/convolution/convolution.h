@@ -101,17 +101,17 @@ struct conv_behind {
     float *depth, *area, *slant, *place, *light[3];
     float *enters[3], *close[3]; /* what light weighs behind, and what it weighs at the place of the pixel before it */
     float *counts[3];            /* share of the light that the planes bring */
-    float *even[3];              /* of that, light of faces that look where pixels do: what is there under light of 1 */
+    float *even[3];              /* of that, the share along the surface, of faces that look where pixels do */
 };
 
 struct conv_sources {
     const struct pell_services *services;
     const struct conv_kernels *kernels;
     const struct pell_solids *solids; /* NULL: no scene, materials are groups */
+    const bool *by_slab;              /* of materials: hidden faces send light along the surface alone, not through it; NULL: none */
     const struct pell_frame *in;
     struct pell_view view;
     bool one_size;   /* pixels=one */
-    bool along;      /* hidden faces send light along the surface alone, not through the solid */
     float far_depth; /* behind all */
     struct conv_front front;
     struct conv_behind behind;

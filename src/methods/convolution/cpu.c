@@ -48,6 +48,7 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st->tables);
     pell_free(st->ctx, st->radial);
     pell_free(st->ctx, st->thickness);
+    pell_free(st->ctx, st->by_slab);
     pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st);
 }
@@ -60,15 +61,21 @@ static int round_up(int n, int multiple)
 static enum pell_result make_thickness(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
     st->thickness = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->thickness));
-    if (!st->thickness)
+    st->by_slab = pell_calloc(st->ctx, shape->num_materials, sizeof(*st->by_slab));
+    if (!st->thickness || !st->by_slab)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < shape->num_materials; i++) {
         const struct pell_frame_material *m = &shape->materials[i];
         const size_t first = pell_first_alike(shape, i);
-        if (first < i)
+        struct pell_slab slab[3];
+        if (first < i) {
             st->thickness[i] = st->thickness[first];
-        else
-            pell_thickness_table_make(m, pell_thickness_beyond, m, true, 1.0, &st->thickness[i]);
+            st->by_slab[i] = st->by_slab[first];
+            continue;
+        }
+        /* Without hidden faces planes bring nothing through: R over the thickness does, then. */
+        st->by_slab[i] = !st->solids || pell_slabs_make(m, slab);
+        pell_thickness_table_make(m, pell_thickness_beyond, m, true, st->by_slab[i] ? 1.0 : 0.0, &st->thickness[i]);
     }
     return PELL_OK;
 }
@@ -251,7 +258,7 @@ static enum pell_result convolution_create(const struct pell_services *services,
     st->sources.services = services;
     st->sources.solids = st->solids;
     st->sources.one_size = st->knobs.pixels == CONV_ONE;
-    st->sources.along = st->knobs.through == CONV_THROUGH_SLAB;
+    st->sources.by_slab = st->by_slab;
     st->sources.kernels = st->kernels;
     return PELL_OK;
 

@@ -303,6 +303,25 @@ static void spread_cells(const struct convolution_state *st, const struct band *
         widen_row(to, ends, row);
 }
 
+/* Light of cells that begin with `at`, in column x and pixel row py. Transmitted light is no mean over surface, which hidden
+ * surface would be missing from: each pixel is divided by what planes do to light of 1 there, so it is multiplied by that here. */
+static void weigh_through(const struct convolution_state *st, size_t at, int x, int py, int count, float *out)
+{
+    const struct conv_job *j = &st->job;
+    const struct conv_front *f = &st->sources.front;
+    const struct conv_behind *b = &st->sources.behind;
+    const float *light = b->light[j->channel] + at, *even = b->even[j->channel] + at;
+    const float total = j->radial[j->channel].total, per = total > 0.0f ? 1.0f / total : 0.0f;
+
+    for (int i = 0; i < count; i++) {
+        const int px = (x + i) * b->step > j->extent.rect.x0 ? (x + i) * b->step : j->extent.rect.x0;
+        const ptrdiff_t pixel = py * f->stride + px;
+        const bool own = b->group[at + (size_t) i] == j->group + 1;
+        const bool before = own && px < j->extent.rect.x1 && f->group[pixel] == j->group + 1;
+        out[i] = before ? light[i] * (even[i] + (1.0f - even[i]) * per * st->uniform[pixel]) : own ? light[i] : 0.0f;
+    }
+}
+
 /* A row of cells in a layer, to rows [y, y1) of images. */
 static void spread_behind(const struct convolution_state *st, const struct band *to, int layer, int cell_y, int y, int y1)
 {
@@ -315,6 +334,7 @@ static void spread_behind(const struct convolution_state *st, const struct band 
     const int py = cell_y * b->step > rect->y0 ? cell_y * b->step : rect->y0;
 
     for (int x = first; x < end; x += CELLS) {
+        float weighed[CELLS];
         const size_t at = row + (size_t) x;
         struct cells c = {
             .group = b->group + at,
@@ -329,6 +349,10 @@ static void spread_behind(const struct convolution_state *st, const struct band 
         const float *close = b->close[j->channel] + at;
         float place[CELLS];
         bool any = false;
+        if (j->divide && !j->uniform) {
+            weigh_through(st, at, x, py, c.count, weighed);
+            c.light = weighed;
+        }
         spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, &c);
         for (int i = 0; i < c.count; i++) {
             const int px = (x + i) * b->step > rect->x0 ? (x + i) * b->step : rect->x0;

@@ -51,8 +51,8 @@ static const struct pell_knob knobs[] = {
     { "behind-step", PELL_KNOB_ENUM, "px", AT(behind_step), { CONV_EVERY_2 }, 0, 0, step_names,
       "spacing of the rays that find hidden surfaces" },
     { "through", PELL_KNOB_ENUM, "1", AT(through), { CONV_THROUGH_SLAB }, 0, 0, through_names,
-      "light through thin parts: through a slab of the medium, by the thickness along rays, or by R at the distance of the planes, as in "
-      "the paper" },
+      "light through thin parts: through a slab of the medium, by the thickness along rays (Gaussians have none: planes), or by R at the "
+      "distance of the planes, as in the paper" },
     { "apart", PELL_KNOB_BOOL, "1", AT(apart), { 1 }, 0, 1, NULL,
       "keep light that enters on the far side in its own image, at its mean distance from the plane; off: one image, as in the "
       "paper" },

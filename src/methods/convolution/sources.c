@@ -135,7 +135,7 @@ static bool find_counts(const struct conv_sources *s, const struct pell_points16
     counts[0] = counts[1] = counts[2] = *along = 1.0f;
     if (away > 0.0f) {
         *along = 1.0f - away * away;
-        if (s->along)
+        if (s->by_slab && s->by_slab[s->solids->solids[s->solids->of_mesh[points->mesh[i]]].material])
             counts[0] = counts[1] = counts[2] = 0.0f;
         else
             pell_services_transmitted(s->services, points->mesh[i], points->triangle[i], points->u[i], points->v[i], counts);
@@ -244,7 +244,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         rays += (int) pell_services_light16(
             s->services,
             &(struct pell_points_params) {
-                .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples, .local = s->along },
+                .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples, .local = s->by_slab != NULL },
             &points, NULL, 16, &light);
         for (int i = 0; i < c->count; i++)
             if (open[i] && light.there[i] && s->solids->of_mesh[points.mesh[i]] >= 0)

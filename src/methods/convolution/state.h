@@ -49,6 +49,7 @@ struct convolution_state {
     size_t num_materials, num_groups;
     struct conv_radial (*radial)[3];        /* of materials */
     struct pell_thickness_table *thickness; /* of materials; NULL with through=planes */
+    bool *by_slab;                          /* the same: whether light goes through as through a slab, and not by planes */
     float *tables;
     struct conv_radial level_radial[CONV_LEVELS][3]; /* of a material at other strengths, */
     size_t level_of[CONV_LEVELS];                    /* its number + 1 */
