@@ -225,6 +225,7 @@ INLINE vf part_between(vf place, int i)
 
 INLINE void add_image(const struct conv_spread *s, float *image, int x, int n, vf light)
 {
+    const int halvings = s->step == 4 ? 2 : 1;
     float v[WIDTH];
 
     if (s->step == 1) {
@@ -232,8 +233,8 @@ INLINE void add_image(const struct conv_spread *s, float *image, int x, int n, v
         return;
     }
     memcpy(v, &light, sizeof(v));
-    for (int l = 0; l < WIDTH && l < n && any(light != 0.0f); l++)
-        image[(x + l) / s->step] += v[l];
+    for (int l = 0; l < WIDTH && l < n; l++)
+        image[(x + l) >> halvings] += v[l];
 }
 
 static void spread(const struct conv_spread *s, const uint16_t *group, const float *place, const float *enters, const float *light,
@@ -262,13 +263,18 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
         for (int i = 0; i < s->planes; i++) {
             const vf t = p - (float) i, half = select((t >= -1.0f) & (t < 1.0f), all(0.5f), all(0.0f));
             const vf to = e * (s->halves && s->planes > 1 ? half : part_of(p, i));
-            add_image(s, images + (size_t) i * s->image_size, x, room, to);
-            marks[i] |= any(to != 0.0f);
+            const bool lights = any(to != 0.0f);
+            if (lights || s->step == 1)
+                add_image(s, images + (size_t) i * s->image_size, x, room, to);
+            marks[i] |= lights;
         }
         for (int i = 0; i < s->between; i++) {
-            const vf to = part_between(p, i) * e;
-            add_image(s, images + (size_t) (s->planes + i) * s->image_size, x, room, to);
-            marks[s->planes + i] |= any(to != 0.0f);
+            const bool near = any((p >= (float) i) & (p < (float) (i + 1)));
+            const vf to = near ? part_between(p, i) * e : all(0.0f);
+            const bool lights = near && any(to != 0.0f);
+            if (lights || s->step == 1)
+                add_image(s, images + (size_t) (s->planes + i) * s->image_size, x, room, to);
+            marks[s->planes + i] |= lights;
         }
         memcpy(v, &e, sizeof(v));
         for (int l = 0; l < WIDTH; l++)
@@ -310,7 +316,12 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
 
 static void add_cells(const float *cells, int count, int repeat, int per, float scale, int room, float *out)
 {
-    if (repeat == 2) /* the usual one, for compilers to make vectors of */
+    if (repeat == 1 && per == 1) { /* the usual ones, for compilers to make vectors of */
+        for (int x = 0; x < room && x < count; x++)
+            out[x] += scale * cells[x];
+        return;
+    }
+    if (repeat == 2)
         for (int x = 0; 2 * x + 1 < room && x < count; x++) {
             out[2 * x] += scale * cells[x];
             out[2 * x + 1] += scale * cells[x];
@@ -331,7 +342,11 @@ static void expand(const float *top, const float *bottom, float part, int width,
     }
     row[-1] = row[0];
     row[width] = row[width - 1];
-    for (int m = 0; m < step; m++) {
+    for (int x = 0; x < width && step == 2; x++) { /* the usual one, for compilers to make vectors of */
+        out[2 * x] = row[x - 1] + 0.75f * (row[x] - row[x - 1]);
+        out[2 * x + 1] = row[x] + 0.25f * (row[x + 1] - row[x]);
+    }
+    for (int m = 0; m < step && step != 2; m++) {
         const float at = ((float) m + 0.5f) / (float) step - 0.5f, f = at < 0.0f ? 1.0f + at : at;
         const float *from = at < 0.0f ? row - 1 : row;
         for (int x = 0; x < width; x++)
