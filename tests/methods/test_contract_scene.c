@@ -159,6 +159,7 @@ static const struct promise_exception exceptions[] = {
     { "hierarchical", "a_constant_strength_scales_to_the_bit", "its samples lie as densely as the profile at strength 1 asks for" },
 #if !PAPER
     { "screen-space", "light_of_two_lights_is_the_sum", "what goes through thin parts is spread by the mean of its ways" },
+    { "convolution", "light_of_two_lights_is_the_sum", "what goes through thin parts is spread by the mean of its ways" },
     { "image-space", "light_of_two_lights_is_the_sum", "what goes through thin parts is spread by the mean of its ways" },
 #endif
     { "layered", "parts_of_an_object_share_light", "light that scatters once leaves where the eye's ray found it" },

@@ -105,6 +105,7 @@ static void plan(const void *values, struct pell_plan *plan)
         plan->needs |= PELL_NEED_STRENGTH;
     if (k->through == CONV_THROUGH_SLAB)
         plan->needs |= PELL_NEED_TRANSMISSION;
+    plan->spreads = k->through == CONV_THROUGH_SLAB;
     if (k->surfaces > 1)
         plan->needs |= PELL_NEED_SCENE | PELL_NEED_HIT;
 }
