@@ -23,53 +23,29 @@ struct job {
     const struct pell_spread_params *p;
     const struct pell_spread_kernels *kernels;
     void (*row)(const struct job *job, int y, struct pell_rect rect);
-    struct pell_rect rect;      /* that rows are of */
-    float variance[LEVELS + 1]; /* mm^2: none, then of each level */
-    int level;                  /* counted from 1 */
-    float inverse;              /* 1/reach^2 of the blur, 1/mm^2 */
-    int taps, spacing;          /* of it: to each side, px */
-    bool down;                  /* it runs down columns, from `half` to `sum`; else along rows, from `sum` to `half` */
-    _Atomic int x0, y0, x1, y1; /* where light went straight */
-    _Atomic uint32_t finest;    /* bits of the least mm of a pixel there */
-    _Atomic uint32_t widest;    /* bits of the largest variance */
+    struct pell_rect rect;          /* that rows are of */
+    float variance[LEVELS + 1];     /* mm^2: none, then of each level */
+    int level;                      /* counted from 1 */
+    float inverse;                  /* 1/reach^2 of the blur, 1/mm^2 */
+    int taps, spacing;              /* of it: to each side, px */
+    bool down;                      /* it runs down columns, from `half` to `sum`; else along rows, from `sum` to `half` */
+    _Atomic int32_t x0, y0, x1, y1; /* where light went straight */
+    _Atomic int32_t finest;         /* bits of the least mm of a pixel there */
+    _Atomic int32_t widest;         /* bits of the largest variance */
 };
 
-static uint32_t bits_of(float positive)
+static void lower(_Atomic int32_t *least, int32_t value)
 {
-    uint32_t bits;
-
-    memcpy(&bits, &positive, sizeof(bits));
-    return bits;
-}
-
-static float of_bits(uint32_t bits)
-{
-    float value;
-
-    memcpy(&value, &bits, sizeof(value));
-    return value;
-}
-
-static void lower(_Atomic uint32_t *least, uint32_t value)
-{
-    uint32_t old = atomic_load_explicit(least, memory_order_relaxed);
+    int32_t old = atomic_load_explicit(least, memory_order_relaxed);
 
     while (value < old && !atomic_compare_exchange_weak_explicit(least, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
 }
 
-static void raise(_Atomic uint32_t *most, uint32_t value)
+static void lift(_Atomic int32_t *most, int32_t value)
 {
-    uint32_t old = atomic_load_explicit(most, memory_order_relaxed);
+    int32_t old = atomic_load_explicit(most, memory_order_relaxed);
 
     while (value > old && !atomic_compare_exchange_weak_explicit(most, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
-}
-
-static void extend(_Atomic int *end, int value, int sign)
-{
-    int old = atomic_load_explicit(end, memory_order_relaxed);
-
-    while (sign * value > sign * old &&
-           !atomic_compare_exchange_weak_explicit(end, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
 }
 
 /* Of the light of a pixel, by channel; false where none went straight. */
@@ -109,12 +85,12 @@ static void scan_row(const struct job *job, int y, struct pell_rect rect)
     }
     if (last < 0)
         return;
-    extend(&found->x0, first, -1);
-    extend(&found->x1, last + 1, 1);
-    extend(&found->y0, y, -1);
-    extend(&found->y1, y + 1, 1);
-    lower(&found->finest, bits_of(finest));
-    raise(&found->widest, bits_of(widest));
+    lower(&found->x0, first);
+    lift(&found->x1, last + 1);
+    lower(&found->y0, y);
+    lift(&found->y1, y + 1);
+    lower(&found->finest, pell_float_bits(finest));
+    lift(&found->widest, pell_float_bits(widest));
 }
 
 /* Share of light of a variance that a level takes; level 0 is what is not blurred. */
@@ -259,7 +235,7 @@ int64_t pell_spread_render(struct pell_pool *pool, const struct pell_spread_para
                        .rect = p->rect,
                        .x0 = INT32_MAX,
                        .y0 = INT32_MAX,
-                       .finest = UINT32_MAX };
+                       .finest = INT32_MAX };
     struct pell_rect straight, around;
     float finest, widest;
     int levels = 0, reach = 0;
@@ -270,8 +246,8 @@ int64_t pell_spread_render(struct pell_pool *pool, const struct pell_spread_para
     straight = (struct pell_rect) { .x0 = job.x0, .y0 = job.y0, .x1 = job.x1, .y1 = job.y1 };
     if (straight.x0 >= straight.x1)
         return 0;
-    finest = of_bits(job.finest);
-    widest = of_bits(job.widest);
+    finest = pell_bits_float(job.finest);
+    widest = pell_bits_float(job.widest);
     for (int i = 1; i <= LEVELS; i++) {
         job.variance[i] = NARROWEST * NARROWEST * finest * finest * (float) (1 << 2 * (i - 1));
         levels += i == levels + 1 && job.variance[i - 1] < widest;
