@@ -4,6 +4,9 @@
 
 #include "math/sampling.h"
 
+#include <math.h>
+#include <string.h>
+
 struct pell_view pell_view_make(const struct pell_camera *camera, int width, int height, float shift_x, float shift_y)
 {
     const struct pell_vec3 forward = vec3_normalize(vec3_load(camera->forward));
@@ -101,4 +104,19 @@ struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_mi
     const struct pell_rect rect = { first_pixel(low[0], v->width), first_pixel(low[1], v->height), end_pixel(high[0], v->width),
                                     end_pixel(high[1], v->height) };
     return rect.x0 < rect.x1 && rect.y0 < rect.y1 ? rect : none;
+}
+
+void pell_view_look16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int open[16],
+                      struct pell_ray_hit16 *hit)
+{
+    memset(hit, 0, sizeof(*hit));
+    for (int i = 0; i < 16; i++) {
+        struct pell_vec3 start, direction;
+        pell_view_ray(view, (float) (x + i), (float) y, &start, &direction);
+        open[i] = x + i < end ? -1 : 0;
+        pell_ray16_set(&hit->ray, i, start, direction, INFINITY);
+        hit->ray.mask[i] = mask;
+        hit->hit.mesh[i] = PELL_NO_HIT;
+    }
+    pell_rays_closest16(rays, open, true, hit);
 }

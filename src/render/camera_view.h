@@ -6,6 +6,7 @@
 #define PELL_VIEW_H
 
 #include "math/vec.h"
+#include "visibility/rays.h"
 
 #include <pellucid/scene.h>
 
@@ -45,6 +46,11 @@ static inline void pell_view_ray(const struct pell_view *v, float x, float y, st
         *direction = vec3_add(v->forward, offset);
     }
 }
+
+/* What the rays of 16 pixels of row y from x on meet of what `mask` names (PELL_RAY_ALL); open[i] is -1 for those before `end`, and 0. Both
+ * are aligned to 64 bytes. */
+void pell_view_look16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int open[16],
+                      struct pell_ray_hit16 *hit);
 
 /* The rectangle of pixels, with a border of one, that the box may cover, clipped to the picture; the whole picture where the box reaches
  * behind the camera. */

@@ -8,8 +8,6 @@
 #include "math/vec.h"
 #include "render/services.h"
 
-#include <string.h>
-
 #define WIDEST 1.0471976f /* half the view of a light that stands among the objects: 60 degrees */
 
 struct view_task {
@@ -57,16 +55,7 @@ static void view_row(void *arg, int y, int worker)
         float *out = t->to->texels + IS_TEXEL * ((size_t) y * (size_t) v->width + (size_t) x), spacing = 0.0f;
         int count = 0;
 
-        memset(&hit, 0, sizeof(hit));
-        for (int i = 0; i < 16; i++) {
-            struct pell_vec3 start, direction;
-            pell_view_ray(v, (float) (x + i), (float) y, &start, &direction);
-            open[i] = x + i < v->width ? -1 : 0;
-            pell_ray16_set(&hit.ray, i, start, direction, INFINITY);
-            hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
-            hit.hit.mesh[i] = PELL_NO_HIT;
-        }
-        pell_rays_closest16(t->services->rays, open, true, &hit);
+        pell_view_look16(v, t->services->rays, x, v->width, y, PELL_RAY_TRANSLUCENT, open, &hit);
         for (int i = 0; i < 16; i++) {
             const bool is = open[i] && hit.hit.mesh[i] < t->solids->num_meshes;
             points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;

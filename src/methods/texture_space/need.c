@@ -90,15 +90,7 @@ static void look_rows(void *arg, int band, int worker)
     (void) worker;
     for (int y = p->rect.y0 + band * TS_ROWS; y < p->rect.y0 + (band + 1) * TS_ROWS && y < p->rect.y1; y++)
         for (int x = p->rect.x0; x < p->rect.x1; x += 16) {
-            memset(&hit, 0, sizeof(hit));
-            for (int i = 0; i < 16; i++) {
-                struct pell_vec3 start, direction;
-                pell_view_ray(&p->view, (float) (x + i), (float) y, &start, &direction);
-                open[i] = x + i < p->rect.x1 ? -1 : 0;
-                pell_ray16_set(&hit.ray, i, start, direction, INFINITY);
-                hit.hit.mesh[i] = PELL_NO_HIT;
-            }
-            pell_rays_closest16(p->st->services->rays, open, true, &hit);
+            pell_view_look16(&p->view, p->st->services->rays, x, p->rect.x1, y, PELL_RAY_ALL, open, &hit);
             for (int i = 0; i < 16; i++)
                 if (open[i] && hit.hit.mesh[i] != PELL_NO_HIT)
                     see_point(p->st, hit.hit.mesh[i], hit.hit.triangle[i], hit.hit.u[i], hit.hit.v[i]);

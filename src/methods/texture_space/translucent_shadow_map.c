@@ -111,15 +111,7 @@ static void map_row(void *arg, int y, int worker)
 
     (void) worker;
     for (int x = 0; x < t->view.width; x += 16) {
-        memset(&hit, 0, sizeof(hit));
-        for (int i = 0; i < 16; i++) {
-            struct pell_vec3 start, direction;
-            pell_view_ray(&t->view, (float) (x + i), (float) y, &start, &direction);
-            open[i] = x + i < t->view.width ? -1 : 0;
-            pell_ray16_set(&hit.ray, i, start, direction, INFINITY);
-            hit.hit.mesh[i] = PELL_NO_HIT;
-        }
-        pell_rays_closest16(t->p->services->rays, open, true, &hit);
+        pell_view_look16(&t->view, t->p->services->rays, x, t->view.width, y, PELL_RAY_ALL, open, &hit);
         for (int i = 0; i < 16 && x + i < t->view.width; i++) {
             const uint32_t mesh = hit.hit.mesh[i];
             struct ts_surface_point *out = &t->map[(size_t) y * (size_t) t->view.width + (size_t) (x + i)];
