@@ -127,7 +127,6 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     if (spreads(frame)) {
         pell_planes_want(&w, &e->lighting.way, 1);
         pell_planes_want(&w, e->spread, 3);
-        pell_planes_want(&w, e->plane[PELL_PLANE_LIGHT], 3);
     }
     pell_planes_want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {

@@ -174,7 +174,7 @@ static enum pell_result join_object(struct pell_scene_reader *r, const struct pe
     for (size_t i = first; i < s->num_meshes; i++) {
         struct pell_mesh *mesh = &s->meshes[i];
         mesh->object = s->meshes[r->first_of_object[number]].object;
-        for (size_t k = 0; k < first && mesh->material >= 0; k++) {
+        for (size_t k = r->first_of_object[number]; k < first && mesh->material >= 0; k++) {
             const struct pell_mesh *other = &s->meshes[k];
             if (other->object == mesh->object && other->material >= 0 &&
                 is_same_material(&s->materials[other->material], &s->materials[mesh->material])) {
