@@ -914,7 +914,7 @@ static void what_is_below_reflects(void **state)
         print_message("# a floor below clear layers%s: %.5g +- %.2g, expected %.5g\n", kind ? ", painted" : "", r[kind].mean[0][1],
                       r[kind].error[0][1], expected);
         REQUIRE_NEAR(r[kind].mean[0][1], expected, 4.0 * r[kind].error[0][1] + 1e-9);
-        REQUIRE(r[kind].mean[1][1] == 0.0 && r[kind].error[0][1] < 0.05 * expected);
+        REQUIRE(r[kind].mean[1][1] == 0.0 && r[kind].error[0][1] < (SLOW ? 0.15 : 0.05) * expected);
         r[kind] = over_floor(kind, white, 1.3, true, 1.0f, FEWER(2000));
         for (int c = 0; c < 3; c++) {
             const double sum = r[kind].mean[0][c] + r[kind].mean[1][c] + r[kind].mean[2][c];
