@@ -2,11 +2,14 @@
  * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
 #include "render/denoise/stage.h"
 #include "render/engine_cpu_state.h"
+#include "render/highlights/stage.h"
 #include "render/layers.h"
 #include "render/media.h"
 #include "render/spread/stage.h"
 
 #include <string.h>
+
+#define HIGHLIGHTS_SAMPLES 256 /* of a light, from which on shadows of highlights are clean enough by themselves */
 
 static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *pool, void **engine)
 {
@@ -57,6 +60,7 @@ static void drop_planes(struct pell_cpu *e)
     pell_free(e->ctx, e->open_tiles);
     pell_free(e->ctx, e->rows);
     pell_free(e->ctx, e->spread_lit);
+    pell_free(e->ctx, e->hidden_lit);
     memset(&e->lighting, 0, sizeof(e->lighting));
     memset(&e->sum, 0, sizeof(e->sum));
     memset(e->display, 0, sizeof(e->display));
@@ -67,7 +71,7 @@ static void drop_planes(struct pell_cpu *e)
     e->num_blocks = 0;
     e->open_tiles = NULL;
     e->rows = NULL;
-    e->spread_lit = NULL;
+    e->spread_lit = e->hidden_lit = NULL;
     e->sized = false;
 }
 
@@ -106,6 +110,16 @@ static bool spreads(const struct pell_engine_frame *frame)
     return frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION) && frame->plan->spreads;
 }
 
+/* Whether highlights have shadows with noise. */
+static bool shares_highlights(const struct pell_engine_frame *frame)
+{
+    bool any = false;
+
+    for (size_t i = 0; i < frame->scene->num_lights; i++)
+        any |= frame->scene->lights[i].type == PELL_LIGHT_RECT || frame->scene->lights[i].type == PELL_LIGHT_DISC;
+    return any && frame->settings->light_samples < HIGHLIGHTS_SAMPLES;
+}
+
 /* Those that every frame of the size has, at first; then those that the method and the settings ask for. */
 static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
@@ -124,6 +138,8 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     pell_planes_want(&w, e->lighting.specular, 3);
     if (apart_single)
         pell_planes_want(&w, e->lighting.single, 3);
+    if (shares_highlights(frame))
+        pell_planes_want(&w, e->lighting.hidden, 3);
     if (spreads(frame)) {
         pell_planes_want(&w, &e->lighting.way, 1);
         pell_planes_want(&w, e->spread, 3);
@@ -155,6 +171,9 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
         goto fail;
     blocks = pell_spread_blocks(e->surface.stride) * (size_t) s->height;
     if (spreads(frame) && !e->spread_lit && !(e->spread_lit = pell_calloc(e->ctx, blocks, 2)))
+        goto fail;
+    if (shares_highlights(frame) && !e->hidden_lit &&
+        !(e->hidden_lit = pell_calloc(e->ctx, pell_highlights_blocks(e->surface.stride) * (size_t) s->height, 1)))
         goto fail;
     e->sum.meter = e->rows + (size_t) s->height * 4;
     e->surface.mips = e->mips;
@@ -354,11 +373,14 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
     light.apart = apart ? f->materials->apart : NULL;
+    light.shared = shares_highlights(f);
     res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
     if (res != PELL_OK)
         return res;
     pell_stage_note(f->notes, "irradiance", pell_seconds() - start, e->surface.covered_pixels, e->lighting.shadow_rays,
                     e->surface.covered_pixels * 108);
+    if (light.shared)
+        pell_cpu_share_highlights(e, sample);
     e->composite = (struct pell_composite_params) {
         .scene = e->scene,
         .view = &sample->view,
@@ -421,35 +443,6 @@ static void remap_row(void *arg, int index, int worker)
     }
 }
 
-/* `key`: the frame's plane `material`. */
-static void spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key)
-{
-    const struct pell_view *view = &sample->view;
-    struct pell_spread_params params = {
-        .rect = e->surface.translucent,
-        .stride = e->surface.stride,
-        .key = key,
-        .material = e->surface.material,
-        .thickness = sample->frame->materials->thickness,
-        .depth = e->surface.depth,
-        .way = e->lighting.way,
-        .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
-        .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
-    };
-    const double start = pell_seconds();
-    int64_t pixels;
-
-    for (int c = 0; c < 3; c++) {
-        params.transmitted[c] = e->lighting.transmitted[c];
-        params.sum[c] = e->spread[c];
-        params.half[c] = e->plane[PELL_PLANE_LIGHT][c];
-    }
-    params.lit[0] = e->spread_lit;
-    params.lit[1] = e->spread_lit + pell_spread_blocks(params.stride) * (size_t) view->height;
-    pixels = pell_spread_render(e->pool, &params);
-    pell_stage_note(sample->frame->notes, "spread", pell_seconds() - start, pixels, 0, pixels * 32);
-}
-
 static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample, struct pell_frame *in, struct pell_frame_light *out)
 {
     struct pell_cpu *e = engine;
@@ -472,7 +465,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
 
     pell_pool_run(e->pool, s->translucent.y1 - s->translucent.y0, remap_row, (void *) &remap);
     if (spreads(sample->frame))
-        spread(e, sample, remap.out);
+        pell_cpu_spread(e, sample, remap.out);
     in->rect = s->translucent;
     for (int i = 0; i < PELL_PLANES; i++) {
         const struct pell_plane_info *p = pell_plane_at(i);

@@ -50,7 +50,7 @@ struct pell_cpu {
     struct pell_surface surface;
     struct pell_lighting lighting;
     float *spread[3]; /* room of the stage "spread" */
-    uint8_t *spread_lit;
+    uint8_t *spread_lit, *hidden_lit;
     struct pell_accumulator sum;
     float *display[3];
     float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
@@ -74,5 +74,12 @@ int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *par
                               const struct pell_surface_light *out);
 /* pell_engine_interface.lend */
 void pell_cpu_lend(void *engine, struct pell_services *services);
+
+/* --- engine_cpu_around.c: stages that look at neighbouring pixels --------------------------------------------------------------------- */
+
+/* After the irradiance, with lighting.hidden. */
+void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);
+/* What went straight through thin parts, before the method. `key`: the frame's plane `material`. */
+void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key);
 
 #endif

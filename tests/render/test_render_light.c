@@ -350,7 +350,8 @@ static void furnish(struct stage *s)
 
 static const struct pell_vec3 sides[2] = { { 60, 50, 90 }, { 25, 40, -110 } };
 
-/* By the sum of Gaussians over the thickness: by a slab, what goes straight is spread by the mean way of all lights. */
+/* By the sum of Gaussians over the thickness: by a slab, what goes straight is spread by the mean way of all lights. With as many samples
+ * as leave highlights alone: what pixels share of their shadows is that of all lights together. */
 static void lights_add_up(void **state)
 {
     static const char *const straight[] = { "through=gaussian", NULL };
@@ -364,6 +365,7 @@ static void lights_add_up(void **state)
             struct stage s;
             stage_start(&s, 80, 50);
             furnish(&s);
+            s.settings.light_samples = 256;
             add_kind(&s, kind, sides[1], i != 1 ? 1.0f : 0.0f);
             stage_light(&s, PELL_LIGHT_POINT, vec3(-80, 90, 60), vec3(0, 0, 0), i != 0 ? 0.02f : 0.0f);
             shot[i] = stage_shot_of(&s, "screen-space", straight);

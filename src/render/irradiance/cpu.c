@@ -405,9 +405,23 @@ static void shade_behind(const struct job *job, struct packet *k)
             k->sums.transmitted[c][i] = l->valid[i] ? b.sums.irradiance[c][i] : k->sums.transmitted[c][i];
 }
 
+/* Of what emits, and is mirrored, no share is known. */
+static void leave_out_emissive(const struct job *job, struct packet *k)
+{
+    float *const *emissive = job->p->surface->emissive;
+
+    for (int i = 0; i < k->count; i++) {
+        const int32_t at = k->index[i];
+        if (emissive[0][at] + emissive[1][at] + emissive[2][at] > 0.0f)
+            k->sums.hidden[0][i] = -1.0f;
+    }
+}
+
 static void shade_packet(const struct job *job, struct packet *k)
 {
     shade_side(job, k);
+    if (job->p->shared && job->p->surface->any_emissive)
+        leave_out_emissive(job, k);
     if (k->lanes.any_thin)
         shade_behind(job, k);
 }
@@ -460,7 +474,7 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
 /* What a tile's pixels receive, before it goes to the planes in whole cache lines. Writing each packet directly to the planes would take
  * longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
-    _Alignas(64) float planes[4][3][TILE_H * TILE_W]; /* irradiance, through, specular, single */
+    _Alignas(64) float planes[5][3][TILE_H * TILE_W]; /* irradiance, through, specular, single, hidden */
     float way[TILE_H * TILE_W];
 };
 
@@ -469,13 +483,14 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
 {
     const ptrdiff_t stride = job->p->surface->stride;
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
-    float *const *const planes[4] = { job->out->irradiance, job->out->transmitted, job->out->specular, job->out->single };
+    float *const *const planes[5] = { job->out->irradiance, job->out->transmitted, job->out->specular, job->out->single, job->out->hidden };
+    const bool wanted[5] = { true, true, true, job->p->apart, job->p->shared };
 
     for (int y = 0; job->out->way && y < rows; y++)
         for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
             memcpy(job->out->way + (y0 + y) * stride + x0 + x, tile->way + y * TILE_W + x, LINE * sizeof(float));
-    for (int k = 0; k < (job->p->apart ? 4 : 3); k++)
-        for (int c = 0; c < 3; c++)
+    for (int k = 0; k < 5; k++)
+        for (int c = 0; c < 3 && wanted[k]; c++)
             for (int y = 0; y < rows; y++)
                 for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
                     memcpy(planes[k][c] + (y0 + y) * stride + x0 + x, tile->planes[k][c] + y * TILE_W + x, LINE * sizeof(float));
@@ -527,6 +542,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         out.transmitted[c] = tile.planes[1][c];
         out.specular[c] = tile.planes[2][c];
         out.single[c] = job->p->apart ? tile.planes[3][c] : NULL;
+        out.hidden[c] = job->p->shared ? tile.planes[4][c] : NULL;
     }
     out.way = job->out->way ? tile.way : NULL;
     if (list.count < TILE_W * TILE_H)

@@ -360,10 +360,11 @@ static void aim_within(const struct pell_light_data *restrict light, const struc
 
 #define WITHIN 8 /* places of a sample's cell that a highlight is taken at: rays cost more than lobes */
 
-/* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. */
+/* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. `facing`:
+ * whether or not something is in the way. */
 static void add_highlight(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p,
                           const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
-                          struct pell_sums *restrict sums)
+                          const int32_t *restrict visible, struct pell_sums *restrict sums)
 {
     const bool flat = light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
     const int places = flat ? WITHIN : 1;
@@ -389,7 +390,9 @@ static void add_highlight(const struct pell_light_data *restrict light, const st
         for (int i = 0; i < N; i++) {
             const float w = facing[i] / ((float) places * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
             const float add = w * (p->f0[c][i] * even[i] + (1.0f - p->f0[c][i]) * grazing[i]), kept = add < BIG ? add : BIG;
-            sums->specular[c][i] += facing[i] > 0.0f ? kept : 0.0f;
+            const float lit = facing[i] > 0.0f ? kept : 0.0f;
+            sums->specular[c][i] += visible[i] ? lit : 0.0f;
+            sums->hidden[c][i] += flat && !visible[i] ? lit : 0.0f;
         }
 }
 
@@ -417,14 +420,15 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
 static void front(const struct pell_light_data *light, const struct pell_shade_tables *t, const struct pell_lanes *restrict p,
                   const struct pell_aim *restrict a, const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
 {
-    _Alignas(64) float mu[N], transmitted[N], facing[N], off[N];
+    _Alignas(64) float mu[N], transmitted[N], clear[N], facing[N], off[N];
 
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
                     g = ratio < 1.0f && p->terminator_offset[i] <= TERMINATOR_LIFTED * p->epsilon[i] ? ratio : 1.0f;
         const float lit = pell_soft_terminator(nl, g);
         mu[i] = nl;
-        facing[i] = a->front[i] & visible[i] ? lit : 0.0f;
+        clear[i] = a->front[i] ? lit : 0.0f;
+        facing[i] = visible[i] ? clear[i] : 0.0f;
     }
     transmittance(t, p, mu, transmitted);
     for (int i = 0; i < N; i++)
@@ -439,7 +443,7 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
     if (p->any_single)
         add_single(p, a, facing, transmitted, sums);
     if (highlight)
-        add_highlight(light, p, a, facing, mu, sums);
+        add_highlight(light, p, a, clear, mu, visible, sums);
 }
 
 static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
@@ -604,7 +608,8 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
 
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
-            sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] = 0.0f;
+            sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] =
+                sums->hidden[c][i] = 0.0f;
     memset(sums->way, 0, sizeof(sums->way));
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
@@ -678,6 +683,8 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
         scatter(sums->specular[c], index, count, rows, out->specular[c]);
         if (out->single[c])
             scatter(single, index, count, rows, out->single[c]);
+        if (out->hidden[c])
+            scatter(sums->hidden[c], index, count, rows, out->hidden[c]);
     }
     if (out->way) {
         for (int i = 0; i < N; i++) {

@@ -92,6 +92,7 @@ struct pell_sums {
     float way[16];           /* of `transmitted`, all channels together, times the mm that it went straight */
     float unshadowed[3][16]; /* of an environment's lights that are in its smooth table, too */
     float single[3][16];     /* scattered once, below the surface */
+    float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way */
 };
 
 /* The start of the tables, for gathers. */
@@ -106,7 +107,7 @@ struct pell_shade_kernels {
                  struct pell_sums *sums);
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
     void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
-    /* Adds the light of the front lanes whose `visible` is -1. */
+    /* Adds the light of the front lanes whose `visible` is -1; highlights of the others to sums->hidden. */
     void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
                   const struct pell_aim *aim, const int32_t *visible, bool highlight, struct pell_sums *sums);
     /* Adds what enters without regard to visibility to sums->unshadowed. */

@@ -29,6 +29,8 @@ struct pell_lighting {
                             * NULL */
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
     float *single[3];      /* W/(m^2 sr), scattered once; written with `apart` */
+    float *hidden[3];      /* W/(m^2 sr), with `shared`: what shadows took of the highlights of lights with a face; -1 where the surface
+                            * itself emits */
     int64_t shadow_rays;
 };
 
@@ -61,6 +63,7 @@ struct pell_irradiance_params {
     bool whole;                                          /* `through` scales what the method finds, not what enters */
     bool passed;                                         /* the method adds what thin parts let through: `indirect`'s is, too */
     bool between;                                        /* with `local`: `through` has what goes between faces */
+    bool shared;                                         /* lighting->hidden is wanted */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };

@@ -1,0 +1,58 @@
+/* SPDX-License-Identifier: MIT
+ * engine_cpu_around.c - the cpu engine's stages between light and method that look at the pixels around each. */
+#include "render/engine_cpu_state.h"
+#include "render/highlights/stage.h"
+#include "render/spread/stage.h"
+
+void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample)
+{
+    const struct pell_view *view = &sample->view;
+    struct pell_highlights_params params = {
+        .rect = e->surface.covered,
+        .stride = e->surface.stride,
+        .material = e->surface.material,
+        .depth = e->surface.depth,
+        .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
+        .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
+        .lit = e->hidden_lit,
+    };
+    const double start = pell_seconds();
+    int64_t pixels;
+
+    for (int c = 0; c < 3; c++) {
+        params.normal[c] = e->surface.ng[c];
+        params.hidden[c] = e->lighting.hidden[c];
+        params.specular[c] = e->lighting.specular[c];
+        params.room[c] = e->display[c]; /* what is displayed is made of the sum of all samples */
+    }
+    pixels = pell_highlights_render(e->pool, &params);
+    pell_stage_note(sample->frame->notes, "highlights", pell_seconds() - start, pixels, 0, pixels * 72);
+}
+
+void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key)
+{
+    const struct pell_view *view = &sample->view;
+    struct pell_spread_params params = {
+        .rect = e->surface.translucent,
+        .stride = e->surface.stride,
+        .key = key,
+        .material = e->surface.material,
+        .thickness = sample->frame->materials->thickness,
+        .depth = e->surface.depth,
+        .way = e->lighting.way,
+        .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
+        .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
+    };
+    const double start = pell_seconds();
+    int64_t pixels;
+
+    for (int c = 0; c < 3; c++) {
+        params.transmitted[c] = e->lighting.transmitted[c];
+        params.sum[c] = e->spread[c];
+        params.half[c] = e->plane[PELL_PLANE_LIGHT][c];
+    }
+    params.lit[0] = e->spread_lit;
+    params.lit[1] = e->spread_lit + pell_spread_blocks(params.stride) * (size_t) view->height;
+    pixels = pell_spread_render(e->pool, &params);
+    pell_stage_note(sample->frame->notes, "spread", pell_seconds() - start, pixels, 0, pixels * 32);
+}

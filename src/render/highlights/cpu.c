@@ -1,0 +1,127 @@
+/* SPDX-License-Identifier: MIT
+ * cpu.c - see stage.h. Blocks of a row around which nothing is hidden are left as they are. */
+#include "render/highlights/stage.h"
+
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum {
+    BAND = 8,  /* rows that a thread takes at a time */
+    REACH = 3, /* px to each side; a tap's weight falls linearly to 0 one pixel beyond */
+};
+
+#define SLOPE 8.0f /* of a surface that pixels see together, at most: depths apart, widths of a pixel */
+
+struct job {
+    const struct pell_highlights_params *p;
+    const struct pell_highlights_kernels *kernels;
+    void (*row)(struct job *job, int y);
+    _Atomic int64_t pixels;
+};
+
+static uint8_t *lit(const struct job *job, int y, int x)
+{
+    return job->p->lit + (size_t) y * pell_highlights_blocks(job->p->stride) + (size_t) (x / PELL_HIGHLIGHTS_BLOCK);
+}
+
+/* The end of the block of a row that holds x. */
+static int block_end(const struct job *job, int x)
+{
+    const int end = (x / PELL_HIGHLIGHTS_BLOCK + 1) * PELL_HIGHLIGHTS_BLOCK;
+
+    return end < job->p->rect.x1 ? end : job->p->rect.x1;
+}
+
+static void find_row(struct job *job, int y)
+{
+    const struct pell_highlights_params *p = job->p;
+
+    for (int x0 = p->rect.x0, x1; x0 < p->rect.x1; x0 = x1) {
+        const ptrdiff_t at = y * p->stride + x0;
+        float any = 0.0f;
+        x1 = block_end(job, x0);
+        for (int c = 0; c < 3; c++)
+            for (int i = 0; i < x1 - x0; i++)
+                any += p->hidden[c][at + i] > 0.0f ? 1.0f : 0.0f;
+        *lit(job, y, x0) = any > 0.0f;
+    }
+}
+
+/* Whether something is hidden in reach of the block at x. */
+static bool any_hidden(const struct job *job, int y, int x)
+{
+    const struct pell_rect *r = &job->p->rect;
+    const int x0 = x - REACH > r->x0 ? x - REACH : r->x0, x1 = block_end(job, x) - 1 + REACH;
+    bool any = false;
+
+    for (int v = y - REACH > r->y0 ? y - REACH : r->y0; v <= y + REACH && v < r->y1; v++)
+        any |= *lit(job, v, x0) | *lit(job, v, x) | *lit(job, v, x1 < r->x1 ? x1 : r->x1 - 1);
+    return any;
+}
+
+static void share_row(struct job *job, int y)
+{
+    const struct pell_highlights_params *p = job->p;
+    const struct pell_rect *r = &p->rect;
+
+    for (int x0 = r->x0, x1; x0 < r->x1; x0 = x1) {
+        const ptrdiff_t at = y * p->stride + x0;
+        struct pell_highlights_block b = {
+            .material = p->material + at, .depth = p->depth + at, .depth_mm = p->depth_mm, .fixed_mm = p->fixed_mm, .slope = SLOPE * REACH
+        };
+        x1 = block_end(job, x0);
+        if (!any_hidden(job, y, x0))
+            continue;
+        for (int c = 0; c < 3; c++) {
+            b.normal[c] = p->normal[c] + at;
+            b.specular[c] = p->specular[c] + at;
+            b.hidden[c] = p->hidden[c] + at;
+        }
+        for (int v = -REACH; v <= REACH; v++)
+            for (int u = -REACH; u <= REACH; u++) {
+                const float weight = (float) ((REACH + 1 - abs(u)) * (REACH + 1 - abs(v)));
+                const int first = x0 + u < r->x0 ? r->x0 - u - x0 : 0, end = (x1 + u < r->x1 ? x1 : r->x1 - u) - x0;
+                if (y + v >= r->y0 && y + v < r->y1)
+                    job->kernels->add(&b, v * p->stride + u, weight, first, end);
+            }
+        job->kernels->end(&b, (float *[3]) { p->room[0] + at, p->room[1] + at, p->room[2] + at }, x1 - x0);
+        atomic_fetch_add_explicit(&job->pixels, x1 - x0, memory_order_relaxed);
+    }
+}
+
+static void copy_row(struct job *job, int y)
+{
+    const struct pell_highlights_params *p = job->p;
+
+    for (int x0 = p->rect.x0, x1; x0 < p->rect.x1; x0 = x1) {
+        const ptrdiff_t at = y * p->stride + x0;
+        x1 = block_end(job, x0);
+        for (int c = 0; c < 3 && any_hidden(job, y, x0); c++)
+            memcpy(p->specular[c] + at, p->room[c] + at, (size_t) (x1 - x0) * sizeof(float));
+    }
+}
+
+static void run_rows(void *arg, int index, int worker)
+{
+    struct job *job = arg;
+    const int y0 = job->p->rect.y0 + index * BAND, y1 = y0 + BAND < job->p->rect.y1 ? y0 + BAND : job->p->rect.y1;
+
+    (void) worker;
+    for (int y = y0; y < y1; y++)
+        job->row(job, y);
+}
+
+int64_t pell_highlights_render(struct pell_pool *pool, const struct pell_highlights_params *p)
+{
+    static void (*const rows[])(struct job *, int) = { find_row, share_row, copy_row };
+    struct job job = { .p = p, .kernels = pell_highlights_kernels_tables[pell_simd_best()] };
+
+    if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)
+        return 0;
+    for (size_t i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
+        job.row = rows[i];
+        pell_pool_run(pool, (p->rect.y1 - p->rect.y0 + BAND - 1) / BAND, run_rows, &job);
+    }
+    return atomic_load(&job.pixels);
+}

@@ -1,0 +1,45 @@
+/* SPDX-License-Identifier: MIT
+ * kernel.c - see kernel.h; compiled once per SIMD level. */
+#include "render/highlights/kernel.h"
+
+#include <math.h>
+
+#define TURN 12.0f /* one over one minus the cosine between normals from which on pixels have nothing in common: 24 degrees */
+
+static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, float weight, int first, int end)
+{
+    const uint16_t *restrict material = b->material, *restrict other = material + offset;
+    const float *restrict depth = b->depth, *restrict beyond = depth + offset;
+    const float *restrict nx = b->normal[0], *restrict ny = b->normal[1], *restrict nz = b->normal[2];
+    const float depth_mm = b->depth_mm * b->slope, fixed_mm = b->fixed_mm * b->slope;
+    float w[PELL_HIGHLIGHTS_BLOCK];
+
+    for (int i = first; i < end; i++) {
+        const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset], alike = 1.0f - TURN * (1.0f - turn);
+        const float far = fabsf(beyond[i] - depth[i]), reach = depth[i] * depth_mm + fixed_mm;
+        const float near = material[i] == other[i] && far < reach && b->hidden[0][i + offset] >= 0.0f ? weight : 0.0f;
+        w[i] = alike > 0.0f ? near * alike : 0.0f;
+    }
+    for (int c = 0; c < 3; c++) {
+        const float *restrict specular = b->specular[c] + offset, *restrict hidden = b->hidden[c] + offset;
+        for (int i = first; i < end; i++) {
+            b->seen[c][i] += w[i] * specular[i];
+            b->all[c][i] += w[i] * (specular[i] + hidden[i]);
+        }
+    }
+}
+
+static void end(const struct pell_highlights_block *restrict b, float *const out[3], int count)
+{
+    for (int c = 0; c < 3; c++) {
+        float *restrict to = out[c];
+        for (int i = 0; i < count; i++) {
+            const float specular = b->specular[c][i], hidden = b->hidden[c][i], all = b->all[c][i];
+            const float shared = (specular + hidden) * (b->seen[c][i] / (all > 0.0f ? all : 1.0f));
+            to[i] = b->all[c][i] > b->seen[c][i] && b->hidden[0][i] >= 0.0f ? shared : specular;
+        }
+    }
+}
+
+extern const struct pell_highlights_kernels PELL_SIMD(pell_highlights_kernels);
+const struct pell_highlights_kernels PELL_SIMD(pell_highlights_kernels) = { add, end };

@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: MIT
+ * test_highlights.c - what neighbours see of a light is shared: what it must give, and what must not change. */
+#include "pell_test.h"
+
+#include "base/pool.h"
+#include "math/sampling.h"
+#include "render/highlights/stage.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { WIDTH = 150, HEIGHT = 60, STRIDE = 160, SIZE = STRIDE * HEIGHT };
+
+/* A facing plane. */
+struct wall {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    uint16_t material[SIZE];
+    float depth[SIZE], normal[3][SIZE], hidden[3][SIZE], specular[3][SIZE], room[3][SIZE];
+    uint8_t lit[(STRIDE / PELL_HIGHLIGHTS_BLOCK + 1) * HEIGHT];
+    struct pell_highlights_params p;
+};
+
+/* `unhidden` W/(m^2 sr), of which each pixel sees all with a probability, and else nothing. */
+static struct wall *wall_of(int threads, float unhidden, double probability)
+{
+    struct wall *w = calloc(1, sizeof(*w));
+    uint32_t random = 1;
+
+    REQUIRE(w != NULL);
+    w->ctx = test_context(NULL, NULL);
+    assert_int_equal(pell_pool_create(w->ctx, threads, &w->pool), PELL_OK);
+    memset(w->lit, 7, sizeof(w->lit));
+    w->p = (struct pell_highlights_params) {
+        .rect = { 0, 0, WIDTH, HEIGHT }, .stride = STRIDE, .material = w->material, .depth = w->depth, .fixed_mm = 0.25f, .lit = w->lit
+    };
+    for (int i = 0; i < SIZE; i++) {
+        bool seen;
+        random = pell_hash(random + (uint32_t) i);
+        seen = (double) random / 4294967296.0 < probability;
+        w->material[i] = 1;
+        w->depth[i] = 100.0f;
+        w->normal[2][i] = 1.0f;
+        for (int c = 0; c < 3; c++) {
+            w->specular[c][i] = seen ? unhidden * (float) (c + 1) : 0.0f;
+            w->hidden[c][i] = seen ? 0.0f : unhidden * (float) (c + 1);
+            w->room[c][i] = NAN; /* what lies there has no effect */
+        }
+    }
+    for (int c = 0; c < 3; c++) {
+        w->p.normal[c] = w->normal[c];
+        w->p.hidden[c] = w->hidden[c];
+        w->p.specular[c] = w->specular[c];
+        w->p.room[c] = w->room[c];
+    }
+    return w;
+}
+
+static void wall_free(struct wall *w)
+{
+    pell_pool_destroy(&w->pool);
+    pell_context_destroy(&w->ctx);
+    free(w);
+}
+
+/* Away from the border by `margin`. */
+static void moments(const struct wall *w, int channel, int margin, double *mean, double *variance)
+{
+    double sum = 0.0, squares = 0.0, n = 0.0;
+
+    for (int y = margin; y < HEIGHT - margin; y++)
+        for (int x = margin; x < WIDTH - margin; x++) {
+            const double v = (double) w->specular[channel][y * STRIDE + x];
+            sum += v;
+            squares += v * v;
+            n++;
+        }
+    *mean = sum / n;
+    *variance = squares / n - *mean * *mean;
+}
+
+/* In even light the stage is an average: its weights fall linearly, so what is left of the variance is the square of (1 + 4 + 9 + 16 + 9 +
+ * 4 + 1)/256 for seven pixels each way. */
+static void noise_falls_and_the_mean_stays(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        const double probability = k ? 0.7 : 0.06;
+        struct wall *w = wall_of(1, 2.0f, probability);
+        double before[2], after[2];
+        for (int c = 0; c < 3; c++) {
+            moments(w, c, 8, &before[0], &before[1]);
+            REQUIRE_NEAR(before[0], probability * 2.0 * (c + 1), 0.1 * (c + 1));
+        }
+        moments(w, 0, 8, &before[0], &before[1]);
+        REQUIRE(pell_highlights_render(w->pool, &w->p) == WIDTH * HEIGHT);
+        moments(w, 0, 8, &after[0], &after[1]);
+        REQUIRE_NEAR(after[0], before[0], 0.02);
+        REQUIRE_NEAR(after[1] / before[1], 44.0 / 256.0 * 44.0 / 256.0, 0.008);
+        wall_free(w);
+    }
+}
+
+/* A narrow highlight keeps its shape: what is shared is the share that is seen, not light. */
+static void highlights_stay_sharp(void **state)
+{
+    struct wall *w = wall_of(1, 1.0f, 0.5);
+    double sum[3] = { 0 };
+
+    (void) state;
+    for (int i = 0; i < SIZE; i++) {
+        const double x = i % STRIDE - 75.0, peak = 100.0 * exp(-0.5 * x * x) + 1e-3; /* a pixel wide */
+        const bool visible = w->hidden[0][i] == 0.0f;
+        for (int c = 0; c < 3; c++) {
+            w->specular[c][i] = visible ? (float) peak : 0.0f;
+            w->hidden[c][i] = visible ? 0.0f : (float) peak;
+        }
+    }
+    pell_highlights_render(w->pool, &w->p);
+    for (int y = 8; y < HEIGHT - 8; y++)
+        for (int k = 0; k < 3; k++)
+            sum[k] += (double) w->specular[1][y * STRIDE + 75 + 2 * k - (k == 2)];
+    REQUIRE_NEAR(sum[0], 50.0 * (HEIGHT - 16), 5.0 * (HEIGHT - 16));
+    REQUIRE_NEAR(sum[1] / sum[0], exp(-2.0), 0.05 * exp(-2.0));
+    REQUIRE_NEAR(sum[2] / sum[0], exp(-4.5), 0.1 * exp(-4.5));
+    wall_free(w);
+}
+
+/* Half of the picture is lit, the other dark, and an edge of some kind between them. */
+static void edges_keep_light_apart(void **state)
+{
+    (void) state;
+    for (int kind = 0; kind < 4; kind++) {
+        struct wall *w = wall_of(1, 1.0f, 0.5);
+        bool same = true;
+        for (int i = 0; i < SIZE; i++) {
+            const bool left = i % STRIDE < 75;
+            if (left) {
+                w->material[i] = kind == 0 ? 2 : 1;
+                w->depth[i] = kind == 1 ? 110.0f : 100.0f;
+                w->normal[2][i] = kind == 2 ? 0.8f : 1.0f;
+                w->normal[0][i] = kind == 2 ? 0.6f : 0.0f;
+            }
+            for (int c = 0; c < 3; c++) {
+                w->specular[c][i] = left ? 3.0f : 0.0f;
+                w->hidden[c][i] = left ? (kind == 3 && c == 0 ? -1.0f : 0.0f) : 1.0f; /* 3: the left emits */
+            }
+        }
+        pell_highlights_render(w->pool, &w->p);
+        for (int y = 0; y < HEIGHT; y++)
+            for (int x = 0; x < WIDTH; x++)
+                for (int c = 0; c < 3; c++)
+                    same &= w->specular[c][y * STRIDE + x] == (x < 75 ? 3.0f : 0.0f);
+        REQUIRE(same);
+        wall_free(w);
+    }
+}
+
+static void what_nothing_hides_keeps_its_bits(void **state)
+{
+    struct wall *w = wall_of(1, 1.0f, 1.1);
+    float before[SIZE];
+
+    (void) state;
+    for (int i = 0; i < SIZE; i++)
+        w->specular[1][i] = (float) (i % 97) / 7.0f;
+    memcpy(before, w->specular[1], sizeof(before));
+    assert_int_equal(pell_highlights_render(w->pool, &w->p), 0);
+    for (int c = 0; c < 3; c++)
+        w->hidden[c][30 * STRIDE + 20] = 1.0f; /* one pixel: its block and the next are looked at, in seven rows */
+    assert_int_equal(pell_highlights_render(w->pool, &w->p), 2 * 7 * PELL_HIGHLIGHTS_BLOCK);
+    for (int i = 0; i < SIZE; i++)
+        if (abs(i % STRIDE - 20) > 3 || abs(i / STRIDE - 30) > 3)
+            REQUIRE(w->specular[1][i] == before[i]);
+    w->p.rect.x1 = 0;
+    assert_int_equal(pell_highlights_render(w->pool, &w->p), 0);
+    wall_free(w);
+}
+
+static void any_number_of_threads_gives_the_same_bits(void **state)
+{
+    struct wall *a = wall_of(1, 1.0f, 0.3), *b = wall_of(4, 1.0f, 0.3);
+
+    (void) state;
+    pell_highlights_render(a->pool, &a->p);
+    pell_highlights_render(b->pool, &b->p);
+    assert_memory_equal(a->specular, b->specular, sizeof(a->specular));
+    wall_free(a);
+    wall_free(b);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(noise_falls_and_the_mean_stays),
+        cmocka_unit_test(highlights_stay_sharp),
+        cmocka_unit_test(edges_keep_light_apart),
+        cmocka_unit_test(what_nothing_hides_keeps_its_bits),
+        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
+    };
+
+    return cmocka_run_group_tests_name("render.highlights", tests, NULL, NULL);
+}
