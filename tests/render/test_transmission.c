@@ -72,6 +72,28 @@ static void slab_transmits_every_light(void **state)
         }
 }
 
+/* A light that covers all that is below gives what even light does, however near it is: share(t) pi L. */
+static void a_wide_light_is_even_light(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 2; k++) {
+        struct pell_light *l;
+        struct rig r;
+        start_slab(&r, 0.5f);
+        r.settings.light_samples = 1024;
+        l = rig_light(&r, k ? PELL_LIGHT_DISC : PELL_LIGHT_RECT, vec3(0, 0, -40), vec3(0, 0, 0), 2.0f);
+        l->width = l->height = 8000.0f;
+        l->radius = 4000.0f;
+        rig_render(&r);
+        for (int c = 0; c < 3; c++) {
+            const double even = PELL_PI * (double) l->power[c];
+            REQUIRE_NEAR(r.light.transmitted[c][rig_at(&r, SIZE / 2, SIZE / 2)], even * table_share(0.5, c),
+                         0.05 * even * table_share(0.5, c));
+        }
+        rig_finish(&r);
+    }
+}
+
 static struct pell_texture *add_environment(struct rig *r)
 {
     struct pell_texture *t;
@@ -511,6 +533,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(slab_transmits_every_light),
+        cmocka_unit_test(a_wide_light_is_even_light),
         cmocka_unit_test(slab_transmits_an_environment),
         cmocka_unit_test(a_projected_image_shows_through_the_slab),
         cmocka_unit_test(inner_objects),

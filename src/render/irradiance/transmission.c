@@ -179,6 +179,14 @@ static void add_transmitted(struct packet *k, int i, const float light[3], float
     }
 }
 
+/* Falloff where the light enters, `m` mm nearer to it than lane i. Samples of a wide light stand for solid angles, and have none. */
+static float falloff_at(const struct pell_light_source *source, const struct pell_aim *a, int i, float m)
+{
+    const bool wide = a->falloff[i] != pell_light_falloff(a->distance[i], source->scale, source->inv_range);
+
+    return wide ? a->falloff[i] : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
+}
+
 void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
@@ -232,7 +240,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         d = m + (m * cosine[i] - m) * max0(-same);
         pass_thickness(job, k, i, d, &exits.normal[i], same, share);
         w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
-        w *= far ? 1.0f : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
+        w *= far ? 1.0f : falloff_at(source, a, i, m);
         for (int c = 0; c < 3; c++)
             share[c] = smaller(a->intensity[c][i] * w * share[c], 1e25f);
         add_transmitted(k, i, share, d);
