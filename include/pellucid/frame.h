@@ -30,6 +30,8 @@ struct pell_frame_material {
     const char *name;                   /* for messages; NULL: "" */
     const char *preset;                 /* the built-in material (pell_material_find) that medium and Gaussians are of; NULL: none */
     float strength; /* scales the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
+    const struct pell_stack
+        *stack; /* whose reflectance `gaussians` is: thin parts have its layers below both faces, borrowed; NULL: none */
 };
 
 #define PELL_FRAME_MATERIALS 4095

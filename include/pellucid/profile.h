@@ -69,6 +69,8 @@ struct pell_slab {
     double sigma_t, sigma_t_reduced;                                 /* 1/mm */
     double boundary;                                                 /* reflectance at right angles */
     double reflected[PELL_SLAB_STEPS], transmitted[PELL_SLAB_STEPS]; /* logarithms, by optical thickness */
+    bool layered;                    /* of several media: optical thickness is that of the densest, and `transmitted` has all but what is */
+    double optical[PELL_SLAB_STEPS]; /* not scattered, which is known by the optical thickness that there is */
 };
 
 /* Shares of the light that has entered at normal incidence, [0, 1]. */
@@ -81,6 +83,11 @@ struct pell_slab_light {
  * for anisotropic media by similarity; what such a medium scatters forward counts as transmitted. False, and a slab of nothing, for a
  * medium that is not valid. 1 ms. */
 PELL_API bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_slab *out);
+/* The same of a slab that has the stack's layers below both faces, down to its middle, as an ear has its skin. Light is refracted at the
+ * faces alone, by the index of the first layer; roughness is left out. False, and a slab of nothing, for a stack that is not valid. 10
+ * ms. */
+struct pell_stack;
+PELL_API bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct pell_slab *out);
 /* A slab of `d` mm, d >= 0. Error below 1e-3 of each share where the share is above 1e-6. */
 PELL_API struct pell_slab_light pell_slab_at(const struct pell_slab *slab, double d);
 /* How far light that is transmitted through a slab of `d` mm, d >= 0, spreads sideways: the variance of T(r) along one axis, mm^2, by

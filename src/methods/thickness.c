@@ -9,6 +9,8 @@
 
 #include "base/base.h"
 
+#include <pellucid/layers.h>
+
 #include <math.h>
 #include <string.h>
 
@@ -17,9 +19,11 @@
 
 bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[3])
 {
-    bool made = m->gaussians.count == 0;
+    bool made = m->gaussians.count == 0 || m->stack;
 
-    for (int c = 0; c < 3 && made; c++)
+    for (int c = 0; c < 3 && made && m->stack; c++)
+        made = pell_slab_make_layers(m->stack, c, &slab[c]);
+    for (int c = 0; c < 3 && made && !m->stack; c++)
         made = m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c] > 0.0 && pell_slab_make(&m->medium, c, &slab[c]);
     return made;
 }
@@ -27,6 +31,7 @@ bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[
 static bool alike(const struct pell_frame_material *a, const struct pell_frame_material *b)
 {
     return a->profile == b->profile && a->white == b->white && a->strength == b->strength &&
+           (a->stack == b->stack || (a->stack && b->stack && memcmp(a->stack, b->stack, sizeof(*a->stack)) == 0)) &&
            memcmp(&a->medium, &b->medium, sizeof(a->medium)) == 0 && memcmp(&a->gaussians, &b->gaussians, sizeof(a->gaussians)) == 0;
 }
 
@@ -51,9 +56,33 @@ static double slab(const void *of, int channel, double d)
     return s->over[channel] > 0.0 ? pell_slab_at(&s->slab[channel], d).transmitted / s->over[channel] : 0.0;
 }
 
+void pell_slab_medium(const struct pell_frame_material *m, double d, struct pell_medium *out)
+{
+    double top = 0.0;
+
+    *out = m->medium;
+    if (!m->stack)
+        return;
+    *out = (struct pell_medium) { .eta = m->stack->layer[0].eta };
+    for (int i = 0; i < m->stack->count; i++) {
+        const struct pell_medium_layer *l = &m->stack->layer[i];
+        const double end = i + 1 < m->stack->count ? fmin(top + l->thickness, 0.5 * d) : 0.5 * d;
+        const double share = d > 0.0 ? fmax(end - top, 0.0) / (0.5 * d) : (double) (i == 0);
+        for (int c = 0; c < 3; c++) {
+            out->sigma_a[c] += share * l->sigma_a[c];
+            out->sigma_s_reduced[c] += share * l->sigma_s_reduced[c];
+            out->g[c] += share * l->g[c];
+        }
+        top += l->thickness;
+    }
+}
+
 static double spread(const void *of, int channel, double d)
 {
-    return pell_slab_spread(of, channel, d);
+    struct pell_medium medium;
+
+    pell_slab_medium(of, d, &medium);
+    return pell_slab_spread(&medium, channel, d);
 }
 
 /* Where no channel has more than LEAST of its largest share, which a slab has at about a mean free path. */
@@ -123,7 +152,7 @@ void pell_thickness_table_make(const struct pell_frame_material *m, pell_thickne
     if (!has_slab)
         return;
     fill(slab, &slabs, end, t->slab);
-    fill(spread, &m->medium, end, t->spread);
+    fill(spread, m, end, t->spread);
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++)
         for (int c = 0; c < 3; c++)
             t->spread[i][c] *= (float) (scale * scale);

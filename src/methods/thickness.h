@@ -12,6 +12,9 @@
 /* The slabs of a material's channels; false where it has none, as a profile of given Gaussians does not determine one. */
 bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[3]);
 
+/* The medium of a slab of d mm, or the mean of its layers: for how light spreads in it. */
+void pell_slab_medium(const struct pell_frame_material *m, double d, struct pell_medium *out);
+
 /* The first material of the frame in which light does the same as in material i: what was made for it serves both. Objects of one material
  * are materials of their own in a frame. */
 size_t pell_first_alike(const struct pell_frame_shape *shape, size_t i);

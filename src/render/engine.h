@@ -68,6 +68,8 @@ struct pell_scene_materials {
     struct pell_angle *angle_apart;  /* per scene material: `angle` of what is left then */
     bool single_apart;               /* they count in this frame */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
+    struct pell_stack **stack;                     /* their layers, which those of `frame` borrow */
+    size_t num_stacks;
 };
 
 /* Whether what gets through thin parts by a slab's T is there, so that what goes between faces of thicker parts adds to it. */

@@ -7,6 +7,7 @@
 #include "render/object_materials.h"
 #include "render/pass.h"
 #include "render/plane_buffers.h"
+#include "scene/layers.h"
 
 #include <pellucid/inversion.h>
 
@@ -26,7 +27,25 @@ static void drop_materials(struct pell_renderer *r)
     pell_free(r->ctx, m->thickness);
     pell_free(r->ctx, m->apart);
     pell_free(r->ctx, m->angle_apart);
+    for (size_t i = 0; i < m->num_stacks; i++)
+        pell_free(r->ctx, m->stack[i]);
+    pell_free(r->ctx, m->stack);
     memset(m, 0, sizeof(*m));
+}
+
+static enum pell_result keep_stack(struct pell_renderer *r, const struct pell_material *m, struct pell_frame_material *f)
+{
+    struct pell_scene_materials *out = &r->materials;
+    struct pell_stack stack;
+
+    if (!pell_scene_layers_whole(m, &stack))
+        return PELL_OK;
+    out->stack[out->num_stacks] = pell_alloc(r->ctx, sizeof(stack));
+    if (!out->stack[out->num_stacks])
+        return PELL_ERR_NOMEM;
+    f->stack = out->stack[out->num_stacks];
+    *out->stack[out->num_stacks++] = stack;
+    return PELL_OK;
 }
 
 static enum pell_result make_materials(struct pell_renderer *r)
@@ -46,7 +65,9 @@ static enum pell_result make_materials(struct pell_renderer *r)
     out->thickness = pell_calloc(r->ctx, n, sizeof(*out->thickness));
     out->apart = pell_calloc(r->ctx, n, sizeof(*out->apart));
     out->angle_apart = pell_calloc(r->ctx, n, sizeof(*out->angle_apart));
-    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness || !out->apart || !out->angle_apart)
+    out->stack = pell_calloc(r->ctx, n, sizeof(*out->stack));
+    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness || !out->apart || !out->angle_apart ||
+        !out->stack)
         goto fail;
     for (size_t i = 0; i < n; i++) {
         const struct pell_material *m = &scene->materials[i];
@@ -68,6 +89,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
         f->strength = fmaxf(m->strength, 1.0f / 1024.0f);
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
         f->preset = m->profile ? NULL : m->preset;
+        PELL_TRY(keep_stack(r, m, f));
         PELL_TRY(pell_frame_material_check(r->ctx, pell_material_shown_name(m), f));
         out->frame_index[i + 1] = (uint16_t) ++out->count;
     }

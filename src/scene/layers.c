@@ -365,6 +365,30 @@ void pell_scene_layers_stack(const struct pell_material *m, const double *bottom
     make_stack(m, bottoms, out, &endless);
 }
 
+const struct pell_material_entry *pell_scene_layers_preset(const struct pell_material *m)
+{
+    const struct pell_material_entry *e = m->preset && !m->profile ? pell_material_find(m->preset) : NULL;
+
+    return e && e->kind == PELL_MATERIAL_LAYERS && memcmp(&e->gaussians, &m->gaussians, sizeof(e->gaussians)) == 0 ? e : NULL;
+}
+
+bool pell_scene_layers_whole(const struct pell_material *m, struct pell_stack *out)
+{
+    const struct pell_material_entry *preset = pell_scene_layers_preset(m);
+    struct pell_layer_measure measure[PELL_LAYERS_MOST];
+    double bottoms[PELL_LAYERS_MOST];
+
+    if (m->num_layers == 0 && preset)
+        pell_material_stack(&preset->layers, out);
+    if (m->num_layers == 0 || m->profile || m->gaussians.count == 0)
+        return m->num_layers == 0 && preset;
+    pell_scene_layers_measure(m, measure);
+    for (int i = 0; i < m->num_layers; i++)
+        bottoms[i] = measure[i].mean;
+    pell_scene_layers_stack(m, bottoms, out);
+    return true;
+}
+
 bool pell_scene_layers_solve(struct pell_material *m, const struct pell_layer_measure *measure)
 {
     static const struct pell_fit_params params = { .count = PELL_MATERIAL_LAYERS_GAUSSIANS };

@@ -53,6 +53,12 @@ int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_lay
  * them: layers thinner than these can tell are left out, neighbours of one medium are one, too many are merged. */
 void pell_scene_layers_stack(const struct pell_material *m, const double *bottoms, struct pell_stack *out);
 
+/* The built-in stack that a material is; NULL: it is none. A scene keeps of a stack what it reflects, and its name: it is the built-in one
+ * as long as that is the same. */
+const struct pell_material_entry *pell_scene_layers_preset(const struct pell_material *m);
+/* The stack that m->gaussians is of: its layers at their mean depths, or a built-in one. False: there is none. */
+bool pell_scene_layers_whole(const struct pell_material *m, struct pell_stack *out);
+
 /* Makes m->gaussians what the layers reflect at their mean depths (`measure`), and m->medium their mean. False: they send no light back
  * that a sum of Gaussians could stand for, and the medium alone is there. */
 bool pell_scene_layers_solve(struct pell_material *m, const struct pell_layer_measure *measure);

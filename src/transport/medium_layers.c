@@ -9,14 +9,6 @@
 #include <math.h>
 #include <string.h>
 
-/* A scene keeps of a stack what it reflects, and its name: it is the built-in one as long as that is the same. */
-static const struct pell_material_entry *stack_of(const struct pell_material *m)
-{
-    const struct pell_material_entry *e = m->preset && !m->profile ? pell_material_find(m->preset) : NULL;
-
-    return e && e->kind == PELL_MATERIAL_LAYERS && memcmp(&e->gaussians, &m->gaussians, sizeof(e->gaussians)) == 0 ? e : NULL;
-}
-
 static void set_medium(const struct pell_medium *m, struct pell_layer_medium *out)
 {
     for (int c = 0; c < 3; c++) {
@@ -118,13 +110,13 @@ static void scale_lengths(struct pell_medium_layers *out, float strength)
 
 bool pell_medium_layers_known(const struct pell_material *m)
 {
-    return m->num_layers > 0 || stack_of(m) || !(m->profile || m->gaussians.count > 0);
+    return m->num_layers > 0 || pell_scene_layers_preset(m) || !(m->profile || m->gaussians.count > 0);
 }
 
 enum pell_result pell_medium_layers_make(struct pell_context *ctx, const char *method, const struct pell_material *m,
                                          struct pell_medium_layers *out)
 {
-    const struct pell_material_entry *stack = stack_of(m);
+    const struct pell_material_entry *stack = pell_scene_layers_preset(m);
 
     memset(out, 0, sizeof(*out));
     if (m->num_layers > 0 || stack) {

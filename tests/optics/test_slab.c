@@ -2,6 +2,7 @@
  * test_slab.c - slabs by transport: limits, closed forms and conservation. The oracle's photons are compared in oracle_table.c. */
 #include "oracle.h"
 
+#include <pellucid/layers.h>
 #include <pellucid/profile.h>
 
 static struct pell_medium medium_of(double sigma_a, double sigma_s_reduced, double g, double eta)
@@ -112,6 +113,82 @@ static void forward_scattering_moves_light_from_straight_to_scattered(void **sta
     }
 }
 
+static struct pell_stack stack_of(int count, const double (*layer)[4], double eta)
+{
+    struct pell_stack stack = { .count = count };
+
+    for (int i = 0; i < count; i++) {
+        struct pell_medium_layer *l = &stack.layer[i];
+        l->eta = eta;
+        l->thickness = layer[i][3];
+        for (int c = 0; c < 3; c++) {
+            l->sigma_a[c] = layer[i][0];
+            l->sigma_s_reduced[c] = layer[i][1];
+            l->g[c] = layer[i][2];
+        }
+    }
+    return stack;
+}
+
+static void layers_of_one_medium_are_the_medium(void **state)
+{
+    static const double layers[2][3][4] = { { { 0.1, 1.0, 0.8, (double) INFINITY } },
+                                            { { 0.1, 1.0, 0.8, 0.05 }, { 0.1, 1.0, 0.8, 1.5 }, { 0.1, 1.0, 0.8, 0.3 } } };
+    const struct pell_medium m = medium_of(0.1, 1.0, 0.8, 1.4);
+    struct pell_slab one;
+    (void) state;
+
+    REQUIRE(pell_slab_make(&m, 0, &one));
+    for (int k = 0; k < 2; k++) {
+        const struct pell_stack stack = stack_of(k ? 3 : 1, layers[k], 1.4);
+        struct pell_slab s;
+        REQUIRE(pell_slab_make_layers(&stack, 0, &s));
+        for (double d = 1e-4; d < 60.0; d *= 1.6) { /* the last layer goes on beyond its bottom */
+            const struct pell_slab_light a = pell_slab_at(&one, d), b = pell_slab_at(&s, d);
+            REQUIRE_REL(b.reflected, a.reflected, 5e-3);
+            REQUIRE_REL(b.straight, a.straight, 3e-3);
+            if (a.transmitted > 1e-9)
+                REQUIRE_REL(b.transmitted, a.transmitted, 5e-3);
+        }
+    }
+}
+
+static void layers_without_absorption_lose_nothing(void **state)
+{
+    static const double layers[3][4] = { { 0.0, 20.0, 0.5, 0.1 }, { 0.0, 0.02, 0.0, 0.4 }, { 0.0, 2.0, 0.9, (double) INFINITY } };
+    const struct pell_stack stack = stack_of(3, layers, 1.4);
+    struct pell_slab s;
+    (void) state;
+
+    REQUIRE(pell_slab_make_layers(&stack, 2, &s));
+    for (double d = 1e-4; d < 100.0; d *= 1.3) {
+        const struct pell_slab_light l = pell_slab_at(&s, d);
+        const double crossed = l.straight / (1.0 - s.boundary); /* e/(1 - b^2 e^2): e is straight's of no boundary, but for little */
+        REQUIRE_NEAR(l.reflected + l.transmitted + l.straight, 1.0, 5e-3 + s.boundary * crossed);
+    }
+}
+
+/* Clear layers with a scattering sheet in the middle: its halves meet. What absorbs above it is passed twice by what is reflected. */
+static void absorbing_skins_filter_what_is_between(void **state)
+{
+    static const double plain[1][4] = { { 0.05, 3.0, 0.0, (double) INFINITY } };
+    static const double covered[2][4] = { { 1.0, 0.0, 0.0, 0.3 }, { 0.05, 3.0, 0.0, (double) INFINITY } };
+    struct pell_slab inside, s;
+    struct pell_stack stack = stack_of(1, plain, 1.0);
+    (void) state;
+
+    REQUIRE(pell_slab_make_layers(&stack, 0, &inside));
+    stack = stack_of(2, covered, 1.0);
+    REQUIRE(pell_slab_make_layers(&stack, 0, &s));
+    for (double d = 1.0; d < 8.0; d *= 1.5) {
+        const struct pell_slab_light a = pell_slab_at(&inside, d), b = pell_slab_at(&s, d + 0.6);
+        /* down along the normal by exp(-0.3), out of it in all directions: between exp(-0.3) of the normal and 2 E_3(0.3) of even light */
+        REQUIRE(b.transmitted < a.transmitted * exp(-0.6) && b.transmitted > 0.9 * a.transmitted * exp(-0.3) * 0.6007);
+        REQUIRE(b.reflected < a.reflected * exp(-0.6) && b.reflected > 0.9 * a.reflected * exp(-0.3) * 0.6007);
+        REQUIRE_REL(b.straight, a.straight * exp(-0.6), 0.02);
+    }
+}
+
 static void media_out_of_range_are_slabs_of_nothing(void **state)
 {
     struct pell_medium m = medium_of(0.1, 1.0, 0.0, 1.4);
@@ -177,6 +254,9 @@ int main(void)
         cmocka_unit_test(a_thin_slab_scatters_once),
         cmocka_unit_test(transmission_without_absorption_falls_as_one_over_the_thickness),
         cmocka_unit_test(forward_scattering_moves_light_from_straight_to_scattered),
+        cmocka_unit_test(layers_of_one_medium_are_the_medium),
+        cmocka_unit_test(layers_without_absorption_lose_nothing),
+        cmocka_unit_test(absorbing_skins_filter_what_is_between),
         cmocka_unit_test(media_out_of_range_are_slabs_of_nothing),
         cmocka_unit_test(light_spreads_in_a_slab_as_its_poles_say),
         cmocka_unit_test(light_spreads_over_a_third_of_the_square_of_a_thickness),

@@ -215,12 +215,43 @@ static void maps_say_where_and_in_what_colour(void **state)
     stage_finish(&s);
 }
 
+/* Skin of layers has them below both of its faces; between a lamp as wide as the sky and the camera there is what path-trace finds. */
+static void skin_of_layers_lets_through_what_its_layers_do(void **state)
+{
+    static const char *const samples[] = { "samples=192", NULL };
+    (void) state;
+
+    for (int k = 0; k < 2; k++) {
+        struct stage s;
+        struct shot traced, fast;
+        size_t skin;
+        stage_start(&s, 8, 8);
+        stage_medium(&s, k ? "skin-3layer" : "skin-2layer", &skin);
+        stage_box(&s, skin, 0, vec3(-60, -60, 0), vec3(60, 60, 2));
+        stage_light(&s, PELL_LIGHT_DISC, vec3(0, 0, -40), vec3(0, 0, 0), 1.0f)->radius = 3000.0f;
+        stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 8.0f);
+        s.settings.layers = true;
+        s.settings.angles = true;
+        s.settings.light_samples = 64;
+        traced = stage_shot_of(&s, "path-trace", samples);
+        fast = stage_shot_of(&s, "screen-space", NULL);
+        for (size_t c = 0; c < 2; c++) {
+            print_message("# channel %zu: path-trace %.4f, screen-space %.4f\n", c, mean_of(&traced, c), mean_of(&fast, c));
+            REQUIRE_REL(mean_of(&fast, c), mean_of(&traced, c), 0.1);
+        }
+        shot_free(&traced);
+        shot_free(&fast);
+        stage_finish(&s);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(both_sides_have_the_light_of_lambert),       cmocka_unit_test(an_environment_lights_both_sides),
-        cmocka_unit_test(a_lantern_sends_out_what_its_bounces_bring), cmocka_unit_test(what_is_behind_a_sheet_is_lit_through_it),
-        cmocka_unit_test(the_shell_of_a_light_holds_no_light_back),   cmocka_unit_test(maps_say_where_and_in_what_colour),
+        cmocka_unit_test(both_sides_have_the_light_of_lambert),           cmocka_unit_test(an_environment_lights_both_sides),
+        cmocka_unit_test(a_lantern_sends_out_what_its_bounces_bring),     cmocka_unit_test(what_is_behind_a_sheet_is_lit_through_it),
+        cmocka_unit_test(the_shell_of_a_light_holds_no_light_back),       cmocka_unit_test(maps_say_where_and_in_what_colour),
+        cmocka_unit_test(skin_of_layers_lets_through_what_its_layers_do),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

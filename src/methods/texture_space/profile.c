@@ -116,9 +116,11 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
     }
     for (int c = 0; c < 3; c++) {
         const double total = pell_slab_at(&slab[c], d).transmitted;
+        struct pell_medium medium;
         struct pell_stack stack;
         double sum = 0.0;
-        pell_stack_of_medium(&m->medium, d, &stack);
+        pell_slab_medium(m, d, &medium);
+        pell_stack_of_medium(&medium, d, &stack);
         for (int i = 0; i < p->count; i++)
             share[i][c] = 0.0f;
         if (!(total > 0.0))

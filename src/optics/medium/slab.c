@@ -9,12 +9,15 @@
  *
  * The thinnest layer scatters once, in closed form; what it would scatter again is added as a geometric series, so that a medium without
  * absorption loses nothing. Light that is never scattered is known in closed form, and is taken off last. Boundaries reflect each
- * direction by Fresnel's F (Prahl, van Gemert and Welch 1993).
+ * direction by Fresnel's F (Prahl, van Gemert and Welch 1993). Layers of different media are added one below the other, and the stack so
+ * far to its mirror image.
  */
 #include "math/quadrature.h"
 #include "math/vec.h"
 #include "optics/medium/dipole.h"
 #include "optics/profile/shape.h"
+
+#include <pellucid/layers.h>
 
 #include <float.h>
 #include <math.h>
@@ -135,6 +138,71 @@ static void twice(const struct directions *d, struct layer *l)
         l->T[i][i] -= exp(-l->thickness / d->mu[i]);
 }
 
+/* Layers of several media: what comes from above, and from below. T without light that is not scattered. */
+struct half {
+    double thickness; /* optical */
+    matrix R, T, R_below, T_below;
+};
+
+static void add_straight(const struct directions *d, double thickness, double sign, matrix T)
+{
+    for (int i = 0; i < SIDE; i++)
+        T[i][i] += sign * exp(-thickness / d->mu[i]);
+}
+
+/* `R` is from above, of what is below; `down` arrives there, and what comes up again through `up` is added to `R_above`. */
+static void between_layers(const matrix R_below, const matrix R, const matrix down_through, const matrix up_through, matrix down,
+                           matrix R_above)
+{
+    matrix m, back;
+
+    multiply(R_below, R, m);
+    memcpy(down, down_through, sizeof(matrix));
+    solve(m, down);
+    multiply(R, down, back);
+    multiply(up_through, back, m);
+    for (int i = 0; i < SIDE; i++)
+        for (int j = 0; j < SIDE; j++)
+            R_above[i][j] += m[i][j];
+}
+
+/* A layer below all others. */
+static void add_below(const struct directions *d, const struct layer *l, struct half *h)
+{
+    matrix through, down, up, R;
+
+    memcpy(through, l->T, sizeof(through));
+    memcpy(R, l->R, sizeof(R));
+    add_straight(d, l->thickness, 1.0, through);
+    add_straight(d, h->thickness, 1.0, h->T);
+    add_straight(d, h->thickness, 1.0, h->T_below);
+    between_layers(h->R_below, l->R, h->T, h->T_below, down, h->R);
+    between_layers(l->R, h->R_below, through, through, up, R);
+    multiply(through, down, h->T);
+    memcpy(down, h->T_below, sizeof(down));
+    multiply(down, up, h->T_below);
+    memcpy(h->R_below, R, sizeof(R));
+    h->thickness += l->thickness;
+    add_straight(d, h->thickness, -1.0, h->T);
+    add_straight(d, h->thickness, -1.0, h->T_below);
+}
+
+/* The layers from above, and the same from below. */
+static void mirror(const struct directions *d, const struct half *h, struct layer *out)
+{
+    matrix through, back, down;
+
+    memcpy(through, h->T, sizeof(through));
+    memcpy(back, h->T_below, sizeof(back));
+    memcpy(out->R, h->R, sizeof(out->R));
+    add_straight(d, h->thickness, 1.0, through);
+    add_straight(d, h->thickness, 1.0, back);
+    between_layers(h->R_below, h->R_below, through, back, down, out->R);
+    multiply(back, down, out->T);
+    out->thickness = 2.0 * h->thickness;
+    add_straight(d, out->thickness, -1.0, out->T);
+}
+
 /* The lower boundary is added: `down` arrives at it and `up` at the upper one, of light that starts below the upper one. */
 static void add_lower(const struct directions *d, const struct layer *l, matrix up, matrix down)
 {
@@ -220,6 +288,69 @@ bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_s
     return true;
 }
 
+static void make_layer(const struct directions *d, double albedo, double thickness, struct layer *l)
+{
+    int doublings = 0;
+
+    while (ldexp(thickness, -doublings) > ldexp(THINNEST, -EARLIER))
+        doublings++;
+    l->thickness = ldexp(thickness, -doublings);
+    scatter_once(d, albedo, l);
+    while (doublings-- > 0)
+        twice(d, l);
+}
+
+static double reduced(const struct pell_medium_layer *l, int channel)
+{
+    return l->sigma_a[channel] + l->sigma_s_reduced[channel];
+}
+
+bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct pell_slab *out)
+{
+    struct directions d;
+    struct half above = { .thickness = 0.0 };
+    double top = 0.0, optical = 0.0; /* of the layer that is cut; the sum of sigma_t over those above it */
+    int next = 0;
+
+    *out = (struct pell_slab) { 0.0 };
+    for (int i = 0; i < PELL_SLAB_STEPS; i++)
+        out->reflected[i] = out->transmitted[i] = log(DBL_MIN);
+    if (!pell_stack_valid(stack, NULL) || channel < 0 || channel > 2)
+        return false;
+    out->layered = true;
+    for (int i = 0; i < stack->count; i++)
+        out->sigma_t_reduced = fmax(out->sigma_t_reduced, reduced(&stack->layer[i], channel));
+    place(stack->layer[0].eta, &d);
+    out->boundary = d.fresnel[NORMAL];
+    for (int i = 0; i < PELL_SLAB_STEPS; i++) {
+        const double half = 0.5 * THINNEST * exp2((double) i / PER_OCTAVE) / out->sigma_t_reduced;
+        struct half all;
+        struct layer l;
+        double reflected, transmitted, again, ignored;
+        for (;; next++) {
+            const struct pell_medium_layer *m = &stack->layer[next];
+            const double sigma_t = reduced(m, channel), from = fmin(half - top, next + 1 < stack->count ? m->thickness : (double) INFINITY);
+            const double full = m->sigma_a[channel] + m->sigma_s_reduced[channel] / (1.0 - m->g[channel]);
+            make_layer(&d, m->sigma_s_reduced[channel] / sigma_t, sigma_t * from, &l);
+            if (next + 1 == stack->count || top + m->thickness >= half) {
+                all = above;
+                add_below(&d, &l, &all);
+                out->optical[i] = 2.0 * (optical + full * (half - top));
+                break;
+            }
+            add_below(&d, &l, &above);
+            top += m->thickness;
+            optical += full * m->thickness;
+        }
+        mirror(&d, &all, &l);
+        between_boundaries(&d, &l, &reflected, &transmitted);
+        transmitted += straight(l.thickness, out->boundary, &again) - straight(out->optical[i], out->boundary, &ignored);
+        out->reflected[i] = log(fmax(reflected + again - ignored, DBL_MIN));
+        out->transmitted[i] = log(fmax(transmitted, DBL_MIN));
+    }
+    return true;
+}
+
 /* Lagrange's cubic through four entries. */
 static double between(const double *table, double x)
 {
@@ -248,6 +379,15 @@ struct pell_slab_light pell_slab_at(const struct pell_slab *s, double d)
     } else { /* nothing is left but where nearly nothing absorbs: there T falls as 1/d */
         out.reflected = exp(s->reflected[last]);
         out.transmitted = exp(s->transmitted[last]) * thickest / thickness;
+    }
+    if (s->layered) {
+        const double x = PER_OCTAVE * log2(fmax(thickness, THINNEST) / THINNEST);
+        const int i = (int) fmin(x, last - 1);
+        const double from = THINNEST * exp2((double) i / PER_OCTAVE), f = (thickness / from - 1.0) / (exp2(1.0 / PER_OCTAVE) - 1.0);
+        const double optical =
+            thickness < THINNEST ? s->optical[0] * thickness / THINNEST : s->optical[i] + f * (s->optical[i + 1] - s->optical[i]);
+        out.straight = straight(optical, s->boundary, &again);
+        return out;
     }
     out.straight = straight(s->sigma_t * far, s->boundary, &again);
     out.transmitted += straight(thickness, s->boundary, &again_reduced) - out.straight;
