@@ -275,7 +275,7 @@ static void white_furnace(void **state)
 /* What of light at normal incidence comes back (`back`) or through: a wide slab under a uniform environment whose other half is hidden by
  * black. */
 static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], double g, double eta, double thickness, bool back,
-                             int samples, unsigned acceleration)
+                             int samples, unsigned techniques)
 {
     const float wide = (float) fmax(400.0 * thickness, 40.0 / (sigma_s[0] * (1.0 - g) + sigma_a[0])), d = (float) thickness;
     struct stage s;
@@ -300,8 +300,7 @@ static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], d
         stage_box(&s, black, 1, vec3(-9 * wide, -9 * wide, d), vec3(9 * wide, 9 * wide, 2 * d));
     stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
-    knobs.acceleration = (int) acceleration;
-    knobs.techniques = PT_CHANCE;
+    knobs.techniques = techniques;
     scene = rig_scene(&s, &knobs);
     at = rig_point(vec3(0.013f, 0.007f, 0.0f), vec3(0.013f, 0.007f, 500.0f), 5);
     r = rig_measure(scene, &at, 0, samples);
@@ -317,11 +316,24 @@ static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], d
 }
 
 static struct rig_mean slab(double sigma_s, double sigma_a, double g, double eta, double thickness, bool back, int samples,
-                            unsigned acceleration)
+                            unsigned techniques)
 {
     const double scatter[3] = { sigma_s, sigma_s, sigma_s }, absorb[3] = { sigma_a, sigma_a, sigma_a };
 
-    return slab3(scatter, absorb, g, eta, thickness, back, samples, acceleration);
+    return slab3(scatter, absorb, g, eta, thickness, back, samples, techniques);
+}
+
+static void require_same(const char *name, const struct rig_mean *a, const struct rig_mean *b, int part)
+{
+    for (int c = 0; c < 3; c++) {
+        const double bar = hypot(a->error[part][c], b->error[part][c]), difference = a->mean[part][c] - b->mean[part][c];
+        if (c == 1)
+            print_message("# %s: %.5g +- %.2g against %.5g +- %.2g, %.1f sigma\n", name, a->mean[part][c], a->error[part][c],
+                          b->mean[part][c], b->error[part][c], bar > 0.0 ? difference / bar : 0.0);
+        if (!(fabs(difference) <= SIGMAS * bar + 1e-12))
+            fail_msg("%s, channel %d: %g +- %g against %g +- %g", name, c, a->mean[part][c], a->error[part][c], b->mean[part][c],
+                     b->error[part][c]);
+    }
 }
 
 static void require_slab(const char *name, const struct rig_mean *r, double expected, double se, int part)
@@ -344,8 +356,8 @@ static void slabs_of_the_oracle(void **state)
     json_array_foreach(oracle_get(root, "slab_totals"), i, row)
     {
         const double alpha = oracle_number(row, "alpha"), tau = oracle_number(row, "optical_thickness"), eta = oracle_number(row, "n");
-        const struct rig_mean back = slab(alpha, 1.0 - alpha, 0.0, eta, tau, true, n, PT_ACCELERATION_NONE);
-        const struct rig_mean transmitted = slab(alpha, 1.0 - alpha, 0.0, eta, tau, false, n, PT_ACCELERATION_NONE);
+        const struct rig_mean back = slab(alpha, 1.0 - alpha, 0.0, eta, tau, true, n, PT_CHANCE);
+        const struct rig_mean transmitted = slab(alpha, 1.0 - alpha, 0.0, eta, tau, false, n, PT_CHANCE);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: R", eta, tau, alpha);
         require_slab(name, &back, oracle_number(row, "mc_R"), oracle_number(row, "mc_R_se"), 0);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: R of one scattering", eta, tau, alpha);
@@ -358,7 +370,8 @@ static void slabs_of_the_oracle(void **state)
     json_decref(root);
 }
 
-/* Three of the oracle's slabs at once, as the channels of one: optical thicknesses from 3 to 12.5. */
+/* Three of the oracle's slabs at once, as the channels of one: optical thicknesses from 3 to 12.5. Where flights are split at the boundary,
+ * too, with less noise. */
 static void channels_are_slabs(void **state)
 {
     static const int rows[3] = { 5, 3, 0 };
@@ -373,27 +386,66 @@ static void channels_are_slabs(void **state)
         REQUIRE_NEAR(oracle_number(row, "n"), 1.4, 1e-9);
     }
     for (int back = 0; back < 2; back++) {
-        const struct rig_mean r = slab3(sigma_s, sigma_a, 0.0, 1.4, 1.0, back != 0, FEWER(10000), PT_ACCELERATION_NONE);
-        for (int c = 0; c < 3; c++) {
-            json_t *row = json_array_get(list, (size_t) rows[c]);
-            const double value = r.mean[0][c] + r.mean[1][c], error = hypot(r.error[0][c], r.error[1][c]);
-            const double expected = oracle_number(row, back ? "mc_R" : "mc_T");
-            print_message("# channel %d: %c %.5f +- %.5f, expected %.5f\n", c, back ? 'R' : 'T', value, error, expected);
-            REQUIRE_NEAR(value, expected, SIGMAS * error);
-            REQUIRE(SLOW || error < 0.1 * expected);
+        double whole[2] = { 0.0, 0.0 };
+        for (int split = 0; split < 2; split++) {
+            const struct rig_mean r = slab3(sigma_s, sigma_a, 0.0, 1.4, 1.0, back != 0, FEWER(10000), PT_CHANCE | (split ? PT_SPLIT : 0u));
+            for (int c = 0; c < 3; c++) {
+                json_t *row = json_array_get(list, (size_t) rows[c]);
+                const double value = r.mean[0][c] + r.mean[1][c], error = hypot(r.error[0][c], r.error[1][c]);
+                const double expected = oracle_number(row, back ? "mc_R" : "mc_T");
+                print_message("# channel %d%s: %c %.5f +- %.5f, expected %.5f\n", c, split ? ", split" : "", back ? 'R' : 'T', value, error,
+                              expected);
+                REQUIRE_NEAR(value, expected, SIGMAS * error);
+                REQUIRE(SLOW || error < 0.1 * expected);
+                whole[split] += error * error;
+            }
         }
+        REQUIRE(SLOW || whole[1] < 0.75 * whole[0]);
     }
     json_decref(root);
+}
+
+/* What leaves and what stays is all that there is: without absorption all light leaves, forward scattering or not, whatever the index, and
+ * on both sides of a slab what the plain walk says. */
+static void split_walks_are_whole(void **state)
+{
+    static const struct {
+        double g, eta, thickness;
+    } cases[] = { { 0.0, 1.4, 1.0 }, { 0.7, 1.4, 2.0 }, { 0.0, 1.0, 0.5 }, { 0.0, 0.8, 1.0 } };
+
+    (void) state;
+    for (size_t k = 0; k < PELL_COUNT(cases); k++) {
+        const double sigma_s[3] = { 0.5, 2.0, 8.0 }, sigma_a[3] = { 0.0, 0.0, 0.0 };
+        struct rig_mean r[2][2];
+        for (int back = 0; back < 2; back++)
+            for (int split = 0; split < 2; split++)
+                r[back][split] = slab3(sigma_s, sigma_a, cases[k].g, cases[k].eta, cases[k].thickness, back != 0, FEWER(3000),
+                                       PT_CHANCE | (split ? PT_SPLIT : 0u));
+        for (int c = 0; c < 3; c++) {
+            double sum = 0.0, error = 0.0;
+            for (int back = 0; back < 2; back++)
+                for (int part = 0; part < 2; part++) {
+                    sum += r[back][1].mean[part][c];
+                    error = hypot(error, r[back][1].error[part][c]);
+                }
+            print_message("# g %g, index %g, channel %d: R + T %.5f +- %.5f\n", cases[k].g, cases[k].eta, c, sum, error);
+            REQUIRE_NEAR(sum, 1.0, SIGMAS * error);
+        }
+        for (int part = 0; part < 2; part++) {
+            require_same("split against plain, T", &r[0][1], &r[0][0], part);
+            require_same("split against plain, R", &r[1][1], &r[1][0], part);
+        }
+    }
 }
 
 /* van de Hulst's slab (g 0.75, no boundary) and Giovanelli's half-space (index 1.5), Chandrasekhar's (matched). */
 static void slabs_of_the_literature(void **state)
 {
     const int n = FEWER(4000);
-    const struct rig_mean back = slab(9.0, 1.0, 0.75, 1.0, 0.2, true, n, PT_ACCELERATION_NONE);
-    const struct rig_mean transmitted = slab(9.0, 1.0, 0.75, 1.0, 0.2, false, n, PT_ACCELERATION_NONE);
-    const struct rig_mean deep = slab(9.0, 1.0, 0.0, 1.5, 3.0, true, n, PT_ACCELERATION_NONE);
-    const struct rig_mean matched = slab(0.3, 0.7, 0.0, 1.0, 25.0, true, n, PT_ACCELERATION_NONE);
+    const struct rig_mean back = slab(9.0, 1.0, 0.75, 1.0, 0.2, true, n, PT_CHANCE);
+    const struct rig_mean transmitted = slab(9.0, 1.0, 0.75, 1.0, 0.2, false, n, PT_CHANCE);
+    const struct rig_mean deep = slab(9.0, 1.0, 0.0, 1.5, 3.0, true, n, PT_CHANCE);
+    const struct rig_mean matched = slab(0.3, 0.7, 0.0, 1.0, 25.0, true, n, PT_CHANCE);
 
     (void) state;
     require_slab("van de Hulst, R", &back, 0.09739, 1e-5, 0);
@@ -429,19 +481,6 @@ static void busy_stage(struct stage *s, struct pt_knobs *knobs, bool rough, size
     *knobs = rig_knobs();
     knobs->boundary = rough ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
     knobs->acceleration = PT_ACCELERATION_GRID;
-}
-
-static void require_same(const char *name, const struct rig_mean *a, const struct rig_mean *b, int part)
-{
-    for (int c = 0; c < 3; c++) {
-        const double bar = hypot(a->error[part][c], b->error[part][c]), difference = a->mean[part][c] - b->mean[part][c];
-        if (c == 1)
-            print_message("# %s: %.5g +- %.2g against %.5g +- %.2g, %.1f sigma\n", name, a->mean[part][c], a->error[part][c],
-                          b->mean[part][c], b->error[part][c], bar > 0.0 ? difference / bar : 0.0);
-        if (!(fabs(difference) <= SIGMAS * bar + 1e-12))
-            fail_msg("%s, channel %d: %g +- %g against %g +- %g", name, c, a->mean[part][c], a->error[part][c], b->mean[part][c],
-                     b->error[part][c]);
-    }
 }
 
 /* The same numbers give the same walk. Which scatterers look for lights follows from what the grid knows: with them the means agree. */
@@ -1376,6 +1415,7 @@ int main(void)
         cmocka_unit_test(white_furnace),
         cmocka_unit_test(slabs_of_the_oracle),
         cmocka_unit_test(channels_are_slabs),
+        cmocka_unit_test(split_walks_are_whole),
         cmocka_unit_test(slabs_of_the_literature),
         cmocka_unit_test(grid_is_the_plain_walk),
         cmocka_unit_test(lanes_are_the_plain_walk),

@@ -7,25 +7,29 @@
 
 #include "scene/triangle.h"
 
-/* A flight that ended by chance at `length`: does a surface come first? */
-static bool stopped(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float length, float *safe,
-                    struct pt_hit *hit)
+/* Whether a surface comes before the end of a flight. */
+static void look_ahead(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float *safe,
+                       struct pt_flight *f)
 {
-    if (length < *safe) {
+    f->met = f->found = false;
+    f->bound = *safe;
+    if (f->length < *safe) {
         counts->steps_without_ray++;
-        *safe -= length;
-        return false;
+        *safe -= f->length;
+        return;
     }
     if (s->solid[solid].grid) {
         const float bound = pell_distance_bound(s->distance, solid, ray->x);
-        if (length < bound) {
+        if (f->length < bound) {
             counts->steps_without_ray++;
-            *safe = bound - length;
-            return false;
+            *safe = bound - f->length;
+            return;
         }
+        f->bound = fmaxf(f->bound, bound);
     }
     *safe = 0.0f;
-    return pt_intersect(s, counts, ray->from, ray->w, length, PELL_RAY_ALL, hit);
+    f->found = pt_intersect(s, counts, ray->from, ray->w, fmaxf(f->length, f->bound + f->further), PELL_RAY_ALL, &f->hit);
+    f->met = f->found && f->hit.t <= f->length;
 }
 
 bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin)
@@ -58,55 +62,68 @@ void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3])
         beta[c] = passed > 0.0f ? beta[c] * t[c] * (sum / passed) : 0.0f;
 }
 
-static void collide(const struct pt_coefficients *m, float length, float beta[3])
+static void collide(const struct pt_coefficients *m, float length, const float over[3], float beta[3])
 {
     float sum = 0.0f, density = 0.0f, t[3];
 
     if (m->gray) {
         for (int c = 0; c < 3; c++)
-            beta[c] *= m->sigma_s[c] / m->sigma_t[c];
+            beta[c] *= m->sigma_s[c] / m->sigma_t[c] / over[c];
         return;
     }
     for (int c = 0; c < 3; c++) {
         t[c] = pt_exp(-m->sigma_t[c] * length);
         sum += beta[c];
-        density += beta[c] * m->sigma_t[c] * t[c];
+        density += beta[c] * m->sigma_t[c] * t[c] * over[c];
     }
     for (int c = 0; c < 3; c++)
         beta[c] = density > 0.0f ? beta[c] * m->sigma_s[c] * t[c] * (sum / density) : 0.0f;
 }
 
-static void sample_homogeneous(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3],
-                               float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
+void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3], float *safe,
+            struct pt_sampler *sampler, struct pt_flight *out)
+{
+    const struct pt_coefficients *m = &s->solid[solid].medium.layer[0];
+    const int c = m->gray ? 0 : pt_sample_channel(beta, pt_random(sampler));
+    const float depth = -pt_log(pt_chance(sampler));
+
+    out->channel = c;
+    out->length = m->sigma_t[c] > 0.0f ? depth * m->mean_free_path[c] : INFINITY;
+    if (!(out->length < 1e30f)) { /* nothing to scatter at before the end of the world */
+        out->length = INFINITY;
+        *safe = 0.0f;
+    }
+    for (int k = 0; k < 3; k++)
+        out->over[k] = 1.0f;
+    look_ahead(s, counts, solid, ray, safe, out);
+}
+
+void pt_land(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *f, float beta[3],
+             struct pt_free_path *out)
 {
     const struct pt_solid *b = &s->solid[solid];
     const struct pt_coefficients *m = &b->medium.layer[0];
-    const int c = m->gray ? 0 : pt_sample_channel(beta, pt_random(sampler));
-    const float depth = -pt_log(pt_chance(sampler));
-    float length = m->sigma_t[c] > 0.0f ? depth * m->mean_free_path[c] : INFINITY;
 
+    out->met = f->met;
+    out->lost = out->floor = false;
     out->medium = m;
-    if (!(length < 1e30f)) { /* nothing to scatter at before the end of the world */
-        length = INFINITY;
-        *safe = 0.0f;
-    }
-    out->met = stopped(s, counts, solid, ray, length, safe, &out->hit);
     if (out->met) {
+        out->hit = f->hit;
         out->length = out->hit.t;
         out->x = out->hit.p;
         pt_attenuate(m, out->length, beta);
         return;
     }
-    out->length = length;
-    out->x = vec3_mad(ray->x, length, ray->w);
-    if (length == INFINITY || pt_outside(b, out->x, 4.0f * s->unit)) {
+    out->length = f->length;
+    out->x = vec3_mad(ray->x, f->length, ray->w);
+    if (f->length == INFINITY || pt_outside(b, out->x, 4.0f * s->unit)) {
         out->lost = true;
         out->length = pt_outside(b, ray->x, 0.0f) ? 0.0f : pt_exit_distance(b, ray->x, ray->w);
         out->x = vec3_mad(ray->x, out->length, ray->w);
         pt_attenuate(m, out->length, beta);
         return;
     }
-    collide(m, length, beta);
+    collide(m, f->length, f->over, beta);
 }
 
 /* --- Layers ------------------------------------------------------------------------------------------------------------------------ */
@@ -220,6 +237,7 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
     struct pt_ray r = *ray;
     const struct pt_solid *b = &s->solid[solid];
     const float most = fmaxf(b->medium.largest[0], fmaxf(b->medium.largest[1], b->medium.largest[2]));
+    struct pt_flight flight = { .further = 0.0f };
     float length = 0.0f;
 
     for (;;) {
@@ -230,8 +248,11 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
             end_below(s, solid, r.x, length, beta, out);
             return;
         }
-        out->met = stopped(s, counts, solid, &r, step < 1e30f ? step : INFINITY, safe, &out->hit);
+        flight.length = step < 1e30f ? step : INFINITY;
+        look_ahead(s, counts, solid, &r, safe, &flight);
+        out->met = flight.met;
         if (out->met) {
+            out->hit = flight.hit;
             out->length = length + out->hit.t;
             out->x = out->hit.p;
             return;
@@ -270,11 +291,15 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
 void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
                         struct pt_sampler *sampler, struct pt_free_path *out)
 {
+    struct pt_flight flight = { .further = 0.0f };
+
     out->met = out->lost = out->floor = false;
-    if (s->solid[solid].medium.homogeneous)
-        sample_homogeneous(s, counts, solid, ray, beta, safe, sampler, out);
-    else
+    if (s->solid[solid].medium.homogeneous) {
+        pt_fly(s, counts, solid, ray, beta, safe, sampler, &flight);
+        pt_land(s, solid, ray, &flight, beta, out);
+    } else {
         sample_layers(s, counts, solid, ray, beta, safe, sampler, out);
+    }
 }
 
 /* Layers: ratio tracking (Novak et al. 2014, "Residual Ratio Tracking for Estimating Attenuation in Participating Media"). */

@@ -35,7 +35,7 @@ static const struct pell_knob knobs[] = {
       "off: as bounces=0, whatever bounces says; light enters straight from lights, and a pixel shows its first surface alone" },
     { "events", PELL_KNOB_INT, "1", AT(trace.events), { 65536 }, 1, 1 << 30, NULL,
       "maximum number of scattering events and surfaces of a path; the lost share is reported" },
-    { "roulette", PELL_KNOB_FLOAT, "1", AT(trace.roulette), { 0.1 }, 1e-6, 1, NULL,
+    { "roulette", PELL_KNOB_FLOAT, "1", AT(trace.roulette), { 0.4 }, 1e-6, 1, NULL,
       "threshold of Russian roulette: relative weight of a path" },
     { "acceleration", PELL_KNOB_ENUM, "1", AT(trace.acceleration), { PT_ACCELERATION_GRID }, 0, 0, acceleration_names,
       "walks one by one; lanes: many walks vectorised; grid: lanes with a grid of distances to the surface, so that steps deep "

@@ -113,6 +113,7 @@ struct pt_solid {
     bool connects;           /* lights are looked for through its boundary, smooth all over */
     bool near;               /* the same, rough all over */
     bool lanes;              /* walks go side by side in it */
+    float further;           /* mm beyond the bound to which flights are split at its boundary; 0: they are not */
     float ask;               /* mm; how far connections look is -ask log u */
     float share;             /* of the scatterings after the first at which lights are looked for */
     struct pell_vec3 lo, hi; /* bounds */
@@ -229,6 +230,24 @@ struct pt_free_path {
     float albedo[3];
 };
 
+/* A flight through a homogeneous medium that is not weighed yet. */
+struct pt_flight {
+    float further; /* mm beyond the bound to which a surface is looked for in any case, if a ray is needed at all */
+    float length;  /* to where it scatters, if no surface comes first */
+    float bound;   /* of a flight that needed a ray: mm before which nothing is, as was known before */
+    int channel;   /* whose distance it is */
+    bool met;      /* a surface comes first: `hit` */
+    bool found;    /* hit is there, even if it is farther than the length */
+    struct pt_hit hit;
+    float over[3]; /* of each channel: 1 over the probability that it stays inside; 1 where flights are not split */
+};
+
+/* By the channels' weights beta. The caller has set `further`. */
+void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3], float *safe,
+            struct pt_sampler *sampler, struct pt_flight *out);
+/* Where it ends; beta becomes what it is there. */
+void pt_land(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *flight, float beta[3],
+             struct pt_free_path *out);
 /* By the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. *safe: a distance from x that is
  * known to be free of surfaces; becomes what is left. */
 void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
@@ -310,7 +329,7 @@ double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const s
 /* A place on a light that is chosen for what is at x. False: no light. */
 bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sampler *sampler, struct pell_light_sample *source);
 
-#define PT_REACH 0.5                     /* of the extinction: how far connections look */
+#define PT_REACH 0.6                     /* of the extinction: how far connections look */
 #define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the numbers by which they do */
 
 /* Whether a scatterer looks for lights through a smooth boundary: `share` of those from which connections may reach it do, evenly along the
@@ -347,7 +366,8 @@ struct pt_walker {
     struct pt_counts counts;
     struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
     int vertices;
-    struct pt_wavefront *side; /* NULL: walks are one after the other */
+    struct pt_branches *branches; /* of walks that are one after the other */
+    struct pt_wavefront *side;    /* NULL: walks are one after the other */
 };
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);

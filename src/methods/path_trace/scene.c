@@ -14,6 +14,7 @@
 #define GRID_BYTES ((size_t) 64 << 20)
 #define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, a delta */
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
+#define FURTHER 3.0f           /* mean free paths beyond the bound to which flights are split */
 #define SHARE 0.1f             /* where scattering goes all ways; forward ones follow each other */
 #define PROBES 256
 #define MIRRORS 1024   /* rays by which folds are found */
@@ -407,8 +408,9 @@ static enum pell_result make_helpers(struct pt_scene *s)
         b->connects = b->smooth && looked;
         b->near = b->rough && looked;
         b->lanes = s->knobs.acceleration != PT_ACCELERATION_NONE && from_one_medium(&b->medium);
+        b->further = (s->knobs.techniques & PT_SPLIT) && b->smooth && from_one_medium(&b->medium) ? FURTHER / b->medium.slowest : 0.0f;
         b->ask = b->medium.slowest > 0.0f ? 1.0f / ((float) PT_REACH * b->medium.slowest) : INFINITY;
-        b->grid = b->closed && s->knobs.acceleration == PT_ACCELERATION_GRID;
+        b->grid = s->knobs.acceleration == PT_ACCELERATION_GRID;
         connects = connects || b->connects || b->near;
         grid = grid || b->grid;
     }

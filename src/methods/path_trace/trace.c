@@ -13,12 +13,16 @@ enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker
     if (!w)
         return PELL_ERR_NOMEM;
     w->ctx = scene->ctx;
+    w->branches = pell_zalloc(scene->ctx, sizeof(*w->branches));
+    if (!w->branches)
+        return PELL_ERR_NOMEM;
     return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_wavefront_create(scene, &w->side) : PELL_OK;
 }
 
 void pt_walker_destroy(struct pt_walker **walker)
 {
     if (*walker) {
+        pell_free((*walker)->ctx, (*walker)->branches);
         pt_wavefront_destroy((*walker)->ctx, &(*walker)->side);
         pell_free((*walker)->ctx, *walker);
     }
@@ -36,13 +40,18 @@ static void trace_one(const struct pt_scene *s, struct pt_walker *walker, const 
     struct pt_walk walks[2];
     struct pt_sampler sampler[2];
     struct pt_light parts[2];
+    struct pt_branches *branches = walker->branches;
     int count;
 
     memset(parts, 0, sizeof(parts));
     count = pt_begin(s, walker, job->point, hit, job->sample, walks, sampler, parts);
-    for (int i = 0; i < count; i++)
-        while (pt_walk_on(&walks[i]))
-            continue;
+    for (int i = 0; i < count; i++) {
+        walks[i].branches = branches;
+        do {
+            while (pt_walk_on(&walks[i]))
+                continue;
+        } while (pt_next_branch(&walks[i]));
+    }
     for (int i = 0; i < count; i++)
         pt_light_add(&job->light, &parts[i]);
 }

@@ -22,7 +22,8 @@ enum pt_technique {
     PT_CONNECT = 1 << 2, /* lights are sampled inside media, through smooth boundaries */
     PT_LIGHT = 1 << 3,   /* paths from the lights are joined to the walk inside media */
     PT_CHAIN = 1 << 4,   /* chains of smooth surfaces are solved for, from scatterers to delta lights */
-    PT_ALL = 31,
+    PT_SPLIT = 1 << 5,   /* where a flight may leave a smooth solid, both what leaves and what stays is followed */
+    PT_ALL = 63,
 };
 
 #define PT_BOUNCES_ALL (-1)

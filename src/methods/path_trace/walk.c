@@ -250,6 +250,120 @@ static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
     p->leaving = false;
 }
 
+/* --- Splitting ------------------------------------------------------------------------------------------------------------------------
+ *
+ * A flight in a smooth solid that passes the bound of the grid and may reach the boundary behind it leaves there with the probability
+ *
+ *     out_c = exp(-sigma_t,c (t - bound)) (1 - F),    t the distance of the boundary, F what it reflects
+ *
+ * of channel c. What leaves is followed at once, with that part of the weight; the walk goes on with the rest, as one that does not leave:
+ * the densities of where it collides, and of being reflected, are divided by 1 - out_c (walks are weighed by those of all channels, as in
+ * distance_sampling.c). A walk that ended at its first exit knows the surface there alone; this one sees many, and its weight falls evenly
+ * instead of at once. */
+
+#define LEAVES 0.02f                  /* least probability to leave for which a flight is split */
+#define LEAST_STAY 1e-6f              /* what divides by the probability to stay */
+#define PART 0.3f                     /* weight at least of what leaves and meets another surface */
+#define PART_SALT 0x9fb21c651e98df25u /* of its random numbers */
+
+/* What leaves: to the lights now; where it meets a surface it goes on by chance, when the walk is over, or at once if too many wait. */
+static void leave(const struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, const float beta[3])
+{
+    struct pt_branches *to = p->branches;
+    struct pt_sampler sampler = pt_own_numbers(p->sampler, PART_SALT);
+    struct pt_walk q = *p;
+    struct pt_hit next;
+    bool met;
+
+    q.sampler = &sampler;
+    for (int c = 0; c < 3; c++)
+        q.beta[c] = beta[c];
+    smooth_boundary(&q, hit, b, 1.0f, hit->t);
+    q.leaving = false;
+    if (q.events++ >= p->s->knobs.events) {
+        pt_cut(q.counts, q.beta);
+        return;
+    }
+    met = pt_intersect(p->s, q.counts, q.from, q.w, INFINITY, PELL_RAY_ALL, &next);
+    hit_lights(&q, met ? (double) next.t : INFINITY);
+    if (!met || !pt_may_bounce(p->s, ++q.bounces) ||
+        !pt_roulette(q.beta, (q.beta[0] + q.beta[1] + q.beta[2]) * (1.0f / 3.0f), PART, &sampler) || !pt_met(&q, &next, next.t))
+        return;
+    if (to->count == PT_BRANCHES) {
+        q.branches = NULL;
+        while (pt_walk_on(&q))
+            continue;
+        return;
+    }
+    q.sampler = p->sampler;
+    to->walk[to->count] = q;
+    to->sampler[to->count++] = sampler;
+}
+
+enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
+{
+    const struct pt_scene *s = p->s;
+    const int solid = pt_top(&p->place);
+    const struct pt_coefficients *m = &s->solid[solid].medium.layer[0];
+    const int64_t crossed = p->counts->crossed;
+    struct boundary b;
+    float fresnel, cos_t, passed[3], arrived[3], out[3], outside[3], sum = 0.0f, density = 0.0f, u, near, most = 0.0f;
+
+    if (!f->found || p->place.count != 1 || f->hit.solid != solid)
+        return PT_SPLIT_NOT;
+    if (!look(p, &f->hit, &b) || b.enter || b.after.count > 0 || b.rough || b.flat) {
+        p->counts->crossed = crossed;
+        return PT_SPLIT_NOT;
+    }
+    fresnel = pt_fresnel(b.eta, vec3_dot(b.at.o, b.at.ns), &cos_t);
+    near = fmaxf(f->hit.t - f->bound, 0.0f);
+    for (int c = 0; c < 3; c++) {
+        passed[c] = pt_exp(-m->sigma_t[c] * f->bound);
+        arrived[c] = pt_exp(-m->sigma_t[c] * near);
+        out[c] = arrived[c] * (1.0f - fresnel);
+        most = fmaxf(most, out[c]);
+        sum += p->beta[c];
+        density += p->beta[c] * passed[c];
+    }
+    if (most < LEAVES || !(density > 0.0f))
+        return PT_SPLIT_NOT;
+    for (int c = 0; c < 3; c++) {
+        outside[c] = p->beta[c] * passed[c] * out[c] * (sum / density);
+        f->over[c] = 1.0f / fmaxf(1.0f - out[c], LEAST_STAY);
+    }
+    leave(p, &f->hit, &b, outside);
+    /* The rest of the flight beyond the bound as a number in [0, 1), of what stays: below 1 - arrived it collides. */
+    u = (1.0f - pt_exp(-m->sigma_t[f->channel] * fmaxf(f->length - f->bound, 0.0f))) * (1.0f - out[f->channel]);
+    if (u < 1.0f - arrived[f->channel] || !(fresnel > 0.0f)) {
+        f->met = false;
+        f->length = f->bound - pt_log(fmaxf(1.0f - u, 1e-30f)) * m->mean_free_path[f->channel];
+        f->length = fminf(f->length, f->hit.t);
+        return PT_SPLIT_COLLIDES;
+    }
+    density = 0.0f;
+    for (int c = 0; c < 3; c++) {
+        passed[c] *= arrived[c];
+        density += p->beta[c] * passed[c] * f->over[c];
+    }
+    for (int c = 0; c < 3; c++)
+        p->beta[c] = density > 0.0f ? p->beta[c] * passed[c] * (sum / density) : 0.0f;
+    smooth_boundary(p, &f->hit, &b, -1.0f, f->hit.t);
+    p->leaving = false;
+    return PT_SPLIT_REFLECTS;
+}
+
+bool pt_next_branch(struct pt_walk *p)
+{
+    struct pt_branches *from = p->branches;
+    struct pt_sampler *sampler = p->sampler;
+
+    if (from == NULL || from->count == 0)
+        return false;
+    *sampler = from->sampler[--from->count];
+    *p = from->walk[from->count];
+    return true;
+}
+
 /* --- Walking ------------------------------------------------------------------------------------------------------------------------- */
 
 static bool roulette(struct pt_walk *p)
@@ -286,6 +400,7 @@ bool pt_walk_on(struct pt_walk *p)
 {
     const struct pt_scene *s = p->s;
     const int solid = pt_top(&p->place);
+    const struct pt_ray ray = { p->x, p->from, p->w };
     struct pt_free_path free_path;
 
     if (p->events % LOOK == 0 && pt_stopped(s))
@@ -300,7 +415,15 @@ bool pt_walk_on(struct pt_walk *p)
         hit_lights(p, met ? (double) hit.t : INFINITY);
         return met && pt_may_bounce(s, ++p->bounces) && pt_met(p, &hit, hit.t);
     }
-    pt_sample_distance(s, p->counts, solid, &(struct pt_ray) { p->x, p->from, p->w }, p->beta, &p->safe, p->sampler, &free_path);
+    if (p->branches && s->solid[solid].further > 0.0f) {
+        struct pt_flight flight = { .further = s->solid[solid].further };
+        pt_fly(s, p->counts, solid, &ray, p->beta, &p->safe, p->sampler, &flight);
+        if (pt_split(p, &flight) == PT_SPLIT_REFLECTS)
+            return roulette(p);
+        pt_land(s, solid, &ray, &flight, p->beta, &free_path);
+    } else {
+        pt_sample_distance(s, p->counts, solid, &ray, p->beta, &p->safe, p->sampler, &free_path);
+    }
     if (free_path.met)
         return pt_met(p, &free_path.hit, free_path.length);
     if (free_path.lost) {

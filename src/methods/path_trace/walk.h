@@ -29,13 +29,33 @@ struct pt_walk {
     bool tight;   /* a smooth surface on every edge between scatterings, since the camera or a rough surface: no path of a light can
                           * be joined to it */
     enum pt_last last;
-    float density;            /* LAST_SURFACE: of w, per sr */
-    struct pell_vec3 surface; /* LAST_SURFACE: where it is */
-    bool looked;              /* LAST_SURFACE: lights but the environment were looked for at exit.from */
-    struct pt_exit exit;      /* LAST_EXIT, or looked; before that what is known of it */
-    bool leaving;             /* exit.from is the last vertex, with no surface since */
-    float turn;               /* see pt_should_connect */
+    float density;                /* LAST_SURFACE: of w, per sr */
+    struct pell_vec3 surface;     /* LAST_SURFACE: where it is */
+    bool looked;                  /* LAST_SURFACE: lights but the environment were looked for at exit.from */
+    struct pt_exit exit;          /* LAST_EXIT, or looked; before that what is known of it */
+    bool leaving;                 /* exit.from is the last vertex, with no surface since */
+    float turn;                   /* see pt_should_connect */
+    struct pt_branches *branches; /* NULL: walks are not split */
 };
+
+/* Parts of a walk that left a solid and met a surface again: the last of them goes on when it is over. */
+#define PT_BRANCHES 8
+struct pt_branches {
+    int count;
+    struct pt_walk walk[PT_BRANCHES];
+    struct pt_sampler sampler[PT_BRANCHES];
+};
+
+enum pt_split {
+    PT_SPLIT_NOT,      /* the flight is as it was */
+    PT_SPLIT_COLLIDES, /* it ends inside, at another length */
+    PT_SPLIT_REFLECTS, /* p is past its end */
+};
+
+/* A flight that may leave a smooth solid for the open: follows what leaves, and makes the flight one that stays. */
+enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f);
+/* The next part of a walk that is over. False: there is none. */
+bool pt_next_branch(struct pt_walk *p);
 
 enum pt_connection { PT_CONNECTION_NOT, PT_CONNECTION_NO, PT_CONNECTION_YES };
 

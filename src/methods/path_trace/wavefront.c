@@ -15,6 +15,7 @@ struct slot {
     struct pt_sampler sampler;
     struct pt_light light;
     struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
+    struct pt_branches branches;
     struct pt_job *job;
 };
 
@@ -122,12 +123,6 @@ static void give(struct pt_wavefront *d, int l)
     d->single |= bit; /* until it scattered */
 }
 
-static void finish(struct pt_wavefront *d, int l)
-{
-    pt_light_add(&d->slot[l].job->light, &d->slot[l].light);
-    d->live &= ~(1u << l);
-}
-
 /* Goes on alone until lanes can take it. False: it is over. */
 static bool alone(const struct pt_scene *s, struct pt_walk *p)
 {
@@ -135,6 +130,20 @@ static bool alone(const struct pt_scene *s, struct pt_walk *p)
         if (!pt_walk_on(p))
             return false;
     return true;
+}
+
+/* It is over: the next of its parts. */
+static void finish(struct pt_wavefront *d, int l)
+{
+    struct slot *slot = &d->slot[l];
+
+    while (pt_next_branch(&slot->p))
+        if (alone(d->s, &slot->p)) {
+            give(d, l);
+            return;
+        }
+    pt_light_add(&slot->job->light, &slot->light);
+    d->live &= ~(1u << l);
 }
 
 /* After what happened to it by itself. */
@@ -152,8 +161,10 @@ static void finish_alone(struct pt_wavefront *d)
     for (; d->live; d->live &= d->live - 1) {
         const int l = __builtin_ctz(d->live);
         take(d, l);
-        while (pt_walk_on(&d->slot[l].p))
-            continue;
+        do {
+            while (pt_walk_on(&d->slot[l].p))
+                continue;
+        } while (pt_next_branch(&d->slot[l].p));
         pt_light_add(&d->slot[l].job->light, &d->slot[l].light);
     }
 }
@@ -165,6 +176,8 @@ static void point_at_own(struct slot *slot)
     slot->p.sampler = &slot->sampler;
     slot->p.out = &slot->light;
     slot->p.vertex = slot->vertex;
+    slot->p.branches = &slot->branches;
+    slot->branches.count = 0;
 }
 
 static void load_slot(struct pt_wavefront *d, int l, const struct pt_walk *p, const struct pt_sampler *sampler,
@@ -253,9 +266,42 @@ static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, b
     };
 }
 
-/* Of flights that may have met a surface those that did, which are dealt with. */
-static uint32_t meet(struct pt_wavefront *d, uint32_t set)
+/* A flight of a lane whose ray found something: false where it goes on to where it scatters. */
+static bool met_one(struct pt_wavefront *d, int l, bool splits)
 {
+    const struct pell_ray_hit16 *r = &d->rays;
+    struct pt_wavefront_lanes *w = &d->w;
+    struct pt_walk *p = &d->slot[l].p;
+    struct pt_flight f = { .length = w->length[l], .bound = w->bound[l], .channel = w->channel[l], .found = true };
+
+    if (!splits && !(r->ray.tfar[l] <= w->length[l]))
+        return false;
+    take(d, l);
+    pt_hit_at(d->s, r->hit.mesh[l], r->hit.triangle[l], r->hit.u[l], r->hit.v[l], p->w, &f.hit);
+    f.hit.t = r->ray.tfar[l];
+    f.met = f.hit.t <= f.length;
+    switch (splits ? pt_split(p, &f) : PT_SPLIT_NOT) {
+    case PT_SPLIT_NOT:
+        if (!f.met)
+            return false;
+        pt_attenuate(&d->s->solid[pt_top(&p->place)].medium.layer[0], f.hit.t, p->beta);
+        back(d, l, pt_met(p, &f.hit, f.hit.t));
+        return true;
+    case PT_SPLIT_COLLIDES:
+        w->length[l] = f.length;
+        for (int c = 0; c < 3; c++)
+            w->over[c][l] = f.over[c];
+        return false;
+    case PT_SPLIT_REFLECTS: break;
+    }
+    back(d, l, pt_roulette(p->beta, (p->beta[0] + p->beta[1] + p->beta[2]) * (1.0f / 3.0f), d->s->knobs.roulette, p->sampler));
+    return true;
+}
+
+/* Of flights that may have met a surface those that did, which are dealt with. */
+static uint32_t meet(struct pt_wavefront *d, int solid, bool one, uint32_t set)
+{
+    const float further = one ? d->s->solid[solid].further : 0.0f;
     const struct pt_wavefront_lanes *w = &d->w;
     struct pell_ray_hit16 *r = &d->rays;
     _Alignas(64) int valid[PELL_PACKET];
@@ -270,7 +316,7 @@ static uint32_t meet(struct pt_wavefront *d, uint32_t set)
         r->ray.dy[l] = w->w[1][l];
         r->ray.dz[l] = w->w[2][l];
         r->ray.tnear[l] = 0.0f;
-        r->ray.tfar[l] = w->length[l];
+        r->ray.tfar[l] = fmaxf(w->length[l], w->bound[l] + further);
         r->ray.time[l] = 0.0f;
         r->ray.mask[l] = PELL_RAY_ALL;
         r->ray.id[l] = (uint32_t) l;
@@ -288,17 +334,7 @@ static uint32_t meet(struct pt_wavefront *d, uint32_t set)
         const int l = __builtin_ctz(left);
         if (r->hit.mesh[l] == PELL_NO_HIT)
             continue;
-        met |= 1u << l;
-    }
-    for (uint32_t left = met; left; left &= left - 1) {
-        const int l = __builtin_ctz(left);
-        struct pt_walk *p = &d->slot[l].p;
-        struct pt_hit hit;
-        take(d, l);
-        pt_hit_at(d->s, r->hit.mesh[l], r->hit.triangle[l], r->hit.u[l], r->hit.v[l], p->w, &hit);
-        hit.t = r->ray.tfar[l];
-        pt_attenuate(&d->s->solid[pt_top(&p->place)].medium.layer[0], hit.t, p->beta);
-        back(d, l, pt_met(p, &hit, hit.t));
+        met |= (uint32_t) met_one(d, l, further > 0.0f) << l;
     }
     return met;
 }
@@ -350,7 +386,7 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
     set &= ~cut;
     counts->steps_without_ray += bits(set & ~rays);
     if (rays)
-        set &= ~meet(d, rays);
+        set &= ~meet(d, solid, one, rays);
     if (!set)
         return;
     asks = d->k->collide(&d->w, &place, set, &lost, &gone);

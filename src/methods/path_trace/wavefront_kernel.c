@@ -144,14 +144,16 @@ INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
     }
 }
 
-/* What the channel, chosen as by pt_sample_channel, has of `of`. */
-INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const float of[3], float *out)
+/* What the channel, chosen as by pt_sample_channel, has of `of`; which it is, if `channel` is not NULL. */
+INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const float of[3], float *out, int32_t *channel)
 {
     EACH(l)
     {
         const vf b0 = load(w->beta[0] + l), b1 = load(w->beta[1] + l), b2 = load(w->beta[2] + l), t = load(u + l) * (b0 + b1 + b2);
         const vi second = t >= b0, third = second & (t - b0 >= b1), two = third & (b2 > 0.0f), one = second & ~two & (b1 > 0.0f);
         store(out + l, select(two, all(of[2]), select(one, all(of[1]), all(of[0]))));
+        if (channel)
+            keep(channel + l, (two & 2) | (one & 1));
     }
 }
 
@@ -206,10 +208,13 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     on &= ~*cut;
     if (m->gray) {
         EACH(l)
-        store(path + l, all(m->mean_free_path[0]));
+        {
+            store(path + l, all(m->mean_free_path[0]));
+            keep(w->channel + l, (vi) { 0 });
+        }
     } else {
         uniform(w, on, u);
-        choose(w, u, m->mean_free_path, path);
+        choose(w, u, m->mean_free_path, path, w->channel);
     }
     chance(w, on, u);
     EACH(l)
@@ -217,6 +222,8 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
         const vf length = -lanes_log(load(u + l)) * load(path + l), safe = load(w->safe + l);
         const vi free = length < safe, mask = mask_of(on, l);
         store(w->length + l, length);
+        for (int c = 0; c < 3; c++)
+            store(w->over[c] + l, all(1.0f));
         put(w->safe + l, mask & free, safe - length);
         asks |= set_of(mask & ~free, l);
     }
@@ -228,6 +235,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     {
         const vf safe = p->grid ? load(near + l) - load(w->length + l) : all(0.0f);
         const vi mask = mask_of(asks, l), free = safe > 0.0f;
+        store(w->bound + l, p->grid ? greater(load(near + l), load(w->safe + l)) : load(w->safe + l));
         put(w->safe + l, mask, select(free, safe, all(0.0f)));
         rays |= set_of(mask & ~free, l);
     }
@@ -297,13 +305,13 @@ static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_
         }
         if (m->gray) {
             for (int c = 0; c < 3; c++)
-                beta[c] *= m->sigma_s[c] / m->sigma_t[c];
+                beta[c] *= m->sigma_s[c] / m->sigma_t[c] / load(w->over[c] + l);
         } else {
             vf density = all(0.0f), scale;
             sum = beta[0] + beta[1] + beta[2];
             for (int c = 0; c < 3; c++) {
                 t[c] = lanes_exp(-m->sigma_t[c] * length);
-                density += beta[c] * m->sigma_t[c] * t[c];
+                density += beta[c] * m->sigma_t[c] * t[c] * load(w->over[c] + l);
             }
             scale = sum / density;
             for (int c = 0; c < 3; c++)
@@ -326,7 +334,7 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
 
     if (!m->alike) {
         uniform(w, on, u);
-        choose(w, u, m->g, g);
+        choose(w, u, m->g, g, NULL);
     }
     uniform(w, on, u);
     uniform(w, on, v);

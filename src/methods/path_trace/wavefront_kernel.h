@@ -20,6 +20,9 @@ struct pt_wavefront_lanes {
     float came[3][PT_LANES];     /* the way before it last scattered */
     float collided[3][PT_LANES]; /* beta before it scattered, with the collision */
     float safe[PT_LANES], turn[PT_LANES], length[PT_LANES];
+    float bound[PT_LANES];   /* of flights that need a ray: see struct pt_flight */
+    float over[3][PT_LANES]; /* the same */
+    int32_t channel[PT_LANES];
     int32_t events[PT_LANES], scattered[PT_LANES];
     uint32_t at[PT_LANES]; /* of the sampler, as state */
     uint64_t state[PT_LANES];
