@@ -435,9 +435,9 @@ static void files_of_something_else_are_refused_by_name(void **state)
     other = key;
     other.version[2] = '3';
     refused(data, size, &other, PELL_ERR_INVALID, "version 1.2 of the program, not by 1.3");
-    data[8] = 3;
+    data[8] = 2; /* the one before */
     mend_hash(data, size);
-    refused(data, size, &key, PELL_ERR_INVALID, "version 3");
+    refused(data, size, &key, PELL_ERR_INVALID, "version 2");
     pell_free(ctx, data);
     pell_context_destroy(&ctx);
 }

@@ -17,7 +17,7 @@
 #include "base/hash.h"
 
 enum {
-    VERSION = 2,
+    VERSION = 3,
     NAME = 32,
     HEADER = 8 + 4 * 4 + 8 + 8 + 2 * 4 + 4 + 4 * PT_KEY_WORDS + NAME,
     TILE = 3,
