@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: MIT
 """Renders the pictures that the README opens with, and those of docs/gallery.md.
 
-    scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj build/examples docs/images
+    scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj build/examples docs/images [NAME ...]
     scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj docs/gallery.md [NAME ...]
 
 backlight.png: a bunny of 70 mm with a lamp behind it, of whole milk, jade, wax, skimmed milk, soap and marble, by convolution;
 methods.png: the one of wax without scattering, by screen-space, image-space and texture-space; by convolution, hierarchical and
-path-trace; and veins below the skin of a head, by layered. With the page: every command of it that renders, or those of the named
-pictures, into images/gallery beside the page; a turntable becomes a film (APNG). Standard library only.
+path-trace; and veins below the skin of a head, by layered; material-sheet.png: that bunny of every material, in the order of their
+names; gallery/beside.png: the models of the gallery by screen-space and by path-trace; or those of them that are named. With the page:
+every command of it that renders, or those of the named pictures, into images/gallery beside the page; a turntable becomes a film
+(APNG). Standard library only.
 """
 import json
 import shlex
@@ -26,6 +28,7 @@ from draw_layer_sheets import above, beside, read_png, write_png
 MATERIALS = ['wholemilk', 'jade', 'wax', 'skimmilk', 'soap', 'marble']
 METHODS = [['none'], ['screen-space'], ['image-space', 'samples=64', 'views=eye+lights'], ['texture-space'], ['convolution'],
            ['hierarchical'], ['path-trace', 'samples=384']]
+MODELS, TRUTH = ['portrait', 'hand', 'candle', 'fruit', 'vase', 'beech'], '128'
 LIGHTS = [{'type': 'rect', 'at': ['90mm', '150mm', '-170mm'], 'to': [0, '30mm', 0], 'width': '50mm', 'height': '50mm',
            'radiance': [360, 320, 265]},
           {'type': 'rect', 'at': ['-260mm', '190mm', '190mm'], 'to': [0, '30mm', 0], 'width': '120mm', 'height': '120mm',
@@ -55,12 +58,41 @@ class Gallery:
         samples = '1' if method[0] == 'path-trace' else '8'
         return self.render('scene.json', method, width, height, '--msaa', samples, '--light-samples', '64', '--exposure', '1.3')
 
-    def draw(self):
+    def every_material(self):
+        listed = subprocess.run([self.program, 'materials', '--json'], stdout=subprocess.PIPE, check=True)
+        names = sorted(entry['name'] for entry in json.loads(listed.stdout)['materials'])
+        options = ('--size', '70mm', '--studio', 'rim', '--msaa', '16', '--material')
+        cells = [self.render('bunny.obj', ['screen-space'], 112, 98, *options, name) for name in names]
+        cells += [[b'\xff' * len(cells[0][0])] * len(cells[0])] * (-len(cells) % 8)
+        rows = [in_row(cells[i:i + 8]) for i in range(0, len(cells), 8)]
+        sheet = rows[0]
+        for row in rows[1:]:
+            sheet = above(sheet, row)
+        return sheet
+
+    def beside_truth(self, model):
+        scene = str((self.examples / 'gallery' / f'{model}.json').resolve())
+        done = subprocess.run([self.program, 'render', scene, '--width', '192', '--height', '216', '-q', '--json', '-o',
+                               self.work / 'out.png'], cwd=self.work, stdout=subprocess.PIPE, check=True)
+        fast = read_png(self.work / 'out.png')
+        exposure = ('--exposure', str(json.loads(done.stdout)['exposure']))
+        truth = self.render(scene, ['path-trace'], 192, 216, *exposure, '--samples', TRUTH, '--denoise', 'on')
+        return above(fast, truth)
+
+    def backlight(self):
         sheet = [self.bunny(name, ['convolution'], 400, 340) for name in MATERIALS]
-        write_png(self.images / 'backlight.png', above(in_row(sheet[:3]), in_row(sheet[3:])))
+        return above(in_row(sheet[:3]), in_row(sheet[3:]))
+
+    def methods(self):
         sheet = [self.bunny('wax', method, 300, 255) for method in METHODS]
         sheet.append(self.render(str((self.examples / 'veins.json').resolve()), ['layered'], 300, 255, '--msaa', '8'))
-        write_png(self.images / 'methods.png', above(in_row(sheet[:4]), in_row(sheet[4:])))
+        return above(in_row(sheet[:4]), in_row(sheet[4:]))
+
+    def draw(self, names):
+        for path, picture in {'backlight.png': self.backlight, 'methods.png': self.methods, 'material-sheet.png': self.every_material,
+                              'gallery/beside.png': lambda: in_row([self.beside_truth(model) for model in MODELS])}.items():
+            if not names or Path(path).stem in names:
+                write_png(self.images / path, picture())
 
 
 def in_row(pictures):
@@ -119,10 +151,10 @@ def main():
     if len(sys.argv) > 3 and sys.argv[3].endswith('.md'):
         draw_page(*sys.argv[1:4], sys.argv[4:])
         return
-    if len(sys.argv) != 5:
+    if len(sys.argv) < 5:
         sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as work:
-        Gallery(*sys.argv[1:], work).draw()
+        Gallery(*sys.argv[1:5], work).draw(sys.argv[5:])
 
 
 if __name__ == '__main__':
