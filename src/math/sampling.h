@@ -8,40 +8,13 @@
 
 #include "base/hash.h"
 #include "math/vec.h"
+#include "shared/sampling.h"
 
-/* --- Numbers of 32 bits, and what they are in [0, 1) ----------------------------------------------------------------------------- */
-
-static inline float pell_unit_float(uint32_t x)
-{
-    return (float) (int32_t) (x >> 8) * (1.0f / 16777216.0f);
-}
+/* --- Numbers of 32 bits; what shaders need of them is in shared/sampling.h -------------------------------------------------------- */
 
 static inline double pell_unit_double(uint32_t x)
 {
     return (double) x * (1.0 / 4294967296.0);
-}
-
-/* Bits in reverse: van der Corput's radical inverse in base 2, which is the first dimension of Sobol's sequence (Sobol 1967, "On the
- * Distribution of Points in a Cube and the Approximate Evaluation of Integrals"). */
-static inline uint32_t pell_sobol0(uint32_t i)
-{
-    i = i << 16 | i >> 16;
-    i = (i & 0x00ff00ffu) << 8 | (i & 0xff00ff00u) >> 8;
-    i = (i & 0x0f0f0f0fu) << 4 | (i & 0xf0f0f0f0u) >> 4;
-    i = (i & 0x33333333u) << 2 | (i & 0xccccccccu) >> 2;
-    return (i & 0x55555555u) << 1 | (i & 0xaaaaaaaau) >> 1;
-}
-
-/* The second dimension: its matrix is Pascal's triangle modulo 2, five butterflies. */
-static inline uint32_t pell_sobol1(uint32_t i)
-{
-    uint32_t y = pell_sobol0(i);
-
-    y ^= (y & 0x55555555u) << 1;
-    y ^= (y & 0x33333333u) << 2;
-    y ^= (y & 0x0f0f0f0fu) << 4;
-    y ^= (y & 0x00ff00ffu) << 8;
-    return y ^ y << 16;
 }
 
 /* Owen's scrambling of the digits of x, most significant first, by hashing (Laine and Karras 2011, "Stratified Sampling for Stochastic
@@ -125,17 +98,13 @@ static inline void pell_sunflower_point(int i, int n, double point[2])
 
 /* --- From the unit square --------------------------------------------------------------------------------------------------------- */
 
-/* Uniform points of the unit disc (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and Square"), without library calls:
- * |phi| <= pi/4. With z = sqrt(1 - x^2 - y^2) they are directions of a hemisphere with the density z/pi (Malley). */
+/* pell_disc_at, by pointers. */
 static inline void pell_disc_point(float u, float v, float *x, float *y)
 {
-    const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
-    const float aa = fabsf(a), ab = fabsf(b), big = aa > ab ? a : b, small = aa > ab ? b : a;
-    const float t = 0.785398163f * small / (fabsf(big) > 1e-20f ? big : 1e-20f), t2 = t * t;
-    const float s = t * (1.0f + t2 * (-1.66666667e-1f + t2 * (8.33333333e-3f + t2 * (-1.98412698e-4f + t2 * 2.75573192e-6f))));
-    const float c = 1.0f + t2 * (-0.5f + t2 * (4.16666667e-2f + t2 * (-1.38888889e-3f + t2 * 2.48015873e-5f)));
-    *x = big * (aa > ab ? c : s);
-    *y = big * (aa > ab ? s : c);
+    const struct pell_place2 p = pell_disc_at(u, v);
+
+    *x = p.x;
+    *y = p.y;
 }
 
 /* Uniform points of a triangle (Turk 1990, "Generating Random Points in Triangles"): u = barycentric of the second corner, v of the

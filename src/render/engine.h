@@ -144,8 +144,8 @@ struct pell_engine_interface {
     /* What runs a method here; NULL: nothing. */
     const struct pell_method_engine *(*method)(const struct pell_method *method);
 
-    /* One instance serves one renderer. `close` takes NULL and what `open` left half-built. */
-    enum pell_result (*open)(struct pell_context *ctx, struct pell_pool *pool, void **engine);
+    /* One instance serves one renderer; `gpu` as struct pell_device has it. `close` takes NULL and what `open` left half-built. */
+    enum pell_result (*open)(struct pell_context *ctx, struct pell_pool *pool, struct pell_gpu *gpu, void **engine);
     void (*close)(void *engine);
 
     /* `frame->plan` is NULL for all but a second call for PELL_ENGINE_PLANES, and its `covered` and `lens` are not set. */
@@ -182,7 +182,7 @@ struct pell_device {
 };
 
 extern const struct pell_engine_interface pell_engine_cpu;
-/* The cpu engine's stages, with methods on a Vulkan device. */
+/* The cpu engine's stages, with methods and direct light on a Vulkan device. */
 void pell_engine_vulkan_make(struct pell_engine_interface *engine);
 
 /* A device of the engine vulkan, whose Vulkan device is opened with `gpu`. */

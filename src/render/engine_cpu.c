@@ -11,10 +11,11 @@
 
 #define HIGHLIGHTS_SAMPLES 256 /* of a light, from which on shadows of highlights are clean enough by themselves */
 
-static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *pool, void **engine)
+static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *pool, struct pell_gpu *gpu, void **engine)
 {
     struct pell_cpu *e = pell_zalloc(ctx, sizeof(*e));
 
+    (void) gpu;
     *engine = e;
     if (!e)
         return PELL_ERR_NOMEM;
@@ -352,6 +353,23 @@ static enum pell_result cpu_surface(void *engine, const struct pell_engine_sampl
     return PELL_OK;
 }
 
+/* What the device did of the stage. Returns its seconds. */
+static double note_device(struct pell_cpu *e, struct pell_stage_notes *notes)
+{
+    const char *why = e->device ? pell_light_device_refuses(e->device) : NULL;
+    struct pell_light_device_times t;
+
+    if (why)
+        pell_stage_note(notes, why, 0.0, 0, 0, 0);
+    if (!e->device || why)
+        return 0.0;
+    t = pell_light_device_times(e->device);
+    pell_stage_note(notes, "light upload", t.upload, t.points, 0, 2 * t.bytes_up);
+    pell_stage_note(notes, "direct light", t.light, t.points, e->lighting.device_rays, t.bytes_up + t.bytes_down);
+    pell_stage_note(notes, "light download", t.download, t.points, 0, 2 * t.bytes_down);
+    return t.upload + t.light + t.download;
+}
+
 static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sample *sample)
 {
     struct pell_cpu *e = engine;
@@ -372,13 +390,14 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.between = light.local && e->through && e->between;
     light.thickness = light.local ? f->materials->thickness : NULL;
     light.sample = (uint32_t) sample->number;
+    light.device = e->device && !pell_light_device_refuses(e->device) ? e->device : NULL;
     light.apart = apart ? f->materials->apart : NULL;
     light.shared = shares_highlights(f);
     res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
     if (res != PELL_OK)
         return res;
-    pell_stage_note(f->notes, "irradiance", pell_seconds() - start, e->surface.covered_pixels, e->lighting.shadow_rays,
-                    e->surface.covered_pixels * 108);
+    pell_stage_note(f->notes, "irradiance", pell_seconds() - start - note_device(e, f->notes), e->surface.covered_pixels,
+                    e->lighting.shadow_rays, e->surface.covered_pixels * 108);
     if (light.shared)
         pell_cpu_share_highlights(e, sample);
     e->composite = (struct pell_composite_params) {

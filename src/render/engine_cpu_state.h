@@ -8,6 +8,7 @@
 #include "render/curvature/stage.h"
 #include "render/engine_cpu.h"
 #include "render/indirect/stage.h"
+#include "render/irradiance/device.h"
 #include "render/layers.h"
 #include "render/plane_buffers.h"
 #include "render/post/dof.h"
@@ -27,6 +28,7 @@ struct pell_cpu {
     struct pell_compositor *compositor;
 
     struct pell_lights *lights;
+    struct pell_light_device *device;             /* of the engine vulkan, which keeps it; NULL: the cpu finds direct light */
     const struct pell_scene_materials *materials; /* borrowed: the renderer's own */
     const struct pell_settings *settings;         /* of the lights; borrowed: the renderer's own */
 

@@ -38,7 +38,7 @@ enum pell_result pell_renderer_create(struct pell_device *device, struct pell_re
         return PELL_ERR_NOMEM;
     r->ctx = device->ctx;
     r->device = device;
-    PELL_TRY(device->engine->open(r->ctx, device->pool, &r->engine));
+    PELL_TRY(device->engine->open(r->ctx, device->pool, device->gpu, &r->engine));
     *out = r;
     return PELL_OK;
 
@@ -193,7 +193,7 @@ fail:
 /* Whether the stages are the cpu engine's, as those of the engine vulkan are. */
 static bool has_cpu_stages(const struct pell_renderer *r)
 {
-    return r->device->engine->open == pell_engine_cpu.open;
+    return r->device->engine->surface == pell_engine_cpu.surface;
 }
 
 double pell_renderer_trace_bare(struct pell_renderer *r)

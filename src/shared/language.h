@@ -59,6 +59,9 @@ PELL_SHARED float pell_bits_float(int32_t i)
 #define int32_t int
 #define uint32_t uint
 #define sqrtf(x) sqrt(x)
+#define fabsf(x) abs(x)
+#define fminf(x, y) min(x, y)
+#define fmaxf(x, y) max(x, y)
 #define powf(x, y) pow(x, y)
 #define pell_float_bits(x) floatBitsToInt(x)
 #define pell_bits_float(i) intBitsToFloat(i)

@@ -60,6 +60,8 @@ const char *pell_gpu_name(const struct pell_gpu *gpu); /* printable; as long as 
 /* For tests: the n-th call of Vulkan from now (counted from 1; 0: none) that can fail does, with too little memory. Returns how many
  * there were so far. */
 uint64_t pell_gpu_fail_at(struct pell_gpu *gpu, uint64_t n);
+/* Bytes of the largest buffer. */
+uint64_t pell_gpu_buffer_most(const struct pell_gpu *gpu);
 /* Device memory that buffers have. */
 uint64_t pell_gpu_memory_used(struct pell_gpu *gpu);
 

@@ -268,6 +268,11 @@ void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer)
     pell_free(gpu->ctx, b);
 }
 
+uint64_t pell_gpu_buffer_most(const struct pell_gpu *gpu)
+{
+    return gpu->limits.maxStorageBufferRange;
+}
+
 void *pell_gpu_buffer_host(const struct pell_gpu_buffer *buffer)
 {
     return buffer->host;

@@ -97,27 +97,26 @@ static const struct {
     { "image-space", "two kinds, off", { "sampling=separate", "tile=8", "renormalise=off", NULL } },
 };
 
-static struct shot shot_on(bool vulkan, void (*make)(struct stage *s), const char *method, const char *const *knobs)
+static void start_on(struct stage *s, bool vulkan, void (*make)(struct stage *s))
 {
-    struct stage s;
-    struct shot shot;
-
-    stage_start(&s, 100, 70);
+    stage_start(s, 100, 70);
     if (vulkan) {
-        pell_renderer_destroy(&s.r);
-        pell_device_destroy(&s.device);
-        s.device = validated(s.ctx);
-        OK(pell_renderer_create(s.device, &s.r));
+        pell_renderer_destroy(&s->r);
+        pell_device_destroy(&s->device);
+        s->device = validated(s->ctx);
+        OK(pell_renderer_create(s->device, &s->r));
     }
-    s.settings.layers = true;
-    make(&s);
-    shot = stage_shot_of(&s, method, knobs);
-    pell_renderer_destroy(&s.r);
-    pell_device_destroy(&s.device);
-    if (s.kept.errors)
-        fail_msg("%d errors, the last: %s: %s", s.kept.errors, s.kept.where, s.kept.what);
-    stage_finish(&s);
-    return shot;
+    s->settings.layers = true;
+    make(s);
+}
+
+static void finish_on(struct stage *s)
+{
+    pell_renderer_destroy(&s->r);
+    pell_device_destroy(&s->device);
+    if (s->kept.errors)
+        fail_msg("%d errors, the last: %s: %s", s->kept.errors, s->kept.where, s->kept.what);
+    stage_finish(s);
 }
 
 /* --- Parity ----------------------------------------------------------------------------------------------------------------------- */
@@ -171,10 +170,14 @@ static void both_engines_give_one_picture(void **state)
     (void) state;
     skip_without_gpu();
     for (size_t i = 0; i < PELL_COUNT(scenes); i++) {
-        struct shot none = shot_on(false, scenes[i].make, "none", NULL);
+        struct stage on_cpu, on_gpu;
+        struct shot none;
+        start_on(&on_cpu, false, scenes[i].make);
+        start_on(&on_gpu, true, scenes[i].make);
+        none = stage_shot_of(&on_cpu, "none", NULL);
         for (size_t k = 0; k < PELL_COUNT(forms); k++) {
-            struct shot gpu = shot_on(true, scenes[i].make, forms[k].method, forms[k].knobs);
-            struct shot cpu = shot_on(false, scenes[i].make, forms[k].method, forms[k].knobs);
+            struct shot gpu = stage_shot_of(&on_gpu, forms[k].method, forms[k].knobs);
+            struct shot cpu = stage_shot_of(&on_cpu, forms[k].method, forms[k].knobs);
             const struct parity p = compare(&cpu, &gpu), apart = compare(&cpu, &none);
 
             print_message("# %s, %s, %s: mean difference %.2g, %.2g of %d pixels over 1 %%; %.2g without scattering\n", scenes[i].name,
@@ -190,7 +193,99 @@ static void both_engines_give_one_picture(void **state)
             shot_free(&cpu);
         }
         shot_free(&none);
+        finish_on(&on_cpu);
+        finish_on(&on_gpu);
     }
+}
+
+/* A frame as it is by default: light by angles, bent by curvature, scattered once by itself, from one surface to another; a sky. */
+static void all_of_a_frame(struct stage *s)
+{
+    lit_from_behind(s);
+    for (size_t i = 0; i < s->scene->num_materials; i++)
+        s->scene->materials[i].rho_s = 0.8f;
+    stage_light(s, PELL_LIGHT_RECT, vec3(-30, 60, 60), vec3(0, 0, 0), 40.0f);
+    stage_environment(s, 0.05f);
+    s->settings.angles = s->settings.curvature = s->settings.single_scattering = s->settings.opposed = true;
+    s->settings.bounces = 1;
+    s->settings.msaa = 2;
+    s->settings.profile = 0;
+}
+
+static const struct pell_stage_time *row(const struct stage *s, const char *name)
+{
+    for (size_t i = 0; i < s->image.num_stages; i++)
+        if (strcmp(s->image.stages[i].name, name) == 0)
+            return &s->image.stages[i];
+    return NULL;
+}
+
+static void direct_light_is_the_cpus_in_a_whole_frame(void **state)
+{
+    static const char *const methods[] = { "none", "screen-space" };
+    struct stage on_cpu, on_gpu;
+    (void) state;
+
+    skip_without_gpu();
+    start_on(&on_cpu, false, all_of_a_frame);
+    start_on(&on_gpu, true, all_of_a_frame);
+    for (size_t m = 0; m < PELL_COUNT(methods); m++) {
+        struct shot cpu = stage_shot_of(&on_cpu, methods[m], NULL), gpu = stage_shot_of(&on_gpu, methods[m], NULL);
+        const struct pell_stage_time *light = row(&on_gpu, "direct light"), *up = row(&on_gpu, "light upload"),
+                                     *down = row(&on_gpu, "light download");
+
+        REQUIRE(cpu.planes == gpu.planes);
+        for (size_t k = 0; k + 3 <= cpu.planes - 3; k += k == SHOT_MULTIPLE - 1 ? 1 : 3) {
+            double sum = 0.0, difference = 0.0;
+            for (size_t i = k * cpu.size; i < (k + 3) * cpu.size; i++) {
+                sum += fabs((double) cpu.data[i]);
+                difference += fabs((double) cpu.data[i] - (double) gpu.data[i]);
+            }
+            print_message("# %s, channels from %zu on: mean difference %.2g of %.2g\n", methods[m], k, difference / fmax(sum, 1e-30),
+                          sum / (3.0 * (double) cpu.size));
+            REQUIRE(difference <= 1e-4 * sum);
+        }
+        REQUIRE(light && up && down && !row(&on_cpu, "direct light"));
+        REQUIRE(light->rays > 10000 && light->pixels >= 2 * 4000 && up->bytes == 2 * 128 * light->pixels && down->bytes > 0);
+        REQUIRE(light->ms > 0.0f && light->ms < 1e4f);
+        shot_free(&cpu);
+        shot_free(&gpu);
+    }
+    finish_on(&on_cpu);
+    finish_on(&on_gpu);
+}
+
+/* Holes that alpha cuts are the cpu's: the picture is its own to the bit, and a row of the frame says why. */
+static void with_a_cut(struct stage *s)
+{
+    struct pell_mesh *quad;
+    size_t leaf;
+
+    lit_from_behind(s);
+    stage_opaque(s, 0.5f, &leaf)->alpha_mask = true;
+    quad = shapes_quad(s->scene, leaf, vec3(-8, 5, 12), vec3(6, 0, 0), vec3(0, 6, 0));
+    quad->color = pell_calloc(s->ctx, 4 * (size_t) quad->num_vertices, sizeof(float));
+    quad->object = 2;
+}
+
+static void what_alpha_cuts_is_lit_by_the_cpu(void **state)
+{
+    struct stage on_cpu, on_gpu;
+    struct shot cpu, gpu;
+    (void) state;
+
+    skip_without_gpu();
+    start_on(&on_cpu, false, with_a_cut);
+    start_on(&on_gpu, true, with_a_cut);
+    cpu = stage_shot_of(&on_cpu, "none", NULL);
+    gpu = stage_shot_of(&on_gpu, "none", NULL);
+    assert_true(shot_equal(&cpu, &gpu));
+    assert_non_null(row(&on_gpu, "direct light by the cpu: alpha cuts surfaces"));
+    assert_null(row(&on_gpu, "direct light"));
+    shot_free(&cpu);
+    shot_free(&gpu);
+    finish_on(&on_cpu);
+    finish_on(&on_gpu);
 }
 
 static void light_in_steps(struct patch *p)
@@ -326,7 +421,8 @@ static void calls_that_fail_are_reported(void **state)
 }
 
 /* The same of a method that needs a scene, in whose frames everything is made: each call fails in a frame of a fresh renderer, the same
- * renderer then gives the picture, and the device's memory is free when it is gone. */
+ * renderer then gives the picture, and the device's memory is free when it is gone. Direct light, whose calls fail in test_device_light.c,
+ * is left to the cpu. */
 static void calls_that_fail_in_a_scene_are_reported(void **state)
 {
     static const char *const knobs[] = { "size=64", NULL };
@@ -345,7 +441,7 @@ static void calls_that_fail_in_a_scene_are_reported(void **state)
         pell_device_destroy(&s.device);
         s.device = validated(s.ctx);
         OK(pell_renderer_create(s.device, &s.r));
-        lit_from_behind(&s);
+        with_a_cut(&s);
         stage_complete(&s);
         OK(pell_renderer_set_scene(s.r, s.scene));
         s.set = true;
@@ -472,6 +568,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(both_engines_give_one_picture),
+        cmocka_unit_test(direct_light_is_the_cpus_in_a_whole_frame),
+        cmocka_unit_test(what_alpha_cuts_is_lit_by_the_cpu),
         cmocka_unit_test(colours_spread_light_alike),
         cmocka_unit_test(calls_that_fail_are_reported),
         cmocka_unit_test(calls_that_fail_in_a_scene_are_reported),

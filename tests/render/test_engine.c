@@ -50,11 +50,11 @@ static const struct pell_method_engine *null_method(const struct pell_method *me
     return method->vulkan;
 }
 
-static enum pell_result null_open(struct pell_context *ctx, struct pell_pool *pool, void **engine)
+static enum pell_result null_open(struct pell_context *ctx, struct pell_pool *pool, struct pell_gpu *gpu, void **engine)
 {
     struct null_engine *e = pell_zalloc(ctx, sizeof(*e));
 
-    (void) pool;
+    (void) pool, (void) gpu;
     *engine = e;
     if (!e)
         return PELL_ERR_NOMEM;

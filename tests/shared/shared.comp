@@ -9,10 +9,12 @@
 #include "shared/light_data.h"
 #include "shared/lobe.h"
 #include "shared/phase.h"
+#include "shared/sampling.h"
 #include "shared/single.h"
 #include "shared/table.h"
 #include "shared/tone.h"
 #include "shared/triangle_ray.h"
+#include "shared/wide_light.h"
 
 layout(local_size_x = 64) in;
 
@@ -95,6 +97,14 @@ float met(vec3 a, vec3 b, vec3 c, vec3 way)
     return m.t + m.u + m.v + PELL_SLAB_NEAR(a.x, b.x, inverse) + PELL_SLAB_FAR(a.x, b.x, inverse);
 }
 
+float sampled(uint number)
+{
+    const float u = pell_unit_float(pell_sobol0(number)), v = pell_unit_float(pell_sobol1(number));
+    const pell_place2 disc = pell_disc_at(u, v);
+    const pell_place2 wide = pell_wide_place(pell_wide_make(disc.x, disc.y, 2.0f, 1.0f, 0.5f), u, pell_clamp1(v));
+    return wide.x + wide.y;
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -106,6 +116,6 @@ void main()
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
-    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray,
+    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray + sampled(i),
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }

@@ -8,6 +8,7 @@
 #include "shared/phase.h"
 #include "shared/table.h"
 #include "shared/tone.h"
+#include "shared/wide_light.h"
 
 #define PI 3.14159265358979323846
 
@@ -203,6 +204,34 @@ static void soft_terminator_is_smooth(void **state)
         assert_true(pell_soft_terminator(1.0f, g + 0.1f) > pell_soft_terminator(1.0f, g));
 }
 
+/* The solid angle of a rectangle over a point is 4 asin(ab / sqrt((a^2 + 4 h^2)(b^2 + 4 h^2))); uniform directions in it have the mean
+ * cosine that its irradiance by Lambert (1760) gives, and parts of the square of numbers get directions in proportion. */
+static void a_wide_light_is_sampled_by_solid_angle(void **state)
+{
+    const double a = 30.0, b = 12.0, h = 4.0;
+    const struct pell_wide w = pell_wide_make(0.0f, 0.0f, 15.0f, 6.0f, 4.0f), aside = pell_wide_make(12.0f, 3.0f, 15.0f, 6.0f, 4.0f);
+    const double x = 0.5 * a / h, y = 0.5 * b / h, rx = sqrt(1.0 + x * x), ry = sqrt(1.0 + y * y);
+    const double lambert = 4.0 * 0.5 * (x / rx * atan(y / rx) + y / ry * atan(x / ry)); /* Int cos over the solid angle */
+    double cosine = 0.0, left = 0.0;
+    enum { SIDE = 200 };
+
+    (void) state;
+    REQUIRE_NEAR((double) w.angle, 4.0 * asin(a * b / sqrt((a * a + 4.0 * h * h) * (b * b + 4.0 * h * h))), 1e-5);
+    for (int i = 0; i < SIDE; i++)
+        for (int k = 0; k < SIDE; k++) {
+            const float u = ((float) i + 0.5f) / SIDE, v = ((float) k + 0.5f) / SIDE;
+            const struct pell_place2 p = pell_wide_place(w, u, v), q = pell_wide_place(aside, u, v);
+            const double px = 0.5 * a * (double) p.x, py = 0.5 * b * (double) p.y;
+            REQUIRE(fabsf(p.x) <= 1.00001f && fabsf(p.y) <= 1.00001f && fabsf(q.x) <= 1.00001f && fabsf(q.y) <= 1.00001f);
+            cosine += h / sqrt(px * px + py * py + h * h) / (SIDE * SIDE);
+            left += q.x < -0.8f ? 1.0 / (SIDE * SIDE) : 0.0; /* the part that is left of the point */
+        }
+    REQUIRE_NEAR(cosine * (double) w.angle, lambert, 1e-3);
+    REQUIRE_NEAR(left * (double) aside.angle, (double) pell_wide_make(-1.5f, 3.0f, 1.5f, 6.0f, 4.0f).angle, 2e-2);
+    REQUIRE_NEAR((double) pell_wide_place(w, 0.5f, 0.5f).x, 0.0, 1e-4);
+    REQUIRE_NEAR((double) pell_wide_place(w, 0.5f, 0.5f).y, 0.0, 1e-4);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -217,6 +246,7 @@ int main(void)
         cmocka_unit_test(tone_curve_and_its_inverse),
         cmocka_unit_test(lights_fall_off),
         cmocka_unit_test(soft_terminator_is_smooth),
+        cmocka_unit_test(a_wide_light_is_sampled_by_solid_angle),
     };
     return cmocka_run_group_tests_name("shared", tests, NULL, NULL);
 }

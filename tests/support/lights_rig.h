@@ -16,6 +16,7 @@ struct rig {
     struct pell_scene *scene;
     struct pell_settings settings;
     struct pell_thickness_table table;
+    const struct pell_thickness_table *thickness[8]; /* per material, set by render */
     bool smooth;
     bool ideal; /* after the surface is seen: geometric normals are the shading ones and nothing is in any way */
     int threads;
@@ -187,10 +188,26 @@ static inline void rig_move(struct pell_scene *scene, float x)
             scene->meshes[i].position[3 * v] += x;
 }
 
+/* Of what was rendered. */
+static inline struct pell_irradiance_params rig_params(const struct rig *r)
+{
+    return (struct pell_irradiance_params) {
+        .rays = r->rays,
+        .scene = r->scene,
+        .view = &r->view,
+        .surface = &r->surface,
+        .tables = r->tables,
+        .thickness = r->thickness,
+        .mix = -1.0f,
+        .smooth = r->smooth,
+        .sample = r->sample,
+        .seed = r->seed,
+    };
+}
+
 /* The same scene may be changed and rendered again. */
 static inline void rig_render(struct rig *r)
 {
-    const struct pell_thickness_table *thickness[8] = { 0 };
     struct pell_lighting *l = &r->light;
     float **planes[] = { &l->irradiance[0],  &l->irradiance[1], &l->irradiance[2], &l->transmitted[0], &l->transmitted[1],
                          &l->transmitted[2], &l->specular[0],   &l->specular[1],   &l->specular[2] };
@@ -215,20 +232,9 @@ static inline void rig_render(struct rig *r)
         OK(pell_rays_create(r->ctx, r->scene, r->pool, &r->rays));
         rig_move(r->scene, -1e6f);
     }
-    for (size_t i = 0; i < r->scene->num_materials && i < PELL_COUNT(thickness); i++)
-        thickness[i] = r->scene->materials[i].opaque ? NULL : &r->table;
-    p = (struct pell_irradiance_params) {
-        .rays = r->rays,
-        .scene = r->scene,
-        .view = &r->view,
-        .surface = &r->surface,
-        .tables = r->tables,
-        .thickness = thickness,
-        .mix = -1.0f,
-        .smooth = r->smooth,
-        .sample = r->sample,
-        .seed = r->seed,
-    };
+    for (size_t i = 0; i < r->scene->num_materials && i < PELL_COUNT(r->thickness); i++)
+        r->thickness[i] = r->scene->materials[i].opaque ? NULL : &r->table;
+    p = rig_params(r);
     OK(pell_irradiance_render(r->pool, r->lights, &p, &r->light));
 }
 

@@ -9,6 +9,7 @@
 #include "math/scalar.h"
 #include "render/curvature/stage.h"
 #include "render/indirect/stage.h"
+#include "render/irradiance/device.h"
 #include "scene/material_maps.h"
 #include "scene/triangle.h"
 
@@ -17,173 +18,17 @@
 
 #define TILE_W 32
 #define TILE_H 16
-#define LINE 16 /* floats of a cache line; a tile has as many lines of a plane as packets */
-#define BLOCK 4 /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
+#define LINE 16                                /* floats of a cache line; a tile has as many lines of a plane as packets */
+#define PACKETS (TILE_W * TILE_H / PELL_LANES) /* of a tile */
+#define BLOCK 4                                /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
 
-/* --- Filling lanes ------------------------------------------------------------------------------------------------------------ */
-
-/* What a lane takes from its material. */
-struct traits {
-    int32_t albedo_at, boundary_at, smooth, model, opaque, deep;
-    const struct pell_angle *angle;
-    const struct pell_single_apart *apart;
-    float fd;
-    bool textured;
-};
-
-static struct traits material_traits(const struct job *job, size_t material)
-{
-    const struct pell_specular_tables *t = job->p->tables;
-    const struct pell_material *m = &job->p->scene->materials[material];
-    const struct pell_thickness_table *thickness = job->p->thickness && !m->opaque ? job->p->thickness[material] : NULL;
-
-    return (struct traits) {
-        .albedo_at = (int32_t) t->model[material] * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS * 2,
-        .boundary_at = (int32_t) ((size_t) t->boundary[material] * (sizeof(*t->boundaries) / sizeof(float))),
-        .smooth = -(int32_t) (job->p->smooth && !m->opaque),
-        .model = t->model[material],
-        .opaque = -(int32_t) m->opaque,
-        .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
-        .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
-        .apart = job->p->apart && !m->opaque ? &job->p->apart[material] : NULL,
-        .fd = t->boundaries[t->boundary[material]].f0,
-        .textured = !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE,
-    };
-}
-
-static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angle)
-{
-    l->inverse_eta2[i] = angle ? angle->inverse_eta2 : 1.0f;
-    for (int c = 0; c < 3; c++) {
-        l->enter_base[c][i] = angle ? angle->enter_base[c] : 1.0f;
-        l->enter_slope[c][i] = angle ? angle->enter_slope[c] : 0.0f;
-        l->enter_mean[c][i] = angle ? angle->enter_mean[c] : 1.0f;
-    }
-}
-
-static void set_apart(struct pell_lanes *l, int i, const struct pell_single_apart *apart)
-{
-    l->single_eta2[i] = apart ? apart->inverse_eta2 : 0.0f;
-    for (int c = 0; c < 3; c++) {
-        l->single_albedo[c][i] = apart ? apart->albedo[c] : 0.0f;
-        l->single_g[c][i] = apart ? apart->g[c] : 0.0f;
-        l->any_single |= l->single_albedo[c][i] > 0.0f;
-    }
-}
-
-/* Fills what lanes take from their materials. If all lanes have the material of the previous packet, the values are still loaded, except
- * those that the roughness modified. */
-static void set_materials(const struct job *job, struct packet *k)
-{
-    struct pell_lanes *l = &k->lanes;
-    struct traits t = material_traits(job, k->material[0]);
-
-    if (k->single && k->held == (int64_t) k->material[0]) {
-        for (int i = 0; i < PELL_LANES; i++)
-            l->albedo_at[i] = t.albedo_at;
-        return;
-    }
-    k->held = k->single ? (int64_t) k->material[0] : -1;
-    l->any_smooth = l->any_deep = l->any_single = 0;
-    l->models = 0;
-    memset(l->shift, 0, sizeof(l->shift));
-    k->textured = false;
-    for (int i = 0; i < PELL_LANES; i++) {
-        if (!k->single)
-            t = material_traits(job, k->material[i]);
-        l->albedo_at[i] = t.albedo_at;
-        l->boundary_at[i] = t.boundary_at;
-        l->fd[i] = t.fd;
-        l->smooth[i] = t.smooth;
-        l->model[i] = t.model;
-        l->opaque[i] = t.opaque;
-        l->deep[i] = t.deep;
-        k->textured |= t.textured;
-        l->any_smooth |= t.smooth;
-        l->models |= 1u << t.model;
-        l->any_deep |= t.deep;
-        set_angle(l, i, t.angle);
-        set_apart(l, i, t.apart);
-    }
-}
-
-static void color_entering(const struct job *job, struct packet *k)
-{
-    const struct pell_surface *s = job->p->surface;
-
-    if (!k->textured)
-        return;
-    for (int i = 0; i < k->count; i++) {
-        const struct pell_material *m = &job->p->scene->materials[k->material[i]];
-        const float mix = job->p->mix >= 0.0f ? job->p->mix : m->mix;
-        if (!m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE)
-            for (int c = 0; c < 3; c++)
-                k->lanes.albedo[c][i] = pell_color_share(s->base[c][k->index[i]], mix);
-    }
-}
-
-/* Of thin sheets a share passes. */
-static void part_sheets(const struct job *job, struct packet *k)
-{
-    const struct pell_surface *s = job->p->surface;
-    struct pell_lanes *l = &k->lanes;
-
-    l->any_thin = 0;
-    if (!s->any_thin)
-        return;
-    memcpy(l->through, l->albedo, sizeof(l->through));
-    for (int i = 0; i < PELL_LANES; i++) {
-        const int32_t at = k->index[i];
-        l->thin[i] = -(int32_t) pell_material_is_thin(&job->p->scene->materials[k->material[i]]);
-        for (int c = 0; l->thin[i] && c < 3; c++) {
-            l->through[c][i] = s->transmission[c][at];
-            l->albedo[c][i] *= s->reflection[at];
-        }
-        l->any_thin |= l->thin[i];
-    }
-}
+/* --- Packets of pixels ---------------------------------------------------------------------------------------------------------- */
 
 /* The covered pixels of a tile, with their materials + 1. Behind the last packet's the first of its pixels is repeated. */
 struct pixels {
     _Alignas(64) uint16_t at[TILE_W * TILE_H + PELL_LANES], material[TILE_W * TILE_H + PELL_LANES];
     int count;
 };
-
-/* Fills the lanes of a packet that has its count, indices and materials; (x, y) name the patterns of samples. */
-static void load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *place)
-{
-    const struct pell_surface *s = job->p->surface;
-    const struct pell_material *some[PELL_LANES];
-    struct pell_lane_input input = {
-        .view = job->p->view, .surface = s, .seed = job->p->seed, .light_bits = job->lights->light_bits, .place = place
-    };
-    uint32_t differ = 0;
-
-    for (int i = 0; i < PELL_LANES; i++) {
-        k->lanes.valid[i] = -(int32_t) (i < k->count);
-        differ |= k->material[i] ^ k->material[0];
-    }
-    k->single = !differ;
-    set_materials(job, k);
-    if (k->single) {
-        const struct pell_material *m = &job->p->scene->materials[k->material[0]];
-        if (!m->opaque && m->metallic == 0.0f && pell_surface_is_uniform(m))
-            input.plain = m;
-    } else if (s->omit_uniform) {
-        for (int i = 0; i < PELL_LANES; i++) {
-            const struct pell_material *m = &job->p->scene->materials[k->material[i]];
-            some[i] = pell_surface_is_plain(m) ? m : NULL;
-        }
-        input.some = some;
-    }
-    job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
-    color_entering(job, k);
-    part_sheets(job, k);
-    if (s->any_emissive)
-        for (int c = 0; c < 3; c++)
-            for (int i = 0; i < k->count; i++)
-                k->sums.specular[c][i] = s->emissive[c][k->index[i]];
-}
 
 /* Fills the packet from a tile's pixels; lanes over `count` repeat the first one. */
 static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const struct pixels *pixels, int first)
@@ -199,7 +44,7 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
         k->index[i] = y[i] * stride + x[i];
         k->material[i] = pixels->material[first + i] - 1u;
     }
-    load_packet(job, k, x, y, NULL);
+    pell_load_packet(job, k, x, y, NULL);
 }
 
 /* --- Lights -------------------------------------------------------------------------------------------------------------------- */
@@ -222,11 +67,13 @@ static void project_image(const struct pell_light_source *source, struct packet 
     }
 }
 
-/* All samples of a light; what enters from the front goes to `front`. */
+/* All samples of a light; what enters from the front goes to `front`. Where the device has found that, what is transmitted is left. */
 static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front)
 {
     const struct pell_light_data *data = &job->lights->data[source - job->lights->sources];
 
+    if (k->given && !k->lanes.any_deep)
+        return;
     for (int s = 0; s < source->samples; s++) {
         const uint32_t n = job->p->sample * (uint32_t) source->samples + (uint32_t) s;
         _Alignas(64) int32_t visible[PELL_LANES];
@@ -235,7 +82,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         job->kernels->aim(data, &k->lanes, pell_sobol0(n), pell_sobol1(n), &k->aim);
         if (source->image)
             project_image(source, k);
-        if (k->aim.any_front) {
+        if (k->aim.any_front && !k->given) {
             if (!pell_ask_light_grid(source, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
@@ -243,7 +90,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
             job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && shows_highlights(job, k),
                                 front);
         }
-        if (source->environment >= 0 && !source->compact)
+        if (source->environment >= 0 && !source->compact && !k->given)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         if (k->aim.any_back)
             pell_transmit_light(job, source, k);
@@ -269,22 +116,13 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
     }
 }
 
-/* Whether the caller asked for this light of the scene. */
-static bool counts(const struct job *job, int light)
-{
-    return job->p->lights == 0 || (job->p->lights & pell_light_bit((size_t) light));
-}
-
 static void environments(const struct job *job, struct packet *k)
 {
     const struct pell_lights *lights = job->lights;
     const struct pell_lanes *l = &k->lanes;
     struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
-    bool any = false;
 
-    for (size_t e = 0; e < lights->num_environments; e++)
-        any |= counts(job, lights->environments[e].light);
-    if (!any)
+    if (!pell_any_environment(job))
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         origin[i] = vec3(l->ox[i], l->oy[i], l->oz[i]);
@@ -294,12 +132,14 @@ static void environments(const struct job *job, struct packet *k)
     if (job->entering && job->p->ambient && !k->behind)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
-    else
-        pell_ambient_visibility(job, k, l->valid, origin, normal, 0xa54ff53au, k->ambient);
+    else if (!k->given)
+        pell_ambient_visibility(job, k, l->valid, origin, normal, PELL_AMBIENT_SALT, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
-        if (!counts(job, lights->environments[e].light))
+        if (!pell_light_counts(job, lights->environments[e].light))
             continue;
+        if (k->given)
+            pell_take_environment(job, k, e, &sums);
         for (size_t j = 0; j < lights->num_sources; j++)
             if (lights->sources[j].environment == (int) e)
                 shine(job, &lights->sources[j], k, &sums);
@@ -365,8 +205,10 @@ static void shade_side(const struct job *job, struct packet *k)
         pell_bend_gains(job, k, &gains);
     if (job->p->through)
         pell_look_inside(job, k, &gains, &inside);
+    if (k->given)
+        pell_take_lights(job, k);
     for (size_t j = 0; j < job->lights->num_sources; j++)
-        if (job->lights->sources[j].environment < 0 && counts(job, job->lights->sources[j].light))
+        if (job->lights->sources[j].environment < 0 && pell_light_counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums);
     environments(job, k);
     if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
@@ -381,25 +223,14 @@ static void shade_side(const struct job *job, struct packet *k)
 static void shade_behind(const struct job *job, struct packet *k)
 {
     struct packet b = *k;
-    struct pell_lanes *l = &b.lanes;
+    const struct pell_lanes *l = &b.lanes;
 
-    b.behind = true;
+    b.slot += PELL_LANES;
     memset(&b.sums, 0, sizeof(b.sums));
-    for (int i = 0; i < PELL_LANES; i++) {
-        l->valid[i] &= l->thin[i];
-        l->terminator_offset[i] = 0.0f;
-        l->gx[i] = -l->gx[i];
-        l->gy[i] = -l->gy[i];
-        l->gz[i] = -l->gz[i];
-        l->nx[i] = -l->nx[i];
-        l->ny[i] = -l->ny[i];
-        l->nz[i] = -l->nz[i];
-        l->ox[i] = l->px[i] + l->epsilon[i] * l->gx[i];
-        l->oy[i] = l->py[i] + l->epsilon[i] * l->gy[i];
-        l->oz[i] = l->pz[i] + l->epsilon[i] * l->gz[i];
-    }
+    pell_turn_packet(&b);
     shade_side(job, &b);
     k->rays = b.rays;
+    k->device_rays = b.device_rays;
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++)
             k->sums.transmitted[c][i] = l->valid[i] ? b.sums.irradiance[c][i] : k->sums.transmitted[c][i];
@@ -521,19 +352,40 @@ PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int part)
     }
 }
 
+static void send_tile(void *arg, int number, int worker)
+{
+    struct job *job = arg;
+    const int tile = job->first_tile + number;
+    const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
+    struct pixels list;
+    struct packet k;
+
+    (void) worker;
+    k.held = -1;
+    k.behind = false;
+    list_pixels(job, x0, y0, &list);
+    for (int first = 0; first < list.count; first += PELL_LANES) {
+        fill_packet(job, &k, x0, y0, &list, first);
+        pell_send_packet(job, &k);
+        job->slots[number * PACKETS + first / PELL_LANES] = k.slot;
+    }
+}
+
 static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
 {
     struct job *job = arg;
-    const int x0 = job->rect.x0 + number % job->columns * TILE_W, y0 = job->rect.y0 + number / job->columns * TILE_H;
+    const int at = job->first_tile + number;
+    const int x0 = job->rect.x0 + at % job->columns * TILE_W, y0 = job->rect.y0 + at / job->columns * TILE_H;
     struct pell_lighting out;
     struct pixels list;
     struct packet k;
     struct tile tile;
 
     (void) worker;
-    k.rays = 0;
+    k.rays = k.device_rays = 0;
     k.held = -1;
     k.behind = false;
+    k.given = job->slots != NULL;
     list_pixels(job, x0, y0, &list);
     if (list.count == 0)
         return;
@@ -551,6 +403,8 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         _Alignas(64) int32_t place[PELL_LANES];
         fetch(job, x0, y0, first / PELL_LANES);
         fill_packet(job, &k, x0, y0, &list, first);
+        if (k.given)
+            k.slot = job->slots[number * PACKETS + first / PELL_LANES];
         shade_packet(job, &k);
         for (int i = 0; i < PELL_LANES; i++)
             place[i] = list.at[first + i];
@@ -558,6 +412,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     }
     flush_tile(job, x0, y0, &tile);
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
+    atomic_fetch_add_explicit(&job->device_rays, k.device_rays, memory_order_relaxed);
 }
 
 void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
@@ -576,9 +431,9 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
     struct packet k;
 
-    k.rays = 0;
+    k.rays = k.device_rays = 0;
     k.held = -1;
-    k.behind = false;
+    k.behind = k.given = false;
     k.count = 0;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!material[i])
@@ -594,13 +449,35 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
         k.material[i] = k.material[0];
         k.index[i] = k.index[0];
     }
-    load_packet(&job, &k, x, y, place);
+    pell_load_packet(&job, &k, x, y, place);
     shade_packet(&job, &k);
     job.kernels->store(&job.tables, &k.lanes, &k.sums, k.index, k.count, out);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < k.count; i++)
             albedo[c][k.index[i]] = k.lanes.albedo[c][i];
     out->shadow_rays = k.rays;
+}
+
+/* Direct light on the device, in batches of tiles; the rest here. */
+static enum pell_result render_on_device(struct pell_pool *pool, struct job *job, int tiles)
+{
+    struct pell_light_device *d = job->p->device;
+    const struct pell_light_run run = { .params = job->p, .highlights = true };
+    const int most = (int) (pell_light_device_room(d) / (TILE_W * TILE_H * (job->p->surface->any_thin ? 2 : 1)));
+    enum pell_result res = PELL_OK;
+
+    job->slots = pell_light_device_slots(d);
+    for (; job->first_tile < tiles && res == PELL_OK; job->first_tile += most) {
+        const int count = tiles - job->first_tile < most ? tiles - job->first_tile : most;
+        atomic_store(&job->used, 0);
+        pell_pool_run(pool, count, send_tile, job);
+        if (pell_cancelled(job->lights->ctx))
+            return PELL_ERR_CANCELLED;
+        res = pell_light_device_run(d, &run, atomic_load(&job->used));
+        if (res == PELL_OK)
+            pell_pool_run(pool, count, shade_tile, job);
+    }
+    return res;
 }
 
 enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_lights *lights, const struct pell_irradiance_params *params,
@@ -617,12 +494,19 @@ enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_ligh
         /* tiles lie on multiples of their size, so that packets don't depend on what else is in the picture */
         .rect = { covered.x0 / TILE_W * TILE_W, covered.y0 / TILE_H * TILE_H, covered.x1, covered.y1 },
     };
+    enum pell_result res = PELL_OK;
+    int tiles;
 
-    out->shadow_rays = 0;
+    out->shadow_rays = out->device_rays = 0;
     if (covered.x0 >= covered.x1 || covered.y0 >= covered.y1)
         return PELL_OK;
     job.columns = (job.rect.x1 - job.rect.x0 + TILE_W - 1) / TILE_W;
-    pell_pool_run(pool, job.columns * ((job.rect.y1 - job.rect.y0 + TILE_H - 1) / TILE_H), shade_tile, &job);
+    tiles = job.columns * ((job.rect.y1 - job.rect.y0 + TILE_H - 1) / TILE_H);
+    if (params->device)
+        res = render_on_device(pool, &job, tiles);
+    else
+        pell_pool_run(pool, tiles, shade_tile, &job);
     out->shadow_rays = atomic_load(&job.rays);
-    return pell_cancelled(lights->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+    out->device_rays = atomic_load(&job.device_rays);
+    return res == PELL_OK && pell_cancelled(lights->ctx) ? PELL_ERR_CANCELLED : res;
 }

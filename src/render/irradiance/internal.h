@@ -9,6 +9,9 @@
 #include "render/irradiance/kernel.h"
 #include "scene/material_maps.h"
 
+/* Of the patterns in which rays look for the environment. */
+#define PELL_AMBIENT_SALT 0xa54ff53au
+
 struct job {
     const struct pell_irradiance_params *p;
     const struct pell_lights *lights;
@@ -18,7 +21,10 @@ struct job {
     bool entering;         /* only what enters is asked for: no highlights */
     struct pell_rect rect; /* whole tiles */
     int columns;
-    _Atomic int64_t rays;
+    int first_tile;        /* of the batch that is made */
+    uint32_t *slots;       /* of the batch's packets: first of their points on the device, in order of tiles; NULL: no device */
+    _Atomic uint32_t used; /* points of the batch */
+    _Atomic int64_t rays, device_rays;
 };
 
 /* 16 pixels and what is summed for them. */
@@ -36,8 +42,25 @@ struct packet {
     bool single;   /* one material */
     bool textured; /* the colour of some lane's texture may enter */
     bool behind;   /* the far sides of thin sheets */
-    int64_t rays;
+    bool given;    /* direct light was found on the device */
+    uint32_t slot; /* there, of the first lane */
+    int64_t rays, device_rays;
 };
+
+/* Whether the caller asked for this light of the scene. */
+static inline bool pell_light_counts(const struct job *job, int light)
+{
+    return job->p->lights == 0 || (job->p->lights & pell_light_bit((size_t) light));
+}
+
+static inline bool pell_any_environment(const struct job *job)
+{
+    bool any = false;
+
+    for (size_t e = 0; e < job->lights->num_environments; e++)
+        any |= pell_light_counts(job, job->lights->environments[e].light);
+    return any;
+}
 
 /* Whether light that is mirrored is asked for. */
 static inline bool shows_highlights(const struct job *job, const struct packet *k)
@@ -69,6 +92,23 @@ static inline struct pell_env_query lane_query(const struct job *job, const stru
         .smooth = k->lanes.smooth[i] ? job->lights->eta_slot[material] : -1,
     };
 }
+
+/* --- load.c ---------------------------------------------------------------------------------------------------------------------- */
+
+/* Fills the lanes of a packet that has its count, indices and materials; (x, y) name the patterns of samples; `place`: see struct
+ * pell_lane_input. */
+void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *place);
+/* Turns to the far sides of thin sheets. */
+void pell_turn_packet(struct packet *k);
+
+/* --- given.c: direct light from the device ----------------------------------------------------------------------------------------- */
+
+/* Writes the packet's points to the batch, and where to its slot; those of the far sides of thin sheets behind them. */
+void pell_send_packet(struct job *job, struct packet *k);
+/* What the lights that are no environment's gave; and those of environment e, with the visibility of its smooth rest, where the packet does
+ * not have it. */
+void pell_take_lights(const struct job *job, struct packet *k);
+void pell_take_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums);
 
 /* --- shadow.c -------------------------------------------------------------------------------------------------------------------- */
 

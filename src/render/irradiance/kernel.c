@@ -10,6 +10,7 @@
 
 #include "shared/light.h"
 #include "shared/single.h"
+#include "shared/wide_light.h"
 
 #include <float.h>
 #include <string.h>
@@ -20,9 +21,6 @@
 
 #define N PELL_LANES
 #define BIG 1e25f /* upper limit of an irradiance, so that sums over many lights stay finite */
-
-/* Area of a light over the square of its distance from which on it is wide. */
-#define WIDE 2.0f
 
 /* Distances shorter than this count as this: a light in the surface. */
 #define TINY 1e-12f
@@ -94,67 +92,24 @@ static void place_samples(const struct pell_light_data *restrict light, const st
     }
 }
 
-/* A rectangle that takes much of what a point sees: samples spread over its face would be rare where it is near, and bright. Its spherical
- * rectangle (C. Urena, M. Fajardo and A. King, "An Area-Preserving Parametrization for Spherical Rectangles", Computer Graphics Forum
- * 32(4), 2013): the point is the origin, the rectangle from (x0, y0) to (x1, y1) in the plane at -h. */
-struct wide {
-    float x0, x1, y0, y1, h;
-    float g, b0, b1, angle; /* angle: sr */
-};
-
-static float clamp1(float x)
-{
-    return x < -1.0f ? -1.0f : x > 1.0f ? 1.0f : x;
-}
-
-/* `half`: the light's half extents. False where it is small from there, behind, or the point is in its plane. */
-static bool make_wide(const struct pell_light_data *light, const float half[2], struct pell_vec3 to, struct wide *w)
+/* The light as a point sees it, `to` the middle of it; `half`: its half extents. False where it is small from there, behind, or the point
+ * is in its plane. */
+static bool make_wide(const struct pell_light_data *light, const float half[2], struct pell_vec3 to, struct pell_wide *w)
 {
     const float half_x = half[0], half_y = half[1], area = 4.0f * half_x * half_y;
-    float x, y, outside_x, outside_y, inverse[2][2], n[4], angle[4];
+    const float h = -(to.x * light->direction.x + to.y * light->direction.y + to.z * light->direction.z);
+    float x, y, outside_x, outside_y;
 
-    w->h = -(to.x * light->direction.x + to.y * light->direction.y + to.z * light->direction.z);
-    if (!(w->h > 0.0f) || area < WIDE * w->h * w->h) /* most lights, at once */
+    if (!(h > 0.0f) || area < PELL_WIDE_LIGHT * h * h) /* most lights, at once */
         return false;
     x = (to.x * light->right.x + to.y * light->right.y + to.z * light->right.z) / half_x;
     y = (to.x * light->up.x + to.y * light->up.y + to.z * light->up.z) / half_y;
     outside_x = fmaxf(fabsf(x) - half_x, 0.0f);
     outside_y = fmaxf(fabsf(y) - half_y, 0.0f);
-    if (area < WIDE * (w->h * w->h + outside_x * outside_x + outside_y * outside_y))
+    if (area < PELL_WIDE_LIGHT * (h * h + outside_x * outside_x + outside_y * outside_y))
         return false;
-    w->x0 = x - half_x;
-    w->x1 = x + half_x;
-    w->y0 = y - half_y;
-    w->y1 = y + half_y;
-    /* Normals of the planes through the point and each side; neighbours' meet at its angles. */
-    inverse[0][0] = 1.0f / sqrtf(w->h * w->h + w->y0 * w->y0);
-    inverse[0][1] = 1.0f / sqrtf(w->h * w->h + w->y1 * w->y1);
-    inverse[1][0] = 1.0f / sqrtf(w->h * w->h + w->x0 * w->x0);
-    inverse[1][1] = 1.0f / sqrtf(w->h * w->h + w->x1 * w->x1);
-    n[0] = -w->y0 * inverse[0][0];
-    n[1] = w->x1 * inverse[1][1];
-    n[2] = w->y1 * inverse[0][1];
-    n[3] = -w->x0 * inverse[1][0];
-    for (int k = 0; k < 4; k++)
-        angle[k] = acosf(clamp1(-n[k] * n[(k + 1) % 4]));
-    w->b0 = n[0];
-    w->b1 = n[2];
-    w->g = 2.0f * PELL_PI_F - angle[2] - angle[3];
-    w->angle = angle[0] + angle[1] - w->g;
+    *w = pell_wide_make(x, y, half_x, half_y, h);
     return w->angle > 1e-3f;
-}
-
-/* Where a sample lies on the light, of its half extents. */
-static void place_wide(const struct wide *w, float u, float v, float *x, float *y)
-{
-    const float turn = u * w->angle + w->g, f = (cosf(turn) * w->b0 - w->b1) / sinf(turn);
-    const float c = clamp1((f > 0.0f ? 1.0f : -1.0f) / sqrtf(f * f + w->b0 * w->b0)), s2 = fmaxf(1.0f - c * c, 1e-12f);
-    const float at_x = fminf(fmaxf(c * w->h / sqrtf(s2), w->x0), w->x1), d2 = at_x * at_x + w->h * w->h;
-    const float h0 = w->y0 / sqrtf(d2 + w->y0 * w->y0), h1 = w->y1 / sqrtf(d2 + w->y1 * w->y1), h = h0 + v * (h1 - h0);
-    const float at_y = h * h < 0.999999f ? fminf(fmaxf(h * sqrtf(d2 / (1.0f - h * h)), w->y0), w->y1) : w->y1;
-
-    *x = 2.0f * (at_x - w->x0) / (w->x1 - w->x0) - 1.0f;
-    *y = 2.0f * (at_y - w->y0) / (w->y1 - w->y0) - 1.0f;
 }
 
 /* Samples of a wide light over the solid angle that it takes; wide[i]: sr that a sample stands for, 0: over its face, -1: no light there.
@@ -168,12 +123,15 @@ static void place_wide_samples(const struct pell_light_data *light, const struct
 
     for (int i = 0; i < N; i++) {
         const struct pell_vec3 to = vec3(light->position.x - p->px[i], light->position.y - p->py[i], light->position.z - p->pz[i]);
-        struct wide w;
+        struct pell_place2 at;
+        struct pell_wide w;
         float x, y;
         wide[i] = 0.0f;
         if (!p->valid[i] || !make_wide(light, half, to, &w))
             continue;
-        place_wide(&w, pell_unit_float(a->at[0][i]), pell_unit_float(a->at[1][i]), &x, &y);
+        at = pell_wide_place(w, pell_unit_float(a->at[0][i]), pell_unit_float(a->at[1][i]));
+        x = at.x;
+        y = at.y;
         wide[i] = disc && x * x + y * y > 1.0f ? -1.0f : w.angle * share;
         a->at[0][i] = (uint32_t) (fminf(0.5f + 0.5f * x, 0.9999999f) * 4294967296.0f);
         a->at[1][i] = (uint32_t) (fminf(0.5f + 0.5f * y, 0.9999999f) * 4294967296.0f);

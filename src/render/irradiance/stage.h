@@ -31,12 +31,14 @@ struct pell_lighting {
     float *single[3];      /* W/(m^2 sr), scattered once; written with `apart` */
     float *hidden[3];      /* W/(m^2 sr), with `shared`: what shadows took of the highlights of lights with a face; -1 where the surface
                             * itself emits */
-    int64_t shadow_rays;
+    int64_t shadow_rays, device_rays; /* by the cpu, by the device */
 };
 
 struct pell_indirect;
+struct pell_light_device;
 
 struct pell_irradiance_params {
+    struct pell_light_device *device; /* finds direct light (device.h); has these lights and room. NULL: the cpu does. At pixels alone */
     const struct pell_rays *rays;
     const struct pell_scene *scene;
     const struct pell_view *view;

@@ -1,0 +1,61 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * device.h - direct light on a Vulkan device: the scene's triangles, the lights and the tables are kept there, points come in batches, and
+ * what all lights give them goes back (device_data.h, direct.comp). The rest of the stage is the cpu's (stage.h).
+ *
+ * Ownership  pell_light_device_destroy sets the pointer to NULL and accepts NULL in it. Scene, lights and tables are borrowed while they
+ *            are set.
+ * Errors     as gpu.h has them; what was set before is then dropped.
+ * Threads    one at a time.
+ */
+#ifndef PELL_IRRADIANCE_DEVICE_H
+#define PELL_IRRADIANCE_DEVICE_H
+
+#include "render/irradiance/device_data.h"
+#include "render/irradiance/stage.h"
+
+struct pell_gpu;
+struct pell_light_device;
+
+PELL_NODISCARD enum pell_result pell_light_device_create(struct pell_context *ctx, struct pell_gpu *gpu, struct pell_light_device **out);
+void pell_light_device_destroy(struct pell_light_device **device);
+
+/* Builds the hierarchy that rays go through. */
+PELL_NODISCARD enum pell_result pell_light_device_set_scene(struct pell_light_device *d, const struct pell_scene *scene);
+void pell_light_device_drop_scene(struct pell_light_device *d);
+/* Of the scene that is set. */
+PELL_NODISCARD enum pell_result pell_light_device_set_lights(struct pell_light_device *d, const struct pell_lights *lights,
+                                                             const struct pell_specular_tables *tables);
+void pell_light_device_drop_lights(struct pell_light_device *d);
+/* Room for batches of at least so many points, or of as many as are worth one. */
+PELL_NODISCARD enum pell_result pell_light_device_reserve(struct pell_light_device *d, size_t points);
+
+/* Why the cpu finds direct light in what is set, as the name of a row of times says it; NULL: the device does. A constant. */
+const char *pell_light_device_refuses(const struct pell_light_device *d);
+
+/* --- Batches ------------------------------------------------------------------------------------------------------------------------- */
+
+/* The room that there is. */
+size_t pell_light_device_room(const struct pell_light_device *d);
+/* The points of a batch, to be written in order of address. */
+struct pell_lit_point *pell_light_device_points(const struct pell_light_device *d);
+/* For the caller's use: a number for each 16 points of the room. */
+uint32_t *pell_light_device_slots(const struct pell_light_device *d);
+
+struct pell_light_run {
+    const struct pell_irradiance_params *params;
+    bool highlights; /* what is mirrored is asked for */
+};
+/* Lights the first `count` points. */
+PELL_NODISCARD enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run, size_t count);
+/* Of the last batch: a point's words. */
+const uint32_t *pell_light_device_result(const struct pell_light_device *d, size_t point);
+
+/* Of all batches since the last call. */
+struct pell_light_device_times {
+    double upload, light, download; /* by the device's clock */
+    int64_t points, bytes_up, bytes_down;
+};
+struct pell_light_device_times pell_light_device_times(struct pell_light_device *d);
+
+#endif

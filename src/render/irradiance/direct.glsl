@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: MIT
+// direct.glsl - for direct.comp: a point, one sample of a light seen from it, and what arrives. Mirror of kernel.c.
+#include "shared/boundary.h"
+#include "shared/light.h"
+#include "shared/lobe.h"
+#include "shared/single.h"
+#include "shared/table.h"
+#include "shared/wide_light.h"
+
+const float FAR = 3.402823466e38; // FLT_MAX
+const float BIG = 1e25;           // upper limit of an irradiance
+const float TINY = 1e-12;
+const float TERMINATOR_LIFTED = 1.0 / 64.0;
+const int ALBEDO_MU = PELL_LIT_ALBEDO_MU, ALBEDO_ROUGHNESS = PELL_LIT_ALBEDO_ROUGHNESS, BOUNDARY_MU = PELL_LIT_BOUNDARY_MU;
+const int WITHIN = 8; // places of a sample's cell that a highlight is taken at
+
+// What rays and most formulas read; the rest is read where it is used, which leaves registers to the rays.
+struct Point {
+    vec3 place, origin, geometric, normal;
+    float gn, rho, fraction;
+    int albedo_at;     // in tables
+    uint at, material; // in points, in materials
+    bool lifted, single, highlights;
+    uvec2 pattern;
+};
+
+Point load_point(uint at, bool highlights, bool single)
+{
+    const vec3 tint = points[at].tint.rgb;
+    const float epsilon = points[at].place.w, terminator_offset = points[at].geometric.w;
+    Point p;
+
+    p.at = at;
+    p.material = points[at].material;
+    p.place = points[at].place.xyz;
+    p.geometric = points[at].geometric.xyz;
+    p.normal = points[at].normal.xyz;
+    p.origin = p.place + (terminator_offset + epsilon) * p.geometric;
+    p.lifted = terminator_offset > TERMINATOR_LIFTED * epsilon;
+    p.gn = max(dot(p.geometric, p.normal), 1e-3);
+    p.rho = (tint.r + tint.g + tint.b) * (1.0 / 3.0);
+    const float y = pell_roughness_place(points[at].normal.w, PELL_LIT_ROUGHNESS_MIN, ALBEDO_ROUGHNESS);
+    const int k = pell_table_cell(y, ALBEDO_ROUGHNESS);
+    p.fraction = y - float(k);
+    p.albedo_at = materials[p.material].model * ALBEDO_MU * ALBEDO_ROUGHNESS * 2 + 2 * k;
+    p.pattern = uvec2(points[at].pattern0, points[at].pattern1);
+    p.highlights = highlights;
+    p.single = single;
+    return p;
+}
+
+// T at a cosine.
+float transmittance(Point p, float mu)
+{
+    const float clamped = pell_saturate(mu);
+    const int smooth_at = materials[p.material].smooth_at;
+
+    if (smooth_at >= 0) {
+        const float place = pell_cosine_place(clamped, BOUNDARY_MU);
+        const int k = pell_table_cell(place, BOUNDARY_MU);
+        return pell_lerp(tables[smooth_at + k], tables[smooth_at + k + 1], place - float(k));
+    }
+    const float place = pell_cosine_place(clamped, ALBEDO_MU);
+    const int k = pell_table_cell(place, ALBEDO_MU), at = p.albedo_at + 2 * ALBEDO_ROUGHNESS * k, next = at + 2 * ALBEDO_ROUGHNESS;
+    const float f = place - float(k);
+    const float scale = pell_bilinear(tables[at], tables[at + 2], tables[next], tables[next + 2], p.fraction, f);
+    const float bias = pell_bilinear(tables[at + 1], tables[at + 3], tables[next + 1], tables[next + 3], p.fraction, f);
+    return pell_transmittance(p.rho, materials[p.material].fd, scale, bias);
+}
+
+// --- One sample of a light ---------------------------------------------------------------------------------------------------------
+
+struct Aim {
+    vec3 direction; // unit, to the light
+    vec3 end;       // the far end; directional: unused
+    vec3 intensity; // irradiance on a facing surface = intensity falloff
+    float falloff, spread, gl, nl;
+    uvec2 at; // of rect and disc, of the face: fractions of 2^32
+};
+
+bool is_flat(pell_light_data light)
+{
+    return light.type == PELL_LIGHT_DATA_RECT || light.type == PELL_LIGHT_DATA_DISC;
+}
+
+vec3 on_face(pell_light_data light, float x, float y)
+{
+    return light.position.xyz + x * light.right.xyz + y * light.up.xyz;
+}
+
+// The place of two fractions of the face.
+vec3 face_at(pell_light_data light, uvec2 at)
+{
+    const float u = pell_unit_float(at.x), v = pell_unit_float(at.y);
+
+    if (light.type == PELL_LIGHT_DATA_DISC) {
+        const pell_place2 disc = pell_disc_at(u, v);
+        return on_face(light, disc.x, disc.y);
+    }
+    return on_face(light, 2.0 * u - 1.0, 2.0 * v - 1.0);
+}
+
+// The sample of a light that is wide from there, over the solid angle that it takes: sr that it stands for; 0: over its face, which
+// remains; -1: no light there.
+float place_wide(pell_light_data light, vec3 place, inout uvec2 face, inout vec3 end)
+{
+    const bool disc = light.type == PELL_LIGHT_DATA_DISC;
+    const float half_x = length(light.right.xyz), half_y = length(light.up.xyz), area = 4.0 * half_x * half_y;
+    const vec3 to = light.position.xyz - place;
+    const float h = -dot(to, light.direction.xyz);
+
+    if (!(h > 0.0) || area < PELL_WIDE_LIGHT * h * h)
+        return 0.0;
+    const float x = dot(to, light.right.xyz) / half_x, y = dot(to, light.up.xyz) / half_y;
+    const vec2 outside = max(abs(vec2(x, y)) - vec2(half_x, half_y), vec2(0.0));
+    if (area < PELL_WIDE_LIGHT * (h * h + dot(outside, outside)))
+        return 0.0;
+    const pell_wide w = pell_wide_make(x, y, half_x, half_y, h);
+    if (!(w.angle > 1e-3))
+        return 0.0;
+    const pell_place2 at = pell_wide_place(w, pell_unit_float(face.x), pell_unit_float(face.y));
+    face = uvec2(min(0.5 + 0.5 * vec2(at.x, at.y), vec2(0.9999999)) * 4294967296.0);
+    end = on_face(light, at.x, at.y);
+    return disc && at.x * at.x + at.y * at.y > 1.0 ? -1.0 : w.angle * light.power.w / ((disc ? PELL_PI_F : 4.0) * half_x * half_y);
+}
+
+// `u`, `v`: the sample's Sobol numbers. Without the projected image.
+Aim aim(pell_light_data light, Point p, uint u, uint v)
+{
+    const vec3 d = light.direction.xyz;
+    float wide = 0.0;
+    Aim a;
+
+    a.end = light.position.xyz;
+    a.at = uvec2(u, v) ^ p.pattern;
+    if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
+        a.direction = -d;
+        a.falloff = 1.0;
+        a.spread = 0.0;
+        a.intensity = light.power.rgb;
+    } else {
+        if (is_flat(light)) {
+            a.end = face_at(light, a.at);
+            wide = place_wide(light, p.place, a.at, a.end);
+        }
+        const vec3 to = a.end - p.place;
+        const float distance = sqrt(max(dot(to, to), TINY));
+        a.direction = to * (1.0 / distance);
+        a.falloff = pell_light_falloff(distance, light.position.w, light.direction.w);
+        const float back = -dot(d, a.direction), cosine = max(back, 0.0);
+        const float w = is_flat(light)                           ? cosine
+                        : light.type == PELL_LIGHT_DATA_SPOT     ? pell_light_cone(back, light.spot_scale, light.spot_offset)
+                                                                 : 1.0;
+        a.intensity = light.power.rgb * w;
+        a.spread = light.power.w * cosine / (distance * distance);
+        if (wide != 0.0) {
+            a.falloff = 1.0;
+            a.spread = max(wide, 0.0);
+            a.intensity = light.power.rgb / light.power.w * a.spread;
+        }
+    }
+    a.gl = dot(p.geometric, a.direction);
+    a.nl = dot(p.normal, a.direction);
+    return a;
+}
+
+// --- A projected image ---------------------------------------------------------------------------------------------------------------
+
+// Clamped at the borders, as pell_image_sample.
+vec3 image_at(uvec4 image, ivec2 at)
+{
+    const ivec2 inside = clamp(at, ivec2(0), ivec2(image.yz) - 1);
+    return uintBitsToFloat(images[image.x + uint(inside.y) * image.y + uint(inside.x)].rgb);
+}
+
+vec3 image_sample(uvec4 image, float u, float v)
+{
+    const vec2 at = vec2(u, v) * vec2(image.yz);
+
+    if (image.w != 0u)
+        return image_at(image, ivec2(floor(at)));
+    const vec2 low = floor(at - 0.5), f = at - 0.5 - low;
+    const ivec2 k = ivec2(low);
+    return (1.0 - f.x) * (1.0 - f.y) * image_at(image, k) + f.x * (1.0 - f.y) * image_at(image, k + ivec2(1, 0)) +
+           (1.0 - f.x) * f.y * image_at(image, k + ivec2(0, 1)) + f.x * f.y * image_at(image, k + ivec2(1, 1));
+}
+
+// The image's colour on the way to the point, as pell_light_source_image. Whether there is light.
+bool project_image(pell_light_data light, Point p, inout Aim a)
+{
+    const vec3 right = light.right.xyz, up = light.up.xyz;
+    float x, y;
+
+    if (light.image < 0)
+        return true;
+    if (is_flat(light)) {
+        const vec3 d = a.end - light.position.xyz;
+        x = -0.5 * dot(d, right) / dot(right, right); // unmirrored from the front
+        y = 0.5 * dot(d, up) / dot(up, up);
+    } else if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
+        const vec3 d = p.place - light.position.xyz;
+        x = dot(d, right) * light.right.w;
+        y = dot(d, up) * light.up.w;
+    } else {
+        const float depth = -dot(a.direction, light.direction.xyz), inverse = depth > 1e-6 ? 1.0 / depth : 1e12;
+        x = -dot(a.direction, right) * inverse * light.right.w;
+        y = -dot(a.direction, up) * inverse * light.up.w;
+    }
+    const float u = 0.5 + x, v = 0.5 - y;
+    vec3 rgb = vec3(0.0);
+    if (u >= 0.0 && u <= 1.0 && v >= 0.0 && v <= 1.0)
+        rgb = image_sample(images[light.image], u, v);
+    a.intensity *= vec3(rgb.r > 0.0 ? min(rgb.r, 1e10) : 0.0, rgb.g > 0.0 ? min(rgb.g, 1e10) : 0.0, rgb.b > 0.0 ? min(rgb.b, 1e10) : 0.0);
+    return a.intensity.r + a.intensity.g + a.intensity.b > 0.0;
+}
+
+// --- What arrives --------------------------------------------------------------------------------------------------------------------
+
+// What a highlight is made of.
+struct Gloss {
+    vec3 view;
+    float nv, width2;
+    int model;
+};
+
+// The lobe toward a direction, and Schlick's weight there: x, y. It is widened by the solid angle that a sample stands for (kernel.c).
+vec2 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
+{
+    const vec3 h = l + gloss.view, c = cross(normal, h);
+    const float hh = max(dot(h, h), 1e-12), nl = max(dot(normal, l), 1e-6), nv = max(gloss.nv, 1e-4), nh = nl + nv, sin2 = dot(c, c);
+    const float vh = 0.5 * sqrt(hh), width2 = gloss.width2 + spread * (1.0 / 24.0) / vh, most = min(width2, 1.0);
+    const float shape = gloss.model == PELL_LOBE_GGX       ? pell_lobe_ggx(most, nl, nv, sin2, nh, hh)
+                        : gloss.model == PELL_LOBE_KELEMEN ? pell_lobe_kelemen(width2, sin2, nh, hh)
+                        : gloss.model == PELL_LOBE_PHONG   ? pell_lobe_phong(most, nl, nv, sin2)
+                                                           : pell_lobe_blinn_phong(most, sin2, hh);
+    return vec2(shape, pell_schlick_weight(vh));
+}
+
+// The part of the face that a sample stands for is looked at more closely than by its ray.
+vec3 highlight(pell_light_data light, Point p, Aim a, float facing, float mu)
+{
+    const int places = is_flat(light) ? WITHIN : 1;
+    const vec3 tint = points[p.at].tint.rgb, f0 = points[p.at].f0.rgb;
+    float even = 0.0, grazing = 0.0;
+    Gloss gloss;
+
+    gloss.view = points[p.at].view.xyz;
+    gloss.nv = dot(p.normal, gloss.view);
+    gloss.model = materials[p.material].model;
+    gloss.width2 = pell_lobe_width(gloss.model, points[p.at].normal.w);
+    gloss.width2 *= gloss.width2;
+    for (int j = 0; j < places; j++) {
+        vec3 l = a.direction;
+        float cosine = mu;
+        if (j > 0) {
+            const uvec2 cell = uvec2(pell_sobol0(uint(j)) >> ((pc.light_bits + 1) / 2), pell_sobol1(uint(j)) >> (pc.light_bits / 2));
+            l = face_at(light, a.at ^ cell) - p.place;
+            l *= 1.0 / sqrt(max(dot(l, l), TINY));
+            cosine = dot(p.normal, l);
+        }
+        if (cosine > 0.0) {
+            const vec2 lobe = shape_lobe(gloss, p.normal, l, a.spread * (1.0 / float(WITHIN)));
+            even += lobe.x * cosine;
+            grazing += lobe.x * cosine * lobe.y;
+        }
+    }
+    return min(facing / (float(places) * mu) * a.falloff * a.intensity * tint * (f0 * even + (1.0 - f0) * grazing), vec3(BIG));
+}
+
+// What is scattered once right below the surface, as it arrives there again.
+vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
+{
+    const vec3 view = points[p.at].view.xyz;
+    const float eta2 = materials[p.material].single_eta2, nl = pell_saturate(a.nl), nv = pell_saturate(dot(p.normal, view));
+    const float into = pell_single_cosine(eta2, nl), out_of = pell_single_cosine(eta2, nv);
+    const float turn = pell_single_turn(eta2, dot(a.direction, view), nl, nv, into, out_of);
+    vec3 sum = vec3(0.0);
+
+    for (int c = 0; c < 3; c++) {
+        const float albedo = materials[p.material].single_albedo[c], g = materials[p.material].single_g[c];
+        if (albedo > 0.0)
+            sum[c] = min(a.intensity[c] * a.falloff * transmitted * facing * pell_single_radiance(albedo, g, turn, into, out_of), BIG);
+    }
+    return sum;
+}
+
+// Light that nothing is in the way of, to the front.
+void add_front(pell_light_data light, Point p, Aim a, inout vec3 irradiance, inout vec3 specular, inout vec3 single)
+{
+    const float mu = max(a.nl, 1e-6), ratio = a.gl / (mu * p.gn), g = ratio < 1.0 && !p.lifted ? ratio : 1.0;
+    const float facing = pell_soft_terminator(mu, g), transmitted = transmittance(p, mu);
+    const float off = 1.0 - pell_single_cosine(materials[p.material].inverse_eta2, mu);
+    const vec3 factor = materials[p.material].enter_base.rgb + materials[p.material].enter_slope.rgb * off;
+    const vec3 shift = vec3(points[p.at].view.w, points[p.at].tint.w, points[p.at].f0.w);
+
+    const vec3 enters = max(facing + shift * (1.0 - 3.0 * mu * mu), vec3(0.0));
+
+    if (!(facing > 0.0))
+        return;
+    irradiance += min(a.intensity * (a.falloff * transmitted) * factor * enters, vec3(BIG));
+    if (p.single)
+        single += scattered_once(p, a, facing, transmitted);
+    if (p.highlights && light.environment < 0)
+        specular += highlight(light, p, a, facing, mu);
+}

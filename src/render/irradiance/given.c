@@ -1,0 +1,101 @@
+/* SPDX-License-Identifier: MIT
+ * given.c - points to the device and their light back (device.h). */
+#include "render/irradiance/device.h"
+#include "render/irradiance/internal.h"
+
+#include <string.h>
+
+/* Writes 16 points; lanes that hold none are written as none. */
+static void write_points(const struct job *job, const struct packet *k, struct pell_lit_point *out)
+{
+    const struct pell_lanes *l = &k->lanes;
+    const bool asks = pell_any_environment(job) && (k->behind || !(job->entering && job->p->ambient));
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        struct pell_lit_point point = {
+            .place = { l->px[i], l->py[i], l->pz[i], l->epsilon[i] },
+            .geometric = { l->gx[i], l->gy[i], l->gz[i], l->terminator_offset[i] },
+            .normal = { l->nx[i], l->ny[i], l->nz[i], l->roughness[i] },
+            .view = { l->vx[i], l->vy[i], l->vz[i], l->shift[0][i] },
+            .tint = { l->tint[0][i], l->tint[1][i], l->tint[2][i], l->shift[1][i] },
+            .f0 = { l->f0[0][i], l->f0[1][i], l->f0[2][i], l->shift[2][i] },
+            .pattern0 = l->pattern[0][i],
+            .pattern1 = l->pattern[1][i],
+            .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
+            .flags = asks ? PELL_LIT_AMBIENT : 0u,
+        };
+        pell_lane_pattern(l, i, job->lights->ambient_bits, PELL_AMBIENT_SALT, &point.ambient0, &point.ambient1);
+        out[i] = point;
+    }
+}
+
+void pell_send_packet(struct job *job, struct packet *k)
+{
+    struct pell_lit_point *points = pell_light_device_points(job->p->device);
+    const int sides = k->lanes.any_thin ? 2 : 1;
+    struct gains gains;
+
+    if (job->p->curvature)
+        pell_bend_gains(job, k, &gains); /* for the lanes' shift */
+    k->slot = atomic_fetch_add_explicit(&job->used, (uint32_t) (sides * PELL_LANES), memory_order_relaxed);
+    write_points(job, k, points + k->slot);
+    if (sides == 2) {
+        struct packet b = *k;
+        pell_turn_packet(&b);
+        write_points(job, &b, points + k->slot + PELL_LANES);
+    }
+}
+
+static float number(uint32_t word)
+{
+    float x;
+
+    memcpy(&x, &word, sizeof(x));
+    return x;
+}
+
+static void add_rgb(const uint32_t *word, int i, float sum[3][PELL_LANES])
+{
+    for (int c = 0; c < 3; c++)
+        sum[c][i] += number(word[c]);
+}
+
+/* A point's words, from number `at` on. */
+static const uint32_t *words(const struct job *job, const struct packet *k, int i, size_t at)
+{
+    return pell_light_device_result(job->p->device, k->slot + (size_t) i) + 4 * at;
+}
+
+void pell_take_lights(const struct job *job, struct packet *k)
+{
+    for (int i = 0; i < k->count; i++) {
+        size_t at = 1;
+        if (!k->lanes.valid[i])
+            continue;
+        add_rgb(words(job, k, i, 0), i, k->sums.irradiance);
+        k->device_rays += words(job, k, i, 0)[3];
+        if (!job->entering) {
+            if (shows_highlights(job, k))
+                add_rgb(words(job, k, i, at), i, k->sums.specular);
+            at++;
+        }
+        if (job->p->apart)
+            add_rgb(words(job, k, i, at), i, k->sums.single);
+    }
+}
+
+void pell_take_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
+{
+    const size_t at = 1 + (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
+    const bool known = job->entering && job->p->ambient && !k->behind;
+
+    for (int i = 0; i < k->count; i++) {
+        k->ambient[i] = known ? k->ambient[i] : 0.0f;
+        if (!k->lanes.valid[i])
+            continue;
+        add_rgb(words(job, k, i, at), i, sums->irradiance);
+        add_rgb(words(job, k, i, at + 1), i, sums->unshadowed);
+        if (!known)
+            k->ambient[i] = number(words(job, k, i, at)[3]);
+    }
+}

@@ -1,0 +1,60 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * sampling.h - quasi-random numbers, and uniform points of discs. The bits are the same everywhere: integers, and floats of at most 24
+ * digits.
+ */
+#ifndef PELL_SHARED_SAMPLING_H
+#define PELL_SHARED_SAMPLING_H
+
+#include "shared/language.h"
+
+struct pell_place2 {
+    float x, y;
+};
+
+/* 32 bits as a number in [0, 1). */
+PELL_SHARED float pell_unit_float(uint32_t x)
+{
+    return PELL_TO_FLOAT(PELL_TO_INT(x >> 8)) * (1.0f / 16777216.0f);
+}
+
+/* Bits in reverse: van der Corput's radical inverse in base 2, which is the first dimension of Sobol's sequence (Sobol 1967, "On the
+ * Distribution of Points in a Cube and the Approximate Evaluation of Integrals"). */
+PELL_SHARED uint32_t pell_sobol0(uint32_t i)
+{
+    i = i << 16 | i >> 16;
+    i = (i & 0x00ff00ffu) << 8 | (i & 0xff00ff00u) >> 8;
+    i = (i & 0x0f0f0f0fu) << 4 | (i & 0xf0f0f0f0u) >> 4;
+    i = (i & 0x33333333u) << 2 | (i & 0xccccccccu) >> 2;
+    return (i & 0x55555555u) << 1 | (i & 0xaaaaaaaau) >> 1;
+}
+
+/* The second dimension: its matrix is Pascal's triangle modulo 2, five butterflies. */
+PELL_SHARED uint32_t pell_sobol1(uint32_t i)
+{
+    uint32_t y = pell_sobol0(i);
+
+    y ^= (y & 0x55555555u) << 1;
+    y ^= (y & 0x33333333u) << 2;
+    y ^= (y & 0x0f0f0f0fu) << 4;
+    y ^= (y & 0x00ff00ffu) << 8;
+    return y ^ y << 16;
+}
+
+/* Uniform points of the unit disc (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and Square"), without library calls:
+ * |phi| <= pi/4. With z = sqrt(1 - x^2 - y^2) they are directions of a hemisphere with the density z/pi (Malley). */
+PELL_SHARED PELL_STRUCT(pell_place2) pell_disc_at(float u, float v)
+{
+    const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
+    const float aa = fabsf(a), ab = fabsf(b), big = aa > ab ? a : b, small = aa > ab ? b : a;
+    const float t = 0.785398163f * small / (fabsf(big) > 1e-20f ? big : 1e-20f), t2 = t * t;
+    const float s = t * (1.0f + t2 * (-1.66666667e-1f + t2 * (8.33333333e-3f + t2 * (-1.98412698e-4f + t2 * 2.75573192e-6f))));
+    const float c = 1.0f + t2 * (-0.5f + t2 * (4.16666667e-2f + t2 * (-1.38888889e-3f + t2 * 2.48015873e-5f)));
+    PELL_STRUCT(pell_place2) p;
+
+    p.x = big * (aa > ab ? c : s);
+    p.y = big * (aa > ab ? s : c);
+    return p;
+}
+
+#endif

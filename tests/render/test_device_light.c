@@ -1,0 +1,395 @@
+/* SPDX-License-Identifier: MIT
+ * test_device_light.c - direct light on a Vulkan device is the cpu's, in each plane of the stage "irradiance". Under the validation layer;
+ * skipped, by name, where there is no driver or no layer. */
+#include "gpu_test.h"
+#include "lights_rig.h"
+
+#include "render/irradiance/device.h"
+
+struct device {
+    struct kept_messages kept;
+    struct pell_context *ctx;
+    struct pell_gpu *gpu;
+    struct pell_light_device *light;
+};
+
+static void device_start(struct device *d)
+{
+    memset(d, 0, sizeof(*d));
+    d->ctx = gpu_context(NULL, &d->kept);
+    d->gpu = gpu_opened(d->ctx);
+    OK(pell_light_device_create(d->ctx, d->gpu, &d->light));
+}
+
+static void device_finish(struct device *d)
+{
+    pell_light_device_destroy(&d->light);
+    assert_true(pell_gpu_memory_used(d->gpu) == 0);
+    pell_gpu_close(&d->gpu);
+    if (d->kept.errors)
+        fail_msg("%d messages, the last: %s", d->kept.errors, d->kept.what);
+    assert_int_equal(pell_memory_used(d->ctx), 0);
+    pell_context_destroy(&d->ctx);
+}
+
+/* --- Scenes ---------------------------------------------------------------------------------------------------------------------- */
+
+static struct pell_texture *picture(struct rig *r, int width, int height, bool nearest)
+{
+    struct pell_texture *t;
+    float *p;
+
+    OK(pell_scene_add_texture(r->scene, "picture", &t));
+    t->nearest = nearest;
+    t->image = (struct pell_image) { width, height, 3, PELL_PIXEL_F32, false, NULL };
+    t->image.pixels = p = pell_calloc(r->ctx, 3 * (size_t) width * (size_t) height, sizeof(*p));
+    for (int i = 0; i < 3 * width * height; i++)
+        p[i] = (float) (i * 7 % 11) / 11.0f + (i / 3 % (width + 1) == 1 ? 9.0f : 0.0f);
+    return t;
+}
+
+/* Materials of all four lobes, dull and narrow, thick, deep and thin, on smooth normals and flat ones, in each other's shadow. */
+static void many_surfaces(struct rig *r)
+{
+    size_t m[5];
+
+    for (int i = 0; i < 5; i++) {
+        m[i] = rig_material(r, i == 2 || i == 4);
+        r->scene->materials[m[i]].specular = (enum pell_specular_model)(i % 4);
+        r->scene->materials[m[i]].rho_s = 0.9f;
+        r->scene->materials[m[i]].roughness = 0.15f + 0.2f * (float) i;
+        r->scene->materials[m[i]].base_color[1] = 0.5f;
+    }
+    r->scene->materials[m[2]].metallic = 0.6f;
+    r->scene->materials[m[4]].diffuse_transmission = 0.4f;
+    rig_sphere(r, m[0], 0, vec3(-12, 8, 0), 9.0f, 10);
+    rig_sphere(r, m[1], 1, vec3(12, 8, -4), 8.0f, 30);
+    rig_box(r, m[2], 2, vec3(-20, -18, -10), vec3(-4, -6, 3));
+    rig_box(r, m[3], 3, vec3(3, -18, -10), vec3(20, -8, -7));
+    rig_plane(r, m[3], 4, -16.0f, 40.0f);
+    shapes_quad(r->scene, m[4], vec3(0, 2, 6), vec3(5, 0, 0), vec3(0, 4, 3))->object = 5;
+    rig_camera(r, 48.0f);
+}
+
+enum kind {
+    POINT,
+    SPOT,
+    SUN,
+    RECT,
+    DISC,
+    NEAR_RECT,
+    NEAR_DISC,
+    SPOT_IMAGE,
+    POINT_IMAGE,
+    SUN_IMAGE,
+    RECT_IMAGE,
+    SKY,
+    SKY_IMAGE,
+    ALL,
+    KINDS
+};
+
+static const char *const kind_names[KINDS] = { "point",
+                                               "spot",
+                                               "directional",
+                                               "rect",
+                                               "disc",
+                                               "rect, near",
+                                               "disc, near",
+                                               "spot with a picture",
+                                               "point with a picture, nearest",
+                                               "directional with a picture",
+                                               "rect with a picture",
+                                               "environment",
+                                               "environment of a picture",
+                                               "all of them" };
+
+static void add_light(struct rig *r, enum kind kind)
+{
+    static const enum pell_light_type types[KINDS] = { [POINT] = PELL_LIGHT_POINT,
+                                                       [POINT_IMAGE] = PELL_LIGHT_POINT,
+                                                       [SPOT] = PELL_LIGHT_SPOT,
+                                                       [SPOT_IMAGE] = PELL_LIGHT_SPOT,
+                                                       [SUN] = PELL_LIGHT_DIRECTIONAL,
+                                                       [SUN_IMAGE] = PELL_LIGHT_DIRECTIONAL,
+                                                       [RECT] = PELL_LIGHT_RECT,
+                                                       [RECT_IMAGE] = PELL_LIGHT_RECT,
+                                                       [NEAR_RECT] = PELL_LIGHT_RECT,
+                                                       [DISC] = PELL_LIGHT_DISC,
+                                                       [NEAR_DISC] = PELL_LIGHT_DISC,
+                                                       [SKY] = PELL_LIGHT_ENVIRONMENT,
+                                                       [SKY_IMAGE] = PELL_LIGHT_ENVIRONMENT };
+    const bool near = kind == NEAR_RECT || kind == NEAR_DISC;
+    struct pell_light *l = rig_light(r, types[kind], near ? vec3(2, -4, 14) : vec3(30, 50, 90), vec3(0, 0, 0), 3.0f);
+
+    l->width = near ? 30.0f : 25.0f;
+    l->height = l->radius = 20.0f;
+    l->range = kind == POINT ? 160.0f : 0.0f;
+    if (kind == SPOT_IMAGE || kind == POINT_IMAGE || kind == SUN_IMAGE || kind == RECT_IMAGE)
+        l->image = picture(r, 5, 3, kind == POINT_IMAGE);
+    if (kind == SKY_IMAGE)
+        l->image = picture(r, 32, 16, false);
+}
+
+static void rig_of(struct rig *r, enum kind kind, int width, int height)
+{
+    rig_start(r, width, height);
+    r->seed = 7;
+    r->sample = 1;
+    r->settings.msaa = 2;
+    r->settings.light_samples = r->settings.ambient_samples = 8;
+    r->settings.environment_lights = 6;
+    many_surfaces(r);
+    for (int k = 0; k < (int) ALL; k++)
+        if (kind == ALL || (int) kind == k)
+            add_light(r, (enum kind) k);
+}
+
+/* --- Parity ---------------------------------------------------------------------------------------------------------------------- */
+
+enum { PLANES = 9 };
+
+static void planes_of(struct pell_lighting *l, float **planes[PLANES])
+{
+    for (int c = 0; c < 3; c++) {
+        planes[c] = &l->irradiance[c];
+        planes[3 + c] = &l->specular[c];
+        planes[6 + c] = &l->transmitted[c];
+    }
+}
+
+static void set(struct device *d, const struct rig *r)
+{
+    OK(pell_light_device_set_scene(d->light, r->scene));
+    OK(pell_light_device_set_lights(d->light, r->lights, r->tables));
+    OK(pell_light_device_reserve(d->light, (size_t) r->surface.stride * (size_t) r->height));
+    assert_null(pell_light_device_refuses(d->light));
+}
+
+/* The stage once more, with direct light on the device. pell_free the first plane. */
+static struct pell_lighting render_on(struct device *d, const struct rig *r, struct pell_pool *pool)
+{
+    struct pell_irradiance_params p = rig_params(r);
+    struct pell_lighting l = { .way = NULL };
+    float **planes[PLANES];
+
+    planes_of(&l, planes);
+    OK(pell_planes_allocate(r->ctx, r->width, r->height, planes, PLANES));
+    p.device = d->light;
+    OK(pell_irradiance_render(pool, r->lights, &p, &l));
+    return l;
+}
+
+/* Three planes against the cpu's: the mean difference over the mean of all planes, and the share of pixels that differ by more than 1 %. */
+static void compare(const struct rig *r, struct pell_lighting *gpu, const char *name)
+{
+    static const char *const what[] = { "enters", "mirrored", "transmitted" };
+    struct pell_lighting cpu = r->light;
+    float **a[PLANES], **b[PLANES];
+
+    planes_of(&cpu, a);
+    planes_of(gpu, b);
+    for (int k = 0; k < 3; k++) {
+        double sum = 0.0, difference = 0.0;
+        int far = 0, pixels = 0;
+        for (int y = 0; y < r->height; y++)
+            for (int x = 0; x < r->width; x++) {
+                const size_t at = rig_at(r, x, y);
+                bool differs = false;
+                for (int c = 3 * k; c < 3 * k + 3; c++) {
+                    const double p = (double) (*a[c])[at], q = (double) (*b[c])[at];
+                    sum += fabs(p);
+                    difference += fabs(p - q);
+                    differs |= fabs(p - q) > 0.01 * fabs(p) + 1e-6;
+                }
+                pixels += r->surface.material[at] != 0;
+                far += differs;
+            }
+        print_message("# %s: %s: mean %.3g, mean difference %.2g of it, %d of %d pixels over 1 %%\n", name, what[k], sum / (3.0 * pixels),
+                      sum > 0.0 ? difference / sum : 0.0, far, pixels);
+        REQUIRE(pixels > 800);
+        REQUIRE(difference <= 1e-4 * sum);
+        REQUIRE(far * 1000 <= pixels);
+    }
+}
+
+static void each_light_is_the_cpus(void **state)
+{
+    struct device d;
+    (void) state;
+
+    device_start(&d);
+    for (int kind = 0; kind < KINDS; kind++) {
+        struct pell_lighting l;
+        struct rig r;
+        double some = 0.0;
+
+        rig_of(&r, (enum kind) kind, 48, 36);
+        r.smooth = kind % 3 == 1;
+        rig_render(&r);
+        for (size_t i = 0; i < (size_t) r.surface.stride * 36; i++)
+            some += (double) r.light.irradiance[1][i];
+        REQUIRE(some > 0.0);
+        set(&d, &r);
+        l = render_on(&d, &r, r.pool);
+        compare(&r, &l, kind_names[kind]);
+        /* The cpu is left with what is transmitted. */
+        REQUIRE(l.device_rays > 300 && l.shadow_rays < r.light.shadow_rays);
+        pell_free(r.ctx, l.irradiance[0]);
+        pell_light_device_drop_lights(d.light);
+        pell_light_device_drop_scene(d.light);
+        rig_finish(&r);
+    }
+    device_finish(&d);
+}
+
+/* More pixels than a batch has room for; and the bits do not depend on the number of threads, which share a batch's room out. */
+static void batches_make_one_picture(void **state)
+{
+    struct device d;
+    struct pell_lighting one, many;
+    struct pell_pool *pool;
+    struct rig r;
+    (void) state;
+
+    device_start(&d);
+    rig_of(&r, SPOT, 256, 160);
+    r.settings.light_samples = 2;
+    rig_render(&r);
+    OK(pell_light_device_set_scene(d.light, r.scene));
+    OK(pell_light_device_reserve(d.light, 1));
+    OK(pell_light_device_set_lights(d.light, r.lights, r.tables));
+    REQUIRE(pell_light_device_room(d.light) < 256 * 160 / 2);
+    OK(pell_pool_create(r.ctx, 1, &pool));
+    one = render_on(&d, &r, pool);
+    many = render_on(&d, &r, r.pool);
+    compare(&r, &one, "some batches");
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < r.height; y++) {
+            assert_memory_equal(one.irradiance[c] + rig_at(&r, 0, y), many.irradiance[c] + rig_at(&r, 0, y), 256 * sizeof(float));
+            assert_memory_equal(one.specular[c] + rig_at(&r, 0, y), many.specular[c] + rig_at(&r, 0, y), 256 * sizeof(float));
+        }
+    pell_free(r.ctx, one.irradiance[0]);
+    pell_free(r.ctx, many.irradiance[0]);
+    pell_pool_destroy(&pool);
+    rig_finish(&r);
+    device_finish(&d);
+}
+
+/* --- What the device does not do ----------------------------------------------------------------------------------------------------- */
+
+static void what_the_device_cannot_do_it_refuses(void **state)
+{
+    struct device d;
+    struct rig r;
+    (void) state;
+
+    device_start(&d);
+    rig_of(&r, SPOT, 48, 36);
+    rig_render(&r);
+    r.scene->materials[0].alpha_mask = true;
+    r.scene->meshes[0].color = pell_calloc(r.ctx, 4 * (size_t) r.scene->meshes[0].num_vertices, sizeof(float));
+    OK(pell_light_device_set_scene(d.light, r.scene));
+    OK(pell_light_device_set_lights(d.light, r.lights, r.tables));
+    OK(pell_light_device_reserve(d.light, 48 * 36));
+    assert_string_equal(pell_light_device_refuses(d.light), "direct light by the cpu: alpha cuts surfaces");
+    assert_true(pell_gpu_memory_used(d.gpu) == 0);
+    r.scene->materials[0].alpha_mask = false;
+    set(&d, &r);
+    assert_true(pell_gpu_memory_used(d.gpu) > 0);
+    rig_finish(&r);
+    device_finish(&d);
+}
+
+/* Each call of Vulkan that making and a batch need fails once: it is reported once, nothing stays on the device, and asked for again it
+ * works. */
+static enum pell_result make_all(struct device *d, const struct rig *r, struct pell_lighting *l)
+{
+    struct pell_irradiance_params p = rig_params(r);
+    enum pell_result res;
+
+    PELL_TRY(pell_light_device_create(d->ctx, d->gpu, &d->light));
+    PELL_TRY(pell_light_device_set_scene(d->light, r->scene));
+    PELL_TRY(pell_light_device_reserve(d->light, 48 * 36));
+    PELL_TRY(pell_light_device_set_lights(d->light, r->lights, r->tables));
+    p.device = d->light;
+    return pell_irradiance_render(r->pool, r->lights, &p, l);
+
+fail:
+    return res;
+}
+
+static void calls_that_fail_are_reported(void **state)
+{
+    struct device d;
+    struct rig r;
+    struct pell_lighting l = { .way = NULL };
+    float **planes[PLANES];
+    int failed = 0;
+    (void) state;
+
+    device_start(&d);
+    pell_light_device_destroy(&d.light);
+    rig_of(&r, SPOT_IMAGE, 48, 36);
+    rig_render(&r);
+    planes_of(&l, planes);
+    OK(pell_planes_allocate(r.ctx, r.width, r.height, planes, PLANES));
+    for (uint64_t n = 1; failed == (int) n - 1; n++) {
+        enum pell_result res;
+        d.kept.errors = 0;
+        pell_gpu_fail_at(d.gpu, n);
+        res = make_all(&d, &r, &l);
+        pell_gpu_fail_at(d.gpu, 0);
+        REQUIRE(res == PELL_OK ? d.kept.errors == 0 : res == PELL_ERR_NOMEM && d.kept.errors == 1);
+        failed += res != PELL_OK;
+        pell_light_device_destroy(&d.light);
+        assert_true(pell_gpu_memory_used(d.gpu) == 0);
+    }
+    print_message("# %d calls\n", failed);
+    REQUIRE(failed > 60);
+    d.kept.errors = 0;
+    OK(make_all(&d, &r, &l));
+    compare(&r, &l, "after failures");
+    pell_free(r.ctx, l.irradiance[0]);
+    rig_finish(&r);
+    device_finish(&d);
+}
+
+/* The same of the host's allocations. */
+static void allocations_that_fail_are_reported(void **state)
+{
+    struct pell_alloc_fault fault = { 0 };
+    struct device d = { .light = NULL };
+    struct rig r;
+    bool done = false;
+    (void) state;
+
+    d.ctx = gpu_context(&fault, &d.kept);
+    d.gpu = gpu_opened(d.ctx);
+    rig_of(&r, SPOT_IMAGE, 48, 36);
+    rig_render(&r);
+    for (uint64_t n = 1; !done; n++) {
+        fault.fail_at = atomic_load(&fault.calls) + n;
+        done = pell_light_device_create(d.ctx, d.gpu, &d.light) == PELL_OK && pell_light_device_set_scene(d.light, r.scene) == PELL_OK &&
+               pell_light_device_reserve(d.light, 48 * 36) == PELL_OK &&
+               pell_light_device_set_lights(d.light, r.lights, r.tables) == PELL_OK;
+        fault.fail_at = 0;
+        pell_light_device_destroy(&d.light);
+        assert_true(pell_gpu_memory_used(d.gpu) == 0);
+    }
+    d.kept.errors = 0;
+    rig_finish(&r);
+    device_finish(&d);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(each_light_is_the_cpus),
+        cmocka_unit_test(batches_make_one_picture),
+        cmocka_unit_test(what_the_device_cannot_do_it_refuses),
+        cmocka_unit_test(calls_that_fail_are_reported),
+        cmocka_unit_test(allocations_that_fail_are_reported),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
