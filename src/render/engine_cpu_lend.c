@@ -21,14 +21,21 @@ struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix
     };
 }
 
-int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
-                              const struct pell_surface_light *out)
+struct pell_irradiance_params pell_cpu_points_light(const struct pell_cpu *e, const struct pell_points_params *params)
 {
-    const struct pell_cpu *e = engine;
     struct pell_irradiance_params p = pell_cpu_light(e, params->mix, e->materials->single_apart && (e->lit || !e->indirect));
 
     p.through = params->local && !params->flat && !e->whole ? e->through : NULL;
     p.between = p.through && e->between;
+    return p;
+}
+
+int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                              const struct pell_surface_light *out)
+{
+    const struct pell_cpu *e = engine;
+    const struct pell_irradiance_params p = pell_cpu_points_light(e, params);
+
     return pell_irradiance_points(e->lights, &p, params, in, n, out);
 }
 

@@ -71,6 +71,8 @@ struct pell_cpu {
 /* Of a frame's light, all that does not depend on the sample. `apart`: what is scattered once is added by itself. Not so where indirect
  * light is still to be found: of all light that surfaces reflect. */
 struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool apart);
+/* The same of points. */
+struct pell_irradiance_params pell_cpu_points_light(const struct pell_cpu *e, const struct pell_points_params *params);
 /* pell_services.light_points */
 int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                               const struct pell_surface_light *out);

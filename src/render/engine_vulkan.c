@@ -55,6 +55,71 @@ static enum pell_result vulkan_make(void *engine, enum pell_engine_resource reso
     return res;
 }
 
+/* --- Light at points, in batches ----------------------------------------------------------------------------------------------------- */
+
+static struct pell_irradiance_params points_light(const struct pell_cpu *e, const struct pell_points_params *params)
+{
+    struct pell_irradiance_params p = pell_cpu_points_light(e, params);
+
+    p.device = e->device;
+    return p;
+}
+
+static size_t batch_room(void *engine)
+{
+    const struct pell_cpu *e = engine;
+
+    return pell_light_device_refuses(e->device) ? 0 : pell_light_device_room(e->device);
+}
+
+static uint32_t *batch_begin(void *engine)
+{
+    const struct pell_cpu *e = engine;
+
+    pell_light_device_begin(e->device);
+    return pell_light_device_slots(e->device);
+}
+
+static uint32_t batch_send(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n)
+{
+    const struct pell_cpu *e = engine;
+    const struct pell_irradiance_params p = points_light(e, params);
+
+    return pell_irradiance_send_points(e->lights, &p, params, in, n);
+}
+
+static enum pell_result batch_run(void *engine, const struct pell_points_params *params, double *seconds)
+{
+    const struct pell_cpu *e = engine;
+    struct pell_irradiance_params p = points_light(e, params);
+    const struct pell_light_run run = { .params = &p };
+    struct pell_light_device_times t;
+    enum pell_result res;
+
+    p.lights = params->lights;
+    res = pell_light_device_run(e->device, &run);
+    t = pell_light_device_times(e->device); /* the method's own, not the stage's */
+    *seconds = t.upload + t.light + t.download;
+    return res;
+}
+
+static int64_t batch_take(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
+                          uint32_t number, const struct pell_surface_light *out)
+{
+    const struct pell_cpu *e = engine;
+    const struct pell_irradiance_params p = points_light(e, params);
+
+    return pell_irradiance_take_points(e->lights, &p, params, in, n, number, out);
+}
+
+static void vulkan_lend(void *engine, struct pell_services *services)
+{
+    static const struct pell_light_batches batches = { batch_room, batch_begin, batch_send, batch_run, batch_take };
+
+    pell_engine_cpu.lend(engine, services);
+    services->batches = &batches;
+}
+
 void pell_engine_vulkan_make(struct pell_engine_interface *engine)
 {
     *engine = pell_engine_cpu;
@@ -64,4 +129,5 @@ void pell_engine_vulkan_make(struct pell_engine_interface *engine)
     engine->close = vulkan_close;
     engine->make = vulkan_make;
     engine->drop = vulkan_drop;
+    engine->lend = vulkan_lend;
 }

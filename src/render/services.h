@@ -12,6 +12,7 @@
 
 #include "base/pool.h"
 #include "render/camera_view.h"
+#include "scene/material_maps.h"
 #include "transport/solids.h"
 
 #include <pellucid/method.h>
@@ -71,6 +72,22 @@ struct pell_points_params {
     bool flat;    /* not scaled by `gain` */
 };
 
+/* Direct light at many points on the engine's device: what light_points gives, in batches. Calls are made in this order; `send` and `take`
+ * by many threads at once. */
+struct pell_light_batches {
+    /* Points that a batch has room for; 0: there is no device, or it does not light this scene. */
+    size_t (*room)(void *engine);
+    /* An empty batch. Returns numbers for the caller's use, one for each 16 points of the room. */
+    uint32_t *(*begin)(void *engine);
+    /* Adds n points, at most 16, which take params->samples times pell_services_batch_points() of the room. Returns their number. */
+    uint32_t (*send)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n);
+    /* Finds their direct light; the batch's `lights` and `mix` are those of `params`. Seconds by the device's clock. */
+    enum pell_result (*run)(void *engine, const struct pell_points_params *params, double *seconds);
+    /* The light of points that were sent as this number, as light_points gives it. Returns the number of rays. */
+    int64_t (*take)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n, uint32_t number,
+                    const struct pell_surface_light *out);
+};
+
 /* What a method keeps beyond its pass, for the next one of a renderer: a scene that moves is a new scene each frame, with the same
  * triangles. Whoever takes `state` sets it to NULL. */
 struct pell_kept {
@@ -95,6 +112,7 @@ struct pell_services {
     void *engine;                             /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
+    const struct pell_light_batches *batches; /* NULL: none */
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
     void (*transmitted)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
     void (*returned)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
@@ -106,6 +124,12 @@ static inline int64_t pell_services_light_points(const struct pell_services *s, 
                                                  const struct pell_surface_points *in, size_t n, const struct pell_surface_light *out)
 {
     return s->light_points(s->engine, params, in, n, out);
+}
+
+/* Room of a batch that 16 points take for each multisample: sheets have two sides. */
+static inline size_t pell_services_batch_points(const struct pell_services *s)
+{
+    return pell_scene_has_sheets(s->scene) ? 32 : 16;
 }
 
 /* Points that are found 16 at a time, as rays are, and their light. */
@@ -120,19 +144,30 @@ struct pell_points16_light {
     bool there[16];
 };
 
-/* The same of the first `count` of them; `ambient` may be NULL. */
-static inline int64_t pell_services_light16(const struct pell_services *s, const struct pell_points_params *params,
-                                            const struct pell_points16 *p, const float *ambient, int count,
-                                            struct pell_points16_light *light)
+/* `ambient` may be NULL. */
+static inline struct pell_surface_points pell_points16_in(const struct pell_points16 *p, const float *ambient)
 {
-    const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->number, ambient };
-    const struct pell_surface_light out = {
+    return (struct pell_surface_points) { p->mesh, p->triangle, p->u, p->v, p->number, ambient, NULL };
+}
+
+static inline struct pell_surface_light pell_points16_out(struct pell_points16_light *light)
+{
+    return (struct pell_surface_light) {
         .irradiance = { light->irradiance[0], light->irradiance[1], light->irradiance[2] },
         .position = { light->position[0], light->position[1], light->position[2] },
         .normal = { light->normal[0], light->normal[1], light->normal[2] },
         .strength = light->strength,
         .there = light->there,
     };
+}
+
+/* Light of the first `count` of them. */
+static inline int64_t pell_services_light16(const struct pell_services *s, const struct pell_points_params *params,
+                                            const struct pell_points16 *p, const float *ambient, int count,
+                                            struct pell_points16_light *light)
+{
+    const struct pell_surface_points in = pell_points16_in(p, ambient);
+    const struct pell_surface_light out = pell_points16_out(light);
 
     return pell_services_light_points(s, params, &in, (size_t) count, &out);
 }

@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * test_device_light.c - direct light on a Vulkan device is the cpu's, in each plane of the stage "irradiance". Under the validation layer;
- * skipped, by name, where there is no driver or no layer. */
+ * test_device_light.c - direct light on a Vulkan device is the cpu's, in each plane of the stage "irradiance" and at points. Under the
+ * validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
 #include "lights_rig.h"
 
 #include "render/irradiance/device.h"
+#include "scene/triangle.h"
 
 struct device {
     struct kept_messages kept;
@@ -213,6 +214,119 @@ static void compare(const struct rig *r, struct pell_lighting *gpu, const char *
     }
 }
 
+enum { POINTS = 960 };
+
+/* Places all over the surfaces, some of them none, some seen from behind; and their light. */
+struct points {
+    uint32_t mesh[POINTS], triangle[POINTS], number[POINTS];
+    float u[POINTS], v[POINTS], ambient[POINTS];
+    bool back[POINTS], there[2][POINTS];
+    float irradiance[2][3][POINTS], albedo[2][3][POINTS], transmission[2][3][POINTS];
+};
+
+static struct pell_surface_light light_of(struct points *p, int which)
+{
+    struct pell_surface_light out = { .there = p->there[which] };
+
+    for (int c = 0; c < 3; c++) {
+        out.irradiance[c] = p->irradiance[which][c];
+        out.albedo[c] = p->albedo[which][c];
+        out.transmission[c] = p->transmission[which][c];
+    }
+    return out;
+}
+
+static void place_points(const struct rig *r, struct points *p)
+{
+    uint32_t seed = 9;
+
+    for (uint32_t i = 0; i < POINTS; i++) {
+        const uint32_t mesh = i % (uint32_t) r->scene->num_meshes;
+        const float f = shapes_random(&seed), g = shapes_random(&seed);
+        struct pell_vec3 corner[3];
+        p->triangle[i] = (uint32_t) (shapes_random(&seed) * 0.999f * (float) r->scene->meshes[mesh].num_triangles);
+        pell_triangle_corners(&r->scene->meshes[mesh], p->triangle[i], corner);
+        p->mesh[i] = i % 37 == 5 || !(vec3_length(pell_triangle_cross(corner)) > 1e-6f) ? PELL_NO_HIT : mesh;
+        p->u[i] = sqrtf(f) * (1.0f - g);
+        p->v[i] = sqrtf(f) * g;
+        p->number[i] = i / 3;
+        p->ambient[i] = shapes_random(&seed);
+        p->back[i] = r->scene->meshes[mesh].object == 5 && i % 2;
+    }
+}
+
+/* Light at the points by the cpu, and in a batch on the device; the ambient visibility found by rays, or `known`. Returns the mean
+ * difference over the mean. */
+static double points_differ(struct device *d, const struct rig *r, uint64_t lights, bool known, double *mean)
+{
+    struct points *p = calloc(1, sizeof(*p));
+    const struct pell_points_params what = { .lights = lights, .mix = -1.0f, .spacing = 0.5f, .first = 3, .samples = 2 };
+    const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->number, known ? p->ambient : NULL, p->back };
+    const struct pell_surface_light cpu = light_of(p, 0), gpu = light_of(p, 1);
+    struct pell_irradiance_params params = rig_params(r), of_run;
+    uint32_t slot[POINTS / 16];
+    int64_t rays[2];
+    double sum = 0.0, difference = 0.0;
+
+    place_points(r, p);
+    rays[0] = pell_irradiance_points(r->lights, &params, &what, &in, POINTS, &cpu);
+    params.device = d->light;
+    of_run = params;
+    of_run.lights = lights;
+    pell_light_device_begin(d->light);
+    for (size_t i = 0; i < POINTS; i += 16) {
+        const struct pell_surface_points some = { p->mesh + i, p->triangle + i, p->u + i,
+                                                  p->v + i,    p->number + i,   known ? p->ambient + i : NULL,
+                                                  p->back + i };
+        slot[i / 16] = pell_irradiance_send_points(r->lights, &params, &what, &some, 16);
+    }
+    OK(pell_light_device_run(d->light, &(struct pell_light_run) { .params = &of_run }));
+    rays[1] = 0;
+    for (size_t i = 0; i < POINTS; i += 16) {
+        const struct pell_surface_points some = { p->mesh + i, p->triangle + i, p->u + i,
+                                                  p->v + i,    p->number + i,   known ? p->ambient + i : NULL,
+                                                  p->back + i };
+        struct pell_surface_light out = { .there = gpu.there + i };
+        for (int c = 0; c < 3; c++) {
+            out.irradiance[c] = gpu.irradiance[c] + i;
+            out.albedo[c] = gpu.albedo[c] + i;
+            out.transmission[c] = gpu.transmission[c] + i;
+        }
+        rays[1] += pell_irradiance_take_points(r->lights, &params, &what, &some, 16, slot[i / 16], &out);
+    }
+    for (size_t i = 0; i < POINTS; i++) {
+        REQUIRE(p->there[0][i] == p->there[1][i]);
+        for (int c = 0; c < 3; c++) {
+            REQUIRE(p->albedo[0][c][i] == p->albedo[1][c][i] && p->transmission[0][c][i] == p->transmission[1][c][i]);
+            sum += fabs((double) p->irradiance[0][c][i]);
+            difference += fabs((double) p->irradiance[0][c][i] - (double) p->irradiance[1][c][i]);
+        }
+    }
+    REQUIRE((known || rays[0] > 100) && llabs((long long) (rays[0] - rays[1])) * 500 <= (long long) rays[0]);
+    *mean = sum / (3.0 * POINTS);
+    free(p);
+    return sum > 0.0 ? difference / sum : difference;
+}
+
+static void compare_points(struct device *d, const struct rig *r, const char *name)
+{
+    double mean, one = 0.0, all;
+
+    for (int known = 0; known < 2; known++) {
+        const double differ = points_differ(d, r, 0, known, &mean);
+        print_message("# %s: points: mean %.3g, mean difference %.2g of it\n", name, mean, differ);
+        REQUIRE(mean > 0.0 && differ < 1e-4);
+        all = mean;
+    }
+    if (r->scene->num_lights < 2)
+        return;
+    for (size_t i = 0; i < r->scene->num_lights; i++) { /* one after the other they are all light */
+        REQUIRE(points_differ(d, r, pell_light_bit(i), true, &mean) < 1e-4);
+        one += mean;
+    }
+    REQUIRE_NEAR(one / all, 1.0, 1e-4);
+}
+
 static void each_light_is_the_cpus(void **state)
 {
     struct device d;
@@ -236,6 +350,7 @@ static void each_light_is_the_cpus(void **state)
         /* The cpu is left with what is transmitted. */
         REQUIRE(l.device_rays > 300 && l.shadow_rays < r.light.shadow_rays);
         pell_free(r.ctx, l.irradiance[0]);
+        compare_points(&d, &r, kind_names[kind]);
         pell_light_device_drop_lights(d.light);
         pell_light_device_drop_scene(d.light);
         rig_finish(&r);
@@ -253,21 +368,21 @@ static void batches_make_one_picture(void **state)
     (void) state;
 
     device_start(&d);
-    rig_of(&r, SPOT, 256, 160);
+    rig_of(&r, SPOT, 512, 192);
     r.settings.light_samples = 2;
     rig_render(&r);
     OK(pell_light_device_set_scene(d.light, r.scene));
     OK(pell_light_device_reserve(d.light, 1));
     OK(pell_light_device_set_lights(d.light, r.lights, r.tables));
-    REQUIRE(pell_light_device_room(d.light) < 256 * 160 / 2);
+    REQUIRE(pell_light_device_room(d.light) < 512 * 192);
     OK(pell_pool_create(r.ctx, 1, &pool));
     one = render_on(&d, &r, pool);
     many = render_on(&d, &r, r.pool);
     compare(&r, &one, "some batches");
     for (int c = 0; c < 3; c++)
         for (int y = 0; y < r.height; y++) {
-            assert_memory_equal(one.irradiance[c] + rig_at(&r, 0, y), many.irradiance[c] + rig_at(&r, 0, y), 256 * sizeof(float));
-            assert_memory_equal(one.specular[c] + rig_at(&r, 0, y), many.specular[c] + rig_at(&r, 0, y), 256 * sizeof(float));
+            assert_memory_equal(one.irradiance[c] + rig_at(&r, 0, y), many.irradiance[c] + rig_at(&r, 0, y), 512 * sizeof(float));
+            assert_memory_equal(one.specular[c] + rig_at(&r, 0, y), many.specular[c] + rig_at(&r, 0, y), 512 * sizeof(float));
         }
     pell_free(r.ctx, one.irradiance[0]);
     pell_free(r.ctx, many.irradiance[0]);

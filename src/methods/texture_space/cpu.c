@@ -340,7 +340,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
         if (st->need.on && around)
             ts_need_chain(st, solid, true);
-        ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around); /* ways look for light anywhere */
+        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around)); /* ways look for light anywhere */
         rays = 0;
         if (!around)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
@@ -393,7 +393,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         ts_need_begin(st, solid);
     PELL_TRY(st->run->begin(st, solid));
     if (st->knobs.lights == TS_LIGHTS_SUM) {
-        ts_light_map(st, a, 0, NULL, true);
+        PELL_TRY(ts_light_map(st, a, 0, NULL, true));
         show_light(st);
     }
     for (size_t i = 0; i < scene->num_lights; i++) {
@@ -414,7 +414,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     if (st->need.on)
         ts_need_chain(st, solid, false);
     if (st->knobs.lights == TS_LIGHTS_OWN && rest) {
-        ts_light_map(st, a, rest, NULL, false);
+        PELL_TRY(ts_light_map(st, a, rest, NULL, false));
         show_light(st);
     }
     chain.transmission = false;

@@ -1,14 +1,21 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_map.c - the light that enters at each texel of a chart.
+ * light_map.c - the light that enters at each texel of a chart; where the engine has a device for it, in batches of rows: texels are sent,
+ * their direct light is found there, and the same texels take it.
  */
 #include "methods/texture_space/state.h"
 
 #include <stdatomic.h>
 #include <string.h>
 
+enum step { AT_ONCE, SEND, TAKE };
+
 struct lighting {
     struct ts_state *st;
+    enum step step;
+    int rows, first;   /* of a band, a multiple of TS_TILE; the first band */
+    uint32_t *numbers; /* of what was sent, `most` of each band */
+    ptrdiff_t most;
     const struct ts_atlas *atlas;
     uint64_t lights;      /* whose light is computed */
     const uint8_t *faces; /* what triangles show them, where it is one of a known direction; NULL: unknown */
@@ -23,26 +30,43 @@ struct texels {
     ptrdiff_t at[16];
     uint32_t part; /* of the samples of lights with extent */
     int samples;
+    uint32_t **number; /* the next of the band's */
     int count;
 };
 
+static struct pell_points_params params_of(const struct lighting *p, uint32_t first, int samples)
+{
+    return (struct pell_points_params) {
+        .lights = p->lights,
+        .mix = p->st->knobs.mix,
+        .spacing = (float) p->atlas->mm_per_texel,
+        .first = first,
+        .samples = samples,
+        .local = ts_is_local(p->st),
+    };
+}
+
+/* Empties the packet. Returns the number of rays. */
 static int64_t light_texels(const struct lighting *p, struct texels *k)
 {
     const struct ts_state *st = p->st;
-    const struct pell_points_params params = {
-        .lights = p->lights,
-        .mix = st->knobs.mix,
-        .spacing = (float) p->atlas->mm_per_texel,
-        .first = k->part * (uint32_t) k->samples,
-        .samples = k->samples,
-        .local = ts_is_local(st),
-    };
+    const struct pell_services *services = st->services;
+    const struct pell_points_params params = params_of(p, k->part * (uint32_t) k->samples, k->samples);
+    const struct pell_surface_points in = pell_points16_in(&k->points, k->ambient);
     struct pell_points16_light light;
+    const struct pell_surface_light out = pell_points16_out(&light);
+    const size_t count = (size_t) k->count;
     int64_t rays;
 
-    if (k->count == 0)
+    if (count == 0)
         return 0;
-    rays = pell_services_light16(st->services, &params, &k->points, k->ambient, k->count, &light);
+    if (p->step == SEND) {
+        *(*k->number)++ = services->batches->send(services->engine, &params, &in, count);
+        k->count = 0;
+        return 0;
+    }
+    rays = p->step == TAKE ? services->batches->take(services->engine, &params, &in, count, *(*k->number)++, &out)
+                           : pell_services_light_points(services, &params, &in, count, &out);
     for (int i = 0; i < k->count; i++) {
         for (int c = 0; c < 3; c++)
             st->light[c][k->at[i]] = light.irradiance[c][i];
@@ -53,14 +77,26 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
     return rays;
 }
 
+static int map_side(const struct ts_atlas *a)
+{
+    return ts_ambient_side(a) > 1 ? 2 : 1;
+}
+
+static int map_parts(const struct ts_atlas *a, int samples)
+{
+    return map_side(a) == 1 ? 1 : samples < 4 ? samples : 4;
+}
+
 /* Light that enters at the texels of charts, 16 at a time. Lights with extent have a pattern of samples for each number of the multisample:
  * on fine maps texels of a square of 2 x 2 share them out. */
-static void light_rows(void *arg, int band, int worker)
+static void light_rows(void *arg, int index, int worker)
 {
     struct lighting *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->atlas;
-    const int side = ts_ambient_side(a) > 1 ? 2 : 1, samples = st->in->num_samples, parts = side == 1 ? 1 : samples < 4 ? samples : 4;
+    const int side = map_side(a), samples = st->in->num_samples, parts = map_parts(a, samples);
+    const int first = (p->first + index) * p->rows, last = first + p->rows < a->height ? first + p->rows : a->height;
+    uint32_t *number = p->numbers + index * p->most;
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
@@ -70,13 +106,14 @@ static void light_rows(void *arg, int band, int worker)
         list[i].part = (uint32_t) i;
         list[i].samples = samples / parts;
         list[i].count = 0;
+        list[i].number = &number;
     }
-    for (int y = band * TS_ROWS; y < (band + 1) * TS_ROWS && y < a->height; y++)
+    for (int y = first; y < last && p->step != SEND; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
             for (int c = 0; c < 3; c++)
                 memset(st->light[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
                        (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
-    for (int y0 = band * TS_ROWS; y0 < (band + 1) * TS_ROWS && y0 < a->height; y0 += TS_TILE)
+    for (int y0 = first; y0 < last; y0 += TS_TILE)
         for (int block = 0; block < a->blocks; block++) {
             const int count = ts_block_texels(a, y0, block, texels);
             for (int t = 0; t < count; t++) {
@@ -109,13 +146,68 @@ static bool has_environment(const struct pell_scene *scene, uint64_t lights)
     return false;
 }
 
-static void light_charts(struct lighting *p)
+static void light_at_once(struct lighting *p)
 {
+    p->rows = TS_ROWS;
     ts_rows(p->st, p->atlas->height, light_rows, p);
     ts_note_time(p->st, "map light", p->atlas->inner, p->atlas->inner * 24, atomic_load(&p->rays));
 }
 
-void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all)
+/* In batches of as many bands as have room, should all their texels be asked for. */
+static enum pell_result light_in_batches(struct lighting *p, int bands)
+{
+    const struct pell_services *services = p->st->services;
+    const struct pell_points_params params = params_of(p, 0, 1);
+    const int all = (p->atlas->height + TS_TILE - 1) / TS_TILE;
+    struct pell_pass_time on_device = { .name = "map direct light" };
+    enum pell_result res;
+
+    p->rows = TS_TILE;
+    for (p->first = 0; p->first < all; p->first += bands) {
+        const int count = all - p->first < bands ? all - p->first : bands;
+        double seconds = 0.0;
+        p->numbers = services->batches->begin(services->engine);
+        p->step = SEND;
+        pell_pool_run(p->st->pool, count, light_rows, p);
+        if (pell_cancelled(p->st->ctx))
+            return PELL_ERR_CANCELLED;
+        res = services->batches->run(services->engine, &params, &seconds);
+        if (res != PELL_OK)
+            return res;
+        p->step = TAKE;
+        pell_pool_run(p->st->pool, count, light_rows, p);
+        on_device.seconds += seconds;
+    }
+    on_device.pixels = p->atlas->inner;
+    on_device.rays = atomic_load(&p->rays);
+    ts_add_time(p->st, &on_device);
+    p->st->clock += on_device.seconds;
+    atomic_store(&p->rays, 0);
+    return PELL_OK;
+}
+
+static enum pell_result light_charts(struct lighting *p)
+{
+    const struct pell_services *s = p->st->services;
+    const struct ts_atlas *a = p->atlas;
+    const int samples = p->st->in->num_samples, parts = map_parts(a, samples);
+    const size_t room = s->batches ? s->batches->room(s->engine) : 0;
+    /* Packets of a band, the last ones of each part not full. */
+    const size_t most = (size_t) TS_TILE * TS_BLOCK * (size_t) a->blocks / 16 + (size_t) parts;
+    const size_t bands = room / (most * pell_services_batch_points(s) * (size_t) (samples / parts));
+    enum pell_result res;
+
+    p->most = (ptrdiff_t) most;
+    if (bands == 0) {
+        light_at_once(p);
+        return PELL_OK;
+    }
+    res = light_in_batches(p, bands < (size_t) a->height ? (int) bands : a->height);
+    ts_note_time(p->st, "map light", a->inner, a->inner * 24, atomic_load(&p->rays));
+    return res;
+}
+
+enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all)
 {
     const bool part = st->need.on && !all;
     struct lighting lighting = { .st = st, .atlas = a, .lights = lights, .faces = faces, .need = part ? st->need.stage : NULL };
@@ -132,12 +224,12 @@ void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights
         const int64_t rays = ts_ambient_look(&ambient);
         ts_note_time(st, "map sky", a->inner, a->inner * 24, rays);
     }
-    light_charts(&lighting);
+    return light_charts(&lighting);
 }
 
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a)
 {
     struct lighting lighting = { .st = st, .atlas = a, .strength = true };
 
-    light_charts(&lighting);
+    light_at_once(&lighting);
 }

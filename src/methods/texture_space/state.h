@@ -12,7 +12,7 @@
 
 #include <stdatomic.h>
 
-enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 8, TS_LIT = 4, TS_READ_FAR = 6 };
+enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 9, TS_LIT = 4, TS_READ_FAR = 6 };
 /* TS_ROWS: that a thread takes in one go. TS_READ_FAR: texels from the inside of charts that pixels read at most: look_around's, and the
  * four about a place. */
 
@@ -155,7 +155,8 @@ void ts_show(struct ts_state *st, const struct ts_image *image);
 /* Light of these lights (a bit each; 0: all) that enters, to st->light; of a map made in part `all` texels, or those that are needed.
  * `faces`: of lights of one known direction, what each triangle shows them; NULL: unknown. Between chains: st->half holds the ambient
  * visibility. */
-void ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all);
+PELL_NODISCARD enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces,
+                                             bool all);
 /* The same, and the material's strength, to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
 

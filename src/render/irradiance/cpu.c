@@ -366,8 +366,7 @@ static void send_tile(void *arg, int number, int worker)
     list_pixels(job, x0, y0, &list);
     for (int first = 0; first < list.count; first += PELL_LANES) {
         fill_packet(job, &k, x0, y0, &list, first);
-        pell_send_packet(job, &k);
-        job->slots[number * PACKETS + first / PELL_LANES] = k.slot;
+        job->slots[number * PACKETS + first / PELL_LANES] = pell_send_packet(job, &k, 1);
     }
 }
 
@@ -415,11 +414,11 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     atomic_fetch_add_explicit(&job->device_rays, k.device_rays, memory_order_relaxed);
 }
 
-void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
-                        const uint32_t number[PELL_LANES], struct pell_lighting *out, float albedo[3][PELL_LANES])
+static struct job job_of_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
 {
     const struct pell_specular_tables *t = params->tables;
-    const struct job job = {
+
+    return (struct job) {
         .p = params,
         .lights = lights,
         .kernels = pell_shade_kernels_tables[pell_simd_best()],
@@ -427,35 +426,62 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
         .out = out,
         .entering = true,
     };
-    const uint16_t *material = params->surface->material;
-    _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
-    struct packet k;
+}
 
-    k.rays = k.device_rays = 0;
-    k.held = -1;
-    k.behind = k.given = false;
-    k.count = 0;
+/* False where there is no point. */
+static bool fill_points(const struct job *job, struct packet *k, const struct pell_lit_place *at)
+{
+    const uint16_t *material = job->p->surface->material;
+    _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
+
+    k->rays = k->device_rays = 0;
+    k->held = -1;
+    k->behind = false;
+    k->count = 0;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!material[i])
             continue;
-        x[k.count] = (int32_t) number[i];
-        k.material[k.count] = material[i] - 1u;
-        k.index[k.count++] = i;
+        x[k->count] = (int32_t) at->number[i];
+        k->material[k->count] = material[i] - 1u;
+        k->index[k->count++] = i;
     }
-    if (k.count == 0)
-        return;
-    for (int i = k.count; i < PELL_LANES; i++) { /* lanes over repeat the first one */
+    if (k->count == 0)
+        return false;
+    for (int i = k->count; i < PELL_LANES; i++) { /* lanes over repeat the first one */
         x[i] = x[0];
-        k.material[i] = k.material[0];
-        k.index[i] = k.index[0];
+        k->material[i] = k->material[0];
+        k->index[i] = k->index[0];
     }
-    pell_load_packet(&job, &k, x, y, place);
+    pell_load_packet(job, k, x, y, at->place);
+    return true;
+}
+
+uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                              const struct pell_lit_place *at, int samples)
+{
+    const struct job job = job_of_points(lights, params, NULL);
+    struct packet k;
+
+    return fill_points(&job, &k, at) ? pell_send_packet(&job, &k, samples) : 0;
+}
+
+void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_lit_place *at,
+                        struct pell_lighting *out, float albedo[3][PELL_LANES])
+{
+    const struct job job = job_of_points(lights, params, out);
+    struct packet k;
+
+    if (!fill_points(&job, &k, at))
+        return;
+    k.given = params->device != NULL;
+    k.slot = k.given ? at->slot + at->sample * pell_packet_points(&k) : 0;
     shade_packet(&job, &k);
     job.kernels->store(&job.tables, &k.lanes, &k.sums, k.index, k.count, out);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < k.count; i++)
             albedo[c][k.index[i]] = k.lanes.albedo[c][i];
     out->shadow_rays = k.rays;
+    out->device_rays = k.device_rays;
 }
 
 /* Direct light on the device, in batches of tiles; the rest here. */
@@ -469,11 +495,11 @@ static enum pell_result render_on_device(struct pell_pool *pool, struct job *job
     job->slots = pell_light_device_slots(d);
     for (; job->first_tile < tiles && res == PELL_OK; job->first_tile += most) {
         const int count = tiles - job->first_tile < most ? tiles - job->first_tile : most;
-        atomic_store(&job->used, 0);
+        pell_light_device_begin(d);
         pell_pool_run(pool, count, send_tile, job);
         if (pell_cancelled(job->lights->ctx))
             return PELL_ERR_CANCELLED;
-        res = pell_light_device_run(d, &run, atomic_load(&job->used));
+        res = pell_light_device_run(d, &run);
         if (res == PELL_OK)
             pell_pool_run(pool, count, shade_tile, job);
     }

@@ -6,20 +6,21 @@
 #include "visibility/wide_bvh.h"
 #include "vulkan/gpu.h"
 
+#include <stdatomic.h>
 #include <stddef.h>
 #include <string.h>
 
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
 _Static_assert(sizeof(struct pell_lit_point) == 128 && AT(pell_lit_point, pattern0, 96) && AT(pell_lit_point, material, 112) &&
                    sizeof(struct pell_lit_material) == 96 && AT(pell_lit_material, enter_base, 32) && sizeof(struct pell_lit_image) == 16 &&
-                   sizeof(struct pell_lit_push) == 40,
+                   sizeof(struct pell_lit_push) == 36,
                "as std430 lays them out");
 _Static_assert(PELL_LIT_ALBEDO_MU == PELL_ALBEDO_MU && PELL_LIT_ALBEDO_ROUGHNESS == PELL_ALBEDO_ROUGHNESS &&
                    PELL_LIT_BOUNDARY_MU == PELL_BOUNDARY_MU,
                "device_data.h has the tables' sizes");
 
 enum {
-    ROOM_LEAST = 1 << 14,
+    ROOM_LEAST = 1 << 16,
     ROOM_MOST = 1 << 18,     /* points of a batch: what fills a large GPU, and leaves it within a second */
     RESULTS_MOST = 64 << 20, /* bytes of a batch's results */
     ENVIRONMENTS_MOST = 256,
@@ -57,6 +58,7 @@ struct pell_light_device {
     size_t room_words;   /* of a point, that there is room for */
     size_t words;        /* of a point of the last batch */
     uint32_t *slots;
+    _Atomic uint32_t used; /* points of the batch */
     struct pell_light_device_times times;
 };
 
@@ -411,8 +413,19 @@ static void take_times(struct pell_light_device *d, size_t points)
     d->times.bytes_down += (int64_t) (points * d->words * WORD);
 }
 
-enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run, size_t count)
+void pell_light_device_begin(struct pell_light_device *d)
 {
+    atomic_store(&d->used, 0);
+}
+
+uint32_t pell_light_device_claim(struct pell_light_device *d, uint32_t points)
+{
+    return atomic_fetch_add_explicit(&d->used, points, memory_order_relaxed);
+}
+
+enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run)
+{
+    const size_t count = atomic_load(&d->used);
     const struct pell_irradiance_params *p = run->params;
     const struct pell_lights *lights = d->lights;
     const struct pell_lit_push push = {
@@ -420,7 +433,6 @@ enum pell_result pell_light_device_run(struct pell_light_device *d, const struct
         .results = (uint32_t) (1 + run->highlights + (p->apart != NULL) + 2 * lights->num_environments),
         .lights = (uint32_t) lights->num_sources,
         .environments = (uint32_t) lights->num_environments,
-        .number = p->sample,
         .low = (uint32_t) p->lights,
         .high = (uint32_t) (p->lights >> 32),
         .flags = (run->highlights ? PELL_LIT_HIGHLIGHTS : 0u) | (p->apart ? PELL_LIT_SINGLE : 0u),

@@ -6,7 +6,7 @@
  * Ownership  pell_light_device_destroy sets the pointer to NULL and accepts NULL in it. Scene, lights and tables are borrowed while they
  *            are set.
  * Errors     as gpu.h has them; what was set before is then dropped.
- * Threads    one at a time.
+ * Threads    one at a time, but for claims and for reading results.
  */
 #ifndef PELL_IRRADIANCE_DEVICE_H
 #define PELL_IRRADIANCE_DEVICE_H
@@ -37,7 +37,11 @@ const char *pell_light_device_refuses(const struct pell_light_device *d);
 
 /* The room that there is. */
 size_t pell_light_device_room(const struct pell_light_device *d);
-/* The points of a batch, to be written in order of address. */
+/* An empty batch. */
+void pell_light_device_begin(struct pell_light_device *d);
+/* The first of so many points of the batch, which are the caller's to write; all together no more than the room. By any thread. */
+uint32_t pell_light_device_claim(struct pell_light_device *d, uint32_t points);
+/* The points of the batch, to be written in order of address. */
 struct pell_lit_point *pell_light_device_points(const struct pell_light_device *d);
 /* For the caller's use: a number for each 16 points of the room. */
 uint32_t *pell_light_device_slots(const struct pell_light_device *d);
@@ -46,8 +50,8 @@ struct pell_light_run {
     const struct pell_irradiance_params *params;
     bool highlights; /* what is mirrored is asked for */
 };
-/* Lights the first `count` points. */
-PELL_NODISCARD enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run, size_t count);
+/* Lights what was claimed. */
+PELL_NODISCARD enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run);
 /* Of the last batch: a point's words. */
 const uint32_t *pell_light_device_result(const struct pell_light_device *d, size_t point);
 

@@ -55,15 +55,26 @@ size_t pell_light_device_room(const struct pell_light_device *d)
     return 0;
 }
 
+void pell_light_device_begin(struct pell_light_device *d)
+{
+    (void) d;
+}
+
+uint32_t pell_light_device_claim(struct pell_light_device *d, uint32_t points)
+{
+    (void) d, (void) points;
+    return 0;
+}
+
 struct pell_lit_point *pell_light_device_points(const struct pell_light_device *d)
 {
     (void) d;
     return NULL;
 }
 
-enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run, size_t count)
+enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run)
 {
-    (void) d, (void) run, (void) count;
+    (void) d, (void) run;
     return PELL_ERR_DEVICE;
 }
 

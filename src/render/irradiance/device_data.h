@@ -36,7 +36,8 @@ struct pell_lit_point {
     PELL_VEC4 tint;                                  /* w: shift, green */
     PELL_VEC4 f0;                                    /* w: shift, blue */
     uint32_t pattern0, pattern1, ambient0, ambient1; /* of the samples of lights, of the environment's smooth rest */
-    uint32_t material, flags, unused0, unused1;      /* of the scene; PELL_LIT_AMBIENT */
+    uint32_t material, flags;                        /* of the scene; PELL_LIT_AMBIENT */
+    uint32_t number, unused;                         /* of the multisample */
 };
 
 /* Of a material of the scene, as the stage sees it. */
@@ -60,7 +61,6 @@ struct pell_lit_push {
     uint32_t count;   /* points */
     uint32_t results; /* words of 16 bytes a point */
     uint32_t lights, environments;
-    uint32_t number;    /* of the multisample */
     uint32_t low, high; /* bits of the lights that count, as in struct pell_points_params; 0: all */
     uint32_t flags;
     uint32_t ambient_samples;

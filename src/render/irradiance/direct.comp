@@ -50,7 +50,7 @@ bool counts(int light)
 void shine(pell_light_data light, Point p, inout Sums sums)
 {
     for (int s = 0; s < light.samples; s++) {
-        const uint n = pc.number * uint(light.samples) + uint(s);
+        const uint n = p.number * uint(light.samples) + uint(s);
         Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
         const bool lit = project_image(light, p, a) && a.falloff * (a.intensity.r + a.intensity.g + a.intensity.b) > 0.0;
 
@@ -74,7 +74,7 @@ float ambient_visibility(Point p, uvec2 pattern, inout uint rays)
     uint seen = 0u;
 
     for (uint s = 0u; s < pc.ambient_samples; s++) {
-        const uint number = pc.number * pc.ambient_samples + s;
+        const uint number = p.number * pc.ambient_samples + s;
         const pell_place2 at = pell_disc_at(pell_unit_float(pell_sobol0(number) ^ pattern.x),
                                             pell_unit_float(pell_sobol1(number) ^ pattern.y));
         const float z = sqrt(max(1.0 - at.x * at.x - at.y * at.y, 0.0));

@@ -22,6 +22,7 @@ struct Point {
     uint at, material; // in points, in materials
     bool lifted, single, highlights;
     uvec2 pattern;
+    uint number; // of the multisample
 };
 
 Point load_point(uint at, bool highlights, bool single)
@@ -44,6 +45,7 @@ Point load_point(uint at, bool highlights, bool single)
     p.fraction = y - float(k);
     p.albedo_at = materials[p.material].model * ALBEDO_MU * ALBEDO_ROUGHNESS * 2 + 2 * k;
     p.pattern = uvec2(points[at].pattern0, points[at].pattern1);
+    p.number = points[at].number;
     p.highlights = highlights;
     p.single = single;
     return p;

@@ -6,7 +6,7 @@
 #include <string.h>
 
 /* Writes 16 points; lanes that hold none are written as none. */
-static void write_points(const struct job *job, const struct packet *k, struct pell_lit_point *out)
+static void write_points(const struct job *job, const struct packet *k, uint32_t number, struct pell_lit_point *out)
 {
     const struct pell_lanes *l = &k->lanes;
     const bool asks = pell_any_environment(job) && (k->behind || !(job->entering && job->p->ambient));
@@ -23,30 +23,33 @@ static void write_points(const struct job *job, const struct packet *k, struct p
             .pattern1 = l->pattern[1][i],
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
             .flags = asks ? PELL_LIT_AMBIENT : 0u,
+            .number = number,
         };
         pell_lane_pattern(l, i, job->lights->ambient_bits, PELL_AMBIENT_SALT, &point.ambient0, &point.ambient1);
         out[i] = point;
     }
 }
 
-void pell_send_packet(struct job *job, struct packet *k)
+uint32_t pell_send_packet(const struct job *job, struct packet *k, int samples)
 {
-    struct pell_lit_point *points = pell_light_device_points(job->p->device);
-    const int sides = k->lanes.any_thin ? 2 : 1;
+    const uint32_t each = pell_packet_points(k), first = pell_light_device_claim(job->p->device, each * (uint32_t) samples);
+    struct pell_lit_point *points = pell_light_device_points(job->p->device) + first;
     struct gains gains;
 
     if (job->p->curvature)
         pell_bend_gains(job, k, &gains); /* for the lanes' shift */
-    k->slot = atomic_fetch_add_explicit(&job->used, (uint32_t) (sides * PELL_LANES), memory_order_relaxed);
-    write_points(job, k, points + k->slot);
-    if (sides == 2) {
+    for (int n = 0; n < samples; n++)
+        write_points(job, k, job->p->sample + (uint32_t) n, points + (uint32_t) n * each);
+    if (each > PELL_LANES) {
         struct packet b = *k;
         pell_turn_packet(&b);
-        write_points(job, &b, points + k->slot + PELL_LANES);
+        for (int n = 0; n < samples; n++)
+            write_points(job, &b, job->p->sample + (uint32_t) n, points + (uint32_t) n * each + PELL_LANES);
     }
+    return first;
 }
 
-static float number(uint32_t word)
+static float as_float(uint32_t word)
 {
     float x;
 
@@ -57,7 +60,7 @@ static float number(uint32_t word)
 static void add_rgb(const uint32_t *word, int i, float sum[3][PELL_LANES])
 {
     for (int c = 0; c < 3; c++)
-        sum[c][i] += number(word[c]);
+        sum[c][i] += as_float(word[c]);
 }
 
 /* A point's words, from number `at` on. */
@@ -96,6 +99,6 @@ void pell_take_environment(const struct job *job, struct packet *k, size_t e, st
         add_rgb(words(job, k, i, at), i, sums->irradiance);
         add_rgb(words(job, k, i, at + 1), i, sums->unshadowed);
         if (!known)
-            k->ambient[i] = number(words(job, k, i, at)[3]);
+            k->ambient[i] = as_float(words(job, k, i, at)[3]);
     }
 }

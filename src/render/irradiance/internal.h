@@ -21,9 +21,8 @@ struct job {
     bool entering;         /* only what enters is asked for: no highlights */
     struct pell_rect rect; /* whole tiles */
     int columns;
-    int first_tile;        /* of the batch that is made */
-    uint32_t *slots;       /* of the batch's packets: first of their points on the device, in order of tiles; NULL: no device */
-    _Atomic uint32_t used; /* points of the batch */
+    int first_tile;  /* of the batch that is made */
+    uint32_t *slots; /* of the batch's packets: first of their points on the device, in order of tiles; NULL: no device */
     _Atomic int64_t rays, device_rays;
 };
 
@@ -103,8 +102,14 @@ void pell_turn_packet(struct packet *k);
 
 /* --- given.c: direct light from the device ----------------------------------------------------------------------------------------- */
 
-/* Writes the packet's points to the batch, and where to its slot; those of the far sides of thin sheets behind them. */
-void pell_send_packet(struct job *job, struct packet *k);
+/* Writes the packet's points to the batch, those of the far sides of thin sheets behind them, and all once more for each further of
+ * `samples` multisamples from the job's on. Returns the slot of the first. */
+uint32_t pell_send_packet(const struct job *job, struct packet *k, int samples);
+/* Points of a packet for one multisample. */
+static inline uint32_t pell_packet_points(const struct packet *k)
+{
+    return k->lanes.any_thin ? 2 * PELL_LANES : PELL_LANES;
+}
 /* What the lights that are no environment's gave; and those of environment e, with the visibility of its smooth rest, where the packet does
  * not have it. */
 void pell_take_lights(const struct job *job, struct packet *k);

@@ -118,96 +118,138 @@ static void find_gain(const struct pell_irradiance_params *params, const struct 
     }
 }
 
-/* Lights the points from `first` on, at most 16. Returns the number of rays. */
-static int64_t light16(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points_params *what,
-                       const struct pell_surface_points *in, size_t first, size_t count, const struct pell_surface_light *out)
-{
-    struct pell_irradiance_params one = *params;
+/* 16 points, as pixels. */
+struct looked {
+    struct pell_irradiance_params one; /* the stage's, for them */
     struct pell_ray_hit16 packet;
-    struct pell_lighting lighting = { .shadow_rays = 0 };
     struct planes s;
-    struct pell_surface surface = {
-        .material = s.material,
-        .depth = s.depth,
-        .roughness = s.roughness,
-        .metallic = s.metallic,
-        .strength = s.strength,
-        .terminator_offset = s.terminator_offset,
-        .reflection = s.reflection,
-    };
-    const float *const place[3] = { s.place[0], s.place[1], s.place[2] };
-    const float *const inward[3] = { packet.ray.dx, packet.ray.dy, packet.ray.dz };
-    _Alignas(64) float ambient[16] = { 0 }, mean[3][16] = { { 0 } }, albedo[3][16] = { { 0 } };
+    struct pell_surface surface;
+    struct pell_lit_place at;
+    _Alignas(64) float ambient[16];
     uint32_t number[16], some;
-    int64_t rays = 0;
+    int64_t rays;
+};
 
-    memset(&s, 0, sizeof(s));
-    some = place_points(params->scene, in, first, count, &packet, &s);
-    some = drop_cut_out(params, &s, some, &packet, &rays);
+/* Looks at the points from `first` on, at most 16. */
+static void look16(const struct pell_irradiance_params *params, const struct pell_points_params *what, const struct pell_surface_points *in,
+                   size_t first, size_t count, struct looked *l)
+{
+    struct planes *s = &l->s;
+
+    memset(s, 0, sizeof(*s));
+    l->rays = 0;
+    l->some = place_points(params->scene, in, first, count, &l->packet, s);
+    l->some = drop_cut_out(params, s, l->some, &l->packet, &l->rays);
     for (size_t i = 0; i < 16; i++) {
         const size_t k = first + (i < count ? i : 0);
-        number[i] = in->number[k];
-        ambient[i] = in->ambient ? in->ambient[k] : 0.0f;
+        l->number[i] = in->number[k];
+        l->ambient[i] = in->ambient ? in->ambient[k] : 0.0f;
     }
+    l->surface = (struct pell_surface) {
+        .material = s->material,
+        .depth = s->depth,
+        .roughness = s->roughness,
+        .metallic = s->metallic,
+        .strength = s->strength,
+        .terminator_offset = s->terminator_offset,
+        .reflection = s->reflection,
+    };
     for (int c = 0; c < 3; c++) {
-        surface.ng[c] = s.ng[c];
-        surface.ns[c] = s.ns[c];
-        surface.base[c] = s.base[c];
-        surface.specular[c] = s.specular[c];
-        surface.transmission[c] = s.transmission[c];
-        lighting.irradiance[c] = s.irradiance[c];
-        lighting.transmitted[c] = s.transmitted[c];
-        lighting.specular[c] = s.mirrored[c];
+        l->surface.ng[c] = s->ng[c];
+        l->surface.ns[c] = s->ns[c];
+        l->surface.base[c] = s->base[c];
+        l->surface.specular[c] = s->specular[c];
+        l->surface.transmission[c] = s->transmission[c];
+        l->at.place[c] = s->place[c];
     }
-    if (some)
-        pell_surface_look(params->surface, params->scene, what->spacing, &packet, some, &surface);
-    surface.mesh = packet.hit.mesh;
-    surface.triangle = packet.hit.triangle;
-    surface.barycentric[0] = packet.hit.u;
-    surface.barycentric[1] = packet.hit.v;
-    one.surface = &surface;
-    one.thickness = NULL;
-    one.ambient = in->ambient ? ambient : NULL;
-    one.lights = what->lights;
-    one.local = what->local;
-    one.flat = what->flat;
-    one.opposed = params->opposed && what->opposed;
-    for (int k = 0; some && k < what->samples; k++) {
-        one.sample = what->first + (uint32_t) k;
-        pell_irradiance_at(lights, &one, place, number, &lighting, albedo);
-        rays += lighting.shadow_rays;
-        for (int c = 0; c < 3; c++)
-            for (int i = 0; i < 16; i++)
-                mean[c][i] += some >> i & 1 ? (s.irradiance[c][i] + s.transmitted[c][i]) / (float) what->samples : 0.0f;
-    }
+    if (l->some)
+        pell_surface_look(params->surface, params->scene, what->spacing, &l->packet, l->some, &l->surface);
+    l->surface.mesh = l->packet.hit.mesh;
+    l->surface.triangle = l->packet.hit.triangle;
+    l->surface.barycentric[0] = l->packet.hit.u;
+    l->surface.barycentric[1] = l->packet.hit.v;
+    l->at.number = l->number;
+    l->at.slot = l->at.sample = 0;
+    l->one = *params;
+    l->one.surface = &l->surface;
+    l->one.thickness = NULL;
+    l->one.ambient = in->ambient ? l->ambient : NULL;
+    l->one.lights = what->lights;
+    l->one.local = what->local;
+    l->one.flat = what->flat;
+    l->one.opposed = params->opposed && what->opposed;
+    l->one.sample = what->first;
+}
+
+/* What is known of the points beside their light. */
+static void tell16(const struct looked *l, const struct pell_points_params *what, size_t first, size_t count,
+                   const struct pell_surface_light *out)
+{
+    const float *const inward[3] = { l->packet.ray.dx, l->packet.ray.dy, l->packet.ray.dz };
+
     for (size_t i = 0; i < count; i++) {
+        const bool is = l->some >> i & 1;
         for (int c = 0; c < 3; c++) {
-            out->irradiance[c][first + i] = mean[c][i];
-            if (out->albedo[c])
-                out->albedo[c][first + i] = albedo[c][i];
             if (out->transmission[c])
-                out->transmission[c][first + i] = some >> i & 1 && surface.any_thin ? s.transmission[c][i] : 0.0f;
+                out->transmission[c][first + i] = is && l->surface.any_thin ? l->s.transmission[c][i] : 0.0f;
             if (out->position[c])
-                out->position[c][first + i] = s.place[c][i];
+                out->position[c][first + i] = l->s.place[c][i];
             if (out->normal[c])
                 out->normal[c][first + i] = -inward[c][i];
         }
         if (out->strength)
-            out->strength[first + i] = some >> i & 1 ? s.strength[i] : 1.0f;
+            out->strength[first + i] = is ? l->s.strength[i] : 1.0f;
         if (out->curvature || out->thinness) {
+            const struct pell_hit16 *hit = &l->packet.hit;
             struct pell_curvature_shape shape = { 0.0f, 0.0f };
-            if (params->curvature && some >> i & 1)
-                shape = pell_curvature_at(params->curvature, packet.hit.mesh[i], packet.hit.triangle[i], packet.hit.u[i], packet.hit.v[i]);
+            if (l->one.curvature && is)
+                shape = pell_curvature_at(l->one.curvature, hit->mesh[i], hit->triangle[i], hit->u[i], hit->v[i]);
             if (out->curvature)
                 out->curvature[first + i] = shape.mean;
             if (out->thinness)
                 out->thinness[first + i] = shape.thinness;
         }
         if (out->gain[0])
-            find_gain(&one, what, &packet, (int) i, some >> i & 1, first + i, out);
+            find_gain(&l->one, what, &l->packet, (int) i, is, first + i, out);
         if (out->there)
-            out->there[first + i] = some >> i & 1;
+            out->there[first + i] = is;
     }
+}
+
+/* Lights the points from `first` on, at most 16; `slot`: see pell_irradiance_take_points. Returns the number of rays. */
+static int64_t light16(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points_params *what,
+                       const struct pell_surface_points *in, size_t first, size_t count, uint32_t slot,
+                       const struct pell_surface_light *out)
+{
+    _Alignas(64) float mean[3][16] = { { 0 } }, albedo[3][16] = { { 0 } };
+    struct pell_lighting lighting = { .shadow_rays = 0 };
+    struct looked l;
+    int64_t rays;
+
+    look16(params, what, in, first, count, &l);
+    rays = l.rays;
+    l.at.slot = slot;
+    for (int c = 0; c < 3; c++) {
+        lighting.irradiance[c] = l.s.irradiance[c];
+        lighting.transmitted[c] = l.s.transmitted[c];
+        lighting.specular[c] = l.s.mirrored[c];
+    }
+    for (int k = 0; l.some && k < what->samples; k++) {
+        l.one.sample = what->first + (uint32_t) k;
+        l.at.sample = (uint32_t) k;
+        pell_irradiance_at(lights, &l.one, &l.at, &lighting, albedo);
+        rays += lighting.shadow_rays + lighting.device_rays;
+        for (int c = 0; c < 3; c++)
+            for (int i = 0; i < 16; i++)
+                mean[c][i] += l.some >> i & 1 ? (l.s.irradiance[c][i] + l.s.transmitted[c][i]) / (float) what->samples : 0.0f;
+    }
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            out->irradiance[c][first + i] = mean[c][i];
+            if (out->albedo[c])
+                out->albedo[c][first + i] = albedo[c][i];
+        }
+    tell16(&l, what, first, count, out);
     return rays;
 }
 
@@ -218,6 +260,22 @@ int64_t pell_irradiance_points(const struct pell_lights *lights, const struct pe
     int64_t rays = 0;
 
     for (size_t first = 0; first < n; first += 16)
-        rays += light16(lights, params, what, in, first, n - first < 16 ? n - first : 16, out);
+        rays += light16(lights, params, what, in, first, n - first < 16 ? n - first : 16, 0, out);
     return rays;
+}
+
+uint32_t pell_irradiance_send_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                                     const struct pell_points_params *what, const struct pell_surface_points *in, size_t n)
+{
+    struct looked l;
+
+    look16(params, what, in, 0, n, &l);
+    return l.some ? pell_irradiance_send(lights, &l.one, &l.at, what->samples) : 0;
+}
+
+int64_t pell_irradiance_take_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                                    const struct pell_points_params *what, const struct pell_surface_points *in, size_t n, uint32_t slot,
+                                    const struct pell_surface_light *out)
+{
+    return light16(lights, params, what, in, 0, n, slot, out);
 }

@@ -38,7 +38,7 @@ struct pell_indirect;
 struct pell_light_device;
 
 struct pell_irradiance_params {
-    struct pell_light_device *device; /* finds direct light (device.h); has these lights and room. NULL: the cpu does. At pixels alone */
+    struct pell_light_device *device; /* finds direct light (device.h); has these lights and room. NULL: the cpu does */
     const struct pell_rays *rays;
     const struct pell_scene *scene;
     const struct pell_view *view;
@@ -88,11 +88,30 @@ int64_t pell_irradiance_points(const struct pell_lights *lights, const struct pe
                                const struct pell_points_params *what, const struct pell_surface_points *in, size_t n,
                                const struct pell_surface_light *out);
 
+/* The same with params->device, for at most 16 points: first they are sent to its batch, which is run (device.h, without highlights and by
+ * `params` with the lights of `what`), then their light is taken by the slot that they were given. The cpu adds what the device does not
+ * find. */
+uint32_t pell_irradiance_send_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                                     const struct pell_points_params *what, const struct pell_surface_points *in, size_t n);
+int64_t pell_irradiance_take_points(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                                    const struct pell_points_params *what, const struct pell_surface_points *in, size_t n, uint32_t slot,
+                                    const struct pell_surface_light *out);
+
 /* --- cpu.c, for points.c ------------------------------------------------------------------------------------------------------------- */
 
-/* The light of up to 16 points in space: params->surface has 4 x 4 pixels with a stride of 4 and is as pell_surface_look leaves it, with
- * material 0 where no point is; `place` mm. Fills `albedo` and out->irradiance where a point is; its other planes hold anything then. */
-void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const float *const place[3],
-                        const uint32_t number[PELL_LANES], struct pell_lighting *out, float albedo[3][PELL_LANES]);
+/* Up to 16 points in space: params->surface has 4 x 4 pixels with a stride of 4 and is as pell_surface_look leaves it, with material 0
+ * where no point is. */
+struct pell_lit_place {
+    const float *place[3];  /* mm */
+    const uint32_t *number; /* names their patterns */
+    uint32_t slot, sample;  /* with params->device: what pell_irradiance_send said, and which of its samples this is */
+};
+
+/* Their light. Fills `albedo` and out->irradiance where a point is; its other planes hold anything then. */
+void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_lit_place *at,
+                        struct pell_lighting *out, float albedo[3][PELL_LANES]);
+/* Sends them to the batch of params->device, for `samples` multisamples from params->sample on. */
+uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                              const struct pell_lit_place *at, int samples);
 
 #endif
