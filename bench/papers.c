@@ -73,8 +73,9 @@ enum pell_result bench_stretch(struct bench *b, double factor)
 
 bool bench_is_common(const char *stage)
 {
-    static const char *const names[] = { "prepare",   "indirect links", "indirect light", "surface", "irradiance", "contact shadow",
-                                         "curvature", "through",        "spread",         "lit",     "composite",  "post" };
+    static const char *const names[] = { "prepare",   "indirect links", "indirect light", "surface",      "irradiance",
+                                         "curvature", "contact shadow", "through",        "spread",       "lit",
+                                         "composite", "post",           "light upload",   "direct light", "light download" };
 
     for (size_t i = 0; i < PELL_COUNT(names); i++)
         if (strcmp(stage, names[i]) == 0)

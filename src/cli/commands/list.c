@@ -365,7 +365,8 @@ static void print_devices(const struct pell_vulkan_devices *devices)
     char line[1024];
 
     printf("%-15s ", "engine vulkan");
-    cli_wrap(stdout, 16, 16, runs_on_vulkan() ? "methods that have it; all else of a frame runs on the cpu" : "this build has none");
+    cli_wrap(stdout, 16, 16,
+             runs_on_vulkan() ? "methods that have it, and direct light; all else of a frame runs on the cpu" : "this build has none");
     for (size_t i = 0; i < devices->count; i++) {
         const struct pell_vulkan_device *d = &devices->list[i];
         const bool taken = (int) i == devices->taken;
