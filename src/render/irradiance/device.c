@@ -430,7 +430,7 @@ enum pell_result pell_light_device_run(struct pell_light_device *d, const struct
     const struct pell_lights *lights = d->lights;
     const struct pell_lit_push push = {
         .count = (uint32_t) count,
-        .results = (uint32_t) (1 + run->highlights + (p->apart != NULL) + 2 * lights->num_environments),
+        .results = (uint32_t) (1 + 2 * run->highlights + (p->apart != NULL) + 2 * lights->num_environments),
         .lights = (uint32_t) lights->num_sources,
         .environments = (uint32_t) lights->num_environments,
         .low = (uint32_t) p->lights,

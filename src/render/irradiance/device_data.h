@@ -3,8 +3,9 @@
  * device_data.h - what direct.comp reads and writes, the same bytes in C and in GLSL buffers (std430).
  *
  * A result is some words of 16 bytes a point: of the lights that are no environment's what enters (W/m^2) and the number of rays;
- * with PELL_LIT_HIGHLIGHTS what is mirrored (W/(m^2 sr)); with PELL_LIT_SINGLE what is scattered once, of all lights; then of each
- * environment's lights what enters and the visibility of its smooth rest, and what would enter if nothing were in the way.
+ * with PELL_LIT_HIGHLIGHTS what is mirrored (W/(m^2 sr)), and what shadows took of it as struct pell_lighting has it; with
+ * PELL_LIT_SINGLE what is scattered once, of all lights; then of each environment's lights what enters and the visibility of its smooth
+ * rest, and what would enter if nothing were in the way.
  *
  * Units    mm; of light as in stage.h.
  */

@@ -29,7 +29,7 @@ const uint RAY_ALL = 3u; // PELL_RAY_ALL
 
 // What a point receives; `rays`: sent for it.
 struct Sums {
-    vec3 irradiance, specular, single, unshadowed;
+    vec3 irradiance, specular, hidden, single, unshadowed;
     uint rays;
 };
 
@@ -59,6 +59,8 @@ void shine(pell_light_data light, Point p, inout Sums sums)
             sums.rays++;
             if (is_open(p.origin, away ? a.direction : a.end - p.origin, away ? FAR : 0.9999))
                 add_front(light, p, a, sums.irradiance, sums.specular, sums.single);
+            else
+                sums.hidden += hidden_highlight(light, p, a);
         }
         if (light.environment >= 0 && (light.flags & PELL_LIGHT_DATA_COMPACT) == 0u)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));
@@ -98,9 +100,9 @@ void main()
     const bool highlights = (pc.flags & PELL_LIT_HIGHLIGHTS) != 0u;
     Point p = load_point(i, highlights, (pc.flags & PELL_LIT_SINGLE) != 0u);
     const bool sky = (points[i].flags & PELL_LIT_AMBIENT) != 0u;
-    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0u);
+    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0u);
     const float ambient = sky ? ambient_visibility(p, uvec2(points[i].ambient0, points[i].ambient1), sums.rays) : 0.0;
-    uint light = 0u, at = i * pc.results + 1u + (highlights ? 1u : 0u) + (p.single ? 1u : 0u);
+    uint light = 0u, at = i * pc.results + 1u + (highlights ? 2u : 0u) + (p.single ? 1u : 0u);
     vec3 direct = vec3(0.0);
 
     for (int e = -1; e < int(pc.environments); e++) { // -1: the lights that are of none
@@ -117,8 +119,10 @@ void main()
     }
     at = i * pc.results;
     give(at++, direct, sums.rays);
-    if (highlights)
+    if (highlights) {
         give(at++, sums.specular, 0u);
+        give(at++, sums.hidden, 0u);
+    }
     if (p.single)
         give(at, sums.single, 0u);
 }

@@ -286,11 +286,26 @@ vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
     return sum;
 }
 
+// How much of it faces the light, softly at the terminator, at a cosine.
+float facing_at(Point p, Aim a, float mu)
+{
+    const float ratio = a.gl / (mu * p.gn), g = ratio < 1.0 && !p.lifted ? ratio : 1.0;
+
+    return pell_soft_terminator(mu, g);
+}
+
+// What a shadow takes of the highlight of a light with a face.
+vec3 hidden_highlight(pell_light_data light, Point p, Aim a)
+{
+    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a, mu);
+
+    return p.highlights && light.environment < 0 && is_flat(light) && facing > 0.0 ? highlight(light, p, a, facing, mu) : vec3(0.0);
+}
+
 // Light that nothing is in the way of, to the front.
 void add_front(pell_light_data light, Point p, Aim a, inout vec3 irradiance, inout vec3 specular, inout vec3 single)
 {
-    const float mu = max(a.nl, 1e-6), ratio = a.gl / (mu * p.gn), g = ratio < 1.0 && !p.lifted ? ratio : 1.0;
-    const float facing = pell_soft_terminator(mu, g), transmitted = transmittance(p, mu);
+    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a, mu), transmitted = transmittance(p, mu);
     const float off = 1.0 - pell_single_cosine(materials[p.material].inverse_eta2, mu);
     const vec3 factor = materials[p.material].enter_base.rgb + materials[p.material].enter_slope.rgb * off;
     const vec3 shift = vec3(points[p.at].view.w, points[p.at].tint.w, points[p.at].f0.w);

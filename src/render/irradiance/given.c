@@ -78,9 +78,11 @@ void pell_take_lights(const struct job *job, struct packet *k)
         add_rgb(words(job, k, i, 0), i, k->sums.irradiance);
         k->device_rays += words(job, k, i, 0)[3];
         if (!job->entering) {
-            if (shows_highlights(job, k))
+            if (shows_highlights(job, k)) {
                 add_rgb(words(job, k, i, at), i, k->sums.specular);
-            at++;
+                add_rgb(words(job, k, i, at + 1), i, k->sums.hidden);
+            }
+            at += 2;
         }
         if (job->p->apart)
             add_rgb(words(job, k, i, at), i, k->sums.single);
@@ -89,7 +91,7 @@ void pell_take_lights(const struct job *job, struct packet *k)
 
 void pell_take_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
 {
-    const size_t at = 1 + (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
+    const size_t at = 1 + 2 * (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
     const bool known = job->entering && job->p->ambient && !k->behind;
 
     for (int i = 0; i < k->count; i++) {
