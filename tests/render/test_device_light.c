@@ -148,7 +148,7 @@ static void rig_of(struct rig *r, enum kind kind, int width, int height)
 
 /* --- Parity ---------------------------------------------------------------------------------------------------------------------- */
 
-enum { PLANES = 9 };
+enum { PLANES = 12 };
 
 static void planes_of(struct pell_lighting *l, float **planes[PLANES])
 {
@@ -156,6 +156,7 @@ static void planes_of(struct pell_lighting *l, float **planes[PLANES])
         planes[c] = &l->irradiance[c];
         planes[3 + c] = &l->specular[c];
         planes[6 + c] = &l->transmitted[c];
+        planes[9 + c] = &l->hidden[c];
     }
 }
 
@@ -181,16 +182,16 @@ static struct pell_lighting render_on(struct device *d, const struct rig *r, str
     return l;
 }
 
-/* Three planes against the cpu's: the mean difference over the mean of all planes, and the share of pixels that differ by more than 1 %. */
+/* Kinds of light against the cpu's: the mean difference over the mean of all planes, and the share of pixels over 1 %. */
 static void compare(const struct rig *r, struct pell_lighting *gpu, const char *name)
 {
-    static const char *const what[] = { "enters", "mirrored", "transmitted" };
+    static const char *const what[] = { "enters", "mirrored", "transmitted", "hidden" };
     struct pell_lighting cpu = r->light;
     float **a[PLANES], **b[PLANES];
 
     planes_of(&cpu, a);
     planes_of(gpu, b);
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < 4; k++) {
         double sum = 0.0, difference = 0.0;
         int far = 0, pixels = 0;
         for (int y = 0; y < r->height; y++)
