@@ -96,7 +96,7 @@ static void light_rows(void *arg, int index, int worker)
     const struct ts_atlas *a = p->atlas;
     const int side = map_side(a), samples = st->in->num_samples, parts = map_parts(a, samples);
     const int first = (p->first + index) * p->rows, last = first + p->rows < a->height ? first + p->rows : a->height;
-    uint32_t *number = p->numbers + index * p->most;
+    uint32_t *number = p->numbers ? p->numbers + index * p->most : NULL; /* NULL: at once */
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
