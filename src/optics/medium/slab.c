@@ -117,40 +117,13 @@ static void solve(matrix m, matrix b)
         }
 }
 
-static void twice(const struct directions *d, struct layer *l)
-{
-    matrix all, down, up, m;
-
-    memcpy(all, l->T, sizeof(all));
-    for (int i = 0; i < SIDE; i++)
-        all[i][i] += exp(-l->thickness / d->mu[i]);
-    memcpy(down, all, sizeof(down));
-    multiply(l->R, l->R, m);
-    solve(m, down);
-    multiply(l->R, down, up);
-    multiply(all, up, m);
-    for (int i = 0; i < SIDE; i++)
-        for (int j = 0; j < SIDE; j++)
-            l->R[i][j] += m[i][j];
-    multiply(all, down, l->T);
-    l->thickness *= 2.0;
-    for (int i = 0; i < SIDE; i++)
-        l->T[i][i] -= exp(-l->thickness / d->mu[i]);
-}
-
-/* Layers of several media: what comes from above, and from below. T without light that is not scattered. */
-struct half {
-    double thickness; /* optical */
-    matrix R, T, R_below, T_below;
-};
-
 static void add_straight(const struct directions *d, double thickness, double sign, matrix T)
 {
     for (int i = 0; i < SIDE; i++)
         T[i][i] += sign * exp(-thickness / d->mu[i]);
 }
 
-/* `R` is from above, of what is below; `down` arrives there, and what comes up again through `up` is added to `R_above`. */
+/* `R` is from above, of what is below, and may be `R_above`; `down` arrives there, and what comes up again is added to `R_above`. */
 static void between_layers(const matrix R_below, const matrix R, const matrix down_through, const matrix up_through, matrix down,
                            matrix R_above)
 {
@@ -165,6 +138,24 @@ static void between_layers(const matrix R_below, const matrix R, const matrix do
         for (int j = 0; j < SIDE; j++)
             R_above[i][j] += m[i][j];
 }
+
+static void twice(const struct directions *d, struct layer *l)
+{
+    matrix all, down;
+
+    memcpy(all, l->T, sizeof(all));
+    add_straight(d, l->thickness, 1.0, all);
+    between_layers(l->R, l->R, all, all, down, l->R);
+    multiply(all, down, l->T);
+    l->thickness *= 2.0;
+    add_straight(d, l->thickness, -1.0, l->T);
+}
+
+/* Layers of several media: what comes from above, and from below. T without light that is not scattered. */
+struct half {
+    double thickness; /* optical */
+    matrix R, T, R_below, T_below;
+};
 
 /* A layer below all others. */
 static void add_below(const struct directions *d, const struct layer *l, struct half *h)
@@ -209,8 +200,7 @@ static void add_lower(const struct directions *d, const struct layer *l, matrix 
     matrix m;
 
     memcpy(down, l->T, sizeof(matrix));
-    for (int i = 0; i < SIDE; i++)
-        down[i][i] += exp(-l->thickness / d->mu[i]);
+    add_straight(d, l->thickness, 1.0, down);
     for (int i = 0; i < SIDE; i++)
         for (int j = 0; j < SIDE; j++)
             m[i][j] = down[i][j] * d->fresnel[j]; /* from below, a layer transmits as from above */
