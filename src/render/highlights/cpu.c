@@ -16,7 +16,7 @@ enum {
 struct job {
     const struct pell_highlights_params *p;
     const struct pell_highlights_kernels *kernels;
-    void (*row)(struct job *job, int y);
+    void (*block)(struct job *job, int y, int x0, int x1); /* of a row */
     _Atomic int64_t pixels;
 };
 
@@ -33,19 +33,16 @@ static int block_end(const struct job *job, int x)
     return end < job->p->rect.x1 ? end : job->p->rect.x1;
 }
 
-static void find_row(struct job *job, int y)
+static void find(struct job *job, int y, int x0, int x1)
 {
     const struct pell_highlights_params *p = job->p;
+    const ptrdiff_t at = y * p->stride + x0;
+    float any = 0.0f;
 
-    for (int x0 = p->rect.x0, x1; x0 < p->rect.x1; x0 = x1) {
-        const ptrdiff_t at = y * p->stride + x0;
-        float any = 0.0f;
-        x1 = block_end(job, x0);
-        for (int c = 0; c < 3; c++)
-            for (int i = 0; i < x1 - x0; i++)
-                any += p->hidden[c][at + i] > 0.0f ? 1.0f : 0.0f;
-        *lit(job, y, x0) = any > 0.0f;
-    }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < x1 - x0; i++)
+            any += p->hidden[c][at + i] > 0.0f ? 1.0f : 0.0f;
+    *lit(job, y, x0) = any > 0.0f;
 }
 
 /* Whether something is hidden in reach of the block at x. */
@@ -60,46 +57,41 @@ static bool any_hidden(const struct job *job, int y, int x)
     return any;
 }
 
-static void share_row(struct job *job, int y)
+static void share(struct job *job, int y, int x0, int x1)
 {
     const struct pell_highlights_params *p = job->p;
     const struct pell_rect *r = &p->rect;
+    const ptrdiff_t at = y * p->stride + x0;
+    struct pell_highlights_block b = {
+        .material = p->material + at, .depth = p->depth + at, .depth_mm = p->depth_mm, .fixed_mm = p->fixed_mm, .slope = SLOPE * REACH
+    };
 
-    for (int x0 = r->x0, x1; x0 < r->x1; x0 = x1) {
-        const ptrdiff_t at = y * p->stride + x0;
-        struct pell_highlights_block b = {
-            .material = p->material + at, .depth = p->depth + at, .depth_mm = p->depth_mm, .fixed_mm = p->fixed_mm, .slope = SLOPE * REACH
-        };
-        x1 = block_end(job, x0);
-        if (!any_hidden(job, y, x0))
-            continue;
-        for (int c = 0; c < 3; c++) {
-            b.normal[c] = p->normal[c] + at;
-            b.specular[c] = p->specular[c] + at;
-            b.hidden[c] = p->hidden[c] + at;
-        }
-        for (int v = -REACH; v <= REACH; v++)
-            for (int u = -REACH; u <= REACH; u++) {
-                const float weight = (float) ((REACH + 1 - abs(u)) * (REACH + 1 - abs(v)));
-                const int first = x0 + u < r->x0 ? r->x0 - u - x0 : 0, end = (x1 + u < r->x1 ? x1 : r->x1 - u) - x0;
-                if (y + v >= r->y0 && y + v < r->y1)
-                    job->kernels->add(&b, v * p->stride + u, weight, first, end);
-            }
-        job->kernels->end(&b, (float *[3]) { p->room[0] + at, p->room[1] + at, p->room[2] + at }, x1 - x0);
-        atomic_fetch_add_explicit(&job->pixels, x1 - x0, memory_order_relaxed);
+    if (!any_hidden(job, y, x0))
+        return;
+    for (int c = 0; c < 3; c++) {
+        b.normal[c] = p->normal[c] + at;
+        b.specular[c] = p->specular[c] + at;
+        b.hidden[c] = p->hidden[c] + at;
     }
+    for (int v = -REACH; v <= REACH; v++)
+        for (int u = -REACH; u <= REACH; u++) {
+            const float weight = (float) ((REACH + 1 - abs(u)) * (REACH + 1 - abs(v)));
+            const int first = x0 + u < r->x0 ? r->x0 - u - x0 : 0, end = (x1 + u < r->x1 ? x1 : r->x1 - u) - x0;
+            if (y + v >= r->y0 && y + v < r->y1)
+                job->kernels->add(&b, v * p->stride + u, weight, first, end);
+        }
+    job->kernels->end(&b, (float *[3]) { p->room[0] + at, p->room[1] + at, p->room[2] + at }, x1 - x0);
+    atomic_fetch_add_explicit(&job->pixels, x1 - x0, memory_order_relaxed);
 }
 
-static void copy_row(struct job *job, int y)
+static void copy(struct job *job, int y, int x0, int x1)
 {
     const struct pell_highlights_params *p = job->p;
+    const ptrdiff_t at = y * p->stride + x0;
 
-    for (int x0 = p->rect.x0, x1; x0 < p->rect.x1; x0 = x1) {
-        const ptrdiff_t at = y * p->stride + x0;
-        x1 = block_end(job, x0);
-        for (int c = 0; c < 3 && any_hidden(job, y, x0); c++)
+    if (any_hidden(job, y, x0))
+        for (int c = 0; c < 3; c++)
             memcpy(p->specular[c] + at, p->room[c] + at, (size_t) (x1 - x0) * sizeof(float));
-    }
 }
 
 static void run_rows(void *arg, int index, int worker)
@@ -109,18 +101,21 @@ static void run_rows(void *arg, int index, int worker)
 
     (void) worker;
     for (int y = y0; y < y1; y++)
-        job->row(job, y);
+        for (int x0 = job->p->rect.x0, x1; x0 < job->p->rect.x1; x0 = x1) {
+            x1 = block_end(job, x0);
+            job->block(job, y, x0, x1);
+        }
 }
 
 int64_t pell_highlights_render(struct pell_pool *pool, const struct pell_highlights_params *p)
 {
-    static void (*const rows[])(struct job *, int) = { find_row, share_row, copy_row };
+    static void (*const blocks[])(struct job *, int, int, int) = { find, share, copy };
     struct job job = { .p = p, .kernels = pell_highlights_kernels_tables[pell_simd_best()] };
 
     if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)
         return 0;
-    for (size_t i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
-        job.row = rows[i];
+    for (size_t i = 0; i < sizeof(blocks) / sizeof(*blocks); i++) {
+        job.block = blocks[i];
         pell_pool_run(pool, (p->rect.y1 - p->rect.y0 + BAND - 1) / BAND, run_rows, &job);
     }
     return atomic_load(&job.pixels);
