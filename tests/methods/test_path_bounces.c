@@ -7,7 +7,6 @@
 #include "slow.h"
 
 #define FEWER(n) (SLOW ? (n) / 8 : (n))
-#define SIGMAS 3.5
 
 /* Opaque surfaces are seen through a small clear cube with nearly the index of air, at `at`: the way from it to them is a bounce itself. */
 static void add_window(struct stage *s, struct pell_vec3 at, float half)

@@ -9,7 +9,6 @@
 #include "slow.h"
 
 #define FEWER(n) (SLOW ? (n) / 8 : (n))
-#define SIGMAS 3.5
 
 static void plain_stage(struct stage *s)
 {

@@ -10,7 +10,6 @@
 #include "oracle.h"
 
 #define FEWER(n) (SLOW ? (n) / 8 : (n))
-#define SIGMAS 3.5
 
 static void plain_stage(struct stage *s)
 {

@@ -9,7 +9,6 @@
 #include "oracle.h"
 
 #define FEWER(n) (SLOW ? (n) / 10 : (n))
-#define SIGMAS 3.5
 
 /* --- Photons between planes ---------------------------------------------------------------------------------------------------------- */
 
