@@ -336,6 +336,44 @@ static void total_light_is_kept_at_borders(void **state)
     place_destroy(&at);
 }
 
+/* Light that falls off toward a border. Where taps leave pixels out, every second pixel beside a border has one tap more than its
+ * neighbours, which shows as lines. */
+static void borders_draw_no_lines(void **state)
+{
+    enum { EDGE = 30, SIZE = 160 };
+    const struct pell_frame_material m = marble();
+    struct bench_place at = place_create(1, NULL, NULL);
+
+    (void) state;
+    for (int axis = 0; axis < 2; axis++) {
+        struct patch *p = patch_create(axis ? 40 : SIZE, axis ? SIZE : 40, true, 8.0, 100.0, &m, 1);
+        double worst = 0.0;
+
+        for (int i = 0; i < SIZE; i++)
+            for (int k = 0; k < 40; k++) {
+                const size_t index = axis ? patch_at(p, k, i) : patch_at(p, i, k);
+                p->material[index] = i >= EDGE;
+                for (int c = 0; c < 3; c++)
+                    p->light[c][index] = (float) fmax(i - EDGE, 0) / (SIZE - EDGE);
+            }
+        patch_run(&at, method(at.ctx), NULL, p);
+        for (int i = EDGE + 8; i < EDGE + 50; i++) { /* the part that changes sign from pixel to pixel, of sixteen */
+            double part = 0.0, sum = 0.0;
+            for (int k = -8; k < 8; k++) {
+                const double light = (double) p->result[0][axis ? patch_at(p, 20, i + k) : patch_at(p, i + k, 20)];
+                const double after = (double) p->result[0][axis ? patch_at(p, 20, i + k + 1) : patch_at(p, i + k + 1, 20)];
+                part += (k % 2 ? -1.0 : 1.0) * (after - light) / 32.0;
+                sum += light / 16.0;
+            }
+            worst = fmax(worst, fabs(part) / sum);
+        }
+        print_message("# lines beside a border across axis %d: %.5f of the light\n", axis, worst);
+        REQUIRE(worst < 5e-4);
+        patch_destroy(p);
+    }
+    place_destroy(&at);
+}
+
 static void surfaces_apart_in_depth_do_not_bleed(void **state)
 {
     const struct pell_frame_material m = single(4.0);
@@ -874,6 +912,7 @@ int main(void)
         cmocka_unit_test(tilted_plane_is_the_convolution_on_the_surface),
         cmocka_unit_test(total_light_of_a_ball_is_kept),
         cmocka_unit_test(total_light_is_kept_at_borders),
+        cmocka_unit_test(borders_draw_no_lines),
         cmocka_unit_test(surfaces_apart_in_depth_do_not_bleed),
         cmocka_unit_test(twice_the_distance_or_half_the_pixels_change_little),
         cmocka_unit_test(a_dolly_does_not_pop),

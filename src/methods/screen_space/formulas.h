@@ -24,10 +24,9 @@
 #define S2_MIN 0.36f
 #define S2_MIN_VARIANCE 0.347397f /* that K, sampled at whole pixels, has there */
 
-/* Taps stand no further apart than this, px, while that makes no more than so many a side: where taps begin to miss or to meet a surface,
- * at silhouettes, wide gaps show as echoes of the edge. */
-#define STRIDE_DENSE 2.0f
-#define TAPS_DENSE 48.0f
+/* Where a silhouette is in reach, taps stand at every pixel while that makes no more than so many a side. With gaps, pixels beside the
+ * edge differ in how many taps meet the surface: lines of one pixel, and echoes of the edge. */
+#define TAPS_DENSE 96.0f
 
 /* Variance in px^2 on the grid of pixels that stands for a Gaussian of variance u, for light that is constant over each pixel: u + 1/12
  * for large u, and 0 for u = 0. Near Sum_j j^2 (Phi((j + 1/2)/sqrt(u)) - Phi((j - 1/2)/sqrt(u))). The form is

@@ -77,7 +77,7 @@ INLINE void space(const struct screen_work *w, size_t index, int block, int axis
     b->skew = fabsf(cell->skew) * reach < 0.5f ? 0.0f : cell->skew; /* under half a pixel to the side all taps are upright */
     /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
     step = 1.5f * sqrtf(least);
-    dense = is_clear(w, block, axis, cell, b->skew, reach) ? reach : reach > STRIDE_DENSE * TAPS_DENSE ? reach / TAPS_DENSE : STRIDE_DENSE;
+    dense = is_clear(w, block, axis, cell, b->skew, reach) ? reach : reach * (1.0f / TAPS_DENSE);
     step = step < dense ? step : dense;
     b->stride = step >= 2.0f ? (step < 65536.0f ? (int) step : 65536) : 1;
     b->count = reach < 262144.0f ? (int) (reach / (float) b->stride) : 262144;

@@ -103,9 +103,7 @@ ivec4 plan_of(int cell, int block, int blocks, uint y, int axis, int step)
     // Under half a pixel to the side all taps are upright.
     const float skew = axis == 0 || abs(lines[cell].x) * reach < 0.5 ? 0.0 : lines[cell].x;
     // Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then.
-    const float dense = is_clear(cell, block, blocks, axis, skew, reach) ? reach
-                        : reach > STRIDE_DENSE * TAPS_DENSE             ? reach / TAPS_DENSE
-                                                                        : STRIDE_DENSE;
+    const float dense = is_clear(cell, block, blocks, axis, skew, reach) ? reach : reach * (1.0 / TAPS_DENSE);
     const float pace = min(1.5 * sqrt(range.y), dense);
     const int stride = pace >= 2.0 ? int(min(pace, 32767.0)) : 1;
     return ivec4(int(min(reach / float(stride), 65535.0)) | stride << 16, floatBitsToInt(vec3(skew, common_of)));
