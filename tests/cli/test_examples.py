@@ -8,7 +8,7 @@ import re
 import sys
 import time
 
-from cli_test import ROOT, Skip, main, need, one_object, png_pixels, run, test, text, works
+from cli_test import ROOT, SANITIZED, Skip, main, need, one_object, png_pixels, run, test, text, works
 
 EXAMPLES, BENCH = (pathlib.Path(os.path.abspath(p)) for p in sys.argv[3:5])
 QUICK = ['--width', '96', '--height', '72', '--msaa', '1', '--light-samples', '4', '--ambient-samples', '4', '--indirect-samples', '512']
@@ -37,7 +37,7 @@ def scene_test(path):
         built = (EXAMPLES if path.parent.name == 'examples' else BENCH) / path.name
         need(built.exists(), built.name, 'is not in the build folder')
         seen = []
-        for method in ('screen-space', 'none'):
+        for method in ('screen-space',) if SANITIZED else ('screen-space', 'none'):
             done = works(folder, 'render', str(built), *QUICK, '-m', method, '-o', f'{method}.png')
             warnings = [line for line in done.stderr.lower().splitlines() if b'warning' in line]
             known = (b'scattering is not visible', b"ignores its layers' depth maps")
@@ -45,7 +45,7 @@ def scene_test(path):
             data = (folder / f'{method}.png').read_bytes()
             need(looks_like_something(data) == (96, 72), 'size')
             seen.append(png_pixels(data))
-        need(seen[0] != seen[1], 'scattering changes nothing')
+        need(SANITIZED or seen[0] != seen[1], 'scattering changes nothing')
         answer = one_object(works(folder, 'check', str(built), '--json'))
         need(answer['triangles'] > 0, answer)
 

@@ -19,9 +19,9 @@ static struct canceller {
 } canceller;
 
 #define LARGE_BYTES ((size_t) 1 << 20)
-#define RINGS (SLOW ? 80 : 300) /* 358,800 triangles */
-#define RUNS 8                  /* a method */
-#define PLACES (SLOW ? 6 : 16)  /* of a small picture */
+#define RINGS (SLOW ? 50 : 300) /* 358,800 triangles */
+#define RUNS (SLOW ? 4 : 8)     /* a method */
+#define PLACES (SLOW ? 3 : 16)  /* of a small picture */
 #define GARBAGE 0xa5
 
 static void *cancelling_alloc(void *user, size_t size)

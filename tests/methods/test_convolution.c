@@ -292,7 +292,8 @@ static void splitting_in_halves_loses_light(void **state)
 /* A lit plane before one that is not, far apart beside how far light goes, planes farther still. */
 static void edges_in_depth_keep_light_apart(void **state)
 {
-    static const char *const forms[][5] = { { "surfaces=1", "borders=open", "edges=off", NULL }, { "surfaces=1", "borders=open", NULL } };
+    static const char *const forms[][6] = { { "surfaces=1", "borders=open", "planes=4", "edges=off", NULL },
+                                            { "surfaces=1", "borders=open", "planes=4", NULL } };
     const struct pell_frame_material m = one(0.04);
     struct bench_place at = place_create(2, NULL, NULL);
     double over[2], left[2];

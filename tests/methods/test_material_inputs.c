@@ -195,7 +195,7 @@ static void says_what_it_ignores(void **state)
 {
     const struct party *const on = *state;
 
-    for (size_t i = 0; i < PELL_COUNT(inputs); i++) {
+    for (size_t i = 0; i < PELL_COUNT(inputs); i += SLOW ? 3 : 1) {
         struct scattered varied = scatter(on, i, true), even = scatter(on, i, false);
         const bool same = memcmp(varied.data, even.data, even.size * sizeof(float)) == 0, says = on->method->ignores & inputs[i].flag;
         double sum = 0.0;

@@ -45,10 +45,10 @@ struct convolution_knobs {
     bool strength;
 };
 
-/* Planes of images of which one pixel is `step` of the picture's: as small ones cost a quarter there are three times as many. */
+/* Planes of images of which one pixel is `step` of the picture's: more of small ones, which cost a quarter. */
 static inline int convolution_planes(const struct convolution_knobs *k, int step)
 {
-    return k->planes > 0 ? k->planes : step > 1 ? 12 : 4;
+    return k->planes > 0 ? k->planes : step > 1 ? 12 : 8;
 }
 
 /* --- radial.c: a material's profile as tables -------------------------------------------------------------------------------------- */

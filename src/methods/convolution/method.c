@@ -29,7 +29,7 @@ static const char *const borders_names[] = { "even", "open", "auto", NULL };
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { CONV_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "planes", PELL_KNOB_INT, "1", AT(planes), { 0 }, 0, CONV_PLANES, NULL,
-      "planes across the depth of the visible object; 0: 4, or 12 where they have half the resolution" },
+      "planes across the depth of the visible object; 0: 8, or 12 where they have half the resolution" },
     { "placement", PELL_KNOB_ENUM, "1", AT(placement), { CONV_EQUAL }, 0, 0, placement_names,
       "equally spaced, or denser where there is more surface" },
     { "split", PELL_KNOB_ENUM, "1", AT(split), { CONV_LINEAR }, 0, 0, split_names,
