@@ -581,6 +581,72 @@ static void a_highlight_is_the_lobe(void **state)
     }
 }
 
+/* The radiance that a plane at z = 0 mirrors upwards from a light with a face, by 96 x 96 points of it. */
+static double mirrored_face(const struct pell_light *light, enum pell_specular_model model, float roughness, float f0, struct pell_vec3 at)
+{
+    enum { POINTS = 96 };
+    const bool disc = light->type == PELL_LIGHT_DISC;
+    const double half_x = disc ? light->radius : 0.5 * (double) light->width, half_y = disc ? light->radius : 0.5 * (double) light->height;
+    const double up[3] = { 0.0, 0.0, 1.0 };
+    double sum = 0.0;
+
+    for (int k = 0; k < POINTS * POINTS; k++) { /* the light hangs above and looks down */
+        const double x = 2.0 * (k % POINTS + 0.5) / POINTS - 1.0, y = 2.0 * (k / POINTS + 0.5) / POINTS - 1.0;
+        const struct pell_vec3 d = vec3_sub(vec3(light->position[0] + (float) (x * half_x), light->position[1] + (float) (y * half_y),
+                                                 light->position[2]),
+                                            at),
+                               l = vec3_normalize(d);
+        const double to_l[3] = { l.x, l.y, l.z };
+        if (!disc || x * x + y * y <= 1.0)
+            sum += pell_specular_value(model, (double) roughness, (double) f0, up, to_l, up) * (double) (l.z * l.z / vec3_dot(d, d));
+    }
+    return (double) light->power[0] * sum * 4.0 * half_x * half_y / (POINTS * POINTS);
+}
+
+/* Highlights of lights with a face are the integral of the lobe over it, with little noise, however narrow the lobe. */
+static void highlights_of_faces_are_integrals(void **state)
+{
+    static const float roughness[] = { 0.12f, 0.3f, 0.6f };
+
+    (void) state;
+    for (int k = 0; k < PELL_SPECULAR_MODELS * 2 * (int) PELL_COUNT(roughness); k++) {
+        const enum pell_specular_model model = (enum pell_specular_model)(k % PELL_SPECULAR_MODELS);
+        const bool disc = k / PELL_SPECULAR_MODELS % 2 == 1;
+        const float rough = roughness[k / PELL_SPECULAR_MODELS / 2], f0 = (0.4f / 2.4f) * (0.4f / 2.4f);
+        double found = 0.0, expected = 0.0, squares = 0.0, n = 0.0;
+        struct pell_light *light;
+        struct rig r;
+        size_t m;
+
+        rig_start(&r, SIZE, SIZE);
+        m = rig_material(&r, false);
+        r.scene->materials[m].rho_s = 1.0f;
+        r.scene->materials[m].roughness = rough;
+        r.scene->materials[m].specular = model;
+        r.scene->materials[m].medium.eta = 1.4;
+        rig_plane(&r, m, 0, 0.0f, 100.0f);
+        rig_camera(&r, 60.0f);
+        light = rig_light(&r, disc ? PELL_LIGHT_DISC : PELL_LIGHT_RECT, vec3(6, 4, 90), vec3(6, 4, 0), 50.0f);
+        light->width = light->height = 40.0f;
+        light->radius = 20.0f;
+        r.settings.light_samples = 16;
+        rig_render(&r);
+        for (int y = 1; y < SIZE; y += 3)
+            for (int x = 1; x < SIZE; x += 3) {
+                const double v = r.light.specular[0][rig_at(&r, x, y)], e = mirrored_face(light, model, rough, f0, rig_point(&r, x, y));
+                found += v;
+                expected += e;
+                squares += (v - e) * (v - e);
+                n++;
+            }
+        print_message("# %s, %s, roughness %.2f: mean %.4f of the integral, noise %.3f of the mean\n", pell_specular_name(model),
+                      disc ? "disc" : "rect", (double) rough, found / expected, sqrt(squares / n) / (expected / n));
+        REQUIRE_REL(found, expected, 0.015);
+        REQUIRE(sqrt(squares / n) < (model == PELL_SPECULAR_PHONG ? 0.25 : 0.09) * expected / n); /* by points alone 0.22 */
+        rig_finish(&r);
+    }
+}
+
 static void what_emits_adds_its_radiance(void **state)
 {
     struct rig r;
@@ -719,6 +785,7 @@ int main(void)
         cmocka_unit_test(environment_shadows),
         cmocka_unit_test(a_metal_sphere_reflects_a_uniform_environment),
         cmocka_unit_test(a_highlight_is_the_lobe),
+        cmocka_unit_test(highlights_of_faces_are_integrals),
         cmocka_unit_test(what_emits_adds_its_radiance),
         cmocka_unit_test(the_mix_exponent_colours_what_enters),
         cmocka_unit_test(plain_data_is_the_light),

@@ -610,8 +610,8 @@ static void few_rays_draw_a_large_lights_reflection(void **state)
         }
     print_message("# reflection: bias %.4f of its light, error %.4f of its peak\n", difference / sum, sqrt(squares / (96 * 96)) / peak);
     REQUIRE(peak > 0.0);
-    REQUIRE(fabs(difference / sum) < 0.015);
-    REQUIRE(sqrt(squares / (96 * 96)) / peak < 0.02);
+    REQUIRE(fabs(difference / sum) < 0.01);
+    REQUIRE(sqrt(squares / (96 * 96)) / peak < 0.022);
     shot_free(&few);
     shot_free(&many);
 }

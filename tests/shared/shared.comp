@@ -5,6 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 
 #include "shared/boundary.h"
+#include "shared/gloss.h"
 #include "shared/light.h"
 #include "shared/light_data.h"
 #include "shared/lobe.h"
@@ -102,7 +103,9 @@ float sampled(uint number)
     const float u = pell_unit_float(pell_sobol0(number)), v = pell_unit_float(pell_sobol1(number));
     const pell_place2 disc = pell_disc_at(u, v);
     const pell_place2 wide = pell_wide_place(pell_wide_make(disc.x, disc.y, 2.0f, 1.0f, 0.5f), u, pell_clamp1(v));
-    return wide.x + wide.y;
+    const pell_half_vector h = pell_half_vector_at(0.01f, disc.x, disc.y);
+    const float odds = pell_gloss_odds(u, 0.01f, v, 8, pell_gloss_directions(4)), density = pell_half_vector_density(0.01f, h.x, h.y, h.z);
+    return wide.x + wide.y + odds / (odds + density);
 }
 
 void main()

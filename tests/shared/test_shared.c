@@ -3,9 +3,11 @@
 #include "pell_test.h"
 
 #include "shared/boundary.h"
+#include "shared/gloss.h"
 #include "shared/light.h"
 #include "shared/lobe.h"
 #include "shared/phase.h"
+#include "shared/sampling.h"
 #include "shared/table.h"
 #include "shared/tone.h"
 #include "shared/wide_light.h"
@@ -76,6 +78,31 @@ static void lobes_straight_on(void **state)
         REQUIRE_REL((double) pell_lobe_phong(ggx * ggx, 1.0f, 1.0f, 0.0f), (n + 2.0) / (2.0 * PI), 1e-5);
         REQUIRE_REL((double) pell_lobe_blinn_phong(ggx * ggx, 0.0f, 4.0f), (k + 2.0) * (k + 4.0) / (8.0 * PI * (exp2(-0.5 * k) + k)), 1e-5);
     }
+}
+
+/* As many directions mirrored at half vectors lie in a cap around n as their density says, seen aslant. */
+static void mirrored_directions_have_their_density(void **state)
+{
+    enum { DRAWN = 1 << 14, RINGS = 1500, STEPS = 1500 };
+    const float width2 = 0.04f;
+    const double vx = sin(0.6), vz = cos(0.6), cap = 0.5;
+    double drawn = 0.0, sum = 0.0;
+
+    (void) state;
+    for (uint32_t i = 0; i < DRAWN; i++) {
+        const struct pell_place2 at = pell_disc_at(pell_unit_float(pell_sobol0(i)), pell_unit_float(pell_sobol1(i)));
+        const struct pell_half_vector h = pell_half_vector_at(width2, at.x, at.y);
+        const double x = h.x, y = h.y, z = h.z, hv = x * vx + z * vz;
+        REQUIRE_NEAR(x * x + y * y + z * z, 1.0, 1e-5);
+        drawn += 2.0 * hv * z - vz > cap ? 1.0 / DRAWN : 0.0;
+    }
+    for (int k = 0; k < RINGS * STEPS; k++) {
+        const double lz = cap + (1.0 - cap) * (k / STEPS + 0.5) / RINGS, phi = 2.0 * PI * (k % STEPS + 0.5) / STEPS,
+                     s = sqrt(1.0 - lz * lz);
+        const double hx = s * cos(phi) + vx, hy = s * sin(phi), hz = lz + vz;
+        sum += (double) pell_half_vector_density(width2, (float) (hx * hx + hy * hy), (float) hz, (float) (hx * hx + hy * hy + hz * hz));
+    }
+    REQUIRE_REL(drawn, sum * 2.0 * PI * (1.0 - cap) / (RINGS * STEPS), 1e-3);
 }
 
 static struct pell_phase_terms terms_of(int shape, double g, double second, double weight)
@@ -240,6 +267,7 @@ int main(void)
         cmocka_unit_test(schlicks_weight_is_a_fifth_power),
         cmocka_unit_test(light_that_enters_and_leaves),
         cmocka_unit_test(lobes_straight_on),
+        cmocka_unit_test(mirrored_directions_have_their_density),
         cmocka_unit_test(phase_functions_hold_all_light),
         cmocka_unit_test(henyey_and_greensteins_two_forms_agree),
         cmocka_unit_test(places_are_the_entries),

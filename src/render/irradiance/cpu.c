@@ -71,9 +71,13 @@ static void project_image(const struct pell_light_source *source, struct packet 
 static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front)
 {
     const struct pell_light_data *data = &job->lights->data[source - job->lights->sources];
+    const bool highlights = source->environment < 0 && !k->given && shows_highlights(job, k);
+    struct pell_gloss gloss;
 
     if (k->given && !k->lanes.any_deep)
         return;
+    if (highlights)
+        job->kernels->begin_highlights(data, &k->lanes, &gloss);
     for (int s = 0; s < source->samples; s++) {
         const uint32_t n = job->p->sample * (uint32_t) source->samples + (uint32_t) s;
         _Alignas(64) int32_t visible[PELL_LANES];
@@ -87,14 +91,15 @@ static void shine(const struct job *job, const struct pell_light_source *source,
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
             }
-            job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, source->environment < 0 && shows_highlights(job, k),
-                                front);
+            job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, highlights ? &gloss : NULL, front);
         }
         if (source->environment >= 0 && !source->compact && !k->given)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         if (k->aim.any_back)
             pell_transmit_light(job, source, k);
     }
+    if (highlights)
+        job->kernels->end_highlights(data, &k->lanes, job->p->sample, &gloss, front);
 }
 
 /* --- Environments ------------------------------------------------------------------------------------------------------------- */

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// direct.comp - direct light at points, a point an invocation: all samples of all lights, each with its ray. Mirror of cpu.c, kernel.c and
-// shadow.c, by the formulas of src/shared. See device_data.h.
+// direct.comp - direct light at points, a point an invocation: all samples of all lights, each with its ray. Mirror of cpu.c, kernel.c,
+// gloss.c and shadow.c, by the formulas of src/shared. See device_data.h.
 //   in  0 nodes      of visibility/wide_bvh.h
 //   in  1 triangles
 //   in  2 lights     sorted by environment, those of none first; `light` is the number in the scene, `image` one of the images below
@@ -24,6 +24,7 @@ layout(set = 0, binding = 7) writeonly buffer Results { uvec4 results[]; };
 layout(push_constant) uniform Push { pell_lit_push pc; };
 #include "visibility/wide_bvh.glsl"
 #include "render/irradiance/direct.glsl"
+#include "render/irradiance/gloss.glsl"
 
 const uint RAY_ALL = 3u; // PELL_RAY_ALL
 
@@ -49,6 +50,9 @@ bool counts(int light)
 // All samples of a light.
 void shine(pell_light_data light, Point p, inout Sums sums)
 {
+    const bool highlights = p.highlights && light.environment < 0;
+    Shine highlight = begin_highlight(light, p);
+
     for (int s = 0; s < light.samples; s++) {
         const uint n = p.number * uint(light.samples) + uint(s);
         Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
@@ -56,15 +60,18 @@ void shine(pell_light_data light, Point p, inout Sums sums)
 
         if (lit && (a.gl > 0.0 || p.lifted) && a.nl > 0.0) {
             const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL;
+            const bool open = is_open(p.origin, away ? a.direction : a.end - p.origin, away ? FAR : 0.9999);
             sums.rays++;
-            if (is_open(p.origin, away ? a.direction : a.end - p.origin, away ? FAR : 0.9999))
-                add_front(light, p, a, sums.irradiance, sums.specular, sums.single);
-            else
-                sums.hidden += hidden_highlight(light, p, a);
+            if (open)
+                add_front(p, a, sums.irradiance, sums.single);
+            if (highlights)
+                add_highlight(light, p, a, open, highlight);
         }
         if (light.environment >= 0 && (light.flags & PELL_LIGHT_DATA_COMPACT) == 0u)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));
     }
+    if (highlights)
+        end_highlight(light, p, highlight, sums.specular, sums.hidden);
 }
 
 // Share of cosine-distributed directions about the geometric normal that see nothing.

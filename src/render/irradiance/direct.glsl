@@ -12,7 +12,6 @@ const float BIG = 1e25;           // upper limit of an irradiance
 const float TINY = 1e-12;
 const float TERMINATOR_LIFTED = 1.0 / 64.0;
 const int ALBEDO_MU = PELL_LIT_ALBEDO_MU, ALBEDO_ROUGHNESS = PELL_LIT_ALBEDO_ROUGHNESS, BOUNDARY_MU = PELL_LIT_BOUNDARY_MU;
-const int WITHIN = 8; // places of a sample's cell that a highlight is taken at
 
 // What rays and most formulas read; the rest is read where it is used, which leaves registers to the rays.
 struct Point {
@@ -218,57 +217,6 @@ bool project_image(pell_light_data light, Point p, inout Aim a)
 
 // --- What arrives --------------------------------------------------------------------------------------------------------------------
 
-// What a highlight is made of.
-struct Gloss {
-    vec3 view;
-    float nv, width2;
-    int model;
-};
-
-// The lobe toward a direction, and Schlick's weight there: x, y. It is widened by the solid angle that a sample stands for (kernel.c).
-vec2 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
-{
-    const vec3 h = l + gloss.view, c = cross(normal, h);
-    const float hh = max(dot(h, h), 1e-12), nl = max(dot(normal, l), 1e-6), nv = max(gloss.nv, 1e-4), nh = nl + nv, sin2 = dot(c, c);
-    const float vh = 0.5 * sqrt(hh), width2 = gloss.width2 + spread * (1.0 / 24.0) / vh, most = min(width2, 1.0);
-    const float shape = gloss.model == PELL_LOBE_GGX       ? pell_lobe_ggx(most, nl, nv, sin2, nh, hh)
-                        : gloss.model == PELL_LOBE_KELEMEN ? pell_lobe_kelemen(width2, sin2, nh, hh)
-                        : gloss.model == PELL_LOBE_PHONG   ? pell_lobe_phong(most, nl, nv, sin2)
-                                                           : pell_lobe_blinn_phong(most, sin2, hh);
-    return vec2(shape, pell_schlick_weight(vh));
-}
-
-// The part of the face that a sample stands for is looked at more closely than by its ray.
-vec3 highlight(pell_light_data light, Point p, Aim a, float facing, float mu)
-{
-    const int places = is_flat(light) ? WITHIN : 1;
-    const vec3 tint = points[p.at].tint.rgb, f0 = points[p.at].f0.rgb;
-    float even = 0.0, grazing = 0.0;
-    Gloss gloss;
-
-    gloss.view = points[p.at].view.xyz;
-    gloss.nv = dot(p.normal, gloss.view);
-    gloss.model = materials[p.material].model;
-    gloss.width2 = pell_lobe_width(gloss.model, points[p.at].normal.w);
-    gloss.width2 *= gloss.width2;
-    for (int j = 0; j < places; j++) {
-        vec3 l = a.direction;
-        float cosine = mu;
-        if (j > 0) {
-            const uvec2 cell = uvec2(pell_sobol0(uint(j)) >> ((pc.light_bits + 1) / 2), pell_sobol1(uint(j)) >> (pc.light_bits / 2));
-            l = face_at(light, a.at ^ cell) - p.place;
-            l *= 1.0 / sqrt(max(dot(l, l), TINY));
-            cosine = dot(p.normal, l);
-        }
-        if (cosine > 0.0) {
-            const vec2 lobe = shape_lobe(gloss, p.normal, l, a.spread * (1.0 / float(WITHIN)));
-            even += lobe.x * cosine;
-            grazing += lobe.x * cosine * lobe.y;
-        }
-    }
-    return min(facing / (float(places) * mu) * a.falloff * a.intensity * tint * (f0 * even + (1.0 - f0) * grazing), vec3(BIG));
-}
-
 // What is scattered once right below the surface, as it arrives there again.
 vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
 {
@@ -286,26 +234,18 @@ vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
     return sum;
 }
 
-// How much of it faces the light, softly at the terminator, at a cosine.
-float facing_at(Point p, Aim a, float mu)
+// How much of it faces a light, softly at the terminator: cosines with the triangle's normal and with the smooth one.
+float facing_at(Point p, float gl, float mu)
 {
-    const float ratio = a.gl / (mu * p.gn), g = ratio < 1.0 && !p.lifted ? ratio : 1.0;
+    const float ratio = gl / (mu * p.gn), g = ratio < 1.0 && !p.lifted ? ratio : 1.0;
 
     return pell_soft_terminator(mu, g);
 }
 
-// What a shadow takes of the highlight of a light with a face.
-vec3 hidden_highlight(pell_light_data light, Point p, Aim a)
-{
-    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a, mu);
-
-    return p.highlights && light.environment < 0 && is_flat(light) && facing > 0.0 ? highlight(light, p, a, facing, mu) : vec3(0.0);
-}
-
 // Light that nothing is in the way of, to the front.
-void add_front(pell_light_data light, Point p, Aim a, inout vec3 irradiance, inout vec3 specular, inout vec3 single)
+void add_front(Point p, Aim a, inout vec3 irradiance, inout vec3 single)
 {
-    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a, mu), transmitted = transmittance(p, mu);
+    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu), transmitted = transmittance(p, mu);
     const float off = 1.0 - pell_single_cosine(materials[p.material].inverse_eta2, mu);
     const vec3 factor = materials[p.material].enter_base.rgb + materials[p.material].enter_slope.rgb * off;
     const vec3 shift = vec3(points[p.at].view.w, points[p.at].tint.w, points[p.at].f0.w);
@@ -317,6 +257,4 @@ void add_front(pell_light_data light, Point p, Aim a, inout vec3 irradiance, ino
     irradiance += min(a.intensity * (a.falloff * transmitted) * factor * enters, vec3(BIG));
     if (p.single)
         single += scattered_once(p, a, facing, transmitted);
-    if (p.highlights && light.environment < 0)
-        specular += highlight(light, p, a, facing, mu);
 }

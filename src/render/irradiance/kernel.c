@@ -6,24 +6,13 @@
  *     soft terminator: G = min(1, ng.l / (n.l n.ng)),  factor -G^3 + G^2 + G   (Chiang, Li and Burley 2019, "Taming the Shadow
  *     Terminator"): light goes out smoothly where the geometric normal turns away, and nothing changes where the normals agree
  */
-#include "render/irradiance/kernel.h"
+#include "render/irradiance/lanes.h"
 
-#include "shared/light.h"
 #include "shared/single.h"
 #include "shared/wide_light.h"
 
 #include <float.h>
 #include <string.h>
-
-#ifndef PELL_SIMD_NAME
-#define PELL_SIMD_NAME base
-#endif
-
-#define N PELL_LANES
-#define BIG 1e25f /* upper limit of an irradiance, so that sums over many lights stay finite */
-
-/* Distances shorter than this count as this: a light in the surface. */
-#define TINY 1e-12f
 
 static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *restrict a)
 {
@@ -36,9 +25,7 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
             p->valid[i] & -(int32_t) (a->falloff[i] * (a->intensity[0][i] + a->intensity[1][i] + a->intensity[2][i]) > 0.0f);
         a->gl[i] = gl;
         a->nl[i] = nl;
-        /* A lifted point lies on the smooth surface: its own triangle does not decide what faces the light. */
-        a->front[i] = lit & (-(int32_t) (gl > 0.0f) | -(int32_t) (p->terminator_offset[i] > TERMINATOR_LIFTED * p->epsilon[i])) &
-                      -(int32_t) (nl > 0.0f);
+        a->front[i] = lit & -(int32_t) pell_lane_fronts(p, i, gl) & -(int32_t) (nl > 0.0f);
         a->back[i] = lit & p->deep[i] & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
         front |= a->front[i];
         back |= a->back[i];
@@ -245,115 +232,6 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
         }
 }
 
-#define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
-
-/* The lobe toward a direction, by lane, and Schlick's weight there. */
-static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N], const float *restrict spread, float *restrict shape,
-                       float *restrict fresnel)
-{
-    _Alignas(64) float sin2[N], nl[N], nh[N], hh[N], nv[N], width2[N];
-
-    for (int i = 0; i < N; i++) {
-        const float hx = l[0][i] + p->vx[i], hy = l[1][i] + p->vy[i], hz = l[2][i] + p->vz[i];
-        const float cx = p->ny[i] * hz - p->nz[i] * hy, cy = p->nz[i] * hx - p->nx[i] * hz, cz = p->nx[i] * hy - p->ny[i] * hx;
-        const float square = hx * hx + hy * hy + hz * hz, cosine = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
-        float vh;
-        nl[i] = cosine > 1e-6f ? cosine : 1e-6f;
-        hh[i] = square > 1e-12f ? square : 1e-12f;
-        sin2[i] = cx * cx + cy * cy + cz * cz;
-        nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
-        nh[i] = nl[i] + nv[i];
-        vh = 0.5f * sqrtf(hh[i]); /* h.v of the unit half vector: (1 + l.v)/|h| = |h|/2 */
-        /* Few samples of a large light in a narrow lobe would be noise: each stands for a patch of solid angle w, of w/(4 h.v) among the
-         * half vectors, and the lobe is widened by that patch: a square's variance along a side is a 12th of its area, and a lobe's is
-         * half the square of its width. */
-        width2[i] = p->width2[i] + spread[i] * (1.0f / 24.0f) / vh;
-        fresnel[i] = pell_schlick_weight(vh);
-    }
-    memset(shape, 0, N * sizeof(*shape));
-    if (HAS(p, GGX))
-        for (int i = 0; i < N; i++)
-            shape[i] = pell_lobe_ggx(width2[i] < 1.0f ? width2[i] : 1.0f, nl[i], nv[i], sin2[i], nh[i], hh[i]);
-    if (HAS(p, KELEMEN))
-        for (int i = 0; i < N; i++) {
-            const float kelemen = pell_lobe_kelemen(width2[i], sin2[i], nh[i], hh[i]);
-            shape[i] = p->model[i] == PELL_SPECULAR_KELEMEN ? kelemen : shape[i];
-        }
-    if (HAS(p, PHONG))
-        for (int i = 0; i < N; i++) {
-            const float phong = pell_lobe_phong(width2[i] < 1.0f ? width2[i] : 1.0f, nl[i], nv[i], sin2[i]);
-            shape[i] = p->model[i] == PELL_SPECULAR_PHONG ? phong : shape[i];
-        }
-    if (HAS(p, BLINN_PHONG))
-        for (int i = 0; i < N; i++) {
-            const float blinn = pell_lobe_blinn_phong(width2[i] < 1.0f ? width2[i] : 1.0f, sin2[i], hh[i]);
-            shape[i] = p->model[i] == PELL_SPECULAR_BLINN_PHONG ? blinn : shape[i];
-        }
-}
-
-/* Directions from the points to places `j` of the sample's cell of the light's face. The cell is what the frame's samples share out: of all
- * that have the same leading digits. */
-static void aim_within(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
-                       uint32_t j, float l[3][N], float *restrict cosine)
-{
-    const uint32_t u = pell_sobol0(j) >> ((p->light_bits + 1) / 2), v = pell_sobol1(j) >> (p->light_bits / 2);
-    const bool disc = light->type == PELL_LIGHT_DATA_DISC;
-
-    for (int i = 0; i < N; i++) {
-        float x = pell_unit_float(a->at[0][i] ^ u), y = pell_unit_float(a->at[1][i] ^ v), inv;
-        float dx, dy;
-        pell_disc_point(x, y, &dx, &dy);
-        x = disc ? dx : 2.0f * x - 1.0f;
-        y = disc ? dy : 2.0f * y - 1.0f;
-        l[0][i] = light->position.x + x * light->right.x + y * light->up.x - p->px[i];
-        l[1][i] = light->position.y + x * light->right.y + y * light->up.y - p->py[i];
-        l[2][i] = light->position.z + x * light->right.z + y * light->up.z - p->pz[i];
-        inv = l[0][i] * l[0][i] + l[1][i] * l[1][i] + l[2][i] * l[2][i];
-        inv = 1.0f / sqrtf(inv > TINY ? inv : TINY);
-        for (int c = 0; c < 3; c++)
-            l[c][i] *= inv;
-        cosine[i] = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
-    }
-}
-
-#define WITHIN 8 /* places of a sample's cell that a highlight is taken at: rays cost more than lobes */
-
-/* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. `facing`:
- * whether or not something is in the way. */
-static void add_highlight(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p,
-                          const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
-                          const int32_t *restrict visible, struct pell_sums *restrict sums)
-{
-    const bool flat = light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
-    const int places = flat ? WITHIN : 1;
-    _Alignas(64) float shape[N], fresnel[N], spread[N], even[N] = { 0 }, grazing[N] = { 0 }, l[3][N], cosine[N];
-
-    for (int i = 0; i < N; i++)
-        spread[i] = a->spread[i] * (1.0f / WITHIN);
-    memcpy(l[0], a->lx, sizeof(a->lx));
-    memcpy(l[1], a->ly, sizeof(a->ly));
-    memcpy(l[2], a->lz, sizeof(a->lz));
-    memcpy(cosine, clipped, sizeof(cosine));
-    for (int j = 0; j < places; j++) {
-        if (j > 0)
-            aim_within(light, p, a, (uint32_t) j, l, cosine);
-        shape_lobe(p, (const float(*)[N]) l, spread, shape, fresnel);
-        for (int i = 0; i < N; i++) {
-            const float w = cosine[i] > 0.0f ? shape[i] * cosine[i] : 0.0f;
-            even[i] += w;
-            grazing[i] += w * fresnel[i];
-        }
-    }
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < N; i++) {
-            const float w = facing[i] / ((float) places * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
-            const float add = w * (p->f0[c][i] * even[i] + (1.0f - p->f0[c][i]) * grazing[i]), kept = add < BIG ? add : BIG;
-            const float lit = facing[i] > 0.0f ? kept : 0.0f;
-            sums->specular[c][i] += visible[i] ? lit : 0.0f;
-            sums->hidden[c][i] += flat && !visible[i] ? lit : 0.0f;
-        }
-}
-
 /* What is scattered once right below the surface, as it arrives there again. */
 static void add_single(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
                        const float *restrict transmitted, struct pell_sums *restrict sums)
@@ -376,14 +254,13 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
 }
 
 static void front(const struct pell_light_data *light, const struct pell_shade_tables *t, const struct pell_lanes *restrict p,
-                  const struct pell_aim *restrict a, const int32_t *restrict visible, bool highlight, struct pell_sums *restrict sums)
+                  const struct pell_aim *restrict a, const int32_t *restrict visible, struct pell_gloss *gloss,
+                  struct pell_sums *restrict sums)
 {
     _Alignas(64) float mu[N], transmitted[N], clear[N], facing[N], off[N];
 
     for (int i = 0; i < N; i++) {
-        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, ratio = a->gl[i] / (nl * p->gn[i]),
-                    g = ratio < 1.0f && p->terminator_offset[i] <= TERMINATOR_LIFTED * p->epsilon[i] ? ratio : 1.0f;
-        const float lit = pell_soft_terminator(nl, g);
+        const float nl = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, lit = pell_lane_facing(p, i, nl, a->gl[i]);
         mu[i] = nl;
         clear[i] = a->front[i] ? lit : 0.0f;
         facing[i] = visible[i] ? clear[i] : 0.0f;
@@ -400,8 +277,8 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
         }
     if (p->any_single)
         add_single(p, a, facing, transmitted, sums);
-    if (highlight)
-        add_highlight(light, p, a, clear, mu, visible, sums);
+    if (gloss)
+        PELL_SIMD(pell_add_highlight)(light, p, a, clear, mu, visible, gloss);
 }
 
 static void unshadowed(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
@@ -654,4 +531,6 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
 }
 
 extern const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels);
-const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = { load, aim, front, unshadowed, store, shadow_rays };
+const struct pell_shade_kernels PELL_SIMD(pell_shade_kernels) = {
+    load, aim, front, PELL_SIMD(pell_begin_highlights), PELL_SIMD(pell_end_highlights), unshadowed, store, shadow_rays,
+};

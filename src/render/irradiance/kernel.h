@@ -95,6 +95,14 @@ struct pell_sums {
     float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way */
 };
 
+/* The highlight of one light. */
+struct pell_gloss {
+    _Alignas(64) float open[3][16], hidden[3][16]; /* by points of its face that rays reach, and that they do not */
+    float whole[3][16];                            /* by points and directions of the lobe, nothing in the way */
+    float odds[16];                                /* pell_gloss_odds */
+    float seen[16], all[16];                       /* points that rays reach; that face the surface */
+};
+
 /* The start of the tables, for gathers. */
 struct pell_shade_tables {
     const float *albedo, *boundary;
@@ -107,9 +115,13 @@ struct pell_shade_kernels {
                  struct pell_sums *sums);
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
     void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
-    /* Adds the light of the front lanes whose `visible` is -1; highlights of the others to sums->hidden. */
+    /* Adds the light of the front lanes whose `visible` is -1, and all lanes' highlights to `gloss`, if that is not NULL. */
     void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
-                  const struct pell_aim *aim, const int32_t *visible, bool highlight, struct pell_sums *sums);
+                  const struct pell_aim *aim, const int32_t *visible, struct pell_gloss *gloss, struct pell_sums *sums);
+    void (*begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, struct pell_gloss *gloss);
+    /* Adds the highlight of a light all of whose samples are in `gloss`. `sample`: the frame's. */
+    void (*end_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t sample, struct pell_gloss *gloss,
+                           struct pell_sums *sums);
     /* Adds what enters without regard to visibility to sums->unshadowed. */
     void (*unshadowed)(const struct pell_shade_tables *tables, const struct pell_lanes *lanes, const struct pell_aim *aim,
                        struct pell_sums *sums);

@@ -1,0 +1,255 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * gloss.c - highlights: what of a light with a face, or of a point, the surface mirrors. Compiled once per SIMD level; plain loops over 16
+ * lanes. Points of the face that rays are sent to say how much of the highlight is hidden; how bright it would be they say together with
+ * directions of the lobe, which need no rays.
+ */
+#include "render/irradiance/lanes.h"
+
+#include "shared/gloss.h"
+#include "shared/lobe.h"
+
+#include <string.h>
+
+/* mm^2 */
+static float face_area(const struct pell_light_data *light)
+{
+    const struct pell_vec4 r = light->right, s = light->up;
+    const float square = (r.x * r.x + r.y * r.y + r.z * r.z) * (s.x * s.x + s.y * s.y + s.z * s.z);
+
+    return (light->type == PELL_LIGHT_DATA_DISC ? PELL_PI_F : 4.0f) * sqrtf(square);
+}
+
+static bool has_face(const struct pell_light_data *light)
+{
+    return light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
+}
+
+#define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
+
+/* The lobe toward a direction, by lane, Schlick's weight there, and the density with which directions are drawn there. */
+static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N], const float *restrict spread, float *restrict shape,
+                       float *restrict fresnel, float *restrict density)
+{
+    _Alignas(64) float sin2[N], nl[N], nh[N], hh[N], nv[N], width2[N];
+
+    for (int i = 0; i < N; i++) {
+        const float hx = l[0][i] + p->vx[i], hy = l[1][i] + p->vy[i], hz = l[2][i] + p->vz[i];
+        const float cx = p->ny[i] * hz - p->nz[i] * hy, cy = p->nz[i] * hx - p->nx[i] * hz, cz = p->nx[i] * hy - p->ny[i] * hx;
+        const float square = hx * hx + hy * hy + hz * hz, cosine = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
+        float vh;
+        nl[i] = cosine > 1e-6f ? cosine : 1e-6f;
+        hh[i] = square > 1e-12f ? square : 1e-12f;
+        sin2[i] = cx * cx + cy * cy + cz * cz;
+        nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
+        nh[i] = nl[i] + nv[i];
+        vh = 0.5f * sqrtf(hh[i]); /* h.v of the unit half vector: (1 + l.v)/|h| = |h|/2 */
+        /* Few samples of a large light in a narrow lobe would be noise: each stands for a patch of solid angle w, of w/(4 h.v) among the
+         * half vectors, and the lobe is widened by that patch: a square's variance along a side is a 12th of its area, and a lobe's is
+         * half the square of its width. */
+        width2[i] = p->width2[i] + spread[i] * (1.0f / 24.0f) / vh;
+        fresnel[i] = pell_schlick_weight(vh);
+        density[i] = pell_half_vector_density(p->width2[i], sin2[i], nh[i], hh[i]);
+    }
+    memset(shape, 0, N * sizeof(*shape));
+    if (HAS(p, GGX))
+        for (int i = 0; i < N; i++)
+            shape[i] = pell_lobe_ggx(width2[i] < 1.0f ? width2[i] : 1.0f, nl[i], nv[i], sin2[i], nh[i], hh[i]);
+    if (HAS(p, KELEMEN))
+        for (int i = 0; i < N; i++) {
+            const float kelemen = pell_lobe_kelemen(width2[i], sin2[i], nh[i], hh[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_KELEMEN ? kelemen : shape[i];
+        }
+    if (HAS(p, PHONG))
+        for (int i = 0; i < N; i++) {
+            const float phong = pell_lobe_phong(width2[i] < 1.0f ? width2[i] : 1.0f, nl[i], nv[i], sin2[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_PHONG ? phong : shape[i];
+        }
+    if (HAS(p, BLINN_PHONG))
+        for (int i = 0; i < N; i++) {
+            const float blinn = pell_lobe_blinn_phong(width2[i] < 1.0f ? width2[i] : 1.0f, sin2[i], hh[i]);
+            shape[i] = p->model[i] == PELL_SPECULAR_BLINN_PHONG ? blinn : shape[i];
+        }
+}
+
+/* Directions from the points to places `j` of the sample's cell of the light's face. The cell is what the frame's samples share out: of all
+ * that have the same leading digits. */
+static void aim_within(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
+                       uint32_t j, float l[3][N], float *restrict cosine)
+{
+    const uint32_t u = pell_sobol0(j) >> ((p->light_bits + 1) / 2), v = pell_sobol1(j) >> (p->light_bits / 2);
+    const bool disc = light->type == PELL_LIGHT_DATA_DISC;
+
+    for (int i = 0; i < N; i++) {
+        float x = pell_unit_float(a->at[0][i] ^ u), y = pell_unit_float(a->at[1][i] ^ v), inv;
+        float dx, dy;
+        pell_disc_point(x, y, &dx, &dy);
+        x = disc ? dx : 2.0f * x - 1.0f;
+        y = disc ? dy : 2.0f * y - 1.0f;
+        l[0][i] = light->position.x + x * light->right.x + y * light->up.x - p->px[i];
+        l[1][i] = light->position.y + x * light->right.y + y * light->up.y - p->py[i];
+        l[2][i] = light->position.z + x * light->right.z + y * light->up.z - p->pz[i];
+        inv = l[0][i] * l[0][i] + l[1][i] * l[1][i] + l[2][i] * l[2][i];
+        inv = 1.0f / sqrtf(inv > TINY ? inv : TINY);
+        for (int c = 0; c < 3; c++)
+            l[c][i] *= inv;
+        cosine[i] = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
+    }
+}
+
+#define WITHIN 8 /* places of a sample's cell that a highlight is taken at: rays cost more than lobes */
+
+/* --- By points of the face ------------------------------------------------------------------------------------------------------ */
+
+/* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. `facing`:
+ * whether or not something is in the way. */
+void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p,
+                                   const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
+                                   const int32_t *restrict visible, struct pell_gloss *restrict gloss)
+{
+    const int places = has_face(light) ? WITHIN : 1;
+    _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], even[2][N] = { { 0 } }, grazing[2][N] = { { 0 } }, l[3][N], cosine[N];
+
+    for (int i = 0; i < N; i++)
+        spread[i] = gloss->odds[i] > 0.0f ? 0.0f : a->spread[i] * (1.0f / WITHIN);
+    memcpy(l[0], a->lx, sizeof(a->lx));
+    memcpy(l[1], a->ly, sizeof(a->ly));
+    memcpy(l[2], a->lz, sizeof(a->lz));
+    memcpy(cosine, clipped, sizeof(cosine));
+    for (int j = 0; j < places; j++) {
+        if (j > 0)
+            aim_within(light, p, a, (uint32_t) j, l, cosine);
+        shape_lobe(p, (const float(*)[N]) l, spread, shape, fresnel, density);
+        for (int i = 0; i < N; i++) {
+            const float w = cosine[i] > 0.0f ? shape[i] * cosine[i] : 0.0f, odds = gloss->odds[i];
+            const float part = odds > 0.0f ? w * odds / (odds + density[i]) : w;
+            even[0][i] += w;
+            grazing[0][i] += w * fresnel[i];
+            even[1][i] += part;
+            grazing[1][i] += part * fresnel[i];
+        }
+    }
+    for (int i = 0; i < N; i++) {
+        gloss->all[i] += facing[i] > 0.0f ? 1.0f : 0.0f;
+        gloss->seen[i] += facing[i] > 0.0f && visible[i] ? 1.0f : 0.0f;
+    }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float w = facing[i] / ((float) places * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
+            const float add = w * (p->f0[c][i] * even[0][i] + (1.0f - p->f0[c][i]) * grazing[0][i]), kept = add < BIG ? add : BIG;
+            const float part = w * (p->f0[c][i] * even[1][i] + (1.0f - p->f0[c][i]) * grazing[1][i]), left = part < BIG ? part : BIG;
+            const float lit = facing[i] > 0.0f ? kept : 0.0f;
+            gloss->open[c][i] += visible[i] ? lit : 0.0f;
+            gloss->hidden[c][i] += visible[i] ? 0.0f : lit;
+            gloss->whole[c][i] += facing[i] > 0.0f ? left : 0.0f;
+        }
+}
+
+/* --- By directions of the lobe -------------------------------------------------------------------------------------------------- */
+
+/* Number `n` of the lobe's directions. */
+static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
+{
+    const uint32_t u = pell_sobol0(n), v = pell_sobol1(n);
+
+    for (int i = 0; i < N; i++) {
+        const float nx = p->nx[i], ny = p->ny[i], nz = p->nz[i], nv = nx * p->vx[i] + ny * p->vy[i] + nz * p->vz[i];
+        const float ax = p->vx[i] - nv * nx, ay = p->vy[i] - nv * ny, az = p->vz[i] - nv * nz, aslant = ax * ax + ay * ay + az * az;
+        const float inv = aslant > 1e-8f ? 1.0f / sqrtf(aslant) : 0.0f, side = copysignf(1.0f, nz), d = -1.0f / (side + nz);
+        /* in the plane of incidence, so that a scene that is turned has the same directions; straight on vec3_basis's */
+        const float tx = inv > 0.0f ? ax * inv : 1.0f + side * nx * nx * d, ty = inv > 0.0f ? ay * inv : side * nx * ny * d;
+        const float tz = inv > 0.0f ? az * inv : -side * nx;
+        const struct pell_place2 at = pell_disc_at(pell_unit_float(u ^ p->pattern[0][i]), pell_unit_float(v ^ p->pattern[1][i]));
+        const struct pell_half_vector h = pell_half_vector_at(p->width2[i], at.x, at.y);
+        const float hx = h.x * tx + h.y * (ny * tz - nz * ty) + h.z * nx;
+        const float hy = h.x * ty + h.y * (nz * tx - nx * tz) + h.z * ny;
+        const float hz = h.x * tz + h.y * (nx * ty - ny * tx) + h.z * nz;
+        const float hv = hx * p->vx[i] + hy * p->vy[i] + hz * p->vz[i];
+        l[0][i] = 2.0f * hv * hx - p->vx[i];
+        l[1][i] = 2.0f * hv * hy - p->vy[i];
+        l[2][i] = 2.0f * hv * hz - p->vz[i];
+    }
+}
+
+/* What of the light is in a direction: the window of its range, 0 beside the face and behind it. */
+static void meet(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const float l[3][N],
+                 float *restrict there)
+{
+    const struct pell_vec4 d = light->direction, c = light->position, r = light->right, s = light->up;
+    const float per_r2 = 1.0f / (r.x * r.x + r.y * r.y + r.z * r.z), per_s2 = 1.0f / (s.x * s.x + s.y * s.y + s.z * s.z);
+    const bool disc = light->type == PELL_LIGHT_DATA_DISC;
+
+    for (int i = 0; i < N; i++) {
+        const float tx = p->px[i] - c.x, ty = p->py[i] - c.y, tz = p->pz[i] - c.z;
+        const float height = tx * d.x + ty * d.y + tz * d.z, fall = -(l[0][i] * d.x + l[1][i] * d.y + l[2][i] * d.z);
+        const float far = height / (fall > 1e-12f ? fall : 1e-12f);
+        const float qx = tx + far * l[0][i], qy = ty + far * l[1][i], qz = tz + far * l[2][i];
+        const float x = (qx * r.x + qy * r.y + qz * r.z) * per_r2, y = (qx * s.x + qy * s.y + qz * s.z) * per_s2;
+        const float x2 = x * x, y2 = y * y, most = disc ? x2 + y2 : x2 > y2 ? x2 : y2;
+        there[i] = height > 0.0f && fall > 1e-12f && most <= 1.0f ? pell_light_window(far * far, d.w) : 0.0f;
+    }
+}
+
+/* Adds to the whole highlight what `count` directions from number `first` on find. */
+static void mirror(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t first, int count,
+                   struct pell_gloss *restrict gloss)
+{
+    const float power[3] = { light->power.x, light->power.y, light->power.z };
+    const float per = (float) light->samples / (face_area(light) * (float) count);
+    _Alignas(64) float even[N] = { 0 }, grazing[N] = { 0 }, none[N] = { 0 }, l[3][N], density[N], there[N], shape[N], fresnel[N];
+
+    for (int j = 0; j < count; j++) {
+        draw(p, first + (uint32_t) j, l);
+        meet(light, p, (const float(*)[N]) l, there);
+        shape_lobe(p, (const float(*)[N]) l, none, shape, fresnel, density);
+        for (int i = 0; i < N; i++) {
+            const float nl = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
+            const float gl = p->gx[i] * l[0][i] + p->gy[i] * l[1][i] + p->gz[i] * l[2][i];
+            const float mu = nl > 1e-6f ? nl : 1e-6f,
+                        w = there[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
+            const float lit = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f ? w : 0.0f;
+            even[i] += lit;
+            grazing[i] += lit * fresnel[i];
+        }
+    }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float add = power[c] * per * p->tint[c][i] * (p->f0[c][i] * even[i] + (1.0f - p->f0[c][i]) * grazing[i]);
+            gloss->whole[c][i] += add < BIG ? add : BIG;
+        }
+}
+
+void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_gloss *gloss)
+{
+    const int points = light->samples * WITHIN, directions = pell_gloss_directions(light->samples);
+    const float area = has_face(light) && light->image < 0 ? face_area(light) : 0.0f;
+
+    memset(gloss, 0, sizeof(*gloss));
+    for (int i = 0; i < N && area > 0.0f; i++) {
+        const float x = p->px[i] - light->position.x, y = p->py[i] - light->position.y, z = p->pz[i] - light->position.z;
+        const float height = x * light->direction.x + y * light->direction.y + z * light->direction.z, d2 = x * x + y * y + z * z;
+        const float angle = area * height / ((d2 > TINY ? d2 : TINY) * sqrtf(d2 > TINY ? d2 : TINY));
+        const float odds = pell_gloss_odds(angle, p->width2[i], p->nv[i], points, directions);
+        gloss->odds[i] = p->valid[i] && height > 0.0f && p->model[i] != PELL_SPECULAR_PHONG ? odds : 0.0f;
+    }
+}
+
+void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, uint32_t sample,
+                                    struct pell_gloss *gloss, struct pell_sums *sums)
+{
+    const int count = pell_gloss_directions(light->samples);
+    bool any = false;
+
+    for (int i = 0; i < N; i++)
+        any |= gloss->odds[i] > 0.0f;
+    if (any)
+        mirror(light, p, sample * (uint32_t) count, count, gloss);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float open = gloss->open[c][i], found = open + gloss->hidden[c][i], all = gloss->all[i] > 0.0f ? gloss->all[i] : 1.0f;
+            const float seen = found > 0.0f ? open / found : gloss->seen[i] / all,
+                        kept = gloss->odds[i] > 0.0f ? seen * gloss->whole[c][i] : open;
+            sums->specular[c][i] += kept;
+            sums->hidden[c][i] += !has_face(light) ? 0.0f : gloss->odds[i] > 0.0f ? gloss->whole[c][i] - kept : gloss->hidden[c][i];
+        }
+}

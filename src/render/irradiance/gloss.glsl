@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: MIT
+// gloss.glsl - for direct.comp: the highlight of one light at a point. Mirror of gloss.c.
+#include "shared/gloss.h"
+#include "shared/sampling.h"
+
+const int WITHIN = 8; // places of a sample's cell that a highlight is taken at
+
+// What a highlight is made of.
+struct Gloss {
+    vec3 view, tint, f0;
+    float nv, width2;
+    int model;
+};
+
+// The highlight of one light: by points of its face that rays reach, and that they do not; by those and directions of the lobe together,
+// nothing in the way. Points that rays reach, and that face the surface.
+struct Shine {
+    vec3 open, hidden, whole;
+    float odds; // pell_gloss_odds
+    int seen, all;
+};
+
+Gloss gloss_of(Point p)
+{
+    Gloss gloss;
+
+    gloss.view = points[p.at].view.xyz;
+    gloss.tint = points[p.at].tint.rgb;
+    gloss.f0 = points[p.at].f0.rgb;
+    gloss.nv = dot(p.normal, gloss.view);
+    gloss.model = materials[p.material].model;
+    gloss.width2 = pell_lobe_width(gloss.model, points[p.at].normal.w);
+    gloss.width2 *= gloss.width2;
+    return gloss;
+}
+
+float face_area(pell_light_data light)
+{
+    const float square = dot(light.right.xyz, light.right.xyz) * dot(light.up.xyz, light.up.xyz);
+    return (light.type == PELL_LIGHT_DATA_DISC ? PELL_PI_F : 4.0) * sqrt(square);
+}
+
+// The lobe toward a direction, Schlick's weight there, and the density with which directions are drawn there: x, y, z. It is widened by the
+// solid angle that a sample stands for (gloss.c).
+vec3 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
+{
+    const vec3 h = l + gloss.view, c = cross(normal, h);
+    const float hh = max(dot(h, h), 1e-12), nl = max(dot(normal, l), 1e-6), nv = max(gloss.nv, 1e-4), nh = nl + nv, sin2 = dot(c, c);
+    const float vh = 0.5 * sqrt(hh), width2 = gloss.width2 + spread * (1.0 / 24.0) / vh, most = min(width2, 1.0);
+    const float shape = gloss.model == PELL_LOBE_GGX       ? pell_lobe_ggx(most, nl, nv, sin2, nh, hh)
+                        : gloss.model == PELL_LOBE_KELEMEN ? pell_lobe_kelemen(width2, sin2, nh, hh)
+                        : gloss.model == PELL_LOBE_PHONG   ? pell_lobe_phong(most, nl, nv, sin2)
+                                                           : pell_lobe_blinn_phong(most, sin2, hh);
+    return vec3(shape, pell_schlick_weight(vh), pell_half_vector_density(gloss.width2, sin2, nh, hh));
+}
+
+Shine begin_highlight(pell_light_data light, Point p)
+{
+    const vec3 to = p.place - light.position.xyz;
+    const float height = dot(to, light.direction.xyz), d2 = max(dot(to, to), TINY);
+    Shine shine = Shine(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0, 0);
+
+    if (p.highlights && light.environment < 0 && light.image < 0 && is_flat(light) && height > 0.0) {
+        const Gloss gloss = gloss_of(p);
+        if (gloss.model != PELL_LOBE_PHONG)
+            shine.odds = pell_gloss_odds(face_area(light) * height / (d2 * sqrt(d2)), gloss.width2, gloss.nv, light.samples * WITHIN,
+                                         pell_gloss_directions(light.samples));
+    }
+    return shine;
+}
+
+// The part of the face that a sample stands for is looked at more closely than by its ray.
+void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine shine)
+{
+    const int places = is_flat(light) ? WITHIN : 1;
+    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu), spread = shine.odds > 0.0 ? 0.0 : a.spread * (1.0 / float(WITHIN));
+    const Gloss gloss = gloss_of(p);
+    vec2 all = vec2(0.0), part = vec2(0.0); // even, grazing
+
+    if (!(facing > 0.0) || !(open || is_flat(light)))
+        return;
+    for (int j = 0; j < places; j++) {
+        vec3 l = a.direction;
+        float cosine = mu;
+        if (j > 0) {
+            const uvec2 cell = uvec2(pell_sobol0(uint(j)) >> ((pc.light_bits + 1) / 2), pell_sobol1(uint(j)) >> (pc.light_bits / 2));
+            l = face_at(light, a.at ^ cell) - p.place;
+            l *= 1.0 / sqrt(max(dot(l, l), TINY));
+            cosine = dot(p.normal, l);
+        }
+        if (cosine > 0.0) {
+            const vec3 lobe = shape_lobe(gloss, p.normal, l, spread);
+            const vec2 add = lobe.x * cosine * vec2(1.0, lobe.y);
+            all += add;
+            part += shine.odds > 0.0 ? add * (shine.odds / (shine.odds + lobe.z)) : add;
+        }
+    }
+    const vec3 w = facing / (float(places) * mu) * a.falloff * a.intensity * gloss.tint;
+    const vec3 lit = min(w * (gloss.f0 * all.x + (1.0 - gloss.f0) * all.y), vec3(BIG));
+    shine.all++;
+    shine.seen += open ? 1 : 0;
+    shine.open += open ? lit : vec3(0.0);
+    shine.hidden += open ? vec3(0.0) : lit;
+    shine.whole += min(w * (gloss.f0 * part.x + (1.0 - gloss.f0) * part.y), vec3(BIG));
+}
+
+// What of the light is in a direction: the window of its range, 0 beside the face and behind it.
+float meet(pell_light_data light, vec3 place, vec3 l)
+{
+    const vec3 to = place - light.position.xyz, r = light.right.xyz, s = light.up.xyz;
+    const float height = dot(to, light.direction.xyz), fall = -dot(l, light.direction.xyz), far = height / max(fall, 1e-12);
+    const vec3 q = to + far * l;
+    const float x = dot(q, r) / dot(r, r), y = dot(q, s) / dot(s, s);
+    const float most = light.type == PELL_LIGHT_DATA_DISC ? x * x + y * y : max(x * x, y * y);
+
+    return height > 0.0 && fall > 1e-12 && most <= 1.0 ? pell_light_window(far * far, light.direction.w) : 0.0;
+}
+
+// What directions of the lobe find of it.
+vec3 mirrored(pell_light_data light, Point p, float odds)
+{
+    const int count = pell_gloss_directions(light.samples);
+    const vec3 n = p.normal;
+    const Gloss gloss = gloss_of(p);
+    const vec3 aslant = gloss.view - dot(n, gloss.view) * n;
+    const float square = dot(aslant, aslant), side = floatBitsToInt(n.z) < 0 ? -1.0 : 1.0, d = -1.0 / (side + n.z);
+    // In the plane of incidence; straight on that of vec3_basis.
+    const vec3 t = square > 1e-8 ? aslant * (1.0 / sqrt(square)) : vec3(1.0 + side * n.x * n.x * d, side * n.x * n.y * d, -side * n.x);
+    const vec3 b = cross(n, t);
+    vec2 sum = vec2(0.0); // even, grazing
+
+    for (int j = 0; j < count; j++) {
+        const uint number = p.number * uint(count) + uint(j);
+        const pell_place2 at = pell_disc_at(pell_unit_float(pell_sobol0(number) ^ p.pattern.x),
+                                            pell_unit_float(pell_sobol1(number) ^ p.pattern.y));
+        const pell_half_vector drawn = pell_half_vector_at(gloss.width2, at.x, at.y);
+        const vec3 h = drawn.x * t + drawn.y * b + drawn.z * n, l = 2.0 * dot(h, gloss.view) * h - gloss.view;
+        const float nl = dot(n, l), gl = dot(p.geometric, l), there = meet(light, p.place, l);
+
+        if (there > 0.0 && nl > 0.0 && (gl > 0.0 || p.lifted)) {
+            const vec3 lobe = shape_lobe(gloss, n, l, 0.0);
+            sum += max(there * lobe.x * facing_at(p, gl, max(nl, 1e-6)) / (odds + lobe.z), 0.0) * vec2(1.0, lobe.y);
+        }
+    }
+    const vec3 radiance = light.power.rgb * (float(light.samples) / (face_area(light) * float(count)));
+    return min(radiance * gloss.tint * (gloss.f0 * sum.x + (1.0 - gloss.f0) * sum.y), vec3(BIG));
+}
+
+// All samples of the light are in `shine`.
+void end_highlight(pell_light_data light, Point p, Shine shine, inout vec3 specular, inout vec3 hidden)
+{
+    if (shine.odds > 0.0) {
+        const vec3 whole = shine.whole + mirrored(light, p, shine.odds), found = shine.open + shine.hidden;
+        const float some = float(shine.seen) / float(max(shine.all, 1));
+        const vec3 seen = mix(vec3(some), shine.open / max(found, vec3(1e-37)), greaterThan(found, vec3(0.0)));
+        specular += seen * whole;
+        hidden += whole - seen * whole;
+    } else {
+        specular += shine.open;
+        hidden += is_flat(light) ? shine.hidden : vec3(0.0);
+    }
+}
