@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
  * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
-#include "render/denoise/stage.h"
 #include "render/engine_cpu_state.h"
 #include "render/highlights/stage.h"
 #include "render/layers.h"
@@ -494,34 +493,6 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
     }
 }
 
-/* The composite of one sample, blurred by its part of the lens. */
-static void composite_through_lens(struct pell_cpu *e, const struct pell_engine_sample *sample)
-{
-    float *const out[] = { e->sum.color[0], e->sum.color[1], e->sum.color[2], e->sum.alpha };
-    const struct pell_engine_frame *f = sample->frame;
-    const struct pell_rect rect = f->covered;
-    const int64_t pixels = (int64_t) (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
-    struct pell_accumulator apart = e->sum;
-    const struct pell_dof_params params = { .surface = &e->surface,
-                                            .rect = rect,
-                                            .scale = f->lens->radius / sqrtf((float) f->settings->msaa) * sample->view.focal_px,
-                                            .focus = f->lens->focus,
-                                            .first = sample->number == 0 };
-    double start = pell_seconds();
-
-    for (int c = 0; c < 3; c++)
-        apart.color[c] = e->open[c];
-    apart.alpha = e->open[3];
-    for (int c = 0; c < 4 && !params.first; c++)
-        for (int y = rect.y0; y < rect.y1 && rect.x0 < rect.x1; y++)
-            memset(e->open[c] + y * e->surface.stride + rect.x0, 0, (size_t) (rect.x1 - rect.x0) * sizeof(float));
-    pell_composite_render(e->pool, e->compositor, &e->composite, &apart);
-    pell_stage_note(f->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0, e->surface.covered_pixels * 64);
-    start = pell_seconds();
-    e->widest_disc = fmaxf(params.first ? 0.0f : e->widest_disc, pell_dof_render(e->pool, &params, e->open, e->open_tiles, out));
-    pell_stage_note(f->notes, "depth of field", pell_seconds() - start, pixels, 0, pixels * 40);
-}
-
 static enum pell_result cpu_composite(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered)
 {
     struct pell_cpu *e = engine;
@@ -542,7 +513,9 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }
     if (sample->frame->lens->radius > 0.0f) {
-        composite_through_lens(e, sample);
+        const enum pell_result res = pell_cpu_composite_through_lens(e, sample);
+        if (res != PELL_OK)
+            return res;
     } else {
         pell_composite_render(e->pool, e->compositor, p, &e->sum);
         pell_stage_note(sample->frame->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0,
@@ -552,61 +525,6 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
 }
 
 /* --- The end of a frame ------------------------------------------------------------------------------------------------------------ */
-
-static void cpu_average(void *engine, int done, int planned)
-{
-    struct pell_cpu *e = engine;
-
-    pell_output_layers_scale(&e->sum, (size_t) e->surface.stride * (size_t) e->surface.height, (float) planned / (float) done);
-}
-
-static void denoise(struct pell_cpu *e, const struct pell_engine_frame *f)
-{
-    const struct pell_denoise_params params = {
-        .stride = e->surface.stride,
-        .rect = f->covered,
-        .sum = &e->sum, /* no sample comes any more */
-        .scratch = { e->lighting.transmitted[0], e->lighting.transmitted[1], e->lighting.transmitted[2], e->lighting.specular[0] },
-    };
-    const int64_t pixels = (int64_t) (f->covered.x1 - f->covered.x0) * (f->covered.y1 - f->covered.y0);
-    const double start = pell_seconds();
-
-    pell_denoise_render(e->pool, &params);
-    pell_stage_note(f->notes, "denoise", pell_seconds() - start, pixels, 0, pixels * 100);
-}
-
-static enum pell_result cpu_post(void *engine, const struct pell_engine_frame *f, const struct pell_view *view)
-{
-    struct pell_cpu *e = engine;
-    const struct pell_post_params params = {
-        .scene = e->scene,
-        .view = view,
-        .lens = f->lens,
-        .lights = e->lights,
-        .contact = e->contact,
-        .settings = f->settings,
-        .width = f->settings->width,
-        .height = f->settings->height,
-        .rect = f->covered,
-        .stride = e->surface.stride,
-        .meter = e->sum.meter,
-        .rows = e->rows,
-        .glow = e->glow,
-    };
-    const int64_t pixels = (int64_t) params.width * params.height;
-    double start;
-
-    if (f->denoise)
-        denoise(e, f);
-    start = pell_seconds();
-    pell_post_render(e->pool, &params, e->sum.color, e->sum.alpha, e->display, &e->post);
-    if (pell_cancelled(e->ctx))
-        return PELL_ERR_CANCELLED;
-    pell_stage_note(f->notes, "post", pell_seconds() - start - e->post.bloom, pixels, 0, pixels * 44);
-    if (f->settings->bloom > 0.0f)
-        pell_stage_note(f->notes, "bloom", e->post.bloom, pixels, 0, pixels * 36);
-    return PELL_OK;
-}
 
 static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, bool noisy, struct pell_channel *channels,
                           struct pell_engine_result *out)
@@ -666,7 +584,7 @@ const struct pell_engine_interface pell_engine_cpu = {
     .shade = cpu_shaded,
     .hand_over = cpu_hand_over,
     .composite = cpu_composite,
-    .average = cpu_average,
-    .post = cpu_post,
+    .average = pell_cpu_average,
+    .post = pell_cpu_post,
     .read_back = cpu_read_back,
 };

@@ -11,6 +11,7 @@
 #include "render/irradiance/device.h"
 #include "render/layers.h"
 #include "render/plane_buffers.h"
+#include "render/post/device.h"
 #include "render/post/dof.h"
 #include "render/post/stage.h"
 
@@ -59,8 +60,11 @@ struct pell_cpu {
     float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
     float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */
     float *open_tiles;
-    float widest_disc; /* of the frame's samples, px */
-    double *rows;      /* 4 a row for post, then 2 a row for the meter */
+    float widest_disc;                    /* of the frame's samples, px */
+    struct pell_post_device *post_device; /* of the engine vulkan, which keeps it; NULL: the cpu does it */
+    bool lens_pending;                    /* the sum of depth of field is still there, */
+    float lens_scale;                     /* and is to be multiplied by this */
+    double *rows;                         /* 4 a row for post, then 2 a row for the meter */
 
     struct pell_composite_params composite; /* of the sample that is made */
     struct pell_post_result post;
@@ -85,5 +89,13 @@ void pell_cpu_lend(void *engine, struct pell_services *services);
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);
 /* What went straight through thin parts, before the method. `key`: the frame's plane `material`. */
 void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key);
+
+/* --- engine_cpu_end.c: what comes after the composite --------------------------------------------------------------------------------- */
+
+/* The composite of one sample, blurred by its part of the lens. */
+enum pell_result pell_cpu_composite_through_lens(struct pell_cpu *e, const struct pell_engine_sample *sample);
+/* pell_engine_interface.average and .post */
+void pell_cpu_average(void *engine, int done, int planned);
+enum pell_result pell_cpu_post(void *engine, const struct pell_engine_frame *f, const struct pell_view *view);
 
 #endif

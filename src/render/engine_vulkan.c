@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * engine_vulkan.c - the engine vulkan: methods run on a Vulkan device, and direct light is found there; all other stages of a frame are the
- * cpu engine's. */
+ * engine_vulkan.c - the engine vulkan: methods run on a Vulkan device, which finds direct light, too, and makes depth of field and bloom;
+ * all other stages of a frame are the cpu engine's. */
 #include "render/engine_cpu_state.h"
 
 static const struct pell_method_engine *vulkan_method(const struct pell_method *method)
@@ -10,18 +10,26 @@ static const struct pell_method_engine *vulkan_method(const struct pell_method *
 
 static enum pell_result vulkan_open(struct pell_context *ctx, struct pell_pool *pool, struct pell_gpu *gpu, void **engine)
 {
-    const enum pell_result res = pell_engine_cpu.open(ctx, pool, gpu, engine);
-    struct pell_cpu *e = *engine;
+    struct pell_cpu *e;
+    enum pell_result res;
 
-    return res == PELL_OK ? pell_light_device_create(ctx, gpu, &e->device) : res;
+    PELL_TRY(pell_engine_cpu.open(ctx, pool, gpu, engine));
+    e = *engine;
+    PELL_TRY(pell_light_device_create(ctx, gpu, &e->device));
+    return pell_post_device_create(ctx, gpu, &e->post_device);
+
+fail:
+    return res;
 }
 
 static void vulkan_close(void *engine)
 {
     struct pell_cpu *e = engine;
 
-    if (e)
+    if (e) {
         pell_light_device_destroy(&e->device);
+        pell_post_device_destroy(&e->post_device);
+    }
     pell_engine_cpu.close(engine);
 }
 
@@ -33,6 +41,8 @@ static void vulkan_drop(void *engine, enum pell_engine_resource resource)
         pell_light_device_drop_scene(e->device);
     if (resource == PELL_ENGINE_LIGHTS)
         pell_light_device_drop_lights(e->device);
+    if (resource == PELL_ENGINE_PLANES)
+        pell_post_device_drop(e->post_device);
     pell_engine_cpu.drop(engine, resource);
 }
 
@@ -50,6 +60,8 @@ static enum pell_result vulkan_make(void *engine, enum pell_engine_resource reso
         res = pell_light_device_set_lights(e->device, e->lights, e->tables);
     if (resource == PELL_ENGINE_PLANES)
         res = pell_light_device_reserve(e->device, (size_t) e->surface.stride * (size_t) s->height);
+    if (resource == PELL_ENGINE_PLANES && res == PELL_OK)
+        res = pell_post_device_reserve(e->post_device, s->width, s->height, s->dof, s->bloom > 0.0f);
     if (res != PELL_OK)
         vulkan_drop(engine, resource);
     return res;

@@ -44,18 +44,19 @@ static struct pell_post_result show_by(struct picture *p, const struct pell_sett
         scene->background_color[c] = color[c];
     for (int i = 0; i < 2 * H; i++)
         meter[i] = 1.0;
-    pell_post_render(pool,
-                     &(struct pell_post_params) { .scene = scene,
-                                                  .lens = &lens,
-                                                  .settings = settings,
-                                                  .width = W,
-                                                  .height = H,
-                                                  .rect = { 0, 0, W, H },
-                                                  .stride = W,
-                                                  .meter = meter,
-                                                  .rows = rows },
-                     (float *[]) { p->color[0], p->color[1], p->color[2] }, p->alpha,
-                     (float *[]) { p->display[0], p->display[1], p->display[2] }, &result);
+    assert_int_equal(pell_post_render(pool,
+                                      &(struct pell_post_params) { .scene = scene,
+                                                                   .lens = &lens,
+                                                                   .settings = settings,
+                                                                   .width = W,
+                                                                   .height = H,
+                                                                   .rect = { 0, 0, W, H },
+                                                                   .stride = W,
+                                                                   .meter = meter,
+                                                                   .rows = rows },
+                                      (float *[]) { p->color[0], p->color[1], p->color[2] }, p->alpha,
+                                      (float *[]) { p->display[0], p->display[1], p->display[2] }, &result),
+                     PELL_OK);
     pell_pool_destroy(&pool);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);

@@ -3,41 +3,19 @@
 #include "render/post/bloom.h"
 
 #include "base/base.h"
-
-#include <math.h>
+#include "shared/bloom.h"
 
 #define SMALL_SIGMA 2.0 /* pixels of the smaller size: below it the shape of its pixels would show */
-#define RADIUS 18       /* taps to each side: four times the widest Gaussian at a smaller size */
-#define MOST 1024       /* of f: standard deviations up to 4096 px */
 #define BAND 16         /* rows a task */
-
-/* One of the two Gaussians. */
-struct blur {
-    int factor;        /* f */
-    int width, height; /* of the smaller size */
-    int radius;
-    float tap[RADIUS + 1];
-    float
-        share[2 * MOST]; /* of a pixel's light that a point of the wide grid takes, from f / 2 pixels before its cell on; 1 where f is 1 */
-};
 
 struct task {
     const struct pell_bloom_params *p;
-    const struct blur *blur;
+    const struct pell_blur *blur;
     const float *in;
     float *out;
     const float *low[2]; /* both Gaussians */
-    const struct blur *blurs;
+    const struct pell_blur *blurs;
 };
-
-/* The row or column that stands for one beyond the edge: ... 1 0 | 0 1 ... n-1 | n-1 ... */
-static int mirror(int i, int n)
-{
-    const int period = 2 * n;
-    i %= period;
-    i = i < 0 ? i + period : i;
-    return i < n ? i : period - 1 - i;
-}
 
 /* Variance of sharing out among points f pixels apart, and of interpolation between them, px^2. */
 static double resampling_variance(int f)
@@ -52,20 +30,22 @@ static double resampling_variance(int f)
 }
 
 /* The variance that taps of a Gaussian at whole pixels have is that of the Gaussian but for tiny ones; those are what they are. */
-static void plan(struct blur *b, double sigma, int width, int height)
+static void plan(struct pell_blur *b, double sigma, int width, int height)
 {
     const int smaller = width < height ? width : height;
     double left, sum = 0.0;
 
     b->factor = 1;
-    while (2 * b->factor * SMALL_SIGMA <= sigma && 2 * b->factor <= smaller && b->factor < MOST)
+    while (2 * b->factor * SMALL_SIGMA <= sigma && 2 * b->factor <= smaller && b->factor < PELL_BLUR_MOST)
         b->factor *= 2;
     for (int i = 0; i < 2 * b->factor; i++) /* linear interpolation's weight of a point so far away; they sum to one */
         b->share[i] = b->factor > 1 ? (1.0f - fabsf((float) i + 0.5f - (float) b->factor) / (float) b->factor) / (float) b->factor : 1.0f;
+    b->first = b->factor > 1 ? -b->factor / 2 : 0;
+    b->last = b->factor > 1 ? b->factor + b->factor / 2 : 1;
     left = fmax(sigma * sigma - resampling_variance(b->factor), 0.0) / ((double) b->factor * b->factor);
     b->width = (width + b->factor - 1) / b->factor;
     b->height = (height + b->factor - 1) / b->factor;
-    b->radius = (int) fmin(ceil(4.0 * sqrt(left)), RADIUS);
+    b->radius = (int) fmin(ceil(4.0 * sqrt(left)), PELL_BLUR_RADIUS);
     for (int i = 0; i <= b->radius; i++) {
         b->tap[i] = left > 0.0 ? (float) exp(-0.5 * i * i / left) : 1.0f;
         sum += (i == 0 ? 1.0 : 2.0) * (double) b->tap[i];
@@ -78,9 +58,9 @@ static void plan(struct blur *b, double sigma, int width, int height)
 static void shrink(void *arg, int band, int worker)
 {
     const struct task *t = arg;
-    const struct blur *b = t->blur;
+    const struct pell_blur *b = t->blur;
     const struct pell_bloom_params *p = t->p;
-    const int f = b->factor, from = f > 1 ? -f / 2 : 0, to = f > 1 ? f + f / 2 : 1;
+    const int f = b->factor, from = b->first, to = b->last;
     const int end = (band + 1) * BAND < b->height ? (band + 1) * BAND : b->height;
     (void) worker;
 
@@ -89,7 +69,7 @@ static void shrink(void *arg, int band, int worker)
         for (int x = 0; x < p->width; x++)
             out[x] = 0.0f;
         for (int k = from; k < to; k++) {
-            const float *restrict in = t->in + mirror(y * f + k, p->height) * p->stride;
+            const float *restrict in = t->in + pell_mirror(y * f + k, p->height) * p->stride;
             const float w = b->share[k - from];
             for (int x = 0; x < p->width; x++)
                 out[x] += w * in[x];
@@ -98,24 +78,24 @@ static void shrink(void *arg, int band, int worker)
             const bool inside = x * f + from >= 0 && x * f + to <= p->width;
             float sum = 0.0f;
             for (int k = from; k < to; k++)
-                sum += b->share[k - from] * out[inside ? x * f + k : mirror(x * f + k, p->width)];
+                sum += b->share[k - from] * out[inside ? x * f + k : pell_mirror(x * f + k, p->width)];
             out[x] = sum; /* what it has read lies from x on, but for x = 0 */
         }
     }
 }
 
-static float at_edge(const struct blur *b, const float *in, int x)
+static float at_edge(const struct pell_blur *b, const float *in, int x)
 {
     float sum = b->tap[0] * in[x];
     for (int i = 1; i <= b->radius; i++)
-        sum += b->tap[i] * (in[mirror(x - i, b->width)] + in[mirror(x + i, b->width)]);
+        sum += b->tap[i] * (in[pell_mirror(x - i, b->width)] + in[pell_mirror(x + i, b->width)]);
     return sum;
 }
 
 static void blur_rows(void *arg, int band, int worker)
 {
     const struct task *t = arg;
-    const struct blur *b = t->blur;
+    const struct pell_blur *b = t->blur;
     const int n = b->width, r = b->radius, end = (band + 1) * BAND < b->height ? (band + 1) * BAND : b->height;
     const int left = r < n ? r : n, right = n - r > left ? n - r : left;
     (void) worker;
@@ -140,7 +120,7 @@ static void blur_rows(void *arg, int band, int worker)
 static void blur_columns(void *arg, int band, int worker)
 {
     const struct task *t = arg;
-    const struct blur *b = t->blur;
+    const struct pell_blur *b = t->blur;
     const int end = (band + 1) * BAND < b->height ? (band + 1) * BAND : b->height;
     (void) worker;
 
@@ -150,7 +130,8 @@ static void blur_columns(void *arg, int band, int worker)
         for (int x = 0; x < b->width; x++)
             out[x] = b->tap[0] * middle[x];
         for (int i = 1; i <= b->radius; i++) {
-            const float *up = t->in + mirror(y - i, b->height) * t->p->stride, *down = t->in + mirror(y + i, b->height) * t->p->stride;
+            const float *up = t->in + pell_mirror(y - i, b->height) * t->p->stride,
+                        *down = t->in + pell_mirror(y + i, b->height) * t->p->stride;
             const float w = b->tap[i];
             for (int x = 0; x < b->width; x++)
                 out[x] += w * (up[x] + down[x]);
@@ -159,11 +140,11 @@ static void blur_columns(void *arg, int band, int worker)
 }
 
 /* Adds `weight` times a row of the picture that the points of the wide grid make. */
-static void add(const struct blur *b, const float *low, const struct pell_bloom_params *p, int y, float weight, float *restrict out)
+static void add(const struct pell_blur *b, const float *low, const struct pell_bloom_params *p, int y, float weight, float *restrict out)
 {
-    const int f = b->factor, cell = (2 * y + 1 - f < 0 ? -1 : (2 * y + 1 - f) / (2 * f));
-    const float wy = ((float) y + 0.5f) / (float) f - 0.5f - (float) cell;
-    const float *up = low + mirror(cell, b->height) * p->stride, *down = low + mirror(cell + 1, b->height) * p->stride;
+    const int f = b->factor, cell = pell_grid_cell(y, f);
+    const float wy = pell_grid_place(y, f, cell);
+    const float *up = low + pell_mirror(cell, b->height) * p->stride, *down = low + pell_mirror(cell + 1, b->height) * p->stride;
     float left, right = up[0] + wy * (down[0] - up[0]);
 
     for (int x = 0; f == 1 && x < p->width; x++)
@@ -195,13 +176,18 @@ static void mix(void *arg, int band, int worker)
     }
 }
 
+void pell_bloom_plan(const struct pell_bloom_params *params, struct pell_blur blurs[2])
+{
+    plan(&blurs[0], (double) params->sigma, params->width, params->height);
+    plan(&blurs[1], 0.25 * (double) params->sigma, params->width, params->height);
+}
+
 void pell_bloom_render(struct pell_pool *pool, const struct pell_bloom_params *params, float *const *planes, size_t count,
                        float *const scratch[PELL_BLOOM_PLANES])
 {
-    struct blur blurs[2];
+    struct pell_blur blurs[2];
 
-    plan(&blurs[0], (double) params->sigma, params->width, params->height);
-    plan(&blurs[1], 0.25 * (double) params->sigma, params->width, params->height);
+    pell_bloom_plan(params, blurs);
     for (size_t c = 0; c < count; c++) {
         struct task t = { .p = params, .blurs = blurs, .low = { scratch[0], scratch[1] } };
         for (int k = 0; k < 2; k++) {

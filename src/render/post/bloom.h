@@ -22,12 +22,27 @@
 
 #define PELL_BLOOM_PLANES 3 /* of scratch, of the picture's size each */
 
+#define PELL_BLUR_RADIUS 18 /* taps to each side: four times the widest Gaussian at a smaller size */
+#define PELL_BLUR_MOST 1024 /* of a factor: standard deviations up to 4096 px */
+
 struct pell_bloom_params {
     int width, height;
     ptrdiff_t stride;
     float share; /* b, [0, 1] */
     float sigma; /* px, >= 0 */
 };
+
+/* How one of the two Gaussians is made. */
+struct pell_blur {
+    int factor;        /* f, a power of two */
+    int width, height; /* of the smaller size */
+    int radius;
+    float tap[PELL_BLUR_RADIUS + 1];
+    int first, last;                 /* pixels whose light a point takes: f i + first to f i + last - 1, */
+    float share[2 * PELL_BLUR_MOST]; /* and how much of it each way; 1 where f is 1 */
+};
+
+void pell_bloom_plan(const struct pell_bloom_params *params, struct pell_blur blurs[2]);
 
 /* Spreads the light of each plane in place. `scratch` are PELL_BLOOM_PLANES planes. Allocates nothing; the same bits for any number of
  * threads. */

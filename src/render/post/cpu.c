@@ -277,15 +277,19 @@ static void show_row(void *arg, int y, int worker)
     t->kernels->finish(&t->over, t->p->width, color, t->alpha + at, display);
 }
 
-static void bloom(struct pell_pool *pool, const struct task *t)
+static enum pell_result bloom(struct pell_pool *pool, const struct task *t, struct pell_post_device_times *times)
 {
     const struct pell_post_params *p = t->p;
     const struct pell_bloom_params params = { p->width, p->height, p->stride, p->settings->bloom,
                                               0.01f * p->settings->bloom_radius * (float) p->height };
     float *const planes[] = { t->color[0], t->color[1], t->color[2], t->alpha };
+    const size_t count = p->scene->background == PELL_BACKGROUND_TRANSPARENT ? 4 : 3;
 
-    pell_bloom_render(pool, &params, planes, p->scene->background == PELL_BACKGROUND_TRANSPARENT ? 4 : 3, p->glow);
+    if (p->device)
+        return pell_post_device_bloom(p->device, pool, &params, &t->over, planes, count, t->display, times);
+    pell_bloom_render(pool, &params, planes, count, p->glow);
     pell_pool_run(pool, p->height, show_row, (void *) t);
+    return PELL_OK;
 }
 
 /* Where the background differs from pixel to pixel. */
@@ -322,8 +326,8 @@ static void prepare_background(struct task *t)
     show(t, t->tone.behind, t->tone.shown);
 }
 
-void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
-                      float *const display[3], struct pell_post_result *result)
+enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
+                                  float *const display[3], struct pell_post_result *result)
 {
     const struct pell_settings *settings = params->settings;
     struct task t = {
@@ -339,6 +343,7 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     const int y0 = params->rect.y0, y1 = params->rect.y1;
     double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0, start;
     float exposure;
+    enum pell_result res = PELL_OK;
 
     if (y1 > y0)
         pell_pool_run(pool, y1 - y0, measure_row, &t);
@@ -364,14 +369,15 @@ void pell_post_render(struct pell_pool *pool, const struct pell_post_params *par
     prepare_background(&t);
     pell_pool_run(pool, params->height, finish_row, &t);
     start = pell_seconds();
-    if (settings->bloom > 0.0f)
-        bloom(pool, &t);
     *result = (struct pell_post_result) {
         .exposure = exposure,
         .white = t.white,
         .invalid = (int64_t) invalid,
         .covered = met_count > 0.0,
         .any_light = met > 0.0 || maximum > 0.0,
-        .bloom = settings->bloom > 0.0f ? pell_seconds() - start : 0.0,
     };
+    if (settings->bloom > 0.0f)
+        res = bloom(pool, &t, &result->on_device);
+    result->bloom = pell_seconds() - start;
+    return res;
 }

@@ -4,9 +4,9 @@
 
 #include "base/pool.h"
 
-#define TILE PELL_DOF_MOST /* so that discs reach into the tiles beside, and no farther */
-#define SHARP 0.25f        /* px: a disc that nobody sees */
-#define STEPS 16           /* of the table, a pixel */
+#define TILE PELL_LENS_MOST
+#define SHARP PELL_LENS_SHARP
+#define STEPS PELL_LENS_STEPS
 
 enum {
     NEAR = 0,
@@ -24,17 +24,10 @@ struct task {
     float *weight; /* of a whole pixel of the disc: discs sum to one */
     float *tiles;  /* the widest disc of each, were none cut */
     int columns, rows;
-    float table[PELL_DOF_MOST * STEPS + 2]; /* weight by radius */
+    float table[PELL_LENS_TABLE]; /* weight by radius */
 };
 
-/* Share of a pixel that a disc of radius r covers at distance d. */
-static float soft(float r, float d)
-{
-    const float w = r + 0.5f - d;
-    return w < 0.0f ? 0.0f : w < 1.0f ? w : 1.0f;
-}
-
-static void make_table(struct task *t)
+void pell_dof_table(float table[PELL_LENS_TABLE])
 {
     const int last = PELL_DOF_MOST * STEPS;
 
@@ -43,10 +36,10 @@ static void make_table(struct task *t)
         double sum = 0.0;
         for (int y = -PELL_DOF_MOST; y <= PELL_DOF_MOST; y++)
             for (int x = -PELL_DOF_MOST; x <= PELL_DOF_MOST; x++)
-                sum += (double) soft(r, sqrtf((float) (x * x + y * y)));
-        t->table[k] = (float) (1.0 / sum);
+                sum += (double) pell_disc_cover(r, sqrtf((float) (x * x + y * y)));
+        table[k] = (float) (1.0 / sum);
     }
-    t->table[last + 1] = t->table[last];
+    table[last + 1] = table[last];
 }
 
 /* What a whole pixel weighs of a disc of radius r, in [0, PELL_DOF_MOST]. */
@@ -71,7 +64,7 @@ static void measure(void *arg, int index, int worker)
         for (int x = x0; x < x1; x++) {
             const ptrdiff_t i = y * s->stride + x;
             const bool seen = x >= s->covered.x0 && x < s->covered.x1 && y >= s->covered.y0 && y < s->covered.y1 && s->material[i];
-            const float whole = p->scale * (1.0f / p->focus - (seen ? 1.0f / s->depth[i] : 0.0f));
+            const float whole = pell_disc_radius(p->scale, 1.0f / p->focus, seen ? 1.0f / s->depth[i] : 0.0f);
             float d = whole, r;
             d = d > (float) -PELL_DOF_MOST ? d < (float) PELL_DOF_MOST ? d : (float) PELL_DOF_MOST : (float) -PELL_DOF_MOST;
             r = fabsf(d);
@@ -95,9 +88,9 @@ static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, 
                           *restrict a = t->in[3] + there;
 
     for (int x = from; x < to; x++) {
-        const float radius = fabsf(mine[x]), band = 0.5f + 0.1f * radius, difference = its[x] - mine[x];
-        const float w = soft(fabsf(its[x]), d) * weight[x];
-        const float own = soft(radius < widest ? radius : widest, d);
+        const float radius = fabsf(mine[x]), band = pell_disc_band(radius), difference = its[x] - mine[x];
+        const float w = pell_disc_cover(fabsf(its[x]), d) * weight[x];
+        const float own = pell_disc_cover(radius < widest ? radius : widest, d);
         const float n = difference < -band ? w : 0.0f, f = difference > band ? own : 0.0f;
         const float s = difference < -band || difference > band ? 0.0f : w;
         const int i = x - x0;
@@ -120,19 +113,10 @@ static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, 
     }
 }
 
-/* The near over the same over the far; the far fills what the same leaves, and where there is none the same does. `inside` is the share of
- * the pixel's disc that lies in the picture: what is beyond the edge is taken to be like what is not. */
 static float lay(float (*sum)[TILE], int channel, int i, float inside)
 {
-    const float n = sum[NEAR][i] / inside, s = sum[SAME][i] / inside, f = sum[FAR][i];
-    const float near = sum[NEAR + channel][i] / (n > 1.0f ? sum[NEAR][i] : inside), left = n > 1.0f ? 0.0f : 1.0f - n;
-    float rest;
-
-    if (s >= 1.0f || !(f > 0.0f))
-        rest = s > 0.0f ? sum[SAME + channel][i] / sum[SAME][i] : 0.0f;
-    else
-        rest = sum[SAME + channel][i] / inside + (1.0f - s) * (sum[FAR + channel][i] / f);
-    return near + left * rest;
+    return pell_disc_lay(sum[NEAR][i], sum[NEAR + channel][i], sum[SAME][i], sum[SAME + channel][i], sum[FAR][i], sum[FAR + channel][i],
+                         inside);
 }
 
 static void add(const struct task *t, ptrdiff_t i, int channel, float value)
@@ -189,7 +173,7 @@ float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *para
         .rows = (params->surface->height + TILE - 1) / TILE,
     };
 
-    make_table(&t);
+    pell_dof_table(t.table);
     pell_pool_run(pool, t.columns * t.rows, measure, &t);
     pell_pool_run(pool, t.columns * t.rows, blur, &t);
     for (int i = 0; i < t.columns * t.rows; i++)

@@ -17,8 +17,9 @@
 #define PELL_DOF_H
 
 #include "render/surface/stage.h"
+#include "shared/lens.h"
 
-#define PELL_DOF_MOST 16
+#define PELL_DOF_MOST PELL_LENS_MOST
 #define PELL_DOF_PLANES 6 /* of scratch: the sample's R, G, B and alpha, then two of dof's own */
 
 struct pell_dof_params {
@@ -34,6 +35,9 @@ struct pell_dof_params {
  * seen, px, as it would be were none cut. */
 float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
                       float *const out[4]);
+
+/* What a whole pixel weighs of a disc, so that discs sum to one: by radius, PELL_LENS_STEPS a pixel. */
+void pell_dof_table(float table[PELL_LENS_TABLE]);
 
 /* Floats of `tiles`. */
 static inline size_t pell_dof_tiles(int width, int height)

@@ -17,7 +17,7 @@
 
 #include "render/contact/stage.h"
 #include "render/irradiance/stage.h"
-#include "render/post/bloom.h"
+#include "render/post/device.h"
 
 struct pell_post_params {
     const struct pell_scene *scene;
@@ -29,23 +29,25 @@ struct pell_post_params {
     int width, height;
     struct pell_rect rect; /* of the composite: outside it color and alpha hold nothing and become the background */
     ptrdiff_t stride;
-    const double *meter; /* of the composite: 2 numbers a row */
-    double *rows;        /* scratch: 4 numbers a row */
-    float *const *glow;  /* scratch: PELL_BLOOM_PLANES planes; not read without bloom */
+    const double *meter;             /* of the composite: 2 numbers a row */
+    double *rows;                    /* scratch: 4 numbers a row */
+    float *const *glow;              /* scratch: PELL_BLOOM_PLANES planes; not read without bloom, or with a device */
+    struct pell_post_device *device; /* for bloom, with room for it; NULL: the cpu */
 };
 
 struct pell_post_result {
     float exposure, white;
     int64_t invalid;
-    bool covered, any_light; /* something is in view; light arrives at it */
-    double bloom;            /* seconds of it */
+    bool covered, any_light;                 /* something is in view; light arrives at it */
+    double bloom;                            /* seconds of it */
+    struct pell_post_device_times on_device; /* where there is one */
 };
 
 /* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the
  * shown picture. Exposure and white are those of the picture without bloom. Where the background is transparent bloom spreads alpha as it
  * does light, so the picture may be laid over any even background afterwards. Allocates nothing; the same bits for any number of
- * threads. */
-void pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
-                      float *const display[3], struct pell_post_result *result);
+ * threads. Fails with a device only. */
+PELL_NODISCARD enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3],
+                                                 float *alpha, float *const display[3], struct pell_post_result *result);
 
 #endif

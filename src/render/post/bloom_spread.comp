@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// bloom_spread.comp - weighted sums along rows or columns: what falls to each point of a wider grid, and the Gaussians there. Mirror of
+// `shrink`, `blur_rows` and `blur_columns` in bloom.c.
+//   in  0 picture  R, G, B and alpha
+//   io  1 room     planes
+//   in  2 table    weights
+layout(local_size_x = 16, local_size_y = 4) in;
+#include "render/post/device_data.h"
+#include "shared/bloom.h"
+layout(set = 0, binding = 0) readonly buffer Picture { float picture[]; };
+layout(set = 0, binding = 1) buffer Room { float room[]; };
+layout(set = 0, binding = 2) readonly buffer Table { float table[]; };
+layout(push_constant) uniform Push { pell_spread_push pc; };
+
+void main()
+{
+    const uint x = gl_GlobalInvocationID.x, y = gl_GlobalInvocationID.y;
+    float sum = 0.0;
+
+    if (x >= pc.width || y >= pc.height)
+        return;
+    const int start = int(pc.down != 0u ? y : x) * pc.factor;
+    const uint line = pc.from + (pc.down != 0u ? x : y * pc.stride), step = pc.down != 0u ? pc.stride : 1u;
+    for (int k = pc.first; k < pc.last; k++) {
+        const uint at = line + uint(pell_mirror(start + k, pc.size)) * step;
+        sum += table[pc.weights + uint(k - pc.first)] * (pc.of_color != 0u ? picture[at] : room[at]);
+    }
+    room[pc.to + y * pc.stride + x] = sum;
+}
