@@ -100,7 +100,7 @@ static uint32_t batch_send(void *engine, const struct pell_points_params *params
     return pell_irradiance_send_points(e->lights, &p, params, in, n);
 }
 
-static enum pell_result batch_run(void *engine, const struct pell_points_params *params, double *seconds)
+static enum pell_result batch_run(void *engine, const struct pell_points_params *params, double *seconds, int64_t *bytes)
 {
     const struct pell_cpu *e = engine;
     struct pell_irradiance_params p = points_light(e, params);
@@ -112,6 +112,7 @@ static enum pell_result batch_run(void *engine, const struct pell_points_params 
     res = pell_light_device_run(e->device, &run);
     t = pell_light_device_times(e->device); /* the method's own, not the stage's */
     *seconds = t.upload + t.light + t.download;
+    *bytes = 3 * (t.bytes_up + t.bytes_down); /* read and written by copies, then by the pass */
     return res;
 }
 

@@ -81,8 +81,8 @@ struct pell_light_batches {
     uint32_t *(*begin)(void *engine);
     /* Adds n points, at most 16, which take params->samples times pell_services_batch_points() of the room. Returns their number. */
     uint32_t (*send)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n);
-    /* Finds their direct light; the batch's `lights` and `mix` are those of `params`. Seconds by the device's clock. */
-    enum pell_result (*run)(void *engine, const struct pell_points_params *params, double *seconds);
+    /* Finds their direct light; the batch's `lights` and `mix` are those of `params`. Seconds by the device's clock; bytes that moved. */
+    enum pell_result (*run)(void *engine, const struct pell_points_params *params, double *seconds, int64_t *bytes);
     /* The light of points that were sent as this number, as light_points gives it. Returns the number of rays. */
     int64_t (*take)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n, uint32_t number,
                     const struct pell_surface_light *out);

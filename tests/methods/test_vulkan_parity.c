@@ -484,6 +484,8 @@ static void calls_that_fail_where_lights_change_are_reported(void **state)
     good = stage_shot(&s);
     assert_non_null(row(&s, "map direct light"));
     REQUIRE(row(&s, "map direct light")->rays > 100 && row(&s, "direct light")->rays > 1000);
+    /* Of each point lit 128 bytes there and 16 back at least, each moved by a copy (read and written) and by the pass. */
+    REQUIRE(row(&s, "map direct light")->bytes >= 3 * (128 + 16) * 100);
     for (uint64_t n = 1; failed == (int) n - 1; n++) {
         enum pell_result res;
         s.settings.light_samples = 5 + (int) n % 2; /* lights are made again */

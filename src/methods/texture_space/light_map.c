@@ -166,17 +166,19 @@ static enum pell_result light_in_batches(struct lighting *p, int bands)
     for (p->first = 0; p->first < all; p->first += bands) {
         const int count = all - p->first < bands ? all - p->first : bands;
         double seconds = 0.0;
+        int64_t bytes = 0;
         p->numbers = services->batches->begin(services->engine);
         p->step = SEND;
         pell_pool_run(p->st->pool, count, light_rows, p);
         if (pell_cancelled(p->st->ctx))
             return PELL_ERR_CANCELLED;
-        res = services->batches->run(services->engine, &params, &seconds);
+        res = services->batches->run(services->engine, &params, &seconds, &bytes);
         if (res != PELL_OK)
             return res;
         p->step = TAKE;
         pell_pool_run(p->st->pool, count, light_rows, p);
         on_device.seconds += seconds;
+        on_device.bytes += bytes;
     }
     on_device.pixels = p->atlas->inner;
     on_device.rays = atomic_load(&p->rays);

@@ -23,8 +23,9 @@ void main()
         return;
     const int start = int(pc.down != 0u ? y : x) * pc.factor;
     const uint line = pc.from + (pc.down != 0u ? x : y * pc.stride), step = pc.down != 0u ? pc.stride : 1u;
+    const bool inside = start + pc.first >= 0 && start + pc.last <= pc.size; // which most are: a remainder costs more than all the rest
     for (int k = pc.first; k < pc.last; k++) {
-        const uint at = line + uint(pell_mirror(start + k, pc.size)) * step;
+        const uint at = line + uint(inside ? start + k : pell_mirror(start + k, pc.size)) * step;
         sum += table[pc.weights + uint(k - pc.first)] * (pc.of_color != 0u ? picture[at] : room[at]);
     }
     room[pc.to + y * pc.stride + x] = sum;

@@ -437,40 +437,33 @@ static int64_t spread(struct pell_post_device *d, struct pell_spread_push *p, in
 static int64_t blur_channel(struct pell_post_device *d, const struct pell_blur *b, size_t channel, int low, uint32_t weights)
 {
     const uint32_t stride = (uint32_t) pell_plane_stride(d->width), plane = (uint32_t) d->plane, taps = weights + 2 * PELL_BLUR_MOST;
-    const uint32_t here = (uint32_t) low * plane, between = BETWEEN * plane;
-    struct pell_spread_push p = {
-        .from = (uint32_t) channel * plane,
-        .to = between,
-        .of_color = 1,
-        .stride = stride,
-        .size = d->height,
-        .down = 1,
-        .factor = b->factor,
-        .first = b->first,
-        .last = b->last,
-        .weights = weights,
+    const uint32_t from = (uint32_t) channel * plane, here = (uint32_t) low * plane, between = BETWEEN * plane;
+    const bool smaller = b->factor > 1;
+    struct pell_spread_push down = { from,
+                                     between,
+                                     .of_color = 1,
+                                     .stride = stride,
+                                     .size = d->height,
+                                     .down = 1,
+                                     .factor = b->factor,
+                                     .first = b->first,
+                                     .last = b->last,
+                                     .weights = weights };
+    struct pell_spread_push along = {
+        between, here, .stride = stride, .size = d->width, .factor = b->factor, .first = b->first, .last = b->last, .weights = weights
     };
-    int64_t bytes = spread(d, &p, d->width, b->height);
+    struct pell_spread_push rows = { smaller ? here : from, between,     .of_color = !smaller, .stride = stride,
+                                     .size = b->width,      .factor = 1, .first = -b->radius,  .last = b->radius + 1,
+                                     .weights = taps };
+    struct pell_spread_push columns = { between,        here,        .stride = stride,    .size = b->height,
+                                        .down = 1,      .factor = 1, .first = -b->radius, .last = b->radius + 1,
+                                        .weights = taps };
+    int64_t bytes = 0;
 
-    p.from = between;
-    p.to = here;
-    p.of_color = p.down = 0;
-    p.size = d->width;
-    bytes += spread(d, &p, b->width, b->height);
-    p = (struct pell_spread_push) { .from = here,
-                                    .to = between,
-                                    .stride = stride,
-                                    .size = b->width,
-                                    .factor = 1,
-                                    .first = -b->radius,
-                                    .last = b->radius + 1,
-                                    .weights = taps };
-    bytes += spread(d, &p, b->width, b->height);
-    p.from = between;
-    p.to = here;
-    p.size = b->height;
-    p.down = 1;
-    return bytes + spread(d, &p, b->width, b->height);
+    if (smaller)
+        bytes = spread(d, &down, d->width, b->height) + spread(d, &along, b->width, b->height);
+    bytes += spread(d, &rows, b->width, b->height);
+    return bytes + spread(d, &columns, b->width, b->height);
 }
 
 static int64_t record_bloom(struct pell_post_device *d, const struct pell_blur blurs[2], const struct pell_bloom_params *params,
