@@ -517,6 +517,7 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         if (res != PELL_OK)
             return res;
     } else {
+        e->lens_pending = false; /* of a frame that failed */
         pell_composite_render(e->pool, e->compositor, p, &e->sum);
         pell_stage_note(sample->frame->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0,
                         e->surface.covered_pixels * 64);
