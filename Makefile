@@ -13,13 +13,12 @@ SOAK_HOURS ?= 2
 export SETUP JOBS
 
 # The sanitizers run with clang: with them gcc 12 needs minutes for one kernel file and warns of what the instrumentation adds. Kernels are
-# built for one level: they are plain C, so another level shows the sanitizers nothing new, and takes as long again to build. No Vulkan
-# driver is loaded: Mesa's for the CPU leaks.
+# built for one level: they are plain C, so another level shows the sanitizers nothing new, and takes as long again to build. Vulkan
+# drivers are loaded for tests that are about a device alone (tests/meson.build): Mesa's for the CPU leaks.
 watched = -Dsimd=base -Db_lundef=false
 sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_string_checks=1:allocator_may_return_null=1 \
             UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 \
-            TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp \
-            VK_ICD_FILENAMES=/dev/null
+            TSAN_OPTIONS=halt_on_error=1:second_deadlock_stack=1:suppressions=$(CURDIR)/tests/tsan.supp
 
 .PHONY: help shaders demo build test test-asan test-tsan fuzz-short \
         soak test-mpi check-clang install uninstall deb test-deb check-abi docs clean
