@@ -8,6 +8,7 @@
 #include "render/engine.h"
 #include "render/plane_buffers.h"
 #include "render/post/device.h"
+#include "vulkan/core.h"
 
 #include <float.h>
 
@@ -552,6 +553,50 @@ static void frames_whose_calls_fail_are_reported(void **state)
     stage_finish(&s);
 }
 
+/* What no buffer holds the cpu does, which rows say: the picture stays with smaller and smaller buffers. */
+static void what_no_buffer_holds_is_the_cpus(void **state)
+{
+    static const char *const lens = "depth of field by the cpu: more pixels than a buffer holds";
+    static const char *const bloom = "bloom by the cpu: more pixels than a buffer holds";
+    const uint32_t plane = 64 * 40 * sizeof(float), sizes[] = { 5 * plane, 5 * plane - 1, 4 * plane, 4 * plane - 1 };
+    float *cpu = NULL;
+    (void) state;
+
+    skip_without_gpu();
+    for (size_t i = 0; i <= PELL_COUNT(sizes); i++) {
+        struct stage s;
+        float *shown;
+        double apart;
+
+        start_on(&s, i > 0, 60, 40);
+        if (i > 0)
+            s.device->gpu->limits.maxStorageBufferRange = sizes[i - 1];
+        s.settings.bloom = 0.2f;
+        s.settings.msaa = 2;
+        stage_complete(&s);
+        OK(pell_renderer_set_scene(s.r, s.scene));
+        s.set = true;
+        stage_method(&s, "none", NULL); /* which has no buffers */
+        shown = shown_of(&s, true);
+        if (i > 0) {
+            REQUIRE(!row(&s, lens) == (i < 2) && !row(&s, bloom) == (i < 4));
+            REQUIRE(!row(&s, "lens download") == (i >= 2) && !row(&s, "bloom download") == (i >= 4));
+            assert_non_null(row(&s, "direct light by the cpu: more triangles than a buffer holds"));
+            apart = difference(&cpu, &shown, 1, &(struct pell_rect) { 0, 0, 60, 40 }, 60);
+            print_message("# buffers of %u bytes: mean difference %.2g\n", sizes[i - 1], apart);
+            REQUIRE(i < 4 ? apart < 1e-6 : apart == 0.0);
+            free(shown);
+        } else {
+            cpu = shown;
+        }
+        pell_renderer_destroy(&s.r);
+        pell_device_destroy(&s.device);
+        REQUIRE(s.kept.errors == 0);
+        stage_finish(&s);
+    }
+    free(cpu);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -563,6 +608,7 @@ int main(void)
         cmocka_unit_test(allocations_that_fail_leave_nothing),
         cmocka_unit_test(frames_end_as_the_cpus_do),
         cmocka_unit_test(frames_whose_calls_fail_are_reported),
+        cmocka_unit_test(what_no_buffer_holds_is_the_cpus),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
