@@ -8,20 +8,20 @@
 #include "shared/language.h"
 
 /* The row or column of n that stands for one beyond the edge: ... 1 0 | 0 1 ... n-1 | n-1 ... */
-PELL_SHARED int pell_mirror(int i, int n)
+PELL_SHARED int pell_mirror(int32_t i, int n)
 {
     const int period = 2 * n, from = (i < 0 ? -1 - i : i) % period;
     return from < n ? from : period - 1 - from;
 }
 
 /* The cell of a grid of points f pixels apart, f even, that pixel i lies in: between point `cell` and the next; -1: before the first. */
-PELL_SHARED int pell_grid_cell(int i, int f)
+PELL_SHARED int pell_grid_cell(int32_t i, int f)
 {
     return 2 * i + 1 - f < 0 ? -1 : (2 * i + 1 - f) / (2 * f);
 }
 
 /* Where in its cell pixel i lies, [0, 1]. */
-PELL_SHARED float pell_grid_place(int i, int f, int cell)
+PELL_SHARED float pell_grid_place(int32_t i, int f, int cell)
 {
     return (PELL_TO_FLOAT(i - (cell * f + f / 2)) + 0.5f) / PELL_TO_FLOAT(f);
 }

@@ -4,8 +4,10 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 
+#include "shared/bloom.h"
 #include "shared/boundary.h"
 #include "shared/gloss.h"
+#include "shared/lens.h"
 #include "shared/light.h"
 #include "shared/light_data.h"
 #include "shared/lobe.h"
@@ -108,6 +110,13 @@ float sampled(uint number)
     return wide.x + wide.y + odds / (odds + density);
 }
 
+float spread(int i, float depth)
+{
+    const int at = pell_mirror(i, 16), cell = pell_grid_cell(at, 4);
+    const float radius = pell_disc_radius(2.0f, 0.01f, 1.0f / depth), cover = pell_disc_cover(radius, pell_grid_place(at, 4, cell));
+    return pell_disc_lay(cover, cover, pell_disc_band(radius), 1.0f, 0.5f, 0.5f, 1.0f);
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -119,6 +128,7 @@ void main()
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
-    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray + sampled(i),
+    const float ends = spread(int(i), x);
+    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray + sampled(i) + ends,
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }

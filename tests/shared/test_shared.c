@@ -2,8 +2,10 @@
  * test_shared.c - the formulas that C and GLSL share, as C, against closed forms. */
 #include "pell_test.h"
 
+#include "shared/bloom.h"
 #include "shared/boundary.h"
 #include "shared/gloss.h"
+#include "shared/lens.h"
 #include "shared/light.h"
 #include "shared/lobe.h"
 #include "shared/phase.h"
@@ -259,6 +261,48 @@ static void a_wide_light_is_sampled_by_solid_angle(void **state)
     REQUIRE_NEAR((double) pell_wide_place(w, 0.5f, 0.5f).y, 0.0, 1e-4);
 }
 
+/* Beyond an edge a picture goes on as it came, and a pixel lies between the points of a grid that are nearest to it. */
+static void edges_mirror_and_cells_hold_pixels(void **state)
+{
+    static const int row[] = { 2, 1, 0, 0, 1, 2, 2, 1, 0, 0, 1, 2, 2 };
+    (void) state;
+    for (int i = -3; i < 10; i++) {
+        assert_int_equal(pell_mirror(i, 3), row[i + 3]);
+        assert_int_equal(pell_mirror(i, 1), 0);
+    }
+    for (int f = 2; f <= 1024; f *= 2)
+        for (int i = 0; i < 3000; i++) {
+            const int cell = pell_grid_cell(i, f);
+            const double point = (cell + 0.5) * f; /* of the first, px from the edge */
+            REQUIRE(i + 0.5 >= point && i + 0.5 < point + f);
+            REQUIRE_NEAR((double) pell_grid_place(i, f, cell), (i + 0.5 - point) / f, 1e-6);
+        }
+}
+
+/* A disc covers its area; it is sharp at the focus; an even picture stays even, whatever lies over what. */
+static void discs_cover_and_lay(void **state)
+{
+    static const float weights[][3] = { { 0.2f, 0.3f, 0.9f }, { 0.0f, 1.0f, 0.0f },  { 0.0f, 0.4f, 0.0f },
+                                        { 1.5f, 0.2f, 0.1f }, { 0.6f, 0.0f, 0.01f }, { 0.1f, 2.0f, 0.5f } };
+    (void) state;
+    for (float r = 4.0f; r <= 16.0f; r += 1.5f) {
+        double area = 0.0;
+        for (int y = -20; y <= 20; y++)
+            for (int x = -20; x <= 20; x++)
+                area += (double) pell_disc_cover(r, sqrtf((float) (x * x + y * y)));
+        REQUIRE_NEAR(area / ((double) (PELL_PI_F * r * r)), 1.0, 0.01);
+    }
+    REQUIRE(pell_disc_radius(500.0f, 0.01f, 0.01f) == 0.0f && pell_disc_radius(500.0f, 0.01f, 0.02f) == -5.0f);
+    REQUIRE(pell_disc_band(10.0f) == 1.5f);
+    for (size_t i = 0; i < PELL_COUNT(weights); i++) {
+        const float n = weights[i][0], s = weights[i][1], f = weights[i][2];
+        REQUIRE_NEAR((double) pell_disc_lay(n, 3.0f * n, s, 3.0f * s, f, 3.0f * f, 1.0f), 3.0, 1e-6);
+    }
+    /* Near covers a part of what is far, and all of it where its discs cover the pixel. */
+    REQUIRE_NEAR((double) pell_disc_lay(0.25f, 0.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 0.25, 1e-6);
+    REQUIRE_NEAR((double) pell_disc_lay(1.25f, 1.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 1.0, 1e-6);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -275,6 +319,8 @@ int main(void)
         cmocka_unit_test(lights_fall_off),
         cmocka_unit_test(soft_terminator_is_smooth),
         cmocka_unit_test(a_wide_light_is_sampled_by_solid_angle),
+        cmocka_unit_test(edges_mirror_and_cells_hold_pixels),
+        cmocka_unit_test(discs_cover_and_lay),
     };
     return cmocka_run_group_tests_name("shared", tests, NULL, NULL);
 }
