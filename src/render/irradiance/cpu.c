@@ -89,7 +89,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         if (k->aim.any_front && !k->given) {
             if (!pell_ask_light_grid(source, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
-                pell_trace_occlusion(job, k, k->aim.front, &rays, visible);
+                pell_trace_occlusion(job, k, k->aim.front, true, &rays, visible);
             }
             job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, highlights ? &gloss : NULL, front);
         }

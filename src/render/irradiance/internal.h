@@ -117,8 +117,9 @@ void pell_take_environment(const struct job *job, struct packet *k, size_t e, st
 
 /* --- shadow.c -------------------------------------------------------------------------------------------------------------------- */
 
-/* visible = mask where nothing is in the way. */
-void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t *mask, struct pell_ray16 *rays, int32_t *visible);
+/* visible = mask where nothing is in the way. `coherent`: the rays go much the same way. */
+void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t *mask, bool coherent, struct pell_ray16 *rays,
+                          int32_t *visible);
 /* The same for points that a light may reach, where the light has a grid and the points are neighbours; else false. */
 bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *k, const int32_t *mask, const float *x, const float *y,
                          const float *z, int32_t *visible);

@@ -221,7 +221,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         pell_ray16_set(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
     }
     if (!pell_ask_light_grid(source, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
-        pell_trace_occlusion(job, k, exits.found, &rays, visible);
+        pell_trace_occlusion(job, k, exits.found, true, &rays, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
         const bool lifted =
