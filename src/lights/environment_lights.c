@@ -131,6 +131,7 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
     if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
         count = 0; /* even light: nothing to cut out */
     while (count > 0 && count < max_sources) {
+        struct region other;
         int best = 0;
         double most = -1.0;
         for (int i = 0; i < count; i++) {
@@ -140,8 +141,10 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
                 best = i;
             }
         }
-        if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &regions[count]))
+        if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &other))
             break;
+        memmove(&regions[best + 2], &regions[best + 1], (size_t) (count - best - 1) * sizeof(*regions)); /* halves lie side by side */
+        regions[best + 1] = other;
         count++;
     }
     for (int i = 0; i < count; i++)

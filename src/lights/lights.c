@@ -211,6 +211,26 @@ static void choose_etas(struct pell_lights *lights, const struct pell_specular_t
     }
 }
 
+#define SHARED 4 /* lights of a group, at most */
+
+/* An environment's lights form groups of neighbours that take turns over the multisamples as the samples of a light with a face do. A light
+ * that holds much of the environment by itself is in every one: at the rim of an object, of which some multisamples are, its edge would
+ * show. */
+static void share_turns(struct pell_light_source *sources, size_t count, int msaa)
+{
+    const int turns = msaa % SHARED == 0 ? SHARED : msaa % 2 == 0 ? 2 : 1;
+    float total = 0.0f;
+    int turn = 0;
+
+    for (size_t i = 0; i < count; i++)
+        total += pell_luminance(sources[i].power);
+    for (size_t i = 0; i < count; i++) {
+        const bool small = pell_luminance(sources[i].power) * (float) (2 * turns) <= total;
+        sources[i].turn = small ? turn++ % turns : 0;
+        sources[i].turns = small ? turns : 1;
+    }
+}
+
 static enum pell_result add_environment(struct pell_lights *lights, int number, const struct pell_light *light,
                                         const struct pell_environment_params *params)
 {
@@ -220,6 +240,8 @@ static enum pell_result add_environment(struct pell_lights *lights, int number, 
 
     env->light = number;
     res = pell_environment_create(lights->ctx, light, params, env, &brightest);
+    if (res == PELL_OK)
+        share_turns(brightest.sources, brightest.count, params->msaa);
     for (size_t i = 0; i < brightest.count && res == PELL_OK; i++)
         res = add_light(lights, &brightest.sources[i]);
     pell_free(lights->ctx, brightest.sources);
@@ -284,7 +306,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
         PELL_TRY(add_environment(
             lights, (int) i, light,
             &(struct pell_environment_params) {
-                .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .tables = tables, .pool = pool }));
+                .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .msaa = msaa, .tables = tables, .pool = pool }));
     }
     PELL_TRY(make_grids(lights, scene));
     res = PELL_ERR_NOMEM;

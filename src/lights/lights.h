@@ -32,7 +32,8 @@ struct pell_light_source {
     float image_u, image_v;       /* from the plane at distance 1 (directional: from mm) to the picture's halves */
     int environment;              /* index of the environment that it belongs to, -1: none; those make no highlight */
     bool compact;                 /* of an environment: its light is left out of the smooth table */
-    int light;                    /* of the scene, where it is no environment's */
+    int turn, turns; /* of an environment: of each `turns` lights that follow each other a pixel may take one a multisample, by turns */
+    int light;       /* of the scene, where it is no environment's */
     struct pell_light_grid *grid; /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */
 };
 
@@ -98,6 +99,7 @@ struct pell_environment_lights {
 struct pell_environment_params {
     int index;      /* of the environment among those of the scene */
     int max_lights; /* sources for its brightest parts, at most */
+    int msaa;
     const struct pell_specular_tables *tables;
     struct pell_pool *pool;
 };

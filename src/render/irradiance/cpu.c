@@ -67,8 +67,47 @@ static void project_image(const struct pell_light_source *source, struct packet 
     }
 }
 
+/* Of lights that take turns (struct pell_light_source.turns), what each lane sees of the one whose turn it is there. */
+struct turns {
+    struct pell_aim aim;
+    const struct pell_light_source *first;
+};
+
+/* The four pixels of a square take different lights, and each takes all in turn, so that the mean over the multisamples is that of all
+ * lights at all of them. */
+static void take_turn(const struct job *job, const struct pell_light_source *source, const struct packet *k, struct turns *t)
+{
+    const struct pell_aim *a = &k->aim;
+    const uint32_t mask = (uint32_t) source->turns - 1u, turn = (uint32_t) source->turn;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        if (((k->lanes.curve[i] + job->p->sample) & mask) != turn)
+            continue;
+        t->aim.lx[i] = a->lx[i];
+        t->aim.ly[i] = a->ly[i];
+        t->aim.lz[i] = a->lz[i];
+        t->aim.gl[i] = a->gl[i];
+        t->aim.nl[i] = a->nl[i];
+        for (int c = 0; c < 3; c++)
+            t->aim.intensity[c][i] = a->intensity[c][i] * (float) source->turns;
+        t->aim.back[i] = a->back[i];
+        t->aim.any_back |= a->back[i];
+    }
+    t->first = source;
+}
+
+/* What those send through thin parts. */
+static void end_turns(const struct job *job, struct packet *k, struct turns *t)
+{
+    if (t->aim.any_back)
+        pell_transmit_light(job, t->first, &t->aim, k);
+    memset(t->aim.back, 0, sizeof(t->aim.back));
+    t->aim.any_back = 0;
+}
+
 /* All samples of a light; what enters from the front goes to `front`. Where the device has found that, what is transmitted is left. */
-static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front)
+static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front,
+                  struct turns *turns)
 {
     const struct pell_light_data *data = &job->lights->data[source - job->lights->sources];
     const bool highlights = source->environment < 0 && !k->given && shows_highlights(job, k);
@@ -95,14 +134,34 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         }
         if (source->environment >= 0 && !source->compact && !k->given)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
-        if (k->aim.any_back)
-            pell_transmit_light(job, source, k);
+        if (k->aim.any_back && turns && source->turns > 1)
+            take_turn(job, source, k, turns);
+        else if (k->aim.any_back)
+            pell_transmit_light(job, source, &k->aim, k);
     }
     if (highlights)
         job->kernels->end_highlights(data, &k->lanes, job->p->sample, &gloss, front);
 }
 
 /* --- Environments ------------------------------------------------------------------------------------------------------------- */
+
+/* Its lights. Where only what enters is asked for, points are no pixels, and lights have no turns. */
+static void shine_environment(const struct job *job, size_t environment, struct packet *k, struct pell_sums *sums)
+{
+    const struct pell_lights *lights = job->lights;
+    struct turns turns;
+
+    memset(&turns.aim, 0, sizeof(turns.aim));
+    for (size_t j = 0; j < lights->num_sources; j++) {
+        const struct pell_light_source *source = &lights->sources[j];
+        if (source->environment != (int) environment)
+            continue;
+        shine(job, source, k, sums, job->entering ? NULL : &turns);
+        if (source->turns > 1 && source->turn == source->turns - 1)
+            end_turns(job, k, &turns);
+    }
+    end_turns(job, k, &turns);
+}
 
 static void add_reflection(const struct job *job, struct packet *k, const struct pell_environment *env)
 {
@@ -145,9 +204,7 @@ static void environments(const struct job *job, struct packet *k)
             continue;
         if (k->given)
             pell_take_environment(job, k, e, &sums);
-        for (size_t j = 0; j < lights->num_sources; j++)
-            if (lights->sources[j].environment == (int) e)
-                shine(job, &lights->sources[j], k, &sums);
+        shine_environment(job, e, k, &sums);
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < k->count; i++)
                 k->sums.single[c][i] += sums.single[c][i];
@@ -214,7 +271,7 @@ static void shade_side(const struct job *job, struct packet *k)
         pell_take_lights(job, k);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && pell_light_counts(job, job->lights->sources[j].light))
-            shine(job, &job->lights->sources[j], k, &k->sums);
+            shine(job, &job->lights->sources[j], k, &k->sums, NULL);
     environments(job, k);
     if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
         add_indirect(job, k);

@@ -129,8 +129,9 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
 
 /* --- transmission.c -------------------------------------------------------------------------------------------------------------- */
 
-/* Adds what a light behind the lanes of k->aim.back sends through thin parts. */
-void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct packet *k);
+/* Adds what a light behind the lanes of aim->back sends through thin parts. `source`: the light, or of directional ones, each seen from
+ * other lanes, the first. */
+void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct pell_aim *aim, struct packet *k);
 /* The same of the environments' low-frequency remainder: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k);
 

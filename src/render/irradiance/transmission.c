@@ -187,10 +187,9 @@ static float falloff_at(const struct pell_light_source *source, const struct pel
     return wide ? a->falloff[i] : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
 }
 
-void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct packet *k)
+void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
-    const struct pell_aim *a = &k->aim;
     const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
     _Alignas(64) int32_t visible[PELL_LANES];
     struct pell_ray_hit16 r;
@@ -200,7 +199,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     int depth[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++) {
-        k->aim.back[i] &= k->straight[i];
+        a->back[i] &= k->straight[i];
         const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
         const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
