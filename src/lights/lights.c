@@ -303,10 +303,12 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
             PELL_TRY(pell_specular_tables_create(ctx, scene, settings->specular, &tables));
             choose_etas(lights, tables);
         }
-        PELL_TRY(add_environment(
-            lights, (int) i, light,
-            &(struct pell_environment_params) {
-                .index = (int) lights->num_environments, .max_lights = settings->environment_lights, .msaa = msaa, .tables = tables, .pool = pool }));
+        PELL_TRY(add_environment(lights, (int) i, light,
+                                 &(struct pell_environment_params) { .index = (int) lights->num_environments,
+                                                                     .max_lights = settings->environment_lights,
+                                                                     .msaa = msaa,
+                                                                     .tables = tables,
+                                                                     .pool = pool }));
     }
     PELL_TRY(make_grids(lights, scene));
     res = PELL_ERR_NOMEM;

@@ -29,9 +29,9 @@ struct pell_light_source {
     float sample_area; /* mm^2 that one sample stands for; 0 for lights without extent */
     int samples;
     const struct pell_texture *image;
-    float image_u, image_v;       /* from the plane at distance 1 (directional: from mm) to the picture's halves */
-    int environment;              /* index of the environment that it belongs to, -1: none; those make no highlight */
-    bool compact;                 /* of an environment: its light is left out of the smooth table */
+    float image_u, image_v; /* from the plane at distance 1 (directional: from mm) to the picture's halves */
+    int environment;        /* index of the environment that it belongs to, -1: none; those make no highlight */
+    bool compact;           /* of an environment: its light is left out of the smooth table */
     int turn, turns; /* of an environment: of each `turns` lights that follow each other a pixel may take one a multisample, by turns */
     int light;       /* of the scene, where it is no environment's */
     struct pell_light_grid *grid; /* of a point or spot: what it sees, for its shadows; NULL: rays. The lights' own */

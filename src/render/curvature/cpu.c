@@ -4,6 +4,7 @@
  */
 #include "render/curvature/internal.h"
 
+#include "math/scalar.h"
 #include "optics/medium/opposed.h"
 #include "scene/mesh/topology.h"
 
@@ -26,11 +27,13 @@ struct curvature_law {
     float step;    /* mm: the distance of averaging */
     float limit;   /* 1/mm */
     float path[3]; /* mean free path over index, mm */
-    float gain[GAINS][3];
-    float opposed[GAINS][3]; /* the same for profiles that are turned between faces at an angle */
-    float across[GAINS][3];  /* what of it goes through a ball, over the profile's total */
-    float all[GAINS][3];     /* all that a solid of this curvature returns, over the profile's total */
-    float farthest;          /* mm: nothing gets through thicker parts */
+    struct bent {
+        float gain[3];
+        float opposed[3]; /* the same for profiles that are turned between faces at an angle */
+        float across[3];  /* what of it goes through a ball, over the profile's total */
+        float all[3];     /* all that a solid of this curvature returns, over the profile's total */
+    } bent[GAINS];
+    float farthest; /* mm: nothing gets through thicker parts */
     /* Of a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T, and T. */
     float slab[GAINS][3], through[GAINS][3];
 };
@@ -44,6 +47,7 @@ struct pell_curvature {
     size_t num_patches, room_patches;
     struct curvature_grid grid;
     struct pell_curvature_shape **value; /* per mesh with a patch: at its vertices */
+    bool *coarse;                        /* per mesh: some triangle is longer than its patch's step */
 };
 
 void pell_curvature_destroy(struct pell_curvature **curvature)
@@ -55,6 +59,7 @@ void pell_curvature_destroy(struct pell_curvature **curvature)
     for (size_t i = 0; k->value && i < k->scene->num_meshes; i++)
         pell_free(k->ctx, k->value[i]);
     pell_free(k->ctx, k->value);
+    pell_free(k->ctx, k->coarse);
     pell_free(k->ctx, k->law);
     pell_free(k->ctx, k->patch_of);
     pell_free(k->ctx, k->patch);
@@ -122,11 +127,12 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
         for (int c = 0; c < 3; c++) {
             const double curvature = (double) law->limit * (2.0 * i / (GAINS - 1) - 1.0);
             const double gain = pell_curvature_gain(m->medium, c, &m->profile[c], curvature);
-            law->gain[i][c] = (float) gain;
-            law->opposed[i][c] = (float) pell_opposed_gain(&opposed, c, &m->profile[c], curvature, gain);
-            law->across[i][c] =
-                total[c] > 0.0 ? (float) ((double) law->opposed[i][c] * pell_opposed_across(&opposed, c, curvature) / total[c]) : 0.0f;
-            law->all[i][c] = (float) (curvature != 0.0 ? gain * pell_profile_cdf(&m->profile[c], 2.0 / fabs(curvature)) : gain);
+            struct bent *bent = &law->bent[i];
+            bent->gain[c] = (float) gain;
+            bent->opposed[c] = (float) pell_opposed_gain(&opposed, c, &m->profile[c], curvature, gain);
+            bent->across[c] =
+                total[c] > 0.0 ? (float) ((double) bent->opposed[c] * pell_opposed_across(&opposed, c, curvature) / total[c]) : 0.0f;
+            bent->all[c] = (float) (curvature != 0.0 ? gain * pell_profile_cdf(&m->profile[c], 2.0 / fabs(curvature)) : gain);
         }
 }
 
@@ -279,6 +285,26 @@ static void vertex_chunk(void *arg, int index, int worker)
             curvature_grid_at(&job->k->grid, &job->k->patch[patch], patch, vec3_load(mesh->position + 3 * (size_t) v));
 }
 
+/* The longest side of a triangle. */
+static float longest_side(const struct pell_mesh *mesh, uint32_t triangle)
+{
+    const uint32_t *index = mesh->index + 3 * (size_t) triangle;
+    struct pell_vec3 p[3];
+
+    for (int i = 0; i < 3; i++)
+        p[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
+    return larger(larger(vec3_length(vec3_sub(p[1], p[0])), vec3_length(vec3_sub(p[2], p[0]))), vec3_length(vec3_sub(p[2], p[1])));
+}
+
+/* Where none is, pixels need not ask. */
+static bool is_coarse(const struct pell_context *ctx, const struct pell_mesh *mesh, float step)
+{
+    for (uint32_t i = 0; i < mesh->num_triangles; i++)
+        if (longest_side(mesh, i) > step || pell_cancelled_at(ctx, i))
+            return true;
+    return false;
+}
+
 enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
                                        const struct pell_rays *rays, const struct pell_curvature_medium *media, struct pell_curvature **out)
 {
@@ -293,7 +319,8 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
     k->law = pell_calloc(ctx, scene->num_materials, sizeof(*k->law));
     k->patch_of = pell_alloc_array(ctx, scene->num_meshes, sizeof(*k->patch_of));
     k->value = pell_calloc(ctx, scene->num_meshes, sizeof(*k->value));
-    if (!k->law || !k->patch_of || !k->value)
+    k->coarse = pell_calloc(ctx, scene->num_meshes, sizeof(*k->coarse));
+    if (!k->law || !k->patch_of || !k->value || !k->coarse)
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++)
         k->patch_of[i] = NO_PATCH;
@@ -311,6 +338,7 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
         if (!(k->value[i] = pell_alloc_array(ctx, scene->meshes[i].num_vertices, sizeof(**k->value))))
             goto fail;
         pell_pool_run(pool, (int) ((scene->meshes[i].num_vertices + CHUNK - 1) / CHUNK), vertex_chunk, &job);
+        k->coarse[i] = is_coarse(ctx, &scene->meshes[i], k->patch[k->patch_of[i]].step);
     }
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
@@ -323,24 +351,25 @@ fail:
 struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, uint32_t number, uint32_t triangle, float u, float v)
 {
     const struct pell_mesh *mesh = &k->scene->meshes[number < k->scene->num_meshes ? number : 0];
+    const struct pell_curvature_shape *value;
     const uint32_t *index;
     uint32_t patch;
     struct pell_curvature_shape shape = { 0.0f, 0.0f };
-    struct pell_vec3 p[3];
-    float longest;
 
     if (number >= k->scene->num_meshes || triangle >= mesh->num_triangles || (patch = k->patch_of[number]) == NO_PATCH)
         return shape;
     index = mesh->index + 3 * (size_t) triangle;
-    for (int i = 0; i < 3; i++)
-        p[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
-    longest = fmaxf(fmaxf(vec3_length(vec3_sub(p[1], p[0])), vec3_length(vec3_sub(p[2], p[0]))), vec3_length(vec3_sub(p[2], p[1])));
-    if (longest > k->patch[patch].step)
+    if (k->coarse[number] && longest_side(mesh, triangle) > k->patch[patch].step) {
+        struct pell_vec3 p[3];
+        for (int i = 0; i < 3; i++)
+            p[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
         return curvature_grid_at(&k->grid, &k->patch[patch], patch, vec3_mad(vec3_mad(vec3_mul(p[0], 1.0f - u - v), u, p[1]), v, p[2]));
+    }
+    value = k->value[number];
     for (int i = 0; i < 3; i++) {
         const float w = i == 0 ? 1.0f - u - v : i == 1 ? u : v;
-        shape.mean += w * k->value[number][index[i]].mean;
-        shape.thinness += w * k->value[number][index[i]].thinness;
+        shape.mean += w * value[index[i]].mean;
+        shape.thinness += w * value[index[i]].thinness;
     }
     return shape;
 }
@@ -348,11 +377,27 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, ui
 /* Between two entries of a table over [0, GAINS - 1]. */
 static void look_up(const float table[GAINS][3], float x, float rgb[3])
 {
-    const float at = fminf(fmaxf(x, 0.0f), GAINS - 1.001f);
+    const float at = smaller(larger(x, 0.0f), GAINS - 1.001f);
     const int i = (int) at;
 
     for (int c = 0; c < 3; c++)
         rgb[c] = table[i][c] + (at - (float) i) * (table[i + 1][c] - table[i][c]);
+}
+
+static struct bent look_up_bent(const struct bent *table, float x)
+{
+    enum { N = sizeof(*table) / sizeof(float) };
+    const float at = smaller(larger(x, 0.0f), GAINS - 1.001f);
+    const int i = (int) at;
+    float here[N], next[N];
+    struct bent between;
+
+    memcpy(here, table + i, sizeof(here));
+    memcpy(next, table + i + 1, sizeof(next));
+    for (int k = 0; k < N; k++)
+        here[k] += (at - (float) i) * (next[k] - here[k]);
+    memcpy(&between, here, sizeof(between));
+    return between;
 }
 
 static float thin_place(const struct curvature_law *law, float thinness)
@@ -365,7 +410,7 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
 {
     const struct pell_curvature_shape shape = pell_curvature_at(k, mesh, triangle, u, v);
     const struct curvature_law *law = &k->law[mesh < k->scene->num_meshes ? k->scene->meshes[mesh].material : 0];
-    const float beyond = shape.thinness - fmaxf(0.5f * shape.mean, 0.0f); /* what a ball of this curvature would not have */
+    const float beyond = shape.thinness - larger(0.5f * shape.mean, 0.0f); /* what a ball of this curvature would not have */
 
     float across[3] = { 0.0f };
 
@@ -376,15 +421,16 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
                                             .returned = { 1.0f, 1.0f, 1.0f } };
     if (shape.mean != 0.0f) {
         const float place = (shape.mean / law->limit + 1.0f) * (0.5f * (GAINS - 1));
-        look_up(law->gain, place, out->gain);
-        look_up(law->opposed, place, out->opposed);
-        look_up(law->all, place, out->local);
-        look_up(law->across, place, across);
+        const struct bent bent = look_up_bent(law->bent, place);
+        memcpy(out->gain, bent.gain, sizeof(bent.gain));
+        memcpy(out->opposed, bent.opposed, sizeof(bent.opposed));
+        memcpy(out->local, bent.all, sizeof(bent.all));
+        memcpy(across, bent.across, sizeof(bent.across));
         for (int c = 0; c < 3; c++)
-            out->shift[c] = fminf(fmaxf(shape.mean * law->path[c], -SHIFT_MOST), SHIFT_MOST);
+            out->shift[c] = smaller(larger(shape.mean * law->path[c], -SHIFT_MOST), SHIFT_MOST);
     }
     if (shape.thinness > 0.0f) {
-        const float sheet = fmaxf(2.0f * beyond / shape.thinness - 1.0f, 0.0f); /* 0: balls and cylinders; 1: flat */
+        const float sheet = larger(2.0f * beyond / shape.thinness - 1.0f, 0.0f); /* 0: balls and cylinders; 1: flat */
         float slab[3] = { 1.0f, 1.0f, 1.0f }, through[3];
         out->flat = sheet;
         look_up(law->through, thin_place(law, shape.thinness), through);
@@ -392,14 +438,14 @@ void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uin
             look_up(law->slab, thin_place(law, beyond), slab);
         for (int c = 0; c < 3; c++) {
             const float all = out->local[c] + sheet * (1.0f - out->local[c]);
-            out->local[c] = fmaxf(all * slab[c] - through[c], 0.0f);
+            out->local[c] = larger(all * slab[c] - through[c], 0.0f);
             out->sheet[c] = sheet * through[c];
             out->round[c] = through[c] - out->sheet[c];
-            out->returned[c] = fminf(1.0f + sheet * (out->local[c] - 1.0f), 1.0f);
-            out->opposed_local[c] = fmaxf(all * slab[c] - fmaxf(through[c], across[c]), 0.0f);
+            out->returned[c] = smaller(1.0f + sheet * (out->local[c] - 1.0f), 1.0f);
+            out->opposed_local[c] = larger(all * slab[c] - larger(through[c], across[c]), 0.0f);
         }
     } else {
         for (int c = 0; c < 3; c++)
-            out->opposed_local[c] = fmaxf(out->local[c] - across[c], 0.0f);
+            out->opposed_local[c] = larger(out->local[c] - across[c], 0.0f);
     }
 }

@@ -38,8 +38,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->gathered);
     pell_free(in->ctx, in->leaving);
     pell_free(in->ctx, in->value);
-    pell_free(in->ctx, in->thick);
-    pell_free(in->ctx, in->solid);
+    pell_free(in->ctx, in->inside);
     pell_free(in->ctx, in);
     *indirect = NULL;
 }
@@ -112,15 +111,12 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->albedo = pell_alloc_array(ctx, in->num_samples, sizeof(*in->albedo));
     in->gathered = pell_alloc_array(ctx, in->num_samples, sizeof(*in->gathered));
     in->leaving = pell_alloc_array(ctx, in->num_samples, sizeof(*in->leaving));
-    in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
-    if (!in->direct || !in->albedo || !in->gathered || !in->leaving || !in->value)
+    if (params->through)
+        in->inside = pell_calloc(ctx, in->num_values, sizeof(*in->inside));
+    else
+        in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
+    if (!in->direct || !in->albedo || !in->gathered || !in->leaving || (!in->inside && !in->value))
         goto fail;
-    if (params->through) {
-        in->thick = pell_calloc(ctx, in->num_values, sizeof(*in->thick));
-        in->solid = pell_calloc(ctx, in->num_values, sizeof(*in->solid));
-        if (!in->thick || !in->solid)
-            goto fail;
-    }
     res = params->through ? indirect_apart_make(in, pool) : indirect_across_make(in, pool);
     if (res != PELL_OK)
         goto fail;

@@ -74,6 +74,13 @@ struct indirect_solid_light {
     float light[3];  /* and what is added to it, W/m^2 */
 };
 
+/* At a value, what points blend. A cache line. */
+union indirect_inside {
+    struct pell_indirect_inside of;
+    float all[16];
+};
+_Static_assert(sizeof(struct pell_indirect_inside) <= 16 * sizeof(float), "fits");
+
 struct pell_indirect {
     struct pell_context *ctx;
     struct pell_indirect_params p;
@@ -103,10 +110,9 @@ struct pell_indirect {
     float (*gathered)[3], (*leaving)[3];
     float (*reflected)[3], (*before)[3]; /* light that enters after one reflection; what left a bounce ago. NULL as mirrored */
     float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
-    float (*value)[3];
-    float (*behind)[3];                 /* of values: light of solids' other sides that leaves here, without the albedo. NULL as across */
-    float (*thick)[3];                  /* with p.through, of values: how far a part is thick beside the distance of samples */
-    struct indirect_solid_light *solid; /* with p.through, of values */
+    float (*value)[3];                   /* of values; NULL: p.through */
+    float (*behind)[3];                  /* of values: light of solids' other sides that leaves here, without the albedo. NULL as across */
+    union indirect_inside *inside;       /* of values; NULL: not p.through */
 };
 
 /* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */

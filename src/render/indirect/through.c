@@ -368,16 +368,14 @@ static void spread(const struct send *s)
 
     for (size_t i = 0; i < in->num_values && !pell_cancelled_at(in->ctx, i); i++) {
         const struct indirect_near *near = &in->near[i];
-        struct indirect_solid_light *to = &in->solid[i];
-        memset(in->value[i], 0, sizeof(in->value[i]));
+        struct pell_indirect_inside *to = &in->inside[i].of;
         memset(to, 0, sizeof(*to));
-        memset(in->thick[i], 0, sizeof(in->thick[i]));
         for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
             const struct indirect_solid_light *from = &s->light[near->sample[k]];
             for (int c = 0; c < 3; c++) {
                 const float solved = near->weight[k] * from->solved[c];
-                in->value[i][c] += near->weight[k] * in->gathered[near->sample[k]][c];
-                in->thick[i][c] += near->weight[k] * s->thick[near->sample[k]][c];
+                to->through[c] += near->weight[k] * in->gathered[near->sample[k]][c];
+                to->thick[c] += near->weight[k] * s->thick[near->sample[k]][c];
                 to->solved[c] += solved;
                 to->gain[c] += solved * from->gain[c];
                 to->light[c] += solved * from->light[c];
@@ -425,23 +423,20 @@ void pell_indirect_look(const struct pell_indirect *in, uint32_t mesh, uint32_t 
                         struct pell_indirect_inside *out)
 {
     const struct pell_scene *scene = in->p.scene;
+    union indirect_inside sum = { .all = { 0.0f } };
     float weight[3];
     uint32_t knot[3];
 
-    *out = (struct pell_indirect_inside) { .thick = { 0.0f } };
+    *out = sum.of;
     if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles)
         return;
     indirect_find(in, mesh, triangle, u, v, knot, weight);
     for (int i = 0; i < 3; i++) {
-        const struct indirect_solid_light *solid = &in->solid[knot[i]];
-        for (int c = 0; c < 3; c++) {
-            out->through[c] += weight[i] * in->value[knot[i]][c];
-            out->thick[c] += weight[i] * in->thick[knot[i]][c];
-            out->solved[c] += weight[i] * solid->solved[c];
-            out->gain[c] += weight[i] * solid->gain[c];
-            out->light[c] += weight[i] * solid->light[c];
-        }
+        const float *from = in->inside[knot[i]].all;
+        for (int k = 0; k < 16; k++)
+            sum.all[k] += weight[i] * from[k];
     }
+    *out = sum.of;
 }
 
 struct correct {

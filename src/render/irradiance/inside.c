@@ -12,16 +12,23 @@
 
 /* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
  * and more mean free paths. Less than diffusion's gain, as such light goes less far. Thin parts keep the same share of it as of all. */
-static float gain_of_once(const struct pell_curvature_effect *e, int c, float inverse_eta2, bool local)
+static void gain_of_once(const struct pell_lanes *l, float gain[3][PELL_LANES])
 {
-    const float bend = inverse_eta2 > 0.0f ? e->shift[c] / sqrtf(inverse_eta2) : 0.0f, gain = 1.0f / (1.0f - smaller(bend, 0.25f));
+    float inverse_eta[PELL_LANES];
 
-    return local && e->gain[c] > 0.0f ? gain * e->local[c] / e->gain[c] : gain;
+    for (int i = 0; i < PELL_LANES; i++)
+        inverse_eta[i] = sqrtf(l->single_eta2[i]);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++) {
+            const float bend = inverse_eta[i] > 0.0f ? l->shift[c][i] / inverse_eta[i] : 0.0f;
+            gain[c][i] = 1.0f / (1.0f - smaller(bend, 0.25f));
+        }
 }
 
 void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gains)
 {
     const struct pell_surface *s = job->p->surface;
+    float kept[3][PELL_LANES], of[3][PELL_LANES]; /* in thin parts: the share kept is one over the other */
 
     for (int i = 0; i < PELL_LANES; i++) {
         const int32_t at = k->index[i];
@@ -35,10 +42,18 @@ void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gain
         for (int c = 0; c < 3; c++) {
             gains->all[c][i] = job->p->flat ? 1.0f : pell_irradiance_gain(job->p, &e)[c];
             gains->between[c][i] = job->p->flat ? 1.0f : e.opposed_local[c];
-            gains->once[c][i] = k->lanes.any_single ? gain_of_once(&e, c, k->lanes.single_eta2[i], job->p->local) : 1.0f;
+            kept[c][i] = job->p->local && e.gain[c] > 0.0f ? e.local[c] : 1.0f;
+            of[c][i] = job->p->local && e.gain[c] > 0.0f ? e.gain[c] : 1.0f;
+            gains->once[c][i] = 1.0f;
             k->lanes.shift[c][i] = e.shift[c];
         }
     }
+    if (!k->lanes.any_single)
+        return;
+    gain_of_once(&k->lanes, gains->once);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++)
+            gains->once[c][i] = gains->once[c][i] * kept[c][i] / of[c][i];
 }
 
 void pell_scale_lanes(const struct gains *gains, struct packet *k)

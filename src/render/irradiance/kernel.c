@@ -285,9 +285,14 @@ static void unshadowed(const struct pell_shade_tables *t, const struct pell_lane
                        struct pell_sums *restrict sums)
 {
     _Alignas(64) float mu[N], transmitted[N];
+    int32_t faced = 0;
 
-    for (int i = 0; i < N; i++)
+    for (int i = 0; i < N; i++) {
         mu[i] = a->nl[i] > 0.0f ? a->nl[i] : 0.0f;
+        faced |= -(int32_t) (mu[i] > 0.0f);
+    }
+    if (!faced)
+        return;
     transmittance(t, p, mu, transmitted);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
