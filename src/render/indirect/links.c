@@ -11,10 +11,21 @@
 struct directions {
     struct pell_indirect *in;
     float x[INDIRECT_RAYS], y[INDIRECT_RAYS], z[INDIRECT_RAYS];
+    int order[INDIRECT_RAYS]; /* in which they are traced: those of a packet go much the same way */
 };
+
+#define ACROSS 3 /* parts of the square along u and along v: a part is a packet */
+#define DOWN (INDIRECT_RAYS / 16 / ACROSS)
+_Static_assert(INDIRECT_RAYS % (16 * ACROSS) == 0, "the parts are packets");
 
 static void make_directions(struct directions *d)
 {
+    int count = 0;
+
+    for (uint32_t part = 0; part < ACROSS * DOWN; part++)
+        for (uint32_t i = 0; i < INDIRECT_RAYS; i++)
+            if (i * ACROSS / INDIRECT_RAYS == part / DOWN && (uint32_t) (pell_unit_float(pell_sobol0(i)) * DOWN) == part % DOWN)
+                d->order[count++] = (int) i;
     for (uint32_t i = 0; i < INDIRECT_RAYS; i++) {
         pell_disc_point(((float) i + 0.5f) / INDIRECT_RAYS, pell_unit_float(pell_sobol0(i)), &d->x[i], &d->y[i]);
         d->z[i] = sqrtf(fmaxf(1.0f - d->x[i] * d->x[i] - d->y[i] * d->y[i], 1e-6f));
@@ -78,13 +89,13 @@ struct reflected {
     float weight[INDIRECT_RAYS], all; /* of what comes along it, as it enters at the sample; their sum */
 };
 
-static void reflect16(const struct pell_indirect *in, const struct pell_ray_hit16 *r, const float *enter, int first, uint32_t seed,
+static void reflect16(const struct pell_indirect *in, const struct pell_ray_hit16 *r, const float *enter, const int *number, uint32_t seed,
                       struct reflected *out)
 {
     for (int i = 0; i < 16; i++) {
         const struct pell_hit16 *h = &r->hit;
         const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
-        const int k = first + i;
+        const int k = number[i];
         struct pell_vec3 at, n;
         out->weight[k] = 0.0f;
         out->from[k] = out->along[k] = vec3(0.0f, 0.0f, 0.0f);
@@ -95,7 +106,6 @@ static void reflect16(const struct pell_indirect *in, const struct pell_ray_hit1
                                                      pell_hash(seed + (uint32_t) k), &out->along[k]);
         at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
         out->from[k] = vec3_mad(at, indirect_clearance(at, 0.0f), n);
-        out->all += out->weight[k];
     }
 }
 
@@ -144,26 +154,29 @@ static void link_sample(const struct directions *d, uint32_t number)
     struct pell_ray_hit16 r;
     struct pell_vec3 t, b;
 
-    reflected.all = 0.0f;
     vec3_basis(s->normal, &t, &b);
     for (int first = 0; first < INDIRECT_RAYS; first += 16) {
         memset(&r, 0, sizeof(r));
         for (int i = 0; i < 16; i++) {
-            const int k = first + i;
+            const int k = d->order[first + i];
             const float x = cosine * d->x[k] - sine * d->y[k], y = sine * d->x[k] + cosine * d->y[k];
             const struct pell_vec3 w = vec3_mad(vec3_mad(vec3_mul(s->normal, d->z[k]), x, t), y, b);
             valid[i] = -1;
             pell_ray16_set(&r.ray, i, o, w, INFINITY);
             r.hit.mesh[i] = PELL_NO_HIT;
         }
-        pell_rays_closest16(in->p.rays, valid, false, &r);
+        pell_rays_closest16(in->p.rays, valid, true, &r);
         for (int i = 0; i < 16; i++)
-            links[first + i] = link_of(in, &r, i);
+            links[d->order[first + i]] = link_of(in, &r, i);
         if (in->mirrored)
-            reflect16(in, &r, in->enter[s->material], first, turned, &reflected);
+            reflect16(in, &r, in->enter[s->material], d->order + first, turned, &reflected);
     }
-    if (in->mirrored)
-        link_mirrored(in, &reflected, pell_hash(turned), in->mirrored + (size_t) number * INDIRECT_MIRRORED);
+    if (!in->mirrored)
+        return;
+    reflected.all = 0.0f;
+    for (int k = 0; k < INDIRECT_RAYS; k++)
+        reflected.all += reflected.weight[k];
+    link_mirrored(in, &reflected, pell_hash(turned), in->mirrored + (size_t) number * INDIRECT_MIRRORED);
 }
 
 static void link_chunk(void *arg, int index, int worker)
