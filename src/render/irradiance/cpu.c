@@ -184,20 +184,23 @@ static void environments(const struct job *job, struct packet *k)
 {
     const struct pell_lights *lights = job->lights;
     const struct pell_lanes *l = &k->lanes;
-    struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
+    struct pell_sky sky;
 
     if (!pell_any_environment(job))
         return;
     for (int i = 0; i < PELL_LANES; i++) {
-        origin[i] = vec3(l->ox[i], l->oy[i], l->oz[i]);
-        normal[i] = vec3(l->gx[i], l->gy[i], l->gz[i]); /* geometric: on a convex mesh all of the environment is seen, however coarse it
-                                                         * is */
+        sky.origin[0][i] = l->ox[i];
+        sky.origin[1][i] = l->oy[i];
+        sky.origin[2][i] = l->oz[i];
+        sky.normal[0][i] = l->gx[i]; /* geometric: on a convex mesh all of the environment is seen, however coarse it is */
+        sky.normal[1][i] = l->gy[i];
+        sky.normal[2][i] = l->gz[i];
     }
     if (job->entering && job->p->ambient && !k->behind)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
     else if (!k->given)
-        pell_ambient_visibility(job, k, l->valid, origin, normal, PELL_AMBIENT_SALT, k->ambient);
+        pell_ambient_visibility(job, k, l->valid, PELL_AMBIENT_SALT, &sky, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
         if (!pell_light_counts(job, lights->environments[e].light))

@@ -124,8 +124,8 @@ void pell_trace_occlusion(const struct job *job, struct packet *k, const int32_t
 bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *k, const int32_t *mask, const float *x, const float *y,
                          const float *z, int32_t *visible);
 /* Share of cosine-distributed directions about the normal that see nothing. */
-void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_vec3 *origin,
-                             const struct pell_vec3 *normal, uint32_t salt, float *share);
+void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
+                             float *share);
 
 /* --- transmission.c -------------------------------------------------------------------------------------------------------------- */
 

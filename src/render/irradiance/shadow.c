@@ -26,53 +26,29 @@ bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *
     return true;
 }
 
-#define SORTED 16 /* samples of a lane that are put in order together */
-
-/* The square's samples first + 0, 1, ... of a lane in an order of quadrants of quadrants: then the rays that lanes send at the same time go
- * much the same way, since each lane's samples are spread over the square alike. What a lane sees does not depend on the order. */
-static void sort_lane(uint32_t first, int count, const uint32_t pattern[2], uint32_t at[SORTED][2])
+/* The light of the sky: share of `samples` cosine-distributed directions about sky->normal that see nothing. A lane's samples are those
+ * that it would take in the sequence's order, so that what it sees does not depend on the order. */
+void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
+                             float *share)
 {
-    uint32_t place[SORTED];
-
-    for (int s = 0; s < count; s++) {
-        const uint32_t u = pell_sobol0(first + (uint32_t) s) ^ pattern[0], v = pell_sobol1(first + (uint32_t) s) ^ pattern[1];
-        const uint32_t here = (u >> 30 & 2u) << 2 | (v >> 30 & 2u) << 1 | (u >> 29 & 2u) | (v >> 30 & 1u);
-        int i = s;
-        for (; i > 0 && place[i - 1] > here; i--) {
-            place[i] = place[i - 1];
-            memcpy(at[i], at[i - 1], sizeof(at[i]));
-        }
-        place[i] = here;
-        at[i][0] = u;
-        at[i][1] = v;
-    }
-}
-
-/* Share of `samples` cosine-distributed directions about the normal that see nothing. */
-void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_vec3 *origin,
-                             const struct pell_vec3 *normal, uint32_t salt, float *share)
-{
-    const int samples = job->lights->ambient_samples;
+    const uint32_t samples = (uint32_t) job->lights->ambient_samples, first = job->p->sample * samples;
+    uint32_t number[2][1 << PELL_SKY_BITS];
     _Alignas(64) int32_t visible[PELL_LANES];
-    struct pell_vec3 t[PELL_LANES], b[PELL_LANES];
-    uint32_t pattern[PELL_LANES][2], at[PELL_LANES][SORTED][2];
     struct pell_ray16 rays;
 
-    for (int i = 0; i < PELL_LANES; i++) {
-        pell_lane_pattern(&k->lanes, i, job->lights->ambient_bits, salt, &pattern[i][0], &pattern[i][1]);
-        vec3_basis(normal[i], &t[i], &b[i]);
-        share[i] = 0.0f;
-    }
-    for (int s = 0; s < samples; s++) {
-        const int place = s % SORTED, left = samples - s;
-        for (int i = 0; i < PELL_LANES; i++) {
-            float x, y, z;
-            if (place == 0)
-                sort_lane(job->p->sample * (uint32_t) samples + (uint32_t) s, left < SORTED ? left : SORTED, pattern[i], at[i]);
-            pell_disc_point(pell_unit_float(at[i][place][0]), pell_unit_float(at[i][place][1]), &x, &y);
-            z = sqrtf(max0(1.0f - x * x - y * y));
-            pell_ray16_set(&rays, i, origin[i], vec3_mad(vec3_mad(vec3_mul(normal[i], z), x, t[i]), y, b[i]), FLT_MAX);
+    sky->bits = 0; /* a run of so many numbers has one in each part of the square */
+    while (sky->bits < PELL_SKY_BITS && !(samples >> sky->bits & 1u))
+        sky->bits++;
+    job->kernels->make_sky(&k->lanes, job->lights->ambient_bits, salt, sky);
+    memset(share, 0, PELL_LANES * sizeof(*share));
+    for (uint32_t s = 0; s < samples; s++) {
+        const uint32_t run = 1u << sky->bits, j = s & (run - 1u);
+        for (uint32_t n = first + s; j == 0 && n < first + s + run; n++) {
+            const uint32_t u = pell_sobol0(n), v = pell_sobol1(n), part = pell_sky_part(u, v, sky->bits);
+            number[0][part] = u;
+            number[1][part] = v;
         }
+        job->kernels->sky_rays(sky, (const uint32_t(*)[1 << PELL_SKY_BITS]) number, j, &rays);
         pell_trace_occlusion(job, k, mask, false, &rays, visible);
         for (int i = 0; i < PELL_LANES; i++)
             share[i] -= (float) visible[i];

@@ -269,7 +269,7 @@ static void smooth_rest(const struct job *job, const struct packet *k, int i, in
 void pell_transmit_environment(const struct job *job, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
-    struct pell_vec3 origin[PELL_LANES], normal[PELL_LANES];
+    struct pell_sky sky;
     float visible[PELL_LANES];
     struct pell_ray_hit16 r;
     struct exits exits;
@@ -277,8 +277,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
 
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        origin[i] = inside(l, i);
-        pell_ray16_set(&r.ray, i, origin[i], vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
+        pell_ray16_set(&r.ray, i, inside(l, i), vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
                        l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
         exits.found[i] = l->valid[i] & l->deep[i] & k->straight[i];
     }
@@ -287,11 +286,19 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
-        normal[i] = exits.found[i] ? exits.geometric[i] : vec3(0.0f, 0.0f, 1.0f);
-        if (exits.found[i])
-            origin[i] = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], exits.geometric[i]);
+        struct pell_vec3 o = inside(l, i), n = vec3(0.0f, 0.0f, 1.0f);
+        if (exits.found[i]) {
+            n = exits.geometric[i];
+            o = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], n);
+        }
+        sky.origin[0][i] = o.x;
+        sky.origin[1][i] = o.y;
+        sky.origin[2][i] = o.z;
+        sky.normal[0][i] = n.x;
+        sky.normal[1][i] = n.y;
+        sky.normal[2][i] = n.z;
     }
-    pell_ambient_visibility(job, k, exits.found, origin, normal, 0x3c6ef372u, visible);
+    pell_ambient_visibility(job, k, exits.found, 0x3c6ef372u, &sky, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         float share[3], rest[3], m;
         if (!exits.found[i] || !(visible[i] > 0.0f))
