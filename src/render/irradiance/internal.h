@@ -6,7 +6,7 @@
 #ifndef RENDER_IRRADIANCE_INTERNAL_H
 #define RENDER_IRRADIANCE_INTERNAL_H
 
-#include "render/irradiance/kernel.h"
+#include "render/irradiance/sky_kernel.h"
 #include "scene/material_maps.h"
 
 /* Of the patterns in which rays look for the environment. */
@@ -125,7 +125,7 @@ bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *
                          const float *z, int32_t *visible);
 /* Share of cosine-distributed directions about the normal that see nothing. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
-                             float *share);
+                             float share[PELL_LANES]);
 
 /* --- transmission.c -------------------------------------------------------------------------------------------------------------- */
 

@@ -29,8 +29,9 @@ bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *
 /* The light of the sky: share of `samples` cosine-distributed directions about sky->normal that see nothing. A lane's samples are those
  * that it would take in the sequence's order, so that what it sees does not depend on the order. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
-                             float *share)
+                             float share[PELL_LANES])
 {
+    const struct pell_sky_kernels *kernels = pell_sky_kernels_tables[pell_simd_best()];
     const uint32_t samples = (uint32_t) job->lights->ambient_samples, first = job->p->sample * samples;
     uint32_t number[2][1 << PELL_SKY_BITS];
     _Alignas(64) int32_t visible[PELL_LANES];
@@ -39,7 +40,7 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
     sky->bits = 0; /* a run of so many numbers has one in each part of the square */
     while (sky->bits < PELL_SKY_BITS && !(samples >> sky->bits & 1u))
         sky->bits++;
-    job->kernels->make_sky(&k->lanes, job->lights->ambient_bits, salt, sky);
+    kernels->make(&k->lanes, job->lights->ambient_bits, salt, sky);
     memset(share, 0, PELL_LANES * sizeof(*share));
     for (uint32_t s = 0; s < samples; s++) {
         const uint32_t run = 1u << sky->bits, j = s & (run - 1u);
@@ -48,7 +49,7 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
             number[0][part] = u;
             number[1][part] = v;
         }
-        job->kernels->sky_rays(sky, (const uint32_t(*)[1 << PELL_SKY_BITS]) number, j, &rays);
+        kernels->rays(sky, (const uint32_t(*)[1 << PELL_SKY_BITS]) number, j, &rays);
         pell_trace_occlusion(job, k, mask, false, &rays, visible);
         for (int i = 0; i < PELL_LANES; i++)
             share[i] -= (float) visible[i];
