@@ -196,6 +196,24 @@ static inline void deposit(float (*hist)[4], float mu, const float rgb[4], float
     memcpy(at, both, sizeof(both));
 }
 
+/* What the kernels make of the bins. */
+static void add_bins(const struct node_task *t, float (*hist)[4], float *node)
+{
+    float sum[3][MAX_ROWS] = { { 0 } };
+
+    for (int b = 0; b < BINS; b++) {
+        const float *restrict kernels = t->kernels + b * t->rows, r = hist[b][0], g = hist[b][1], blue = hist[b][2];
+        for (int row = 0; row < t->rows; row++) {
+            sum[0][row] += r * kernels[row];
+            sum[1][row] += g * kernels[row];
+            sum[2][row] += blue * kernels[row];
+        }
+    }
+    for (int row = 0; row < t->rows; row++)
+        for (int c = 0; c < 3; c++)
+            node[3 * row + c] = sum[c][row];
+}
+
 static void make_node_row(void *arg, int j, int worker)
 {
     const struct node_task *t = arg;
@@ -226,14 +244,7 @@ static void make_node_row(void *arg, int j, int worker)
             if (t->sources[k].compact && mu > 0.0f)
                 deposit(hist, mu, rgb, -1.0f);
         }
-        for (int c = 0; c < 3; c++) {
-            float sum[MAX_ROWS] = { 0 };
-            for (int b = 0; b < BINS; b++)
-                for (int row = 0; row < t->rows; row++)
-                    sum[row] += hist[b][c] * t->kernels[b * t->rows + row];
-            for (int row = 0; row < t->rows; row++)
-                node[3 * row + c] = sum[row];
-        }
+        add_bins(t, hist, node);
     }
 }
 
