@@ -4,6 +4,7 @@
 #include "specular_lookup.h"
 
 #include "image/color.h"
+#include "render/irradiance/sky_kernel.h"
 
 #define SIZE 48
 
@@ -505,6 +506,55 @@ static void a_sun_in_a_dim_environment_keeps_the_bound(void **state)
     rig_finish(&r);
 }
 
+/* A run of 2^bits numbers has one in each part of the square, and rays of one number are those of the part that it is in. */
+static void the_sky_is_looked_at_in_parts(void **state)
+{
+    (void) state;
+    for (int bits = 0; bits <= PELL_SKY_BITS; bits++)
+        for (uint32_t first = 0; first < 256; first += 1u << bits) {
+            uint32_t parts = 0;
+            for (uint32_t n = first; n < first + (1u << bits); n++)
+                parts |= 1u << pell_sky_part(pell_sobol0(n), pell_sobol1(n), bits);
+            REQUIRE(parts == (1u << (1u << bits)) - 1u);
+        }
+    for (int level = 0; level <= (int) pell_simd_best(); level++) {
+        const struct pell_sky_kernels *kernels = pell_sky_kernels_tables[level];
+        struct pell_lanes lanes = { .any_smooth = 0 };
+        struct pell_sky sky = { .bits = 2 };
+        uint32_t number[2][1 << PELL_SKY_BITS] = { { 0 } };
+        struct pell_ray16 rays;
+        for (int i = 0; i < PELL_LANES; i++) {
+            const struct pell_vec3 n = vec3_normalize(vec3(0.3f * (float) (i - 7), 1.0f - 0.2f * (float) i, (float) (i % 3) - 1.2f));
+            lanes.hash[0][i] = pell_hash((uint32_t) i);
+            lanes.hash[1][i] = pell_hash((uint32_t) i + 100u);
+            sky.normal[0][i] = n.x;
+            sky.normal[1][i] = n.y;
+            sky.normal[2][i] = n.z;
+            for (int c = 0; c < 3; c++)
+                sky.origin[c][i] = (float) (i + c);
+        }
+        kernels->make(&lanes, 4, 7u, &sky);
+        for (uint32_t n = 8; n < 12; n++) {
+            const uint32_t part = pell_sky_part(pell_sobol0(n), pell_sobol1(n), 2);
+            number[0][part] = pell_sobol0(n);
+            number[1][part] = pell_sobol1(n);
+        }
+        for (uint32_t j = 0; j < 4; j++) {
+            kernels->rays(&sky, (const uint32_t(*)[1 << PELL_SKY_BITS]) number, j, &rays);
+            for (int i = 0; i < PELL_LANES; i++) {
+                const struct pell_vec3 n = vec3(sky.normal[0][i], sky.normal[1][i], sky.normal[2][i]),
+                                       d = vec3(rays.dx[i], rays.dy[i], rays.dz[i]);
+                struct pell_vec3 t, b;
+                vec3_basis(n, &t, &b);
+                REQUIRE_NEAR(vec3_length(d), 1.0, 1e-5);
+                REQUIRE(vec3_dot(d, n) > 0.0f && rays.oy[i] == (float) (i + 1));
+                /* part j of the square is a quadrant of the disc */
+                REQUIRE((vec3_dot(d, t) > 0.0f) == (j >> 1 & 1u) && (vec3_dot(d, b) > 0.0f) == (j & 1u));
+            }
+        }
+    }
+}
+
 /* The sun's shadow is as dark as the environment's share, and the environment is dimmed by what hides it. */
 static void environment_shadows(void **state)
 {
@@ -783,6 +833,7 @@ int main(void)
         cmocka_unit_test(environment_sums_to_the_pictures_irradiance_sunset),
         cmocka_unit_test(a_sun_in_a_dim_environment_keeps_the_bound),
         cmocka_unit_test(environment_shadows),
+        cmocka_unit_test(the_sky_is_looked_at_in_parts),
         cmocka_unit_test(a_metal_sphere_reflects_a_uniform_environment),
         cmocka_unit_test(a_highlight_is_the_lobe),
         cmocka_unit_test(highlights_of_faces_are_integrals),

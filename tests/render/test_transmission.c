@@ -143,6 +143,63 @@ static void slab_transmits_an_environment(void **state)
     }
 }
 
+/* What the multisamples transmit, their mean in `mean`; the most that one of them is off it, over it. Returns the rays. */
+static int64_t transmitted_by_samples(struct rig *r, double mean[SIZE * SIZE], double *off)
+{
+    static double all[4][SIZE * SIZE];
+    int64_t rays = 0;
+
+    for (int s = 0; s < 4; s++) {
+        struct pell_irradiance_params p;
+        r->sample = (uint32_t) s;
+        p = rig_params(r);
+        OK(pell_irradiance_render(r->pool, r->lights, &p, &r->light));
+        rays += r->light.shadow_rays;
+        for (int i = 0; i < SIZE * SIZE; i++)
+            all[s][i] = (double) r->light.transmitted[0][rig_at(r, i % SIZE, i / SIZE)];
+    }
+    *off = 0.0;
+    for (int i = 0; i < SIZE * SIZE; i++) {
+        mean[i] = 0.25 * (all[0][i] + all[1][i] + all[2][i] + all[3][i]);
+        for (int s = 0; s < 4; s++)
+            *off = fmax(*off, fabs(all[s][i] / mean[i] - 1.0));
+    }
+    return rays;
+}
+
+/* Each pixel has all lights of an environment in one frame, as if they had no turns; with fewer rays. The sun, which is strong, has none. */
+static void lights_take_turns(void **state)
+{
+    static double turns[SIZE * SIZE], all[SIZE * SIZE];
+    double off_turns, off_all;
+    int64_t rays_turns, rays_all;
+    int taking = 0, alone = 0;
+    struct pell_texture *sky;
+    struct rig r;
+    (void) state;
+    start_slab(&r, 2.0f);
+    r.settings.msaa = 4;
+    r.settings.ambient_samples = 4;
+    sky = add_environment(&r);
+    ((float *) sky->image.pixels)[3 * (140 * 512 + 300)] *= 10.0f; /* the sun */
+    rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.5f)->image = sky;
+    rig_render(&r);
+    rays_turns = transmitted_by_samples(&r, turns, &off_turns);
+    for (size_t i = 0; i < r.lights->num_sources; i++) {
+        taking += r.lights->sources[i].turns == 4;
+        alone += r.lights->sources[i].turns == 1;
+        r.lights->sources[i].turns = 1;
+    }
+    REQUIRE(taking > 8 && alone > 0);
+    rays_all = transmitted_by_samples(&r, all, &off_all);
+    for (int i = 0; i < SIZE * SIZE; i++)
+        REQUIRE_REL(turns[i], all[i], 1e-5);
+    REQUIRE(off_turns > 1e-3 && off_turns < 0.25);
+    REQUIRE(off_all < 1e-6);
+    REQUIRE(rays_turns < rays_all);
+    rig_finish(&r);
+}
+
 static void a_projected_image_shows_through_the_slab(void **state)
 {
     struct pell_texture *t;
@@ -535,6 +592,7 @@ int main(void)
         cmocka_unit_test(slab_transmits_every_light),
         cmocka_unit_test(a_wide_light_is_even_light),
         cmocka_unit_test(slab_transmits_an_environment),
+        cmocka_unit_test(lights_take_turns),
         cmocka_unit_test(a_projected_image_shows_through_the_slab),
         cmocka_unit_test(inner_objects),
         cmocka_unit_test(a_shadow_on_the_far_side_blocks),
