@@ -167,7 +167,7 @@ static int64_t transmitted_by_samples(struct rig *r, double mean[SIZE * SIZE], d
     return rays;
 }
 
-/* Each pixel has all lights of an environment in one frame, as if they had no turns; with fewer rays. The sun, which is strong, has none. */
+/* Each pixel has all lights of an environment in one frame, as if they had no turns; with fewer rays. The sun is strong, and has none. */
 static void lights_take_turns(void **state)
 {
     static double turns[SIZE * SIZE], all[SIZE * SIZE];
