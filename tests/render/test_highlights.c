@@ -177,6 +177,32 @@ static void what_nothing_hides_keeps_its_bits(void **state)
     wall_free(w);
 }
 
+/* Beside pixels that show nothing, whose planes may hold anything. */
+static void what_shows_nothing_has_no_effect(void **state)
+{
+    static const float anything[] = { NAN, INFINITY, -INFINITY, -1e30f };
+    struct wall *w = wall_of(1, 1.0f, 0.5), *clean = wall_of(1, 1.0f, 0.5);
+
+    (void) state;
+    for (int i = 0; i < SIZE; i++) {
+        if (i % STRIDE < 75 && i / STRIDE < 30)
+            continue;
+        w->material[i] = clean->material[i] = 0;
+        for (int c = 0; c < 3; c++) {
+            w->specular[c][i] = w->hidden[c][i] = w->normal[c][i] = anything[i % 4];
+            clean->specular[c][i] = clean->hidden[c][i] = 0.0f;
+        }
+        w->depth[i] = anything[i / 4 % 4];
+    }
+    pell_highlights_render(w->pool, &w->p);
+    pell_highlights_render(clean->pool, &clean->p);
+    for (int i = 0; i < SIZE; i++)
+        for (int c = 0; c < 3 && w->material[i]; c++)
+            REQUIRE(w->specular[c][i] == clean->specular[c][i]);
+    wall_free(w);
+    wall_free(clean);
+}
+
 static void any_number_of_threads_gives_the_same_bits(void **state)
 {
     struct wall *a = wall_of(1, 1.0f, 0.3), *b = wall_of(4, 1.0f, 0.3);
@@ -192,11 +218,9 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(noise_falls_and_the_mean_stays),
-        cmocka_unit_test(highlights_stay_sharp),
-        cmocka_unit_test(edges_keep_light_apart),
-        cmocka_unit_test(what_nothing_hides_keeps_its_bits),
-        cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
+        cmocka_unit_test(noise_falls_and_the_mean_stays),   cmocka_unit_test(highlights_stay_sharp),
+        cmocka_unit_test(edges_keep_light_apart),           cmocka_unit_test(what_nothing_hides_keeps_its_bits),
+        cmocka_unit_test(what_shows_nothing_has_no_effect), cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
     };
 
     return cmocka_run_group_tests_name("render.highlights", tests, NULL, NULL);

@@ -18,13 +18,13 @@ static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, floa
         const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset], alike = 1.0f - TURN * (1.0f - turn);
         const float far = fabsf(beyond[i] - depth[i]), reach = depth[i] * depth_mm + fixed_mm;
         const float near = material[i] == other[i] && far < reach && b->hidden[0][i + offset] >= 0.0f ? weight : 0.0f;
-        w[i] = alike > 0.0f ? near * alike : 0.0f;
+        w[i] = near > 0.0f && alike > 0.0f ? near * alike : 0.0f; /* pixels that show nothing may hold anything, NaN, too */
     }
     for (int c = 0; c < 3; c++) {
         const float *restrict specular = b->specular[c] + offset, *restrict hidden = b->hidden[c] + offset;
         for (int i = first; i < end; i++) {
-            b->seen[c][i] += w[i] * specular[i];
-            b->all[c][i] += w[i] * (specular[i] + hidden[i]);
+            b->seen[c][i] += w[i] > 0.0f ? w[i] * specular[i] : 0.0f;
+            b->all[c][i] += w[i] > 0.0f ? w[i] * (specular[i] + hidden[i]) : 0.0f;
         }
     }
 }
