@@ -33,12 +33,7 @@ static void device_finish(struct device *d)
 {
     pell_post_device_destroy(&d->post);
     pell_pool_destroy(&d->pool);
-    assert_true(pell_gpu_memory_used(d->gpu) == 0);
-    pell_gpu_close(&d->gpu);
-    if (d->kept.errors)
-        fail_msg("%d messages, the last: %s", d->kept.errors, d->kept.what);
-    assert_int_equal(pell_memory_used(d->ctx), 0);
-    pell_context_destroy(&d->ctx);
+    gpu_finished(&d->ctx, &d->gpu, &d->kept);
 }
 
 /* Mean difference over the mean, of a rectangle of planes. */

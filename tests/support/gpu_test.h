@@ -42,4 +42,15 @@ static inline struct pell_gpu *gpu_opened(struct pell_context *ctx)
     return gpu;
 }
 
+/* Closes both; nothing is left of them, and nothing was said. */
+static inline void gpu_finished(struct pell_context **ctx, struct pell_gpu **gpu, const struct kept_messages *kept)
+{
+    assert_true(pell_gpu_memory_used(*gpu) == 0);
+    pell_gpu_close(gpu);
+    if (kept->errors)
+        fail_msg("%d messages, the last: %s", kept->errors, kept->what);
+    assert_int_equal(pell_memory_used(*ctx), 0);
+    pell_context_destroy(ctx);
+}
+
 #endif
