@@ -9,6 +9,9 @@
 
 #include "shared/language.h"
 
+/* Points of the part of a face that a sample stands for, at which a highlight is taken: rays cost more than lobes. */
+#define PELL_GLOSS_POINTS 8
+
 /* A half vector about +z. */
 struct pell_half_vector {
     float x, y, z;

@@ -78,9 +78,10 @@ void shine(pell_light_data light, Point p, inout Sums sums)
 float ambient_visibility(Point p, uvec2 pattern, inout uint rays)
 {
     const vec3 n = p.geometric;
-    const float side = floatBitsToInt(n.z) < 0 ? -1.0 : 1.0, a = -1.0 / (side + n.z), c = n.x * n.y * a;
-    const vec3 t = vec3(1.0 + side * n.x * n.x * a, side * c, -side * n.x), b = vec3(c, side + n.y * n.y * a, -n.y);
+    vec3 t, b;
     uint seen = 0u;
+
+    basis_of(n, t, b);
 
     for (uint s = 0u; s < pc.ambient_samples; s++) {
         const uint number = p.number * pc.ambient_samples + s;

@@ -79,6 +79,14 @@ struct Aim {
     uvec2 at; // of rect and disc, of the face: fractions of 2^32
 };
 
+// Two unit vectors at right angles to a normal and to each other: vec3_basis of math/vec.h.
+void basis_of(vec3 n, out vec3 t, out vec3 b)
+{
+    const float side = floatBitsToInt(n.z) < 0 ? -1.0 : 1.0, a = -1.0 / (side + n.z), c = n.x * n.y * a;
+    t = vec3(1.0 + side * n.x * n.x * a, side * c, -side * n.x);
+    b = vec3(c, side + n.y * n.y * a, -n.y);
+}
+
 bool is_flat(pell_light_data light)
 {
     return light.type == PELL_LIGHT_DATA_RECT || light.type == PELL_LIGHT_DATA_DISC;

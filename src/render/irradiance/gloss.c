@@ -97,8 +97,6 @@ static void aim_within(const struct pell_light_data *restrict light, const struc
     }
 }
 
-#define WITHIN 8 /* places of a sample's cell that a highlight is taken at: rays cost more than lobes */
-
 /* --- By points of the face ------------------------------------------------------------------------------------------------------ */
 
 /* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. `facing`:
@@ -107,11 +105,11 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
                                    const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
                                    const int32_t *restrict visible, struct pell_gloss *restrict gloss)
 {
-    const int places = has_face(light) ? WITHIN : 1;
+    const int places = has_face(light) ? PELL_GLOSS_POINTS : 1;
     _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], even[2][N] = { { 0 } }, grazing[2][N] = { { 0 } }, l[3][N], cosine[N];
 
     for (int i = 0; i < N; i++)
-        spread[i] = gloss->odds[i] > 0.0f ? 0.0f : a->spread[i] * (1.0f / WITHIN);
+        spread[i] = gloss->odds[i] > 0.0f ? 0.0f : a->spread[i] * (1.0f / PELL_GLOSS_POINTS);
     memcpy(l[0], a->lx, sizeof(a->lx));
     memcpy(l[1], a->ly, sizeof(a->ly));
     memcpy(l[2], a->lz, sizeof(a->lz));
@@ -221,7 +219,7 @@ static void mirror(const struct pell_light_data *restrict light, const struct pe
 
 void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_gloss *gloss)
 {
-    const int points = light->samples * WITHIN, directions = pell_gloss_directions(light->samples);
+    const int points = light->samples * PELL_GLOSS_POINTS, directions = pell_gloss_directions(light->samples);
     const float area = has_face(light) && light->image < 0 ? face_area(light) : 0.0f;
 
     memset(gloss, 0, sizeof(*gloss));

@@ -3,8 +3,6 @@
 #include "shared/gloss.h"
 #include "shared/sampling.h"
 
-const int WITHIN = 8; // places of a sample's cell that a highlight is taken at
-
 // What a highlight is made of.
 struct Gloss {
     vec3 view, tint, f0;
@@ -63,8 +61,8 @@ Shine begin_highlight(pell_light_data light, Point p)
     if (p.highlights && light.environment < 0 && light.image < 0 && is_flat(light) && height > 0.0) {
         const Gloss gloss = gloss_of(p);
         if (gloss.model != PELL_LOBE_PHONG)
-            shine.odds = pell_gloss_odds(face_area(light) * height / (d2 * sqrt(d2)), gloss.width2, gloss.nv, light.samples * WITHIN,
-                                         pell_gloss_directions(light.samples));
+            shine.odds = pell_gloss_odds(face_area(light) * height / (d2 * sqrt(d2)), gloss.width2, gloss.nv,
+                                         light.samples * PELL_GLOSS_POINTS, pell_gloss_directions(light.samples));
     }
     return shine;
 }
@@ -72,8 +70,9 @@ Shine begin_highlight(pell_light_data light, Point p)
 // The part of the face that a sample stands for is looked at more closely than by its ray.
 void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine shine)
 {
-    const int places = is_flat(light) ? WITHIN : 1;
-    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu), spread = shine.odds > 0.0 ? 0.0 : a.spread * (1.0 / float(WITHIN));
+    const int places = is_flat(light) ? PELL_GLOSS_POINTS : 1;
+    const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu);
+    const float spread = shine.odds > 0.0 ? 0.0 : a.spread * (1.0 / float(PELL_GLOSS_POINTS));
     const Gloss gloss = gloss_of(p);
     vec2 all = vec2(0.0), part = vec2(0.0); // even, grazing
 
@@ -123,12 +122,15 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
     const vec3 n = p.normal;
     const Gloss gloss = gloss_of(p);
     const vec3 aslant = gloss.view - dot(n, gloss.view) * n;
-    const float square = dot(aslant, aslant), side = floatBitsToInt(n.z) < 0 ? -1.0 : 1.0, d = -1.0 / (side + n.z);
-    // In the plane of incidence; straight on that of vec3_basis.
-    const vec3 t = square > 1e-8 ? aslant * (1.0 / sqrt(square)) : vec3(1.0 + side * n.x * n.x * d, side * n.x * n.y * d, -side * n.x);
-    const vec3 b = cross(n, t);
+    const float square = dot(aslant, aslant);
+    vec3 t, b;
     vec2 sum = vec2(0.0); // even, grazing
 
+    basis_of(n, t, b);
+    if (square > 1e-8) { // in the plane of incidence, so that a scene that is turned has the same directions
+        t = aslant * (1.0 / sqrt(square));
+        b = cross(n, t);
+    }
     for (int j = 0; j < count; j++) {
         const uint number = p.number * uint(count) + uint(j);
         const pell_place2 at = pell_disc_at(pell_unit_float(pell_sobol0(number) ^ p.pattern.x),

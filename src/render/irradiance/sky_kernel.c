@@ -2,13 +2,9 @@
  * sky_kernel.c - see sky_kernel.h. */
 #include "render/irradiance/sky_kernel.h"
 
+#include "render/irradiance/lanes.h"
+
 #include <float.h>
-
-#ifndef PELL_SIMD_NAME
-#define PELL_SIMD_NAME base
-#endif
-
-#define N PELL_LANES
 
 static void make(const struct pell_lanes *restrict p, int pattern_bits, uint32_t salt, struct pell_sky *restrict s)
 {
