@@ -37,17 +37,17 @@ build: ## sets up and builds ./pellucid
 test: build ## sets up, builds, runs every test
 	@scripts/run_tests.py $(BUILD) test
 
-# Not the suite "accuracy": it takes half as long again, for numbers of long renderings by code that other tests run through, too.
+# Not the suite "accuracy" under the sanitizers: numbers of long renderings by code that other tests run through, too.
 test-asan: ## tests of code under the address and undefined-behaviour sanitizers
 	@scripts/setup.sh --ci
 	@CC=clang scripts/build.sh build-asan --buildtype=debugoptimized -Db_sanitize=address,undefined $(watched) -Dc_args=-gline-tables-only
-	@$(sanitized) scripts/run_tests.py build-asan test-asan --timeout-multiplier 6 --no-suite docs --no-suite style --no-suite accuracy
+	@$(sanitized) scripts/run_tests.py build-asan test-asan --timeout-multiplier 6 $(addprefix --no-suite ,docs style browser accuracy)
 
 test-tsan: ## the tests that start threads, under the thread sanitizer
 	@scripts/setup.sh --ci
-	@CC=clang TARGETS=suite:threads scripts/build.sh build-tsan --buildtype=debugoptimized -Db_sanitize=thread $(watched) \
+	@CC=clang TARGETS=suite:threads,-accuracy scripts/build.sh build-tsan --buildtype=debugoptimized -Db_sanitize=thread $(watched) \
 	    -Dc_args=-gline-tables-only
-	@$(sanitized) scripts/run_tests.py build-tsan test-tsan --timeout-multiplier 6 --suite threads
+	@$(sanitized) scripts/run_tests.py build-tsan test-tsan --timeout-multiplier 6 --suite threads --no-suite accuracy
 
 shaders: ## the methods' compute shaders as SPIR-V, HLSL and MSL, in build/shaders (needs spirv-cross)
 	@scripts/export_shaders.py $(BUILD)/shaders

@@ -145,7 +145,7 @@ static enum pell_result fill(struct bench *b)
         snprintf(knobs, sizeof(knobs), "planes=4 resolution=%s", values[i]);
         PELL_TRY(measure(b, name, knobs, true, true));
     }
-    PELL_TRY(measure(b, "4 planes, resolution 1/2, behind-step 4", "planes=4 resolution=1/2 behind-step=4", true, true));
+    PELL_TRY(measure(b, "4 planes, resolution 1/2, behind-step 2", "planes=4 resolution=1/2 behind-step=2", true, true));
     first = b->rows.count;
     for (size_t i = 0; i < PELL_COUNT(radii); i++) {
         PELL_TRY(bench_stretch(b, radii[i] / now));

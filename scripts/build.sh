@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
 # build.sh FOLDER [MESON OPTION...]: configures FOLDER once and builds it. In CI (CI is set) warnings are errors. TARGETS: what to build
-# (all), names of Ninja's, or suite:NAME, what the tests of that suite run.
+# (all), names of Ninja's, or suite:NAME[,-OTHER], what the tests of that suite run (without those of another).
 set -eu
 
 folder=$1

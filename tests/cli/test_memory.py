@@ -37,7 +37,7 @@ def _(folder):
     if SANITIZED:
         raise Skip('a sanitizer has an address space of its own')
     write_obj(folder / 'ball.obj', *sphere(rows=60, columns=100))
-    for threads, method, below, step in (('1', 'none', 60, 2), ('2', 'none', 60, 2), ('7', 'none', 60, 2), ('1', 'texture-space', 160, 8)):
+    for threads, method, below, step in (('1', 'none', 60, 3), ('2', 'none', 60, 3), ('7', 'none', 60, 3), ('1', 'texture-space', 160, 10)):
         top = enough(folder, '--threads', threads, '-m', method)
         for limit in range(top - below, top, step):
             code, said = starved(folder, limit, '--threads', threads, '-m', method)
@@ -45,7 +45,7 @@ def _(folder):
             need(code == 0 or (said.count(b'error: ') == 1 and b'terminate' not in said), threads, 'threads,', limit, 'MiB:', said)
 
 
-@test('little more than the program and its threads take, in steps of 64 KiB: the stack is there, too')
+@test('little more than the program and its threads take, in steps of 192 KiB: the stack is there, too')
 def _(folder):
     if SANITIZED:
         raise Skip('a sanitizer has an address space of its own')
@@ -55,7 +55,7 @@ def _(folder):
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if starved(folder, middle, *arguments)[0] in (0, OUT_OF_MEMORY) else (middle, high)
-    for limit in range(16 * (high + 1), 16 * (high + 48)):
+    for limit in range(16 * (high + 1), 16 * (high + 48), 3):
         code, said = starved(folder, limit / 16, *arguments)
         need(code in (0, OUT_OF_MEMORY), limit / 16, 'MiB:', signal.Signals(-code).name if code < 0 else code, said)
 

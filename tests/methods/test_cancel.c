@@ -76,6 +76,14 @@ static void start(struct stage *s, size_t least)
     s->settings.msaa = 1;
 }
 
+/* Knobs with which a method of many samples takes few. */
+static const char *const *few_samples(const char *method)
+{
+    static const char *const one[] = { "samples=1", NULL }, *const most[] = { "error=1", "most=128", NULL };
+
+    return strcmp(method, "path-trace") == 0 ? one : strcmp(method, "single-scatter") == 0 ? most : NULL;
+}
+
 static void start_large(struct stage *s, const char *method)
 {
     size_t material;
@@ -88,7 +96,7 @@ static void start_large(struct stage *s, const char *method)
     stage_ball(s, material, 0, vec3(0, 0, 0), 20.0f, RINGS);
     stage_light(s, PELL_LIGHT_POINT, vec3(70, 40, 60), vec3(0, 0, 0), 1.0f);
     stage_camera(s, vec3(0, 0, 260), vec3(0, 0, 0), 0.35f, 0.0f);
-    stage_method(s, method, strcmp(method, "path-trace") == 0 ? (const char *const[]) { "samples=1", NULL } : NULL);
+    stage_method(s, method, few_samples(method));
     stage_complete(s);
     canceller.count = 0;
 }
@@ -147,7 +155,7 @@ static void start_small(struct stage *s, const char *method)
     stage_box(s, ground, 1, vec3(-20, -10, -20), vec3(20, -8.5f, 20));
     stage_light(s, PELL_LIGHT_POINT, vec3(30, 50, 60), vec3(0, 0, 0), 1.0f);
     stage_camera(s, vec3(0, 0, 80), vec3(0, 0, 0), 0.35f, 0.0f);
-    stage_method(s, method, strcmp(method, "path-trace") == 0 ? (const char *const[]) { "samples=1", NULL } : NULL);
+    stage_method(s, method, few_samples(method));
     stage_complete(s);
     OK(pell_renderer_set_scene(s->r, s->scene));
     canceller.count = 0;

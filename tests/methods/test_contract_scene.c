@@ -363,7 +363,7 @@ static void failed_allocations_leak_nothing(void **state)
     const struct party *const on = *state;
     bool done = false;
 
-    for (uint64_t n = 1; !done; n += 1 + n / 6) {
+    for (uint64_t n = 1; !done; n = next_allocation(n)) {
         struct pell_alloc_fault fault = { 0 };
         enum pell_result res;
         struct stage s;

@@ -234,7 +234,7 @@ static void failed_allocations(void **state)
     bool done = false;
 
     (void) state;
-    for (uint64_t n = 1; !done; n += 1 + n / 6) {
+    for (uint64_t n = 1; !done; n = next_allocation(n)) {
         struct pell_alloc_fault fault = { 0 };
         enum pell_result res;
         struct stage s;

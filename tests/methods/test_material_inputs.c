@@ -132,6 +132,8 @@ static const struct {
     { PELL_IGNORES_DEPTH_MAPS, "depth map of a layer", true, depth_map },
 };
 
+enum { WIDE = 16, HIGH = 12 }; /* px */
+
 /* The light that the method scatters, and what it was warned of. */
 struct scattered {
     size_t size;
@@ -148,7 +150,7 @@ static struct scattered scatter(const struct party *on, size_t input, bool varie
     struct stage s;
     size_t material;
 
-    stage_start_on(&s, on->engine, 32, 24, 2, NULL);
+    stage_start_on(&s, on->engine, WIDE, HIGH, 2, NULL);
     s.settings.layers = true;
     s.settings.profile = 0;
     m = stage_medium(&s, "marble", &material);
@@ -166,13 +168,13 @@ static struct scattered scatter(const struct party *on, size_t input, bool varie
     stage_camera(&s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 24.0f);
     stage_method(&s, on->method->name, method_form(on->method));
     stage_render(&s);
-    result.data = calloc(s.image.num_channels, 32 * 24 * sizeof(float));
+    result.data = calloc(s.image.num_channels, WIDE * HIGH * sizeof(float));
     for (size_t i = 0; i < s.image.num_channels; i++) {
         const char *name = s.image.channels[i].name;
         if (strncmp(name, "diffuse", 7) != 0 && strncmp(name, "transmission", 12) != 0)
             continue;
-        for (int y = 0; y < 24; y++, result.size += 32)
-            memcpy(result.data + result.size, s.image.channels[i].data + y * s.image.channels[i].stride, 32 * sizeof(float));
+        for (int y = 0; y < HIGH; y++, result.size += WIDE)
+            memcpy(result.data + result.size, s.image.channels[i].data + y * s.image.channels[i].stride, WIDE * sizeof(float));
     }
     memcpy(result.warnings, s.kept.all_warnings, sizeof(result.warnings));
     stage_finish(&s);

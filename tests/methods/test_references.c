@@ -381,7 +381,7 @@ static void survives_the_nth_allocation(void **state)
     (void) state;
     for (size_t n = 0; n < 2; n++) {
         bool done = false;
-        for (uint64_t at = 1; !done; at++) {
+        for (uint64_t at = 1; !done; at = next_allocation(at)) {
             struct pell_alloc_fault fault = { 0 };
             struct stage s = { 0 };
             size_t m;

@@ -89,6 +89,7 @@ static void half_lit_plane_is_the_analytic_convolution(void **state)
     struct bench_place at = place_create(2, NULL, NULL);
 
     (void) state;
+    RELEASE_ONLY();
     for (int m = 0; m < 3; m++) {
         double worst[2] = { 0.0, 0.0 };
         for (double scale = 0.1; scale < 60.0; scale *= SLOW ? 1.6 : 1.17) {
@@ -152,6 +153,7 @@ static void the_default_lod_is_the_smallest_under_half_a_percent(void **state)
     double used = 0.0, smaller = 0.0;
 
     (void) state;
+    RELEASE_ONLY();
     pell_knobs_default(method(at.ctx)->knobs, &defaults);
     for (size_t i = 0; i < PELL_COUNT(q); i++) {
         const char *const settings[] = { q[i], NULL };
@@ -234,6 +236,7 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
     struct bench_place at = place_create(2, NULL, NULL);
 
     (void) state;
+    RELEASE_ONLY();
     for (size_t t = 0; t < PELL_COUNT(turns); t++) {
         for (int degrees = 0; degrees <= 75; degrees += SLOW ? 25 : 15) {
             const double across = tilt_error(&at, &m, degrees, turns[t], true, false);
@@ -468,6 +471,7 @@ static void a_dolly_does_not_pop(void **state)
     struct bench_place at = place_create(2, NULL, NULL);
 
     (void) state;
+    RELEASE_ONLY();
     for (int k = 0; k < 2; k++) {
         double before[3][ACROSS] = { { 0 } }, worst = 0.0, worst_scale = 0.0;
         int frames = 0;

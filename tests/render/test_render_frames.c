@@ -195,8 +195,8 @@ static void nth_allocation_fails_from_file_to_file(void **state)
         struct pell_alloc_fault none = { 0 };
         OK(whole_way(scenes[k], &none, calls));
         assert_int_equal(none.live, 0);
-        /* Every one; of the second scene, whose environment takes time to be made, some. */
-        for (uint64_t n = 1; n <= calls[2]; n += k ? (SLOW ? 23 : 7) : SLOW && n > calls[0] ? 5 : 1) {
+        /* Every one of loading the first scene; of what takes time to be made, some. */
+        for (uint64_t n = 1; n <= calls[2]; n = k == 0 && n < calls[0] ? n + 1 : next_allocation(n)) {
             struct pell_alloc_fault fault = { .fail_at = n, .sticky = n % 2 == 0 };
             uint64_t ignored[3];
             enum pell_result res;

@@ -179,7 +179,7 @@ static void random_scenes_end_in_numbers(void **state)
 
     (void) state;
     stage_start(&s, 8, 8);
-    for (uint32_t n = 0; n < 240; n += SLOW ? 6 : 1) {
+    for (uint32_t n = 0; n < 240; n += SLOW ? 6 : 2) {
         uint32_t seed = 12345 + 7919 * n;
         const double size = pow(10.0, uniform(&seed, -2.0, 4.0));
         const struct pell_method *method = pell_method_at(0);

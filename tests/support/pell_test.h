@@ -98,6 +98,12 @@ static inline void keep_message(void *user, const struct pell_message *m)
     }
 }
 
+/* Which allocation fails after the nth one: each of the first, then ever fewer, since later ones are mostly the same places again. */
+static inline uint64_t next_allocation(uint64_t n)
+{
+    return n + 1 + n / 6;
+}
+
 /* A context whose allocator counts and whose messages are kept; `fault` and `kept` may be NULL. */
 static inline struct pell_context *test_context(struct pell_alloc_fault *fault, struct kept_messages *kept)
 {

@@ -185,14 +185,14 @@ def _(folder):
 def _(folder):
     with Viewer(folder, *ball(folder)) as viewer, viewer.page() as page:
         state = page.hello()['state']
-        state['settings'] |= {'width': '64', 'height': '36'}
+        state['settings'] |= {'width': '32', 'height': '18'}
         seen = set()
         for method in METHODS:
             seen.add(page.still(state | {'method': method, 'knobs': {}})[1])
         need(len(seen) >= len(METHODS) - 1, 'methods draw the same')
         number = page.view(state | {'other': {'method': 'none', 'knobs': {}}})
         other = page.until(lambda m: m['type'] == 'picture' and m['picture'] == 1 and m['id'] == number and m['still'])[1]
-        need(png_pixels(other)[:2] == (64, 36), 'the other picture')
+        need(png_pixels(other)[:2] == (32, 18), 'the other picture')
 
 
 @test('a newer view cuts short what a reference draws')

@@ -21,7 +21,7 @@ enum conv_restore { CONV_BETWEEN, CONV_RESPONSE, CONV_LOST };
 enum conv_threshold_by { CONV_BY_ENERGY, CONV_AS_PRINTED };
 enum conv_resolution { CONV_FULL, CONV_HALF_SIZE, CONV_QUARTER_SIZE, CONV_AUTO_SIZE };
 enum conv_pixels { CONV_EACH, CONV_ONE };
-enum conv_step { CONV_EVERY_1, CONV_EVERY_2, CONV_EVERY_4 }; /* px: 1 << it */
+enum conv_step { CONV_EVERY_1, CONV_EVERY_2, CONV_EVERY_4, CONV_EVERY_AUTO }; /* px: 1 << it */
 enum conv_through { CONV_THROUGH_SLAB, CONV_THROUGH_PLANES };
 enum conv_borders { CONV_BORDERS_EVEN, CONV_BORDERS_OPEN, CONV_BORDERS_AUTO };
 

@@ -99,6 +99,14 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
     return st->knobs.through == CONV_THROUGH_SLAB ? make_thickness(st, shape) : PELL_OK;
 }
 
+/* Cells of twice the images' pixels are fine enough where a picture asked for coarse images. */
+static int behind_step(const struct convolution_knobs *k)
+{
+    if (k->behind_step != CONV_EVERY_AUTO)
+        return k->behind_step;
+    return k->resolution == CONV_HALF_SIZE || k->resolution == CONV_QUARTER_SIZE ? CONV_EVERY_4 : CONV_EVERY_2;
+}
+
 static enum pell_result make_sources(struct convolution_state *st, const struct pell_frame_shape *shape)
 {
     struct conv_front *f = &st->sources.front;
@@ -121,7 +129,7 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
         f->enters[c] = f->place + (1 + c) * size;
         f->leaves[c] = f->place + (4 + c) * size;
     }
-    b->step = 1 << st->knobs.behind_step;
+    b->step = 1 << behind_step(&st->knobs);
     b->width = (shape->width + b->step - 1) / b->step;
     b->height = (shape->height + b->step - 1) / b->step;
     b->layers = st->solids ? st->knobs.surfaces - 1 : 0;

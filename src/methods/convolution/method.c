@@ -21,7 +21,7 @@ static const char *const threshold_names[] = { "energy", "printed", NULL };
 static const char *const resolution_names[] = { "1", "1/2", "1/4", "auto", NULL };
 static const char *const pixels_names[] = { "each", "one", NULL };
 static const char *const through_names[] = { "slab", "planes", NULL };
-static const char *const step_names[] = { "1", "2", "4", NULL };
+static const char *const step_names[] = { "1", "2", "4", "auto", NULL };
 static const char *const borders_names[] = { "even", "open", "auto", NULL };
 
 #define AT(field) offsetof(struct convolution_knobs, field)
@@ -48,8 +48,8 @@ static const struct pell_knob knobs[] = {
     { "visible", PELL_KNOB_BOOL, "1", AT(visible), { 1 }, 0, 1, NULL, "transform back only planes that the picture needs" },
     { "surfaces", PELL_KNOB_INT, "1", AT(surfaces), { 2 }, 1, CONV_SURFACES_MOST, NULL,
       "crossings of a view ray whose light is found: the visible one, the last one, and those before that; 1 needs no scene" },
-    { "behind-step", PELL_KNOB_ENUM, "px", AT(behind_step), { CONV_EVERY_2 }, 0, 0, step_names,
-      "spacing of the rays that find hidden surfaces" },
+    { "behind-step", PELL_KNOB_ENUM, "px", AT(behind_step), { CONV_EVERY_AUTO }, 0, 0, step_names,
+      "spacing of the rays that find hidden surfaces; auto: 4 for resolution=1/2 and 1/4, else 2" },
     { "through", PELL_KNOB_ENUM, "1", AT(through), { CONV_THROUGH_SLAB }, 0, 0, through_names,
       "light through thin parts: through a slab of the medium, by the thickness along rays (Gaussians have none: planes), or by R at the "
       "distance of the planes, as in the paper" },
