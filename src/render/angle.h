@@ -14,6 +14,8 @@ struct pell_angle {
     float enter_base[3], enter_slope[3];
     float enter_mean[3];                 /* of light that is diffuse */
     float leave_base[3], leave_slope[3]; /* mean over diffuse light: 1 */
+    float pass_base[3], pass_slope[3]; /* what light that was transmitted leaves by in place of that, over it (optics/medium/passing.h), */
+    float pass_thick[3];               /* 1/mm: over the thickness that it takes for that; thinner parts less so */
 };
 
 /* 1 - m, of a cosine outside. */
@@ -21,6 +23,14 @@ static inline float pell_angle_off(float inverse_eta2, float mu)
 {
     const float square = 1.0f - (1.0f - mu * mu) * inverse_eta2;
     return 1.0f - sqrtf(square > 0.0f ? square : 0.0f);
+}
+
+/* The mean cosine behind the boundary of light from everywhere, by its flux. */
+static inline float pell_mean_refracted(float inverse_eta2)
+{
+    const float rest = 1.0f - inverse_eta2;
+
+    return inverse_eta2 > 1e-3f && inverse_eta2 <= 1.0f ? 2.0f / 3.0f * (1.0f - rest * sqrtf(rest)) / inverse_eta2 : 1.0f;
 }
 
 #endif

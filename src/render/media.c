@@ -39,7 +39,7 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
 }
 
 /* Whether material i lets light through, and by what law: out[i]. That of a material before it is taken if the medium is the same. */
-static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin,
+static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin, bool angles,
                      struct pell_indirect_solid *out)
 {
     const struct pell_frame_material *f = medium_of(scene, m, i), *before = NULL;
@@ -57,8 +57,11 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
     if (!pell_opposed_make(&f->medium, &out[i].law))
         return false;
     out[i].profile = f->profile;
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
+        const struct pell_angle *angle = m->single_apart ? &m->angle_apart[i] : &m->angle[i];
         out[i].white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
+        out[i].slope[c] = angles && angle->enter_base[c] > 0.0f ? angle->enter_slope[c] / angle->enter_base[c] : 0.0f;
+    }
     return true;
 }
 
@@ -79,7 +82,7 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
     if (!solid)
         goto fail;
     for (size_t i = 0; i < count; i++)
-        any |= find_law(params->scene, frame->materials, i, thin, solid);
+        any |= find_law(params->scene, frame->materials, i, thin, frame->settings->angles, solid);
     for (size_t i = 0; i < count; i++) {
         solid[i].all = all;
         solid[i].between = pell_plan_transmits(frame->plan);

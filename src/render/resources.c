@@ -3,14 +3,17 @@
  * them. */
 #include "render/renderer_state.h"
 
+#include "optics/medium/passing.h"
 #include "render/frame_material.h"
 #include "render/object_materials.h"
 #include "render/pass.h"
 #include "render/plane_buffers.h"
 #include "scene/layers.h"
+#include "transport/solids.h"
 
 #include <pellucid/inversion.h>
 
+#include <math.h>
 #include <string.h>
 
 /* --- Materials --------------------------------------------------------------------------------------------------------------------- */
@@ -124,8 +127,20 @@ static void drop_profiles(struct pell_renderer *r)
     r->profiles_of = NULL;
 }
 
+/* Factors that are lines over 1 - m, over one another, as a line. */
+static void set_pass(const struct pell_medium *medium, int c, struct pell_angle *out)
+{
+    const struct pell_half_space_angle a = pell_passing_angle(medium, c);
+    const float off = out->inverse_eta2 < 1.0f ? 1.0f - sqrtf(1.0f - out->inverse_eta2) : 1.0f;
+    const float grazing = (float) ((1.0 + a.slope * (double) off) / a.mean) / (out->leave_base[c] + out->leave_slope[c] * off);
+
+    out->pass_base[c] = (float) (1.0 / a.mean) / out->leave_base[c];
+    out->pass_slope[c] = (grazing - out->pass_base[c]) / off;
+    out->pass_thick[c] = (float) ((medium->sigma_a[c] + medium->sigma_s_reduced[c]) / PELL_PASSING_THICK);
+}
+
 /* A profile that is made white keeps its total of diffuse light; one of a medium keeps that of light at right angles. */
-static void fill_angle(const struct pell_frame_material *m, struct pell_angle *out)
+static void fill_angle(const struct pell_frame_material *m, bool is_medium, struct pell_angle *out)
 {
     const double eta = (double) m->medium.eta;
 
@@ -138,11 +153,16 @@ static void fill_angle(const struct pell_frame_material *m, struct pell_angle *o
         out->enter_mean[c] = (float) (scale * a.mean);
         out->leave_base[c] = (float) (1.0 / a.mean);
         out->leave_slope[c] = (float) (a.slope / a.mean);
+        out->pass_base[c] = 1.0f;
+        if (is_medium)
+            set_pass(&m->medium, c, out);
     }
 }
 
 /* No refraction, and no factor. */
-static const struct pell_angle no_angle = { .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .leave_base = { 1, 1, 1 } };
+static const struct pell_angle no_angle = {
+    .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .leave_base = { 1, 1, 1 }, .pass_base = { 1, 1, 1 }
+};
 
 /* Takes single scattering out of a medium's profile, for the frames that add it by itself: `whole` and `rest` are the profiles of all light
  * and of what is left. Diffuse light, which has no direction, keeps all of it: it enters by as much more. */
@@ -171,6 +191,9 @@ static void set_apart(const struct pell_material *m, const struct pell_profile *
         out->enter_mean[c] = (float) (total * all.mean / left);
         out->leave_base[c] = (float) (1.0 / a.mean);
         out->leave_slope[c] = (float) (a.slope / a.mean);
+        out->pass_base[c] = 1.0f;
+        if (angles)
+            set_pass(&m->medium, c, out);
     }
 }
 
@@ -247,7 +270,7 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             continue;
         }
         if (r->settings.angles)
-            fill_angle(&frame[at - 1], &r->materials.angle[i]);
+            fill_angle(&frame[at - 1], pell_scatters_by_medium(m, &frame[at - 1]), &r->materials.angle[i]);
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
         r->materials.apart[i] = (struct pell_single_apart) { .inverse_eta2 = 0.0f };

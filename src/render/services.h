@@ -48,6 +48,8 @@ struct pell_surface_light {
     float *strength;             /* of scattering, [0, 1]; 1 where no point is */
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
+    float *aside[3];             /* W/m^2, of the irradiance: what is not scattered where it enters, but beside it on a curved surface */
+    float *way[3];               /* mean refracted direction of the rest, not unit; with `aside` */
     bool *there;                 /* false: no point, or one where the material is cut out by its alpha */
 };
 

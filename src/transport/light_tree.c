@@ -48,7 +48,7 @@ static uint64_t code_at(const void *items, size_t index)
 
 /* Sums a leaf's samples, or adds a child's sums; centres are weighted by light and divided at the end. */
 struct sums {
-    double centre[3], middle[3], power[3], normal[3], curvature, light, area;
+    double centre[3], middle[3], power[3], normal[3], way[3], curvature, light, area;
 };
 
 static void add_sample(const struct pell_lit_place *s, struct sums *sum, struct pell_light_node *n)
@@ -63,6 +63,7 @@ static void add_sample(const struct pell_lit_place *s, struct sums *sum, struct 
         sum->centre[k] += light * (double) s->position[k];
         sum->middle[k] += (double) s->position[k];
         sum->normal[k] += light * (double) s->normal[k];
+        sum->way[k] += light * (double) s->way[k];
         n->low[k] = fminf(n->low[k], s->position[k]);
         n->high[k] = fmaxf(n->high[k], s->position[k]);
     }
@@ -105,6 +106,7 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
                 sum.middle[k] += child.middle[k];
                 sum.power[k] += child.power[k];
                 sum.normal[k] += child.normal[k];
+                sum.way[k] += child.way[k];
                 n.low[k] = fminf(n.low[k], c->low[k]);
                 n.high[k] = fmaxf(n.high[k], c->high[k]);
             }
@@ -120,6 +122,7 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
     for (int k = 0; k < 3; k++) {
         n.power[k] = (float) sum.power[k];
         n.normal[k] = sum.light > 0.0 ? (float) (sum.normal[k] / sum.light) : 0.0f;
+        n.way[k] = sum.light > 0.0 ? (float) (sum.way[k] / sum.light) : 0.0f;
         n.centre[k] = (float) (sum.light > 0.0 ? sum.centre[k] / sum.light : sum.middle[k] / (double) (end - first));
     }
     t->nodes[at] = n;

@@ -16,6 +16,7 @@ struct pell_lit_place {
     float area;      /* mm^2 */
     float curvature; /* mean, 1/mm */
     float power[3];  /* E A, W per m^2 times mm^2 */
+    float way[3];    /* mean refracted direction of that light, not unit; 0: not known */
 };
 
 struct pell_light_node {
@@ -27,7 +28,8 @@ struct pell_light_node {
     uint32_t first; /* sample */
     float power[3];
     uint32_t count;             /* samples of a leaf; 0: not a leaf, its children follow */
-    float normal[3], curvature; /* means, weighted by light */
+    float normal[3], curvature; /* means, weighted by light; */
+    float way[3];               /* the same */
 };
 
 struct pell_light_tree {

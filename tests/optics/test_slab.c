@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * test_slab.c - slabs by transport: limits, closed forms and conservation. The oracle's photons are compared in oracle_table.c. */
+#include "optics/medium/passing.h"
 #include "oracle.h"
 
 #include <pellucid/layers.h>
@@ -246,6 +247,37 @@ static void light_spreads_over_a_third_of_the_square_of_a_thickness(void **state
     }
 }
 
+/* What falls along m behind the boundary passes as 1 + slope (1 - m) says over its mean. */
+static double passing(const struct pell_half_space_angle *a, double m)
+{
+    return (1.0 + a->slope * (1.0 - m)) / a->mean;
+}
+
+/* Milne's problem without absorption and refraction: H(m), whose mean by flux is 4/sqrt(3) (Chandrasekhar 1960); with both, photons that
+ * leave a slab of ten mean free paths of skin1 along twelve cosines, 2e7 of them. */
+static void what_comes_from_the_depth_leaves_forward(void **state)
+{
+    static const double H[][2] = { { 0.3, 1.6425 }, { 0.5, 2.0128 }, { 0.7, 2.3740 }, { 1.0, 2.9078 } };
+    static const double photons[][3] = { { 0.71, 0.926, 0.837 }, { 0.80, 0.978, 0.937 }, { 0.89, 1.037, 1.072 }, { 0.98, 1.095, 1.225 } };
+    const struct pell_medium clear = medium_of(0.0, 1.0, 0.0, 1.0);
+    struct pell_medium skin = medium_of(0.032, 0.74, 0.0, 1.3);
+    struct pell_half_space_angle a = pell_passing_angle(&clear, 1);
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(H); i++)
+        REQUIRE_REL(passing(&a, H[i][0]), H[i][1] * sqrt(3.0) / 4.0, 0.02);
+    skin.sigma_a[1] = 0.17;
+    skin.sigma_s_reduced[1] = 0.88;
+    for (int c = 0; c < 2; c++) {
+        a = pell_passing_angle(&skin, c);
+        for (size_t i = 0; i < PELL_COUNT(photons); i++)
+            REQUIRE_REL(passing(&a, photons[i][0]), photons[i][1 + c], 0.035);
+    }
+    skin = medium_of(1.0, 0.0, 0.0, 1.3);
+    a = pell_passing_angle(&skin, 0);
+    REQUIRE(a.slope == 0.0 && a.mean == 1.0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -260,6 +292,7 @@ int main(void)
         cmocka_unit_test(media_out_of_range_are_slabs_of_nothing),
         cmocka_unit_test(light_spreads_in_a_slab_as_its_poles_say),
         cmocka_unit_test(light_spreads_over_a_third_of_the_square_of_a_thickness),
+        cmocka_unit_test(what_comes_from_the_depth_leaves_forward),
     };
 
     return cmocka_run_group_tests_name("optics.slab", tests, NULL, NULL);

@@ -48,6 +48,8 @@ double pell_opposed_across(const struct pell_opposed *o, int channel, double cur
 struct pell_opposed_pair {
     float distance2, from, to, facing; /* v.v, n_y.v, n_x.v, n_x.n_y */
     float curvature;                   /* mean, 1/mm */
+    float along, turned, aside2;       /* t.v, t.n_x, t.t; t: part along the surface of the refracted direction in which light enters. 0: at
+                                        * right angles */
 };
 
 /* (1 + s) exp(-s)/(4 pi d^3) at a squared distance. */
@@ -82,7 +84,9 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
         if (!is[c])
             continue;
         const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], out = 1.0f + bent * e;
-        const float from = p->from - e * apart, to = p->to + e * apart, d2 = p->distance2 + 2.0f * e * (over + e * apart);
+        const float aside = o->depth[c], goes = p->to - aside * p->turned, far = goes - p->from;
+        const float from = p->from - e * apart, to = goes + e * apart;
+        const float d2 = p->distance2 + aside * (aside * p->aside2 - 2.0f * p->along) + 2.0f * e * (far + e * apart);
         const float near2 = d2 + z * (z + 2.0f * from), far2 = d2 + z * (z - 2.0f * from);
         const float flux = (to + z * p->facing) * pell_opposed_pull(k, near2) - (to - z * p->facing) * pell_opposed_pull(k, far2);
         const float d = sqrtf(d2 > 0.0f ? d2 : 0.0f), s = k * d, q = s * (1.0f / 4.8f), fallen = expf(-s), arc = bent / out * d;

@@ -15,6 +15,7 @@
 #include "math/quadrature.h"
 #include "math/vec.h"
 #include "optics/medium/dipole.h"
+#include "optics/medium/passing.h"
 #include "optics/profile/shape.h"
 
 #include <pellucid/layers.h>
@@ -339,6 +340,48 @@ bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct p
         out->transmitted[i] = log(fmax(transmitted, DBL_MIN));
     }
     return true;
+}
+
+/* By reciprocity it is the same for light that enters, and for light that leaves. */
+struct pell_half_space_angle pell_passing_angle(const struct pell_medium *medium, int channel)
+{
+    struct pell_half_space_angle out = { 0.0, 1.0 };
+    const double sigma_t = medium->sigma_a[channel] + medium->sigma_s_reduced[channel];
+    const double albedo = sigma_t > 0.0 ? medium->sigma_s_reduced[channel] / sigma_t : 0.0;
+    struct directions d;
+    struct layer l;
+    matrix up, down, m, entering = { { 0.0 } };
+    double passed[SIDE] = { 0.0 }, product = 0.0, square = 0.0, all = 0.0, off = 0.0, sum = 0.0, slope;
+
+    if (!(albedo > 0.0) || !pell_medium_valid(medium, NULL))
+        return out;
+    place(medium->eta, &d);
+    make_layer(&d, albedo, PELL_PASSING_THICK, &l);
+    add_lower(&d, &l, up, down);
+    for (int i = 0; i < SIDE; i++) {
+        entering[i][i] = 1.0;
+        for (int j = 0; j < SIDE; j++)
+            m[i][j] = d.fresnel[i] * up[i][j];
+    }
+    solve(m, entering);
+    multiply(down, entering, m);
+    for (int j = 0; j < SIDE; j++)
+        for (int i = 0; i < SIDE; i++)
+            passed[j] += (1.0 - d.fresnel[i]) * (m[i][j] - (i == j ? exp(-l.thickness / d.mu[i]) : 0.0));
+    for (int j = 0; j < MOST && passed[NORMAL] > 0.0; j++) {
+        const double x = 1.0 - d.mu[j], weight = (1.0 - d.fresnel[j]) * d.weight[j] * d.mu[j];
+        product += weight * x * passed[j];
+        square += weight * x * x;
+        sum += weight * passed[j];
+        all += weight;
+        off += weight * x;
+    }
+    slope = all * square - off * off > 0.0 ? (all * product - off * sum) / (all * square - off * off) : 0.0;
+    if (all > 0.0 && sum - slope * off > 0.0) {
+        out.slope = slope * all / (sum - slope * off);
+        out.mean = 1.0 + out.slope * off / all;
+    }
+    return out;
 }
 
 /* Lagrange's cubic through four entries. */

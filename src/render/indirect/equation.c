@@ -133,10 +133,11 @@ static enum pell_result make_room(struct equation *e, size_t entries)
 {
     const size_t n = e->places->count, patches = n + e->places->num_clusters;
     struct equation_patches *p = &e->patches;
-    float **const of_patches[] = { &p->x, &p->y, &p->z, &p->nx, &p->ny, &p->nz, &p->area };
+    float **const of_patches[] = { &p->x, &p->y, &p->z, &p->nx, &p->ny, &p->nz, &p->area, &p->wx, &p->wy, &p->wz };
     const size_t channels = (size_t) e->channel[0].is + e->channel[1].is + e->channel[2].is;
-    float *value = e->values = pell_alloc_array(e->ctx, PELL_COUNT(of_patches) * patches + channels * (patches + entries), sizeof(*value));
-    double *number = e->numbers = pell_alloc_array(e->ctx, (STEPS + 1) * n + patches + channels * (3 * n + patches), sizeof(*number));
+    float *value = e->values =
+        pell_alloc_array(e->ctx, PELL_COUNT(of_patches) * patches + channels * (3 * patches + entries), sizeof(*value));
+    double *number = e->numbers = pell_alloc_array(e->ctx, (STEPS + 1) * n + patches + channels * (4 * n + 2 * patches), sizeof(*number));
 
     if (!value || !number)
         return PELL_ERR_NOMEM;
@@ -150,12 +151,16 @@ static enum pell_result make_room(struct equation *e, size_t entries)
         if (!q->is)
             continue;
         q->light = number;
-        q->right = q->light + patches;
+        q->source = q->light + patches;
+        q->right = q->source + patches;
         q->phi = q->right + n;
         q->sum = q->phi + n;
-        number = q->sum + n;
+        q->here = q->sum + n;
+        number = q->here + n;
         q->bend = value;
-        q->left = q->bend + patches;
+        q->deep[0] = q->bend + patches;
+        q->deep[1] = q->deep[0] + patches;
+        q->left = q->deep[1] + patches;
         value = q->left + entries;
     }
     return PELL_OK;
@@ -203,28 +208,54 @@ void equation_finish(struct equation *e)
 
 /* What a row of a channel sums up. */
 struct row {
-    float pull, below, near_pairs, pairs;
+    uint32_t place;
+    float inward; /* the way of its light along its inward normal */
+    float pull, below, own, near_pairs, pairs;
     double right, sum;
 };
 
-/* Int exp(-kappa r)/(4 pi r) over a disc, at its middle. */
-static float disc(float kappa, float area)
+/* Int exp(-kappa r)/(4 pi r) over a disc, from a place above its middle: (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance from
+ * its plane, r' from its edge. */
+static float disc(float kappa, float area, float above)
 {
-    return (1.0f - expf(-kappa * sqrtf(area / PELL_PI_F))) / (2.0f * kappa);
+    return (expf(-kappa * above) - expf(-kappa * sqrtf(area / PELL_PI_F + above * above))) / (2.0f * kappa);
+}
+
+/* G from sources right below a place this far away, as deep as those of place i. */
+static float shallow(const struct equation_channel *q, uint32_t i, float inward, float apart2, float least2)
+{
+    static const float share[2] = EQUATION_SHARES;
+    float sum = 0.0f;
+
+    for (int k = 0; k < 2; k++) {
+        const float z = inward * q->deep[k][i], r = sqrtf(fmaxf(apart2 + z * z, least2));
+        sum += share[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
+    }
+    return sum;
+}
+
+/* What reaches a place from sources below discs around it. */
+static float shallow_disc(const struct equation_channel *q, uint32_t i, float inward, float area)
+{
+    static const float share[2] = EQUATION_SHARES;
+
+    return share[0] * disc(q->kappa, area, inward * q->deep[0][i]) + share[1] * disc(q->kappa, area, inward * q->deep[1][i]);
 }
 
 /* Adds a block's entries to the sums; `self`: the entry that is the place itself. */
 static void add_block(const struct equation *e, const struct equation_channel *q, const struct equation_block *b, uint32_t first,
                       uint32_t count, uint32_t self, struct row *row)
 {
-    const double *light = q->light + first;
+    const double *light = q->light + first, *source = q->source + first;
 
     for (uint32_t i = 0; i < count; i++) {
         const float seen = ramp(SEEN_LOW, SEEN_HIGH, b->facing[i]);
         float pair = 0.0f;
-        if (i == self)
+        row->right += i == self ? 0.0 : (double) b->below[i] * source[i];
+        if (i == self) {
+            row->own = b->below[i];
             continue;
-        row->right += (double) b->below[i] * light[i];
+        }
         if (seen > 0.0f) {
             pair = seen * radial_at(&q->radial, b->r2[i]) * e->patches.area[first + i];
             row->sum += (double) pair * light[i];
@@ -232,7 +263,7 @@ static void add_block(const struct equation *e, const struct equation_channel *q
         }
         if (b->r2[i] < e->window2 && b->facing[i] > FACING) {
             row->pull += b->pull[i];
-            row->below += b->below[i];
+            row->below += e->patches.area[first + i] * shallow(q, row->place, row->inward, b->apart2[i], e->least2);
             row->near_pairs += pair;
         }
     }
@@ -257,17 +288,17 @@ static void add_areas(const struct equation *e, const struct equation_block *b, 
 static void finish_row(const struct equation *e, struct equation_channel *q, uint32_t i, const struct row *row, const float sum[3],
                        uint32_t self)
 {
-    const float wide = sum[0] / PELL_PI_F, own = disc(q->kappa, e->patches.area[i]);
-    const float pull = fmaxf(disc(q->kappa, sum[0]) - row->pull, OWN * own);
-    /* Int exp(-kappa r)/(4 pi r) over a disc is (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance from its plane, r' from its
-     * edge. */
-    const float below = (expf(-q->kappa * q->depth) - expf(-q->kappa * sqrtf(wide + q->depth * q->depth))) / (2.0f * q->kappa) - row->below;
+    const float own = disc(q->kappa, e->patches.area[i], 0.0f);
+    const float pull = fmaxf(disc(q->kappa, sum[0], 0.0f) - row->pull, OWN * own);
+    const float straight = e->patches.area[i] * shallow(q, i, row->inward, 0.0f, e->least2);
+    const float aside = fmaxf(1.0f - row->own / straight, 0.0f); /* of what starts below the place itself, as its way leads elsewhere */
+    const float below = shallow_disc(q, i, row->inward, sum[0]) - row->below - aside * shallow_disc(q, i, row->inward, e->patches.area[i]);
     const float pair = fmaxf(q->share * sum[1] / (PELL_PI_F * e->window2) - row->near_pairs, 0.0f);
     /* Methods that see a part of the profile take it for all. */
     const float pairs = row->pairs + pair;
     float angle = -0.5f - sum[2];
 
-    q->right[i] = (row->right + (double) fmaxf(below, 0.0f) * q->light[i]) * (double) (q->enters / q->s);
+    q->right[i] = (row->right + (double) fmaxf(below, 0.0f) * q->here[i]) * (double) (q->enters / q->s);
     q->sum[i] = pairs > 0.0f ? (row->sum + (double) pair * q->light[i]) * (double) (q->total / pairs) : 0.0;
     /* A closed surface of even fluence: dG/dn sums to -1/2. Where one is open, its own is that of a plane. */
     angle = angle < 0.0f ? angle * (1.0f - ramp(TURNED, OPEN, -angle)) : fminf(angle, 0.5f);
@@ -282,9 +313,14 @@ static void fill_row(struct equation *e, uint32_t i)
                                         x->normal.y,   x->normal.z,   e->least2,     SPREAD / PELL_PI_F };
     struct equation_block b;
     struct row row[3] = { { .right = 0.0 } };
+    const float inward = -(x->normal.x * e->patches.wx[i] + x->normal.y * e->patches.wy[i] + x->normal.z * e->patches.wz[i]);
     float sum[3] = { x->area, x->area, 0.0f };
     uint32_t at = e->first_entry[i], self = at;
 
+    for (int c = 0; c < 3; c++) {
+        row[c].place = i;
+        row[c].inward = inward;
+    }
     for (uint32_t r = e->first_run[i]; r < e->first_run[i + 1]; r++)
         for (uint32_t k = 0, count; k < e->run[r].count; k += count, at += count) {
             const uint32_t first = e->run[r].first + k, mine = i - first; /* no entry of the block where i is none */
@@ -295,7 +331,7 @@ static void fill_row(struct equation *e, uint32_t i)
                 self = at + mine;
             for (int c = 0; c < 3; c++) {
                 const struct equation_channel *q = &e->channel[c];
-                const struct equation_law law = { q->kappa, 1.0f / q->s, q->depth, q->bend };
+                const struct equation_law law = { q->kappa, 1.0f / q->s, q->bend, { q->deep[0], q->deep[1] }, EQUATION_SHARES };
                 if (!q->is)
                     continue;
                 e->kernels->entries(&law, first, count, e->least2, &b, q->left + at);

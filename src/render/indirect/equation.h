@@ -13,19 +13,31 @@
 struct equation_channel {
     bool is; /* it is solved */
     float kappa, s, depth;
-    float enters, stays; /* L; what leaves where it entered, of E */
-    float total, share;  /* of the profile, and of what is inside the window */
+    float enters;       /* L */
+    float total, share; /* of the profile, and of what is inside the window */
     struct radial radial;
-    double *light;             /* of places and clusters: what enters, W/m^2 */
+    double *light,
+        *source;  /* of places and clusters, W/m^2: what enters, as a curved surface moves it; what goes into the depth, as it falls */
+    double *here; /* of places: what goes into the depth, moved */
     double *right, *phi, *sum; /* of places; sum: what a method finds */
     float *left;               /* phi's factors, of entries */
-    float *bend;               /* of patches */
+    float *bend, *deep[2];     /* of patches: see struct equation_law */
 };
 
 /* Patches that follow each other. */
 struct equation_run {
     uint32_t first, count;
 };
+
+/* Light that goes into a medium is scattered first after t mean free paths with the density exp(-t): Gauss and Laguerre's two. */
+#define EQUATION_PATHS                                                                                                                     \
+    {                                                                                                                                      \
+        0.58578644f, 3.41421356f                                                                                                           \
+    }
+#define EQUATION_SHARES                                                                                                                    \
+    {                                                                                                                                      \
+        0.85355339f, 0.14644661f                                                                                                           \
+    }
 
 struct equation {
     struct pell_context *ctx;

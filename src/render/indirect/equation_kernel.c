@@ -27,6 +27,7 @@ static void measure(const struct equation_patches *patches, uint32_t first, uint
 {
     const float *x = patches->x + first, *y = patches->y + first, *z = patches->z + first, *area = patches->area + first;
     const float *nx = patches->nx + first, *ny = patches->ny + first, *nz = patches->nz + first;
+    const float *wx = patches->wx + first, *wy = patches->wy + first, *wz = patches->wz + first;
 
     for (uint32_t i = 0; i < count; i++) {
         const float dx = x[i] - from->x, dy = y[i] - from->y, dz = z[i] - from->z;
@@ -40,6 +41,8 @@ static void measure(const struct equation_patches *patches, uint32_t first, uint
         b->inverse_r[i] = inverse_r;
         b->facing[i] = from->nx * nx[i] + from->ny * ny[i] + from->nz * nz[i];
         b->along[i] = along;
+        b->toward[i] = dx * wx[i] + dy * wy[i] + dz * wz[i];
+        b->way2[i] = wx[i] * wx[i] + wy[i] * wy[i] + wz[i] * wz[i];
         b->source[i] = source;
         b->even[i] = -source * along * inverse_r * inverse_r * inverse_r;
     }
@@ -48,12 +51,15 @@ static void measure(const struct equation_patches *patches, uint32_t first, uint
 static void entries(const struct equation_law *law, uint32_t first, uint32_t count, float least2, struct equation_block *restrict b,
                     float *restrict left)
 {
-    const float kappa = law->kappa, inverse_s = law->inverse_s, depth = law->depth, *bend = law->bend + first;
+    const float kappa = law->kappa, inverse_s = law->inverse_s, *bend = law->bend + first;
+    const float *deep0 = law->deep[0] + first, *deep1 = law->deep[1] + first, share0 = law->share[0], share1 = law->share[1];
 
     for (uint32_t i = 0; i < count; i++) {
-        const float deep2 = b->apart2[i] + depth * (depth - 2.0f * b->along[i]), deeper = sqrtf(deep2 > least2 ? deep2 : least2);
+        const float from0 = b->apart2[i] + deep0[i] * (deep0[i] * b->way2[i] + 2.0f * b->toward[i]);
+        const float from1 = b->apart2[i] + deep1[i] * (deep1[i] * b->way2[i] + 2.0f * b->toward[i]);
+        const float r0 = sqrtf(from0 > least2 ? from0 : least2), r1 = sqrtf(from1 > least2 ? from1 : least2);
         const float pull = b->source[i] * b->inverse_r[i] * exp_minus(kappa * b->r[i]);
-        b->below[i] = b->source[i] / deeper * exp_minus(kappa * deeper);
+        b->below[i] = b->source[i] * (share0 / r0 * exp_minus(kappa * r0) + share1 / r1 * exp_minus(kappa * r1));
         b->pull[i] = pull;
         left[i] = pull * (inverse_s - bend[i] * (kappa + b->inverse_r[i]) * b->along[i] * b->inverse_r[i]);
     }

@@ -15,6 +15,7 @@ enum { EQUATION_BLOCK = 64 };
 struct equation_patches {
     float *x, *y, *z, *nx, *ny, *nz;
     float *area;
+    float *wx, *wy, *wz; /* mean direction in which light that enters goes on, not unit */
 };
 
 /* What a row is of. */
@@ -26,8 +27,10 @@ struct equation_from {
 
 /* A channel's law, see solid.c. `bend`: of patches, s of a plane over that of the curved surface. */
 struct equation_law {
-    float kappa, inverse_s, depth;
+    float kappa, inverse_s;
     const float *bend;
+    const float *deep[2]; /* mm from patches along their ways: two places at which that light is taken to start, */
+    float share[2];       /* and how much of it each is */
 };
 
 /* Patches of a row: first the same for all channels, then of one. */
@@ -36,11 +39,13 @@ struct equation_block {
     float r2[EQUATION_BLOCK];     /* and as it counts */
     float r[EQUATION_BLOCK], inverse_r[EQUATION_BLOCK];
     float facing[EQUATION_BLOCK]; /* cosine of the normals */
-    float along[EQUATION_BLOCK];  /* the way to the patch along its normal */
+    float along[EQUATION_BLOCK];  /* the way to the patch along its normal, */
+    float toward[EQUATION_BLOCK]; /* and along that of its light, */
+    float way2[EQUATION_BLOCK];   /* whose square that is */
     float even[EQUATION_BLOCK];   /* the integral of dG/dn where nothing is absorbed */
     float source[EQUATION_BLOCK]; /* area/4 pi */
     float pull[EQUATION_BLOCK];   /* the integral of G, */
-    float below[EQUATION_BLOCK];  /* and of G at the depth of the light's sources */
+    float below[EQUATION_BLOCK];  /* and of G from the light's sources */
 };
 
 struct equation_kernels {

@@ -71,15 +71,17 @@ struct indirect_near {
 struct indirect_solid_light {
     float solved[3]; /* [0, 1]: how far the rest holds */
     float gain[3];   /* factor of what a method finds that spreads light by the profile, */
-    float light[3];  /* and what is added to it, W/m^2 */
+    float light[3];  /* and what is added to it, W/m^2; */
+    float all[3];    /* and all that leaves */
 };
 
-/* At a value, what points blend. A cache line. */
+/* At a value, what points blend. */
+#define INDIRECT_INSIDE 27
 union indirect_inside {
     struct pell_indirect_inside of;
-    float all[16];
+    float all[INDIRECT_INSIDE];
 };
-_Static_assert(sizeof(struct pell_indirect_inside) <= 16 * sizeof(float), "fits");
+_Static_assert(sizeof(struct pell_indirect_inside) == INDIRECT_INSIDE * sizeof(float), "all of it");
 
 struct pell_indirect {
     struct pell_context *ctx;
@@ -208,7 +210,9 @@ PELL_NODISCARD enum pell_result indirect_mirror_light(struct pell_indirect *in, 
 /* Samples of one solid and material. */
 struct indirect_solid {
     const struct pell_lit_place *samples; /* their power not scaled by curvature */
-    const float *thickness;               /* mm below each; INFINITY: nothing is opposite */
+    const float (*source)[3]; /* of their power, what goes into the depth: as it falls there, without what its angle returns more */
+    const float *slope;       /* of R, G and B: that, see struct pell_indirect_solid */
+    const float *thickness;   /* mm below each; INFINITY: nothing is opposite */
     size_t count;
     const struct pell_profile *profile; /* of R, G and B */
     const struct pell_opposed *law;     /* how light goes through */

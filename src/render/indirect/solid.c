@@ -4,15 +4,17 @@
  *
  * What is below a surface in a fold is not a half-space: light takes the way around the air, and the distance across it says too little. In
  * a medium that scatters much the fluence phi obeys (nabla^2 - kappa^2) phi = -q inside and phi + s dphi/dn = 0 on the surface, q the light
- * that enters and diffuses, from the depth z below where it enters. Green's third identity with G = exp(-kappa r)/(4 pi r) turns this into
- * an equation on the surface alone (O. D. Kellogg, "Foundations of Potential Theory", 1929, chapter 8):
+ * that enters, where it is scattered first: t mean free paths z along its refracted direction w, with the density exp(-t). Green's third
+ * identity with G = exp(-kappa r)/(4 pi r) turns this into an equation on the surface alone (O. D. Kellogg, "Foundations of Potential
+ * Theory", 1929, chapter 8):
  *
- *     phi/2 + Int (G/s + dG/dn) phi = Int G(x, y - z n) q          q = L E/s, so that phi is what leaves
+ *     phi/2 + Int (G/s + dG/dn) phi = Int exp(-t) G(x, y + t z w) q          q = L E/s, so that phi is what leaves
  *
- * kappa is that of transport, z a mean free path, and s = tanh(kappa b)/kappa puts the plane where the fluence would vanish b above a flat
- * surface. Over a ball it stays as high, so that s turns into s/(1 + s H), H the mean curvature. A slab then transmits what diffusion in
- * opposed.h says, if L = amount/cosh(kappa b). A half-space returns L exp(-kappa z)/(1 + s kappa); what the profile's total has beside
- * that, scattered few times, leaves where it entered.
+ * kappa is that of transport, w the mean of the light at y, and s = tanh(kappa b)/kappa puts the plane where the fluence would vanish b
+ * above a flat surface. Over a ball it stays as high, so that s turns into s/(1 + s H), H the mean curvature. A slab transmits of light at
+ * right angles what diffusion in opposed.h says, if L cosh(kappa b) Int exp(-t) sinh(kappa (t z + b)) = amount sinh(kappa (z + b)). A
+ * half-space returns L/(1 + s kappa) Int exp(-t (1 + kappa z m)), m = -n.w; what the profile's total has beside that, scattered few times,
+ * leaves where it entered.
  *
  * It is solved (equation.c) at places that stand for equal areas, 0.4 diffusion lengths 1/kappa apart, the same for all channels.
  *
@@ -33,8 +35,8 @@ enum { SAMPLES = 256, FEWEST = 800, MOST = 4096, FOUND = 64 };
 #define REACH 8.0f         /* diffusion lengths that a method looks for light */
 #define RESOLVED 0.7f      /* STEP up to which a channel is solved, */
 #define UNRESOLVED 1.2f    /* and from which on it is not */
-#define DARK 0.3f          /* total of a profile up to which light scatters too seldom for diffusion, */
-#define BRIGHT 0.6f        /* and from which on it is; */
+#define DARK 0.02f         /* total of a profile up to which light scatters too seldom for diffusion, */
+#define BRIGHT 0.06f       /* and from which on it is; */
 #define BRIGHTEST 0.999    /* beyond, nothing is absorbed */
 #define LEAST 0.3f         /* distances that places across a thin part are taken to be apart at least */
 #define WINDOW 2.5f        /* distances inside which the profile's sum is set right */
@@ -44,6 +46,9 @@ enum { SAMPLES = 256, FEWEST = 800, MOST = 4096, FOUND = 64 };
 #define LARGEST_WHOLE 3.0f /* and of what is found by methods that ask the whole solid */
 #define THIN 2.0f          /* distances of places: thickness up to which a part is not solved, */
 #define THICK 4.0f         /* and from which on it is */
+
+#define FEW_PATHS 4.0f  /* mean free paths: the same, where light is scattered too seldom on its way, */
+#define MANY_PATHS 6.0f /* and from which on it is not */
 
 struct solid {
     struct pell_context *ctx;
@@ -58,6 +63,19 @@ struct solid {
 
 /* --- Of a channel -------------------------------------------------------------------------------------------------------------------- */
 
+static const float path[2] = EQUATION_PATHS, share[2] = EQUATION_SHARES;
+
+/* L, so that light at right angles goes through slabs as `amount` says, whose source is a mean free path deep. */
+static float enters_of(const struct pell_opposed *law, int c)
+{
+    const float kappa = law->kappa[c], beyond = law->beyond[c];
+    float at = 0.0f;
+
+    for (int k = 0; k < 2; k++)
+        at += share[k] * sinhf(kappa * (path[k] * law->depth[c] + beyond));
+    return law->amount[c] * sinhf(kappa * (law->depth[c] + beyond)) / (at * coshf(kappa * beyond));
+}
+
 /* The law of a channel, see above. */
 static void find_kappa(const struct pell_opposed *law, int c, struct equation_channel *q)
 {
@@ -66,8 +84,7 @@ static void find_kappa(const struct pell_opposed *law, int c, struct equation_ch
     q->kappa = law->kappa[c];
     q->s = tanhf(beyond) / q->kappa;
     q->depth = law->depth[c];
-    q->enters = law->amount[c] / coshf(beyond);
-    q->stays = q->total - q->enters * expf(-q->kappa * q->depth) / (1.0f + tanhf(beyond));
+    q->enters = enters_of(law, c);
 }
 
 /* All that depends on a channel's profile. */
@@ -114,19 +131,99 @@ static float distance_of_places(const struct indirect_solid *of)
     return (double) step < (double) UNRESOLVED * most ? step : 0.0f;
 }
 
-/* Light that enters, of each place. */
+/* Light that enters, of each place, and without what curvature moved. */
 static void find_light(const struct solid *s, int c)
 {
     const struct places *p = &s->places;
-    double *light = s->equation.channel[c].light;
+    double *light = s->equation.channel[c].light, *source = s->equation.channel[c].source;
 
     memset(light, 0, p->count * sizeof(*light));
+    memset(source, 0, p->count * sizeof(*source));
     for (size_t i = 0; i < p->num_samples; i++)
-        if (p->of[i] != PLACES_NONE)
+        if (p->of[i] != PLACES_NONE) {
             light[p->of[i]] += (double) p->sample[i].power[c];
-    for (uint32_t i = 0; i < p->count; i++)
+            source[p->of[i]] += (double) s->of_solid->source[i][c];
+        }
+    for (uint32_t i = 0; i < p->count; i++) {
         light[i] = p->place[i].area > 0.0f ? light[i] / (double) p->place[i].area : 0.0;
+        source[i] = p->place[i].area > 0.0f ? source[i] / (double) p->place[i].area : 0.0;
+    }
     equation_extend(&s->equation, light);
+    equation_extend(&s->equation, source);
+}
+
+/* Ways of patches, and how far along them the sources are: those of the light of samples, and none beyond the far side. */
+static enum pell_result find_ways(struct solid *s)
+{
+    const struct places *p = &s->places;
+    const struct equation_patches *to = &s->equation.patches;
+    const uint32_t patches = p->count + p->num_clusters;
+    float *sum = pell_alloc_array(s->ctx, patches, 3 * sizeof(*sum)), *thickness = sum + patches, *weight = sum + 2 * patches;
+
+    if (!sum)
+        return PELL_ERR_NOMEM;
+    memset(sum, 0, patches * 3 * sizeof(*sum));
+    memset(to->wx, 0, patches * sizeof(*to->wx));
+    memset(to->wy, 0, patches * sizeof(*to->wy));
+    memset(to->wz, 0, patches * sizeof(*to->wz));
+    for (size_t i = 0; i < p->num_samples; i++) {
+        const struct pell_lit_place *q = &p->sample[i];
+        float light = 0.0f;
+        if (p->of[i] == PLACES_NONE)
+            continue;
+        for (int c = 0; c < 3; c++)
+            light += s->of_solid->source[i][c];
+        for (int k = 0; k < 2; k++) {
+            const uint32_t at = k == 0 ? p->of[i] : p->count + p->place[p->of[i]].cluster;
+            to->wx[at] += light * q->way[0];
+            to->wy[at] += light * q->way[1];
+            to->wz[at] += light * q->way[2];
+            sum[at] += light;
+            if (s->of_solid->thickness[i] < INFINITY) {
+                thickness[at] += q->area * s->of_solid->thickness[i];
+                weight[at] += q->area;
+            }
+        }
+    }
+    for (uint32_t i = 0; i < patches; i++) {
+        const struct pell_vec3 normal = i < p->count ? p->place[i].normal : vec3_normalize(p->cluster[i - p->count].normal);
+        const float scale = sum[i] > 0.0f ? 1.0f / sum[i] : 0.0f, thick = weight[i] > 0.0f ? thickness[i] / weight[i] : INFINITY;
+        float inward;
+        struct pell_vec3 way = vec3_mul(vec3(to->wx[i], to->wy[i], to->wz[i]), scale);
+        if (!(vec3_dot(way, way) > 1e-6f))
+            way = vec3_mul(normal, -1.0f);
+        to->wx[i] = way.x;
+        to->wy[i] = way.y;
+        to->wz[i] = way.z;
+        inward = -vec3_dot(way, normal);
+        for (int c = 0; c < 3; c++) {
+            struct equation_channel *q = &s->equation.channel[c];
+            if (!q->is)
+                continue;
+            if (i < p->count)
+                q->here[i] = q->light[i] / (double) (1.0f + s->of_solid->slope[c] * fmaxf(1.0f - inward, 0.0f));
+            for (int k = 0; k < 2; k++) {
+                const float within = 1.0f - expf(-thick / fmaxf(q->depth * inward, 1e-6f));
+                q->deep[k][i] = -q->depth * logf(1.0f - (1.0f - expf(-path[k])) * within);
+            }
+        }
+    }
+    pell_free(s->ctx, sum);
+    return PELL_OK;
+}
+
+/* What the profile has beside diffusion leaves where it entered. */
+static void add_kept(const struct solid *s, float slope, struct equation_channel *q)
+{
+    const struct places *p = &s->places;
+    const struct equation_patches *way = &s->equation.patches;
+
+    for (uint32_t i = 0; i < p->count; i++) {
+        const struct pell_vec3 n = p->place[i].normal;
+        const float inward = -(way->wx[i] * n.x + way->wy[i] * n.y + way->wz[i] * n.z), depth = q->kappa * q->depth * inward;
+        const float leaves = q->enters * (share[0] * expf(-path[0] * depth) + share[1] * expf(-path[1] * depth)) / (1.0f + q->kappa * q->s);
+        q->phi[i] += (double) (q->total - leaves) * q->light[i] + (double) (leaves * slope * (1.0f - inward)) * q->source[i];
+    }
 }
 
 /* --- Back to the samples -------------------------------------------------------------------------------------------------------------- */
@@ -185,7 +282,7 @@ static void add_around(const struct solid *s, const struct cluster *cluster, str
             const struct equation_channel *q = &s->equation.channel[c];
             if (!q->is)
                 continue;
-            a->phi[c] += w * (float) (q->phi[j] + (double) q->stays * q->light[j]);
+            a->phi[c] += w * (float) q->phi[j];
             a->sum[c] += w * (float) q->sum[j];
         }
     }
@@ -212,9 +309,11 @@ static void hand_to(const struct solid *s, size_t i)
         struct indirect_solid_light *out = &s->out[i];
         if (!s->equation.channel[c].is)
             continue;
-        out->solved[c] = s->solved[c] * ramp(THIN, THICK, s->of_solid->thickness[i] / p->step);
+        out->solved[c] = s->solved[c] * ramp(THIN, THICK, s->of_solid->thickness[i] / p->step) *
+                         ramp(FEW_PATHS, MANY_PATHS, s->of_solid->thickness[i] / s->of_solid->law->depth[c]);
         out->gain[c] = gain;
         out->light[c] = fmaxf(phi - gain * a.sum[c], 0.0f) / a.weight;
+        out->all[c] = phi / a.weight;
     }
 }
 
@@ -255,9 +354,6 @@ static void solve_channels(struct solid *s)
     struct equation *e = &s->equation;
     const uint32_t n = s->places.count;
 
-    for (int c = 0; c < 3; c++)
-        if (e->channel[c].is)
-            find_light(s, c);
     equation_fill(e);
     if (s->of_solid->whole)
         pell_pool_run(s->pool, (int) ((n + FOUND - 1) / FOUND), find_chunk, s);
@@ -267,6 +363,8 @@ static void solve_channels(struct solid *s)
             continue;
         memcpy(q->phi, q->sum, n * sizeof(*q->phi));
         q->is = equation_solve(e, q);
+        if (q->is)
+            add_kept(s, s->of_solid->slope[c], q);
     }
 }
 
@@ -299,6 +397,10 @@ enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool
     if (s->equation.channel[0].is || s->equation.channel[1].is || s->equation.channel[2].is) {
         PELL_TRY(equation_make(&s->equation));
         PELL_TRY(find_near(s));
+        for (int c = 0; c < 3; c++)
+            if (s->equation.channel[c].is)
+                find_light(s, c);
+        PELL_TRY(find_ways(s));
         solve_channels(s);
         pell_pool_run(pool, (int) ((solid->count + SAMPLES - 1) / SAMPLES), hand_out_chunk, s);
     }

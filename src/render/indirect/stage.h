@@ -61,6 +61,7 @@ PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indire
 struct pell_indirect_solid {
     struct pell_opposed law;            /* amount 0: nothing goes through */
     float white[3];                     /* what it is multiplied by where it leaves */
+    float slope[3];                     /* what of light that enters is returned more for its angle: 1 + slope (1 - m) (render/angle.h) */
     const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees, */
     bool all;                           /* or over the whole solid, turned by `law` */
     bool between;                       /* what goes between faces is summed where it is not solved */
@@ -79,6 +80,8 @@ struct pell_indirect_inside {
     float solved[3];  /* [0, 1]: how far what follows holds, in place of `through`, of T, and of what curvature does but with `all` */
     float gain[3];    /* factor of what enters there, or with `all` of what the method finds, times `solved`; */
     float light[3];   /* and radiant exitance that is added, W/m^2 without its albedo, times `solved` */
+    float tilt[3][3]; /* of the light from the depth, see find_tilt in through.c; */
+    float deep[3];    /* [0, 1]: how far it leaves as from parts that are thick */
 };
 void pell_indirect_look(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v,
                         struct pell_indirect_inside *out);

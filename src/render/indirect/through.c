@@ -25,6 +25,12 @@ enum { CHUNK = 128, PACKET = 16 };
 #define DEEP_LOW 3.0f  /* thickness in diffusion lengths of a channel: below it a slab's T is taken, */
 #define DEEP_HIGH 6.0f /* and above it, where little but what comes from the rim gets through, the sum */
 
+#define STEEPEST 0.95f /* of the exponent of the depth: that light grows by along a surface at most */
+#define WITHIN 0.6f    /* mean cosine against the inward normal of light that leaves, on its way there */
+#define LEVEL 0.05f    /* of the spread of samples: more is added across, so that samples in a row do */
+#define SOME 0.5f      /* of the weight of samples: those that have light */
+#define PASSING 0.1f   /* over mean free paths, see optics/medium/passing.h */
+
 struct send {
     struct pell_indirect *in;
     const struct pell_indirect_lights *lights;
@@ -33,6 +39,7 @@ struct send {
     float (*gain)[3];
     bool *there;
     float (*thick)[3], *thickness; /* of samples; thickness mm */
+    float (*source)[3];            /* W/m^2 times mm^2: of a sample's power, what goes into the depth */
     struct indirect_solid_light *light;
     const uint32_t *list; /* of one object and material, or a solid of it */
     size_t count;
@@ -56,10 +63,23 @@ static void deep_parts(const struct pell_opposed *law, float thinness, float spa
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
 
+/* What goes into the depth: as it falls there, not as a curved surface moves it, and without what a half-space returns more for its angle,
+ * since that comes of a way along the surface. */
+static void find_source(const struct send *s, const struct indirect_sample *q, const struct pell_lit_place *p, float aside[3][PACKET],
+                        size_t i, float source[3])
+{
+    const float off = fmaxf(1.0f + vec3_dot(q->normal, vec3_load(p->way)), 0.0f);
+
+    for (int c = 0; c < 3; c++)
+        source[c] =
+            p->power[c] > 0.0f ? fmaxf(p->power[c] - aside[c][i] * p->area, 0.0f) / (1.0f + s->solid[q->material].slope[c] * off) : 0.0f;
+}
+
 static void light16(const struct send *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
-    float irradiance[3][PACKET], gain[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET];
+    float irradiance[3][PACKET], gain[3][PACKET], aside[3][PACKET], way[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET],
+        v[PACKET];
     uint32_t mesh[PACKET], triangle[PACKET], number[PACKET];
     bool there[PACKET];
     const struct pell_points_params params = {
@@ -68,6 +88,8 @@ static void light16(const struct send *s, size_t first, size_t count)
     const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
                                             .gain = { gain[0], gain[1], gain[2] },
+                                            .aside = { aside[0], aside[1], aside[2] },
+                                            .way = { way[0], way[1], way[2] },
                                             .curvature = curvature,
                                             .thinness = thinness,
                                             .there = there };
@@ -92,8 +114,10 @@ static void light16(const struct send *s, size_t first, size_t count)
         vec3_store(q->normal, p->normal);
         for (int c = 0; c < 3; c++) {
             p->power[c] = there[i] ? irradiance[c][i] * p->area : 0.0f;
+            p->way[c] = there[i] ? way[c][i] : 0.0f;
             s->gain[first + i][c] = gain[c][i];
         }
+        find_source(s, q, p, aside, i, s->source[first + i]);
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
         if (s->solid[q->material].between)
@@ -114,10 +138,12 @@ static void light_chunk(void *arg, int index, int worker)
 /* --- From sample to sample -------------------------------------------------------------------------------------------------------- */
 
 static void add_pair(const struct pell_opposed *law, const struct indirect_sample *to, const float position[3], const float normal[3],
-                     float curvature, const float power[3], float sum[3])
+                     const float way[3], float curvature, const float power[3], float sum[3])
 {
-    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), n = vec3_load(normal);
-    const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n), curvature };
+    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), n = vec3_load(normal), w = vec3_load(way);
+    const struct pell_vec3 t = vec3_mad(w, -vec3_dot(w, n), n);
+    const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n),
+                                            curvature,      vec3_dot(t, v), vec3_dot(t, to->normal), vec3_dot(t, t) };
     const float unseen = pell_opposed_unseen(pair.facing), far2 = FAR * FAR;
     float through[3];
     bool is[3];
@@ -141,12 +167,12 @@ static void gather(const struct send *s, const struct pell_opposed *law, const s
         if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
             i = n->next;
         } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(mean, mean) > MEAN) {
-            add_pair(law, to, n->centre, n->normal, n->curvature, n->power, sum);
+            add_pair(law, to, n->centre, n->normal, n->way, n->curvature, n->power, sum);
             i = n->next;
         } else if (n->count) {
             for (uint32_t k = n->first; k < n->first + n->count; k++) {
                 const struct pell_lit_place *p = &t->samples[k];
-                add_pair(law, to, p->position, p->normal, p->curvature, p->power, sum);
+                add_pair(law, to, p->position, p->normal, p->way, p->curvature, p->power, sum);
             }
             i = n->next;
         } else {
@@ -183,14 +209,14 @@ static bool together(const struct pell_indirect *in, const struct indirect_sampl
 }
 
 /* The light of the list's samples as curvature scales it. */
-static struct pell_lit_place *scaled(const struct send *s)
+static struct pell_lit_place *scaled(const struct send *s, bool deep)
 {
     struct pell_lit_place *out = pell_alloc_array(s->in->ctx, s->count, sizeof(*out));
 
     for (size_t i = 0; out && i < s->count; i++) {
         out[i] = s->sample[s->list[i]];
         for (int c = 0; c < 3; c++)
-            out[i].power[c] *= s->gain[s->list[i]][c];
+            out[i].power[c] = (deep ? s->source[s->list[i]][c] : out[i].power[c]) * s->gain[s->list[i]][c];
     }
     return out;
 }
@@ -198,7 +224,7 @@ static struct pell_lit_place *scaled(const struct send *s)
 /* Sums what goes between faces, where what was solved is not all. */
 static enum pell_result send_between(struct send *s, struct pell_pool *pool)
 {
-    struct pell_lit_place *samples = scaled(s);
+    struct pell_lit_place *samples = scaled(s, true);
     enum pell_result res;
 
     if (!samples)
@@ -260,17 +286,21 @@ static enum pell_result send_solid(struct send *s, struct pell_pool *pool, struc
     struct pell_lit_place *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
     struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
     float *thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
+    float(*source)[3] = pell_alloc_array(in->ctx, s->count, sizeof(*source));
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (!lit || !light || !thickness)
+    if (!lit || !light || !thickness || !source)
         goto fail;
     for (size_t i = 0; i < s->count; i++) {
         lit[i] = s->sample[s->list[i]];
         thickness[i] = s->thickness[s->list[i]];
+        memcpy(source[i], s->source[s->list[i]], sizeof(source[i]));
         solid.spacing = fmaxf(solid.spacing, in->samples[s->list[i]].spacing);
     }
     solid.samples = lit;
     solid.thickness = thickness;
+    solid.source = (const float(*)[3]) source;
+    solid.slope = as->slope;
     PELL_TRY(indirect_solid_solve(in->ctx, pool, &solid, light));
     for (size_t i = 0; i < s->count; i++) {
         for (int c = 0; c < 3; c++)
@@ -286,6 +316,7 @@ fail:
     pell_free(in->ctx, lit);
     pell_free(in->ctx, light);
     pell_free(in->ctx, thickness);
+    pell_free(in->ctx, source);
     return res;
 }
 
@@ -321,7 +352,7 @@ static enum pell_result list_group(struct send *s, const struct indirect_sample 
 static enum pell_result make_whole(const struct send *s, const struct pell_indirect_solid *as, struct whole **out)
 {
     const struct pell_indirect *in = s->in;
-    struct pell_lit_place *samples = scaled(s);
+    struct pell_lit_place *samples = scaled(s, false);
     float spacing = 0.0f;
 
     *out = samples ? pell_calloc(in->ctx, 1, sizeof(**out)) : NULL;
@@ -362,6 +393,100 @@ fail:
     return res;
 }
 
+/* Weighted sums of a value over a plane. */
+struct line {
+    float one, x, y, value, xx, xy, yy, x_value, y_value;
+};
+
+static void add_to_line(struct line *l, float weight, float x, float y, float value)
+{
+    l->one += weight;
+    l->x += weight * x;
+    l->y += weight * y;
+    l->value += weight * value;
+    l->xx += weight * x * x;
+    l->xy += weight * x * y;
+    l->yy += weight * y * y;
+    l->x_value += weight * x * value;
+    l->y_value += weight * y * value;
+}
+
+/* By least squares; false where there is none. */
+static bool slope_of_line(const struct line *l, float slope[2])
+{
+    const float spread = l->xx + l->yy - (l->x * l->x + l->y * l->y) / l->one;
+    const float xx = l->xx - l->x * l->x / l->one + LEVEL * spread, yy = l->yy - l->y * l->y / l->one + LEVEL * spread;
+    const float xy = l->xy - l->x * l->y / l->one, det = xx * yy - xy * xy;
+    const float x_value = l->x_value - l->x * l->value / l->one, y_value = l->y_value - l->y * l->value / l->one;
+
+    if (!(det > 0.0f))
+        return false;
+    slope[0] = (yy * x_value - xy * y_value) / det;
+    slope[1] = (xx * y_value - xy * x_value) / det;
+    return true;
+}
+
+/* Light from the depth of a channel at a sample. */
+static float light_at(const struct send *s, uint32_t sample, int c)
+{
+    const struct indirect_solid_light *from = &s->light[sample];
+
+    return from->solved[c] * from->all[c] + (1.0f - from->solved[c]) * s->in->gathered[sample][c];
+}
+
+/* How steeply light in the depth grows along the surface around a value. Light that leaves was scattered last about a mean free path l back
+ * along its way, where there is exp(g.t) of it, g the gradient of its logarithm and t the part of the way along the surface: 1/(1 - l g.t)
+ * in the mean, over what grows along the rest of the way. The tilt is l g over that. */
+static void find_tilt(const struct send *s, const struct indirect_near *near, float tilt[3][3])
+{
+    const struct pell_indirect *in = s->in;
+    const struct pell_opposed *law = &s->solid[in->samples[near->sample[0]].material].law;
+    struct pell_vec3 middle = vec3(0.0f, 0.0f, 0.0f), normal = middle, a, b;
+
+    for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
+        middle = vec3_mad(middle, near->weight[k], in->samples[near->sample[k]].position);
+        normal = vec3_mad(normal, near->weight[k], in->samples[near->sample[k]].smooth);
+    }
+    if (!(vec3_dot(normal, normal) > 0.0f))
+        return;
+    vec3_basis(vec3_normalize(normal), &a, &b);
+    for (int c = 0; c < 3; c++) {
+        const float steepest = STEEPEST * law->kappa[c];
+        struct line line = { .one = 0.0f };
+        float slope[2], steep2, least;
+        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
+            const float light = light_at(s, near->sample[k], c);
+            const struct pell_vec3 d = vec3_sub(in->samples[near->sample[k]].position, middle);
+            if (light > 0.0f)
+                add_to_line(&line, near->weight[k], vec3_dot(d, a), vec3_dot(d, b), logf(light));
+        }
+        if (!(line.one > SOME) || !slope_of_line(&line, slope))
+            continue;
+        steep2 = slope[0] * slope[0] + slope[1] * slope[1];
+        least = fminf(1.0f, steepest / sqrtf(fmaxf(steep2, 1e-20f)));
+        steep2 = fminf(steep2, steepest * steepest);
+        least *= law->depth[c] / (1.0f - WITHIN * law->depth[c] * sqrtf(law->kappa[c] * law->kappa[c] - steep2));
+        vec3_store(vec3_mul(vec3_mad(vec3_mul(a, slope[0]), slope[1], b), least), tilt[c]);
+    }
+}
+
+/* Adds a sample of this weight to a value. */
+static void blend(const struct send *s, uint32_t sample, float weight, struct pell_indirect_inside *to)
+{
+    const struct indirect_solid_light *from = &s->light[sample];
+    const struct pell_opposed *law = &s->solid[s->in->samples[sample].material].law;
+
+    for (int c = 0; c < 3; c++) {
+        const float solved = weight * from->solved[c];
+        to->through[c] += weight * s->in->gathered[sample][c];
+        to->thick[c] += weight * s->thick[sample][c];
+        to->deep[c] += law->depth[c] > 0.0f ? weight * fminf(PASSING * s->thickness[sample] / law->depth[c], 1.0f) : 0.0f;
+        to->solved[c] += solved;
+        to->gain[c] += solved * from->gain[c];
+        to->light[c] += solved * from->light[c];
+    }
+}
+
 static void spread(const struct send *s)
 {
     const struct pell_indirect *in = s->in;
@@ -370,17 +495,10 @@ static void spread(const struct send *s)
         const struct indirect_near *near = &in->near[i];
         struct pell_indirect_inside *to = &in->inside[i].of;
         memset(to, 0, sizeof(*to));
-        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
-            const struct indirect_solid_light *from = &s->light[near->sample[k]];
-            for (int c = 0; c < 3; c++) {
-                const float solved = near->weight[k] * from->solved[c];
-                to->through[c] += near->weight[k] * in->gathered[near->sample[k]][c];
-                to->thick[c] += near->weight[k] * s->thick[near->sample[k]][c];
-                to->solved[c] += solved;
-                to->gain[c] += solved * from->gain[c];
-                to->light[c] += solved * from->light[c];
-            }
-        }
+        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++)
+            blend(s, near->sample[k], near->weight[k], to);
+        if (near->weight[0] > 0.0f && s->solid[in->samples[near->sample[0]].material].profile)
+            find_tilt(s, near, to->tilt);
     }
 }
 
@@ -394,11 +512,12 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
     s.gain = pell_alloc_array(in->ctx, n, sizeof(*s.gain));
+    s.source = pell_alloc_array(in->ctx, n, sizeof(*s.source));
     s.there = pell_calloc(in->ctx, n, sizeof(*s.there));
     s.thick = pell_calloc(in->ctx, n, sizeof(*s.thick));
     s.thickness = pell_calloc(in->ctx, n, sizeof(*s.thickness));
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
-    if (!list || !s.sample || !s.gain || !s.there || !s.thick || !s.thickness || !s.light)
+    if (!list || !s.sample || !s.gain || !s.source || !s.there || !s.thick || !s.thickness || !s.light)
         goto fail;
     memset(in->gathered, 0, n * sizeof(*in->gathered));
     pell_pool_run(pool, chunks_of(n), light_chunk, &s);
@@ -412,6 +531,7 @@ fail:
     pell_free(in->ctx, list);
     pell_free(in->ctx, s.sample);
     pell_free(in->ctx, s.gain);
+    pell_free(in->ctx, s.source);
     pell_free(in->ctx, s.there);
     pell_free(in->ctx, s.thick);
     pell_free(in->ctx, s.thickness);
@@ -433,7 +553,7 @@ void pell_indirect_look(const struct pell_indirect *in, uint32_t mesh, uint32_t 
     indirect_find(in, mesh, triangle, u, v, knot, weight);
     for (int i = 0; i < 3; i++) {
         const float *from = in->inside[knot[i]].all;
-        for (int k = 0; k < 16; k++)
+        for (int k = 0; k < INDIRECT_INSIDE; k++)
             sum.all[k] += weight[i] * from[k];
     }
     *out = sum.of;

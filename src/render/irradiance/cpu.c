@@ -180,6 +180,17 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
     }
 }
 
+static void add_ways(const struct pell_sums *from, struct packet *k)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < k->count; i++) {
+            k->sums.aside[c][i] += from->aside[c][i];
+            k->sums.way_in[c][i] += from->way_in[c][i];
+        }
+    for (int i = 0; i < k->count; i++)
+        k->sums.known[i] += from->known[i];
+}
+
 static void environments(const struct job *job, struct packet *k)
 {
     const struct pell_lights *lights = job->lights;
@@ -211,6 +222,8 @@ static void environments(const struct job *job, struct packet *k)
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < k->count; i++)
                 k->sums.single[c][i] += sums.single[c][i];
+        if (l->any_way)
+            add_ways(&sums, k);
         for (int i = 0; i < k->count; i++) {
             const struct pell_env_query query = lane_query(job, k, i);
             float rgb[3];

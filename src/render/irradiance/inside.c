@@ -65,6 +65,19 @@ void pell_scale_lanes(const struct gains *gains, struct packet *k)
         }
 }
 
+#define TILTED 0.7f /* most */
+
+/* Light that leaves toward the viewer was scattered last a mean free path back along its refracted direction, where there is more of it, or
+ * less, than below the surface. */
+static float tilted(const struct pell_lanes *l, int i, const float tilt[3])
+{
+    const struct pell_vec3 v = vec3(l->vx[i], l->vy[i], l->vz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
+    const struct pell_vec3 aside = vec3_mad(v, -l->nv[i], n);
+    const float more = -sqrtf(l->inverse_eta2[i]) * vec3_dot(aside, vec3_load(tilt));
+
+    return 1.0f / (1.0f - smaller(more, TILTED));
+}
+
 void pell_look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
 {
     const struct pell_surface *s = job->p->surface;
@@ -80,9 +93,10 @@ void pell_look_inside(const struct job *job, struct packet *k, struct gains *gai
                 gains->all[c][i] += q.thick[c] * (gains->between[c][i] - gains->all[c][i]);
             if (!job->p->whole)
                 gains->all[c][i] = q.gain[c] + (1.0f - q.solved[c]) * gains->all[c][i];
-            in->through[c][i] = job->entering ? 0.0f : q.through[c];
+            const float leaves = (1.0f + q.deep[c] * (k->lanes.pass[c][i] - 1.0f)) * tilted(&k->lanes, i, q.tilt[c]);
+            in->through[c][i] = job->entering ? 0.0f : leaves * q.through[c];
             in->solved[c][i] = q.solved[c];
-            in->light[c][i] = job->entering ? 0.0f : q.light[c];
+            in->light[c][i] = job->entering ? 0.0f : leaves * q.light[c];
             in->thick[c][i] = q.thick[c];
             k->straight[i] |= -(int32_t) ((1.0f - q.thick[c]) * (1.0f - q.solved[c]) > LEAST_STRAIGHT);
         }

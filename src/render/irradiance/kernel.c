@@ -253,6 +253,31 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
         }
 }
 
+/* Where what enters goes on to, and what the curvature of the surface has moved there. */
+static void add_way(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
+                    const float *restrict transmitted, const float *restrict off, struct pell_sums *restrict sums)
+{
+    _Alignas(64) float enters[N] = { 0.0f };
+
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float mu = a->nl[i] > 1e-6f ? a->nl[i] : 1e-6f, factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
+            const float bent = facing[i] + p->shift[c][i] * (1.0f - 3.0f * mu * mu), moved = bent > 0.0f ? bent : 0.0f;
+            const float each = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor;
+            const float add = facing[i] > 0.0f ? each * facing[i] : 0.0f;
+            sums->aside[c][i] += facing[i] > 0.0f ? each * moved - add : 0.0f;
+            enters[i] += add < BIG ? add : BIG;
+        }
+    for (int i = 0; i < N; i++) {
+        const float nl = a->nl[i] > 0.0f ? a->nl[i] : 0.0f, rest = 1.0f - (1.0f - nl * nl) * p->inverse_eta2[i];
+        const float inverse_eta = sqrtf(p->inverse_eta2[i]), deep = nl * inverse_eta - sqrtf(rest > 0.0f ? rest : 0.0f);
+        sums->way_in[0][i] += enters[i] * (deep * p->nx[i] - inverse_eta * a->lx[i]);
+        sums->way_in[1][i] += enters[i] * (deep * p->ny[i] - inverse_eta * a->ly[i]);
+        sums->way_in[2][i] += enters[i] * (deep * p->nz[i] - inverse_eta * a->lz[i]);
+        sums->known[i] += enters[i];
+    }
+}
+
 static void front(const struct pell_light_data *light, const struct pell_shade_tables *t, const struct pell_lanes *restrict p,
                   const struct pell_aim *restrict a, const int32_t *restrict visible, struct pell_gloss *gloss,
                   struct pell_sums *restrict sums)
@@ -275,6 +300,8 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
         }
+    if (p->any_way)
+        add_way(p, a, facing, transmitted, off, sums);
     if (p->any_single)
         add_single(p, a, facing, transmitted, sums);
     if (gloss)
@@ -451,6 +478,9 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
             sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] =
                 sums->hidden[c][i] = 0.0f;
     memset(sums->way, 0, sizeof(sums->way));
+    memset(sums->aside, 0, sizeof(sums->aside));
+    memset(sums->way_in, 0, sizeof(sums->way_in));
+    memset(sums->known, 0, sizeof(sums->known));
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
     gather(s->ng[1], index, rows, p->gy);
@@ -487,6 +517,9 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
         p->nv[i] = p->nx[i] * p->vx[i] + p->ny[i] * p->vy[i] + p->nz[i] * p->vz[i];
         p->gn[i] = gn > 1e-3f ? gn : 1e-3f;
     }
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++)
+            p->pass[c][i] = p->pass_base[c][i] + p->pass_slope[c][i] * pell_angle_off(p->inverse_eta2[i], pell_saturate(p->nv[i]));
 }
 
 static inline void scatter(const float *restrict in, const int32_t *restrict index, int count, ptrdiff_t rows, float *restrict plane)
@@ -498,6 +531,30 @@ static inline void scatter(const float *restrict in, const int32_t *restrict ind
     }
     for (int i = 0; i < count; i++)
         plane[index[i]] = in[i];
+}
+
+/* The mean direction in which light goes on, that of light from everywhere where no direction is known. */
+static void store_way(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
+                      ptrdiff_t rows, struct pell_lighting *out)
+{
+    _Alignas(64) float inward[N], whole[N], way[N], aside[N];
+
+    for (int i = 0; i < N; i++) {
+        float all = 0.0f;
+        for (int c = 0; c < 3; c++)
+            all += sums->irradiance[c][i] - sums->aside[c][i];
+        whole[i] = all > TINY ? 1.0f / all : 0.0f;
+        inward[i] = all > sums->known[i] ? (all - sums->known[i]) * pell_mean_refracted(p->inverse_eta2[i]) : 0.0f;
+    }
+    for (int c = 0; c < 3; c++) {
+        const float *normal = c == 0 ? p->nx : c == 1 ? p->ny : p->nz;
+        for (int i = 0; i < N; i++)
+            way[i] = (sums->way_in[c][i] - inward[i] * normal[i]) * whole[i];
+        scatter(way, index, count, rows, out->way_in[c]);
+        for (int i = 0; i < N; i++)
+            aside[i] = sums->aside[c][i] * p->albedo[c][i];
+        scatter(aside, index, count, rows, out->aside[c]);
+    }
 }
 
 static void store(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_sums *restrict sums,
@@ -526,6 +583,8 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
         if (out->hidden[c])
             scatter(sums->hidden[c], index, count, rows, out->hidden[c]);
     }
+    if (p->any_way)
+        store_way(p, sums, index, count, rows, out);
     if (out->way) {
         for (int i = 0; i < N; i++) {
             const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i];

@@ -45,8 +45,11 @@ struct pell_lanes {
     uint32_t pattern[2][16]; /* what the sequence's numbers are XORed with for samples of lights: pell_lane_pattern */
     float shift[3][16];      /* mean free path over radius of curvature, refracted (curvature/stage.h) */
     float inverse_eta2[16], enter_base[3][16], enter_slope[3][16], enter_mean[3][16]; /* see render/angle.h */
-    float single_eta2[16], single_albedo[3][16], single_g[3][16];                     /* see render/single.h */
+    float pass_base[3][16], pass_slope[3][16], pass_thick[3][16]; /* of light from the depth; 1 and 0 at points that have no view */
+    float pass[3][16];
+    float single_eta2[16], single_albedo[3][16], single_g[3][16]; /* see render/single.h */
     int any_smooth, any_deep, any_thin, any_single;
+    int any_way;     /* the directions in which light goes on are asked for */
     int light_bits;  /* of the number of a light's samples of a frame */
     unsigned models; /* bit 1 << model of each that some lane has */
 };
@@ -93,6 +96,9 @@ struct pell_sums {
     float unshadowed[3][16]; /* of an environment's lights that are in its smooth table, too */
     float single[3][16];     /* scattered once, below the surface */
     float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way */
+    float aside[3][16];      /* with lanes.any_way: what `shift` adds to `irradiance`, */
+    float way_in[3][16];     /* the refracted directions of light that enters, without it, times its channels' sum, */
+    float known[16];         /* and that sum */
 };
 
 /* The highlight of one light. */

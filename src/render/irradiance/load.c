@@ -33,13 +33,16 @@ static struct traits material_traits(const struct job *job, size_t material)
     };
 }
 
-static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angle)
+static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angle, bool seen)
 {
     l->inverse_eta2[i] = angle ? angle->inverse_eta2 : 1.0f;
     for (int c = 0; c < 3; c++) {
         l->enter_base[c][i] = angle ? angle->enter_base[c] : 1.0f;
         l->enter_slope[c][i] = angle ? angle->enter_slope[c] : 0.0f;
         l->enter_mean[c][i] = angle ? angle->enter_mean[c] : 1.0f;
+        l->pass_base[c][i] = angle && seen ? angle->pass_base[c] : 1.0f;
+        l->pass_slope[c][i] = angle && seen ? angle->pass_slope[c] : 0.0f;
+        l->pass_thick[c][i] = angle ? angle->pass_thick[c] : 0.0f;
     }
 }
 
@@ -67,6 +70,7 @@ static void set_materials(const struct job *job, struct packet *k)
     }
     k->held = k->single ? (int64_t) k->material[0] : -1;
     l->any_smooth = l->any_deep = l->any_single = 0;
+    l->any_way = job->p->ways;
     l->models = 0;
     memset(l->shift, 0, sizeof(l->shift));
     k->textured = false;
@@ -84,7 +88,7 @@ static void set_materials(const struct job *job, struct packet *k)
         l->any_smooth |= t.smooth;
         l->models |= 1u << t.model;
         l->any_deep |= t.deep;
-        set_angle(l, i, t.angle);
+        set_angle(l, i, t.angle, !job->entering);
         set_apart(l, i, t.apart);
     }
 }

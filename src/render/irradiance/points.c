@@ -14,7 +14,7 @@
 struct planes {
     _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16],
         terminator_offset[16], transmission[3][16], reflection[16];
-    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16];
+    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], aside[3][16], way[3][16];
     uint16_t material[16];
 };
 
@@ -179,6 +179,7 @@ static void look16(const struct pell_irradiance_params *params, const struct pel
     l->one.flat = what->flat;
     l->one.opposed = params->opposed && what->opposed;
     l->one.sample = what->first;
+    l->one.ways = false;
 }
 
 /* What is known of the points beside their light. */
@@ -233,7 +234,10 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         lighting.irradiance[c] = l.s.irradiance[c];
         lighting.transmitted[c] = l.s.transmitted[c];
         lighting.specular[c] = l.s.mirrored[c];
+        lighting.aside[c] = l.s.aside[c];
+        lighting.way_in[c] = l.s.way[c];
     }
+    l.one.ways = out->aside[0];
     for (int k = 0; l.some && k < what->samples; k++) {
         l.one.sample = what->first + (uint32_t) k;
         l.at.sample = (uint32_t) k;
@@ -245,6 +249,10 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     }
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
+            if (out->aside[c]) { /* of the last sample */
+                out->aside[c][first + i] = l.s.aside[c][i];
+                out->way[c][first + i] = l.s.way[c][i];
+            }
             out->irradiance[c][first + i] = mean[c][i];
             if (out->albedo[c])
                 out->albedo[c][first + i] = albedo[c][i];
