@@ -25,6 +25,16 @@ static inline float pell_angle_off(float inverse_eta2, float mu)
     return 1.0f - sqrtf(square > 0.0f ? square : 0.0f);
 }
 
+/* Factor of light from the depth that leaves toward v: it was scattered last about a mean free path back along its refracted direction,
+ * where there is more of it, or less, than below the surface (`tilt` in indirect/stage.h). `aside`: v.tilt - (v.n)(n.tilt). */
+#define PELL_TILTED_MOST 0.7f
+static inline float pell_tilted(float inverse_eta2, float aside)
+{
+    const float more = -sqrtf(inverse_eta2) * aside;
+
+    return 1.0f / (1.0f - (more < PELL_TILTED_MOST ? more : PELL_TILTED_MOST));
+}
+
 /* The mean cosine behind the boundary of light from everywhere, by its flux. */
 static inline float pell_mean_refracted(float inverse_eta2)
 {

@@ -502,7 +502,7 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
 
     if (scattered->there) {
         if (e->through && e->whole)
-            pell_indirect_correct(e->through, e->pool, &e->surface, e->plane[PELL_PLANE_LIGHT]);
+            pell_indirect_correct(e->through, e->pool, &sample->view, p->angle, &e->surface, e->plane[PELL_PLANE_LIGHT]);
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
         p->excludes_surface_reflection = plan->excludes_surface_reflection;

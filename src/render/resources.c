@@ -127,15 +127,21 @@ static void drop_profiles(struct pell_renderer *r)
     r->profiles_of = NULL;
 }
 
+#define DARK 0.02   /* total of a profile up to which light that gets through is scattered too seldom for that, */
+#define BRIGHT 0.06 /* and from which on it is not */
+
 /* Factors that are lines over 1 - m, over one another, as a line. */
-static void set_pass(const struct pell_medium *medium, int c, struct pell_angle *out)
+static void set_pass(const struct pell_medium *medium, double total, int c, struct pell_angle *out)
 {
     const struct pell_half_space_angle a = pell_passing_angle(medium, c);
     const float off = out->inverse_eta2 < 1.0f ? 1.0f - sqrtf(1.0f - out->inverse_eta2) : 1.0f;
+    const float scattered = (float) fmin(fmax((total - DARK) / (BRIGHT - DARK), 0.0), 1.0);
     const float grazing = (float) ((1.0 + a.slope * (double) off) / a.mean) / (out->leave_base[c] + out->leave_slope[c] * off);
 
     out->pass_base[c] = (float) (1.0 / a.mean) / out->leave_base[c];
     out->pass_slope[c] = (grazing - out->pass_base[c]) / off;
+    out->pass_base[c] = 1.0f + scattered * (out->pass_base[c] - 1.0f);
+    out->pass_slope[c] *= scattered;
     out->pass_thick[c] = (float) ((medium->sigma_a[c] + medium->sigma_s_reduced[c]) / PELL_PASSING_THICK);
 }
 
@@ -155,7 +161,7 @@ static void fill_angle(const struct pell_frame_material *m, bool is_medium, stru
         out->leave_slope[c] = (float) (a.slope / a.mean);
         out->pass_base[c] = 1.0f;
         if (is_medium)
-            set_pass(&m->medium, c, out);
+            set_pass(&m->medium, pell_profile_total(&m->profile[c]), c, out);
     }
 }
 
@@ -193,7 +199,7 @@ static void set_apart(const struct pell_material *m, const struct pell_profile *
         out->leave_slope[c] = (float) (a.slope / a.mean);
         out->pass_base[c] = 1.0f;
         if (angles)
-            set_pass(&m->medium, c, out);
+            set_pass(&m->medium, total, c, out);
     }
 }
 

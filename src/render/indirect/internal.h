@@ -72,7 +72,8 @@ struct indirect_solid_light {
     float solved[3]; /* [0, 1]: how far the rest holds */
     float gain[3];   /* factor of what a method finds that spreads light by the profile, */
     float light[3];  /* and what is added to it, W/m^2; */
-    float all[3];    /* and all that leaves */
+    float all[3];    /* and all that leaves, */
+    float deep[3];   /* and how much of what is scaled, or added, comes from the depth */
 };
 
 /* At a value, what points blend. */

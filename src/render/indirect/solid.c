@@ -288,6 +288,14 @@ static void add_around(const struct solid *s, const struct cluster *cluster, str
     }
 }
 
+/* Share of what leaves a sample that a half-space would not return of the light there. */
+static float from_the_depth(const struct solid *s, size_t i, int c, float all)
+{
+    const struct pell_lit_place *p = &s->places.sample[i];
+
+    return all > 0.0f && p->area > 0.0f ? fmaxf(1.0f - s->equation.channel[c].total * p->power[c] / (p->area * all), 0.0f) : 0.0f;
+}
+
 /* From the places around to a sample. */
 static void hand_to(const struct solid *s, size_t i)
 {
@@ -314,6 +322,7 @@ static void hand_to(const struct solid *s, size_t i)
         out->gain[c] = gain;
         out->light[c] = fmaxf(phi - gain * a.sum[c], 0.0f) / a.weight;
         out->all[c] = phi / a.weight;
+        out->deep[c] = s->of_solid->whole ? from_the_depth(s, i, c, out->all[c]) : 1.0f;
     }
 }
 

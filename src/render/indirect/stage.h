@@ -24,6 +24,7 @@
 
 #include "lights/specular_tables.h"
 #include "optics/medium/opposed.h"
+#include "render/angle.h"
 #include "render/services.h"
 #include "render/surface/stage.h"
 
@@ -86,9 +87,10 @@ struct pell_indirect_inside {
 void pell_indirect_look(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v,
                         struct pell_indirect_inside *out);
 
-/* With `all`: scales `exitance`, what a method found at the surface's translucent pixels. */
-void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_pool *pool, const struct pell_surface *surface,
-                           float *const exitance[3]);
+/* With `all`: scales `exitance`, what a method found at the surface's translucent pixels. `angle`: per scene material; NULL: light from the
+ * depth leaves as it does from half-spaces. */
+void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_pool *pool, const struct pell_view *view,
+                           const struct pell_angle *angle, const struct pell_surface *surface, float *const exitance[3]);
 
 /* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
  * clockwise; translucent materials have none. `behind`: radiant exitance, by a slab's T, of indirect light that enters across a thin part

@@ -10,6 +10,8 @@
 
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
+#include "render/angle.h"
+#include "render/camera_view.h"
 #include "scene/mesh/topology.h"
 #include "scene/triangle.h"
 #include "transport/light_tree.h"
@@ -480,7 +482,9 @@ static void blend(const struct send *s, uint32_t sample, float weight, struct pe
         const float solved = weight * from->solved[c];
         to->through[c] += weight * s->in->gathered[sample][c];
         to->thick[c] += weight * s->thick[sample][c];
-        to->deep[c] += law->depth[c] > 0.0f ? weight * fminf(PASSING * s->thickness[sample] / law->depth[c], 1.0f) : 0.0f;
+        if (law->depth[c] > 0.0f)
+            to->deep[c] +=
+                weight * (1.0f + from->solved[c] * (from->deep[c] - 1.0f)) * fminf(PASSING * s->thickness[sample] / law->depth[c], 1.0f);
         to->solved[c] += solved;
         to->gain[c] += solved * from->gain[c];
         to->light[c] += solved * from->light[c];
@@ -561,9 +565,29 @@ void pell_indirect_look(const struct pell_indirect *in, uint32_t mesh, uint32_t 
 
 struct correct {
     const struct pell_indirect *in;
+    const struct pell_view *view;
+    const struct pell_angle *angle;
     const struct pell_surface *surface;
     float *const *exitance;
 };
+
+/* Factor of light from the depth that leaves toward the camera, as far as it is from there. */
+static float leaves(const struct correct *t, int x, int y, const struct pell_indirect_inside *q, int c)
+{
+    const struct pell_surface *s = t->surface;
+    const ptrdiff_t at = y * s->stride + x;
+    const struct pell_angle *a = &t->angle[s->material[at] - 1];
+    const struct pell_vec3 n = vec3(s->ns[0][at], s->ns[1][at], s->ns[2][at]);
+    struct pell_vec3 start, v;
+    float nv, pass;
+
+    pell_view_ray(t->view, (float) x, (float) y, &start, &v);
+    v = vec3_mul(vec3_normalize(v), -1.0f);
+    nv = fminf(fmaxf(vec3_dot(n, v), 0.0f), 1.0f);
+    pass = a->pass_base[c] + a->pass_slope[c] * pell_angle_off(a->inverse_eta2, nv);
+    return (1.0f + q->deep[c] * (pass - 1.0f)) *
+           pell_tilted(a->inverse_eta2, q->deep[c] * vec3_dot(vec3_mad(v, -nv, n), vec3_load(q->tilt[c])));
+}
 
 static void correct_row(void *arg, int index, int worker)
 {
@@ -579,14 +603,14 @@ static void correct_row(void *arg, int index, int worker)
             continue;
         pell_indirect_look(t->in, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at], &q);
         for (int c = 0; c < 3; c++)
-            t->exitance[c][at] *= q.gain[c] + (1.0f - q.solved[c]);
+            t->exitance[c][at] *= q.gain[c] * (t->angle ? leaves(t, x, y, &q, c) : 1.0f) + (1.0f - q.solved[c]);
     }
 }
 
-void pell_indirect_correct(const struct pell_indirect *in, struct pell_pool *pool, const struct pell_surface *surface,
-                           float *const exitance[3])
+void pell_indirect_correct(const struct pell_indirect *in, struct pell_pool *pool, const struct pell_view *view,
+                           const struct pell_angle *angle, const struct pell_surface *surface, float *const exitance[3])
 {
-    struct correct t = { in, surface, exitance };
+    struct correct t = { in, view, angle, surface, exitance };
 
     pell_pool_run(pool, surface->translucent.y1 - surface->translucent.y0, correct_row, &t);
 }

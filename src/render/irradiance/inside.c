@@ -65,17 +65,11 @@ void pell_scale_lanes(const struct gains *gains, struct packet *k)
         }
 }
 
-#define TILTED 0.7f /* most */
-
-/* Light that leaves toward the viewer was scattered last a mean free path back along its refracted direction, where there is more of it, or
- * less, than below the surface. */
 static float tilted(const struct pell_lanes *l, int i, const float tilt[3])
 {
     const struct pell_vec3 v = vec3(l->vx[i], l->vy[i], l->vz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-    const struct pell_vec3 aside = vec3_mad(v, -l->nv[i], n);
-    const float more = -sqrtf(l->inverse_eta2[i]) * vec3_dot(aside, vec3_load(tilt));
 
-    return 1.0f / (1.0f - smaller(more, TILTED));
+    return pell_tilted(l->inverse_eta2[i], vec3_dot(vec3_mad(v, -l->nv[i], n), vec3_load(tilt)));
 }
 
 void pell_look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
