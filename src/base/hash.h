@@ -5,6 +5,8 @@
 #ifndef PELL_HASH_H
 #define PELL_HASH_H
 
+#include "shared/hash.h"
+
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -37,16 +39,6 @@ static inline uint64_t pell_hash_number(uint64_t hash, double value)
 {
     value += 0.0;
     return pell_hash_bytes(hash, &value, sizeof(value));
-}
-
-/* All bits depend on all: neighbouring numbers become unlike ones (C. Wellons 2018, "Prospecting for Hash Functions"). */
-static inline uint32_t pell_hash(uint32_t x)
-{
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ x >> 16;
 }
 
 #endif

@@ -355,18 +355,23 @@ static enum pell_result cpu_surface(void *engine, const struct pell_engine_sampl
 /* What the device did of the stage. Returns its seconds. */
 static double note_device(struct pell_cpu *e, struct pell_stage_notes *notes)
 {
-    const char *why = e->device ? pell_light_device_refuses(e->device) : NULL;
+    const char *why = e->device ? pell_light_device_refuses(e->device) : NULL, *also;
     struct pell_light_device_times t;
 
     if (why)
         pell_stage_note(notes, why, 0.0, 0, 0, 0);
     if (!e->device || why)
         return 0.0;
+    also = pell_light_device_refuses_transmission(e->device);
+    if (also)
+        pell_stage_note(notes, also, 0.0, 0, 0, 0);
     t = pell_light_device_times(e->device);
     pell_stage_note(notes, "light upload", t.upload, t.points, 0, 2 * t.bytes_up);
     pell_stage_note(notes, "direct light", t.light, t.points, e->lighting.device_rays, t.bytes_up + t.bytes_down);
+    if (e->lighting.through_rays > 0)
+        pell_stage_note(notes, "transmission", t.transmission, t.points, e->lighting.through_rays, t.bytes_up);
     pell_stage_note(notes, "light download", t.download, t.points, 0, 2 * t.bytes_down);
-    return t.upload + t.light + t.download;
+    return t.upload + t.light + t.transmission + t.download;
 }
 
 static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sample *sample)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * engine_vulkan.c - the engine vulkan: methods run on a Vulkan device, which finds direct light, too, and makes depth of field and bloom;
- * all other stages of a frame are the cpu engine's. */
+ * engine_vulkan.c - the engine vulkan: methods run on a Vulkan device, which finds direct light and what is transmitted, too, and makes
+ * depth of field and bloom; all other stages of a frame are the cpu engine's. */
 #include "render/engine_cpu_state.h"
 
 static const struct pell_method_engine *vulkan_method(const struct pell_method *method)
@@ -111,7 +111,7 @@ static enum pell_result batch_run(void *engine, const struct pell_points_params 
     p.lights = params->lights;
     res = pell_light_device_run(e->device, &run);
     t = pell_light_device_times(e->device); /* the method's own, not the stage's */
-    *seconds = t.upload + t.light + t.download;
+    *seconds = t.upload + t.light + t.transmission + t.download;
     *bytes = 3 * (t.bytes_up + t.bytes_down); /* read and written by copies, then by the pass */
     return res;
 }

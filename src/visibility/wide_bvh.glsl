@@ -21,6 +21,7 @@ struct Hit {
     float t;
     float u, v; // barycentric: (1 - u - v) p0 + u p1 + v p2
     uint mesh, triangle;
+    uint at; // in bvh_triangles: its corners are 3 at and on
 };
 
 // Tries the triangles of a leaf; `hit` keeps the nearest. Returns whether one was met.
@@ -39,7 +40,7 @@ bool meet_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
                                                  pell_ray_see(turn, pc.x, pc.y, pc.z));
         if (!(m.t >= ray.near && m.t <= hit.t) || (ray.mask == RAY_CAMERA && (c.w & SINGLE_SIDED) != 0u && m.side < 0.0))
             continue;
-        hit = Hit(m.t, m.u, m.v, a.w, b.w);
+        hit = Hit(m.t, m.u, m.v, a.w, b.w, i);
         met = true;
     }
     return met;
@@ -70,7 +71,7 @@ bool trace_ray(Ray ray, bool any, out Hit hit)
     int height = 1;
     bool met = false;
 
-    hit = Hit(ray.far, 0.0, 0.0, 0u, 0u);
+    hit = Hit(ray.far, 0.0, 0.0, 0u, 0u, 0u);
     stack[0] = 0u;
     while (height > 0) {
         const uint next = stack[--height];

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * test_device_light.c - direct light on a Vulkan device is the cpu's, in each plane of the stage "irradiance" and at points. Under the
- * validation layer; skipped, by name, where there is no driver or no layer. */
+ * test_device_light.c - direct light and what is transmitted, found on a Vulkan device, are the cpu's, in each plane of the stage
+ * "irradiance" and at points. Under the validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
 #include "lights_rig.h"
 
 #include "render/irradiance/device.h"
 #include "scene/triangle.h"
+#include "vulkan/core.h"
 
 struct device {
     struct kept_messages kept;
@@ -100,7 +101,8 @@ static const char *const kind_names[KINDS] = { "point",
                                                "environment of a picture",
                                                "all of them" };
 
-static void add_light(struct rig *r, enum kind kind)
+/* `behind`: of the surfaces, toward the viewer. */
+static void add_light(struct rig *r, enum kind kind, bool behind)
 {
     static const enum pell_light_type types[KINDS] = { [POINT] = PELL_LIGHT_POINT,
                                                        [POINT_IMAGE] = PELL_LIGHT_POINT,
@@ -116,7 +118,8 @@ static void add_light(struct rig *r, enum kind kind)
                                                        [SKY] = PELL_LIGHT_ENVIRONMENT,
                                                        [SKY_IMAGE] = PELL_LIGHT_ENVIRONMENT };
     const bool near = kind == NEAR_RECT || kind == NEAR_DISC;
-    struct pell_light *l = rig_light(r, types[kind], near ? vec3(2, -4, 14) : vec3(30, 50, 90), vec3(0, 0, 0), 3.0f);
+    const float z = behind ? -1.0f : 1.0f;
+    struct pell_light *l = rig_light(r, types[kind], near ? vec3(2, -4, z * 14) : vec3(30, 50, z * 90), vec3(0, 0, 0), 3.0f);
 
     l->width = near ? 30.0f : 25.0f;
     l->height = l->radius = 20.0f;
@@ -127,7 +130,7 @@ static void add_light(struct rig *r, enum kind kind)
         l->image = picture(r, 32, 16, false);
 }
 
-static void rig_of(struct rig *r, enum kind kind, int width, int height)
+static void rig_begin(struct rig *r, int width, int height)
 {
     rig_start(r, width, height);
     r->seed = 7;
@@ -135,15 +138,54 @@ static void rig_of(struct rig *r, enum kind kind, int width, int height)
     r->settings.msaa = 2;
     r->settings.light_samples = r->settings.ambient_samples = 8;
     r->settings.environment_lights = 6;
-    many_surfaces(r);
+}
+
+static void add_lights(struct rig *r, enum kind kind, bool behind)
+{
     for (int k = 0; k < (int) ALL; k++)
         if (kind == ALL || (int) kind == k)
-            add_light(r, (enum kind) k);
+            add_light(r, (enum kind) k, behind);
+}
+
+static void rig_of(struct rig *r, enum kind kind, int width, int height)
+{
+    rig_begin(r, width, height);
+    many_surfaces(r);
+    add_lights(r, kind, false);
+}
+
+enum { COARSE = 7 }; /* mesh */
+
+/* Lit from behind: a slab; two shells, one in the other; a shell with something opaque in it; a part of two materials; a coarse ball,
+ * and one behind something that light passes. */
+static void rig_of_thin_parts(struct rig *r, int width, int height)
+{
+    size_t clear, other, wall;
+
+    rig_begin(r, width, height);
+    r->settings.light_samples = r->settings.ambient_samples = 4;
+    clear = rig_material(r, false);
+    other = rig_material(r, false);
+    wall = rig_material(r, true);
+    r->scene->materials[clear].rho_s = 0.9f;
+    r->scene->materials[other].roughness = 0.2f;
+    rig_box(r, clear, 0, vec3(-28, 4, -4), vec3(-8, 18, -1));
+    rig_sphere(r, other, 1, vec3(0, 10, 0), 8.0f, 12);
+    rig_sphere(r, other, 1, vec3(0, 10, 0), 6.0f, 12);
+    rig_sphere(r, clear, 2, vec3(18, 10, 0), 7.0f, 12);
+    rig_box(r, wall, 3, vec3(16, 8, -2), vec3(22, 12, 1));
+    rig_box(r, clear, 4, vec3(-28, -16, -4), vec3(-18, -2, -2));
+    rig_box(r, other, 4, vec3(-20, -15, -5), vec3(-8, -3, -1));
+    rig_sphere(r, clear, 5, vec3(0, -9, 0), 7.0f, 6);
+    rig_sphere(r, other, 6, vec3(18, -9, 0), 6.0f, 20);
+    rig_sphere(r, other, 7, vec3(18, -9, -14), 2.0f, 8);
+    rig_camera(r, 40.0f);
+    add_lights(r, ALL, true);
 }
 
 /* --- Parity ---------------------------------------------------------------------------------------------------------------------- */
 
-enum { PLANES = 12 };
+enum { PLANES = 13 };
 
 static void planes_of(struct pell_lighting *l, float **planes[PLANES])
 {
@@ -153,6 +195,7 @@ static void planes_of(struct pell_lighting *l, float **planes[PLANES])
         planes[6 + c] = &l->transmitted[c];
         planes[9 + c] = &l->hidden[c];
     }
+    planes[12] = &l->way;
 }
 
 static void set(struct device *d, const struct rig *r)
@@ -182,6 +225,7 @@ static void compare(const struct rig *r, struct pell_lighting *gpu, const char *
 {
     static const char *const what[] = { "enters", "mirrored", "transmitted", "hidden" };
     struct pell_lighting cpu = r->light;
+    const int64_t by_cpu = r->light.shadow_rays, by_gpu = gpu->device_rays + gpu->through_rays;
     float **a[PLANES], **b[PLANES];
 
     planes_of(&cpu, a);
@@ -208,6 +252,9 @@ static void compare(const struct rig *r, struct pell_lighting *gpu, const char *
         REQUIRE(difference <= 1e-4 * sum);
         REQUIRE(far * 1000 <= pixels);
     }
+    /* The cpu is left with none, and the device sends its. */
+    print_message("# %s: %lld rays, of the cpu %lld\n", name, (long long) by_gpu, (long long) by_cpu);
+    REQUIRE(by_gpu > 300 && gpu->shadow_rays == 0 && llabs((long long) (by_gpu - by_cpu)) * 1000 <= (long long) by_cpu);
 }
 
 enum { POINTS = 960 };
@@ -344,14 +391,117 @@ static void each_light_is_the_cpus(void **state)
         set(&d, &r);
         l = render_on(&d, &r, r.pool);
         compare(&r, &l, kind_names[kind]);
-        /* The cpu is left with what is transmitted. */
-        REQUIRE(l.device_rays > 300 && l.shadow_rays < r.light.shadow_rays);
         pell_free(r.ctx, l.irradiance[0]);
         compare_points(&d, &r, kind_names[kind]);
         pell_light_device_drop_lights(d.light);
         pell_light_device_drop_scene(d.light);
         rig_finish(&r);
     }
+    device_finish(&d);
+}
+
+/* A light, and an environment, that take more samples than a slice. */
+static void slices_make_one_picture(void **state)
+{
+    struct pell_lighting l;
+    struct device d;
+    struct rig r;
+    (void) state;
+
+    device_start(&d);
+    rig_begin(&r, 48, 36);
+    r.settings.light_samples = r.settings.ambient_samples = 2 * PELL_LIT_SLICE + 4;
+    many_surfaces(&r);
+    add_light(&r, RECT, false);
+    add_light(&r, NEAR_DISC, true);
+    add_light(&r, SKY, false);
+    rig_render(&r);
+    set(&d, &r);
+    l = render_on(&d, &r, r.pool);
+    compare(&r, &l, "many samples");
+    REQUIRE(l.through_rays > 300);
+    pell_free(r.ctx, l.irradiance[0]);
+    compare_points(&d, &r, "many samples");
+    rig_finish(&r);
+    device_finish(&d);
+}
+
+/* How far transmitted light goes straight, where there is some. */
+static void compare_ways(const struct rig *r, const float *cpu, const float *gpu)
+{
+    double sum = 0.0, difference = 0.0;
+
+    for (int y = 0; y < r->height; y++)
+        for (int x = 0; x < r->width; x++) {
+            sum += (double) cpu[rig_at(r, x, y)];
+            difference += fabs((double) cpu[rig_at(r, x, y)] - (double) gpu[rig_at(r, x, y)]);
+        }
+    REQUIRE(sum > 0.0 && difference <= 1e-4 * sum);
+}
+
+/* Each light, and all of them. */
+static void light_passes_as_on_the_cpu(void **state)
+{
+    float **planes[PLANES], *normals;
+    struct device d;
+    struct rig r;
+    (void) state;
+
+    device_start(&d);
+    rig_of_thin_parts(&r, 60, 40);
+    rig_render(&r);
+    normals = r.scene->meshes[COARSE].normal; /* where light comes out it may have none */
+    r.scene->meshes[COARSE].normal = NULL;
+    pell_free(r.ctx, r.light.irradiance[0]);
+    planes_of(&r.light, planes);
+    OK(pell_planes_allocate(r.ctx, r.width, r.height, planes, PLANES));
+    set(&d, &r);
+    for (int kind = 0; kind < KINDS; kind++) {
+        struct pell_irradiance_params p;
+        struct pell_lighting gpu;
+        double sum = 0.0;
+
+        r.asked = kind == ALL ? 0 : pell_light_bit((size_t) kind);
+        r.smooth = kind % 3 == 2;
+        p = rig_params(&r);
+        OK(pell_irradiance_render(r.pool, r.lights, &p, &r.light));
+        gpu = render_on(&d, &r, r.pool);
+        REQUIRE(gpu.through_rays > 300);
+        compare(&r, &gpu, kind_names[kind]);
+        compare_ways(&r, r.light.way, gpu.way);
+        for (size_t i = 0; i < (size_t) r.surface.stride * 40; i++)
+            sum += (double) r.light.transmitted[0][i];
+        REQUIRE(sum > 0.0);
+        pell_free(r.ctx, gpu.irradiance[0]);
+    }
+    r.scene->meshes[COARSE].normal = normals;
+    rig_finish(&r);
+    device_finish(&d);
+}
+
+/* Where a buffer does not hold the tables, what is transmitted alone is the cpu's, to the bit. */
+static void what_no_buffer_holds_passes_on_the_cpu(void **state)
+{
+    struct pell_lighting l;
+    struct device d;
+    struct rig r;
+    (void) state;
+
+    device_start(&d);
+    rig_of_thin_parts(&r, 60, 40);
+    r.asked = pell_light_bit(SPOT);
+    rig_render(&r);
+    set(&d, &r);
+    d.gpu->limits.maxStorageBufferRange = 2 * 12 * PELL_THICKNESS_STEPS;
+    l = render_on(&d, &r, r.pool);
+    assert_string_equal(pell_light_device_refuses_transmission(d.light), "transmission by the cpu: more materials than a buffer holds");
+    REQUIRE(l.through_rays == 0 && l.shadow_rays > 300 && l.device_rays > 30);
+    REQUIRE(llabs((long long) (l.device_rays + l.shadow_rays - r.light.shadow_rays)) * 1000 <= (long long) r.light.shadow_rays);
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < r.height; y++)
+            assert_memory_equal(l.transmitted[c] + rig_at(&r, 0, y), r.light.transmitted[c] + rig_at(&r, 0, y), 60 * sizeof(float));
+    pell_free(r.ctx, l.irradiance[0]);
+    rig_finish(&r);
     device_finish(&d);
 }
 
@@ -497,11 +647,10 @@ static void allocations_that_fail_are_reported(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(each_light_is_the_cpus),
-        cmocka_unit_test(batches_make_one_picture),
-        cmocka_unit_test(what_the_device_cannot_do_it_refuses),
-        cmocka_unit_test(calls_that_fail_are_reported),
-        cmocka_unit_test(allocations_that_fail_are_reported),
+        cmocka_unit_test(each_light_is_the_cpus),       cmocka_unit_test(slices_make_one_picture),
+        cmocka_unit_test(light_passes_as_on_the_cpu),   cmocka_unit_test(what_no_buffer_holds_passes_on_the_cpu),
+        cmocka_unit_test(batches_make_one_picture),     cmocka_unit_test(what_the_device_cannot_do_it_refuses),
+        cmocka_unit_test(calls_that_fail_are_reported), cmocka_unit_test(allocations_that_fail_are_reported),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

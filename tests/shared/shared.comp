@@ -7,6 +7,7 @@
 #include "shared/bloom.h"
 #include "shared/boundary.h"
 #include "shared/gloss.h"
+#include "shared/hash.h"
 #include "shared/lens.h"
 #include "shared/light.h"
 #include "shared/light_data.h"
@@ -15,6 +16,7 @@
 #include "shared/sampling.h"
 #include "shared/single.h"
 #include "shared/table.h"
+#include "shared/thickness.h"
 #include "shared/tone.h"
 #include "shared/triangle_ray.h"
 #include "shared/wide_light.h"
@@ -110,6 +112,12 @@ float sampled(uint number)
     return wide.x + wide.y + odds / (odds + density);
 }
 
+float passed(float same, float mu)
+{
+    const float m = pell_thickness_of(2.0f, pell_thickness_cosine(-mu, same), same), counted = pell_thickness_counted(same, mu);
+    return m * pell_thickness_opposed(same) + counted * pell_thickness_facing(mu, 0.5f, 1.0f);
+}
+
 float spread(int i, float depth)
 {
     const int at = pell_mirror(i, 16), cell = pell_grid_cell(at, 4);
@@ -128,7 +136,7 @@ void main()
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
-    const float ends = spread(int(i), x);
+    const float ends = spread(int(i), x) + passed(x, 0.3f) + pell_unit_float(pell_hash(i));
     result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray + sampled(i) + ends,
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }

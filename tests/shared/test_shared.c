@@ -11,6 +11,7 @@
 #include "shared/phase.h"
 #include "shared/sampling.h"
 #include "shared/table.h"
+#include "shared/thickness.h"
 #include "shared/tone.h"
 #include "shared/wide_light.h"
 
@@ -235,6 +236,27 @@ static void soft_terminator_is_smooth(void **state)
 
 /* The solid angle of a rectangle over a point is 4 asin(ab / sqrt((a^2 + 4 h^2)(b^2 + 4 h^2))); uniform directions in it have the mean
  * cosine that its irradiance by Lambert (1760) gives, and parts of the square of numbers get directions in proportion. */
+/* Across parallel faces a slab is as thick as they are apart, whichever way the light goes; beside a corner as long as the way. */
+static void slabs_are_as_thick_as_they_are(void **state)
+{
+    (void) state;
+    for (int i = 1; i <= 20; i++) {
+        const float cosine = (float) i / 20.0f, m = 3.0f / cosine;
+        assert_true(pell_thickness_cosine(-cosine, -cosine) == cosine);
+        REQUIRE_NEAR((double) pell_thickness_of(m, cosine, -1.0f), 3.0, 1e-6);
+        assert_true(pell_thickness_of(m, cosine, 0.0f) == m && pell_thickness_of(m, cosine, 1.0f) == m);
+        /* a normal map that makes light graze leaves half of the triangle's cosine */
+        assert_true(pell_thickness_cosine(-0.1f * cosine, -cosine) == 0.5f * cosine);
+        /* all counts where A is turned away from the viewer or from C, nothing where it is seen and faces the same way */
+        assert_true(pell_thickness_counted(cosine, -0.1f) == 1.0f && pell_thickness_counted(-cosine, 1.0f) == 1.0f);
+        REQUIRE_NEAR((double) pell_thickness_counted(cosine, 0.25f), 1.0 - (double) cosine, 1e-6);
+        assert_true(pell_thickness_opposed(-cosine) == cosine && pell_thickness_opposed(cosine) == 0.0f);
+        assert_true(pell_thickness_facing(cosine, cosine, 1.0f) == 1.0f);
+        REQUIRE_NEAR((double) pell_thickness_facing(0.5f * cosine, cosine, 1.0f), 0.5, 1e-6);
+    }
+    assert_true(pell_thickness_cosine(0.5f, 0.5f) == 1e-6f);
+}
+
 static void a_wide_light_is_sampled_by_solid_angle(void **state)
 {
     const double a = 30.0, b = 12.0, h = 4.0;
@@ -318,6 +340,7 @@ int main(void)
         cmocka_unit_test(tone_curve_and_its_inverse),
         cmocka_unit_test(lights_fall_off),
         cmocka_unit_test(soft_terminator_is_smooth),
+        cmocka_unit_test(slabs_are_as_thick_as_they_are),
         cmocka_unit_test(a_wide_light_is_sampled_by_solid_angle),
         cmocka_unit_test(edges_mirror_and_cells_hold_pixels),
         cmocka_unit_test(discs_cover_and_lay),

@@ -21,6 +21,7 @@ struct rig {
     bool ideal; /* after the surface is seen: geometric normals are the shading ones and nothing is in any way */
     int threads;
     uint32_t seed, sample;
+    uint64_t asked; /* bits of the lights that are asked for; 0: all */
     int width, height;
     /* after render */
     struct pell_pool *pool;
@@ -201,6 +202,7 @@ static inline struct pell_irradiance_params rig_params(const struct rig *r)
         .mix = -1.0f,
         .smooth = r->smooth,
         .shared = true,
+        .lights = r->asked,
         .sample = r->sample,
         .seed = r->seed,
     };

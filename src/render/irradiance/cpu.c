@@ -105,7 +105,7 @@ static void end_turns(const struct job *job, struct packet *k, struct turns *t)
     t->aim.any_back = 0;
 }
 
-/* All samples of a light; what enters from the front goes to `front`. Where the device has found that, what is transmitted is left. */
+/* All samples of a light; what enters from the front goes to `front`. Where the device has found that, what is transmitted may be left. */
 static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front,
                   struct turns *turns)
 {
@@ -113,7 +113,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
     const bool highlights = source->environment < 0 && !k->given && shows_highlights(job, k);
     struct pell_gloss gloss;
 
-    if (k->given && !k->lanes.any_deep)
+    if (k->given && (k->passed || !k->lanes.any_deep))
         return;
     if (highlights)
         job->kernels->begin_highlights(data, &k->lanes, &gloss);
@@ -235,7 +235,9 @@ static void environments(const struct job *job, struct packet *k)
         if (shows_highlights(job, k))
             add_reflection(job, k, &lights->environments[e]);
     }
-    if (l->any_deep)
+    if (l->any_deep && k->passed)
+        pell_take_environment_transmitted(job, k);
+    else if (l->any_deep)
         pell_transmit_environment(job, k);
 }
 
@@ -275,16 +277,11 @@ static void shade_side(const struct job *job, struct packet *k)
     struct gains gains;
     struct inside inside;
 
-    for (int i = 0; i < PELL_LANES; i++) {
-        k->straight[i] = -1;
-        k->flat[i] = 1.0f;
-    }
-    if (job->p->curvature)
-        pell_bend_gains(job, k, &gains);
-    if (job->p->through)
-        pell_look_inside(job, k, &gains, &inside);
+    pell_prepare_side(job, k, &gains, &inside);
     if (k->given)
         pell_take_lights(job, k);
+    if (k->passed && k->lanes.any_deep)
+        pell_take_transmitted(job, k);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && pell_light_counts(job, job->lights->sources[j].light))
             shine(job, &job->lights->sources[j], k, &k->sums, NULL);
@@ -459,10 +456,11 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     struct tile tile;
 
     (void) worker;
-    k.rays = k.device_rays = 0;
+    k.rays = k.device_rays = k.through_rays = 0;
     k.held = -1;
     k.behind = false;
     k.given = job->slots != NULL;
+    k.passed = job->passed;
     list_pixels(job, x0, y0, &list);
     if (list.count == 0)
         return;
@@ -490,6 +488,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     flush_tile(job, x0, y0, &tile);
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
     atomic_fetch_add_explicit(&job->device_rays, k.device_rays, memory_order_relaxed);
+    atomic_fetch_add_explicit(&job->through_rays, k.through_rays, memory_order_relaxed);
 }
 
 static struct job job_of_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
@@ -512,7 +511,7 @@ static bool fill_points(const struct job *job, struct packet *k, const struct pe
     const uint16_t *material = job->p->surface->material;
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
 
-    k->rays = k->device_rays = 0;
+    k->rays = k->device_rays = k->through_rays = 0;
     k->held = -1;
     k->behind = false;
     k->count = 0;
@@ -552,6 +551,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     if (!fill_points(&job, &k, at))
         return;
     k.given = params->device != NULL;
+    k.passed = false; /* and nothing is transmitted to points */
     k.slot = k.given ? at->slot + at->sample * pell_packet_points(&k) : 0;
     shade_packet(&job, &k);
     job.kernels->store(&job.tables, &k.lanes, &k.sums, k.index, k.count, out);
@@ -562,14 +562,15 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     out->device_rays = k.device_rays;
 }
 
-/* Direct light on the device, in batches of tiles; the rest here. */
+/* Direct light and what is transmitted on the device, in batches of tiles; the rest here. */
 static enum pell_result render_on_device(struct pell_pool *pool, struct job *job, int tiles)
 {
     struct pell_light_device *d = job->p->device;
     const struct pell_light_run run = { .params = job->p, .highlights = true };
+    enum pell_result res = pell_light_device_set_thickness(d, job->p);
     const int most = (int) (pell_light_device_room(d) / (TILE_W * TILE_H * (job->p->surface->any_thin ? 2 : 1)));
-    enum pell_result res = PELL_OK;
 
+    job->passed = !pell_light_device_refuses_transmission(d);
     job->slots = pell_light_device_slots(d);
     for (; job->first_tile < tiles && res == PELL_OK; job->first_tile += most) {
         const int count = tiles - job->first_tile < most ? tiles - job->first_tile : most;
@@ -601,7 +602,7 @@ enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_ligh
     enum pell_result res = PELL_OK;
     int tiles;
 
-    out->shadow_rays = out->device_rays = 0;
+    out->shadow_rays = out->device_rays = out->through_rays = 0;
     if (covered.x0 >= covered.x1 || covered.y0 >= covered.y1)
         return PELL_OK;
     job.columns = (job.rect.x1 - job.rect.x0 + TILE_W - 1) / TILE_W;
@@ -612,5 +613,6 @@ enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_ligh
         pell_pool_run(pool, tiles, shade_tile, &job);
     out->shadow_rays = atomic_load(&job.rays);
     out->device_rays = atomic_load(&job.device_rays);
+    out->through_rays = atomic_load(&job.through_rays);
     return res == PELL_OK && pell_cancelled(lights->ctx) ? PELL_ERR_CANCELLED : res;
 }

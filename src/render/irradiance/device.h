@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * device.h - direct light on a Vulkan device: the scene's triangles, the lights and the tables are kept there, points come in batches, and
- * what all lights give them goes back (device_data.h, direct.comp). The rest of the stage is the cpu's (stage.h).
+ * device.h - direct light, and what is transmitted through thin parts, on a Vulkan device: the scene's triangles, the lights and the tables
+ * are kept there, points come in batches, and what all lights give them goes back (device_data.h, direct.comp, transmission.comp). The rest
+ * of the stage is the cpu's (stage.h).
  *
  * Ownership  pell_light_device_destroy sets the pointer to NULL and accepts NULL in it. Scene, lights and tables are borrowed while they
  *            are set.
@@ -33,6 +34,11 @@ PELL_NODISCARD enum pell_result pell_light_device_reserve(struct pell_light_devi
 /* Why the cpu finds direct light in what is set, as the name of a row of times says it; NULL: the device does. A constant. */
 const char *pell_light_device_refuses(const struct pell_light_device *d);
 
+/* Of the frame that follows: the thickness tables of params, if it has any. Batches of it have what is transmitted then, too. */
+PELL_NODISCARD enum pell_result pell_light_device_set_thickness(struct pell_light_device *d, const struct pell_irradiance_params *params);
+/* Why the cpu finds transmission though the device finds direct light, as above; NULL: the device does, or there is none. */
+const char *pell_light_device_refuses_transmission(const struct pell_light_device *d);
+
 /* --- Batches ------------------------------------------------------------------------------------------------------------------------- */
 
 /* The room that there is. */
@@ -52,12 +58,13 @@ struct pell_light_run {
 };
 /* Lights what was claimed. */
 PELL_NODISCARD enum pell_result pell_light_device_run(struct pell_light_device *d, const struct pell_light_run *run);
-/* Of the last batch: a point's words. */
+/* Of the last batch: a point's words, and those of transmission among them. */
 const uint32_t *pell_light_device_result(const struct pell_light_device *d, size_t point);
+const uint32_t *pell_light_device_through(const struct pell_light_device *d, size_t point);
 
 /* Of all batches since the last call. */
 struct pell_light_device_times {
-    double upload, light, download; /* by the device's clock */
+    double upload, light, transmission, download; /* by the device's clock */
     int64_t points, bytes_up, bytes_down;
 };
 struct pell_light_device_times pell_light_device_times(struct pell_light_device *d);

@@ -49,6 +49,18 @@ const char *pell_light_device_refuses(const struct pell_light_device *d)
     return "no Vulkan";
 }
 
+enum pell_result pell_light_device_set_thickness(struct pell_light_device *d, const struct pell_irradiance_params *params)
+{
+    (void) d, (void) params;
+    return PELL_ERR_DEVICE;
+}
+
+const char *pell_light_device_refuses_transmission(const struct pell_light_device *d)
+{
+    (void) d;
+    return "no Vulkan";
+}
+
 size_t pell_light_device_room(const struct pell_light_device *d)
 {
     (void) d;
@@ -85,6 +97,12 @@ uint32_t *pell_light_device_slots(const struct pell_light_device *d)
 }
 
 const uint32_t *pell_light_device_result(const struct pell_light_device *d, size_t point)
+{
+    (void) d, (void) point;
+    return NULL;
+}
+
+const uint32_t *pell_light_device_through(const struct pell_light_device *d, size_t point)
 {
     (void) d, (void) point;
     return NULL;

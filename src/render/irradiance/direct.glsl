@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
-// direct.glsl - for direct.comp: a point, one sample of a light seen from it, and what arrives. Mirror of kernel.c.
+// direct.glsl - for direct.comp and transmission.comp: a point, one sample of a light seen from it, and what arrives. Mirror of kernel.c.
 #include "shared/boundary.h"
+#include "shared/hash.h"
 #include "shared/light.h"
 #include "shared/lobe.h"
+#include "shared/sampling.h"
 #include "shared/single.h"
 #include "shared/table.h"
 #include "shared/wide_light.h"
@@ -24,6 +26,13 @@ struct Point {
     uint number; // of the multisample
 };
 
+// pell_lane_pattern of a point.
+uvec2 pattern_at(uint point, int bits, uint salt)
+{
+    const uint start = points[point].curve << bits | (points[point].first & ((1u << bits) - 1u));
+    return uvec2(points[point].hash0 ^ salt ^ pell_sobol0(start), points[point].hash1 ^ pell_hash(salt) ^ pell_sobol1(start));
+}
+
 Point load_point(uint at, bool highlights, bool single)
 {
     const vec3 tint = points[at].tint.rgb;
@@ -43,7 +52,7 @@ Point load_point(uint at, bool highlights, bool single)
     const int k = pell_table_cell(y, ALBEDO_ROUGHNESS);
     p.fraction = y - float(k);
     p.albedo_at = materials[p.material].model * ALBEDO_MU * ALBEDO_ROUGHNESS * 2 + 2 * k;
-    p.pattern = uvec2(points[at].pattern0, points[at].pattern1);
+    p.pattern = pattern_at(at, pc.light_bits, 0u);
     p.number = points[at].number;
     p.highlights = highlights;
     p.single = single;
@@ -76,6 +85,8 @@ struct Aim {
     vec3 end;       // the far end; directional: unused
     vec3 intensity; // irradiance on a facing surface = intensity falloff
     float falloff, spread, gl, nl;
+    float distance; // mm; directional: unused
+    bool wide;      // its samples stand for solid angles
     uvec2 at; // of rect and disc, of the face: fractions of 2^32
 };
 
@@ -140,6 +151,8 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
     float wide = 0.0;
     Aim a;
 
+    a.distance = FAR;
+    a.wide = false;
     a.end = light.position.xyz;
     a.at = uvec2(u, v) ^ p.pattern;
     if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
@@ -154,6 +167,7 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
         }
         const vec3 to = a.end - p.place;
         const float distance = sqrt(max(dot(to, to), TINY));
+        a.distance = distance;
         a.direction = to * (1.0 / distance);
         a.falloff = pell_light_falloff(distance, light.position.w, light.direction.w);
         const float back = -dot(d, a.direction), cosine = max(back, 0.0);
@@ -163,6 +177,7 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
         a.intensity = light.power.rgb * w;
         a.spread = light.power.w * cosine / (distance * distance);
         if (wide != 0.0) {
+            a.wide = true;
             a.falloff = 1.0;
             a.spread = max(wide, 0.0);
             a.intensity = light.power.rgb / light.power.w * a.spread;

@@ -19,13 +19,14 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .view = { l->vx[i], l->vy[i], l->vz[i], l->shift[0][i] },
             .tint = { l->tint[0][i], l->tint[1][i], l->tint[2][i], l->shift[1][i] },
             .f0 = { l->f0[0][i], l->f0[1][i], l->f0[2][i], l->shift[2][i] },
-            .pattern0 = l->pattern[0][i],
-            .pattern1 = l->pattern[1][i],
+            .hash0 = l->hash[0][i],
+            .hash1 = l->hash[1][i],
+            .curve = l->curve[i],
+            .first = l->first[i],
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
-            .flags = asks ? PELL_LIT_AMBIENT : 0u,
+            .flags = (asks ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u),
             .number = number,
         };
-        pell_lane_pattern(l, i, job->lights->ambient_bits, PELL_AMBIENT_SALT, &point.ambient0, &point.ambient1);
         out[i] = point;
     }
 }
@@ -34,10 +35,10 @@ uint32_t pell_send_packet(const struct job *job, struct packet *k, int samples)
 {
     const uint32_t each = pell_packet_points(k), first = pell_light_device_claim(job->p->device, each * (uint32_t) samples);
     struct pell_lit_point *points = pell_light_device_points(job->p->device) + first;
+    struct inside inside;
     struct gains gains;
 
-    if (job->p->curvature)
-        pell_bend_gains(job, k, &gains); /* for the lanes' shift */
+    pell_prepare_side(job, k, &gains, &inside); /* for the lanes' shift, and which of them light goes straight through to */
     for (int n = 0; n < samples; n++)
         write_points(job, k, job->p->sample + (uint32_t) n, points + (uint32_t) n * each);
     if (each > PELL_LANES) {
@@ -101,6 +102,37 @@ void pell_take_environment(const struct job *job, struct packet *k, size_t e, st
         add_rgb(words(job, k, i, at), i, sums->irradiance);
         add_rgb(words(job, k, i, at + 1), i, sums->unshadowed);
         if (!known)
-            k->ambient[i] = as_float(words(job, k, i, at)[3]);
+            k->ambient[i] = (float) words(job, k, i, at)[3] / (float) job->lights->ambient_samples;
     }
+}
+
+/* Whether the device has looked for light straight through the solid there. */
+static bool is_straight(const struct packet *k, int i)
+{
+    return !k->behind && k->lanes.valid[i] & k->lanes.deep[i] & k->straight[i];
+}
+
+void pell_take_transmitted(const struct job *job, struct packet *k)
+{
+    for (int i = 0; i < k->count; i++) {
+        const uint32_t *w = pell_light_device_through(job->p->device, k->slot + (size_t) i);
+        if (!is_straight(k, i))
+            continue;
+        add_rgb(w, i, k->sums.transmitted);
+        k->sums.way[i] += k->flat[i] * as_float(w[3]);
+        k->through_rays += w[11];
+    }
+}
+
+bool pell_take_exit(const struct job *job, const struct packet *k, int i, float share[3], float *m, struct pell_vec3 *normal)
+{
+    const uint32_t *w = pell_light_device_through(job->p->device, k->slot + (size_t) i);
+
+    if (!is_straight(k, i))
+        return false;
+    for (int c = 0; c < 3; c++)
+        share[c] = as_float(w[4 + c]);
+    *m = as_float(w[7]);
+    *normal = vec3(as_float(w[8]), as_float(w[9]), as_float(w[10]));
+    return share[0] + share[1] + share[2] > 0.0f;
 }

@@ -25,7 +25,7 @@ static void gain_of_once(const struct pell_lanes *l, float gain[3][PELL_LANES])
         }
 }
 
-void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gains)
+static void bend_gains(const struct job *job, struct packet *k, struct gains *gains)
 {
     const struct pell_surface *s = job->p->surface;
     float kept[3][PELL_LANES], of[3][PELL_LANES]; /* in thin parts: the share kept is one over the other */
@@ -72,7 +72,8 @@ static float tilted(const struct pell_lanes *l, int i, const float tilt[3])
     return pell_tilted(l->inverse_eta2[i], vec3_dot(vec3_mad(v, -l->nv[i], n), vec3_load(tilt)));
 }
 
-void pell_look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
+/* Takes `gains` over where light in the solid was solved. */
+static void look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in)
 {
     const struct pell_surface *s = job->p->surface;
 
@@ -95,6 +96,18 @@ void pell_look_inside(const struct job *job, struct packet *k, struct gains *gai
             k->straight[i] |= -(int32_t) ((1.0f - q.thick[c]) * (1.0f - q.solved[c]) > LEAST_STRAIGHT);
         }
     }
+}
+
+void pell_prepare_side(const struct job *job, struct packet *k, struct gains *gains, struct inside *inside)
+{
+    for (int i = 0; i < PELL_LANES; i++) {
+        k->straight[i] = -1;
+        k->flat[i] = 1.0f;
+    }
+    if (job->p->curvature)
+        bend_gains(job, k, gains);
+    if (job->p->through)
+        look_inside(job, k, gains, inside);
 }
 
 void pell_add_inside(const struct inside *in, struct packet *k)

@@ -6,11 +6,9 @@
 #ifndef RENDER_IRRADIANCE_INTERNAL_H
 #define RENDER_IRRADIANCE_INTERNAL_H
 
+#include "render/irradiance/device_data.h"
 #include "render/irradiance/sky_kernel.h"
 #include "scene/material_maps.h"
-
-/* Of the patterns in which rays look for the environment. */
-#define PELL_AMBIENT_SALT 0xa54ff53au
 
 struct job {
     const struct pell_irradiance_params *p;
@@ -23,7 +21,8 @@ struct job {
     int columns;
     int first_tile;  /* of the batch that is made */
     uint32_t *slots; /* of the batch's packets: first of their points on the device, in order of tiles; NULL: no device */
-    _Atomic int64_t rays, device_rays;
+    bool passed;     /* what is transmitted is found on the device, too */
+    _Atomic int64_t rays, device_rays, through_rays;
 };
 
 /* 16 pixels and what is summed for them. */
@@ -37,13 +36,14 @@ struct packet {
     float flat[16];       /* share of the variance of a slab with which straight light spreads: struct pell_curvature_effect */
     float ambient[16];    /* visibility of the environment's smooth rest */
     int count;
-    int64_t held;  /* the material whose traits all lanes have; -1: none */
-    bool single;   /* one material */
-    bool textured; /* the colour of some lane's texture may enter */
-    bool behind;   /* the far sides of thin sheets */
-    bool given;    /* direct light was found on the device */
-    uint32_t slot; /* there, of the first lane */
-    int64_t rays, device_rays;
+    int64_t held;                            /* the material whose traits all lanes have; -1: none */
+    bool single;                             /* one material */
+    bool textured;                           /* the colour of some lane's texture may enter */
+    bool behind;                             /* the far sides of thin sheets */
+    bool given;                              /* direct light was found on the device, */
+    bool passed;                             /* and so was what is transmitted */
+    uint32_t slot;                           /* there, of the first lane */
+    int64_t rays, device_rays, through_rays; /* by the cpu; by the device, for direct light and for what is transmitted */
 };
 
 /* Whether the caller asked for this light of the scene. */
@@ -114,6 +114,10 @@ static inline uint32_t pell_packet_points(const struct packet *k)
  * not have it. */
 void pell_take_lights(const struct job *job, struct packet *k);
 void pell_take_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums);
+/* What lights send through thin parts. */
+void pell_take_transmitted(const struct job *job, struct packet *k);
+/* Where lane i is seen straight through: the share of the environments' smooth rest at that normal that gets through, m mm. False: none. */
+bool pell_take_exit(const struct job *job, const struct packet *k, int i, float share[3], float *m, struct pell_vec3 *normal);
 
 /* --- shadow.c -------------------------------------------------------------------------------------------------------------------- */
 
@@ -134,6 +138,8 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
 void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct pell_aim *aim, struct packet *k);
 /* The same of the environments' low-frequency remainder: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k);
+/* The same where the device has found A and its shadow. */
+void pell_take_environment_transmitted(const struct job *job, struct packet *k);
 
 /* --- inside.c -------------------------------------------------------------------------------------------------------------------- */
 
@@ -149,11 +155,11 @@ struct inside {
     float through[3][PELL_LANES], solved[3][PELL_LANES], light[3][PELL_LANES];
 };
 
-/* What curvature does to light that enters: to that of a direction before the lights are added up, and to all of it afterwards. */
-void pell_bend_gains(const struct job *job, struct packet *k, struct gains *gains);
+/* Before the lights are added up: what curvature does to light of a direction (lanes' shift), and for which lanes transmitted light is
+ * sought straight through: not where light in the solid was solved, and that is better. */
+void pell_prepare_side(const struct job *job, struct packet *k, struct gains *gains, struct inside *inside);
+/* Afterwards: what curvature does to all that enters, and what goes through solids otherwise. */
 void pell_scale_lanes(const struct gains *gains, struct packet *k);
-/* Takes `gains` over where light in the solid was solved, before what goes straight is looked for where that is better. */
-void pell_look_inside(const struct job *job, struct packet *k, struct gains *gains, struct inside *in);
 void pell_add_inside(const struct inside *in, struct packet *k);
 
 #endif

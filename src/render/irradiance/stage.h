@@ -33,7 +33,9 @@ struct pell_lighting {
                             * itself emits */
     float *aside[3];       /* W/m^2, with `ways`: what of the light that enters was moved there by the shift of curvature/stage.h, */
     float *way_in[3];      /* and the mean refracted direction of the light, where it is not moved */
-    int64_t shadow_rays, device_rays; /* by the cpu, by the device */
+    int64_t shadow_rays;   /* by the cpu */
+    int64_t device_rays;   /* by the device, for direct light, */
+    int64_t through_rays;  /* and for what is transmitted */
 };
 
 struct pell_indirect;

@@ -16,6 +16,7 @@
 
 #include "math/scalar.h"
 #include "shared/light.h"
+#include "shared/thickness.h"
 
 #include <float.h>
 #include <string.h>
@@ -64,22 +65,30 @@ static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u
     }
 }
 
-/* The object of the surface under each lane of `mask`: what a short ray from above it meets. */
-static void find_objects(const struct job *job, struct packet *k, const int32_t *mask, int *object)
+/* The object of the surface under each lane of `mask`, of which it is not `known`: what a short ray from above it meets. */
+static void find_objects(const struct job *job, struct packet *k, const int32_t *mask, int32_t *known, int *object)
 {
     const struct pell_lanes *l = &k->lanes;
+    _Alignas(64) int32_t ask[PELL_LANES];
     struct pell_ray_hit16 probe;
 
+    for (int i = 0; i < PELL_LANES; i++) {
+        ask[i] = mask[i] & ~known[i];
+        known[i] |= ask[i];
+    }
+    if (count_lanes(ask) == 0)
+        return;
     for (int i = 0; i < PELL_LANES; i++) {
         const float e = 4.0f * l->epsilon[i];
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]);
         pell_ray16_set(&probe.ray, i, vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), e, g), vec3_mul(g, -1.0f), 2.0f * e);
         probe.hit.mesh[i] = probe.hit.instance[i] = PELL_NO_HIT;
     }
-    pell_rays_closest16(job->p->rays, mask, true, &probe);
-    k->rays += count_lanes(mask);
+    pell_rays_closest16(job->p->rays, ask, true, &probe);
+    k->rays += count_lanes(ask);
     for (int i = 0; i < PELL_LANES; i++)
-        object[i] = mask[i] && probe.hit.mesh[i] < job->p->scene->num_meshes ? job->p->scene->meshes[probe.hit.mesh[i]].object : INT32_MIN;
+        if (ask[i])
+            object[i] = probe.hit.mesh[i] < job->p->scene->num_meshes ? job->p->scene->meshes[probe.hit.mesh[i]].object : INT32_MIN;
 }
 
 /* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
@@ -90,10 +99,9 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
 {
     const bool coherent = !source || source->samples == 1; /* samples of a large light go apart */
     const struct pell_scene *scene = job->p->scene;
-    _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES];
+    _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES], known[PELL_LANES] = { 0 };
     float limit[PELL_LANES];
     int object[PELL_LANES];
-    bool known = false;
 
     memcpy(limit, r->ray.tfar, sizeof(limit));
     memset(out->found, 0, sizeof(out->found));
@@ -126,9 +134,7 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
         }
         if (!any)
             return;
-        if (!known)
-            find_objects(job, k, mask, object);
-        known = true;
+        find_objects(job, k, inner, known, object);
         for (int i = 0; i < PELL_LANES; i++) {
             open[i] = inner[i] && scene->meshes[r->hit.mesh[i]].object == object[i] ? -1 : 0;
             if (open[i]) {
@@ -139,22 +145,20 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
     }
 }
 
-#define TURNED 0.25f /* n_A.v from which on A counts as seen */
-
 /* Share of E(A) that gets through to lane i; `same` is n_A.n_C. */
 static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, const struct pell_vec3 *normal, float same,
                            float rgb[3])
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
-    const float seen = pell_saturate(vec3_dot(*normal, vec3(l->vx[i], l->vy[i], l->vz[i])) / TURNED);
-    const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = max0(-same);
+    const float counted = pell_thickness_counted(same, vec3_dot(*normal, vec3(l->vx[i], l->vy[i], l->vz[i])));
+    const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = pell_thickness_opposed(same);
     const int j = pell_table_cell(place, PELL_THICKNESS_STEPS);
 
     for (int c = 0; c < 3; c++) {
         const float near = pell_lerp(t->value[j][c], t->slab[j][c], opposed),
                     next = pell_lerp(t->value[j + 1][c], t->slab[j + 1][c], opposed);
-        rgb[c] = (1.0f - seen * max0(same)) * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
+        rgb[c] = counted * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
     }
 }
 
@@ -206,7 +210,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
         const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
         float limit;
-        cosine[i] = larger(larger(-a->nl[i], -0.5f * a->gl[i]), 1e-6f);
+        cosine[i] = pell_thickness_cosine(a->nl[i], a->gl[i]);
         limit = reach / cosine[i]; /* d >= m cos: nothing is transmitted beyond */
         depth[i] = out ? -1 : 0;
         pell_ray16_set(&r.ray, i, o, d, far ? limit : smaller(0.9999f, limit / a->distance[i]));
@@ -236,8 +240,8 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         facing = vec3_dot(exits.geometric[i], to);
         if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
             continue;
-        g = lifted ? 1.0f : smaller(1.0f, facing / (mu * larger(vec3_dot(exits.normal[i], exits.geometric[i]), 1e-3f)));
-        d = m + (m * cosine[i] - m) * max0(-same);
+        g = lifted ? 1.0f : pell_thickness_facing(facing, mu, vec3_dot(exits.normal[i], exits.geometric[i]));
+        d = pell_thickness_of(m, cosine[i], same);
         pass_thickness(job, k, i, d, &exits.normal[i], same, share);
         w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
         w *= far ? 1.0f : falloff_at(source, a, i, m);
@@ -264,6 +268,18 @@ static void smooth_rest(const struct job *job, const struct packet *k, int i, in
     }
     for (int c = 0; c < 3; c++)
         rgb[c] = max0(rgb[c]);
+}
+
+/* What the environments' smooth rest sends to lane i: a share of what enters at the normal n, `m` mm away. */
+static void add_rest(const struct job *job, struct packet *k, int i, struct pell_vec3 n, const float share[3], float m)
+{
+    for (size_t e = 0; e < job->lights->num_environments; e++) {
+        float rest[3];
+        smooth_rest(job, k, i, (int) e, n, rest);
+        for (int c = 0; c < 3; c++)
+            rest[c] *= share[c];
+        add_transmitted(k, i, rest, m);
+    }
 }
 
 /* The smooth remainder's transmission through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
@@ -299,18 +315,25 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         sky.normal[1][i] = n.y;
         sky.normal[2][i] = n.z;
     }
-    pell_ambient_visibility(job, k, exits.found, 0x3c6ef372u, &sky, visible);
+    pell_ambient_visibility(job, k, exits.found, PELL_BEYOND_SALT, &sky, visible);
     for (int i = 0; i < PELL_LANES; i++) {
-        float share[3], rest[3], m;
+        float share[3], m;
         if (!exits.found[i] || !(visible[i] > 0.0f))
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
         pass_thickness(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), share);
-        for (size_t e = 0; e < job->lights->num_environments; e++) {
-            smooth_rest(job, k, i, (int) e, exits.normal[i], rest);
-            for (int c = 0; c < 3; c++)
-                rest[c] *= visible[i] * share[c];
-            add_transmitted(k, i, rest, m);
-        }
+        for (int c = 0; c < 3; c++)
+            share[c] *= visible[i];
+        add_rest(job, k, i, exits.normal[i], share, m);
+    }
+}
+
+void pell_take_environment_transmitted(const struct job *job, struct packet *k)
+{
+    for (int i = 0; i < k->count; i++) {
+        struct pell_vec3 normal;
+        float share[3], m;
+        if (pell_take_exit(job, k, i, share, &m, &normal))
+            add_rest(job, k, i, normal, share, m);
     }
 }

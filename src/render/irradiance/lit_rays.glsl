@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+// lit_rays.glsl - for direct.comp and transmission.comp: which lights count, and what lies between a place and the light. Mirror of
+// shadow.c.
+#include "shared/sampling.h"
+
+const uint RAY_ALL = 3u; // PELL_RAY_ALL
+
+// Whether nothing is in the way.
+bool is_open(vec3 origin, vec3 direction, float far)
+{
+    Hit hit;
+    return !trace_ray(Ray(origin, 0.0, direction, far, RAY_ALL), true, hit);
+}
+
+bool counts(int light)
+{
+    const uint bit = uint(min(light, 62)), word = bit < 32u ? pc.low : pc.high;
+    return (pc.low | pc.high) == 0u || (word >> (bit & 31u) & 1u) != 0u;
+}
+
+// How many of the slice's cosine-distributed directions about n see nothing; `number`: of the multisample.
+uint count_open(vec3 origin, vec3 n, uint number, uvec2 pattern)
+{
+    vec3 t, b;
+    uint seen = 0u;
+
+    basis_of(n, t, b);
+    for (uint s = pc.sky; s < pc.sky_end; s++) {
+        const uint at = number * pc.ambient_samples + s;
+        const pell_place2 disc = pell_disc_at(pell_unit_float(pell_sobol0(at) ^ pattern.x), pell_unit_float(pell_sobol1(at) ^ pattern.y));
+        const float z = sqrt(max(1.0 - disc.x * disc.x - disc.y * disc.y, 0.0));
+        seen += is_open(origin, n * z + disc.x * t + disc.y * b, FAR) ? 1u : 0u;
+    }
+    return seen;
+}

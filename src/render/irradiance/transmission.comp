@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// transmission.comp - light that goes straight through thin parts, a point an invocation: for each of a slice of the samples of lights
+// behind the point a ray to where the way enters the solid, and one beyond. Mirror of transmission.c, by the formulas of
+// shared/thickness.h. See buffers.glsl, and:
+//   in  8 meshes     of the scene
+//   in  9 corners    of all triangles, by their mesh's vertices; then all normals, bits of floats
+//   in 10 parts      (object, material) of every mesh, sorted
+//   in 11 thickness  tables as struct pell_thickness_table has them: first `value`, then `slab`
+layout(local_size_x = 64) in;
+#include "render/irradiance/buffers.glsl"
+layout(set = 0, binding = 8) readonly buffer Meshes { pell_lit_mesh meshes[]; };
+layout(set = 0, binding = 9) readonly buffer Corners { uint corners[]; };
+layout(set = 0, binding = 10) readonly buffer Parts { ivec2 parts[]; };
+layout(set = 0, binding = 11) readonly buffer Thickness { float thickness[]; };
+#include "visibility/wide_bvh.glsl"
+#include "render/irradiance/direct.glsl"
+#include "render/irradiance/lit_rays.glsl"
+#include "shared/thickness.h"
+
+const int STEPS = 5; // of transmission.c
+const int NO_OBJECT = -0x7fffffff - 1;
+
+// Where a way into the solid comes out.
+struct Exit {
+    vec3 place, geometric, normal;
+    float terminator_offset; // mm, of the smooth surface over the triangle
+};
+
+struct Through {
+    vec3 light;
+    float way; // of `light`, all channels together, times mm
+    uint rays;
+};
+
+vec3 corner_of(Hit hit, uint k)
+{
+    return uintBitsToFloat(bvh_triangles[3u * hit.at + k].xyz);
+}
+
+vec3 normal_of(pell_lit_mesh mesh, uint corner)
+{
+    const uint at = mesh.normals + 3u * corner;
+    return uintBitsToFloat(uvec3(corners[at], corners[at + 1u], corners[at + 2u]));
+}
+
+// The interpolated normal, and how far the smooth surface lies above the triangle.
+void look(Hit hit, inout Exit exit)
+{
+    const pell_lit_mesh mesh = meshes[hit.mesh];
+    const vec3 w = vec3(1.0 - hit.u - hit.v, hit.u, hit.v);
+    vec3 at = vec3(0.0), n = vec3(0.0), sum = vec3(0.0), normals[3];
+
+    exit.normal = exit.geometric;
+    exit.terminator_offset = 0.0;
+    if (mesh.normals == PELL_LIT_NONE)
+        return;
+    for (uint k = 0u; k < 3u; k++) {
+        normals[k] = normal_of(mesh, corners[mesh.corners + 3u * hit.triangle + k]);
+        at += w[k] * corner_of(hit, k);
+        n += w[k] * normals[k];
+    }
+    for (uint k = 0u; k < 3u; k++)
+        sum += w[k] * abs(dot(corner_of(hit, k) - at, normals[k])) * normals[k];
+    n = normalize(n);
+    if (dot(n, exit.geometric) > 0.0) {
+        exit.normal = n;
+        exit.terminator_offset = max(dot(sum, exit.geometric), 0.0);
+    }
+}
+
+// pell_lights_part
+bool is_part(int object, int material)
+{
+    uint low = 0u, high = pc.parts;
+
+    while (low < high) {
+        const uint middle = (low + high) / 2u;
+        const ivec2 part = parts[middle];
+        if (part == ivec2(object, material))
+            return true;
+        if (part.x < object || (part.x == object && part.y < material))
+            low = middle + 1u;
+        else
+            high = middle;
+    }
+    return false;
+}
+
+// Of the surface at the point: what a short ray from above it meets.
+int find_object(Point p, inout uint rays)
+{
+    const float e = 4.0 * points[p.at].place.w;
+    Hit hit;
+
+    rays++;
+    return trace_ray(Ray(p.place + e * p.geometric, 0.0, -p.geometric, 2.0 * e, RAY_ALL), false, hit) ? meshes[hit.mesh].object : NO_OBJECT;
+}
+
+// Follows a ray to where it leaves the solid that it is in. Something opaque or another solid in the way: false. `depth`: how many shells
+// of the same object inside it the ray is in, -1: it has yet to enter the solid.
+bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
+{
+    const float limit = ray.far;
+    int object = NO_OBJECT;
+
+    for (int turn = 0; turn < STEPS; turn++) {
+        Hit hit;
+        rays++;
+        if (!trace_ray(ray, false, hit))
+            return false;
+        const pell_lit_mesh mesh = meshes[hit.mesh];
+        if (materials[mesh.material].opaque != 0 || !is_part(mesh.object, int(p.material)))
+            return false;
+        const vec3 a = corner_of(hit, 0u), n = normalize(cross(corner_of(hit, 1u) - a, corner_of(hit, 2u) - a));
+        const bool leaves = dot(n, ray.direction) > 0.0;
+        if (leaves && depth == 0) {
+            exit.place = ray.origin + hit.t * ray.direction;
+            exit.geometric = n;
+            look(hit, exit);
+            return true;
+        }
+        depth += !leaves ? 1 : depth > 0 ? -1 : 0;
+        if (turn == 0)
+            object = find_object(p, rays);
+        if (mesh.object != object)
+            return false;
+        ray.near = hit.t * (1.0 + 1e-5) + 1e-20;
+        ray.far = limit;
+    }
+    return false;
+}
+
+// The share of light that is there at `exit` and gets through; `d`: the thickness, mm.
+vec3 pass_thickness(Point p, float d, Exit exit, float same)
+{
+    const float counted = pell_thickness_counted(same, dot(exit.normal, points[p.at].view.xyz)), opposed = pell_thickness_opposed(same);
+    const float place = pell_thickness_place(max(d, 0.0), materials[p.material].thickest, PELL_LIT_THICKNESS_STEPS);
+    const int value = materials[p.material].thickness_at + 3 * pell_table_cell(place, PELL_LIT_THICKNESS_STEPS);
+    const int slab = value + 3 * PELL_LIT_THICKNESS_STEPS;
+    vec3 share;
+
+    for (int c = 0; c < 3; c++) {
+        const float near = pell_lerp(thickness[value + c], thickness[slab + c], opposed);
+        const float next = pell_lerp(thickness[value + 3 + c], thickness[slab + 3 + c], opposed);
+        share[c] = counted * pell_thickness_share(near, next, place, PELL_LIT_THICKNESS_STEPS);
+    }
+    return share;
+}
+
+// One sample of a light behind the point.
+void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
+{
+    const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL, outside = a.gl > 0.0; // the way begins in air
+    const float epsilon = points[p.at].place.w, cosine = pell_thickness_cosine(a.nl, a.gl);
+    const float limit = materials[p.material].thickest / cosine; // d >= m cos: nothing is transmitted beyond
+    const vec3 origin = outside ? p.origin : p.place - epsilon * p.geometric;
+    Ray ray = Ray(origin, 0.0, away ? a.direction : a.end - origin, away ? limit : min(0.9999, limit / a.distance), RAY_ALL);
+    Exit exit;
+
+    if (!find_exit(p, ray, outside ? -1 : 0, sums.rays, exit))
+        return;
+    const vec3 beyond = exit.place + (exit.terminator_offset + epsilon) * exit.geometric;
+    sums.rays++;
+    if (!is_open(beyond, away ? a.direction : a.end - beyond, away ? FAR : 0.9999))
+        return;
+    const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide what faces the light
+    const float m = length(exit.place - p.place), same = dot(exit.normal, p.normal);
+    const float mu = dot(exit.normal, a.direction), facing = dot(exit.geometric, a.direction);
+    if (!(mu > 0.0) || !(facing > 0.0 || lifted))
+        return;
+    const float g = lifted ? 1.0 : pell_thickness_facing(facing, mu, dot(exit.normal, exit.geometric));
+    const float d = pell_thickness_of(m, cosine, same);
+    const float falloff = away   ? 1.0
+                          : a.wide ? a.falloff
+                                   : pell_light_falloff(max(a.distance - m, 1e-3), light.position.w, light.direction.w);
+    const float w = pell_soft_terminator(transmittance(p, mu) * mu, g) * falloff;
+    const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same), vec3(BIG));
+    sums.light += arrives;
+    sums.way += d * (arrives.r + arrives.g + arrives.b);
+}
+
+// The slice's samples of a light. Lights that take turns: only in its turn, and then for all of them.
+void shine_through(pell_light_data light, Point p, inout Through sums)
+{
+    const uint turns = max(light.flags >> PELL_LIT_TURNS_AT & 255u, 1u), turn = light.flags >> PELL_LIT_TURN_AT & 255u;
+
+    if (((points[p.at].curve + p.number) & (turns - 1u)) != turn)
+        return;
+    for (int s = int(pc.first); s < min(int(pc.last), light.samples); s++) {
+        const uint n = p.number * uint(light.samples) + uint(s);
+        Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
+        const bool lit = project_image(light, p, a) && a.falloff * (a.intensity.r + a.intensity.g + a.intensity.b) > 0.0;
+
+        if (lit && !((a.gl > 0.0 || p.lifted) && a.nl > 0.0)) {
+            a.intensity *= float(turns);
+            transmit(light, p, a, sums);
+        }
+    }
+}
+
+// What the slice's directions see of the environment straight through: the share of its smooth rest at `exit` that gets through. How far
+// away that is, mm.
+float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
+{
+    const vec3 inward = dot(p.geometric, p.normal) > 0.5 ? p.normal : p.geometric;
+    const vec3 origin = p.place - points[p.at].place.w * p.geometric;
+    uint to_exit = 0u;
+
+    share = vec3(0.0);
+    if (!find_exit(p, Ray(origin, 0.0, -inward, materials[p.material].thickest, RAY_ALL), 0, to_exit, exit)) {
+        rays += pc.sky == 0u ? to_exit : 0u; // each slice sends them; they count once
+        return 0.0;
+    }
+    const vec3 beyond = exit.place + (exit.terminator_offset + points[p.at].place.w) * exit.geometric;
+    const float m = length(exit.place - p.place);
+    const uint open = count_open(beyond, exit.geometric, p.number, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
+    share = float(open) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal));
+    rays += pc.sky_end - pc.sky + (pc.sky == 0u ? to_exit : 0u);
+    return m;
+}
+
+void give(uint at, vec3 rgb, uint word)
+{
+    results[at] = uvec4(floatBitsToUint(rgb), word);
+}
+
+void main()
+{
+    const uint i = gl_GlobalInvocationID.x, at = i * pc.results + pc.through;
+
+    if (i >= pc.count || points[i].material == PELL_LIT_NONE || (points[i].flags & PELL_LIT_STRAIGHT) == 0u ||
+        materials[points[i].material].thickness_at < 0)
+        return;
+    const bool start = (pc.flags & PELL_LIT_START) != 0u;
+    Point p = load_point(i, false, false);
+    const uvec4 before = start ? uvec4(0u) : results[at];
+    Through sums = Through(uintBitsToFloat(before.rgb), uintBitsToFloat(before.a), start ? 0u : results[at + 2u].a);
+
+    if (start)
+        results[at + 1u] = uvec4(0u);
+    if (pc.sky_end > pc.sky) {
+        Exit exit = Exit(vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
+        vec3 share;
+        const float m = see_through(p, sums.rays, share, exit);
+        give(at + 1u, uintBitsToFloat(results[at + 1u].rgb) + share, floatBitsToUint(m));
+        give(at + 2u, exit.normal, sums.rays);
+        give(at, sums.light, floatBitsToUint(sums.way));
+        return;
+    }
+    for (uint light = pc.light; light < pc.light_end; light++)
+        if (counts(lights[light].light))
+            shine_through(lights[light], p, sums);
+    give(at, sums.light, floatBitsToUint(sums.way));
+    results[at + 2u].a = sums.rays;
+}
