@@ -287,6 +287,8 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
 /* What --engine takes; ends with NULL. */
 extern const char *const cli_engine_names[];
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
+/* The folder that PELL_SHADERS names, whose shaders replace built-in ones; NULL: none. */
+const char *cli_shaders(void);
 /* Loads `path` with the options of the command line over those of the scene file: all but the renderer. */
 enum exit_code session_read(struct cli *cli, const char *path, struct session *s);
 /* The same, and readies a renderer. */

@@ -411,13 +411,21 @@ static const char *cache_folder(char *path, size_t size)
     return (given || (home && home[0] == '/')) && length > 0 && (size_t) length < size ? path : NULL;
 }
 
+const char *cli_shaders(void)
+{
+    const char *folder = getenv("PELL_SHADERS");
+
+    return folder && *folder ? folder : NULL;
+}
+
 /* All but the renderer. */
 static enum exit_code read_at(struct cli *cli, const char *path, const double *time, struct session *s)
 {
     char cache[1024];
     struct pell_device_params params = { .threads = cli->numbers.threads,
                                          .vulkan_device = cli->device,
-                                         .vulkan_cache = cache_folder(cache, sizeof(cache)) };
+                                         .vulkan_cache = cache_folder(cache, sizeof(cache)),
+                                         .vulkan_shaders = cli_shaders() };
     enum exit_code code;
 
     memset(s, 0, sizeof(*s));

@@ -28,6 +28,8 @@ static const struct topic_row noises[] = {
 
 static const struct topic_row variables[] = {
     { "NO_COLOR", "If set and not empty: no colours. There are none either where the output is no terminal, or TERM is dumb." },
+    { "PELL_SHADERS", "A folder whose files NAME.spv replace the shaders of --engine vulkan, and are read again when they change. "
+                      "--log-level debug lists the names." },
     { "PELL_SIMD", "base, v2, v3 or v4: the highest level of vector instructions to use. All levels give the same bits." },
     { NULL, NULL },
 };

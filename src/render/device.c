@@ -81,8 +81,10 @@ enum pell_result pell_device_create(struct pell_context *ctx, const struct pell_
     if (!params)
         params = &none;
     if (params->engine == PELL_ENGINE_VULKAN)
-        return pell_device_create_vulkan(ctx, params->threads,
-                                         &(struct pell_gpu_params) { .device = params->vulkan_device, .cache = params->vulkan_cache }, out);
+        return pell_device_create_vulkan(
+            ctx, params->threads,
+            &(struct pell_gpu_params) { .device = params->vulkan_device, .cache = params->vulkan_cache, .shaders = params->vulkan_shaders },
+            out);
     return pell_device_create_with_engine(ctx, params->threads, PELL_ENGINE_CPU, &pell_engine_cpu, out);
 }
 

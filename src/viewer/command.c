@@ -98,7 +98,7 @@ static const char *listening(const struct cli *cli)
 
 static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_document *document)
 {
-    struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device };
+    struct pell_device_params params = { .threads = cli->numbers.threads, .vulkan_device = cli->device, .vulkan_shaders = cli_shaders() };
     struct viewer_server_params server = { .address = listening(cli), .port = cli->numbers.port, .open = !cli->view.no_open };
     struct pell_device *device = NULL;
     struct viewer_worker *worker = NULL;
@@ -113,6 +113,7 @@ static enum exit_code serve(struct cli *cli, struct viewer *v, struct viewer_doc
     server.token = token;
 
     server.folder = folder;
+    server.shaders = params.vulkan_shaders;
     block_signals(true);
     if (code == EXIT_OK)
         code = cli_failed(cli, pell_device_create(v->ctx, &params, &device));

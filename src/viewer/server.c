@@ -261,8 +261,8 @@ static void on_settled(lws_sorted_usec_list_t *list)
 
 static bool is_input(const char *name)
 {
-    static const char *const endings[] = { ".json", ".obj", ".mtl", ".ply",  ".stl", ".gltf", ".glb",
-                                           ".bin",  ".png", ".jpg", ".jpeg", ".exr", ".hdr",  ".csv" };
+    static const char *const endings[] = { ".json", ".obj", ".mtl",  ".ply", ".stl", ".gltf", ".glb", ".bin",
+                                           ".png",  ".jpg", ".jpeg", ".exr", ".hdr", ".csv",  ".spv" };
     const char *dot = strrchr(name, '.');
 
     for (size_t i = 0; dot && i < PELL_COUNT(endings); i++)
@@ -328,6 +328,8 @@ static void watch(struct server *s)
         return;
     file.filefd = fd;
     watch_folder(fd, s->params->folder, WATCHED_DEPTH, &left);
+    if (s->params->shaders)
+        watch_folder(fd, s->params->shaders, 0, &left);
     if (left == WATCHED_MOST ||
         !lws_adopt_descriptor_vhost(lws_get_vhost_by_name(s->lws, "default"), LWS_ADOPT_RAW_FILE_DESC, file, "files", NULL))
         close(fd);

@@ -132,7 +132,8 @@ struct viewer_server_params {
     const char *address; /* to listen at */
     int port;            /* 0: any */
     bool open;           /* a browser */
-    const char *folder;  /* whose files are watched */
+    const char *folder;  /* whose files are watched, */
+    const char *shaders; /* and those of this one; NULL: none */
     const char *token;   /* what a page needs */
 };
 

@@ -148,6 +148,8 @@ void pell_gpu_run(struct pell_gpu_commands *c, struct pell_gpu_pass *pass, const
     const struct pell_shader *s = pass->shader;
     struct pell_gpu *gpu = c->gpu;
 
+    if (gpu->shaders[0])
+        pell_vk_replace(pass);
     for (int i = 0; i < s->num_bindings; i++)
         use(c, pass->buffers[i], VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT,
             s->access[i] & PELL_GPU_READS ? VK_ACCESS_2_SHADER_STORAGE_READ_BIT : 0,

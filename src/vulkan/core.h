@@ -9,6 +9,7 @@
 #include "vulkan/instance.h"
 
 #include <pthread.h>
+#include <sys/stat.h>
 
 #define PELL_VK_DEVICE_FUNCTIONS(F)                                                                                                        \
     F(AllocateCommandBuffers)                                                                                                              \
@@ -84,6 +85,7 @@ struct pell_gpu {
     char cache_path[1024];
     uint64_t cache_hash;     /* of what was read */
     _Atomic bool cache_used; /* pipelines were made */
+    char shaders[1024];      /* a folder whose files replace built-in shaders; "": none */
     bool borrowed;           /* instance and device are the caller's */
     bool locks;              /* the two that follow are made */
     pthread_mutex_t queue_lock;
@@ -139,9 +141,26 @@ struct pell_gpu_pass {
     struct pell_gpu_buffer *buffers[PELL_GPU_BINDINGS]; /* borrowed */
     VkDescriptorSetLayout set_layout;
     VkPipelineLayout layout;
-    VkPipeline pipeline;
+    VkPipeline pipeline;               /* that is bound: */
+    VkPipeline built_in;               /* this one, */
+    struct pell_vk_replaced *replaced; /* or the last of these, with a folder of shaders */
+    struct stat seen;                  /* the file that was read for it */
+    bool looked;
+    uint32_t constants[PELL_GPU_BINDINGS];
+    size_t num_constants;
     VkDescriptorPool pool;
     VkDescriptorSet set;
 };
+
+/* --- pipeline.c --- */
+
+/* The pass's pipeline with this code; the caller's. */
+VkResult pell_vk_pipeline(struct pell_gpu_pass *pass, const uint32_t *words, size_t size, VkPipeline *out);
+
+/* --- replace.c --- */
+
+/* Takes over what the folder of shaders has for the pass, if that has changed; and frees what was taken. */
+void pell_vk_replace(struct pell_gpu_pass *pass);
+void pell_vk_replaced_destroy(struct pell_gpu_pass *pass);
 
 #endif

@@ -12,7 +12,7 @@
  *
  * Units      bytes, seconds.
  * Ownership  X_destroy and pell_gpu_close set the pointer to NULL and accept NULL in it. All objects of a gpu go before it. Nothing is
- *            allocated between pell_gpu_begin and pell_gpu_finish.
+ *            allocated between pell_gpu_begin and pell_gpu_finish, but for shaders from a folder.
  * Errors     logged once: PELL_ERR_DEVICE (no device, a call failed, the device was lost), PELL_ERR_NOMEM (host or device),
  *            PELL_ERR_UNSUPPORTED (more than the device's limits allow). On failure *out is NULL.
  * Threads    a gpu serves any number of threads. A buffer, a pass and a list belong to one at a time; a buffer to one list.
@@ -46,11 +46,12 @@ struct pell_shader {
 };
 
 struct pell_gpu_params {
-    const char *device; /* a number in the order of pell_vulkan_devices_find, or a piece of a name; NULL: that function's choice */
-    const char *cache;  /* a folder (made where its parent is there) for what the driver compiles, to be read by the next run; NULL: none.
+    const char *device;  /* a number in the order of pell_vulkan_devices_find, or a piece of a name; NULL: that function's choice */
+    const char *cache;   /* a folder (made where its parent is there) for what the driver compiles, to be read by the next run; NULL: none.
                          * A damaged file is made anew; what can't be written is not */
-    bool validate;      /* with the validation layer, of calls and of synchronisation: its messages are logged as errors */
-    uint64_t fail_at;   /* for tests: as pell_gpu_fail_at, from the first call on; 0: none */
+    const char *shaders; /* a folder whose files NAME.spv replace the shaders of that name (replace.c); NULL: none */
+    bool validate;       /* with the validation layer, of calls and of synchronisation: its messages are logged as errors */
+    uint64_t fail_at;    /* for tests: as pell_gpu_fail_at, from the first call on; 0: none */
 };
 
 /* `params` may be NULL. */

@@ -2,6 +2,7 @@
  * open.c - opens a Vulkan device for computing, and closes it. */
 #include "vulkan/core.h"
 
+#include <stdio.h>
 #include <string.h>
 
 enum { MAX_FAMILIES = 64 };
@@ -249,6 +250,10 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
     PELL_TRY(choose_device(gpu, params->device));
     PELL_TRY(create_device(gpu));
     PELL_TRY(pell_vk_cache_open(gpu, params->cache));
+    if (params->shaders && (size_t) snprintf(gpu->shaders, sizeof(gpu->shaders), "%s", params->shaders) >= sizeof(gpu->shaders)) {
+        res = pell_error(ctx, PELL_ERR_INVALID, params->shaders, NULL, "the path of a folder of shaders is too long");
+        goto fail;
+    }
     *out = gpu;
     return PELL_OK;
 

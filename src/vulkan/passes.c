@@ -49,38 +49,14 @@ static enum pell_result need_memory(struct pell_gpu *gpu)
     return PELL_OK;
 }
 
-static enum pell_result create_pipeline(struct pell_gpu_pass *p, const uint32_t *constants, size_t count)
+static enum pell_result create_pipeline(struct pell_gpu_pass *p)
 {
-    const struct pell_shader *s = p->shader;
     struct pell_gpu *gpu = p->gpu;
-    const VkShaderModuleCreateInfo module_info = { .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
-                                                   .codeSize = s->size,
-                                                   .pCode = s->words };
-    VkSpecializationMapEntry entries[PELL_GPU_BINDINGS];
-    const VkSpecializationInfo special = { (uint32_t) count, entries, count * sizeof(*constants), constants };
-    VkShaderModule module = VK_NULL_HANDLE;
-    VkComputePipelineCreateInfo info = {
-        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-        .stage = { .sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                   .stage = VK_SHADER_STAGE_COMPUTE_BIT,
-                   .pName = "main",
-                   .pSpecializationInfo = count > 0 ? &special : NULL },
-        .layout = p->layout,
-    };
-    enum pell_result res;
+    enum pell_result res = need_memory(gpu);
 
-    for (size_t i = 0; i < count; i++)
-        entries[i] = (VkSpecializationMapEntry) { (uint32_t) i, (uint32_t) (i * sizeof(*constants)), sizeof(*constants) };
-    PELL_TRY(need_memory(gpu));
-    PELL_TRY(PELL_VK(gpu, CreateShaderModule, (gpu->device, &module_info, NULL, &module)));
-    info.stage.module = module;
-    res = PELL_VK(gpu, CreateComputePipelines, (gpu->device, gpu->cache, 1, &info, NULL, &p->pipeline));
-    gpu->vk.DestroyShaderModule(gpu->device, module, NULL);
-    atomic_store(&gpu->cache_used, true);
     if (res == PELL_OK)
-        pell_vk_name(gpu, VK_OBJECT_TYPE_PIPELINE, (uint64_t) p->pipeline, s->name);
-
-fail:
+        res = pell_vk_check(gpu, "vkCreateComputePipelines", pell_vk_pipeline(p, p->shader->words, p->shader->size, &p->built_in));
+    p->pipeline = p->built_in;
     return res;
 }
 
@@ -139,10 +115,13 @@ enum pell_result pell_gpu_pass_create(struct pell_gpu *gpu, const struct pell_sh
         return PELL_ERR_NOMEM;
     p->gpu = gpu;
     p->shader = shader;
+    p->num_constants = num_constants;
+    for (size_t i = 0; i < num_constants; i++)
+        p->constants[i] = constants[i];
     for (int i = 0; i < shader->num_bindings; i++)
         p->buffers[i] = buffers[i];
     PELL_TRY(create_layouts(p));
-    PELL_TRY(create_pipeline(p, constants, num_constants));
+    PELL_TRY(create_pipeline(p));
     PELL_TRY(create_set(p));
     *out = p;
     return PELL_OK;
@@ -163,8 +142,9 @@ void pell_gpu_pass_destroy(struct pell_gpu_pass **pass)
     gpu = p->gpu;
     if (p->pool)
         gpu->vk.DestroyDescriptorPool(gpu->device, p->pool, NULL); /* and its set */
-    if (p->pipeline)
-        gpu->vk.DestroyPipeline(gpu->device, p->pipeline, NULL);
+    pell_vk_replaced_destroy(p);
+    if (p->built_in)
+        gpu->vk.DestroyPipeline(gpu->device, p->built_in, NULL);
     if (p->layout)
         gpu->vk.DestroyPipelineLayout(gpu->device, p->layout, NULL);
     if (p->set_layout)
