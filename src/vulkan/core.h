@@ -83,13 +83,15 @@ struct pell_gpu {
     } vk;
     VkPipelineCache cache; /* none: VK_NULL_HANDLE */
     char cache_path[1024];
-    uint64_t cache_hash;     /* of what was read */
-    _Atomic bool cache_used; /* pipelines were made */
-    char shaders[1024];      /* a folder whose files replace built-in shaders; "": none */
-    bool borrowed;           /* instance and device are the caller's */
-    bool locks;              /* the two that follow are made */
+    uint64_t cache_hash;        /* of what was read */
+    _Atomic bool cache_used;    /* pipelines were made */
+    char shaders[1024];         /* a folder whose files replace built-in shaders; "": none */
+    struct pell_vk_code *codes; /* what its files hold */
+    bool borrowed;              /* instance and device are the caller's */
+    bool locks;                 /* those that follow are made */
     pthread_mutex_t queue_lock;
     pthread_mutex_t memory_lock;
+    pthread_mutex_t codes_lock;
     struct pell_vk_block *blocks;
     uint64_t memory_used;
     _Atomic uint64_t calls;
@@ -144,8 +146,7 @@ struct pell_gpu_pass {
     VkPipeline pipeline;               /* that is bound: */
     VkPipeline built_in;               /* this one, */
     struct pell_vk_replaced *replaced; /* or the last of these, with a folder of shaders */
-    struct stat seen;                  /* the file that was read for it */
-    bool looked;
+    uint32_t version;                  /* of the code that it has; 0: the built-in one */
     uint32_t constants[PELL_GPU_BINDINGS];
     size_t num_constants;
     VkDescriptorPool pool;
@@ -156,6 +157,24 @@ struct pell_gpu_pass {
 
 /* The pass's pipeline with this code; the caller's. */
 VkResult pell_vk_pipeline(struct pell_gpu_pass *pass, const uint32_t *words, size_t size, VkPipeline *out);
+
+/* --- codes.c --- */
+
+/* What the file of a name holds, for all passes of that shader, those that are made later, too. */
+struct pell_vk_code {
+    struct pell_vk_code *next;
+    const struct pell_shader *like;
+    struct stat seen; /* the file as it was looked at; all 0: it was not there */
+    uint32_t *words;  /* of the last one that may be used; NULL: none */
+    size_t size;
+    uint32_t version; /* counts those, and its end */
+};
+
+#define PELL_VK_SHADER_HINT "the shader before it stays in use"
+
+/* What the file at the path holds for a shader, looked at now; NULL: no memory. Under codes_lock. */
+const struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path);
+void pell_vk_codes_destroy(struct pell_gpu *gpu);
 
 /* --- replace.c --- */
 

@@ -158,11 +158,14 @@ fail:
 
 static enum pell_result make_locks(struct pell_gpu *gpu)
 {
-    gpu->locks = pthread_mutex_init(&gpu->queue_lock, NULL) == 0;
-    if (gpu->locks && pthread_mutex_init(&gpu->memory_lock, NULL) != 0) {
-        pthread_mutex_destroy(&gpu->queue_lock);
-        gpu->locks = false;
-    }
+    pthread_mutex_t *const locks[] = { &gpu->queue_lock, &gpu->memory_lock, &gpu->codes_lock };
+    size_t made = 0;
+
+    while (made < PELL_COUNT(locks) && pthread_mutex_init(locks[made], NULL) == 0)
+        made++;
+    gpu->locks = made == PELL_COUNT(locks);
+    while (!gpu->locks && made > 0)
+        pthread_mutex_destroy(locks[--made]);
     return gpu->locks ? PELL_OK : pell_error(gpu->ctx, PELL_ERR_NOMEM, "vulkan", NULL, "the system makes no more locks");
 }
 
@@ -270,6 +273,7 @@ void pell_gpu_close(struct pell_gpu **gpu)
         return;
     *gpu = NULL;
     pell_vk_cache_close(g);
+    pell_vk_codes_destroy(g);
     if (g->device && !g->borrowed && g->vk.DestroyDevice)
         g->vk.DestroyDevice(g->device, NULL);
     if (!g->borrowed)
@@ -277,6 +281,7 @@ void pell_gpu_close(struct pell_gpu **gpu)
     if (g->locks) {
         pthread_mutex_destroy(&g->queue_lock);
         pthread_mutex_destroy(&g->memory_lock);
+        pthread_mutex_destroy(&g->codes_lock);
     }
     pell_free(g->ctx, g);
 }

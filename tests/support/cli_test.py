@@ -35,7 +35,7 @@ def test(title):
 
 
 def clean_environment(**more):
-    env = {k: v for k, v in os.environ.items() if k not in ('NO_COLOR', 'PELL_SIMD', 'POSIXLY_CORRECT', 'TERM')}
+    env = {k: v for k, v in os.environ.items() if k not in ('NO_COLOR', 'PELL_SHADERS', 'PELL_SIMD', 'POSIXLY_CORRECT', 'TERM')}
     return env | {'TERM': 'xterm'} | more
 
 

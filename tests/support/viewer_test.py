@@ -27,8 +27,8 @@ class Closed(Exception):
 class Viewer:
     """The program while it serves."""
 
-    def __init__(self, folder, *arguments):
-        self.process = subprocess.Popen([PROGRAM, 'view', *arguments, '--no-open'], cwd=folder, env=clean_environment(),
+    def __init__(self, folder, *arguments, **variables):
+        self.process = subprocess.Popen([PROGRAM, 'view', *arguments, '--no-open'], cwd=folder, env=clean_environment(**variables),
                                         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
         ready, _, _ = select.select([self.process.stdout], [], [], PATIENCE)

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: MIT
 """test_view.py PROGRAM ROOT: `pellucid view` from outside: who may connect, what a page gets, and that it is what `render` draws."""
 import json
+import shutil
 import signal
 import socket
+import subprocess
 import time
 
-from cli_test import SANITIZED, main, need, one_object, png_pixels, run, sphere, test, works, write_obj, write_scene
+from cli_test import ROOT, SANITIZED, Skip, main, need, one_object, png_pixels, run, sphere, test, works, write_obj, write_scene
 from viewer_test import PATIENCE, QUICK, Closed, Viewer
 
 # Under a sanitizer the atlas alone takes minutes.
@@ -351,6 +353,25 @@ def _(folder):
         write_obj(folder / 'meshes' / 'balls' / 'ball.obj', *sphere(radius=12.0))
         page.until(lambda m: m['type'] == 'scene')
         need(page.until(lambda m: m['type'] == 'picture' and m['still'])[1] != before, 'a smaller ball looks the same')
+
+
+@test('a shader in the folder of PELL_SHADERS is in use once it is written; a damaged one is said, and changes nothing')
+def _(folder):
+    if not any(e['name'] == 'vulkan' for e in one_object(works(folder, 'info', '--json'))['engines']) or not shutil.which('glslc'):
+        raise Skip('there is no Vulkan device, or no glslc')
+    (folder / 'my').mkdir()
+    source = (ROOT / 'src/methods/screen_space/load.comp').read_text()
+    (folder / 'load.comp').write_text(source.replace('entered = light[i]', 'entered = vec3(0.2, 1.0, 1.0) * light[i]'))
+    subprocess.run(['glslc', '--target-env=vulkan1.3', '-I', str(ROOT / 'src'), '-fshader-stage=compute', 'load.comp', '-o', 'load.spv'],
+                   cwd=folder, check=True)
+    with Viewer(folder, *ball(folder), '--engine', 'vulkan', PELL_SHADERS='my') as viewer, viewer.page() as page:
+        before = page.still(page.hello()['state'])[1]
+        (folder / 'load.spv').rename(folder / 'my/screen_space_load.spv')
+        after = page.until(lambda m: m['type'] == 'picture' and m['still'])[1]
+        need(after != before, 'the shader is not in use')
+        (folder / 'my/screen_space_load.spv').write_bytes(b'no shader')
+        page.until(lambda m: m['type'] == 'message' and m['level'] == 'warning' and 'screen_space_load.spv' in m['where'])
+        need(page.until(lambda m: m['type'] == 'picture' and m['still'])[1] == after, 'a damaged shader changes the picture')
 
 
 @test('a click says what is there')

@@ -1,0 +1,99 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * codes.c - the files of a folder of shaders, each read when it has changed, and kept for all passes of its name: those that are made
+ * later, too. A file that may not stand in for the built-in shader (spirv.h) is warned of once, and what was read before stays.
+ */
+#include "vulkan/core.h"
+#include "vulkan/spirv.h"
+
+#include "base/file.h"
+
+#include <string.h>
+#include <unistd.h>
+
+/* What the file holds, the caller's; NULL: it is of no use. */
+static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *like, const char *path, const struct stat *st, size_t *size)
+{
+    const char *why = NULL;
+    uint8_t *data = NULL;
+
+    if (!S_ISREG(st->st_mode) || st->st_size > PELL_SPIRV_MOST || access(path, R_OK) != 0) {
+        pell_warn(gpu->ctx, path, PELL_VK_SHADER_HINT, "is no file that can be read, of at most %d MiB", PELL_SPIRV_MOST >> 20);
+        return NULL;
+    }
+    pell_log_downgrade(gpu->ctx, 1);
+    if (pell_file_read(gpu->ctx, path, &data, size) != PELL_OK)
+        data = NULL;
+    pell_log_downgrade(gpu->ctx, -1);
+    if (!data)
+        return NULL;
+    if (pell_spirv_check(gpu->ctx, (const uint32_t *) (const void *) data, *size, like, &why) == PELL_OK && !why)
+        return (uint32_t *) (void *) data;
+    if (why)
+        pell_warn(gpu->ctx, path, PELL_VK_SHADER_HINT, "%s", why);
+    pell_free(gpu->ctx, data);
+    return NULL;
+}
+
+static bool is_same(const struct stat *a, const struct stat *b)
+{
+    return a->st_mtim.tv_sec == b->st_mtim.tv_sec && a->st_mtim.tv_nsec == b->st_mtim.tv_nsec && a->st_size == b->st_size &&
+           a->st_ino == b->st_ino;
+}
+
+/* Looks at the file, and reads it where it has changed. */
+static void look(struct pell_gpu *gpu, struct pell_vk_code *code, const char *path)
+{
+    struct stat st;
+    uint32_t *words;
+    size_t size = 0;
+
+    if (stat(path, &st) != 0) {
+        code->version += code->words != NULL;
+        pell_free(gpu->ctx, code->words);
+        code->words = NULL;
+        memset(&code->seen, 0, sizeof(code->seen));
+        return;
+    }
+    if (is_same(&st, &code->seen))
+        return;
+    code->seen = st;
+    words = read_words(gpu, code->like, path, &st, &size);
+    if (!words)
+        return;
+    pell_free(gpu->ctx, code->words);
+    code->words = words;
+    code->size = size;
+    code->version++;
+    pell_info(gpu->ctx, path, "is read");
+}
+
+const struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path)
+{
+    struct pell_vk_code *code = gpu->codes;
+
+    while (code && code->like != like)
+        code = code->next;
+    if (!code) {
+        code = pell_zalloc(gpu->ctx, sizeof(*code));
+        if (!code)
+            return NULL;
+        code->like = like;
+        code->next = gpu->codes;
+        gpu->codes = code;
+        if (access(path, F_OK) != 0)
+            pell_debug(gpu->ctx, path, "is not there: the built-in shader is in use");
+    }
+    look(gpu, code, path);
+    return code;
+}
+
+void pell_vk_codes_destroy(struct pell_gpu *gpu)
+{
+    while (gpu->codes) {
+        struct pell_vk_code *code = gpu->codes;
+        gpu->codes = code->next;
+        pell_free(gpu->ctx, code->words);
+        pell_free(gpu->ctx, code);
+    }
+}
