@@ -18,6 +18,7 @@ struct rig {
     struct pell_thickness_table table;
     const struct pell_thickness_table *thickness[8]; /* per material, set by render */
     bool smooth;
+    bool solid; /* nothing passes thin parts */
     bool ideal; /* after the surface is seen: geometric normals are the shading ones and nothing is in any way */
     int threads;
     uint32_t seed, sample;
@@ -237,7 +238,7 @@ static inline void rig_render(struct rig *r)
         rig_move(r->scene, -1e6f);
     }
     for (size_t i = 0; i < r->scene->num_materials && i < PELL_COUNT(r->thickness); i++)
-        r->thickness[i] = r->scene->materials[i].opaque ? NULL : &r->table;
+        r->thickness[i] = r->solid || r->scene->materials[i].opaque ? NULL : &r->table;
     p = rig_params(r);
     OK(pell_irradiance_render(r->pool, r->lights, &p, &r->light));
 }
