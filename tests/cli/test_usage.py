@@ -179,8 +179,9 @@ def fault_test(title, arguments, code, what, hint):
         need(len(text(plain.stderr)) < 20000 and names(folder) == before, 'left', set(names(folder)) - set(before))
 
 
-for case, (given, exit_code, about, advice) in FAULTS.items():
-    fault_test(case, given, exit_code, about, advice)
+for number, (case, (given, exit_code, about, advice)) in enumerate(FAULTS.items()):
+    if not SANITIZED or number % 3 == 0: # what reads and says them is the same
+        fault_test(case, given, exit_code, about, advice)
 
 
 @test('no command at all: the usage on stderr, exit 2')

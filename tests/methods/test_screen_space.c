@@ -86,10 +86,11 @@ static void half_lit_plane_is_the_analytic_convolution(void **state)
 {
     const struct pell_frame_material materials[3] = { skin(), marble(), single(1.0) };
     static const char *const names[3] = { "skin", "marble", "one Gaussian of 1 mm^2" };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct bench_place at;
 
     (void) state;
     RELEASE_ONLY();
+    at = place_create(2, NULL, NULL);
     for (int m = 0; m < 3; m++) {
         double worst[2] = { 0.0, 0.0 };
         for (double scale = 0.1; scale < 60.0; scale *= SLOW ? 1.6 : 1.17) {
@@ -148,12 +149,13 @@ static void the_default_lod_is_the_smallest_under_half_a_percent(void **state)
 {
     static const char *const q[] = { "lod=0.5", "lod=1", "lod=1.25", "lod=1.5", "lod=1.75", "lod=2", "lod=3", "lod=100" };
     const struct pell_frame_material materials[3] = { skin(), marble(), single(1.0) };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct bench_place at;
     struct screen_knobs defaults;
     double used = 0.0, smaller = 0.0;
 
     (void) state;
     RELEASE_ONLY();
+    at = place_create(2, NULL, NULL);
     pell_knobs_default(method(at.ctx)->knobs, &defaults);
     for (size_t i = 0; i < PELL_COUNT(q); i++) {
         const char *const settings[] = { q[i], NULL };
@@ -233,10 +235,11 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
 {
     static const double turns[] = { 0.0, 90.0, 45.0, 20.0 };
     const struct pell_frame_material m = marble();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct bench_place at;
 
     (void) state;
     RELEASE_ONLY();
+    at = place_create(2, NULL, NULL);
     for (size_t t = 0; t < PELL_COUNT(turns); t++) {
         for (int degrees = 0; degrees <= 75; degrees += SLOW ? 25 : 15) {
             const double across = tilt_error(&at, &m, degrees, turns[t], true, false);
@@ -468,10 +471,11 @@ static void a_dolly_does_not_pop(void **state)
 {
     enum { HALF = 60, ACROSS = 2 * HALF };
     const struct pell_frame_material materials[2] = { skin(), marble() };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct bench_place at;
 
     (void) state;
     RELEASE_ONLY();
+    at = place_create(2, NULL, NULL);
     for (int k = 0; k < 2; k++) {
         double before[3][ACROSS] = { { 0 } }, worst = 0.0, worst_scale = 0.0;
         int frames = 0;
