@@ -222,6 +222,7 @@ OTHERS = {
         'array', 'bind-to', 'cpus-per-task', 'dependency', 'map-by', 'mca', 'no-install-recommends', 'nodes', 'ntasks-per-node',
         'open-mode', 'parsable', 'requeue', 'signal', 'wrap',
     },
+    'engines.md': {'target-env'},
     'scene-file.md': {'compression', 'formats', 'python-expr'},
 }
 
