@@ -12,8 +12,9 @@
 
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
 _Static_assert(sizeof(struct pell_lit_point) == 128 && AT(pell_lit_point, hash0, 96) && AT(pell_lit_point, material, 112) &&
-                   sizeof(struct pell_lit_material) == 96 && AT(pell_lit_material, enter_base, 32) && sizeof(struct pell_lit_image) == 16 &&
-                   sizeof(struct pell_lit_mesh) == 16 && sizeof(struct pell_lights_part) == 8 && sizeof(struct pell_lit_push) == 72,
+                   sizeof(struct pell_lit_material) == 144 && AT(pell_lit_material, enter_base, 32) &&
+                   sizeof(struct pell_lit_image) == 16 && sizeof(struct pell_lit_mesh) == 16 && sizeof(struct pell_lights_part) == 8 &&
+                   sizeof(struct pell_lit_push) == 72,
                "as std430 lays them out");
 _Static_assert(PELL_LIT_ALBEDO_MU == PELL_ALBEDO_MU && PELL_LIT_ALBEDO_ROUGHNESS == PELL_ALBEDO_ROUGHNESS &&
                    PELL_LIT_BOUNDARY_MU == PELL_BOUNDARY_MU && PELL_LIT_THICKNESS_STEPS == PELL_THICKNESS_STEPS,
@@ -537,6 +538,9 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
             .opaque = opaque,
             .enter_base = rgb4(angle ? angle->enter_base : one),
             .enter_slope = rgb4(angle ? angle->enter_slope : none),
+            .pass_base = rgb4(angle ? angle->pass_base : one),
+            .pass_slope = rgb4(angle ? angle->pass_slope : none),
+            .pass_thick = rgb4(angle ? angle->pass_thick : none),
             .single_albedo = rgb4(apart ? apart->albedo : none),
             .single_g = rgb4(apart ? apart->g : none),
         };

@@ -32,9 +32,11 @@
 #define PELL_LIT_SHINE_WORDS 3
 #define PELL_LIT_THROUGH_WORDS 3
 
-/* Of a point: rays look for the visibility of the environment's smooth rest; and for light that goes straight through the solid. */
+/* Of a point: rays look for the visibility of the environment's smooth rest; and for light that goes straight through the solid; the
+ * camera sees it. */
 #define PELL_LIT_AMBIENT 1u
 #define PELL_LIT_STRAIGHT 2u
+#define PELL_LIT_SEEN 4u
 /* Of a light, beside those of light_data.h: which of each `turns` neighbours it is, that take turns over the multisamples; powers of 2. */
 #define PELL_LIT_TURN_AT 8
 #define PELL_LIT_TURNS_AT 16
@@ -77,6 +79,7 @@ struct pell_lit_material {
     float thickest;       /* mm: no light gets farther */
     int32_t opaque;
     PELL_VEC4 enter_base, enter_slope; /* see render/angle.h */
+    PELL_VEC4 pass_base, pass_slope, pass_thick;
     PELL_VEC4 single_albedo, single_g; /* see render/single.h */
 };
 

@@ -149,6 +149,16 @@ vec3 pass_thickness(Point p, float d, Exit exit, float same)
     return share;
 }
 
+// By what light leaves that went so far, over what light leaves by that was scattered near the surface (render/angle.h).
+vec3 leaves_by(Point p, float d)
+{
+    const pell_lit_material m = materials[p.material];
+    const float nv = dot(p.normal, points[p.at].view.xyz);
+    const vec3 pass = m.pass_base.rgb + m.pass_slope.rgb * (1.0 - pell_single_cosine(m.inverse_eta2, clamp(nv, 0.0, 1.0)));
+
+    return (points[p.at].flags & PELL_LIT_SEEN) != 0u ? vec3(1.0) + min(m.pass_thick.rgb * d, vec3(1.0)) * (pass - vec3(1.0)) : vec3(1.0);
+}
+
 // One sample of a light behind the point.
 void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
 {
@@ -177,7 +187,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
                                    : pell_light_falloff(max(a.distance - m, 1e-3), light.position.w, light.direction.w);
     const float w = pell_soft_terminator(transmittance(p, mu) * mu, g) * falloff;
     const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same), vec3(BIG));
-    sums.light += arrives;
+    sums.light += arrives * leaves_by(p, d);
     sums.way += d * (arrives.r + arrives.g + arrives.b);
 }
 
