@@ -4,6 +4,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 
 enum { MAX_FAMILIES = 64 };
 
@@ -230,6 +231,13 @@ fail:
     return res;
 }
 
+static bool is_folder(const char *path)
+{
+    struct stat st;
+
+    return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
+}
+
 enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_params *params, struct pell_gpu **out)
 {
     static const struct pell_gpu_params none;
@@ -257,6 +265,8 @@ enum pell_result pell_gpu_open(struct pell_context *ctx, const struct pell_gpu_p
         res = pell_error(ctx, PELL_ERR_INVALID, params->shaders, NULL, "the path of a folder of shaders is too long");
         goto fail;
     }
+    if (gpu->shaders[0] && !is_folder(gpu->shaders))
+        pell_warn(ctx, gpu->shaders, "the built-in shaders are in use", "is no folder of shaders");
     *out = gpu;
     return PELL_OK;
 

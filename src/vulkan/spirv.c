@@ -14,6 +14,7 @@ enum {
     STRUCTS_MOST = 1 << 10,
     BLOCK_MOST = 64,        /* members of a buffer's block */
     SHARED_MOST = 16 << 10, /* bytes that a workgroup shares: what every device has */
+    OWN_MOST = 32 << 10,    /* bytes of an invocation's own variables */
     NO_BINDING = 0xffffffff
 };
 
@@ -35,17 +36,29 @@ enum opcode {
     TYPE_STRUCT = 30,
     TYPE_POINTER = 32,
     CONSTANT = 43,
+    CONSTANT_COMPOSITE = 44,
     FUNCTION = 54,
     FUNCTION_END = 56,
     VARIABLE = 59,
     DECORATE = 71,
     MEMBER_DECORATE = 72,
+    DECORATION_GROUP = 73,
+    GROUP_MEMBER_DECORATE = 75,
     EXECUTION_MODE_ID = 331
 };
 
-enum decoration { NON_WRITABLE = 24, NON_READABLE = 25, BINDING = 33, SET = 34, OFFSET = 35 };
+enum decoration {
+    ARRAY_STRIDE = 6,
+    MATRIX_STRIDE = 7,
+    BUILT_IN = 11,
+    NON_WRITABLE = 24,
+    NON_READABLE = 25,
+    BINDING = 33,
+    SET = 34,
+    OFFSET = 35
+};
 enum storage { INPUT = 1, WORKGROUP = 4, PRIVATE = 6, IN_FUNCTION = 7, PUSH_CONSTANT = 9, STORAGE_BUFFER = 12 };
-enum { MATRIX = 0, SHADER = 1, LOGICAL = 0, GLSL450 = 1, COMPUTE = 5, LOCAL_SIZE = 17, LOCAL_SIZE_ID = 38 };
+enum { MATRIX = 0, SHADER = 1, LOGICAL = 0, GLSL450 = 1, COMPUTE = 5, LOCAL_SIZE = 17, WORKGROUP_SIZE = 25, LOCAL_SIZE_ID = 38 };
 
 /* Of an id: what it was declared as. */
 struct id {
@@ -54,6 +67,7 @@ struct id {
     uint32_t size;  /* of a type, bytes; 0xffffffff: that or more */
     uint32_t value; /* of a constant; of a pointer the type that it points to; of a struct how many members it has */
     uint32_t set, binding;
+    uint32_t stride; /* of the elements of an array */
 };
 
 struct member {
@@ -68,9 +82,10 @@ struct module {
     uint32_t num_ids, num_members, num_structs;
     struct member *members;
     uint32_t entries, entry, last, functions; /* the entry's function; the last instruction; functions that have begun and not ended */
-    uint32_t local[3], push_size, shared;
+    uint32_t local[3], push_size, shared, own;
+    uint32_t built_in; /* the constant that is the workgroup's size in place of `local`; 0: none */
     uint32_t bindings; /* bits of those that are there */
-    bool modelled, local_known, local_by_id, pushes;
+    bool modelled, local_known, local_by_id, built_in_known, pushes;
 };
 
 static struct id *id_of(const struct module *m, uint32_t id)
@@ -107,7 +122,9 @@ static uint32_t struct_size(const struct module *m, uint32_t type, const uint32_
     for (uint32_t i = 0; i < count; i++)
         size = plus(size, size_of(m, members[i]));
     for (uint32_t i = 0; i < m->num_members; i++)
-        if (m->members[i].type == type && m->members[i].what == OFFSET && m->members[i].index < count) {
+        if (m->members[i].type == type && m->members[i].what == MATRIX_STRIDE)
+            size = plus(size, times(m->members[i].value, 4)); /* columns or rows, at most */
+        else if (m->members[i].type == type && m->members[i].what == OFFSET && m->members[i].index < count) {
             const uint32_t to = plus(m->members[i].value, size_of(m, members[m->members[i].index]));
             end = to > end ? to : end;
         }
@@ -150,9 +167,11 @@ static const char *take_variable(struct module *m, const uint32_t *a)
     if (!pointer || !variable || pointer->kind != TYPE_POINTER)
         return "has a variable without a type";
     switch (a[2]) {
-    case INPUT:
+    case INPUT: return NULL;
     case PRIVATE:
-    case IN_FUNCTION: return NULL;
+    case IN_FUNCTION:
+        m->own = plus(m->own, size_of(m, pointer->value));
+        return m->own > OWN_MOST ? "has more than 32 KiB of variables of its own" : NULL;
     case WORKGROUP:
         m->shared = plus(m->shared, size_of(m, pointer->value));
         return m->shared > SHARED_MOST ? "shares more memory in a workgroup than 16 KiB" : NULL;
@@ -183,7 +202,8 @@ static const char *take_type(struct module *m, uint32_t op, const uint32_t *a, s
     case TYPE_VECTOR:
     case TYPE_MATRIX: type->size = n > 2 ? times(size_of(m, a[1]), a[2]) : 0; break;
     case TYPE_ARRAY: /* of a specialisation constant: no length is known */
-        type->size = length && length->kind == CONSTANT ? times(size_of(m, a[1]), length->value) : UINT32_MAX;
+        type->size = size_of(m, a[1]) > type->stride ? size_of(m, a[1]) : type->stride;
+        type->size = length && length->kind == CONSTANT ? times(type->size, length->value) : UINT32_MAX;
         break;
     case TYPE_STRUCT:
         if (++m->num_structs > STRUCTS_MOST)
@@ -207,16 +227,25 @@ static const char *take_decoration(struct module *m, const uint32_t *a, size_t n
         id->non_writable = true;
     if (a[1] == NON_READABLE)
         id->non_readable = true;
-    if (n > 2 && a[1] == SET)
+    if (n < 3)
+        return NULL;
+    if ((a[1] == SET && id->set != NO_BINDING) || (a[1] == BINDING && id->binding != NO_BINDING) || (a[1] == ARRAY_STRIDE && id->stride) ||
+        (a[1] == BUILT_IN && a[2] == WORKGROUP_SIZE && m->built_in))
+        return "decorates something twice";
+    if (a[1] == SET)
         id->set = a[2];
-    if (n > 2 && a[1] == BINDING)
+    if (a[1] == BINDING)
         id->binding = a[2];
+    if (a[1] == ARRAY_STRIDE)
+        id->stride = a[2];
+    if (a[1] == BUILT_IN && a[2] == WORKGROUP_SIZE)
+        m->built_in = a[0];
     return NULL;
 }
 
 static const char *take_member(struct module *m, const uint32_t *a, size_t n)
 {
-    if (a[2] != OFFSET && a[2] != NON_READABLE && a[2] != NON_WRITABLE)
+    if (a[2] != OFFSET && a[2] != MATRIX_STRIDE && a[2] != NON_READABLE && a[2] != NON_WRITABLE)
         return NULL;
     if (m->num_members == MEMBERS_MOST)
         return "has too many members of structs";
@@ -228,20 +257,36 @@ static const char *take_mode(struct module *m, const uint32_t *a, size_t n, bool
 {
     if (n < 5 || a[1] != (by_id ? LOCAL_SIZE_ID : LOCAL_SIZE))
         return NULL;
+    if (m->local_known)
+        return "has two sizes of a workgroup";
     m->local_known = true;
     m->local_by_id = by_id;
     memcpy(m->local, a + 2, sizeof(m->local));
     return NULL;
 }
 
+/* A constant that is decorated as the workgroup's size counts in place of what the entry says. */
+static const char *take_composite(struct module *m, const uint32_t *a, size_t n)
+{
+    if (a[1] != m->built_in || m->built_in == 0)
+        return NULL;
+    m->built_in_known = n == 5 && !m->built_in_known;
+    for (size_t k = 0; k < 3 && m->built_in_known; k++) {
+        const struct id *id = id_of(m, a[2 + k]);
+        m->built_in_known = id && id->kind == CONSTANT && id->value == m->like->local[k];
+    }
+    return m->built_in_known ? NULL : "has another workgroup than the built-in shader";
+}
+
 /* An instruction of `n` words behind the first. */
 static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t n)
 {
     static const uint8_t least[EXECUTION_MODE_ID + 1] = {
-        [EXTENSION] = 1,          [EXT_INST_IMPORT] = 2, [MEMORY_MODEL] = 2,      [ENTRY_POINT] = 3, [EXECUTION_MODE] = 2, [CAPABILITY] = 1,
-        [TYPE_BOOL] = 1,          [TYPE_INT] = 2,        [TYPE_FLOAT] = 2,        [TYPE_VECTOR] = 3, [TYPE_MATRIX] = 3,    [TYPE_ARRAY] = 3,
-        [TYPE_RUNTIME_ARRAY] = 2, [TYPE_STRUCT] = 1,     [TYPE_POINTER] = 3,      [CONSTANT] = 3,    [FUNCTION] = 4,       [VARIABLE] = 3,
-        [DECORATE] = 2,           [MEMBER_DECORATE] = 3, [EXECUTION_MODE_ID] = 2,
+        [EXTENSION] = 1,       [EXT_INST_IMPORT] = 2,   [MEMORY_MODEL] = 2,       [ENTRY_POINT] = 3,        [EXECUTION_MODE] = 2,
+        [CAPABILITY] = 1,      [TYPE_BOOL] = 1,         [TYPE_INT] = 2,           [TYPE_FLOAT] = 2,         [TYPE_VECTOR] = 3,
+        [TYPE_MATRIX] = 3,     [TYPE_ARRAY] = 3,        [TYPE_RUNTIME_ARRAY] = 2, [TYPE_STRUCT] = 1,        [TYPE_POINTER] = 3,
+        [CONSTANT] = 3,        [FUNCTION] = 4,          [VARIABLE] = 3,           [CONSTANT_COMPOSITE] = 2, [DECORATE] = 2,
+        [MEMBER_DECORATE] = 3, [EXECUTION_MODE_ID] = 2,
     };
     struct id *id;
 
@@ -278,6 +323,10 @@ static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t
         id->kind = CONSTANT;
         id->value = a[2];
         return NULL;
+    case CONSTANT_COMPOSITE: return take_composite(m, a, n);
+    case DECORATION_GROUP:
+    case GROUP_MEMBER_DECORATE - 1:
+    case GROUP_MEMBER_DECORATE: return "decorates groups";
     case VARIABLE: return take_variable(m, a);
     case FUNCTION:
         id = id_of(m, a[1]);
@@ -292,6 +341,8 @@ static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t
 
 static const char *check_local(const struct module *m)
 {
+    if (m->built_in && !m->built_in_known)
+        return "has another workgroup than the built-in shader";
     for (int k = 0; k < 3; k++) {
         const struct id *id = m->local_by_id ? id_of(m, m->local[k]) : NULL;
         const uint32_t size = !m->local_by_id ? m->local[k] : id && id->kind == CONSTANT ? id->value : 0;

@@ -17,7 +17,10 @@ enum {
     CONSTANT = 43,
     CAPABILITY = 17,
     VARIABLE = 59,
+    BUILT_IN = 11,
     NON_WRITABLE = 24,
+    WORKGROUP_SIZE = 25,
+    INVOCATION = 28,
     NON_READABLE = 25,
     BINDING = 33,
     SET = 34,
@@ -122,6 +125,12 @@ static void what_declares_something_else_is_refused(void **state)
     any.local[1] = 2;
     assert_int_equal(pell_spirv_check(ctx, good.words, good.size, &any, &why), PELL_OK);
     assert_string_equal(why, "has another workgroup than the built-in shader");
+    c = good; /* the workgroup's size is no constant */
+    find(&c, DECORATE, 2, BUILT_IN, INVOCATION)[3] = WORKGROUP_SIZE;
+    require_refused(ctx, &c, "has another workgroup than the built-in shader");
+    c = good;
+    find(&c, DECORATE, 2, SET, 0)[2] = BINDING; /* of one variable twice */
+    require_refused(ctx, &c, "decorates something twice");
     c = good;
     find(&c, DECORATE, 2, SET, 0)[3] = 1;
     require_refused(ctx, &c, binding);
