@@ -44,4 +44,11 @@ PELL_SHARED float pell_thickness_facing(float facing, float mu, float ng)
     return g < 1.0f ? g : 1.0f;
 }
 
+/* Factor of light that has come d mm, by which it leaves as light from the depth: all of `pass` from 1/per on. See render/angle.h. */
+PELL_SHARED float pell_thickness_leaves(float per, float d, float pass)
+{
+    const float thick = per * d, deep = thick < 1.0f ? thick : 1.0f;
+    return 1.0f + deep * (pass - 1.0f);
+}
+
 #endif

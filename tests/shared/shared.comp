@@ -115,7 +115,7 @@ float sampled(uint number)
 float passed(float same, float mu)
 {
     const float m = pell_thickness_of(2.0f, pell_thickness_cosine(-mu, same), same), counted = pell_thickness_counted(same, mu);
-    return m * pell_thickness_opposed(same) + counted * pell_thickness_facing(mu, 0.5f, 1.0f);
+    return m * pell_thickness_opposed(same) + counted * pell_thickness_facing(mu, 0.5f, 1.0f) * pell_thickness_leaves(0.25f, m, mu);
 }
 
 float spread(int i, float depth)

@@ -255,6 +255,7 @@ static void slabs_are_as_thick_as_they_are(void **state)
         REQUIRE_NEAR((double) pell_thickness_facing(0.5f * cosine, cosine, 1.0f), 0.5, 1e-6);
     }
     assert_true(pell_thickness_cosine(0.5f, 0.5f) == 1e-6f);
+    assert_true(pell_thickness_leaves(0.25f, 9.0f, 1.5f) == 1.5f && pell_thickness_leaves(0.25f, 2.0f, 1.5f) == 1.25f);
 }
 
 static void a_wide_light_is_sampled_by_solid_angle(void **state)

@@ -178,8 +178,7 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
-        const float thick = k->lanes.pass_thick[c][i] * d, deep = thick < 1.0f ? thick : 1.0f;
-        k->sums.transmitted[c][i] += light[c] * (1.0f + deep * (k->lanes.pass[c][i] - 1.0f));
+        k->sums.transmitted[c][i] += light[c] * pell_thickness_leaves(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
         k->sums.way[i] += d * k->flat[i] * light[c];
     }
 }

@@ -153,10 +153,12 @@ vec3 pass_thickness(Point p, float d, Exit exit, float same)
 vec3 leaves_by(Point p, float d)
 {
     const pell_lit_material m = materials[p.material];
-    const float nv = dot(p.normal, points[p.at].view.xyz);
-    const vec3 pass = m.pass_base.rgb + m.pass_slope.rgb * (1.0 - pell_single_cosine(m.inverse_eta2, clamp(nv, 0.0, 1.0)));
+    const float off = 1.0 - pell_single_cosine(m.inverse_eta2, clamp(dot(p.normal, points[p.at].view.xyz), 0.0, 1.0));
+    vec3 factor = vec3(1.0);
 
-    return (points[p.at].flags & PELL_LIT_SEEN) != 0u ? vec3(1.0) + min(m.pass_thick.rgb * d, vec3(1.0)) * (pass - vec3(1.0)) : vec3(1.0);
+    for (int c = 0; c < 3 && (points[p.at].flags & PELL_LIT_SEEN) != 0u; c++)
+        factor[c] = pell_thickness_leaves(m.pass_thick[c], d, m.pass_base[c] + m.pass_slope[c] * off);
+    return factor;
 }
 
 // One sample of a light behind the point.
