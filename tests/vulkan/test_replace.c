@@ -188,9 +188,10 @@ static char folder[64], path[128];
 static void write_file(const void *data, size_t size)
 {
     static time_t second = 1000000;
-    const struct timespec times[2] = { { .tv_sec = ++second }, { .tv_sec = second } };
+    struct timespec times[2] = { { 0 } };
     FILE *file = fopen(path, "wb");
 
+    times[0].tv_sec = times[1].tv_sec = ++second;
     assert_non_null(file);
     assert_int_equal(fwrite(data, 1, size, file), size);
     fclose(file);
