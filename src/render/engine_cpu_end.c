@@ -102,6 +102,7 @@ static void denoise(struct pell_cpu *e, const struct pell_engine_frame *f)
         .stride = e->surface.stride,
         .rect = f->covered,
         .sum = &e->sum, /* no sample comes any more */
+        .traced = f->plan && (f->plan->outputs & PELL_OUTPUT_SURFACE),
         .scratch = { e->lighting.transmitted[0], e->lighting.transmitted[1], e->lighting.transmitted[2], e->lighting.specular[0] },
     };
     const int64_t pixels = (int64_t) (f->covered.x1 - f->covered.x0) * (f->covered.y1 - f->covered.y0);

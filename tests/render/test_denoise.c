@@ -9,14 +9,15 @@
 
 #include <string.h>
 
-enum { WIDTH = 150, HEIGHT = 110, PLANES = 22 };
+enum { WIDTH = 150, HEIGHT = 110, PLANES = 25 };
 
 struct picture {
     struct pell_context *ctx;
     struct pell_pool *pool;
     struct pell_accumulator sum;
     struct pell_denoise_params params;
-    float *truth[3];
+    float *truth[3]; /* with the highlight */
+    float highlight; /* of every second pixel */
 };
 
 /* Of a pixel: what is true, and by which feature it differs. */
@@ -37,6 +38,9 @@ static double uniform(uint64_t number)
 /* Means of `samples` exponentials: as skewed as paths are. The variance is what the samples say, not what is true. */
 static void add_noise(struct picture *p, size_t at, int samples)
 {
+    const float highlight = at % 2 ? p->highlight : 0.0f, covered = p->sum.translucent[at],
+                share = covered > 0.0f ? covered : 1.0f; /* opaque: of no concern */
+
     for (int c = 0; c < 3; c++) {
         double sum = 0.0, squares = 0.0, mean;
         for (int i = 0; i < samples; i++) {
@@ -45,19 +49,23 @@ static void add_noise(struct picture *p, size_t at, int samples)
             squares += v * v;
         }
         mean = sum / samples;
-        p->sum.color[c][at] = (float) mean;
-        p->sum.variance[c][at] = (float) ((squares / samples - mean * mean) / (samples - 1));
+        p->sum.multiple[c][at] = share * (float) mean;
+        p->sum.color[c][at] = p->sum.multiple[c][at] + highlight;
+        p->truth[c][at] = share * p->truth[c][at] + highlight;
+        p->sum.variance[c][at] = share * share * (float) ((squares / samples - mean * mean) / (samples - 1));
     }
 }
 
-static void start(struct picture *p, int threads, int samples, scene_function *scene)
+static void start_below(struct picture *p, float highlight, int threads, int samples, scene_function *scene)
 {
     float **planes[PLANES];
     int n = 0;
 
     memset(p, 0, sizeof(*p));
+    p->highlight = highlight;
     for (int c = 0; c < 3; c++) {
         planes[n++] = &p->sum.color[c];
+        planes[n++] = &p->sum.multiple[c];
         planes[n++] = &p->sum.variance[c];
         planes[n++] = &p->sum.normal[c];
         planes[n++] = &p->sum.albedo[c];
@@ -84,6 +92,11 @@ static void start(struct picture *p, int threads, int samples, scene_function *s
             scene(p, x, y, at);
             add_noise(p, at, samples);
         }
+}
+
+static void start(struct picture *p, int threads, int samples, scene_function *scene)
+{
+    start_below(p, 0.0f, threads, samples, scene);
 }
 
 static void finish(struct picture *p)
@@ -155,6 +168,20 @@ static void half_opaque(struct picture *p, int x, int y, size_t at)
     p->sum.translucent[at] = x < 75 ? 0.0f : 1.0f;
 }
 
+/* Light of a silhouette's pixels is that of the object, times the share that it covers. */
+static void ragged_cover(struct picture *p, int x, int y, size_t at)
+{
+    const float share = x % 5 == 0 ? 0.25f : x % 5 == 1 ? 0.75f : 1.0f;
+    (void) y;
+
+    p->sum.alpha[at] = p->sum.translucent[at] = share;
+    p->sum.normal[2][at] = share;
+    for (int c = 0; c < 3; c++) {
+        p->sum.albedo[c][at] = 0.5f * share;
+        p->truth[c][at] = 0.3f;
+    }
+}
+
 static void noise_is_a_fifth_of_what_it_was(void **state)
 {
     static const int samples[] = { 4, 16, 64 };
@@ -175,7 +202,7 @@ static void noise_is_a_fifth_of_what_it_was(void **state)
 
 static void the_total_light_stays(void **state)
 {
-    static scene_function *const scenes[] = { smooth_light, step_of_light, step_of_surface, half_opaque };
+    static scene_function *const scenes[] = { smooth_light, step_of_light, step_of_surface, half_opaque, ragged_cover };
     (void) state;
 
     for (size_t i = 0; i < PELL_COUNT(scenes); i++) {
@@ -208,6 +235,40 @@ static void edges_stay(void **state)
         assert_true(fabs(sides[0] - 1.0) < bounds[i] && fabs(sides[1] - 0.25) < bounds[i] * 0.25);
         finish(&p);
     }
+}
+
+/* Stripes that are a hundred times as bright as what has noise below them. */
+static void highlights_hide_no_noise(void **state)
+{
+    struct picture p, plain;
+    (void) state;
+
+    start(&plain, 2, 16, smooth_light);
+    start_below(&p, 50.0f, 2, 16, smooth_light);
+    pell_denoise_render(plain.pool, &plain.params);
+    pell_denoise_render(p.pool, &p.params);
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < HEIGHT; y++)
+            for (int x = 0; x < WIDTH; x++) {
+                const ptrdiff_t at = y * p.params.stride + x;
+                REQUIRE_NEAR(p.sum.color[c][at] - (at % 2 ? 50.0f : 0.0f), plain.sum.color[c][at], 1e-5);
+            }
+    finish(&p);
+    finish(&plain);
+}
+
+static void pixels_covered_in_part_are_filtered_with_the_others(void **state)
+{
+    struct picture p;
+    double before;
+    (void) state;
+
+    start(&p, 2, 16, ragged_cover);
+    before = error_of(&p, 0, WIDTH);
+    pell_denoise_render(p.pool, &p.params);
+    print_message("# error %.4f, denoised %.4f\n", before, error_of(&p, 0, WIDTH));
+    assert_true(error_of(&p, 0, WIDTH) < before / 5.0);
+    finish(&p);
 }
 
 static void opaque_pixels_are_left_alone(void **state)
@@ -245,8 +306,13 @@ static void threads_do_not_matter(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(noise_is_a_fifth_of_what_it_was), cmocka_unit_test(the_total_light_stays), cmocka_unit_test(edges_stay),
-        cmocka_unit_test(opaque_pixels_are_left_alone),    cmocka_unit_test(threads_do_not_matter),
+        cmocka_unit_test(noise_is_a_fifth_of_what_it_was),
+        cmocka_unit_test(the_total_light_stays),
+        cmocka_unit_test(edges_stay),
+        cmocka_unit_test(highlights_hide_no_noise),
+        cmocka_unit_test(pixels_covered_in_part_are_filtered_with_the_others),
+        cmocka_unit_test(opaque_pixels_are_left_alone),
+        cmocka_unit_test(threads_do_not_matter),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

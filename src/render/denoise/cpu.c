@@ -8,9 +8,8 @@
 #include <string.h>
 
 /* Differences that halve a weight or so. */
-#define NORMAL_STEP 0.25f
+#define NORMAL_STEP 0.4f
 #define ALBEDO_STEP 0.06f
-#define SHARE_STEP 0.12f
 #define DEPTH_STEP 0.004f /* of the depth itself */
 
 struct task {
@@ -36,11 +35,13 @@ static float mean_variance(const struct pell_denoise_params *p, int c, int x, in
     float sum = 0.0f, count = 0.0f;
 
     for (int v = y - 2; v <= y + 2; v++)
-        for (int u = x - 2; u <= x + 2; u++)
-            if (inside(&p->rect, u, v) && *of(p, p->sum->translucent, u, v) > 0.0f) {
-                sum += *of(p, p->sum->variance[c], u, v);
+        for (int u = x - 2; u <= x + 2; u++) {
+            const float share = inside(&p->rect, u, v) ? *of(p, p->sum->translucent, u, v) : 0.0f;
+            if (share > 0.0f) {
+                sum += *of(p, p->sum->variance[c], u, v) / (share * share);
                 count += 1.0f;
             }
+        }
     return count > 0.0f ? sum / count : 0.0f;
 }
 
@@ -48,18 +49,21 @@ static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x,
 {
     const struct pell_denoise_params *p = k->p;
     const struct pell_accumulator *s = p->sum;
-    const float depth = *of(p, s->depth, x, y);
+    const float depth = *of(p, s->depth, x, y), share = *of(p, s->translucent, x, y), alpha = *of(p, s->alpha, x, y);
 
+    if (!(share > 0.0f) || !(alpha > 0.0f))
+        return;
     for (int c = 0; c < 3; c++) {
-        t->color[c][to_y][to_x] = *of(p, s->color[c], x, y);
+        const float single = s->single[c] ? *of(p, s->single[c], x, y) : 0.0f;
+        const float reflected = p->traced ? *of(p, s->specular[c], x, y) : 0.0f;
+        t->light[c][to_y][to_x] = (*of(p, s->multiple[c], x, y) + single + reflected) / share;
         t->variance[c][to_y][to_x] = mean_variance(p, c, x, y);
-        t->feature[NORMAL + c][to_y][to_x] = *of(p, s->normal[c], x, y) * (1.0f / NORMAL_STEP);
-        t->feature[ALBEDO + c][to_y][to_x] = *of(p, s->albedo[c], x, y) * (1.0f / ALBEDO_STEP);
+        t->feature[NORMAL + c][to_y][to_x] = *of(p, s->normal[c], x, y) / alpha * (1.0f / NORMAL_STEP);
+        t->feature[ALBEDO + c][to_y][to_x] = *of(p, s->albedo[c], x, y) / alpha * (1.0f / ALBEDO_STEP);
     }
-    t->feature[ALPHA][to_y][to_x] = *of(p, s->alpha, x, y) * (1.0f / SHARE_STEP);
-    t->feature[TRANSLUCENT][to_y][to_x] = *of(p, s->translucent, x, y) * (1.0f / SHARE_STEP);
     t->feature[DEPTH][to_y][to_x] = depth > 0.0f ? logf(depth) * (1.0f / DEPTH_STEP) : 0.0f;
-    t->valid[to_y][to_x] = *of(p, s->translucent, x, y) > 0.0f ? 1.0f : 0.0f;
+    t->share[to_y][to_x] = share;
+    t->valid[to_y][to_x] = 1.0f;
     t->total[to_y][to_x] = k->second ? *of(p, p->scratch[3], x, y) : 1.0f;
 }
 
@@ -88,6 +92,9 @@ static void filter_tile(void *arg, int index, int worker)
     memset(&tile, 0, sizeof(tile));
     for (int y = 0; y < WIDE; y++)
         for (int x = 0; x < WIDE; x++)
+            tile.total[y][x] = 1.0f;
+    for (int y = 0; y < WIDE; y++)
+        for (int x = 0; x < WIDE; x++)
             if (inside(&r, x0 + x - BORDER, y0 + y - BORDER))
                 load_pixel(k, &tile, x0 + x - BORDER, y0 + y - BORDER, x, y);
     for (int y = BORDER; y < BORDER + TILE; y++)
@@ -103,7 +110,7 @@ static void filter_tile(void *arg, int index, int worker)
             if (!k->second)
                 *of(p, p->scratch[3], x0 + x, y0 + y) = tile.sum[y][x];
             for (int c = 0; c < 3 && k->second; c++)
-                *of(p, p->scratch[c], x0 + x, y0 + y) = tile.color[c][BORDER + y][BORDER + x] + tile.moved[c][y][x];
+                *of(p, p->scratch[c], x0 + x, y0 + y) = *of(p, p->sum->color[c], x0 + x, y0 + y) + tile.moved[c][y][x];
         }
 }
 

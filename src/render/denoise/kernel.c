@@ -18,7 +18,7 @@ INLINE float fall(float d)
     return t * t;
 }
 
-/* Distances of the colours of pixels and those at (dx, dy) from them, in variances; and which pairs are valid. */
+/* Distances of the light of pixels and that at (dx, dy) from them, in variances; and which pairs are valid. */
 INLINE void compare_pixels(const struct pell_denoise_tile *t, int dx, int dy, float (*restrict far)[SPAN], float (*restrict pairs)[SPAN])
 {
     for (int y = 0; y < SPAN; y++) {
@@ -29,7 +29,7 @@ INLINE void compare_pixels(const struct pell_denoise_tile *t, int dx, int dy, fl
             far[y][x] = 0.0f;
         }
         for (int c = 0; c < 3; c++) {
-            const float *a = &t->color[c][py][px], *b = &t->color[c][py + dy][px + dx];
+            const float *a = &t->light[c][py][px], *b = &t->light[c][py + dy][px + dx];
             const float *va = &t->variance[c][py][px], *vb = &t->variance[c][py + dy][px + dx];
             for (int x = 0; x < SPAN; x++) {
                 const float d = a[x] - b[x], v = va[x] + vb[x];
@@ -106,9 +106,12 @@ static void weigh(struct pell_denoise_tile *t)
             if (dx == 0 && dy == 0)
                 continue;
             weigh_pairs(t, dx, dy, weight);
-            for (int y = 0; y < TILE; y++)
+            for (int y = 0; y < TILE; y++) {
+                const int py = y + BORDER;
+                const float *sa = &t->share[py][BORDER], *sb = &t->share[py + dy][BORDER + dx];
                 for (int x = 0; x < TILE; x++)
-                    t->sum[y][x] += weight[y][x];
+                    t->sum[y][x] += weight[y][x] * (sa[x] > sb[x] ? sb[x] / sa[x] : 1.0f);
+            }
         }
 }
 
@@ -125,11 +128,12 @@ static void move(struct pell_denoise_tile *t)
             for (int y = 0; y < TILE; y++) {
                 const int py = y + BORDER;
                 const float *wa = &t->total[py][BORDER], *wb = &t->total[py + dy][BORDER + dx];
+                const float *sa = &t->share[py][BORDER], *sb = &t->share[py + dy][BORDER + dx];
                 float share[TILE];
                 for (int x = 0; x < TILE; x++)
-                    share[x] = weight[y][x] / (wa[x] > wb[x] ? wa[x] : wb[x]);
+                    share[x] = weight[y][x] * (sa[x] < sb[x] ? sa[x] : sb[x]) / (wa[x] > wb[x] ? wa[x] : wb[x]);
                 for (int c = 0; c < 3; c++) {
-                    const float *a = &t->color[c][py][BORDER], *b = &t->color[c][py + dy][BORDER + dx];
+                    const float *a = &t->light[c][py][BORDER], *b = &t->light[c][py + dy][BORDER + dx];
                     for (int x = 0; x < TILE; x++)
                         t->moved[c][y][x] += share[x] * (b[x] - a[x]);
                 }

@@ -16,13 +16,14 @@
 
 /* Features of a pixel, each divided by the difference that halves a weight or so; depth, of which the logarithm is taken, may differ by
  * more where it is steep. */
-enum { NORMAL, ALBEDO = 3, ALPHA = 6, TRANSLUCENT, DEPTH, FEATURES };
+enum { NORMAL, ALBEDO = 3, DEPTH = 6, FEATURES };
 
 struct pell_denoise_tile {
-    float color[3][WIDE][WIDE], variance[3][WIDE][WIDE];
+    float light[3][WIDE][WIDE], variance[3][WIDE][WIDE]; /* scattered light of what is translucent in a pixel, as if that filled it */
+    float share[WIDE][WIDE];                             /* of the pixel that is translucent */
     float feature[FEATURES][WIDE][WIDE];
     float steep[WIDE][WIDE]; /* change of DEPTH from a pixel to the next */
-    float valid[WIDE][WIDE]; /* 1 where the pixel is in the picture and translucent, so that it has noise, else 0 */
+    float valid[WIDE][WIDE]; /* 1 where the pixel is in the picture and its share is not 0, so that it has noise, else 0 */
     float total[WIDE][WIDE]; /* W; of the second pass */
     float moved[3][TILE][TILE], sum[TILE][TILE];
 };
@@ -30,7 +31,7 @@ struct pell_denoise_tile {
 struct pell_denoise_kernels {
     /* Of the tile's own pixels: sum = W. */
     void (*weigh)(struct pell_denoise_tile *tile);
-    /* moved = what p' has more than p. */
+    /* moved = what p' has more than p, of the whole pixel. */
     void (*move)(struct pell_denoise_tile *tile);
 };
 
