@@ -225,6 +225,8 @@ struct pell_load_params {
     const char *environment;  /* equirectangular image that replaces the file's lights, and is seen behind the objects; not with `studio` */
     double environment_scale; /* factor of its radiance; 0: 1 */
     double environment_rotate_deg; /* about the y axis, as in a scene file */
+    const char *normals;           /* file: as the mesh files have them; smooth: made anew, with creases where triangles meet at more than
+                                    * 60 degrees; NULL: as a scene file says, else file */
     const char *background;        /* environment, transparent, white, grey, black or "#RRGGBB" (sRGB); NULL: as in the file */
 };
 
@@ -260,6 +262,7 @@ struct pell_object_report {
     double volume_mm3, area_mm2;
     double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 if open */
     bool holds_camera;   /* closed, and the first camera is inside it */
+    bool faceted;        /* its normals are those of flat triangles, though most of them meet at less than 60 degrees */
     int coincident;      /* index of an earlier object with exactly the same surface; -1: none */
 };
 

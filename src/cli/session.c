@@ -293,6 +293,7 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
                                           .camera = cli->camera,
                                           .allow_outside = cli->allow_outside,
                                           .up = cli->up,
+                                          .normals = cli->normals,
                                           .from = cli->from,
                                           .studio = cli->studio,
                                           .environment = cli->environment,

@@ -13,6 +13,7 @@ enum kind {
     INWARD,
     HOLLOW,
     DEGENERATE,
+    FACETED,
     COINCIDENT,
     CAMERA,
     NO_UV,
@@ -53,6 +54,7 @@ static const char *const kinds[KINDS] = {
     [INWARD] = "objects with inverted normals",
     [HOLLOW] = "objects that enclose no volume",
     [DEGENERATE] = "objects with triangles without an area",
+    [FACETED] = "objects with the normals of flat triangles",
     [COINCIDENT] = "objects that lie where another does",
     [CAMERA] = "objects that hold the camera",
     [NO_UV] = "meshes without the texture coordinates that their materials need",
@@ -193,6 +195,9 @@ static enum pell_result judge(struct check *k, const struct pell_topology *t, co
                      o->degenerate_triangles == 1 ? pell_counted(o->triangles, "triangle has", "triangles has").str
                                                   : pell_counted(o->triangles, "triangle have", "triangles have").str,
                      o->degenerate_triangles == o->triangles ? ": the object is invisible" : ""));
+    if (o->faceted)
+        PELL_TRY(
+            add(k, FACETED, PELL_SEVERITY_NOTE, where, "has the normals of its flat triangles, which show: --normals smooth rounds it"));
     if (o->holds_camera)
         PELL_TRY(add(k, CAMERA, PELL_SEVERITY_WARNING, where, "holds the camera: what is seen is its inner side"));
     if (path > size && !pell_object_is_hollow(o))
@@ -346,6 +351,7 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
         o->material = k->scene->meshes[meshes[0]].material;
         pell_topology_parts(&t, k->scene, parts);
         measure(&t, parts, o);
+        o->faceted = pell_is_faceted(k->scene, &t);
         o->holds_camera = o->closed && holds_camera(k->scene, &t, parts);
         k->report->triangles += o->triangles;
         res = pell_cancelled(k->ctx) ? PELL_ERR_CANCELLED : judge(k, &t, o);

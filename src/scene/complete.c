@@ -375,7 +375,7 @@ static enum pell_result make_topology(struct pell_scene *scene, const uint32_t *
     return pell_topology_make(t, scene, meshes, count);
 }
 
-static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count)
+static enum pell_result complete_object(struct pell_scene *scene, const uint32_t *meshes, size_t count, bool quiet)
 {
     enum pell_result (*const turn[])(struct pell_scene *, const struct pell_topology *, const char *, bool *) = { pell_even_winding,
                                                                                                                   pell_turn_outward };
@@ -396,6 +396,8 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
             res = pell_topology_make(&t, scene, meshes, count);
         }
     }
+    if (res == PELL_OK && !quiet && pell_is_faceted(scene, &t))
+        pell_info(scene->ctx, where.str, "has the normals of its flat triangles, which show: --normals smooth rounds it");
     if (res == PELL_OK)
         res = pell_make_normals(scene, &t);
     pell_topology_finish(&t);
@@ -404,7 +406,7 @@ fail:
     return res;
 }
 
-static enum pell_result complete_objects(struct pell_scene *scene)
+static enum pell_result complete_objects(struct pell_scene *scene, bool quiet)
 {
     uint32_t *order = pell_alloc_array(scene->ctx, scene->num_meshes, sizeof(*order));
     uint32_t *scratch = pell_alloc_array(scene->ctx, scene->num_meshes, sizeof(*scratch));
@@ -416,7 +418,7 @@ static enum pell_result complete_objects(struct pell_scene *scene)
     for (size_t i = 0, end; i < scene->num_meshes; i = end) {
         for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
             ;
-        PELL_TRY(complete_object(scene, order + i, end - i));
+        PELL_TRY(complete_object(scene, order + i, end - i, quiet));
     }
     res = PELL_OK;
 
@@ -562,7 +564,7 @@ enum pell_result pell_scene_finish(struct pell_scene *scene, const struct pell_l
         goto fail;
     }
     PELL_TRY(check_size(scene));
-    PELL_TRY(complete_objects(scene));
+    PELL_TRY(complete_objects(scene, !params || params->bare));
     PELL_TRY(complete_tangents(scene));
     if (pell_cancelled(scene->ctx)) {
         res = PELL_ERR_CANCELLED;

@@ -72,10 +72,12 @@ static enum pell_result check_animated(const struct pell_scene *scene, const str
     return PELL_OK;
 }
 
-enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const char *path, const uint8_t *data, size_t size,
+enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const char *path, const uint8_t *data, size_t size,
                                        struct pell_scene **out)
 {
-    const struct pell_load_params *params = loader->params;
+    const struct pell_load_params *params = given->params;
+    struct pell_loader chosen = *given;
+    const struct pell_loader *loader = &chosen;
     const struct pell_scale scale = { params->mm_per_unit, params->size_mm, params->size_mm > 0.0 ? "--size" : "--unit" };
     struct pell_extras extras = { .ground_material = -1 };
     struct pell_moment moment = { 0 };
@@ -85,6 +87,8 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *loader, const c
 
     *out = NULL;
     PELL_TRY(pell_viewpoint_read(loader->ctx, params, &extras.view));
+    if (params->normals)
+        PELL_TRY(pell_normals_read(given->ctx, PELL_ERR_INVALID, "--normals", params->normals, &chosen.smooth));
     PELL_TRY(pell_surroundings_read(loader->ctx, params, &extras.surroundings));
     if (!(fabs(params->time) <= 1e9))
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--time", NULL, "is %g, must be in [-1e9, 1e9] seconds", params->time);

@@ -88,6 +88,7 @@ struct pell_loader {
     const char *root;
     enum pell_result (*read)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
     void *user;
+    bool smooth;        /* the normals of mesh files are made anew */
     bool is_scene_file; /* the bytes are a scene file's, whatever the path's name */
     /* Whether the scene file says what a mesh file's material of this name is; NULL: it does not, or there is none. */
     bool (*defines)(const void *of, const char *material);
@@ -157,6 +158,8 @@ struct pell_topology;
 /* Gives the meshes of one object, which `topology` describes, the normals that they lack. Meshes without any get creases where faces
  * meet at more than 60 degrees. */
 PELL_NODISCARD enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_topology *topology);
+/* Whether the normals of an object show its triangles where normals made anew would hide them. */
+bool pell_is_faceted(const struct pell_scene *scene, const struct pell_topology *topology);
 /* Tangents along UV set `uv`. */
 PELL_NODISCARD enum pell_result pell_make_tangents(struct pell_scene *scene, size_t mesh, int uv);
 
@@ -168,6 +171,9 @@ PELL_NODISCARD enum pell_result pell_viewpoint_read(struct pell_context *ctx, co
 /* A side, or azimuth and elevation in degrees, as "--from" takes them; a studio's name. `code` if there is none such. */
 PELL_NODISCARD enum pell_result pell_side_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                                struct pell_viewpoint *view);
+/* "file" or "smooth". */
+PELL_NODISCARD enum pell_result pell_normals_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
+                                                  bool *smooth);
 PELL_NODISCARD enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                                  int *studio);
 /* A camera that looks along -z and frames the bounds. */
@@ -190,6 +196,7 @@ PELL_NODISCARD enum pell_result pell_surroundings_read(struct pell_context *ctx,
 const char *pell_side_name(size_t i);
 const char *pell_studio_name(size_t i);
 const char *pell_axis_name(size_t i);
+const char *pell_normals_name(size_t i);
 const char *pell_background_name(size_t i);
 /* A background's name or colour as a text; `code` with the names that there are, if it is neither. */
 PELL_NODISCARD enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,

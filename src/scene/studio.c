@@ -154,10 +154,16 @@ const char *pell_studio_name(size_t i)
 }
 
 static const char *const axes[] = { "y", "z" };
+static const char *const normals_from[] = { "file", "smooth" };
 
 const char *pell_axis_name(size_t i)
 {
     return i < PELL_COUNT(axes) ? axes[i] : NULL;
+}
+
+const char *pell_normals_name(size_t i)
+{
+    return i < PELL_COUNT(normals_from) ? normals_from[i] : NULL;
 }
 
 static void list_names(struct pell_text *hint, const char *const *names, size_t count, const char *more)
@@ -221,6 +227,15 @@ fail:
 enum pell_result pell_studio_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text, int *studio)
 {
     return choose(ctx, code, where, text, studio_names, PELL_COUNT(studio_names), "", studio);
+}
+
+enum pell_result pell_normals_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text, bool *smooth)
+{
+    int index = 0;
+    const enum pell_result res = choose(ctx, code, where, text, normals_from, PELL_COUNT(normals_from), "", &index);
+
+    *smooth = res == PELL_OK && index == 1;
+    return res;
 }
 
 enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell_load_params *params, struct pell_viewpoint *view)

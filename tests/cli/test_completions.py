@@ -24,6 +24,7 @@ CASES = [ # words, what must be offered, what must not
     (['render', 'a.obj', '--studio', 'r'], {'rim'}, {'right', 'soft'}),
     (['view', 'a.obj', '--background', 'gr'], {'grey'}, {'white'}),
     (['check', 'a.obj', '--up', ''], {'y', 'z'}, {'mars.json'}),
+    (['render', 'a.obj', '--normals', ''], {'file', 'smooth'}, {'mars.json'}),
     (['render', 'a.obj', '--engine', 'vu'], {'vulkan'}, {'cpu'}),
     (['render', 'a.obj', '--profile', 'pho'], {'photon-beam'}, {'dipole'}),
     (['render', 'a.obj', '--tonemap', ''], {'filmic'}, {'aces'}),

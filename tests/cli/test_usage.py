@@ -78,6 +78,7 @@ FAULTS = {
     'a time that is not a number': ([*MESH, '--time', 'nan'], 2, '--time', ''),
     'a camera that is not there': ([*MESH, '--camera', 'front'], 2, 'front', ''),
     'an axis that is not there': ([*MESH, '--up', 'w'], 2, '--up', ''),
+    'normals that are not there': ([*MESH, '--normals', 'smoth'], 2, 'smoth', 'smooth'),
     'a side that is not there': ([*MESH, '--from', 'frond'], 2, 'frond', 'front'),
     'a side that is far from every name': ([*MESH, '--from', 'qwertz'], 2, 'qwertz', SIDES),
     'a side that is near a name, and the others': ([*MESH, '--from', 'frond'], 2, '"frond"', 'top, 34, or AZIMUTH,ELEVATION'),

@@ -73,6 +73,65 @@ static void a_sphere_is_smooth_however_its_vertices_are_split(void **state)
     }
 }
 
+/* A sphere of triangles of their own, each with the normal of its plane: as programs write them that shade flat. */
+static char *faceted_sphere(int rings)
+{
+    char *soup = sphere_obj(rings, 20.0, true, false), *out = NULL, *line = soup;
+    size_t size;
+    FILE *file = open_memstream(&out, &size);
+    struct pell_vec3 p[3];
+    int corners = 0, triangles = 0;
+
+    for (char *next; *line; line = next) {
+        const int k = corners % 3;
+        next = line + strcspn(line, "\n") + 1;
+        if (sscanf(line, "v %f %f %f", &p[k].x, &p[k].y, &p[k].z) != 3)
+            continue;
+        fprintf(file, "v %.9g %.9g %.9g\n", (double) p[k].x, (double) p[k].y, (double) p[k].z);
+        corners++;
+        if (k == 2) {
+            const struct pell_vec3 n = vec3_normalize(vec3_cross(vec3_sub(p[1], p[0]), vec3_sub(p[2], p[0])));
+            triangles++;
+            fprintf(file, "vn %.9g %.9g %.9g\n", (double) n.x, (double) n.y, (double) n.z);
+            fprintf(file, "f %d//%d %d//%d %d//%d\n", 3 * triangles - 2, triangles, 3 * triangles - 1, triangles, 3 * triangles, triangles);
+        }
+    }
+    fclose(file);
+    free(soup);
+    return out;
+}
+
+static void facets_are_told_of_and_smoothed_on_demand(void **state)
+{
+    const struct pell_load_params smooth = { .mm_per_unit = 1.0, .bare = true, .normals = "smooth" },
+                                  as_is = { .mm_per_unit = 1.0, .bare = true, .normals = "file" };
+    char *soup = faceted_sphere(16), *round = sphere_obj(16, 20.0, false, false);
+    const struct {
+        const char *text;
+        const struct pell_load_params *params;
+        bool sphere, flat;
+    } cases[] = { { soup, &bare_mm, true, true },   { soup, &as_is, true, true },     { soup, &smooth, true, false },
+                  { round, &bare_mm, true, false }, { CUBE, &bare_mm, false, false }, { CUBE, &smooth, false, false } };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(cases); i++) {
+        struct pell_scene *s = load(cases[i].text, cases[i].params, NULL);
+        struct pell_scene_report report;
+        bool told = false;
+        assert_int_equal(pell_scene_check(s, &report), PELL_OK);
+        for (size_t k = 0; k < report.num_problems; k++)
+            told |= strstr(report.problems[k].what, "--normals smooth") != NULL;
+        assert_int_equal(report.objects[0].faceted, cases[i].flat);
+        assert_int_equal(told, cases[i].flat);
+        pell_scene_report_finish(s->ctx, &report);
+        if (cases[i].sphere)
+            assert_int_equal(sphere_error(&s->meshes[0]) > 0.05, cases[i].flat);
+        finish(s);
+    }
+    free(soup);
+    free(round);
+}
+
 static struct pell_vec3 normal_at_origin(const char *text)
 {
     struct pell_scene *s = load(text, &bare_mm, NULL);
@@ -905,6 +964,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_cube_keeps_flat_faces),
         cmocka_unit_test(a_sphere_is_smooth_however_its_vertices_are_split),
+        cmocka_unit_test(facets_are_told_of_and_smoothed_on_demand),
         cmocka_unit_test(normals_weigh_faces_by_area_times_angle),
         cmocka_unit_test(degenerate_triangles_do_not_hurt),
         cmocka_unit_test(what_is_too_far_for_its_size_is_told),

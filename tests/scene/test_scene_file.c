@@ -1004,7 +1004,7 @@ static const char *const good[] = {
     SCENE(",\"materials\":{\"*\":{\"skin\":{\"melanin\":0.1,\"melanin_blend\":0.5,\"haemoglobin\":0.02,\"oxygenation\":0.7}}}"),
     "{\"$schema\":\"scene.schema.json\",\"pellucid\":1,\"meshes\":[\"cube.obj\",{\"path\":\"cube.obj\",\"unit\":\"1 "
     "cm\",\"translate\":[0,\"-5mm\",\"0cm\"],"
-    "\"rotate_deg\":[1,2,3],\"scale\":-2,\"material\":\"apple\",\"object\":\"fruit\"}],\"size\":\"7e-2m\"}",
+    "\"rotate_deg\":[1,2,3],\"scale\":-2,\"material\":\"apple\",\"object\":\"fruit\",\"normals\":\"smooth\"}],\"size\":\"7e-2m\"}",
     "{\"pellucid\":1,\"mesh\":\"walk.gltf\",\"time\":1.5,\"animation\":\"stand\"}",
     SCENE(",\"time\":0,\"camera\":{\"from\":[0,0,9],\"to\":[1,1,1],\"up\":[0,1,0],\"ortho_height\":\"5cm\",\"focus\":3,\"f_number\":2.8}"),
     SCENE(",\"camera\":{\"side\":\"front\"},\"lights\":[{\"studio\":\"back\"}],\"background\":\"#00ff00\""),

@@ -398,11 +398,8 @@ static json_t *choices_json(const char *const *formats)
     static const struct {
         const char *option;
         const char *(*name)(size_t);
-    } rows[] = { { "up", pell_axis_name },
-                 { "from", pell_side_name },
-                 { "studio", pell_studio_name },
-                 { "background", pell_background_name },
-                 { "model", model_name } };
+    } rows[] = { { "up", pell_axis_name },       { "normals", pell_normals_name },       { "from", pell_side_name },
+                 { "studio", pell_studio_name }, { "background", pell_background_name }, { "model", model_name } };
     static const char *const switches[] = { "on", "off", NULL };
     const struct pell_knob *const tables[] = { pell_settings_knobs(), pell_compare_knobs() };
     char key[64];

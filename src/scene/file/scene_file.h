@@ -63,6 +63,14 @@ extern const struct pell_scene_keys pell_light_keys[PELL_LIGHT_KINDS];
 /* "lights" of the root. */
 PELL_NODISCARD enum pell_result pell_scene_lights(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras);
 
+/* --- file/meshes.c ---------------------------------------------------------------------------------------------------------- */
+
+enum { PELL_MESH_KEYS = 9 };
+extern const char *const pell_mesh_keys[PELL_MESH_KEYS];
+
+/* "mesh" or "meshes" of the root. */
+PELL_NODISCARD enum pell_result pell_scene_meshes(struct pell_scene_reader *r, const struct pell_json *root);
+
 /* --- file/maps.c ------------------------------------------------------------------------------------------------------------ */
 
 enum { PELL_TEXTURE_KEYS = 8 };

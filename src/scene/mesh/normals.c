@@ -8,6 +8,10 @@
 #include <string.h>
 
 #define COS_CREASE 0.5f
+#define COS_SAME 0.9999f /* 0.8 degrees */
+#define COS_BENT 0.9994f /* 2 degrees */
+#define FACETED 0.9      /* of an object's triangles, whose normals are their own */
+#define FEWEST_ROUND 60  /* edges; most low polyhedra are meant to be flat */
 #define COPY 0x80000000u /* marks the number of a copy among vertex indices, which are below 2^31 */
 
 struct normals {
@@ -251,6 +255,37 @@ static void fill_gaps(struct normals *n)
             if (is_zero(mesh->normal + 3 * (size_t) i))
                 vec3_store(vec3(0, 0, 1), mesh->normal + 3 * (size_t) i);
     }
+}
+
+/* Whether the three normals of a triangle are its own. */
+static bool is_flat(const struct pell_scene *scene, const struct pell_topology *t, size_t m, uint32_t i)
+{
+    const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
+    const struct pell_vec3 face = vec3_normalize(vec3_load(t->face + 3 * ((size_t) t->first_triangle[m] + i)));
+    bool flat = true;
+
+    for (int k = 0; k < 3; k++)
+        flat &= vec3_dot(face, vec3_normalize(vec3_load(mesh->normal + 3 * (size_t) mesh->index[3 * (size_t) i + k]))) > COS_SAME;
+    return flat;
+}
+
+bool pell_is_faceted(const struct pell_scene *scene, const struct pell_topology *t)
+{
+    uint32_t flat = 0, edges = 0, round = 0;
+
+    for (size_t m = 0; m < t->num_meshes; m++)
+        for (uint32_t i = 0; i < scene->meshes[t->mesh[m]].num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
+            flat += is_flat(scene, t, m, i);
+    if ((double) flat < FACETED * (double) (t->num_triangles - t->num_degenerate))
+        return false;
+    for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(scene->ctx, edges); e = end, edges++) {
+        struct pell_vec3 a, b;
+        end = pell_topology_edge(t, e);
+        a = vec3_normalize(vec3_load(t->face + 3 * (size_t) (t->half[e] / 3)));
+        b = vec3_normalize(vec3_load(t->face + 3 * (size_t) (t->half[end - 1] / 3)));
+        round += end - e == 2 && vec3_dot(a, b) > COS_CREASE && vec3_dot(a, b) < COS_BENT;
+    }
+    return round > FEWEST_ROUND && 2 * (uint64_t) round > edges;
 }
 
 enum pell_result pell_make_normals(struct pell_scene *scene, const struct pell_topology *t)
