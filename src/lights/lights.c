@@ -280,6 +280,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
     for (size_t i = 0; i < scene->num_lights; i++)
         environments += scene->lights[i].type == PELL_LIGHT_ENVIRONMENT;
 
+    lights->simd = pell_simd_best();
     lights->parts = pell_calloc(ctx, scene->num_meshes ? scene->num_meshes : 1, sizeof(*lights->parts));
     lights->eta_slot = lights->parts ? pell_calloc(ctx, scene->num_materials ? scene->num_materials : 1, 1) : NULL;
     lights->environments = lights->eta_slot ? pell_calloc(ctx, environments ? environments : 1, sizeof(*lights->environments)) : NULL;

@@ -63,6 +63,7 @@ struct pell_environment {
 
 struct pell_lights {
     struct pell_context *ctx;
+    enum pell_simd_level simd; /* that light is computed by */
     struct pell_light_source *sources;
     struct pell_light_data *data; /* of each light */
     size_t num_sources, capacity;

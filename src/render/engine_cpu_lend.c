@@ -46,29 +46,41 @@ static const struct pell_light_grid *cpu_light_grid(void *engine, size_t light)
     return e->lights ? pell_lights_grid(e->lights, light) : NULL;
 }
 
-static void cpu_transmitted(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3])
+static void ask_first(int count, int32_t ask[16])
 {
-    const struct pell_cpu *e = engine;
-    struct pell_indirect_inside inside = { .thick = { 0.0f } };
-
-    if (e->through && !e->whole)
-        pell_indirect_look(e->through, mesh, triangle, u, v, &inside);
-    for (int c = 0; c < 3; c++)
-        share[c] = (1.0f - inside.thick[c]) * (1.0f - inside.solved[c]);
+    for (int i = 0; i < 16; i++)
+        ask[i] = -(int32_t) (i < count);
 }
 
-static void cpu_returned(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3])
+static void cpu_transmitted(void *engine, const struct pell_points16 *points, int count, float share[3][16])
 {
     const struct pell_cpu *e = engine;
-    struct pell_curvature_effect effect = { .returned = { 1.0f, 1.0f, 1.0f } };
-    struct pell_indirect_inside inside = { .thick = { 0.0f } };
+    struct pell_indirect_insides inside = { .thick = { { 0.0f } } };
+    int32_t ask[16];
 
-    if (e->curvature)
-        pell_curvature_effect_at(e->curvature, mesh, triangle, u, v, &effect);
-    if (e->through)
-        pell_indirect_look(e->through, mesh, triangle, u, v, &inside);
+    ask_first(count, ask);
+    if (e->through && !e->whole)
+        pell_indirect_look(e->through, points, ask, &inside);
     for (int c = 0; c < 3; c++)
-        share[c] = 1.0f + (1.0f - inside.solved[c]) * (effect.returned[c] - 1.0f);
+        for (int i = 0; i < 16; i++)
+            share[c][i] = (1.0f - inside.thick[c][i]) * (1.0f - inside.solved[c][i]);
+}
+
+static void cpu_returned(void *engine, const struct pell_points16 *points, int count, float share[3][16])
+{
+    const struct pell_cpu *e = engine;
+    struct pell_indirect_insides inside = { .thick = { { 0.0f } } };
+    struct pell_curvature_effects effects;
+    int32_t ask[16];
+
+    ask_first(count, ask);
+    if (e->curvature)
+        pell_curvature_effects_at(e->curvature, points, ask, &effects);
+    if (e->through)
+        pell_indirect_look(e->through, points, ask, &inside);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < 16; i++)
+            share[c][i] = e->curvature ? 1.0f + (1.0f - inside.solved[c][i]) * (effects.returned[c][i] - 1.0f) : 1.0f;
 }
 
 void pell_cpu_lend(void *engine, struct pell_services *services)

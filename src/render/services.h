@@ -21,6 +21,7 @@
 struct pell_gpu;
 struct pell_gpu_buffer;
 struct pell_light_grid;
+struct pell_points16;
 struct pell_share;
 
 /* Buffers of a frame on a Vulkan device, as pellucid/vulkan.h has them. */
@@ -116,8 +117,8 @@ struct pell_services {
                             const struct pell_surface_light *out);
     const struct pell_light_batches *batches; /* NULL: none */
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
-    void (*transmitted)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
-    void (*returned)(void *engine, uint32_t mesh, uint32_t triangle, float u, float v, float share[3]);
+    void (*transmitted)(void *engine, const struct pell_points16 *points, int count, float share[3][16]);
+    void (*returned)(void *engine, const struct pell_points16 *points, int count, float share[3][16]);
 };
 
 /* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
@@ -145,6 +146,17 @@ struct pell_points16_light {
     float irradiance[3][16], position[3][16], normal[3][16], strength[16];
     bool there[16];
 };
+
+/* The surface at `count` pixels of a frame that has its hits; `number` is left. */
+static inline void pell_points16_of_pixels(const struct pell_frame *in, const ptrdiff_t *at, int count, struct pell_points16 *p)
+{
+    for (int i = 0; i < count; i++) {
+        p->mesh[i] = in->mesh[at[i]];
+        p->triangle[i] = in->triangle[at[i]];
+        p->u[i] = in->barycentric[0][at[i]];
+        p->v[i] = in->barycentric[1][at[i]];
+    }
+}
 
 /* `ambient` may be NULL. */
 static inline struct pell_surface_points pell_points16_in(const struct pell_points16 *p, const float *ambient)
@@ -174,19 +186,19 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
     return pell_services_light_points(s, params, &in, (size_t) count, &out);
 }
 
-/* Share of what a slab transmits that a method adds at a point of a triangle, [0, 1], if it transmits by its plan: 0 where the engine knows
- * the light in the solid and adds it, 1 where it does not. */
-static inline void pell_services_transmitted(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v,
-                                             float share[3])
+/* Share of what a slab transmits that a method adds at the first `count` of the points, [0, 1], if it transmits by its plan: 0 where the
+ * engine knows the light in the solid and adds it, 1 where it does not. */
+static inline void pell_services_transmitted(const struct pell_services *s, const struct pell_points16 *points, int count,
+                                             float share[3][16])
 {
-    s->transmitted(s->engine, mesh, triangle, u, v, share);
+    s->transmitted(s->engine, points, count, share);
 }
 
-/* What a profile returns at a point of a triangle that is on a flat thin part, over what it returns of a half-space, for a method that adds
+/* What a profile returns at those of the points that are on a flat thin part, over what it returns of a half-space, for a method that adds
  * what goes between faces at an angle: 1 where diffusion in the solid was solved. */
-static inline void pell_services_returned(const struct pell_services *s, uint32_t mesh, uint32_t triangle, float u, float v, float share[3])
+static inline void pell_services_returned(const struct pell_services *s, const struct pell_points16 *points, int count, float share[3][16])
 {
-    s->returned(s->engine, mesh, triangle, u, v, share);
+    s->returned(s->engine, points, count, share);
 }
 
 /* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */

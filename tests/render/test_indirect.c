@@ -242,6 +242,35 @@ static void bits_are_those_of_any_number_of_threads_and_of_a_new_renderer(void *
     shot_free(&first);
 }
 
+/* What pixels read at the knots around them, of light between solids and inside of them, and of their shape, is read in vectors. */
+static void bits_are_those_of_any_level(void **state)
+{
+    static const char *const levels[] = { "base", "v2", "v3", "v4" }, *const knobs[] = { "gaussians=2", NULL };
+    struct shot first = { .data = NULL }, one;
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(levels); k++) {
+        struct stage s;
+        setenv("PELL_SIMD", levels[k], 1);
+        start_pit(&s, 2, NULL);
+        stage_ball(&s, 0, 3, vec3(0, 10, 8), 4.5f, 24);
+        s.settings.width = s.settings.height = 50;
+        s.settings.curvature = s.settings.opposed = s.settings.angles = true;
+        stage_method(&s, "screen-space", knobs);
+        one = shot_with(&s, 2);
+        shot_check(&one);
+        if (k > 0) {
+            assert_true(shot_equal(&first, &one));
+            shot_free(&one);
+        } else {
+            first = one;
+        }
+        stage_finish(&s);
+    }
+    unsetenv("PELL_SIMD");
+    shot_free(&first);
+}
+
 static void more_bounces_are_more_light_and_none_is_none(void **state)
 {
     static const int bounces[] = { 0, 1, 2, 8 };
@@ -701,6 +730,7 @@ int main(void)
         cmocka_unit_test(a_plate_lights_what_faces_it_and_lets_nothing_through),
         cmocka_unit_test(a_red_wall_reddens_the_floor_before_it),
         cmocka_unit_test(bits_are_those_of_any_number_of_threads_and_of_a_new_renderer),
+        cmocka_unit_test(bits_are_those_of_any_level),
         cmocka_unit_test(more_bounces_are_more_light_and_none_is_none),
         cmocka_unit_test(a_thin_wall_lets_indirect_light_out),
         cmocka_unit_test(what_lies_inside_a_solid_is_no_surface),

@@ -125,9 +125,10 @@ static float cell_middle(const struct conv_behind *b, int cell)
 }
 
 /* Share of a sample's light that planes bring. Faces that look where pixels do, to the camera or, past a rim, nearly so, send light along
- * the surface; others through the solid: by planes, that is the engine's where diffusion in the solid was solved. */
-static bool find_counts(const struct conv_sources *s, const struct pell_points16 *points, int i, struct pell_vec3 normal,
-                        struct pell_vec3 direction, float counts[3], float *along)
+ * the surface; others through the solid: by planes, that is the engine's where diffusion in the solid was solved; `transmitted`:
+ * pell_services_transmitted. */
+static bool find_counts(const struct conv_sources *s, const struct pell_points16 *points, const float transmitted[3][16], int i,
+                        struct pell_vec3 normal, struct pell_vec3 direction, float counts[3], float *along)
 {
     const float away = fminf(vec3_dot(normal, direction), 1.0f);
     float most = 0.0f;
@@ -135,10 +136,9 @@ static bool find_counts(const struct conv_sources *s, const struct pell_points16
     counts[0] = counts[1] = counts[2] = *along = 1.0f;
     if (away > 0.0f) {
         *along = 1.0f - away * away;
-        if (s->by_slab && s->by_slab[s->solids->solids[s->solids->of_mesh[points->mesh[i]]].material])
-            counts[0] = counts[1] = counts[2] = 0.0f;
-        else
-            pell_services_transmitted(s->services, points->mesh[i], points->triangle[i], points->u[i], points->v[i], counts);
+        for (int c = 0; c < 3; c++)
+            counts[c] =
+                s->by_slab && s->by_slab[s->solids->solids[s->solids->of_mesh[points->mesh[i]]].material] ? 0.0f : transmitted[c][i];
     }
     for (int c = 0; c < 3; c++) {
         counts[c] += *along * (1.0f - counts[c]);
@@ -147,23 +147,30 @@ static bool find_counts(const struct conv_sources *s, const struct pell_points16
     return most > LEAST_COUNT;
 }
 
-static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, float depth,
-                       const struct pell_points16 *points, const struct pell_points16_light *light)
+/* What was met, and what is known of it. */
+struct met {
+    struct pell_points16 points;
+    struct pell_points16_light light;
+    float transmitted[3][16]; /* pell_services_transmitted */
+    float depth[16];
+};
+
+static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, const struct met *met)
 {
     const struct conv_behind *b = &s->behind;
+    const struct pell_points16_light *light = &met->light;
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
     const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
-
     float counts[3], along;
 
-    if (!find_counts(s, points, i, n, c->direction[i], counts, &along))
+    if (!find_counts(s, &met->points, met->transmitted, i, n, c->direction[i], counts, &along))
         return;
     if (layer > 0 && !(light->irradiance[0][i] + light->irradiance[1][i] + light->irradiance[2][i] > 0.0f))
         along = 0.0f; /* one part of the object inside another, more likely than not: no surface that could be lit */
-    cover(s, depth, fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
+    cover(s, met->depth[i], fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);
-    b->depth[to] = depth;
-    b->group[to] = (uint16_t) (s->solids->of_mesh[points->mesh[i]] + 1);
+    b->depth[to] = met->depth[i];
+    b->group[to] = (uint16_t) (s->solids->of_mesh[met->points.mesh[i]] + 1);
     for (int k = 0; k < 3; k++) {
         b->light[k][to] = light->irradiance[k][i];
         b->counts[k][to] = counts[k];
@@ -215,9 +222,8 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
     }
     for (int layer = 0; layer < b->layers; layer++) {
-        struct pell_points16 points;
-        struct pell_points16_light light;
-        float depth[16], spacing = 0.0f;
+        struct met met;
+        float spacing = 0.0f;
         int there = 0;
         for (int i = 0; i < 16; i++) {
             hit.ray.tfar[i] = s->far_depth;
@@ -227,16 +233,16 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         pell_rays_closest16(s->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
             bool is = open[i] && hit.hit.mesh[i] < s->solids->num_meshes;
-            depth[i] = s->far_depth - hit.ray.tfar[i];
-            is = is && !is_seen(s, c, i, cell_y, &hit, depth[i]);
+            met.depth[i] = s->far_depth - hit.ray.tfar[i];
+            is = is && !is_seen(s, c, i, cell_y, &hit, met.depth[i]);
             open[i] = is ? -1 : 0;
             hit.ray.tnear[i] = hit.ray.tfar[i] + 2e-5f * s->far_depth;
-            points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
-            points.triangle[i] = hit.hit.triangle[i];
-            points.u[i] = hit.hit.u[i];
-            points.v[i] = hit.hit.v[i];
-            points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
-            spacing += is ? conv_pixel_at(s->in, depth[i]) * (float) b->step : 0.0f;
+            met.points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
+            met.points.triangle[i] = hit.hit.triangle[i];
+            met.points.u[i] = hit.hit.u[i];
+            met.points.v[i] = hit.hit.v[i];
+            met.points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
+            spacing += is ? conv_pixel_at(s->in, met.depth[i]) * (float) b->step : 0.0f;
             there += is;
         }
         if (there == 0)
@@ -245,10 +251,11 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             s->services,
             &(struct pell_points_params) {
                 .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples, .local = s->by_slab != NULL },
-            &points, NULL, 16, &light);
+            &met.points, NULL, 16, &met.light);
+        pell_services_transmitted(s->services, &met.points, 16, met.transmitted);
         for (int i = 0; i < c->count; i++)
-            if (open[i] && light.there[i] && s->solids->of_mesh[points.mesh[i]] >= 0)
-                put_sample(s, c, i, layer, cell_y, depth[i], &points, &light);
+            if (open[i] && met.light.there[i] && s->solids->of_mesh[met.points.mesh[i]] >= 0)
+                put_sample(s, c, i, layer, cell_y, &met);
     }
     return rays;
 }

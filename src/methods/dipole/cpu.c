@@ -318,10 +318,19 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
 static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, struct counts *counts)
 {
     const struct pell_frame *in = t->in;
+    struct pell_points16 points;
+    float share[3][16];
     int32_t solid[16];
     struct pixel p;
+    bool any = false;
 
     pell_solids_find(t->st->solids, t->st->services->rays, in, at, count, solid);
+    for (int i = 0; i < count; i++)
+        any |= solid[i] >= 0 && t->st->solid[solid[i]].is_opposed;
+    if (any) {
+        pell_points16_of_pixels(in, at, count, &points);
+        pell_services_returned(t->st->services, &points, count, share);
+    }
     p.counts = counts;
     for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
@@ -331,9 +340,8 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
                         vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), solid[i],
                         t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f,
                         reference_half_seed(in->seed, t->st->knobs.half), &p);
-            if (p.solid->is_opposed)
-                pell_services_returned(t->st->services, in->mesh[at[i]], in->triangle[at[i]], in->barycentric[0][at[i]],
-                                       in->barycentric[1][at[i]], p.returned);
+            for (int c = 0; c < 3 && p.solid->is_opposed; c++)
+                p.returned[c] = share[c][i];
             estimate(&p, own, light, standard_error);
         }
         for (int c = 0; c < 3; c++) {

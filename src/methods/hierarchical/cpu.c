@@ -406,17 +406,25 @@ struct frame_task {
 static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
 {
     const struct pell_frame *in = t->in;
+    struct pell_points16 points;
+    float share[3][16];
     int32_t solid[16];
+    bool any = false;
 
     pell_solids_find(t->st->solids, t->st->services->rays, in, at, count, solid);
+    for (int i = 0; i < count; i++)
+        any |= solid[i] >= 0 && t->st->solid[solid[i]].is_opposed;
+    if (any) {
+        pell_points16_of_pixels(in, at, count, &points);
+        pell_services_returned(t->st->services, &points, count, share);
+    }
     for (int i = 0; i < count; i++) {
         const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
         const float normal[3] = { in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
         float light[3] = { 0 }, returned[3] = { 1.0f, 1.0f, 1.0f };
-        if (solid[i] >= 0 && t->st->solid[solid[i]].is_opposed)
-            pell_services_returned(t->st->services, in->mesh[at[i]], in->triangle[at[i]], in->barycentric[0][at[i]],
-                                   in->barycentric[1][at[i]], returned);
+        for (int c = 0; c < 3 && solid[i] >= 0 && t->st->solid[solid[i]].is_opposed; c++)
+            returned[c] = share[c][i];
         if (solid[i] >= 0)
             gather(t->st, &t->st->solid[solid[i]], p, normal, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own,
                    returned, light);

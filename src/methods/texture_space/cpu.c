@@ -287,10 +287,22 @@ static void leave_chunk(void *arg, int chunk, int worker)
     const size_t first = (size_t) chunk * LEFT_CHUNK;
 
     (void) worker;
-    for (size_t i = first; i < first + LEFT_CHUNK && i < tsm->count; i++) {
+    for (size_t i = first; i < first + LEFT_CHUNK && i < tsm->count; i += 16) {
         struct ts_transmitted_texel *t = &tsm->texels[i];
-        const struct ts_triangle *of = &a->triangles[a->source[t->at]];
-        pell_services_transmitted(p->st->services, of->mesh, of->triangle, a->bary[0][t->at], a->bary[1][t->at], t->left);
+        const int count = tsm->count - i < 16 ? (int) (tsm->count - i) : 16;
+        struct pell_points16 points;
+        float left[3][16];
+        for (int k = 0; k < count; k++) {
+            const struct ts_triangle *of = &a->triangles[a->source[t[k].at]];
+            points.mesh[k] = of->mesh;
+            points.triangle[k] = of->triangle;
+            points.u[k] = a->bary[0][t[k].at];
+            points.v[k] = a->bary[1][t[k].at];
+        }
+        pell_services_transmitted(p->st->services, &points, count, left);
+        for (int k = 0; k < count; k++)
+            for (int c = 0; c < 3; c++)
+                t[k].left[c] = left[c][k];
     }
 }
 

@@ -3,6 +3,7 @@
  * cpu.c - the stage: patches of one object and material, the shape at their vertices, and what follows from it for light.
  */
 #include "render/curvature/internal.h"
+#include "render/curvature/kernel.h"
 
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
@@ -13,33 +14,17 @@
 
 #include <string.h>
 
-#define GAINS 257      /* of a material's tables: over curvatures from -limit to limit, and over thinness */
+#define GAINS CURVATURE_GAINS
 #define THICK 2e-3f    /* of what a half-space returns: parts are thin that let more through */
 #define THINNEST 1e-3  /* of the distance of averaging: thinner slabs count as this */
 #define CELLS_MOST 256 /* along an object's longest side */
 #define CHUNK 4096     /* vertices of a task */
 #define NO_PATCH UINT32_MAX
-#define SHIFT_MOST 0.3f /* so that no light from straight above turns negative */
-#define SHARE 0.95      /* of a profile: what lies inside the distance over which curvature is averaged */
-
-struct curvature_law {
-    bool there;
-    float step;    /* mm: the distance of averaging */
-    float limit;   /* 1/mm */
-    float path[3]; /* mean free path over index, mm */
-    struct bent {
-        float gain[3];
-        float opposed[3]; /* the same for profiles that are turned between faces at an angle */
-        float across[3];  /* what of it goes through a ball, over the profile's total */
-        float all[3];     /* all that a solid of this curvature returns, over the profile's total */
-    } bent[GAINS];
-    float farthest; /* mm: nothing gets through thicker parts */
-    /* Of a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T, and T. */
-    float slab[GAINS][3], through[GAINS][3];
-};
+#define SHARE 0.95 /* of a profile: what lies inside the distance over which curvature is averaged */
 
 struct pell_curvature {
     struct pell_context *ctx;
+    const struct curvature_kernels *kernels;
     const struct pell_scene *scene;
     struct curvature_law *law; /* per scene material */
     uint32_t *patch_of;        /* per mesh, or NO_PATCH */
@@ -127,7 +112,7 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
         for (int c = 0; c < 3; c++) {
             const double curvature = (double) law->limit * (2.0 * i / (GAINS - 1) - 1.0);
             const double gain = pell_curvature_gain(m->medium, c, &m->profile[c], curvature);
-            struct bent *bent = &law->bent[i];
+            struct curvature_bent *bent = &law->bent[i];
             bent->gain[c] = (float) gain;
             bent->opposed[c] = (float) pell_opposed_gain(&opposed, c, &m->profile[c], curvature, gain);
             bent->across[c] =
@@ -316,6 +301,7 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
         return PELL_ERR_NOMEM;
     k->ctx = k->grid.ctx = ctx;
     k->scene = scene;
+    k->kernels = curvature_kernels_tables[pell_simd_best()];
     k->law = pell_calloc(ctx, scene->num_materials, sizeof(*k->law));
     k->patch_of = pell_alloc_array(ctx, scene->num_meshes, sizeof(*k->patch_of));
     k->value = pell_calloc(ctx, scene->num_meshes, sizeof(*k->value));
@@ -374,78 +360,19 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, ui
     return shape;
 }
 
-/* Between two entries of a table over [0, GAINS - 1]. */
-static void look_up(const float table[GAINS][3], float x, float rgb[3])
+void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell_points16 *at, const int32_t *ask,
+                               struct pell_curvature_effects *out)
 {
-    const float at = smaller(larger(x, 0.0f), GAINS - 1.001f);
-    const int i = (int) at;
+    struct curvature_shapes s;
 
-    for (int c = 0; c < 3; c++)
-        rgb[c] = table[i][c] + (at - (float) i) * (table[i + 1][c] - table[i][c]);
-}
-
-static struct bent look_up_bent(const struct bent *table, float x)
-{
-    enum { N = sizeof(*table) / sizeof(float) };
-    const float at = smaller(larger(x, 0.0f), GAINS - 1.001f);
-    const int i = (int) at;
-    float here[N], next[N];
-    struct bent between;
-
-    memcpy(here, table + i, sizeof(here));
-    memcpy(next, table + i + 1, sizeof(next));
-    for (int k = 0; k < N; k++)
-        here[k] += (at - (float) i) * (next[k] - here[k]);
-    memcpy(&between, here, sizeof(between));
-    return between;
-}
-
-static float thin_place(const struct curvature_law *law, float thinness)
-{
-    return thinness * law->step / (1.0f + thinness * law->step) * (GAINS - 1);
-}
-
-void pell_curvature_effect_at(const struct pell_curvature *k, uint32_t mesh, uint32_t triangle, float u, float v,
-                              struct pell_curvature_effect *out)
-{
-    const struct pell_curvature_shape shape = pell_curvature_at(k, mesh, triangle, u, v);
-    const struct curvature_law *law = &k->law[mesh < k->scene->num_meshes ? k->scene->meshes[mesh].material : 0];
-    const float beyond = shape.thinness - larger(0.5f * shape.mean, 0.0f); /* what a ball of this curvature would not have */
-
-    float across[3] = { 0.0f };
-
-    *out = (struct pell_curvature_effect) { .gain = { 1.0f, 1.0f, 1.0f },
-                                            .local = { 1.0f, 1.0f, 1.0f },
-                                            .opposed = { 1.0f, 1.0f, 1.0f },
-                                            .opposed_local = { 1.0f, 1.0f, 1.0f },
-                                            .returned = { 1.0f, 1.0f, 1.0f } };
-    if (shape.mean != 0.0f) {
-        const float place = (shape.mean / law->limit + 1.0f) * (0.5f * (GAINS - 1));
-        const struct bent bent = look_up_bent(law->bent, place);
-        memcpy(out->gain, bent.gain, sizeof(bent.gain));
-        memcpy(out->opposed, bent.opposed, sizeof(bent.opposed));
-        memcpy(out->local, bent.all, sizeof(bent.all));
-        memcpy(across, bent.across, sizeof(bent.across));
-        for (int c = 0; c < 3; c++)
-            out->shift[c] = smaller(larger(shape.mean * law->path[c], -SHIFT_MOST), SHIFT_MOST);
+    for (int i = 0; i < 16; i++) {
+        struct pell_curvature_shape shape = { 0.0f, 0.0f };
+        const bool is = ask[i] && at->mesh[i] < k->scene->num_meshes;
+        if (is)
+            shape = pell_curvature_at(k, at->mesh[i], at->triangle[i], at->u[i], at->v[i]);
+        s.mean[i] = shape.mean;
+        s.thinness[i] = shape.thinness;
+        s.law[i] = &k->law[is ? k->scene->meshes[at->mesh[i]].material : 0];
     }
-    if (shape.thinness > 0.0f) {
-        const float sheet = larger(2.0f * beyond / shape.thinness - 1.0f, 0.0f); /* 0: balls and cylinders; 1: flat */
-        float slab[3] = { 1.0f, 1.0f, 1.0f }, through[3];
-        out->flat = sheet;
-        look_up(law->through, thin_place(law, shape.thinness), through);
-        if (beyond > 0.0f)
-            look_up(law->slab, thin_place(law, beyond), slab);
-        for (int c = 0; c < 3; c++) {
-            const float all = out->local[c] + sheet * (1.0f - out->local[c]);
-            out->local[c] = larger(all * slab[c] - through[c], 0.0f);
-            out->sheet[c] = sheet * through[c];
-            out->round[c] = through[c] - out->sheet[c];
-            out->returned[c] = smaller(1.0f + sheet * (out->local[c] - 1.0f), 1.0f);
-            out->opposed_local[c] = larger(all * slab[c] - larger(through[c], across[c]), 0.0f);
-        }
-    } else {
-        for (int c = 0; c < 3; c++)
-            out->opposed_local[c] = larger(out->local[c] - across[c], 0.0f);
-    }
+    k->kernels->effects(&s, out);
 }

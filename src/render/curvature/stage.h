@@ -11,6 +11,7 @@
 #define PELL_CURVATURE_H
 
 #include "base/pool.h"
+#include "render/services.h"
 #include "scene/scene.h"
 #include "visibility/rays.h"
 
@@ -34,8 +35,8 @@ struct pell_curvature_shape {
 };
 struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
 
-/* What it does to light that enters there. `gain`: factor of all of it, for methods that look for light at every distance through the
- * solid. `local`: the same for methods that spread all light around the place where it enters and add what thin parts let through by a
+/* What it does to light that enters at 16 points. `gain`: factor of all of it, for methods that look for light at every distance through
+ * the solid. `local`: the same for methods that spread all light around the place where it enters and add what thin parts let through by a
  * slab's T: what a ball of this curvature returns in all, times what a slab does that is thinner than the ball, less that T. Under even
  * light both add up to exact diffusion in a ball and in a slab. `opposed`: `gain` for methods that turn the profile between faces at an
  * angle (optics/medium/opposed.h), `opposed_local`: `local` for those that add what goes from face to face. `shift`: light that falls
@@ -44,11 +45,13 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curva
  * over a ball is as much. `sheet` and `round`: the slab's T that `local` is less by, over what a half-space returns, as far as the part is
  * flat, and as far as it is round. `returned`: of what a half-space returns, the share that leaves on the same side of a part
  * that is flat and thin; 1 of others. */
-struct pell_curvature_effect {
-    float gain[3], local[3], opposed[3], opposed_local[3], shift[3], sheet[3], round[3], returned[3];
-    float flat; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
+struct pell_curvature_effects {
+    _Alignas(64) float gain[3][16], local[3][16], opposed[3][16],
+        opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16];
+    float flat[16]; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
 };
-void pell_curvature_effect_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v,
-                              struct pell_curvature_effect *out);
+/* At points of triangles: mesh, triangle, u and v of `at`. Nothing happens to light where `ask` is 0. */
+void pell_curvature_effects_at(const struct pell_curvature *curvature, const struct pell_points16 *at, const int32_t *ask,
+                               struct pell_curvature_effects *out);
 
 #endif

@@ -93,6 +93,7 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     if (!in)
         return PELL_ERR_NOMEM;
     in->ctx = ctx;
+    in->kernels = indirect_blend_kernels_tables[pell_simd_best()];
     in->p = *params;
     if (params->like)
         borrow_samples(in, params->like);
@@ -292,26 +293,4 @@ enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool 
 
 fail:
     return res;
-}
-
-void pell_indirect_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3],
-                      float behind[3])
-{
-    const struct pell_scene *scene = in->p.scene;
-    uint32_t knot[3];
-    float weight[3];
-
-    memset(rgb, 0, 3 * sizeof(*rgb));
-    memset(behind, 0, 3 * sizeof(*behind));
-    if (mesh >= scene->num_meshes || triangle >= scene->meshes[mesh].num_triangles ||
-        (back && !scene->materials[scene->meshes[mesh].material].opaque))
-        return;
-    indirect_find(in, mesh, triangle, u, v, knot, weight);
-    for (int i = 0; i < 3; i++) {
-        const size_t value = indirect_value_of(in, mesh, knot[i], back);
-        for (int c = 0; c < 3; c++) {
-            rgb[c] += weight[i] * in->value[value][c];
-            behind[c] += in->behind ? weight[i] * in->behind[value][c] : 0.0f;
-        }
-    }
 }

@@ -5,6 +5,7 @@
 #ifndef RENDER_INDIRECT_INTERNAL_H
 #define RENDER_INDIRECT_INTERNAL_H
 
+#include "render/indirect/blend_kernel.h"
 #include "render/indirect/stage.h"
 #include "render/indirect/whole.h"
 
@@ -76,16 +77,18 @@ struct indirect_solid_light {
     float deep[3];   /* and how much of what is scaled, or added, comes from the depth */
 };
 
-/* At a value, what points blend. */
-#define INDIRECT_INSIDE 27
+/* At a value, what points blend; two lines of a cache. */
+#define INDIRECT_INSIDE 28
 union indirect_inside {
     struct pell_indirect_inside of;
-    float all[INDIRECT_INSIDE];
+    float all[32];
 };
-_Static_assert(sizeof(struct pell_indirect_inside) == INDIRECT_INSIDE * sizeof(float), "all of it");
+_Static_assert(sizeof(struct pell_indirect_inside) <= INDIRECT_INSIDE * sizeof(float), "all of it");
+_Static_assert(sizeof(struct pell_indirect_insides) == INDIRECT_INSIDE * sizeof(float[16]), "the same, of 16 points");
 
 struct pell_indirect {
     struct pell_context *ctx;
+    const struct indirect_blend_kernels *kernels;
     struct pell_indirect_params p;
 
     struct indirect_mesh *meshes;
@@ -113,8 +116,9 @@ struct pell_indirect {
     float (*gathered)[3], (*leaving)[3];
     float (*reflected)[3], (*before)[3]; /* light that enters after one reflection; what left a bounce ago. NULL as mirrored */
     float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
-    float (*value)[3];                   /* of values; NULL: p.through */
-    float (*behind)[3];                  /* of values: light of solids' other sides that leaves here, without the albedo. NULL as across */
+    float (*value)[4];                   /* of values, and 0; NULL: p.through */
+    float (*behind)[4];                  /* of values: light of solids' other sides that leaves here, without the albedo, and 0. NULL as
+                                          * across */
     union indirect_inside *inside;       /* of values; NULL: not p.through */
 };
 

@@ -84,18 +84,24 @@ struct pell_indirect_inside {
     float tilt[3][3]; /* of the light from the depth, see find_tilt in through.c; */
     float deep[3];    /* [0, 1]: how far it leaves as from parts that are thick */
 };
-void pell_indirect_look(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v,
-                        struct pell_indirect_inside *out);
+/* The same at 16 points. */
+struct pell_indirect_insides {
+    _Alignas(64) float thick[3][16], through[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], none[16];
+};
+/* At points of triangles: mesh, triangle, u and v of `at`; nothing where `ask` is 0. */
+void pell_indirect_look(const struct pell_indirect *indirect, const struct pell_points16 *at, const int32_t *ask,
+                        struct pell_indirect_insides *out);
 
 /* With `all`: scales `exitance`, what a method found at the surface's translucent pixels. `angle`: per scene material; NULL: light from the
  * depth leaves as it does from half-spaces. */
 void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_pool *pool, const struct pell_view *view,
                            const struct pell_angle *angle, const struct pell_surface *surface, float *const exitance[3]);
 
-/* Indirect light that enters at a point of a triangle, without its albedo: W/m^2. `back`: at the side from which the triangle's corners run
- * clockwise; translucent materials have none. `behind`: radiant exitance, by a slab's T, of indirect light that enters across a thin part
- * of the solid. A mesh or triangle that there is not has no light. */
-void pell_indirect_at(const struct pell_indirect *indirect, uint32_t mesh, uint32_t triangle, float u, float v, bool back, float rgb[3],
-                      float behind[3]);
+/* Indirect light that enters at points of triangles (mesh, triangle, u and v of `at`), without its albedo: W/m^2. `back`: not 0 at the side
+ * from which the triangle's corners run clockwise; translucent materials have none. `behind`: radiant exitance, by a slab's T, of indirect
+ * light that enters across a thin part of the solid; may be NULL. The fourth of both is 0. A mesh or triangle that there is not has no
+ * light. */
+void pell_indirect_at(const struct pell_indirect *indirect, const struct pell_points16 *at, const int32_t *back, float rgb[4][16],
+                      float behind[4][16]);
 
 #endif

@@ -246,36 +246,36 @@ static void environments(const struct job *job, struct packet *k)
 /* Whether a lane is seen from the side from which the corners of its triangle run clockwise. */
 static bool sees_back(const struct job *job, const struct packet *k, int i)
 {
-    const struct pell_mesh *mesh = &job->p->scene->meshes[job->p->surface->mesh[k->index[i]]];
+    const struct pell_mesh *mesh = &job->p->scene->meshes[k->points.mesh[i]];
     struct pell_vec3 corner[3];
 
-    pell_triangle_corners(mesh, job->p->surface->triangle[k->index[i]], corner);
+    pell_triangle_corners(mesh, k->points.triangle[i], corner);
     return vec3_dot(pell_triangle_cross(corner), vec3(k->lanes.gx[i], k->lanes.gy[i], k->lanes.gz[i])) < 0.0f;
 }
 
 static void add_indirect(const struct job *job, struct packet *k)
 {
-    const struct pell_surface *s = job->p->surface;
+    const bool passed = job->p->passed && !job->entering && !k->behind;
+    _Alignas(64) float rgb[4][PELL_LANES], behind[4][PELL_LANES];
+    int32_t back[PELL_LANES];
 
-    for (int i = 0; i < k->count; i++) {
-        const int32_t at = k->index[i];
-        float rgb[3], behind[3];
-        pell_indirect_at(job->p->indirect, s->mesh[at], s->triangle[at], s->barycentric[0][at], s->barycentric[1][at],
-                         k->lanes.opaque[i] && sees_back(job, k, i), rgb, behind);
-        for (int c = 0; c < 3; c++) {
-            k->sums.irradiance[c][i] += rgb[c] * k->lanes.enter_mean[c][i];
-            if (job->p->passed && !job->entering && !k->behind)
-                k->sums.transmitted[c][i] += behind[c];
+    for (int i = 0; i < PELL_LANES; i++)
+        back[i] = k->lanes.opaque[i] && sees_back(job, k, i);
+    pell_indirect_at(job->p->indirect, &k->points, back, rgb, passed ? behind : NULL);
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < PELL_LANES; i++) {
+            k->sums.irradiance[c][i] += rgb[c][i] * k->lanes.enter_mean[c][i];
+            if (passed)
+                k->sums.transmitted[c][i] += behind[c][i];
         }
-    }
 }
 
 /* --- The stage ---------------------------------------------------------------------------------------------------------------- */
 
 static void shade_side(const struct job *job, struct packet *k)
 {
-    struct gains gains;
-    struct inside inside;
+    struct pell_gains gains;
+    struct pell_inside inside;
 
     pell_prepare_side(job, k, &gains, &inside);
     if (k->given)
@@ -289,9 +289,9 @@ static void shade_side(const struct job *job, struct packet *k)
     if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
         add_indirect(job, k);
     if (job->p->curvature)
-        pell_scale_lanes(&gains, k);
+        pell_scale_lanes(job, &gains, k);
     if (job->p->through)
-        pell_add_inside(&inside, k);
+        pell_add_inside(job, &inside, k);
 }
 
 /* What the far side of thin sheets receives is transmitted. */
@@ -491,18 +491,27 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     atomic_fetch_add_explicit(&job->through_rays, k.through_rays, memory_order_relaxed);
 }
 
-static struct job job_of_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
+static struct job job_of(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
 {
     const struct pell_specular_tables *t = params->tables;
 
     return (struct job) {
         .p = params,
         .lights = lights,
-        .kernels = pell_shade_kernels_tables[pell_simd_best()],
+        .kernels = pell_shade_kernels_tables[lights->simd],
+        .inside = pell_inside_kernels_tables[lights->simd],
+        .sky = pell_sky_kernels_tables[lights->simd],
         .tables = { &t->albedo[0][0][0][0], t->boundaries[0].transmittance },
         .out = out,
-        .entering = true,
     };
+}
+
+static struct job job_of_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
+{
+    struct job job = job_of(lights, params, out);
+
+    job.entering = true;
+    return job;
 }
 
 /* False where there is no point. */
@@ -589,22 +598,15 @@ enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_ligh
                                         struct pell_lighting *out)
 {
     const struct pell_rect covered = params->surface->covered;
-    const struct pell_specular_tables *t = params->tables;
-    struct job job = {
-        .p = params,
-        .lights = lights,
-        .kernels = pell_shade_kernels_tables[pell_simd_best()],
-        .tables = { &t->albedo[0][0][0][0], t->boundaries[0].transmittance },
-        .out = out,
-        /* tiles lie on multiples of their size, so that packets don't depend on what else is in the picture */
-        .rect = { covered.x0 / TILE_W * TILE_W, covered.y0 / TILE_H * TILE_H, covered.x1, covered.y1 },
-    };
+    struct job job = job_of(lights, params, out);
     enum pell_result res = PELL_OK;
     int tiles;
 
     out->shadow_rays = out->device_rays = out->through_rays = 0;
     if (covered.x0 >= covered.x1 || covered.y0 >= covered.y1)
         return PELL_OK;
+    /* Tiles lie on multiples of their size, so that packets don't depend on what else is in the picture. */
+    job.rect = (struct pell_rect) { covered.x0 / TILE_W * TILE_W, covered.y0 / TILE_H * TILE_H, covered.x1, covered.y1 };
     job.columns = (job.rect.x1 - job.rect.x0 + TILE_W - 1) / TILE_W;
     tiles = job.columns * ((job.rect.y1 - job.rect.y0 + TILE_H - 1) / TILE_H);
     if (params->device)

@@ -36,8 +36,8 @@ uint32_t pell_send_packet(const struct job *job, struct packet *k, int samples)
 {
     const uint32_t each = pell_packet_points(k), first = pell_light_device_claim(job->p->device, each * (uint32_t) samples);
     struct pell_lit_point *points = pell_light_device_points(job->p->device) + first;
-    struct inside inside;
-    struct gains gains;
+    struct pell_inside inside;
+    struct pell_gains gains;
 
     pell_prepare_side(job, k, &gains, &inside); /* for the lanes' shift, and which of them light goes straight through to */
     for (int n = 0; n < samples; n++)

@@ -7,6 +7,7 @@
 #define RENDER_IRRADIANCE_INTERNAL_H
 
 #include "render/irradiance/device_data.h"
+#include "render/irradiance/inside_kernel.h"
 #include "render/irradiance/sky_kernel.h"
 #include "scene/material_maps.h"
 
@@ -14,6 +15,8 @@ struct job {
     const struct pell_irradiance_params *p;
     const struct pell_lights *lights;
     const struct pell_shade_kernels *kernels;
+    const struct pell_inside_kernels *inside;
+    const struct pell_sky_kernels *sky;
     struct pell_shade_tables tables;
     struct pell_lighting *out;
     bool entering;         /* only what enters is asked for: no highlights */
@@ -30,10 +33,11 @@ struct packet {
     struct pell_lanes lanes;
     struct pell_sums sums;
     struct pell_aim aim;
+    struct pell_points16 points; /* where curvature, or light inside of solids or from other surfaces, is looked for */
     _Alignas(64) int32_t index[16];
     uint32_t material[16];
     int32_t straight[16]; /* lanes for which transmitted light is sought straight through */
-    float flat[16];       /* share of the variance of a slab with which straight light spreads: struct pell_curvature_effect */
+    float flat[16];       /* share of the variance of a slab with which straight light spreads: struct pell_curvature_effects */
     float ambient[16];    /* visibility of the environment's smooth rest */
     int count;
     int64_t held;                            /* the material whose traits all lanes have; -1: none */
@@ -143,23 +147,13 @@ void pell_take_environment_transmitted(const struct job *job, struct packet *k);
 
 /* --- inside.c -------------------------------------------------------------------------------------------------------------------- */
 
-/* Factors of all light that enters, for the methods, and of what is scattered once below the surface. */
-struct gains {
-    float all[3][PELL_LANES], once[3][PELL_LANES];
-    float between[3][PELL_LANES]; /* `all` where what goes between faces is added */
-};
-
-/* What is known of light inside of the solids; 0 where nothing is. */
-struct inside {
-    float thick[3][PELL_LANES]; /* share of transmitted light that is `through`, and not sought straight */
-    float through[3][PELL_LANES], solved[3][PELL_LANES], light[3][PELL_LANES];
-};
-
+/* Fills in k->points, of surfaces that have their hits. */
+void pell_find_points(const struct job *job, struct packet *k);
 /* Before the lights are added up: what curvature does to light of a direction (lanes' shift), and for which lanes transmitted light is
  * sought straight through: not where light in the solid was solved, and that is better. */
-void pell_prepare_side(const struct job *job, struct packet *k, struct gains *gains, struct inside *inside);
+void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gains *gains, struct pell_inside *inside);
 /* Afterwards: what curvature does to all that enters, and what goes through solids otherwise. */
-void pell_scale_lanes(const struct gains *gains, struct packet *k);
-void pell_add_inside(const struct inside *in, struct packet *k);
+void pell_scale_lanes(const struct job *job, const struct pell_gains *gains, struct packet *k);
+void pell_add_inside(const struct job *job, const struct pell_inside *inside, struct packet *k);
 
 #endif

@@ -101,21 +101,30 @@ static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const 
     return some;
 }
 
-/* What curvature does at lane i, to out's point `at`. */
-static void find_gain(const struct pell_irradiance_params *params, const struct pell_points_params *what,
-                      const struct pell_ray_hit16 *packet, int i, bool is, size_t at, const struct pell_surface_light *out)
+/* What curvature does to out's points from `first` on. */
+static void find_gains(const struct pell_irradiance_params *params, const struct pell_points_params *what, const struct pell_hit16 *hit,
+                       uint32_t some, size_t first, size_t count, const struct pell_surface_light *out)
 {
-    struct pell_curvature_effect e;
+    struct pell_curvature_effects e;
+    struct pell_points16 points;
+    int32_t ask[16];
 
-    if (is && params->curvature)
-        pell_curvature_effect_at(params->curvature, packet->hit.mesh[i], packet->hit.triangle[i], packet->hit.u[i], packet->hit.v[i], &e);
-    for (int c = 0; c < 3; c++) {
-        out->gain[c][at] = is && params->curvature ? pell_irradiance_gain(params, &e)[c] : 1.0f;
-        if (out->transmission[c] && is && params->curvature && what->local) { /* what passes a round part leaves all around it */
-            out->transmission[c][at] += e.sheet[c];
-            out->gain[c][at] += e.round[c];
+    memcpy(points.mesh, hit->mesh, sizeof(points.mesh));
+    memcpy(points.triangle, hit->triangle, sizeof(points.triangle));
+    memcpy(points.u, hit->u, sizeof(points.u));
+    memcpy(points.v, hit->v, sizeof(points.v));
+    for (size_t i = 0; i < 16; i++)
+        ask[i] = -(int32_t) (params->curvature && some >> i & 1);
+    if (params->curvature)
+        pell_curvature_effects_at(params->curvature, &points, ask, &e);
+    for (size_t i = 0; i < count; i++)
+        for (int c = 0; c < 3; c++) {
+            out->gain[c][first + i] = ask[i] ? pell_irradiance_gain(params, &e)[c][i] : 1.0f;
+            if (out->transmission[c] && ask[i] && what->local) { /* what passes a round part leaves all around it */
+                out->transmission[c][first + i] += e.sheet[c][i];
+                out->gain[c][first + i] += e.round[c][i];
+            }
         }
-    }
 }
 
 /* 16 points, as pixels. */
@@ -210,11 +219,11 @@ static void tell16(const struct looked *l, const struct pell_points_params *what
             if (out->thinness)
                 out->thinness[first + i] = shape.thinness;
         }
-        if (out->gain[0])
-            find_gain(&l->one, what, &l->packet, (int) i, is, first + i, out);
         if (out->there)
             out->there[first + i] = is;
     }
+    if (out->gain[0])
+        find_gains(&l->one, what, &l->packet.hit, l->some, first, count, out);
 }
 
 /* Lights the points from `first` on, at most 16; `slot`: see pell_irradiance_take_points. Returns the number of rays. */

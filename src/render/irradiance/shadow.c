@@ -31,7 +31,7 @@ bool pell_ask_light_grid(const struct pell_light_source *source, struct packet *
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
                              float share[PELL_LANES])
 {
-    const struct pell_sky_kernels *kernels = pell_sky_kernels_tables[pell_simd_best()];
+    const struct pell_sky_kernels *kernels = job->sky;
     const uint32_t samples = (uint32_t) job->lights->ambient_samples, first = job->p->sample * samples;
     uint32_t number[2][1 << PELL_SKY_BITS];
     _Alignas(64) int32_t visible[PELL_LANES];

@@ -58,7 +58,7 @@ struct pell_irradiance_params {
     bool smooth;                                         /* boundary: Fresnel's F_t in place of rho_dt */
     const struct pell_curvature *curvature;              /* scales what enters translucent surfaces, which have their hits then. NULL:
                                                                * nothing is scaled */
-    bool local;                                          /* with `curvature`: as struct pell_curvature_effect has it for methods that add
+    bool local;                                          /* with `curvature`: as struct pell_curvature_effects has it for methods that add
                                                                * transmitted light */
     bool opposed;                                        /* the same for methods that turn the profile between faces at an angle */
     bool flat;                                           /* what curvature scales light by is left out */
@@ -75,8 +75,8 @@ struct pell_irradiance_params {
     uint32_t seed;
 };
 
-/* By what curvature scales the light that enters. */
-static inline const float *pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effect *e)
+/* By what curvature scales the light that enters, of R, G and B at 16 points. */
+static inline const float (*pell_irradiance_gain(const struct pell_irradiance_params *p, const struct pell_curvature_effects *e))[16]
 {
     return p->local ? e->local : p->opposed ? e->opposed : e->gain;
 }

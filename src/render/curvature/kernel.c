@@ -1,0 +1,102 @@
+/* SPDX-License-Identifier: MIT
+ * kernel.c - see kernel.h: places in the tables, what lies there, and the arithmetic, each of 16 lanes. */
+#include "render/curvature/kernel.h"
+
+#include "math/scalar.h"
+#include "render/rows16.h"
+
+#ifndef PELL_SIMD_NAME
+#define PELL_SIMD_NAME base
+#endif
+
+#define N 16
+#define LAST (CURVATURE_GAINS - 1)
+#define SHIFT_MOST 0.3f /* so that no light from straight above turns negative */
+enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
+
+/* What the laws say of each lane's shape. `slab` and `through`: 1 and 0 where nothing is thin. */
+struct looked {
+    _Alignas(64) float bent[BENT][N]; /* struct curvature_bent */
+    float slab[SLAB][N], through[SLAB][N];
+};
+
+static void split(const float *restrict at, int32_t *restrict cell, float *restrict rest)
+{
+    for (int i = 0; i < N; i++) {
+        const float place = smaller(larger(at[i], 0.0f), LAST - 0.001f);
+        cell[i] = (int32_t) place;
+        rest[i] = place - (float) cell[i];
+    }
+}
+
+static void look_up_bent(const struct curvature_shapes *restrict s, struct looked *restrict l)
+{
+    static const float flat[2][BENT] = { { 1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1 }, { 1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 1 } };
+    _Alignas(64) float limit[N], at[N], rest[N];
+    _Alignas(64) int32_t cell[N];
+    const float *row[N];
+
+    for (int i = 0; i < N; i++)
+        limit[i] = s->law[i]->limit;
+    for (int i = 0; i < N; i++)
+        at[i] = (s->mean[i] / limit[i] + 1.0f) * (0.5f * LAST);
+    split(at, cell, rest);
+    for (int i = 0; i < N; i++)
+        row[i] = s->mean[i] != 0.0f ? s->law[i]->bent[cell[i]].gain : flat[0];
+    rows_between(row, rest, BENT, l->bent);
+}
+
+/* Slabs as thin as `thinness` says; `none` where nothing is thin. */
+static void look_up_slab(const struct curvature_shapes *restrict s, const float *restrict thinness, size_t table, const float none[2][SLAB],
+                         float (*restrict out)[N])
+{
+    _Alignas(64) float step[N], at[N], rest[N];
+    _Alignas(64) int32_t cell[N];
+    const float *row[N];
+
+    for (int i = 0; i < N; i++)
+        step[i] = s->law[i]->step;
+    for (int i = 0; i < N; i++)
+        at[i] = thinness[i] * step[i] / (1.0f + thinness[i] * step[i]) * LAST;
+    split(at, cell, rest);
+    for (int i = 0; i < N; i++)
+        row[i] = thinness[i] > 0.0f ? (const float *) ((const char *) s->law[i] + table) + SLAB * cell[i] : none[0];
+    rows_between(row, rest, SLAB, out);
+}
+
+static void effects(const struct curvature_shapes *restrict s, struct pell_curvature_effects *restrict out)
+{
+    static const float solid[2][SLAB] = { { 0 } }, whole[2][SLAB] = { { 1, 1, 1, 0 }, { 1, 1, 1, 0 } };
+    _Alignas(64) float thinness[N], beyond[N];
+    struct looked l;
+
+    look_up_bent(s, &l);
+    for (int i = 0; i < N; i++) {
+        thinness[i] = larger(s->thinness[i], 0.0f);
+        beyond[i] = thinness[i] > 0.0f ? s->thinness[i] - larger(0.5f * s->mean[i], 0.0f) : 0.0f; /* what a ball would not have */
+    }
+    look_up_slab(s, thinness, offsetof(struct curvature_law, through), solid, l.through);
+    look_up_slab(s, beyond, offsetof(struct curvature_law, slab), whole, l.slab);
+    for (int i = 0; i < N; i++) /* 0: balls and cylinders; 1: flat */
+        out->flat[i] = thinness[i] > 0.0f ? larger(2.0f * beyond[i] / thinness[i] - 1.0f, 0.0f) : 0.0f;
+    for (int c = 0; c < 3; c++) {
+        _Alignas(64) float path[N];
+        for (int i = 0; i < N; i++)
+            path[i] = s->law[i]->path[c];
+        for (int i = 0; i < N; i++) {
+            const float all = l.bent[9 + c][i] + out->flat[i] * (1.0f - l.bent[9 + c][i]), through = l.through[c][i];
+            const float local = larger(all * l.slab[c][i] - through, 0.0f), shift = s->mean[i] * path[i];
+            out->gain[c][i] = l.bent[c][i];
+            out->opposed[c][i] = l.bent[3 + c][i];
+            out->local[c][i] = local;
+            out->opposed_local[c][i] = larger(all * l.slab[c][i] - larger(through, l.bent[6 + c][i]), 0.0f);
+            out->shift[c][i] = smaller(larger(shift, -SHIFT_MOST), SHIFT_MOST);
+            out->sheet[c][i] = out->flat[i] * through;
+            out->round[c][i] = through - out->flat[i] * through;
+            out->returned[c][i] = smaller(1.0f + out->flat[i] * (local - 1.0f), 1.0f);
+        }
+    }
+}
+
+extern const struct curvature_kernels PELL_SIMD(curvature_kernels);
+const struct curvature_kernels PELL_SIMD(curvature_kernels) = { effects };

@@ -1,0 +1,129 @@
+/* SPDX-License-Identifier: MIT
+ * look.c - what points read at the knots around them, 16 at a time. */
+#include "render/indirect/internal.h"
+
+#include "render/angle.h"
+#include "render/camera_view.h"
+
+#include <string.h>
+
+void pell_indirect_at(const struct pell_indirect *in, const struct pell_points16 *at, const int32_t *back, float rgb[4][16],
+                      float behind[4][16])
+{
+    static const float dark[4] = { 0.0f };
+    const struct pell_scene *scene = in->p.scene;
+    struct indirect_rows here, across;
+
+    for (int i = 0; i < 16; i++) {
+        const uint32_t mesh = at->mesh[i];
+        uint32_t knot[3] = { 0 };
+        float weight[3] = { 0.0f };
+        const bool is = mesh < scene->num_meshes && at->triangle[i] < scene->meshes[mesh].num_triangles &&
+                        (!back[i] || scene->materials[scene->meshes[mesh].material].opaque);
+        if (is)
+            indirect_find(in, mesh, at->triangle[i], at->u[i], at->v[i], knot, weight);
+        for (int k = 0; k < 3; k++) {
+            const size_t value = is ? indirect_value_of(in, mesh, knot[k], back[i]) : 0;
+            here.row[k][i] = is ? in->value[value] : dark;
+            across.row[k][i] = is && in->behind ? in->behind[value] : dark;
+            here.weight[k][i] = across.weight[k][i] = weight[k];
+        }
+    }
+    in->kernels->blend(&here, 4, rgb);
+    if (behind && in->behind)
+        in->kernels->blend(&across, 4, behind);
+    else if (behind)
+        memset(behind, 0, 4 * sizeof(*behind));
+}
+
+void pell_indirect_look(const struct pell_indirect *in, const struct pell_points16 *at, const int32_t *ask,
+                        struct pell_indirect_insides *out)
+{
+    static const union indirect_inside nothing = { .all = { 0.0f } };
+    const struct pell_scene *scene = in->p.scene;
+    struct indirect_rows rows;
+
+    for (int i = 0; i < 16; i++) {
+        uint32_t knot[3] = { 0 };
+        float weight[3] = { 0.0f };
+        const bool is = ask[i] && at->mesh[i] < scene->num_meshes && at->triangle[i] < scene->meshes[at->mesh[i]].num_triangles;
+        if (is)
+            indirect_find(in, at->mesh[i], at->triangle[i], at->u[i], at->v[i], knot, weight);
+        for (int k = 0; k < 3; k++) {
+            rows.row[k][i] = is ? in->inside[knot[k]].all : nothing.all;
+            rows.weight[k][i] = weight[k];
+        }
+    }
+    in->kernels->blend(&rows, INDIRECT_INSIDE, out->thick);
+}
+
+struct correct {
+    const struct pell_indirect *in;
+    const struct pell_view *view;
+    const struct pell_angle *angle;
+    const struct pell_surface *surface;
+    float *const *exitance;
+};
+
+/* Factor of light from the depth that leaves toward the camera, as far as it is from there; q: of the pixel, number i of 16. */
+static float leaves(const struct correct *t, int x, int y, const struct pell_indirect_insides *q, int i, int c)
+{
+    const struct pell_surface *s = t->surface;
+    const ptrdiff_t at = y * s->stride + x;
+    const struct pell_angle *a = &t->angle[s->material[at] - 1];
+    const struct pell_vec3 n = vec3(s->ns[0][at], s->ns[1][at], s->ns[2][at]);
+    const struct pell_vec3 tilt = vec3(q->tilt[c][0][i], q->tilt[c][1][i], q->tilt[c][2][i]);
+    struct pell_vec3 start, v;
+    float nv, pass;
+
+    pell_view_ray(t->view, (float) x, (float) y, &start, &v);
+    v = vec3_mul(vec3_normalize(v), -1.0f);
+    nv = fminf(fmaxf(vec3_dot(n, v), 0.0f), 1.0f);
+    pass = a->pass_base[c] + a->pass_slope[c] * pell_angle_off(a->inverse_eta2, nv);
+    return (1.0f + q->deep[c][i] * (pass - 1.0f)) * pell_tilted(a->inverse_eta2, q->deep[c][i] * vec3_dot(vec3_mad(v, -nv, n), tilt));
+}
+
+/* The 16 pixels from x0 on. */
+static void correct16(const struct correct *t, int x0, int y)
+{
+    const struct pell_surface *s = t->surface;
+    struct pell_indirect_insides q;
+    struct pell_points16 hits;
+    _Alignas(64) int32_t ask[16];
+    int any = 0;
+
+    for (int i = 0; i < 16; i++) {
+        const ptrdiff_t at = y * s->stride + x0 + i;
+        const uint16_t material = x0 + i < s->translucent.x1 ? s->material[at] : 0;
+        ask[i] = -(int32_t) (material && !t->in->p.scene->materials[material - 1].opaque);
+        any |= ask[i];
+        hits.mesh[i] = ask[i] ? s->mesh[at] : 0;
+        hits.triangle[i] = ask[i] ? s->triangle[at] : 0;
+        hits.u[i] = ask[i] ? s->barycentric[0][at] : 0.0f;
+        hits.v[i] = ask[i] ? s->barycentric[1][at] : 0.0f;
+    }
+    if (!any)
+        return;
+    pell_indirect_look(t->in, &hits, ask, &q);
+    for (int i = 0; i < 16; i++)
+        for (int c = 0; ask[i] && c < 3; c++)
+            t->exitance[c][y * s->stride + x0 + i] *=
+                q.gain[c][i] * (t->angle ? leaves(t, x0 + i, y, &q, i, c) : 1.0f) + (1.0f - q.solved[c][i]);
+}
+
+static void correct_row(void *arg, int index, int worker)
+{
+    const struct correct *t = arg;
+
+    (void) worker;
+    for (int x = t->surface->translucent.x0; x < t->surface->translucent.x1; x += 16)
+        correct16(t, x, t->surface->translucent.y0 + index);
+}
+
+void pell_indirect_correct(const struct pell_indirect *in, struct pell_pool *pool, const struct pell_view *view,
+                           const struct pell_angle *angle, const struct pell_surface *surface, float *const exitance[3])
+{
+    struct correct t = { in, view, angle, surface, exitance };
+
+    pell_pool_run(pool, surface->translucent.y1 - surface->translucent.y0, correct_row, &t);
+}
