@@ -26,13 +26,24 @@ static inline float pell_angle_off(float inverse_eta2, float mu)
 }
 
 /* Factor of light from the depth that leaves toward v: it was scattered last about a mean free path back along its refracted direction,
- * where there is more of it, or less, than below the surface (`tilt` in indirect/stage.h). `aside`: v.tilt - (v.n)(n.tilt). */
+ * where there is more of it, or less, than below the surface (`tilt` in indirect/stage.h). `aside`: v.tilt - (v.n)(n.tilt); `tilts`: what
+ * depends on the medium alone. */
 #define PELL_TILTED_MOST 0.7f
-static inline float pell_tilted(float inverse_eta2, float aside)
+static inline float pell_tilts(float inverse_eta2)
 {
-    const float more = -sqrtf(inverse_eta2) * aside;
+    return -sqrtf(inverse_eta2);
+}
+
+static inline float pell_tilted_by(float tilts, float aside)
+{
+    const float more = tilts * aside;
 
     return 1.0f / (1.0f - (more < PELL_TILTED_MOST ? more : PELL_TILTED_MOST));
+}
+
+static inline float pell_tilted(float inverse_eta2, float aside)
+{
+    return pell_tilted_by(pell_tilts(inverse_eta2), aside);
 }
 
 /* The mean cosine behind the boundary of light from everywhere, by its flux. */

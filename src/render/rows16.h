@@ -58,6 +58,29 @@ INLINE void rows_blend(const float *const row[3][ROWS], const float weight[3][RO
     }
 }
 
+/* The same of rows that hold whole vectors: each is read as such, and turned when the three are one. */
+INLINE void rows_blend_wide(const float *const row[3][ROWS], const float weight[3][ROWS], int size, float (*out)[ROWS])
+{
+    enum { MOST = 32 }; /* numbers of a row */
+    _Alignas(64) float mixed[ROWS][MOST];
+    const float *mix[ROWS];
+
+    for (int i = 0; i < ROWS; i++) {
+        mix[i] = mixed[i];
+        for (int k = 0; k < size; k += WIDTH)
+            store(mixed[i] + k, weight[0][i] * load(row[0][i] + k) + weight[1][i] * load(row[1][i] + k) + weight[2][i] * load(row[2][i] + k));
+    }
+    for (int first = 0; first < ROWS; first += WIDTH)
+        for (int k = 0; k < size; k += 4) {
+            vf from[4], to[4];
+            for (int j = 0; j < 4; j++)
+                from[j] = quads(mix, first, j, k);
+            turn4(from, to);
+            for (int j = 0; j < 4; j++)
+                store(out[k + j] + first, to[j]);
+        }
+}
+
 /* out[k][i]: between number k of row[i] and of the row `size` numbers behind it, at t[i]. */
 INLINE void rows_between(const float *const row[ROWS], const float t[ROWS], int size, float (*out)[ROWS])
 {

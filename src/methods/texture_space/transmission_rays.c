@@ -92,6 +92,7 @@ static void follow(struct ts_task *t, struct ts_packet *k)
         if (!ask_grid(t, k))
             pell_rays_closest16(t->p->services->rays, k->open, step == 0, &k->rays);
         for (int i = 0; i < k->count; i++) {
+            const struct pell_vec3 face = vec3(k->rays.hit.ngx[i], k->rays.hit.ngy[i], k->rays.hit.ngz[i]);
             const uint32_t mesh = k->rays.hit.mesh[i];
             struct ts_surface_point hit;
             struct ts_spot s;
@@ -107,8 +108,7 @@ static void follow(struct ts_task *t, struct ts_packet *k)
                 continue;
             }
             hit = (struct ts_surface_point) { a->first[mesh] + k->rays.hit.triangle[i], k->rays.hit.u[i], k->rays.hit.v[i] };
-            s = ts_flat_spot(a, hit);
-            leaves = vec3_dot(s.geometric, k->light[i]) > 0.0f;
+            leaves = vec3_dot(face, k->light[i]) > 0.0f;
             if (leaves)
                 k->exit[i] = hit;
             k->left[i] -= k->rays.ray.tfar[i];
@@ -116,6 +116,7 @@ static void follow(struct ts_task *t, struct ts_packet *k)
                 continue;
             k->open[i] = -1;
             any = true;
+            s = ts_flat_spot(a, hit);
             set_out(k, i, &s, leaves);
         }
     }

@@ -360,11 +360,35 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, ui
     return shape;
 }
 
+/* At 16 points of one mesh none of whose triangles is coarse. */
+static void interpolate(const struct pell_mesh *mesh, const struct pell_curvature_shape *value, const struct pell_points16 *at,
+                        struct curvature_shapes *s)
+{
+    for (int i = 0; i < 16; i++) {
+        const bool is = at->triangle[i] < mesh->num_triangles;
+        const uint32_t *index = mesh->index + (is ? 3 * (size_t) at->triangle[i] : 0);
+        const struct pell_curvature_shape a = value[index[0]], b = value[index[1]], c = value[index[2]];
+        const float u = at->u[i], v = at->v[i], w = 1.0f - u - v;
+        s->mean[i] = is ? w * a.mean + u * b.mean + v * c.mean : 0.0f;
+        s->thinness[i] = is ? w * a.thinness + u * b.thinness + v * c.thinness : 0.0f;
+    }
+}
+
 void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell_points16 *at, const int32_t *ask,
                                struct pell_curvature_effects *out)
 {
     struct curvature_shapes s;
+    uint32_t differ = 0;
 
+    for (int i = 0; i < 16; i++)
+        differ |= (at->mesh[i] ^ at->mesh[0]) | (uint32_t) ~ask[i];
+    if (!differ && at->mesh[0] < k->scene->num_meshes && k->value[at->mesh[0]] && !k->coarse[at->mesh[0]]) {
+        interpolate(&k->scene->meshes[at->mesh[0]], k->value[at->mesh[0]], at, &s);
+        for (int i = 0; i < 16; i++)
+            s.law[i] = &k->law[k->scene->meshes[at->mesh[0]].material];
+        k->kernels->effects(&s, out);
+        return;
+    }
     for (int i = 0; i < 16; i++) {
         struct pell_curvature_shape shape = { 0.0f, 0.0f };
         const bool is = ask[i] && at->mesh[i] < k->scene->num_meshes;

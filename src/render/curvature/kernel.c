@@ -20,12 +20,14 @@ struct looked {
     float slab[SLAB][N], through[SLAB][N];
 };
 
-static void split(const float *restrict at, int32_t *restrict cell, float *restrict rest)
+/* Places in a table: cells, and how far on to the next. */
+static void split(const float *at, int32_t *cell, float *rest)
 {
-    for (int i = 0; i < N; i++) {
-        const float place = smaller(larger(at[i], 0.0f), LAST - 0.001f);
-        cell[i] = (int32_t) place;
-        rest[i] = place - (float) cell[i];
+    for (int i = 0; i < N; i += WIDTH) {
+        const vf place = lesser(greater(load(at + i), all(0.0f)), all(LAST - 0.001f));
+        const vi whole = __builtin_convertvector(place, vi);
+        memcpy(cell + i, &whole, sizeof(whole));
+        store(rest + i, place - __builtin_convertvector(whole, vf));
     }
 }
 
@@ -84,12 +86,12 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
         for (int i = 0; i < N; i++)
             path[i] = s->law[i]->path[c];
         for (int i = 0; i < N; i++) {
-            const float all = l.bent[9 + c][i] + out->flat[i] * (1.0f - l.bent[9 + c][i]), through = l.through[c][i];
-            const float local = larger(all * l.slab[c][i] - through, 0.0f), shift = s->mean[i] * path[i];
+            const float total = l.bent[9 + c][i] + out->flat[i] * (1.0f - l.bent[9 + c][i]), through = l.through[c][i];
+            const float local = larger(total * l.slab[c][i] - through, 0.0f), shift = s->mean[i] * path[i];
             out->gain[c][i] = l.bent[c][i];
             out->opposed[c][i] = l.bent[3 + c][i];
             out->local[c][i] = local;
-            out->opposed_local[c][i] = larger(all * l.slab[c][i] - larger(through, l.bent[6 + c][i]), 0.0f);
+            out->opposed_local[c][i] = larger(total * l.slab[c][i] - larger(through, l.bent[6 + c][i]), 0.0f);
             out->shift[c][i] = smaller(larger(shift, -SHIFT_MOST), SHIFT_MOST);
             out->sheet[c][i] = out->flat[i] * through;
             out->round[c][i] = through - out->flat[i] * through;

@@ -10,7 +10,10 @@
 
 static void blend(const struct indirect_rows *rows, int size, float (*out)[16])
 {
-    rows_blend(rows->row, rows->weight, size, out);
+    if (size < 16)
+        rows_blend(rows->row, rows->weight, size, out);
+    else
+        rows_blend_wide(rows->row, rows->weight, size, out);
 }
 
 extern const struct indirect_blend_kernels PELL_SIMD(indirect_blend_kernels);

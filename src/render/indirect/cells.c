@@ -249,29 +249,3 @@ enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_s
         }
     return c.res;
 }
-
-void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3], float weight[3])
-{
-    const struct indirect_mesh *m = &in->meshes[mesh];
-    const uint32_t *index = in->p.scene->meshes[mesh].index + 3 * (size_t) triangle;
-    uint32_t cell = in->roots[m->first_root + triangle];
-    float w[3] = { 1.0f - u - v, u, v };
-
-    if (cell == INDIRECT_NONE) {
-        for (int i = 0; i < 3; i++) {
-            knot[i] = m->first_knot + index[i];
-            weight[i] = w[i];
-        }
-        return;
-    }
-    while (in->cells[cell].child) {
-        const int at = w[0] >= 0.5f ? 0 : w[1] >= 0.5f ? 1 : w[2] >= 0.5f ? 2 : 3;
-        for (int i = 0; i < 3; i++)
-            w[i] = at == 3 ? 1.0f - 2.0f * w[i] : i == at ? 2.0f * w[i] - 1.0f : 2.0f * w[i];
-        cell = in->cells[cell].child + (uint32_t) at;
-    }
-    for (int i = 0; i < 3; i++) {
-        knot[i] = in->cells[cell].knot[i];
-        weight[i] = w[i];
-    }
-}

@@ -175,7 +175,32 @@ float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p);
 /* Fills meshes, roots, cells, extra and samples. The caller frees them with the rest. */
 PELL_NODISCARD enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing);
 /* The knots around a point of a triangle, and the point's barycentric coordinates between them. */
-void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3], float weight[3]);
+static inline void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3],
+                                 float weight[3])
+{
+    const struct indirect_mesh *m = &in->meshes[mesh];
+    const uint32_t *index = in->p.scene->meshes[mesh].index + 3 * (size_t) triangle;
+    uint32_t cell = in->roots[m->first_root + triangle];
+    float w[3] = { 1.0f - u - v, u, v };
+
+    if (cell == INDIRECT_NONE) {
+        for (int i = 0; i < 3; i++) {
+            knot[i] = m->first_knot + index[i];
+            weight[i] = w[i];
+        }
+        return;
+    }
+    while (in->cells[cell].child) {
+        const int at = w[0] >= 0.5f ? 0 : w[1] >= 0.5f ? 1 : w[2] >= 0.5f ? 2 : 3;
+        for (int i = 0; i < 3; i++)
+            w[i] = at == 3 ? 1.0f - 2.0f * w[i] : i == at ? 2.0f * w[i] - 1.0f : 2.0f * w[i];
+        cell = in->cells[cell].child + (uint32_t) at;
+    }
+    for (int i = 0; i < 3; i++) {
+        knot[i] = in->cells[cell].knot[i];
+        weight[i] = w[i];
+    }
+}
 
 /* Number of a knot's value on one side of a mesh. */
 static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t mesh, uint32_t knot, bool back)

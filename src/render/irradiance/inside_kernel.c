@@ -5,6 +5,8 @@
 #include "math/scalar.h"
 #include "render/irradiance/lanes.h"
 
+#include <string.h>
+
 #define LEAST_STRAIGHT 1e-4f /* share of transmitted light for which rays are sent: more than what rounding leaves of none */
 
 /* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
@@ -26,11 +28,12 @@ static void bend(const struct pell_irradiance_params *p, const struct pell_curva
                  struct pell_gains *restrict gains)
 {
     const float(*all)[N] = pell_irradiance_gain(p, e);
+    const bool flat = p->flat;
 
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            gains->all[c][i] = p->flat ? 1.0f : all[c][i];
-            gains->between[c][i] = p->flat ? 1.0f : e->opposed_local[c][i];
+            gains->all[c][i] = flat ? 1.0f : all[c][i];
+            gains->between[c][i] = flat ? 1.0f : e->opposed_local[c][i];
             gains->once[c][i] = 1.0f;
             l->shift[c][i] = e->shift[c][i];
         }
@@ -44,32 +47,50 @@ static void bend(const struct pell_irradiance_params *p, const struct pell_curva
         }
 }
 
+/* Takes the gains of one channel over. */
+static void take_over(const struct pell_irradiance_params *p, const float *restrict thick, const float *restrict solved,
+                      const float *restrict gain, const float *restrict between, float *restrict all)
+{
+    if (p->between)
+        for (int i = 0; i < N; i++)
+            all[i] += thick[i] * (between[i] - all[i]);
+    if (!p->whole)
+        for (int i = 0; i < N; i++)
+            all[i] = gain[i] + (1.0f - solved[i]) * all[i];
+}
+
 static void look(const struct pell_irradiance_params *p, const struct pell_indirect_insides *restrict q, bool entering,
                  const struct pell_lanes *restrict l, struct pell_gains *restrict gains, struct pell_inside *restrict in,
                  int32_t *restrict straight)
 {
-    _Alignas(64) float x[N], y[N], z[N];
+    _Alignas(64) float x[N], y[N], z[N], rest[N], bends[N];
 
     for (int i = 0; i < N; i++) { /* the view along the surface */
         x[i] = l->vx[i] - l->nv[i] * l->nx[i];
         y[i] = l->vy[i] - l->nv[i] * l->ny[i];
         z[i] = l->vz[i] - l->nv[i] * l->nz[i];
-        straight[i] = 0;
+        bends[i] = pell_tilts(l->inverse_eta2[i]);
+        rest[i] = 0.0f;
     }
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
+        take_over(p, q->thick[c], q->solved[c], q->gain[c], gains->between[c], gains->all[c]);
         for (int i = 0; i < N; i++) {
             const float aside = x[i] * q->tilt[c][0][i] + y[i] * q->tilt[c][1][i] + z[i] * q->tilt[c][2][i];
-            const float leaves = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_tilted(l->inverse_eta2[i], aside);
-            const float thick = q->thick[c][i], solved = q->solved[c][i];
-            float all = gains->all[c][i];
-            all += p->between ? thick * (gains->between[c][i] - all) : 0.0f;
-            gains->all[c][i] = p->whole ? all : q->gain[c][i] + (1.0f - solved) * all;
-            in->through[c][i] = entering ? 0.0f : leaves * q->through[c][i];
-            in->solved[c][i] = solved;
-            in->light[c][i] = entering ? 0.0f : leaves * q->light[c][i];
-            in->thick[c][i] = thick;
-            straight[i] |= -(int32_t) ((1.0f - thick) * (1.0f - solved) > LEAST_STRAIGHT);
+            const float leaves = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_tilted_by(bends[i], aside);
+            const float kept = (1.0f - q->thick[c][i]) * (1.0f - q->solved[c][i]);
+            in->through[c][i] = leaves * q->through[c][i];
+            in->light[c][i] = leaves * q->light[c][i];
+            rest[i] = larger(rest[i], kept);
         }
+        memcpy(in->solved[c], q->solved[c], sizeof(in->solved[c]));
+        memcpy(in->thick[c], q->thick[c], sizeof(in->thick[c]));
+    }
+    if (entering) {
+        memset(in->through, 0, sizeof(in->through));
+        memset(in->light, 0, sizeof(in->light));
+    }
+    for (int i = 0; i < N; i++)
+        straight[i] = -(int32_t) (rest[i] > LEAST_STRAIGHT);
 }
 
 static void scale(const struct pell_gains *restrict gains, struct pell_sums *restrict sums)

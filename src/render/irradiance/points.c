@@ -3,6 +3,7 @@
  * points.c - light that enters at any point of the scene's surfaces: a packet of points is made to look like 4 x 4 pixels, each seen from
  * along its own normal, and goes the way of pixels from there.
  */
+#include "render/irradiance/points_kernel.h"
 #include "render/irradiance/stage.h"
 
 #include "render/curvature/stage.h"
@@ -19,47 +20,36 @@ struct planes {
 };
 
 /* Places of the points from `first` on, and rays that look at them from outside, against their normals. Returns which there are. */
-static uint32_t place_points(const struct pell_scene *scene, const struct pell_surface_points *p, size_t first, size_t count,
-                             struct pell_ray_hit16 *packet, struct planes *s)
+static uint32_t place_points(const struct pell_scene *scene, enum pell_simd_level simd, const struct pell_surface_points *p, size_t first,
+                             size_t count, struct pell_ray_hit16 *packet, struct planes *s)
 {
+    struct pell_triangles16 triangles;
     uint32_t some = 0;
 
     memset(packet, 0, sizeof(*packet));
     for (size_t i = 0; i < 16; i++) {
         const size_t k = first + (i < count ? i : 0);
         const bool is = i < count && p->mesh[k] < scene->num_meshes && p->triangle[k] < scene->meshes[p->mesh[k]].num_triangles;
-        struct pell_vec3 at = { 0 }, g = { 0 }, n = { 0.0f, 0.0f, 1.0f };
-        float largest = 0.0f;
+        struct pell_vec3 corner[3] = { { 0 } };
 
-        if (is) {
-            struct pell_vec3 corner[3], b, c;
+        if (is)
             pell_triangle_corners(&scene->meshes[p->mesh[k]], p->triangle[k], corner);
-            g = pell_triangle_cross(corner);
-            b = vec3_sub(corner[1], corner[0]);
-            c = vec3_sub(corner[2], corner[0]);
-            at = vec3_mad(vec3_mad(corner[0], p->u[k], b), p->v[k], c);
-            corner[1] = vec3_add(corner[0], b); /* as rounded as `at` */
-            corner[2] = vec3_add(corner[0], c);
-            n = vec3_normalize(p->back && p->back[k] ? vec3_mul(g, -1.0f) : g);
-            for (int j = 0; j < 3; j++)
-                largest = fmaxf(largest, fmaxf(fabsf(corner[j].x), fmaxf(fabsf(corner[j].y), fabsf(corner[j].z))));
-            some |= 1u << i;
+        for (int j = 0; j < 3; j++) {
+            triangles.corner[j][0][i] = corner[j].x;
+            triangles.corner[j][1][i] = corner[j].y;
+            triangles.corner[j][2][i] = corner[j].z;
         }
-        s->place[0][i] = at.x;
-        s->place[1][i] = at.y;
-        s->place[2][i] = at.z;
-        packet->ray.dx[i] = -n.x;
-        packet->ray.dy[i] = -n.y;
-        packet->ray.dz[i] = -n.z;
-        packet->ray.tfar[i] = largest;
-        packet->hit.ngx[i] = g.x;
-        packet->hit.ngy[i] = g.y;
-        packet->hit.ngz[i] = g.z;
-        packet->hit.u[i] = p->u[k];
-        packet->hit.v[i] = p->v[k];
+        triangles.u[i] = p->u[k];
+        triangles.v[i] = p->v[k];
+        triangles.side[i] = p->back && p->back[k] ? -1.0f : 1.0f;
         packet->hit.triangle[i] = p->triangle[k];
         packet->hit.mesh[i] = is ? p->mesh[k] : PELL_NO_HIT;
+        some |= (uint32_t) is << i;
     }
+    pell_points_kernels_tables[simd]->place(&triangles, packet, s->place);
+    for (int i = 0; i < 16; i++)
+        if (!(some >> i & 1))
+            packet->ray.dz[i] = -1.0f;
     return some;
 }
 
@@ -140,14 +130,14 @@ struct looked {
 };
 
 /* Looks at the points from `first` on, at most 16. */
-static void look16(const struct pell_irradiance_params *params, const struct pell_points_params *what, const struct pell_surface_points *in,
-                   size_t first, size_t count, struct looked *l)
+static void look16(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_points_params *what,
+                   const struct pell_surface_points *in, size_t first, size_t count, struct looked *l)
 {
     struct planes *s = &l->s;
 
     memset(s, 0, sizeof(*s));
     l->rays = 0;
-    l->some = place_points(params->scene, in, first, count, &l->packet, s);
+    l->some = place_points(params->scene, lights->simd, in, first, count, &l->packet, s);
     l->some = drop_cut_out(params, s, l->some, &l->packet, &l->rays);
     for (size_t i = 0; i < 16; i++) {
         const size_t k = first + (i < count ? i : 0);
@@ -236,7 +226,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     struct looked l;
     int64_t rays;
 
-    look16(params, what, in, first, count, &l);
+    look16(lights, params, what, in, first, count, &l);
     rays = l.rays;
     l.at.slot = slot;
     for (int c = 0; c < 3; c++) {
@@ -286,7 +276,7 @@ uint32_t pell_irradiance_send_points(const struct pell_lights *lights, const str
 {
     struct looked l;
 
-    look16(params, what, in, 0, n, &l);
+    look16(lights, params, what, in, 0, n, &l);
     return l.some ? pell_irradiance_send(lights, &l.one, &l.at, what->samples) : 0;
 }
 
