@@ -68,7 +68,8 @@ INLINE void rows_blend_wide(const float *const row[3][ROWS], const float weight[
     for (int i = 0; i < ROWS; i++) {
         mix[i] = mixed[i];
         for (int k = 0; k < size; k += WIDTH)
-            store(mixed[i] + k, weight[0][i] * load(row[0][i] + k) + weight[1][i] * load(row[1][i] + k) + weight[2][i] * load(row[2][i] + k));
+            store(mixed[i] + k,
+                  weight[0][i] * load(row[0][i] + k) + weight[1][i] * load(row[1][i] + k) + weight[2][i] * load(row[2][i] + k));
     }
     for (int first = 0; first < ROWS; first += WIDTH)
         for (int k = 0; k < size; k += 4) {

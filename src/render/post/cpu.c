@@ -145,6 +145,10 @@ static void background(const struct task *t, int x, int y, float rgb[3])
         float shade;
         pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
         shade = pell_contact_shade(t->p->contact, start, direction);
+        if (shade == 1.0f) {
+            memcpy(rgb, t->tone.behind, 3 * sizeof(*rgb));
+            return;
+        }
         for (int c = 0; c < 3; c++)
             shown[c] = shade * scene->background_color[c];
         unexpose(t, shown, rgb);
