@@ -39,6 +39,7 @@ static void begin(const struct ts_task *t, struct ts_packet *k, ptrdiff_t at, co
     const int i = k->count++;
 
     k->at[i] = at;
+    k->flat[i] = *s;
     k->light[i] = light;
     k->left[i] = fminf(far, (outside ? 1.0f : OBLIQUE) * (float) t->p->thickest);
     k->exit[i].triangle = UINT32_MAX;
@@ -123,6 +124,12 @@ static void follow(struct ts_task *t, struct ts_packet *k)
     atomic_fetch_add_explicit(&t->rays, rays, memory_order_relaxed);
 }
 
+/* The texel that a way began at. */
+static struct ts_spot spot_of_lane(const struct ts_task *t, const struct ts_packet *k, int lane)
+{
+    return ts_smooth_spot(t->p->atlas, ts_point_at(t->p->atlas, k->at[lane]), k->flat[lane]);
+}
+
 void ts_trace(struct ts_task *t, int tile, struct ts_packet *k)
 {
     follow(t, k);
@@ -130,7 +137,7 @@ void ts_trace(struct ts_task *t, int tile, struct ts_packet *k)
         struct ts_spot c;
         if (k->exit[i].triangle == UINT32_MAX)
             continue;
-        c = ts_spot_at(t->p->atlas, k->at[i]);
+        c = spot_of_lane(t, k, i);
         t->count[tile] +=
             ts_pass_through(t, k->at[i], &c, k->exit[i], k->light[i], k->light[i], &t->found[t->first[tile] + t->count[tile]]);
     }
@@ -210,7 +217,7 @@ static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transm
  * part between its faces, which would let the light from far away through. */
 static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
 {
-    const struct ts_spot c = ts_spot_at(t->p->atlas, k->at[lane]);
+    const struct ts_spot c = spot_of_lane(t, k, lane);
     const float alpha = t->alpha[out->at];
     struct ts_transmitted_texel other = *out;
 
@@ -255,7 +262,7 @@ static void end_at_face(struct ts_task *t, const struct ts_packet *k, int lane, 
 
     if (k->exit[lane].triangle == UINT32_MAX || !is_lit(t, &k->exit[lane]))
         return;
-    c = ts_spot_at(t->p->atlas, k->at[lane]);
+    c = spot_of_lane(t, k, lane);
     light = ts_toward(t->p->light, c.at, c.geometric, &far);
     if (!ts_pass_through(t, k->at[lane], &c, k->exit[lane], k->light[lane], light, &other))
         return;

@@ -16,11 +16,10 @@ struct ts_spot ts_flat_spot(const struct ts_atlas *a, struct ts_surface_point p)
     return s;
 }
 
-struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p)
+struct ts_spot ts_smooth_spot(const struct ts_atlas *a, struct ts_surface_point p, struct ts_spot s)
 {
     const struct pell_mesh *m = &a->scene->meshes[a->triangles[p.triangle].mesh];
     const uint32_t *index = m->index + 3 * (size_t) a->triangles[p.triangle].triangle;
-    struct ts_spot s = ts_flat_spot(a, p);
     struct pell_vec3 n = { 0 };
 
     for (int k = 0; k < 3; k++)
@@ -28,6 +27,11 @@ struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p)
     if (vec3_dot(n, s.geometric) > 0.0f)
         s.normal = vec3_normalize(n);
     return s;
+}
+
+struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p)
+{
+    return ts_smooth_spot(a, p, ts_flat_spot(a, p));
 }
 
 struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at)

@@ -39,6 +39,7 @@ struct ts_spot {
 
 /* A point of a triangle, whose normal is the triangle's; the smooth one; that of a texel, smooth. */
 struct ts_spot ts_flat_spot(const struct ts_atlas *a, struct ts_surface_point p);
+struct ts_spot ts_smooth_spot(const struct ts_atlas *a, struct ts_surface_point p, struct ts_spot flat);
 struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p);
 struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at);
 /* Where a texel is on its triangle. */
@@ -78,6 +79,7 @@ struct ts_packet {
     float left[16]; /* mm to go at most */
     bool to_light;
     ptrdiff_t at[16];
+    struct ts_spot flat[16];          /* of them: ts_flat_spot */
     struct ts_surface_point exit[16]; /* where the way has left the solid; none: nowhere yet */
     size_t known[16];                 /* a way that goes on: which of the list it is */
     int count;
