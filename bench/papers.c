@@ -73,9 +73,11 @@ enum pell_result bench_stretch(struct bench *b, double factor)
 
 bool bench_is_common(const char *stage)
 {
-    static const char *const names[] = { "prepare",   "indirect links", "indirect light", "surface",      "irradiance",
-                                         "curvature", "contact shadow", "through",        "spread",       "lit",
-                                         "composite", "post",           "light upload",   "direct light", "light download" };
+    static const char *const names[] = { "prepare", "indirect links", "indirect light", "surface", "irradiance", "highlights", "curvature",
+                                         "contact shadow", "through", "spread", "lit", "composite", "post",
+                                         /* by a device */
+                                         "light upload", "direct light", "transmission", "light download", "tables upload", "clear",
+                                         "inside", "finish", "rows", "picture download", "picture unpack" };
 
     for (size_t i = 0; i < PELL_COUNT(names); i++)
         if (strcmp(stage, names[i]) == 0)

@@ -31,26 +31,6 @@ static inline uint32_t pell_owen_scramble(uint32_t x, uint32_t seed)
     return pell_sobol0(x);
 }
 
-/* Place of pixel (x, y) of a block of 32 x 32 on a curve that visits quadrants of quadrants (Morton 1966), in an order drawn by hash for
- * each of them: below 1024. Pixels that take consecutive runs of a (0, 2)-sequence along it share out the square with their neighbours at
- * every scale, so that what is left of their errors is of high frequency (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte
- * Carlo Sampling Error via Hierarchical Ordering of Pixels"). */
-#define PELL_CURVE_LEVELS 5
-static inline uint32_t pell_pixel_curve(uint32_t x, uint32_t y, uint32_t seed)
-{
-    uint32_t place = 0;
-
-    for (int level = PELL_CURVE_LEVELS - 1; level >= 0; level--) {
-        const uint32_t right = x >> level & 1, down = y >> level & 1;
-        const uint32_t hash = pell_hash(x >> (level + 1) ^ pell_hash(y >> (level + 1) ^ (seed + (uint32_t) level)));
-        /* all 24 orders: digit -> A digit + b over two bits, A of two different columns */
-        const uint32_t third = (hash >> 8) % 3, other = third + 1 + (hash >> 2 & 1);
-        const uint32_t a = 1 + third, b = 1 + other - (other > 2 ? 3 : 0);
-        place = place << 2 | ((hash & 3) ^ (a & -right) ^ (b & -down));
-    }
-    return place;
-}
-
 /* Number `index` of a rank-1 lattice in dimension `d`, [0, 1): multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1: Roberts
  * 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"), shifted at random by the seed (Cranley and Patterson 1976). */
 static inline double pell_lattice(uint32_t seed, uint32_t d, uint32_t index)

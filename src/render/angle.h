@@ -7,6 +7,8 @@
 #ifndef PELL_ANGLE_H
 #define PELL_ANGLE_H
 
+#include "shared/leaving.h"
+
 #include <math.h>
 
 struct pell_angle {
@@ -17,34 +19,6 @@ struct pell_angle {
     float pass_base[3], pass_slope[3]; /* what light that was transmitted leaves by in place of that, over it (optics/medium/passing.h), */
     float pass_thick[3];               /* 1/mm: over the thickness that it takes for that; thinner parts less so */
 };
-
-/* 1 - m, of a cosine outside. */
-static inline float pell_angle_off(float inverse_eta2, float mu)
-{
-    const float square = 1.0f - (1.0f - mu * mu) * inverse_eta2;
-    return 1.0f - sqrtf(square > 0.0f ? square : 0.0f);
-}
-
-/* Factor of light from the depth that leaves toward v: it was scattered last about a mean free path back along its refracted direction,
- * where there is more of it, or less, than below the surface (`tilt` in indirect/stage.h). `aside`: v.tilt - (v.n)(n.tilt); `tilts`: what
- * depends on the medium alone. */
-#define PELL_TILTED_MOST 0.7f
-static inline float pell_tilts(float inverse_eta2)
-{
-    return -sqrtf(inverse_eta2);
-}
-
-static inline float pell_tilted_by(float tilts, float aside)
-{
-    const float more = tilts * aside;
-
-    return 1.0f / (1.0f - (more < PELL_TILTED_MOST ? more : PELL_TILTED_MOST));
-}
-
-static inline float pell_tilted(float inverse_eta2, float aside)
-{
-    return pell_tilted_by(pell_tilts(inverse_eta2), aside);
-}
 
 /* The mean cosine behind the boundary of light from everywhere, by its flux. */
 static inline float pell_mean_refracted(float inverse_eta2)

@@ -6,6 +6,7 @@
 #define PELL_VIEW_H
 
 #include "math/vec.h"
+#include "shared/camera.h"
 #include "visibility/rays.h"
 
 #include <pellucid/scene.h>
@@ -35,8 +36,8 @@ void pell_view_through(struct pell_view *view, const struct pell_lens *lens, int
 /* A ray through a pixel with forward component 1, so that the ray parameter is the depth: p = start + depth * direction. */
 static inline void pell_view_ray(const struct pell_view *v, float x, float y, struct pell_vec3 *start, struct pell_vec3 *direction)
 {
-    const float px = (x + 0.5f + v->shift_x - 0.5f * (float) v->width) / v->focal_px;
-    const float py = (0.5f * (float) v->height - y - 0.5f - v->shift_y) / v->focal_px;
+    const float px = pell_camera_right(x, v->shift_x, (float) v->width, v->focal_px);
+    const float py = pell_camera_up(y, v->shift_y, (float) v->height, v->focal_px);
     const struct pell_vec3 offset = vec3_add(vec3_mul(v->right, px), vec3_mul(v->up, py));
     if (v->orthographic) {
         *start = vec3_add(v->origin, offset);

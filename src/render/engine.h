@@ -39,9 +39,13 @@ struct pell_method_engine {
     /* Standard error of each pixel of the last render, in the unit of what comes out; planes as in the frame, the state's own. NULL where
      * the method has no noise, or does not know it. */
     bool (*standard_error)(const void *state, const float *planes[3]);
-    /* Records all that `record` does into a list, from the services' `planes` into theirs; allocates nothing. `nearest` mm: no pixel's
-     * depth is below it. Of states that were created with such planes. NULL: the method does not run there. */
-    void (*record_in)(void *state, struct pell_gpu_commands *commands, float nearest);
+    /* Records all that `record` does into a list, between buffers of the device: the services' `planes`, or those of `planes` below, whole
+     * pictures; allocates nothing. No pixel's widths are larger than those of one that is `depth` mm away and has this strength of
+     * scattering. NULL: the method does not run there. */
+    void (*record_in)(void *state, struct pell_gpu_commands *commands, float depth, float strength);
+    /* Of a state that was created without planes: the buffers of its own that record_in reads and leaves its result in, in the layout of
+     * pellucid/vulkan.h. False: what it reads is no plane of light, or there are none. NULL: so it is with all of them. */
+    bool (*planes)(const void *state, struct pell_gpu_buffer *planes[PELL_GPU_PLANES]);
     bool (*unfinished)(const void *state);
     bool (*unwritten)(const void *state);
 };
@@ -93,6 +97,7 @@ struct pell_engine_frame {
     const struct pell_plan *plan; /* of the frame's method; NULL: nothing scatters */
     struct pell_rect covered;     /* holds every pixel that any sample may cover */
     bool denoise;                 /* before post: the method states its noise, and the settings ask */
+    bool observed;                /* intermediate images are asked for */
     struct pell_stage_notes *notes;
 };
 
@@ -154,6 +159,11 @@ struct pell_engine_interface {
     void (*drop)(void *engine, enum pell_engine_resource resource);
     /* Fills in rays, engine, light_points and light_grid. Once the scene is made. */
     void (*lend)(void *engine, struct pell_services *services);
+
+    /* In place of all stages of a sample, by engines that make whole pictures elsewhere; `pass`: the method's, or NULL. *done: it did; of
+     * the first sample of a frame this says it for all of them. NULL: no engine does. */
+    enum pell_result (*sample)(void *engine, const struct pell_engine_sample *sample, struct pell_pass *pass, struct pell_engine_seen *seen,
+                               bool *done);
 
     /* The stages of a sample, in this order; `shade` where the method asks for the plane, `hand_over` where it runs. None allocates. */
     enum pell_result (*surface)(void *engine, const struct pell_engine_sample *sample, struct pell_engine_seen *seen);

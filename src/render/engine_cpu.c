@@ -105,7 +105,7 @@ static bool is_asked(int plane, const struct pell_engine_frame *frame)
     return !p->need || (plan && (plan->needs & p->need));
 }
 
-static bool spreads(const struct pell_engine_frame *frame)
+bool pell_cpu_spreads(const struct pell_engine_frame *frame)
 {
     return frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION) && frame->plan->spreads;
 }
@@ -140,7 +140,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
         pell_planes_want(&w, e->lighting.single, 3);
     if (shares_highlights(frame))
         pell_planes_want(&w, e->lighting.hidden, 3);
-    if (spreads(frame)) {
+    if (pell_cpu_spreads(frame)) {
         pell_planes_want(&w, &e->lighting.way, 1);
         pell_planes_want(&w, e->spread, 3);
     }
@@ -170,7 +170,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     if (s->dof && !e->open_tiles && !(e->open_tiles = pell_calloc(e->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
         goto fail;
     blocks = pell_spread_blocks(e->surface.stride) * (size_t) s->height;
-    if (spreads(frame) && !e->spread_lit && !(e->spread_lit = pell_calloc(e->ctx, blocks, 2)))
+    if (pell_cpu_spreads(frame) && !e->spread_lit && !(e->spread_lit = pell_calloc(e->ctx, blocks, 2)))
         goto fail;
     if (shares_highlights(frame) && !e->hidden_lit &&
         !(e->hidden_lit = pell_calloc(e->ctx, pell_highlights_blocks(e->surface.stride) * (size_t) s->height, 1)))
@@ -277,6 +277,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
     const struct pell_settings *s = frame->settings;
     enum pell_result res = PELL_OK;
 
+    e->known += resource >= PELL_ENGINE_CURVATURE && resource <= PELL_ENGINE_THROUGH;
     switch (resource) {
     case PELL_ENGINE_SCENE: return make_scene(e, frame->scene);
     case PELL_ENGINE_PLANES: return make_planes(e, frame);
@@ -305,6 +306,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
 {
     struct pell_cpu *e = engine;
 
+    e->known += resource >= PELL_ENGINE_CURVATURE && resource <= PELL_ENGINE_THROUGH;
     switch (resource) {
     case PELL_ENGINE_SCENE: drop_scene(e); break;
     case PELL_ENGINE_PLANES: drop_planes(e); break;
@@ -374,16 +376,12 @@ static double note_device(struct pell_cpu *e, struct pell_stage_notes *notes)
     return t.upload + t.light + t.transmission + t.download;
 }
 
-static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sample *sample)
+struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, const struct pell_engine_sample *sample)
 {
-    struct pell_cpu *e = engine;
     const struct pell_engine_frame *f = sample->frame;
-    const struct pell_settings *settings = f->settings;
     const float mix = f->plan ? f->plan->mix : -1.0f;
     const bool apart = f->plan && f->materials->single_apart;
     struct pell_irradiance_params light = pell_cpu_light(e, mix, apart);
-    const double start = pell_seconds();
-    enum pell_result res;
 
     light.view = &sample->view;
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
@@ -397,28 +395,47 @@ static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sa
     light.device = e->device && !pell_light_device_refuses(e->device) ? e->device : NULL;
     light.apart = apart ? f->materials->apart : NULL;
     light.shared = shares_highlights(f);
-    res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
-    if (res != PELL_OK)
-        return res;
-    pell_stage_note(f->notes, "irradiance", pell_seconds() - start - note_device(e, f->notes), e->surface.covered_pixels,
-                    e->lighting.shadow_rays, e->surface.covered_pixels * 108);
-    if (light.shared)
-        pell_cpu_share_highlights(e, sample);
-    e->composite = (struct pell_composite_params) {
+    return light;
+}
+
+struct pell_composite_params pell_cpu_sample_composite(const struct pell_cpu *e, const struct pell_engine_sample *sample,
+                                                       const struct pell_irradiance_params *light)
+{
+    const struct pell_engine_frame *f = sample->frame;
+    const struct pell_settings *settings = f->settings;
+
+    return (struct pell_composite_params) {
         .scene = e->scene,
         .view = &sample->view,
         .surface = &e->surface,
         .tables = e->tables,
         .lighting = &e->lighting,
         .total = (const float(*)[3]) f->materials->total,
-        .angle = light.angle,
-        .mix = mix,
+        .angle = light->angle,
+        .mix = light->mix,
         .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,
         .rect = f->covered,
         .weight = 1.0f / (float) settings->msaa,
         .first = sample->number == 0,
     };
+}
+
+static enum pell_result cpu_irradiance(void *engine, const struct pell_engine_sample *sample)
+{
+    struct pell_cpu *e = engine;
+    const struct pell_engine_frame *f = sample->frame;
+    const struct pell_irradiance_params light = pell_cpu_sample_light(e, sample);
+    const double start = pell_seconds();
+    const enum pell_result res = pell_irradiance_render(e->pool, e->lights, &light, &e->lighting);
+
+    if (res != PELL_OK)
+        return res;
+    pell_stage_note(f->notes, "irradiance", pell_seconds() - start - note_device(e, f->notes), e->surface.covered_pixels,
+                    e->lighting.shadow_rays, e->surface.covered_pixels * 108);
+    if (light.shared)
+        pell_cpu_share_highlights(e, sample);
+    e->composite = pell_cpu_sample_composite(e, sample, &light);
     return PELL_OK;
 }
 
@@ -487,7 +504,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
     };
 
     pell_pool_run(e->pool, s->translucent.y1 - s->translucent.y0, remap_row, (void *) &remap);
-    if (spreads(sample->frame))
+    if (pell_cpu_spreads(sample->frame))
         pell_cpu_spread(e, sample, remap.out);
     in->rect = s->translucent;
     for (int i = 0; i < PELL_PLANES; i++) {

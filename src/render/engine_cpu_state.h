@@ -10,6 +10,7 @@
 #include "render/indirect/stage.h"
 #include "render/irradiance/device.h"
 #include "render/layers.h"
+#include "render/picture/device.h"
 #include "render/plane_buffers.h"
 #include "render/post/device.h"
 #include "render/post/dof.h"
@@ -64,11 +65,23 @@ struct pell_cpu {
     struct pell_post_device *post_device; /* of the engine vulkan, which keeps it; NULL: the cpu does it */
     bool lens_pending;                    /* the sum of depth of field is still there, */
     float lens_scale;                     /* and is to be multiplied by this */
+    struct pell_picture_device *picture;  /* of the engine vulkan, which keeps it */
+    bool pictured;                        /* the sum of the samples is still there */
+    uint32_t known;                       /* counts the changes of curvature, indirect light and light inside of solids */
     double *rows;                         /* 4 a row for post, then 2 a row for the meter */
 
     struct pell_composite_params composite; /* of the sample that is made */
     struct pell_post_result post;
 };
+
+/* --- engine_cpu.c: what samples are made by ------------------------------------------------------------------------------------------- */
+
+struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, const struct pell_engine_sample *sample);
+/* Without what a method gives. `light`: of the same sample. */
+struct pell_composite_params pell_cpu_sample_composite(const struct pell_cpu *e, const struct pell_engine_sample *sample,
+                                                       const struct pell_irradiance_params *light);
+/* Whether what went straight through thin parts is spread sideways. */
+bool pell_cpu_spreads(const struct pell_engine_frame *frame);
 
 /* --- engine_cpu_lend.c: what methods are lent ---------------------------------------------------------------------------------------- */
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * engine_vulkan.c - the engine vulkan: methods run on a Vulkan device, which finds direct light and what is transmitted, too, and makes
- * depth of field and bloom; all other stages of a frame are the cpu engine's. */
+ * engine_vulkan.c - the engine vulkan: samples are made on a Vulkan device as a whole (picture/device.h), where it has all that they need;
+ * else methods run there, direct light and what is transmitted are found there, and depth of field and bloom made, and all other stages of
+ * the frame are the cpu engine's. */
 #include "render/engine_cpu_state.h"
 
 static const struct pell_method_engine *vulkan_method(const struct pell_method *method)
@@ -16,6 +17,7 @@ static enum pell_result vulkan_open(struct pell_context *ctx, struct pell_pool *
     PELL_TRY(pell_engine_cpu.open(ctx, pool, gpu, engine));
     e = *engine;
     PELL_TRY(pell_light_device_create(ctx, gpu, &e->device));
+    PELL_TRY(pell_picture_device_create(ctx, gpu, &e->picture));
     return pell_post_device_create(ctx, gpu, &e->post_device);
 
 fail:
@@ -27,6 +29,7 @@ static void vulkan_close(void *engine)
     struct pell_cpu *e = engine;
 
     if (e) {
+        pell_picture_device_destroy(&e->picture);
         pell_light_device_destroy(&e->device);
         pell_post_device_destroy(&e->post_device);
     }
@@ -43,6 +46,8 @@ static void vulkan_drop(void *engine, enum pell_engine_resource resource)
         pell_light_device_drop_lights(e->device);
     if (resource == PELL_ENGINE_PLANES)
         pell_post_device_drop(e->post_device);
+    if (resource == PELL_ENGINE_SCENE || resource == PELL_ENGINE_PLANES)
+        pell_picture_device_drop(e->picture);
     pell_engine_cpu.drop(engine, resource);
 }
 
@@ -65,6 +70,45 @@ static enum pell_result vulkan_make(void *engine, enum pell_engine_resource reso
     if (res != PELL_OK)
         vulkan_drop(engine, resource);
     return res;
+}
+
+/* --- Whole samples ------------------------------------------------------------------------------------------------------------------- */
+
+static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sample *sample, struct pell_pass *pass,
+                                      struct pell_engine_seen *seen, bool *done)
+{
+    struct pell_cpu *e = engine;
+    struct pell_irradiance_params light = pell_cpu_sample_light(e, sample);
+    const struct pell_composite_params composite = pell_cpu_sample_composite(e, sample, &light);
+    const struct pell_picture_sample picture = { sample,  e->device, &light, &composite, pass, pass && pell_cpu_spreads(sample->frame),
+                                                 e->known };
+    const char *why = NULL;
+    enum pell_result res;
+
+    if (!pell_light_device_refuses(e->device)) {
+        res = pell_light_device_set_thickness(e->device, &light);
+        if (res != PELL_OK)
+            return res;
+    }
+    if (sample->number == 0) {
+        why = pell_picture_device_refuses(e->picture, &picture);
+        e->pictured = !why;
+        e->lens_pending = false;
+    }
+    if (why)
+        pell_stage_note(sample->frame->notes, why, 0.0, 0, 0, 0);
+    *done = e->pictured;
+    return e->pictured ? pell_picture_device_sample(e->picture, &picture, seen) : PELL_OK;
+}
+
+static enum pell_result vulkan_post(void *engine, const struct pell_engine_frame *frame, const struct pell_view *view)
+{
+    struct pell_cpu *e = engine;
+    enum pell_result res = PELL_OK;
+
+    if (e->pictured)
+        res = pell_picture_device_take(e->picture, e->pool, frame->notes, &e->sum, e->surface.stride, &frame->covered);
+    return res == PELL_OK ? pell_cpu_post(engine, frame, view) : res;
 }
 
 /* --- Light at points, in batches ----------------------------------------------------------------------------------------------------- */
@@ -143,4 +187,6 @@ void pell_engine_vulkan_make(struct pell_engine_interface *engine)
     engine->make = vulkan_make;
     engine->drop = vulkan_drop;
     engine->lend = vulkan_lend;
+    engine->sample = vulkan_sample;
+    engine->post = vulkan_post;
 }

@@ -156,8 +156,15 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     const struct pell_engine_sample sample = { frame, sample_view(r, frame->settings, number), number };
     struct pell_engine_seen seen = { .translucent_pixels = 0 };
     struct pell_engine_scattered scattered = { .there = false };
+    bool done = false;
     enum pell_result res;
 
+    if (engine->sample)
+        PELL_TRY(engine->sample(r->engine, &sample, r->pass, &seen, &done));
+    if (done) {
+        pell_rect_unite(&r->translucent, &seen.translucent);
+        return PELL_OK;
+    }
     PELL_TRY(engine->surface(r->engine, &sample, &seen));
     pell_rect_unite(&r->translucent, &seen.translucent);
     PELL_TRY(engine->irradiance(r->engine, &sample));
@@ -296,6 +303,7 @@ enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell
     frame.scene = r->scene;
     frame.plan = r->pass ? pell_pass_plan(r->pass) : NULL;
     frame.covered = find_covered(r, settings, &view);
+    frame.observed = r->observer.show != NULL;
     PELL_TRY(render_samples(r, &frame, &partial));
     frame.denoise = can_denoise(r);
     PELL_TRY(r->device->engine->post(r->engine, &frame, &view));

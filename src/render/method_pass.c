@@ -237,9 +237,14 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
     return pass->engine->record(pass->state, in, out);
 }
 
-void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *commands, float nearest)
+void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *commands, float depth, float strength)
 {
-    pass->engine->record_in(pass->state, commands, nearest);
+    pass->engine->record_in(pass->state, commands, depth, strength);
+}
+
+bool pell_pass_planes(const struct pell_pass *pass, struct pell_gpu_buffer *planes[PELL_GPU_PLANES])
+{
+    return pass->engine->planes && pass->engine->planes(pass->state, planes);
 }
 
 const struct pell_plan *pell_pass_plan(const struct pell_pass *pass)

@@ -12,8 +12,10 @@ PELL_NODISCARD enum pell_result pell_pass_make(const struct pell_engine_interfac
                                                const struct pell_method *method, const void *knobs, const struct pell_frame_shape *shape,
                                                struct pell_pass **out);
 
-/* Records a pass of a device with planes into a list: see struct pell_method_engine. */
-void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *commands, float nearest);
+/* Records a pass into a list: see struct pell_method_engine. */
+void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *commands, float depth, float strength);
+/* The buffers that it reads and leaves its result in there, of a renderer's pass; false: there are none. */
+bool pell_pass_planes(const struct pell_pass *pass, struct pell_gpu_buffer *planes[PELL_GPU_PLANES]);
 
 /* PELL_ERR_DEVICE, with a message that says which engines have the method, where this one has not. */
 PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine,

@@ -24,7 +24,13 @@ struct pell_light_grid;
 struct pell_points16;
 struct pell_share;
 
-/* Buffers of a frame on a Vulkan device, as pellucid/vulkan.h has them. */
+/* Pixels from row to row of a picture's planes on a Vulkan device. */
+static inline int pell_gpu_pitch(int width)
+{
+    return (width + 15) / 16 * 16;
+}
+
+/* Buffers of a frame there, as pellucid/vulkan.h has them. */
 enum pell_gpu_plane { PELL_GPU_PLANE_LIGHT, PELL_GPU_PLANE_SURFACE, PELL_GPU_PLANE_RESULT, PELL_GPU_PLANES };
 
 /* n points of the scene's triangles. */

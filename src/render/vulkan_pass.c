@@ -14,7 +14,7 @@ struct pell_vulkan_pass {
 
 int pell_vulkan_pitch(int width)
 {
-    return (width + 15) / 16 * 16;
+    return pell_gpu_pitch(width);
 }
 
 void pell_vulkan_pass_destroy(struct pell_vulkan_pass **pass)
@@ -88,7 +88,7 @@ enum pell_result pell_vulkan_pass_record(struct pell_vulkan_pass *pass, struct V
     if (!(nearest_mm > 0.0f && nearest_mm < 1e12f))
         return pell_error(pass->ctx, PELL_ERR_INVALID, "vulkan pass", NULL, "nearest_mm = %g, must be in (0, 1e12)", (double) nearest_mm);
     pell_gpu_begin_in(pass->commands, command_buffer);
-    pell_pass_record_in(pass->pass, pass->commands, nearest_mm);
+    pell_pass_record_in(pass->pass, pass->commands, nearest_mm, 1.0f);
     pell_gpu_end_in(pass->commands);
     return PELL_OK;
 }

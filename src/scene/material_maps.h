@@ -52,19 +52,6 @@ static inline const char *pell_material_shown_name(const struct pell_material *m
     return m->preset && m->preset[0] && strcmp(m->name, PELL_DEFAULT_MATERIAL) == 0 ? m->preset : m->name;
 }
 
-/* base^m, [0, 1]: of the base colour what is applied on one side of the scattering; m the material's mix, or 1 less it; the
- * common exponents without a library call. */
-static inline float pell_color_share(float base, float m)
-{
-    if (m <= 0.0f)
-        return 1.0f;
-    if (m >= 1.0f)
-        return base;
-    if (m == 0.5f)
-        return sqrtf(base > 0.0f ? base : 0.0f);
-    return base > 0.0f ? powf(base, m) : 0.0f;
-}
-
 /* A sheet that lets light through: both of its sides are lit. */
 static inline bool pell_material_is_thin(const struct pell_material *m)
 {

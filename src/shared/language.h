@@ -26,6 +26,7 @@
 #define PELL_PRECISE
 #define PELL_TO_INT(x) ((int32_t) (x))
 #define PELL_TO_FLOAT(i) ((float) (i))
+#define PELL_TO_UINT(i) ((uint32_t) (i))
 
 /* A member of 16 bytes. */
 struct pell_vec4 {
@@ -54,6 +55,7 @@ PELL_SHARED float pell_bits_float(int32_t i)
 #define PELL_PRECISE precise
 #define PELL_TO_INT(x) int(x)
 #define PELL_TO_FLOAT(i) float(i)
+#define PELL_TO_UINT(i) uint(i)
 #define PELL_VEC4 vec4
 
 #define int32_t int

@@ -6,6 +6,7 @@
 #ifndef PELL_SHARED_SAMPLING_H
 #define PELL_SHARED_SAMPLING_H
 
+#include "shared/hash.h"
 #include "shared/language.h"
 
 struct pell_place2 {
@@ -55,6 +56,26 @@ PELL_SHARED PELL_STRUCT(pell_place2) pell_disc_at(float u, float v)
     p.x = big * (aa > ab ? c : s);
     p.y = big * (aa > ab ? s : c);
     return p;
+}
+
+/* Place of pixel (x, y) of a block of 32 x 32 on a curve that visits quadrants of quadrants (Morton 1966), in an order drawn by hash for
+ * each of them: below 1024. Pixels that take consecutive runs of a (0, 2)-sequence along it share out the square with their neighbours at
+ * every scale, so that what is left of their errors is of high frequency (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte
+ * Carlo Sampling Error via Hierarchical Ordering of Pixels"). */
+#define PELL_CURVE_LEVELS 5
+PELL_SHARED uint32_t pell_pixel_curve(uint32_t x, uint32_t y, uint32_t seed)
+{
+    uint32_t place = 0u;
+
+    for (int32_t level = PELL_CURVE_LEVELS - 1; level >= 0; level--) {
+        const uint32_t right = x >> level & 1u, down = y >> level & 1u;
+        const uint32_t hash = pell_hash(x >> (level + 1) ^ pell_hash(y >> (level + 1) ^ (seed + PELL_TO_UINT(level))));
+        /* all 24 orders: digit -> A digit + b over two bits, A of two different columns */
+        const uint32_t third = (hash >> 8) % 3u, other = third + 1u + (hash >> 2 & 1u);
+        const uint32_t a = 1u + third, b = 1u + other - (other > 2u ? 3u : 0u);
+        place = place << 2 | ((hash & 3u) ^ (a & (0u - right)) ^ (b & (0u - down)));
+    }
+    return place;
 }
 
 #endif

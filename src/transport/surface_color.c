@@ -4,6 +4,7 @@
 
 #include "image/color.h"
 #include "scene/material_maps.h"
+#include "shared/color_share.h"
 #include "transport/equivalent_medium.h"
 
 #include <pellucid/profile.h>

@@ -11,12 +11,15 @@
 #include <string.h>
 #include <unistd.h>
 
-/* What the file holds, the caller's; NULL: it is of no use. */
-static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *like, const char *path, const struct stat *st, size_t *size)
+/* What the file holds, the caller's; NULL: it is of no use. `*looked`: that is known of it; else it could not be read now. */
+static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *like, const char *path, const struct stat *st, size_t *size,
+                            bool *looked)
 {
     const char *why = NULL;
     uint8_t *data = NULL;
+    enum pell_result res;
 
+    *looked = true;
     if (!S_ISREG(st->st_mode) || st->st_size > PELL_SPIRV_MOST || access(path, R_OK) != 0) {
         pell_warn(gpu->ctx, path, PELL_VK_SHADER_HINT, "is no file that can be read, of at most %d MiB", PELL_SPIRV_MOST >> 20);
         return NULL;
@@ -25,9 +28,9 @@ static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *like
     if (pell_file_read(gpu->ctx, path, &data, size) != PELL_OK)
         data = NULL;
     pell_log_downgrade(gpu->ctx, -1);
-    if (!data)
-        return NULL;
-    if (pell_spirv_check(gpu->ctx, (const uint32_t *) (const void *) data, *size, like, &why) == PELL_OK && !why)
+    res = data ? pell_spirv_check(gpu->ctx, (const uint32_t *) (const void *) data, *size, like, &why) : PELL_ERR_IO;
+    *looked = res == PELL_OK;
+    if (res == PELL_OK && !why)
         return (uint32_t *) (void *) data;
     if (why)
         pell_warn(gpu->ctx, path, PELL_VK_SHADER_HINT, "%s", why);
@@ -47,6 +50,7 @@ static void look(struct pell_gpu *gpu, struct pell_vk_code *code, const char *pa
     struct stat st;
     uint32_t *words;
     size_t size = 0;
+    bool looked;
 
     if (stat(path, &st) != 0) {
         code->version += code->words != NULL;
@@ -57,8 +61,9 @@ static void look(struct pell_gpu *gpu, struct pell_vk_code *code, const char *pa
     }
     if (is_same(&st, &code->seen))
         return;
-    code->seen = st;
-    words = read_words(gpu, code->like, path, &st, &size);
+    words = read_words(gpu, code->like, path, &st, &size, &looked);
+    if (looked) /* as it was before it was read: what was written since is read by the next look */
+        code->seen = st;
     if (!words)
         return;
     pell_free(gpu->ctx, code->words);
@@ -68,7 +73,7 @@ static void look(struct pell_gpu *gpu, struct pell_vk_code *code, const char *pa
     pell_info(gpu->ctx, path, "is read");
 }
 
-const struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path)
+struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path)
 {
     struct pell_vk_code *code = gpu->codes;
 

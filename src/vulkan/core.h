@@ -95,6 +95,7 @@ struct pell_gpu {
     struct pell_vk_block *blocks;
     uint64_t memory_used;
     _Atomic uint64_t calls;
+    _Atomic uint64_t buffers; /* that were made */
     _Atomic uint64_t fail_at; /* 0: none */
     _Atomic bool fail_lost;   /* for tests: that call fails as if the device were lost */
 };
@@ -127,6 +128,7 @@ struct pell_gpu_buffer {
     VkBuffer handle;
     uint64_t size;
     const char *name;
+    uint64_t number;             /* of all that the gpu had */
     struct pell_vk_chunk *chunk; /* its memory */
     char *host;                  /* NULL: on the device */
     bool borrowed;
@@ -168,12 +170,13 @@ struct pell_vk_code {
     uint32_t *words;  /* of the last one that may be used; NULL: none */
     size_t size;
     uint32_t version; /* counts those, and its end */
+    uint32_t warned;  /* the last one of which it was said that the driver does not take it */
 };
 
 #define PELL_VK_SHADER_HINT "the shader before it stays in use"
 
 /* What the file at the path holds for a shader, looked at now; NULL: no memory. Under codes_lock. */
-const struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path);
+struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path);
 void pell_vk_codes_destroy(struct pell_gpu *gpu);
 
 /* --- replace.c --- */

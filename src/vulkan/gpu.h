@@ -88,6 +88,8 @@ PELL_NODISCARD enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enu
 PELL_NODISCARD enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, uint64_t size, const char *name,
                                                        struct pell_gpu_buffer **out);
 void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer);
+/* A number that no other buffer of the gpu has, or had: whether passes were made with this one. */
+uint64_t pell_gpu_buffer_number(const struct pell_gpu_buffer *buffer);
 /* Its memory, of one that is not on the device: written before a list that reads it finishes, read after one that wrote it did. */
 void *pell_gpu_buffer_host(const struct pell_gpu_buffer *buffer);
 

@@ -225,6 +225,7 @@ enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_plac
     b->gpu = gpu;
     b->size = size;
     b->name = name;
+    b->number = ++gpu->buffers;
     PELL_TRY(PELL_VK(gpu, CreateBuffer, (gpu->device, &info, NULL, &b->handle)));
     pell_vk_name(gpu, VK_OBJECT_TYPE_BUFFER, (uint64_t) b->handle, name);
     PELL_TRY(back(b, place));
@@ -245,7 +246,13 @@ enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, u
     if (!b)
         return PELL_ERR_NOMEM;
     *b = (struct pell_gpu_buffer) { .gpu = gpu, .handle = (VkBuffer) handle, .size = size, .name = name, .borrowed = true };
+    b->number = ++gpu->buffers;
     return PELL_OK;
+}
+
+uint64_t pell_gpu_buffer_number(const struct pell_gpu_buffer *buffer)
+{
+    return buffer->number;
 }
 
 void pell_gpu_buffer_destroy(struct pell_gpu_buffer **buffer)

@@ -13,7 +13,7 @@ struct pell_vk_replaced {
 };
 
 /* Makes the code that of the pass. Pipelines before it may be in lists that are not done, and go with the pass. */
-static void take(struct pell_gpu_pass *p, const struct pell_vk_code *code, const char *path)
+static void take(struct pell_gpu_pass *p, struct pell_vk_code *code, const char *path)
 {
     struct pell_vk_replaced *made;
 
@@ -30,7 +30,9 @@ static void take(struct pell_gpu_pass *p, const struct pell_vk_code *code, const
         p->replaced = made;
         p->pipeline = made->pipeline;
     } else {
-        pell_warn(p->gpu->ctx, path, PELL_VK_SHADER_HINT, "the driver does not take it");
+        if (code->warned != code->version) /* other passes of the shader have said it, then */
+            pell_warn(p->gpu->ctx, path, PELL_VK_SHADER_HINT, "the driver does not take it");
+        code->warned = code->version;
         pell_free(p->gpu->ctx, made);
     }
 }
@@ -39,7 +41,7 @@ void pell_vk_replace(struct pell_gpu_pass *p)
 {
     char path[sizeof(p->gpu->shaders) + 80];
     const int length = snprintf(path, sizeof(path), "%s/%s.spv", p->gpu->shaders, p->shader->name);
-    const struct pell_vk_code *code;
+    struct pell_vk_code *code;
 
     if (length < 0 || (size_t) length >= sizeof(path))
         return;

@@ -6,8 +6,13 @@
 
 #include "shared/bloom.h"
 #include "shared/boundary.h"
+#include "shared/camera.h"
+#include "shared/color_share.h"
+#include "shared/curvature.h"
 #include "shared/gloss.h"
 #include "shared/hash.h"
+#include "shared/highlights.h"
+#include "shared/leaving.h"
 #include "shared/lens.h"
 #include "shared/light.h"
 #include "shared/light_data.h"
@@ -15,7 +20,9 @@
 #include "shared/phase.h"
 #include "shared/sampling.h"
 #include "shared/single.h"
+#include "shared/spread.h"
 #include "shared/table.h"
+#include "shared/texture.h"
 #include "shared/thickness.h"
 #include "shared/tone.h"
 #include "shared/triangle_ray.h"
@@ -125,6 +132,33 @@ float spread(int i, float depth)
     return pell_disc_lay(cover, cover, pell_disc_band(radius), 1.0f, 0.5f, 0.5f, 1.0f);
 }
 
+float curved(float mean, float thinness)
+{
+    const float beyond = pell_curvature_beyond(mean, thinness), place = pell_curvature_thin_place(beyond, 2.0f);
+    const float once = pell_curvature_once(pell_curvature_shift(mean, 0.5f), 0.5f), slot = pell_unit_float(pell_curvature_slot(1u, 2u));
+    return pell_curvature_place(place) + pell_curvature_bent_place(mean, 0.3f) + pell_curvature_sheet(beyond, thinness) + once + slot;
+}
+
+float mapped(float x)
+{
+    const pell_texels t = pell_texels_of(PELL_TEXELS_REPEAT, x, 16);
+    const pell_mip_levels m = pell_mip_levels_of(x, 4.0f);
+    const float bumps = pell_bumps(0.9f, x, 1.0f);
+    return t.f + PELL_TO_FLOAT(t.a + t.b + m.lower + m.upper + pell_floor_to_int(x)) + m.blend + pell_rough_log2(x) +
+           pell_bumpy_roughness(x, bumps, 0);
+}
+
+// From a pixel to what it shows: the stages that look around it, too.
+float shown(float x)
+{
+    const float right = pell_camera_right(x, 0.25f, 16.0f, 9.0f), up = pell_camera_up(x, 0.25f, 16.0f, 9.0f);
+    const float curve = PELL_TO_FLOAT(PELL_TO_INT(pell_pixel_curve(3u, PELL_TO_UINT(5), 7u)));
+    const float bent = pell_bend_missing(right) + pell_color_share(x, 0.5f) + curve;
+    const float left = pell_angle_off(0.5f, up) * pell_tilted(0.5f, right) * pell_tilted_by(pell_tilts(0.5f), right);
+    const float wide = pell_spread_share(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f);
+    return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_shared(x, up, right, pell_highlights_alike(0.9f, x, 2.0f));
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -137,6 +171,7 @@ void main()
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
     const float ends = spread(int(i), x) + passed(x, 0.3f) + pell_unit_float(pell_hash(i));
-    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), lit(light, vec3(x)) + ray + sampled(i) + ends,
+    const float all = lit(light, vec3(x)) + ray + sampled(i) + ends + shown(x);
+    result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), all,
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }

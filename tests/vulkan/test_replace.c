@@ -284,13 +284,102 @@ static void a_pass_follows_its_file(void **state)
     pell_context_destroy(&ctx);
 }
 
+/* A folder, a device that looks there, and what a pass works with. */
+struct rig {
+    struct kept_messages kept;
+    struct pell_alloc_fault fault;
+    struct pell_context *ctx;
+    struct pell_gpu *gpu;
+    struct work work;
+    uint32_t bits; /* of 3 */
+};
+
+static void rig_open(struct rig *r)
+{
+    const struct pell_gpu_params params = { .shaders = folder };
+    const float scale = 3.0f;
+
+    memset(r, 0, sizeof(*r));
+    r->ctx = gpu_context(&r->fault, &r->kept);
+    snprintf(folder, sizeof(folder), "/tmp/pell_replace_XXXXXX");
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof(path), "%s/test_scale.spv", folder);
+    memcpy(&r->bits, &scale, sizeof(r->bits));
+    assert_int_equal(pell_gpu_open(r->ctx, &params, &r->gpu), PELL_OK);
+    assert_int_equal(pell_gpu_buffer_create(r->gpu, PELL_GPU_TO_DEVICE, 4 * COUNT, "in", &r->work.in), PELL_OK);
+    assert_int_equal(pell_gpu_buffer_create(r->gpu, PELL_GPU_FROM_DEVICE, 4 * COUNT, "out", &r->work.out), PELL_OK);
+    assert_int_equal(pell_gpu_commands_create(r->gpu, "test", &r->work.commands), PELL_OK);
+}
+
+/* Another pass of the shader. */
+static void rig_renew(struct rig *r)
+{
+    struct pell_gpu_buffer *buffers[] = { r->work.in, r->work.out };
+
+    pell_gpu_pass_destroy(&r->work.pass);
+    assert_int_equal(pell_gpu_pass_create(r->gpu, &pell_test_scale_shader, &r->bits, 1, buffers, &r->work.pass), PELL_OK);
+}
+
+static void rig_close(struct rig *r)
+{
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(rmdir(folder), 0);
+    pell_gpu_commands_destroy(&r->work.commands);
+    pell_gpu_pass_destroy(&r->work.pass);
+    pell_gpu_buffer_destroy(&r->work.in);
+    pell_gpu_buffer_destroy(&r->work.out);
+    pell_gpu_close(&r->gpu);
+    pell_context_destroy(&r->ctx);
+}
+
+static void what_no_driver_takes_is_warned_of_once(void **state)
+{
+    struct rig r;
+    (void) state;
+
+    rig_open(&r);
+    write_file(pell_test_twice_shader.words, pell_test_twice_shader.size);
+    for (int i = 0; i < 2; i++) {
+        rig_renew(&r);
+        pell_gpu_fail_at(r.gpu, 3); /* after the list's reset and its begin: the module */
+        assert_true(run(&r.work) == 3.5f);
+        assert_int_equal(r.kept.warnings, 1);
+        assert_non_null(strstr(r.kept.last_warning, "the driver does not take it"));
+    }
+    rig_renew(&r);
+    assert_true(run(&r.work) == 6.5f);
+    write_file(pell_test_scale_shader.words, pell_test_scale_shader.size);
+    pell_gpu_fail_at(r.gpu, 3);
+    assert_true(run(&r.work) == 6.5f);
+    assert_int_equal(r.kept.warnings, 2); /* that is another version */
+    rig_close(&r);
+}
+
+/* A file that there was no memory for is looked at again, though nothing of it has changed. */
+static void what_could_not_be_read_is_read_later(void **state)
+{
+    struct rig r;
+    (void) state;
+
+    rig_open(&r);
+    rig_renew(&r);
+    assert_true(run(&r.work) == 3.5f); /* from here on it is known that the file is looked for */
+    write_file(pell_test_twice_shader.words, pell_test_twice_shader.size);
+    r.fault.fail_at = atomic_load(&r.fault.calls) + 1;
+    r.fault.sticky = true;
+    assert_true(run(&r.work) == 3.5f);
+    r.fault.fail_at = 0;
+    r.fault.sticky = false;
+    assert_true(run(&r.work) == 6.5f);
+    rig_close(&r);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(what_declares_the_same_may_stand_in),
-        cmocka_unit_test(what_declares_something_else_is_refused),
-        cmocka_unit_test(damaged_code_is_refused_or_declares_the_same),
-        cmocka_unit_test(a_pass_follows_its_file),
+        cmocka_unit_test(what_declares_the_same_may_stand_in),          cmocka_unit_test(what_declares_something_else_is_refused),
+        cmocka_unit_test(damaged_code_is_refused_or_declares_the_same), cmocka_unit_test(a_pass_follows_its_file),
+        cmocka_unit_test(what_no_driver_takes_is_warned_of_once),       cmocka_unit_test(what_could_not_be_read_is_read_later),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -455,11 +455,11 @@ static void record_passes(struct is_gpu *st, struct pell_gpu_commands *c)
 }
 
 /* On a program's own device: the grid is the whole picture, and tables go there every time, as no list is known to have run. */
-static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float nearest)
+static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct is_gpu *st = state;
 
-    (void) nearest;
+    (void) depth, (void) strength;
     pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->picture_height);
     set_grid(st);
     send(st, commands, SETS_UP, LIGHTS_UP, 0);

@@ -5,6 +5,7 @@
 #include "base/base.h"
 #include "scene/layers.h"
 #include "scene/material_maps.h"
+#include "shared/color_share.h"
 
 #include <math.h>
 #include <string.h>

@@ -323,7 +323,7 @@ static const char *step_name(const struct screen_gpu *st, int step, int preblur)
     return st->form == SEPARABLE ? pell_ss_term_name(step) : pell_ss_step_name(step, preblur);
 }
 
-/* Records all from the frame's planes to the step before `steps.end`, and the copy of what came of it. `whole`: see struct screen_push. */
+/* Records all from the frame's planes to the step before `steps.end`. `whole`: see struct screen_push. */
 static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, struct steps steps, bool whole)
 {
     const bool separable = st->form == SEPARABLE;
@@ -351,6 +351,10 @@ static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, str
         run_pixels(st, c, separable ? TERM_ACROSS : ACROSS);
         run_pixels(st, c, separable ? TERM_DOWN : DOWN);
     }
+}
+
+static void record_download(const struct screen_gpu *st, struct pell_gpu_commands *c)
+{
     pell_gpu_mark(c, "download");
     pell_gpu_planes_download(&st->planes, c, st->buffers[SUM]);
 }
@@ -365,6 +369,7 @@ static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool
     pell_gpu_mark(c, "upload");
     pell_gpu_planes_upload(&st->planes, c);
     record_steps(st, c, steps, whole);
+    record_download(st, c);
     PELL_TRY(pell_gpu_finish(c));
     pell_gpu_planes_unpack(&st->planes, to);
     return PELL_OK;
@@ -385,14 +390,26 @@ static struct steps choose_steps(const struct screen_gpu *st, float scale)
     return steps;
 }
 
-/* On a program's own device: the grid is the whole picture. */
-static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float nearest)
+/* Between buffers of the device: the grid is the whole picture. */
+static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct screen_gpu *st = state;
 
     pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->push.picture_height);
     set_grid(st);
-    record_steps(st, commands, choose_steps(st, scale_of(&st->push, nearest, 1.0f)), false);
+    record_steps(st, commands, choose_steps(st, scale_of(&st->push, depth, strength)), false);
+    if (st->services->planes)
+        record_download(st, commands);
+}
+
+static bool gpu_planes(const void *state, struct pell_gpu_buffer *planes[PELL_GPU_PLANES])
+{
+    const struct screen_gpu *st = state;
+
+    planes[PELL_GPU_PLANE_LIGHT] = buffer_of(st, LIGHT);
+    planes[PELL_GPU_PLANE_SURFACE] = buffer_of(st, SURFACE);
+    planes[PELL_GPU_PLANE_RESULT] = st->buffers[SUM];
+    return st->chain.knobs.input != SCREEN_INPUT_SHADED;
 }
 
 /* Each step's result by itself. */
@@ -464,6 +481,7 @@ const struct pell_method_engine pell_ss_vulkan = {
     .record = gpu_render,
     .destroy = gpu_destroy,
     .record_in = gpu_record_in,
+    .planes = gpu_planes,
     .thickness = thickness,
     .times = times,
 };

@@ -8,13 +8,14 @@
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
 #include "scene/mesh/topology.h"
+#include "shared/curvature.h"
 
 #include <pellucid/layers.h>
 #include <pellucid/profile.h>
 
 #include <string.h>
 
-#define GAINS CURVATURE_GAINS
+#define GAINS PELL_CURVATURE_GAINS
 #define THICK 2e-3f    /* of what a half-space returns: parts are thin that let more through */
 #define THINNEST 1e-3  /* of the distance of averaging: thinner slabs count as this */
 #define CELLS_MOST 256 /* along an object's longest side */
@@ -399,4 +400,76 @@ void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell
         s.law[i] = &k->law[is ? k->scene->meshes[at->mesh[i]].material : 0];
     }
     k->kernels->effects(&s, out);
+}
+
+/* --- For a device ---------------------------------------------------------------------------------------------------------------- */
+
+_Static_assert(sizeof(struct curvature_bent) == 12 * sizeof(float) && sizeof(struct pell_curvature_shape) == 2 * sizeof(float),
+               "as stage.h says");
+
+/* Words that follow each other; `out` NULL: they are counted. */
+struct words {
+    uint32_t *out;
+    size_t count;
+};
+
+static void put(struct words *w, const void *from, size_t count)
+{
+    if (w->out)
+        memcpy(w->out + w->count, from, count * sizeof(*w->out));
+    w->count += count;
+}
+
+static void put_law(struct words *w, const struct curvature_law *law)
+{
+    put(w, &law->step, 1);
+    put(w, &law->limit, 1);
+    put(w, law->path, 3);
+    put(w, law->bent, GAINS * (sizeof(struct curvature_bent) / sizeof(float)));
+    put(w, law->slab, sizeof(law->slab) / sizeof(float));
+    put(w, law->through, sizeof(law->through) / sizeof(float));
+}
+
+/* Of a mesh's triangles: whether each is longer than the patch's step. */
+static void put_long(struct words *w, const struct pell_mesh *mesh, float step)
+{
+    for (uint32_t t = 0; t < mesh->num_triangles; t++) {
+        const uint32_t is_long = w->out && longest_side(mesh, t) > step;
+        put(w, &is_long, 1);
+    }
+}
+
+size_t pell_curvature_words(const struct pell_curvature *k, uint32_t *out)
+{
+    const struct pell_scene *scene = k->scene;
+    struct words w = { out, PELL_CURVATURE_HEAD + PELL_CURVATURE_OF_MESH * scene->num_meshes };
+    uint32_t *of_mesh = out ? out + PELL_CURVATURE_HEAD : NULL;
+
+    if (out) {
+        out[0] = (uint32_t) k->grid.room;
+        out[1] = (uint32_t) w.count;
+        curvature_grid_write(&k->grid, out + w.count);
+    }
+    w.count += k->grid.room * PELL_CURVATURE_NODE;
+    for (size_t i = 0; i < scene->num_meshes; i++) {
+        const struct pell_mesh *mesh = &scene->meshes[i];
+        const uint32_t patch = k->patch_of[i];
+        uint32_t at[PELL_CURVATURE_OF_MESH] = { PELL_CURVATURE_NONE, 0, PELL_CURVATURE_NONE, 0 };
+        if (patch != NO_PATCH) {
+            at[0] = (uint32_t) w.count;
+            put(&w, &k->patch[patch].low, 3);
+            put(&w, &k->patch[patch].step, 1);
+            put(&w, &patch, 1);
+            at[1] = (uint32_t) w.count;
+            put(&w, k->value[i], 2 * (size_t) mesh->num_vertices);
+            at[2] = k->coarse[i] ? (uint32_t) w.count : PELL_CURVATURE_NONE;
+            if (k->coarse[i])
+                put_long(&w, mesh, k->patch[patch].step);
+            at[3] = (uint32_t) w.count; /* meshes of one material are few */
+            put_law(&w, &k->law[mesh->material]);
+        }
+        if (out)
+            memcpy(of_mesh + PELL_CURVATURE_OF_MESH * i, at, sizeof(at));
+    }
+    return w.count;
 }

@@ -5,11 +5,14 @@
 #include "render/curvature/internal.h"
 
 #include "scene/mesh/topology.h"
+#include "shared/curvature.h"
+
+#include <string.h>
 
 #define PIECES_MOST 512 /* along a side of a triangle */
 #define PIECES_BATCH 4096
-#define PIECE 0.5f /* of a cell: longer edges and triangles are cut into pieces */
-#define SIDE 1024  /* nodes along an axis; a grid's step makes a quarter of them the most */
+#define PIECE 0.5f               /* of a cell: longer edges and triangles are cut into pieces */
+#define SIDE PELL_CURVATURE_SIDE /* a grid's step makes a quarter of them the most */
 #define LEAST_ROOM 4096
 #define CREASE (PELL_PI / 3.0) /* as for normals that a file does not have */
 
@@ -104,6 +107,27 @@ struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *g, co
     if (!(sum.area > 0.0))
         return (struct pell_curvature_shape) { 0.0f, 0.0f };
     return (struct pell_curvature_shape) { (float) (0.5 * sum.turn / sum.area), (float) (sum.thin / sum.area) };
+}
+
+void curvature_grid_write(const struct curvature_grid *g, uint32_t *out)
+{
+    const uint32_t mask = (uint32_t) g->room - 1;
+
+    memset(out, 0, g->room * PELL_CURVATURE_NODE * sizeof(*out));
+    for (size_t i = 0; i < g->room; i++) {
+        const uint64_t key = g->node[i].key - 1;
+        const uint32_t patch = (uint32_t) (key / ((uint64_t) SIDE * SIDE * SIDE)),
+                       place = (uint32_t) (key % ((uint64_t) SIDE * SIDE * SIDE));
+        const float sums[3] = { (float) g->node[i].sum.area, (float) g->node[i].sum.turn, (float) g->node[i].sum.thin };
+        uint32_t slot = pell_curvature_slot(patch, place) & mask;
+        if (g->node[i].key == 0)
+            continue;
+        while (out[PELL_CURVATURE_NODE * (size_t) slot])
+            slot = (slot + 1) & mask;
+        out[PELL_CURVATURE_NODE * (size_t) slot] = patch + 1;
+        out[PELL_CURVATURE_NODE * (size_t) slot + 1] = place;
+        memcpy(out + PELL_CURVATURE_NODE * (size_t) slot + 2, sums, sizeof(sums));
+    }
 }
 
 /* --- What an object adds ---------------------------------------------------------------------------------------------------------- */

@@ -58,6 +58,9 @@ struct curvature_object {
 PELL_NODISCARD enum pell_result curvature_measure(struct curvature_grid *grid, struct curvature_patch *patch, size_t number,
                                                   const struct curvature_object *object);
 
+/* The nodes as pell_curvature_words has them. */
+void curvature_grid_write(const struct curvature_grid *grid, uint32_t *out);
+
 /* --- thin.c ----------------------------------------------------------------------------------------------------------------------- */
 
 /* A piece of a triangle. */

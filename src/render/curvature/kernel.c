@@ -10,8 +10,6 @@
 #endif
 
 #define N 16
-#define LAST (CURVATURE_GAINS - 1)
-#define SHIFT_MOST 0.3f /* so that no light from straight above turns negative */
 enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
 
 /* What the laws say of each lane's shape. `slab` and `through`: 1 and 0 where nothing is thin. */
@@ -24,7 +22,7 @@ struct looked {
 static void split(const float *at, int32_t *cell, float *rest)
 {
     for (int i = 0; i < N; i += WIDTH) {
-        const vf place = lesser(greater(load(at + i), all(0.0f)), all(LAST - 0.001f));
+        const vf place = load(at + i);
         const vi whole = __builtin_convertvector(place, vi);
         memcpy(cell + i, &whole, sizeof(whole));
         store(rest + i, place - __builtin_convertvector(whole, vf));
@@ -41,7 +39,7 @@ static void look_up_bent(const struct curvature_shapes *restrict s, struct looke
     for (int i = 0; i < N; i++)
         limit[i] = s->law[i]->limit;
     for (int i = 0; i < N; i++)
-        at[i] = (s->mean[i] / limit[i] + 1.0f) * (0.5f * LAST);
+        at[i] = pell_curvature_bent_place(s->mean[i], limit[i]);
     split(at, cell, rest);
     for (int i = 0; i < N; i++)
         row[i] = s->mean[i] != 0.0f ? s->law[i]->bent[cell[i]].gain : flat[0];
@@ -59,7 +57,7 @@ static void look_up_slab(const struct curvature_shapes *restrict s, const float 
     for (int i = 0; i < N; i++)
         step[i] = s->law[i]->step;
     for (int i = 0; i < N; i++)
-        at[i] = thinness[i] * step[i] / (1.0f + thinness[i] * step[i]) * LAST;
+        at[i] = pell_curvature_thin_place(thinness[i], step[i]);
     split(at, cell, rest);
     for (int i = 0; i < N; i++)
         row[i] = thinness[i] > 0.0f ? (const float *) ((const char *) s->law[i] + table) + SLAB * cell[i] : none[0];
@@ -75,24 +73,24 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
     look_up_bent(s, &l);
     for (int i = 0; i < N; i++) {
         thinness[i] = larger(s->thinness[i], 0.0f);
-        beyond[i] = thinness[i] > 0.0f ? s->thinness[i] - larger(0.5f * s->mean[i], 0.0f) : 0.0f; /* what a ball would not have */
+        beyond[i] = thinness[i] > 0.0f ? pell_curvature_beyond(s->mean[i], thinness[i]) : 0.0f;
     }
     look_up_slab(s, thinness, offsetof(struct curvature_law, through), solid, l.through);
     look_up_slab(s, beyond, offsetof(struct curvature_law, slab), whole, l.slab);
-    for (int i = 0; i < N; i++) /* 0: balls and cylinders; 1: flat */
-        out->flat[i] = thinness[i] > 0.0f ? larger(2.0f * beyond[i] / thinness[i] - 1.0f, 0.0f) : 0.0f;
+    for (int i = 0; i < N; i++)
+        out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
     for (int c = 0; c < 3; c++) {
         _Alignas(64) float path[N];
         for (int i = 0; i < N; i++)
             path[i] = s->law[i]->path[c];
         for (int i = 0; i < N; i++) {
             const float total = l.bent[9 + c][i] + out->flat[i] * (1.0f - l.bent[9 + c][i]), through = l.through[c][i];
-            const float local = larger(total * l.slab[c][i] - through, 0.0f), shift = s->mean[i] * path[i];
+            const float local = larger(total * l.slab[c][i] - through, 0.0f);
             out->gain[c][i] = l.bent[c][i];
             out->opposed[c][i] = l.bent[3 + c][i];
             out->local[c][i] = local;
             out->opposed_local[c][i] = larger(total * l.slab[c][i] - larger(through, l.bent[6 + c][i]), 0.0f);
-            out->shift[c][i] = smaller(larger(shift, -SHIFT_MOST), SHIFT_MOST);
+            out->shift[c][i] = pell_curvature_shift(s->mean[i], path[i]);
             out->sheet[c][i] = out->flat[i] * through;
             out->round[c][i] = through - out->flat[i] * through;
             out->returned[c][i] = smaller(1.0f + out->flat[i] * (local - 1.0f), 1.0f);

@@ -7,8 +7,7 @@
 
 #include "base/simd.h"
 #include "render/curvature/stage.h"
-
-#define CURVATURE_GAINS 257 /* of a material's tables: over curvatures from -limit to limit, and over thinness */
+#include "shared/curvature.h"
 
 /* Of R, G and B. */
 struct curvature_bent {
@@ -20,9 +19,9 @@ struct curvature_bent {
 
 /* What a material makes of shapes. */
 struct curvature_law {
-    struct curvature_bent bent[CURVATURE_GAINS];
+    struct curvature_bent bent[PELL_CURVATURE_GAINS];
     /* Of a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T, and T; of R, G and B, and 0. */
-    float slab[CURVATURE_GAINS][4], through[CURVATURE_GAINS][4];
+    float slab[PELL_CURVATURE_GAINS][4], through[PELL_CURVATURE_GAINS][4];
     bool there;
     float step;     /* mm: the distance of averaging */
     float limit;    /* 1/mm */

@@ -2,16 +2,16 @@
  * cpu.c - see stage.h. Blocks of a row around which nothing is hidden are left as they are. */
 #include "render/highlights/stage.h"
 
+#include "shared/highlights.h"
+
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum {
-    BAND = 8,  /* rows that a thread takes at a time */
-    REACH = 3, /* px to each side; a tap's weight falls linearly to 0 one pixel beyond */
+    BAND = 8, /* rows that a thread takes at a time */
+    REACH = PELL_HIGHLIGHTS_REACH
 };
-
-#define SLOPE 8.0f /* of a surface that pixels see together, at most: depths apart, widths of a pixel */
 
 struct job {
     const struct pell_highlights_params *p;
@@ -62,9 +62,11 @@ static void share(struct job *job, int y, int x0, int x1)
     const struct pell_highlights_params *p = job->p;
     const struct pell_rect *r = &p->rect;
     const ptrdiff_t at = y * p->stride + x0;
-    struct pell_highlights_block b = {
-        .material = p->material + at, .depth = p->depth + at, .depth_mm = p->depth_mm, .fixed_mm = p->fixed_mm, .slope = SLOPE * REACH
-    };
+    struct pell_highlights_block b = { .material = p->material + at,
+                                       .depth = p->depth + at,
+                                       .depth_mm = p->depth_mm,
+                                       .fixed_mm = p->fixed_mm,
+                                       .slope = PELL_HIGHLIGHTS_SLOPE };
 
     if (!any_hidden(job, y, x0))
         return;

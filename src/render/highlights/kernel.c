@@ -2,9 +2,7 @@
  * kernel.c - see kernel.h; compiled once per SIMD level. */
 #include "render/highlights/kernel.h"
 
-#include <math.h>
-
-#define TURN 12.0f /* one over one minus the cosine between normals from which on pixels have nothing in common: 24 degrees */
+#include "shared/highlights.h"
 
 static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, float weight, int first, int end)
 {
@@ -15,9 +13,9 @@ static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, floa
     float w[PELL_HIGHLIGHTS_BLOCK];
 
     for (int i = first; i < end; i++) {
-        const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset], alike = 1.0f - TURN * (1.0f - turn);
-        const float far = fabsf(beyond[i] - depth[i]), reach = depth[i] * depth_mm + fixed_mm;
-        const float near = material[i] == other[i] && far < reach && b->hidden[0][i + offset] >= 0.0f ? weight : 0.0f;
+        const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset];
+        const float alike = pell_highlights_alike(turn, fabsf(beyond[i] - depth[i]), depth[i] * depth_mm + fixed_mm);
+        const float near = material[i] == other[i] && b->hidden[0][i + offset] >= 0.0f ? weight : 0.0f;
         w[i] = near > 0.0f && alike > 0.0f ? near * alike : 0.0f; /* pixels that show nothing may hold anything, NaN, too */
     }
     for (int c = 0; c < 3; c++) {
@@ -34,9 +32,9 @@ static void end(const struct pell_highlights_block *restrict b, float *const out
     for (int c = 0; c < 3; c++) {
         float *restrict to = out[c];
         for (int i = 0; i < count; i++) {
-            const float specular = b->specular[c][i], hidden = b->hidden[c][i], all = b->all[c][i];
-            const float shared = (specular + hidden) * (b->seen[c][i] / (all > 0.0f ? all : 1.0f));
-            to[i] = b->all[c][i] > b->seen[c][i] && b->hidden[0][i] >= 0.0f ? shared : specular;
+            const float specular = b->specular[c][i];
+            const float shared = pell_highlights_shared(specular, b->hidden[c][i], b->seen[c][i], b->all[c][i]);
+            to[i] = b->hidden[0][i] >= 0.0f ? shared : specular;
         }
     }
 }

@@ -104,4 +104,12 @@ void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_poo
 void pell_indirect_at(const struct pell_indirect *indirect, const struct pell_points16 *at, const int32_t *back, float rgb[4][16],
                       float behind[4][16]);
 
+/* What pell_indirect_at or, with params.through, pell_indirect_look reads, for a device: words of 32 bits. Returns how many; `out` NULL:
+ * they are not written.
+ *   first words of roots, cells and values, numbers of the meshes' knots and of all; of each mesh first_knot, first_back and first_root; a
+ *   root for each triangle; cells of child and three knots; values of 6 floats (light, and that from behind), or of 32
+ *   (struct pell_indirect_inside and 5 of no meaning). */
+enum { PELL_INDIRECT_HEAD = 8 };
+size_t pell_indirect_words(const struct pell_indirect *indirect, uint32_t *out);
+
 #endif

@@ -4,7 +4,7 @@
 //   in  1 triangles
 //   in  2 lights     sorted by environment, those of none first; `light` is the number in the scene, `image` one of the images below
 //   in  3 materials  of the scene
-//   in  4 tables     directional albedos, as struct pell_specular_tables has them; then smooth boundaries
+//   in  4 tables     directional albedos, as struct pell_specular_tables has them; then smooth boundaries; then mean albedos
 //   in  5 images     a struct pell_lit_image each, then texels
 //   in  6 points
 //   i/o 7 results    bits of floats

@@ -16,6 +16,8 @@
 #include "render/irradiance/stage.h"
 
 struct pell_gpu;
+struct pell_gpu_buffer;
+struct pell_gpu_commands;
 struct pell_light_device;
 
 PELL_NODISCARD enum pell_result pell_light_device_create(struct pell_context *ctx, struct pell_gpu *gpu, struct pell_light_device **out);
@@ -61,6 +63,29 @@ PELL_NODISCARD enum pell_result pell_light_device_run(struct pell_light_device *
 /* Of the last batch: a point's words, and those of transmission among them. */
 const uint32_t *pell_light_device_result(const struct pell_light_device *d, size_t point);
 const uint32_t *pell_light_device_through(const struct pell_light_device *d, size_t point);
+
+/* --- Batches whose points are made on the device (picture/device.h) ------------------------------------------------------------------ */
+
+/* What there is, for passes that are made anew when `version` is another; NULL where nothing needs it. `points` and `results` are of one
+ * batch. */
+struct pell_light_lent {
+    struct pell_gpu_buffer *nodes, *triangles, *meshes, *corners, *materials, *tables, *points, *results, *thickness;
+    size_t room;
+    uint32_t version;
+};
+struct pell_light_lent pell_light_device_lend(const struct pell_light_device *d);
+
+/* Of a point's words: how many, and the first of transmission, where there is some. */
+struct pell_light_layout {
+    uint32_t words, through_at;
+    bool through;
+};
+/* Record into a list: what a frame sends, before all of its batches; and the light of the first `points` of `points`. Once the list has
+ * run, the last. */
+void pell_light_device_upload(struct pell_light_device *d, const struct pell_light_run *run, struct pell_gpu_commands *commands);
+struct pell_light_layout pell_light_device_record(struct pell_light_device *d, const struct pell_light_run *run,
+                                                  struct pell_gpu_commands *commands, size_t points);
+void pell_light_device_recorded(struct pell_light_device *d, const struct pell_light_run *run);
 
 /* Of all batches since the last call. */
 struct pell_light_device_times {

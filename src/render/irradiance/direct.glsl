@@ -1,25 +1,23 @@
 // SPDX-License-Identifier: MIT
 // direct.glsl - for direct.comp and transmission.comp: a point, one sample of a light seen from it, and what arrives. Mirror of kernel.c.
-#include "shared/boundary.h"
+#include "render/irradiance/boundary.glsl"
 #include "shared/hash.h"
 #include "shared/light.h"
 #include "shared/lobe.h"
 #include "shared/sampling.h"
 #include "shared/single.h"
-#include "shared/table.h"
 #include "shared/wide_light.h"
 
 const float FAR = 3.402823466e38; // FLT_MAX
 const float BIG = 1e25;           // upper limit of an irradiance
 const float TINY = 1e-12;
 const float TERMINATOR_LIFTED = 1.0 / 64.0;
-const int ALBEDO_MU = PELL_LIT_ALBEDO_MU, ALBEDO_ROUGHNESS = PELL_LIT_ALBEDO_ROUGHNESS, BOUNDARY_MU = PELL_LIT_BOUNDARY_MU;
 
 // What rays and most formulas read; the rest is read where it is used, which leaves registers to the rays.
 struct Point {
     vec3 place, origin, geometric, normal;
-    float gn, rho, fraction;
-    int albedo_at;     // in tables
+    float gn, rho;
+    Lobe lobe;
     uint at, material; // in points, in materials
     bool lifted, single, highlights;
     uvec2 pattern;
@@ -48,10 +46,7 @@ Point load_point(uint at, bool highlights, bool single)
     p.lifted = terminator_offset > TERMINATOR_LIFTED * epsilon;
     p.gn = max(dot(p.geometric, p.normal), 1e-3);
     p.rho = (tint.r + tint.g + tint.b) * (1.0 / 3.0);
-    const float y = pell_roughness_place(points[at].normal.w, PELL_LIT_ROUGHNESS_MIN, ALBEDO_ROUGHNESS);
-    const int k = pell_table_cell(y, ALBEDO_ROUGHNESS);
-    p.fraction = y - float(k);
-    p.albedo_at = materials[p.material].model * ALBEDO_MU * ALBEDO_ROUGHNESS * 2 + 2 * k;
+    p.lobe = lobe_of(p.material, points[at].normal.w);
     p.pattern = pattern_at(at, pc.light_bits, 0u);
     p.number = points[at].number;
     p.highlights = highlights;
@@ -62,20 +57,7 @@ Point load_point(uint at, bool highlights, bool single)
 // T at a cosine.
 float transmittance(Point p, float mu)
 {
-    const float clamped = pell_saturate(mu);
-    const int smooth_at = materials[p.material].smooth_at;
-
-    if (smooth_at >= 0) {
-        const float place = pell_cosine_place(clamped, BOUNDARY_MU);
-        const int k = pell_table_cell(place, BOUNDARY_MU);
-        return pell_lerp(tables[smooth_at + k], tables[smooth_at + k + 1], place - float(k));
-    }
-    const float place = pell_cosine_place(clamped, ALBEDO_MU);
-    const int k = pell_table_cell(place, ALBEDO_MU), at = p.albedo_at + 2 * ALBEDO_ROUGHNESS * k, next = at + 2 * ALBEDO_ROUGHNESS;
-    const float f = place - float(k);
-    const float scale = pell_bilinear(tables[at], tables[at + 2], tables[next], tables[next + 2], p.fraction, f);
-    const float bias = pell_bilinear(tables[at + 1], tables[at + 3], tables[next + 1], tables[next + 3], p.fraction, f);
-    return pell_transmittance(p.rho, materials[p.material].fd, scale, bias);
+    return boundary_transmittance(p.lobe, p.rho, mu);
 }
 
 // --- One sample of a light ---------------------------------------------------------------------------------------------------------

@@ -3,25 +3,18 @@
 #include "render/irradiance/inside_kernel.h"
 
 #include "math/scalar.h"
+#include "render/irradiance/device_data.h"
 #include "render/irradiance/lanes.h"
+#include "shared/curvature.h"
 
 #include <string.h>
 
-#define LEAST_STRAIGHT 1e-4f /* share of transmitted light for which rays are sent: more than what rounding leaves of none */
-
-/* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
- * and more mean free paths. Less than diffusion's gain, as such light goes less far. Thin parts keep the same share of it as of all. */
+/* Light that is scattered once goes less far than diffusion's gain says. Thin parts keep the same share of it as of all. */
 static void gain_of_once(const struct pell_lanes *restrict l, float (*restrict gain)[N])
 {
-    _Alignas(64) float inverse_eta[N];
-
-    for (int i = 0; i < N; i++)
-        inverse_eta[i] = sqrtf(l->single_eta2[i]);
     for (int c = 0; c < 3; c++)
-        for (int i = 0; i < N; i++) {
-            const float bend = l->shift[c][i] / inverse_eta[i];
-            gain[c][i] = 1.0f / (1.0f - (inverse_eta[i] > 0.0f ? smaller(bend, 0.25f) : 0.0f));
-        }
+        for (int i = 0; i < N; i++)
+            gain[c][i] = pell_curvature_once(l->shift[c][i], l->single_eta2[i]);
 }
 
 static void bend(const struct pell_irradiance_params *p, const struct pell_curvature_effects *restrict e, struct pell_lanes *restrict l,
@@ -90,7 +83,7 @@ static void look(const struct pell_irradiance_params *p, const struct pell_indir
         memset(in->light, 0, sizeof(in->light));
     }
     for (int i = 0; i < N; i++)
-        straight[i] = -(int32_t) (rest[i] > LEAST_STRAIGHT);
+        straight[i] = -(int32_t) (rest[i] > PELL_LIT_STRAIGHT_LEAST);
 }
 
 static void scale(const struct pell_gains *restrict gains, struct pell_sums *restrict sums)

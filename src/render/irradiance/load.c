@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * load.c - fills a packet's lanes from the surface's planes and the materials. */
 #include "render/irradiance/internal.h"
+#include "shared/color_share.h"
 
 #include <string.h>
 

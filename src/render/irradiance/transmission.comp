@@ -7,7 +7,7 @@
 //   in  8 meshes     of the scene
 //   in  9 corners    of all triangles, by their mesh's vertices; then all normals, bits of floats
 //   in 10 parts      (object, material) of every mesh, sorted
-//   in 11 thickness  tables as struct pell_thickness_table has them: first `value`, then `slab`
+//   in 11 thickness  tables as struct pell_thickness_table has them: first `value`, then `slab`, then `spread`
 layout(local_size_x = 64) in;
 #include "render/irradiance/buffers.glsl"
 layout(set = 0, binding = 8) readonly buffer Meshes { pell_lit_mesh meshes[]; };

@@ -3,6 +3,7 @@
 #include "render/spread/stage.h"
 
 #include "math/vec.h"
+#include "shared/spread.h"
 #include "shared/table.h"
 
 #include <math.h>
@@ -10,12 +11,12 @@
 #include <string.h>
 
 enum {
-    BAND = 8,   /* rows that a thread takes at a time */
-    LEVELS = 8, /* the widest has a standard deviation of 2^7 times the narrowest's */
+    BAND = 8, /* rows that a thread takes at a time */
+    LEVELS = PELL_SPREAD_LEVELS
 };
 
 #define NARROWEST 0.7f /* px: standard deviation of the narrowest Gaussian where pixels are finest */
-#define REACH2 11.0f   /* variances: (1 - d^2/reach^2)^4 has a variance of reach^2/11 along a line */
+#define REACH2 11.0f   /* variances: pell_spread_weight */
 #define LEAST 2e-3f    /* of light that arrives behind: what less of it gets through is left as it is */
 #define SPACING 0.75f  /* standard deviations between taps, at most */
 
@@ -23,8 +24,8 @@ struct job {
     const struct pell_spread_params *p;
     const struct pell_spread_kernels *kernels;
     void (*row)(const struct job *job, int y, struct pell_rect rect);
-    struct pell_rect rect;          /* that rows are of */
-    float variance[LEVELS + 1];     /* mm^2: none, then of each level */
+    struct pell_rect rect; /* that rows are of */
+    struct pell_spread_plan plan;
     int level;                      /* counted from 1 */
     float inverse;                  /* 1/reach^2 of the blur, 1/mm^2 */
     int taps, spacing;              /* of it: to each side, px */
@@ -96,12 +97,9 @@ static void scan_row(const struct job *job, int y, struct pell_rect rect)
 /* Share of light of a variance that a level takes; level 0 is what is not blurred. */
 static inline float share_of(const struct job *job, int level, float variance)
 {
-    const float *v = job->variance;
-    const float below = level > 0 ? v[level - 1] : -1.0f, above = level < LEVELS ? v[level + 1] : 0.0f;
+    const float *v = job->plan.variance;
 
-    if (variance <= v[level])
-        return level > 0 ? fmaxf((variance - below) / (v[level] - below), 0.0f) : 1.0f;
-    return level < LEVELS ? fmaxf((above - variance) / (above - v[level]), 0.0f) : 1.0f;
+    return pell_spread_share(variance, level > 0 ? v[level - 1] : -1.0f, v[level], level < LEVELS ? v[level + 1] : 0.0f);
 }
 
 /* Whether the block of a row that holds pixel x has light in `sum` (0) or `half` (1). */
@@ -228,6 +226,30 @@ static struct pell_rect widened(struct pell_rect r, int reach, struct pell_rect 
                                 .y1 = r.y1 + reach < within.y1 ? r.y1 + reach : within.y1 };
 }
 
+bool pell_spread_make_plan(const struct pell_spread_found *found, const struct pell_rect *within, struct pell_spread_plan *plan)
+{
+    const float finest = found->finest;
+    int reach = 0;
+
+    *plan = (struct pell_spread_plan) { .levels = 0 };
+    if (found->straight.x0 >= found->straight.x1)
+        return false;
+    for (int i = 1; i <= LEVELS; i++) {
+        plan->variance[i] = NARROWEST * NARROWEST * finest * finest * (float) (1 << 2 * (i - 1));
+        plan->levels += i == plan->levels + 1 && plan->variance[i - 1] < found->widest;
+    }
+    for (int i = 1; i <= plan->levels; i++) {
+        const float variance = plan->variance[i] - plan->variance[i - 1], px = sqrtf(variance) / finest;
+        const int spacing = SPACING * px > 1.0f ? (int) (SPACING * px) : 1;
+        reach += (int) fminf(ceilf(sqrtf(REACH2 * variance) / finest), 65536.0f);
+        plan->blur[i].inverse = 1.0f / (REACH2 * variance);
+        plan->blur[i].spacing = spacing;
+        plan->blur[i].taps = (int) (sqrtf(REACH2) * px) / spacing;
+    }
+    plan->around = widened(found->straight, 2 * reach, *within); /* what light reaches, and what those pixels weigh it by */
+    return plan->levels > 0;
+}
+
 int64_t pell_spread_render(struct pell_pool *pool, const struct pell_spread_params *p)
 {
     struct job job = { .p = p,
@@ -236,37 +258,24 @@ int64_t pell_spread_render(struct pell_pool *pool, const struct pell_spread_para
                        .x0 = INT32_MAX,
                        .y0 = INT32_MAX,
                        .finest = INT32_MAX };
-    struct pell_rect straight, around;
-    float finest, widest;
-    int levels = 0, reach = 0;
+    struct pell_spread_found found;
+    struct pell_rect around;
 
     if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)
         return 0;
     run(pool, &job, scan_row);
-    straight = (struct pell_rect) { .x0 = job.x0, .y0 = job.y0, .x1 = job.x1, .y1 = job.y1 };
-    if (straight.x0 >= straight.x1)
+    found = (struct pell_spread_found) { { job.x0, job.y0, job.x1, job.y1 }, pell_bits_float(job.finest), pell_bits_float(job.widest) };
+    if (!pell_spread_make_plan(&found, &p->rect, &job.plan))
         return 0;
-    finest = pell_bits_float(job.finest);
-    widest = pell_bits_float(job.widest);
-    for (int i = 1; i <= LEVELS; i++) {
-        job.variance[i] = NARROWEST * NARROWEST * finest * finest * (float) (1 << 2 * (i - 1));
-        levels += i == levels + 1 && job.variance[i - 1] < widest;
-    }
-    if (levels == 0)
-        return 0;
-    for (int i = 1; i <= levels; i++)
-        reach += (int) fminf(ceilf(sqrtf(REACH2 * (job.variance[i] - job.variance[i - 1])) / finest), 65536.0f);
-    around = widened(straight, 2 * reach, p->rect); /* what light reaches, and what those pixels weigh it by */
-    job.rect = around;
+    job.rect = around = job.plan.around;
     run(pool, &job, clear_row);
-    for (job.level = levels; job.level > 0; job.level--) {
-        const float variance = job.variance[job.level] - job.variance[job.level - 1], px = sqrtf(variance) / finest;
-        job.rect = straight;
+    for (job.level = job.plan.levels; job.level > 0; job.level--) {
+        job.rect = found.straight;
         run(pool, &job, add_row);
         job.rect = around;
-        job.inverse = 1.0f / (REACH2 * variance);
-        job.spacing = SPACING * px > 1.0f ? (int) (SPACING * px) : 1;
-        job.taps = (int) (sqrtf(REACH2) * px) / job.spacing;
+        job.inverse = job.plan.blur[job.level].inverse;
+        job.spacing = job.plan.blur[job.level].spacing;
+        job.taps = job.plan.blur[job.level].taps;
         job.down = false;
         run(pool, &job, blur_row);
         job.down = true;

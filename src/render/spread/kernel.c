@@ -2,6 +2,8 @@
  * kernel.c - see kernel.h; compiled once per SIMD level. */
 #include "render/spread/kernel.h"
 
+#include "shared/spread.h"
+
 static void add(struct pell_spread_block *restrict b, ptrdiff_t offset, float apart, int first, int end)
 {
     const uint16_t *restrict key = b->key, *restrict other = key + offset;
@@ -10,8 +12,7 @@ static void add(struct pell_spread_block *restrict b, ptrdiff_t offset, float ap
     const float inverse = b->inverse;
 
     for (int i = first; i < end; i++) {
-        const float aside = apart * b->mm[i], ahead = beyond[i] - depth[i], left = 1.0f - (aside * aside + ahead * ahead) * inverse;
-        const float inside = left > 0.0f ? left : 0.0f, w2 = inside * inside, w = key[i] == other[i] ? w2 * w2 : 0.0f;
+        const float near = pell_spread_weight(apart * b->mm[i], beyond[i] - depth[i], inverse), w = key[i] == other[i] ? near : 0.0f;
         b->light[0][i] += w * red[i];
         b->light[1][i] += w * green[i];
         b->light[2][i] += w * blue[i];

@@ -38,6 +38,28 @@ static inline size_t pell_spread_blocks(ptrdiff_t stride)
     return (size_t) stride / PELL_SPREAD_BLOCK + 1;
 }
 
+/* Where light went straight, the least mm of a pixel there, and the largest variance, mm^2. */
+struct pell_spread_found {
+    struct pell_rect straight;
+    float finest, widest;
+};
+
+enum { PELL_SPREAD_LEVELS = 8 }; /* the widest has a standard deviation of 2^7 times the narrowest's */
+
+/* The Gaussians that light is shared out between, from the widest, number `levels`, to number 1. */
+struct pell_spread_plan {
+    int levels;
+    float variance[PELL_SPREAD_LEVELS + 1]; /* mm^2: none, then of each */
+    struct {
+        float inverse;              /* 1/reach^2, 1/mm^2, */
+        int taps, spacing;          /* and those to each side, px apart: */
+    } blur[PELL_SPREAD_LEVELS + 1]; /* of each with what the next is narrower by */
+    struct pell_rect around;        /* where light comes to, and what is beside */
+};
+
+/* `within`: the translucent pixels. False: nothing is spread. */
+bool pell_spread_make_plan(const struct pell_spread_found *found, const struct pell_rect *within, struct pell_spread_plan *plan);
+
 /* How many pixels it spread light over. */
 int64_t pell_spread_render(struct pell_pool *pool, const struct pell_spread_params *params);
 

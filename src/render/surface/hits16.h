@@ -16,16 +16,13 @@
 #include "math/scalar.h"
 #include "render/surface/kernel.h"
 #include "render/surface/sample16.h"
+#include "shared/camera.h"
 
 #include <float.h>
 #include <math.h>
 
-/* What a pixel's cosines to the geometric normal and to the viewer are kept above. */
-#define BEND 0.01f
 /* Surfaces seen at a more grazing cosine than this are not blurred further: a square filter would lose the other direction. */
 #define GRAZING 0.0625f
-/* What eight bits leave of 1 - length^2 of a mean normal. */
-#define ROUNDED 0.004f
 
 struct vec16 {
     float16 x, y, z;
@@ -184,9 +181,7 @@ static void geometric_normals(const struct pell_hit16 *hit, struct hits *h, stru
     }
 }
 
-/* How much the normals differ whose mean (x, y, z) is where a texture is shrunk: a mean is the shorter, the more they do. As of a von Mises
- * and Fisher distribution of this mean length r, whose slopes have the variance (1 - r^2)/(r (3 - r^2)) (Toksvig 2005, "Mipmapping Normal
- * Maps", has (1 - r)/r, the same to the first order). */
+/* How much the normals differ of which a normal map has the mean. */
 static void measure_bumps(struct hits *h, const float16 *restrict rgba)
 {
     const struct pell_texture_map *map = &h->material->normal_map;
@@ -194,27 +189,21 @@ static void measure_bumps(struct hits *h, const float16 *restrict rgba)
     const float texels =
         (float) image->width * (float) image->height * fabsf(map->matrix[0] * map->matrix[4] - map->matrix[1] * map->matrix[3]);
     const struct uv16 *uv = coordinates(h, map->uv);
-    const float scale = h->material->normal_scale * h->material->normal_scale;
+    const float scale = h->material->normal_scale;
 
     h->bumpy = true;
     for (int i = 0; i < LANES; i++) {
         const float x = 2.0f * rgba[0][i] - 1.0f, y = 2.0f * rgba[1][i] - 1.0f, z = 2.0f * rgba[2][i] - 1.0f, r2 = x * x + y * y + z * z;
-        const float missing = 1.0f - r2 - ROUNDED, least = r2 > 0.01f ? r2 : 0.01f;
-        const float covered = uv->area[i] * texels - 1.0f, shrunk = covered > 1.0f ? 1.0f : covered > 0.0f ? covered : 0.0f;
-        h->bumps[i] = missing > 0.0f ? shrunk * scale * missing / (sqrtf(least) * (3.0f - least)) : 0.0f;
+        h->bumps[i] = pell_bumps(r2, uv->area[i] * texels, scale);
     }
 }
 
-/* A lobe over bumps that are smaller than a pixel is the lobe of all their normals: as wide as both. Twice the variance of slopes is the
- * square of alpha (Beckmann's distribution). */
 static void widen_lobes(const struct hits *h, float *restrict roughness)
 {
     const bool whole = h->material->specular == PELL_SPECULAR_KELEMEN;
 
-    for (int i = 0; i < LANES; i++) {
-        const float r = roughness[i], r2 = r * r, width2 = (whole ? r2 : r2 * r2) + 2.0f * h->bumps[i], root = sqrtf(width2);
-        roughness[i] = h->bumps[i] > 0.0f ? whole ? root : sqrtf(root) : r;
-    }
+    for (int i = 0; i < LANES; i++)
+        roughness[i] = pell_bumpy_roughness(roughness[i], h->bumps[i], whole);
 }
 
 /* Normal mapping as glTF 2.0, section 3.9.3, and the tangent frame of section 3.7.2.1: b = w n x t, green is +b. */
@@ -244,16 +233,15 @@ static void map_normals(struct hits *h, struct vec16 *restrict n)
     }
 }
 
-/* Moves n to the nearest normal in the half-space n . to >= BEND, if it is not there: the projection onto that half-space. Interpolated
- * and mapped normals may point away from the viewer where the triangle does not; shaded as they are, silhouettes would be black. */
+/* Moves n to the nearest normal in the half-space n . to >= PELL_BEND, if it is not there: the projection onto that half-space. What is
+ * interpolated and mapped may point away from the viewer where the triangle does not; shaded as it is, silhouettes would be black. */
 static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
 {
     float16 missing;
     int any = 0;
 
     for (int i = 0; i < LANES; i++) {
-        const float m = BEND - dot(n, to, i);
-        missing[i] = m > 0.0f ? m : 0.0f;
+        missing[i] = pell_bend_missing(dot(n, to, i));
     }
     for (int i = 0; i < LANES; i++)
         any |= missing[i] > 0.0f;

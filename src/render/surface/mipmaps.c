@@ -242,6 +242,88 @@ fail:
     return res;
 }
 
+/* --- For a device ------------------------------------------------------------------------------------------------------------------ */
+
+/* Whether all maps are sampled there. */
+static bool is_simple(const struct pell_scene *scene)
+{
+    for (size_t i = 0; i < scene->num_materials; i++)
+        for (enum pell_map map = 0; map < PELL_MAPS; map++) {
+            const struct pell_texture *t = pell_material_map(&scene->materials[i], map)->texture;
+            if (t && (t->nearest || t->image.type == PELL_PIXEL_F32 || t->image.width * (int64_t) t->image.height > INT32_MAX))
+                return false;
+        }
+    return true;
+}
+
+static uint32_t rgba8(const struct pell_image *image, size_t at)
+{
+    const int n = image->channels;
+    const uint8_t *p = (const uint8_t *) image->pixels + at * (size_t) n;
+    const uint32_t r = p[0], g = n >= 3 ? p[1] : r, b = n >= 3 ? p[2] : r, a = n == 2 || n == 4 ? p[n - 1] : 255;
+
+    return r | g << 8 | b << 16 | a << 24;
+}
+
+/* Writes a picture from word `first` on; returns the word behind it. */
+static size_t put_picture(const struct pyramid *p, const struct surface_decode *decode, size_t first, uint32_t *out)
+{
+    const bool bytes = p->image.type == PELL_PIXEL_U8;
+    size_t at = first + 4 + 3 * (size_t) p->levels;
+
+    if (out)
+        memcpy(out + first,
+               (uint32_t[]) { (uint32_t) p->levels, (uint32_t) p->image.width, (uint32_t) p->image.height, bytes + 2u * p->image.srgb },
+               4 * sizeof(*out));
+    for (int l = 0; l < p->levels; l++) {
+        const size_t count = (size_t) p->width[l] * (size_t) p->height[l];
+        if (out)
+            memcpy(out + first + 4 + 3 * l, (uint32_t[]) { (uint32_t) at, (uint32_t) p->width[l], (uint32_t) p->height[l] },
+                   3 * sizeof(*out));
+        for (size_t i = 0; out && i < count; i++) {
+            const uint64_t texel = l > 0 ? p->texels[l][i] : bytes ? rgba8(&p->image, i) : surface_texel(&p->image, decode, i);
+            if (l == 0 && bytes)
+                out[at + i] = (uint32_t) texel;
+            else
+                memcpy(out + at + 2 * i, (uint32_t[]) { (uint32_t) texel, (uint32_t) (texel >> 32) }, 2 * sizeof(*out));
+        }
+        at += l == 0 && bytes ? count : 2 * count;
+    }
+    return at;
+}
+
+size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *scene, uint32_t *out)
+{
+    const size_t maps = scene->num_materials * PELL_MAPS;
+    size_t at = PELL_MIPS_HEAD + maps * PELL_MIPS_MAP;
+    struct surface_decode decode;
+
+    if (!is_simple(scene))
+        return 0;
+    surface_decode_make(&decode);
+    for (int i = 0; out && i < 256; i++) {
+        out[i] = decode.srgb[i];
+        out[256 + i] = decode.linear[i];
+    }
+    for (size_t i = 0; out && i < maps; i++) {
+        const struct pell_texture_map *map = pell_material_map(&scene->materials[i / PELL_MAPS], (enum pell_map)(i % PELL_MAPS));
+        uint32_t *row = out + PELL_MIPS_HEAD + i * PELL_MIPS_MAP;
+        row[0] = PELL_MIPS_NONE;
+        row[1] = 0;
+        if (map->texture)
+            row[1] = (uint32_t) map->uv | (uint32_t) (map->channel & 3) << 8 | (uint32_t) map->texture->wrap_u << 16 |
+                     (uint32_t) map->texture->wrap_v << 24;
+        memcpy(row + 2, map->matrix, 6 * sizeof(*row));
+    }
+    for (size_t k = 0; k < mips->num_pyramids; k++) {
+        for (size_t i = 0; out && i < maps; i++)
+            if (mips->slots[i] == &mips->pyramids[k])
+                out[PELL_MIPS_HEAD + i * PELL_MIPS_MAP] = (uint32_t) at;
+        at = put_picture(&mips->pyramids[k], &decode, at, out);
+    }
+    return at;
+}
+
 void pell_mips_destroy(struct pell_mips **mips)
 {
     struct pell_mips *m = *mips;

@@ -2,14 +2,15 @@
  *
  * sample16.h - 16 texture look-ups at once, filtered in space and between levels; part of packet.c, so compiled per SIMD level.
  *
- * Between two levels the blend runs over half of the way only (fractions 1/4 to 3/4): the picture has no seams where levels change, and
- * half of the pixels need one level instead of two.
+ * Between two levels the blend runs over half of the way only: the picture has no seams where levels change, and half of the pixels need
+ * one level instead of two.
  */
 #ifndef PELL_SURFACE_SAMPLE16_H
 #define PELL_SURFACE_SAMPLE16_H
 
 #include "image/color.h"
 #include "render/surface/mipmaps.h"
+#include "shared/texture.h"
 
 #include <string.h>
 
@@ -24,58 +25,26 @@ struct uv16 {
     float16 u, v, area; /* area of the pixel in (u, v) */
 };
 
-/* log2 of positive numbers, wrong by 0.005 at most: the exponent, and a parabola through the mantissa in [1, 2). */
-static inline void rough_log2(const float *restrict x, float *restrict out)
-{
-    int16lanes bits;
-    float16 mantissa;
-
-    memcpy(bits, x, sizeof(bits));
-    for (int i = 0; i < LANES; i++) {
-        out[i] = (float) ((bits[i] >> 23) - 127);
-        bits[i] = (bits[i] & 0x7fffff) | 0x3f800000;
-    }
-    memcpy(mantissa, bits, sizeof(mantissa));
-    for (int i = 0; i < LANES; i++)
-        out[i] += (-0.34484843f * mantissa[i] + 2.02466578f) * mantissa[i] - 1.67487759f;
-}
-
-static inline int32_t floor_to_int(float x)
-{
-    const int32_t i = (int32_t) x;
-    return i - ((float) i > x);
-}
-
 /* Neighbouring texels along one axis, and the fraction between them. */
 static inline void axis16(enum pell_wrap wrap, const float *restrict at, const int32_t *restrict size, int32_t *restrict i0,
                           int32_t *restrict i1, float *restrict f)
 {
-    if (wrap == PELL_WRAP_REPEAT) {
-        for (int i = 0; i < LANES; i++) {
-            const float x = (at[i] - (float) floor_to_int(at[i])) * (float) size[i] - 0.5f;
-            const int32_t a = floor_to_int(x), b = a + 1;
-            f[i] = x - (float) a;
-            i0[i] = a < 0 ? size[i] - 1 : a;
-            i1[i] = b >= size[i] ? 0 : b;
-        }
-    } else if (wrap == PELL_WRAP_MIRROR) {
-        for (int i = 0; i < LANES; i++) {
-            const float x = (at[i] - 2.0f * (float) floor_to_int(0.5f * at[i])) * (float) size[i] - 0.5f;
-            const int32_t a = floor_to_int(x), b = a + 1, last = size[i] - 1;
-            const int32_t fa = a < 0 ? 0 : a > last ? 2 * last + 1 - a : a, fb = b > last ? 2 * last + 1 - b : b;
-            f[i] = x - (float) a;
-            i0[i] = fa < 0 ? 0 : fa;
-            i1[i] = fb < 0 ? 0 : fb;
-        }
-    } else {
-        for (int i = 0; i < LANES; i++) {
-            const float u = at[i] < -1.0f ? -1.0f : at[i] > 2.0f ? 2.0f : at[i], x = u * (float) size[i] - 0.5f;
-            const int32_t a = floor_to_int(x), b = a + 1, last = size[i] - 1;
-            f[i] = x - (float) a;
-            i0[i] = a < 0 ? 0 : a > last ? last : a;
-            i1[i] = b < 0 ? 0 : b > last ? last : b;
-        }
+#define AXIS(how)                                                                                                                          \
+    for (int i = 0; i < LANES; i++) {                                                                                                      \
+        const struct pell_texels t = pell_texels_of(how, at[i], size[i]);                                                                  \
+        i0[i] = t.a;                                                                                                                       \
+        i1[i] = t.b;                                                                                                                       \
+        f[i] = t.f;                                                                                                                        \
     }
+    /* one loop each, so that none chooses */
+    if (wrap == PELL_WRAP_REPEAT) {
+        AXIS(PELL_TEXELS_REPEAT)
+    } else if (wrap == PELL_WRAP_MIRROR) {
+        AXIS(PELL_TEXELS_MIRROR)
+    } else {
+        AXIS(PELL_WRAP_CLAMP)
+    }
+#undef AXIS
 }
 
 /* surface_texel for the commonest kind, 8 bit RGB. */
@@ -172,7 +141,7 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
     const bool floats = p->image.type == PELL_PIXEL_F32, huge = p->image.width * (int64_t) p->image.height > INT32_MAX;
     const bool slow = t->nearest || floats || huge;
     const float last = t->nearest || (huge && !floats) ? 0.0f : (float) (p->levels - 1);
-    float16 uv[2], blend, area, log_area;
+    float16 uv[2], blend, area;
     int16lanes first, second, mixed;
     uint32_t both = 0;
 
@@ -183,16 +152,12 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
         area[i] = at->area[i] * scale;
         area[i] = area[i] > 1.0f ? area[i] : 1.0f;
     }
-    rough_log2(area, log_area);
     for (int i = 0; i < LANES; i++) {
-        const float raw = 0.5f * log_area[i], low = raw > 0.0f ? raw : 0.0f, lod = low < last ? low : last;
-        const int32_t l = (int32_t) lod;
-        const float f = 2.0f * (lod - (float) l) - 0.5f;
-        const int32_t above = f > 0.0f ? 1 : 0, beyond = f >= 1.0f ? 1 : 0;
-        mixed[i] = above & ~beyond;
-        blend[i] = f;
-        first[i] = l + beyond;
-        second[i] = l + above;
+        const struct pell_mip_levels mip = pell_mip_levels_of(area[i], last);
+        mixed[i] = mip.blend > 0.0f;
+        blend[i] = mip.blend;
+        first[i] = mip.lower;
+        second[i] = mip.upper;
     }
     for (int i = 0; i < LANES; i++)
         both |= (uint32_t) mixed[i] << i;
@@ -214,7 +179,7 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
         for (int c = 0; c < 4; c++)
             if (channels >> c & 1)
                 for (int i = 0; i < LANES; i++)
-                    rgba[c][i] += (mixed[i] ? blend[i] : 0.0f) * (more[c][i] - rgba[c][i]);
+                    rgba[c][i] += blend[i] * (more[c][i] - rgba[c][i]);
     }
 }
 

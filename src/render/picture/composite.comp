@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// composite.comp - adds a sample to the picture: light that the method says leaves, what is transmitted, and what is mirrored. Mirror of
+// shade_block in composite/kernel.c.
+//   in  0 light    irradiance that enters
+//   in  1 given    light that the method says leaves
+//   in  2 shown   3 highlights   4 through   5 single   6 materials   7 frame
+//   i/o 8 sum     radiance, and coverage
+layout(local_size_x = 8, local_size_y = 8) in;
+#include "render/picture/device_data.h"
+layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
+layout(set = 0, binding = 1) readonly buffer Given { vec4 given[]; };
+layout(set = 0, binding = 2) readonly buffer Shown { pell_picture_shown shown[]; };
+layout(set = 0, binding = 3) readonly buffer Highlights { vec4 highlights[]; };
+layout(set = 0, binding = 4) readonly buffer Through { vec4 through[]; };
+layout(set = 0, binding = 5) readonly buffer Single { vec4 single[]; };
+layout(set = 0, binding = 6) readonly buffer Materials { pell_picture_material seen[]; };
+layout(set = 0, binding = 7) readonly buffer Frame { pell_picture_frame fr; };
+layout(set = 0, binding = 8) buffer Sum { vec4 sum[]; };
+
+void main()
+{
+    const ivec2 p = ivec2(gl_GlobalInvocationID.xy) + ivec2(fr.x0, fr.y0);
+    const int at = p.y * fr.pitch + p.x;
+    vec4 color = vec4(0.0);
+
+    if (p.x >= fr.x1 || p.y >= fr.y1)
+        return;
+    const uint number = floatBitsToUint(shown[at].factor.w);
+    if (number != 0u) {
+        const pell_picture_material m = seen[number - 1u];
+        const bool scatters = (fr.flags & PELL_PICTURE_SCATTERS) != 0u && (m.flags & PELL_PICTURE_OPAQUE) == 0u;
+        const vec3 factor = shown[at].factor.rgb;
+        color.rgb = factor * (scatters ? given[at].rgb + through[at].rgb : m.total.rgb * light[at].rgb);
+        color.rgb += (fr.flags & PELL_PICTURE_SHARED) != 0u ? highlights[at].rgb : shown[at].specular.rgb;
+        if (scatters && (fr.flags & PELL_PICTURE_SINGLE) != 0u)
+            color.rgb += single[at].rgb;
+        color.a = 1.0;
+    }
+    sum[at] = ((fr.flags & PELL_PICTURE_FIRST) != 0u ? vec4(0.0) : sum[at]) + fr.weight * color;
+}

@@ -1,0 +1,340 @@
+/* SPDX-License-Identifier: MIT
+ * device.c - see device.h: the order in which the passes of a sample run. */
+#include "render/picture/device_state.h"
+
+#include "render/pass.h"
+#include "scene/material_maps.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { CLEAR_ACROSS = 1024 }; /* workgroups of clear.comp in a row, at most */
+
+enum pell_result pell_picture_device_create(struct pell_context *ctx, struct pell_gpu *gpu, struct pell_picture_device **out)
+{
+    struct pell_picture_device *d = pell_zalloc(ctx, sizeof(*d));
+    enum pell_result res;
+
+    *out = NULL;
+    if (!d)
+        return PELL_ERR_NOMEM;
+    d->ctx = ctx;
+    d->gpu = gpu;
+    PELL_TRY(pell_gpu_commands_create(gpu, "picture", &d->commands));
+    *out = d;
+    return PELL_OK;
+
+fail:
+    pell_picture_device_destroy(&d);
+    return res;
+}
+
+void pell_picture_device_destroy(struct pell_picture_device **device)
+{
+    struct pell_picture_device *d = *device;
+
+    if (!d)
+        return;
+    *device = NULL;
+    pell_gpu_commands_destroy(&d->commands);
+    pell_picture_device_drop(d);
+    pell_free(d->ctx, d);
+}
+
+/* --- What the device can't do --------------------------------------------------------------------------------------------------------- */
+
+#define BY_CPU "surface to composite by the cpu: "
+
+static const char *refuses_scene(const struct pell_picture_sample *s)
+{
+    if (pell_scene_has_sheets(s->sample->frame->scene))
+        return BY_CPU "thin sheets";
+    return picture_samples_maps(s) ? NULL : BY_CPU "textures of floats, or without a filter";
+}
+
+static const char *refuses_light(const struct pell_picture_sample *s)
+{
+    const struct pell_irradiance_params *light = s->irradiance;
+    const struct pell_light_lent lent = pell_light_device_lend(s->light);
+
+    if (pell_light_device_refuses(s->light))
+        return BY_CPU "direct light is";
+    if (pell_light_device_refuses_transmission(s->light))
+        return BY_CPU "transmission is";
+    if (!lent.corners)
+        return BY_CPU "more corners than a buffer holds";
+    for (size_t i = 0; i < light->scene->num_lights; i++)
+        if (light->scene->lights[i].type == PELL_LIGHT_ENVIRONMENT)
+            return BY_CPU "an environment";
+    return light->through && light->whole ? BY_CPU "the method asks whole solids" : NULL;
+}
+
+static const char *refuses_method(const struct pell_picture_sample *s)
+{
+    const unsigned known = PELL_NEED_IRRADIANCE | PELL_NEED_STRENGTH | PELL_NEED_TRANSMISSION;
+    const struct pell_plan *plan = s->sample->frame->plan;
+    struct pell_gpu_buffer *planes[PELL_GPU_PLANES];
+
+    if (!s->pass)
+        return NULL;
+    if (plan->needs & PELL_NEED_SHADED)
+        return BY_CPU "the method blurs the lit picture";
+    if ((plan->needs & ~known) || plan->outputs || plan->quantity != PELL_QUANTITY_EXITANCE || !pell_pass_planes(s->pass, planes))
+        return BY_CPU "the method reads other planes";
+    return NULL;
+}
+
+const char *pell_picture_device_refuses(const struct pell_picture_device *d, const struct pell_picture_sample *s)
+{
+    const struct pell_engine_frame *f = s->sample->frame;
+    const char *why = f->settings->layers          ? BY_CPU "layers are asked for"
+                      : f->observed                ? BY_CPU "intermediate images are asked for"
+                      : !(f->lens->radius <= 0.0f) ? BY_CPU "depth of field"
+                                                   : NULL;
+
+    if (!why)
+        why = refuses_method(s);
+    if (!why)
+        why = refuses_scene(s);
+    if (!why)
+        why = refuses_light(s);
+    if (!why && picture_largest(s) > pell_gpu_buffer_most(d->gpu))
+        why = BY_CPU "more pixels, or more known of solids, than a buffer holds";
+    return why;
+}
+
+/* --- A sample ------------------------------------------------------------------------------------------------------------------------- */
+
+static void clear_planes(struct pell_picture_device *d)
+{
+    const uint32_t count = (uint32_t) pell_gpu_pitch(d->width) * (uint32_t) d->height, groups = (count + 63) / 64;
+    const uint32_t across = groups < CLEAR_ACROSS ? groups : CLEAR_ACROSS;
+    const struct {
+        uint32_t count, across;
+    } push = { count, 64 * across };
+
+    pell_gpu_mark(d->commands, "clear");
+    pell_gpu_run(d->commands, d->passes[CLEAR], &push, across, (groups + across - 1) / across, 1);
+}
+
+/* One invocation a pixel of the rectangle. */
+static void run_pixels(struct pell_picture_device *d, const struct pell_picture_sample *s, enum picture_pass pass)
+{
+    const struct pell_rect r = s->composite->rect;
+
+    pell_gpu_run(d->commands, d->passes[pass], NULL, picture_tiles(r.x1 - r.x0), picture_tiles(r.y1 - r.y0), 1);
+}
+
+/* From the camera to the light that arrives. */
+static void record_light(struct pell_picture_device *d, const struct pell_picture_sample *s)
+{
+    const struct pell_light_run run = { .params = s->irradiance, .highlights = true };
+    const struct pell_rect r = s->composite->rect;
+    const uint32_t tiles = picture_tiles(r.x1 - r.x0) * picture_tiles(r.y1 - r.y0), most = (uint32_t) (d->room / PELL_PICTURE_GROUP);
+
+    pell_gpu_mark(d->commands, "tables upload");
+    pell_light_device_upload(s->light, &run, d->commands);
+    pell_gpu_copy(d->commands, d->buffers[MATERIALS_UP], d->buffers[MATERIALS], d->sizes[MATERIALS]);
+    pell_gpu_copy(d->commands, d->buffers[KEYS_UP], d->buffers[KEYS], d->sizes[KEYS]);
+    pell_gpu_copy(d->commands, d->buffers[FRAME_UP], d->buffers[FRAME], d->sizes[FRAME]);
+    if (s->composite->first)
+        clear_planes(d);
+    for (uint32_t first = 0; first < tiles; first += most) {
+        struct pell_picture_push push = { .first = first, .count = tiles - first < most ? tiles - first : most };
+        struct pell_light_layout layout;
+        pell_gpu_mark(d->commands, "surface");
+        pell_gpu_run(d->commands, d->passes[SEE], &push, push.count, 1, 1);
+        if (picture_flags(s) & PELL_PICTURE_INSIDES) {
+            pell_gpu_mark(d->commands, "inside");
+            pell_gpu_run(d->commands, d->passes[LOOK_INSIDE], &push, push.count, 1, 1);
+        }
+        layout = pell_light_device_record(s->light, &run, d->commands, (size_t) push.count * PELL_PICTURE_GROUP);
+        push.results = layout.words;
+        push.through = layout.through_at;
+        pell_gpu_mark(d->commands, "finish");
+        pell_gpu_run(d->commands, d->passes[FINISH], &push, push.count, 1, 1);
+    }
+    if (s->irradiance->shared) {
+        pell_gpu_mark(d->commands, "highlights");
+        run_pixels(d, s, SHARE_HIGHLIGHTS);
+    }
+    pell_gpu_mark(d->commands, "rows");
+    pell_gpu_run(d->commands, d->passes[LOOK_AT_ROWS], NULL, (uint32_t) (r.y1 - r.y0), 1, 1);
+    pell_gpu_copy(d->commands, d->buffers[ROWS], d->buffers[ROWS_DOWN], d->sizes[ROWS_DOWN]);
+}
+
+/* What the rows of a sample say together. */
+struct found {
+    struct pell_engine_seen seen;
+    int64_t pixels, rays, through;
+    float depth, strength; /* of the pixel that a method's widths are largest at; depth 0: there is none */
+};
+
+static struct found read_rows(const struct pell_picture_device *d, const struct pell_picture_sample *s)
+{
+    const struct pell_picture_row *rows = pell_gpu_buffer_host(d->buffers[ROWS_DOWN]);
+    const struct pell_view *v = &s->sample->view;
+    const struct pell_rect r = s->composite->rect;
+    struct found f = { .pixels = 0 };
+    float widest = 0.0f;
+
+    for (int y = r.y0; y < r.y1; y++) {
+        const struct pell_picture_row *row = &rows[y];
+        const struct pell_rect part = { (int) row->x0, y, (int) row->x1, y + 1 };
+        const float width = row->depth > 0.0f ? row->strength / (v->orthographic ? 1.0f : row->depth) : 0.0f;
+        f.pixels += row->pixels;
+        f.rays += row->rays;
+        f.through += row->through;
+        f.seen.translucent_pixels += row->translucent;
+        if (row->translucent > 0)
+            pell_rect_unite(&f.seen.translucent, &part);
+        if (width > widest || (row->depth > 0.0f && f.depth == 0.0f)) {
+            widest = width;
+            f.depth = row->depth;
+            f.strength = row->strength;
+        }
+    }
+    return f;
+}
+
+/* Bytes that a pass must move for a pixel of the picture. */
+static int64_t bytes_of(const char *name)
+{
+    static const struct {
+        const char *name;
+        int bytes;
+    } rows[] = {
+        { "clear", 24 },
+        { "surface", 128 + 64 },
+        { "direct light", 128 + 48 },
+        { "transmission", 128 + 48 },
+        { "finish", 128 + 64 + 48 + 104 },
+        { "highlights", 80 },
+        { "rows", 56 },
+        { "spread", 96 },
+        { "composite", 112 },
+        { "load", 68 },
+        { "measure", 72 },
+    };
+
+    for (size_t i = 0; i < PELL_COUNT(rows); i++)
+        if (strcmp(rows[i].name, name) == 0)
+            return rows[i].bytes;
+    return 128;
+}
+
+/* The marks of the list that has run. */
+static void note_times(const struct pell_picture_device *d, const struct pell_picture_sample *s, const struct found *f)
+{
+    struct pell_gpu_time list[PELL_GPU_MARKS];
+    const size_t count = pell_gpu_times(d->commands, list, PELL_GPU_MARKS);
+    int64_t rays = f->rays, through = f->through, seen = f->pixels;
+
+    for (size_t i = 0; i < count; i++) {
+        int64_t *sent = strcmp(list[i].name, "direct light") == 0   ? &rays
+                        : strcmp(list[i].name, "transmission") == 0 ? &through
+                        : strcmp(list[i].name, "surface") == 0      ? &seen
+                                                                    : NULL;
+        pell_stage_note(s->sample->frame->notes, list[i].name, list[i].seconds,
+                        i == 0 || strcmp(list[i].name, list[i - 1].name) ? f->pixels : 0, sent ? *sent : 0,
+                        f->pixels * bytes_of(list[i].name));
+        if (sent)
+            *sent = 0; /* the first batch has them all */
+    }
+}
+
+/* What a method makes of the light, and the sum. */
+static void record_end(struct pell_picture_device *d, const struct pell_picture_sample *s, const struct found *f)
+{
+    if (s->spreads)
+        picture_spread(d, s, f->seen.translucent);
+    if (s->pass && f->depth > 0.0f)
+        pell_pass_record_in(s->pass, d->commands, f->depth, f->strength);
+    pell_gpu_mark(d->commands, "composite");
+    run_pixels(d, s, COMPOSE);
+}
+
+enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const struct pell_picture_sample *s,
+                                            struct pell_engine_seen *seen)
+{
+    const struct pell_rect r = s->composite->rect;
+    struct found f;
+    enum pell_result res;
+
+    PELL_TRY(picture_prepare(d, s));
+    if (r.x0 >= r.x1 || r.y0 >= r.y1)
+        return PELL_OK;
+    picture_fill(d, s);
+    PELL_TRY(pell_gpu_begin(d->commands));
+    record_light(d, s);
+    PELL_TRY(pell_gpu_finish(d->commands));
+    pell_light_device_recorded(s->light, &(struct pell_light_run) { .params = s->irradiance, .highlights = true });
+    f = read_rows(d, s);
+    note_times(d, s, &f);
+    *seen = f.seen;
+    if (pell_cancelled(d->ctx))
+        return PELL_ERR_CANCELLED;
+    PELL_TRY(pell_gpu_begin(d->commands));
+    record_end(d, s, &f);
+    PELL_TRY(pell_gpu_finish(d->commands));
+    f.rays = f.through = 0;
+    note_times(d, s, &f);
+    return pell_cancelled(d->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    return res;
+}
+
+/* --- The picture ---------------------------------------------------------------------------------------------------------------------- */
+
+struct take {
+    const struct pell_picture_device *d;
+    const struct pell_accumulator *out;
+    ptrdiff_t stride;
+    struct pell_rect rect;
+};
+
+static void take_row(void *arg, int index, int worker)
+{
+    const struct take *t = arg;
+    const int y = t->rect.y0 + index;
+    const struct pell_vec4 *from =
+        (const struct pell_vec4 *) pell_gpu_buffer_host(t->d->buffers[SUM_DOWN]) + (size_t) y * (size_t) pell_gpu_pitch(t->d->width);
+    const struct pell_picture_row *row = (const struct pell_picture_row *) pell_gpu_buffer_host(t->d->buffers[ROWS_DOWN]) + y;
+
+    (void) worker;
+    for (int x = t->rect.x0; x < t->rect.x1; x++) {
+        t->out->color[0][y * t->stride + x] = from[x].x;
+        t->out->color[1][y * t->stride + x] = from[x].y;
+        t->out->color[2][y * t->stride + x] = from[x].z;
+        t->out->alpha[y * t->stride + x] = from[x].w;
+    }
+    t->out->meter[2 * y] = (double) row->met;
+    t->out->meter[2 * y + 1] = (double) row->covered;
+}
+
+enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool, struct pell_stage_notes *notes,
+                                          const struct pell_accumulator *out, ptrdiff_t stride, const struct pell_rect *rect)
+{
+    const struct take take = { d, out, stride, *rect };
+    const int64_t pixels = (int64_t) (rect->x1 - rect->x0) * (rect->y1 - rect->y0);
+    struct pell_gpu_time time = { .seconds = 0.0 };
+    double start;
+    enum pell_result res;
+
+    if (rect->x0 >= rect->x1 || rect->y0 >= rect->y1)
+        return PELL_OK;
+    PELL_TRY(pell_gpu_begin(d->commands));
+    pell_gpu_mark(d->commands, "download");
+    pell_gpu_copy(d->commands, d->buffers[SUM], d->buffers[SUM_DOWN], d->sizes[SUM_DOWN]);
+    PELL_TRY(pell_gpu_finish(d->commands));
+    start = pell_seconds();
+    pell_pool_run(pool, rect->y1 - rect->y0, take_row, (void *) &take);
+    (void) pell_gpu_times(d->commands, &time, 1);
+    pell_stage_note(notes, "picture download", time.seconds, pixels, 0, 32 * pixels);
+    pell_stage_note(notes, "picture unpack", pell_seconds() - start, pixels, 0, 32 * pixels);
+    return PELL_OK;
+
+fail:
+    return res;
+}

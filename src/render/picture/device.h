@@ -1,0 +1,48 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * device.h - samples of a picture made on a Vulkan device from the camera to their sum: what pixels see, the light that arrives (by
+ * irradiance/device.h), what a method makes of it, and the composite. Rows of a few numbers come back for each sample, the picture once.
+ * Which frames can't be made so is known before the first sample: pell_picture_device_refuses.
+ *
+ * Ownership  pell_picture_device_destroy sets the pointer to NULL and accepts NULL in it.
+ * Errors     as gpu.h has them.
+ * Threads    one at a time.
+ */
+#ifndef PELL_PICTURE_DEVICE_H
+#define PELL_PICTURE_DEVICE_H
+
+#include "render/composite/stage.h"
+#include "render/engine.h"
+#include "render/irradiance/device.h"
+
+struct pell_picture_device;
+
+PELL_NODISCARD enum pell_result pell_picture_device_create(struct pell_context *ctx, struct pell_gpu *gpu,
+                                                           struct pell_picture_device **out);
+void pell_picture_device_destroy(struct pell_picture_device **device);
+/* Frees what is kept of a size and a scene. */
+void pell_picture_device_drop(struct pell_picture_device *d);
+
+struct pell_picture_sample {
+    const struct pell_engine_sample *sample;
+    struct pell_light_device *light;                 /* has the scene and its lights */
+    const struct pell_irradiance_params *irradiance; /* of the sample, */
+    const struct pell_composite_params *composite;   /* and of its composite, without what a method gives */
+    struct pell_pass *pass;                          /* NULL: nothing scatters */
+    bool spreads;                                    /* what goes straight through is spread */
+    uint32_t version;                                /* counts the changes of what `irradiance` knows of solids */
+};
+
+/* Why the cpu makes these samples, as the name of a row of times says it; NULL: the device does. A constant. */
+const char *pell_picture_device_refuses(const struct pell_picture_device *d, const struct pell_picture_sample *s);
+
+/* Adds a sample to the picture, the first one in place of what was there. Notes the times of its passes. */
+PELL_NODISCARD enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const struct pell_picture_sample *s,
+                                                           struct pell_engine_seen *seen);
+
+/* The sum of the samples, into the planes of `out` inside the rectangle: color, alpha, and what is metered. */
+PELL_NODISCARD enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool,
+                                                         struct pell_stage_notes *notes, const struct pell_accumulator *out,
+                                                         ptrdiff_t stride, const struct pell_rect *rect);
+
+#endif

@@ -1,0 +1,126 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * device_data.h - what the passes of a picture read and write, the same bytes in C and in GLSL buffers (std430).
+ *
+ * A sample goes over the picture in batches of tiles of 8 x 8 pixels, a workgroup each; what is known of a batch's pixels lies at their
+ * place in it (points, hits, insides; and results, as irradiance/device_data.h has them), what is known of the picture's at y * pitch + x.
+ *
+ * Units    mm; of light as in irradiance/stage.h.
+ */
+#ifndef PELL_PICTURE_DEVICE_DATA_H
+#define PELL_PICTURE_DEVICE_DATA_H
+
+#include "render/irradiance/device_data.h"
+
+#define PELL_PICTURE_TILE 8 /* px */
+#define PELL_PICTURE_GROUP 64
+
+/* Of a frame. */
+#define PELL_PICTURE_PUBLISHED 1u  /* the exit factor is not normalised */
+#define PELL_PICTURE_STRENGTH 2u   /* the method reads the strength of scattering */
+#define PELL_PICTURE_SINGLE 4u     /* what is scattered once is apart */
+#define PELL_PICTURE_SHARED 8u     /* shadows of highlights are shared */
+#define PELL_PICTURE_THROUGH 16u   /* light is transmitted straight */
+#define PELL_PICTURE_FIRST 32u     /* the frame's first sample */
+#define PELL_PICTURE_SKY 64u       /* there is an environment */
+#define PELL_PICTURE_SCATTERS 128u /* a method gives light */
+#define PELL_PICTURE_SPREADS 256u  /* what went straight is spread */
+#define PELL_PICTURE_INSIDES 512u  /* something is known of the solids around points */
+#define PELL_PICTURE_ORTHOGRAPHIC 1024u
+#define PELL_PICTURE_MAPPED 2048u /* some material has maps, or some mesh colours */
+
+/* Of what is known of the solids around points: struct pell_irradiance_params. */
+#define PELL_KNOWN_SHAPE 1u   /* curvature */
+#define PELL_KNOWN_LOCAL 2u   /* by which light is scaled, */
+#define PELL_KNOWN_OPPOSED 4u /* or so */
+#define PELL_KNOWN_SOLIDS 8u  /* through */
+#define PELL_KNOWN_BETWEEN 16u
+#define PELL_KNOWN_INDIRECT 32u
+#define PELL_KNOWN_PASSED 64u
+
+/* Of a material. */
+#define PELL_PICTURE_OPAQUE 1u
+#define PELL_PICTURE_TEXTURED 2u /* translucent, and its colour is that of a texture */
+#define PELL_PICTURE_SMOOTH 4u   /* light leaves through a smooth boundary */
+#define PELL_PICTURE_WHOLE 8u    /* the square of its lobe's width is that of the roughness, not its fourth power */
+
+/* Of a sample. */
+struct pell_picture_frame {
+    PELL_VEC4 origin, forward, right, up;  /* of struct pell_view; w: focal_px; unused; shift_x; shift_y */
+    int32_t width, height, pitch, columns; /* px; of tiles */
+    int32_t x0, y0, x1, y1;                /* of the picture, that may be covered */
+    uint32_t flags, seed, sample_number;
+    float weight;
+    int32_t mean_at;          /* the lobes' mean albedos, in floats of the tables */
+    uint32_t known;           /* of the solids around points */
+    float depth_mm, fixed_mm; /* a pixel at depth d is d depth_mm + fixed_mm wide */
+};
+
+/* Of a material of the scene. */
+struct pell_picture_material {
+    PELL_VEC4 base;        /* w: strength */
+    PELL_VEC4 specular;    /* w: roughness */
+    PELL_VEC4 emissive;    /* w: metallic */
+    PELL_VEC4 total;       /* of its profile; w: exponent of the base colour that enters */
+    PELL_VEC4 leave_base;  /* see render/angle.h; w: exponent of the base colour that leaves */
+    PELL_VEC4 leave_slope; /* w: mean transmittance of its smooth boundary */
+    PELL_VEC4 enter_mean;  /* w: 1 over the square of its index, for light that leaves */
+    uint32_t flags;
+    float normal_scale;
+    uint32_t unused0, unused1;
+};
+
+/* What a pixel sees. */
+struct pell_picture_hit {
+    PELL_VEC4 albedo;   /* of the colour that enters; w: depth */
+    PELL_VEC4 leaves;   /* of the colour that leaves; w: strength */
+    PELL_VEC4 emissive; /* w: bits of what the method calls its material */
+    uint32_t mesh, triangle;
+    float u, v;
+};
+
+/* What the shape of the solid and the light inside of it do to the light of a pixel: irradiance/inside.c. */
+struct pell_picture_inside {
+    PELL_VEC4 all, once; /* factors of what enters; w of all: share of the variance of a slab with which straight light spreads */
+    PELL_VEC4 thick, through, solved, light;
+    PELL_VEC4 indirect, behind; /* light that surfaces send each other */
+};
+
+/* What is shown of a pixel. */
+struct pell_picture_shown {
+    PELL_VEC4 factor;   /* of light that leaves; w: bits of the scene's material + 1, or 0 */
+    PELL_VEC4 specular; /* w: luminance of what arrives, without albedo */
+};
+
+/* What stages that look around a pixel read. */
+struct pell_picture_around {
+    PELL_VEC4 hidden; /* of struct pell_lighting */
+    PELL_VEC4 normal; /* geometric; w: depth */
+};
+
+/* Of a row. */
+struct pell_picture_row {
+    float met, covered;                   /* over all samples: luminance that arrives, and pixels that it is of */
+    uint32_t pixels, translucent, x0, x1; /* of the last sample: pixels; those of translucent materials, and where they lie */
+    uint32_t rays, through;
+    float depth, strength; /* of the pixel that a method's widths are largest at; depth 0: none */
+    float finest, widest;  /* where light went straight: mm of a pixel, and mm^2 of variance; widest < 0: nowhere */
+    uint32_t straight0, straight1, seen0, seen1;
+};
+
+/* Of passes over a batch. */
+struct pell_picture_push {
+    uint32_t first, count;     /* its tiles */
+    uint32_t results, through; /* of a point, in words of 16 bytes: how many, and where those of transmission are */
+};
+
+/* Of a level of spread/stage.h, or of its blur. */
+struct pell_spread_push {
+    int32_t x0, y0, x1, y1;
+    float below, here, above; /* mm^2: variances of the level and those beside it */
+    float inverse;            /* 1/mm^2: of the blur's reach */
+    int32_t taps, spacing, level;
+    uint32_t down, first;
+};
+
+#endif

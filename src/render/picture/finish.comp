@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// finish.comp - what has arrived at the pixels of a batch, as methods and the composite take it. Mirror of what cpu.c, given.c and inside.c
+// of irradiance/ do with light that was found on the device, and of what composite/kernel.c makes of the surface.
+//   in  0 points    in 1 results   in 2 hits   in 3 insides, of the batch
+//   in  4 materials as the stage "irradiance" sees them
+//   in  5 seen      materials as the stage "surface" does
+//   in  6 tables    as buffers.glsl has them, then mean albedos
+//   in  7 frame
+//   out 8 light     irradiance that enters, and depth: the method's plane
+//   out 9 surface   the method's, too: its material, and strength
+//   out 10 shown    11 around   12 through (w: mm)   13 single
+layout(local_size_x = 64) in;
+#include "render/picture/device_data.h"
+#include "shared/leaving.h"
+#include "shared/single.h"
+#include "shared/tone.h"
+layout(set = 0, binding = 0) readonly buffer Points { pell_lit_point points[]; };
+layout(set = 0, binding = 1) readonly buffer Results { uvec4 results[]; };
+layout(set = 0, binding = 2) readonly buffer Hits { pell_picture_hit hits[]; };
+layout(set = 0, binding = 3) readonly buffer Insides { pell_picture_inside insides[]; };
+layout(set = 0, binding = 4) readonly buffer Lit { pell_lit_material materials[]; };
+layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material seen[]; };
+layout(set = 0, binding = 6) readonly buffer Tables { float tables[]; };
+layout(set = 0, binding = 7) readonly buffer Frame { pell_picture_frame fr; };
+layout(set = 0, binding = 8) writeonly buffer Light { vec4 light[]; };
+layout(set = 0, binding = 9) writeonly buffer Surface { uvec2 surface[]; };
+layout(set = 0, binding = 10) writeonly buffer Shown { pell_picture_shown shown[]; };
+layout(set = 0, binding = 11) writeonly buffer Around { pell_picture_around around[]; };
+layout(set = 0, binding = 12) writeonly buffer Through { vec4 through[]; };
+layout(set = 0, binding = 13) writeonly buffer Single { vec4 single[]; };
+layout(push_constant) uniform Push { pell_picture_push pc; };
+#include "render/irradiance/boundary.glsl"
+#include "render/picture/pixels.glsl"
+
+// What has arrived at a point.
+struct Arrived {
+    vec3 irradiance, specular, hidden, single, transmitted;
+    float way; // of `transmitted`, all channels together, times the mm that it went straight
+};
+
+bool has(uint flag)
+{
+    return (fr.flags & flag) != 0u;
+}
+
+vec3 word(uint at)
+{
+    return uintBitsToFloat(results[at].rgb);
+}
+
+bool is_straight(uint i, uint material)
+{
+    return has(PELL_PICTURE_THROUGH) && (points[i].flags & PELL_LIT_STRAIGHT) != 0u && materials[material].thickness_at >= 0;
+}
+
+// What the device has found.
+Arrived arrived_at(uint i, uint material)
+{
+    const uint first = i * pc.results;
+    const bool straight = is_straight(i, material);
+    Arrived a;
+
+    a.irradiance = word(first);
+    a.specular = hits[i].emissive.rgb + word(first + 1u);
+    a.hidden = word(first + 2u);
+    a.single = has(PELL_PICTURE_SINGLE) ? word(first + 3u) : vec3(0.0);
+    a.transmitted = straight ? word(first + pc.through) : vec3(0.0);
+    a.way = straight ? uintBitsToFloat(results[first + pc.through].a) : 0.0;
+    return a;
+}
+
+// Those sent for direct light, and for transmission in the upper half.
+uint rays_of(uint i, uint material)
+{
+    const uint passed = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
+
+    return min(results[i * pc.results].a, 65535u) | min(passed, 65535u) << 16;
+}
+
+// What the solid makes of it.
+void put_inside(uint i, uint material, inout Arrived a)
+{
+    const pell_picture_inside n = insides[i];
+
+    a.way *= n.all.w;
+    a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
+    a.transmitted += n.behind.rgb;
+    a.irradiance *= n.all.rgb;
+    a.single *= n.once.rgb;
+    const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
+    const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
+    a.way *= all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
+    a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.thick.rgb) + n.through.rgb);
+}
+
+// From radiant exitance to radiance toward the camera.
+float exit_factor(Lobe lobe, float rho_s, float mu)
+{
+    const pell_picture_material m = seen[lobe.material];
+    const bool published = has(PELL_PICTURE_PUBLISHED);
+
+    if ((m.flags & PELL_PICTURE_SMOOTH) != 0u)
+        return pell_smooth_exit_factor(smooth_transmittance(materials[lobe.material].smooth_at, mu), published ? 1.0 : m.leave_slope.w);
+    const vec2 albedo = albedo_at(lobe, mu);
+    const int model = materials[lobe.material].model, per_model = ALBEDO_MU * ALBEDO_ROUGHNESS * 2;
+    const int at = fr.mean_at + model * ALBEDO_ROUGHNESS * 2 + (lobe.at - model * per_model);
+    const float f0 = materials[lobe.material].fd, g = lobe.fraction;
+    const float mean = f0 * pell_lerp(tables[at], tables[at + 2], g) + pell_lerp(tables[at + 1], tables[at + 3], g);
+    return pell_exit_factor(rho_s, f0 * albedo.x + albedo.y, mean, published ? 0.0 : 1.0);
+}
+
+void clear(int at)
+{
+    light[at] = vec4(0.0);
+    surface[at] = uvec2(0u);
+    shown[at].factor = vec4(0.0);
+    shown[at].specular = vec4(0.0);
+    around[at].hidden = vec4(0.0);
+    around[at].normal = vec4(0.0);
+    through[at] = vec4(0.0);
+}
+
+void main()
+{
+    const uint i = gl_GlobalInvocationID.x;
+    const Pixel p = pixel_of(i);
+
+    if (!p.inside)
+        return;
+    if (points[i].material == PELL_LIT_NONE) {
+        clear(p.at);
+        return;
+    }
+    const uint number = points[i].material;
+    const pell_picture_material m = seen[number];
+    const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, tint = points[i].tint.rgb, albedo = hits[i].albedo.rgb;
+    const float rho_s = (tint.r + tint.g + tint.b) * (1.0 / 3.0), mu = pell_saturate(dot(normal, view));
+    const Lobe lobe = lobe_of(number, points[i].normal.w);
+    Arrived a = arrived_at(i, number);
+
+    if (has(PELL_PICTURE_INSIDES))
+        put_inside(i, number, a);
+    const float off = pell_angle_off(m.enter_mean.w, mu);
+    const vec3 factor = exit_factor(lobe, rho_s, mu) * (m.leave_base.rgb + m.leave_slope.rgb * off) * hits[i].leaves.rgb;
+    const vec3 entered = a.irradiance * albedo, met = entered / max(albedo, vec3(0.02));
+    const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
+    const uint key = floatBitsToUint(hits[i].emissive.w);
+    const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
+
+    light[p.at] = vec4(entered, hits[i].albedo.w);
+    surface[p.at] = uvec2(key, floatBitsToUint(has(PELL_PICTURE_STRENGTH) ? hits[i].leaves.w : 1.0));
+    shown[p.at].factor = vec4(factor, uintBitsToFloat(number + 1u));
+    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(met.r, met.g, met.b));
+    around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
+    around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
+    through[p.at] = vec4(a.transmitted * albedo, all > 0.0 ? a.way / all : 0.0);
+    if (has(PELL_PICTURE_SINGLE)) {
+        const float leaves = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[number].single_eta2;
+        single[p.at] = vec4(a.single * leaves, 0.0);
+    }
+}

@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// inside.comp - what the shape of the solid under a pixel, and the light inside of it, do to light that arrives, before it is found: how it
+// is shifted, and whether it is sought straight through. Mirror of irradiance/inside.c, curvature/cpu.c, and of pell_indirect_at and
+// pell_indirect_look.
+//   in  0 hits      1 materials as the stage "irradiance" sees them   2 frame   3 meshes   4 corners
+//   in  5 shapes    words of pell_curvature_words
+//   in  6 solids    words of pell_indirect_words: light inside of solids
+//   in  7 between   the same of light that surfaces send each other
+//   i/o 8 points
+//   out 9 insides
+layout(local_size_x = 64) in;
+#include "render/picture/device_data.h"
+#include "shared/curvature.h"
+#include "shared/leaving.h"
+layout(set = 0, binding = 0) readonly buffer Hits { pell_picture_hit hits[]; };
+layout(set = 0, binding = 1) readonly buffer Lit { pell_lit_material materials[]; };
+layout(set = 0, binding = 2) readonly buffer Frame { pell_picture_frame fr; };
+layout(set = 0, binding = 3) readonly buffer Meshes { pell_lit_mesh meshes[]; };
+layout(set = 0, binding = 4) readonly buffer Corners { uint corners[]; };
+layout(set = 0, binding = 5) readonly buffer Shapes { uint shapes[]; };
+layout(set = 0, binding = 6) readonly buffer Solids { uint solids[]; };
+layout(set = 0, binding = 7) readonly buffer Between { uint between[]; };
+layout(set = 0, binding = 8) buffer Points { pell_lit_point points[]; };
+layout(set = 0, binding = 9) writeonly buffer Insides { pell_picture_inside insides[]; };
+layout(push_constant) uniform Push { pell_picture_push pc; };
+
+const uint NONE = 0xffffffffu;
+
+bool has(uint flag)
+{
+    return (fr.known & flag) != 0u;
+}
+
+// --- Shape ---------------------------------------------------------------------------------------------------------------------------
+
+struct Shape {
+    float mean, thinness;
+};
+
+float shape_float(uint at)
+{
+    return uintBitsToFloat(shapes[at]);
+}
+
+vec3 shape_rgb(uint at)
+{
+    return uintBitsToFloat(uvec3(shapes[at], shapes[at + 1u], shapes[at + 2u]));
+}
+
+// Area, turn and thin of a node of the grid; 0 where there is none.
+vec3 node_at(uint patch_number, ivec3 at)
+{
+    const uint room = shapes[0], place = uint((at.x * PELL_CURVATURE_SIDE + at.y) * PELL_CURVATURE_SIDE + at.z);
+    uint slot = pell_curvature_slot(patch_number, place) & (room - 1u);
+
+    for (uint turns = 0u; turns < room; turns++) {
+        const uint node = shapes[1] + 5u * slot;
+        if (shapes[node] == 0u)
+            break;
+        if (shapes[node] == patch_number + 1u && shapes[node + 1u] == place)
+            return shape_rgb(node + 2u);
+        slot = (slot + 1u) & (room - 1u);
+    }
+    return vec3(0.0);
+}
+
+// Mirror of curvature_grid_at.
+Shape shape_of_grid(uint part, vec3 place)
+{
+    const vec3 x = clamp((place - shape_rgb(part)) / shape_float(part + 3u), vec3(0.0), vec3(float(PELL_CURVATURE_SIDE) - 2.0));
+    const ivec3 low = ivec3(x);
+    const vec3 f = x - vec3(low);
+    vec3 sum = vec3(0.0);
+
+    for (int i = 0; i < 8 && shapes[0] != 0u; i++) {
+        const ivec3 bits = ivec3(i & 1, i >> 1 & 1, i >> 2);
+        const vec3 w = mix(1.0 - f, f, equal(bits, ivec3(1)));
+        sum += w.x * w.y * w.z * node_at(shapes[part + 4u], low + bits);
+    }
+    return sum.x > 0.0 ? Shape(0.5 * sum.y / sum.x, sum.z / sum.x) : Shape(0.0, 0.0);
+}
+
+// Mirror of pell_curvature_at; `law`: of the material, or NONE.
+Shape shape_at(uint i, out uint law)
+{
+    const uint mesh = hits[i].mesh, triangle = hits[i].triangle, row = 4u + 4u * mesh, values = shapes[row + 1u], longs = shapes[row + 2u];
+    const vec3 w = vec3(1.0 - hits[i].u - hits[i].v, hits[i].u, hits[i].v);
+    Shape shape = Shape(0.0, 0.0);
+
+    law = shapes[row] == NONE ? NONE : shapes[row + 3u];
+    if (law == NONE)
+        return shape;
+    if (longs != NONE && shapes[longs + triangle] != 0u)
+        return shape_of_grid(shapes[row], points[i].place.xyz);
+    for (uint k = 0u; k < 3u; k++) {
+        const uint at = values + 2u * corners[meshes[mesh].corners + 3u * triangle + k];
+        shape.mean += w[k] * shape_float(at);
+        shape.thinness += w[k] * shape_float(at + 1u);
+    }
+    return shape;
+}
+
+// struct pell_curvature_effect, as far as it is asked for
+struct Effect {
+    vec3 gain, local, opposed, opposed_local, shift;
+    float flat_share;
+};
+
+// Between two entries of a table whose entries have `each` floats.
+vec3 look_up(uint table, uint each, float place)
+{
+    const uint at = table + each * uint(place);
+
+    return mix(shape_rgb(at), shape_rgb(at + each), place - floor(place));
+}
+
+// Mirror of pell_curvature_effect_at.
+Effect effect_at(uint i)
+{
+    Effect e = Effect(vec3(1.0), vec3(1.0), vec3(1.0), vec3(1.0), vec3(0.0), 0.0);
+    vec3 across = vec3(0.0);
+    uint law;
+    const Shape shape = shape_at(i, law);
+
+    if (law == NONE)
+        return e;
+    const float step = shape_float(law), beyond = pell_curvature_beyond(shape.mean, shape.thinness);
+    const uint bent = law + 5u, slabs = bent + 12u * PELL_CURVATURE_GAINS, throughs = slabs + 4u * PELL_CURVATURE_GAINS;
+    if (shape.mean != 0.0) {
+        const float place = pell_curvature_bent_place(shape.mean, shape_float(law + 1u));
+        e.gain = look_up(bent, 12u, place);
+        e.opposed = look_up(bent + 3u, 12u, place);
+        across = look_up(bent + 6u, 12u, place);
+        e.local = look_up(bent + 9u, 12u, place);
+        for (uint c = 0u; c < 3u; c++)
+            e.shift[c] = pell_curvature_shift(shape.mean, shape_float(law + 2u + c));
+    }
+    if (!(shape.thinness > 0.0)) {
+        e.opposed_local = max(e.local - across, vec3(0.0));
+        return e;
+    }
+    e.flat_share = pell_curvature_sheet(beyond, shape.thinness);
+    const vec3 through = look_up(throughs, 4u, pell_curvature_thin_place(shape.thinness, step));
+    const vec3 all = mix(e.local, vec3(1.0), e.flat_share);
+    const vec3 slab = beyond > 0.0 ? look_up(slabs, 4u, pell_curvature_thin_place(beyond, step)) : vec3(1.0);
+    e.local = max(all * slab - through, vec3(0.0));
+    e.opposed_local = max(all * slab - max(through, across), vec3(0.0));
+    return e;
+}
+
+// --- Light at knots ----------------------------------------------------------------------------------------------------------------------
+
+// The values around a point, by their weights, in words of one of two tables. Mirror of indirect_find.
+struct Knots {
+    uint value[3]; // first words
+    vec3 weight;
+};
+
+#define FIND_KNOTS(name, table, each)                                                                                                      \
+    Knots name(uint i, bool back)                                                                                                          \
+    {                                                                                                                                      \
+        const uint mesh = hits[i].mesh, row = 8u + 3u * mesh, roots = table[0] + table[row + 2u];                                          \
+        uint cell = table[roots + hits[i].triangle], knot[3];                                                                              \
+        vec3 w = vec3(1.0 - hits[i].u - hits[i].v, hits[i].u, hits[i].v);                                                                  \
+        Knots k;                                                                                                                           \
+                                                                                                                                           \
+        for (uint n = 0u; n < 3u; n++)                                                                                                     \
+            knot[n] = table[row] + corners[meshes[mesh].corners + 3u * hits[i].triangle + n];                                              \
+        if (cell != NONE) {                                                                                                                \
+            while (table[table[1] + 4u * cell] != 0u) {                                                                                    \
+                const int at = w[0] >= 0.5 ? 0 : w[1] >= 0.5 ? 1 : w[2] >= 0.5 ? 2 : 3;                                                    \
+                for (int n = 0; n < 3; n++)                                                                                                \
+                    w[n] = at == 3 ? 1.0 - 2.0 * w[n] : n == at ? 2.0 * w[n] - 1.0 : 2.0 * w[n];                                           \
+                cell = table[table[1] + 4u * cell] + uint(at);                                                                             \
+            }                                                                                                                              \
+            for (uint n = 0u; n < 3u; n++)                                                                                                 \
+                knot[n] = table[table[1] + 4u * cell + 1u + n];                                                                            \
+        }                                                                                                                                  \
+        for (uint n = 0u; n < 3u; n++) {                                                                                                   \
+            if (back)                                                                                                                      \
+                knot[n] = knot[n] < table[3] ? table[row + 1u] + (knot[n] - table[row]) : table[4] + (knot[n] - table[3]);                 \
+            k.value[n] = table[2] + each * knot[n];                                                                                        \
+        }                                                                                                                                  \
+        k.weight = w;                                                                                                                      \
+        return k;                                                                                                                          \
+    }
+
+FIND_KNOTS(solid_knots, solids, 32u)
+FIND_KNOTS(between_knots, between, 6u)
+
+// Three of the floats of the values.
+vec3 solid_at(Knots k, uint first)
+{
+    vec3 sum = vec3(0.0);
+
+    for (uint n = 0u; n < 3u; n++) {
+        const uint at = k.value[n] + first;
+        sum += k.weight[n] * uintBitsToFloat(uvec3(solids[at], solids[at + 1u], solids[at + 2u]));
+    }
+    return sum;
+}
+
+vec3 between_at(Knots k, uint first)
+{
+    vec3 sum = vec3(0.0);
+
+    for (uint n = 0u; n < 3u; n++) {
+        const uint at = k.value[n] + first;
+        sum += k.weight[n] * uintBitsToFloat(uvec3(between[at], between[at + 1u], between[at + 2u]));
+    }
+    return sum;
+}
+
+// --- A point -------------------------------------------------------------------------------------------------------------------------
+
+// Takes over where light in the solid was solved. Whether light is sought straight through.
+bool look_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_picture_inside n)
+{
+    const Knots k = solid_knots(i, false);
+    const vec3 thick = solid_at(k, 0u), solved = solid_at(k, 6u), deep = solid_at(k, 24u);
+    const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz;
+    const float nv = dot(normal, view);
+    const vec3 pass_by = m.pass_base.rgb + m.pass_slope.rgb * pell_angle_off(m.inverse_eta2, pell_saturate(nv));
+    vec3 leaves = 1.0 + deep * (pass_by - 1.0);
+
+    for (uint c = 0u; c < 3u; c++)
+        leaves[c] *= pell_tilted(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
+    if (has(PELL_KNOWN_BETWEEN))
+        n.all.rgb = mix(n.all.rgb, opposed_local, thick);
+    n.all.rgb = solid_at(k, 9u) + (1.0 - solved) * n.all.rgb;
+    n.thick.rgb = thick;
+    n.through.rgb = leaves * solid_at(k, 3u);
+    n.solved.rgb = solved;
+    n.light.rgb = leaves * solid_at(k, 12u);
+    return any(greaterThan((1.0 - thick) * (1.0 - solved), vec3(PELL_LIT_STRAIGHT_LEAST)));
+}
+
+void main()
+{
+    const uint i = gl_GlobalInvocationID.x;
+
+    if (i >= 64u * pc.count || points[i].material == PELL_LIT_NONE)
+        return;
+    const pell_lit_material m = materials[points[i].material];
+    pell_picture_inside n = pell_picture_inside(vec4(1.0), vec4(1.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+    vec3 opposed_local = vec3(1.0);
+
+    if (has(PELL_KNOWN_SHAPE)) {
+        Effect e = Effect(vec3(1.0), vec3(1.0), vec3(1.0), vec3(1.0), vec3(0.0), 0.0);
+        if (m.opaque == 0)
+            e = effect_at(i);
+        n.all = vec4(has(PELL_KNOWN_LOCAL) ? e.local : has(PELL_KNOWN_OPPOSED) ? e.opposed : e.gain, e.flat_share);
+        for (uint c = 0u; c < 3u; c++) {
+            const bool thin = has(PELL_KNOWN_LOCAL) && e.gain[c] > 0.0;
+            n.once[c] = pell_curvature_once(e.shift[c], m.single_eta2) * (thin ? e.local[c] / e.gain[c] : 1.0);
+        }
+        opposed_local = e.opposed_local;
+        points[i].view.w = e.shift.r;
+        points[i].tint.w = e.shift.g;
+        points[i].f0.w = e.shift.b;
+    }
+    if (has(PELL_KNOWN_SOLIDS) && m.opaque == 0 && !look_inside(i, m, opposed_local, n))
+        points[i].flags &= ~PELL_LIT_STRAIGHT;
+    if (has(PELL_KNOWN_INDIRECT)) {
+        const Knots k = between_knots(i, m.opaque != 0 && (points[i].flags & PELL_LIT_BACK) != 0u);
+        n.indirect.rgb = between_at(k, 0u);
+        n.behind.rgb = has(PELL_KNOWN_PASSED) ? between_at(k, 3u) : vec3(0.0);
+    }
+    insides[i] = n;
+}

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: MIT
+// maps.glsl - a material's maps, filtered in space and between levels, at what a pixel sees. Mirror of surface/sample16.h, and of look_up
+// in surface/hits16.h. A file that includes it declares the buffers `uint attributes[]` and `uint maps[]` (pell_mips_words).
+#include "shared/texture.h"
+
+#define MAPS 10u // PELL_MAPS
+#define MAPS_READ 8u
+const uint MAP_BASE = 0u, MAP_NORMAL = 1u, MAP_ROUGHNESS = 2u, MAP_METALLIC = 3u, MAP_RHO_S = 4u, MAP_SPECULAR = 5u, MAP_STRENGTH = 6u,
+           MAP_EMISSIVE = 7u;
+const uint TANGENT = 4u, COLOR = 5u; // of a mesh's attributes, behind four UV sets
+
+// Where the maps of a pixel are looked up.
+struct Place {
+    uint mesh, material;
+    uint corner[3]; // vertices
+    vec3 weight;
+    float footprint; // area of the pixel on the surface, over twice that of the triangle
+};
+
+float vertex_float(uint at)
+{
+    return uintBitsToFloat(attributes[at]);
+}
+
+bool has_attribute(Place p, uint which)
+{
+    return attributes[8u * p.mesh + which] != PELL_LIT_NONE;
+}
+
+// Of vertices with four floats each.
+vec4 interpolated(Place p, uint which)
+{
+    const uint first = attributes[8u * p.mesh + which];
+    vec4 sum = vec4(0.0);
+
+    for (uint k = 0u; k < 3u; k++) {
+        const uint at = first + 4u * p.corner[k];
+        sum += p.weight[k] * vec4(vertex_float(at), vertex_float(at + 1u), vertex_float(at + 2u), vertex_float(at + 3u));
+    }
+    return sum;
+}
+
+// Texture coordinates, and how much of the picture's unit square the pixel covers.
+vec3 coordinates(Place p, uint uv_set)
+{
+    const uint first = attributes[8u * p.mesh + uv_set];
+    vec2 uv[3];
+
+    for (uint k = 0u; k < 3u; k++)
+        uv[k] = vec2(vertex_float(first + 2u * p.corner[k]), vertex_float(first + 2u * p.corner[k] + 1u));
+    const vec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
+    return vec3(p.weight[0] * uv[0] + p.weight[1] * uv[1] + p.weight[2] * uv[2], abs(a.x * b.y - b.x * a.y) * p.footprint);
+}
+
+// A texel as linear numbers of 65535.
+vec4 texel(uint picture, uint level, uint at)
+{
+    const uint kind = maps[picture + 3u], first = maps[picture + 4u + 3u * level];
+
+    if (level == 0u && (kind & 1u) != 0u) {
+        const uvec4 rgba = uvec4(maps[first + at]) >> uvec4(0u, 8u, 16u, 24u) & 255u;
+        const uint table = (kind & 2u) != 0u ? 0u : 256u;
+        return vec4(uvec4(maps[table + rgba.r], maps[table + rgba.g], maps[table + rgba.b], maps[256u + rgba.a]));
+    }
+    const uint low = maps[first + 2u * at], high = maps[first + 2u * at + 1u];
+    return vec4(uvec4(low & 65535u, low >> 16, high & 65535u, high >> 16));
+}
+
+vec4 bilinear(uint picture, uint level, vec2 uv, uint wrap_u, uint wrap_v)
+{
+    const int width = int(maps[picture + 5u + 3u * level]), height = int(maps[picture + 6u + 3u * level]);
+    const pell_texels x = pell_texels_of(int(wrap_u), uv.x, width), y = pell_texels_of(int(wrap_v), uv.y, height);
+    vec4 sum = vec4(0.0);
+
+    for (int k = 0; k < 4; k++) {
+        const float w = ((k & 1) != 0 ? x.f : 1.0 - x.f) * (k >= 2 ? y.f : 1.0 - y.f);
+        sum += w * (1.0 / 65535.0) * texel(picture, level, uint((k >= 2 ? y.b : y.a) * width + ((k & 1) != 0 ? x.b : x.a)));
+    }
+    return sum;
+}
+
+uint map_row(Place p, uint which)
+{
+    return 512u + 8u * (MAPS * p.material + which);
+}
+
+float map_number(uint row, uint k)
+{
+    return uintBitsToFloat(maps[row + 2u + k]);
+}
+
+// The pixel's area in texels of the full size; 1 at least.
+float texels_covered(uint row, float area)
+{
+    const float matrix = abs(map_number(row, 0u) * map_number(row, 4u) - map_number(row, 1u) * map_number(row, 3u));
+
+    return area * matrix * float(maps[maps[row] + 1u]) * float(maps[maps[row] + 2u]);
+}
+
+// Samples a map; 1 where the material or the mesh has not what it takes.
+vec4 look_up(Place p, uint which)
+{
+    const uint row = map_row(p, which), picture = maps[row], how = maps[row + 1u];
+    vec4 rgba = vec4(0.0);
+
+    if (picture == PELL_LIT_NONE || !has_attribute(p, how & 255u))
+        return vec4(1.0);
+    const vec3 at = coordinates(p, how & 255u);
+    vec2 uv = vec2(map_number(row, 0u) * at.x + map_number(row, 1u) * at.y + map_number(row, 2u),
+                   map_number(row, 3u) * at.x + map_number(row, 4u) * at.y + map_number(row, 5u));
+    uv = vec2(abs(uv.x) < 16777216.0 ? uv.x : 0.0, abs(uv.y) < 16777216.0 ? uv.y : 0.0);
+    const pell_mip_levels mip = pell_mip_levels_of(max(texels_covered(row, at.z), 1.0), float(int(maps[picture]) - 1));
+    for (int k = 0; k < (mip.blend > 0.0 ? 2 : 1); k++)
+        rgba += (k == 0 ? 1.0 - mip.blend : mip.blend) *
+                bilinear(picture, uint(k == 0 ? mip.lower : mip.upper), uv, how >> 16 & 255u, how >> 24);
+    return rgba;
+}
+
+// What all maps say. One by one in a loop: drivers compile the look-up once.
+struct Sampled {
+    vec4 map[MAPS_READ];
+};
+
+Sampled sample_maps(Place p)
+{
+    Sampled found;
+
+    for (uint which = 0u; which < MAPS_READ; which++)
+        found.map[which] = look_up(p, which);
+    return found;
+}
+
+// One channel of a map of numbers.
+float number_of(Sampled found, Place p, uint which)
+{
+    return found.map[which][maps[map_row(p, which) + 1u] >> 8 & 3u];
+}
+
+// The normal after the normal map (glTF 2.0, section 3.9.3). `bumps`: variance of the slopes that the map has inside of the pixel.
+vec3 mapped_normal(Sampled found, Place p, vec3 n, float scale, out float bumps)
+{
+    const uint row = map_row(p, MAP_NORMAL);
+    const vec3 mapped = 2.0 * found.map[MAP_NORMAL].rgb - 1.0;
+
+    bumps = 0.0;
+    if (maps[row] == PELL_LIT_NONE || !has_attribute(p, maps[row + 1u] & 255u) || !has_attribute(p, TANGENT))
+        return n;
+    const vec4 tangent = interpolated(p, TANGENT);
+    const float tt = dot(tangent.xyz, tangent.xyz);
+    bumps = pell_bumps(dot(mapped, mapped), texels_covered(row, coordinates(p, maps[row + 1u] & 255u).z), scale);
+    const vec3 t = tangent.xyz * (tt > 0.0 ? 1.0 / sqrt(tt) : 0.0), b = (tangent.w < 0.0 ? -1.0 : 1.0) * cross(n, t);
+    const vec3 sum = scale * mapped.x * t + scale * mapped.y * b + mapped.z * n;
+    return tt > 0.0 && dot(sum, sum) > 1e-8 ? sum * (1.0 / sqrt(dot(sum, sum))) : n;
+}

@@ -1,0 +1,230 @@
+// SPDX-License-Identifier: MIT
+#version 460
+#extension GL_GOOGLE_include_directive : require
+// surface.comp - what each pixel of a batch of tiles sees: a ray from the camera, and the point, normals and material where it ends. Mirror
+// of surface/hits16.h, and of load in irradiance/kernel.c.
+//   in  0 nodes     of visibility/wide_bvh.h
+//   in  1 triangles
+//   in  2 meshes    of the scene
+//   in  3 corners   as transmission.comp has them
+//   in  4 lit       materials, as the stage "irradiance" sees them
+//   in  5 materials as this stage does
+//   in  6 frame
+//   in  7 keys      of meshes: what the method calls their materials
+//   in  8 attributes of vertices, and 9 maps: of buffers.c, where the frame is mapped
+//   out 10 points
+//   out 11 hits
+layout(local_size_x = 64) in;
+#include "render/picture/device_data.h"
+#include "shared/camera.h"
+#include "shared/color_share.h"
+#include "shared/hash.h"
+#include "shared/sampling.h"
+layout(set = 0, binding = 0) readonly buffer Nodes { uvec4 bvh_nodes[]; };
+layout(set = 0, binding = 1) readonly buffer Triangles { uvec4 bvh_triangles[]; };
+layout(set = 0, binding = 2) readonly buffer Meshes { pell_lit_mesh meshes[]; };
+layout(set = 0, binding = 3) readonly buffer Corners { uint corners[]; };
+layout(set = 0, binding = 4) readonly buffer Lit { pell_lit_material lit[]; };
+layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material materials[]; };
+layout(set = 0, binding = 6) readonly buffer Frame { pell_picture_frame fr; };
+layout(set = 0, binding = 7) readonly buffer Keys { uint keys[]; };
+layout(set = 0, binding = 8) readonly buffer Attributes { uint attributes[]; };
+layout(set = 0, binding = 9) readonly buffer Maps { uint maps[]; };
+layout(set = 0, binding = 10) writeonly buffer Points { pell_lit_point points[]; };
+layout(set = 0, binding = 11) writeonly buffer Hits { pell_picture_hit hits[]; };
+layout(push_constant) uniform Push { pell_picture_push pc; };
+#include "visibility/wide_bvh.glsl"
+#include "render/picture/maps.glsl"
+#include "render/picture/pixels.glsl"
+
+const float FAR = 3.402823466e38; // FLT_MAX
+const float NEAREST = 1e-6;       // mm: depth is positive
+
+struct Seen {
+    vec3 corner[3], normals[3]; // of the triangle, and of the surface at its corners
+    vec3 weight;                // barycentric
+    vec3 view;                  // unit, to the camera
+    vec3 ng, ns;                // geometric and shading normal, on the viewer's side
+    float terminator_offset;
+    bool back; // the corners run clockwise
+    Place place;
+    float bumps; // variance of the slopes that a normal map has inside of the pixel
+};
+
+// What a material is at a pixel.
+struct Made {
+    vec3 base, specular, emissive;
+    float roughness, metallic, strength;
+};
+
+Ray camera_ray(Pixel p)
+{
+    const float x = pell_camera_right(float(p.x), fr.right.w, float(fr.width), fr.origin.w);
+    const float y = pell_camera_up(float(p.y), fr.up.w, float(fr.height), fr.origin.w);
+    const vec3 offset = fr.right.xyz * x + fr.up.xyz * y;
+
+    if ((fr.flags & PELL_PICTURE_ORTHOGRAPHIC) != 0u)
+        return Ray(fr.origin.xyz + offset, NEAREST, fr.forward.xyz, FAR, RAY_CAMERA);
+    return Ray(fr.origin.xyz, NEAREST, fr.forward.xyz + offset, FAR, RAY_CAMERA);
+}
+
+// Unit, on the viewer's side; where a triangle has no area, the direction to the viewer.
+vec3 geometric_normal(Seen s)
+{
+    const vec3 n = cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]);
+    const float largest = max(max(abs(n.x), abs(n.y)), abs(n.z));
+    const vec3 g = largest > 0.0 ? n / largest : s.view;
+    const float inverse = 1.0 / sqrt(dot(g, g));
+
+    return g * (dot(g, s.view) < 0.0 ? -inverse : inverse);
+}
+
+// How far, along the normal, the point lies from the smooth surface over its triangle.
+float terminator_offset(Seen s)
+{
+    vec3 at = vec3(0.0), sum = vec3(0.0);
+
+    for (int k = 0; k < 3; k++)
+        at += s.weight[k] * s.corner[k];
+    for (int k = 0; k < 3; k++) {
+        const float side = dot(s.normals[k], s.ng) < 0.0 ? -1.0 : 1.0; // seen from within, the normals are turned
+        sum += side * s.weight[k] * abs(dot(s.corner[k] - at, s.normals[k])) * s.normals[k];
+    }
+    return max(dot(sum, s.ng), 0.0);
+}
+
+// The nearest normal that is not turned away from `to`.
+vec3 bend(vec3 n, vec3 to)
+{
+    const float missing = pell_bend_missing(dot(n, to));
+
+    return missing > 0.0 ? normalize(n + missing * to) : n;
+}
+
+bool is_mapped()
+{
+    return (fr.flags & PELL_PICTURE_MAPPED) != 0u;
+}
+
+vec3 shading_normal(Sampled found, inout Seen s)
+{
+    const vec3 sum = s.weight[0] * s.normals[0] + s.weight[1] * s.normals[1] + s.weight[2] * s.normals[2];
+    vec3 n = dot(sum, sum) > 1e-8 ? sum * (1.0 / sqrt(dot(sum, sum))) : s.ng;
+    const float side = dot(n, s.ng) < 0.0 ? -1.0 : 1.0; // the frame is turned as a whole, after mapping
+
+    s.bumps = 0.0;
+    if (is_mapped())
+        n = mapped_normal(found, s.place, n, materials[s.place.material].normal_scale, s.bumps);
+    return bend(bend(side * n, s.ng), s.view);
+}
+
+// Area of the pixel on the surface, over twice the triangle's.
+float footprint_of(Seen s, Ray ray, float depth)
+{
+    const float GRAZING = 0.0625, SMALLEST = 1.175494351e-38;
+    const vec3 n = cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]);
+    const float least = GRAZING * length(ray.direction) * length(n), pixel = depth * fr.depth_mm + fr.fixed_mm;
+
+    return pixel * pixel / max(max(abs(dot(n, ray.direction)), least), SMALLEST);
+}
+
+Seen look(Ray ray, Hit hit, out Sampled found)
+{
+    const pell_lit_mesh mesh = meshes[hit.mesh];
+    Seen s;
+
+    s.weight = vec3(1.0 - hit.u - hit.v, hit.u, hit.v);
+    s.view = ray.direction * (-1.0 / sqrt(dot(ray.direction, ray.direction)));
+    for (uint k = 0u; k < 3u; k++)
+        s.corner[k] = uintBitsToFloat(bvh_triangles[3u * hit.at + k].xyz);
+    s.ng = geometric_normal(s);
+    s.back = dot(cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]), s.ng) < 0.0;
+    s.place.mesh = hit.mesh;
+    s.place.material = uint(mesh.material);
+    s.place.weight = s.weight;
+    s.place.footprint = footprint_of(s, ray, hit.t);
+    for (uint k = 0u; k < 3u; k++) {
+        s.place.corner[k] = corners[mesh.corners + 3u * hit.triangle + k];
+        const uint at = mesh.normals + 3u * s.place.corner[k];
+        s.normals[k] = mesh.normals == PELL_LIT_NONE ? s.ng : uintBitsToFloat(uvec3(corners[at], corners[at + 1u], corners[at + 2u]));
+    }
+    s.terminator_offset = terminator_offset(s);
+    if (is_mapped())
+        found = sample_maps(s.place);
+    s.ns = shading_normal(found, s);
+    return s;
+}
+
+// Factors, maps and colours of vertices: shade_material in hits16.h.
+Made make(Sampled found, Seen s)
+{
+    const pell_picture_material m = materials[s.place.material];
+    Made made = Made(m.base.rgb, m.specular.rgb, m.emissive.rgb, m.specular.w, m.emissive.w, m.base.w);
+
+    if (is_mapped()) {
+        const Place p = s.place;
+        made.base *= found.map[MAP_BASE].rgb;
+        if (has_attribute(p, COLOR))
+            made.base *= interpolated(p, COLOR).rgb;
+        made.roughness *= number_of(found, p, MAP_ROUGHNESS);
+        made.metallic *= made.metallic > 0.0 ? number_of(found, p, MAP_METALLIC) : 1.0;
+        made.roughness = pell_bumpy_roughness(made.roughness, s.bumps, (m.flags & PELL_PICTURE_WHOLE) != 0u ? 1 : 0);
+        made.specular *= number_of(found, p, MAP_RHO_S) * found.map[MAP_SPECULAR].rgb;
+        made.strength *= number_of(found, p, MAP_STRENGTH);
+        if (made.emissive.r > 0.0 || made.emissive.g > 0.0 || made.emissive.b > 0.0)
+            made.emissive *= found.map[MAP_EMISSIVE].rgb;
+    }
+    made.roughness = clamp(made.roughness, PELL_LIT_ROUGHNESS_MIN, 1.0);
+    made.metallic = clamp(made.metallic, 0.0, 1.0);
+    made.strength = clamp(made.strength, 0.0, 1.0);
+    return made;
+}
+
+vec3 shares(vec3 base, float exponent)
+{
+    return vec3(pell_color_share(base.r, exponent), pell_color_share(base.g, exponent), pell_color_share(base.b, exponent));
+}
+
+void main()
+{
+    const uint i = gl_GlobalInvocationID.x;
+    const Pixel p = pixel_of(i);
+    Hit hit;
+
+    if (i >= 64u * pc.count)
+        return;
+    points[i].material = PELL_LIT_NONE;
+    const Ray ray = camera_ray(p);
+    if (!p.inside || !trace_ray(ray, false, hit))
+        return;
+    const uint number = uint(meshes[hit.mesh].material), x = uint(p.x), y = uint(p.y), seed = pell_hash(fr.seed);
+    const uint block = pell_hash(x >> PELL_CURVE_LEVELS ^ pell_hash(y >> PELL_CURVE_LEVELS ^ seed));
+    const pell_picture_material m = materials[number];
+    Sampled found;
+    const Seen s = look(ray, hit, found);
+    const Made made = make(found, s);
+    const vec3 place = ray.origin + hit.t * ray.direction, far = abs(place), solid = made.base * (1.0 - made.metallic);
+    const bool is_opaque = (m.flags & PELL_PICTURE_OPAQUE) != 0u, textured = (m.flags & PELL_PICTURE_TEXTURED) != 0u;
+
+    points[i].place = vec4(place, 6e-6 * (max(max(far.x, far.y), far.z) + hit.t));
+    points[i].geometric = vec4(s.ng, s.terminator_offset);
+    points[i].normal = vec4(s.ns, made.roughness);
+    points[i].view = vec4(s.view, 0.0);
+    points[i].tint = vec4(made.specular, 0.0);
+    points[i].f0 = vec4(lit[number].fd + made.metallic * (made.base - lit[number].fd), 0.0);
+    points[i].hash0 = pell_hash(block ^ 0x68bc21ebu);
+    points[i].hash1 = pell_hash(block ^ 0x02e5be93u);
+    points[i].curve = pell_pixel_curve(x, y, seed);
+    points[i].first = pell_hash(x ^ pell_hash(y ^ seed));
+    points[i].material = number;
+    points[i].flags = ((fr.flags & PELL_PICTURE_SKY) != 0u ? PELL_LIT_AMBIENT : 0u) | PELL_LIT_STRAIGHT | PELL_LIT_SEEN |
+                      (s.back ? PELL_LIT_BACK : 0u);
+    points[i].number = fr.sample_number;
+    hits[i].albedo = vec4(is_opaque ? solid : textured ? shares(made.base, m.total.w) : vec3(1.0), hit.t);
+    hits[i].leaves = vec4(textured ? shares(made.base, m.leave_base.w) : vec3(1.0), made.strength);
+    hits[i].emissive = vec4(made.emissive, uintBitsToFloat(keys[hit.mesh]));
+    hits[i].mesh = hit.mesh;
+    hits[i].triangle = hit.triangle;
+    hits[i].u = hit.u;
+    hits[i].v = hit.v;
+}

@@ -1,0 +1,610 @@
+/* SPDX-License-Identifier: MIT
+ * test_device_picture.c - pictures whose samples are made on a Vulkan device from the camera to their sum are the cpu's: feature by
+ * feature, where frames follow each other, and where calls fail; what the device lacks the cpu does, and a row says why. Under the
+ * validation layer; skipped, by name, where there is no driver or no layer. */
+#include "gpu_test.h"
+#include "stage.h"
+
+#include "render/engine.h"
+#include "vulkan/core.h"
+
+enum { WIDTH = 92, HEIGHT = 68 };
+
+/* Shaders are compiled by the first device alone. */
+static char cache[] = "/tmp/pell_picture_XXXXXX";
+static const struct pell_gpu_params cached_gpu = { .validate = true, .cache = cache };
+
+static void start_on(struct stage *s, bool vulkan, void (*fill)(struct stage *s))
+{
+    stage_start(s, WIDTH, HEIGHT);
+    if (vulkan) {
+        pell_renderer_destroy(&s->r);
+        pell_device_destroy(&s->device);
+        OK(pell_device_create_vulkan(s->ctx, 2, &cached_gpu, &s->device));
+        OK(pell_renderer_create(s->device, &s->r));
+    }
+    s->settings.msaa = 2;
+    s->settings.exposure = 0.0f; /* metered */
+    s->settings.light_samples = 8;
+    stage_camera(s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 0.0f);
+    fill(s);
+}
+
+static void finish_on(struct stage *s)
+{
+    pell_renderer_destroy(&s->r);
+    if (s->device->gpu)
+        assert_true(pell_gpu_memory_used(s->device->gpu) == 0);
+    pell_device_destroy(&s->device);
+    if (s->kept.errors)
+        fail_msg("%d messages, the last: %s", s->kept.errors, s->kept.what);
+    stage_finish(s);
+}
+
+static void render(struct stage *s, const char *method)
+{
+    if (!s->set) {
+        stage_complete(s);
+        OK(pell_renderer_set_scene(s->r, s->scene));
+        s->set = true;
+        stage_method(s, method, NULL);
+    }
+    OK(pell_renderer_render(s->r, &s->settings, &s->image));
+}
+
+static const struct pell_stage_time *row(const struct stage *s, const char *name)
+{
+    for (size_t i = 0; i < s->image.num_stages; i++)
+        if (strcmp(s->image.stages[i].name, name) == 0)
+            return &s->image.stages[i];
+    return NULL;
+}
+
+/* The row that says why the cpu made the samples; NULL: it did not. */
+static const char *reason(const struct stage *s)
+{
+    static const char begin[] = "surface to composite by the cpu: ";
+
+    for (size_t i = 0; i < s->image.num_stages; i++)
+        if (strncmp(s->image.stages[i].name, begin, sizeof(begin) - 1) == 0)
+            return s->image.stages[i].name + sizeof(begin) - 1;
+    return NULL;
+}
+
+/* --- Scenes: one has what another lacks ---------------------------------------------------------------------------------------------- */
+
+/* A ball before a box, one material each. */
+static void two_objects(struct stage *s, size_t ball, size_t box)
+{
+    stage_ball(s, ball, 0, vec3(0, 0, 10), 12.0f, 20);
+    stage_box(s, box, 1, vec3(-30, -22, -40), vec3(26, 24, -14));
+}
+
+static void plain(struct stage *s)
+{
+    size_t ball, box;
+
+    stage_gaussians(s, 0.5, &ball);
+    stage_opaque(s, 0.7f, &box);
+    two_objects(s, ball, box);
+    stage_light(s, PELL_LIGHT_SPOT, vec3(40, 30, 60), vec3(0, 0, 0), 0.3f);
+}
+
+static void orthographic(struct stage *s)
+{
+    plain(s);
+    stage_camera(s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 60.0f);
+}
+
+/* Lobes, metal, light of its own, and colours in parts on both sides of the scattering. */
+static void surfaces(struct stage *s)
+{
+    struct pell_material *m;
+    size_t ball, box, tin;
+
+    m = stage_gaussians(s, 0.5, &ball);
+    m->rho_s = 0.9f;
+    m->roughness = 0.35f;
+    m->color_from = PELL_COLOR_FROM_TEXTURE;
+    m->base_color[0] = 0.9f;
+    m->base_color[1] = 0.4f;
+    m->mix = 0.3f;
+    m->strength = 0.6f;
+    m = stage_opaque(s, 0.7f, &box);
+    m->metallic = 0.8f;
+    m->rho_s = 1.0f;
+    m->base_color[2] = 0.2f;
+    m = stage_opaque(s, 0.3f, &tin);
+    m->emissive[0] = 0.02f;
+    m->rho_s = 0.5f;
+    two_objects(s, ball, box);
+    stage_box(s, tin, 2, vec3(10, -16, 2), vec3(18, -8, 12));
+    stage_light(s, PELL_LIGHT_RECT, vec3(40, 30, 60), vec3(0, 0, 0), 0.01f);
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(-40, 30, 20), vec3(0, 0, 0), 0.4f);
+}
+
+static void smooth(struct stage *s)
+{
+    surfaces(s);
+    s->settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+    s->settings.exit = PELL_EXIT_NORMALIZATION_PUBLISHED;
+    s->settings.angles = true;
+}
+
+/* All that is known of solids: curvature on fine and coarse triangles, thin parts, light that goes through and from object to object. */
+static void solids(struct stage *s)
+{
+    size_t ball, box, floor;
+
+    stage_medium(s, "marble", &ball);
+    stage_medium(s, "wholemilk", &box)->rho_s = 0.5f;
+    stage_opaque(s, 0.6f, &floor);
+    two_objects(s, ball, box);
+    stage_box(s, ball, 2, vec3(-22, -12, 4), vec3(-20.5f, 8, 16));
+    shapes_quad(s->scene, floor, vec3(0, -22, 0), vec3(0, 0, 60), vec3(60, 0, 0))->object = 3;
+    stage_light(s, PELL_LIGHT_RECT, vec3(40, 30, 60), vec3(0, 0, 0), 0.01f);
+    stage_light(s, PELL_LIGHT_POINT, vec3(-60, 10, 0), vec3(0, 0, 0), 0.3f);
+    s->settings.bounces = 3;
+    s->settings.indirect_samples = 600;
+    s->settings.angles = s->settings.curvature = s->settings.opposed = s->settings.single_scattering = true;
+}
+
+/* Light through slabs and shells that is spread sideways, in two objects of one material. */
+static void thin_parts(struct stage *s)
+{
+    size_t wax, stone;
+
+    stage_medium(s, "marble", &stone);
+    stage_medium(s, "wholemilk", &wax);
+    stage_box(s, wax, 0, vec3(-16, -14, 0), vec3(-1, 14, 0.8f));
+    stage_box(s, wax, 1, vec3(1, -14, 0), vec3(16, 14, 2.0f));
+    stage_box(s, stone, 2, vec3(-16, -20, -2), vec3(16, -15, 1));
+    stage_light(s, PELL_LIGHT_DISC, vec3(10, 8, -50), vec3(0, 0, 0), 0.02f);
+    stage_light(s, PELL_LIGHT_SPOT, vec3(-20, 8, -40), vec3(-4, 0, 0), 0.3f);
+}
+
+static struct pell_texture *picture(struct stage *s, int width, int height, int channels, bool srgb)
+{
+    struct pell_texture *t;
+    uint8_t *p;
+
+    OK(pell_scene_add_texture(s->scene, "picture", &t));
+    t->image = (struct pell_image) { width, height, channels, PELL_PIXEL_U8, srgb, NULL };
+    t->image.pixels = p = pell_calloc(s->ctx, (size_t) channels * (size_t) width * (size_t) height, 1);
+    for (int i = 0; i < channels * width * height; i++)
+        p[i] = (uint8_t) (90 + i * 37 % 151);
+    return t;
+}
+
+static void set_map(struct pell_texture_map *map, struct pell_texture *t, float scale, int channel)
+{
+    *map = (struct pell_texture_map) { .texture = t, .channel = channel, .matrix = { scale, 0.2f, 0.1f, -0.1f, scale, 0.3f } };
+}
+
+/* A board with a coordinate to each corner, in front of the box. */
+static struct pell_mesh *board(struct stage *s, size_t material, float x, int object)
+{
+    struct pell_mesh *m = shapes_quad(s->scene, material, vec3(x, -4, 24), vec3(5, 1, 0), vec3(0, 6, 2));
+
+    m->object = object;
+    m->uv[0] = pell_calloc(s->ctx, 2 * (size_t) m->num_vertices, sizeof(float));
+    for (uint32_t i = 0; i < m->num_vertices; i++) {
+        m->uv[0][2 * i] = i == 1 || i == 2 ? 1.0f : 0.0f;
+        m->uv[0][2 * i + 1] = i >= 2 ? 1.0f : 0.0f;
+    }
+    return m;
+}
+
+/* Maps of all kinds but those of sheets, as large and much smaller than a pixel's area, wrapped in three ways; colours of vertices. */
+static void maps(struct stage *s)
+{
+    struct pell_material *m;
+    struct pell_texture *t;
+    struct pell_mesh *mesh;
+    size_t skin, tin, paint;
+
+    plain(s);
+    m = stage_gaussians(s, 0.3, &skin);
+    m->rho_s = 0.8f;
+    m->color_from = PELL_COLOR_FROM_TEXTURE;
+    m->mix = 0.5f;
+    t = picture(s, 16, 9, 3, true);
+    t->wrap_u = PELL_WRAP_MIRROR;
+    set_map(&m->base_color_map, t, 3.0f, 0);
+    set_map(&m->strength_map, picture(s, 5, 4, 1, false), 1.0f, 0);
+    set_map(&m->roughness_map, picture(s, 7, 7, 2, false), 2.0f, 1);
+    set_map(&m->normal_map, picture(s, 130, 70, 3, false), 2.0f, 0);
+    m->normal_scale = 0.7f;
+    m = stage_opaque(s, 0.9f, &tin);
+    m->metallic = 0.9f;
+    m->rho_s = 1.0f;
+    m->emissive[1] = 0.01f;
+    set_map(&m->metallic_map, picture(s, 3, 3, 4, false), 1.5f, 2);
+    set_map(&m->rho_s_map, picture(s, 4, 4, 3, false), 0.7f, 1);
+    t = picture(s, 300, 200, 3, true);
+    t->wrap_v = PELL_WRAP_CLAMP;
+    set_map(&m->specular_color_map, t, 4.0f, 0);
+    set_map(&m->emissive_map, picture(s, 9, 2, 4, true), 1.0f, 0);
+    stage_opaque(s, 0.8f, &paint);
+    board(s, skin, -12.0f, 2);
+    board(s, tin, 0.0f, 3);
+    mesh = board(s, paint, 12.0f, 4);
+    mesh->color = pell_calloc(s->ctx, 4 * (size_t) mesh->num_vertices, sizeof(float));
+    for (uint32_t i = 0; i < 4 * mesh->num_vertices; i++)
+        mesh->color[i] = (float) (i % 5) / 5.0f;
+    stage_light(s, PELL_LIGHT_POINT, vec3(-20, 10, 70), vec3(0, 0, 0), 0.2f);
+}
+
+static const struct {
+    const char *name;
+    void (*fill)(struct stage *s);
+    const char *method;
+} scenes[] = {
+    { "a spot light", plain, "screen-space" },        { "without scattering", plain, "none" },
+    { "orthographic", orthographic, "screen-space" }, { "lobes, metal, colours", surfaces, "screen-space" },
+    { "smooth boundaries", smooth, "screen-space" },  { "solids", solids, "screen-space" },
+    { "thin parts", thin_parts, "screen-space" },     { "maps", maps, "screen-space" },
+};
+
+/* --- Comparison ---------------------------------------------------------------------------------------------------------------------- */
+
+/* Whether the coverage of a pixel, or of one beside it, is in part. */
+static bool at_silhouette(const struct pell_render_result *a, int x, int y)
+{
+    for (int v = y - 1; v <= y + 1; v++)
+        for (int u = x - 1; u <= x + 1; u++) {
+            const float alpha = v < 0 || u < 0 || v >= a->height || u >= a->width ? 0.0f : a->alpha[v * a->stride + u];
+            if (alpha > 0.0f && alpha < 1.0f)
+                return true;
+        }
+    return false;
+}
+
+struct apart {
+    double mean;         /* of light, over its mean */
+    double worst;        /* of a pixel off silhouettes, over its light and a little of the mean */
+    int over, pixels;    /* off silhouettes: that differ by more than 1 %; all of them */
+    double alpha, shown; /* mean differences */
+};
+
+static struct apart compare(const struct pell_render_result *a, const struct pell_render_result *b)
+{
+    struct apart d = { .mean = 0.0 };
+    double sum = 0.0;
+
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < a->height; y++)
+            for (int x = 0; x < a->width; x++)
+                sum += (double) ((const float *) a->channels[c].data)[y * a->stride + x];
+    REQUIRE(sum > 0.0);
+    for (int y = 0; y < a->height; y++)
+        for (int x = 0; x < a->width; x++) {
+            const ptrdiff_t at = y * a->stride + x;
+            double most = 0.0;
+            for (int c = 0; c < 3; c++) {
+                const double p = (double) ((const float *) a->channels[c].data)[at], q = (double) ((const float *) b->channels[c].data)[at];
+                d.mean += fabs(p - q) / sum;
+                d.shown += fabs((double) a->display[c][at] - (double) b->display[c][at]) / (3.0 * a->width * a->height);
+                most = fmax(most, fabs(p - q) / (p + 0.01 * sum / (3.0 * a->width * a->height)));
+            }
+            d.alpha += fabs((double) a->alpha[at] - (double) b->alpha[at]) / (a->width * a->height);
+            if (at_silhouette(a, x, y))
+                continue;
+            d.pixels++;
+            d.over += most > 0.01;
+            d.worst = fmax(d.worst, most);
+        }
+    return d;
+}
+
+static void each_feature_is_the_cpus(void **state)
+{
+    (void) state;
+    skip_without_gpu();
+    for (size_t k = 0; k < PELL_COUNT(scenes); k++) {
+        struct stage s[2];
+        struct apart d;
+        int64_t rays[2] = { 0, 0 };
+
+        for (int i = 0; i < 2; i++) {
+            start_on(&s[i], i == 1, scenes[k].fill);
+            render(&s[i], scenes[k].method);
+        }
+        if (reason(&s[1]))
+            fail_msg("%s: by the cpu: %s", scenes[k].name, reason(&s[1]));
+        d = compare(&s[0].image, &s[1].image);
+        rays[0] = row(&s[0], "irradiance")->rays;
+        rays[1] = row(&s[1], "direct light")->rays + (row(&s[1], "transmission") ? row(&s[1], "transmission")->rays : 0);
+        print_message("# %s: mean difference %.2g, of alpha %.2g, of what is shown %.2g; the worst pixel %.2g; %lld and %lld rays\n",
+                      scenes[k].name, d.mean, d.alpha, d.shown, d.worst, (long long) rays[0], (long long) rays[1]);
+        REQUIRE(d.mean < 1e-5 && d.alpha < 1e-5 && d.shown < 1e-5 && d.pixels > 2000 && d.over * 1000 <= d.pixels);
+        REQUIRE(fabsf(s[0].image.exposure / s[1].image.exposure - 1.0f) < 1e-4f);
+        REQUIRE(rays[0] > 2000 && fabs((double) rays[1] / (double) rays[0] - 1.0) < 2e-3);
+        assert_memory_equal(&s[0].image.rect, &s[1].image.rect, sizeof(s[0].image.rect));
+        for (int i = 0; i < 2; i++)
+            finish_on(&s[i]);
+    }
+}
+
+/* The picture comes back once, and neither points nor planes go to the device. */
+static void the_picture_comes_back_once(void **state)
+{
+    static const char *const of_host[] = { "irradiance", "light upload", "light download", "pack", "unpack", "spread unpack" };
+    static const char *const of_device[] = { "surface", "direct light", "finish", "rows", "load", "composite", "picture download" };
+    const struct pell_stage_time *down;
+    struct stage s;
+    (void) state;
+
+    skip_without_gpu();
+    start_on(&s, true, plain);
+    s.settings.msaa = 3;
+    render(&s, "screen-space");
+    assert_null(reason(&s));
+    for (size_t i = 0; i < PELL_COUNT(of_host); i++)
+        assert_null(row(&s, of_host[i]));
+    for (size_t i = 0; i < PELL_COUNT(of_device); i++)
+        if (!row(&s, of_device[i]) || !(row(&s, of_device[i])->ms > 0.0f) || row(&s, of_device[i])->bytes <= 0)
+            fail_msg("no time of %s", of_device[i]);
+    down = row(&s, "picture download");
+    REQUIRE(down->pixels > 1000 && down->pixels <= WIDTH * HEIGHT && down->bytes == 32 * down->pixels);
+    REQUIRE(row(&s, "surface")->rays > 3 * 1500 && row(&s, "surface")->rays <= 3 * WIDTH * HEIGHT);
+    finish_on(&s);
+}
+
+/* --- What the device lacks ----------------------------------------------------------------------------------------------------------- */
+
+static void with_layers(struct stage *s)
+{
+    plain(s);
+    s->settings.layers = true;
+}
+
+static void with_lens(struct stage *s)
+{
+    plain(s);
+    s->settings.dof = true;
+    s->scene->cameras[0].f_number = 2.0f;
+}
+
+static void with_sky(struct stage *s)
+{
+    plain(s);
+    stage_environment(s, 0.1f);
+}
+
+static void with_sheet(struct stage *s)
+{
+    size_t leaf;
+
+    plain(s);
+    stage_opaque(s, 0.5f, &leaf)->diffuse_transmission = 0.4f;
+    shapes_quad(s->scene, leaf, vec3(-8, 5, 22), vec3(6, 0, 0), vec3(0, 6, 0))->object = 2;
+}
+
+static void with_unfiltered_map(struct stage *s)
+{
+    maps(s);
+    s->scene->materials[s->scene->num_materials - 2].emissive_map.texture = picture(s, 3, 3, 3, true);
+    s->scene->materials[s->scene->num_materials - 3].base_color_map.texture = picture(s, 3, 3, 3, true);
+    s->scene->textures[s->scene->num_textures - 1]->nearest = true;
+}
+
+static void what_the_device_lacks_the_cpu_does(void **state)
+{
+    static const struct {
+        void (*fill)(struct stage *s);
+        const char *method, *why;
+    } cases[] = {
+        { with_layers, "screen-space", "layers are asked for" },
+        { with_lens, "screen-space", "depth of field" },
+        { with_sky, "none", "an environment" },
+        { with_sheet, "none", "thin sheets" },
+        { with_unfiltered_map, "none", "textures of floats, or without a filter" },
+        { plain, "texture-space", "the method reads other planes" },
+    };
+    (void) state;
+
+    skip_without_gpu();
+    for (size_t k = 0; k < PELL_COUNT(cases); k++) {
+        struct stage s[2];
+        struct apart d;
+
+        for (int i = 0; i < 2; i++) {
+            start_on(&s[i], i == 1, cases[k].fill);
+            render(&s[i], cases[k].method);
+        }
+        assert_null(reason(&s[0]));
+        assert_non_null(reason(&s[1]));
+        assert_string_equal(reason(&s[1]), cases[k].why);
+        assert_null(row(&s[1], "picture download"));
+        d = compare(&s[0].image, &s[1].image);
+        REQUIRE(d.mean < 1e-4 && d.over * 1000 <= d.pixels);
+        for (int i = 0; i < 2; i++)
+            finish_on(&s[i]);
+    }
+}
+
+/* Buffers that hold less: all samples of a frame are the cpu's, then. */
+static void what_no_buffer_holds_the_cpu_does(void **state)
+{
+    struct stage s;
+    (void) state;
+
+    skip_without_gpu();
+    start_on(&s, true, plain);
+    render(&s, "none");
+    assert_null(reason(&s));
+    s.device->gpu->limits.maxStorageBufferRange = 32 * 96 * HEIGHT - 1; /* rows have 96 pixels */
+    render(&s, "none");
+    assert_non_null(reason(&s));
+    assert_string_equal(reason(&s), "more pixels, or more known of solids, than a buffer holds");
+    finish_on(&s);
+}
+
+/* --- Frame after frame --------------------------------------------------------------------------------------------------------------- */
+
+static float *copy_of(const struct stage *s)
+{
+    const struct pell_render_result *a = &s->image;
+    float *copy = malloc(3 * (size_t) a->width * (size_t) a->height * sizeof(float));
+
+    assert_non_null(copy);
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < a->height; y++)
+            memcpy(copy + ((size_t) c * (size_t) a->height + (size_t) y) * (size_t) a->width,
+                   (const float *) a->channels[c].data + y * a->stride, (size_t) a->width * sizeof(float));
+    return copy;
+}
+
+/* What changes from frame to frame: step `k` of a sequence, from any step before. */
+enum { STEPS = 5 };
+static void change(struct stage *s, int k)
+{
+    s->settings.width = k == 1 ? 36 : 48;
+    s->settings.height = 32;
+    s->settings.msaa = k == 1 ? 1 : 2;
+    s->settings.dof = k == 2;
+    s->settings.bounces = k == 3 ? 2 : 0;
+    s->settings.curvature = k == 3;
+    s->settings.light_samples = k == 4 ? 40 : 8; /* a light in slices, whose state takes room */
+    s->scene->cameras[0].position[0] = k == 4 ? 60.0f : 25.0f;
+}
+
+/* After all that can change between them, frames are those of a renderer that has made no other. */
+static void frames_do_not_depend_on_those_before(void **state)
+{
+    float *first[STEPS];
+    struct stage s;
+    (void) state;
+
+    skip_without_gpu();
+    for (int k = 0; k < STEPS; k++) {
+        start_on(&s, true, thin_parts);
+        s.settings.indirect_samples = 64;
+        change(&s, k);
+        render(&s, "screen-space");
+        REQUIRE(!reason(&s) == (k != 2));
+        first[k] = copy_of(&s);
+        finish_on(&s);
+    }
+    start_on(&s, true, thin_parts);
+    s.settings.indirect_samples = 64;
+    for (int i = 0; i < 2 * STEPS; i++) {
+        const int k = i * 3 % STEPS;
+        float *again;
+        change(&s, k);
+        render(&s, "screen-space");
+        again = copy_of(&s);
+        assert_memory_equal(again, first[k], 3 * (size_t) s.image.width * 32 * sizeof(float));
+        free(again);
+    }
+    finish_on(&s);
+    for (int k = 0; k < STEPS; k++)
+        free(first[k]);
+}
+
+/* --- What fails ---------------------------------------------------------------------------------------------------------------------- */
+
+/* A small frame that has all that is made for one; all of a size is made anew for each `n`. */
+static enum pell_result small_frame(struct stage *s, uint64_t n)
+{
+    s->settings.width = n % 2 ? 28 : 24;
+    s->settings.height = 16;
+    s->settings.msaa = 1;
+    s->settings.light_samples = 2;
+    return pell_renderer_render(s->r, &s->settings, &s->image);
+}
+
+static void small_solids(struct stage *s)
+{
+    thin_parts(s);
+    s->settings.bounces = 1;
+    s->settings.indirect_samples = 64;
+    s->settings.curvature = s->settings.angles = s->settings.single_scattering = true;
+}
+
+static void calls_that_fail_are_reported(void **state)
+{
+    struct stage s;
+    float *good, *again;
+    int failed = 0;
+    (void) state;
+
+    skip_without_gpu();
+    start_on(&s, true, small_solids);
+    render(&s, "screen-space");
+    OK(small_frame(&s, 0));
+    assert_null(reason(&s));
+    good = copy_of(&s);
+    for (uint64_t n = 1; failed >= 0; n += n / 8 + 1) {
+        enum pell_result res;
+        pell_gpu_fail_at(s.device->gpu, n);
+        res = small_frame(&s, n);
+        pell_gpu_fail_at(s.device->gpu, 0);
+        REQUIRE(res == PELL_OK ? s.kept.errors == 0 : res == PELL_ERR_NOMEM && s.kept.errors == 1);
+        if (res == PELL_OK)
+            break;
+        failed++;
+        s.kept.errors = 0;
+    }
+    print_message("# %d calls\n", failed);
+    REQUIRE(failed > 20);
+    OK(small_frame(&s, 0));
+    again = copy_of(&s);
+    assert_memory_equal(again, good, 3 * 24 * 16 * sizeof(float));
+    free(again);
+    free(good);
+    finish_on(&s);
+}
+
+static void allocations_that_fail_leave_nothing(void **state)
+{
+    struct pell_alloc_fault fault = { 0 };
+    enum pell_result res = PELL_ERR_NOMEM;
+    struct stage s;
+    int failed = 0;
+    (void) state;
+
+    skip_without_gpu();
+    stage_start_on(&s, PELL_ENGINE_CPU, WIDTH, HEIGHT, 1, &fault);
+    pell_renderer_destroy(&s.r);
+    pell_device_destroy(&s.device);
+    OK(pell_device_create_vulkan(s.ctx, 1, &cached_gpu, &s.device));
+    OK(pell_renderer_create(s.device, &s.r));
+    stage_camera(&s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 0.0f);
+    small_solids(&s);
+    render(&s, "screen-space");
+    for (uint64_t n = 1; res != PELL_OK; n = next_allocation(n)) {
+        fault.fail_at = atomic_load(&fault.calls) + n;
+        res = small_frame(&s, n);
+        fault.fail_at = 0;
+        failed += res != PELL_OK;
+        REQUIRE(res == PELL_OK || res == PELL_ERR_NOMEM);
+    }
+    print_message("# %d allocations\n", failed);
+    REQUIRE(failed > 20);
+    s.kept.errors = 0;
+    finish_on(&s);
+    REQUIRE(atomic_load(&fault.live) == 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(each_feature_is_the_cpus),
+        cmocka_unit_test(the_picture_comes_back_once),
+        cmocka_unit_test(what_the_device_lacks_the_cpu_does),
+        cmocka_unit_test(what_no_buffer_holds_the_cpu_does),
+        cmocka_unit_test(frames_do_not_depend_on_those_before),
+        cmocka_unit_test(calls_that_fail_are_reported),
+        cmocka_unit_test(allocations_that_fail_leave_nothing),
+    };
+    char command[64];
+    int failed;
+
+    if (!mkdtemp(cache))
+        return 1;
+    failed = cmocka_run_group_tests(tests, NULL, NULL);
+    snprintf(command, sizeof(command), "rm -r %s", cache);
+    return system(command) != 0 || failed;
+}
