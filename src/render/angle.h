@@ -20,6 +20,16 @@ struct pell_angle {
     float pass_thick[3];               /* 1/mm: over the thickness that it takes for that; thinner parts less so */
 };
 
+/* The refracted direction toward the camera: v, and n the normal, both unit. */
+static inline void pell_angle_inside(float inverse_eta2, const float v[3], const float n[3], float inside[3])
+{
+    const float scale = inverse_eta2 > 0.0f ? sqrtf(inverse_eta2) : 1.0f, nv = v[0] * n[0] + v[1] * n[1] + v[2] * n[2];
+    const float sin2 = (1.0f - nv * nv) * scale * scale, m = sqrtf(sin2 < 1.0f ? 1.0f - sin2 : 0.0f);
+
+    for (int k = 0; k < 3; k++)
+        inside[k] = scale * (v[k] - nv * n[k]) + m * n[k];
+}
+
 /* The mean cosine behind the boundary of light from everywhere, by its flux. */
 static inline float pell_mean_refracted(float inverse_eta2)
 {

@@ -38,6 +38,13 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
     return res;
 }
 
+/* Whether diffuse light lacks what is scattered forward. */
+static bool any_apart(const struct pell_opposed *law)
+{
+    return pell_forward_share(fmaxf(fmaxf(law->kappa[0] * law->depth[0], law->kappa[1] * law->depth[1]), law->kappa[2] * law->depth[2])) >
+           0.0f;
+}
+
 /* Whether material i lets light through, and by what law: out[i]. That of a material before it is taken if the medium is the same. */
 static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin, bool angles,
                      struct pell_indirect_solid *out)
@@ -56,6 +63,7 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
     }
     if (!pell_opposed_make(&f->medium, &out[i].law))
         return false;
+    out[i].beams = pell_forward_make(&f->medium, &out[i].forward) && any_apart(&out[i].law);
     out[i].profile = f->profile;
     for (int c = 0; c < 3; c++) {
         const struct pell_angle *angle = m->single_apart ? &m->angle_apart[i] : &m->angle[i];

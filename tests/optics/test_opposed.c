@@ -48,6 +48,23 @@ static void slabs_transmit_what_transport_says(void **state)
         }
 }
 
+/* Where less and less is scattered there is less and less of a source: what similarity takes for unscattered is none. */
+static void the_source_is_in_proportion_to_what_is_scattered(void **state)
+{
+    double before = 0.0;
+    (void) state;
+
+    for (double albedo = 0.08; albedo > 0.004; albedo *= 0.5) {
+        struct pell_medium m = medium_of(1.0 - albedo, albedo, 1.33);
+        struct pell_opposed o;
+        m.g[0] = m.g[1] = m.g[2] = 0.9;
+        REQUIRE(pell_opposed_make(&m, &o));
+        if (before > 0.0)
+            REQUIRE_REL((double) o.amount[0] / albedo, before, 0.1);
+        before = (double) o.amount[0] / albedo;
+    }
+}
+
 /* (1 + s) exp(-s)/(4 pi d^3) times the component of `to` - `from` along x. */
 static double flux(double k, const double from[2], const double to[2])
 {
@@ -202,9 +219,13 @@ static void media_that_say_nothing_are_left_alone(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(slabs_transmit_what_transport_says), cmocka_unit_test(an_edge_of_right_angles_has_four_images),
-        cmocka_unit_test(balls_are_near_exact_diffusion),     cmocka_unit_test(a_plane_keeps_its_profile_and_air_carries_nothing),
-        cmocka_unit_test(the_gain_keeps_even_light),          cmocka_unit_test(media_that_say_nothing_are_left_alone),
+        cmocka_unit_test(slabs_transmit_what_transport_says),
+        cmocka_unit_test(the_source_is_in_proportion_to_what_is_scattered),
+        cmocka_unit_test(an_edge_of_right_angles_has_four_images),
+        cmocka_unit_test(balls_are_near_exact_diffusion),
+        cmocka_unit_test(a_plane_keeps_its_profile_and_air_carries_nothing),
+        cmocka_unit_test(the_gain_keeps_even_light),
+        cmocka_unit_test(media_that_say_nothing_are_left_alone),
     };
 
     return cmocka_run_group_tests_name("optics.opposed", tests, NULL, NULL);

@@ -464,6 +464,43 @@ static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
     }
 }
 
+/* A ball of grapefruit juice, six mean free paths thick for red. Lit from behind, what comes through was scattered forward. Seen from where
+ * the light is, there is none of that: it was taken for a source in the depth, which made rims of clear things several times too bright. */
+static void clear_solids_pass_light_forward(void **state)
+{
+    static const char *const traced[] = { "samples=96", NULL }, *const methods[] = { "screen-space", "hierarchical" };
+    (void) state;
+    RELEASE_ONLY();
+
+    for (int back = 0; back < 2; back++) {
+        struct shot other, shot;
+        struct stage s;
+        size_t material;
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, "ruby-grapefruit-juice", &material)->roughness = 0.0f;
+        stage_ball(&s, material, 0, vec3(0, 0, 0), 30.0f, 48);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(back ? 100 : 500, 700, back ? -700 : 900), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 66.0f);
+        s.settings.layers = s.settings.angles = s.settings.curvature = true;
+        s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+        for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+            s.settings.opposed = false;
+            other = back ? stage_shot_of(&s, "path-trace", traced) : stage_shot_of(&s, methods[i], NULL);
+            s.settings.opposed = true;
+            shot = stage_shot_of(&s, methods[i], NULL);
+            for (size_t c = 0; c < 2; c++) {
+                const double over = mean_of(&shot, c) / mean_of(&other, c);
+                print_message("# %s, %s, channel %zu: %.3f\n", back ? "over path-trace" : "from in front, over that of a half-space",
+                              methods[i], c, over);
+                REQUIRE(over > (back ? 0.6 : 0.9) && over < (back ? 1.25 : c == 0 ? 1.7 : 1.3));
+            }
+            shot_free(&shot);
+            shot_free(&other);
+        }
+        stage_finish(&s);
+    }
+}
+
 static void every_failing_allocation_is_survived(void **state)
 {
     (void) state;
@@ -507,6 +544,7 @@ int main(void)
         cmocka_unit_test(a_ball_lit_from_the_front_has_the_closed_form),
         cmocka_unit_test(a_ball_under_even_light_is_as_bright_as_path_traced),
         cmocka_unit_test(solids_lit_from_behind_are_as_bright_as_path_traced),
+        cmocka_unit_test(clear_solids_pass_light_forward),
         cmocka_unit_test(every_failing_allocation_is_survived),
     };
     return cmocka_run_group_tests_name("render.curvature", tests, NULL, NULL);

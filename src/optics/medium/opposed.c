@@ -84,6 +84,7 @@ bool pell_opposed_make(const struct pell_medium *medium, struct pell_opposed *ou
             *out = (struct pell_opposed) { { 0.0f } };
             return false;
         }
+        slab.sigma_t = slab.sigma_t_reduced; /* what similarity takes for unscattered goes straight on (forward.h) and is no source */
         kappa = fmax(depth_exponent(albedo), 1e-6);
         beyond = 2.0 / 3.0 * pell_boundary_A(medium->eta, PELL_FRESNEL_EXACT, 0.0);
         transmitted = pell_slab_at(&slab, DEEP / sigma_t).transmitted;

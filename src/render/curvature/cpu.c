@@ -6,6 +6,7 @@
 #include "render/curvature/kernel.h"
 
 #include "math/scalar.h"
+#include "optics/medium/forward.h"
 #include "optics/medium/opposed.h"
 #include "scene/mesh/topology.h"
 #include "shared/curvature.h"
@@ -69,18 +70,23 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
-static void make_thin(const struct pell_medium *medium, struct curvature_law *law)
+static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, struct curvature_law *law)
 {
     for (int c = 0; c < 3; c++) {
         struct pell_slab slab;
         const double half = pell_slab_make(medium, c, &slab) ? pell_slab_at(&slab, (double) INFINITY).reflected : 0.0;
+        struct pell_slab scattered = slab;
+        const double apart = (double) pell_forward_share(opposed->kappa[c] * opposed->depth[c]);
+        scattered.sigma_t = scattered.sigma_t_reduced;
         for (int i = 0; i < GAINS; i++) {
             const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / fmax(x, 1e-12), THINNEST);
             const struct pell_slab_light light = pell_slab_at(&slab, d);
+            const double T = light.transmitted - apart * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
             const bool thin = i > 0 && half > 0.0;
-            law->slab[i][c] = thin ? (float) ((light.reflected + light.transmitted) / half) : 1.0f;
-            law->through[i][c] = thin ? (float) (light.transmitted / half) : 0.0f;
-            if (law->through[i][c] > THICK)
+            law->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
+            law->through[i][c] = thin ? (float) (T / half) : 0.0f;
+            law->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
+            if (law->through[i][c] + law->forward[i][c] > THICK)
                 law->farthest = fmaxf(law->farthest, (float) d);
         }
     }
@@ -106,9 +112,9 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
     law->limit = (float) (0.3 * thickest);
     for (int c = 0; c < 3; c++)
         law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
-    make_thin(m->medium, law);
     if (!pell_opposed_make(m->medium, &opposed))
         opposed = (struct pell_opposed) { { 0.0f } };
+    make_thin(m->medium, &opposed, law);
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++) {
             const double curvature = (double) law->limit * (2.0 * i / (GAINS - 1) - 1.0);

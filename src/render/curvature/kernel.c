@@ -12,10 +12,10 @@
 #define N 16
 enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
 
-/* What the laws say of each lane's shape. `slab` and `through`: 1 and 0 where nothing is thin. */
+/* What the laws say of each lane's shape. `slab`: 1 where nothing is thin, and the others 0. */
 struct looked {
     _Alignas(64) float bent[BENT][N]; /* struct curvature_bent */
-    float slab[SLAB][N], through[SLAB][N];
+    float slab[SLAB][N], through[SLAB][N], forward[SLAB][N];
 };
 
 /* Places in a table: cells, and how far on to the next. */
@@ -76,6 +76,7 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
         beyond[i] = thinness[i] > 0.0f ? pell_curvature_beyond(s->mean[i], thinness[i]) : 0.0f;
     }
     look_up_slab(s, thinness, offsetof(struct curvature_law, through), solid, l.through);
+    look_up_slab(s, thinness, offsetof(struct curvature_law, forward), solid, l.forward);
     look_up_slab(s, beyond, offsetof(struct curvature_law, slab), whole, l.slab);
     for (int i = 0; i < N; i++)
         out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
@@ -91,7 +92,7 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
             out->local[c][i] = local;
             out->opposed_local[c][i] = larger(total * l.slab[c][i] - larger(through, l.bent[6 + c][i]), 0.0f);
             out->shift[c][i] = pell_curvature_shift(s->mean[i], path[i]);
-            out->sheet[c][i] = out->flat[i] * through;
+            out->sheet[c][i] = out->flat[i] * (through + l.forward[c][i]);
             out->round[c][i] = through - out->flat[i] * through;
             out->returned[c][i] = smaller(1.0f + out->flat[i] * (local - 1.0f), 1.0f);
         }

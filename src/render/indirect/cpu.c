@@ -39,6 +39,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->leaving);
     pell_free(in->ctx, in->value);
     pell_free(in->ctx, in->inside);
+    pell_free(in->ctx, in->beam);
     pell_free(in->ctx, in);
     *indirect = NULL;
 }

@@ -84,7 +84,9 @@ union indirect_inside {
     float all[32];
 };
 _Static_assert(sizeof(struct pell_indirect_inside) <= INDIRECT_INSIDE * sizeof(float), "all of it");
-_Static_assert(sizeof(struct pell_indirect_insides) == INDIRECT_INSIDE * sizeof(float[16]), "the same, of 16 points");
+_Static_assert(offsetof(struct pell_indirect_insides, beam) == INDIRECT_INSIDE * sizeof(float[16]), "the same, of 16 points");
+#define INDIRECT_BEAM 12
+_Static_assert(sizeof(struct pell_indirect_beam) == INDIRECT_BEAM * sizeof(float), "all of it");
 
 struct pell_indirect {
     struct pell_context *ctx;
@@ -120,6 +122,7 @@ struct pell_indirect {
     float (*behind)[4];                  /* of values: light of solids' other sides that leaves here, without the albedo, and 0. NULL as
                                           * across */
     union indirect_inside *inside;       /* of values; NULL: not p.through */
+    struct pell_indirect_beam *beam;     /* of values; NULL: nothing is scattered forward */
 };
 
 /* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */
@@ -252,6 +255,18 @@ struct indirect_solid {
 /* out[i] <- of sample i; solved 0 where the samples are too coarse for a channel's light. */
 PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
                                                      struct indirect_solid_light *out);
+
+/* --- forward.c: light that is scattered forward --------------------------------------------------------------------------------------- */
+
+struct indirect_forward {
+    const struct pell_indirect *in;
+    const struct pell_forward *law;
+    const uint32_t *list; /* samples of one solid */
+    size_t count;
+};
+/* Takes over `samples`, with what enters at those of the list. */
+PELL_NODISCARD enum pell_result indirect_forward_send(struct pell_pool *pool, const struct indirect_forward *of,
+                                                      struct pell_lit_place *samples, struct pell_indirect_beam *out);
 
 /* The sample nearest to a point of a triangle, of those around; INDIRECT_NONE where there is none. */
 uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,

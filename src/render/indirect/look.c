@@ -55,6 +55,19 @@ void pell_indirect_look(const struct pell_indirect *in, const struct pell_points
         }
     }
     in->kernels->blend(&rows, INDIRECT_INSIDE, out->thick);
+    out->beams = in->beam != NULL;
+    if (!out->beams)
+        return;
+    for (int i = 0; i < 16; i++)
+        for (int k = 0; k < 3; k++)
+            rows.row[k][i] =
+                rows.row[k][i] == nothing.all ? nothing.all : in->beam[(union indirect_inside *) rows.row[k][i] - in->inside].light;
+    in->kernels->blend(&rows, INDIRECT_BEAM, out->beam);
+}
+
+bool pell_indirect_has_beams(const struct pell_indirect *in)
+{
+    return in->beam != NULL;
 }
 
 struct correct {

@@ -23,6 +23,7 @@
 #define PELL_INDIRECT_H
 
 #include "lights/specular_tables.h"
+#include "optics/medium/forward.h"
 #include "optics/medium/opposed.h"
 #include "render/angle.h"
 #include "render/services.h"
@@ -61,11 +62,13 @@ PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indire
 /* What lets light through in place of the above, with params.through; per scene material. */
 struct pell_indirect_solid {
     struct pell_opposed law;            /* amount 0: nothing goes through */
+    struct pell_forward forward;        /* what is scattered forward, where `beams` */
     float white[3];                     /* what it is multiplied by where it leaves */
     float slope[3];                     /* what of light that enters is returned more for its angle: 1 + slope (1 - m) (render/angle.h) */
     const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees, */
     bool all;                           /* or over the whole solid, turned by `law` */
-    bool between;                       /* what goes between faces is summed where it is not solved */
+    bool beams;
+    bool between; /* what goes between faces is summed where it is not solved */
 };
 /* Light inside of the solids, from where it enters to where it leaves: solved where the samples are near enough to each other
  * (Decision 37), else what goes between faces that look elsewhere (optics/medium/opposed.h), but with `all`. */
@@ -84,13 +87,34 @@ struct pell_indirect_inside {
     float tilt[3][3]; /* of the light from the depth, see find_tilt in through.c; */
     float deep[3];    /* [0, 1]: how far it leaves as from parts that are thick */
 };
+/* Light there that was scattered forward. */
+struct pell_indirect_beam {
+    float light[3]; /* its radiance, times what light that leaves evenly has exitance for, W/m^2 without its albedo; where a slab's T stands
+                      * for it there is less */
+    float way[3][3]; /* and the mean of its directions, times that */
+};
 /* The same at 16 points. */
 struct pell_indirect_insides {
     _Alignas(64) float thick[3][16], through[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], none[16];
+    float beam[3][16], way[3][3][16];
+    bool beams; /* else these two are not written */
 };
 /* At points of triangles: mesh, triangle, u and v of `at`; nothing where `ask` is 0. */
 void pell_indirect_look(const struct pell_indirect *indirect, const struct pell_points16 *at, const int32_t *ask,
                         struct pell_indirect_insides *out);
+
+/* Light of one of the 16 points, and of a channel, that was scattered forward, as it leaves toward the camera, whose refracted direction is
+ * `inside`, unit. */
+static inline float pell_beam_toward(const struct pell_indirect_insides *q, int i, int c, const float inside[3])
+{
+    const float over = q->beam[c][i] > 0.0f ? 1.0f / q->beam[c][i] : 0.0f;
+    const float mean[3] = { over * q->way[c][0][i], over * q->way[c][1][i], over * q->way[c][2][i] };
+
+    return q->beam[c][i] > 0.0f ? q->beam[c][i] * pell_forward_toward(mean, inside) : 0.0f;
+}
+
+/* Whether anything in it is scattered forward: pell_indirect_words has none of that. */
+bool pell_indirect_has_beams(const struct pell_indirect *indirect);
 
 /* With `all`: scales `exitance`, what a method found at the surface's translucent pixels. `angle`: per scene material; NULL: light from the
  * depth leaves as it does from half-spaces. */

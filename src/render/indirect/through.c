@@ -27,6 +27,9 @@ enum { CHUNK = 128, PACKET = 16 };
 #define DEEP_LOW 3.0f  /* thickness in diffusion lengths of a channel: below it a slab's T is taken, */
 #define DEEP_HIGH 6.0f /* and above it, where little but what comes from the rim gets through, the sum */
 
+#define SOONER 3.0f    /* of the thickness where the sum takes over, for light that is scattered forward, */
+#define SCATTERS 0.85f /* from this exponent on, in mean free paths */
+
 #define STEEPEST 0.95f /* of the exponent of the depth: that light grows by along a surface at most */
 #define WITHIN 0.6f    /* mean cosine against the inward normal of light that leaves, on its way there */
 #define LEVEL 0.05f    /* of the spread of samples: more is added across, so that samples in a row do */
@@ -43,7 +46,8 @@ struct send {
     float (*thick)[3], *thickness; /* of samples; thickness mm */
     float (*source)[3];            /* W/m^2 times mm^2: of a sample's power, what goes into the depth */
     struct indirect_solid_light *light;
-    const uint32_t *list; /* of one object and material, or a solid of it */
+    struct pell_indirect_beam *beam; /* NULL: nothing is scattered forward */
+    const uint32_t *list;            /* of one object and material, or a solid of it */
     size_t count;
     struct pell_light_tree tree;
 };
@@ -53,14 +57,28 @@ static int chunks_of(size_t count)
     return (int) ((count + CHUNK - 1) / CHUNK);
 }
 
+/* How far samples are near enough to each other for a sum over a part. */
+static float fine_enough(float thinness, float spacing)
+{
+    return smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
+}
+
+/* Where little is scattered, and forward, a slab's T sends it to all sides: the sum takes over sooner. */
+static float sooner(const struct pell_indirect_solid *as, int c)
+{
+    return as->beams && as->forward.unscattered[c] > 0.0f
+               ? 1.0f + (SOONER - 1.0f) * smooth_ramp(SCATTERS, 1.0f, as->law.kappa[c] * as->law.depth[c])
+               : 1.0f;
+}
+
 /* Share of what gets through that the sum finds best: all in parts that are deep for a channel, where light comes from the rim, too; none
  * where samples are too far apart. */
-static void deep_parts(const struct pell_opposed *law, float thinness, float spacing, float part[3])
+static void deep_parts(const struct pell_indirect_solid *as, float thinness, float spacing, float part[3])
 {
-    const float fine = smooth_ramp(THIN_LOW, THIN_HIGH, thinness > 0.0f ? 1.0f / (thinness * spacing) : THIN_HIGH);
+    const float fine = fine_enough(thinness, spacing);
 
     for (int c = 0; c < 3; c++)
-        part[c] = fine * (thinness > 0.0f ? smooth_ramp(DEEP_LOW, DEEP_HIGH, law->kappa[c] / thinness) : 1.0f);
+        part[c] = fine * (thinness > 0.0f ? smooth_ramp(DEEP_LOW, DEEP_HIGH, sooner(as, c) * as->law.kappa[c] / thinness) : 1.0f);
 }
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
@@ -123,7 +141,7 @@ static void light16(const struct send *s, size_t first, size_t count)
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
         if (s->solid[q->material].between)
-            deep_parts(&s->solid[q->material].law, thinness[i], q->spacing, s->thick[first + i]);
+            deep_parts(&s->solid[q->material], thinness[i], q->spacing, s->thick[first + i]);
     }
 }
 
@@ -238,6 +256,37 @@ static enum pell_result send_between(struct send *s, struct pell_pool *pool)
     return res;
 }
 
+/* Sums what is scattered forward. */
+static enum pell_result send_beams(const struct send *s, struct pell_pool *pool)
+{
+    const struct pell_indirect_solid *as = &s->solid[s->in->samples[s->list[0]].material];
+    const struct indirect_forward forward = { s->in, &as->forward, s->list, s->count };
+    struct pell_lit_place *samples = pell_alloc_array(s->in->ctx, s->count, sizeof(*samples));
+    enum pell_result res = PELL_OK;
+
+    if (!samples)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < s->count; i++) {
+        samples[i] = s->sample[s->list[i]];
+        memcpy(samples[i].power, s->source[s->list[i]], sizeof(samples[i].power));
+    }
+    PELL_TRY(indirect_forward_send(pool, &forward, samples, s->beam));
+    for (size_t i = 0; i < s->count; i++) {
+        const struct indirect_sample *to = &s->in->samples[s->list[i]];
+        struct pell_indirect_beam *beam = &s->beam[s->list[i]];
+        const float fine = fine_enough(1.0f / s->thickness[s->list[i]], to->spacing);
+        for (int c = 0; c < 3; c++) {
+            const float part = as->between ? s->thick[s->list[i]][c] : fine;
+            const float share = part * pell_forward_share(as->law.kappa[c] * as->law.depth[c]) * as->forward.leaves * as->white[c];
+            beam->light[c] *= share;
+            vec3_store(vec3_mul(vec3_load(beam->way[c]), share), beam->way[c]);
+        }
+    }
+
+fail:
+    return res;
+}
+
 /* Whether most of a mesh lies inside of an object: what its normals meet first is that object's inner side. */
 static bool lies_inside(const struct pell_indirect *in, const struct pell_mesh *m, int object)
 {
@@ -310,7 +359,9 @@ static enum pell_result send_solid(struct send *s, struct pell_pool *pool, struc
         s->light[s->list[i]] = light[i];
     }
     if (as->between)
-        res = send_between(s, pool);
+        PELL_TRY(send_between(s, pool));
+    if (s->beam && as->beams)
+        PELL_TRY(send_beams(s, pool));
     if (pell_cancelled(in->ctx))
         res = PELL_ERR_CANCELLED;
 
@@ -491,6 +542,14 @@ static void blend(const struct send *s, uint32_t sample, float weight, struct pe
     }
 }
 
+static void blend_beam(const struct pell_indirect_beam *from, float weight, struct pell_indirect_beam *to)
+{
+    for (int c = 0; c < 3; c++) {
+        to->light[c] += weight * from->light[c];
+        vec3_store(vec3_mad(vec3_load(to->way[c]), weight, vec3_load(from->way[c])), to->way[c]);
+    }
+}
+
 static void spread(const struct send *s)
 {
     const struct pell_indirect *in = s->in;
@@ -499,8 +558,13 @@ static void spread(const struct send *s)
         const struct indirect_near *near = &in->near[i];
         struct pell_indirect_inside *to = &in->inside[i].of;
         memset(to, 0, sizeof(*to));
-        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++)
+        if (s->beam)
+            memset(&in->beam[i], 0, sizeof(in->beam[i]));
+        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
             blend(s, near->sample[k], near->weight[k], to);
+            if (s->beam)
+                blend_beam(&s->beam[near->sample[k]], near->weight[k], &in->beam[i]);
+        }
         if (near->weight[0] > 0.0f && s->solid[in->samples[near->sample[0]].material].profile)
             find_tilt(s, near, to->tilt);
     }
@@ -512,6 +576,7 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
     const size_t n = in->num_samples;
     struct send s = { .in = in, .lights = lights, .solid = solid };
     uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
+    bool beams = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
@@ -523,6 +588,17 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
     if (!list || !s.sample || !s.gain || !s.source || !s.there || !s.thick || !s.thickness || !s.light)
         goto fail;
+    for (size_t i = 0; i < in->p.scene->num_materials; i++)
+        beams |= solid[i].beams;
+    if (beams) {
+        in->beam = in->beam ? in->beam : pell_calloc(in->ctx, in->num_values, sizeof(*in->beam));
+        s.beam = pell_calloc(in->ctx, n, sizeof(*s.beam));
+        if (!in->beam || !s.beam)
+            goto fail;
+    } else {
+        pell_free(in->ctx, in->beam);
+        in->beam = NULL;
+    }
     memset(in->gathered, 0, n * sizeof(*in->gathered));
     pell_pool_run(pool, chunks_of(n), light_chunk, &s);
     for (size_t i = 0; i < n; i++)
@@ -540,5 +616,6 @@ fail:
     pell_free(in->ctx, s.thick);
     pell_free(in->ctx, s.thickness);
     pell_free(in->ctx, s.light);
+    pell_free(in->ctx, s.beam);
     return res;
 }

@@ -19,6 +19,20 @@ void pell_find_points(const struct job *job, struct packet *k)
     }
 }
 
+/* What is scattered forward, toward the camera. */
+static void add_beams(const struct pell_indirect_insides *q, const struct pell_lanes *l, struct pell_inside *inside)
+{
+    for (int i = 0; i < PELL_LANES; i++) {
+        const float v[3] = { l->vx[i], l->vy[i], l->vz[i] }, n[3] = { l->nx[i], l->ny[i], l->nz[i] };
+        float toward[3];
+        if (!(q->beam[0][i] + q->beam[1][i] + q->beam[2][i] > 0.0f))
+            continue;
+        pell_angle_inside(l->inverse_eta2[i], v, n, toward);
+        for (int c = 0; c < 3; c++)
+            inside->beam[c][i] = pell_beam_toward(q, i, c, toward);
+    }
+}
+
 void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gains *gains, struct pell_inside *inside)
 {
     _Alignas(64) int32_t translucent[PELL_LANES];
@@ -42,6 +56,8 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
             translucent[i] = k->behind ? 0 : translucent[i];
         pell_indirect_look(job->p->through, &k->points, translucent, &found);
         job->inside->look(job->p, &found, job->entering, &k->lanes, gains, inside, k->straight);
+        if (found.beams && !job->entering)
+            add_beams(&found, &k->lanes, inside);
     }
 }
 

@@ -78,6 +78,7 @@ static void look(const struct pell_irradiance_params *p, const struct pell_indir
         memcpy(in->solved[c], q->solved[c], sizeof(in->solved[c]));
         memcpy(in->thick[c], q->thick[c], sizeof(in->thick[c]));
     }
+    memset(in->beam, 0, sizeof(in->beam));
     if (entering) {
         memset(in->through, 0, sizeof(in->through));
         memset(in->light, 0, sizeof(in->light));
@@ -104,7 +105,7 @@ static void add(const struct pell_inside *restrict in, struct pell_sums *restric
             const float straight = sums->transmitted[c][i], other = straight * (1.0f - in->thick[c][i]) + in->through[c][i];
             all[i] += straight;
             kept[i] += straight * (1.0f - in->thick[c][i]) * (1.0f - in->solved[c][i]);
-            sums->transmitted[c][i] = in->light[c][i] + (1.0f - in->solved[c][i]) * other;
+            sums->transmitted[c][i] = in->light[c][i] + in->beam[c][i] + (1.0f - in->solved[c][i]) * other;
         }
     for (int i = 0; i < N; i++)
         sums->way[i] *= all[i] > 0.0f ? kept[i] / all[i] : 0.0f;

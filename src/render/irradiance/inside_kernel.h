@@ -18,7 +18,7 @@ struct pell_gains {
 /* What is known of light inside of the solids; 0 where nothing is. */
 struct pell_inside {
     _Alignas(64) float thick[3][16]; /* share of transmitted light that is `through`, and not sought straight */
-    float through[3][16], solved[3][16], light[3][16];
+    float through[3][16], solved[3][16], light[3][16], beam[3][16];
 };
 
 struct pell_inside_kernels {

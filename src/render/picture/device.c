@@ -2,6 +2,7 @@
  * device.c - see device.h: the order in which the passes of a sample run. */
 #include "render/picture/device_state.h"
 
+#include "render/indirect/stage.h"
 #include "render/pass.h"
 #include "scene/material_maps.h"
 
@@ -66,6 +67,8 @@ static const char *refuses_light(const struct pell_picture_sample *s)
     for (size_t i = 0; i < light->scene->num_lights; i++)
         if (light->scene->lights[i].type == PELL_LIGHT_ENVIRONMENT)
             return BY_CPU "an environment";
+    if (light->through && pell_indirect_has_beams(light->through))
+        return BY_CPU "light is scattered forward through clear solids";
     return light->through && light->whole ? BY_CPU "the method asks whole solids" : NULL;
 }
 

@@ -1,0 +1,55 @@
+/* SPDX-License-Identifier: MIT
+ * forward.c - see forward.h. */
+#include "optics/medium/forward.h"
+
+#include "math/vec.h"
+
+#define MOMENTS 200 /* enough for the exponential of g = 0.98 */
+
+/* The exponential by which a beam falls in the depth. Moments of its radiance obey k ((l + 1) psi_(l+1) + l psi_(l-1)) = (2 l + 1) h psi_l,
+ * h = sigma_a + sigma_s (1 - g^l) (Case and Zweifel 1967), so that 1/k is the largest eigenvalue of a symmetric matrix with two diagonals:
+ * the least x for which no pivot of x - matrix is negative. */
+static double beam_exponent(double sigma_a, double sigma_s, double g)
+{
+    double square[MOMENTS], before = sigma_a, power = g, low = 0.0, high = 1.0 / sigma_a;
+
+    for (int l = 1; l < MOMENTS; l++, power *= g) {
+        const double h = sigma_a + sigma_s * (1.0 - power);
+        square[l] = (double) l * l / ((4.0 * l * l - 1.0) * h * before);
+        before = h;
+    }
+    for (int i = 0; i < 60; i++) {
+        const double x = 0.5 * (low + high);
+        double pivot = x;
+        for (int l = 1; l < MOMENTS && pivot > 0.0; l++)
+            pivot = x - square[l] / pivot;
+        if (pivot > 0.0)
+            high = x;
+        else
+            low = x;
+    }
+    return 1.0 / high;
+}
+
+bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *out)
+{
+    bool any = false;
+
+    *out = (struct pell_forward) { .leaves = 0.0f };
+    if (!pell_medium_valid(medium, NULL))
+        return false;
+    /* pi/eta^2 times the share of light from everywhere that enters; by reciprocity */
+    out->leaves = (float) (PELL_PI * (1.0 - pell_fresnel_diffuse(medium->eta, PELL_FRESNEL_EXACT)));
+    for (int c = 0; c < 3; c++) {
+        const double a = medium->sigma_a[c], reduced = medium->sigma_s_reduced[c], g = medium->g[c], sigma_s = reduced / (1.0 - g);
+        if (!(a > 0.0 && reduced > 0.0 && g > 0.0))
+            continue;
+        out->reduced[c] = (float) (a + reduced);
+        out->unscattered[c] = (float) (a + sigma_s);
+        out->lost[c] = (float) a;
+        out->turned[c] = (float) reduced;
+        out->spread[c] = (float) fmax(beam_exponent(a, sigma_s, g) - a, 0.0);
+        any = true;
+    }
+    return any;
+}

@@ -1,0 +1,109 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * forward.h - light that is scattered forward on its way through a solid, from where it enters to where it leaves.
+ *
+ * Similarity takes the share exp(-sigma_t' r) of a beam for light that is not scattered at all. If the phase function is Henyey and
+ * Greenstein's, all of it but exp(-sigma_t r) was scattered, by small angles. Where little is scattered for what is absorbed this is most
+ * of what goes through a solid, and the only part of it that diffusion does not have.
+ *
+ * Light that goes r along a beam turns by a mean cosine exp(-t), t = sigma_s' r, and lies about its axis by that of exp(-t/3). Ways that
+ * turn are longer and lose more: the beam is weaker by x/sinh(x) and narrower by 3 (x - tanh(x))/x^3, x = r sqrt(sigma_a sigma_s'), if
+ * angles are small (a random walk that is killed by its square is an oscillator). The exponential that it tends to is known for any angle,
+ * so x is r (kappa - sigma_a). Hence, w the direction in which W enter, v the way to a place,
+ *
+ *     K(r) = min(exp(-sigma_t' r), exp(-sigma_a r) x/sinh(x)) - exp(-sigma_t r)
+ *     flux across v per area = W K(r) p(w.v/r; exp(-t (x - tanh(x))/x^3))/r^2
+ *
+ * and there it goes on about v by p(; exp(-t/4)), so that what leaves depends on where it is seen from. p is Henyey and Greenstein's
+ * function, whose moments exp(-l t) a beam has, with a peak that is no narrower than samples of a surface are apart, and none of it at
+ * right angles and beyond: what turns as far is the diffuse light's.
+ */
+#ifndef PELL_FORWARD_H
+#define PELL_FORWARD_H
+
+#include "math/scalar.h"
+
+#include <pellucid/medium.h>
+
+#include <math.h>
+
+#define PELL_FORWARD_NARROW 0.8f    /* mean cosine from which on a lobe has a peak beside its tail */
+#define PELL_FORWARD_EXIT 0.25f     /* of t */
+#define PELL_FORWARD_ASIDE 0.7f     /* cosine below which a lobe fades, to 0 at right angles */
+#define PELL_FORWARD_NONE 0.6f      /* exponential of diffuse light up to which there is none, */
+#define PELL_FORWARD_ALL 0.95f      /* and from which on all */
+#define PELL_FORWARD_FAR 25.0f      /* optical thickness: beyond, nothing is left */
+#define PELL_FORWARD_SHARPEST 50.0f /* peak of light that leaves */
+
+struct pell_forward {
+    float reduced[3];     /* 1/mm: sigma_t', */
+    float unscattered[3]; /* sigma_t; 0: the channel scatters none forward, */
+    float lost[3];        /* sigma_a, */
+    float turned[3];      /* sigma_s', */
+    float spread[3];      /* and kappa - sigma_a, kappa the exponential by which beams fall in the depth */
+    float leaves;         /* what leaves has the radiance inside over eta^2; exitance of even light that has as much, over that inside */
+};
+
+/* False where no channel scatters forward. */
+bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *out);
+
+/* How far it is apart from diffuse light, by the exponential of that in mean free paths: where much is scattered diffusion has it all. */
+static inline float pell_forward_share(float exponent)
+{
+    return smooth_ramp(PELL_FORWARD_NONE, PELL_FORWARD_ALL, exponent);
+}
+
+/* Henyey and Greenstein's function of the cosine c, 1/sr. */
+static inline float pell_forward_phase(float g, float c)
+{
+    const float base = 1.0f + g * (g - 2.0f * c);
+
+    return (1.0f - g * g) / (12.5663706f * base * sqrtf(base));
+}
+
+/* p of the mean cosine g at the cosine c, 1/sr. The peak is in proportion to exp(peak c). */
+static inline float pell_forward_lobe(float g, float peak, float c)
+{
+    const float wide = g < PELL_FORWARD_NARROW ? g : PELL_FORWARD_NARROW, tail = (1.0f - g * g) / (1.0f - wide * wide);
+    const float x = c < PELL_FORWARD_ASIDE ? c > 0.0f ? c / PELL_FORWARD_ASIDE : 0.0f : 1.0f, fade = x * x * (3.0f - 2.0f * x);
+    const float sharp = tail < 1.0f ? (1.0f - tail) * peak * 0.159154943f * expf(peak * (c - 1.0f)) : 0.0f;
+
+    return fade * (tail * pell_forward_phase(wide, c) + sharp);
+}
+
+/* flux: 1/mm^2, across the way over squared distance `d2` to a place at the cosine c to a beam, whose light starts within the mean cosine
+ * `wide` of it; cosine: mean of what goes on there, to the way. */
+static inline void pell_forward_at(const struct pell_forward *f, float d2, float c, float wide, float peak, float flux[3], float cosine[3])
+{
+    const float r2 = d2 > 1e-20f ? d2 : 1e-20f, r = sqrtf(r2);
+
+    for (int k = 0; k < 3; k++) {
+        const float x = f->spread[k] * r, t = f->turned[k] * r, depth = f->reduced[k] * r;
+        float weaker = 1.0f, narrower = 1.0f / 3.0f, left;
+        flux[k] = cosine[k] = 0.0f;
+        if (!(f->unscattered[k] > 0.0f && depth < PELL_FORWARD_FAR))
+            continue;
+        if (x > 0.1f) {
+            const float e = expf(-x), e2 = e * e;
+            weaker = 2.0f * x * e / (1.0f - e2);
+            narrower = (x - (1.0f - e2) / (1.0f + e2)) / (x * x * x);
+        }
+        weaker *= expf(t);
+        left = expf(-depth) * (weaker < 1.0f ? weaker : 1.0f) - expf(-f->unscattered[k] * r);
+        if (left > 0.0f) {
+            flux[k] = left * pell_forward_lobe(wide * expf(-t * narrower), peak, c) / r2;
+            cosine[k] = expf(-PELL_FORWARD_EXIT * t);
+        }
+    }
+}
+
+/* p toward `inside`, unit, of light whose mean direction is `mean`, as long as its mean cosine. */
+static inline float pell_forward_toward(const float mean[3], const float inside[3])
+{
+    const float g = sqrtf(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);
+    const float c = mean[0] * inside[0] + mean[1] * inside[1] + mean[2] * inside[2], wide = 1.0f - g;
+
+    return pell_forward_lobe(g, PELL_FORWARD_SHARPEST * wide > 1.0f ? 1.0f / wide : PELL_FORWARD_SHARPEST, g > 1e-6f ? c / g : 0.0f);
+}
+
+#endif
