@@ -7,6 +7,13 @@
 
 #define PELL_TILTED_MOST 0.7f
 
+/* What of irradiance is metered, by the factor of diffuse light: where a profile without single scattering returns next to nothing, that is
+ * hundreds, and the irradiance no light that arrives. */
+PELL_SHARED float pell_metered(float enter_mean)
+{
+    return enter_mean > 4.0f ? 4.0f / enter_mean : 1.0f;
+}
+
 /* 1 - m, of a cosine outside. */
 PELL_SHARED float pell_angle_off(float inverse_eta2, float mu)
 {

@@ -188,7 +188,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
             /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
             const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
             const float front = k * (scatters[i] > 0.0f ? moved : still), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
-            const float met = luminance[c] * all / (a > 0.02f ? a : 0.02f);
+            const float met = luminance[c] * OF(metered[c]) * all / (a > 0.02f ? a : 0.02f);
             multiple[i] = on[i] > 0.0f ? front : 0.0f;
             transmission[i] = behind[i] > 0.0f ? back : 0.0f;
             specular[i] = on[i] > shines[i] ? shine : 0.0f;

@@ -145,6 +145,7 @@ void main()
     const float off = pell_angle_off(m.enter_mean.w, mu);
     const vec3 factor = exit_factor(lobe, rho_s, mu) * (m.leave_base.rgb + m.leave_slope.rgb * off) * hits[i].leaves.rgb;
     const vec3 entered = a.irradiance * albedo, met = entered / max(albedo, vec3(0.02));
+    const vec3 counts = vec3(pell_metered(m.enter_mean.r), pell_metered(m.enter_mean.g), pell_metered(m.enter_mean.b));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
@@ -152,7 +153,7 @@ void main()
     light[p.at] = vec4(entered, hits[i].albedo.w);
     surface[p.at] = uvec2(key, floatBitsToUint(has(PELL_PICTURE_STRENGTH) ? hits[i].leaves.w : 1.0));
     shown[p.at].factor = vec4(factor, uintBitsToFloat(number + 1u));
-    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(met.r, met.g, met.b));
+    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * met.r, counts.g * met.g, counts.b * met.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
     through[p.at] = vec4(a.transmitted * albedo, all > 0.0 ? a.way / all : 0.0);
