@@ -255,8 +255,9 @@ static bool can_denoise(const struct pell_renderer *r)
     if (!r->settings.denoise)
         return false;
     if (!r->noisy || !r->settings.layers || r->lens.radius > 0.0f)
-        pell_warn(r->ctx, "denoise", r->noisy ? NULL : "path-trace does", "nothing is denoised: %s",
-                  !r->noisy             ? "the method states no noise"
+        pell_warn(r->ctx, "denoise", r->noisy || !r->scattered ? NULL : "path-trace does", "nothing is denoised: %s",
+                  !r->scattered         ? "no light is scattered, which is all that is filtered"
+                  : !r->noisy           ? "the method states no noise"
                   : !r->settings.layers ? "the layers are not computed"
                                         : "depth of field blurs what its weights are made of");
     else
