@@ -41,7 +41,7 @@ void pell_indirect_look(const struct pell_indirect *in, const struct pell_points
 {
     static const union indirect_inside nothing = { .all = { 0.0f } };
     const struct pell_scene *scene = in->p.scene;
-    struct indirect_rows rows;
+    struct indirect_rows rows, beams;
 
     for (int i = 0; i < 16; i++) {
         uint32_t knot[3] = { 0 };
@@ -51,18 +51,14 @@ void pell_indirect_look(const struct pell_indirect *in, const struct pell_points
             indirect_find(in, at->mesh[i], at->triangle[i], at->u[i], at->v[i], knot, weight);
         for (int k = 0; k < 3; k++) {
             rows.row[k][i] = is ? in->inside[knot[k]].all : nothing.all;
-            rows.weight[k][i] = weight[k];
+            beams.row[k][i] = is && in->beam ? in->beam[knot[k]].light : nothing.all;
+            rows.weight[k][i] = beams.weight[k][i] = weight[k];
         }
     }
     in->kernels->blend(&rows, INDIRECT_INSIDE, out->thick);
     out->beams = in->beam != NULL;
-    if (!out->beams)
-        return;
-    for (int i = 0; i < 16; i++)
-        for (int k = 0; k < 3; k++)
-            rows.row[k][i] =
-                rows.row[k][i] == nothing.all ? nothing.all : in->beam[(union indirect_inside *) rows.row[k][i] - in->inside].light;
-    in->kernels->blend(&rows, INDIRECT_BEAM, out->beam);
+    if (out->beams)
+        in->kernels->blend(&beams, INDIRECT_BEAM, out->beam);
 }
 
 bool pell_indirect_has_beams(const struct pell_indirect *in)
