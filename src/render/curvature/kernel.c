@@ -46,28 +46,41 @@ static void look_up_bent(const struct curvature_shapes *restrict s, struct looke
     rows_between(row, rest, BENT, l->bent);
 }
 
-/* Slabs as thin as `thinness` says; `none` where nothing is thin. */
-static void look_up_slab(const struct curvature_shapes *restrict s, const float *restrict thinness, size_t table, const float none[2][SLAB],
-                         float (*restrict out)[N])
-{
-    _Alignas(64) float step[N], at[N], rest[N];
+/* Where slabs as thin as `thinness` says are in the tables of them. */
+struct place {
+    const float *thinness;
     _Alignas(64) int32_t cell[N];
-    const float *row[N];
+    _Alignas(64) float rest[N];
+};
 
+static void find_slab(const struct curvature_shapes *restrict s, const float *restrict thinness, struct place *restrict p)
+{
+    _Alignas(64) float step[N], at[N];
+
+    p->thinness = thinness;
     for (int i = 0; i < N; i++)
         step[i] = s->law[i]->step;
     for (int i = 0; i < N; i++)
         at[i] = pell_curvature_thin_place(thinness[i], step[i]);
-    split(at, cell, rest);
+    split(at, p->cell, p->rest);
+}
+
+/* `none` where nothing is thin. */
+static void look_up_slab(const struct curvature_shapes *restrict s, const struct place *restrict p, size_t table, const float none[2][SLAB],
+                         float (*restrict out)[N])
+{
+    const float *row[N];
+
     for (int i = 0; i < N; i++)
-        row[i] = thinness[i] > 0.0f ? (const float *) ((const char *) s->law[i] + table) + SLAB * cell[i] : none[0];
-    rows_between(row, rest, SLAB, out);
+        row[i] = p->thinness[i] > 0.0f ? (const float *) ((const char *) s->law[i] + table) + SLAB * p->cell[i] : none[0];
+    rows_between(row, p->rest, SLAB, out);
 }
 
 static void effects(const struct curvature_shapes *restrict s, struct pell_curvature_effects *restrict out)
 {
     static const float solid[2][SLAB] = { { 0 } }, whole[2][SLAB] = { { 1, 1, 1, 0 }, { 1, 1, 1, 0 } };
     _Alignas(64) float thinness[N], beyond[N];
+    struct place place;
     struct looked l;
 
     look_up_bent(s, &l);
@@ -75,9 +88,11 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
         thinness[i] = larger(s->thinness[i], 0.0f);
         beyond[i] = thinness[i] > 0.0f ? pell_curvature_beyond(s->mean[i], thinness[i]) : 0.0f;
     }
-    look_up_slab(s, thinness, offsetof(struct curvature_law, through), solid, l.through);
-    look_up_slab(s, thinness, offsetof(struct curvature_law, forward), solid, l.forward);
-    look_up_slab(s, beyond, offsetof(struct curvature_law, slab), whole, l.slab);
+    find_slab(s, thinness, &place);
+    look_up_slab(s, &place, offsetof(struct curvature_law, through), solid, l.through);
+    look_up_slab(s, &place, offsetof(struct curvature_law, forward), solid, l.forward);
+    find_slab(s, beyond, &place);
+    look_up_slab(s, &place, offsetof(struct curvature_law, slab), whole, l.slab);
     for (int i = 0; i < N; i++)
         out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
     for (int c = 0; c < 3; c++) {

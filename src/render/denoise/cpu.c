@@ -64,7 +64,8 @@ static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x,
     t->feature[DEPTH][to_y][to_x] = depth > 0.0f ? logf(depth) * (1.0f / DEPTH_STEP) : 0.0f;
     t->share[to_y][to_x] = share;
     t->valid[to_y][to_x] = 1.0f;
-    t->total[to_y][to_x] = k->second ? *of(p, p->scratch[3], x, y) : 1.0f;
+    if (k->second)
+        t->total[to_y][to_x] = *of(p, p->scratch[3], x, y);
 }
 
 /* How fast depth changes from a pixel to its neighbours, the less steep side of each axis: an edge is not a slope. */

@@ -271,13 +271,15 @@ static bool is_flat(const struct pell_scene *scene, const struct pell_topology *
 
 bool pell_is_faceted(const struct pell_scene *scene, const struct pell_topology *t)
 {
-    uint32_t flat = 0, edges = 0, round = 0;
+    const double most = t->num_degenerate + (1.0 - FACETED) * (double) (t->num_triangles - t->num_degenerate);
+    uint32_t others = 0, edges = 0, round = 0;
 
     for (size_t m = 0; m < t->num_meshes; m++)
-        for (uint32_t i = 0; i < scene->meshes[t->mesh[m]].num_triangles && !pell_cancelled_at(scene->ctx, i); i++)
-            flat += is_flat(scene, t, m, i);
-    if ((double) flat < FACETED * (double) (t->num_triangles - t->num_degenerate))
-        return false;
+        for (uint32_t i = 0; i < scene->meshes[t->mesh[m]].num_triangles && !pell_cancelled_at(scene->ctx, i); i++) {
+            others += !is_flat(scene, t, m, i);
+            if (others > most)
+                return false;
+        }
     for (uint32_t e = 0, end; e < t->num_halves && !pell_cancelled_at(scene->ctx, edges); e = end, edges++) {
         struct pell_vec3 a, b;
         end = pell_topology_edge(t, e);
