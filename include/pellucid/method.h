@@ -52,6 +52,7 @@ struct pell_plan {
     float mix;      /* mix exponent for all materials; negative: each material's own */
     bool opposed;   /* turns the profile between faces at an angle: the gain of curvature is that of such profiles */
     bool local;     /* spreads light over the faces that it sees: the engine scales what enters by diffusion in the solid */
+    bool around;    /* with `local`: spreads it along all the surface, also over faces that look elsewhere */
     bool spreads;   /* with PELL_NEED_TRANSMISSION: the engine spreads sideways what goes straight through a part (pell_slab_spread) */
     bool transmits; /* with `local`: adds what a slab transmits as far as pell_services_transmitted says, the engine the rest */
     bool survives_light_change; /* with PELL_NEED_SCENE: is kept when the lights change (struct pell_frame.lights_revision) */

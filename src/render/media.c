@@ -67,6 +67,7 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
     out[i].profile = f->profile;
     for (int c = 0; c < 3; c++) {
         const struct pell_angle *angle = m->single_apart ? &m->angle_apart[i] : &m->angle[i];
+        out[i].returned[c] = (float) pell_profile_total(&f->profile[c]);
         out[i].white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
         out[i].slope[c] = angles && angle->enter_base[c] > 0.0f ? angle->enter_slope[c] / angle->enter_base[c] : 0.0f;
     }
@@ -93,6 +94,7 @@ enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *
         any |= find_law(params->scene, frame->materials, i, thin, frame->settings->angles, solid);
     for (size_t i = 0; i < count; i++) {
         solid[i].all = all;
+        solid[i].around = frame->plan && frame->plan->around;
         solid[i].between = pell_plan_transmits(frame->plan);
     }
     res = PELL_OK;

@@ -14,13 +14,15 @@
 enum { CHUNK = 32, STEPS = 60 };
 #define FACING 0.3f    /* least cosine of normals on one surface */
 #define SEEN_LOW 0.4f  /* cosine of normals from which on methods see faces together, */
-#define SEEN_HIGH 0.9f /* and from which on all of them */
-#define SPREAD 0.8f    /* of the squared radius of a place's area: nearer, it is not seen as a point */
-#define OWN 0.5f       /* of what a disc of its own area returns to a place: the least share, where a large place is beside it */
-#define TOLERANCE 1e-6 /* of the residual, over the right side, that is asked for; */
-#define ENOUGH 1e-4    /* and that will do after STEPS */
-#define TURNED 0.15f   /* dG/dn of a place at itself up to which the surface is taken to be closed, */
-#define OPEN 0.3f      /* and from which on it is not */
+#define SEEN_HIGH 0.9f /* and from which on all of them; */
+#define AROUND_LOW -1.0f
+#define AROUND_HIGH 1.0f /* the same for methods that spread light along the surface */
+#define SPREAD 0.8f      /* of the squared radius of a place's area: nearer, it is not seen as a point */
+#define OWN 0.5f         /* of what a disc of its own area returns to a place: the least share, where a large place is beside it */
+#define TOLERANCE 1e-6   /* of the residual, over the right side, that is asked for; */
+#define ENOUGH 1e-4      /* and that will do after STEPS */
+#define TURNED 0.15f     /* dG/dn of a place at itself up to which the surface is taken to be closed, */
+#define OPEN 0.3f        /* and from which on it is not */
 
 static uint32_t rows_of(const struct equation *e, int chunk, uint32_t *end)
 {
@@ -242,6 +244,21 @@ static float shallow_disc(const struct equation_channel *q, uint32_t i, float in
     return share[0] * disc(q->kappa, area, inward * q->deep[0][i]) + share[1] * disc(q->kappa, area, inward * q->deep[1][i]);
 }
 
+/* Share of a face that a method spreads light to. */
+static float seen(const struct equation *e, float facing)
+{
+    return e->around ? ramp(AROUND_LOW, AROUND_HIGH, facing) : ramp(SEEN_LOW, SEEN_HIGH, facing);
+}
+
+/* Square of the way along a surface over that of the chord, by the cosine of the angle t that it turns by: of an arc,
+ * (t/2)^2/sin^2(t/2), as a series of sin^2(t/2). */
+static float along_surface(float facing)
+{
+    const float h = fminf(fmaxf(0.5f - 0.5f * facing, 0.0f), 1.0f);
+
+    return 1.0f + h * (1.0f / 3.0f + h * (8.0f / 45.0f + h * (4.0f / 35.0f + h * (128.0f / 1575.0f + h * (128.0f / 2079.0f)))));
+}
+
 /* Adds a block's entries to the sums; `self`: the entry that is the place itself. */
 static void add_block(const struct equation *e, const struct equation_channel *q, const struct equation_block *b, uint32_t first,
                       uint32_t count, uint32_t self, struct row *row)
@@ -249,15 +266,15 @@ static void add_block(const struct equation *e, const struct equation_channel *q
     const double *light = q->light + first, *source = q->source + first;
 
     for (uint32_t i = 0; i < count; i++) {
-        const float seen = ramp(SEEN_LOW, SEEN_HIGH, b->facing[i]);
+        const float share = seen(e, b->facing[i]), r2 = e->around ? b->r2[i] * along_surface(b->facing[i]) : b->r2[i];
         float pair = 0.0f;
         row->right += i == self ? 0.0 : (double) b->below[i] * source[i];
         if (i == self) {
             row->own = b->below[i];
             continue;
         }
-        if (seen > 0.0f) {
-            pair = seen * radial_at(&q->radial, b->r2[i]) * e->patches.area[first + i];
+        if (share > 0.0f) {
+            pair = share * radial_at(&q->radial, r2) * e->patches.area[first + i];
             row->sum += (double) pair * light[i];
             row->pairs += pair;
         }
@@ -279,7 +296,7 @@ static void add_areas(const struct equation *e, const struct equation_block *b, 
         sum[2] += b->even[i];
         if (b->r2[i] < e->window2 && b->facing[i] > FACING) {
             sum[0] += area;
-            sum[1] += ramp(SEEN_LOW, SEEN_HIGH, b->facing[i]) * area;
+            sum[1] += seen(e, b->facing[i]) * area;
         }
     }
 }

@@ -45,6 +45,7 @@ struct equation {
     const struct places *places;
     const struct equation_kernels *kernels;
     float near, window2, least2;
+    bool around; /* a method sees all faces, along the surface */
     struct equation_patches patches;
     uint32_t *first_run, *first_entry; /* of places, and one more */
     struct equation_run *run;

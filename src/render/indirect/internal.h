@@ -250,6 +250,7 @@ struct indirect_solid {
     const struct pell_profile *profile; /* of R, G and B */
     const struct pell_opposed *law;     /* how light goes through */
     const struct whole *whole;          /* what the method finds that asks the whole solid; NULL: it sees some faces */
+    bool around;                        /* without `whole`: or all, along the surface */
     float spacing;                      /* mm between samples */
 };
 /* out[i] <- of sample i; solved 0 where the samples are too coarse for a channel's light. */

@@ -396,6 +396,7 @@ enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool
     s->equation.ctx = ctx;
     s->equation.pool = pool;
     s->equation.places = &s->places;
+    s->equation.around = solid->around;
     s->equation.near = NEAR * step;
     s->equation.window2 = WINDOW * WINDOW * step * step;
     s->equation.least2 = LEAST * LEAST * step * step;

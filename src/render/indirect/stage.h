@@ -63,9 +63,11 @@ PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indire
 struct pell_indirect_solid {
     struct pell_opposed law;            /* amount 0: nothing goes through */
     struct pell_forward forward;        /* what is scattered forward, where `beams` */
+    float returned[3];                  /* of light that enters a half-space: no more of even light goes through to a place */
     float white[3];                     /* what it is multiplied by where it leaves */
     float slope[3];                     /* what of light that enters is returned more for its angle: 1 + slope (1 - m) (render/angle.h) */
     const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees, */
+    bool around;                        /* or along all the surface, */
     bool all;                           /* or over the whole solid, turned by `law` */
     bool beams;
     bool between; /* what goes between faces is summed where it is not solved */

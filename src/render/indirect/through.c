@@ -27,6 +27,9 @@ enum { CHUNK = 128, PACKET = 16 };
 #define DEEP_LOW 3.0f  /* thickness in diffusion lengths of a channel: below it a slab's T is taken, */
 #define DEEP_HIGH 6.0f /* and above it, where little but what comes from the rim gets through, the sum */
 
+#define DIFFUSE_LOW 3.0f  /* thickness in mean free paths less that in diffusion lengths: light that is seldom absorbed is diffuse */
+#define DIFFUSE_HIGH 4.5f /* from here on, and then comes from aside as much */
+
 #define SOONER 3.0f    /* of the thickness where the sum takes over, for light that is scattered forward, */
 #define SCATTERS 0.85f /* from this exponent on, in mean free paths */
 
@@ -71,14 +74,23 @@ static float sooner(const struct pell_indirect_solid *as, int c)
                : 1.0f;
 }
 
-/* Share of what gets through that the sum finds best: all in parts that are deep for a channel, where light comes from the rim, too; none
- * where samples are too far apart. */
+/* How far the sum over places holds for a part as thin as this. */
+static float sum_holds(const struct pell_indirect_solid *as, float thinness, int c)
+{
+    const float kappa = as->law.kappa[c];
+
+    return fmaxf(smooth_ramp(DEEP_LOW, DEEP_HIGH, sooner(as, c) * kappa / thinness),
+                 smooth_ramp(DIFFUSE_LOW, DIFFUSE_HIGH, (1.0f / as->law.depth[c] - kappa) / thinness));
+}
+
+/* Share of what gets through that the sum finds best: all in parts that are deep for a channel, where light comes from the rim, too, or
+ * where diffusion holds; none where samples are too far apart. */
 static void deep_parts(const struct pell_indirect_solid *as, float thinness, float spacing, float part[3])
 {
     const float fine = fine_enough(thinness, spacing);
 
     for (int c = 0; c < 3; c++)
-        part[c] = fine * (thinness > 0.0f ? smooth_ramp(DEEP_LOW, DEEP_HIGH, sooner(as, c) * as->law.kappa[c] / thinness) : 1.0f);
+        part[c] = fine * (thinness > 0.0f && as->law.depth[c] > 0.0f ? sum_holds(as, thinness, c) : 1.0f);
 }
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
@@ -157,13 +169,19 @@ static void light_chunk(void *arg, int index, int worker)
 
 /* --- From sample to sample -------------------------------------------------------------------------------------------------------- */
 
-static void add_pair(const struct pell_opposed *law, const struct indirect_sample *to, const float position[3], const float normal[3],
-                     const float way[3], float curvature, const float power[3], float sum[3])
+/* What goes through to a sample. */
+struct gathered {
+    float light[3]; /* W/m^2 */
+    float even[3];  /* of even light on the faces that it comes from, over that light */
+};
+
+static void add_pair(const struct pell_opposed *law, const struct indirect_sample *to, const struct pell_lit_place *from,
+                     struct gathered *g)
 {
-    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), n = vec3_load(normal), w = vec3_load(way);
+    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(from->position)), n = vec3_load(from->normal), w = vec3_load(from->way);
     const struct pell_vec3 t = vec3_mad(w, -vec3_dot(w, n), n);
-    const struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n),
-                                            curvature,      vec3_dot(t, v), vec3_dot(t, to->normal), vec3_dot(t, t) };
+    const struct pell_opposed_pair pair = { vec3_dot(v, v),  vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n),
+                                            from->curvature, vec3_dot(t, v), vec3_dot(t, to->normal), vec3_dot(t, t) };
     const float unseen = pell_opposed_unseen(pair.facing), far2 = FAR * FAR;
     float through[3];
     bool is[3];
@@ -173,11 +191,25 @@ static void add_pair(const struct pell_opposed *law, const struct indirect_sampl
     for (int c = 0; c < 3; c++)
         is[c] = law->amount[c] > 0.0f && law->kappa[c] * law->kappa[c] * pair.distance2 < far2;
     pell_opposed_split_of(law, &pair, is, through);
-    for (int c = 0; c < 3; c++)
-        sum[c] += unseen * through[c] * power[c];
+    for (int c = 0; c < 3; c++) {
+        g->light[c] += unseen * through[c] * from->power[c];
+        g->even[c] += unseen * through[c] * from->area;
+    }
 }
 
-static void gather(const struct send *s, const struct pell_opposed *law, const struct indirect_sample *to, float sum[3])
+/* A node as one place. */
+static struct pell_lit_place as_place(const struct pell_light_node *n)
+{
+    struct pell_lit_place p = { .area = n->area, .curvature = n->curvature };
+
+    memcpy(p.position, n->centre, sizeof(p.position));
+    memcpy(p.normal, n->normal, sizeof(p.normal));
+    memcpy(p.power, n->power, sizeof(p.power));
+    memcpy(p.way, n->way, sizeof(p.way));
+    return p;
+}
+
+static void gather(const struct send *s, const struct pell_opposed *law, const struct indirect_sample *to, struct gathered *g)
 {
     const struct pell_light_tree *t = &s->tree;
 
@@ -187,13 +219,12 @@ static void gather(const struct send *s, const struct pell_opposed *law, const s
         if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
             i = n->next;
         } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(mean, mean) > MEAN) {
-            add_pair(law, to, n->centre, n->normal, n->way, n->curvature, n->power, sum);
+            const struct pell_lit_place far = as_place(n);
+            add_pair(law, to, &far, g);
             i = n->next;
         } else if (n->count) {
-            for (uint32_t k = n->first; k < n->first + n->count; k++) {
-                const struct pell_lit_place *p = &t->samples[k];
-                add_pair(law, to, p->position, p->normal, p->way, p->curvature, p->power, sum);
-            }
+            for (uint32_t k = n->first; k < n->first + n->count; k++)
+                add_pair(law, to, &t->samples[k], g);
             i = n->next;
         } else {
             i++;
@@ -211,13 +242,16 @@ static void gather_chunk(void *arg, int index, int worker)
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
         const float *solved = s->light[s->list[i]].solved, *thick = s->thick[s->list[i]];
         struct pell_opposed law = s->solid[to->material].law;
-        float sum[3] = { 0.0f };
+        struct gathered g = { { 0.0f }, { 0.0f } };
         for (int c = 0; c < 3; c++)
             law.amount[c] = solved[c] < 1.0f && thick[c] > 0.0f ? law.amount[c] : 0.0f;
         if (law.amount[0] + law.amount[1] + law.amount[2] > 0.0f)
-            gather(s, &law, to, sum);
-        for (int c = 0; c < 3; c++)
-            s->in->gathered[s->list[i]][c] = thick[c] * sum[c] * s->solid[to->material].white[c];
+            gather(s, &law, to, &g);
+        for (int c = 0; c < 3; c++) {
+            const float most = s->solid[to->material].returned[c];
+            s->in->gathered[s->list[i]][c] =
+                thick[c] * g.light[c] * (g.even[c] > most ? most / g.even[c] : 1.0f) * s->solid[to->material].white[c];
+        }
     }
 }
 
@@ -333,7 +367,7 @@ static enum pell_result send_solid(struct send *s, struct pell_pool *pool, struc
 {
     struct pell_indirect *in = s->in;
     const struct pell_indirect_solid *as = &s->solid[in->samples[s->list[0]].material];
-    struct indirect_solid solid = { .profile = as->profile, .law = &as->law, .whole = whole, .count = s->count };
+    struct indirect_solid solid = { .profile = as->profile, .law = &as->law, .whole = whole, .around = as->around, .count = s->count };
     struct pell_lit_place *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
     struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
     float *thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
