@@ -551,6 +551,25 @@ static void keep_command_line(struct cli *cli, int argc, const char **argv)
     }
 }
 
+/* Whether what an option would take as its value is the option after it. */
+static bool is_option(const char *text, const struct option *list, size_t n)
+{
+    const size_t length = strncmp(text, "--", 2) == 0 ? strcspn(text + 2, "=") : 0;
+
+    for (size_t i = 0; i < n && length > 0; i++)
+        if (strlen(list[i].name) == length && strncmp(text + 2, list[i].name, length) == 0)
+            return true;
+    return false;
+}
+
+static enum exit_code refuse_option(struct cli *cli, const struct option *o, const char *text)
+{
+    char where[64];
+
+    snprintf(where, sizeof(where), "--%s", o->name);
+    return cli_usage(cli, where, NULL, "needs a value, %s, but \"%.200s\" follows", o->argument, text);
+}
+
 static enum exit_code take_all(struct cli *cli, poptContext popt, const struct option *list, size_t n, bool *done)
 {
     struct pell_context *ctx;
@@ -567,7 +586,10 @@ static enum exit_code take_all(struct cli *cli, poptContext popt, const struct o
             break;
         }
         text = poptGetOptArg(popt);
-        code = take(cli, ctx, &list[got - 1], text ? text : (char[]) { "" });
+        if (text && is_option(text, list, n))
+            code = refuse_option(cli, &list[got - 1], text);
+        else
+            code = take(cli, ctx, &list[got - 1], text ? text : (char[]) { "" });
         free(text);
         *done = list[got - 1].kind == HELP || list[got - 1].kind == VERSION;
         if (list[got - 1].kind == VERSION)

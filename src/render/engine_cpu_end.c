@@ -108,6 +108,9 @@ static void denoise(struct pell_cpu *e, const struct pell_engine_frame *f)
     const int64_t pixels = (int64_t) (f->covered.x1 - f->covered.x0) * (f->covered.y1 - f->covered.y0);
     const double start = pell_seconds();
 
+    if (!pell_denoise_knows(&params))
+        pell_warn(e->ctx, "denoise", "more samples, or a smaller --msaa",
+                  "nothing is denoised: the noise of one sample for each multisample is not known");
     pell_denoise_render(e->pool, &params);
     pell_stage_note(f->notes, "denoise", pell_seconds() - start, pixels, 0, pixels * 100);
 }

@@ -271,6 +271,21 @@ static void pixels_covered_in_part_are_filtered_with_the_others(void **state)
     finish(&p);
 }
 
+/* Of one sample nothing is known: variances are 0, and so is what a filter could weigh by. */
+static void it_says_where_it_knows_of_no_noise(void **state)
+{
+    struct picture p;
+    (void) state;
+
+    start(&p, 1, 8, ragged_cover);
+    assert_true(pell_denoise_knows(&p.params));
+    for (int c = 0; c < 3; c++)
+        for (int y = 0; y < HEIGHT; y++)
+            memset(p.sum.variance[c] + y * p.params.stride, 0, WIDTH * sizeof(float));
+    assert_false(pell_denoise_knows(&p.params));
+    finish(&p);
+}
+
 static void opaque_pixels_are_left_alone(void **state)
 {
     struct picture p, same;
@@ -311,6 +326,7 @@ int main(void)
         cmocka_unit_test(edges_stay),
         cmocka_unit_test(highlights_hide_no_noise),
         cmocka_unit_test(pixels_covered_in_part_are_filtered_with_the_others),
+        cmocka_unit_test(it_says_where_it_knows_of_no_noise),
         cmocka_unit_test(opaque_pixels_are_left_alone),
         cmocka_unit_test(threads_do_not_matter),
     };

@@ -670,6 +670,7 @@ static const struct {
     { "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"-1mm\"}", "s.json:/unit", "above 0", "" },
     { "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"1e40km\"}", "s.json:/", "allowed", "" },
     { "{\"pellucid\":1,\"mesh\":{\"path\":\"cube.obj\",\"scale\":0},\"unit\":\"1mm\"}", "s.json:/mesh/scale", "at least 1e-6", "" },
+    { SCENE(",\"normals\":\"smooth\""), "s.json:/normals", "unknown key", "it is a key of \"mesh\"" },
     { "{\"pellucid\":1,\"mesh\":{\"pth\":\"cube.obj\"},\"unit\":\"1mm\"}", "s.json:/mesh/pth", "unknown key", "\"path\"" },
     { SCENE(",\"camera\":\"front\""), "s.json:/camera", "no camera \"front\"", "" },
     { SCENE(",\"camera\":{\"to\":[0,0,0]}"), "s.json:/camera", "has no \"from\"", "" },

@@ -115,6 +115,16 @@ static void filter_tile(void *arg, int index, int worker)
         }
 }
 
+bool pell_denoise_knows(const struct pell_denoise_params *p)
+{
+    for (int c = 0; c < 3; c++)
+        for (int y = p->rect.y0; y < p->rect.y1; y++)
+            for (int x = p->rect.x0; x < p->rect.x1; x++)
+                if (*of(p, p->sum->variance[c], x, y) > 0.0f)
+                    return true;
+    return false;
+}
+
 void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_params *p)
 {
     const struct pell_rect r = p->rect;

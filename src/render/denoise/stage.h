@@ -31,6 +31,8 @@ struct pell_denoise_params {
     float *scratch[PELL_DENOISE_PLANES];
 };
 
+/* Whether anything is known of the noise: of a single sample nothing is. */
+bool pell_denoise_knows(const struct pell_denoise_params *params);
 /* Allocates nothing; the same bits for any number of threads. */
 void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_params *params);
 

@@ -320,6 +320,28 @@ static void check_time(const struct pell_scene_reader *r, const struct pell_json
 
 /* --- All ---------------------------------------------------------------------------------------------------------------------- */
 
+static bool is_among(const char *key, const struct pell_scene_keys *keys)
+{
+    for (size_t i = 0; i < keys->count; i++)
+        if (strcmp(keys->keys[i], key) == 0)
+            return true;
+    return false;
+}
+
+/* Keys at the top that belong into one of its objects. */
+static enum pell_result refuse_misplaced(const struct pell_json *root)
+{
+    for (const struct pell_scene_keys *of = &pell_scene_keys[1]; of->object; of++)
+        for (size_t i = 0; i < of->count; i++)
+            if (pell_json_has(root, of->keys[i]) && !is_among(of->keys[i], &pell_scene_keys[0])) {
+                const struct pell_json at = pell_json_get(root, of->keys[i]);
+                struct pell_text hint = { .length = 0 };
+                pell_text_add(&hint, "it is a key of \"%.*s\"", (int) strcspn(of->object, "_"), of->object);
+                return pell_json_error(&at, PELL_ERR_FORMAT, hint.str, "unknown key");
+            }
+    return PELL_OK;
+}
+
 static enum pell_result read_root(struct pell_scene_reader *r, const struct pell_json *root, struct pell_extras *extras)
 {
     struct pell_json ground = pell_json_get(root, "ground");
@@ -329,6 +351,7 @@ static enum pell_result read_root(struct pell_scene_reader *r, const struct pell
 
     PELL_TRY(pell_json_require(root, "pellucid"));
     PELL_TRY(pell_json_int(root, "pellucid", 1, 1, &version));
+    PELL_TRY(refuse_misplaced(root));
     PELL_TRY(ONLY(root, root_keys));
     PELL_TRY(pell_json_string(root, "$schema", &schema));
     PELL_TRY(read_moment(r, root));
