@@ -30,102 +30,6 @@ struct element {
     float rgb[4]; /* and 0: four lanes */
 };
 
-/* --- Looking up --------------------------------------------------------------------------------------------------------------- */
-
-static struct pell_vec3 to_map(const struct pell_environment *env, struct pell_vec3 d)
-{
-    return vec3(d.x * env->cos_rotate - d.z * env->sin_rotate, d.y, d.x * env->sin_rotate + d.z * env->cos_rotate);
-}
-
-/* u = 1/2 at -z, growing toward +x; v = 0 at +y. */
-static void map_uv(struct pell_vec3 d, float *u, float *v)
-{
-    const float y = d.y < 1.0f ? d.y > -1.0f ? d.y : -1.0f : 1.0f;
-    *u = 0.5f + atan2f(d.x, -d.z) * (0.5f / PELL_PI_F);
-    *v = acosf(y) * (1.0f / PELL_PI_F);
-}
-
-void pell_environment_aim(struct pell_environment *env, const struct pell_light *light)
-{
-    env->cos_rotate = cosf(light->rotate);
-    env->sin_rotate = sinf(light->rotate);
-    for (int c = 0; c < 3; c++)
-        env->power[c] = light->power[c] > 0.0f ? fminf(light->power[c], 1e15f) : 0.0f;
-    if (light->image && light->image->image.pixels)
-        env->image = light->image;
-}
-
-void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v)
-{
-    map_uv(to_map(env, direction), u, v);
-}
-
-struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v)
-{
-    const double azimuth = 2.0 * PELL_PI * (u - 0.5), sine = sin(PELL_PI * v), x = sin(azimuth) * sine, z = -cos(azimuth) * sine;
-
-    return vec3((float) (x * env->cos_rotate + z * env->sin_rotate), (float) cos(PELL_PI * v),
-                (float) (z * env->cos_rotate - x * env->sin_rotate));
-}
-
-static void clean(const struct pell_environment *env, float rgb[3])
-{
-    for (int c = 0; c < 3; c++) {
-        const float x = rgb[c] * env->power[c];
-        rgb[c] = x > 0.0f ? x < 1e15f ? x : 1e15f : 0.0f; /* NaN is 0, too */
-    }
-}
-
-void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3])
-{
-    float rgba[4] = { 1.0f, 1.0f, 1.0f, 1.0f }, u, v;
-
-    if (env->image) {
-        pell_environment_place(env, direction, &u, &v);
-        pell_image_sample(&env->image->image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, u, v, rgba);
-    }
-    memcpy(rgb, rgba, 3 * sizeof(*rgb));
-    clean(env, rgb);
-}
-
-static void level_lookup(const struct pell_env_level *l, float u, float v, float rgb[3])
-{
-    const float x = u * (float) l->width - 0.5f, y0 = v * (float) l->height - 0.5f;
-    const float y = y0 > 0.0f ? y0 < (float) (l->height - 1) ? y0 : (float) (l->height - 1) : 0.0f;
-    const int xi = (int) floorf(x), yi = (int) y, yj = yi + 1 < l->height ? yi + 1 : yi;
-    const int xa = (xi + l->width) % l->width, xb = (xi + 1) % l->width;
-    const float f = x - (float) xi, g = y - (float) yi;
-    const float *r0 = l->rgb + (size_t) yi * (size_t) l->width * 3, *r1 = l->rgb + (size_t) yj * (size_t) l->width * 3;
-
-    for (int c = 0; c < 3; c++) {
-        const float a = r0[3 * xa + c] + f * (r0[3 * xb + c] - r0[3 * xa + c]), b = r1[3 * xa + c] + f * (r1[3 * xb + c] - r1[3 * xa + c]);
-        rgb[c] = a + g * (b - a);
-    }
-}
-
-/* Square roots of the widths of the levels: roughness of GGX. */
-static const float level_roughness[PELL_ENV_LEVELS] = { 0.0f, 0.15f, 0.3f, 0.45f, 0.6f, 0.8f, 1.0f };
-
-void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3])
-{
-    const float r = sqrtf(width < 1.0f ? width > 0.0f ? width : 0.0f : 1.0f);
-    float a[3], b[3], u, v, f;
-    int k = 0;
-
-    if (env->num_levels == 0) {
-        memcpy(rgb, env->power, 3 * sizeof(*rgb));
-        return;
-    }
-    while (k < PELL_ENV_LEVELS - 2 && r >= level_roughness[k + 1])
-        k++;
-    f = (r - level_roughness[k]) / (level_roughness[k + 1] - level_roughness[k]);
-    map_uv(to_map(env, direction), &u, &v);
-    level_lookup(&env->levels[k], u, v, a);
-    level_lookup(&env->levels[k + 1], u, v, b);
-    for (int c = 0; c < 3; c++)
-        rgb[c] = a[c] + f * (b[c] - a[c]);
-}
-
 /* --- The octahedral table over the normal ------------------------------------------------------------------------------------- */
 
 /* Poles at +-y; the lower half is folded over the diagonals, so that the border meets itself. */
@@ -135,39 +39,6 @@ static struct pell_vec3 node_normal(int i, int j)
     const float y = 1.0f - fabsf(a) - fabsf(b);
     const float x = y < 0.0f ? copysignf(1.0f - fabsf(b), a) : a, z = y < 0.0f ? copysignf(1.0f - fabsf(a), b) : b;
     return vec3_normalize(vec3(x, y, z));
-}
-
-void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 n, const struct pell_env_query *q, float rgb[3])
-{
-    const float sum = fabsf(n.x) + fabsf(n.y) + fabsf(n.z), inv = sum > 0.0f ? 1.0f / sum : 0.0f;
-    const float x0 = n.x * inv, z0 = n.z * inv;
-    const float x = n.y < 0.0f ? copysignf(1.0f - fabsf(z0), x0) : x0, z = n.y < 0.0f ? copysignf(1.0f - fabsf(x0), z0) : z0;
-    const float u = (x * 0.5f + 0.5f) * (PELL_ENV_NODES - 1), v = (z * 0.5f + 0.5f) * (PELL_ENV_NODES - 1);
-    const int i0 = (int) u, j0 = (int) v, i = i0 < PELL_ENV_NODES - 2 ? i0 : PELL_ENV_NODES - 2,
-              j = j0 < PELL_ENV_NODES - 2 ? j0 : PELL_ENV_NODES - 2;
-    const float f = u - (float) i, g = v - (float) j;
-    const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
-    const float place = pell_roughness_place(q->roughness, PELL_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
-    const int k = pell_table_cell(place, PELL_ENV_ROUGHNESS);
-    const float h = place - (float) k;
-    float e[3] = { 0 }, lobe[3] = { 0 };
-
-    for (int corner = 0; corner < 4; corner++) {
-        const float *node = env->nodes + (size_t) ((j + corner / 2) * PELL_ENV_NODES + i + corner % 2) * (size_t) env->size;
-        if (q->smooth >= 0) {
-            for (int c = 0; c < 3; c++)
-                e[c] += weight[corner] * node[env->boundary_at + 3 * q->smooth + c];
-            continue;
-        }
-        const float *m = node + env->model_at[q->model] + 6 * k; /* scale rgb, bias rgb, then the next roughness */
-        for (int c = 0; c < 3; c++) {
-            const float a = q->f0 * m[c] + m[3 + c], b = q->f0 * m[6 + c] + m[9 + c];
-            e[c] += weight[corner] * node[c];
-            lobe[c] += weight[corner] * pell_lerp(a, b, h);
-        }
-    }
-    for (int c = 0; c < 3; c++)
-        rgb[c] = e[c] - q->rho_s * lobe[c];
 }
 
 struct node_task {
@@ -352,7 +223,7 @@ static void resample_row(void *arg, int y, int worker)
             pell_image_sample(image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, (float) ((x + 0.5) / t->to->width),
                               (float) ((y + 0.5) / t->to->height), rgba);
             memcpy(out, rgba, 3 * sizeof(*out));
-            clean(t->env, out);
+            pell_environment_clean(t->env, out);
             continue;
         }
         for (int j = (int) y0; j < image->height && (double) j < y1 - 1e-9; j++) {
@@ -360,7 +231,7 @@ static void resample_row(void *arg, int y, int worker)
             for (int i = (int) x0; i < image->width && (double) i < x1 - 1e-9; i++) {
                 const double w = wy * (fmin(x1, i + 1.0) - fmax(x0, i));
                 pell_image_texel(image, i, j, rgba);
-                clean(t->env, rgba);
+                pell_environment_clean(t->env, rgba);
                 for (int c = 0; c < 3; c++)
                     sum[c] += w * rgba[c];
                 weight += w;
@@ -623,7 +494,8 @@ static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_
             i++;
         make_ring(&w->mips[i], w->ring, &ring);
         pell_pool_run(pool, env->levels[k].height, filter_row,
-                      &(struct lobe_task) { env, &ring, &env->levels[k], level_roughness[k] * level_roughness[k], level_sizes[k].reach });
+                      &(struct lobe_task) { env, &ring, &env->levels[k], pell_env_level_roughness[k] * pell_env_level_roughness[k],
+                                            level_sizes[k].reach });
     }
     env->num_levels = PELL_ENV_LEVELS;
 }

@@ -21,6 +21,10 @@ static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map 
     return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
 }
 
+/* environment_look.c: square roots of the widths of the levels, roughness of GGX; radiance of a texel as it counts. */
+extern const float pell_env_level_roughness[PELL_ENV_LEVELS];
+void pell_environment_clean(const struct pell_environment *env, float rgb[3]);
+
 /* environment_lights.c: at most `max_sources` light sources for what is brighter than the rest, of environment `index`. The caller frees
  * out->lights, which is NULL after a failure. */
 PELL_NODISCARD enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *map, int index,

@@ -11,6 +11,7 @@
 #include "image/color.h"
 #include "lights/specular_tables.h"
 #include "math/sampling.h"
+#include "shared/environment.h"
 #include "shared/light_data.h"
 #include "visibility/light_grid.h"
 
@@ -39,10 +40,8 @@ struct pell_light_source {
 
 /* --- environment.c ------------------------------------------------------------------------------------------------------------ */
 
-#define PELL_ENV_NODES 129   /* a side of the octahedral table over the normal */
-#define PELL_ENV_ROUGHNESS 8 /* roughness levels of the table */
-#define PELL_ENV_ETAS 8      /* indices of refraction with a table of their own for smooth boundaries */
-#define PELL_ENV_LEVELS 7    /* of the reflection's prefiltered maps */
+#define PELL_ENV_ETAS 8   /* indices of refraction with a table of their own for smooth boundaries */
+#define PELL_ENV_LEVELS 7 /* of the reflection's prefiltered maps */
 
 struct pell_env_level {
     int width, height;
@@ -123,6 +122,14 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
 /* Radiance out of a direction as a lobe of that width (pell_lobe_width) sees it. */
 void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3]);
 void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3]);
+
+/* The environments as words for a device, for the formulas of shared/environment.h; returns how many, 0 without environments. `out` NULL:
+ * they are counted. A head: environments, samples of a multisample that look for the sky, the first word of the materials' slots of smooth
+ * boundaries. A row of each environment: its nodes' first word, their size, boundary_at, levels, cosine and sine of the rotation, power;
+ * the first word of its broad lights (direction, power), and how many; from word 12 on model_at; from 20 on of each level the first word,
+ * width, height and roughness. */
+enum { PELL_ENV_HEAD = 4, PELL_ENV_ROW = 48 };
+size_t pell_lights_environment_words(const struct pell_lights *lights, uint32_t *out);
 
 /* For looking up alone: sets picture, power and rotation of a zeroed `env`, which then needs no finish. */
 void pell_environment_aim(struct pell_environment *env, const struct pell_light *light);

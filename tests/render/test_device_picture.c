@@ -235,15 +235,60 @@ static void maps(struct stage *s)
     stage_light(s, PELL_LIGHT_POINT, vec3(-20, 10, 70), vec3(0, 0, 0), 0.2f);
 }
 
+/* A turned picture with a sun and a broad bright part, and a second environment that is the same all around. */
+static void under_pictures(struct stage *s)
+{
+    struct pell_texture *t = picture(s, 64, 32, 3, true);
+    struct pell_light *sky = stage_environment(s, 0.3f);
+    uint8_t *p = t->image.pixels;
+
+    for (int y = 0; y < 32; y++)
+        for (int x = 0; x < 64; x++)
+            for (int c = 0; c < 3; c++)
+                p[3 * (64 * y + x) + c] = x == 40 && y == 9                    ? 255
+                                          : x > 8 && x < 20 && y > 6 && y < 14 ? 160
+                                                                               : (uint8_t) (20 + (x * 5 + y * (3 + c)) % 31);
+    sky->image = t;
+    sky->rotate = 0.7f;
+    stage_environment(s, 0.02f);
+    s->settings.ambient_samples = 8;
+}
+
+static void sky(struct stage *s)
+{
+    surfaces(s);
+    under_pictures(s);
+}
+
+static void smooth_sky(struct stage *s)
+{
+    smooth(s);
+    under_pictures(s);
+}
+
+static void thin_parts_under_a_sky(struct stage *s)
+{
+    thin_parts(s);
+    under_pictures(s);
+    s->settings.curvature = s->settings.angles = s->settings.single_scattering = true;
+}
+
 static const struct {
     const char *name;
     void (*fill)(struct stage *s);
     const char *method;
 } scenes[] = {
-    { "a spot light", plain, "screen-space" },        { "without scattering", plain, "none" },
-    { "orthographic", orthographic, "screen-space" }, { "lobes, metal, colours", surfaces, "screen-space" },
-    { "smooth boundaries", smooth, "screen-space" },  { "solids", solids, "screen-space" },
-    { "thin parts", thin_parts, "screen-space" },     { "maps", maps, "screen-space" },
+    { "a spot light", plain, "screen-space" },
+    { "without scattering", plain, "none" },
+    { "orthographic", orthographic, "screen-space" },
+    { "lobes, metal, colours", surfaces, "screen-space" },
+    { "smooth boundaries", smooth, "screen-space" },
+    { "solids", solids, "screen-space" },
+    { "thin parts", thin_parts, "screen-space" },
+    { "maps", maps, "screen-space" },
+    { "environments", sky, "screen-space" },
+    { "environments, smooth boundaries", smooth_sky, "screen-space" },
+    { "environments, thin parts", thin_parts_under_a_sky, "screen-space" },
 };
 
 /* --- Comparison ---------------------------------------------------------------------------------------------------------------------- */
@@ -366,12 +411,6 @@ static void with_lens(struct stage *s)
     s->scene->cameras[0].f_number = 2.0f;
 }
 
-static void with_sky(struct stage *s)
-{
-    plain(s);
-    stage_environment(s, 0.1f);
-}
-
 static void with_sheet(struct stage *s)
 {
     size_t leaf;
@@ -397,7 +436,6 @@ static void what_the_device_lacks_the_cpu_does(void **state)
     } cases[] = {
         { with_layers, "screen-space", "layers are asked for" },
         { with_lens, "screen-space", "depth of field" },
-        { with_sky, "none", "an environment" },
         { with_sheet, "none", "thin sheets" },
         { with_unfiltered_map, "none", "textures of floats, or without a filter" },
         { plain, "texture-space", "the method reads other planes" },
@@ -518,6 +556,7 @@ static enum pell_result small_frame(struct stage *s, uint64_t n)
 static void small_solids(struct stage *s)
 {
     thin_parts(s);
+    stage_environment(s, 0.02f);
     s->settings.bounces = 1;
     s->settings.indirect_samples = 64;
     s->settings.curvature = s->settings.angles = s->settings.single_scattering = true;

@@ -9,6 +9,7 @@
 #include "shared/camera.h"
 #include "shared/color_share.h"
 #include "shared/curvature.h"
+#include "shared/environment.h"
 #include "shared/gloss.h"
 #include "shared/hash.h"
 #include "shared/highlights.h"
@@ -159,6 +160,12 @@ float shown(float x)
     return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_shared(x, up, right, pell_highlights_alike(0.9f, x, 2.0f));
 }
 
+float around(vec3 n)
+{
+    const pell_place2 node = pell_octahedral_place(n.x, n.y, n.z), picture = pell_panorama_place(n.x, n.y, n.z);
+    return node.x + node.y + picture.x + picture.y;
+}
+
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
@@ -171,7 +178,7 @@ void main()
     const pell_light_data light = lights[i];
     const float ray = met(vec3(x), vec3(width), vec3(place), vec3(1.0f, x, value));
     const float ends = spread(int(i), x) + passed(x, 0.3f) + pell_unit_float(pell_hash(i));
-    const float all = lit(light, vec3(x)) + ray + sampled(i) + ends + shown(x);
+    const float all = lit(light, vec3(x)) + ray + sampled(i) + around(vec3(x)) + ends + shown(x);
     result[i] = vec4(pell_srgb_encode(value * scale + filmic(vec3(x))), pell_srgb_decode(x), all,
                      (light.flags & PELL_LIGHT_DATA_COMPACT) != 0u ? light.power.x : PELL_PI_F);
 }

@@ -143,6 +143,7 @@ void pell_light_device_drop_lights(struct pell_light_device *d)
     light_device_drop_buffers(d, LIGHTS, LIGHTS);
     light_device_drop_buffers(d, TABLES, IMAGES);
     light_device_drop_buffers(d, PARTS, PARTS);
+    light_device_drop_buffers(d, SKY, SKY);
     pell_free(d->ctx, d->sorted);
     d->sorted = NULL;
     d->lights = NULL;
@@ -250,6 +251,24 @@ static enum pell_result send_tables(struct pell_light_device *d, const struct pe
     return res;
 }
 
+/* What is looked up in environments, where a buffer holds it. */
+static enum pell_result send_sky(struct pell_light_device *d, const struct pell_lights *lights)
+{
+    const size_t words = pell_lights_environment_words(lights, NULL);
+    uint32_t *sky;
+    enum pell_result res;
+
+    if (words == 0 || words * sizeof(*sky) > pell_gpu_buffer_most(d->gpu))
+        return PELL_OK;
+    sky = pell_alloc_array(d->ctx, words, sizeof(*sky));
+    if (!sky)
+        return PELL_ERR_NOMEM;
+    pell_lights_environment_words(lights, sky);
+    res = send(d, SKY, sky, words * sizeof(*sky), "light, environments");
+    pell_free(d->ctx, sky);
+    return res;
+}
+
 enum pell_result light_device_prepare(struct pell_light_device *d)
 {
     size_t words, room;
@@ -303,6 +322,7 @@ enum pell_result pell_light_device_set_lights(struct pell_light_device *d, const
         return PELL_OK;
     PELL_TRY(send_lights(d, lights));
     PELL_TRY(send_tables(d, tables));
+    PELL_TRY(send_sky(d, lights));
     PELL_TRY(send(d, PARTS, lights->parts, lights->num_parts * sizeof(*lights->parts), "light, parts"));
     d->lights = lights;
     PELL_TRY(light_device_prepare(d));

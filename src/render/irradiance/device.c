@@ -312,7 +312,9 @@ struct pell_light_lent pell_light_device_lend(const struct pell_light_device *d)
         .points = d->buffers[POINTS],
         .results = d->buffers[RESULTS],
         .thickness = d->buffers[THICKNESS],
+        .sky = d->buffers[SKY],
         .room = d->room,
+        .environments = d->lights ? d->lights->num_environments : 0,
         .version = d->version,
     };
 }

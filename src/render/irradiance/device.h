@@ -67,10 +67,11 @@ const uint32_t *pell_light_device_through(const struct pell_light_device *d, siz
 /* --- Batches whose points are made on the device (picture/device.h) ------------------------------------------------------------------ */
 
 /* What there is, for passes that are made anew when `version` is another; NULL where nothing needs it. `points` and `results` are of one
- * batch. */
+ * batch; `sky` is pell_lights_environment_words of `environments`, NULL where no buffer holds them. */
 struct pell_light_lent {
-    struct pell_gpu_buffer *nodes, *triangles, *meshes, *corners, *materials, *tables, *points, *results, *thickness;
+    struct pell_gpu_buffer *nodes, *triangles, *meshes, *corners, *materials, *tables, *points, *results, *thickness, *sky;
     size_t room;
+    size_t environments;
     uint32_t version;
 };
 struct pell_light_lent pell_light_device_lend(const struct pell_light_device *d);

@@ -30,6 +30,7 @@ enum pell_light_buffer {
     CORNERS,
     PARTS,
     THICKNESS,
+    SKY, /* for picture/device.h */
     MATERIALS_UP,
     POINTS_UP,
     RESULTS_DOWN,

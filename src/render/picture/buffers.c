@@ -20,7 +20,7 @@ static const struct {
               { NODES, TRIANGLES, MESHES, CORNERS, LIT, MATERIALS, FRAME, KEYS, ATTRIBUTES, MAPS, POINTS, HITS } },
     [LOOK_INSIDE] = { &pell_picture_inside_shader, { HITS, LIT, FRAME, MESHES, CORNERS, SHAPES, SOLIDS, BETWEEN, POINTS, INSIDES } },
     [FINISH] = { &pell_picture_finish_shader,
-                 { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, LIGHT, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
+                 { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, SKY, LIGHT, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
     [SHARE_HIGHLIGHTS] = { &pell_picture_highlights_shader, { SHOWN, AROUND, FRAME, HIGHLIGHTS } },
     [LOOK_AT_ROWS] = { &pell_picture_rows_shader, { SURFACE, SHOWN, AROUND, THROUGH, FRAME, LIT, THICKNESS, MATERIALS, ROWS } },
     [SPREAD_SHARE] = { &pell_picture_spread_share_shader, { SURFACE, SHOWN, LIT, THICKNESS, FRAME, THROUGH, SPREAD_SUM } },
@@ -205,6 +205,7 @@ static void borrow(struct pell_picture_device *d, const struct pell_picture_samp
     d->buffers[POINTS] = lent.points;
     d->buffers[RESULTS] = lent.results;
     d->buffers[THICKNESS] = lent.thickness;
+    d->buffers[SKY] = lent.sky;
 }
 
 static bool is_used(const struct pell_picture_sample *s, enum picture_pass pass)

@@ -64,9 +64,8 @@ static const char *refuses_light(const struct pell_picture_sample *s)
         return BY_CPU "transmission is";
     if (!lent.corners)
         return BY_CPU "more corners than a buffer holds";
-    for (size_t i = 0; i < light->scene->num_lights; i++)
-        if (light->scene->lights[i].type == PELL_LIGHT_ENVIRONMENT)
-            return BY_CPU "an environment";
+    if (lent.environments > 0 && !lent.sky)
+        return BY_CPU "more of environments than a buffer holds";
     if (light->through && pell_indirect_has_beams(light->through))
         return BY_CPU "light is scattered forward through clear solids";
     return light->through && light->whole ? BY_CPU "the method asks whole solids" : NULL;

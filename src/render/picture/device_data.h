@@ -22,7 +22,7 @@
 #define PELL_PICTURE_SHARED 8u     /* shadows of highlights are shared */
 #define PELL_PICTURE_THROUGH 16u   /* light is transmitted straight */
 #define PELL_PICTURE_FIRST 32u     /* the frame's first sample */
-#define PELL_PICTURE_SKY 64u       /* there is an environment */
+#define PELL_PICTURE_SKY 64u       /* there are environments */
 #define PELL_PICTURE_SCATTERS 128u /* a method gives light */
 #define PELL_PICTURE_SPREADS 256u  /* what went straight is spread */
 #define PELL_PICTURE_INSIDES 512u  /* something is known of the solids around points */

@@ -47,6 +47,7 @@ enum picture_buffer {
     POINTS,
     RESULTS,
     THICKNESS,
+    SKY,
     ALL_BUFFERS
 };
 

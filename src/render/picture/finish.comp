@@ -8,13 +8,15 @@
 //   in  5 seen      materials as the stage "surface" does
 //   in  6 tables    as buffers.glsl has them, then mean albedos
 //   in  7 frame
-//   out 8 light     irradiance that enters, and depth: the method's plane
-//   out 9 surface   the method's, too: its material, and strength
-//   out 10 shown    11 around   12 through (w: mm)   13 single
+//   in  8 sky       where there are environments: pell_lights_environment_words
+//   out 9 light     irradiance that enters, and depth: the method's plane
+//   out 10 surface  the method's, too: its material, and strength
+//   out 11 shown    12 around   13 through (w: mm)   14 single
 layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
 #include "shared/leaving.h"
 #include "shared/single.h"
+#include "shared/thickness.h"
 #include "shared/tone.h"
 layout(set = 0, binding = 0) readonly buffer Points { pell_lit_point points[]; };
 layout(set = 0, binding = 1) readonly buffer Results { uvec4 results[]; };
@@ -24,15 +26,17 @@ layout(set = 0, binding = 4) readonly buffer Lit { pell_lit_material materials[]
 layout(set = 0, binding = 5) readonly buffer Materials { pell_picture_material seen[]; };
 layout(set = 0, binding = 6) readonly buffer Tables { float tables[]; };
 layout(set = 0, binding = 7) readonly buffer Frame { pell_picture_frame fr; };
-layout(set = 0, binding = 8) writeonly buffer Light { vec4 light[]; };
-layout(set = 0, binding = 9) writeonly buffer Surface { uvec2 surface[]; };
-layout(set = 0, binding = 10) writeonly buffer Shown { pell_picture_shown shown[]; };
-layout(set = 0, binding = 11) writeonly buffer Around { pell_picture_around around[]; };
-layout(set = 0, binding = 12) writeonly buffer Through { vec4 through[]; };
-layout(set = 0, binding = 13) writeonly buffer Single { vec4 single[]; };
+layout(set = 0, binding = 8) readonly buffer Sky { uint sky[]; };
+layout(set = 0, binding = 9) writeonly buffer Light { vec4 light[]; };
+layout(set = 0, binding = 10) writeonly buffer Surface { uvec2 surface[]; };
+layout(set = 0, binding = 11) writeonly buffer Shown { pell_picture_shown shown[]; };
+layout(set = 0, binding = 12) writeonly buffer Around { pell_picture_around around[]; };
+layout(set = 0, binding = 13) writeonly buffer Through { vec4 through[]; };
+layout(set = 0, binding = 14) writeonly buffer Single { vec4 single[]; };
 layout(push_constant) uniform Push { pell_picture_push pc; };
 #include "render/irradiance/boundary.glsl"
 #include "render/picture/pixels.glsl"
+#include "render/picture/sky.glsl"
 
 // What has arrived at a point.
 struct Arrived {
@@ -77,6 +81,37 @@ uint rays_of(uint i, uint material)
     const uint passed = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
 
     return min(results[i * pc.results].a, 65535u) | min(passed, 65535u) << 16;
+}
+
+// What environments send but for their lights, those that are not in their smooth rest.
+void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
+{
+    const uint env = i * pc.results + 3u + (has(PELL_PICTURE_SINGLE) ? 1u : 0u), exit = i * pc.results + pc.through;
+    const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, enter = seen[lobe.material].enter_mean.rgb;
+    const pell_lit_material m = materials[lobe.material];
+    const float mu = pell_saturate(dot(normal, view)), off = pell_angle_off(m.inverse_eta2, mu);
+    const bool straight = is_straight(i, lobe.material), shines = points[i].tint.r + points[i].tint.g + points[i].tint.b > 0.0;
+    const vec3 share = straight ? word(exit + 1u) : vec3(0.0); // of the rest where a ray straight through comes out
+    const vec2 albedo = albedo_at(lobe, mu);
+
+    for (uint e = 0u; e < sky[0]; e++) {
+        const float open = float(results[env + 2u * e].a) / float(sky[1]);
+        const Entering entering = entering_of(e, lobe, points[i].normal.w, rho_s);
+        const vec3 lights = word(env + 2u * e), unshadowed = word(env + 2u * e + 1u);
+        a.irradiance += max(lights + open * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
+        if (shines) {
+            const vec3 mirrored = mirrored_by(e, normalize(2.0 * max(dot(normal, view), 0.0) * normal - view), lobe, points[i].normal.w);
+            for (int c = 0; c < 3; c++)
+                a.specular[c] += mirrored[c] * points[i].tint[c] * pell_saturate(points[i].f0[c] * albedo.x + albedo.y) * open;
+        }
+        if (share.r + share.g + share.b > 0.0) {
+            const vec3 passes = share * broad_rest_at(entering, word(exit + 2u));
+            const float way = uintBitsToFloat(results[exit + 1u].a);
+            for (int c = 0; c < 3; c++)
+                a.transmitted[c] += passes[c] * pell_thickness_leaves(m.pass_thick[c], way, m.pass_base[c] + m.pass_slope[c] * off);
+            a.way += way * (passes.r + passes.g + passes.b);
+        }
+    }
 }
 
 // What the solid makes of it.
@@ -140,6 +175,8 @@ void main()
     const Lobe lobe = lobe_of(number, points[i].normal.w);
     Arrived a = arrived_at(i, number);
 
+    if (has(PELL_PICTURE_SKY))
+        add_environments(i, lobe, rho_s, a);
     if (has(PELL_PICTURE_INSIDES))
         put_inside(i, number, a);
     const float off = pell_angle_off(m.enter_mean.w, mu);
