@@ -44,8 +44,12 @@ struct pell_method_engine {
      * scattering. NULL: the method does not run there. */
     void (*record_in)(void *state, struct pell_gpu_commands *commands, float depth, float strength);
     /* Of a state that was created without planes: the buffers of its own that record_in reads and leaves its result in, in the layout of
-     * pellucid/vulkan.h. False: what it reads is no plane of light, or there are none. NULL: so it is with all of them. */
+     * pellucid/vulkan.h; of those that not all methods have NULL: it reads none. False: it reads something else, or there are none. NULL:
+     * so it is with all of them. */
     bool (*planes)(const void *state, struct pell_gpu_buffer *planes[PELL_GPU_PLANES]);
+    /* With `planes`, before each record_in, while no list is recorded: what the host makes for a sample. `in` has no planes. NULL:
+     * nothing. */
+    enum pell_result (*prepare)(void *state, const struct pell_frame *in);
     bool (*unfinished)(const void *state);
     bool (*unwritten)(const void *state);
 };
@@ -105,6 +109,7 @@ struct pell_engine_sample {
     const struct pell_engine_frame *frame;
     struct pell_view view;
     int number;
+    const struct pell_frame *in; /* the method's frame, without rectangle and planes; NULL: there is none */
 };
 
 /* What a sample's surface says. */

@@ -107,12 +107,10 @@ static enum pell_result show_planes(struct pell_renderer *r, const struct pell_f
     return res;
 }
 
-/* Runs the method over one sample's surface and lighting. */
-static enum pell_result scatter(struct pell_renderer *r, const struct pell_engine_sample *sample, const struct pell_engine_seen *seen,
-                                struct pell_engine_scattered *scattered)
+/* The method's frame of a sample, without its planes. */
+static struct pell_frame method_frame(const struct pell_renderer *r, const struct pell_engine_sample *sample)
 {
-    const struct pell_engine_interface *engine = r->device->engine;
-    struct pell_frame in = {
+    return (struct pell_frame) {
         .shape = pell_renderer_shape(r, &sample->view),
         .sample = sample->number,
         .num_samples = r->settings.msaa,
@@ -121,6 +119,14 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_engin
         .lights_revision = r->lights_revision,
         .view = &sample->view,
     };
+}
+
+/* Runs the method over one sample's surface and lighting. */
+static enum pell_result scatter(struct pell_renderer *r, const struct pell_engine_sample *sample, const struct pell_engine_seen *seen,
+                                struct pell_engine_scattered *scattered)
+{
+    const struct pell_engine_interface *engine = r->device->engine;
+    struct pell_frame in = *sample->in;
     struct pell_frame_light out = { .light = { NULL } };
     struct pell_pass_time times[PELL_STAGES_MOST];
     double start;
@@ -153,16 +159,19 @@ fail:
 static enum pell_result render_sample(struct pell_renderer *r, const struct pell_engine_frame *frame, int number)
 {
     const struct pell_engine_interface *engine = r->device->engine;
-    const struct pell_engine_sample sample = { frame, sample_view(r, frame->settings, number), number };
+    struct pell_engine_sample sample = { frame, sample_view(r, frame->settings, number), number, NULL };
+    const struct pell_frame in = r->pass ? method_frame(r, &sample) : (struct pell_frame) { .sample = number };
     struct pell_engine_seen seen = { .translucent_pixels = 0 };
     struct pell_engine_scattered scattered = { .there = false };
     bool done = false;
     enum pell_result res;
 
+    sample.in = r->pass ? &in : NULL;
     if (engine->sample)
         PELL_TRY(engine->sample(r->engine, &sample, r->pass, &seen, &done));
     if (done) {
         pell_rect_unite(&r->translucent, &seen.translucent);
+        r->scattered |= r->pass && seen.translucent_pixels > 0;
         return PELL_OK;
     }
     PELL_TRY(engine->surface(r->engine, &sample, &seen));

@@ -247,6 +247,20 @@ bool pell_pass_planes(const struct pell_pass *pass, struct pell_gpu_buffer *plan
     return pass->engine->planes && pass->engine->planes(pass->state, planes);
 }
 
+enum pell_result pell_pass_prepare(struct pell_pass *pass, const struct pell_frame *in, struct pell_pass_time times[PELL_STAGES_MOST],
+                                   size_t *count)
+{
+    enum pell_result res;
+
+    *count = 0;
+    if (!pass->engine->prepare)
+        return PELL_OK;
+    res = pass->engine->prepare(pass->state, in);
+    if (res == PELL_OK)
+        *count = pell_pass_times(pass, times, PELL_STAGES_MOST);
+    return res;
+}
+
 const struct pell_plan *pell_pass_plan(const struct pell_pass *pass)
 {
     return &pass->plan;

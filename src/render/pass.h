@@ -17,6 +17,11 @@ void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *comma
 /* The buffers that it reads and leaves its result in there, of a renderer's pass; false: there are none. */
 bool pell_pass_planes(const struct pell_pass *pass, struct pell_gpu_buffer *planes[PELL_GPU_PLANES]);
 
+/* Before each pell_pass_record_in of such a pass: see struct pell_method_engine. `count`: of the times of what the host did, at most as
+ * many as there is room for in `times`. */
+PELL_NODISCARD enum pell_result pell_pass_prepare(struct pell_pass *pass, const struct pell_frame *in,
+                                                  struct pell_pass_time times[PELL_STAGES_MOST], size_t *count);
+
 /* PELL_ERR_DEVICE, with a message that says which engines have the method, where this one has not. */
 PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine,
                                                   const struct pell_method *method);

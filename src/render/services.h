@@ -30,8 +30,17 @@ static inline int pell_gpu_pitch(int width)
     return (width + 15) / 16 * 16;
 }
 
-/* Buffers of a frame there, as pellucid/vulkan.h has them. */
-enum pell_gpu_plane { PELL_GPU_PLANE_LIGHT, PELL_GPU_PLANE_SURFACE, PELL_GPU_PLANE_RESULT, PELL_GPU_PLANES };
+/* Buffers of a frame there, as pellucid/vulkan.h has them; then those that some methods of a renderer read, too, 16 bytes a pixel, with no
+ * meaning where the material is 0: bits of mesh, triangle and barycentric coordinates; base colour. */
+enum pell_gpu_plane {
+    PELL_GPU_PLANE_LIGHT,
+    PELL_GPU_PLANE_SURFACE,
+    PELL_GPU_PLANE_RESULT,
+    PELL_GPU_PLANES_GIVEN, /* by a program with a device of its own */
+    PELL_GPU_PLANE_HIT = PELL_GPU_PLANES_GIVEN,
+    PELL_GPU_PLANE_BASE,
+    PELL_GPU_PLANES
+};
 
 /* n points of the scene's triangles. */
 struct pell_surface_points {

@@ -7,7 +7,7 @@
 struct pell_vulkan_pass {
     struct pell_context *ctx; /* borrowed */
     struct pell_device *device;
-    struct pell_gpu_buffer *planes[PELL_GPU_PLANES];
+    struct pell_gpu_buffer *planes[PELL_GPU_PLANES_GIVEN];
     struct pell_gpu_commands *commands;
     struct pell_pass *pass;
 };
@@ -26,7 +26,7 @@ void pell_vulkan_pass_destroy(struct pell_vulkan_pass **pass)
     *pass = NULL;
     pell_pass_destroy(&p->pass);
     pell_gpu_commands_destroy(&p->commands);
-    for (int i = 0; i < PELL_GPU_PLANES; i++)
+    for (int i = 0; i < PELL_GPU_PLANES_GIVEN; i++)
         pell_gpu_buffer_destroy(&p->planes[i]);
     pell_device_destroy(&p->device);
     pell_free(p->ctx, p);
@@ -35,14 +35,14 @@ void pell_vulkan_pass_destroy(struct pell_vulkan_pass **pass)
 static enum pell_result borrow(struct pell_vulkan_pass *p, const struct pell_vulkan_device_params *device,
                                const struct pell_frame_shape *shape, const struct pell_vulkan_buffers *buffers)
 {
-    static const char *const names[PELL_GPU_PLANES] = { "light", "surface", "result" };
-    const uint64_t handles[PELL_GPU_PLANES] = { buffers->light, buffers->surface, buffers->result };
+    static const char *const names[PELL_GPU_PLANES_GIVEN] = { "light", "surface", "result" };
+    const uint64_t handles[PELL_GPU_PLANES_GIVEN] = { buffers->light, buffers->surface, buffers->result };
     const uint64_t pixels = (uint64_t) pell_vulkan_pitch(shape->width) * (uint64_t) shape->height;
     const struct pell_gpu_borrowed params = { device->instance, device->physical_device, device->device, device->get_instance_proc_addr };
     enum pell_result res;
 
     PELL_TRY(pell_device_create_borrowed(p->ctx, &params, &p->device));
-    for (int i = 0; i < PELL_GPU_PLANES; i++)
+    for (int i = 0; i < PELL_GPU_PLANES_GIVEN; i++)
         PELL_TRY(
             pell_gpu_buffer_borrow(p->device->gpu, handles[i], pixels * (i == PELL_GPU_PLANE_SURFACE ? 8 : 16), names[i], &p->planes[i]));
     p->device->planes = p->planes;

@@ -90,10 +90,11 @@ struct is_gpu {
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
     struct is_push push;
-    int picture_height;   /* px */
-    int32_t *row_solids;  /* a row of the picture for each row of the grid */
-    bool sent;            /* what does not depend on the frame is on the device */
-    uint64_t sent_number; /* of the picture whose patterns are there */
+    int picture_height;     /* px */
+    int32_t *row_solids;    /* a row of the picture for each row of the grid */
+    bool sent;              /* what does not depend on the frame is on the device */
+    uint64_t sent_number;   /* of the picture whose patterns are there, */
+    uint64_t packed_number; /* and of that whose are packed */
 };
 
 /* --- Life ---------------------------------------------------------------------------------------------------------------------- */
@@ -450,11 +451,22 @@ static void record_passes(struct is_gpu *st, struct pell_gpu_commands *c)
     run_pixels(st, c, "sample", GATHER);
     if (reconstruct)
         run_pixels(st, c, "reconstruct", REBUILD);
-    pell_gpu_mark(c, "download");
-    pell_gpu_planes_download(&st->planes, c, st->buffers[reconstruct ? RESULT : M]);
 }
 
-/* On a program's own device: the grid is the whole picture, and tables go there every time, as no list is known to have run. */
+static enum buffer result_of(const struct is_gpu *st)
+{
+    return st->setup.work.reconstruct ? RESULT : M;
+}
+
+static void record_download(struct is_gpu *st, struct pell_gpu_commands *c)
+{
+    pell_gpu_mark(c, "download");
+    pell_gpu_planes_download(&st->planes, c, st->buffers[result_of(st)]);
+}
+
+/* --- Between buffers of the device --------------------------------------------------------------------------------------------------- */
+
+/* The grid is the whole picture, and tables go there every time, as no list is known to have run. */
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct is_gpu *st = state;
@@ -462,9 +474,47 @@ static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float
     (void) depth, (void) strength;
     pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->picture_height);
     set_grid(st);
+    st->sent = false;
     send(st, commands, SETS_UP, LIGHTS_UP, 0);
     record_passes(st, commands);
+    if (st->setup.services->planes)
+        record_download(st, commands);
 }
+
+static bool gpu_planes(const void *state, struct pell_gpu_buffer *planes[PELL_GPU_PLANES])
+{
+    const struct is_gpu *st = state;
+
+    planes[PELL_GPU_PLANE_LIGHT] = buffer_of(st, LIGHT);
+    planes[PELL_GPU_PLANE_SURFACE] = buffer_of(st, SURFACE);
+    planes[PELL_GPU_PLANE_RESULT] = st->buffers[result_of(st)];
+    planes[PELL_GPU_PLANE_BASE] = st->sizes[BASE] > 0 ? st->buffers[BASE] : NULL;
+    return !st->setup.solids;
+}
+
+/* Turns to the frame's patterns. */
+static enum pell_result turn_to(struct is_gpu *st, const struct pell_frame *in)
+{
+    const enum pell_result res = is_setup_frame(&st->setup, in);
+
+    if (res == PELL_OK && st->setup.number != st->packed_number)
+        fill_all_offsets(st);
+    st->packed_number = st->setup.number;
+    st->push.mid_x = st->setup.work.mid_x;
+    st->push.mid_y = st->setup.work.mid_y;
+    return res;
+}
+
+static enum pell_result gpu_prepare(void *state, const struct pell_frame *in)
+{
+    struct is_gpu *st = state;
+
+    st->push.colours = st->sizes[BASE] > 0;
+    st->planes.num_times = 0;
+    return turn_to(st, in);
+}
+
+/* --- From planes of the host and back ------------------------------------------------------------------------------------------------ */
 
 static int bytes_of(const char *mark)
 {
@@ -491,6 +541,7 @@ static enum pell_result run_list(struct is_gpu *st)
     send(st, c, SOLIDS_UP, TEXELS, pixels);
     pell_gpu_planes_upload(&st->planes, c);
     record_passes(st, c);
+    record_download(st, c);
     PELL_TRY(pell_gpu_finish(c));
     st->sent = true;
     st->sent_number = st->setup.number;
@@ -506,12 +557,8 @@ static enum pell_result gpu_render(void *state, const struct pell_frame *in, con
     int64_t pixels;
     enum pell_result res;
 
-    PELL_TRY(is_setup_frame(&st->setup, in));
-    if (st->setup.number != st->sent_number)
-        fill_all_offsets(st);
+    PELL_TRY(turn_to(st, in));
     st->push.colours = st->sizes[BASE] > 0 && in->base[0] && in->base[1] && in->base[2];
-    st->push.mid_x = st->setup.work.mid_x;
-    st->push.mid_y = st->setup.work.mid_y;
     pixels = pell_gpu_planes_pack(&st->planes, in, in->irradiance, in->strength, pack_row, st);
     pack_views(st);
     set_grid(st);
@@ -542,6 +589,8 @@ const struct pell_method_engine pell_is_vulkan = {
     .record = gpu_render,
     .destroy = gpu_destroy,
     .record_in = gpu_record_in,
+    .planes = gpu_planes,
+    .prepare = gpu_prepare,
     .thickness = thickness,
     .times = times,
 };

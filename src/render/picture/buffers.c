@@ -17,7 +17,8 @@ static const struct {
 } pass_rows[PASSES] = {
     [CLEAR] = { &pell_picture_clear_shader, { LIGHT, SURFACE } },
     [SEE] = { &pell_picture_surface_shader,
-              { NODES, TRIANGLES, MESHES, CORNERS, LIT, MATERIALS, FRAME, KEYS, ATTRIBUTES, MAPS, POINTS, HITS } },
+              { NODES, TRIANGLES, MESHES, CORNERS, LIT, MATERIALS, FRAME, KEYS, ATTRIBUTES, MAPS, POINTS, HITS, METHOD_HITS,
+                METHOD_BASES } },
     [LOOK_INSIDE] = { &pell_picture_inside_shader, { HITS, LIT, FRAME, MESHES, CORNERS, SHAPES, SOLIDS, BETWEEN, POINTS, INSIDES } },
     [FINISH] = { &pell_picture_finish_shader,
                  { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, SKY, LIGHT, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
@@ -189,13 +190,15 @@ fail:
 static void borrow(struct pell_picture_device *d, const struct pell_picture_sample *s)
 {
     const struct pell_light_lent lent = pell_light_device_lend(s->light);
-    struct pell_gpu_buffer *planes[PELL_GPU_PLANES] = { d->buffers[NO_LIGHT], d->buffers[NO_SURFACE], NULL };
+    struct pell_gpu_buffer *planes[PELL_GPU_PLANES] = { d->buffers[NO_LIGHT], d->buffers[NO_SURFACE] };
 
     if (s->pass)
         pell_pass_planes(s->pass, planes);
     d->buffers[LIGHT] = planes[PELL_GPU_PLANE_LIGHT];
     d->buffers[SURFACE] = planes[PELL_GPU_PLANE_SURFACE];
     d->buffers[RESULT] = planes[PELL_GPU_PLANE_RESULT];
+    d->buffers[METHOD_HITS] = planes[PELL_GPU_PLANE_HIT];
+    d->buffers[METHOD_BASES] = planes[PELL_GPU_PLANE_BASE];
     d->buffers[NODES] = lent.nodes;
     d->buffers[TRIANGLES] = lent.triangles;
     d->buffers[MESHES] = lent.meshes;

@@ -73,9 +73,9 @@ static const char *refuses_light(const struct pell_picture_sample *s)
 
 static const char *refuses_method(const struct pell_picture_sample *s)
 {
-    const unsigned known = PELL_NEED_IRRADIANCE | PELL_NEED_STRENGTH | PELL_NEED_TRANSMISSION;
+    const unsigned known = PELL_NEED_IRRADIANCE | PELL_NEED_STRENGTH | PELL_NEED_TRANSMISSION | PELL_NEED_SCENE | PELL_NEED_HIT;
     const struct pell_plan *plan = s->sample->frame->plan;
-    struct pell_gpu_buffer *planes[PELL_GPU_PLANES];
+    struct pell_gpu_buffer *planes[PELL_GPU_PLANES] = { NULL };
 
     if (!s->pass)
         return NULL;
@@ -245,6 +245,21 @@ static void note_times(const struct pell_picture_device *d, const struct pell_pi
     }
 }
 
+/* What the host makes of the method's work. */
+static enum pell_result prepare_method(const struct pell_picture_sample *s, const struct found *f)
+{
+    struct pell_frame in = *s->sample->in;
+    struct pell_pass_time times[PELL_STAGES_MOST];
+    size_t count;
+    enum pell_result res;
+
+    in.rect = f->seen.translucent;
+    res = pell_pass_prepare(s->pass, &in, times, &count);
+    for (size_t i = 0; i < count; i++)
+        pell_stage_note(s->sample->frame->notes, times[i].name, times[i].seconds, times[i].pixels, times[i].rays, times[i].bytes);
+    return res;
+}
+
 /* What a method makes of the light, and the sum. */
 static void record_end(struct pell_picture_device *d, const struct pell_picture_sample *s, const struct found *f)
 {
@@ -276,6 +291,8 @@ enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const
     *seen = f.seen;
     if (pell_cancelled(d->ctx))
         return PELL_ERR_CANCELLED;
+    if (s->pass && f.depth > 0.0f)
+        PELL_TRY(prepare_method(s, &f));
     PELL_TRY(pell_gpu_begin(d->commands));
     record_end(d, s, &f);
     PELL_TRY(pell_gpu_finish(d->commands));

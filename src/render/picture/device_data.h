@@ -28,6 +28,8 @@
 #define PELL_PICTURE_INSIDES 512u  /* something is known of the solids around points */
 #define PELL_PICTURE_ORTHOGRAPHIC 1024u
 #define PELL_PICTURE_MAPPED 2048u /* some material has maps, or some mesh colours */
+#define PELL_PICTURE_HITS 4096u   /* the method reads where pixels are on the surface, */
+#define PELL_PICTURE_BASES 8192u  /* or their base colours */
 
 /* Of what is known of the solids around points: struct pell_irradiance_params. */
 #define PELL_KNOWN_SHAPE 1u   /* curvature */

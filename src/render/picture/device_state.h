@@ -38,6 +38,8 @@ enum picture_buffer {
     LIGHT = BUFFERS, /* the method's */
     SURFACE,
     RESULT,
+    METHOD_HITS,
+    METHOD_BASES,
     NODES, /* the light's */
     TRIANGLES,
     MESHES,

@@ -14,6 +14,7 @@
 //   in  8 attributes of vertices, and 9 maps: of buffers.c, where the frame is mapped
 //   out 10 points
 //   out 11 hits
+//   out 12 places   13 bases: what some methods read, of the picture
 layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
 #include "shared/camera.h"
@@ -32,6 +33,8 @@ layout(set = 0, binding = 8) readonly buffer Attributes { uint attributes[]; };
 layout(set = 0, binding = 9) readonly buffer Maps { uint maps[]; };
 layout(set = 0, binding = 10) writeonly buffer Points { pell_lit_point points[]; };
 layout(set = 0, binding = 11) writeonly buffer Hits { pell_picture_hit hits[]; };
+layout(set = 0, binding = 12) writeonly buffer Places { uvec4 method_places[]; };
+layout(set = 0, binding = 13) writeonly buffer Bases { vec4 method_bases[]; };
 layout(push_constant) uniform Push { pell_picture_push pc; };
 #include "visibility/wide_bvh.glsl"
 #include "render/picture/maps.glsl"
@@ -227,4 +230,8 @@ void main()
     hits[i].triangle = hit.triangle;
     hits[i].u = hit.u;
     hits[i].v = hit.v;
+    if ((fr.flags & PELL_PICTURE_HITS) != 0u)
+        method_places[p.at] = uvec4(hit.mesh, hit.triangle, floatBitsToUint(vec2(hit.u, hit.v)));
+    if ((fr.flags & PELL_PICTURE_BASES) != 0u)
+        method_bases[p.at] = vec4(made.base, 0.0);
 }
