@@ -41,15 +41,20 @@ static void finish_on(struct stage *s)
     stage_finish(s);
 }
 
-static void render(struct stage *s, const char *method)
+static void render_by(struct stage *s, const char *method, const char *const *knobs)
 {
     if (!s->set) {
         stage_complete(s);
         OK(pell_renderer_set_scene(s->r, s->scene));
         s->set = true;
-        stage_method(s, method, NULL);
+        stage_method(s, method, knobs);
     }
     OK(pell_renderer_render(s->r, &s->settings, &s->image));
+}
+
+static void render(struct stage *s, const char *method)
+{
+    render_by(s, method, NULL);
 }
 
 static const struct pell_stage_time *row(const struct stage *s, const char *name)
@@ -235,6 +240,19 @@ static void maps(struct stage *s)
     stage_light(s, PELL_LIGHT_POINT, vec3(-20, 10, 70), vec3(0, 0, 0), 0.2f);
 }
 
+/* A medium whose colour is that of a map. */
+static void painted(struct stage *s)
+{
+    struct pell_material *m;
+    size_t wax;
+
+    plain(s);
+    m = stage_medium(s, "marble", &wax);
+    m->color_from = PELL_COLOR_FROM_TEXTURE;
+    set_map(&m->base_color_map, picture(s, 16, 9, 3, true), 1.0f, 0);
+    board(s, wax, -6.0f, 2);
+}
+
 /* A turned picture with a sun and a broad bright part, and a second environment that is the same all around. */
 static void under_pictures(struct stage *s)
 {
@@ -276,19 +294,25 @@ static void thin_parts_under_a_sky(struct stage *s)
 static const struct {
     const char *name;
     void (*fill)(struct stage *s);
-    const char *method;
+    const char *method, *knobs[4];
 } scenes[] = {
-    { "a spot light", plain, "screen-space" },
-    { "without scattering", plain, "none" },
-    { "orthographic", orthographic, "screen-space" },
-    { "lobes, metal, colours", surfaces, "screen-space" },
-    { "smooth boundaries", smooth, "screen-space" },
-    { "solids", solids, "screen-space" },
-    { "thin parts", thin_parts, "screen-space" },
-    { "maps", maps, "screen-space" },
-    { "environments", sky, "screen-space" },
-    { "environments, smooth boundaries", smooth_sky, "screen-space" },
-    { "environments, thin parts", thin_parts_under_a_sky, "screen-space" },
+    { "a spot light", plain, "screen-space", { NULL } },
+    { "without scattering", plain, "none", { NULL } },
+    { "orthographic", orthographic, "screen-space", { NULL } },
+    { "lobes, metal, colours", surfaces, "screen-space", { NULL } },
+    { "smooth boundaries", smooth, "screen-space", { NULL } },
+    { "solids", solids, "screen-space", { NULL } },
+    { "thin parts", thin_parts, "screen-space", { NULL } },
+    { "maps", maps, "screen-space", { NULL } },
+    { "environments", sky, "screen-space", { NULL } },
+    { "environments, smooth boundaries", smooth_sky, "screen-space", { NULL } },
+    { "environments, thin parts", thin_parts_under_a_sky, "screen-space", { NULL } },
+    { "image-space", solids, "image-space", { NULL } },
+    { "image-space, by albedo", painted, "image-space", { "spread=albedo", NULL } },
+    { "image-space, orthographic", orthographic, "image-space", { NULL } },
+    { "texture-space", solids, "texture-space", { NULL } },
+
+    { "texture-space, unblurred", maps, "texture-space", { "size=64", "tsm-size=64", "first=unblurred" } },
 };
 
 /* --- Comparison ---------------------------------------------------------------------------------------------------------------------- */
@@ -353,7 +377,7 @@ static void each_feature_is_the_cpus(void **state)
 
         for (int i = 0; i < 2; i++) {
             start_on(&s[i], i == 1, scenes[k].fill);
-            render(&s[i], scenes[k].method);
+            render_by(&s[i], scenes[k].method, scenes[k].knobs);
         }
         if (reason(&s[1]))
             fail_msg("%s: by the cpu: %s", scenes[k].name, reason(&s[1]));
@@ -432,13 +456,13 @@ static void what_the_device_lacks_the_cpu_does(void **state)
 {
     static const struct {
         void (*fill)(struct stage *s);
-        const char *method, *why;
+        const char *method, *why, *knobs[2];
     } cases[] = {
-        { with_layers, "screen-space", "layers are asked for" },
-        { with_lens, "screen-space", "depth of field" },
-        { with_sheet, "none", "thin sheets" },
-        { with_unfiltered_map, "none", "textures of floats, or without a filter" },
-        { plain, "texture-space", "the method reads other planes" },
+        { with_layers, "screen-space", "layers are asked for", { NULL } },
+        { with_lens, "screen-space", "depth of field", { NULL } },
+        { with_sheet, "none", "thin sheets", { NULL } },
+        { with_unfiltered_map, "none", "textures of floats, or without a filter", { NULL } },
+        { plain, "image-space", "the method reads other planes", { "views=eye+lights", NULL } },
     };
     (void) state;
 
@@ -449,7 +473,7 @@ static void what_the_device_lacks_the_cpu_does(void **state)
 
         for (int i = 0; i < 2; i++) {
             start_on(&s[i], i == 1, cases[k].fill);
-            render(&s[i], cases[k].method);
+            render_by(&s[i], cases[k].method, cases[k].knobs);
         }
         assert_null(reason(&s[0]));
         assert_non_null(reason(&s[1]));
@@ -562,16 +586,19 @@ static void small_solids(struct stage *s)
     s->settings.curvature = s->settings.angles = s->settings.single_scattering = true;
 }
 
-static void calls_that_fail_are_reported(void **state)
+/* Methods that record between buffers of the device, and one that the host prepares there. */
+static const struct {
+    const char *method, *knobs[3];
+} failing[] = { { "screen-space", { NULL } }, { "texture-space", { "size=64", "tsm=off", NULL } } };
+
+static void fail_calls(const char *method, const char *const *knobs)
 {
     struct stage s;
     float *good, *again;
     int failed = 0;
-    (void) state;
 
-    skip_without_gpu();
     start_on(&s, true, small_solids);
-    render(&s, "screen-space");
+    render_by(&s, method, knobs);
     OK(small_frame(&s, 0));
     assert_null(reason(&s));
     good = copy_of(&s);
@@ -596,15 +623,21 @@ static void calls_that_fail_are_reported(void **state)
     finish_on(&s);
 }
 
-static void allocations_that_fail_leave_nothing(void **state)
+static void calls_that_fail_are_reported(void **state)
+{
+    (void) state;
+    skip_without_gpu();
+    for (size_t i = 0; i < PELL_COUNT(failing); i++)
+        fail_calls(failing[i].method, failing[i].knobs);
+}
+
+static void fail_allocations(const char *method, const char *const *knobs)
 {
     struct pell_alloc_fault fault = { 0 };
     enum pell_result res = PELL_ERR_NOMEM;
     struct stage s;
     int failed = 0;
-    (void) state;
 
-    skip_without_gpu();
     stage_start_on(&s, PELL_ENGINE_CPU, WIDTH, HEIGHT, 1, &fault);
     pell_renderer_destroy(&s.r);
     pell_device_destroy(&s.device);
@@ -612,7 +645,7 @@ static void allocations_that_fail_leave_nothing(void **state)
     OK(pell_renderer_create(s.device, &s.r));
     stage_camera(&s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 0.0f);
     small_solids(&s);
-    render(&s, "screen-space");
+    render_by(&s, method, knobs);
     for (uint64_t n = 1; res != PELL_OK; n = next_allocation(n)) {
         fault.fail_at = atomic_load(&fault.calls) + n;
         res = small_frame(&s, n);
@@ -625,6 +658,14 @@ static void allocations_that_fail_leave_nothing(void **state)
     s.kept.errors = 0;
     finish_on(&s);
     REQUIRE(atomic_load(&fault.live) == 0);
+}
+
+static void allocations_that_fail_leave_nothing(void **state)
+{
+    (void) state;
+    skip_without_gpu();
+    for (size_t i = 0; i < PELL_COUNT(failing); i++)
+        fail_allocations(failing[i].method, failing[i].knobs);
 }
 
 int main(void)

@@ -30,6 +30,8 @@ static void ts_free(void *state)
     if (!st)
         return;
     ts_layouts_finish(st);
+    if (st->run && st->run->close)
+        st->run->close(st);
     for (size_t i = 0; st->profiles && i < st->num_profiles; i++)
         ts_profile_finish(st->ctx, &st->profiles[i]);
     pell_free(st->ctx, st->profiles);
@@ -504,6 +506,7 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
             goto fail;
         }
         solid->made = st->need.on ? TS_MADE_IN_PART : TS_MADE_WHOLE;
+        solid->version = ++st->versions;
     }
     return PELL_OK;
 
@@ -511,10 +514,8 @@ fail:
     return res;
 }
 
-enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in)
 {
-    struct ts_state *st = state;
-    int64_t pixels;
     enum pell_result res;
 
     st->num_times = 0;
@@ -533,6 +534,19 @@ enum pell_result ts_render(void *state, const struct pell_frame *in, const struc
     }
     PELL_TRY(make_maps(st, in));
     st->clock = pell_seconds();
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
+{
+    struct ts_state *st = state;
+    int64_t pixels;
+    enum pell_result res;
+
+    PELL_TRY(ts_make(st, in));
     pixels = ts_read_map(st, in, out);
     ts_note_time(st, "gather", pixels, pixels * (4 * 16 + 16 + 12), 0);
     return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;

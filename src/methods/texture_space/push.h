@@ -28,6 +28,15 @@ struct ts_push {
     float widest, thickest; /* mm */
 };
 
+/* Of read.comp: the picture, px, and the map of a solid. */
+struct ts_read_push {
+    int32_t pitch, rows;
+    int32_t meshes;
+    int32_t width, height, stride, origin;
+    int32_t clear; /* pixels of other solids get 0 */
+    float unblurred_r, unblurred_g, unblurred_b;
+};
+
 /* See struct ts_transmitted_texel. */
 struct ts_through {
     int32_t at, from, also; /* texels; the lower left ones of four */

@@ -5,6 +5,7 @@
 #include "methods/texture_space/state.h"
 
 #include <stdatomic.h>
+#include <string.h>
 
 /* Where the four texels around say nothing: the nearest ones that do, of the chart or else of any. */
 static void look_around(const struct ts_atlas *a, const float *map, const struct ts_place *p, float rgb[3])
@@ -60,6 +61,18 @@ static void read_map(const struct ts_solid *solid, uint32_t triangle, float u, f
         rgb[c] /= sum;
 }
 
+void ts_unblurred(const struct ts_state *st, const struct ts_solid *solid, double weight[3])
+{
+    bool done = st->knobs.first != TS_FIRST_UNBLURRED;
+
+    weight[0] = weight[1] = weight[2] = 0.0;
+    for (int i = 0; i < solid->profile->count && !done; i++) {
+        const double *w = solid->profile->weight[i];
+        done = w[0] > 0.0 || w[1] > 0.0 || w[2] > 0.0;
+        memcpy(weight, w, 3 * sizeof(*weight));
+    }
+}
+
 struct gathering {
     struct ts_state *st;
     const struct pell_frame *in;
@@ -87,13 +100,12 @@ static void gather_rows(void *arg, int band, int worker)
             pixels++;
             if (solid && solid->atlas) {
                 read_map(solid, solid->atlas->first[mesh] + in->triangle[at], in->barycentric[0][at], in->barycentric[1][at], rgb);
-                if (st->knobs.first == TS_FIRST_UNBLURRED)
-                    for (int i = 0, done = 0; i < solid->profile->count && !done; i++) {
-                        const double *weight = solid->profile->weight[i];
-                        done = weight[0] > 0.0 || weight[1] > 0.0 || weight[2] > 0.0;
-                        for (int c = 0; c < 3; c++)
-                            rgb[c] += (float) weight[c] * in->irradiance[c][at];
-                    }
+                if (st->knobs.first == TS_FIRST_UNBLURRED) {
+                    double weight[3];
+                    ts_unblurred(st, solid, weight);
+                    for (int c = 0; c < 3; c++)
+                        rgb[c] += (float) weight[c] * in->irradiance[c][at];
+                }
             }
             for (int c = 0; c < 3; c++)
                 p->out->light[c][at] = rgb[c];

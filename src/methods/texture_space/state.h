@@ -24,6 +24,7 @@ struct ts_solid {
     float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
     int side, first_side;             /* texels; of the first frame's map, 0: not yet */
     enum ts_made made;                /* of these lights */
+    uint64_t version;                 /* another one for each map that was made; 0: none yet */
     _Atomic uint8_t *seen;            /* per texel, while it is made in part: need.c */
     _Atomic bool missing;             /* pixels read what is not made */
     bool partly;                      /* it is to be made in part */
@@ -32,6 +33,7 @@ struct ts_solid {
 };
 
 struct ts_runner;
+struct ts_pixels;
 
 /* Stages of a chain that texels are needed up to: before its blur number i, and after the first half of that and the second. */
 #define TS_NEED_BEFORE(i) (1 + 2 * (i))
@@ -52,6 +54,7 @@ struct ts_need {
 struct ts_state {
     const struct ts_runner *run;          /* the engine's */
     void *device;                         /* its own; NULL where it has none, or nothing on it yet */
+    struct ts_pixels *pixels;             /* of the engine vulkan: read_gpu.h */
     const struct pell_services *services; /* borrowed */
     const struct pell_frame *in;          /* that is being made */
     struct pell_context *ctx;
@@ -61,8 +64,9 @@ struct ts_state {
     struct pell_solids *solids;
     struct ts_solid *solid;
     size_t num_solids;
-    bool whole;  /* made without a failure */
-    bool reused; /* maps have been read from more than one view: culling would make them twice */
+    uint64_t versions; /* that there were of maps */
+    bool whole;        /* made without a failure */
+    bool reused;       /* maps have been read from more than one view: culling would make them twice */
     struct ts_need need;
     struct ts_profile *profiles; /* of materials; a solid's alone are made */
     size_t num_profiles;
@@ -188,6 +192,8 @@ void ts_need_soft(struct ts_state *st, const struct ts_solid *solid);
 
 PELL_NODISCARD enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
                                           const struct ts_runner *run, void **state);
+/* All that comes before pixels read the maps; then they do, too. */
+PELL_NODISCARD enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in);
 PELL_NODISCARD enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
 void ts_destroy(void *state);
 size_t ts_times(const void *state, struct pell_pass_time *list, size_t size);
@@ -274,8 +280,9 @@ struct ts_runner {
     enum pell_result (*finish)(struct ts_blurring *p);
     /* The sum becomes the solid's map. */
     enum pell_result (*store)(struct ts_state *st, const struct ts_solid *solid);
-    /* Layouts go. */
+    /* Layouts go; and all of the state, NULL: that is no more. */
     void (*forget)(struct ts_state *st);
+    void (*close)(struct ts_state *st);
     bool culls; /* leaves out what st->need says */
 };
 
@@ -283,6 +290,8 @@ extern const struct ts_runner ts_cpu_runner;
 
 /* --- read_map.c ------------------------------------------------------------------------------------------------------------------ */
 
+/* What leaves where light enters, of each channel, with first=unblurred; else 0. */
+void ts_unblurred(const struct ts_state *st, const struct ts_solid *solid, double weight[3]);
 /* Returns how many pixels there were. */
 int64_t ts_read_map(struct ts_state *st, const struct pell_frame *in, const struct pell_frame_light *out);
 

@@ -5,6 +5,7 @@
  */
 #include "methods/gpu_planes.h"
 #include "methods/texture_space/push.h"
+#include "methods/texture_space/read_gpu.h"
 #include "methods/texture_space/state.h"
 
 #include "render/engine.h"
@@ -668,15 +669,27 @@ static const struct ts_runner vulkan_runner = {
     .finish = finish,
     .store = store,
     .forget = forget,
+    .close = ts_pixels_close,
 };
 
 static enum pell_result create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs, void **state)
 {
+    enum pell_result res;
+
     *state = NULL;
     if (((const struct ts_knobs *) knobs)->kernel == TS_KERNEL_JITTERED)
         return pell_error(services->ctx, PELL_ERR_UNSUPPORTED, "texture-space", "use --engine cpu, or leave the knob as it is by default",
                           "the engine vulkan has no kernel=jittered-13");
-    return ts_create(services, shape, knobs, &vulkan_runner, state);
+    res = ts_create(services, shape, knobs, &vulkan_runner, state);
+    return res == PELL_OK ? ts_pixels_open(*state, shape) : res;
 }
 
-const struct pell_method_engine pell_ts_vulkan = { .create = create, .record = ts_render, .destroy = ts_destroy, .times = ts_times };
+const struct pell_method_engine pell_ts_vulkan = {
+    .create = create,
+    .record = ts_render,
+    .destroy = ts_destroy,
+    .times = ts_times,
+    .record_in = ts_pixels_read,
+    .planes = ts_pixels_planes,
+    .prepare = ts_pixels_prepare,
+};
