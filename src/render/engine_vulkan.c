@@ -80,8 +80,16 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
     struct pell_cpu *e = engine;
     struct pell_irradiance_params light = pell_cpu_sample_light(e, sample);
     const struct pell_composite_params composite = pell_cpu_sample_composite(e, sample, &light);
-    const struct pell_picture_sample picture = { sample,  e->device, &light, &composite, pass, pass && pell_cpu_spreads(sample->frame),
-                                                 e->known };
+    const struct pell_picture_sample picture = {
+        .sample = sample,
+        .light = e->device,
+        .irradiance = &light,
+        .composite = &composite,
+        .pass = pass,
+        .spreads = pass && pell_cpu_spreads(sample->frame),
+        .lens = sample->frame->lens->radius > 0.0f ? e->post_device : NULL,
+        .version = e->known,
+    };
     const char *why = NULL;
     enum pell_result res;
 
@@ -98,7 +106,12 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
     if (why)
         pell_stage_note(sample->frame->notes, why, 0.0, 0, 0, 0);
     *done = e->pictured;
-    return e->pictured ? pell_picture_device_sample(e->picture, &picture, seen) : PELL_OK;
+    if (!e->pictured)
+        return PELL_OK;
+    res = pell_picture_device_sample(e->picture, &picture, seen);
+    e->lens_pending = res == PELL_OK && picture.lens && composite.rect.x0 < composite.rect.x1 && composite.rect.y0 < composite.rect.y1;
+    e->lens_scale = 1.0f;
+    return res;
 }
 
 static enum pell_result vulkan_post(void *engine, const struct pell_engine_frame *frame, const struct pell_view *view)
@@ -107,7 +120,7 @@ static enum pell_result vulkan_post(void *engine, const struct pell_engine_frame
     enum pell_result res = PELL_OK;
 
     if (e->pictured)
-        res = pell_picture_device_take(e->picture, e->pool, frame->notes, &e->sum, e->surface.stride, &frame->covered);
+        res = pell_picture_device_take(e->picture, e->pool, frame->notes, &e->sum, e->surface.stride, &frame->covered, e->lens_pending);
     return res == PELL_OK ? pell_cpu_post(engine, frame, view) : res;
 }
 

@@ -27,7 +27,8 @@ static const struct {
     [SPREAD_SHARE] = { &pell_picture_spread_share_shader, { SURFACE, SHOWN, LIT, THICKNESS, FRAME, THROUGH, SPREAD_SUM } },
     [SPREAD_ACROSS] = { &pell_picture_spread_blur_shader, { SURFACE, AROUND, FRAME, SPREAD_SUM, SPREAD_HALF } },
     [SPREAD_DOWN] = { &pell_picture_spread_blur_shader, { SURFACE, AROUND, FRAME, SPREAD_HALF, SPREAD_SUM } },
-    [COMPOSE] = { &pell_picture_composite_shader, { LIGHT, RESULT, SHOWN, HIGHLIGHTS, THROUGH, SINGLE, MATERIALS, FRAME, SUM } },
+    [COMPOSE] = { &pell_picture_composite_shader,
+                  { LIGHT, RESULT, SHOWN, HIGHLIGHTS, THROUGH, SINGLE, MATERIALS, FRAME, AROUND, SUM, LENS } },
 };
 
 /* What a buffer's size is counted in. */
@@ -199,6 +200,7 @@ static void borrow(struct pell_picture_device *d, const struct pell_picture_samp
     d->buffers[RESULT] = planes[PELL_GPU_PLANE_RESULT];
     d->buffers[METHOD_HITS] = planes[PELL_GPU_PLANE_HIT];
     d->buffers[METHOD_BASES] = planes[PELL_GPU_PLANE_BASE];
+    d->buffers[LENS] = s->lens ? pell_post_device_lens_planes(s->lens, &s->composite->rect).buffer : NULL;
     d->buffers[NODES] = lent.nodes;
     d->buffers[TRIANGLES] = lent.triangles;
     d->buffers[MESHES] = lent.meshes;

@@ -5,8 +5,9 @@
 // shade_block in composite/kernel.c.
 //   in  0 light    irradiance that enters
 //   in  1 given    light that the method says leaves
-//   in  2 shown   3 highlights   4 through   5 single   6 materials   7 frame
-//   i/o 8 sum     radiance, and coverage
+//   in  2 shown   3 highlights   4 through   5 single   6 materials   7 frame   8 around
+//   i/o 9 sum     radiance, and coverage; not with depth of field, where they are
+//   out 10 lens   planes: radiance, coverage, inverse depth
 layout(local_size_x = 8, local_size_y = 8) in;
 #include "render/picture/device_data.h"
 layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
@@ -17,7 +18,10 @@ layout(set = 0, binding = 4) readonly buffer Through { vec4 through[]; };
 layout(set = 0, binding = 5) readonly buffer Single { vec4 single[]; };
 layout(set = 0, binding = 6) readonly buffer Materials { pell_picture_material seen[]; };
 layout(set = 0, binding = 7) readonly buffer Frame { pell_picture_frame fr; };
-layout(set = 0, binding = 8) buffer Sum { vec4 sum[]; };
+layout(set = 0, binding = 8) readonly buffer Around { pell_picture_around around[]; };
+layout(set = 0, binding = 9) buffer Sum { vec4 sum[]; };
+layout(set = 0, binding = 10) writeonly buffer Lens { float lens[]; };
+layout(push_constant) uniform Push { pell_composite_push pc; };
 
 void main()
 {
@@ -37,6 +41,13 @@ void main()
         if (scatters && (fr.flags & PELL_PICTURE_SINGLE) != 0u)
             color.rgb += single[at].rgb;
         color.a = 1.0;
+    }
+    if ((fr.flags & PELL_PICTURE_LENS) != 0u) {
+        const uint there = uint(p.y - pc.y0) * pc.stride + uint(p.x);
+        for (uint c = 0u; c < 4u; c++)
+            lens[c * pc.plane + there] = fr.weight * color[c];
+        lens[4u * pc.plane + there] = number != 0u ? 1.0 / around[at].normal.w : 0.0;
+        return;
     }
     sum[at] = ((fr.flags & PELL_PICTURE_FIRST) != 0u ? vec4(0.0) : sum[at]) + fr.weight * color;
 }

@@ -36,7 +36,7 @@ uint32_t picture_flags(const struct pell_picture_sample *s)
 
     return (composite->published ? PELL_PICTURE_PUBLISHED : 0u) | (light->apart ? PELL_PICTURE_SINGLE : 0u) |
            (light->shared ? PELL_PICTURE_SHARED : 0u) | (light->thickness ? PELL_PICTURE_THROUGH : 0u) |
-           (composite->first ? PELL_PICTURE_FIRST : 0u) | (s->pass ? PELL_PICTURE_SCATTERS : 0u) |
+           (composite->first ? PELL_PICTURE_FIRST : 0u) | (s->pass ? PELL_PICTURE_SCATTERS : 0u) | (s->lens ? PELL_PICTURE_LENS : 0u) |
            (s->spreads ? PELL_PICTURE_SPREADS : 0u) | (s->sample->view.orthographic ? PELL_PICTURE_ORTHOGRAPHIC : 0u) |
            (picture_known(s) ? PELL_PICTURE_INSIDES : 0u) | (pell_light_device_lend(s->light).environments > 0 ? PELL_PICTURE_SKY : 0u) |
            (picture_is_mapped(s->composite->scene) ? PELL_PICTURE_MAPPED : 0u) |

@@ -89,10 +89,10 @@ static const char *refuses_method(const struct pell_picture_sample *s)
 const char *pell_picture_device_refuses(const struct pell_picture_device *d, const struct pell_picture_sample *s)
 {
     const struct pell_engine_frame *f = s->sample->frame;
-    const char *why = f->settings->layers          ? BY_CPU "layers are asked for"
-                      : f->observed                ? BY_CPU "intermediate images are asked for"
-                      : !(f->lens->radius <= 0.0f) ? BY_CPU "depth of field"
-                                                   : NULL;
+    const char *why = f->settings->layers                                 ? BY_CPU "layers are asked for"
+                      : f->observed                                       ? BY_CPU "intermediate images are asked for"
+                      : s->lens && pell_post_device_refuses_lens(s->lens) ? BY_CPU "depth of field is"
+                                                                          : NULL;
 
     if (!why)
         why = refuses_method(s);
@@ -120,11 +120,11 @@ static void clear_planes(struct pell_picture_device *d)
 }
 
 /* One invocation a pixel of the rectangle. */
-static void run_pixels(struct pell_picture_device *d, const struct pell_picture_sample *s, enum picture_pass pass)
+static void run_pixels(struct pell_picture_device *d, const struct pell_picture_sample *s, enum picture_pass pass, const void *push)
 {
     const struct pell_rect r = s->composite->rect;
 
-    pell_gpu_run(d->commands, d->passes[pass], NULL, picture_tiles(r.x1 - r.x0), picture_tiles(r.y1 - r.y0), 1);
+    pell_gpu_run(d->commands, d->passes[pass], push, picture_tiles(r.x1 - r.x0), picture_tiles(r.y1 - r.y0), 1);
 }
 
 /* From the camera to the light that arrives. */
@@ -158,7 +158,7 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
     }
     if (s->irradiance->shared) {
         pell_gpu_mark(d->commands, "highlights");
-        run_pixels(d, s, SHARE_HIGHLIGHTS);
+        run_pixels(d, s, SHARE_HIGHLIGHTS, NULL);
     }
     pell_gpu_mark(d->commands, "rows");
     pell_gpu_run(d->commands, d->passes[LOOK_AT_ROWS], NULL, (uint32_t) (r.y1 - r.y0), 1, 1);
@@ -215,6 +215,7 @@ static int64_t bytes_of(const char *name)
         { "rows", 56 },
         { "spread", 96 },
         { "composite", 112 },
+        { "depth of field", 60 },
         { "load", 68 },
         { "measure", 72 },
     };
@@ -260,6 +261,27 @@ static enum pell_result prepare_method(const struct pell_picture_sample *s, cons
     return res;
 }
 
+static void record_composite(struct pell_picture_device *d, const struct pell_picture_sample *s)
+{
+    const struct pell_engine_frame *f = s->sample->frame;
+    const struct pell_dof_params lens = { .rect = s->composite->rect,
+                                          .scale = f->lens->radius / sqrtf((float) f->settings->msaa) * s->sample->view.focal_px,
+                                          .focus = f->lens->focus,
+                                          .first = s->composite->first };
+    struct pell_composite_push push = { .plane = 0 };
+
+    if (s->lens) {
+        const struct pell_post_lens_planes planes = pell_post_device_lens_planes(s->lens, &lens.rect);
+        push = (struct pell_composite_push) { planes.plane, planes.stride, planes.y0 };
+    }
+    pell_gpu_mark(d->commands, "composite");
+    run_pixels(d, s, COMPOSE, &push);
+    if (!s->lens)
+        return;
+    pell_gpu_mark(d->commands, "depth of field");
+    pell_post_device_record_lens(s->lens, &lens, d->commands);
+}
+
 /* What a method makes of the light, and the sum. */
 static void record_end(struct pell_picture_device *d, const struct pell_picture_sample *s, const struct found *f)
 {
@@ -267,8 +289,7 @@ static void record_end(struct pell_picture_device *d, const struct pell_picture_
         picture_spread(d, s, f->seen.translucent);
     if (s->pass && f->depth > 0.0f)
         pell_pass_record_in(s->pass, d->commands, f->depth, f->strength);
-    pell_gpu_mark(d->commands, "composite");
-    run_pixels(d, s, COMPOSE);
+    record_composite(d, s);
 }
 
 enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const struct pell_picture_sample *s,
@@ -313,13 +334,20 @@ struct take {
     struct pell_rect rect;
 };
 
+static void meter_row(const struct take *t, int y)
+{
+    const struct pell_picture_row *row = (const struct pell_picture_row *) pell_gpu_buffer_host(t->d->buffers[ROWS_DOWN]) + y;
+
+    t->out->meter[2 * y] = (double) row->met;
+    t->out->meter[2 * y + 1] = (double) row->covered;
+}
+
 static void take_row(void *arg, int index, int worker)
 {
     const struct take *t = arg;
     const int y = t->rect.y0 + index;
     const struct pell_vec4 *from =
         (const struct pell_vec4 *) pell_gpu_buffer_host(t->d->buffers[SUM_DOWN]) + (size_t) y * (size_t) pell_gpu_pitch(t->d->width);
-    const struct pell_picture_row *row = (const struct pell_picture_row *) pell_gpu_buffer_host(t->d->buffers[ROWS_DOWN]) + y;
 
     (void) worker;
     for (int x = t->rect.x0; x < t->rect.x1; x++) {
@@ -328,12 +356,11 @@ static void take_row(void *arg, int index, int worker)
         t->out->color[2][y * t->stride + x] = from[x].z;
         t->out->alpha[y * t->stride + x] = from[x].w;
     }
-    t->out->meter[2 * y] = (double) row->met;
-    t->out->meter[2 * y + 1] = (double) row->covered;
+    meter_row(t, y);
 }
 
 enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool, struct pell_stage_notes *notes,
-                                          const struct pell_accumulator *out, ptrdiff_t stride, const struct pell_rect *rect)
+                                          const struct pell_accumulator *out, ptrdiff_t stride, const struct pell_rect *rect, bool lens)
 {
     const struct take take = { d, out, stride, *rect };
     const int64_t pixels = (int64_t) (rect->x1 - rect->x0) * (rect->y1 - rect->y0);
@@ -343,6 +370,11 @@ enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct 
 
     if (rect->x0 >= rect->x1 || rect->y0 >= rect->y1)
         return PELL_OK;
+    if (lens) {
+        for (int y = rect->y0; y < rect->y1; y++)
+            meter_row(&take, y);
+        return PELL_OK;
+    }
     PELL_TRY(pell_gpu_begin(d->commands));
     pell_gpu_mark(d->commands, "download");
     pell_gpu_copy(d->commands, d->buffers[SUM], d->buffers[SUM_DOWN], d->sizes[SUM_DOWN]);

@@ -14,6 +14,7 @@
 #include "render/composite/stage.h"
 #include "render/engine.h"
 #include "render/irradiance/device.h"
+#include "render/post/device.h"
 
 struct pell_picture_device;
 
@@ -30,6 +31,7 @@ struct pell_picture_sample {
     const struct pell_composite_params *composite;   /* and of its composite, without what a method gives */
     struct pell_pass *pass;                          /* NULL: nothing scatters */
     bool spreads;                                    /* what goes straight through is spread */
+    struct pell_post_device *lens;                   /* makes depth of field of it; NULL: there is none */
     uint32_t version;                                /* counts the changes of what `irradiance` knows of solids */
 };
 
@@ -40,9 +42,10 @@ const char *pell_picture_device_refuses(const struct pell_picture_device *d, con
 PELL_NODISCARD enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const struct pell_picture_sample *s,
                                                            struct pell_engine_seen *seen);
 
-/* The sum of the samples, into the planes of `out` inside the rectangle: color, alpha, and what is metered. */
+/* The sum of the samples, into the planes of `out` inside the rectangle: color, alpha, and what is metered; with depth of field that alone,
+ * the sum being the lens'. */
 PELL_NODISCARD enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool,
                                                          struct pell_stage_notes *notes, const struct pell_accumulator *out,
-                                                         ptrdiff_t stride, const struct pell_rect *rect);
+                                                         ptrdiff_t stride, const struct pell_rect *rect, bool lens);
 
 #endif

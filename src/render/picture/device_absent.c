@@ -33,8 +33,8 @@ enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const
 }
 
 enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool, struct pell_stage_notes *notes,
-                                          const struct pell_accumulator *out, ptrdiff_t stride, const struct pell_rect *rect)
+                                          const struct pell_accumulator *out, ptrdiff_t stride, const struct pell_rect *rect, bool lens)
 {
-    (void) d, (void) pool, (void) notes, (void) out, (void) stride, (void) rect;
+    (void) d, (void) pool, (void) notes, (void) out, (void) stride, (void) rect, (void) lens;
     return PELL_ERR_DEVICE;
 }

@@ -29,6 +29,7 @@
 #define PELL_PICTURE_ORTHOGRAPHIC 1024u
 #define PELL_PICTURE_MAPPED 2048u /* some material has maps, or some mesh colours */
 #define PELL_PICTURE_HITS 4096u   /* the method reads where pixels are on the surface, */
+#define PELL_PICTURE_LENS 16384u  /* depth of field is made of the sample */
 #define PELL_PICTURE_BASES 8192u  /* or their base colours */
 
 /* Of what is known of the solids around points: struct pell_irradiance_params. */
@@ -114,6 +115,12 @@ struct pell_picture_row {
 struct pell_picture_push {
     uint32_t first, count;     /* its tiles */
     uint32_t results, through; /* of a point, in words of 16 bytes: how many, and where those of transmission are */
+};
+
+/* Of the composite: where a sample goes for depth of field (post/device.h). */
+struct pell_composite_push {
+    uint32_t plane, stride; /* floats */
+    int32_t y0;
 };
 
 /* Of a level of spread/stage.h, or of its blur. */

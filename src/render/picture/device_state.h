@@ -40,6 +40,7 @@ enum picture_buffer {
     RESULT,
     METHOD_HITS,
     METHOD_BASES,
+    LENS,  /* planes of depth of field */
     NODES, /* the light's */
     TRIANGLES,
     MESHES,

@@ -261,9 +261,9 @@ static void take_times(const struct pell_post_device *d, struct pell_post_device
     }
 }
 
-static void run(struct pell_post_device *d, enum pass which, const void *push, int width, int height)
+static void run(struct pell_post_device *d, struct pell_gpu_commands *commands, enum pass which, const void *push, int width, int height)
 {
-    pell_gpu_run(d->commands, d->passes[which], push, (uint32_t) (width + PELL_POST_GROUP_X - 1) / PELL_POST_GROUP_X,
+    pell_gpu_run(commands, d->passes[which], push, (uint32_t) (width + PELL_POST_GROUP_X - 1) / PELL_POST_GROUP_X,
                  (uint32_t) (height + PELL_POST_GROUP_Y - 1) / PELL_POST_GROUP_Y, 1);
 }
 
@@ -328,25 +328,58 @@ static double pack_sample(struct pell_post_device *d, struct pell_pool *pool, co
     return pell_seconds() - start;
 }
 
+static void send_lens_table(struct pell_post_device *d, struct pell_gpu_commands *commands)
+{
+    pell_dof_table(host(d, TABLE_UP));
+    pell_gpu_copy(commands, d->buffers[TABLE_UP], d->buffers[TABLE], PELL_LENS_TABLE * FLOAT);
+}
+
+static void run_lens(struct pell_post_device *d, const struct pell_dof_params *params, const struct window *w,
+                     struct pell_gpu_commands *commands)
+{
+    const struct pell_lens_push push = {
+        .scale = params->scale,
+        .inverse_focus = 1.0f / params->focus,
+        .stride = (uint32_t) pell_plane_stride(d->width),
+        .plane = (uint32_t) w->plane,
+        .width = (uint32_t) d->width,
+        .height = (uint32_t) w->height,
+        .columns = (uint32_t) w->columns,
+        .rows = (uint32_t) w->rows,
+        .x0 = params->rect.x0,
+        .y0 = params->rect.y0 - w->y0,
+        .x1 = params->rect.x1,
+        .y1 = params->rect.y1 - w->y0,
+        .first = params->first,
+    };
+
+    pell_gpu_run(commands, d->passes[LENS_MEASURE], &push, (uint32_t) w->columns, (uint32_t) w->rows, 1);
+    run(d, commands, LENS_BLUR, &push, d->width, w->height);
+}
+
+struct pell_post_lens_planes pell_post_device_lens_planes(const struct pell_post_device *d, const struct pell_rect *rect)
+{
+    const struct window w = window_of(d, rect);
+
+    return (struct pell_post_lens_planes) { d->buffers[PLANES], (uint32_t) w.plane, (uint32_t) pell_plane_stride(d->width), w.y0 };
+}
+
+void pell_post_device_record_lens(struct pell_post_device *d, const struct pell_dof_params *params, struct pell_gpu_commands *commands)
+{
+    const struct window w = window_of(d, &params->rect);
+
+    d->rect = params->rect;
+    if (w.height == 0)
+        return;
+    if (params->first)
+        send_lens_table(d, commands);
+    run_lens(d, params, &w, commands);
+}
+
 enum pell_result pell_post_device_lens(struct pell_post_device *d, struct pell_pool *pool, const struct pell_dof_params *params,
                                        float *const in[4], struct pell_post_device_times *times)
 {
     const struct window w = window_of(d, &params->rect);
-    const struct pell_lens_push push = {
-        .scale = params->scale,
-        .inverse_focus = 1.0f / params->focus,
-        .stride = (uint32_t) params->surface->stride,
-        .plane = (uint32_t) w.plane,
-        .width = (uint32_t) d->width,
-        .height = (uint32_t) w.height,
-        .columns = (uint32_t) w.columns,
-        .rows = (uint32_t) w.rows,
-        .x0 = params->rect.x0,
-        .y0 = params->rect.y0 - w.y0,
-        .x1 = params->rect.x1,
-        .y1 = params->rect.y1 - w.y0,
-        .first = params->first,
-    };
     enum pell_result res;
 
     *times = (struct pell_post_device_times) { 0 };
@@ -356,14 +389,11 @@ enum pell_result pell_post_device_lens(struct pell_post_device *d, struct pell_p
     times->pack = pack_sample(d, pool, params->surface, &w, in);
     PELL_TRY(pell_gpu_begin(d->commands));
     pell_gpu_mark(d->commands, "upload");
-    if (!d->table) {
-        pell_dof_table(host(d, TABLE_UP));
-        pell_gpu_copy(d->commands, d->buffers[TABLE_UP], d->buffers[TABLE], PELL_LENS_TABLE * FLOAT);
-    }
+    if (!d->table)
+        send_lens_table(d, d->commands);
     pell_gpu_copy(d->commands, d->buffers[PLANES_UP], d->buffers[PLANES], LENS_PLANES * w.plane * FLOAT);
     pell_gpu_mark(d->commands, "run");
-    pell_gpu_run(d->commands, d->passes[LENS_MEASURE], &push, (uint32_t) w.columns, (uint32_t) w.rows, 1);
-    run(d, LENS_BLUR, &push, d->width, w.height);
+    run_lens(d, params, &w, d->commands);
     PELL_TRY(pell_gpu_finish(d->commands));
     d->table = true;
     take_times(d, times);
@@ -429,7 +459,7 @@ static int64_t spread(struct pell_post_device *d, struct pell_spread_push *p, in
 {
     p->width = (uint32_t) width;
     p->height = (uint32_t) height;
-    run(d, SPREAD, p, width, height);
+    run(d, d->commands, SPREAD, p, width, height);
     return (int64_t) width * height * (int64_t) FLOAT * (1 + (p->factor > 1 ? 2 * p->factor : 1));
 }
 
@@ -494,10 +524,10 @@ static int64_t record_bloom(struct pell_post_device *d, const struct pell_blur b
             .weight = 0.5f * params->share,
         };
         bytes += blur_channel(d, &blurs[0], c, LOW0, 0) + blur_channel(d, &blurs[1], c, LOW1, WEIGHTS);
-        run(d, MIX, &mix, d->width, d->height);
+        run(d, d->commands, MIX, &mix, d->width, d->height);
         bytes += (int64_t) FLOAT * (2 * pixels + (int64_t) blurs[0].width * blurs[0].height + (int64_t) blurs[1].width * blurs[1].height);
     }
-    run(d, SHOW, &show, d->width, d->height);
+    run(d, d->commands, SHOW, &show, d->width, d->height);
     return bytes + (int64_t) FLOAT * pixels * (int64_t) (3 + count);
 }
 

@@ -18,6 +18,8 @@
 #include "render/post/kernel.h"
 
 struct pell_gpu;
+struct pell_gpu_buffer;
+struct pell_gpu_commands;
 struct pell_post_device;
 
 /* Of one call: seconds of the cpu, which copies planes, and by the device's clock; bytes that moved. */
@@ -42,6 +44,17 @@ const char *pell_post_device_refuses_bloom(const struct pell_post_device *device
 PELL_NODISCARD enum pell_result pell_post_device_lens(struct pell_post_device *device, struct pell_pool *pool,
                                                       const struct pell_dof_params *params, float *const in[4],
                                                       struct pell_post_device_times *times);
+/* The same of a sample that is on the device: where its planes are written (R, G, B, alpha, and inverse depth, 1/mm, 0 where nothing is
+ * seen; from row y0 of the picture on, inside the rectangle alone), and the passes, which are recorded into a list behind that. */
+struct pell_post_lens_planes {
+    struct pell_gpu_buffer *buffer;
+    uint32_t plane, stride; /* floats */
+    int y0;
+};
+struct pell_post_lens_planes pell_post_device_lens_planes(const struct pell_post_device *device, const struct pell_rect *rect);
+void pell_post_device_record_lens(struct pell_post_device *device, const struct pell_dof_params *params,
+                                  struct pell_gpu_commands *commands);
+
 /* The sum, times `scale`, inside the rectangle of the last sample. *widest as pell_dof_render gives it, of all samples. */
 PELL_NODISCARD enum pell_result pell_post_device_take_lens(struct pell_post_device *device, struct pell_pool *pool, float scale,
                                                            float *const out[4], float *widest, struct pell_post_device_times *times);

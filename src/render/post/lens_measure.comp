@@ -32,7 +32,8 @@ void main()
         const uint y = gl_WorkGroupID.y * uint(PELL_LENS_MOST) + gl_LocalInvocationID.y + i, at = y * pc.stride + x;
         if (x >= pc.width || y >= pc.height)
             continue;
-        const float inverse_depth = planes[4u * pc.plane + at];
+        const bool inside = int(x) >= pc.x0 && int(x) < pc.x1 && int(y) >= pc.y0 && int(y) < pc.y1; // what is written of a composite
+        const float inverse_depth = inside ? planes[4u * pc.plane + at] : 0.0;
         const float whole = pell_disc_radius(pc.scale, pc.inverse_focus, inverse_depth);
         const float d = clamp(whole, -float(PELL_LENS_MOST), float(PELL_LENS_MOST));
         discs[at] = vec2(d, weight_of(abs(d)));
