@@ -240,6 +240,35 @@ static void maps(struct stage *s)
     stage_light(s, PELL_LIGHT_POINT, vec3(-20, 10, 70), vec3(0, 0, 0), 0.2f);
 }
 
+/* Maps of floats, as large and much smaller than a pixel's area, and maps that are not filtered, of 8 bits and of floats. */
+static void float_maps(struct stage *s)
+{
+    struct pell_material *skin, *tin;
+    struct pell_texture *t[3];
+
+    maps(s);
+    skin = &s->scene->materials[s->scene->num_materials - 3];
+    tin = &s->scene->materials[s->scene->num_materials - 2];
+    for (int k = 0; k < 3; k++) {
+        const int side = k == 1 ? 120 : 7;
+        float *p;
+        t[k] = picture(s, side, side, 3, false);
+        t[k]->nearest = k == 2;
+        pell_free(s->ctx, t[k]->image.pixels);
+        t[k]->image.type = PELL_PIXEL_F32;
+        t[k]->image.pixels = p = pell_calloc(s->ctx, 3 * (size_t) (side * side), sizeof(float));
+        for (int i = 0; i < 3 * side * side; i++)
+            p[i] = 0.2f + (float) (i * 29 % 101) / 130.0f;
+    }
+    set_map(&skin->base_color_map, t[0], 1.0f, 0);
+    set_map(&tin->specular_color_map, t[1], 4.0f, 0);
+    set_map(&tin->metallic_map, t[2], 1.5f, 1);
+    t[0] = picture(s, 5, 4, 3, true);
+    t[0]->nearest = true;
+    t[0]->wrap_u = PELL_WRAP_MIRROR;
+    set_map(&tin->base_color_map, t[0], 2.0f, 0);
+}
+
 /* A medium whose colour is that of a map. */
 static void painted(struct stage *s)
 {
@@ -311,6 +340,7 @@ static const struct {
     { "solids", solids, "screen-space", { NULL } },
     { "thin parts", thin_parts, "screen-space", { NULL } },
     { "maps", maps, "screen-space", { NULL } },
+    { "maps of floats, or unfiltered", float_maps, "screen-space", { NULL } },
     { "environments", sky, "screen-space", { NULL } },
     { "environments, smooth boundaries", smooth_sky, "screen-space", { NULL } },
     { "environments, thin parts", thin_parts_under_a_sky, "screen-space", { NULL } },
@@ -445,14 +475,6 @@ static void with_sheet(struct stage *s)
     shapes_quad(s->scene, leaf, vec3(-8, 5, 22), vec3(6, 0, 0), vec3(0, 6, 0))->object = 2;
 }
 
-static void with_unfiltered_map(struct stage *s)
-{
-    maps(s);
-    s->scene->materials[s->scene->num_materials - 2].emissive_map.texture = picture(s, 3, 3, 3, true);
-    s->scene->materials[s->scene->num_materials - 3].base_color_map.texture = picture(s, 3, 3, 3, true);
-    s->scene->textures[s->scene->num_textures - 1]->nearest = true;
-}
-
 static void what_the_device_lacks_the_cpu_does(void **state)
 {
     static const struct {
@@ -461,7 +483,6 @@ static void what_the_device_lacks_the_cpu_does(void **state)
     } cases[] = {
         { with_layers, "screen-space", "layers are asked for", { NULL } },
         { with_sheet, "none", "thin sheets", { NULL } },
-        { with_unfiltered_map, "none", "textures of floats, or without a filter", { NULL } },
         { plain, "image-space", "the method reads other planes", { "views=eye+lights", NULL } },
     };
     (void) state;

@@ -106,11 +106,6 @@ static size_t words_of(const struct pell_picture_sample *s, enum picture_buffer 
     }
 }
 
-bool picture_samples_maps(const struct pell_picture_sample *s)
-{
-    return words_of(s, MAPS, NULL) > 0;
-}
-
 uint64_t picture_largest(const struct pell_picture_sample *s)
 {
     const struct pell_view *v = &s->sample->view;

@@ -50,7 +50,7 @@ static const char *refuses_scene(const struct pell_picture_sample *s)
 {
     if (pell_scene_has_sheets(s->sample->frame->scene))
         return BY_CPU "thin sheets";
-    return picture_samples_maps(s) ? NULL : BY_CPU "textures of floats, or without a filter";
+    return NULL;
 }
 
 static const char *refuses_light(const struct pell_picture_sample *s)

@@ -86,8 +86,6 @@ struct pell_picture_device {
 
 /* Makes those that the sample needs, as large as it needs them. */
 PELL_NODISCARD enum pell_result picture_prepare(struct pell_picture_device *d, const struct pell_picture_sample *s);
-/* Whether the device samples all of the scene's maps. */
-bool picture_samples_maps(const struct pell_picture_sample *s);
 /* Bytes of the largest buffer that a sample needs. */
 uint64_t picture_largest(const struct pell_picture_sample *s);
 

@@ -52,7 +52,7 @@ vec3 coordinates(Place p, uint uv_set)
     return vec3(p.weight[0] * uv[0] + p.weight[1] * uv[1] + p.weight[2] * uv[2], abs(a.x * b.y - b.x * a.y) * p.footprint);
 }
 
-// A texel as linear numbers of 65535.
+// A texel, linear.
 vec4 texel(uint picture, uint level, uint at)
 {
     const uint kind = maps[picture + 3u], first = maps[picture + 4u + 3u * level];
@@ -60,21 +60,30 @@ vec4 texel(uint picture, uint level, uint at)
     if (level == 0u && (kind & 1u) != 0u) {
         const uvec4 rgba = uvec4(maps[first + at]) >> uvec4(0u, 8u, 16u, 24u) & 255u;
         const uint table = (kind & 2u) != 0u ? 0u : 256u;
-        return vec4(uvec4(maps[table + rgba.r], maps[table + rgba.g], maps[table + rgba.b], maps[256u + rgba.a]));
+        return (1.0 / 65535.0) * vec4(uvec4(maps[table + rgba.r], maps[table + rgba.g], maps[table + rgba.b], maps[256u + rgba.a]));
+    }
+    if ((kind & (level == 0u ? 4u : 8u)) != 0u) {
+        const uint f = first + 4u * at;
+        return uintBitsToFloat(uvec4(maps[f], maps[f + 1u], maps[f + 2u], maps[f + 3u]));
     }
     const uint low = maps[first + 2u * at], high = maps[first + 2u * at + 1u];
-    return vec4(uvec4(low & 65535u, low >> 16, high & 65535u, high >> 16));
+    return (1.0 / 65535.0) * vec4(uvec4(low & 65535u, low >> 16, high & 65535u, high >> 16));
 }
 
-vec4 bilinear(uint picture, uint level, vec2 uv, uint wrap_u, uint wrap_v)
+// Between four texels; `nearest`: the one that is.
+vec4 bilinear(uint picture, uint level, vec2 uv, uint wrap_u, uint wrap_v, bool nearest)
 {
     const int width = int(maps[picture + 5u + 3u * level]), height = int(maps[picture + 6u + 3u * level]);
-    const pell_texels x = pell_texels_of(int(wrap_u), uv.x, width), y = pell_texels_of(int(wrap_v), uv.y, height);
+    pell_texels x = pell_texels_of(int(wrap_u), uv.x, width), y = pell_texels_of(int(wrap_v), uv.y, height);
     vec4 sum = vec4(0.0);
 
+    if (nearest) {
+        x.f = x.f >= 0.5 ? 1.0 : 0.0;
+        y.f = y.f >= 0.5 ? 1.0 : 0.0;
+    }
     for (int k = 0; k < 4; k++) {
         const float w = ((k & 1) != 0 ? x.f : 1.0 - x.f) * (k >= 2 ? y.f : 1.0 - y.f);
-        sum += w * (1.0 / 65535.0) * texel(picture, level, uint((k >= 2 ? y.b : y.a) * width + ((k & 1) != 0 ? x.b : x.a)));
+        sum += w * texel(picture, level, uint((k >= 2 ? y.b : y.a) * width + ((k & 1) != 0 ? x.b : x.a)));
     }
     return sum;
 }
@@ -109,10 +118,11 @@ vec4 look_up(Place p, uint which)
     vec2 uv = vec2(map_number(row, 0u) * at.x + map_number(row, 1u) * at.y + map_number(row, 2u),
                    map_number(row, 3u) * at.x + map_number(row, 4u) * at.y + map_number(row, 5u));
     uv = vec2(abs(uv.x) < 16777216.0 ? uv.x : 0.0, abs(uv.y) < 16777216.0 ? uv.y : 0.0);
-    const pell_mip_levels mip = pell_mip_levels_of(max(texels_covered(row, at.z), 1.0), float(int(maps[picture]) - 1));
+    const bool nearest = (how & 1024u) != 0u;
+    const pell_mip_levels mip = pell_mip_levels_of(max(texels_covered(row, at.z), 1.0), nearest ? 0.0 : float(int(maps[picture]) - 1));
     for (int k = 0; k < (mip.blend > 0.0 ? 2 : 1); k++)
         rgba += (k == 0 ? 1.0 - mip.blend : mip.blend) *
-                bilinear(picture, uint(k == 0 ? mip.lower : mip.upper), uv, how >> 16 & 255u, how >> 24);
+                bilinear(picture, uint(k == 0 ? mip.lower : mip.upper), uv, how >> 16 & 255u, how >> 24, nearest);
     return rgba;
 }
 

@@ -244,18 +244,6 @@ fail:
 
 /* --- For a device ------------------------------------------------------------------------------------------------------------------ */
 
-/* Whether all maps are sampled there. */
-static bool is_simple(const struct pell_scene *scene)
-{
-    for (size_t i = 0; i < scene->num_materials; i++)
-        for (enum pell_map map = 0; map < PELL_MAPS; map++) {
-            const struct pell_texture *t = pell_material_map(&scene->materials[i], map)->texture;
-            if (t && (t->nearest || t->image.type == PELL_PIXEL_F32 || t->image.width * (int64_t) t->image.height > INT32_MAX))
-                return false;
-        }
-    return true;
-}
-
 static uint32_t rgba8(const struct pell_image *image, size_t at)
 {
     const int n = image->channels;
@@ -265,31 +253,66 @@ static uint32_t rgba8(const struct pell_image *image, size_t at)
     return r | g << 8 | b << 16 | a << 24;
 }
 
-/* Writes a picture from word `first` on; returns the word behind it. */
-static size_t put_picture(const struct pyramid *p, const struct surface_decode *decode, size_t first, uint32_t *out)
+enum { KIND_BYTES = 1, KIND_SRGB = 2, KIND_FLOATS = 4, KIND_SMALLER_FLOATS = 8 };
+
+/* Writes a texel of a level; returns its words. */
+static size_t put_texel(const struct pyramid *p, const struct surface_decode *decode, uint32_t kind, int level, size_t i, uint32_t *out)
 {
-    const bool bytes = p->image.type == PELL_PIXEL_U8;
+    const bool bytes = level == 0 && (kind & KIND_BYTES), floats = kind & (level == 0 ? KIND_FLOATS : KIND_SMALLER_FLOATS);
+    const struct pell_image *image = level == 0 ? &p->image : &p->floats[level];
+    uint64_t texel;
+
+    if (floats) {
+        float rgba[4];
+        if (out)
+            pell_image_texel(image, (int) (i % (size_t) image->width), (int) (i / (size_t) image->width), rgba);
+        if (out)
+            memcpy(out, rgba, sizeof(rgba));
+        return 4;
+    }
+    if (!out)
+        return bytes ? 1 : 2;
+    texel = level > 0 ? p->texels[level][i] : bytes ? rgba8(&p->image, i) : surface_texel(&p->image, decode, i);
+    out[0] = (uint32_t) texel;
+    if (!bytes)
+        out[1] = (uint32_t) (texel >> 32);
+    return bytes ? 1 : 2;
+}
+
+/* Writes a picture from word `first` on; returns the word behind it. What is not filtered is written as it is, not of 16 bits. */
+static size_t put_picture(const struct pyramid *p, const struct surface_decode *decode, bool unfiltered, size_t first, uint32_t *out)
+{
+    const bool floats = p->image.type == PELL_PIXEL_F32;
+    const uint32_t kind = floats ? KIND_FLOATS | KIND_SMALLER_FLOATS
+                                 : (unfiltered                       ? KIND_FLOATS
+                                    : p->image.type == PELL_PIXEL_U8 ? KIND_BYTES
+                                                                     : 0u) |
+                                       (p->image.srgb ? KIND_SRGB : 0u);
     size_t at = first + 4 + 3 * (size_t) p->levels;
 
     if (out)
-        memcpy(out + first,
-               (uint32_t[]) { (uint32_t) p->levels, (uint32_t) p->image.width, (uint32_t) p->image.height, bytes + 2u * p->image.srgb },
+        memcpy(out + first, (uint32_t[]) { (uint32_t) p->levels, (uint32_t) p->image.width, (uint32_t) p->image.height, kind },
                4 * sizeof(*out));
     for (int l = 0; l < p->levels; l++) {
-        const size_t count = (size_t) p->width[l] * (size_t) p->height[l];
+        const size_t count = (size_t) p->width[l] * (size_t) p->height[l], words = put_texel(p, decode, kind, l, 0, NULL);
         if (out)
             memcpy(out + first + 4 + 3 * l, (uint32_t[]) { (uint32_t) at, (uint32_t) p->width[l], (uint32_t) p->height[l] },
                    3 * sizeof(*out));
-        for (size_t i = 0; out && i < count; i++) {
-            const uint64_t texel = l > 0 ? p->texels[l][i] : bytes ? rgba8(&p->image, i) : surface_texel(&p->image, decode, i);
-            if (l == 0 && bytes)
-                out[at + i] = (uint32_t) texel;
-            else
-                memcpy(out + at + 2 * i, (uint32_t[]) { (uint32_t) texel, (uint32_t) (texel >> 32) }, 2 * sizeof(*out));
-        }
-        at += l == 0 && bytes ? count : 2 * count;
+        for (size_t i = 0; out && i < count; i++)
+            put_texel(p, decode, kind, l, i, out + at + words * i);
+        at += words * count;
     }
     return at;
+}
+
+static const struct pell_texture *texture_of(const struct pell_scene *scene, size_t map)
+{
+    return pell_material_map(&scene->materials[map / PELL_MAPS], (enum pell_map)(map % PELL_MAPS))->texture;
+}
+
+static bool is_same_unfiltered(const struct pell_texture *a, const struct pell_texture *b)
+{
+    return b && b->nearest && a->image.pixels == b->image.pixels;
 }
 
 size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *scene, uint32_t *out)
@@ -298,8 +321,6 @@ size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *sc
     size_t at = PELL_MIPS_HEAD + maps * PELL_MIPS_MAP;
     struct surface_decode decode;
 
-    if (!is_simple(scene))
-        return 0;
     surface_decode_make(&decode);
     for (int i = 0; out && i < 256; i++) {
         out[i] = decode.srgb[i];
@@ -311,15 +332,29 @@ size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *sc
         row[0] = PELL_MIPS_NONE;
         row[1] = 0;
         if (map->texture)
-            row[1] = (uint32_t) map->uv | (uint32_t) (map->channel & 3) << 8 | (uint32_t) map->texture->wrap_u << 16 |
-                     (uint32_t) map->texture->wrap_v << 24;
+            row[1] = (uint32_t) map->uv | (uint32_t) (map->channel & 3) << 8 | (uint32_t) map->texture->nearest << 10 |
+                     (uint32_t) map->texture->wrap_u << 16 | (uint32_t) map->texture->wrap_v << 24;
         memcpy(row + 2, map->matrix, 6 * sizeof(*row));
     }
     for (size_t k = 0; k < mips->num_pyramids; k++) {
         for (size_t i = 0; out && i < maps; i++)
             if (mips->slots[i] == &mips->pyramids[k])
                 out[PELL_MIPS_HEAD + i * PELL_MIPS_MAP] = (uint32_t) at;
-        at = put_picture(&mips->pyramids[k], &decode, at, out);
+        at = put_picture(&mips->pyramids[k], &decode, false, at, out);
+    }
+    for (size_t i = 0; i < maps; i++) {
+        const struct pell_texture *t = texture_of(scene, i);
+        size_t first = 0;
+        if (!t || !t->nearest)
+            continue;
+        while (first < i && !is_same_unfiltered(t, texture_of(scene, first)))
+            first++;
+        if (out)
+            out[PELL_MIPS_HEAD + i * PELL_MIPS_MAP] = first < i ? out[PELL_MIPS_HEAD + first * PELL_MIPS_MAP] : (uint32_t) at;
+        if (first == i) {
+            const struct pyramid alone = pyramid_of(&t->image);
+            at = put_picture(&alone, &decode, true, at, out);
+        }
     }
     return at;
 }
