@@ -36,7 +36,8 @@ void main()
         const pell_picture_material m = seen[number - 1u];
         const bool scatters = (fr.flags & PELL_PICTURE_SCATTERS) != 0u && (m.flags & PELL_PICTURE_OPAQUE) == 0u;
         const vec3 factor = shown[at].factor.rgb;
-        color.rgb = factor * (scatters ? given[at].rgb + through[at].rgb : m.total.rgb * light[at].rgb);
+        const vec3 passed = scatters || m.sheet.w > 0.0 ? through[at].rgb : vec3(0.0);
+        color.rgb = factor * ((scatters ? given[at].rgb : m.total.rgb * light[at].rgb) + passed);
         color.rgb += (fr.flags & PELL_PICTURE_SHARED) != 0u ? highlights[at].rgb : shown[at].specular.rgb;
         if (scatters && (fr.flags & PELL_PICTURE_SINGLE) != 0u)
             color.rgb += single[at].rgb;

@@ -9,10 +9,10 @@
 
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
 _Static_assert(sizeof(struct pell_picture_frame) == 128 && AT(pell_picture_frame, width, 64) && AT(pell_picture_frame, flags, 96) &&
-                   sizeof(struct pell_picture_material) == 128 && AT(pell_picture_material, flags, 112) &&
-                   sizeof(struct pell_picture_hit) == 64 && AT(pell_picture_hit, mesh, 48) && sizeof(struct pell_picture_inside) == 128 &&
+                   sizeof(struct pell_picture_material) == 144 && AT(pell_picture_material, flags, 128) &&
+                   sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 128 &&
                    sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 32 &&
-                   sizeof(struct pell_picture_row) == 64 && sizeof(struct pell_picture_push) == 16 && sizeof(struct pell_spread_push) == 52,
+                   sizeof(struct pell_picture_row) == 64 && sizeof(struct pell_picture_push) == 20 && sizeof(struct pell_spread_push) == 52,
                "as std430 lays them out");
 
 bool picture_is_mapped(const struct pell_scene *scene)
@@ -36,7 +36,8 @@ uint32_t picture_flags(const struct pell_picture_sample *s)
 
     return (composite->published ? PELL_PICTURE_PUBLISHED : 0u) | (light->apart ? PELL_PICTURE_SINGLE : 0u) |
            (light->shared ? PELL_PICTURE_SHARED : 0u) | (light->thickness ? PELL_PICTURE_THROUGH : 0u) |
-           (composite->first ? PELL_PICTURE_FIRST : 0u) | (s->pass ? PELL_PICTURE_SCATTERS : 0u) | (s->lens ? PELL_PICTURE_LENS : 0u) |
+           (composite->first ? PELL_PICTURE_FIRST : 0u) | (s->pass ? PELL_PICTURE_SCATTERS : 0u) |
+           (pell_scene_has_sheets(composite->scene) ? PELL_PICTURE_SHEETS : 0u) | (s->lens ? PELL_PICTURE_LENS : 0u) |
            (s->spreads ? PELL_PICTURE_SPREADS : 0u) | (s->sample->view.orthographic ? PELL_PICTURE_ORTHOGRAPHIC : 0u) |
            (picture_known(s) ? PELL_PICTURE_INSIDES : 0u) | (pell_light_device_lend(s->light).environments > 0 ? PELL_PICTURE_SKY : 0u) |
            (picture_is_mapped(s->composite->scene) ? PELL_PICTURE_MAPPED : 0u) |
@@ -82,6 +83,7 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
         .leave_base = rgb_and(angle ? angle->leave_base : one, textured ? 1.0f - mix : 0.0f),
         .leave_slope = rgb_and(angle ? angle->leave_slope : none, boundary->mean),
         .enter_mean = rgb_and(angle ? angle->enter_mean : one, angle ? angle->inverse_eta2 : 1.0f),
+        .sheet = rgb_and(m->diffuse_transmission_color, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f),
         .flags = (m->opaque ? PELL_PICTURE_OPAQUE : 0u) | (textured ? PELL_PICTURE_TEXTURED : 0u) |
                  (p->smooth && !m->opaque ? PELL_PICTURE_SMOOTH : 0u) | (m->specular == PELL_SPECULAR_KELEMEN ? PELL_PICTURE_WHOLE : 0u),
         .normal_scale = m->normal_scale,

@@ -46,13 +46,6 @@ void pell_picture_device_destroy(struct pell_picture_device **device)
 
 #define BY_CPU "surface to composite by the cpu: "
 
-static const char *refuses_scene(const struct pell_picture_sample *s)
-{
-    if (pell_scene_has_sheets(s->sample->frame->scene))
-        return BY_CPU "thin sheets";
-    return NULL;
-}
-
 static const char *refuses_light(const struct pell_picture_sample *s)
 {
     const struct pell_irradiance_params *light = s->irradiance;
@@ -97,8 +90,6 @@ const char *pell_picture_device_refuses(const struct pell_picture_device *d, con
     if (!why)
         why = refuses_method(s);
     if (!why)
-        why = refuses_scene(s);
-    if (!why)
         why = refuses_light(s);
     if (!why && picture_largest(s) > pell_gpu_buffer_most(d->gpu))
         why = BY_CPU "more pixels, or more known of solids, than a buffer holds";
@@ -132,7 +123,8 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
 {
     const struct pell_light_run run = { .params = s->irradiance, .highlights = true };
     const struct pell_rect r = s->composite->rect;
-    const uint32_t tiles = picture_tiles(r.x1 - r.x0) * picture_tiles(r.y1 - r.y0), most = (uint32_t) (d->room / PELL_PICTURE_GROUP);
+    const uint32_t tiles = picture_tiles(r.x1 - r.x0) * picture_tiles(r.y1 - r.y0), sides = picture_flags(s) & PELL_PICTURE_SHEETS ? 2 : 1;
+    const uint32_t most = (uint32_t) (d->room / (sides * PELL_PICTURE_GROUP));
 
     pell_gpu_mark(d->commands, "tables upload");
     pell_light_device_upload(s->light, &run, d->commands);
@@ -144,13 +136,14 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
     for (uint32_t first = 0; first < tiles; first += most) {
         struct pell_picture_push push = { .first = first, .count = tiles - first < most ? tiles - first : most };
         struct pell_light_layout layout;
+        push.behind = sides > 1 ? push.count * PELL_PICTURE_GROUP : 0;
         pell_gpu_mark(d->commands, "surface");
         pell_gpu_run(d->commands, d->passes[SEE], &push, push.count, 1, 1);
         if (picture_flags(s) & PELL_PICTURE_INSIDES) {
             pell_gpu_mark(d->commands, "inside");
-            pell_gpu_run(d->commands, d->passes[LOOK_INSIDE], &push, push.count, 1, 1);
+            pell_gpu_run(d->commands, d->passes[LOOK_INSIDE], &push, sides * push.count, 1, 1);
         }
-        layout = pell_light_device_record(s->light, &run, d->commands, (size_t) push.count * PELL_PICTURE_GROUP);
+        layout = pell_light_device_record(s->light, &run, d->commands, (size_t) sides * push.count * PELL_PICTURE_GROUP);
         push.results = layout.words;
         push.through = layout.through_at;
         pell_gpu_mark(d->commands, "finish");
@@ -207,10 +200,10 @@ static int64_t bytes_of(const char *name)
         int bytes;
     } rows[] = {
         { "clear", 24 },
-        { "surface", 128 + 64 },
+        { "surface", 128 + 80 },
         { "direct light", 128 + 48 },
         { "transmission", 128 + 48 },
-        { "finish", 128 + 64 + 48 + 104 },
+        { "finish", 128 + 80 + 48 + 104 },
         { "highlights", 80 },
         { "rows", 56 },
         { "spread", 96 },

@@ -27,10 +27,11 @@
 #define PELL_PICTURE_SPREADS 256u  /* what went straight is spread */
 #define PELL_PICTURE_INSIDES 512u  /* something is known of the solids around points */
 #define PELL_PICTURE_ORTHOGRAPHIC 1024u
-#define PELL_PICTURE_MAPPED 2048u /* some material has maps, or some mesh colours */
-#define PELL_PICTURE_HITS 4096u   /* the method reads where pixels are on the surface, */
-#define PELL_PICTURE_LENS 16384u  /* depth of field is made of the sample */
-#define PELL_PICTURE_BASES 8192u  /* or their base colours */
+#define PELL_PICTURE_MAPPED 2048u  /* some material has maps, or some mesh colours */
+#define PELL_PICTURE_HITS 4096u    /* the method reads where pixels are on the surface, */
+#define PELL_PICTURE_LENS 16384u   /* depth of field is made of the sample */
+#define PELL_PICTURE_SHEETS 32768u /* some material is a thin sheet: a batch has the far sides of its points behind them */
+#define PELL_PICTURE_BASES 8192u   /* or their base colours */
 
 /* Of what is known of the solids around points: struct pell_irradiance_params. */
 #define PELL_KNOWN_SHAPE 1u   /* curvature */
@@ -68,6 +69,7 @@ struct pell_picture_material {
     PELL_VEC4 leave_base;  /* see render/angle.h; w: exponent of the base colour that leaves */
     PELL_VEC4 leave_slope; /* w: mean transmittance of its smooth boundary */
     PELL_VEC4 enter_mean;  /* w: 1 over the square of its index, for light that leaves */
+    PELL_VEC4 sheet;       /* what a thin sheet lets through; w: how much of it; 0: it is none */
     uint32_t flags;
     float normal_scale;
     uint32_t unused0, unused1;
@@ -78,6 +80,7 @@ struct pell_picture_hit {
     PELL_VEC4 albedo;   /* of the colour that enters; w: depth */
     PELL_VEC4 leaves;   /* of the colour that leaves; w: strength */
     PELL_VEC4 emissive; /* w: bits of what the method calls its material */
+    PELL_VEC4 sheet;    /* of a thin sheet the share that passes; w: the share that is reflected, of all else 1 */
     uint32_t mesh, triangle;
     float u, v;
 };
@@ -115,6 +118,7 @@ struct pell_picture_row {
 struct pell_picture_push {
     uint32_t first, count;     /* its tiles */
     uint32_t results, through; /* of a point, in words of 16 bytes: how many, and where those of transmission are */
+    uint32_t behind;           /* where far sides begin, in points; 0: there are none */
 };
 
 /* Of the composite: where a sample goes for depth of field (post/device.h). */

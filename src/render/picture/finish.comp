@@ -80,7 +80,9 @@ uint rays_of(uint i, uint material)
 {
     const uint passed = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
 
-    return min(results[i * pc.results].a, 65535u) | min(passed, 65535u) << 16;
+    const uint sent = results[i * pc.results].a + (seen[material].sheet.w > 0.0 ? results[(i + pc.behind) * pc.results].a : 0u);
+
+    return min(sent, 65535u) | min(passed, 65535u) << 16;
 }
 
 // What environments send but for their lights, those that are not in their smooth rest.
@@ -128,6 +130,19 @@ void put_inside(uint i, uint material, inout Arrived a)
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     a.way *= all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
     a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.thick.rgb) + n.through.rgb);
+}
+
+// At the far side of a sheet.
+vec3 arrived_behind(uint i, Lobe lobe, float rho_s)
+{
+    const uint at = i + pc.behind;
+    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
+
+    if (has(PELL_PICTURE_SKY))
+        add_environments(at, lobe, rho_s, a);
+    if (has(PELL_PICTURE_INSIDES))
+        put_inside(at, lobe.material, a);
+    return a.irradiance;
 }
 
 // From radiant exitance to radiance toward the camera.
@@ -181,7 +196,11 @@ void main()
         put_inside(i, number, a);
     const float off = pell_angle_off(m.enter_mean.w, mu);
     const vec3 factor = exit_factor(lobe, rho_s, mu) * (m.leave_base.rgb + m.leave_slope.rgb * off) * hits[i].leaves.rgb;
-    const vec3 entered = a.irradiance * albedo, met = entered / max(albedo, vec3(0.02));
+    const bool sheet = m.sheet.w > 0.0;
+    if (sheet)
+        a.transmitted = arrived_behind(i, lobe, rho_s);
+    const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, passed = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
+    const vec3 met = (entered + (sheet ? passed : vec3(0.0))) / max(albedo, vec3(0.02));
     const vec3 counts = vec3(pell_metered(m.enter_mean.r), pell_metered(m.enter_mean.g), pell_metered(m.enter_mean.b));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
@@ -193,7 +212,7 @@ void main()
     shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * met.r, counts.g * met.g, counts.b * met.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
-    through[p.at] = vec4(a.transmitted * albedo, all > 0.0 ? a.way / all : 0.0);
+    through[p.at] = vec4(passed, all > 0.0 ? a.way / all : 0.0);
     if (has(PELL_PICTURE_SINGLE)) {
         const float leaves = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[number].single_eta2;
         single[p.at] = vec4(a.single * leaves, 0.0);

@@ -240,8 +240,9 @@ bool look_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_pic
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
+    const bool behind = i >= 64u * pc.count; // the far side of a sheet
 
-    if (i >= 64u * pc.count || points[i].material == PELL_LIT_NONE)
+    if (i >= 64u * pc.count + pc.behind || points[i].material == PELL_LIT_NONE)
         return;
     const pell_lit_material m = materials[points[i].material];
     pell_picture_inside n = pell_picture_inside(vec4(1.0), vec4(1.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
@@ -264,9 +265,9 @@ void main()
     if (has(PELL_KNOWN_SOLIDS) && m.opaque == 0 && !look_inside(i, m, opposed_local, n))
         points[i].flags &= ~PELL_LIT_STRAIGHT;
     if (has(PELL_KNOWN_INDIRECT)) {
-        const Knots k = between_knots(i, m.opaque != 0 && (points[i].flags & PELL_LIT_BACK) != 0u);
+        const Knots k = between_knots(behind ? i - pc.behind : i, m.opaque != 0 && (points[i].flags & PELL_LIT_BACK) != 0u);
         n.indirect.rgb = between_at(k, 0u);
-        n.behind.rgb = has(PELL_KNOWN_PASSED) ? between_at(k, 3u) : vec3(0.0);
+        n.behind.rgb = has(PELL_KNOWN_PASSED) && !behind ? between_at(k, 3u) : vec3(0.0);
     }
     insides[i] = n;
 }

@@ -4,9 +4,8 @@
 #include "shared/texture.h"
 
 #define MAPS 10u // PELL_MAPS
-#define MAPS_READ 8u
 const uint MAP_BASE = 0u, MAP_NORMAL = 1u, MAP_ROUGHNESS = 2u, MAP_METALLIC = 3u, MAP_RHO_S = 4u, MAP_SPECULAR = 5u, MAP_STRENGTH = 6u,
-           MAP_EMISSIVE = 7u;
+           MAP_EMISSIVE = 7u, MAP_TRANSMISSION = 8u, MAP_TRANSMISSION_COLOR = 9u;
 const uint TANGENT = 4u, COLOR = 5u; // of a mesh's attributes, behind four UV sets
 
 // Where the maps of a pixel are looked up.
@@ -128,14 +127,14 @@ vec4 look_up(Place p, uint which)
 
 // What all maps say. One by one in a loop: drivers compile the look-up once.
 struct Sampled {
-    vec4 map[MAPS_READ];
+    vec4 map[MAPS];
 };
 
 Sampled sample_maps(Place p)
 {
     Sampled found;
 
-    for (uint which = 0u; which < MAPS_READ; which++)
+    for (uint which = 0u; which < MAPS; which++)
         found.map[which] = look_up(p, which);
     return found;
 }

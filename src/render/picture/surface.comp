@@ -31,7 +31,7 @@ layout(set = 0, binding = 6) readonly buffer Frame { pell_picture_frame fr; };
 layout(set = 0, binding = 7) readonly buffer Keys { uint keys[]; };
 layout(set = 0, binding = 8) readonly buffer Attributes { uint attributes[]; };
 layout(set = 0, binding = 9) readonly buffer Maps { uint maps[]; };
-layout(set = 0, binding = 10) writeonly buffer Points { pell_lit_point points[]; };
+layout(set = 0, binding = 10) buffer Points { pell_lit_point points[]; };
 layout(set = 0, binding = 11) writeonly buffer Hits { pell_picture_hit hits[]; };
 layout(set = 0, binding = 12) writeonly buffer Places { uvec4 method_places[]; };
 layout(set = 0, binding = 13) writeonly buffer Bases { vec4 method_bases[]; };
@@ -57,6 +57,7 @@ struct Seen {
 // What a material is at a pixel.
 struct Made {
     vec3 base, specular, emissive;
+    vec4 sheet; // of struct pell_picture_hit
     float roughness, metallic, strength;
 };
 
@@ -162,7 +163,7 @@ Seen look(Ray ray, Hit hit, out Sampled found)
 Made make(Sampled found, Seen s)
 {
     const pell_picture_material m = materials[s.place.material];
-    Made made = Made(m.base.rgb, m.specular.rgb, m.emissive.rgb, m.specular.w, m.emissive.w, m.base.w);
+    Made made = Made(m.base.rgb, m.specular.rgb, m.emissive.rgb, m.sheet, m.specular.w, m.emissive.w, m.base.w);
 
     if (is_mapped()) {
         const Place p = s.place;
@@ -176,16 +177,38 @@ Made make(Sampled found, Seen s)
         made.strength *= number_of(found, p, MAP_STRENGTH);
         if (made.emissive.r > 0.0 || made.emissive.g > 0.0 || made.emissive.b > 0.0)
             made.emissive *= found.map[MAP_EMISSIVE].rgb;
+        if (m.sheet.w > 0.0)
+            made.sheet *= vec4(found.map[MAP_TRANSMISSION_COLOR].rgb, number_of(found, p, MAP_TRANSMISSION));
     }
     made.roughness = clamp(made.roughness, PELL_LIT_ROUGHNESS_MIN, 1.0);
     made.metallic = clamp(made.metallic, 0.0, 1.0);
     made.strength = clamp(made.strength, 0.0, 1.0);
+    const float through = clamp(made.sheet.w, 0.0, 1.0);
+    made.sheet = vec4(made.sheet.rgb * (through * (1.0 - made.metallic)), 1.0 - through);
     return made;
 }
 
 vec3 shares(vec3 base, float exponent)
 {
     return vec3(pell_color_share(base.r, exponent), pell_color_share(base.g, exponent), pell_color_share(base.b, exponent));
+}
+
+// The far side of a sheet.
+void turn(uint i, uint behind)
+{
+    points[behind].place = points[i].place;
+    points[behind].geometric = vec4(-points[i].geometric.xyz, 0.0);
+    points[behind].normal = vec4(-points[i].normal.xyz, points[i].normal.w);
+    points[behind].view = points[i].view;
+    points[behind].tint = points[i].tint;
+    points[behind].f0 = points[i].f0;
+    points[behind].hash0 = points[i].hash0;
+    points[behind].hash1 = points[i].hash1;
+    points[behind].curve = points[i].curve;
+    points[behind].first = points[i].first;
+    points[behind].material = points[i].material;
+    points[behind].flags = (points[i].flags & ~PELL_LIT_STRAIGHT) ^ PELL_LIT_BACK;
+    points[behind].number = points[i].number;
 }
 
 void main()
@@ -197,6 +220,8 @@ void main()
     if (i >= 64u * pc.count)
         return;
     points[i].material = PELL_LIT_NONE;
+    if (pc.behind != 0u)
+        points[i + pc.behind].material = PELL_LIT_NONE;
     const Ray ray = camera_ray(p);
     if (!p.inside || !trace_ray(ray, false, hit))
         return;
@@ -226,6 +251,9 @@ void main()
     hits[i].albedo = vec4(is_opaque ? solid : textured ? shares(made.base, m.total.w) : vec3(1.0), hit.t);
     hits[i].leaves = vec4(textured ? shares(made.base, m.leave_base.w) : vec3(1.0), made.strength);
     hits[i].emissive = vec4(made.emissive, uintBitsToFloat(keys[hit.mesh]));
+    hits[i].sheet = made.sheet;
+    if (m.sheet.w > 0.0)
+        turn(i, i + pc.behind);
     hits[i].mesh = hit.mesh;
     hits[i].triangle = hit.triangle;
     hits[i].u = hit.u;
