@@ -131,7 +131,13 @@ void pell_gpu_mark(struct pell_gpu_commands *c, const char *name)
 
 void pell_gpu_copy(struct pell_gpu_commands *c, struct pell_gpu_buffer *from, struct pell_gpu_buffer *to, uint64_t size)
 {
-    const VkBufferCopy region = { 0, 0, size };
+    pell_gpu_copy_part(c, from, to, 0, size);
+}
+
+void pell_gpu_copy_part(struct pell_gpu_commands *c, struct pell_gpu_buffer *from, struct pell_gpu_buffer *to, uint64_t first,
+                        uint64_t size)
+{
+    const VkBufferCopy region = { first, first, size };
 
     use(c, from, VK_PIPELINE_STAGE_2_COPY_BIT, VK_ACCESS_2_TRANSFER_READ_BIT, 0);
     use(c, to, VK_PIPELINE_STAGE_2_COPY_BIT, 0, VK_ACCESS_2_TRANSFER_WRITE_BIT);

@@ -119,6 +119,9 @@ PELL_NODISCARD enum pell_result pell_gpu_begin(struct pell_gpu_commands *command
 void pell_gpu_mark(struct pell_gpu_commands *commands, const char *name);
 /* The first `size` bytes. */
 void pell_gpu_copy(struct pell_gpu_commands *commands, struct pell_gpu_buffer *from, struct pell_gpu_buffer *to, uint64_t size);
+/* `size` bytes from byte `first` on, to the same place. */
+void pell_gpu_copy_part(struct pell_gpu_commands *commands, struct pell_gpu_buffer *from, struct pell_gpu_buffer *to, uint64_t first,
+                        uint64_t size);
 /* So many workgroups, each at most 65535. `push`: the shader's push constants, or NULL where it has none. */
 void pell_gpu_run(struct pell_gpu_commands *commands, struct pell_gpu_pass *pass, const void *push, uint32_t x, uint32_t y, uint32_t z);
 /* Runs the list and waits for its end. */

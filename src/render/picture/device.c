@@ -357,6 +357,7 @@ enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct 
 {
     const struct take take = { d, out, stride, *rect };
     const int64_t pixels = (int64_t) (rect->x1 - rect->x0) * (rect->y1 - rect->y0);
+    const uint64_t line = sizeof(struct pell_vec4) * (uint64_t) pell_gpu_pitch(d->width);
     struct pell_gpu_time time = { .seconds = 0.0 };
     double start;
     enum pell_result res;
@@ -370,7 +371,8 @@ enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct 
     }
     PELL_TRY(pell_gpu_begin(d->commands));
     pell_gpu_mark(d->commands, "download");
-    pell_gpu_copy(d->commands, d->buffers[SUM], d->buffers[SUM_DOWN], d->sizes[SUM_DOWN]);
+    pell_gpu_copy_part(d->commands, d->buffers[SUM], d->buffers[SUM_DOWN], line * (uint64_t) rect->y0,
+                       line * (uint64_t) (rect->y1 - rect->y0));
     PELL_TRY(pell_gpu_finish(d->commands));
     start = pell_seconds();
     pell_pool_run(pool, rect->y1 - rect->y0, take_row, (void *) &take);
