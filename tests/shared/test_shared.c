@@ -4,6 +4,7 @@
 
 #include "shared/bloom.h"
 #include "shared/boundary.h"
+#include "shared/environment.h"
 #include "shared/gloss.h"
 #include "shared/lens.h"
 #include "shared/light.h"
@@ -326,6 +327,35 @@ static void discs_cover_and_lay(void **state)
     REQUIRE_NEAR((double) pell_disc_lay(1.25f, 1.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 1.0, 1e-6);
 }
 
+/* From a place of the octahedron back to the direction, by its faces: |x| + |y| + |z| = 1, the lower half folded out. And the picture's
+ * azimuth and height are those of a direction made of them. */
+static void directions_have_their_places(void **state)
+{
+    const double last = PELL_ENV_NODES - 1;
+    (void) state;
+
+    for (int j = 0; j <= 40; j++)
+        for (int i = 0; i <= 40; i++) {
+            const double a = 2.0 * i / 40.0 - 1.0, b = 2.0 * j / 40.0 - 1.0, y = 1.0 - fabs(a) - fabs(b);
+            const double x = y < 0.0 ? copysign(1.0 - fabs(b), a) : a, z = y < 0.0 ? copysign(1.0 - fabs(a), b) : b;
+            const double n = sqrt(x * x + y * y + z * z);
+            const struct pell_place2 p = pell_octahedral_place((float) (x / n), (float) (y / n), (float) (z / n));
+            const bool folds = y < -1e-9 && (fabs(a) < 1e-9 || fabs(b) < 1e-9); /* an edge lies at both of its sides */
+            REQUIRE(p.x >= 0.0f && (double) p.x <= last && p.y >= 0.0f && (double) p.y <= last);
+            REQUIRE_NEAR(folds ? fabs((double) p.x / last - 0.5) : (double) p.x / last, folds ? fabs(a / 2.0) : (a + 1.0) / 2.0, 1e-5);
+            REQUIRE_NEAR(folds ? fabs((double) p.y / last - 0.5) : (double) p.y / last, folds ? fabs(b / 2.0) : (b + 1.0) / 2.0, 1e-5);
+        }
+    for (int j = 1; j < 20; j++)
+        for (int i = 1; i < 40; i++) {
+            const double azimuth = 2.0 * PI * (i / 40.0 - 0.5), polar = PI * j / 20.0;
+            const struct pell_place2 p =
+                pell_panorama_place((float) (sin(azimuth) * sin(polar)), (float) cos(polar), (float) (-cos(azimuth) * sin(polar)));
+            REQUIRE_NEAR((double) p.x, i / 40.0, 1e-6);
+            REQUIRE_NEAR((double) p.y, j / 20.0, 1e-6);
+        }
+    REQUIRE(pell_panorama_place(0.0f, 1.5f, 0.0f).y == 0.0f); /* rounded beyond the pole */
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -345,6 +375,7 @@ int main(void)
         cmocka_unit_test(a_wide_light_is_sampled_by_solid_angle),
         cmocka_unit_test(edges_mirror_and_cells_hold_pixels),
         cmocka_unit_test(discs_cover_and_lay),
+        cmocka_unit_test(directions_have_their_places),
     };
     return cmocka_run_group_tests_name("shared", tests, NULL, NULL);
 }
