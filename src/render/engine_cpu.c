@@ -65,6 +65,7 @@ static void drop_planes(struct pell_cpu *e)
     memset(&e->sum, 0, sizeof(e->sum));
     memset(e->display, 0, sizeof(e->display));
     memset(e->spread, 0, sizeof(e->spread));
+    memset(e->room, 0, sizeof(e->room));
     memset(e->plane, 0, sizeof(e->plane));
     memset(e->glow, 0, sizeof(e->glow));
     memset(e->open, 0, sizeof(e->open));
@@ -138,8 +139,12 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     pell_planes_want(&w, e->lighting.specular, 3);
     if (apart_single)
         pell_planes_want(&w, e->lighting.single, 3);
-    if (shares_highlights(frame))
+    if (shares_highlights(frame)) {
         pell_planes_want(&w, e->lighting.hidden, 3);
+        pell_planes_want(&w, e->lighting.lost, 3);
+        if (!is_asked(PELL_PLANE_LIGHT, frame))
+            pell_planes_want(&w, e->room, 3);
+    }
     if (pell_cpu_spreads(frame)) {
         pell_planes_want(&w, &e->lighting.way, 1);
         pell_planes_want(&w, e->spread, 3);

@@ -15,6 +15,7 @@ void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_samp
         .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
         .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
         .lit = e->hidden_lit,
+        .rays = e->lights->light_samples,
     };
     const double start = pell_seconds();
     int64_t pixels;
@@ -22,8 +23,11 @@ void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_samp
     for (int c = 0; c < 3; c++) {
         params.normal[c] = e->surface.ng[c];
         params.hidden[c] = e->lighting.hidden[c];
-        params.specular[c] = e->lighting.specular[c];
+        params.hidden[3 + c] = e->lighting.lost[c];
+        params.light[c] = e->lighting.specular[c];
+        params.light[3 + c] = e->lighting.irradiance[c];
         params.room[c] = e->display[c]; /* what is displayed is made of the sum of all samples */
+        params.room[3 + c] = e->plane[PELL_PLANE_LIGHT][c] ? e->plane[PELL_PLANE_LIGHT][c] : e->room[c];
     }
     pixels = pell_highlights_render(e->pool, &params);
     pell_stage_note(sample->frame->notes, "highlights", pell_seconds() - start, pixels, 0, pixels * 72);

@@ -54,6 +54,7 @@ struct pell_cpu {
     struct pell_surface surface;
     struct pell_lighting lighting;
     float *spread[3]; /* room of the stage "spread" */
+    float *room[3];   /* of the stage "highlights", without a method's light */
     uint8_t *spread_lit, *hidden_lit;
     struct pell_accumulator sum;
     float *display[3];

@@ -88,6 +88,7 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
         .pass = pass,
         .spreads = pass && pell_cpu_spreads(sample->frame),
         .lens = sample->frame->lens->radius > 0.0f ? e->post_device : NULL,
+        .rays = e->lights ? e->lights->light_samples : 1,
         .version = e->known,
     };
     const char *why = NULL;

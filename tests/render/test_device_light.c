@@ -185,7 +185,7 @@ static void rig_of_thin_parts(struct rig *r, int width, int height)
 
 /* --- Parity ---------------------------------------------------------------------------------------------------------------------- */
 
-enum { PLANES = 13 };
+enum { SUMS = 5, PLANES = 3 * SUMS + 1 };
 
 static void planes_of(struct pell_lighting *l, float **planes[PLANES])
 {
@@ -194,8 +194,9 @@ static void planes_of(struct pell_lighting *l, float **planes[PLANES])
         planes[3 + c] = &l->specular[c];
         planes[6 + c] = &l->transmitted[c];
         planes[9 + c] = &l->hidden[c];
+        planes[12 + c] = &l->lost[c];
     }
-    planes[12] = &l->way;
+    planes[3 * SUMS] = &l->way;
 }
 
 static void set(struct device *d, const struct rig *r)
@@ -223,14 +224,14 @@ static struct pell_lighting render_on(struct device *d, const struct rig *r, str
 /* Kinds of light against the cpu's: the mean difference over the mean of all planes, and the share of pixels over 1 %. */
 static void compare(const struct rig *r, struct pell_lighting *gpu, const char *name)
 {
-    static const char *const what[] = { "enters", "mirrored", "transmitted", "hidden" };
+    static const char *const what[SUMS] = { "enters", "mirrored", "transmitted", "hidden", "lost" };
     struct pell_lighting cpu = r->light;
     const int64_t by_cpu = r->light.shadow_rays, by_gpu = gpu->device_rays + gpu->through_rays;
     float **a[PLANES], **b[PLANES];
 
     planes_of(&cpu, a);
     planes_of(gpu, b);
-    for (int k = 0; k < 4; k++) {
+    for (int k = 0; k < SUMS; k++) {
         double sum = 0.0, difference = 0.0;
         int far = 0, pixels = 0;
         for (int y = 0; y < r->height; y++)

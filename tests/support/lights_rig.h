@@ -213,9 +213,9 @@ static inline struct pell_irradiance_params rig_params(const struct rig *r)
 static inline void rig_render(struct rig *r)
 {
     struct pell_lighting *l = &r->light;
-    float **planes[] = { &l->irradiance[0],  &l->irradiance[1],  &l->irradiance[2], &l->transmitted[0],
-                         &l->transmitted[1], &l->transmitted[2], &l->specular[0],   &l->specular[1],
-                         &l->specular[2],    &l->hidden[0],      &l->hidden[1],     &l->hidden[2] };
+    float **planes[] = { &l->irradiance[0],  &l->irradiance[1], &l->irradiance[2], &l->transmitted[0], &l->transmitted[1],
+                         &l->transmitted[2], &l->specular[0],   &l->specular[1],   &l->specular[2],    &l->hidden[0],
+                         &l->hidden[1],      &l->hidden[2],     &l->lost[0],       &l->lost[1],        &l->lost[2] };
     struct pell_irradiance_params p;
 
     rig_clear(r);

@@ -39,7 +39,7 @@ static void find(struct job *job, int y, int x0, int x1)
     const ptrdiff_t at = y * p->stride + x0;
     float any = 0.0f;
 
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++)
         for (int i = 0; i < x1 - x0; i++)
             any += p->hidden[c][at + i] > 0.0f ? 1.0f : 0.0f;
     *lit(job, y, x0) = any > 0.0f;
@@ -66,23 +66,28 @@ static void share(struct job *job, int y, int x0, int x1)
                                        .depth = p->depth + at,
                                        .depth_mm = p->depth_mm,
                                        .fixed_mm = p->fixed_mm,
-                                       .slope = PELL_HIGHLIGHTS_SLOPE };
+                                       .slope = PELL_HIGHLIGHTS_SLOPE,
+                                       .rays = (float) p->rays };
+    float *room[PELL_HIGHLIGHTS_SUMS];
 
     if (!any_hidden(job, y, x0))
         return;
-    for (int c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++)
         b.normal[c] = p->normal[c] + at;
-        b.specular[c] = p->specular[c] + at;
+    for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++) {
+        b.light[c] = p->light[c] + at;
         b.hidden[c] = p->hidden[c] + at;
+        room[c] = p->room[c] + at;
     }
     for (int v = -REACH; v <= REACH; v++)
         for (int u = -REACH; u <= REACH; u++) {
             const float weight = (float) ((REACH + 1 - abs(u)) * (REACH + 1 - abs(v)));
+            const float next = abs(u) < 2 && abs(v) < 2 ? (float) ((2 - abs(u)) * (2 - abs(v))) : 0.0f;
             const int first = x0 + u < r->x0 ? r->x0 - u - x0 : 0, end = (x1 + u < r->x1 ? x1 : r->x1 - u) - x0;
             if (y + v >= r->y0 && y + v < r->y1)
-                job->kernels->add(&b, v * p->stride + u, weight, first, end);
+                job->kernels->add(&b, v * p->stride + u, weight, next, first, end);
         }
-    job->kernels->end(&b, (float *[3]) { p->room[0] + at, p->room[1] + at, p->room[2] + at }, x1 - x0);
+    job->kernels->end(&b, room, x1 - x0);
     atomic_fetch_add_explicit(&job->pixels, x1 - x0, memory_order_relaxed);
 }
 
@@ -92,8 +97,8 @@ static void copy(struct job *job, int y, int x0, int x1)
     const ptrdiff_t at = y * p->stride + x0;
 
     if (any_hidden(job, y, x0))
-        for (int c = 0; c < 3; c++)
-            memcpy(p->specular[c] + at, p->room[c] + at, (size_t) (x1 - x0) * sizeof(float));
+        for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++)
+            memcpy(p->light[c] + at, p->room[c] + at, (size_t) (x1 - x0) * sizeof(float));
 }
 
 static void run_rows(void *arg, int index, int worker)

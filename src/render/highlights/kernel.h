@@ -8,22 +8,28 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { PELL_HIGHLIGHTS_BLOCK = 64 }; /* pixels of a row at a time */
+enum {
+    PELL_HIGHLIGHTS_BLOCK = 64, /* pixels of a row at a time */
+    PELL_HIGHLIGHTS_SUMS = 6    /* what is mirrored and what enters, of R, G and B */
+};
 
 struct pell_highlights_block {
     const uint16_t *material;
-    const float *depth, *normal[3], *specular[3], *hidden[3]; /* of the block's first pixel */
-    float slope;                                              /* depths further apart than this are of other surfaces, widths of a
-                                                                  * pixel */
-    float depth_mm, fixed_mm;                                 /* a pixel at depth d is d depth_mm + fixed_mm wide */
-    _Alignas(64) float seen[3][PELL_HIGHLIGHTS_BLOCK], all[3][PELL_HIGHLIGHTS_BLOCK]; /* sums over taps */
+    const float *depth, *normal[3];                                          /* of the block's first pixel, */
+    const float *light[PELL_HIGHLIGHTS_SUMS], *hidden[PELL_HIGHLIGHTS_SUMS]; /* as the rest: what is there, and what shadows took of it */
+    float slope;              /* depths further apart than this are of other surfaces, widths of a pixel */
+    float depth_mm, fixed_mm; /* a pixel at depth d is d depth_mm + fixed_mm wide */
+    float rays;               /* of a pixel, for each light */
+    _Alignas(64) float seen[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK], all[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK]; /* over taps, */
+    float next[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK], next_all[PELL_HIGHLIGHTS_SUMS][PELL_HIGHLIGHTS_BLOCK]; /* the nine next */
 };
 
 struct pell_highlights_kernels {
-    /* Adds a tap of a weight to the pixels from `first` to `end`: that at `offset` of theirs in memory. */
-    void (*add)(struct pell_highlights_block *block, ptrdiff_t offset, float weight, int first, int end);
-    /* specular + hidden, times seen / all; `specular` where nothing is hidden around a pixel, or where it emits. */
-    void (*end)(const struct pell_highlights_block *block, float *const out[3], int count);
+    /* Adds a tap of a weight to the pixels from `first` to `end`: that at `offset` of theirs in memory. `next`: its weight among the nine
+     * pixels next to them; 0: it is none of them. */
+    void (*add)(struct pell_highlights_block *block, ptrdiff_t offset, float weight, float next, int first, int end);
+    /* light + hidden, times the share that is seen; `light` where nothing is hidden around a pixel, or where it emits. */
+    void (*end)(const struct pell_highlights_block *block, float *const out[PELL_HIGHLIGHTS_SUMS], int count);
 };
 
 PELL_SIMD_TABLES(struct pell_highlights_kernels, pell_highlights_kernels);

@@ -276,7 +276,8 @@ enum pell_result light_device_prepare(struct pell_light_device *d)
 
     if (!d->scene || !d->lights || pell_light_device_refuses(d) || d->wanted == 0)
         return PELL_OK;
-    words = 3 + 2 * d->lights->num_environments + PELL_LIT_SHINE_WORDS * light_device_has_state(d) + PELL_LIT_THROUGH_WORDS * d->through;
+    words = 2 + PELL_LIT_HIGHLIGHT_WORDS + 2 * d->lights->num_environments + PELL_LIT_SHINE_WORDS * light_device_has_state(d) +
+            PELL_LIT_THROUGH_WORDS * d->through;
     room = d->wanted < RESULTS_MOST / (WORD * words) ? d->wanted : RESULTS_MOST / (WORD * words);
     if (room > d->room || words > d->room_words) {
         light_device_drop_room(d);

@@ -18,6 +18,7 @@
 
 #define TILE_W 32
 #define TILE_H 16
+#define PLANES 6
 #define LINE 16                                /* floats of a cache line; a tile has as many lines of a plane as packets */
 #define PACKETS (TILE_W * TILE_H / PELL_LANES) /* of a tile */
 #define BLOCK 4                                /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
@@ -380,7 +381,7 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
 /* What a tile's pixels receive, before it goes to the planes in whole cache lines. Writing each packet directly to the planes would take
  * longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
-    _Alignas(64) float planes[5][3][TILE_H * TILE_W]; /* irradiance, through, specular, single, hidden */
+    _Alignas(64) float planes[PLANES][3][TILE_H * TILE_W]; /* irradiance, through, specular, single, hidden, lost */
     float way[TILE_H * TILE_W];
 };
 
@@ -389,13 +390,14 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
 {
     const ptrdiff_t stride = job->p->surface->stride;
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
-    float *const *const planes[5] = { job->out->irradiance, job->out->transmitted, job->out->specular, job->out->single, job->out->hidden };
-    const bool wanted[5] = { true, true, true, job->p->apart, job->p->shared };
+    float *const *const planes[PLANES] = { job->out->irradiance, job->out->transmitted, job->out->specular,
+                                           job->out->single,     job->out->hidden,      job->out->lost };
+    const bool wanted[PLANES] = { true, true, true, job->p->apart, job->p->shared, job->p->shared };
 
     for (int y = 0; job->out->way && y < rows; y++)
         for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
             memcpy(job->out->way + (y0 + y) * stride + x0 + x, tile->way + y * TILE_W + x, LINE * sizeof(float));
-    for (int k = 0; k < 5; k++)
+    for (int k = 0; k < PLANES; k++)
         for (int c = 0; c < 3 && wanted[k]; c++)
             for (int y = 0; y < rows; y++)
                 for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
@@ -470,6 +472,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         out.specular[c] = tile.planes[2][c];
         out.single[c] = job->p->apart ? tile.planes[3][c] : NULL;
         out.hidden[c] = job->p->shared ? tile.planes[4][c] : NULL;
+        out.lost[c] = tile.planes[5][c];
     }
     out.way = job->out->way ? tile.way : NULL;
     if (list.count < TILE_W * TILE_H)

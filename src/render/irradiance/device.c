@@ -252,7 +252,7 @@ static struct pell_lit_push make_push(const struct pell_light_device *d, const s
     const struct pell_irradiance_params *p = run->params;
     const struct pell_lights *lights = d->lights;
     const bool through = d->through && p->thickness;
-    const uint32_t words = (uint32_t) (1 + 2 * run->highlights + (p->apart != NULL) + 2 * lights->num_environments);
+    const uint32_t words = (uint32_t) (1 + PELL_LIT_HIGHLIGHT_WORDS * run->highlights + (p->apart != NULL) + 2 * lights->num_environments);
     const uint32_t shine = PELL_LIT_SHINE_WORDS * light_device_has_state(d);
 
     return (struct pell_lit_push) {

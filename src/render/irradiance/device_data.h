@@ -96,6 +96,8 @@ struct pell_lit_image {
     uint32_t first, width, height, nearest;
 };
 
+#define PELL_LIT_HIGHLIGHT_WORDS 3 /* a point's, with PELL_LIT_HIGHLIGHTS: what is mirrored, what shadows took of it, and of what enters */
+
 struct pell_lit_push {
     uint32_t count;   /* points */
     uint32_t results; /* words of 16 bytes a point */

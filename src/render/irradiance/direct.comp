@@ -12,7 +12,7 @@ layout(local_size_x = 64) in;
 
 // What a point receives; `rays`: sent for it.
 struct Sums {
-    vec3 irradiance, specular, hidden, single, unshadowed;
+    vec3 irradiance, specular, hidden, lost, single, unshadowed;
     uint rays;
 };
 
@@ -43,6 +43,7 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
 {
     const bool highlights = p.highlights && light.environment < 0;
     Shine highlight = begin_highlight(light, p);
+    vec3 unused = vec3(0.0);
 
     if (highlights && (pc.flags & PELL_LIT_RESUME) != 0u)
         resume(state, highlight);
@@ -57,6 +58,8 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
             sums.rays++;
             if (open)
                 add_front(p, a, sums.irradiance, sums.single);
+            else if (highlights && is_flat(light))
+                add_front(p, a, sums.lost, unused);
             if (highlights)
                 add_highlight(light, p, a, open, highlight);
         }
@@ -87,9 +90,9 @@ void main()
     if (i >= pc.count || points[i].material == PELL_LIT_NONE)
         return;
     const bool highlights = (pc.flags & PELL_LIT_HIGHLIGHTS) != 0u, single = (pc.flags & PELL_LIT_SINGLE) != 0u;
-    const uint after = first + (highlights ? 3u : 1u), env = after + (single ? 1u : 0u);
+    const uint after = first + (highlights ? 1u + PELL_LIT_HIGHLIGHT_WORDS : 1u), env = after + (single ? 1u : 0u);
     Point p = load_point(i, highlights, single);
-    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0u);
+    Sums sums = Sums(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0u);
     int e = -1;
 
     if ((pc.flags & PELL_LIT_START) != 0u)
@@ -114,6 +117,7 @@ void main()
     if (highlights) {
         add(first + 1u, sums.specular, 0u);
         add(first + 2u, sums.hidden, 0u);
+        add(first + 3u, sums.lost, 0u);
     }
     if (single)
         add(after, sums.single, 0u);

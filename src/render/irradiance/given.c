@@ -83,8 +83,9 @@ void pell_take_lights(const struct job *job, struct packet *k)
             if (shows_highlights(job, k)) {
                 add_rgb(words(job, k, i, at), i, k->sums.specular);
                 add_rgb(words(job, k, i, at + 1), i, k->sums.hidden);
+                add_rgb(words(job, k, i, at + 2), i, k->sums.lost);
             }
-            at += 2;
+            at += PELL_LIT_HIGHLIGHT_WORDS;
         }
         if (job->p->apart)
             add_rgb(words(job, k, i, at), i, k->sums.single);
@@ -93,7 +94,7 @@ void pell_take_lights(const struct job *job, struct packet *k)
 
 void pell_take_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
 {
-    const size_t at = 1 + 2 * (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
+    const size_t at = 1 + PELL_LIT_HIGHLIGHT_WORDS * (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
     const bool known = job->entering && job->p->ambient && !k->behind;
 
     for (int i = 0; i < k->count; i++) {

@@ -20,11 +20,6 @@ static float face_area(const struct pell_light_data *light)
     return (light->type == PELL_LIGHT_DATA_DISC ? PELL_PI_F : 4.0f) * sqrtf(square);
 }
 
-static bool has_face(const struct pell_light_data *light)
-{
-    return light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
-}
-
 #define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
 
 /* The lobe toward a direction, by lane, Schlick's weight there, and the density with which directions are drawn there. */
@@ -105,7 +100,7 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
                                    const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
                                    const int32_t *restrict visible, struct pell_gloss *restrict gloss)
 {
-    const int places = has_face(light) ? PELL_GLOSS_POINTS : 1;
+    const int places = pell_light_has_face(light) ? PELL_GLOSS_POINTS : 1;
     _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], even[2][N] = { { 0 } }, grazing[2][N] = { { 0 } }, l[3][N], cosine[N];
 
     for (int i = 0; i < N; i++)
@@ -220,7 +215,7 @@ static void mirror(const struct pell_light_data *restrict light, const struct pe
 void PELL_SIMD(pell_begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_gloss *gloss)
 {
     const int points = light->samples * PELL_GLOSS_POINTS, directions = pell_gloss_directions(light->samples);
-    const float area = has_face(light) && light->image < 0 ? face_area(light) : 0.0f;
+    const float area = pell_light_has_face(light) && light->image < 0 ? face_area(light) : 0.0f;
 
     memset(gloss, 0, sizeof(*gloss));
     for (int i = 0; i < N && area > 0.0f; i++) {
@@ -248,6 +243,8 @@ void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const s
             const float seen = found > 0.0f ? open / found : gloss->seen[i] / all,
                         kept = gloss->odds[i] > 0.0f ? seen * gloss->whole[c][i] : open;
             sums->specular[c][i] += kept;
-            sums->hidden[c][i] += !has_face(light) ? 0.0f : gloss->odds[i] > 0.0f ? gloss->whole[c][i] - kept : gloss->hidden[c][i];
+            sums->hidden[c][i] += !pell_light_has_face(light) ? 0.0f
+                                  : gloss->odds[i] > 0.0f     ? gloss->whole[c][i] - kept
+                                                              : gloss->hidden[c][i];
         }
 }

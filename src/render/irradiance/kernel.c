@@ -282,6 +282,7 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
                   const struct pell_aim *restrict a, const int32_t *restrict visible, struct pell_gloss *gloss,
                   struct pell_sums *restrict sums)
 {
+    const bool faced = pell_light_has_face(light);
     _Alignas(64) float mu[N], transmitted[N], clear[N], facing[N], off[N];
 
     for (int i = 0; i < N; i++) {
@@ -296,9 +297,10 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
-            const float bent = facing[i] + p->shift[c][i] * (1.0f - 3.0f * mu[i] * mu[i]), enters = bent > 0.0f ? bent : 0.0f;
+            const float bent = clear[i] + p->shift[c][i] * (1.0f - 3.0f * mu[i] * mu[i]), enters = bent > 0.0f ? bent : 0.0f;
             const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, kept = add < BIG ? add : BIG;
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
+            sums->lost[c][i] += faced && clear[i] > facing[i] ? kept : 0.0f;
         }
     if (p->any_way)
         add_way(p, a, facing, transmitted, off, sums);
@@ -476,7 +478,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
             sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] =
-                sums->hidden[c][i] = 0.0f;
+                sums->hidden[c][i] = sums->lost[c][i] = 0.0f;
     memset(sums->way, 0, sizeof(sums->way));
     memset(sums->aside, 0, sizeof(sums->aside));
     memset(sums->way_in, 0, sizeof(sums->way_in));
@@ -561,7 +563,7 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
                   const int32_t *restrict index, int count, struct pell_lighting *out)
 {
     const ptrdiff_t rows = count == N ? square(index) : 0;
-    _Alignas(64) float irradiance[N], transmitted[N], single[N], way[N], leaves[N] = { 0 };
+    _Alignas(64) float irradiance[N], transmitted[N], single[N], lost[N], way[N], leaves[N] = { 0 };
 
     if (p->any_single) {
         transmittance(t, p, p->nv, leaves);
@@ -580,8 +582,12 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
         scatter(sums->specular[c], index, count, rows, out->specular[c]);
         if (out->single[c])
             scatter(single, index, count, rows, out->single[c]);
-        if (out->hidden[c])
+        if (out->hidden[c]) {
             scatter(sums->hidden[c], index, count, rows, out->hidden[c]);
+            for (int i = 0; i < N; i++)
+                lost[i] = sums->lost[c][i] * p->albedo[c][i];
+            scatter(lost, index, count, rows, out->lost[c]);
+        }
     }
     if (p->any_way)
         store_way(p, sums, index, count, rows, out);

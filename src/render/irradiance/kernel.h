@@ -95,11 +95,18 @@ struct pell_sums {
     float way[16];           /* of `transmitted`, all channels together, times the mm that it went straight */
     float unshadowed[3][16]; /* of an environment's lights that are in its smooth table, too */
     float single[3][16];     /* scattered once, below the surface */
-    float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way */
+    float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way, */
+    float lost[3][16];       /* and `irradiance` */
     float aside[3][16];      /* with lanes.any_way: what `shift` adds to `irradiance`, */
     float way_in[3][16];     /* the refracted directions of light that enters, without it, times its channels' sum, */
     float known[16];         /* and that sum */
 };
+
+/* Whether light comes from a face, so that its shadows have noise. */
+static inline bool pell_light_has_face(const struct pell_light_data *light)
+{
+    return light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
+}
 
 /* The highlight of one light. */
 struct pell_gloss {

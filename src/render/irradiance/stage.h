@@ -30,7 +30,8 @@ struct pell_lighting {
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
     float *single[3];      /* W/(m^2 sr), scattered once; written with `apart` */
     float *hidden[3];      /* W/(m^2 sr), with `shared`: what shadows took of the highlights of lights with a face; -1 where the surface
-                            * itself emits */
+                            * itself emits; */
+    float *lost[3];        /* W/m^2: and of `irradiance` */
     float *aside[3];       /* W/m^2, with `ways`: what of the light that enters was moved there by the shift of curvature/stage.h, */
     float *way_in[3];      /* and the mean refracted direction of the light, where it is not moved */
     int64_t shadow_rays;   /* by the cpu */
@@ -70,7 +71,7 @@ struct pell_irradiance_params {
     bool passed;                                         /* the method adds what thin parts let through: `indirect`'s is, too */
     bool between;                                        /* with `local`: `through` has what goes between faces */
     bool ways;                                           /* lighting->aside and way_in are wanted */
-    bool shared;                                         /* lighting->hidden is wanted */
+    bool shared;                                         /* lighting->hidden and lost are wanted */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;
 };

@@ -21,8 +21,8 @@ static const struct {
                 METHOD_BASES } },
     [LOOK_INSIDE] = { &pell_picture_inside_shader, { HITS, LIT, FRAME, MESHES, CORNERS, SHAPES, SOLIDS, BETWEEN, POINTS, INSIDES } },
     [FINISH] = { &pell_picture_finish_shader,
-                 { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, SKY, LIGHT, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
-    [SHARE_HIGHLIGHTS] = { &pell_picture_highlights_shader, { SHOWN, AROUND, FRAME, HIGHLIGHTS } },
+                 { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, SKY, ARRIVED, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
+    [SHARE_HIGHLIGHTS] = { &pell_picture_highlights_shader, { SHOWN, AROUND, FRAME, ENTERED, HIGHLIGHTS, LIGHT } },
     [LOOK_AT_ROWS] = { &pell_picture_rows_shader, { SURFACE, SHOWN, AROUND, THROUGH, FRAME, LIT, THICKNESS, MATERIALS, ROWS } },
     [SPREAD_SHARE] = { &pell_picture_spread_share_shader, { SURFACE, SHOWN, LIT, THICKNESS, FRAME, THROUGH, SPREAD_SUM } },
     [SPREAD_ACROSS] = { &pell_picture_spread_blur_shader, { SURFACE, AROUND, FRAME, SPREAD_SUM, SPREAD_HALF } },
@@ -55,6 +55,7 @@ static const struct {
     [THROUGH] = { "picture through", PELL_GPU_ON_DEVICE, 16, PIXEL, 0 },
     [SINGLE] = { "picture single", PELL_GPU_ON_DEVICE, 16, PIXEL, PELL_PICTURE_SINGLE },
     [HIGHLIGHTS] = { "picture highlights", PELL_GPU_ON_DEVICE, 16, PIXEL, PELL_PICTURE_SHARED },
+    [ENTERED] = { "picture light before shadows are shared", PELL_GPU_ON_DEVICE, 16, PIXEL, PELL_PICTURE_SHARED },
     [SPREAD_SUM] = { "picture spread, sum", PELL_GPU_ON_DEVICE, 16, PIXEL, PELL_PICTURE_SPREADS },
     [SPREAD_HALF] = { "picture spread, half", PELL_GPU_ON_DEVICE, 16, PIXEL, PELL_PICTURE_SPREADS },
     [SUM] = { "picture sum", PELL_GPU_ON_DEVICE, 16, PIXEL, 0 },
@@ -191,6 +192,7 @@ static void borrow(struct pell_picture_device *d, const struct pell_picture_samp
     if (s->pass)
         pell_pass_planes(s->pass, planes);
     d->buffers[LIGHT] = planes[PELL_GPU_PLANE_LIGHT];
+    d->buffers[ARRIVED] = picture_flags(s) & PELL_PICTURE_SHARED ? d->buffers[ENTERED] : d->buffers[LIGHT];
     d->buffers[SURFACE] = planes[PELL_GPU_PLANE_SURFACE];
     d->buffers[RESULT] = planes[PELL_GPU_PLANE_RESULT];
     d->buffers[METHOD_HITS] = planes[PELL_GPU_PLANE_HIT];

@@ -11,7 +11,7 @@
 _Static_assert(sizeof(struct pell_picture_frame) == 128 && AT(pell_picture_frame, width, 64) && AT(pell_picture_frame, flags, 96) &&
                    sizeof(struct pell_picture_material) == 144 && AT(pell_picture_material, flags, 128) &&
                    sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 128 &&
-                   sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 32 &&
+                   sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 48 &&
                    sizeof(struct pell_picture_row) == 64 && sizeof(struct pell_picture_push) == 20 && sizeof(struct pell_spread_push) == 52,
                "as std430 lays them out");
 
@@ -115,7 +115,7 @@ void picture_fill(const struct pell_picture_device *d, const struct pell_picture
     fill_keys(s, pell_gpu_buffer_host(d->buffers[KEYS_UP]));
     *frame = (struct pell_picture_frame) {
         .origin = xyz_and(v->origin, v->focal_px),
-        .forward = xyz_and(v->forward, 0.0f),
+        .forward = xyz_and(v->forward, (float) s->rays),
         .right = xyz_and(v->right, v->shift_x),
         .up = xyz_and(v->up, v->shift_y),
         .width = v->width,

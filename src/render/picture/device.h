@@ -32,6 +32,7 @@ struct pell_picture_sample {
     struct pell_pass *pass;                          /* NULL: nothing scatters */
     bool spreads;                                    /* what goes straight through is spread */
     struct pell_post_device *lens;                   /* makes depth of field of it; NULL: there is none */
+    int rays;                                        /* of a pixel, for each light */
     uint32_t version;                                /* counts the changes of what `irradiance` knows of solids */
 };
 

@@ -50,7 +50,7 @@
 
 /* Of a sample. */
 struct pell_picture_frame {
-    PELL_VEC4 origin, forward, right, up;  /* of struct pell_view; w: focal_px; unused; shift_x; shift_y */
+    PELL_VEC4 origin, forward, right, up;  /* of struct pell_view; w: focal_px; rays of a pixel for each light; shift_x; shift_y */
     int32_t width, height, pitch, columns; /* px; of tiles */
     int32_t x0, y0, x1, y1;                /* of the picture, that may be covered */
     uint32_t flags, seed, sample_number;
@@ -100,7 +100,8 @@ struct pell_picture_shown {
 
 /* What stages that look around a pixel read. */
 struct pell_picture_around {
-    PELL_VEC4 hidden; /* of struct pell_lighting */
+    PELL_VEC4 hidden; /* of struct pell_lighting; w: bits of numbers of rays */
+    PELL_VEC4 lost;   /* the same; w unused */
     PELL_VEC4 normal; /* geometric; w: depth */
 };
 

@@ -21,6 +21,7 @@ enum picture_buffer {
     THROUGH,
     SINGLE,
     HIGHLIGHTS,
+    ENTERED, /* light before its shadows are shared */
     SPREAD_SUM,
     SPREAD_HALF,
     SUM,
@@ -36,6 +37,7 @@ enum picture_buffer {
     NO_SURFACE,
     BUFFERS,
     LIGHT = BUFFERS, /* the method's */
+    ARRIVED,         /* LIGHT or ENTERED */
     SURFACE,
     RESULT,
     METHOD_HITS,

@@ -9,7 +9,7 @@
 //   in  6 tables    as buffers.glsl has them, then mean albedos
 //   in  7 frame
 //   in  8 sky       where there are environments: pell_lights_environment_words
-//   out 9 light     irradiance that enters, and depth: the method's plane
+//   out 9 light     irradiance that enters, and depth: the method's plane, or where shadows are shared what highlights.comp makes it of
 //   out 10 surface  the method's, too: its material, and strength
 //   out 11 shown    12 around   13 through (w: mm)   14 single
 layout(local_size_x = 64) in;
@@ -40,7 +40,7 @@ layout(push_constant) uniform Push { pell_picture_push pc; };
 
 // What has arrived at a point.
 struct Arrived {
-    vec3 irradiance, specular, hidden, single, transmitted;
+    vec3 irradiance, specular, hidden, lost, single, transmitted;
     float way; // of `transmitted`, all channels together, times the mm that it went straight
 };
 
@@ -69,7 +69,8 @@ Arrived arrived_at(uint i, uint material)
     a.irradiance = word(first);
     a.specular = hits[i].emissive.rgb + word(first + 1u);
     a.hidden = word(first + 2u);
-    a.single = has(PELL_PICTURE_SINGLE) ? word(first + 3u) : vec3(0.0);
+    a.lost = word(first + 3u);
+    a.single = has(PELL_PICTURE_SINGLE) ? word(first + 1u + PELL_LIT_HIGHLIGHT_WORDS) : vec3(0.0);
     a.transmitted = straight ? word(first + pc.through) : vec3(0.0);
     a.way = straight ? uintBitsToFloat(results[first + pc.through].a) : 0.0;
     return a;
@@ -88,7 +89,8 @@ uint rays_of(uint i, uint material)
 // What environments send but for their lights, those that are not in their smooth rest.
 void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
 {
-    const uint env = i * pc.results + 3u + (has(PELL_PICTURE_SINGLE) ? 1u : 0u), exit = i * pc.results + pc.through;
+    const uint env = i * pc.results + 1u + PELL_LIT_HIGHLIGHT_WORDS + (has(PELL_PICTURE_SINGLE) ? 1u : 0u);
+    const uint exit = i * pc.results + pc.through;
     const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, enter = seen[lobe.material].enter_mean.rgb;
     const pell_lit_material m = materials[lobe.material];
     const float mu = pell_saturate(dot(normal, view)), off = pell_angle_off(m.inverse_eta2, mu);
@@ -125,6 +127,7 @@ void put_inside(uint i, uint material, inout Arrived a)
     a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
     a.transmitted += n.behind.rgb;
     a.irradiance *= n.all.rgb;
+    a.lost *= n.all.rgb;
     a.single *= n.once.rgb;
     const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
@@ -136,7 +139,7 @@ void put_inside(uint i, uint material, inout Arrived a)
 vec3 arrived_behind(uint i, Lobe lobe, float rho_s)
 {
     const uint at = i + pc.behind;
-    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
+    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
 
     if (has(PELL_PICTURE_SKY))
         add_environments(at, lobe, rho_s, a);
@@ -167,7 +170,7 @@ void clear(int at)
     surface[at] = uvec2(0u);
     shown[at].factor = vec4(0.0);
     shown[at].specular = vec4(0.0);
-    around[at].hidden = vec4(0.0);
+    around[at].hidden = around[at].lost = vec4(0.0);
     around[at].normal = vec4(0.0);
     through[at] = vec4(0.0);
 }
@@ -211,6 +214,7 @@ void main()
     shown[p.at].factor = vec4(factor, uintBitsToFloat(number + 1u));
     shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * met.r, counts.g * met.g, counts.b * met.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
+    around[p.at].lost = vec4(a.lost * albedo * hits[i].sheet.w, 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
     through[p.at] = vec4(passed, all > 0.0 ? a.way / all : 0.0);
     if (has(PELL_PICTURE_SINGLE)) {

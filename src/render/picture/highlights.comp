@@ -1,25 +1,37 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// highlights.comp - shadows of highlights, shared by the pixels around each. Mirror of highlights/cpu.c and kernel.c.
-//   in  0 shown   1 around   2 frame
-//   out 3 shared  what is mirrored
+// highlights.comp - shadows, shared by the pixels around each. Mirror of highlights/cpu.c and kernel.c.
+//   in  0 shown   1 around   2 frame   3 entered, of finish.comp
+//   out 4 shared  what is mirrored
+//   out 5 light   what enters, and depth: the method's plane
 layout(local_size_x = 8, local_size_y = 8) in;
 #include "render/picture/device_data.h"
 #include "shared/highlights.h"
 layout(set = 0, binding = 0) readonly buffer Shown { pell_picture_shown shown[]; };
 layout(set = 0, binding = 1) readonly buffer Around { pell_picture_around around[]; };
 layout(set = 0, binding = 2) readonly buffer Frame { pell_picture_frame fr; };
-layout(set = 0, binding = 3) writeonly buffer Highlights { vec4 given[]; };
+layout(set = 0, binding = 3) readonly buffer Entered { vec4 entered[]; };
+layout(set = 0, binding = 4) writeonly buffer Highlights { vec4 given[]; };
+layout(set = 0, binding = 5) writeonly buffer Light { vec4 light[]; };
 
 const int REACH = PELL_HIGHLIGHTS_REACH;
+
+// Light after it was shared, of a channel of a pixel: `seen` of `all` around it, and of the nine next to it.
+float shared_light(float light, float hidden, float seen, float all, float next_seen, float next_all)
+{
+    const float wide = seen / (all > 0.0 ? all : 1.0), next = next_all > 0.0 ? next_seen / next_all : wide;
+
+    return pell_highlights_shared(light, hidden, pell_highlights_seen(next, wide, fr.forward.w), seen, all);
+}
 
 void main()
 {
     const ivec2 p = ivec2(gl_GlobalInvocationID.xy) + ivec2(fr.x0, fr.y0), low = max(p - REACH, ivec2(fr.x0, fr.y0)),
                 high = min(p + REACH, ivec2(fr.x1, fr.y1) - 1);
     const int at = p.y * fr.pitch + p.x;
-    vec3 mirrored = vec3(0.0), all = vec3(0.0);
+    // sums of what is mirrored, what would be, what enters, and what would: around the pixel, and of the nine next to it
+    vec3 sum[4] = vec3[4](vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)), next[4] = sum;
 
     if (p.x >= fr.x1 || p.y >= fr.y1)
         return;
@@ -27,7 +39,9 @@ void main()
     const vec3 specular = shown[at].specular.rgb, hidden = around[at].hidden.rgb;
     const vec4 normal = around[at].normal;
     const float reach = (normal.w * fr.depth_mm + fr.fixed_mm) * PELL_HIGHLIGHTS_SLOPE;
+    const vec4 own = entered[at];
     given[at] = vec4(specular, 0.0);
+    light[at] = own;
     if (material == 0u || hidden.r < 0.0)
         return;
     for (int y = low.y; y <= high.y; y++)
@@ -36,11 +50,18 @@ void main()
             const vec4 beyond = around[there].normal;
             if (floatBitsToUint(shown[there].factor.w) != material || around[there].hidden.r < 0.0)
                 continue;
-            const float w = float((REACH + 1 - abs(x - p.x)) * (REACH + 1 - abs(y - p.y))) *
-                            pell_highlights_alike(dot(normal.xyz, beyond.xyz), abs(beyond.w - normal.w), reach);
-            mirrored += w * shown[there].specular.rgb;
-            all += w * (shown[there].specular.rgb + around[there].hidden.rgb);
+            const int u = abs(x - p.x), v = abs(y - p.y);
+            const float alike = pell_highlights_alike(dot(normal.xyz, beyond.xyz), abs(beyond.w - normal.w), reach);
+            const float w = float((REACH + 1 - u) * (REACH + 1 - v)) * alike, near = float(max(2 - u, 0) * max(2 - v, 0)) * alike;
+            const vec3 seen = shown[there].specular.rgb, open = entered[there].rgb;
+            const vec3 here[4] = vec3[4](seen, seen + around[there].hidden.rgb, open, open + around[there].lost.rgb);
+            for (int k = 0; k < 4; k++) {
+                sum[k] += w * here[k];
+                next[k] += near * here[k];
+            }
         }
-    for (int c = 0; c < 3; c++)
-        given[at][c] = pell_highlights_shared(specular[c], hidden[c], mirrored[c], all[c]);
+    for (int c = 0; c < 3; c++) {
+        given[at][c] = shared_light(specular[c], hidden[c], sum[0][c], sum[1][c], next[0][c], next[1][c]);
+        light[at][c] = shared_light(own[c], around[at].lost[c], sum[2][c], sum[3][c], next[2][c], next[3][c]);
+    }
 }
