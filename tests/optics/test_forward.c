@@ -160,11 +160,94 @@ static void beams_are_as_strong_as_photons_say(void **state)
     }
 }
 
+/* --- Broad beams -------------------------------------------------------------------------------------------------------------------- */
+
+enum { ANGLES = 5 };
+static const double angles[ANGLES + 1] = { 0.0, 10.0, 20.0, 30.0, 45.0, 80.0 }; /* degrees to the beam */
+
+/* Share of a broad beam at the cosine `enters` to the normal of a slab `thick` mm thick, without a boundary, that goes through at each
+ * angle and was scattered. */
+static void pass_slab(double sigma_a, double sigma_s, double g, double enters, double thick, double sum[ANGLES])
+{
+    const struct pell_vec3 beam = vec3((float) sqrt(1.0 - enters * enters), 0, (float) enters);
+    uint64_t random = 11;
+
+    memset(sum, 0, ANGLES * sizeof(*sum));
+    for (int i = 0; i < PHOTONS; i++) {
+        struct pell_vec3 w = beam;
+        double z = 0.0, weight = 1.0;
+        for (int event = 0; weight > 1e-7; event++) {
+            const double d = -log(uniform(&random)) / sigma_s, up = (double) w.z, to = up > 0.0 ? (thick - z) / up : -z / up;
+            if (to < d) {
+                const double angle = acos(fmin((double) vec3_dot(w, beam), 1.0)) * 180.0 / PELL_PI;
+                for (int k = 0; k < ANGLES && up > 0.0 && event > 0; k++)
+                    if (angle >= angles[k] && angle < angles[k + 1])
+                        sum[k] += weight * exp(-sigma_a * to) / PHOTONS;
+                break;
+            }
+            z += d * up;
+            weight *= exp(-sigma_a * d);
+            w = scattered(w, g, &random);
+        }
+    }
+}
+
+/* The same by the law. */
+static double pass_law(const struct pell_forward *f, double enters, double thick, double from, double to)
+{
+    enum { RINGS = 60, SECTORS = 40 };
+    const double sine = sqrt(1.0 - enters * enters), step = (to - from) / RINGS;
+    double sum = 0.0;
+
+    for (int i = 0; i < RINGS; i++)
+        for (int j = 0; j < SECTORS; j++) {
+            const double angle = from + (i + 0.5) * step, azimuth = (j + 0.5) * 2.0 * PELL_PI / SECTORS;
+            const double leaves = enters * cos(angle) - sine * sin(angle) * cos(azimuth), mean = sqrt(enters * fmax(leaves, 0.0));
+            float cosine, left;
+            if (!(leaves > 0.05))
+                continue;
+            left = pell_forward_broad(f, 0, (float) (thick / mean), &cosine);
+            sum += (double) (left * pell_forward_phase(cosine, (float) cos(angle))) / mean * leaves * sin(angle) * step * 2.0 * PELL_PI /
+                   SECTORS;
+        }
+    return sum;
+}
+
+static void broad_beams_are_what_goes_through_slabs(void **state)
+{
+    /* ruby grapefruit juice's R and G, shampoo's R, strawberry shampoo's R */
+    static const double media[][3] = {
+        { 0.0859, 0.155, 0.929 }, { 0.183, 0.154, 0.929 }, { 0.0141, 0.00797, 0.91 }, { 0.01449, 0.002147, 0.927 }
+    };
+    (void) state;
+
+    for (size_t i = 0; i < PELL_COUNT(media); i++)
+        for (int n = 0; n < 6; n++) {
+            const double a = media[i][0], s = media[i][1], g = media[i][2], unit = 1.0 / (a + s * (1.0 - g));
+            const double enters = n < 3 ? 1.0 : 0.75, thick = n % 3 == 0 ? 0.3 : n % 3;
+            const struct pell_medium m = medium_of(a, s, g);
+            struct pell_forward f;
+            double photons[ANGLES], all = 0.0, sum = 0.0;
+            REQUIRE(pell_forward_make(&m, &f));
+            pass_slab(a, s, g, enters, thick * unit, photons);
+            for (int k = 0; k < ANGLES; k++) {
+                const double law = pass_law(&f, enters, thick * unit, angles[k] * PELL_PI / 180.0, angles[k + 1] * PELL_PI / 180.0);
+                print_message("# medium %zu, %g mean free paths at %.2f, %2.0f degrees: %.2f of %.2g\n", i, thick, enters, angles[k],
+                              law / photons[k], photons[k]);
+                REQUIRE(law > (thick > 1.5 ? 0.66 : 0.8) * photons[k] && law < 1.16 * photons[k]);
+                all += photons[k];
+                sum += law;
+            }
+            REQUIRE(sum > (thick > 1.5 ? 0.8 : 0.9) * all && sum < 1.05 * all);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(beams_fall_as_discrete_ordinates_say),
         cmocka_unit_test(beams_are_as_strong_as_photons_say),
+        cmocka_unit_test(broad_beams_are_what_goes_through_slabs),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -216,6 +216,48 @@ static void media_that_say_nothing_are_left_alone(void **state)
     REQUIRE(R[0] == 0.5f && R[1] == 0.5f && R[2] == 0.5f);
 }
 
+static float uniform(uint32_t *state)
+{
+    *state = *state * 1664525u + 1013904223u;
+    return (float) (*state >> 8) * 0x1p-24f;
+}
+
+static struct pell_vec3 direction(uint32_t *state)
+{
+    const float z = 2.0f * uniform(state) - 1.0f, azimuth = 6.2831853f * uniform(state), s = sqrtf(1.0f - z * z);
+
+    return vec3(s * cosf(azimuth), s * sinf(azimuth), z);
+}
+
+/* Where a free path is as long as parts are thick, sources of some places lie at others. What enters over an area brings no more there than
+ * an area of even light that is as near as it is wide. */
+static void sources_are_as_wide_as_what_enters(void **state)
+{
+    const struct pell_medium m = medium_of(0.009, 0.004, 1.3);
+    const float area = 1.0f;
+    float most = 0.0f, of_points = 0.0f;
+    struct pell_opposed o;
+    uint32_t random = 1;
+    (void) state;
+
+    REQUIRE(pell_opposed_make(&m, &o));
+    for (int i = 0; i < 300000; i++) {
+        const struct pell_vec3 n = direction(&random), x = direction(&random), w = direction(&random);
+        const struct pell_vec3 t = vec3_mul(vec3_mad(w, -vec3_dot(w, n), n), 0.75f), source = vec3_mul(vec3_sub(t, n), o.depth[0]);
+        const struct pell_vec3 v = vec3_mad(vec3_mad(source, -o.beyond[0], x), 2.0f * uniform(&random), direction(&random));
+        struct pell_opposed_pair pair = { vec3_dot(v, v), vec3_dot(n, v), vec3_dot(x, v), vec3_dot(x, n),
+                                          0.0f,           vec3_dot(t, v), vec3_dot(t, x), vec3_dot(t, t) };
+        float through[3];
+        pell_opposed_split(&o, &pair, through);
+        of_points = fmaxf(of_points, through[0] * area / o.amount[0]);
+        pair.area = area;
+        pell_opposed_split(&o, &pair, through);
+        most = fmaxf(most, through[0] * area / o.amount[0]);
+    }
+    print_message("# at most %.3f of a source, %.3g of points\n", (double) most, (double) of_points);
+    REQUIRE(most > 0.05f && most < 1.0f && of_points > 10.0f);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -226,6 +268,7 @@ int main(void)
         cmocka_unit_test(a_plane_keeps_its_profile_and_air_carries_nothing),
         cmocka_unit_test(the_gain_keeps_even_light),
         cmocka_unit_test(media_that_say_nothing_are_left_alone),
+        cmocka_unit_test(sources_are_as_wide_as_what_enters),
     };
 
     return cmocka_run_group_tests_name("optics.opposed", tests, NULL, NULL);

@@ -4,6 +4,8 @@
 
 #include "math/vec.h"
 
+#include <pellucid/layers.h>
+
 #define MOMENTS 200 /* enough for the exponential of g = 0.98 */
 
 /* The exponential by which a beam falls in the depth. Moments of its radiance obey k ((l + 1) psi_(l+1) + l psi_(l-1)) = (2 l + 1) h psi_l,
@@ -31,6 +33,29 @@ static double beam_exponent(double sigma_a, double sigma_s, double g)
     return 1.0 / high;
 }
 
+/* What broad beams leave of a slab's T, light at right angles. */
+static void make_rest(const struct pell_medium *medium, struct pell_forward *f)
+{
+    const double enters = 1.0 - pell_fresnel(medium->eta, 1.0);
+    double least = INFINITY;
+
+    for (int c = 0; c < 3; c++)
+        least = f->reduced[c] > 0.0f ? fmin(least, (double) f->reduced[c]) : least;
+    f->thickest = (float) ((double) PELL_FORWARD_FAR / least);
+    for (int c = 0; c < 3; c++) {
+        struct pell_slab slab;
+        const bool known = f->unscattered[c] > 0.0f && pell_slab_make(medium, c, &slab);
+        for (int i = 0; i < PELL_FORWARD_STEPS; i++) {
+            const double place = (double) i / (PELL_FORWARD_STEPS - 1), d = (double) f->thickest * place * place;
+            const double T = known ? pell_slab_at(&slab, d).transmitted : 0.0;
+            float cosine;
+            f->rest[i][c] = T > 0.0 ? (float) fmax(1.0 - enters * (double) pell_forward_broad(f, c, (float) d, &cosine) / T, 0.0)
+                            : known ? 0.0f
+                                    : 1.0f;
+        }
+    }
+}
+
 bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *out)
 {
     bool any = false;
@@ -51,5 +76,7 @@ bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *ou
         out->spread[c] = (float) fmax(beam_exponent(a, sigma_s, g) - a, 0.0);
         any = true;
     }
+    if (any)
+        make_rest(medium, out);
     return any;
 }

@@ -17,6 +17,15 @@
  * and there it goes on about v by p(; exp(-t/4)), so that what leaves depends on where it is seen from. p is Henyey and Greenstein's
  * function, whose moments exp(-l t) a beam has, with a peak that is no narrower than samples of a surface are apart, and none of it at
  * right angles and beyond: what turns as far is the diffuse light's.
+ *
+ * A broad beam, wider than it spreads, has radiance in place of flux. It is weaker by 1/cosh(x) and turns by t tanh(x)/x, since its ways
+ * may end anywhere. What was scattered has the mean cosine g1 of all that goes on, less what was not:
+ *
+ *     radiance = E (exp(-sigma_a r)/cosh(x) - exp(-sigma_t r)) p(c; g1)/n
+ *     g1 = (exp(-t tanh(x)/x) - exp(-s))/(1 - exp(-s)),   s = sigma_s r
+ *
+ * c the cosine to the beam, E its irradiance where it enters and n the cosine to the normal there; p whole. Up to a mean free path this is
+ * all that goes through a slab: no share of it leaves to all sides.
  */
 #ifndef PELL_FORWARD_H
 #define PELL_FORWARD_H
@@ -34,6 +43,7 @@
 #define PELL_FORWARD_ALL 0.95f      /* and from which on all */
 #define PELL_FORWARD_FAR 25.0f      /* optical thickness: beyond, nothing is left */
 #define PELL_FORWARD_SHARPEST 50.0f /* peak of light that leaves */
+enum { PELL_FORWARD_STEPS = 40 };   /* of a table by thickness */
 
 struct pell_forward {
     float reduced[3];     /* 1/mm: sigma_t', */
@@ -42,6 +52,8 @@ struct pell_forward {
     float turned[3];      /* sigma_s', */
     float spread[3];      /* and kappa - sigma_a, kappa the exponential by which beams fall in the depth */
     float leaves;         /* what leaves has the radiance inside over eta^2; exitance of even light that has as much, over that inside */
+    float thickest;       /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick: */
+    float rest[PELL_FORWARD_STEPS][3]; /* of what they transmit, the share that is no broad beam's, and leaves to all sides */
 };
 
 /* False where no channel scatters forward. */
@@ -95,6 +107,27 @@ static inline void pell_forward_at(const struct pell_forward *f, float d2, float
             cosine[k] = expf(-PELL_FORWARD_EXIT * t);
         }
     }
+}
+
+/* What is left of a broad beam after r mm and was scattered, and the mean cosine of its directions. */
+static inline float pell_forward_broad(const struct pell_forward *f, int k, float r, float *cosine)
+{
+    const float x = f->spread[k] * r, e = expf(-x), e2 = e * e, s = (f->unscattered[k] - f->lost[k]) * r, straight = expf(-s);
+    const float turned = f->turned[k] * r * (x > 0.1f ? (1.0f - e2) / ((1.0f + e2) * x) : 1.0f);
+    const float left = expf(-f->lost[k] * r) * 2.0f * e / (1.0f + e2) - expf(-f->unscattered[k] * r);
+
+    *cosine = s > 1e-3f ? (expf(-turned) - straight) / (1.0f - straight) : 1.0f - f->turned[k] / (f->unscattered[k] - f->lost[k]);
+    return f->unscattered[k] > 0.0f && left > 0.0f ? left : 0.0f;
+}
+
+/* The share of a slab's T that leaves to all sides; `apart`: how far broad beams are apart from it. */
+static inline float pell_forward_rest(const struct pell_forward *f, int k, float d, float apart)
+{
+    const float place = sqrtf(d / f->thickest) * (PELL_FORWARD_STEPS - 1);
+    const int i = place < PELL_FORWARD_STEPS - 2 ? (int) place : PELL_FORWARD_STEPS - 2;
+    const float on = place - (float) i, rest = f->rest[i][k] + (on < 1.0f ? on : 1.0f) * (f->rest[i + 1][k] - f->rest[i][k]);
+
+    return 1.0f - apart * (1.0f - rest);
 }
 
 /* p toward `inside`, unit, of light whose mean direction is `mean`, as long as its mean cosine. */

@@ -50,6 +50,8 @@ struct pell_opposed_pair {
     float curvature;                   /* mean, 1/mm */
     float along, turned, aside2;       /* t.v, t.n_x, t.t; t: part along the surface of the refracted direction in which light enters. 0: at
                                         * right angles */
+    float area; /* mm^2, that it enters over; 0: a point. The source counts as no nearer to x than half as far as that is wide, or as the
+                 * source is deep: where a free path is as long as a part is thick, sources of some samples lie at others */
 };
 
 /* (1 + s) exp(-s)/(4 pi d^3) at a squared distance. */
@@ -87,7 +89,8 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
         const float aside = o->depth[c], goes = p->to - aside * p->turned, far = goes - p->from;
         const float from = p->from - e * apart, to = goes + e * apart;
         const float d2 = p->distance2 + aside * (aside * p->aside2 - 2.0f * p->along) + 2.0f * e * (far + e * apart);
-        const float near2 = d2 + z * (z + 2.0f * from), far2 = d2 + z * (z - 2.0f * from);
+        const float point2 = d2 + z * (z + 2.0f * from), least2 = 0.25f * (p->area < z * z ? p->area : z * z);
+        const float near2 = point2 > least2 ? point2 : least2, far2 = d2 + z * (z - 2.0f * from);
         const float flux = (to + z * p->facing) * pell_opposed_pull(k, near2) - (to - z * p->facing) * pell_opposed_pull(k, far2);
         const float d = sqrtf(d2 > 0.0f ? d2 : 0.0f), s = k * d, q = s * (1.0f / 4.8f), fallen = expf(-s), arc = bent / out * d;
         const float C = (2.0f + 0.6f * fallen) / (1.0f + arc * sqrtf(arc) * (0.5f * fallen + 1.0f / (1.0f + q * q)));

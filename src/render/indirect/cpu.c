@@ -40,6 +40,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->value);
     pell_free(in->ctx, in->inside);
     pell_free(in->ctx, in->beam);
+    pell_free(in->ctx, in->ahead);
     pell_free(in->ctx, in);
     *indirect = NULL;
 }

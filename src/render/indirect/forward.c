@@ -6,8 +6,7 @@
 #include "render/indirect/internal.h"
 
 enum { CHUNK = 128 };
-#define WIDEST 5.0f     /* peak of a beam, see forward.h: where samples are as far apart as they are from its end, */
-#define SHARPEST 100.0f /* and where they are near */
+#define SHARPEST 100.0f /* peak of a beam, see forward.h: where samples are near to each other */
 #define SHARP 3.0f      /* over the solid angle of a sample */
 #define ERROR 0.1f      /* sr: solid angle of a node that counts as one */
 #define MEAN 0.5f       /* least squared length of the mean of a node's normals, and of its ways */
@@ -22,15 +21,16 @@ static void add_beam(const struct pell_forward *law, const struct indirect_sampl
                      const float way[3], const float power[3], float area, struct pell_indirect_beam *sum)
 {
     const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), w = vec3_load(way);
-    const float d2 = vec3_dot(v, v), d = sqrtf(d2), along = sqrtf(vec3_dot(w, w));
+    const float d2 = vec3_dot(v, v), d = sqrtf(d2), along = sqrtf(vec3_dot(w, w)), far = pell_indirect_far(d, to->spacing);
     float flux[3], cosine[3];
 
-    if (!(vec3_dot(to->normal, v) > 0.0f && vec3_dot(vec3_load(normal), v) < 0.0f && vec3_dot(w, v) > 0.0f)) /* see pell_forward_lobe */
+    if (!(far > 0.0f && vec3_dot(to->normal, v) > 0.0f && vec3_dot(vec3_load(normal), v) < 0.0f &&
+          vec3_dot(w, v) > 0.0f)) /* see pell_forward_lobe */
         return;
-    pell_forward_at(law, d2, fminf(vec3_dot(w, v) / (d * along), 1.0f), fminf(along, 1.0f),
-                    fminf(fmaxf(SHARP * d2 / area, WIDEST), SHARPEST), flux, cosine);
+    pell_forward_at(law, d2, fminf(vec3_dot(w, v) / (d * along), 1.0f), fminf(along, 1.0f), fminf(SHARP * d2 / area, SHARPEST), flux,
+                    cosine);
     for (int c = 0; c < 3; c++) {
-        const float light = power[c] * flux[c], goes = light * cosine[c] / d;
+        const float light = far * power[c] * flux[c], goes = light * cosine[c] / d;
         sum->light[c] += light;
         sum->way[c][0] += goes * v.x;
         sum->way[c][1] += goes * v.y;

@@ -85,7 +85,7 @@ union indirect_inside {
 };
 _Static_assert(sizeof(struct pell_indirect_inside) <= INDIRECT_INSIDE * sizeof(float), "all of it");
 _Static_assert(offsetof(struct pell_indirect_insides, beam) == INDIRECT_INSIDE * sizeof(float[16]), "the same, of 16 points");
-#define INDIRECT_BEAM 12
+#define INDIRECT_BEAM 16
 _Static_assert(sizeof(struct pell_indirect_beam) == INDIRECT_BEAM * sizeof(float), "all of it");
 
 struct pell_indirect {
@@ -123,6 +123,7 @@ struct pell_indirect {
                                           * across */
     union indirect_inside *inside;       /* of values; NULL: not p.through */
     struct pell_indirect_beam *beam;     /* of values; NULL: nothing is scattered forward */
+    struct pell_indirect_ahead *ahead;   /* per scene material; NULL as beam */
 };
 
 /* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */

@@ -66,6 +66,11 @@ bool pell_indirect_has_beams(const struct pell_indirect *in)
     return in->beam != NULL;
 }
 
+const struct pell_indirect_ahead *pell_indirect_ahead(const struct pell_indirect *in, size_t material)
+{
+    return in->ahead && material < in->p.scene->num_materials && in->ahead[material].is ? &in->ahead[material] : NULL;
+}
+
 struct correct {
     const struct pell_indirect *in;
     const struct pell_view *view;

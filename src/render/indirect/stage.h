@@ -91,15 +91,17 @@ struct pell_indirect_inside {
 };
 /* Light there that was scattered forward. */
 struct pell_indirect_beam {
-    float light[3]; /* its radiance, times what light that leaves evenly has exitance for, W/m^2 without its albedo; where a slab's T stands
-                      * for it there is less */
+    float light[3];  /* its radiance, times what light that leaves evenly has exitance for, W/m^2 without its albedo; without what entered
+                      * near, see pell_indirect_far */
     float way[3][3]; /* and the mean of its directions, times that */
+    float spacing;   /* mm between samples there; 0: there is none */
+    float none[3];
 };
 /* The same at 16 points. */
 struct pell_indirect_insides {
     _Alignas(64) float thick[3][16], through[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], none[16];
-    float beam[3][16], way[3][3][16];
-    bool beams; /* else these two are not written */
+    float beam[3][16], way[3][3][16], spacing[16], unused[3][16];
+    bool beams; /* else these are not written */
 };
 /* At points of triangles: mesh, triangle, u and v of `at`; nothing where `ask` is 0. */
 void pell_indirect_look(const struct pell_indirect *indirect, const struct pell_points16 *at, const int32_t *ask,
@@ -113,6 +115,25 @@ static inline float pell_beam_toward(const struct pell_indirect_insides *q, int 
     const float mean[3] = { over * q->way[c][0][i], over * q->way[c][1][i], over * q->way[c][2][i] };
 
     return q->beam[c][i] > 0.0f ? q->beam[c][i] * pell_forward_toward(mean, inside) : 0.0f;
+}
+
+/* What is scattered forward through a material. */
+struct pell_indirect_ahead {
+    struct pell_forward law;
+    float apart[3]; /* how far it is apart from diffuse light; */
+    float share[3]; /* radiance inside is multiplied by that for what struct pell_indirect_beam holds */
+    bool is;
+};
+/* NULL: nothing is. */
+const struct pell_indirect_ahead *pell_indirect_ahead(const struct pell_indirect *indirect, size_t material);
+
+#define PELL_INDIRECT_NEAR 2.0f   /* times the distance of samples: light that entered nearer is not summed, */
+#define PELL_INDIRECT_BEYOND 4.0f /* and farther all of it */
+/* How far the sum over samples has light that was scattered forward and entered `distance` mm away. Where it entered is not known as
+ * well as that for what is near: rays look for it (irradiance/transmission.c). */
+static inline float pell_indirect_far(float distance, float spacing)
+{
+    return smooth_ramp(PELL_INDIRECT_NEAR * spacing, PELL_INDIRECT_BEYOND * spacing, distance);
 }
 
 /* Whether anything in it is scattered forward: pell_indirect_words has none of that. */

@@ -180,8 +180,9 @@ static void add_pair(const struct pell_opposed *law, const struct indirect_sampl
 {
     const struct pell_vec3 v = vec3_sub(to->position, vec3_load(from->position)), n = vec3_load(from->normal), w = vec3_load(from->way);
     const struct pell_vec3 t = vec3_mad(w, -vec3_dot(w, n), n);
-    const struct pell_opposed_pair pair = { vec3_dot(v, v),  vec3_dot(n, v), vec3_dot(to->normal, v), vec3_dot(to->normal, n),
-                                            from->curvature, vec3_dot(t, v), vec3_dot(t, to->normal), vec3_dot(t, t) };
+    const struct pell_opposed_pair pair = { vec3_dot(v, v),          vec3_dot(n, v), vec3_dot(to->normal, v),
+                                            vec3_dot(to->normal, n), from->curvature, vec3_dot(t, v),
+                                            vec3_dot(t, to->normal), vec3_dot(t, t), from->area };
     const float unseen = pell_opposed_unseen(pair.facing), far2 = FAR * FAR;
     float through[3];
     bool is[3];
@@ -308,12 +309,11 @@ static enum pell_result send_beams(const struct send *s, struct pell_pool *pool)
     for (size_t i = 0; i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
         struct pell_indirect_beam *beam = &s->beam[s->list[i]];
-        const float fine = fine_enough(1.0f / s->thickness[s->list[i]], to->spacing);
+        const float *share = s->in->ahead[to->material].share;
+        beam->spacing = to->spacing;
         for (int c = 0; c < 3; c++) {
-            const float part = as->between ? s->thick[s->list[i]][c] : fine;
-            const float share = part * pell_forward_share(as->law.kappa[c] * as->law.depth[c]) * as->forward.leaves * as->white[c];
-            beam->light[c] *= share;
-            vec3_store(vec3_mul(vec3_load(beam->way[c]), share), beam->way[c]);
+            beam->light[c] *= share[c];
+            vec3_store(vec3_mul(vec3_load(beam->way[c]), share[c]), beam->way[c]);
         }
     }
 
@@ -582,6 +582,7 @@ static void blend_beam(const struct pell_indirect_beam *from, float weight, stru
         to->light[c] += weight * from->light[c];
         vec3_store(vec3_mad(vec3_load(to->way[c]), weight, vec3_load(from->way[c])), to->way[c]);
     }
+    to->spacing += weight * from->spacing;
 }
 
 static void spread(const struct send *s)
@@ -604,13 +605,44 @@ static void spread(const struct send *s)
     }
 }
 
+/* Room for what is scattered forward, and how that is for each material. */
+static enum pell_result make_beams(struct send *s)
+{
+    struct pell_indirect *in = s->in;
+    const size_t count = in->p.scene->num_materials;
+    bool any = false;
+
+    for (size_t i = 0; i < count; i++)
+        any |= s->solid[i].beams;
+    if (!any) {
+        pell_free(in->ctx, in->beam);
+        pell_free(in->ctx, in->ahead);
+        in->beam = NULL;
+        in->ahead = NULL;
+        return PELL_OK;
+    }
+    in->beam = in->beam ? in->beam : pell_calloc(in->ctx, in->num_values, sizeof(*in->beam));
+    in->ahead = in->ahead ? in->ahead : pell_alloc_array(in->ctx, count, sizeof(*in->ahead));
+    s->beam = pell_calloc(in->ctx, in->num_samples, sizeof(*s->beam));
+    if (!in->beam || !in->ahead || !s->beam)
+        return PELL_ERR_NOMEM;
+    for (size_t i = 0; i < count; i++) {
+        const struct pell_indirect_solid *as = &s->solid[i];
+        in->ahead[i] = (struct pell_indirect_ahead) { .law = as->forward, .is = as->beams };
+        for (int c = 0; c < 3 && as->beams; c++) {
+            in->ahead[i].apart[c] = as->forward.unscattered[c] > 0.0f ? pell_forward_share(as->law.kappa[c] * as->law.depth[c]) : 0.0f;
+            in->ahead[i].share[c] = in->ahead[i].apart[c] * as->forward.leaves * as->white[c];
+        }
+    }
+    return PELL_OK;
+}
+
 enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pell_pool *pool, const struct pell_indirect_lights *lights,
                                             const struct pell_indirect_solid *solid)
 {
     const size_t n = in->num_samples;
     struct send s = { .in = in, .lights = lights, .solid = solid };
     uint32_t *list = pell_alloc_array(in->ctx, n, sizeof(*list));
-    bool beams = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
@@ -622,17 +654,7 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
     if (!list || !s.sample || !s.gain || !s.source || !s.there || !s.thick || !s.thickness || !s.light)
         goto fail;
-    for (size_t i = 0; i < in->p.scene->num_materials; i++)
-        beams |= solid[i].beams;
-    if (beams) {
-        in->beam = in->beam ? in->beam : pell_calloc(in->ctx, in->num_values, sizeof(*in->beam));
-        s.beam = pell_calloc(in->ctx, n, sizeof(*s.beam));
-        if (!in->beam || !s.beam)
-            goto fail;
-    } else {
-        pell_free(in->ctx, in->beam);
-        in->beam = NULL;
-    }
+    PELL_TRY(make_beams(&s));
     memset(in->gathered, 0, n * sizeof(*in->gathered));
     pell_pool_run(pool, chunks_of(n), light_chunk, &s);
     for (size_t i = 0; i < n; i++)

@@ -97,11 +97,20 @@ static void take_turn(const struct job *job, const struct pell_light_source *sou
     t->first = source;
 }
 
-/* What those send through thin parts. */
+/* What is sent through solids. */
+static void send_through(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
+{
+    if (k->any_ahead)
+        pell_transmit_forward(job, source, a, k);
+    if (k->lanes.any_deep && !k->passed)
+        pell_transmit_light(job, source, a, k);
+}
+
+/* The same of those. */
 static void end_turns(const struct job *job, struct packet *k, struct turns *t)
 {
     if (t->aim.any_back)
-        pell_transmit_light(job, t->first, &t->aim, k);
+        send_through(job, t->first, &t->aim, k);
     memset(t->aim.back, 0, sizeof(t->aim.back));
     t->aim.any_back = 0;
 }
@@ -114,7 +123,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
     const bool highlights = source->environment < 0 && !k->given && shows_highlights(job, k);
     struct pell_gloss gloss;
 
-    if (k->given && (k->passed || !k->lanes.any_deep))
+    if (k->given && !k->any_ahead && (k->passed || !k->lanes.any_deep))
         return;
     if (highlights)
         job->kernels->begin_highlights(data, &k->lanes, &gloss);
@@ -138,7 +147,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         if (k->aim.any_back && turns && source->turns > 1)
             take_turn(job, source, k, turns);
         else if (k->aim.any_back)
-            pell_transmit_light(job, source, &k->aim, k);
+            send_through(job, source, &k->aim, k);
     }
     if (highlights)
         job->kernels->end_highlights(data, &k->lanes, job->p->sample, &gloss, front);

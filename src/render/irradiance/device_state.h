@@ -14,7 +14,7 @@ enum {
     RESULTS_MOST = 64 << 20, /* bytes of a batch's results */
     ENVIRONMENTS_MOST = 256,
     WORD = 16,
-    TABLE = 3 * 3 * PELL_THICKNESS_STEPS /* floats of a thickness table: value, slab, spread */
+    TABLE = 4 * 3 * PELL_THICKNESS_STEPS /* floats of a thickness table: value, slab, spread, and slab of lights */
 };
 
 enum pell_light_buffer {

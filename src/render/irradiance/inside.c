@@ -19,17 +19,21 @@ void pell_find_points(const struct job *job, struct packet *k)
     }
 }
 
-/* What is scattered forward, toward the camera. */
-static void add_beams(const struct pell_indirect_insides *q, const struct pell_lanes *l, struct pell_inside *inside)
+/* What is scattered forward, toward the camera; and which lanes look for what comes from near. */
+static void add_beams(const struct job *job, const struct pell_indirect_insides *q, struct packet *k, struct pell_inside *inside)
 {
+    const struct pell_lanes *l = &k->lanes;
+
     for (int i = 0; i < PELL_LANES; i++) {
         const float v[3] = { l->vx[i], l->vy[i], l->vz[i] }, n[3] = { l->nx[i], l->ny[i], l->nz[i] };
-        float toward[3];
-        if (!(q->beam[0][i] + q->beam[1][i] + q->beam[2][i] > 0.0f))
+        if (!(q->spacing[i] > 0.0f))
             continue;
-        pell_angle_inside(l->inverse_eta2[i], v, n, toward);
+        k->ahead[i] = pell_indirect_ahead(job->p->through, k->material[i]);
+        k->any_ahead |= k->ahead[i] != NULL;
+        k->spacing[i] = q->spacing[i];
+        pell_angle_inside(l->inverse_eta2[i], v, n, k->toward[i]);
         for (int c = 0; c < 3; c++)
-            inside->beam[c][i] = pell_beam_toward(q, i, c, toward);
+            inside->beam[c][i] = pell_beam_toward(q, i, c, k->toward[i]);
     }
 }
 
@@ -41,7 +45,10 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
         translucent[i] = ~k->lanes.opaque[i];
         k->straight[i] = -1;
         k->flat[i] = 1.0f;
+        k->ahead[i] = NULL;
     }
+    k->any_ahead = false;
+    memset(k->forward, 0, sizeof(k->forward));
     if (job->p->curvature || job->p->through || job->p->indirect)
         pell_find_points(job, k);
     if (job->p->curvature) {
@@ -57,7 +64,7 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
         pell_indirect_look(job->p->through, &k->points, translucent, &found);
         job->inside->look(job->p, &found, job->entering, &k->lanes, gains, inside, k->straight);
         if (found.beams && !job->entering)
-            add_beams(&found, &k->lanes, inside);
+            add_beams(job, &found, k, inside);
     }
 }
 
@@ -66,7 +73,10 @@ void pell_scale_lanes(const struct job *job, const struct pell_gains *gains, str
     job->inside->scale(gains, &k->sums);
 }
 
-void pell_add_inside(const struct job *job, const struct pell_inside *inside, struct packet *k)
+void pell_add_inside(const struct job *job, struct pell_inside *inside, struct packet *k)
 {
+    for (int c = 0; c < 3 && k->any_ahead; c++)
+        for (int i = 0; i < PELL_LANES; i++)
+            inside->beam[c][i] += k->forward[c][i];
     job->inside->add(inside, &k->sums);
 }

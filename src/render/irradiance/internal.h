@@ -39,6 +39,10 @@ struct packet {
     int32_t straight[16]; /* lanes for which transmitted light is sought straight through */
     float flat[16];       /* share of the variance of a slab with which straight light spreads: struct pell_curvature_effects */
     float ambient[16];    /* visibility of the environment's smooth rest */
+    const struct pell_indirect_ahead *ahead[16]; /* NULL: the lane passes no light forward; */
+    float forward[3][16];                        /* what it passes that comes from near, */
+    float toward[16][3], spacing[16];            /* toward the refracted view; see struct pell_indirect_beam */
+    bool any_ahead;
     int count;
     int64_t held;                            /* the material whose traits all lanes have; -1: none */
     bool single;                             /* one material */
@@ -140,6 +144,8 @@ void pell_ambient_visibility(const struct job *job, struct packet *k, const int3
 /* Adds what a light behind the lanes of aim->back sends through thin parts. `source`: the light, or of directional ones, each seen from
  * other lanes, the first. */
 void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct pell_aim *aim, struct packet *k);
+/* Adds to k->forward what such a light sends forward through the lanes of aim->back, from near. */
+void pell_transmit_forward(const struct job *job, const struct pell_light_source *source, const struct pell_aim *aim, struct packet *k);
 /* The same of the environments' low-frequency remainder: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k);
 /* The same where the device has found A and its shadow. */
@@ -154,6 +160,6 @@ void pell_find_points(const struct job *job, struct packet *k);
 void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gains *gains, struct pell_inside *inside);
 /* Afterwards: what curvature does to all that enters, and what goes through solids otherwise. */
 void pell_scale_lanes(const struct job *job, const struct pell_gains *gains, struct packet *k);
-void pell_add_inside(const struct job *job, const struct pell_inside *inside, struct packet *k);
+void pell_add_inside(const struct job *job, struct pell_inside *inside, struct packet *k);
 
 #endif

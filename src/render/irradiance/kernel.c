@@ -26,7 +26,7 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         a->gl[i] = gl;
         a->nl[i] = nl;
         a->front[i] = lit & -(int32_t) pell_lane_fronts(p, i, gl) & -(int32_t) (nl > 0.0f);
-        a->back[i] = lit & p->deep[i] & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
+        a->back[i] = lit & (p->deep[i] | p->clear[i]) & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
         front |= a->front[i];
         back |= a->back[i];
     }

@@ -33,6 +33,7 @@ struct pell_lanes {
     int32_t model[16];            /* of the lobe: enum pell_specular_model */
     int32_t smooth[16];           /* -1 or 0 */
     int32_t deep[16];             /* -1: light may be transmitted from the far side */
+    int32_t clear[16];            /* -1: the medium passes light forward */
     int32_t opaque[16];
     float albedo[3][16];  /* of the colour that enters */
     float through[3][16]; /* that of `transmitted`: with any_thin, which is albedo itself where a lane is no thin sheet */

@@ -7,7 +7,7 @@
 
 /* What a lane takes from its material. */
 struct traits {
-    int32_t albedo_at, boundary_at, smooth, model, opaque, deep;
+    int32_t albedo_at, boundary_at, smooth, model, opaque, deep, clear;
     const struct pell_angle *angle;
     const struct pell_single_apart *apart;
     float fd;
@@ -27,6 +27,7 @@ static struct traits material_traits(const struct job *job, size_t material)
         .model = t->model[material],
         .opaque = -(int32_t) m->opaque,
         .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
+        .clear = -(int32_t) (job->p->through && pell_indirect_ahead(job->p->through, material)),
         .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
         .apart = job->p->apart && !m->opaque ? &job->p->apart[material] : NULL,
         .fd = t->boundaries[t->boundary[material]].f0,
@@ -85,6 +86,7 @@ static void set_materials(const struct job *job, struct packet *k)
         l->model[i] = t.model;
         l->opaque[i] = t.opaque;
         l->deep[i] = t.deep;
+        l->clear[i] = t.clear;
         k->textured |= t.textured;
         l->any_smooth |= t.smooth;
         l->models |= 1u << t.model;

@@ -11,6 +11,10 @@
  * slab, wedge and ear, 0 where both ends meet at the terminator. Methods that transmit so spread what the camera sees: where A faces away
  * from it, beyond the rim of what is lit from behind, nothing else brings its light to C, and all of it counts.
  * n_A is the interpolated normal, T at A takes C's roughness and specular strength, and albedo is C's.
+ *
+ * Clear media pass light forward (optics/medium/forward.h): that has a direction, w, refracted at A, and leaves by where it is seen from.
+ * What comes from near, where sums over samples are too coarse, is a broad beam's, looked for along the way between w and the refracted
+ * view, which is that of light that is scattered half way. Such a way is found in two steps, since w depends on A. T keeps the rest.
  */
 #include "render/irradiance/internal.h"
 
@@ -21,7 +25,8 @@
 #include <float.h>
 #include <string.h>
 
-#define STEPS 5 /* surfaces that a ray may meet on its way out: two shells of the same object inside it */
+#define STEPS 5           /* surfaces that a ray may meet on its way out: two shells of the same object inside it */
+#define LEAST_FACING 0.2f /* cosine between a way through and the normals at its ends */
 
 /* Where rays that went into a solid leave it. */
 struct exits {
@@ -145,19 +150,21 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
     }
 }
 
-/* Share of E(A) that gets through to lane i; `same` is n_A.n_C. */
+/* Share of E(A) that gets through to lane i; `same` is n_A.n_C; `beams`: without what has a direction. */
 static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, const struct pell_vec3 *normal, float same,
-                           float rgb[3])
+                           bool beams, float rgb[3])
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
     const float counted = pell_thickness_counted(same, vec3_dot(*normal, vec3(l->vx[i], l->vy[i], l->vz[i])));
     const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = pell_thickness_opposed(same);
     const int j = pell_table_cell(place, PELL_THICKNESS_STEPS);
+    const struct pell_indirect_ahead *ahead = beams ? k->ahead[i] : NULL;
 
     for (int c = 0; c < 3; c++) {
-        const float near = pell_lerp(t->value[j][c], t->slab[j][c], opposed),
-                    next = pell_lerp(t->value[j + 1][c], t->slab[j + 1][c], opposed);
+        const float rest = ahead ? pell_forward_rest(&ahead->law, c, max0(d), ahead->apart[c]) : 1.0f;
+        const float near = pell_lerp(t->value[j][c], rest * t->slab[j][c], opposed),
+                    next = pell_lerp(t->value[j + 1][c], rest * t->slab[j + 1][c], opposed);
         rgb[c] = counted * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
     }
 }
@@ -191,19 +198,53 @@ static float falloff_at(const struct pell_light_source *source, const struct pel
     return wide ? a->falloff[i] : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
 }
 
+/* Where the lanes' exits see the light. */
+static void see_light(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k,
+                      const struct exits *exits, int32_t *visible)
+{
+    const struct pell_lanes *l = &k->lanes;
+    const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
+    struct pell_ray16 rays;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
+        if (exits->found[i])
+            o = vec3_mad(exits->point[i], exits->terminator_offset[i] + l->epsilon[i], exits->geometric[i]);
+        pell_ray16_set(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
+    }
+    if (!pell_ask_light_grid(source, k, exits->found, rays.ox, rays.oy, rays.oz, visible))
+        pell_trace_occlusion(job, k, exits->found, true, &rays, visible);
+}
+
+/* What lane i's exit lets in of the light's intensity, m mm from the lane. */
+static float let_in(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, const struct packet *k,
+                    const struct exits *exits, int i, float m)
+{
+    const struct pell_lanes *l = &k->lanes;
+    const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]);
+    const bool lifted = exits->terminator_offset[i] > TERMINATOR_LIFTED * l->epsilon[i]; /* the triangle does not decide what faces it */
+    const float mu = vec3_dot(exits->normal[i], to), facing = vec3_dot(exits->geometric[i], to);
+    float g;
+
+    if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
+        return 0.0f;
+    g = lifted ? 1.0f : pell_thickness_facing(facing, mu, vec3_dot(exits->normal[i], exits->geometric[i]));
+    g = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
+    return source->type == PELL_LIGHT_DIRECTIONAL ? g : g * falloff_at(source, a, i, m);
+}
+
 void pell_transmit_light(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
     const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
     _Alignas(64) int32_t visible[PELL_LANES];
     struct pell_ray_hit16 r;
-    struct pell_ray16 rays;
     struct exits exits;
     float cosine[PELL_LANES];
     int depth[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++) {
-        a->back[i] &= k->straight[i];
+        a->back[i] &= k->straight[i] & l->deep[i];
         const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
         const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
@@ -217,36 +258,82 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     find_exits(job, k, a->back, source, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
         return;
+    see_light(job, source, a, k, &exits, visible);
     for (int i = 0; i < PELL_LANES; i++) {
-        struct pell_vec3 o = vec3(l->ox[i], l->oy[i], l->oz[i]), s = vec3(a->sx[i], a->sy[i], a->sz[i]);
-        if (exits.found[i])
-            o = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], exits.geometric[i]);
-        pell_ray16_set(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
-    }
-    if (!pell_ask_light_grid(source, k, exits.found, rays.ox, rays.oy, rays.oz, visible))
-        pell_trace_occlusion(job, k, exits.found, true, &rays, visible);
-    for (int i = 0; i < PELL_LANES; i++) {
-        const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        const bool lifted =
-            visible[i] && exits.terminator_offset[i] > TERMINATOR_LIFTED * l->epsilon[i]; /* the triangle does not decide what faces the
-                                                                                       * light */
-        float share[3], m, d, facing, mu, g, w, same;
+        float share[3], m, d, w, same;
         if (!visible[i])
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        same = vec3_dot(exits.normal[i], n);
-        mu = vec3_dot(exits.normal[i], to);
-        facing = vec3_dot(exits.geometric[i], to);
-        if (!(mu > 0.0f) || !(facing > 0.0f || lifted))
+        w = let_in(job, source, a, k, &exits, i, m);
+        if (!(w > 0.0f))
             continue;
-        g = lifted ? 1.0f : pell_thickness_facing(facing, mu, vec3_dot(exits.normal[i], exits.geometric[i]));
+        same = vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i]));
         d = pell_thickness_of(m, cosine[i], same);
-        pass_thickness(job, k, i, d, &exits.normal[i], same, share);
-        w = pell_soft_terminator(transmittance(job, l, i, mu) * mu, g);
-        w *= far ? 1.0f : falloff_at(source, a, i, m);
+        pass_thickness(job, k, i, d, &exits.normal[i], same, true, share);
         for (int c = 0; c < 3; c++)
             share[c] = smaller(a->intensity[c][i] * w * share[c], 1e25f);
         add_transmitted(k, i, share, d);
+    }
+}
+
+/* The way out of the solid between that of light, w, and that toward the camera, as far as light comes from near. False: there is none. */
+static bool aim_between(struct packet *k, int i, struct pell_vec3 w, struct pell_ray_hit16 *r)
+{
+    const struct pell_lanes *l = &k->lanes;
+    const struct pell_vec3 v = vec3_load(k->toward[i]), u = vec3_normalize(vec3_add(w, v)), g = vec3(l->gx[i], l->gy[i], l->gz[i]);
+    const bool is = vec3_dot(w, v) > 0.0f && vec3_dot(u, g) > LEAST_FACING;
+
+    pell_ray16_set(&r->ray, i, inside(l, i), vec3_mul(is ? u : g, -1.0f), is ? PELL_INDIRECT_BEYOND * k->spacing[i] : 0.0f);
+    return is;
+}
+
+void pell_transmit_forward(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k)
+{
+    const struct pell_lanes *l = &k->lanes;
+    _Alignas(64) int32_t visible[PELL_LANES], ask[PELL_LANES];
+    struct pell_vec3 w[PELL_LANES];
+    struct pell_ray_hit16 r;
+    struct exits exits;
+
+    for (int i = 0; i < PELL_LANES; i++) {
+        ask[i] = a->back[i] & -(int32_t) (k->ahead[i] != NULL);
+        w[i] = vec3(-a->lx[i], -a->ly[i], -a->lz[i]);
+    }
+    for (int step = 0; step < 2; step++) {
+        int depth[PELL_LANES] = { 0 };
+        for (int i = 0; i < PELL_LANES; i++)
+            ask[i] &= -(int32_t) aim_between(k, i, w[i], &r);
+        find_exits(job, k, ask, NULL, &r, depth, &exits);
+        if (count_lanes(exits.found) == 0)
+            return;
+        for (int i = 0; i < PELL_LANES; i++) {
+            const float to[3] = { a->lx[i], a->ly[i], a->lz[i] }, n[3] = { exits.normal[i].x, exits.normal[i].y, exits.normal[i].z };
+            float out[3];
+            ask[i] = exits.found[i];
+            if (!ask[i])
+                continue;
+            pell_angle_inside(l->inverse_eta2[i], to, n, out);
+            w[i] = vec3_mul(vec3_load(out), -1.0f);
+        }
+    }
+    see_light(job, source, a, k, &exits, visible);
+    for (int i = 0; i < PELL_LANES; i++) {
+        const struct pell_indirect_ahead *ahead = k->ahead[i];
+        struct pell_vec3 way;
+        float m, in, facing, near;
+        if (!visible[i])
+            continue;
+        way = vec3_sub(vec3(l->px[i], l->py[i], l->pz[i]), exits.point[i]);
+        m = vec3_length(way);
+        near = 1.0f - pell_indirect_far(m, k->spacing[i]);
+        in = near * let_in(job, source, a, k, &exits, i, m);
+        facing = larger(-vec3_dot(exits.normal[i], way) / larger(m, 1e-20f), LEAST_FACING);
+        for (int c = 0; c < 3 && in > 0.0f; c++) {
+            float cosine;
+            const float left = pell_forward_broad(&ahead->law, c, m, &cosine);
+            const float toward = left > 0.0f ? pell_forward_phase(cosine, vec3_dot(w[i], vec3_load(k->toward[i]))) : 0.0f;
+            k->forward[c][i] += smaller(a->intensity[c][i] * in * ahead->share[c] * left * toward / facing, 1e25f);
+        }
     }
 }
 
@@ -320,7 +407,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         if (!exits.found[i] || !(visible[i] > 0.0f))
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        pass_thickness(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), share);
+        pass_thickness(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), false, share);
         for (int c = 0; c < 3; c++)
             share[c] *= visible[i];
         add_rest(job, k, i, exits.normal[i], share, m);

@@ -7,7 +7,8 @@
 //   in  8 meshes     of the scene
 //   in  9 corners    of all triangles, by their mesh's vertices; then all normals, bits of floats
 //   in 10 parts      (object, material) of every mesh, sorted
-//   in 11 thickness  tables as struct pell_thickness_table has them: first `value`, then `slab`, then `spread`
+//   in 11 thickness  tables as struct pell_thickness_table has them: first `value`, then `slab`, then `spread`, then `slab` without what
+//                    clear media pass forward of lights (that is found by the cpu)
 layout(local_size_x = 64) in;
 #include "render/irradiance/buffers.glsl"
 layout(set = 0, binding = 8) readonly buffer Meshes { pell_lit_mesh meshes[]; };
@@ -19,6 +20,7 @@ layout(set = 0, binding = 11) readonly buffer Thickness { float thickness[]; };
 #include "render/irradiance/lit_rays.glsl"
 #include "shared/thickness.h"
 
+const int SLAB = 1, SLAB_OF_LIGHTS = 3; // tables of a material
 const int STEPS = 5; // of transmission.c
 const int NO_OBJECT = -0x7fffffff - 1;
 
@@ -132,13 +134,13 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
     return false;
 }
 
-// The share of light that is there at `exit` and gets through; `d`: the thickness, mm.
-vec3 pass_thickness(Point p, float d, Exit exit, float same)
+// The share of light that is there at `exit` and gets through, by the table `slabs`; `d`: the thickness, mm.
+vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
 {
     const float counted = pell_thickness_counted(same, dot(exit.normal, points[p.at].view.xyz)), opposed = pell_thickness_opposed(same);
     const float place = pell_thickness_place(max(d, 0.0), materials[p.material].thickest, PELL_LIT_THICKNESS_STEPS);
     const int value = materials[p.material].thickness_at + 3 * pell_table_cell(place, PELL_LIT_THICKNESS_STEPS);
-    const int slab = value + 3 * PELL_LIT_THICKNESS_STEPS;
+    const int slab = value + 3 * slabs * PELL_LIT_THICKNESS_STEPS;
     vec3 share;
 
     for (int c = 0; c < 3; c++) {
@@ -188,7 +190,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
                           : a.wide ? a.falloff
                                    : pell_light_falloff(max(a.distance - m, 1e-3), light.position.w, light.direction.w);
     const float w = pell_soft_terminator(transmittance(p, mu) * mu, g) * falloff;
-    const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same), vec3(BIG));
+    const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same, SLAB_OF_LIGHTS), vec3(BIG));
     sums.light += arrives * leaves_by(p, d);
     sums.way += d * (arrives.r + arrives.g + arrives.b);
 }
@@ -228,7 +230,7 @@ float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
     const vec3 beyond = exit.place + (exit.terminator_offset + points[p.at].place.w) * exit.geometric;
     const float m = length(exit.place - p.place);
     const uint open = count_open(beyond, exit.geometric, p.number, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
-    share = float(open) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal));
+    share = float(open) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal), SLAB);
     rays += pc.sky_end - pc.sky + (pc.sky == 0u ? to_exit : 0u);
     return m;
 }
