@@ -576,6 +576,37 @@ static void clear_solids_pass_light_forward(void **state)
     }
 }
 
+/* A sheet of grapefruit juice, 0.4 to 1.1 mean free paths thick, lit from behind at two angles. What goes through is scattered forward:
+ * path-trace has 20 times as much in the direction of the light as aside. */
+static void clear_sheets_are_bright_toward_the_light(void **state)
+{
+    static const double traced[2][3] = { { 44.1, 29.5, 22.6 }, { 2.19, 1.38, 1.02 } };
+    static const char *const methods[] = { "screen-space", "texture-space" };
+    (void) state;
+
+    for (int aside = 0; aside < 2; aside++) {
+        struct stage s;
+        size_t material;
+        stage_start(&s, SIZE, SIZE);
+        stage_medium(&s, "ruby-grapefruit-juice", &material)->roughness = 0.0f;
+        stage_box(&s, material, 0, vec3(-60, -60, -2), vec3(60, 60, 2));
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(aside ? 1200 : 300, 0, -900), vec3(0, 0, 0), 2.0f);
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 40.0f);
+        s.settings.layers = s.settings.angles = s.settings.curvature = s.settings.opposed = true;
+        s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+        for (size_t i = 0; i < PELL_COUNT(methods); i++) {
+            struct shot shot = stage_shot_of(&s, methods[i], NULL);
+            for (size_t c = 0; c < 3; c++) {
+                const double over = middle_of(&shot, c) / traced[aside][c];
+                print_message("# %s, %s, channel %zu: %.3f\n", aside ? "far aside" : "nearly behind", methods[i], c, over);
+                REQUIRE(over > 0.85 && over < 1.35);
+            }
+            shot_free(&shot);
+        }
+        stage_finish(&s);
+    }
+}
+
 static void every_failing_allocation_is_survived(void **state)
 {
     (void) state;
@@ -622,6 +653,7 @@ int main(void)
         cmocka_unit_test(plates_of_what_absorbs_little_are_as_bright_as_path_traced),
         cmocka_unit_test(solids_lit_from_behind_are_as_bright_as_path_traced),
         cmocka_unit_test(clear_solids_pass_light_forward),
+        cmocka_unit_test(clear_sheets_are_bright_toward_the_light),
         cmocka_unit_test(every_failing_allocation_is_survived),
     };
     return cmocka_run_group_tests_name("render.curvature", tests, NULL, NULL);

@@ -66,6 +66,7 @@ static uint64_t made_of(const struct pell_services *services, const struct pell_
 
     print = pell_hash_word(print, (uint64_t) shape->width << 32 | (uint64_t) shape->height);
     print = pell_hash_word(print, (uint64_t) services->settings->curvature);
+    print = pell_hash_word(print, (uint64_t) services->settings->opposed);
     for (size_t i = 0; i < shape->num_materials; i++) {
         const struct pell_frame_material *m = &shape->materials[i];
         print = pell_hash_bytes(print, &m->medium, sizeof(m->medium));

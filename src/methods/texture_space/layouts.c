@@ -174,7 +174,7 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
         if (solid->num_triangles == 0)
             continue;
         if (profile->count == 0)
-            PELL_TRY(ts_profile_make(st->ctx, m, &st->knobs, ts_is_local(st), profile));
+            PELL_TRY(ts_profile_make(st->ctx, m, &st->knobs, ts_is_local(st), st->services->settings->opposed, profile));
         st->solid[i].profile = profile;
         p.border = border_of(st, profile, solid->area, p.size);
         PELL_TRY(ts_atlas_make(st->ctx, &p, &st->solid[i].atlas));

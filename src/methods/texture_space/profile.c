@@ -5,6 +5,7 @@
 #include "methods/texture_space/texture_space.h"
 
 #include "methods/thickness.h"
+#include "optics/medium/forward.h"
 
 #include <pellucid/layers.h>
 
@@ -136,6 +137,24 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
     return PELL_OK;
 }
 
+/* Takes what clear media pass forward off what leaves to all sides: the engine has it, with its directions. */
+static void leave_forward(const struct pell_medium *medium, struct ts_profile *p)
+{
+    struct pell_opposed diffuse;
+    struct pell_forward law;
+
+    if (!pell_forward_make(medium, &law) || !pell_opposed_make(medium, &diffuse))
+        return;
+    for (int k = 0; k < TS_THICK; k++) {
+        const double f = (double) k / (TS_THICK - 1);
+        for (int c = 0; c < 3; c++) {
+            const float rest = pell_forward_rest(&law, c, (float) (p->thickest * f * f), pell_forward_apart(&law, &diffuse, c));
+            for (int i = 0; i < p->count; i++)
+                p->share[k][i][c] *= rest;
+        }
+    }
+}
+
 /* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. Light that entered a
  * thin part is in the map without what leaves at the far side: the rest has to bring that. */
 static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, const struct pell_slab slab[3],
@@ -251,11 +270,12 @@ static void make_taps(struct ts_profile *p, bool unblurred)
 }
 
 enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs, bool local,
-                                 struct ts_profile *out)
+                                 bool forward, struct ts_profile *out)
 {
     const struct pell_fit_params params = { .count = knobs->gaussians };
     struct pell_gaussians g = m->gaussians;
     struct pell_slab slab[3];
+    enum pell_result res = PELL_OK;
 
     memset(out, 0, sizeof(*out));
     if (g.count == 0 && pell_fit_profiles(m->profile, &params, &g, NULL) != PELL_OK)
@@ -272,8 +292,12 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
     out->thickest = gaussian_end(out);
     make_taps(out, knobs->first == TS_FIRST_UNBLURRED);
     if (knobs->transmission == TS_TRANSMISSION_SLAB && knobs->tsm != TS_TSM_OFF && pell_slabs_make(m, slab))
-        return make_slabs(ctx, m, slab, local, out);
-    return PELL_OK;
+        PELL_TRY(make_slabs(ctx, m, slab, local, out));
+    if (out->slab && forward && !m->stack)
+        leave_forward(&m->medium, out);
+
+fail:
+    return res;
 }
 
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p)

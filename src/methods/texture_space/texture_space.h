@@ -245,9 +245,9 @@ struct ts_profile {
     float (*share)[TS_LEVELS][3];
 };
 
-/* `local`: as the maps hold light (struct pell_points_params). */
+/* `local`: as the maps hold light (struct pell_points_params). `forward`: the engine has what clear media pass forward. */
 PELL_NODISCARD enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs,
-                                                bool local, struct ts_profile *out);
+                                                bool local, bool forward, struct ts_profile *out);
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
 /* What level `i` brings from behind through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, 0 none. */
 void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3]);

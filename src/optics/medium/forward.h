@@ -31,6 +31,7 @@
 #define PELL_FORWARD_H
 
 #include "math/scalar.h"
+#include "optics/medium/opposed.h"
 
 #include <pellucid/medium.h>
 
@@ -63,6 +64,12 @@ bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *ou
 static inline float pell_forward_share(float exponent)
 {
     return smooth_ramp(PELL_FORWARD_NONE, PELL_FORWARD_ALL, exponent);
+}
+
+/* The same of a channel, by the law of its diffuse light. */
+static inline float pell_forward_apart(const struct pell_forward *f, const struct pell_opposed *diffuse, int k)
+{
+    return f->unscattered[k] > 0.0f ? pell_forward_share(diffuse->kappa[k] * diffuse->depth[k]) : 0.0f;
 }
 
 /* Henyey and Greenstein's function of the cosine c, 1/sr. */

@@ -630,7 +630,7 @@ static enum pell_result make_beams(struct send *s)
         const struct pell_indirect_solid *as = &s->solid[i];
         in->ahead[i] = (struct pell_indirect_ahead) { .law = as->forward, .is = as->beams };
         for (int c = 0; c < 3 && as->beams; c++) {
-            in->ahead[i].apart[c] = as->forward.unscattered[c] > 0.0f ? pell_forward_share(as->law.kappa[c] * as->law.depth[c]) : 0.0f;
+            in->ahead[i].apart[c] = pell_forward_apart(&as->forward, &as->law, c);
             in->ahead[i].share[c] = in->ahead[i].apart[c] * as->forward.leaves * as->white[c];
         }
     }
