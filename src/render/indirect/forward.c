@@ -17,11 +17,20 @@ struct forward {
     struct pell_indirect_beam *out;
 };
 
-static void add_beam(const struct pell_forward *law, const struct indirect_sample *to, const float position[3], const float normal[3],
+/* Where light leaves. */
+struct end {
+    const struct indirect_sample *at;
+    float
+        far; /* pell_indirect_far of the thickness of the part there: all that enters opposite is as far away or farther, and rays have the
+                * rest */
+};
+
+static void add_beam(const struct pell_forward *law, const struct end *end, const float position[3], const float normal[3],
                      const float way[3], const float power[3], float area, struct pell_indirect_beam *sum)
 {
+    const struct indirect_sample *to = end->at;
     const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), w = vec3_load(way);
-    const float d2 = vec3_dot(v, v), d = sqrtf(d2), along = sqrtf(vec3_dot(w, w)), far = pell_indirect_far(d, to->spacing);
+    const float d2 = vec3_dot(v, v), d = sqrtf(d2), along = sqrtf(vec3_dot(w, w)), far = fminf(pell_indirect_far(d, to->spacing), end->far);
     float flux[3], cosine[3];
 
     if (!(far > 0.0f && vec3_dot(to->normal, v) > 0.0f && vec3_dot(vec3_load(normal), v) < 0.0f &&
@@ -38,22 +47,23 @@ static void add_beam(const struct pell_forward *law, const struct indirect_sampl
     }
 }
 
-static void gather(const struct forward *f, const struct indirect_sample *to, struct pell_indirect_beam *sum)
+static void gather(const struct forward *f, const struct end *end, struct pell_indirect_beam *sum)
 {
     const struct pell_light_tree *t = f->tree;
 
     for (uint32_t i = 0; i < (uint32_t) t->num_nodes;) {
         const struct pell_light_node *n = &t->nodes[i];
-        const struct pell_vec3 v = vec3_sub(to->position, vec3_load(n->centre)), normal = vec3_load(n->normal), way = vec3_load(n->way);
+        const struct pell_vec3 v = vec3_sub(end->at->position, vec3_load(n->centre)), normal = vec3_load(n->normal),
+                               way = vec3_load(n->way);
         if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
             i = n->next;
         } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(normal, normal) > MEAN && vec3_dot(way, way) > MEAN) {
-            add_beam(f->of->law, to, n->centre, n->normal, n->way, n->power, n->area, sum);
+            add_beam(f->of->law, end, n->centre, n->normal, n->way, n->power, n->area, sum);
             i = n->next;
         } else if (n->count) {
             for (uint32_t k = n->first; k < n->first + n->count; k++) {
                 const struct pell_lit_place *p = &t->samples[k];
-                add_beam(f->of->law, to, p->position, p->normal, p->way, p->power, p->area, sum);
+                add_beam(f->of->law, end, p->position, p->normal, p->way, p->power, p->area, sum);
             }
             i = n->next;
         } else {
@@ -70,8 +80,12 @@ static void gather_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < first + CHUNK && i < f->of->count; i++) {
         struct pell_indirect_beam sum = { { 0.0f } };
-        gather(f, &f->of->in->samples[f->of->list[i]], &sum);
-        f->out[f->of->list[i]] = sum;
+        const uint32_t at = f->of->list[i];
+        const struct indirect_sample *to = &f->of->in->samples[at];
+        const struct end end = { to, pell_indirect_far(f->of->thickness[at], to->spacing) };
+        if (end.far > 0.0f)
+            gather(f, &end, &sum);
+        f->out[at] = sum;
     }
 }
 

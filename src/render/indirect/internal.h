@@ -263,7 +263,8 @@ PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, s
 struct indirect_forward {
     const struct pell_indirect *in;
     const struct pell_forward *law;
-    const uint32_t *list; /* samples of one solid */
+    const uint32_t *list;   /* samples of one solid */
+    const float *thickness; /* mm, of all samples */
     size_t count;
 };
 /* Takes over `samples`, with what enters at those of the list. */

@@ -295,7 +295,7 @@ static enum pell_result send_between(struct send *s, struct pell_pool *pool)
 static enum pell_result send_beams(const struct send *s, struct pell_pool *pool)
 {
     const struct pell_indirect_solid *as = &s->solid[s->in->samples[s->list[0]].material];
-    const struct indirect_forward forward = { s->in, &as->forward, s->list, s->count };
+    const struct indirect_forward forward = { s->in, &as->forward, s->list, s->thickness, s->count };
     struct pell_lit_place *samples = pell_alloc_array(s->in->ctx, s->count, sizeof(*samples));
     enum pell_result res = PELL_OK;
 
