@@ -8,7 +8,7 @@
 //   in  3 layout   of each mesh its first triangle, or that it is not of the solid; then of each triangle x, y of its corners in texels
 //                  (bits of floats), and its chart (0: none)
 //   in  4 map      light that leaves; chart
-//   out 5 result
+//   out 5 result   light that leaves, W/m^2
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
 layout(set = 0, binding = 1) readonly buffer Surface { uvec2 surface[]; };
