@@ -11,11 +11,12 @@
  * features synchronization2 and maintenance4. Everything that a pass needs besides your buffers is made with it.
  *
  * The buffers (VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, `result` also VK_BUFFER_USAGE_TRANSFER_DST_BIT) hold a row of pell_vulkan_pitch(width)
- * pixels for each row of the picture, the first at the top; pixels beyond the width are ignored. vkCmdCopyImageToBuffer fills them from
- * images of the formats named here, with bufferRowLength = pell_vulkan_pitch(width).
+ * pixels for each row of the picture, the first at the top, so pitch x height x bytes of a pixel; pixels beyond the width are ignored. The
+ * queue's family owns them, or they are shared (VK_SHARING_MODE_CONCURRENT). A picture of another size needs a pass of its own.
+ * vkCmdCopyImageToBuffer fills them from images of the formats named here, with bufferRowLength = pell_vulkan_pitch(width).
  *
  *   light    16 bytes a pixel (R32G32B32A32_SFLOAT): what is blurred, R, G, B, as in struct pell_frame (irradiance, W/m^2, or with knobs
- *            that blur the shaded image radiance, W/(m^2 sr)); depth along the view axis, mm
+ *            that blur the shaded image radiance, W/(m^2 sr)); depth along the view axis, mm. Not used where the material is 0
  *   surface  8 bytes (R32G32_UINT): material, 0 where nothing is translucent, i + 1: shape.materials[i]; strength in [0, 1] as the bits
  *            of a float (1.0: 0x3f800000)
  *   result   16 bytes: exitance, W/m^2, or radiance, R, G, B; 0. All 0 where the material is 0
@@ -24,7 +25,8 @@
  * Ownership  `create` transfers ownership to the caller, `destroy` releases it; device and buffers are borrowed as long as the pass lives.
  * Errors     enum pell_result, logged once; *out is NULL on failure. PELL_ERR_DEVICE: this build has no Vulkan, the method no such engine,
  *            or a call of Vulkan failed.
- * Threads    a pass belongs to one thread at a time. Passes that may run at the same time (frames in flight) need buffers of their own.
+ * Threads    a pass belongs to one thread at a time. It has memory of its own: what was recorded of it must have run, by a barrier or a
+ *            fence, before it runs again. Frames in flight need a pass each, with buffers of their own.
  */
 #ifndef PELLUCID_VULKAN_H
 #define PELLUCID_VULKAN_H
@@ -65,8 +67,9 @@ PELL_API PELL_NODISCARD enum pell_result pell_vulkan_pass_create(struct pell_con
                                                                  const struct pell_vulkan_buffers *buffers, struct pell_vulkan_pass **out);
 /* Records the pass into a command buffer that is begun, outside a render pass, for a queue that computes. `nearest_mm` > 0: no depth of a
  * translucent pixel is below it (orthographic: ignored); of wide profiles it chooses how many blurs of screen-space go ahead. Before,
- * `light` and `surface` must be visible to reads by compute shaders; after, `result` is written by a copy (VK_PIPELINE_STAGE_2_COPY_BIT,
- * VK_ACCESS_2_TRANSFER_WRITE_BIT): the barriers are yours. Allocates nothing; submits nothing. */
+ * `light` and `surface` must be visible to reads by compute shaders, and nothing may read `result` any more; after, `result` is written by
+ * a copy (VK_PIPELINE_STAGE_2_COPY_BIT, VK_ACCESS_2_TRANSFER_WRITE_BIT): the barriers are yours. The compute pipeline, descriptor sets and
+ * push constants that were bound are not any more. Allocates nothing; submits nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_vulkan_pass_record(struct pell_vulkan_pass *pass, struct VkCommandBuffer_T *command_buffer,
                                                                  float nearest_mm);
 /* Releases the pass, which no command buffer that runs may hold, and sets *pass to NULL; *pass may be NULL already. */

@@ -113,6 +113,9 @@ static enum pell_result render_truth(struct trial *t, const char *count)
     void *values = NULL;
     enum pell_result res = m ? PELL_OK : PELL_ERR_INVALID;
 
+    if (m && !session_runs(t->session, m))
+        return pell_error(t->cli->ctx, PELL_ERR_DEVICE, "--max-error", "--engine cpu",
+                          "methods are judged by path-trace, which has the engine cpu alone");
     for (int half = 0; half < 2 && res == PELL_OK; half++) {
         free(values);
         PELL_TRY(make_values(t, m, "samples", count, &values));

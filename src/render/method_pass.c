@@ -21,7 +21,8 @@ enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_e
 {
     if (engine->method(method))
         return PELL_OK;
-    return pell_error(ctx, PELL_ERR_DEVICE, method->name, NULL, "has no engine %s, only %s", engine->name,
+    return pell_error(ctx, PELL_ERR_DEVICE, method->name, method->cpu ? "take the engine cpu" : NULL, "has no engine %s, only %s",
+                      engine->name,
                       method->cpu && method->vulkan ? "cpu and vulkan"
                       : method->cpu                 ? "cpu"
                       : method->vulkan              ? "vulkan"

@@ -448,7 +448,7 @@ static void each_feature_is_the_cpus(void **state)
         print_message("# %s: mean difference %.2g, of alpha %.2g, of what is shown %.2g; the worst pixel %.2g; %lld and %lld rays\n",
                       scenes[k].name, d.mean, d.alpha, d.shown, d.worst, (long long) rays[0], (long long) rays[1]);
         REQUIRE(d.mean < 1e-5 && d.alpha < 1e-5 && d.shown < 1e-5 && d.pixels > 2000 && d.over * 1000 <= d.pixels);
-        REQUIRE(fabsf(s[0].image.exposure / s[1].image.exposure - 1.0f) < 1e-4f);
+        REQUIRE(fabsf(s[0].image.exposure / s[1].image.exposure - 1.0f) < 1e-5f);
         REQUIRE(rays[0] > 2000 && fabs((double) rays[1] / (double) rays[0] - 1.0) < 2e-3);
         assert_memory_equal(&s[0].image.rect, &s[1].image.rect, sizeof(s[0].image.rect));
         for (int i = 0; i < 2; i++)

@@ -237,6 +237,14 @@ static void print_method(const struct cli *cli, const struct pell_method *m)
     print_knobs(cli, m);
 }
 
+static bool runs_on_vulkan(void)
+{
+    for (size_t i = 0; i < pell_method_count(); i++)
+        if (pell_method_at(i)->vulkan)
+            return true;
+    return false;
+}
+
 /* What -m none does: no row of the registry. */
 static const char none_text[] = "no scattering: Lambertian of the same colour";
 
@@ -281,7 +289,7 @@ enum exit_code command_methods(struct cli *cli)
 
         print_method_row(m->name, kinds[m->kind], width, engine_names(m), find_runs_on(cli, m).name, m->title);
     }
-    print_method_row("none", "-", width, "cpu", "-", none_text);
+    print_method_row("none", "-", width, runs_on_vulkan() ? "cpu,vulkan" : "cpu", "-", none_text);
     return EXIT_OK;
 }
 
@@ -352,28 +360,24 @@ static json_t *devices_json(const struct pell_vulkan_devices *devices)
     return list;
 }
 
-static bool runs_on_vulkan(void)
-{
-    for (size_t i = 0; i < pell_method_count(); i++)
-        if (pell_method_at(i)->vulkan)
-            return true;
-    return false;
-}
-
 static void print_devices(const struct pell_vulkan_devices *devices)
 {
     char line[1024];
 
     printf("%-15s ", "engine vulkan");
-    cli_wrap(stdout, 16, 16,
-             runs_on_vulkan() ? "methods that have it, and direct light; all else of a frame runs on the cpu" : "this build has none");
+    cli_wrap(
+        stdout, 16, 16,
+        runs_on_vulkan()
+            ? "methods that have it, and samples of their frames from the camera to the picture; what a frame lacks there runs on the cpu, "
+              "and a row of --stats says why"
+            : "this build has none");
     for (size_t i = 0; i < devices->count; i++) {
         const struct pell_vulkan_device *d = &devices->list[i];
         const bool taken = (int) i == devices->taken;
 
         snprintf(line, sizeof(line), "%s, %s, Vulkan %u.%u.%u, %.1f GiB%s%s%s%s", d->name, pell_vulkan_kind_name(d->kind), d->version[0],
                  d->version[1], d->version[2], (double) d->memory / (1 << 30), d->missing.length > 0 ? "; lacks " : "", d->missing.str,
-                 taken ? "; preferred: " : "", taken ? devices->why : "");
+                 taken ? "; preferred, since " : "", taken ? devices->why : "");
         printf("Vulkan device %zu ", i);
         cli_wrap(stdout, 16, 16, line);
     }

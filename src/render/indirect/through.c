@@ -180,9 +180,9 @@ static void add_pair(const struct pell_opposed *law, const struct indirect_sampl
 {
     const struct pell_vec3 v = vec3_sub(to->position, vec3_load(from->position)), n = vec3_load(from->normal), w = vec3_load(from->way);
     const struct pell_vec3 t = vec3_mad(w, -vec3_dot(w, n), n);
-    const struct pell_opposed_pair pair = { vec3_dot(v, v),          vec3_dot(n, v), vec3_dot(to->normal, v),
+    const struct pell_opposed_pair pair = { vec3_dot(v, v),          vec3_dot(n, v),  vec3_dot(to->normal, v),
                                             vec3_dot(to->normal, n), from->curvature, vec3_dot(t, v),
-                                            vec3_dot(t, to->normal), vec3_dot(t, t), from->area };
+                                            vec3_dot(t, to->normal), vec3_dot(t, t),  from->area };
     const float unseen = pell_opposed_unseen(pair.facing), far2 = FAR * FAR;
     float through[3];
     bool is[3];

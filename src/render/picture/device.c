@@ -204,7 +204,7 @@ static int64_t bytes_of(const char *name)
         { "direct light", 128 + 48 },
         { "transmission", 128 + 48 },
         { "finish", 128 + 80 + 48 + 104 },
-        { "highlights", 128 },
+        { "highlights", 144 },
         { "rows", 56 },
         { "spread", 96 },
         { "composite", 112 },

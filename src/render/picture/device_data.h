@@ -102,6 +102,7 @@ struct pell_picture_shown {
 struct pell_picture_around {
     PELL_VEC4 hidden; /* of struct pell_lighting; w: bits of numbers of rays */
     PELL_VEC4 lost;   /* the same; w unused */
+    PELL_VEC4 counts; /* of light that enters, to what is metered of it; w unused */
     PELL_VEC4 normal; /* geometric; w: depth */
 };
 

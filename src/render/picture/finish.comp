@@ -170,7 +170,7 @@ void clear(int at)
     surface[at] = uvec2(0u);
     shown[at].factor = vec4(0.0);
     shown[at].specular = vec4(0.0);
-    around[at].hidden = around[at].lost = vec4(0.0);
+    around[at].hidden = around[at].lost = around[at].counts = vec4(0.0);
     around[at].normal = vec4(0.0);
     through[at] = vec4(0.0);
 }
@@ -215,6 +215,7 @@ void main()
     shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * met.r, counts.g * met.g, counts.b * met.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
     around[p.at].lost = vec4(a.lost * albedo * hits[i].sheet.w, 0.0);
+    around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
     through[p.at] = vec4(passed, all > 0.0 ? a.way / all : 0.0);
     if (has(PELL_PICTURE_SINGLE)) {

@@ -2,13 +2,14 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // highlights.comp - shadows, shared by the pixels around each. Mirror of highlights/cpu.c and kernel.c.
-//   in  0 shown   1 around   2 frame   3 entered, of finish.comp
+//   i/o 0 shown: what is metered follows what enters
+//   in  1 around   2 frame   3 entered, of finish.comp
 //   out 4 shared  what is mirrored
 //   out 5 light   what enters, and depth: the method's plane
 layout(local_size_x = 8, local_size_y = 8) in;
 #include "render/picture/device_data.h"
 #include "shared/highlights.h"
-layout(set = 0, binding = 0) readonly buffer Shown { pell_picture_shown shown[]; };
+layout(set = 0, binding = 0) buffer Shown { pell_picture_shown shown[]; };
 layout(set = 0, binding = 1) readonly buffer Around { pell_picture_around around[]; };
 layout(set = 0, binding = 2) readonly buffer Frame { pell_picture_frame fr; };
 layout(set = 0, binding = 3) readonly buffer Entered { vec4 entered[]; };
@@ -60,8 +61,11 @@ void main()
                 next[k] += near * here[k];
             }
         }
+    vec3 enters = own.rgb;
     for (int c = 0; c < 3; c++) {
         given[at][c] = shared_light(specular[c], hidden[c], sum[0][c], sum[1][c], next[0][c], next[1][c]);
-        light[at][c] = shared_light(own[c], around[at].lost[c], sum[2][c], sum[3][c], next[2][c], next[3][c]);
+        enters[c] = shared_light(own[c], around[at].lost[c], sum[2][c], sum[3][c], next[2][c], next[3][c]);
     }
+    light[at] = vec4(enters, own.w);
+    shown[at].specular.w += dot(around[at].counts.rgb, enters - own.rgb);
 }
