@@ -31,7 +31,7 @@ struct pell_lighting {
     float *single[3];      /* W/(m^2 sr), scattered once; written with `apart` */
     float *hidden[3];      /* W/(m^2 sr), with `shared`: what shadows took of the highlights of lights with a face; -1 where the surface
                             * itself emits; */
-    float *lost[3];        /* W/m^2: and of `irradiance` */
+    float *lost[3];        /* W/m^2: and of `irradiance`, of opaque surfaces; methods blur that of others anyway */
     float *aside[3];       /* W/m^2, with `ways`: what of the light that enters was moved there by the shift of curvature/stage.h, */
     float *way_in[3];      /* and the mean refracted direction of the light, where it is not moved */
     int64_t shadow_rays;   /* by the cpu */

@@ -214,7 +214,7 @@ void main()
     shown[p.at].factor = vec4(factor, uintBitsToFloat(number + 1u));
     shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * met.r, counts.g * met.g, counts.b * met.b));
     around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
-    around[p.at].lost = vec4(a.lost * albedo * hits[i].sheet.w, 0.0);
+    around[p.at].lost = vec4((m.flags & PELL_PICTURE_OPAQUE) != 0u ? a.lost * albedo * hits[i].sheet.w : vec3(0.0), 0.0);
     around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
     through[p.at] = vec4(passed, all > 0.0 ? a.way / all : 0.0);
