@@ -3,6 +3,7 @@
  * feature, where frames follow each other, and where calls fail; what the device lacks the cpu does, and a row says why. Under the
  * validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
+#include "slow.h"
 #include "stage.h"
 
 #include "render/engine.h"
@@ -431,7 +432,7 @@ static void each_feature_is_the_cpus(void **state)
 {
     (void) state;
     skip_without_gpu();
-    for (size_t k = 0; k < PELL_COUNT(scenes); k++) {
+    for (size_t k = 0; k < PELL_COUNT(scenes); k += SLOW ? 3 : 1) {
         struct stage s[2];
         struct apart d;
         int64_t rays[2] = { 0, 0 };
