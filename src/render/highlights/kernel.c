@@ -9,6 +9,7 @@ static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, floa
     const uint16_t *restrict material = b->material, *restrict other = material + offset;
     const float *restrict depth = b->depth, *restrict beyond = depth + offset;
     const float *restrict nx = b->normal[0], *restrict ny = b->normal[1], *restrict nz = b->normal[2];
+    const float nearer = next / weight;
     const float depth_mm = b->depth_mm * b->slope, fixed_mm = b->fixed_mm * b->slope;
     float w[PELL_HIGHLIGHTS_BLOCK];
 
@@ -27,8 +28,8 @@ static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, floa
         if (!(next > 0.0f))
             continue;
         for (int i = first; i < end; i++) {
-            b->next[c][i] += w[i] > 0.0f ? next / weight * w[i] * light[i] : 0.0f;
-            b->next_all[c][i] += w[i] > 0.0f ? next / weight * w[i] * (light[i] + hidden[i]) : 0.0f;
+            b->next[c][i] += w[i] > 0.0f ? nearer * w[i] * light[i] : 0.0f;
+            b->next_all[c][i] += w[i] > 0.0f ? nearer * w[i] * (light[i] + hidden[i]) : 0.0f;
         }
     }
 }

@@ -5,8 +5,8 @@
  * A few rays say which points of a light's face are hidden: in penumbras highlights have noise many times as bright as all else, and the
  * ground has grain. How much light there would be without shadows is known well, and varies quickly; what share of it is hidden varies
  * slowly. The share is taken from all pixels around, weighed by their light without shadows (a ratio estimator: E. Heitz, S. Hill and
- * M. McGuire, "Combining Analytic Direct Illumination and Stochastic Shadows", I3D 2018), of highlights and of light that enters apart;
- * from the nearest alone where those differ from the others by more than noise, as at sharp edges of shadows.
+ * M. McGuire, "Combining Analytic Direct Illumination and Stochastic Shadows", I3D 2018), of highlights and of light on
+ * opaque surfaces apart; from the nearest alone where those differ from the others by more than noise, as at sharp edges of shadows.
  *
  * Threads    one call at a time per set of planes.
  */

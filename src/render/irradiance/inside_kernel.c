@@ -92,7 +92,6 @@ static void scale(const struct pell_gains *restrict gains, struct pell_sums *res
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             sums->irradiance[c][i] *= gains->all[c][i];
-            sums->lost[c][i] *= gains->all[c][i];
             sums->single[c][i] *= gains->once[c][i];
         }
 }

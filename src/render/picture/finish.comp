@@ -127,7 +127,6 @@ void put_inside(uint i, uint material, inout Arrived a)
     a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
     a.transmitted += n.behind.rgb;
     a.irradiance *= n.all.rgb;
-    a.lost *= n.all.rgb;
     a.single *= n.once.rgb;
     const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
