@@ -20,9 +20,8 @@ struct forward {
 /* Where light leaves. */
 struct end {
     const struct indirect_sample *at;
-    float
-        far; /* pell_indirect_far of the thickness of the part there: all that enters opposite is as far away or farther, and rays have the
-                * rest */
+    /* pell_indirect_far of the thickness of the part there: all that enters opposite is as far away or farther, and rays have the rest */
+    float far;
 };
 
 static void add_beam(const struct pell_forward *law, const struct end *end, const float position[3], const float normal[3],
