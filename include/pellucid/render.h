@@ -26,6 +26,7 @@ extern "C" {
 #endif
 
 enum pell_tonemap { PELL_TONEMAP_REINHARD, PELL_TONEMAP_LINEAR, PELL_TONEMAP_FILMIC };
+enum pell_pixel_filter { PELL_PIXEL_FILTER_GAUSSIAN, PELL_PIXEL_FILTER_BOX };
 /* Transmittance of the surface for light that enters and leaves: Fresnel's F_t of a smooth boundary, or rho_dt = 1 - rho_s (albedo of the
  * specular lobe). */
 enum pell_boundary_model { PELL_BOUNDARY_MODEL_ROUGH, PELL_BOUNDARY_MODEL_SMOOTH };
@@ -53,6 +54,7 @@ struct pell_settings {
     bool denoise;       /* filters the noise of methods that know their standard error out of the color, for show; with `layers` alone */
     bool dof;           /* depth of field with the camera's thin lens, one lens point per multisample */
     int tonemap;        /* enum pell_tonemap */
+    int pixel_filter;   /* enum pell_pixel_filter: of the shown picture of several samples a pixel */
     int exit;           /* enum pell_exit_normalization */
     int boundary;       /* enum pell_boundary_model */
     int profile;        /* of media: 0 for each material's own model, else 1 + enum pell_profile_model for all of them */
@@ -148,7 +150,7 @@ struct pell_render_result {
     ptrdiff_t stride;
     const struct pell_channel *channels; /* linear: "R", "G", "B", "A", "diffuse.multiple.R", ... as EXR layers are named */
     size_t num_channels;
-    const float *display[3]; /* after exposure and tone mapping, [0, 1], not sRGB-encoded; stride as above */
+    const float *display[3]; /* after exposure, tone mapping and the pixel filter, [0, 1], not sRGB-encoded; stride as above */
     const float *alpha;
     const struct pell_stage_time *stages;
     size_t num_stages;

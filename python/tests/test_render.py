@@ -228,7 +228,15 @@ def stop_once(seen):
     return stop
 
 
-def test_ctrl_c_leaves_scene_and_renderer_usable(ball_file):
+@pytest.fixture
+def ctrl_c():
+    """Python's own handler of SIGINT: a shell's background jobs start without it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_leaves_scene_and_renderer_usable(ball_file, ctrl_c):
     with pellucid.Scene.load(ball_file, **LOAD) as scene, pellucid.Renderer(scene) as renderer:
         timer = threading.Timer(0.7, lambda: signal.raise_signal(signal.SIGINT))
         timer.start()
@@ -239,7 +247,7 @@ def test_ctrl_c_leaves_scene_and_renderer_usable(ball_file):
         assert isinstance(scene.check(), list)
 
 
-def test_ctrl_c_cancels(ball_file):
+def test_ctrl_c_cancels(ball_file, ctrl_c):
     timer = threading.Timer(0.7, lambda: signal.raise_signal(signal.SIGINT))
     start = time.monotonic()
     timer.start()

@@ -135,6 +135,7 @@ enum pell_result pell_cpu_post(void *engine, const struct pell_engine_frame *f, 
         .meter = e->sum.meter,
         .rows = e->rows,
         .glow = e->glow,
+        .unfiltered = e->lighting.transmitted, /* no sample comes any more */
         .device = device ? e->post_device : NULL,
     };
     const int64_t pixels = (int64_t) params.width * params.height;

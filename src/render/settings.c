@@ -10,6 +10,7 @@
 #include <string.h>
 
 static const char *const tonemaps[] = { "reinhard", "linear", "filmic", NULL };
+static const char *const pixel_filters[] = { "gaussian", "box", NULL };
 static const char *const exits[] = { "balanced", "published", NULL };
 static const char *const boundaries[] = { "rough", "smooth", NULL };
 /* The names of the rows of pell_profile_model_row, which a test holds them to. */
@@ -63,6 +64,9 @@ static const struct pell_knob settings_knobs[] = {
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_TONEMAP_REINHARD }, 0, 0, tonemaps,
       "curve from exposed radiance to the display: photographic (Reinhard et al. 2002), none, or as film has it (ACES): bright colours "
       "turn white; --white has no effect on it" },
+    { "pixel-filter", PELL_KNOB_ENUM, "1", AT(pixel_filter), { PELL_PIXEL_FILTER_GAUSSIAN }, 0, 0, pixel_filters,
+      "what the shown picture has of the samples around a pixel, where there are several a pixel: those around its centre, for smooth "
+      "edges, or its own alone; EXR, HDR and PFM always have its own alone" },
     { "exit", PELL_KNOB_ENUM, "1", AT(exit), { PELL_EXIT_NORMALIZATION_BALANCED }, 0, 0, exits,
       "exit normalization: balanced conserves the energy of the diffusion profile; published loses 6 to 9 % of it" },
     { "boundary", PELL_KNOB_ENUM, "1", AT(boundary), { PELL_BOUNDARY_MODEL_ROUGH }, 0, 0, boundaries,

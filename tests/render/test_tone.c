@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_tone.c - what becomes display white where nobody says it, the filmic curve, and stops. */
+ * test_tone.c - what becomes display white where nobody says it, the filmic curve, stops, and the pixel filter. */
 #include "stage.h"
 
 #include "base/pool.h"
@@ -9,7 +9,7 @@
 enum { W = 120, H = 100, ALL = W * H };
 
 struct picture {
-    float color[3][ALL], alpha[ALL], display[3][ALL];
+    float color[3][ALL], alpha[ALL], display[3][ALL], unfiltered[3][ALL];
 };
 
 /* Grey pixels of the luminances that `light` gives by number, all covered. */
@@ -44,19 +44,21 @@ static struct pell_post_result show_by(struct picture *p, const struct pell_sett
         scene->background_color[c] = color[c];
     for (int i = 0; i < 2 * H; i++)
         meter[i] = 1.0;
-    assert_int_equal(pell_post_render(pool,
-                                      &(struct pell_post_params) { .scene = scene,
-                                                                   .lens = &lens,
-                                                                   .settings = settings,
-                                                                   .width = W,
-                                                                   .height = H,
-                                                                   .rect = { 0, 0, W, H },
-                                                                   .stride = W,
-                                                                   .meter = meter,
-                                                                   .rows = rows },
-                                      (float *[]) { p->color[0], p->color[1], p->color[2] }, p->alpha,
-                                      (float *[]) { p->display[0], p->display[1], p->display[2] }, &result),
-                     PELL_OK);
+    assert_int_equal(
+        pell_post_render(pool,
+                         &(struct pell_post_params) { .scene = scene,
+                                                      .lens = &lens,
+                                                      .settings = settings,
+                                                      .width = W,
+                                                      .height = H,
+                                                      .rect = { 0, 0, W, H },
+                                                      .stride = W,
+                                                      .meter = meter,
+                                                      .rows = rows,
+                                                      .unfiltered = (float *[]) { p->unfiltered[0], p->unfiltered[1], p->unfiltered[2] } },
+                         (float *[]) { p->color[0], p->color[1], p->color[2] }, p->alpha,
+                         (float *[]) { p->display[0], p->display[1], p->display[2] }, &result),
+        PELL_OK);
     pell_pool_destroy(&pool);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);
@@ -221,6 +223,7 @@ static void rims_are_shown_by_the_share_that_they_cover(void **state)
     (void) state;
     pell_knobs_default(pell_settings_knobs(), &settings);
     settings.exposure = 1.0f;
+    settings.pixel_filter = PELL_PIXEL_FILTER_BOX;
     for (size_t k = 0; k < PELL_COUNT(curves); k++) {
         struct picture *p = picture_of(ramp);
         settings.tonemap = curves[k];
@@ -241,6 +244,79 @@ static void rims_are_shown_by_the_share_that_they_cover(void **state)
     }
 }
 
+/* The radiance of one white pixel, of a white corner and of ever other numbers, shown as they are. */
+static double spike(int i)
+{
+    return i == 50 * W + 60 ? 1.0 : 0.0;
+}
+
+static double corner(int i)
+{
+    return i % W < 3 && i / W < 2 ? 1.0 : 0.0;
+}
+
+static double grain(int i)
+{
+    return 0.5 + 0.5 * sin(i * i % 1001);
+}
+
+static struct picture *filtered(double (*light)(int pixel), int filter, int msaa, enum pell_background background)
+{
+    struct picture *p = picture_of(light);
+    struct pell_settings settings;
+
+    pell_settings_default(NULL, NULL, &settings);
+    settings.exposure = 1.0f;
+    settings.tonemap = PELL_TONEMAP_LINEAR;
+    settings.pixel_filter = filter;
+    settings.msaa = msaa;
+    show_by(p, &settings, background, NULL);
+    return p;
+}
+
+/* A pixel's own samples have a variance of 1/12 along each axis, and the filter adds 0.12 to that. No light is lost, also at borders, and
+ * the linear channels keep theirs. */
+static void the_pixel_filter_is_as_wide_as_stated_and_keeps_light(void **state)
+{
+    double sum = 0.0, square[2] = { 0.0, 0.0 };
+    struct picture *p = filtered(spike, PELL_PIXEL_FILTER_GAUSSIAN, 4, PELL_BACKGROUND_COLOR);
+    (void) state;
+
+    for (int i = 0; i < ALL; i++) {
+        sum += (double) p->display[1][i];
+        square[0] += (double) p->display[1][i] * (i % W - 60) * (i % W - 60);
+        square[1] += (double) p->display[1][i] * (i / W - 50) * (i / W - 50);
+        REQUIRE_NEAR((double) p->color[1][i], spike(i), 0);
+    }
+    REQUIRE_NEAR(sum, 1.0, 1e-6);
+    REQUIRE_NEAR(square[0], 0.12, 1e-6);
+    REQUIRE_NEAR(square[1], 0.12, 1e-6);
+    free(p);
+    sum = 0.0;
+    p = filtered(corner, PELL_PIXEL_FILTER_GAUSSIAN, 4, PELL_BACKGROUND_COLOR);
+    for (int i = 0; i < ALL; i++)
+        sum += (double) p->display[1][i];
+    REQUIRE_NEAR(sum, 6.0, 1e-5);
+    REQUIRE_NEAR((double) p->display[1][0], 1.0, 0); /* what is beyond the border is as the border */
+    free(p);
+}
+
+/* Nor where there is but one sample, nor straight colours beside an alpha. */
+static void what_is_not_to_be_filtered_keeps_its_bits(void **state)
+{
+    struct picture *plain = filtered(grain, PELL_PIXEL_FILTER_BOX, 4, PELL_BACKGROUND_COLOR), *others[3];
+    (void) state;
+
+    others[0] = filtered(grain, PELL_PIXEL_FILTER_GAUSSIAN, 1, PELL_BACKGROUND_COLOR);
+    others[1] = filtered(grain, PELL_PIXEL_FILTER_GAUSSIAN, 4, PELL_BACKGROUND_TRANSPARENT);
+    others[2] = filtered(grain, PELL_PIXEL_FILTER_GAUSSIAN, 4, PELL_BACKGROUND_COLOR);
+    for (int k = 0; k < 3; k++) {
+        REQUIRE((memcmp(plain->display, others[k]->display, sizeof(plain->display)) == 0) == (k < 2));
+        free(others[k]);
+    }
+    free(plain);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -250,6 +326,8 @@ int main(void)
         cmocka_unit_test(a_background_is_shown_as_it_is_asked_for),
         cmocka_unit_test(stops_multiply_every_exposure),
         cmocka_unit_test(rims_are_shown_by_the_share_that_they_cover),
+        cmocka_unit_test(the_pixel_filter_is_as_wide_as_stated_and_keeps_light),
+        cmocka_unit_test(what_is_not_to_be_filtered_keeps_its_bits),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -12,6 +12,7 @@
 #define ENVIRONMENT_WHITE 16.0f /* an environment behind the object may be brighter than the object by far */
 #define LARGEST_WHITE 1e12f     /* of the setting */
 #define METER_FACTOR 3.0        /* at most this times the key's exposure */
+#define ASIDE 0.06f             /* what the pixel filter takes of each neighbour along an axis */
 #define BRIGHT 0.01             /* share of the covered pixels that the default white leaves above it */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
@@ -26,6 +27,7 @@ struct task {
     float exposure, white, white_scale; /* 1 / white^2 */
     bool curve;
     struct pell_rect varied;          /* where what is behind differs from pixel to pixel */
+    struct pell_rect filtered;        /* of the pixel filter */
     struct pell_post_tone tone, over; /* over one colour; what lies over the background already */
 };
 
@@ -296,6 +298,67 @@ static enum pell_result bloom(struct pell_pool *pool, const struct task *t, stru
     return PELL_OK;
 }
 
+/* --- The pixel filter ------------------------------------------------------------------------------------------------------------ */
+
+/* A row of what is shown to scratch, filtered along itself. */
+static void filter_across(void *arg, int index, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_rect r = t->filtered;
+    const ptrdiff_t row = (r.y0 + index) * t->p->stride;
+    const int last = t->p->width - 1;
+    (void) worker;
+
+    for (int c = 0; c < 3; c++) {
+        const float *in = t->display[c] + row;
+        float *out = t->p->unfiltered[c] + row;
+        const int from = r.x0 > 0 ? r.x0 : 1, to = r.x1 <= last ? r.x1 : last;
+        if (to > from)
+            t->kernels->blend(to - from, ASIDE, in + from - 1, in + from, in + from + 1, out + from);
+        if (r.x0 == 0)
+            t->kernels->blend(1, ASIDE, in, in, in + (last > 0), out);
+        if (r.x1 > last && last > 0)
+            t->kernels->blend(1, ASIDE, in + last - 1, in + last, in + last, out + last);
+    }
+}
+
+/* A row of scratch to what is shown, filtered with those above and below. */
+static void filter_down(void *arg, int index, int worker)
+{
+    const struct task *t = arg;
+    const struct pell_rect r = t->filtered;
+    const int y = r.y0 + index, above = y > r.y0 ? y - 1 : y, below = y < r.y1 - 1 ? y + 1 : y;
+    (void) worker;
+
+    for (int c = 0; c < 3; c++) {
+        const float *in = t->p->unfiltered[c] + r.x0;
+        t->kernels->blend(r.x1 - r.x0, ASIDE, in + above * t->p->stride, in + y * t->p->stride, in + below * t->p->stride,
+                          t->display[c] + y * t->p->stride + r.x0);
+    }
+}
+
+/* Over what is covered and a pixel around it: beyond there is one colour. Where there isn't, over everything, or what is behind would be
+ * sharper beside the object than over there. Colours behind an alpha are no light that could be blended. */
+static void filter_pixels(struct pell_pool *pool, struct task *t)
+{
+    const struct pell_post_params *p = t->p;
+    struct pell_rect r = { 0, 0, p->width, p->height };
+
+    if (p->settings->pixel_filter == PELL_PIXEL_FILTER_BOX || p->settings->msaa == 1 || p->scene->background == PELL_BACKGROUND_TRANSPARENT)
+        return;
+    if (t->tone.lay && p->settings->bloom == 0.0f && t->varied.x0 >= t->varied.x1) {
+        r.x0 = p->rect.x0 > 0 ? p->rect.x0 - 1 : 0;
+        r.y0 = p->rect.y0 > 0 ? p->rect.y0 - 1 : 0;
+        r.x1 = p->rect.x1 < p->width ? p->rect.x1 + 1 : p->width;
+        r.y1 = p->rect.y1 < p->height ? p->rect.y1 + 1 : p->height;
+        if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)
+            return;
+    }
+    t->filtered = r;
+    pell_pool_run(pool, r.y1 - r.y0, filter_across, t);
+    pell_pool_run(pool, r.y1 - r.y0, filter_down, t);
+}
+
 /* Where the background differs from pixel to pixel. */
 static struct pell_rect varied_background(const struct task *t)
 {
@@ -383,5 +446,6 @@ enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post
     if (settings->bloom > 0.0f)
         res = bloom(pool, &t, &result->on_device);
     result->bloom = pell_seconds() - start;
+    filter_pixels(pool, &t);
     return res;
 }

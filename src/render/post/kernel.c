@@ -199,5 +199,11 @@ static void empty(const struct pell_post_tone *tone, int count, float *const col
     put(tone->shown, count, display, 0);
 }
 
+static void blend(int count, float aside, const float *before, const float *here, const float *after, float *restrict out)
+{
+    for (int i = 0; i < count; i++)
+        out[i] = here[i] + aside * ((before[i] - here[i]) + (after[i] - here[i]));
+}
+
 extern const struct pell_post_kernels PELL_SIMD(pell_post_kernels);
-const struct pell_post_kernels PELL_SIMD(pell_post_kernels) = { measure, finish, empty };
+const struct pell_post_kernels PELL_SIMD(pell_post_kernels) = { measure, finish, empty, blend };

@@ -30,6 +30,8 @@ struct pell_post_kernels {
     void (*finish)(const struct pell_post_tone *tone, int count, float *const color[3], const float *alpha, float *const display[3]);
     /* Pixels that nothing covers. */
     void (*empty)(const struct pell_post_tone *tone, int count, float *const color[3], float *alpha, float *const display[3]);
+    /* Means of pixels and their two neighbours, which weigh `aside` each. `out` is none of the others. */
+    void (*blend)(int count, float aside, const float *before, const float *here, const float *after, float *out);
 };
 
 PELL_SIMD_TABLES(struct pell_post_kernels, pell_post_kernels);

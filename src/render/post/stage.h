@@ -5,6 +5,10 @@
  * Photographic tone reproduction (Reinhard, Stark, Shirley, Ferwerda 2002): L = exposure x luminance, L_d = L (1 + L / white^2) / (1 + L),
  * colour scaled by L_d / L.
  *
+ * What is shown of several samples a pixel is weighted by a Gaussian about the pixel's centre, as renderers of films do: a box leaves
+ * stairs at edges between white and black, however many samples it has. The pixel's mean, which has a variance of 1/12 along each axis,
+ * is blended with its neighbours' for that: 1/12 + 2 x 0.06 is a standard deviation of 0.45 pixels.
+ *
  * A pixel that is covered in part is shown as the shares of what covers it and of what is behind it, each by the curve: the linear light of
  * a rim far brighter than white would make all of its pixels white, however little of them it covers.
  *
@@ -32,6 +36,7 @@ struct pell_post_params {
     const double *meter;             /* of the composite: 2 numbers a row */
     double *rows;                    /* scratch: 4 numbers a row */
     float *const *glow;              /* scratch: PELL_BLOOM_PLANES planes; not read without bloom, or with a device */
+    float *const *unfiltered;        /* scratch: 3 planes */
     struct pell_post_device *device; /* for bloom, with room for it; NULL: the cpu */
 };
 
