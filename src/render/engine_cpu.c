@@ -350,8 +350,10 @@ static enum pell_result cpu_surface(void *engine, const struct pell_engine_sampl
     struct pell_cpu *e = engine;
     const struct pell_surface *s = &e->surface;
     const double start = pell_seconds();
-    const enum pell_result res = pell_surface_render(e->pool, e->rays, e->scene, &sample->view, &e->surface);
+    enum pell_result res;
 
+    e->surface.spread = pell_surface_spread(sample->frame->settings);
+    res = pell_surface_render(e->pool, e->rays, e->scene, &sample->view, &e->surface);
     if (res != PELL_OK)
         return res;
     pell_stage_note(sample->frame->notes, "surface", pell_seconds() - start, s->covered_pixels, s->rays, s->covered_pixels * 72);

@@ -246,10 +246,12 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   pell_counted(result->invalid, "pixel was not finite and was", "pixels were not finite and were").str);
 }
 
-/* Parts of the lens whose discs are cut do not meet: each shows a copy of its own of what is out of focus. */
+/* Parts of the lens whose discs are cut do not meet: each shows a copy of its own of what is out of focus. From the lens' edge nearer
+ * things may be seen than from where few samples look: with as many as are named here no more are asked for. */
 static void warn_of_copies(const struct pell_renderer *r, const struct pell_settings *s, const struct pell_engine_result *result)
 {
-    const double ratio = (double) result->widest_disc / PELL_DOF_MOST, needed = ceil((double) s->msaa * ratio * ratio);
+    const double n = (double) s->msaa, ratio = (double) result->widest_disc / PELL_DOF_MOST;
+    const double needed = ceil(n * ratio * ratio * (1.0 + 1.0 / (n * n)));
     char hint[64];
 
     if (!(ratio > 1.0))

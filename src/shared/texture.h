@@ -83,6 +83,14 @@ PELL_SHARED float pell_bumps(float length2, float texels, float scale)
     return missing > 0.0f ? shrunk * (scale * scale) * missing / (sqrtf(least) * (3.0f - least)) : 0.0f;
 }
 
+/* The same of a smooth surface whose normal turns by this square along the two axes of a pixel, which has places of variance `spread` along
+ * each. At most what widens a mirror's lobe to that of a roughness of 0.45: pixels of silhouettes hold normals of all directions. */
+PELL_SHARED float pell_turned(float square, float spread)
+{
+    const float variance = spread * square;
+    return variance > 0.0f ? variance < 0.02f ? variance : 0.02f : 0.0f;
+}
+
 /* A lobe over such bumps is the lobe of all their normals: as wide as both. Twice the variance of slopes is the square of alpha (Beckmann's
  * distribution). `whole`: alpha is the roughness, not its square. */
 PELL_SHARED float pell_bumpy_roughness(float roughness, float bumps, int32_t whole)

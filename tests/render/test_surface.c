@@ -14,6 +14,7 @@ struct stage {
     struct pell_mips *mips;
     struct pell_surface surface;
     struct pell_view view;
+    float spread;
 };
 
 static struct stage stage_of(struct pell_context *ctx, struct pell_scene *scene, int threads)
@@ -41,6 +42,7 @@ static void render(struct stage *s, int width, int height, float distance, float
     s->view = pell_view_make(&c, width, height, 0.0f, 0.0f);
     assert_int_equal(pell_surface_allocate(s->ctx, width, height, &s->surface), PELL_OK);
     s->surface.mips = s->mips;
+    s->surface.spread = s->spread;
     assert_int_equal(pell_surface_render(s->pool, s->rays, s->scene, &s->view, &s->surface), PELL_OK);
 }
 
@@ -172,6 +174,47 @@ static void a_ball_converges_over_three_tessellations_and_has_no_pinholes(void *
             assert_true(normal[ortho][k] / normal[ortho][k + 1] > 3.0);
         }
     }
+}
+
+/* A pixel of w mm on a ball of radius r, t from its middle, is w across and w / cos t down it, and normals turn by 1/r there. A plane's do
+ * not, and what holds the whole silhouette is cut. */
+static void normals_turn_inside_of_a_pixel_as_on_a_ball(void **state)
+{
+    struct pell_context *ctx = test_context(NULL, NULL);
+    struct pell_scene *scene = shapes_scene(ctx);
+    struct stage s;
+    double worst = 0.0;
+    int seen = 0;
+
+    (void) state;
+    shapes_ball(scene, 0, vec3(0, 0, 0), 10.0f, 160);
+    s = stage_of(ctx, scene, 2);
+    for (int ortho = 0; ortho < 2; ortho++) {
+        s.spread = 0.25f;
+        render(&s, 121, 99, 60.0f, ortho ? 24.0f : 0.0f);
+        for (int y = 0; y < s.surface.height; y++)
+            for (int x = 0; x < s.surface.width; x++) {
+                const ptrdiff_t i = y * s.surface.stride + x;
+                const double w = (ortho ? 1.0 : (double) s.surface.depth[i]) / (double) s.view.focal_px;
+                struct pell_vec3 o, d;
+                double c;
+                if (!s.surface.material[i])
+                    continue;
+                pell_view_ray(&s.view, (float) x, (float) y, &o, &d);
+                REQUIRE(s.surface.turned[i] > 0.0f && s.surface.turned[i] <= 0.02f);
+                c = (double) vec3_dot(at(s.surface.ng, i), vec3_normalize(d));
+                if (c > -0.5) /* facets are nowhere as steep as the ball */
+                    continue;
+                worst = fmax(worst, fabs((double) s.surface.turned[i] / (0.25 * w * w / 100.0 * (1.0 + 1.0 / (c * c))) - 1.0));
+                seen++;
+            }
+    }
+    print_message("# normals turn as on a ball within %.3f at %d pixels\n", worst, seen);
+    REQUIRE(seen > 3000);
+    REQUIRE_NEAR(worst, 0.0, 0.1);
+    render(&s, 4, 3, 60.0f, 24.0f);
+    REQUIRE_NEAR((double) s.surface.turned[s.surface.stride + 1], 0.02, 1e-7);
+    stage_finish(&s);
 }
 
 static void a_plane_has_its_depth_and_a_picture_its_right_side_up(void **state)
@@ -846,6 +889,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_ball_converges_over_three_tessellations_and_has_no_pinholes),
+        cmocka_unit_test(normals_turn_inside_of_a_pixel_as_on_a_ball),
         cmocka_unit_test(a_plane_has_its_depth_and_a_picture_its_right_side_up),
         cmocka_unit_test(odd_sizes_and_single_pixels_are_the_same_picture_cut_smaller),
         cmocka_unit_test(the_rectangle_of_the_bounds_loses_no_pixel),

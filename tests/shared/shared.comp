@@ -146,7 +146,7 @@ float mapped(float x)
     const pell_mip_levels m = pell_mip_levels_of(x, 4.0f);
     const float bumps = pell_bumps(0.9f, x, 1.0f);
     return t.f + PELL_TO_FLOAT(t.a + t.b + m.lower + m.upper + pell_floor_to_int(x)) + m.blend + pell_rough_log2(x) +
-           pell_bumpy_roughness(x, bumps, 0);
+           pell_bumpy_roughness(x, bumps, 0) + pell_turned(x, 0.25f);
 }
 
 // From a pixel to what it shows: the stages that look around it, too.

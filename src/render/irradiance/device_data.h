@@ -67,7 +67,8 @@ struct pell_lit_point {
     PELL_VEC4 f0;                        /* w: shift, blue */
     uint32_t hash0, hash1, curve, first; /* what patterns of samples are made of: struct pell_lanes */
     uint32_t material, flags;            /* of the scene; PELL_LIT_AMBIENT, PELL_LIT_STRAIGHT */
-    uint32_t number, unused;             /* of the multisample */
+    uint32_t number;                     /* of the multisample */
+    float turned;                        /* of struct pell_surface */
 };
 
 /* Of a material of the scene, as the stage sees it. */

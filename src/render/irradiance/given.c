@@ -27,6 +27,7 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .flags = (asks ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u) |
                      (job->entering ? 0u : PELL_LIT_SEEN),
             .number = number,
+            .turned = l->turned[i],
         };
         out[i] = point;
     }

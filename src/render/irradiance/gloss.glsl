@@ -28,7 +28,7 @@ Gloss gloss_of(Point p)
     gloss.nv = dot(p.normal, gloss.view);
     gloss.model = materials[p.material].model;
     gloss.width2 = pell_lobe_width(gloss.model, points[p.at].normal.w);
-    gloss.width2 *= gloss.width2;
+    gloss.width2 = gloss.width2 * gloss.width2 + 2.0 * points[p.at].turned;
     return gloss;
 }
 

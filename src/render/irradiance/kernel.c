@@ -419,7 +419,7 @@ static void load_roughness(struct pell_lanes *restrict p)
         const float r = p->roughness[i], width = pell_lobe_width(p->model[i], r);
         const float y = pell_roughness_place(r, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
         const int32_t k = pell_table_cell(y, PELL_ALBEDO_ROUGHNESS);
-        p->width2[i] = width * width;
+        p->width2[i] = width * width + 2.0f * p->turned[i];
         p->fraction[i] = y - (float) k;
         p->albedo_at[i] += 2 * k;
         p->rho[i] = (p->tint[0][i] + p->tint[1][i] + p->tint[2][i]) * (1.0f / 3.0f);
@@ -491,6 +491,10 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     gather(s->ns[1], index, rows, p->ny);
     gather(s->ns[2], index, rows, p->nz);
     gather(s->terminator_offset, index, rows, p->terminator_offset);
+    if (!input->place && s->spread > 0.0f)
+        gather(s->turned, index, rows, p->turned);
+    else
+        memset(p->turned, 0, sizeof(p->turned));
     if (input->plain) {
         load_plain(input->plain, p);
     } else {

@@ -39,6 +39,7 @@ struct pell_lanes {
     float through[3][16]; /* that of `transmitted`: with any_thin, which is albedo itself where a lane is no thin sheet */
     int32_t thin[16];     /* -1: a thin sheet, whose far side is lit, too; with any_thin */
     float roughness[16];
+    float turned[16]; /* see struct pell_surface */
     int32_t valid[16];
     uint32_t hash[2][16];    /* random, the same for all of a block of pixels */
     uint32_t curve[16];      /* place in the block, see pell_pixel_curve */

@@ -8,7 +8,7 @@
 #include <stddef.h>
 
 #define AT(type, member, bytes) (offsetof(struct type, member) == (bytes))
-_Static_assert(sizeof(struct pell_picture_frame) == 128 && AT(pell_picture_frame, width, 64) && AT(pell_picture_frame, flags, 96) &&
+_Static_assert(sizeof(struct pell_picture_frame) == 144 && AT(pell_picture_frame, width, 64) && AT(pell_picture_frame, flags, 96) &&
                    sizeof(struct pell_picture_material) == 144 && AT(pell_picture_material, flags, 128) &&
                    sizeof(struct pell_picture_hit) == 80 && AT(pell_picture_hit, mesh, 64) && sizeof(struct pell_picture_inside) == 128 &&
                    sizeof(struct pell_picture_shown) == 32 && sizeof(struct pell_picture_around) == 64 &&
@@ -134,5 +134,6 @@ void picture_fill(const struct pell_picture_device *d, const struct pell_picture
         .mean_at = (int32_t) (sizeof(t->albedo) / sizeof(float) + t->num_boundaries * PELL_BOUNDARY_MU),
         .depth_mm = v->orthographic ? 0.0f : 1.0f / v->focal_px,
         .fixed_mm = v->orthographic ? 1.0f / v->focal_px : 0.0f,
+        .spread = pell_surface_spread(s->sample->frame->settings),
     };
 }

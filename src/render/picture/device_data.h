@@ -58,6 +58,8 @@ struct pell_picture_frame {
     int32_t mean_at;          /* the lobes' mean albedos, in floats of the tables */
     uint32_t known;           /* of the solids around points */
     float depth_mm, fixed_mm; /* a pixel at depth d is d depth_mm + fixed_mm wide */
+    float spread;             /* of struct pell_surface */
+    uint32_t unused0, unused1, unused2;
 };
 
 /* Of a material of the scene. */

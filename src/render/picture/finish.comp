@@ -104,7 +104,9 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
         const vec3 lights = word(env + 2u * e), unshadowed = word(env + 2u * e + 1u);
         a.irradiance += max(lights + open * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
         if (shines) {
-            const vec3 mirrored = mirrored_by(e, normalize(2.0 * max(dot(normal, view), 0.0) * normal - view), lobe, points[i].normal.w);
+            const float width = pell_lobe_width(m.model, points[i].normal.w), turned = points[i].turned;
+            const vec3 out_of = normalize(2.0 * max(dot(normal, view), 0.0) * normal - view);
+            const vec3 mirrored = mirrored_by(e, out_of, sqrt(width * width + 2.0 * turned));
             for (int c = 0; c < 3; c++)
                 a.specular[c] += mirrored[c] * points[i].tint[c] * pell_saturate(points[i].f0[c] * albedo.x + albedo.y) * open;
         }

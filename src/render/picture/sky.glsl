@@ -96,11 +96,11 @@ vec3 level_at(uint level, pell_place2 place)
     return sum;
 }
 
-// Out of a unit direction.
-vec3 mirrored_by(uint e, vec3 d, Lobe lobe, float roughness)
+// Out of a unit direction, by a lobe of that width.
+vec3 mirrored_by(uint e, vec3 d, float width)
 {
     const uint row = 4u + SKY_ROW * e, levels = sky[row + 3u];
-    const float r = sqrt(pell_saturate(pell_lobe_width(materials[lobe.material].model, roughness)));
+    const float r = sqrt(pell_saturate(width));
     const float cosine = sky_float(row + 4u), sine = sky_float(row + 5u);
     uint level = row + SKY_LEVELS;
 

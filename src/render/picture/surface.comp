@@ -42,6 +42,7 @@ layout(push_constant) uniform Push { pell_picture_push pc; };
 
 const float FAR = 3.402823466e38; // FLT_MAX
 const float NEAREST = 1e-6;       // mm: depth is positive
+const float GRAZING = 0.0625;     // see hits16.h
 
 struct Seen {
     vec3 corner[3], normals[3]; // of the triangle, and of the surface at its corners
@@ -51,7 +52,8 @@ struct Seen {
     float terminator_offset;
     bool back; // the corners run clockwise
     Place place;
-    float bumps; // variance of the slopes that a normal map has inside of the pixel
+    float bumps;  // variance of the slopes that a normal map has inside of the pixel,
+    float turned; // and that the surface has
 };
 
 // What a material is at a pixel.
@@ -122,10 +124,27 @@ vec3 shading_normal(Sampled found, inout Seen s)
     return bend(bend(side * n, s.ng), s.view);
 }
 
+// How far the smooth surface turns inside of the pixel.
+float turned_of(Seen s, Ray ray, float depth)
+{
+    const vec3 a = s.corner[1] - s.corner[0], b = s.corner[2] - s.corner[0], n = cross(a, b), d = ray.direction;
+    const float nn = dot(n, n), nd = dot(n, d), size = max(abs(nd), GRAZING * sqrt(dot(d, d) * nn)), facing = nd < 0.0 ? -size : size;
+    const float pixel = depth * fr.depth_mm + fr.fixed_mm;
+    float sum = 0.0;
+
+    for (int k = 0; k < 2; k++) {
+        const vec3 axis = k == 0 ? fr.right.xyz : fr.up.xyz, step = axis - dot(n, axis) / facing * d;
+        const vec3 turn = dot(cross(step, b), n) / nn * (s.normals[1] - s.normals[0]) +
+                          dot(cross(a, step), n) / nn * (s.normals[2] - s.normals[0]);
+        sum += dot(turn, turn);
+    }
+    return pell_turned(pixel * pixel * sum, fr.spread);
+}
+
 // Area of the pixel on the surface, over twice the triangle's.
 float footprint_of(Seen s, Ray ray, float depth)
 {
-    const float GRAZING = 0.0625, SMALLEST = 1.175494351e-38;
+    const float SMALLEST = 1.175494351e-38;
     const vec3 n = cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]);
     const float least = GRAZING * length(ray.direction) * length(n), pixel = depth * fr.depth_mm + fr.fixed_mm;
 
@@ -153,6 +172,7 @@ Seen look(Ray ray, Hit hit, out Sampled found)
         s.normals[k] = mesh.normals == PELL_LIT_NONE ? s.ng : uintBitsToFloat(uvec3(corners[at], corners[at + 1u], corners[at + 2u]));
     }
     s.terminator_offset = terminator_offset(s);
+    s.turned = turned_of(s, ray, hit.t);
     if (is_mapped())
         found = sample_maps(s.place);
     s.ns = shading_normal(found, s);
@@ -209,6 +229,7 @@ void turn(uint i, uint behind)
     points[behind].material = points[i].material;
     points[behind].flags = (points[i].flags & ~PELL_LIT_STRAIGHT) ^ PELL_LIT_BACK;
     points[behind].number = points[i].number;
+    points[behind].turned = points[i].turned;
 }
 
 void main()
@@ -248,6 +269,7 @@ void main()
     points[i].flags = ((fr.flags & PELL_PICTURE_SKY) != 0u ? PELL_LIT_AMBIENT : 0u) | PELL_LIT_STRAIGHT | PELL_LIT_SEEN |
                       (s.back ? PELL_LIT_BACK : 0u);
     points[i].number = fr.sample_number;
+    points[i].turned = s.turned;
     hits[i].albedo = vec4(is_opaque ? solid : textured ? shares(made.base, m.total.w) : vec3(1.0), hit.t);
     hits[i].leaves = vec4(textured ? shares(made.base, m.leave_base.w) : vec3(1.0), made.strength);
     hits[i].emissive = vec4(made.emissive, uintBitsToFloat(keys[hit.mesh]));

@@ -8,7 +8,7 @@
 
 PELL_SIMD_TABLES(struct pell_surface_kernels, pell_surface_kernels);
 
-#define PLANES 23 /* of floats: all but the last, and material */
+#define PLANES 24 /* of floats: all but the last, and material */
 
 struct scratch {
     void *planes;
@@ -38,7 +38,7 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
         &surface->base[0], &surface->base[1], &surface->base[2], &surface->roughness, &surface->metallic, &surface->specular[0],
         &surface->specular[1], &surface->specular[2], &surface->strength, &surface->terminator_offset,
         &surface->emissive[0], &surface->emissive[1], &surface->emissive[2], &surface->transmission[0], &surface->transmission[1],
-        &surface->transmission[2],
+        &surface->transmission[2], &surface->turned,
     };
     /* clang-format on */
     struct scratch *scratch;
@@ -177,6 +177,7 @@ void pell_surface_look(const struct pell_surface *like, const struct pell_scene 
     out->mips = like->mips;
     out->omit_uniform = like->omit_uniform;
     out->any_emissive = false;
+    out->spread = 0.0f;
     out->any_thin = like->mips && like->mips->any_thin;
     out->mesh = NULL;
     scratch->kernels->look(&job, packet, hits);

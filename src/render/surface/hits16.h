@@ -52,7 +52,7 @@ struct hits {
 
 struct shaded {
     struct vec16 ng, ns;
-    float16 base[3], specular[3], emissive[3], transmission[3], reflection, roughness, metallic, strength, terminator_offset;
+    float16 base[3], specular[3], emissive[3], transmission[3], reflection, roughness, turned, metallic, strength, terminator_offset;
 };
 
 static inline float dot(const struct vec16 *a, const struct vec16 *b, int i)
@@ -288,6 +288,43 @@ static void terminator_offsets(const struct hits *h, const struct vec16 v[restri
     for (int i = 0; i < LANES; i++) {
         const float l = dot(&sum, n, i);
         out[i] = h->on[i] && l > 0.0f ? l : 0.0f;
+    }
+}
+
+/* How far the smooth surface turns inside of a pixel: of normals v at the corners, by the pixel's two axes on the triangle (Tokuyoshi and
+ * Kaplanyan 2019, "Improved Geometric Specular Antialiasing"). */
+static void measure_turning(const struct hits *h, const struct vec16 v[restrict 3], float spread, float *restrict out)
+{
+    const struct pell_view view = *h->camera;
+    const float per_depth = view.orthographic ? 0.0f : 1.0f / view.focal_px, fixed = view.orthographic ? 1.0f / view.focal_px : 0.0f;
+    const struct vec16 *p;
+    struct vec16 fetched[3];
+
+    if (h->corners) {
+        p = (const struct vec16 *) h->corners->position;
+    } else {
+        corners(h, h->mesh->position, 3, fetched);
+        p = fetched;
+    }
+    for (int i = 0; i < LANES; i++) {
+        const struct pell_vec3 d = { h->packet->ray.dx[i], h->packet->ray.dy[i], h->packet->ray.dz[i] };
+        const struct pell_vec3 a = { p[1].x[i] - p[0].x[i], p[1].y[i] - p[0].y[i], p[1].z[i] - p[0].z[i] };
+        const struct pell_vec3 b = { p[2].x[i] - p[0].x[i], p[2].y[i] - p[0].y[i], p[2].z[i] - p[0].z[i] };
+        const struct pell_vec3 n = vec3_cross(a, b);
+        const float nn = vec3_dot(n, n), nd = vec3_dot(n, d), least = GRAZING * sqrtf(vec3_dot(d, d) * nn), size = fabsf(nd);
+        const float facing = nd < 0.0f ? -larger(size, least) : larger(size, least);
+        const float pixel = fixed + per_depth * (h->on[i] ? h->packet->ray.tfar[i] : 1.0f);
+        float sum = 0.0f;
+        for (int k = 0; k < 2; k++) {
+            const struct pell_vec3 axis = k == 0 ? view.right : view.up;
+            const struct pell_vec3 step = vec3_mad(axis, -vec3_dot(n, axis) / facing, d);
+            const float s = vec3_dot(vec3_cross(step, b), n) / nn, t = vec3_dot(vec3_cross(a, step), n) / nn;
+            const float x = s * (v[1].x[i] - v[0].x[i]) + t * (v[2].x[i] - v[0].x[i]);
+            const float y = s * (v[1].y[i] - v[0].y[i]) + t * (v[2].y[i] - v[0].y[i]);
+            const float z = s * (v[1].z[i] - v[0].z[i]) + t * (v[2].z[i] - v[0].z[i]);
+            sum += x * x + y * y + z * z;
+        }
+        out[i] = pell_turned(pixel * pixel * sum, spread);
     }
 }
 

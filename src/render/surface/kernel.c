@@ -62,6 +62,8 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     corners(&h, mesh->normal, 3, normals);
     shading_normals(&h, normals, &s->ng, &s->ns);
     terminator_offsets(&h, normals, &s->ng, s->terminator_offset);
+    if (job->out->spread > 0.0f)
+        measure_turning(&h, normals, job->out->spread, s->turned);
     shade_material(&h, job->out, s);
 }
 
@@ -102,6 +104,8 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
             memcpy(out->metallic + at, s->metallic + k, ROW);
         }
         memcpy(out->strength + at, s->strength + k, ROW);
+        if (out->spread > 0.0f)
+            memcpy(out->turned + at, s->turned + k, ROW);
         if (out->mesh)
             memcpy(out->mesh + at, p->hit.mesh + k, ROW);
         if (out->triangle) {

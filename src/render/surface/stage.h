@@ -11,6 +11,8 @@
 #include "render/camera_view.h"
 #include "visibility/tile_raster.h"
 
+#include <pellucid/render.h>
+
 /* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias, and whether it has thin
  * sheets. */
 struct pell_mips;
@@ -39,6 +41,8 @@ struct pell_surface {
     float *ns[3];             /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
     float *base[3];           /* base colour, linear: factor x map x vertex colour */
     float *roughness;         /* perceptual, [0.03, 1]; the bumps of a normal map that are smaller than a pixel counted in */
+    float *turned;            /* variance of the slopes that shading normals have inside of a pixel; written where `spread` > 0 */
+    float spread;             /* the caller's: variance along an axis, square pixels, of the places that a sample stands for; 0: none */
     float *metallic;          /* [0, 1] */
     float *specular[3];       /* rho_s x map x tint: scales the specular lobe */
     float *strength;          /* of scattering, [0, 1] */
@@ -89,6 +93,13 @@ static inline struct pell_surface_uniform pell_surface_uniform(const struct pell
                                          : m->metallic,
         .specular = { m->rho_s * m->specular_color[0], m->rho_s * m->specular_color[1], m->rho_s * m->specular_color[2] },
     };
+}
+
+/* What `spread` is of a sample: docs/adr/0060. Seen through a lens each part of the picture comes from few samples, and a highlight that is
+ * narrower than a pixel of theirs would become beads. Without a lens lobes stay what they are: wider ones lose light at silhouettes. */
+static inline float pell_surface_spread(const struct pell_settings *s)
+{
+    return s->dof ? 0.05f : 0.0f;
 }
 
 PELL_NODISCARD enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int height, struct pell_surface *surface);
