@@ -55,8 +55,8 @@ class Gallery:
         scene = {'pellucid': 1, 'meshes': [self.mesh], 'camera': CAMERA, 'lights': LIGHTS, 'background': BACKGROUND,
                  'materials': {'*': {'preset': material}}}
         (self.work / 'scene.json').write_text(json.dumps(scene))
-        samples = '1' if method[0] == 'path-trace' else '8'
-        return self.render('scene.json', method, width, height, '--msaa', samples, '--light-samples', '64', '--exposure', '1.3')
+        samples = ['--msaa', '1', '--denoise', 'on'] if method[0] == 'path-trace' else ['--msaa', '8']
+        return self.render('scene.json', method, width, height, *samples, '--light-samples', '64', '--exposure', '1.3')
 
     def every_material(self):
         listed = subprocess.run([self.program, 'materials', '--json'], stdout=subprocess.PIPE, check=True)

@@ -272,6 +272,46 @@ static void pixels_covered_in_part_are_filtered_with_the_others(void **state)
 }
 
 /* Of one sample nothing is known: variances are 0, and so is what a filter could weigh by. */
+/* A pixel of 40 times the light around it whose one bright path has told nothing about its noise becomes as those around; one that is known
+ * to be so bright stays. No light is lost, also where a feature tells pixels apart, as a texture does. */
+static void outliers_are_shared_with_the_pixels_around(void **state)
+{
+    (void) state;
+    for (int resolved = 0; resolved < 2; resolved++) {
+        double before = 0.0, after = 0.0, bright = 0.0, expected = 0.0;
+        struct picture p;
+        ptrdiff_t stride;
+        start(&p, 2, 16, smooth_light);
+        stride = p.params.stride;
+        for (int y = 0; y < HEIGHT; y++)
+            for (int x = 0; x < WIDTH; x++) {
+                const ptrdiff_t at = y * stride + x;
+                for (int c = 0; c < 3; c++) {
+                    p.sum.albedo[c][at] = (x + y) % 2 ? 0.2f : 0.8f; /* no neighbour is like another */
+                    if (x % 30 == 17 && y % 30 == 14) {
+                        const float light = 40.0f * p.truth[c][at], change = light - p.sum.multiple[c][at];
+                        expected += (double) p.truth[c][at];
+                        p.sum.multiple[c][at] = light;
+                        p.sum.color[c][at] += change;
+                        p.sum.variance[c][at] = resolved ? 1e-4f * light * light : light * light;
+                    }
+                    before += (double) p.sum.color[c][at];
+                }
+            }
+        pell_denoise_render(p.pool, &p.params);
+        for (int y = 0; y < HEIGHT; y++)
+            for (int x = 0; x < WIDTH; x++)
+                for (int c = 0; c < 3; c++) {
+                    after += (double) p.sum.color[c][y * stride + x];
+                    bright += x % 30 == 17 && y % 30 == 14 ? (double) p.sum.color[c][y * stride + x] : 0.0;
+                }
+        print_message("# outliers, %s: %.2f of what is around\n", resolved ? "resolved" : "unresolved", bright / expected);
+        REQUIRE_REL(after, before, 1e-5);
+        REQUIRE(resolved ? bright > 30.0 * expected : bright < 4.0 * expected);
+        finish(&p);
+    }
+}
+
 static void it_says_where_it_knows_of_no_noise(void **state)
 {
     struct picture p;
@@ -326,6 +366,7 @@ int main(void)
         cmocka_unit_test(edges_stay),
         cmocka_unit_test(highlights_hide_no_noise),
         cmocka_unit_test(pixels_covered_in_part_are_filtered_with_the_others),
+        cmocka_unit_test(outliers_are_shared_with_the_pixels_around),
         cmocka_unit_test(it_says_where_it_knows_of_no_noise),
         cmocka_unit_test(opaque_pixels_are_left_alone),
         cmocka_unit_test(threads_do_not_matter),

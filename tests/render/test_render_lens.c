@@ -71,8 +71,8 @@ static void an_edge_is_spread_over_the_disc_that_the_lens_says(void **state)
     }
 }
 
-/* The discs of 4 samples that a disc of 76.7 pixels wants would be cut; those of 6 are 15.7 pixels in radius. Few samples don't see what the
- * lens' edge sees, and ask for some more. */
+/* The discs of 4 samples that a disc of 76.7 pixels wants would be cut; those of 6 are 15.7 pixels in radius. Few samples don't see what
+ * the lens' edge sees, and ask for some more. */
 static void too_few_samples_for_a_lens_are_told(void **state)
 {
     const double disc = 12.0 / tan(0.05) / 0.5 * (16.0 / tan(0.05)) * (1.0 / 400.0 - 1.0 / 500.0);

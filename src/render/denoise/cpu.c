@@ -11,6 +11,8 @@
 #define NORMAL_STEP 0.4f
 #define ALBEDO_STEP 0.06f
 #define DEPTH_STEP 0.004f /* of the depth itself */
+#define OUTLIER 1.5f      /* times the second of the pixels around */
+#define RESOLVED 2.0f     /* standard deviations */
 
 struct task {
     const struct pell_denoise_params *p;
@@ -68,6 +70,58 @@ static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x,
         t->total[to_y][to_x] = *of(p, p->scratch[3], x, y);
 }
 
+/* What pixels have that are outliers: they exceed all but one of the pixels around them by far, and are as uncertain as that. Features are
+ * not asked: where they differ from pixel to pixel the filter would find no others to share it with. */
+static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int left, int top)
+{
+    const struct pell_denoise_params *p = k->p;
+
+    for (int c = 0; c < 3; c++)
+        for (int y = 1; y < WIDE - 1; y++)
+            for (int x = 1; x < WIDE - 1; x++) {
+                const float light = t->light[c][y][x], share = t->share[y][x];
+                float first = 0.0f, second = 0.0f, count = 0.0f, error;
+                if (!(t->valid[y][x] > 0.0f))
+                    continue;
+                for (int i = 0; i < 9; i++) {
+                    const int u = x + i % 3 - 1, v = y + i / 3 - 1;
+                    const float other = i != 4 ? t->valid[v][u] * t->light[c][v][u] : 0.0f;
+                    count += i != 4 ? t->valid[v][u] : 0.0f;
+                    second = other > first ? first : other > second ? other : second;
+                    first = other > first ? other : first;
+                }
+                error = RESOLVED * sqrtf(*of(p, p->sum->variance[c], left + x, top + y)) / share;
+                if (count > 3.0f && light > OUTLIER * second && light - second < error)
+                    t->excess[c][y][x] = light - second;
+            }
+}
+
+/* Gives what outliers have too much to the pixels around them, by how much of these is translucent: no light is lost. */
+static void share_outliers(struct pell_denoise_tile *t)
+{
+    float around[WIDE][WIDE] = { { 0.0f } }; /* shares of the pixels around */
+
+    for (int y = 1; y < WIDE - 1; y++)
+        for (int x = 1; x < WIDE - 1; x++)
+            for (int i = 0; i < 9; i++)
+                around[y][x] += i != 4 ? t->share[y + i / 3 - 1][x + i % 3 - 1] : 0.0f;
+    for (int c = 0; c < 3; c++)
+        for (int y = 1; y < WIDE - 1; y++)
+            for (int x = 1; x < WIDE - 1; x++) {
+                float gained = -t->excess[c][y][x];
+                if (!(t->valid[y][x] > 0.0f))
+                    continue;
+                for (int i = 0; i < 9; i++) {
+                    const int u = x + i % 3 - 1, v = y + i / 3 - 1;
+                    if (i != 4 && t->excess[c][v][u] > 0.0f)
+                        gained += t->excess[c][v][u] * t->share[v][u] / around[v][u];
+                }
+                t->light[c][y][x] += gained;
+                if (x >= BORDER && x < BORDER + TILE && y >= BORDER && y < BORDER + TILE)
+                    t->gained[c][y - BORDER][x - BORDER] = t->share[y][x] * gained;
+            }
+}
+
 /* How fast depth changes from a pixel to its neighbours, the less steep side of each axis: an edge is not a slope. */
 static void find_slopes(struct pell_denoise_tile *t)
 {
@@ -98,6 +152,8 @@ static void filter_tile(void *arg, int index, int worker)
         for (int x = 0; x < WIDE; x++)
             if (inside(&r, x0 + x - BORDER, y0 + y - BORDER))
                 load_pixel(k, &tile, x0 + x - BORDER, y0 + y - BORDER, x, y);
+    find_outliers(k, &tile, x0 - BORDER, y0 - BORDER);
+    share_outliers(&tile);
     for (int y = BORDER; y < BORDER + TILE; y++)
         for (int x = BORDER; x < BORDER + TILE; x++)
             noisy += tile.valid[y][x];
@@ -111,7 +167,8 @@ static void filter_tile(void *arg, int index, int worker)
             if (!k->second)
                 *of(p, p->scratch[3], x0 + x, y0 + y) = tile.sum[y][x];
             for (int c = 0; c < 3 && k->second; c++)
-                *of(p, p->scratch[c], x0 + x, y0 + y) = *of(p, p->sum->color[c], x0 + x, y0 + y) + tile.moved[c][y][x];
+                *of(p, p->scratch[c], x0 + x, y0 + y) =
+                    *of(p, p->sum->color[c], x0 + x, y0 + y) + tile.gained[c][y][x] + tile.moved[c][y][x];
         }
 }
 

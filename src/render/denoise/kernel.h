@@ -8,11 +8,12 @@
 #include "base/simd.h"
 
 #define TILE 32
-#define WINDOW 8                 /* pixels to either side that are read */
-#define PATCH 3                  /* pixels to either side that are compared */
-#define BORDER (WINDOW + PATCH)  /* of a tile */
-#define WIDE (TILE + 2 * BORDER) /* a tile and its border */
-#define CLOSE 0.7f               /* k: standard deviations of a difference of patches */
+#define WINDOW 8                       /* pixels to either side that are read */
+#define PATCH 3                        /* pixels to either side that are compared */
+#define RING 2                         /* pixels to either side that outliers depend on */
+#define BORDER (WINDOW + PATCH + RING) /* of a tile */
+#define WIDE (TILE + 2 * BORDER)       /* a tile and its border */
+#define CLOSE 0.7f                     /* k: standard deviations of a difference of patches */
 
 /* Features of a pixel, each divided by the difference that halves a weight or so; depth, of which the logarithm is taken, may differ by
  * more where it is steep. */
@@ -22,9 +23,11 @@ struct pell_denoise_tile {
     float light[3][WIDE][WIDE], variance[3][WIDE][WIDE]; /* scattered light of what is translucent in a pixel, as if that filled it */
     float share[WIDE][WIDE];                             /* of the pixel that is translucent */
     float feature[FEATURES][WIDE][WIDE];
-    float steep[WIDE][WIDE]; /* change of DEPTH from a pixel to the next */
-    float valid[WIDE][WIDE]; /* 1 where the pixel is in the picture and its share is not 0, so that it has noise, else 0 */
-    float total[WIDE][WIDE]; /* W; of the second pass */
+    float steep[WIDE][WIDE];     /* change of DEPTH from a pixel to the next */
+    float valid[WIDE][WIDE];     /* 1 where the pixel is in the picture and its share is not 0, so that it has noise, else 0 */
+    float total[WIDE][WIDE];     /* W; of the second pass */
+    float excess[3][WIDE][WIDE]; /* light that a pixel has more than those around let expect */
+    float gained[3][TILE][TILE]; /* of that, from others and to them, of the whole pixel */
     float moved[3][TILE][TILE], sum[TILE][TILE];
 };
 

@@ -14,7 +14,8 @@
  *     W(p) = 1 + Sum of w(p, q) min(1, s(q)/s(p))
  *
  * where s is the share of a pixel that is covered, so that the total light of the picture does not change. Opaque pixels, which have no
- * noise, are neither changed nor read. Error is traded for bias: it is never for measurements.
+ * noise, are neither changed nor read. Before that, a pixel that exceeds those around it by far, and as uncertainly as that, gives them
+ * what it has too much. Error is traded for bias: it is never for measurements.
  */
 #ifndef PELL_DENOISE_H
 #define PELL_DENOISE_H
