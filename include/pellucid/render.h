@@ -45,6 +45,7 @@ struct pell_settings {
     bool curvature;
     bool opposed;           /* between faces at an angle: methods that look through the solid, and transmitted light */
     bool single_scattering; /* apart, in closed form, for methods that give radiant exitance */
+    bool unscattered;       /* light straight through thin parts, for the same methods */
     int64_t seed;
     float exposure;     /* factor from radiance to display; 0: metered (docs/adr/0005) */
     float stops;        /* exposure compensation: what is shown is 2^stops times as bright, whatever the exposure */

@@ -12,7 +12,7 @@
 static inline void pell_paper_light(struct pell_settings *s)
 {
     s->bounces = 0;
-    s->angles = s->curvature = s->single_scattering = s->opposed = false;
+    s->angles = s->curvature = s->single_scattering = s->opposed = s->unscattered = false;
     s->profile = 1 + PELL_PROFILE_DIPOLE;
 }
 

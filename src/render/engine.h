@@ -130,11 +130,12 @@ enum pell_engine_resource {
     PELL_ENGINE_PLANES, /* of a size; made again (what is not there yet) whenever a frame asks for more */
     PELL_ENGINE_RASTER, /* of a scene and a size */
     PELL_ENGINE_LIGHTS,
-    PELL_ENGINE_CONTACT,   /* the shadow below the objects */
-    PELL_ENGINE_CURVATURE, /* of translucent objects */
-    PELL_ENGINE_LINKS,     /* along which surfaces light each other */
-    PELL_ENGINE_INDIRECT,  /* what the lights send along the links */
-    PELL_ENGINE_THROUGH,   /* what they send through solids, for methods that add transmitted light */
+    PELL_ENGINE_CONTACT,     /* the shadow below the objects */
+    PELL_ENGINE_CURVATURE,   /* of translucent objects */
+    PELL_ENGINE_LINKS,       /* along which surfaces light each other */
+    PELL_ENGINE_INDIRECT,    /* what the lights send along the links */
+    PELL_ENGINE_THROUGH,     /* what they send through solids, for methods that add transmitted light */
+    PELL_ENGINE_UNSCATTERED, /* media that let light through unscattered, for methods that don't have that themselves */
     PELL_ENGINE_RESOURCES
 };
 

@@ -65,6 +65,7 @@ static void drop_planes(struct pell_cpu *e)
     memset(&e->sum, 0, sizeof(e->sum));
     memset(e->display, 0, sizeof(e->display));
     memset(e->spread, 0, sizeof(e->spread));
+    memset(e->straight, 0, sizeof(e->straight));
     memset(e->room, 0, sizeof(e->room));
     memset(e->plane, 0, sizeof(e->plane));
     memset(e->glow, 0, sizeof(e->glow));
@@ -126,7 +127,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
 {
     const struct pell_settings *s = frame->settings;
     const bool apart_single = frame->plan && frame->materials->single_apart, gives = frame->plan && (frame->plan->outputs || apart_single),
-               hits = s->bounces > 0 || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
+               hits = s->bounces > 0 || e->unscattered || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
     const bool apart = pell_objects_apart(frame->materials, frame->plan);
     struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
@@ -145,6 +146,8 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
         if (!is_asked(PELL_PLANE_LIGHT, frame))
             pell_planes_want(&w, e->room, 3);
     }
+    if (e->unscattered)
+        pell_planes_want(&w, e->straight, 3);
     if (pell_cpu_spreads(frame)) {
         pell_planes_want(&w, &e->lighting.way, 1);
         pell_planes_want(&w, e->spread, 3);
@@ -276,6 +279,20 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
     return res;
 }
 
+/* Of methods that give what leaves the surface: others give pictures, which have it, or are of another light alone. */
+static enum pell_result make_unscattered(struct pell_cpu *e, const struct pell_engine_frame *frame)
+{
+    const double start = pell_seconds();
+    enum pell_result res;
+
+    if (!frame->settings->unscattered || !frame->plan || frame->plan->quantity != PELL_QUANTITY_EXITANCE ||
+        (frame->plan->outputs & PELL_OUTPUT_SINGLE))
+        return PELL_OK;
+    res = pell_unscattered_create(e->ctx, e->scene, e->rays, frame->materials->frame_index, frame->materials->frame, &e->unscattered);
+    pell_stage_note(frame->notes, "unscattered", pell_seconds() - start, 0, 0, 0);
+    return res;
+}
+
 static enum pell_result cpu_make(void *engine, enum pell_engine_resource resource, const struct pell_engine_frame *frame)
 {
     struct pell_cpu *e = engine;
@@ -302,6 +319,7 @@ static enum pell_result cpu_make(void *engine, enum pell_engine_resource resourc
     case PELL_ENGINE_LINKS: return make_links(e, frame);
     case PELL_ENGINE_INDIRECT: return make_indirect(e, frame);
     case PELL_ENGINE_THROUGH: return make_through(e, frame);
+    case PELL_ENGINE_UNSCATTERED: return make_unscattered(e, frame);
     case PELL_ENGINE_RESOURCES: break;
     }
     return PELL_OK;
@@ -329,6 +347,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
         break;
     case PELL_ENGINE_INDIRECT: e->lit = false; break;
     case PELL_ENGINE_THROUGH: e->through = NULL; break;
+    case PELL_ENGINE_UNSCATTERED: pell_unscattered_destroy(&e->unscattered); break;
     case PELL_ENGINE_RESOURCES: break;
     }
 }
@@ -527,8 +546,11 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
     struct pell_cpu *e = engine;
     const struct pell_plan *plan = sample->frame->plan;
     struct pell_composite_params *p = &e->composite;
-    const double start = pell_seconds();
+    double start;
 
+    if (scattered->there && e->unscattered)
+        pell_cpu_see_through(e, sample);
+    start = pell_seconds();
     if (scattered->there) {
         if (e->through && e->whole)
             pell_indirect_correct(e->through, e->pool, &sample->view, p->angle, &e->surface, e->plane[PELL_PLANE_LIGHT]);
@@ -538,6 +560,7 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
                     : sample->frame->materials->single_apart   ? (const float *const *) e->lighting.single
                                                                : NULL;
+        p->unscattered = e->unscattered ? (const float *const *) e->straight : NULL;
         p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }

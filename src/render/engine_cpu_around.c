@@ -3,6 +3,7 @@
 #include "render/engine_cpu_state.h"
 #include "render/highlights/stage.h"
 #include "render/spread/stage.h"
+#include "render/unscattered/stage.h"
 
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample)
 {
@@ -59,4 +60,28 @@ void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample
     params.lit[1] = e->spread_lit + pell_spread_blocks(params.stride) * (size_t) view->height;
     pixels = pell_spread_render(e->pool, &params);
     pell_stage_note(sample->frame->notes, "spread", pell_seconds() - start, pixels, 0, pixels * 32);
+}
+
+void pell_cpu_see_through(struct pell_cpu *e, const struct pell_engine_sample *sample)
+{
+    const struct pell_engine_frame *f = sample->frame;
+    const struct pell_unscattered_params params = {
+        .scene = e->scene,
+        .rays = e->rays,
+        .lights = e->lights,
+        .tables = e->tables,
+        .view = &sample->view,
+        .surface = &e->surface,
+        .behind = { pell_cpu_light_points, e },
+        .total = (const float(*)[3]) f->materials->total,
+        .smooth = f->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
+        .bounces = f->settings->bounces,
+        .sample = (uint32_t) sample->number,
+        .light = { e->straight[0], e->straight[1], e->straight[2] },
+    };
+    const double start = pell_seconds();
+    const int64_t rays = pell_unscattered_render(e->pool, e->unscattered, &params);
+
+    pell_stage_note(f->notes, "unscattered", pell_seconds() - start, e->surface.translucent_pixels, rays,
+                    e->surface.translucent_pixels * 60);
 }

@@ -15,6 +15,7 @@
 #include "render/post/device.h"
 #include "render/post/dof.h"
 #include "render/post/stage.h"
+#include "render/unscattered/stage.h"
 
 enum { PELL_CPU_BLOCKS = 16 }; /* most separate allocations of planes */
 
@@ -37,12 +38,13 @@ struct pell_cpu {
     struct pell_contact *contact;     /* NULL: no contact shadow */
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
-    struct pell_indirect *indirect; /* NULL: no surface lights another, or no bounces are asked for */
-    struct pell_indirect *solids;   /* samples of solids, made when they are first needed */
-    struct pell_indirect *through;  /* those, with what goes through them; NULL: nothing does */
-    bool whole;                     /* `through` is for a method that asks the whole solid */
-    bool between;                   /* `through` has what goes between faces */
-    bool lit;                       /* the indirect light is up to date with the lights */
+    struct pell_indirect *indirect;       /* NULL: no surface lights another, or no bounces are asked for */
+    struct pell_indirect *solids;         /* samples of solids, made when they are first needed */
+    struct pell_indirect *through;        /* those, with what goes through them; NULL: nothing does */
+    bool whole;                           /* `through` is for a method that asks the whole solid */
+    bool between;                         /* `through` has what goes between faces */
+    struct pell_unscattered *unscattered; /* NULL: off, nothing is thin enough, or the method has it itself */
+    bool lit;                             /* the indirect light is up to date with the lights */
 
     struct pell_raster *raster; /* NULL: camera visibility is ray traced */
     bool rastered;              /* the raster was built, or found not to be possible */
@@ -56,6 +58,7 @@ struct pell_cpu {
     float *spread[3]; /* room of the stage "spread" */
     float *room[3];   /* of the stage "highlights", without a method's light */
     uint8_t *spread_lit, *hidden_lit;
+    float *straight[3]; /* of the stage "unscattered" */
     struct pell_accumulator sum;
     float *display[3];
     float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
@@ -101,6 +104,8 @@ void pell_cpu_lend(void *engine, struct pell_services *services);
 
 /* After the irradiance, with lighting.hidden. */
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);
+/* Light that was not scattered, for the composite. */
+void pell_cpu_see_through(struct pell_cpu *e, const struct pell_engine_sample *sample);
 /* What went straight through thin parts, before the method. `key`: the frame's plane `material`. */
 void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key);
 

@@ -414,6 +414,16 @@ static void drop_through(struct pell_renderer *r)
     r->device->engine->drop(r->engine, PELL_ENGINE_THROUGH);
 }
 
+static enum pell_result make_unscattered(struct pell_renderer *r)
+{
+    return make_in_engine(r, PELL_ENGINE_UNSCATTERED, r->pass ? pell_pass_plan(r->pass) : NULL);
+}
+
+static void drop_unscattered(struct pell_renderer *r)
+{
+    r->device->engine->drop(r->engine, PELL_ENGINE_UNSCATTERED);
+}
+
 /* --- The method's pass ------------------------------------------------------------------------------------------------------------- */
 
 struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const struct pell_view *view)
@@ -507,6 +517,7 @@ static const struct resource {
       make_pass, drop_pass },
     { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS | PELL_INPUT_BOUNCES, NULL,
       make_through, drop_through },
+    { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_PROFILE, NULL, make_unscattered, drop_unscattered },
 };
 enum { OF_SCENE = 2 /* the first that depend on the scene alone */ };
 
@@ -567,7 +578,7 @@ static unsigned find_changes(const struct pell_renderer *r, const struct pell_se
     if (old->profile != s->profile)
         changes |= PELL_INPUT_PROFILE;
     if (old->angles != s->angles || old->curvature != s->curvature || old->opposed != s->opposed ||
-        old->single_scattering != s->single_scattering)
+        old->single_scattering != s->single_scattering || old->unscattered != s->unscattered)
         changes |= PELL_INPUT_PROFILE | PELL_INPUT_LIGHTS;
     return changes;
 }

@@ -45,6 +45,8 @@ static const struct pell_knob settings_knobs[] = {
       "light that is scattered once below the surface follows the directions of light and view; off: it is part of the profile" },
     { "opposed", PELL_KNOB_BOOL, "1", AT(opposed), { 1 }, 0, 1, NULL,
       "light goes through solids as they are, from face to face; off: as through a half-space, and straight through slabs" },
+    { "unscattered", PELL_KNOB_BOOL, "1", AT(unscattered), { 1 }, 0, 1, NULL,
+      "light that passes thin parts of media without being scattered shows what is behind them; off: it is left out" },
     { "seed", PELL_KNOB_INT64, "1", AT(seed), { 0 }, 0, 9007199254740992.0, NULL,
       "seed of all sample patterns; the same seed gives the same bits" },
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,

@@ -428,7 +428,7 @@ def _(folder):
     need(method['light'] == 'all of translucent pixels' and method['name'] == 'screen-space:as=paper', method)
     alone = one_object(works(folder, 'compare', 'out/screen-space-as-paper.exr', 'out/hierarchical.exr', '--layer', 'R,G,B', '--json'))
     near(method['mse'], alone['methods'][0]['mse'], 0.02)
-    published = 'angles=off curvature=off single-scattering=off opposed=off profile=dipole'
+    published = 'angles=off curvature=off single-scattering=off opposed=off unscattered=off profile=dipole'
     need(method['settings'] == f'bounces=0 {published}' and answer['reference']['settings'] == '', method)
     both = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--bounces', '1', '--methods', 'screen-space:as=paper,none', '--json'))
     need([m['settings'] for m in both['methods']] == [published, ''], both['methods'])

@@ -70,7 +70,7 @@ static inline void stage_start_on(struct stage *s, enum pell_engine engine, int 
     s->settings.bounces = 0;                            /* most tests look at light that enters for the first time, */
     s->settings.angles = s->settings.curvature = false; /* by profiles as they are, */
     s->settings.profile = 1 + PELL_PROFILE_DIPOLE;      /* in closed form */
-    s->settings.single_scattering = s->settings.opposed = false;
+    s->settings.single_scattering = s->settings.opposed = s->settings.unscattered = false;
     s->scene->background_color[0] = s->scene->background_color[1] = s->scene->background_color[2] = 0.0f;
 }
 

@@ -169,7 +169,8 @@ static void put_layers(const struct task *t, size_t at, int count, const struct 
     }
 }
 
-/* Adds what a method gives apart: what the surface reflects to the specular part, what was scattered once to `single`. */
+/* Adds what is found apart: what the surface reflects to the specular part, what was scattered once to `single`, what was not scattered to
+ * what is transmitted. */
 static void take_parts(const struct task *t, size_t at, int count, struct pell_composite_lanes *l, float single[3][LANES])
 {
     const struct pell_composite_params *p = t->p;
@@ -183,6 +184,8 @@ static void take_parts(const struct task *t, size_t at, int count, struct pell_c
                 l->specular[c][i] += p->reflected[c][at + (size_t) i];
             if (p->single)
                 single[c][i] = p->single[c][at + (size_t) i];
+            if (p->unscattered)
+                l->transmission[c][i] += p->unscattered[c][at + (size_t) i];
         }
     }
 }
@@ -234,7 +237,7 @@ static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
             }
             if (y + 1 < r.y1)
                 fetch(t, at + (size_t) s->stride);
-            if (p->single || p->reflected)
+            if (p->single || p->reflected || p->unscattered)
                 take_parts(t, at, count, &l, single);
             for (int c = 0; c < 3; c++)
                 put(out->single[c], at, count, single[c], p->weight, p->first);

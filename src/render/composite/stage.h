@@ -32,6 +32,7 @@ struct pell_composite_params {
     bool radiance;
     bool excludes_surface_reflection;              /* `radiance` is of what entered alone: the specular lobe is added to it */
     const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
+    const float *const *unscattered;               /* radiance of what passed without being scattered; NULL: none */
     const float *const *standard_error;            /* standard error of `exitance`, in its unit; NULL: none */
     const struct pell_angle *angle;                /* per scene material; NULL: no factors */
     const float (*total)[3];                       /* per scene material: total reflectance of its profile, for pixels without scattering */

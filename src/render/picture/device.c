@@ -61,6 +61,8 @@ static const char *refuses_light(const struct pell_picture_sample *s)
         return BY_CPU "more of environments than a buffer holds";
     if (light->through && pell_indirect_has_beams(light->through))
         return BY_CPU "light is scattered forward through clear solids";
+    if (s->unscattered)
+        return BY_CPU "light passes thin parts without being scattered";
     return light->through && light->whole ? BY_CPU "the method asks whole solids" : NULL;
 }
 

@@ -31,6 +31,7 @@ struct pell_picture_sample {
     const struct pell_composite_params *composite;   /* and of its composite, without what a method gives */
     struct pell_pass *pass;                          /* NULL: nothing scatters */
     bool spreads;                                    /* what goes straight through is spread */
+    bool unscattered;                                /* light passes thin parts without being scattered */
     struct pell_post_device *lens;                   /* makes depth of field of it; NULL: there is none */
     int rays;                                        /* of a pixel, for each light */
     uint32_t version;                                /* counts the changes of what `irradiance` knows of solids */

@@ -1,0 +1,91 @@
+/* SPDX-License-Identifier: MIT
+ * test_unscattered.c - light that passes a slab without being scattered, against its closed form; and nothing where none can pass. */
+#include "stage.h"
+
+enum { SIZE = 24 };
+
+/* Extinction of a medium that hardly scatters, 1/mm. */
+static const double absorbed[3] = { 0.05, 0.1, 0.2 }, scattered = 0.01;
+static const double eta = 1.4;
+
+/* Fresnel's transmittance of unpolarised light from outside at that cosine; *inside: that below. */
+static double passes(double c, double *inside)
+{
+    const double t = sqrt(1.0 - (1.0 - c * c) / (eta * eta)), s = (c - eta * t) / (c + eta * t), p = (t - eta * c) / (t + eta * c);
+
+    *inside = t;
+    return 1.0 - 0.5 * (s * s + p * p);
+}
+
+/* What the middle of the picture shows of a slab in even light with light that passes it, and without. */
+static void look(double thickness, double tilt, double extinction, double shown[2][3], struct shot shots[2])
+{
+    struct stage s;
+    struct pell_material *m;
+    size_t material;
+
+    stage_start(&s, SIZE, SIZE);
+    s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+    m = stage_medium(&s, "marble", &material);
+    m->medium = (struct pell_medium) { .eta = eta };
+    for (int c = 0; c < 3; c++) {
+        m->medium.sigma_a[c] = extinction * absorbed[c];
+        m->medium.sigma_s_reduced[c] = extinction * scattered;
+    }
+    stage_box(&s, material, 0, vec3(-300, -300, (float) -thickness), vec3(300, 300, 0));
+    stage_environment(&s, 1.0f);
+    stage_camera(&s, vec3(0, (float) (400.0 * sin(tilt)), (float) (400.0 * cos(tilt))), vec3(0, 0, 0), 0.0f, 2.0f);
+    stage_method(&s, "screen-space", NULL);
+    for (int on = 0; on < 2; on++) {
+        s.settings.unscattered = on;
+        shots[on] = stage_shot(&s);
+        shot_check(&shots[on]);
+        for (size_t c = 0; c < 3; c++)
+            shown[on][c] = shot_at(&shots[on], c, SIZE / 2, SIZE / 2);
+    }
+    stage_finish(&s);
+}
+
+/* T^2 exp(-sigma_t d / cos) of what is behind: indices of refraction cancel. What boundaries reflect inside is left out, by the stage and
+ * here. */
+static void a_slab_shows_what_is_behind_it_as_its_closed_form(void **state)
+{
+    (void) state;
+    for (int k = 0; k < 6; k++) {
+        const double thickness = k % 2 ? 12.0 : 4.0, tilt = 0.4 * (k / 2);
+        double shown[2][3], inside;
+        const double passed = passes(cos(tilt), &inside);
+        struct shot shots[2];
+
+        look(thickness, tilt, 1.0, shown, shots);
+        for (int c = 0; c < 3; c++) {
+            const double expected = passed * passed * exp(-(absorbed[c] + scattered) * thickness / inside);
+            print_message("# %g mm, %.1f rad, channel %d: %.5f, %.5f expected\n", thickness, tilt, c, shown[1][c] - shown[0][c], expected);
+            REQUIRE_REL(shown[1][c] - shown[0][c], expected, 0.005);
+        }
+        shot_free(&shots[0]);
+        shot_free(&shots[1]);
+    }
+}
+
+static void thick_parts_keep_their_bits(void **state)
+{
+    double shown[2][3];
+    struct shot shots[2];
+    (void) state;
+
+    look(12.0, 0.0, 30.0, shown, shots);
+    REQUIRE(shot_equal(&shots[0], &shots[1]));
+    shot_free(&shots[0]);
+    shot_free(&shots[1]);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form),
+        cmocka_unit_test(thick_parts_keep_their_bits),
+    };
+
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
