@@ -66,7 +66,7 @@ static void cpu_transmitted(void *engine, const struct pell_points16 *points, in
             share[c][i] = (1.0f - inside.thick[c][i]) * (1.0f - inside.solved[c][i]);
 }
 
-static void cpu_returned(void *engine, const struct pell_points16 *points, int count, float share[3][16])
+static void cpu_returned(void *engine, const struct pell_points16 *points, int count, float share[3][16], float crossed[3][16])
 {
     const struct pell_cpu *e = engine;
     struct pell_indirect_insides inside = { .thick = { { 0.0f } } };
@@ -79,8 +79,11 @@ static void cpu_returned(void *engine, const struct pell_points16 *points, int c
     if (e->through)
         pell_indirect_look(e->through, points, ask, &inside);
     for (int c = 0; c < 3; c++)
-        for (int i = 0; i < 16; i++)
-            share[c][i] = e->curvature ? 1.0f + (1.0f - inside.solved[c][i]) * (effects.returned[c][i] - 1.0f) : 1.0f;
+        for (int i = 0; i < 16; i++) {
+            const float kept = e->curvature ? 1.0f - inside.solved[c][i] : 0.0f;
+            share[c][i] = 1.0f + kept * (e->curvature ? effects.returned[c][i] - 1.0f : 0.0f);
+            crossed[c][i] = 1.0f + kept * (e->curvature ? effects.crossed[c][i] - 1.0f : 0.0f);
+        }
 }
 
 void pell_cpu_lend(void *engine, struct pell_services *services)

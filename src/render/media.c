@@ -65,6 +65,7 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
         return false;
     out[i].beams = pell_forward_make(&f->medium, &out[i].forward) && any_apart(&out[i].law);
     out[i].profile = f->profile;
+    out[i].refracted = pell_mean_refracted((float) (1.0 / (f->medium.eta * f->medium.eta)));
     for (int c = 0; c < 3; c++) {
         const struct pell_angle *angle = m->single_apart ? &m->angle_apart[i] : &m->angle[i];
         out[i].returned[c] = (float) pell_profile_total(&f->profile[c]);

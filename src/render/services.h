@@ -64,9 +64,10 @@ struct pell_surface_light {
     float *strength;             /* of scattering, [0, 1]; 1 where no point is */
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
-    float *aside[3];             /* W/m^2, of the irradiance: what is not scattered where it enters, but beside it on a curved surface */
-    float *way[3];               /* mean refracted direction of the rest, not unit; with `aside` */
-    bool *there;                 /* false: no point, or one where the material is cut out by its alpha */
+    float *aside[3]; /* W/m^2, of the irradiance: what does not go into the depth there (render/irradiance/stage.h); then also */
+    float *way[3];   /* the mean refracted direction of the rest, not unit, */
+    float *diffuse;  /* and how much of that has no direction, [0, 1] */
+    bool *there;     /* false: no point, or one where the material is cut out by its alpha */
 };
 
 #define PELL_LIGHT_INDIRECT ((uint64_t) 1 << 63)
@@ -133,7 +134,7 @@ struct pell_services {
     const struct pell_light_batches *batches; /* NULL: none */
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
     void (*transmitted)(void *engine, const struct pell_points16 *points, int count, float share[3][16]);
-    void (*returned)(void *engine, const struct pell_points16 *points, int count, float share[3][16]);
+    void (*returned)(void *engine, const struct pell_points16 *points, int count, float share[3][16], float crossed[3][16]);
 };
 
 /* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
@@ -209,11 +210,13 @@ static inline void pell_services_transmitted(const struct pell_services *s, cons
     s->transmitted(s->engine, points, count, share);
 }
 
-/* What a profile returns at those of the points that are on a flat thin part, over what it returns of a half-space, for a method that adds
- * what goes between faces at an angle: 1 where diffusion in the solid was solved. */
-static inline void pell_services_returned(const struct pell_services *s, const struct pell_points16 *points, int count, float share[3][16])
+/* For a method that adds what goes between faces at an angle, at those of the points that are on a flat thin part: what a profile returns
+ * there over what it returns of a half-space, and what gets through over what would by optics/medium/opposed.h. 1 elsewhere, and where
+ * diffusion in the solid was solved. */
+static inline void pell_services_returned(const struct pell_services *s, const struct pell_points16 *points, int count, float share[3][16],
+                                          float crossed[3][16])
 {
-    s->returned(s->engine, points, count, share);
+    s->returned(s->engine, points, count, share, crossed);
 }
 
 /* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */

@@ -43,6 +43,7 @@ static void slabs_transmit_what_transport_says(void **state)
                 REQUIRE(pell_opposed_split(&o, &pair, through) == 0.0f);
                 sum += 2.0 * PELL_PI * r * (double) through[0] * 10.0 * d / 4000;
             }
+            REQUIRE_REL(pell_opposed_slab(&o, 0, d), sum, 0.02);
             print_message("# medium %zu, %.1f mean free paths: %.4f of T\n", i, deep, sum / T);
             REQUIRE_REL(sum, T, i == 2 ? 0.2 : 0.05); /* skin1's blue absorbs a third at each collision */
         }

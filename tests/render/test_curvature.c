@@ -207,6 +207,7 @@ static void effects_at(const struct pell_curvature *curvature, uint32_t triangle
         for (int c = 0; c < 3 && i != LANE; c++) {
             REQUIRE(e->gain[c][i] == 1.0f && e->local[c][i] == 1.0f && e->opposed[c][i] == 1.0f && e->opposed_local[c][i] == 1.0f);
             REQUIRE(e->shift[c][i] == 0.0f && e->sheet[c][i] == 0.0f && e->round[c][i] == 0.0f && e->returned[c][i] == 1.0f);
+            REQUIRE(e->crossed[c][i] == 1.0f);
             REQUIRE(e->flat[i] == 0.0f);
         }
 }

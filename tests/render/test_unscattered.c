@@ -2,7 +2,7 @@
  * test_unscattered.c - light that passes a slab without being scattered, against its closed form; and nothing where none can pass. */
 #include "stage.h"
 
-enum { SIZE = 24 };
+enum { SIZE = 24, SMALL = 6 };
 
 /* Extinction of a medium that hardly scatters, 1/mm. */
 static const double absorbed[3] = { 0.05, 0.1, 0.2 }, scattered = 0.01;
@@ -80,10 +80,68 @@ static void thick_parts_keep_their_bits(void **state)
     shot_free(&shots[1]);
 }
 
+/* Clear, with a phase function as peaked as apple juice's, and white, as skimmed milk. 1/mm. */
+static const struct medium {
+    double sigma_a, sigma_s_reduced, g;
+} clear = { 0.05, 2.5e-4, 0.945 }, white = { 0.0015, 0.7, 0.82 };
+
+/* What the middle of a slab shows of even light of 1 W/(m^2 sr). */
+static double even_light_of(const char *method, const struct medium *of, float thickness)
+{
+    struct stage s;
+    struct pell_material *m;
+    struct shot shot;
+    size_t material;
+    double shown;
+
+    stage_start(&s, SIZE, SIZE);
+    pell_knobs_default(pell_settings_knobs(), &s.settings);
+    s.settings.width = s.settings.height = SMALL;
+    s.settings.indirect_samples = 2048;
+    s.settings.exposure = 1.0f;
+    s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+    m = stage_medium(&s, "marble", &material);
+    m->medium = (struct pell_medium) { .eta = eta };
+    for (int c = 0; c < 3; c++) {
+        m->medium.sigma_a[c] = of->sigma_a;
+        m->medium.sigma_s_reduced[c] = of->sigma_s_reduced;
+        m->medium.g[c] = of->g;
+    }
+    stage_box(&s, material, 0, vec3(-80, -80, -thickness), vec3(80, 80, 0));
+    stage_environment(&s, 1.0f);
+    stage_camera(&s, vec3(0, 0, 400), vec3(0, 0, 0), 0.0f, 2.0f);
+    stage_method(&s, method, NULL);
+    shot = stage_shot(&s);
+    shot_check(&shot);
+    shown = (double) shot_at(&shot, 0, SMALL / 2, SMALL / 2);
+    print_message("# %s, %g mm: %.4f\n", method, (double) thickness, shown);
+    shot_free(&shot);
+    stage_finish(&s);
+    return shown;
+}
+
+/* Each part of the light is there once: what is scattered, what is scattered forward, and what is not. */
+static void slabs_in_even_light_show_as_much_as_there_is(void **state)
+{
+    static const char *const methods[] = { "screen-space", "texture-space", "hierarchical", "dipole" };
+    static const float thicknesses[] = { 1.0f, 12.0f };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(methods); k++)
+        for (size_t i = 0; i < PELL_COUNT(thicknesses); i++) {
+            const double d = (double) thicknesses[i], absorbed = exp(-clear.sigma_a * d);
+            const double shown = even_light_of(methods[k], &clear, thicknesses[i]),
+                         of_white = even_light_of(methods[k], &white, thicknesses[i]);
+            REQUIRE(shown > 0.87 * absorbed && shown < 1.06 * absorbed);
+            REQUIRE(of_white > 0.9 * exp(-white.sigma_a * d) && of_white < 1.06);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form),
+        cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
         cmocka_unit_test(thick_parts_keep_their_bits),
     };
 

@@ -69,7 +69,7 @@ struct pixel {
     int32_t number; /* of the solid */
     struct pell_vec3 at, axis[3];
     double strength;
-    float returned[3];              /* pell_services_returned */
+    float returned[3], crossed[3];  /* pell_services_returned */
     double near_probes, near_areas; /* samples of each way in a round */
     uint32_t seed;
     double sum[TOGETHER][3];
@@ -110,10 +110,12 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
     const float s = (float) p->strength;
     const struct pell_opposed_pair pair = { vec3_dot(v, v) / (s * s), vec3_dot(n, v) / s, vec3_dot(p->axis[2], v) / s,
                                             vec3_dot(p->axis[2], n), curvature * s };
-    const float scale[3] = { (float) p->solid->scale[0], (float) p->solid->scale[1], (float) p->solid->scale[2] };
+    float scale[3];
 
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         R[c] *= p->returned[c];
+        scale[c] = (float) p->solid->scale[c] * p->crossed[c];
+    }
     pell_opposed_apply(&p->solid->opposed, &pair, scale, R);
 }
 
@@ -319,7 +321,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
 {
     const struct pell_frame *in = t->in;
     struct pell_points16 points;
-    float share[3][16];
+    float returned[3][16], crossed[3][16];
     int32_t solid[16];
     struct pixel p;
     bool any = false;
@@ -329,7 +331,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
         any |= solid[i] >= 0 && t->st->solid[solid[i]].is_opposed;
     if (any) {
         pell_points16_of_pixels(in, at, count, &points);
-        pell_services_returned(t->st->services, &points, count, share);
+        pell_services_returned(t->st->services, &points, count, returned, crossed);
     }
     p.counts = counts;
     for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
@@ -340,8 +342,10 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
                         vec3(in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]]), solid[i],
                         t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f,
                         reference_half_seed(in->seed, t->st->knobs.half), &p);
-            for (int c = 0; c < 3 && p.solid->is_opposed; c++)
-                p.returned[c] = share[c][i];
+            for (int c = 0; c < 3 && p.solid->is_opposed; c++) {
+                p.returned[c] = returned[c][i];
+                p.crossed[c] = crossed[c][i];
+            }
             estimate(&p, own, light, standard_error);
         }
         for (int c = 0; c < 3; c++) {

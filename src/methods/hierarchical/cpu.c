@@ -287,21 +287,30 @@ static inline float box_distance2(const struct pell_light_node *n, const float *
     return sum;
 }
 
+/* What a flat thin part does, see pell_services_returned; R, G and B. */
+struct slab {
+    float returned[3], crossed[3];
+};
+
 /* Where light leaves. */
 struct exit {
     const float *at, *normal;
     float inverse, inverse2; /* of the strength */
-    const float *returned;   /* pell_services_returned */
+    const struct slab *slab;
 };
 
 static void oppose(const struct solid *b, const struct exit *x, const float *from, const float *normal, float curvature, float R[4])
 {
     struct pell_opposed_pair pair = { 0.0f, 0.0f, 0.0f, 0.0f, curvature / x->inverse };
 
+    float scale[3];
+
     if (!b->is_opposed)
         return;
-    for (int c = 0; c < 3; c++)
-        R[c] *= x->returned[c];
+    for (int c = 0; c < 3; c++) {
+        R[c] *= x->slab->returned[c];
+        scale[c] = b->scale[c] * x->slab->crossed[c];
+    }
     for (int k = 0; k < 3; k++) {
         const float v = (x->at[k] - from[k]) * x->inverse;
         pair.distance2 += v * v;
@@ -309,7 +318,7 @@ static void oppose(const struct solid *b, const struct exit *x, const float *fro
         pair.to += x->normal[k] * v;
         pair.facing += x->normal[k] * normal[k];
     }
-    pell_opposed_apply(&b->opposed, &pair, b->scale, R);
+    pell_opposed_apply(&b->opposed, &pair, scale, R);
 }
 
 static void add_samples(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum, struct near *near)
@@ -346,7 +355,7 @@ static float smooth_surface(const struct solid *b, const struct near *n)
 }
 
 static void gather(const struct hierarchical_state *st, const struct solid *b, const float p[3], const float normal[3], float strength,
-                   const float own[3], const float returned[3], float out[3])
+                   const float own[3], const struct slab *slab, float out[3])
 {
     const struct pell_light_node *nodes = b->tree.nodes;
     const float error = st->knobs.error, s = strength > 1.0f ? 1.0f : strength;
@@ -362,7 +371,7 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
         return;
     }
     inverse2 = 1.0f / (s * s);
-    x = (struct exit) { p, normal, 1.0f / s, inverse2, returned };
+    x = (struct exit) { p, normal, 1.0f / s, inverse2, slab };
     for (uint32_t i = 0; i < (uint32_t) b->tree.num_nodes;) {
         const struct pell_light_node *n = &nodes[i];
         const float d2 = distance2(n->centre, p);
@@ -386,9 +395,10 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
     }
     q = st->knobs.near == HI_NEAR_PLAIN ? 0.0f : smooth_surface(b, &near);
     for (int c = 0; c < 3; c++) {
-        const float core = returned[c] * b->radial.core[row][c] * b->cell, weight = near.weight[c] * inverse2 + core;
+        const float core = slab->returned[c] * b->radial.core[row][c] * b->cell, weight = near.weight[c] * inverse2 + core;
         const float mean = weight > 0.0f ? (near.light[c] * inverse2 + core * own[c]) / weight : own[c];
-        const float light = sum[c] * inverse2 + q * returned[c] * b->radial.window[row][c] * mean + (1.0f - q) * near.light[c] * inverse2;
+        const float light =
+            sum[c] * inverse2 + q * slab->returned[c] * b->radial.window[row][c] * mean + (1.0f - q) * near.light[c] * inverse2;
         out[c] = light > 0.0f ? light : 0.0f;
     }
 }
@@ -407,7 +417,7 @@ static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
 {
     const struct pell_frame *in = t->in;
     struct pell_points16 points;
-    float share[3][16];
+    float returned[3][16], crossed[3][16];
     int32_t solid[16];
     bool any = false;
 
@@ -416,18 +426,21 @@ static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
         any |= solid[i] >= 0 && t->st->solid[solid[i]].is_opposed;
     if (any) {
         pell_points16_of_pixels(in, at, count, &points);
-        pell_services_returned(t->st->services, &points, count, share);
+        pell_services_returned(t->st->services, &points, count, returned, crossed);
     }
     for (int i = 0; i < count; i++) {
         const float p[3] = { in->position[0][at[i]], in->position[1][at[i]], in->position[2][at[i]] };
         const float normal[3] = { in->normal[0][at[i]], in->normal[1][at[i]], in->normal[2][at[i]] };
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
-        float light[3] = { 0 }, returned[3] = { 1.0f, 1.0f, 1.0f };
-        for (int c = 0; c < 3 && solid[i] >= 0 && t->st->solid[solid[i]].is_opposed; c++)
-            returned[c] = share[c][i];
+        struct slab slab = { { 1.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, 1.0f } };
+        float light[3] = { 0 };
+        for (int c = 0; c < 3 && solid[i] >= 0 && t->st->solid[solid[i]].is_opposed; c++) {
+            slab.returned[c] = returned[c][i];
+            slab.crossed[c] = crossed[c][i];
+        }
         if (solid[i] >= 0)
             gather(t->st, &t->st->solid[solid[i]], p, normal, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own,
-                   returned, light);
+                   &slab, light);
         for (int c = 0; c < 3; c++)
             t->out->light[c][at[i]] = light[c];
     }

@@ -81,13 +81,19 @@ static inline float pell_forward_phase(float g, float c)
 }
 
 /* p of the mean cosine g at the cosine c, 1/sr. The peak is in proportion to exp(peak c). */
-static inline float pell_forward_lobe(float g, float peak, float c)
+static inline float pell_forward_lobe_within(float narrow, float g, float peak, float c)
 {
-    const float wide = g < PELL_FORWARD_NARROW ? g : PELL_FORWARD_NARROW, tail = (1.0f - g * g) / (1.0f - wide * wide);
+    const float wide = g < narrow ? g : narrow, tail = (1.0f - g * g) / (1.0f - wide * wide);
     const float x = c < PELL_FORWARD_ASIDE ? c > 0.0f ? c / PELL_FORWARD_ASIDE : 0.0f : 1.0f, fade = x * x * (3.0f - 2.0f * x);
     const float sharp = tail < 1.0f ? (1.0f - tail) * peak * 0.159154943f * expf(peak * (c - 1.0f)) : 0.0f;
 
     return fade * (tail * pell_forward_phase(wide, c) + sharp);
+}
+
+/* The same where tails alone spread what is scattered. */
+static inline float pell_forward_lobe(float g, float peak, float c)
+{
+    return pell_forward_lobe_within(PELL_FORWARD_NARROW, g, peak, c);
 }
 
 /* flux: 1/mm^2, across the way over squared distance `d2` to a place at the cosine c to a beam, whose light starts within the mean cosine
@@ -137,13 +143,16 @@ static inline float pell_forward_rest(const struct pell_forward *f, int k, float
     return 1.0f - apart * (1.0f - rest);
 }
 
-/* p toward `inside`, unit, of light whose mean direction is `mean`, as long as its mean cosine. */
-static inline float pell_forward_toward(const float mean[3], const float inside[3])
+/* p toward `inside`, unit, of light whose mean direction is `mean`, as long as its mean cosine, and which was `turned` by that mean cosine
+ * from ways that come from elsewhere: Henyey and Greenstein's peak is no narrower than those are apart. */
+static inline float pell_forward_toward(const float mean[3], float turned, const float inside[3])
 {
     const float g = sqrtf(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);
     const float c = mean[0] * inside[0] + mean[1] * inside[1] + mean[2] * inside[2], wide = 1.0f - g;
+    const float apart = turned > g ? 1.0f - g / turned : 0.0f, narrow = 1.0f - sqrtf(apart);
 
-    return pell_forward_lobe(g, PELL_FORWARD_SHARPEST * wide > 1.0f ? 1.0f / wide : PELL_FORWARD_SHARPEST, g > 1e-6f ? c / g : 0.0f);
+    return pell_forward_lobe_within(narrow < PELL_FORWARD_NARROW ? narrow : PELL_FORWARD_NARROW, g,
+                                    PELL_FORWARD_SHARPEST * wide > 1.0f ? 1.0f / wide : PELL_FORWARD_SHARPEST, g > 1e-6f ? c / g : 0.0f);
 }
 
 #endif

@@ -7,6 +7,7 @@
 
 #define NEAREST 2.0 /* as in sphere.c */
 #define STEPS 256
+#define SLAB_STEPS 48
 #define DEEP 10.0 /* optical thickness of the slab that says how much: thick enough for the exponential alone */
 
 /* The exponential by which light falls in the depth of a medium that scatters isotropically, in its mean free paths (Case and Zweifel
@@ -50,6 +51,23 @@ double pell_opposed_across(const struct pell_opposed *o, int channel, double cur
         float through[3];
         pell_opposed_split(o, &pair, through);
         sum += 2.0 * PELL_PI * d * (double) (pell_opposed_unseen(pair.facing) * through[channel]) * 2.0 * radius / STEPS;
+    }
+    return sum;
+}
+
+/* Over the tangent of the angle from the normal, whose square is x^2/(1 - x)^2. */
+double pell_opposed_slab(const struct pell_opposed *o, int channel, double d)
+{
+    double sum = 0.0;
+
+    for (int i = 0; i < SLAB_STEPS; i++) {
+        const double x = (i + 0.5) / SLAB_STEPS, y = 1.0 - x, r = d * x / y;
+        const struct pell_opposed_pair pair = {
+            .distance2 = (float) (r * r + d * d), .from = (float) -d, .to = (float) d, .facing = -1.0f
+        };
+        float through[3];
+        pell_opposed_split_of(o, &pair, (const bool[3]) { channel == 0, channel == 1, channel == 2 }, through);
+        sum += 2.0 * PELL_PI * r * (double) through[channel] * d / (y * y * SLAB_STEPS);
     }
     return sum;
 }

@@ -44,6 +44,9 @@ double pell_opposed_gain(const struct pell_opposed *o, int channel, const struct
 /* What goes through a ball by pell_opposed_split of even light, over the light that enters; 0 where `curvature` is not positive. */
 double pell_opposed_across(const struct pell_opposed *o, int channel, double curvature);
 
+/* What goes through a slab d mm thick by pell_opposed_split, over the light that enters. */
+double pell_opposed_slab(const struct pell_opposed *o, int channel, double d);
+
 /* Two places and v = x - y from where light enters to where it leaves, mm. */
 struct pell_opposed_pair {
     float distance2, from, to, facing; /* v.v, n_y.v, n_x.v, n_x.n_y */

@@ -17,10 +17,11 @@
 #include <string.h>
 
 #define GAINS PELL_CURVATURE_GAINS
-#define THICK 2e-3f    /* of what a half-space returns: parts are thin that let more through */
-#define THINNEST 1e-3  /* of the distance of averaging: thinner slabs count as this */
-#define CELLS_MOST 256 /* along an object's longest side */
-#define CHUNK 4096     /* vertices of a task */
+#define MOST_CROSSED 2.0 /* where next to nothing gets through, one law may have many times the other's */
+#define THICK 2e-3f      /* of what a half-space returns: parts are thin that let more through */
+#define THINNEST 1e-3    /* of the distance of averaging: thinner slabs count as this */
+#define CELLS_MOST 256   /* along an object's longest side */
+#define CHUNK 4096       /* vertices of a task */
 #define NO_PATCH UINT32_MAX
 #define SHARE 0.95 /* of a profile: what lies inside the distance over which curvature is averaged */
 
@@ -85,6 +86,7 @@ static void make_thin(const struct pell_medium *medium, const struct pell_oppose
             const bool thin = i > 0 && half > 0.0;
             law->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
             law->through[i][c] = thin ? (float) (T / half) : 0.0f;
+            law->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MOST_CROSSED) : 1.0f;
             law->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
             if (law->through[i][c] + law->forward[i][c] > THICK)
                 law->farthest = fmaxf(law->farthest, (float) d);

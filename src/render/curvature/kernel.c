@@ -15,7 +15,7 @@ enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
 /* What the laws say of each lane's shape. `slab`: 1 where nothing is thin, and the others 0. */
 struct looked {
     _Alignas(64) float bent[BENT][N]; /* struct curvature_bent */
-    float slab[SLAB][N], through[SLAB][N], forward[SLAB][N];
+    float slab[SLAB][N], through[SLAB][N], forward[SLAB][N], crossed[SLAB][N];
 };
 
 /* Places in a table: cells, and how far on to the next. */
@@ -93,6 +93,7 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
     look_up_slab(s, &place, offsetof(struct curvature_law, forward), solid, l.forward);
     find_slab(s, beyond, &place);
     look_up_slab(s, &place, offsetof(struct curvature_law, slab), whole, l.slab);
+    look_up_slab(s, &place, offsetof(struct curvature_law, crossed), whole, l.crossed);
     for (int i = 0; i < N; i++)
         out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
     for (int c = 0; c < 3; c++) {
@@ -110,6 +111,7 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
             out->sheet[c][i] = out->flat[i] * (through + l.forward[c][i]);
             out->round[c][i] = through - out->flat[i] * through;
             out->returned[c][i] = smaller(1.0f + out->flat[i] * (local - 1.0f), 1.0f);
+            out->crossed[c][i] = 1.0f + out->flat[i] * (l.crossed[c][i] - 1.0f);
         }
     }
 }

@@ -21,8 +21,10 @@ struct curvature_bent {
 struct curvature_law {
     struct curvature_bent bent[PELL_CURVATURE_GAINS];
     /* Of a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T, T, and what goes forward beside it
-     * (optics/medium/forward.h), which no half-space returns; of R, G and B, and 0. */
-    float slab[PELL_CURVATURE_GAINS][4], through[PELL_CURVATURE_GAINS][4], forward[PELL_CURVATURE_GAINS][4];
+     * (optics/medium/forward.h), which no half-space returns; and T over what goes through by optics/medium/opposed.h; of R, G and B, and
+     * 0. */
+    float slab[PELL_CURVATURE_GAINS][4], through[PELL_CURVATURE_GAINS][4], forward[PELL_CURVATURE_GAINS][4],
+        crossed[PELL_CURVATURE_GAINS][4];
     bool there;
     float step;     /* mm: the distance of averaging */
     float limit;    /* 1/mm */

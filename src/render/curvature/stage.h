@@ -44,10 +44,11 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curva
  * curved surface more of it arrives where it grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which
  * over a ball is as much. `sheet` and `round`: the slab's T that `local` is less by, over what a half-space returns, as far as the part is
  * flat, and as far as it is round. `returned`: of what a half-space returns, the share that leaves on the same side of a part
- * that is flat and thin; 1 of others. */
+ * that is flat and thin; 1 of others. `crossed`: of what goes through such a part by optics/medium/opposed.h, the share that a slab lets
+ * through; 1 of others. */
 struct pell_curvature_effects {
     _Alignas(64) float gain[3][16], local[3][16], opposed[3][16],
-        opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16];
+        opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16], crossed[3][16];
     float flat[16]; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
 };
 /* At points of triangles: mesh, triangle, u and v of `at`. Nothing happens to light where `ask` is 0. */

@@ -40,6 +40,7 @@ static void add_beam(const struct pell_forward *law, const struct end *end, cons
     for (int c = 0; c < 3; c++) {
         const float light = far * power[c] * flux[c], goes = light * cosine[c] / d;
         sum->light[c] += light;
+        sum->turned[c] += light * cosine[c];
         sum->way[c][0] += goes * v.x;
         sum->way[c][1] += goes * v.y;
         sum->way[c][2] += goes * v.z;

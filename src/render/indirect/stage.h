@@ -65,6 +65,7 @@ struct pell_indirect_solid {
     struct pell_forward forward;        /* what is scattered forward, where `beams` */
     float returned[3];                  /* of light that enters a half-space: no more of even light goes through to a place */
     float white[3];                     /* what it is multiplied by where it leaves */
+    float refracted;                    /* mean cosine of diffuse light behind the boundary */
     float slope[3];                     /* what of light that enters is returned more for its angle: 1 + slope (1 - m) (render/angle.h) */
     const struct pell_profile *profile; /* of R, G and B, as the method spreads light by over the faces that it sees, */
     bool around;                        /* or along all the surface, */
@@ -95,12 +96,12 @@ struct pell_indirect_beam {
                       * near, see pell_indirect_far */
     float way[3][3]; /* and the mean of its directions, times that */
     float spacing;   /* mm between samples there; 0: there is none */
-    float none[3];
+    float turned[3]; /* and the mean cosine of what goes on to the way that it came by, times that */
 };
 /* The same at 16 points. */
 struct pell_indirect_insides {
     _Alignas(64) float thick[3][16], through[3][16], solved[3][16], gain[3][16], light[3][16], tilt[3][3][16], deep[3][16], none[16];
-    float beam[3][16], way[3][3][16], spacing[16], unused[3][16];
+    float beam[3][16], way[3][3][16], spacing[16], turned[3][16];
     bool beams; /* else these are not written */
 };
 /* At points of triangles: mesh, triangle, u and v of `at`; nothing where `ask` is 0. */
@@ -114,7 +115,7 @@ static inline float pell_beam_toward(const struct pell_indirect_insides *q, int 
     const float over = q->beam[c][i] > 0.0f ? 1.0f / q->beam[c][i] : 0.0f;
     const float mean[3] = { over * q->way[c][0][i], over * q->way[c][1][i], over * q->way[c][2][i] };
 
-    return q->beam[c][i] > 0.0f ? q->beam[c][i] * pell_forward_toward(mean, inside) : 0.0f;
+    return q->beam[c][i] > 0.0f ? q->beam[c][i] * pell_forward_toward(mean, over * q->turned[c][i], inside) : 0.0f;
 }
 
 /* What is scattered forward through a material. */

@@ -47,7 +47,8 @@ struct send {
     float (*gain)[3];
     bool *there;
     float (*thick)[3], *thickness; /* of samples; thickness mm */
-    float (*source)[3];            /* W/m^2 times mm^2: of a sample's power, what goes into the depth */
+    float (*source)[3];            /* W/m^2 times mm^2: of a sample's power, what goes into the depth, */
+    float *diffuse;                /* and how much of that has no direction */
     struct indirect_solid_light *light;
     struct pell_indirect_beam *beam; /* NULL: nothing is scattered forward */
     const uint32_t *list;            /* of one object and material, or a solid of it */
@@ -95,8 +96,8 @@ static void deep_parts(const struct pell_indirect_solid *as, float thinness, flo
 
 /* --- Light that enters ------------------------------------------------------------------------------------------------------------ */
 
-/* What goes into the depth: as it falls there, not as a curved surface moves it, and without what a half-space returns more for its angle,
- * since that comes of a way along the surface. */
+/* What goes into the depth: as it falls there, not as a curved surface moves it, without what diffuse light returns by single scattering,
+ * and without what a half-space returns more for its angle, since that comes of a way along the surface. */
 static void find_source(const struct send *s, const struct indirect_sample *q, const struct pell_lit_place *p, float aside[3][PACKET],
                         size_t i, float source[3])
 {
@@ -111,7 +112,7 @@ static void light16(const struct send *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
     float irradiance[3][PACKET], gain[3][PACKET], aside[3][PACKET], way[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET],
-        v[PACKET];
+        v[PACKET], diffuse[PACKET];
     uint32_t mesh[PACKET], triangle[PACKET], number[PACKET];
     bool there[PACKET];
     const struct pell_points_params params = {
@@ -122,6 +123,7 @@ static void light16(const struct send *s, size_t first, size_t count)
                                             .gain = { gain[0], gain[1], gain[2] },
                                             .aside = { aside[0], aside[1], aside[2] },
                                             .way = { way[0], way[1], way[2] },
+                                            .diffuse = diffuse,
                                             .curvature = curvature,
                                             .thinness = thinness,
                                             .there = there };
@@ -150,6 +152,7 @@ static void light16(const struct send *s, size_t first, size_t count)
             s->gain[first + i][c] = gain[c][i];
         }
         find_source(s, q, p, aside, i, s->source[first + i]);
+        s->diffuse[first + i] = there[i] ? diffuse[i] : 0.0f;
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
         if (s->solid[q->material].between)
@@ -291,6 +294,21 @@ static enum pell_result send_between(struct send *s, struct pell_pool *pool)
     return res;
 }
 
+/* What of a sample's light is scattered forward: all that has a direction, and of diffuse light what a slab's T does not have. */
+static void aim_beam(const struct send *s, const struct pell_indirect_solid *as, uint32_t sample, struct pell_lit_place *p)
+{
+    const float *thick = s->thick[sample];
+    float less = 0.0f;
+
+    memcpy(p->power, s->source[sample], sizeof(p->power));
+    for (int c = 0; c < 3 && as->between; c++) {
+        const float by_slab = s->diffuse[sample] * (1.0f - thick[c]);
+        p->power[c] *= 1.0f - by_slab;
+        less += by_slab * (1.0f / 3.0f);
+    }
+    vec3_store(vec3_mul(vec3_mad(vec3_load(p->way), less * as->refracted, vec3_load(p->normal)), 1.0f / fmaxf(1.0f - less, 1e-6f)), p->way);
+}
+
 /* Sums what is scattered forward. */
 static enum pell_result send_beams(const struct send *s, struct pell_pool *pool)
 {
@@ -303,7 +321,7 @@ static enum pell_result send_beams(const struct send *s, struct pell_pool *pool)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < s->count; i++) {
         samples[i] = s->sample[s->list[i]];
-        memcpy(samples[i].power, s->source[s->list[i]], sizeof(samples[i].power));
+        aim_beam(s, as, s->list[i], &samples[i]);
     }
     PELL_TRY(indirect_forward_send(pool, &forward, samples, s->beam));
     for (size_t i = 0; i < s->count; i++) {
@@ -313,6 +331,7 @@ static enum pell_result send_beams(const struct send *s, struct pell_pool *pool)
         beam->spacing = to->spacing;
         for (int c = 0; c < 3; c++) {
             beam->light[c] *= share[c];
+            beam->turned[c] *= share[c];
             vec3_store(vec3_mul(vec3_load(beam->way[c]), share[c]), beam->way[c]);
         }
     }
@@ -580,6 +599,7 @@ static void blend_beam(const struct pell_indirect_beam *from, float weight, stru
 {
     for (int c = 0; c < 3; c++) {
         to->light[c] += weight * from->light[c];
+        to->turned[c] += weight * from->turned[c];
         vec3_store(vec3_mad(vec3_load(to->way[c]), weight, vec3_load(from->way[c])), to->way[c]);
     }
     to->spacing += weight * from->spacing;
@@ -648,11 +668,12 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
     s.gain = pell_alloc_array(in->ctx, n, sizeof(*s.gain));
     s.source = pell_alloc_array(in->ctx, n, sizeof(*s.source));
+    s.diffuse = pell_alloc_array(in->ctx, n, sizeof(*s.diffuse));
     s.there = pell_calloc(in->ctx, n, sizeof(*s.there));
     s.thick = pell_calloc(in->ctx, n, sizeof(*s.thick));
     s.thickness = pell_calloc(in->ctx, n, sizeof(*s.thickness));
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
-    if (!list || !s.sample || !s.gain || !s.source || !s.there || !s.thick || !s.thickness || !s.light)
+    if (!list || !s.sample || !s.gain || !s.source || !s.diffuse || !s.there || !s.thick || !s.thickness || !s.light)
         goto fail;
     PELL_TRY(make_beams(&s));
     memset(in->gathered, 0, n * sizeof(*in->gathered));
@@ -668,6 +689,7 @@ fail:
     pell_free(in->ctx, s.sample);
     pell_free(in->ctx, s.gain);
     pell_free(in->ctx, s.source);
+    pell_free(in->ctx, s.diffuse);
     pell_free(in->ctx, s.there);
     pell_free(in->ctx, s.thick);
     pell_free(in->ctx, s.thickness);

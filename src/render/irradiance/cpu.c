@@ -201,6 +201,12 @@ static void add_ways(const struct pell_sums *from, struct packet *k)
         k->sums.known[i] += from->known[i];
 }
 
+/* Diffuse light is returned with all that is scattered once, as more that enters (pell_angle.enter_mean): how much more. */
+static float once_as_more(const struct pell_lanes *l, int c, int i)
+{
+    return l->enter_mean[c][i] - l->enter_base[c][i] - l->enter_slope[c][i] * (1.0f - pell_mean_refracted(l->inverse_eta2[i]));
+}
+
 static void environments(const struct job *job, struct packet *k)
 {
     const struct pell_lights *lights = job->lights;
@@ -238,9 +244,12 @@ static void environments(const struct job *job, struct packet *k)
             const struct pell_env_query query = lane_query(job, k, i);
             float rgb[3];
             pell_environment_irradiance(&lights->environments[e], vec3(l->nx[i], l->ny[i], l->nz[i]), &query, rgb);
-            for (int c = 0; c < 3; c++)
-                k->sums.irradiance[c][i] +=
-                    max0(sums.irradiance[c][i] + k->ambient[i] * l->enter_mean[c][i] * (rgb[c] - sums.unshadowed[c][i]));
+            for (int c = 0; c < 3; c++) {
+                const float rest = k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]);
+                k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + l->enter_mean[c][i] * rest);
+                if (l->any_way)
+                    k->sums.aside[c][i] += once_as_more(l, c, i) * rest;
+            }
         }
         if (shows_highlights(job, k))
             add_reflection(job, k, &lights->environments[e]);
@@ -275,6 +284,8 @@ static void add_indirect(const struct job *job, struct packet *k)
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++) {
             k->sums.irradiance[c][i] += rgb[c][i] * k->lanes.enter_mean[c][i];
+            if (k->lanes.any_way)
+                k->sums.aside[c][i] += rgb[c][i] * once_as_more(&k->lanes, c, i);
             if (passed)
                 k->sums.transmitted[c][i] += behind[c][i];
         }

@@ -38,6 +38,9 @@ static void bend(const struct pell_irradiance_params *p, const struct pell_curva
             const float kept = gains->once[c][i] * e->local[c][i] / e->gain[c][i];
             gains->once[c][i] = e->gain[c][i] > 0.0f ? kept : gains->once[c][i];
         }
+    for (int c = 0; c < 3 && p->whole; c++)
+        for (int i = 0; i < N; i++)
+            gains->once[c][i] *= e->returned[c][i];
 }
 
 /* Takes the gains of one channel over. */

@@ -543,19 +543,21 @@ static inline void scatter(const float *restrict in, const int32_t *restrict ind
 static void store_way(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
                       ptrdiff_t rows, struct pell_lighting *out)
 {
-    _Alignas(64) float inward[N], whole[N], way[N], aside[N];
+    _Alignas(64) float inward[N], whole[N], way[N], aside[N], diffuse[N];
 
     for (int i = 0; i < N; i++) {
         float all = 0.0f;
         for (int c = 0; c < 3; c++)
             all += sums->irradiance[c][i] - sums->aside[c][i];
         whole[i] = all > TINY ? 1.0f / all : 0.0f;
-        inward[i] = all > sums->known[i] ? (all - sums->known[i]) * pell_mean_refracted(p->inverse_eta2[i]) : 0.0f;
+        diffuse[i] = all > sums->known[i] ? (all - sums->known[i]) * whole[i] : 0.0f;
+        inward[i] = diffuse[i] * pell_mean_refracted(p->inverse_eta2[i]);
     }
+    scatter(diffuse, index, count, rows, out->diffuse);
     for (int c = 0; c < 3; c++) {
         const float *normal = c == 0 ? p->nx : c == 1 ? p->ny : p->nz;
         for (int i = 0; i < N; i++)
-            way[i] = (sums->way_in[c][i] - inward[i] * normal[i]) * whole[i];
+            way[i] = sums->way_in[c][i] * whole[i] - inward[i] * normal[i];
         scatter(way, index, count, rows, out->way_in[c]);
         for (int i = 0; i < N; i++)
             aside[i] = sums->aside[c][i] * p->albedo[c][i];

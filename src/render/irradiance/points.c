@@ -15,7 +15,7 @@
 struct planes {
     _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16],
         terminator_offset[16], transmission[3][16], reflection[16];
-    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], aside[3][16], way[3][16];
+    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], aside[3][16], way[3][16], diffuse[16];
     uint16_t material[16];
 };
 
@@ -236,6 +236,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         lighting.aside[c] = l.s.aside[c];
         lighting.way_in[c] = l.s.way[c];
     }
+    lighting.diffuse = l.s.diffuse;
     l.one.ways = out->aside[0];
     for (int k = 0; l.some && k < what->samples; k++) {
         l.one.sample = what->first + (uint32_t) k;
@@ -256,6 +257,8 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
             if (out->albedo[c])
                 out->albedo[c][first + i] = albedo[c][i];
         }
+    if (out->aside[0])
+        memcpy(out->diffuse + first, l.s.diffuse, count * sizeof(*out->diffuse));
     tell16(&l, what, first, count, out);
     return rays;
 }
