@@ -259,6 +259,26 @@ static void sources_are_as_wide_as_what_enters(void **state)
     REQUIRE(most > 0.05f && most < 1.0f && of_points > 10.0f);
 }
 
+/* Diffusion says nothing of solids that are smaller than a few mean free paths: a finger of a hand whose free path is 100 times as long was
+ * 340 times as bright as by photons. */
+static void small_solids_count_as_bent_like_larger_ones(void **state)
+{
+    const struct pell_medium m = medium_of(0.014, 7e-4, 1.33);
+    struct pell_opposed o;
+    float through[3], least[3];
+    (void) state;
+
+    REQUIRE(pell_opposed_make(&m, &o));
+    for (float facing = 0.9f; facing > -1.0f; facing -= 0.2f) {
+        struct pell_opposed_pair pair = { .distance2 = 0.01f, .from = -0.02f, .to = 0.03f, .facing = facing };
+        pair.curvature = 1.0f / (PELL_OPPOSED_NEAREST * (o.beyond[0] + o.depth[0]));
+        pell_opposed_split(&o, &pair, least);
+        pair.curvature = 2.0f;
+        pell_opposed_split(&o, &pair, through);
+        REQUIRE(through[0] == least[0] && through[0] < 1e-4f);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -269,6 +289,7 @@ int main(void)
         cmocka_unit_test(a_plane_keeps_its_profile_and_air_carries_nothing),
         cmocka_unit_test(the_gain_keeps_even_light),
         cmocka_unit_test(media_that_say_nothing_are_left_alone),
+        cmocka_unit_test(small_solids_count_as_bent_like_larger_ones),
         cmocka_unit_test(sources_are_as_wide_as_what_enters),
     };
 

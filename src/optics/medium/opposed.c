@@ -5,7 +5,6 @@
 #include "math/vec.h"
 #include "optics/medium/dipole.h"
 
-#define NEAREST 2.0 /* as in sphere.c */
 #define STEPS 256
 #define SLAB_STEPS 48
 #define DEEP 10.0 /* optical thickness of the slab that says how much: thick enough for the exponential alone */
@@ -37,7 +36,7 @@ static struct pell_opposed_pair on_sphere(double curvature, double radius, doubl
 
 static double radius_of(const struct pell_opposed *o, int channel, double curvature)
 {
-    return fmax(1.0 / fabs(curvature), NEAREST * ((double) o->depth[channel] + (double) o->beyond[channel]));
+    return fmax(1.0 / fabs(curvature), (double) PELL_OPPOSED_NEAREST * ((double) o->depth[channel] + (double) o->beyond[channel]));
 }
 
 double pell_opposed_across(const struct pell_opposed *o, int channel, double curvature)

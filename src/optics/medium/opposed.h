@@ -27,6 +27,8 @@
 
 #define PELL_OPPOSED_SEEN 0.45f    /* cosine from which on faces are seen together, */
 #define PELL_OPPOSED_HIDDEN -0.15f /* and below which they are not */
+#define PELL_OPPOSED_NEAREST                                                                                                               \
+    2.0f /* solids of less radius, in `beyond` + `depth`, count as bent like those: diffusion says nothing of them */
 
 struct pell_opposed {
     float kappa[3];  /* 1/mm: of the exponential that light in the depth falls by, by transport */
@@ -71,7 +73,7 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
 {
     const float apart = 1.0f - p->facing, turned = apart < 0.0f ? 0.0f : apart > 1.0f ? 1.0f : apart;
     const float weight = turned * turned * (3.0f - 2.0f * turned), t = sqrtf(turned), over = p->to - p->from;
-    const float bent = p->curvature > 0.0f ? p->curvature : 0.0f;
+    const float convex = p->curvature > 0.0f ? p->curvature : 0.0f;
     float solid, open = 0.0f;
 
     through[0] = through[1] = through[2] = 0.0f;
@@ -88,7 +90,8 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
     for (int c = 0; c < 3 && solid > 0.0f; c++) {
         if (!is[c])
             continue;
-        const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], out = 1.0f + bent * e;
+        const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], most = 1.0f / (PELL_OPPOSED_NEAREST * z);
+        const float bent = convex < most ? convex : most, out = 1.0f + bent * e;
         const float aside = o->depth[c], goes = p->to - aside * p->turned, far = goes - p->from;
         const float from = p->from - e * apart, to = goes + e * apart;
         const float d2 = p->distance2 + aside * (aside * p->aside2 - 2.0f * p->along) + 2.0f * e * (far + e * apart);
