@@ -259,7 +259,7 @@ static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
  * of channel c. What leaves is followed at once, with that part of the weight; the walk goes on with the rest, as one that does not leave:
  * the densities of where it collides, and of being reflected, are divided by 1 - out_c (walks are weighed by those of all channels, as in
  * distance_sampling.c). A walk that ended at its first exit knows the surface there alone; this one sees many, and its weight falls evenly
- * instead of at once. */
+ * instead of at once. What is split is known before it is known how far the walk flies: boundaries within `further` of the bound. */
 
 #define LEAVES 0.02f                  /* least probability to leave for which a flight is split */
 #define LEAST_STAY 1e-6f              /* what divides by the probability to stay */
@@ -309,7 +309,7 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
     struct boundary b;
     float fresnel, cos_t, passed[3], arrived[3], out[3], outside[3], sum = 0.0f, density = 0.0f, u, near, most = 0.0f;
 
-    if (!f->found || p->place.count != 1 || f->hit.solid != solid)
+    if (!f->found || p->place.count != 1 || f->hit.solid != solid || !(f->hit.t <= f->bound + s->solid[solid].further))
         return PT_SPLIT_NOT;
     if (!look(p, &f->hit, &b) || b.enter || b.after.count > 0 || b.rough || b.flat) {
         p->counts->crossed = crossed;
