@@ -2,6 +2,7 @@
  * environment_look.c - what is looked up in an environment: radiance, what a lobe sees, what enters at a normal; and the same as words for
  * a device. */
 #include "lights/environment_map.h"
+#include "shared/light.h"
 
 #include <string.h>
 
@@ -201,4 +202,53 @@ size_t pell_lights_environment_words(const struct pell_lights *lights, uint32_t 
     for (size_t e = 0; e < lights->num_environments; e++)
         at = put_environment(lights, e, out, at);
     return at;
+}
+
+/* --- What light has no direction ---------------------------------------------------------------------------------------------------- */
+
+/* W/m^2 of a light on faces that look all ways, in the mean. */
+static float mean_of_source(const struct pell_light_source *s, struct pell_vec3 at)
+{
+    const struct pell_vec3 to = vec3_sub(at, s->position);
+    const float power = pell_luminance(s->power), distance = vec3_length(to),
+                along = distance > 0.0f ? vec3_dot(s->direction, to) / distance : 1.0f;
+    float share = 1.0f;
+
+    if (s->type == PELL_LIGHT_DIRECTIONAL)
+        return 0.25f * power;
+    if (s->type == PELL_LIGHT_RECT || s->type == PELL_LIGHT_DISC)
+        share = (float) s->samples * fmaxf(along, 0.0f);
+    else if (s->type == PELL_LIGHT_SPOT)
+        share = pell_light_cone(along, s->spot_scale, s->spot_offset);
+    return 0.25f * power * share * pell_light_falloff(distance, s->scale, s->inv_range);
+}
+
+/* Irradiance on a face, by the node of the table that is nearest to its normal. */
+static const float *nearest_node(const struct pell_environment *env, struct pell_vec3 n)
+{
+    const struct pell_place2 at = pell_octahedral_place(n.x, n.y, n.z);
+    const int i = (int) (at.x + 0.5f), j = (int) (at.y + 0.5f);
+
+    return env->nodes + (size_t) (j * PELL_ENV_NODES + i) * (size_t) env->size;
+}
+
+float pell_lights_diffuse(const struct pell_lights *lights, struct pell_vec3 at)
+{
+    float diffuse = 0.0f, all = 0.0f;
+
+    for (size_t e = 0; e < lights->num_environments; e++)
+        for (int side = 0; side < 6; side++) {
+            const float sign = side & 1 ? -1.0f : 1.0f;
+            const struct pell_vec3 n = vec3(side / 2 == 0 ? sign : 0.0f, side / 2 == 1 ? sign : 0.0f, side / 2 == 2 ? sign : 0.0f);
+            diffuse += pell_luminance(nearest_node(&lights->environments[e], n)) * (1.0f / 6.0f);
+        }
+    for (size_t i = 0; i < lights->num_sources; i++) {
+        const struct pell_light_source *s = &lights->sources[i];
+        const float light = mean_of_source(s, at);
+        all += light;
+        if (s->environment >= 0 && !s->compact) /* the table has it, too */
+            diffuse -= light;
+    }
+    diffuse = fmaxf(diffuse, 0.0f);
+    return diffuse > 0.0f ? diffuse / (diffuse + all) : 0.0f;
 }

@@ -119,6 +119,9 @@ struct pell_env_query {
 };
 void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 normal, const struct pell_env_query *query,
                                  float rgb[3]);
+/* Of the light at a place, the share of the environments' smooth rest, in the mean over faces that look all ways; without shadows. */
+float pell_lights_diffuse(const struct pell_lights *lights, struct pell_vec3 at);
+
 /* Radiance out of a direction as a lobe of that width (pell_lobe_width) sees it. */
 void pell_environment_reflection(const struct pell_environment *env, struct pell_vec3 direction, float width, float rgb[3]);
 void pell_environment_radiance(const struct pell_environment *env, struct pell_vec3 direction, float rgb[3]);

@@ -64,7 +64,9 @@ struct pell_surface_light {
     float *strength;             /* of scattering, [0, 1]; 1 where no point is */
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
-    float *aside[3]; /* W/m^2, of the irradiance: what does not go into the depth there (render/irradiance/stage.h); then also */
+    float *crossed[3];           /* with `gain`: of what goes between faces through a flat thin part, the share that a slab lets through */
+    float *aside[3]; /* W/m^2, of the irradiance: what is not scattered where it enters, but beside it on a curved surface; then also */
+    float *once[3];  /* what stands for the single scattering of diffuse light, */
     float *way[3];   /* the mean refracted direction of the rest, not unit, */
     float *diffuse;  /* and how much of that has no direction, [0, 1] */
     bool *there;     /* false: no point, or one where the material is cut out by its alpha */

@@ -41,6 +41,13 @@ PELL_SHARED float pell_curvature_sheet(float beyond, float thinness)
     return sheet > 0.0f ? sheet : 0.0f;
 }
 
+/* How near what a part as thin returns is to a ball's, and not to a slab's: a cylinder has 0.7. */
+PELL_SHARED float pell_curvature_round(float mean, float thinness)
+{
+    const float x = mean > 0.0f ? 0.5f * mean / thinness : 0.0f, round = x < 1.0f ? x : 1.0f;
+    return round * (1.8f - 0.8f * round);
+}
+
 PELL_SHARED float pell_curvature_shift(float mean, float path)
 {
     const float shift = mean * path, above = shift > -PELL_CURVATURE_SHIFT ? shift : -PELL_CURVATURE_SHIFT;

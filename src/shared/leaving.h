@@ -7,11 +7,11 @@
 
 #define PELL_TILTED_MOST 0.7f
 
-/* What of irradiance is metered, by the factor of diffuse light: where a profile without single scattering returns next to nothing, that is
- * hundreds, and the irradiance no light that arrives. */
-PELL_SHARED float pell_metered(float enter_mean)
+/* What of irradiance is metered, by the factor of diffuse light and its share of the light: where a profile without single scattering
+ * returns next to nothing, the factor is hundreds, and that irradiance no light that arrives. */
+PELL_SHARED float pell_metered(float enter_mean, float diffuse)
 {
-    return enter_mean > 4.0f ? 4.0f / enter_mean : 1.0f;
+    return enter_mean > 1.0f ? 1.0f / (1.0f + diffuse * (enter_mean - 1.0f)) : 1.0f;
 }
 
 /* 1 - m, of a cosine outside. */

@@ -137,7 +137,8 @@ float curved(float mean, float thinness)
 {
     const float beyond = pell_curvature_beyond(mean, thinness), place = pell_curvature_thin_place(beyond, 2.0f);
     const float once = pell_curvature_once(pell_curvature_shift(mean, 0.5f), 0.5f), slot = pell_unit_float(pell_curvature_slot(1u, 2u));
-    return pell_curvature_place(place) + pell_curvature_bent_place(mean, 0.3f) + pell_curvature_sheet(beyond, thinness) + once + slot;
+    const float round = pell_curvature_sheet(beyond, thinness) + pell_curvature_round(mean, thinness);
+    return pell_curvature_place(place) + pell_curvature_bent_place(mean, 0.3f) + round + once + slot;
 }
 
 float mapped(float x)
@@ -155,7 +156,7 @@ float shown(float x)
     const float right = pell_camera_right(x, 0.25f, 16.0f, 9.0f), up = pell_camera_up(x, 0.25f, 16.0f, 9.0f);
     const float curve = PELL_TO_FLOAT(PELL_TO_INT(pell_pixel_curve(3u, PELL_TO_UINT(5), 7u)));
     const float bent = pell_bend_missing(right) + pell_color_share(x, 0.5f) + curve;
-    const float left = pell_metered(x) * pell_angle_off(0.5f, up) * pell_tilted(0.5f, right) * pell_tilted_by(pell_tilts(0.5f), right);
+    const float left = pell_metered(x, up) * pell_angle_off(0.5f, up) * pell_tilted(0.5f, right) * pell_tilted_by(pell_tilts(0.5f), right);
     const float wide = pell_spread_share(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f);
     const float seen = pell_highlights_seen(x, up, 4.0f), alike = pell_highlights_alike(0.9f, x, 2.0f);
     return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_shared(x, up, seen, right, alike);

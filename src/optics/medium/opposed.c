@@ -34,9 +34,12 @@ static struct pell_opposed_pair on_sphere(double curvature, double radius, doubl
                                         (float) copysign(1.0 / radius, curvature) };
 }
 
+/* Of balls as they are; of hollows no less than diffusion's. */
 static double radius_of(const struct pell_opposed *o, int channel, double curvature)
 {
-    return fmax(1.0 / fabs(curvature), (double) PELL_OPPOSED_NEAREST * ((double) o->depth[channel] + (double) o->beyond[channel]));
+    const double nearest = (double) PELL_OPPOSED_NEAREST * ((double) o->depth[channel] + (double) o->beyond[channel]);
+
+    return curvature > 0.0 ? 1.0 / curvature : fmax(-1.0 / curvature, nearest);
 }
 
 double pell_opposed_across(const struct pell_opposed *o, int channel, double curvature)

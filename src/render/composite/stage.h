@@ -37,6 +37,7 @@ struct pell_composite_params {
     const struct pell_angle *angle;                /* per scene material; NULL: no factors */
     const float (*total)[3];                       /* per scene material: total reflectance of its profile, for pixels without scattering */
     float mix;                                     /* plan's; negative: each material's own */
+    float diffuse;                                 /* of the light, the share that has no direction (pell_lights_diffuse) */
     bool smooth, published;
     struct pell_rect rect; /* holds every pixel that any sample may cover; the accumulator is written there and nowhere else */
     float weight;

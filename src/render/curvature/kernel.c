@@ -15,7 +15,7 @@ enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
 /* What the laws say of each lane's shape. `slab`: 1 where nothing is thin, and the others 0. */
 struct looked {
     _Alignas(64) float bent[BENT][N]; /* struct curvature_bent */
-    float slab[SLAB][N], through[SLAB][N], forward[SLAB][N], crossed[SLAB][N];
+    float slab[SLAB][N], through[SLAB][N], forward[SLAB][N], crossed[SLAB][N], sheet[SLAB][N], ball[SLAB][N], small[SLAB][N];
 };
 
 /* Places in a table: cells, and how far on to the next. */
@@ -79,7 +79,7 @@ static void look_up_slab(const struct curvature_shapes *restrict s, const struct
 static void effects(const struct curvature_shapes *restrict s, struct pell_curvature_effects *restrict out)
 {
     static const float solid[2][SLAB] = { { 0 } }, whole[2][SLAB] = { { 1, 1, 1, 0 }, { 1, 1, 1, 0 } };
-    _Alignas(64) float thinness[N], beyond[N];
+    _Alignas(64) float thinness[N], beyond[N], round[N];
     struct place place;
     struct looked l;
 
@@ -91,22 +91,29 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
     find_slab(s, thinness, &place);
     look_up_slab(s, &place, offsetof(struct curvature_law, through), solid, l.through);
     look_up_slab(s, &place, offsetof(struct curvature_law, forward), solid, l.forward);
+    look_up_slab(s, &place, offsetof(struct curvature_law, slab), whole, l.sheet);
+    look_up_slab(s, &place, offsetof(struct curvature_law, ball), whole, l.ball);
+    look_up_slab(s, &place, offsetof(struct curvature_law, small), solid, l.small);
     find_slab(s, beyond, &place);
     look_up_slab(s, &place, offsetof(struct curvature_law, slab), whole, l.slab);
     look_up_slab(s, &place, offsetof(struct curvature_law, crossed), whole, l.crossed);
-    for (int i = 0; i < N; i++)
+    for (int i = 0; i < N; i++) {
+        round[i] = thinness[i] > 0.0f ? pell_curvature_round(s->mean[i], thinness[i]) : 0.0f;
         out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
+    }
     for (int c = 0; c < 3; c++) {
         _Alignas(64) float path[N];
         for (int i = 0; i < N; i++)
             path[i] = s->law[i]->path[c];
         for (int i = 0; i < N; i++) {
             const float total = l.bent[9 + c][i] + out->flat[i] * (1.0f - l.bent[9 + c][i]), through = l.through[c][i];
-            const float local = larger(total * l.slab[c][i] - through, 0.0f);
+            const float as_thick = l.sheet[c][i] + round[i] * (l.ball[c][i] - l.sheet[c][i]);
+            const float all = total * l.slab[c][i] + l.small[c][i] * (as_thick - total * l.slab[c][i]);
+            const float local = larger(all - through, 0.0f);
             out->gain[c][i] = l.bent[c][i];
             out->opposed[c][i] = l.bent[3 + c][i];
             out->local[c][i] = local;
-            out->opposed_local[c][i] = larger(total * l.slab[c][i] - larger(through, l.bent[6 + c][i]), 0.0f);
+            out->opposed_local[c][i] = larger(all - larger(through, l.bent[6 + c][i]), 0.0f);
             out->shift[c][i] = pell_curvature_shift(s->mean[i], path[i]);
             out->sheet[c][i] = out->flat[i] * (through + l.forward[c][i]);
             out->round[c][i] = through - out->flat[i] * through;

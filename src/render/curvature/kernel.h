@@ -25,6 +25,9 @@ struct curvature_law {
      * 0. */
     float slab[PELL_CURVATURE_GAINS][4], through[PELL_CURVATURE_GAINS][4], forward[PELL_CURVATURE_GAINS][4],
         crossed[PELL_CURVATURE_GAINS][4];
+    /* Of a ball as thick, all that it returns by optics/medium/small.h, with what T has less of even light than the rest; and how far that
+     * holds. */
+    float ball[PELL_CURVATURE_GAINS][4], small[PELL_CURVATURE_GAINS][4];
     bool there;
     float step;     /* mm: the distance of averaging */
     float limit;    /* 1/mm */

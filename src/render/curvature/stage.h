@@ -61,7 +61,7 @@ void pell_curvature_effects_at(const struct pell_curvature *curvature, const str
  *   is), its material's law: first words.
  *   Grid: `room` nodes of patch + 1 (0: free), place ((x * 1024 + y) * 1024 + z), area, turn, thin; a node is found from
  *   pell_curvature_slot() & (room - 1) on. Patch: low corner, step, its number. Law: step, limit, path of R, G and B; then tables of
- *   PELL_CURVATURE_GAINS entries: gain, opposed, across, all; slab and through, 4 floats each. */
+ *   PELL_CURVATURE_GAINS entries: gain, opposed, across, all; slab, through, ball and small, 4 floats each. */
 enum { PELL_CURVATURE_HEAD = 4, PELL_CURVATURE_OF_MESH = 4, PELL_CURVATURE_NODE = 5 };
 #define PELL_CURVATURE_NONE UINT32_MAX
 size_t pell_curvature_words(const struct pell_curvature *curvature, uint32_t *out);

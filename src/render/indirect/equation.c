@@ -139,7 +139,7 @@ static enum pell_result make_room(struct equation *e, size_t entries)
     const size_t channels = (size_t) e->channel[0].is + e->channel[1].is + e->channel[2].is;
     float *value = e->values =
         pell_alloc_array(e->ctx, PELL_COUNT(of_patches) * patches + channels * (3 * patches + entries), sizeof(*value));
-    double *number = e->numbers = pell_alloc_array(e->ctx, (STEPS + 1) * n + patches + channels * (4 * n + 2 * patches), sizeof(*number));
+    double *number = e->numbers = pell_alloc_array(e->ctx, (STEPS + 1) * n + patches + channels * (4 * n + 3 * patches), sizeof(*number));
 
     if (!value || !number)
         return PELL_ERR_NOMEM;
@@ -154,7 +154,8 @@ static enum pell_result make_room(struct equation *e, size_t entries)
             continue;
         q->light = number;
         q->source = q->light + patches;
-        q->right = q->source + patches;
+        q->once = q->source + patches;
+        q->right = q->once + patches;
         q->phi = q->right + n;
         q->sum = q->phi + n;
         q->here = q->sum + n;

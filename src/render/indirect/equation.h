@@ -17,7 +17,8 @@ struct equation_channel {
     float total, share; /* of the profile, and of what is inside the window */
     struct radial radial;
     double *light,
-        *source;  /* of places and clusters, W/m^2: what enters, as a curved surface moves it; what goes into the depth, as it falls */
+        *source,  /* of places and clusters, W/m^2: what enters, as a curved surface moves it; what goes into the depth, as it falls; */
+        *once;    /* and what of the light stands for single scattering */
     double *here; /* of places: what goes into the depth, moved */
     double *right, *phi, *sum; /* of places; sum: what a method finds */
     float *left;               /* phi's factors, of entries */

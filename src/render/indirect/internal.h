@@ -244,7 +244,8 @@ PELL_NODISCARD enum pell_result indirect_mirror_light(struct pell_indirect *in, 
 /* Samples of one solid and material. */
 struct indirect_solid {
     const struct pell_lit_place *samples; /* their power not scaled by curvature */
-    const float (*source)[3]; /* of their power, what goes into the depth: as it falls there, without what its angle returns more */
+    const float (*source)[3]; /* of their power, what goes into the depth: as it falls there, without what its angle returns more; */
+    const float (*once)[3];   /* and what stands for single scattering; NULL: nothing does */
     const float *slope;       /* of R, G and B: that, see struct pell_indirect_solid */
     const float *thickness;   /* mm below each; INFINITY: nothing is opposite */
     size_t count;

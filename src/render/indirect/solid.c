@@ -131,25 +131,30 @@ static float distance_of_places(const struct indirect_solid *of)
     return (double) step < (double) UNRESOLVED * most ? step : 0.0f;
 }
 
-/* Light that enters, of each place, and without what curvature moved. */
+/* Light that enters, of each place, and its parts. */
 static void find_light(const struct solid *s, int c)
 {
     const struct places *p = &s->places;
-    double *light = s->equation.channel[c].light, *source = s->equation.channel[c].source;
+    double *light = s->equation.channel[c].light, *source = s->equation.channel[c].source, *once = s->equation.channel[c].once;
 
     memset(light, 0, p->count * sizeof(*light));
     memset(source, 0, p->count * sizeof(*source));
+    memset(once, 0, p->count * sizeof(*once));
     for (size_t i = 0; i < p->num_samples; i++)
         if (p->of[i] != PLACES_NONE) {
             light[p->of[i]] += (double) p->sample[i].power[c];
             source[p->of[i]] += (double) s->of_solid->source[i][c];
+            once[p->of[i]] += s->of_solid->once ? (double) s->of_solid->once[i][c] : 0.0;
         }
     for (uint32_t i = 0; i < p->count; i++) {
-        light[i] = p->place[i].area > 0.0f ? light[i] / (double) p->place[i].area : 0.0;
-        source[i] = p->place[i].area > 0.0f ? source[i] / (double) p->place[i].area : 0.0;
+        const double per_area = p->place[i].area > 0.0f ? 1.0 / (double) p->place[i].area : 0.0;
+        light[i] *= per_area;
+        source[i] *= per_area;
+        once[i] *= per_area;
     }
     equation_extend(&s->equation, light);
     equation_extend(&s->equation, source);
+    equation_extend(&s->equation, once);
 }
 
 /* Ways of patches, and how far along them the sources are: those of the light of samples, and none beyond the far side. */
@@ -201,7 +206,7 @@ static enum pell_result find_ways(struct solid *s)
             if (!q->is)
                 continue;
             if (i < p->count)
-                q->here[i] = q->light[i] / (double) (1.0f + s->of_solid->slope[c] * fmaxf(1.0f - inward, 0.0f));
+                q->here[i] = (q->light[i] - q->once[i]) / (double) (1.0f + s->of_solid->slope[c] * fmaxf(1.0f - inward, 0.0f));
             for (int k = 0; k < 2; k++) {
                 const float within = 1.0f - expf(-thick / fmaxf(q->depth * inward, 1e-6f));
                 q->deep[k][i] = -q->depth * logf(1.0f - (1.0f - expf(-path[k])) * within);
@@ -212,7 +217,7 @@ static enum pell_result find_ways(struct solid *s)
     return PELL_OK;
 }
 
-/* What the profile has beside diffusion leaves where it entered. */
+/* What the profile has beside diffusion leaves where it entered, as does all that is scattered once. */
 static void add_kept(const struct solid *s, float slope, struct equation_channel *q)
 {
     const struct places *p = &s->places;
@@ -222,7 +227,8 @@ static void add_kept(const struct solid *s, float slope, struct equation_channel
         const struct pell_vec3 n = p->place[i].normal;
         const float inward = -(way->wx[i] * n.x + way->wy[i] * n.y + way->wz[i] * n.z), depth = q->kappa * q->depth * inward;
         const float leaves = q->enters * (share[0] * expf(-path[0] * depth) + share[1] * expf(-path[1] * depth)) / (1.0f + q->kappa * q->s);
-        q->phi[i] += (double) (q->total - leaves) * q->light[i] + (double) (leaves * slope * (1.0f - inward)) * q->source[i];
+        q->phi[i] += (double) (q->total - leaves) * q->light[i] + (double) (leaves * slope * (1.0f - inward)) * q->source[i] +
+                     (double) leaves * q->once[i];
     }
 }
 

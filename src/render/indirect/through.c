@@ -7,6 +7,7 @@
  * over an octree of the samples of each object and material, and from samples to knots as indirect light goes. Neither depends on the view.
  */
 #include "render/indirect/internal.h"
+#include "render/indirect/slope.h"
 
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
@@ -35,7 +36,6 @@ enum { CHUNK = 128, PACKET = 16 };
 
 #define STEEPEST 0.95f /* of the exponent of the depth: that light grows by along a surface at most */
 #define WITHIN 0.6f    /* mean cosine against the inward normal of light that leaves, on its way there */
-#define LEVEL 0.05f    /* of the spread of samples: more is added across, so that samples in a row do */
 #define SOME 0.5f      /* of the weight of samples: those that have light */
 #define PASSING 0.1f   /* over mean free paths, see optics/medium/passing.h */
 
@@ -44,11 +44,11 @@ struct send {
     const struct pell_indirect_lights *lights;
     const struct pell_indirect_solid *solid; /* of scene materials */
     struct pell_lit_place *sample;           /* of each of the stage's, its power not scaled by curvature */
-    float (*gain)[3];
+    float (*gain)[3], (*crossed)[3];         /* curvature/stage.h */
     bool *there;
-    float (*thick)[3], *thickness; /* of samples; thickness mm */
-    float (*source)[3];            /* W/m^2 times mm^2: of a sample's power, what goes into the depth, */
-    float *diffuse;                /* and how much of that has no direction */
+    float (*thick)[3], *thickness;  /* of samples; thickness mm */
+    float (*source)[3], (*once)[3]; /* W/m^2 times mm^2: of a sample's power, what goes into the depth, and what is scattered once */
+    float *diffuse;                 /* how much of the former has no direction */
     struct indirect_solid_light *light;
     struct pell_indirect_beam *beam; /* NULL: nothing is scattered forward */
     const uint32_t *list;            /* of one object and material, or a solid of it */
@@ -99,20 +99,21 @@ static void deep_parts(const struct pell_indirect_solid *as, float thinness, flo
 /* What goes into the depth: as it falls there, not as a curved surface moves it, without what diffuse light returns by single scattering,
  * and without what a half-space returns more for its angle, since that comes of a way along the surface. */
 static void find_source(const struct send *s, const struct indirect_sample *q, const struct pell_lit_place *p, float aside[3][PACKET],
-                        size_t i, float source[3])
+                        float once[3][PACKET], size_t i, float source[3])
 {
     const float off = fmaxf(1.0f + vec3_dot(q->normal, vec3_load(p->way)), 0.0f);
 
     for (int c = 0; c < 3; c++)
-        source[c] =
-            p->power[c] > 0.0f ? fmaxf(p->power[c] - aside[c][i] * p->area, 0.0f) / (1.0f + s->solid[q->material].slope[c] * off) : 0.0f;
+        source[c] = p->power[c] > 0.0f
+                        ? fmaxf(p->power[c] - (aside[c][i] + once[c][i]) * p->area, 0.0f) / (1.0f + s->solid[q->material].slope[c] * off)
+                        : 0.0f;
 }
 
 static void light16(const struct send *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
-    float irradiance[3][PACKET], gain[3][PACKET], aside[3][PACKET], way[3][PACKET], curvature[PACKET], thinness[PACKET], u[PACKET],
-        v[PACKET], diffuse[PACKET];
+    float irradiance[3][PACKET], gain[3][PACKET], crossed[3][PACKET], aside[3][PACKET], once[3][PACKET], way[3][PACKET], curvature[PACKET],
+        thinness[PACKET], u[PACKET], v[PACKET], diffuse[PACKET];
     uint32_t mesh[PACKET], triangle[PACKET], number[PACKET];
     bool there[PACKET];
     const struct pell_points_params params = {
@@ -121,7 +122,9 @@ static void light16(const struct send *s, size_t first, size_t count)
     const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
                                             .gain = { gain[0], gain[1], gain[2] },
+                                            .crossed = { crossed[0], crossed[1], crossed[2] },
                                             .aside = { aside[0], aside[1], aside[2] },
+                                            .once = { once[0], once[1], once[2] },
                                             .way = { way[0], way[1], way[2] },
                                             .diffuse = diffuse,
                                             .curvature = curvature,
@@ -150,8 +153,10 @@ static void light16(const struct send *s, size_t first, size_t count)
             p->power[c] = there[i] ? irradiance[c][i] * p->area : 0.0f;
             p->way[c] = there[i] ? way[c][i] : 0.0f;
             s->gain[first + i][c] = gain[c][i];
+            s->crossed[first + i][c] = crossed[c][i];
+            s->once[first + i][c] = there[i] ? once[c][i] * p->area : 0.0f;
         }
-        find_source(s, q, p, aside, i, s->source[first + i]);
+        find_source(s, q, p, aside, once, i, s->source[first + i]);
         s->diffuse[first + i] = there[i] ? diffuse[i] : 0.0f;
         s->there[first + i] = there[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
@@ -253,8 +258,8 @@ static void gather_chunk(void *arg, int index, int worker)
             gather(s, &law, to, &g);
         for (int c = 0; c < 3; c++) {
             const float most = s->solid[to->material].returned[c];
-            s->in->gathered[s->list[i]][c] =
-                thick[c] * g.light[c] * (g.even[c] > most ? most / g.even[c] : 1.0f) * s->solid[to->material].white[c];
+            s->in->gathered[s->list[i]][c] = thick[c] * s->crossed[s->list[i]][c] * g.light[c] *
+                                             (g.even[c] > most ? most / g.even[c] : 1.0f) * s->solid[to->material].white[c];
         }
     }
 }
@@ -391,19 +396,22 @@ static enum pell_result send_solid(struct send *s, struct pell_pool *pool, struc
     struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
     float *thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
     float(*source)[3] = pell_alloc_array(in->ctx, s->count, sizeof(*source));
+    float(*once)[3] = pell_alloc_array(in->ctx, s->count, sizeof(*once));
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (!lit || !light || !thickness || !source)
+    if (!lit || !light || !thickness || !source || !once)
         goto fail;
     for (size_t i = 0; i < s->count; i++) {
         lit[i] = s->sample[s->list[i]];
         thickness[i] = s->thickness[s->list[i]];
         memcpy(source[i], s->source[s->list[i]], sizeof(source[i]));
+        memcpy(once[i], s->once[s->list[i]], sizeof(once[i]));
         solid.spacing = fmaxf(solid.spacing, in->samples[s->list[i]].spacing);
     }
     solid.samples = lit;
     solid.thickness = thickness;
     solid.source = (const float(*)[3]) source;
+    solid.once = (const float(*)[3]) once;
     solid.slope = as->slope;
     PELL_TRY(indirect_solid_solve(in->ctx, pool, &solid, light));
     for (size_t i = 0; i < s->count; i++) {
@@ -423,6 +431,7 @@ fail:
     pell_free(in->ctx, light);
     pell_free(in->ctx, thickness);
     pell_free(in->ctx, source);
+    pell_free(in->ctx, once);
     return res;
 }
 
@@ -499,39 +508,6 @@ fail:
     return res;
 }
 
-/* Weighted sums of a value over a plane. */
-struct line {
-    float one, x, y, value, xx, xy, yy, x_value, y_value;
-};
-
-static void add_to_line(struct line *l, float weight, float x, float y, float value)
-{
-    l->one += weight;
-    l->x += weight * x;
-    l->y += weight * y;
-    l->value += weight * value;
-    l->xx += weight * x * x;
-    l->xy += weight * x * y;
-    l->yy += weight * y * y;
-    l->x_value += weight * x * value;
-    l->y_value += weight * y * value;
-}
-
-/* By least squares; false where there is none. */
-static bool slope_of_line(const struct line *l, float slope[2])
-{
-    const float spread = l->xx + l->yy - (l->x * l->x + l->y * l->y) / l->one;
-    const float xx = l->xx - l->x * l->x / l->one + LEVEL * spread, yy = l->yy - l->y * l->y / l->one + LEVEL * spread;
-    const float xy = l->xy - l->x * l->y / l->one, det = xx * yy - xy * xy;
-    const float x_value = l->x_value - l->x * l->value / l->one, y_value = l->y_value - l->y * l->value / l->one;
-
-    if (!(det > 0.0f))
-        return false;
-    slope[0] = (yy * x_value - xy * y_value) / det;
-    slope[1] = (xx * y_value - xy * x_value) / det;
-    return true;
-}
-
 /* Light from the depth of a channel at a sample. */
 static float light_at(const struct send *s, uint32_t sample, int c)
 {
@@ -558,15 +534,15 @@ static void find_tilt(const struct send *s, const struct indirect_near *near, fl
     vec3_basis(vec3_normalize(normal), &a, &b);
     for (int c = 0; c < 3; c++) {
         const float steepest = STEEPEST * law->kappa[c];
-        struct line line = { .one = 0.0f };
+        struct slope_sums line = { .one = 0.0f };
         float slope[2], steep2, least;
         for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
             const float light = light_at(s, near->sample[k], c);
             const struct pell_vec3 d = vec3_sub(in->samples[near->sample[k]].position, middle);
             if (light > 0.0f)
-                add_to_line(&line, near->weight[k], vec3_dot(d, a), vec3_dot(d, b), logf(light));
+                slope_add(&line, near->weight[k], vec3_dot(d, a), vec3_dot(d, b), logf(light));
         }
-        if (!(line.one > SOME) || !slope_of_line(&line, slope))
+        if (!(line.one > SOME) || !slope_of(&line, slope))
             continue;
         steep2 = slope[0] * slope[0] + slope[1] * slope[1];
         least = fminf(1.0f, steepest / sqrtf(fmaxf(steep2, 1e-20f)));
@@ -667,13 +643,16 @@ enum pell_result pell_indirect_send_through(struct pell_indirect *in, struct pel
 
     s.sample = pell_alloc_array(in->ctx, n, sizeof(*s.sample));
     s.gain = pell_alloc_array(in->ctx, n, sizeof(*s.gain));
+    s.crossed = pell_alloc_array(in->ctx, n, sizeof(*s.crossed));
     s.source = pell_alloc_array(in->ctx, n, sizeof(*s.source));
+    s.once = pell_alloc_array(in->ctx, n, sizeof(*s.once));
     s.diffuse = pell_alloc_array(in->ctx, n, sizeof(*s.diffuse));
     s.there = pell_calloc(in->ctx, n, sizeof(*s.there));
     s.thick = pell_calloc(in->ctx, n, sizeof(*s.thick));
     s.thickness = pell_calloc(in->ctx, n, sizeof(*s.thickness));
     s.light = pell_calloc(in->ctx, n, sizeof(*s.light));
-    if (!list || !s.sample || !s.gain || !s.source || !s.diffuse || !s.there || !s.thick || !s.thickness || !s.light)
+    if (!list || !s.sample || !s.gain || !s.crossed || !s.source || !s.once || !s.diffuse || !s.there || !s.thick || !s.thickness ||
+        !s.light)
         goto fail;
     PELL_TRY(make_beams(&s));
     memset(in->gathered, 0, n * sizeof(*in->gathered));
@@ -688,7 +667,9 @@ fail:
     pell_free(in->ctx, list);
     pell_free(in->ctx, s.sample);
     pell_free(in->ctx, s.gain);
+    pell_free(in->ctx, s.crossed);
     pell_free(in->ctx, s.source);
+    pell_free(in->ctx, s.once);
     pell_free(in->ctx, s.diffuse);
     pell_free(in->ctx, s.there);
     pell_free(in->ctx, s.thick);

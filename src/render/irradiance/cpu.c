@@ -248,7 +248,7 @@ static void environments(const struct job *job, struct packet *k)
                 const float rest = k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]);
                 k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + l->enter_mean[c][i] * rest);
                 if (l->any_way)
-                    k->sums.aside[c][i] += once_as_more(l, c, i) * rest;
+                    k->sums.once[c][i] += once_as_more(l, c, i) * rest;
             }
         }
         if (shows_highlights(job, k))
@@ -285,7 +285,7 @@ static void add_indirect(const struct job *job, struct packet *k)
         for (int i = 0; i < PELL_LANES; i++) {
             k->sums.irradiance[c][i] += rgb[c][i] * k->lanes.enter_mean[c][i];
             if (k->lanes.any_way)
-                k->sums.aside[c][i] += rgb[c][i] * once_as_more(&k->lanes, c, i);
+                k->sums.once[c][i] += rgb[c][i] * once_as_more(&k->lanes, c, i);
             if (passed)
                 k->sums.transmitted[c][i] += behind[c][i];
         }

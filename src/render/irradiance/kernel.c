@@ -481,6 +481,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
                 sums->hidden[c][i] = sums->lost[c][i] = 0.0f;
     memset(sums->way, 0, sizeof(sums->way));
     memset(sums->aside, 0, sizeof(sums->aside));
+    memset(sums->once, 0, sizeof(sums->once));
     memset(sums->way_in, 0, sizeof(sums->way_in));
     memset(sums->known, 0, sizeof(sums->known));
     gather(s->depth, index, rows, depth);
@@ -543,12 +544,12 @@ static inline void scatter(const float *restrict in, const int32_t *restrict ind
 static void store_way(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
                       ptrdiff_t rows, struct pell_lighting *out)
 {
-    _Alignas(64) float inward[N], whole[N], way[N], aside[N], diffuse[N];
+    _Alignas(64) float inward[N], whole[N], way[N], part[N], diffuse[N];
 
     for (int i = 0; i < N; i++) {
         float all = 0.0f;
         for (int c = 0; c < 3; c++)
-            all += sums->irradiance[c][i] - sums->aside[c][i];
+            all += sums->irradiance[c][i] - sums->aside[c][i] - sums->once[c][i];
         whole[i] = all > TINY ? 1.0f / all : 0.0f;
         diffuse[i] = all > sums->known[i] ? (all - sums->known[i]) * whole[i] : 0.0f;
         inward[i] = diffuse[i] * pell_mean_refracted(p->inverse_eta2[i]);
@@ -560,8 +561,11 @@ static void store_way(const struct pell_lanes *restrict p, const struct pell_sum
             way[i] = sums->way_in[c][i] * whole[i] - inward[i] * normal[i];
         scatter(way, index, count, rows, out->way_in[c]);
         for (int i = 0; i < N; i++)
-            aside[i] = sums->aside[c][i] * p->albedo[c][i];
-        scatter(aside, index, count, rows, out->aside[c]);
+            part[i] = sums->aside[c][i] * p->albedo[c][i];
+        scatter(part, index, count, rows, out->aside[c]);
+        for (int i = 0; i < N; i++)
+            part[i] = sums->once[c][i] * p->albedo[c][i];
+        scatter(part, index, count, rows, out->once[c]);
     }
 }
 

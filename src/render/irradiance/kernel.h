@@ -99,7 +99,8 @@ struct pell_sums {
     float single[3][16];     /* scattered once, below the surface */
     float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way, */
     float lost[3][16];       /* and `irradiance` */
-    float aside[3][16];      /* with lanes.any_way: what of `irradiance` does not go into the depth there, */
+    float aside[3][16];      /* with lanes.any_way: what `shift` adds to `irradiance`, */
+    float once[3][16];       /* what in it stands for single scattering, */
     float way_in[3][16];     /* the refracted directions of the rest that has one, times its channels' sum, */
     float known[16];         /* and that sum */
 };

@@ -15,7 +15,7 @@
 struct planes {
     _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16],
         terminator_offset[16], transmission[3][16], reflection[16];
-    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], aside[3][16], way[3][16], diffuse[16];
+    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], aside[3][16], once[3][16], way[3][16], diffuse[16];
     uint16_t material[16];
 };
 
@@ -110,6 +110,8 @@ static void find_gains(const struct pell_irradiance_params *params, const struct
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
             out->gain[c][first + i] = ask[i] ? pell_irradiance_gain(params, &e)[c][i] : 1.0f;
+            if (out->crossed[c])
+                out->crossed[c][first + i] = ask[i] ? e.crossed[c][i] : 1.0f;
             if (out->transmission[c] && ask[i] && what->local) { /* what passes a round part leaves all around it */
                 out->transmission[c][first + i] += e.sheet[c][i];
                 out->gain[c][first + i] += e.round[c][i];
@@ -234,6 +236,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         lighting.transmitted[c] = l.s.transmitted[c];
         lighting.specular[c] = l.s.mirrored[c];
         lighting.aside[c] = l.s.aside[c];
+        lighting.once[c] = l.s.once[c];
         lighting.way_in[c] = l.s.way[c];
     }
     lighting.diffuse = l.s.diffuse;
@@ -251,6 +254,7 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         for (int c = 0; c < 3; c++) {
             if (out->aside[c]) { /* of the last sample */
                 out->aside[c][first + i] = l.s.aside[c][i];
+                out->once[c][first + i] = l.s.once[c][i];
                 out->way[c][first + i] = l.s.way[c][i];
             }
             out->irradiance[c][first + i] = mean[c][i];

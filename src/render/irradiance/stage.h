@@ -32,13 +32,13 @@ struct pell_lighting {
     float *hidden[3];      /* W/(m^2 sr), with `shared`: what shadows took of the highlights of lights with a face; -1 where the surface
                             * itself emits; */
     float *lost[3];        /* W/m^2: and of `irradiance`, of opaque surfaces; methods blur that of others anyway */
-    float *aside[3];      /* W/m^2, with `ways`: what of the light that enters does not go into the depth there: moved there by the shift of
-                            * curvature/stage.h, or diffuse light's single scattering (pell_angle.enter_mean); */
-    float *way_in[3];     /* the mean refracted direction of the rest, */
-    float *diffuse;       /* and how much of that is diffuse light, of all channels together */
-    int64_t shadow_rays;  /* by the cpu */
-    int64_t device_rays;  /* by the device, for direct light, */
-    int64_t through_rays; /* and for what is transmitted */
+    float *aside[3];       /* W/m^2, with `ways`: what of the light that enters was moved there by the shift of curvature/stage.h, */
+    float *once[3];        /* what stands for the single scattering of diffuse light (pell_angle.enter_mean), */
+    float *way_in[3];      /* the mean refracted direction of the rest, */
+    float *diffuse;        /* and how much of that is diffuse light, of all channels together */
+    int64_t shadow_rays;   /* by the cpu */
+    int64_t device_rays;   /* by the device, for direct light, */
+    int64_t through_rays;  /* and for what is transmitted */
 };
 
 struct pell_indirect;
@@ -72,7 +72,7 @@ struct pell_irradiance_params {
     bool whole;                                          /* `through` scales what the method finds, not what enters */
     bool passed;                                         /* the method adds what thin parts let through: `indirect`'s is, too */
     bool between;                                        /* with `local`: `through` has what goes between faces */
-    bool ways;                                           /* lighting->aside, way_in and diffuse are wanted */
+    bool ways;                                           /* lighting->aside, once, way_in and diffuse are wanted */
     bool shared;                                         /* lighting->hidden and lost are wanted */
     uint32_t sample;                                     /* number of the multisample: varies the sample patterns */
     uint32_t seed;

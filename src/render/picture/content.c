@@ -87,6 +87,7 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
         .flags = (m->opaque ? PELL_PICTURE_OPAQUE : 0u) | (textured ? PELL_PICTURE_TEXTURED : 0u) |
                  (p->smooth && !m->opaque ? PELL_PICTURE_SMOOTH : 0u) | (m->specular == PELL_SPECULAR_KELEMEN ? PELL_PICTURE_WHOLE : 0u),
         .normal_scale = m->normal_scale,
+        .diffuse = p->diffuse,
     };
 }
 

@@ -74,7 +74,8 @@ struct pell_picture_material {
     PELL_VEC4 sheet;       /* what a thin sheet lets through; w: how much of it; 0: it is none */
     uint32_t flags;
     float normal_scale;
-    uint32_t unused0, unused1;
+    float diffuse; /* of the light, the share that has no direction */
+    uint32_t unused0;
 };
 
 /* What a pixel sees. */

@@ -205,7 +205,8 @@ void main()
         a.transmitted = arrived_behind(i, lobe, rho_s);
     const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, passed = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
     const vec3 met = (entered + (sheet ? passed : vec3(0.0))) / max(albedo, vec3(0.02));
-    const vec3 counts = vec3(pell_metered(m.enter_mean.r), pell_metered(m.enter_mean.g), pell_metered(m.enter_mean.b));
+    const vec3 counts = vec3(pell_metered(m.enter_mean.r, m.diffuse), pell_metered(m.enter_mean.g, m.diffuse),
+                             pell_metered(m.enter_mean.b, m.diffuse));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;

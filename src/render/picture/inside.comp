@@ -143,10 +143,14 @@ Effect effect_at(uint i)
     }
     e.flat_share = pell_curvature_sheet(beyond, shape.thinness);
     const vec3 through = look_up(throughs, 4u, pell_curvature_thin_place(shape.thinness, step));
-    const vec3 all = mix(e.local, vec3(1.0), e.flat_share);
     const vec3 slab = beyond > 0.0 ? look_up(slabs, 4u, pell_curvature_thin_place(beyond, step)) : vec3(1.0);
-    e.local = max(all * slab - through, vec3(0.0));
-    e.opposed_local = max(all * slab - max(through, across), vec3(0.0));
+    const vec3 large = mix(e.local, vec3(1.0), e.flat_share) * slab;
+    const float place = pell_curvature_thin_place(shape.thinness, step);
+    const uint balls = throughs + 4u * PELL_CURVATURE_GAINS;
+    const vec3 as_thick = mix(look_up(slabs, 4u, place), look_up(balls, 4u, place), pell_curvature_round(shape.mean, shape.thinness));
+    const vec3 all = mix(large, as_thick, look_up(balls + 4u * PELL_CURVATURE_GAINS, 4u, place));
+    e.local = max(all - through, vec3(0.0));
+    e.opposed_local = max(all - max(through, across), vec3(0.0));
     return e;
 }
 

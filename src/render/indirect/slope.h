@@ -1,0 +1,43 @@
+/* SPDX-License-Identifier: MIT
+ * slope.h - how steeply a value rises over a plane, from weighted places. */
+#ifndef RENDER_INDIRECT_SLOPE_H
+#define RENDER_INDIRECT_SLOPE_H
+
+#include <stdbool.h>
+
+#define SLOPE_LEVEL 0.05f /* of the spread of samples: more is added across, so that samples in a row do */
+
+/* Weighted sums of a value over a plane. */
+struct slope_sums {
+    float one, x, y, value, xx, xy, yy, x_value, y_value;
+};
+
+static inline void slope_add(struct slope_sums *l, float weight, float x, float y, float value)
+{
+    l->one += weight;
+    l->x += weight * x;
+    l->y += weight * y;
+    l->value += weight * value;
+    l->xx += weight * x * x;
+    l->xy += weight * x * y;
+    l->yy += weight * y * y;
+    l->x_value += weight * x * value;
+    l->y_value += weight * y * value;
+}
+
+/* By least squares; false where there is none. */
+static inline bool slope_of(const struct slope_sums *l, float slope[2])
+{
+    const float spread = l->xx + l->yy - (l->x * l->x + l->y * l->y) / l->one;
+    const float xx = l->xx - l->x * l->x / l->one + SLOPE_LEVEL * spread, yy = l->yy - l->y * l->y / l->one + SLOPE_LEVEL * spread;
+    const float xy = l->xy - l->x * l->y / l->one, det = xx * yy - xy * xy;
+    const float x_value = l->x_value - l->x * l->value / l->one, y_value = l->y_value - l->y * l->value / l->one;
+
+    if (!(det > 0.0f))
+        return false;
+    slope[0] = (yy * x_value - xy * y_value) / det;
+    slope[1] = (xx * y_value - xy * x_value) / det;
+    return true;
+}
+
+#endif
