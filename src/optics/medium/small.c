@@ -19,7 +19,7 @@ double pell_small_ball(const struct pell_medium *medium, int channel, double dia
     const double sigma_t = medium->sigma_a[channel] + medium->sigma_s_reduced[channel], albedo = medium->sigma_s_reduced[channel] / sigma_t;
     const double eta = fmax(medium->eta, 1.0), optical = sigma_t * diameter, x = fmax(optical, LEAST),
                  critical = sqrt(1.0 - 1.0 / (eta * eta));
-    const double kept = 1.0 - (1.0 - pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT)) / (eta * eta);
+    const double kept = pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT);
     const double crosses = 2.0 / (x * x) * (1.0 - fallen(x)), meets = 1.5 * (1.0 - crosses) / x;
     const double leaves = meets * (1.0 - kept) / (1.0 - kept * crosses);
     const double collides = 1.0 - 2.0 * eta * eta / (x * x) * (fallen(critical * x) - fallen(x));

@@ -11,7 +11,7 @@
  *
  * leaves after it was scattered. Of a ball of the diameter x in mean free paths, light from everywhere that is not refracted crosses with
  * q = 2/x^2 (1 - (1 + x) exp(-x)); l = 2 x/3; what is refracted goes along chords x cos, cos from its critical cosine m to 1, and
- * 1 - c = 2 eta^2/x^2 ((1 + x m) exp(-x m) - (1 + x) exp(-x)). Within 10 % of photons up to 4 mean free paths for albedos of
+ * 1 - c = 2 eta^2/x^2 ((1 + x m) exp(-x m) - (1 + x) exp(-x)). Within 12 % of photons up to 2 mean free paths, and up to 4 for albedos of
  * 0.8 and more (tests/optics/test_small.c).
  */
 #ifndef PELL_SMALL_H
@@ -19,8 +19,8 @@
 
 #include <pellucid/medium.h>
 
-#define PELL_SMALL_LOW 4.0f  /* diameter in mean free paths: up to it a ball is small, */
-#define PELL_SMALL_HIGH 8.0f /* and from there on diffusion's */
+#define PELL_SMALL_LOW 5.0f  /* diameter in mean free paths: up to it a ball is small, */
+#define PELL_SMALL_HIGH 9.0f /* and from there on diffusion's */
 
 /* Of even light that enters a ball, the share that leaves scattered; reduced coefficients. */
 double pell_small_ball(const struct pell_medium *medium, int channel, double diameter);

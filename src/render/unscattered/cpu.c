@@ -5,6 +5,7 @@
 #include "math/scalar.h"
 #include "scene/material_maps.h"
 #include "scene/triangle.h"
+#include "transport/surface_color.h"
 
 #include <stdatomic.h>
 #include <string.h>
@@ -52,7 +53,7 @@ static float index_in(const struct job *job, const struct unscattered_way *w)
     return w->count > 0 ? medium_in(job, w)->eta : 1.0f;
 }
 
-/* A boundary's facets and highlight, where a material's maps don't say another thing. */
+/* A boundary's facets and highlight, as far as maps don't say another thing. */
 static void set_finish(const struct pell_material *m, struct unscattered_face *f)
 {
     const struct pell_surface_uniform e = pell_surface_uniform(m);
@@ -116,6 +117,7 @@ static struct unscattered_face face_of(const struct job *job, const struct pell_
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
     const struct pell_vec3 ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
     const float w[3] = { 1.0f - r->hit.u[i] - r->hit.v[i], r->hit.u[i], r->hit.v[i] };
+    const struct pell_material *m = &scene->materials[mesh->material];
     struct unscattered_face f = { .material = mesh->material };
     struct pell_vec3 n = { 0 };
     float side;
@@ -128,7 +130,12 @@ static struct unscattered_face face_of(const struct job *job, const struct pell_
     f.ng = vec3_mul(ng, side);
     f.n = vec3_dot(n, ng) > 0.0f ? vec3_mul(vec3_normalize(n), side) : f.ng;
     f.unit = OFFSET * (largest(f.at) + r->ray.tfar[i]);
-    set_finish(&scene->materials[mesh->material], &f);
+    set_finish(m, &f);
+    if (m->roughness_map.texture) {
+        float texel[4];
+        pell_texel_at(&m->roughness_map, mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], texel);
+        f.roughness = fminf(fmaxf(m->roughness * texel[m->roughness_map.channel & 3], 0.0f), 1.0f);
+    }
     return f;
 }
 

@@ -99,6 +99,45 @@ static bool is_hidden(const struct pell_unscattered_params *p, const struct unsc
     return pell_rays_occluded(p->rays, &ray);
 }
 
+/* Whether few directions of the lobe would meet a face: it is wider than that looks, or meets it with its tail alone. */
+static bool meets_few(const struct pell_light_source *s, const struct unscattered_way *w)
+{
+    const struct pell_vec3 to = vec3_sub(s->position, w->at);
+    const float width = w->lobe.wide + w->lobe.last, far = vec3_length(to), along = vec3_dot(to, w->along) / far;
+    const float radius = sqrtf(vec3_length(s->right) * vec3_length(s->up)) / far;
+    const float off = along > 0.05f ? sqrtf(1.0f / fminf(along * along, 1.0f) - 1.0f) : INFINITY;
+
+    return !s->image && (width > radius || off > 1.5f * radius + 2.0f * width);
+}
+
+/* The share of the lobe that meets such a face: its density at 16 places there, of which four see the way. */
+static float find_over_face(const struct pell_unscattered_params *p, const struct pell_light_source *s, const struct unscattered_way *w,
+                            const float places[4][BUNDLE], struct pell_vec3 t, struct pell_vec3 b, int64_t *rays)
+{
+    const float whole = s->type == PELL_LIGHT_DISC ? PELL_PI_F : 4.0f, area = whole * vec3_length(s->right) * vec3_length(s->up);
+    float sum = 0.0f;
+
+    for (int k = 0; k < 4; k++) {
+        const float x = k & 1 ? 0.5f : -0.5f, y = k & 2 ? 0.5f : -0.5f;
+        const struct pell_vec3 middle = vec3_sub(vec3_mad(vec3_mad(s->position, x, s->right), y, s->up), w->at);
+        float part = 0.0f;
+        for (int i = 0; i < 4; i++) {
+            const struct pell_vec3 way = vec3_mad(vec3_mad(middle, i & 1 ? 0.25f : -0.25f, s->right), i & 2 ? 0.25f : -0.25f, s->up);
+            const struct pell_vec3 to = vec3_normalize(way);
+            const float along = vec3_dot(to, w->along), facing = -vec3_dot(s->direction, to);
+            if (along > 0.05f && facing > 0.0f && vec3_dot(to, w->side) > 0.0f)
+                part +=
+                    unscattered_density(&w->lobe, places, vec3_dot(to, t) / along, vec3_dot(to, b) / along) * facing / vec3_dot(way, way);
+        }
+        if (!(part > 0.0f))
+            continue;
+        ++*rays;
+        if (!is_hidden(p, w, vec3_normalize(middle), vec3_length(middle)))
+            sum += part * 0.0625f * area;
+    }
+    return smaller(sum, 1.0f);
+}
+
 static void see_environments(const struct pell_unscattered_params *p, const struct unscattered_way *w, float rgb[3])
 {
     const float width = sqrtf(w->lobe.wide * w->lobe.wide + w->lobe.last * w->lobe.last);
@@ -131,7 +170,9 @@ int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pe
         float power[3] = { s->power[0], s->power[1], s->power[2] }, share, distance;
         if (s->environment >= 0)
             continue;
-        if (face) {
+        if (face && f.count > 1 && meets_few(s, w)) {
+            share = find_over_face(p, s, w, places, t, b, &rays) / s->sample_area;
+        } else if (face) {
             share = meet_face(s, w, &f, reach, power) / s->sample_area;
         } else if (f.count == 1) {
             continue;
