@@ -22,6 +22,7 @@ struct promise {
     const char *name;
     void (*keep)(void **state); /* *state: who is held to it, a struct party */
     bool anywhere;              /* asked of methods that are unfit for the others, too */
+    bool once;                  /* the same in all forms in which a test is built: asked in one of them */
 };
 
 struct promise_exception {
@@ -33,6 +34,7 @@ struct contract {
     const struct promise_exception *exceptions;        /* ends with {0} */
     const char *(*unfit)(const struct pell_method *m); /* why only what is asked anywhere is asked of it; else NULL. NULL: all are fit */
     void (*refuse)(void **state);                      /* how an unfit method shows that it is; may be NULL */
+    bool again;                                        /* another form is asked what all forms share */
 };
 
 struct party {
@@ -150,7 +152,7 @@ static inline void contract_list_engine(const struct contract *c, enum pell_engi
         p.refuse = NULL;
         for (p.promise = c->promises; method_has(p.method, engine) && p.promise->name; p.promise++) {
             p.why = exception_to(c, p.method->name, p.promise->name);
-            if (is_asked(p.promise->name, argc, argv) && (!unfit || p.promise->anywhere))
+            if (is_asked(p.promise->name, argc, argv) && (!unfit || p.promise->anywhere) && !(c->again && p.promise->once))
                 contract_add(list, p, p.promise->name);
         }
     }
