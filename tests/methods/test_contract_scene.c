@@ -432,42 +432,44 @@ static void two_renderers_share_a_scene(void **state)
     stage_finish(&owner);
 }
 
-/* Each choice, and the ends of each range that do not only say how much work there is. */
+/* "NAME=VALUE" for the i-th choice or end of a knob's range; false: there is none, or it says only how much work there is. */
+static bool knob_at_an_end(const struct pell_knob *k, int i, char *text, size_t size)
+{
+    const double end = i == 0 ? k->min : k->max;
+
+    if (k->type == PELL_KNOB_ENUM)
+        return k->choices[i] && snprintf(text, size, "%s=%s", k->name, k->choices[i]) > 0;
+    if (i > 1 || ((k->type == PELL_KNOB_INT || k->type == PELL_KNOB_INT64) && i == 1 && end > 64.0))
+        return false;
+    if (k->type == PELL_KNOB_BOOL)
+        return snprintf(text, size, "%s=%d", k->name, i) > 0;
+    return snprintf(text, size, "%s=%.9g", k->name, end) > 0;
+}
+
+/* Each choice, and the ends of each range that do not only say how much work there is: one after another by one renderer. */
 static void every_knob_at_its_ends_gives_finite_light(void **state)
 {
     const struct party *const on = *state;
+    char text[80];
+    struct stage s;
 
-    for (const struct pell_knob *k = on->method->knobs; k->type; k++) {
-        const int choices = k->type == PELL_KNOB_ENUM ? 8 : 2;
-        for (int i = 0; i < choices; i++) {
+    start(&s, on, 12, 9, 2, NULL);
+    ball(&s, LIT_BY_BOTH, 1.0f);
+    stage_complete(&s);
+    OK(pell_renderer_set_scene(s.r, s.scene));
+    for (const struct pell_knob *k = on->method->knobs; k->type; k++)
+        for (int i = 0; knob_at_an_end(k, i, text, sizeof(text)); i++) {
             const char *knobs[6] = { NULL };
-            const double end = i == 0 ? k->min : k->max;
-            char text[80];
             enum pell_result res;
-            struct stage s;
-            struct shot shot;
             size_t n = 0;
-            if (k->type == PELL_KNOB_ENUM && !k->choices[i])
-                break;
-            if ((k->type == PELL_KNOB_INT || k->type == PELL_KNOB_INT64) && i == 1 && end > 64.0)
-                continue;
-            if (k->type == PELL_KNOB_ENUM)
-                snprintf(text, sizeof(text), "%s=%s", k->name, k->choices[i]);
-            else if (k->type == PELL_KNOB_BOOL)
-                snprintf(text, sizeof(text), "%s=%d", k->name, i);
-            else
-                snprintf(text, sizeof(text), "%s=%.9g", k->name, end);
             for (const char *const *small = form(on->method); small[n]; n++)
                 knobs[n] = small[n];
             knobs[n] = text; /* the last one holds */
-            start(&s, on, 12, 9, 2, NULL);
-            ball(&s, LIT_BY_BOTH, 1.0f);
+            s.kept.errors = 0;
             stage_method(&s, on->method->name, knobs);
-            stage_complete(&s);
-            OK(pell_renderer_set_scene(s.r, s.scene));
             res = pell_renderer_render(s.r, &s.settings, &s.image);
             if (res == PELL_OK) {
-                shot = shot_copy(&s.image);
+                struct shot shot = shot_copy(&s.image);
                 shot_check(&shot);
                 shot_free(&shot);
             } else if ((res != PELL_ERR_INVALID && !(res == PELL_ERR_UNSUPPORTED && on->engine != PELL_ENGINE_CPU)) || s.kept.errors != 1) {
@@ -475,9 +477,8 @@ static void every_knob_at_its_ends_gives_finite_light(void **state)
             } else {
                 print_message("# %s refuses %s: %s\n", on->method->name, text, s.kept.what);
             }
-            stage_finish(&s);
         }
-    }
+    stage_finish(&s);
 }
 
 #define PROMISE(name)                                                                                                                      \
