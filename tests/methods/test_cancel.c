@@ -149,6 +149,7 @@ static void start_small(struct stage *s, const char *method)
 
     start(s, 1);
     s->settings.width = s->settings.height = 12;
+    s->settings.indirect_samples = 1024;
     stage_medium(s, "marble", &marble);
     stage_opaque(s, 0.5f, &ground);
     stage_ball(s, marble, 0, vec3(0, 0, 0), 8.0f, 10);
