@@ -1047,6 +1047,7 @@ static void frames_allocate_nothing_and_survive_no_memory(void **state)
         pell_knobs_default(pell_settings_knobs(), &s.settings);
         s.settings.width = s.settings.height = 8;
         s.settings.msaa = 1;
+        s.settings.indirect_samples = 1024;
         stage_medium(&s, "skin1", &m);
         stage_box(&s, m, 0, vec3(-10, -10, -3), vec3(10, 10, 0));
         stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, -40), vec3(0, 0, 0), 3e-3f);
