@@ -262,7 +262,7 @@ def _(folder):
 
 @test('--frame-range: views and frames by several jobs are those of one run, with its exposure')
 def _(folder):
-    small = ['--width', '40', '--height', '30', '--msaa', '1', '--light-samples', '1']
+    small = ['--width', '40', '--height', '30', '--msaa', '1', '--light-samples', '1', '--indirect-samples', '256']
     for ending in ('png', 'pfm'):
         works(folder, 'render', 'bunny.obj', '--unit', '1mm', '--turntable', '5', *small, '-o', f'all.{ending}')
         for i in range(3):
@@ -285,8 +285,8 @@ def _(folder):
 def _(folder):
     (folder / 'second.json').write_bytes((folder / 'scene.json').read_bytes())
     (folder / 'list.txt').write_text('scene.json\n\nsecond.json\n', 'ascii')
-    small = ['--width', '32', '--height', '24', '--msaa', '1', '--light-samples', '1', '--methods', 'none,screen-space', '--reference',
-             'dipole', '--set', 'gaussians=3']
+    small = ['--width', '32', '--height', '24', '--msaa', '1', '--light-samples', '1', '--indirect-samples', '256', '--methods',
+             'none,screen-space', '--reference', 'dipole:error=1', '--set', 'gaussians=3']
     works(folder, 'compare', 'list.txt', *small, '-o', 'all')
     for i in range(2):
         works(folder, 'compare', 'list.txt', *small, '-o', 'parts', '--scene-range', f'{i}/2')
