@@ -20,6 +20,7 @@ static double step_error(const struct patch *p, const struct pell_frame_material
 
 static void half_lit_planes_are_the_analytic_convolution(void **state)
 {
+    RELEASE_ONLY();
     static const double slopes[] = { 0.0, 0.6, -1.7 };
     static const char *const forms[][5] = { { "samples=1024", "tile=1", "renormalise=off", NULL },
                                             { "samples=1024", "tile=1", NULL },
@@ -257,6 +258,7 @@ static void what_renormalising_does_at_silhouettes(void **state)
 /* Errors of 16 samples near the edge of a shadow, the total being 1. */
 static void combined_samples_beat_either_kind_at_a_shadow(void **state)
 {
+    RELEASE_ONLY();
     static const char *const sampling[] = { "sampling=importance", "sampling=uniform", "sampling=combined", "sampling=separate" };
     const struct pell_frame_material m = medium("skin1");
     struct pell_profile *profile = calloc(3, sizeof(*profile));

@@ -2,6 +2,7 @@
  *
  * Photons against what others have published and what closed forms give. Errors are from 20 batches; seeds are fixed. */
 #include "optics/photon/photon.h"
+#include "slow.h"
 
 #include "base/pool.h"
 #include "math/vec.h"
@@ -332,6 +333,7 @@ static void reciprocity(void **state)
 /* Roulette changes no mean; a turned stack of the same material cut in layers is the same stack. */
 static void roulette_and_cuts_change_nothing(void **state)
 {
+    RELEASE_ONLY();
     struct pell_photon_stack s = half_space(0.0, 1.0, 0.6, 1.4), cut;
     const struct count setup = { .albedo = { 0.95, 0.995 } };
     struct estimate plain[2];

@@ -2,6 +2,7 @@
  * test_denoise.c - the denoiser on pictures whose truth and noise are known: what it takes of the error, what it leaves of edges, the light
  * that it keeps, and that threads don't matter. */
 #include "pell_test.h"
+#include "slow.h"
 
 #include "math/vec.h"
 #include "render/denoise/stage.h"
@@ -184,6 +185,7 @@ static void ragged_cover(struct picture *p, int x, int y, size_t at)
 
 static void noise_is_a_fifth_of_what_it_was(void **state)
 {
+    RELEASE_ONLY();
     static const int samples[] = { 4, 16, 64 };
     (void) state;
 

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_irradiance.c - light that enters from the front, against closed forms and brute force. */
 #include "lights_rig.h"
+#include "slow.h"
 #include "specular_lookup.h"
 
 #include "image/color.h"
@@ -142,6 +143,7 @@ static void few_area_samples_are_unbiased(void **state)
 /* Lights much larger than their distance: right with many samples, and with 16 none is a speck. */
 static void wide_lights_are_even(void **state)
 {
+    RELEASE_ONLY();
     (void) state;
 
     for (int samples = 16; samples <= 1024; samples *= 64) {
