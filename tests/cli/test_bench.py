@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from cli_test import PROGRAM, ROOT, SANITIZED, clean_environment, main, need, one_object, run, test, text, works
+from cli_test import PROGRAM, ROOT, clean_environment, main, need, one_object, release_only, run, test, text, works
 
 NAMES = ['profiles', 'truth', 'truth-gap', 'mertens', 'munoz-2', 'munoz-3', 'munoz-5', 'deon-1', 'jimenez-7.2', 'francois-2']
 TINY = ['--width', '48', '--height', '27', '--light-samples', '2', '--threads', '2']
@@ -77,6 +77,7 @@ def _(folder):
 
 @test('truth-gap on a tiny picture: links, lights and frames, with ratios')
 def _(folder):
+    release_only()
     answer = one_object(works(folder, 'truth-gap', *TINY, '--repeats', '1', '--json'))
     rows = {r['name']: r for r in answer['rows']}
     need(all(rows[f'first frame: links, {n} samples']['ms'] > 0 for n in (4096, 16384, 65536)), rows)
@@ -86,8 +87,7 @@ def _(folder):
 
 @test('munoz-3 on a tiny picture: its stages, resolutions, radii and errors')
 def _(folder):
-    if SANITIZED:
-        return
+    release_only()
     answer = one_object(works(folder, 'munoz-3', *TINY, '--repeats', '1', '--json'))
     need((answer['width'], answer['height'], answer['threads'], answer['engine']) == (48, 27, 2, 'cpu'), answer)
     rows = {r['name'].split(', filled')[0]: r for r in answer['rows']}

@@ -110,7 +110,7 @@ def _(folder):
     files = sorted(p for p in root.rglob('*') if p.suffix in ('.gltf', '.glb', '.obj', '.ply'))
     need(len(files) > 10, len(files), 'files')
     faults = []
-    for path in files:
+    for path in files[::4] if SANITIZED else files: # tests/scene and the fuzz targets run through what reads them
         try:
             print('# ' + re.sub(r'[^ -~]', '?', asset(root, path, folder)))
         except AssertionError as fault:

@@ -284,11 +284,12 @@ def _(folder):
 @test('1, 2 and 3 threads, and every SIMD level, give the same bits')
 def _(folder):
     subprocess.run([sys.executable, MAKE_ASSETS, str(folder), 'fluted'], check=True, capture_output=True)
-    mesh = ['render', 'fluted.obj', '--size', '60mm', '--material', 'skin1', '--width', '141', '--height', '79', '--msaa', '2']
+    mesh = ['render', 'fluted.obj', '--size', '60mm', '--material', 'skin1', '--width', '141', '--height', '79', '--msaa', '2',
+            '--indirect-samples', '2048']
     levels = one_object(works(folder, 'info', '--json'))['engines'][0]['simd_levels']
-    for more in ([], ['--set', 'as=paper'], ['-m', 'none']):
+    for more in ([],) if SANITIZED else ([], ['--set', 'as=paper'], ['-m', 'none']): # what differs is C that tests/methods runs
         first, pixels = None, None
-        for threads, level in [*((t, levels[-1]) for t in (1, 2, 3)), *((2, lv) for lv in levels[:-1])]:
+        for threads, level in [*((t, levels[-1]) for t in ((1, 3) if SANITIZED else (1, 2, 3))), *((2, lv) for lv in levels[:-1])]:
             env = clean_environment(PELL_SIMD=level)
             works(folder, *mesh, *more, '--threads', str(threads), '-o', 'a.pfm', env=env)
             data = (folder / 'a.pfm').read_bytes()

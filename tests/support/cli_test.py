@@ -17,13 +17,19 @@ import zlib
 
 PROGRAM = os.path.abspath(sys.argv[1])
 ROOT = pathlib.Path(sys.argv[2]).resolve()
-SANITIZED = 'PELL_SANITIZED' in os.environ # everything takes some ten times as long
+SANITIZED = 'PELL_SANITIZED' in os.environ # everything takes some ten times as long; slow.h has the same for C
 SMALL = ['--width', '48', '--height', '27', '--msaa', '1', '--light-samples', '2', '--indirect-samples', '256']
 TESTS = []
 
 
 class Skip(Exception):
     """The reason is the argument."""
+
+
+def release_only():
+    """Ends a test under the sanitizers: one of numbers, by long renderings whose code other tests run through."""
+    if SANITIZED:
+        raise Skip('numbers, which the release build judges')
 
 
 def test(title):
