@@ -233,6 +233,7 @@ static void thickness_is_that_of_the_object(void **state)
 /* Maps are as fine as the picture needs, and what they are depends on the camera and the first frame alone, not on what was between. */
 static void maps_are_as_fine_as_the_picture_needs(void **state)
 {
+    RELEASE_ONLY();
     static const char *const none[] = { NULL };
     static const float distance[] = { 100.0f, 30.0f, 400.0f, 100.0f };
     struct seen seen = { .fail_at = -1 };

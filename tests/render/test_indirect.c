@@ -485,6 +485,7 @@ static void bricks_side_by_side_are_one_solid(void **state)
  * through. */
 static void sides_of_blocks_are_lit_from_the_rim(void **state)
 {
+    RELEASE_ONLY();
     static const char *const methods[] = { "hierarchical", "screen-space", "texture-space" };
     double light[PELL_COUNT(methods)];
     (void) state;
