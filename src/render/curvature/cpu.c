@@ -18,6 +18,7 @@
 #include <string.h>
 
 #define GAINS PELL_CURVATURE_GAINS
+#define DARKEST 1e-7     /* returned by a half-space: less is rounding */
 #define MOST_BENT 2.0    /* curvature times mean free path: where tables end */
 #define LEAST_BENT -0.3  /* the same of hollows that are smaller */
 #define MOST_CROSSED 2.0 /* where next to nothing gets through, one law may have many times the other's */
@@ -74,22 +75,17 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
-/* What a ball that is small returns of even light, over what a half-space does that returns `half` of light at right angles. */
-static double small_over_half(const struct pell_medium *medium, int c, double diameter, double half)
-{
-    const double even = half * pell_half_space_angle_of(half, medium->eta).mean;
-
-    return even > 0.0 ? pell_small_ball(medium, c, diameter) / even : 0.0;
-}
-
-static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double halves[3], struct curvature_law *law)
+/* even[c]: what a half-space returns of even light. */
+static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double even[3], struct curvature_law *law)
 {
     for (int c = 0; c < 3; c++) {
         struct pell_slab slab;
-        const double half = halves[c] = pell_slab_make(medium, c, &slab) ? pell_slab_at(&slab, (double) INFINITY).reflected : 0.0;
+        const double all = pell_slab_make(medium, c, &slab) ? pell_slab_at(&slab, (double) INFINITY).reflected : 0.0;
+        const double half = all > DARKEST ? all : 0.0;
         struct pell_slab scattered = slab;
         const double mean = pell_half_space_angle_of(half, medium->eta).mean;
         const double apart = (double) pell_forward_share(opposed->kappa[c] * opposed->depth[c]);
+        even[c] = half * mean;
         scattered.sigma_t = scattered.sigma_t_reduced;
         for (int i = 0; i < GAINS; i++) {
             const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / fmax(x, 1e-12), THINNEST);
@@ -99,7 +95,7 @@ static void make_thin(const struct pell_medium *medium, const struct pell_oppose
             law->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
             law->through[i][c] = thin ? (float) (T / half) : 0.0f;
             law->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MOST_CROSSED) : 1.0f;
-            law->ball[i][c] = thin ? (float) (small_over_half(medium, c, d, half) + (1.0 - 1.0 / mean) * T / half) : 1.0f;
+            law->ball[i][c] = thin ? (float) (pell_small_ball(medium, c, d) / even[c] + (1.0 - 1.0 / mean) * T / half) : 1.0f;
             law->small[i][c] = thin ? (float) pell_small_share(medium, c, d) : 0.0f;
             law->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
             if (law->through[i][c] + law->forward[i][c] > THICK)
@@ -108,16 +104,17 @@ static void make_thin(const struct pell_medium *medium, const struct pell_oppose
     }
 }
 
-static void make_bent(const struct pell_curvature_medium *m, const struct pell_opposed *opposed, int c, double curvature, double half,
+static void make_bent(const struct pell_curvature_medium *m, const struct pell_opposed *opposed, int c, double curvature, double even,
                       struct curvature_bent *out)
 {
     const struct pell_profile *profile = &m->profile[c];
-    const double total = pell_profile_total(profile), reach = curvature != 0.0 ? pell_profile_cdf(profile, 2.0 / fabs(curvature)) : 1.0;
+    const double total = pell_profile_total(profile); /* 0: nothing is scattered, and nothing changes */
+    const double reach = curvature != 0.0 && total > 0.0 ? pell_profile_cdf(profile, 2.0 / fabs(curvature)) : 1.0;
     double gain = pell_curvature_gain(m->medium, c, profile, curvature);
 
-    if (curvature > 0.0 && half > 0.0 && reach > 0.0) {
+    if (curvature > 0.0 && even > 0.0 && reach > 0.0) {
         const double all = gain * reach, small = pell_small_share(m->medium, c, 2.0 / curvature);
-        gain = (all + small * (small_over_half(m->medium, c, 2.0 / curvature, half) - all)) / reach;
+        gain = (all + small * (pell_small_ball(m->medium, c, 2.0 / curvature) / even - all)) / reach;
     }
     out->gain[c] = (float) gain;
     out->opposed[c] = (float) pell_opposed_gain(opposed, c, profile, curvature, gain);
@@ -128,7 +125,7 @@ static void make_bent(const struct pell_curvature_medium *m, const struct pell_o
 static void make_law(const struct pell_curvature_medium *m, struct curvature_law *law)
 {
     struct pell_opposed opposed;
-    double sum = 0.0, weight = 0.0, thickest = 0.0, total[3], half[3];
+    double sum = 0.0, weight = 0.0, thickest = 0.0, total[3], even[3];
 
     for (int c = 0; c < 3; c++) {
         total[c] = pell_profile_total(&m->profile[c]);
@@ -147,11 +144,11 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
         law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
     if (!pell_opposed_make(m->medium, &opposed))
         opposed = (struct pell_opposed) { { 0.0f } };
-    make_thin(m->medium, &opposed, half, law);
+    make_thin(m->medium, &opposed, even, law);
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++) {
             const double curvature = fmax((double) law->limit * (2.0 * i / (GAINS - 1) - 1.0), LEAST_BENT * thickest);
-            make_bent(m, &opposed, c, curvature, half[c], &law->bent[i]);
+            make_bent(m, &opposed, c, curvature, even[c], &law->bent[i]);
         }
 }
 
