@@ -80,9 +80,9 @@ static void cpu_returned(void *engine, const struct pell_points16 *points, int c
         pell_indirect_look(e->through, points, ask, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++) {
-            const float kept = e->curvature ? 1.0f - inside.solved[c][i] : 0.0f;
-            share[c][i] = 1.0f + kept * (e->curvature ? effects.returned[c][i] - 1.0f : 0.0f);
-            crossed[c][i] = 1.0f + kept * (e->curvature ? effects.crossed[c][i] - 1.0f : 0.0f);
+            const float kept = 1.0f - inside.solved[c][i];
+            share[c][i] = e->curvature ? 1.0f + kept * (effects.returned[c][i] - 1.0f) : 1.0f;
+            crossed[c][i] = e->curvature ? 1.0f + kept * (effects.crossed[c][i] - 1.0f) : 1.0f;
         }
 }
 

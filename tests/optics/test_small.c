@@ -17,15 +17,6 @@ static double uniform(void)
     return (double) pell_unit_float(pell_hash(++numbers));
 }
 
-/* Of unpolarised light, from an index of 1 to one of eta. */
-static double reflected(double eta, double c)
-{
-    const double sin2 = (1.0 - c * c) / (eta * eta), t = sqrt(fmax(1.0 - sin2, 0.0));
-    const double s = (c - eta * t) / (c + eta * t), p = (t - eta * c) / (t + eta * c);
-
-    return sin2 >= 1.0 ? 1.0 : 0.5 * (s * s + p * p);
-}
-
 /* Light that falls on the pole of a ball, as light from everywhere does; in mean free paths. What of that which enters leaves scattered. */
 static void follow(double diameter, double eta, double left[ALBEDOS], double *entered)
 {
@@ -34,7 +25,7 @@ static void follow(double diameter, double eta, double left[ALBEDOS], double *en
     bool scattered = false;
 
     for (int k = 0; k < ALBEDOS; k++)
-        weight[k] = 1.0 - reflected(eta, c);
+        weight[k] = 1.0 - pell_fresnel(eta, c);
     *entered += weight[0];
     while (weight[ALBEDOS - 1] > 1e-4) {
         const double b = x[0] * w[0] + x[1] * w[1] + x[2] * w[2], q = x[0] * x[0] + x[1] * x[1] + x[2] * x[2] - radius * radius;
@@ -52,7 +43,7 @@ static void follow(double diameter, double eta, double left[ALBEDOS], double *en
             continue;
         }
         const double out = (x[0] * w[0] + x[1] * w[1] + x[2] * w[2]) / radius;
-        if (uniform() >= reflected(1.0 / eta, fmax(out, 1e-9))) {
+        if (uniform() >= pell_fresnel(1.0 / eta, fmax(out, 1e-9))) {
             for (int k = 0; k < ALBEDOS && scattered; k++)
                 left[k] += weight[k];
             return;

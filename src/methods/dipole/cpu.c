@@ -69,7 +69,7 @@ struct pixel {
     int32_t number; /* of the solid */
     struct pell_vec3 at, axis[3];
     double strength;
-    float returned[3], crossed[3];  /* pell_services_returned */
+    float returned[3], scale[3];    /* pell_services_returned, what goes between faces times the solid's scale */
     double near_probes, near_areas; /* samples of each way in a round */
     uint32_t seed;
     double sum[TOGETHER][3];
@@ -110,13 +110,10 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
     const float s = (float) p->strength;
     const struct pell_opposed_pair pair = { vec3_dot(v, v) / (s * s), vec3_dot(n, v) / s, vec3_dot(p->axis[2], v) / s,
                                             vec3_dot(p->axis[2], n), curvature * s };
-    float scale[3];
 
-    for (int c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++)
         R[c] *= p->returned[c];
-        scale[c] = (float) p->solid->scale[c] * p->crossed[c];
-    }
-    pell_opposed_apply(&p->solid->opposed, &pair, scale, R);
+    pell_opposed_apply(&p->solid->opposed, &pair, p->scale, R);
 }
 
 /* Lights the points that wait and adds what they bring to their rounds. */
@@ -344,7 +341,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
                         reference_half_seed(in->seed, t->st->knobs.half), &p);
             for (int c = 0; c < 3 && p.solid->is_opposed; c++) {
                 p.returned[c] = returned[c][i];
-                p.crossed[c] = crossed[c][i];
+                p.scale[c] = (float) p.solid->scale[c] * crossed[c][i];
             }
             estimate(&p, own, light, standard_error);
         }

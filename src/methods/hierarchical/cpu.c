@@ -287,9 +287,9 @@ static inline float box_distance2(const struct pell_light_node *n, const float *
     return sum;
 }
 
-/* What a flat thin part does, see pell_services_returned; R, G and B. */
+/* What a flat thin part does, of R, G and B: pell_services_returned, what goes between faces times the solid's scale. */
 struct slab {
-    float returned[3], crossed[3];
+    float returned[3], scale[3];
 };
 
 /* Where light leaves. */
@@ -303,14 +303,10 @@ static void oppose(const struct solid *b, const struct exit *x, const float *fro
 {
     struct pell_opposed_pair pair = { 0.0f, 0.0f, 0.0f, 0.0f, curvature / x->inverse };
 
-    float scale[3];
-
     if (!b->is_opposed)
         return;
-    for (int c = 0; c < 3; c++) {
+    for (int c = 0; c < 3; c++)
         R[c] *= x->slab->returned[c];
-        scale[c] = b->scale[c] * x->slab->crossed[c];
-    }
     for (int k = 0; k < 3; k++) {
         const float v = (x->at[k] - from[k]) * x->inverse;
         pair.distance2 += v * v;
@@ -318,7 +314,7 @@ static void oppose(const struct solid *b, const struct exit *x, const float *fro
         pair.to += x->normal[k] * v;
         pair.facing += x->normal[k] * normal[k];
     }
-    pell_opposed_apply(&b->opposed, &pair, scale, R);
+    pell_opposed_apply(&b->opposed, &pair, x->slab->scale, R);
 }
 
 static void add_samples(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum, struct near *near)
@@ -436,7 +432,7 @@ static void gather16(const struct frame_task *t, const ptrdiff_t *at, int count)
         float light[3] = { 0 };
         for (int c = 0; c < 3 && solid[i] >= 0 && t->st->solid[solid[i]].is_opposed; c++) {
             slab.returned[c] = returned[c][i];
-            slab.crossed[c] = crossed[c][i];
+            slab.scale[c] = t->st->solid[solid[i]].scale[c] * crossed[c][i];
         }
         if (solid[i] >= 0)
             gather(t->st, &t->st->solid[solid[i]], p, normal, t->st->knobs.strength && in->strength ? in->strength[at[i]] : 1.0f, own,
