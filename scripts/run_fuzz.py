@@ -47,10 +47,17 @@ def fuzz(folder, name, program, home, seconds):
     return run.returncode, stats, run.stdout
 
 
+def reason(output):
+    """The lines that say what failed, to stand at the end of a long log."""
+    said = [line.strip() for line in output.splitlines() if "ERROR: " in line or "runtime error: " in line or "SUMMARY: " in line]
+    return "; ".join(said) or (output.splitlines() or ["no output"])[-1]
+
+
 def main():
     folder, budget = pathlib.Path(sys.argv[1]).resolve(), float(sys.argv[2])
     todo = list(targets(folder))
     passed = failed = 0
+    reasons = []
     if not todo:
         print("fuzz-short: no targets yet")
     else:
@@ -70,6 +77,9 @@ def main():
                 else:
                     failed += 1
                     print("\n".join(output.splitlines()[-60:]))
+                    reasons.append(f"{name}: {reason(output)}")
+    for line in reasons:
+        print(line)
     print(f"fuzz-short: {passed} passed, {failed} failed")
     if "PELL_COUNTS" in os.environ:
         with open(os.environ["PELL_COUNTS"], "a", encoding="utf-8") as counts:

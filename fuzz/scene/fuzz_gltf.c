@@ -126,7 +126,7 @@ size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsi
         put32(data + 8, 28 + json + grown);
         return 28 + json + grown;
     }
-    if (rest == 0 || !(tail = malloc(rest)))
+    if (rest == 0 || max_size - rest <= 20 || !(tail = malloc(rest))) /* libFuzzer writes a byte even where none is allowed */
         return LLVMFuzzerMutate(data, size, max_size);
     memcpy(tail, data + 20 + json, rest);
     grown = LLVMFuzzerMutate(data + 20, json, max_size - 20 - rest);

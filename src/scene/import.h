@@ -30,7 +30,8 @@ struct pell_import {
     const char *path;         /* as the user gave it: for messages */
     const char *root;         /* folder that external files must lie under */
     bool allow_outside;
-    bool needed; /* who asks for a picture refuses one that can't be used */
+    bool replaces_materials; /* the caller's material takes the place of the file's */
+    bool needed;             /* who asks for a picture refuses one that can't be used */
     struct pell_moment moment;
     double default_mm_per_unit; /* set by the importer: glTF 1000; 0: the format has no unit */
     size_t animations;          /* set by the importer: how many the file has */

@@ -228,9 +228,12 @@ enum pell_result pell_load_mesh(const struct pell_loader *loader, const char *pa
 {
     struct pell_context *ctx = loader->ctx;
     const enum pell_scene_format format = pell_scene_tell_format(path, data, size);
-    struct pell_import import = {
-        .ctx = ctx, .loader = loader, .path = path, .allow_outside = loader->params->allow_outside, .moment = *moment
-    };
+    struct pell_import import = { .ctx = ctx,
+                                  .loader = loader,
+                                  .path = path,
+                                  .allow_outside = loader->params->allow_outside,
+                                  .moment = *moment,
+                                  .replaces_materials = loader->params->material != NULL };
     struct pell_mat4 matrix = mat4_identity();
     char *folder = NULL;
     double mm;

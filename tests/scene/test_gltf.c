@@ -511,30 +511,31 @@ static void every_field_of_a_material_arrives(void **state)
     finish(&f);
 }
 
+/* clear glass; a volume alone; scattering shut off; scattering without a distance; scattering alone */
+static const char interiors[] = SQUARE ONE_NODE
+    "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":0},{\"attributes\":{\"POSITION\":0},"
+    "\"indices\":5,"
+    "\"material\":1},{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":2},{\"attributes\":{\"POSITION\":0},\"indices\":5,"
+    "\"material\":3},"
+    "{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":4}]}],"
+    "\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},\"KHR_materials_volume\":{"
+    "\"attenuationDistance\":1,"
+    "\"attenuationColor\":[0.5,0.5,0.5]}}},"
+    "{\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":1,\"attenuationColor\":[0.5,0.5,0.5]}}},"
+    "{\"extensions\":{\"KHR_materials_diffuse_transmission\":{},\"KHR_materials_volume\":{\"attenuationDistance\":1},"
+    "\"KHR_materials_volume_scatter\":{\"multiscatterColor\":[0.5,0.5,0.5]}}},"
+    "{\"extensions\":{\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":1},\"KHR_materials_volume_scatter\":"
+    "{\"multiscatterColor\":[0.5,0.5,0.5]}}},"
+    "{\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.01,\"attenuationColor\":[0.5,1,0]},\"KHR_materials_scatter\":"
+    "{\"multiscatterColor\":[1,0,0.5]}}}]}";
+
 static void translucency_needs_a_way_in(void **state)
 {
     const struct square square = make_square();
-    /* clear glass; a volume alone; scattering shut off; scattering without a distance; scattering alone */
-    static const char json[] = SQUARE ONE_NODE
-        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":0},{\"attributes\":{\"POSITION\":0},"
-        "\"indices\":5,"
-        "\"material\":1},{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":2},{\"attributes\":{\"POSITION\":0},\"indices\":5,"
-        "\"material\":3},"
-        "{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":4}]}],"
-        "\"materials\":[{\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},\"KHR_materials_volume\":{"
-        "\"attenuationDistance\":1,"
-        "\"attenuationColor\":[0.5,0.5,0.5]}}},"
-        "{\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":1,\"attenuationColor\":[0.5,0.5,0.5]}}},"
-        "{\"extensions\":{\"KHR_materials_diffuse_transmission\":{},\"KHR_materials_volume\":{\"attenuationDistance\":1},"
-        "\"KHR_materials_volume_scatter\":{\"multiscatterColor\":[0.5,0.5,0.5]}}},"
-        "{\"extensions\":{\"KHR_materials_diffuse_transmission\":{\"diffuseTransmissionFactor\":1},\"KHR_materials_volume_scatter\":"
-        "{\"multiscatterColor\":[0.5,0.5,0.5]}}},"
-        "{\"extensions\":{\"KHR_materials_volume\":{\"attenuationDistance\":0.01,\"attenuationColor\":[0.5,1,0]},\"KHR_materials_scatter\":"
-        "{\"multiscatterColor\":[1,0,0.5]}}}]}";
     struct fixture f;
     const struct pell_material *m;
     (void) state;
-    read_ok(&f, json, &square, sizeof(square));
+    read_ok(&f, interiors, &square, sizeof(square));
     m = f.scene->materials;
     REQUIRE(m[0].opaque && m[1].opaque && m[2].opaque && !m[3].opaque && !m[4].opaque);
     REQUIRE_REL(m[3].medium.sigma_a[0] + m[3].medium.sigma_s_reduced[0], 2192.1, 1e-9);
@@ -993,6 +994,28 @@ static void odd_values_are_mended_with_a_warning(void **state)
     finish(&f);
 }
 
+static void warnings_about_interiors_are_not_for_who_replaces_them(void **state)
+{
+    const struct square square = make_square();
+    struct kept_messages kept[2] = { { 0 }, { 0 } };
+    (void) state;
+    for (int replaced = 0; replaced < 2; replaced++) {
+        struct pell_context *ctx = test_context(NULL, &kept[replaced]);
+        struct pell_import import = { .ctx = ctx, .path = "x.glb", .replaces_materials = replaced };
+        size_t size;
+        uint8_t *glb = make_glb(interiors, &square, sizeof(square), &size);
+
+        assert_non_null(ctx);
+        assert_int_equal(pell_scene_create(ctx, &import.scene), PELL_OK);
+        assert_int_equal(pell_import_gltf(&import, glb, size), PELL_OK);
+        pell_scene_destroy(&import.scene);
+        pell_context_destroy(&ctx);
+        free(glb);
+    }
+    /* clear glass, and what scatters without a distance */
+    assert_int_equal(kept[0].warnings - kept[1].warnings, 2);
+}
+
 static void cancelling_ends_the_import(void **state)
 {
     const struct square square = make_square();
@@ -1046,6 +1069,7 @@ int main(void)
         cmocka_unit_test(wrong_instances_are_refused),
         cmocka_unit_test(places_beyond_the_range_of_numbers_are_refused),
         cmocka_unit_test(odd_values_are_mended_with_a_warning),
+        cmocka_unit_test(warnings_about_interiors_are_not_for_who_replaces_them),
         cmocka_unit_test(cancelling_ends_the_import),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

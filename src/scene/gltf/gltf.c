@@ -8,15 +8,16 @@
 
 /* --- Messages --------------------------------------------------------------------------------------------------------------- */
 
-static const char *const warning_names[GLTF_WARNINGS] = {
-    "extensions", "features", "nodes", "primitives", "values", "materials", "textures"
-};
+static const char *const warning_names[GLTF_WARNINGS] = { "extensions", "features",  "nodes",     "primitives",
+                                                          "values",     "materials", "interiors", "textures" };
 
 void gltf_warn(struct gltf *g, enum gltf_warning kind, const struct pell_json *at, const char *hint, const char *fmt, ...)
 {
     char what[1024];
     va_list args;
 
+    if (kind == GLTF_WARN_INTERIOR && g->import->replaces_materials)
+        return;
     if (g->warned[kind] < INT32_MAX)
         g->warned[kind]++;
     if (g->warned[kind] > g->limits->warnings)

@@ -33,6 +33,7 @@ enum gltf_warning {
     GLTF_WARN_PRIMITIVE,
     GLTF_WARN_VALUE,
     GLTF_WARN_MATERIAL,
+    GLTF_WARN_INTERIOR, /* what lies below a boundary: not said where the caller's material replaces it */
     GLTF_WARN_TEXTURE,
     GLTF_WARNINGS
 };

@@ -88,7 +88,7 @@ static enum pell_result read_scatter(struct gltf *g, struct translucency *t)
     PELL_TRY(pell_json_number(&t->scatter, "scatterAnisotropy", -0.999, 0.999, &t->g));
     if (pell_json_get(&t->scatter, "multiscatterColorTexture").value) {
         const struct pell_json at = pell_json_get(&t->scatter, "multiscatterColorTexture");
-        gltf_warn(g, GLTF_WARN_MATERIAL, &at, NULL, "a texture of the multi-scatter colour is not read: the factor is used");
+        gltf_warn(g, GLTF_WARN_INTERIOR, &at, NULL, "a texture of the multi-scatter colour is not read: the factor is used");
     }
     return PELL_OK;
 
@@ -174,10 +174,10 @@ static void set_medium(struct gltf *g, const struct pell_json *at, const struct 
     if (measured)
         return;
     if (t->scatter.value)
-        gltf_warn(g, GLTF_WARN_MATERIAL, at, "give KHR_materials_volume an attenuationDistance, or a preset in a scene file",
+        gltf_warn(g, GLTF_WARN_INTERIOR, at, "give KHR_materials_volume an attenuationDistance, or a preset in a scene file",
                   "material \"%s\" scatters but has no attenuationDistance: the extinction of marble is used", m->name);
     else
-        gltf_warn(g, GLTF_WARN_MATERIAL, at, "add KHR_materials_volume_scatter, or a preset in a scene file",
+        gltf_warn(g, GLTF_WARN_INTERIOR, at, "add KHR_materials_volume_scatter, or a preset in a scene file",
                   "material \"%s\" transmits diffusely but does not say how it scatters: marble's extinction with its own colour is used "
                   "(experimental)",
                   m->name);
@@ -211,7 +211,7 @@ static enum pell_result read_sheet(struct gltf *g, const struct translucency *t,
     enum pell_result res;
 
     if (t->transmission_factor > 0.0f)
-        gltf_warn(g, GLTF_WARN_MATERIAL, &t->transmission, NULL, "material \"%s\": its clear transmission is not drawn", m->name);
+        gltf_warn(g, GLTF_WARN_INTERIOR, &t->transmission, NULL, "material \"%s\": its clear transmission is not drawn", m->name);
     m->diffuse_transmission = t->diffuse_factor;
     for (int c = 0; c < 3; c++)
         m->diffuse_transmission_color[c] = t->diffuse_color[c];
@@ -234,7 +234,7 @@ static enum pell_result read_interior(struct gltf *g, const struct pell_json *at
     lets_in = t.diffuse_factor > 0.0f || (t.scatter.value && (!t.diffuse.value || t.transmission_factor > 0.0f));
     if (!lets_in) {
         if (t.transmission_factor > 0.0f)
-            gltf_warn(g, GLTF_WARN_MATERIAL, &t.transmission, NULL,
+            gltf_warn(g, GLTF_WARN_INTERIOR, &t.transmission, NULL,
                       "material \"%s\" is clear (KHR_materials_transmission): it is drawn as opaque", m->name);
         return PELL_OK;
     }
@@ -242,13 +242,13 @@ static enum pell_result read_interior(struct gltf *g, const struct pell_json *at
         return read_sheet(g, &t, m);
     if (pell_json_get(&t.diffuse, "diffuseTransmissionTexture").value) {
         const struct pell_json texture = pell_json_get(&t.diffuse, "diffuseTransmissionTexture");
-        gltf_warn(g, GLTF_WARN_MATERIAL, &texture, NULL, "a texture of the diffuse transmission is not read: the factor is used");
+        gltf_warn(g, GLTF_WARN_INTERIOR, &texture, NULL, "a texture of the diffuse transmission is not read: the factor is used");
     }
     if (t.transmission_factor > 0.0f)
-        gltf_warn(g, GLTF_WARN_MATERIAL, &t.transmission, NULL, "material \"%s\": its clear transmission is not drawn, its scattering is",
+        gltf_warn(g, GLTF_WARN_INTERIOR, &t.transmission, NULL, "material \"%s\": its clear transmission is not drawn, its scattering is",
                   m->name);
     if (t.diffuse.value && t.diffuse_factor < 1.0f && t.scatter.value)
-        gltf_warn(g, GLTF_WARN_MATERIAL, &t.diffuse, NULL,
+        gltf_warn(g, GLTF_WARN_INTERIOR, &t.diffuse, NULL,
                   "material \"%s\" lets in %g of the diffuse light: it is drawn as if it let in all of it", m->name,
                   (double) t.diffuse_factor);
     if (t.scatter.value)
