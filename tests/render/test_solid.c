@@ -389,6 +389,139 @@ static void light_that_grazes_goes_on(void **state)
     REQUIRE_REL(ratio / count, 1.0, 0.15);
 }
 
+/* --- Where light is scattered seldom ------------------------------------------------------------------------------------------------- */
+
+#define BANDS 4 /* of a side of the box, from the lit top */
+#define BOX 10.0
+
+static double next(uint64_t *state)
+{
+    uint64_t z = *state += 0x9e3779b97f4a7c15u;
+
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+    return ((double) ((z ^ (z >> 31)) >> 11) + 0.5) / 9007199254740992.0;
+}
+
+/* A direction behind the boundary, z downwards: straight, or of diffuse light. */
+static void enter(double eta, bool diffuse, uint64_t *random, double w[3])
+{
+    const double turn = 2.0 * PELL_PI * next(random);
+    double aside = 0.0;
+
+    while (diffuse) {
+        const double mu = sqrt(next(random));
+        aside = sqrt(1.0 - mu * mu) / eta;
+        if (next(random) >= pell_fresnel(eta, mu))
+            break;
+    }
+    w[0] = aside * cos(turn);
+    w[1] = aside * sin(turn);
+    w[2] = sqrt(1.0 - aside * aside);
+}
+
+/* One step of a photon in the box, a mean free path being 1: the face that it meets, or -1. */
+static int step(double x[3], const double w[3], uint64_t *random)
+{
+    double to = -log(next(random));
+    int face = -1;
+
+    for (int k = 0; k < 3; k++) {
+        const double far = w[k] > 0.0 ? (BOX - x[k]) / w[k] : w[k] < 0.0 ? -x[k] / w[k] : INFINITY;
+        if (far < to) {
+            to = far;
+            face = k;
+        }
+    }
+    for (int k = 0; k < 3; k++)
+        x[k] += to * w[k];
+    return face;
+}
+
+/* What leaves the sides of the box over the irradiance of the top that enters; returns the mean cosine behind it. */
+static double walk(double albedo, double eta, bool diffuse, double leaves[BANDS])
+{
+    enum { PHOTONS = 1000000 };
+    uint64_t random = 7;
+    double down = 0.0;
+
+    for (int n = 0; n < PHOTONS; n++) {
+        double x[3] = { BOX * next(&random), BOX * next(&random), 0.0 }, w[3], weight = 1.0;
+        enter(eta, diffuse, &random, w);
+        down += w[2];
+        while (weight > 0.0) {
+            const int face = step(x, w, &random);
+            if (face >= 0 && next(&random) < pell_fresnel(1.0 / eta, fabs(w[face]))) {
+                w[face] = -w[face];
+                continue;
+            }
+            if (face >= 0) {
+                if (face < 2)
+                    leaves[(int) fmin(fmax(x[2] / BOX * BANDS, 0.0), BANDS - 1.0)] += weight * BANDS / (4.0 * PHOTONS);
+                break;
+            }
+            weight *= albedo;
+            if (weight < 0.02)
+                weight = next(&random) < 0.1 ? 10.0 * weight : 0.0;
+            w[2] = 2.0 * next(&random) - 1.0;
+            w[0] = 2.0 * PELL_PI * next(&random);
+            w[1] = sqrt(1.0 - w[2] * w[2]) * sin(w[0]);
+            w[0] = sqrt(1.0 - w[2] * w[2]) * cos(w[0]);
+        }
+    }
+    return down / PHOTONS;
+}
+
+/* A cube that is lit from above, and what leaves its sides. */
+static void light_turns_corners_as_photons_do(void **state)
+{
+    RELEASE_ONLY();
+    static const double albedo[3] = { 0.95, 0.85, 0.75 }, allowed[3] = { 0.15, 0.3, 0.5 };
+    struct fixture *f = *state;
+    struct pell_medium medium = { .eta = 1.3 };
+    const int n = 36;
+
+    for (int c = 0; c < 3; c++) {
+        medium.sigma_s_reduced[c] = albedo[c];
+        medium.sigma_a[c] = 1.0 - albedo[c];
+    }
+    assert_true(pell_opposed_make(&medium, &f->law));
+    for (int c = 0; c < 3; c++)
+        assert_int_equal(pell_profile_make(PELL_PROFILE_MONTE_CARLO, &medium, c, NULL, &f->profile[c]), PELL_OK);
+    for (int diffuse = 0; diffuse < 2; diffuse++) {
+        double walked[3][BANDS] = { { 0.0 } }, found[3][BANDS] = { { 0.0 } }, area[BANDS] = { 0.0 }, down = 1.0;
+        for (int c = 0; c < 3; c++)
+            down = walk(albedo[c], medium.eta, diffuse, walked[c]);
+        f->count = 0;
+        add_slab(f, n, BOX / n, BOX, true);
+        for (size_t i = 0; i < f->count; i++) {
+            struct pell_lit_place *p = &f->place[i];
+            if (!(p->normal[2] > 0.0f))
+                memset(p->power, 0, sizeof(p->power));
+            vec3_store(vec3_mul(vec3_load(p->way), (float) down), p->way);
+        }
+        solve(f, BOX / n);
+        for (size_t i = 0; i < f->count; i++) {
+            const struct pell_lit_place *p = &f->place[i];
+            const int band = (int) fmin(fmax((0.5 - (double) p->position[2] / BOX) * BANDS, 0.0), BANDS - 1.0);
+            area[band] += p->normal[2] == 0.0f ? (double) p->area : 0.0;
+            for (int c = 0; c < 3; c++)
+                found[c][band] += p->normal[2] == 0.0f ? (double) (p->area * f->light[i].all[c]) : 0.0;
+        }
+        for (int c = 0; c < 3; c++) {
+            double mean = 0.0;
+            for (int k = 0; k < BANDS; k++) {
+                const double ratio = found[c][k] / area[k] / walked[c][k];
+                mean += log(ratio) / BANDS;
+                print_message("# albedo %g, %s, %g deep: %.3f of photons\n", albedo[c], diffuse ? "diffuse" : "straight",
+                              (k + 0.5) * BOX / BANDS, ratio);
+                REQUIRE(fabs(ratio - 1.0) < allowed[c]);
+            }
+            REQUIRE_NEAR(mean, 0.0, 0.08);
+        }
+    }
+}
+
 static void what_samples_are_too_coarse_for_is_not_solved(void **state)
 {
     struct fixture *f = *state;
@@ -439,6 +572,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_plane_returns_its_profile, set_up, tear_down),
         cmocka_unit_test_setup_teardown(light_gets_through_as_the_series_says, set_up, tear_down),
         cmocka_unit_test_setup_teardown(light_that_grazes_goes_on, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(light_turns_corners_as_photons_do, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_samples_are_too_coarse_for_is_not_solved, set_up, tear_down),
         cmocka_unit_test_setup_teardown(odd_solids_are_survived, set_up, tear_down),
     };

@@ -225,14 +225,13 @@ static float disc(float kappa, float area, float above)
 }
 
 /* G from sources right below a place this far away, as deep as those of place i. */
-static float shallow(const struct equation_channel *q, uint32_t i, float inward, float apart2, float least2)
+static float shallow(const struct equation_channel *q, uint32_t i, float inward, float apart2)
 {
-    static const float share[2] = EQUATION_SHARES;
     float sum = 0.0f;
 
     for (int k = 0; k < 2; k++) {
-        const float z = inward * q->deep[k][i], r = sqrtf(fmaxf(apart2 + z * z, least2));
-        sum += share[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
+        const float z = inward * q->deep[k][i], r = sqrtf(fmaxf(apart2 + z * z, q->least2[k]));
+        sum += q->share[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
     }
     return sum;
 }
@@ -240,9 +239,7 @@ static float shallow(const struct equation_channel *q, uint32_t i, float inward,
 /* What reaches a place from sources below discs around it. */
 static float shallow_disc(const struct equation_channel *q, uint32_t i, float inward, float area)
 {
-    static const float share[2] = EQUATION_SHARES;
-
-    return share[0] * disc(q->kappa, area, inward * q->deep[0][i]) + share[1] * disc(q->kappa, area, inward * q->deep[1][i]);
+    return q->share[0] * disc(q->kappa, area, inward * q->deep[0][i]) + q->share[1] * disc(q->kappa, area, inward * q->deep[1][i]);
 }
 
 /* Share of a face that a method spreads light to. */
@@ -281,7 +278,7 @@ static void add_block(const struct equation *e, const struct equation_channel *q
         }
         if (b->r2[i] < e->window2 && b->facing[i] > FACING) {
             row->pull += b->pull[i];
-            row->below += e->patches.area[first + i] * shallow(q, row->place, row->inward, b->apart2[i], e->least2);
+            row->below += e->patches.area[first + i] * shallow(q, row->place, row->inward, b->apart2[i]);
             row->near_pairs += pair;
         }
     }
@@ -308,10 +305,10 @@ static void finish_row(const struct equation *e, struct equation_channel *q, uin
 {
     const float own = disc(q->kappa, e->patches.area[i], 0.0f);
     const float pull = fmaxf(disc(q->kappa, sum[0], 0.0f) - row->pull, OWN * own);
-    const float straight = e->patches.area[i] * shallow(q, i, row->inward, 0.0f, e->least2);
+    const float straight = e->patches.area[i] * shallow(q, i, row->inward, 0.0f);
     const float aside = fmaxf(1.0f - row->own / straight, 0.0f); /* of what starts below the place itself, as its way leads elsewhere */
     const float below = shallow_disc(q, i, row->inward, sum[0]) - row->below - aside * shallow_disc(q, i, row->inward, e->patches.area[i]);
-    const float pair = fmaxf(q->share * sum[1] / (PELL_PI_F * e->window2) - row->near_pairs, 0.0f);
+    const float pair = fmaxf(q->window * sum[1] / (PELL_PI_F * e->window2) - row->near_pairs, 0.0f);
     /* Methods that see a part of the profile take it for all. */
     const float pairs = row->pairs + pair;
     float angle = -0.5f - sum[2];
@@ -349,10 +346,12 @@ static void fill_row(struct equation *e, uint32_t i)
                 self = at + mine;
             for (int c = 0; c < 3; c++) {
                 const struct equation_channel *q = &e->channel[c];
-                const struct equation_law law = { q->kappa, 1.0f / q->s, q->bend, { q->deep[0], q->deep[1] }, EQUATION_SHARES };
+                const struct equation_law law = {
+                    q->kappa, 1.0f / q->s, q->bend, { q->deep[0], q->deep[1] }, { q->share[0], q->share[1] }, { q->least2[0], q->least2[1] }
+                };
                 if (!q->is)
                     continue;
-                e->kernels->entries(&law, first, count, e->least2, &b, q->left + at);
+                e->kernels->entries(&law, first, count, &b, q->left + at);
                 add_block(e, q, &b, first, count, mine, &row[c]);
             }
         }

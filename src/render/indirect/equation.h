@@ -13,8 +13,11 @@
 struct equation_channel {
     bool is; /* it is solved */
     float kappa, s, depth;
-    float enters;       /* L */
-    float total, share; /* of the profile, and of what is inside the window */
+    float enters;        /* L */
+    float path[2];       /* mean free paths at which light that goes into the medium is taken to be scattered first, */
+    float share[2];      /* and how much of it; */
+    float least2[2];     /* mm^2: that places count as away from there at least */
+    float total, window; /* of the profile, and of what is inside the window */
     struct radial radial;
     double *light,
         *source,  /* of places and clusters, W/m^2: what enters, as a curved surface moves it; what goes into the depth, as it falls; */
@@ -29,16 +32,6 @@ struct equation_channel {
 struct equation_run {
     uint32_t first, count;
 };
-
-/* Light that goes into a medium is scattered first after t mean free paths with the density exp(-t): Gauss and Laguerre's two. */
-#define EQUATION_PATHS                                                                                                                     \
-    {                                                                                                                                      \
-        0.58578644f, 3.41421356f                                                                                                           \
-    }
-#define EQUATION_SHARES                                                                                                                    \
-    {                                                                                                                                      \
-        0.85355339f, 0.14644661f                                                                                                           \
-    }
 
 struct equation {
     struct pell_context *ctx;

@@ -48,16 +48,16 @@ static void measure(const struct equation_patches *patches, uint32_t first, uint
     }
 }
 
-static void entries(const struct equation_law *law, uint32_t first, uint32_t count, float least2, struct equation_block *restrict b,
-                    float *restrict left)
+static void entries(const struct equation_law *law, uint32_t first, uint32_t count, struct equation_block *restrict b, float *restrict left)
 {
     const float kappa = law->kappa, inverse_s = law->inverse_s, *bend = law->bend + first;
     const float *deep0 = law->deep[0] + first, *deep1 = law->deep[1] + first, share0 = law->share[0], share1 = law->share[1];
+    const float least0 = law->least2[0], least1 = law->least2[1];
 
     for (uint32_t i = 0; i < count; i++) {
         const float from0 = b->apart2[i] + deep0[i] * (deep0[i] * b->way2[i] + 2.0f * b->toward[i]);
         const float from1 = b->apart2[i] + deep1[i] * (deep1[i] * b->way2[i] + 2.0f * b->toward[i]);
-        const float r0 = sqrtf(from0 > least2 ? from0 : least2), r1 = sqrtf(from1 > least2 ? from1 : least2);
+        const float r0 = sqrtf(from0 > least0 ? from0 : least0), r1 = sqrtf(from1 > least1 ? from1 : least1);
         const float pull = b->source[i] * b->inverse_r[i] * exp_minus(kappa * b->r[i]);
         b->below[i] = b->source[i] * (share0 / r0 * exp_minus(kappa * r0) + share1 / r1 * exp_minus(kappa * r1));
         b->pull[i] = pull;

@@ -30,7 +30,8 @@ struct equation_law {
     float kappa, inverse_s;
     const float *bend;
     const float *deep[2]; /* mm from patches along their ways: two places at which that light is taken to start, */
-    float share[2];       /* and how much of it each is */
+    float share[2];       /* and how much of it each is; */
+    float least2[2];      /* squared distance that they count as away at least */
 };
 
 /* Patches of a row: first the same for all channels, then of one. */
@@ -52,7 +53,7 @@ struct equation_kernels {
     void (*measure)(const struct equation_patches *patches, uint32_t first, uint32_t count, const struct equation_from *from,
                     struct equation_block *out);
     /* left: phi's factors */
-    void (*entries)(const struct equation_law *law, uint32_t first, uint32_t count, float least2, struct equation_block *b, float *left);
+    void (*entries)(const struct equation_law *law, uint32_t first, uint32_t count, struct equation_block *b, float *left);
     double (*product)(const float *left, const double *values, uint32_t count);
 };
 

@@ -42,6 +42,8 @@ enum { SAMPLES = 256, FEWEST = 800, MOST = 4096, FOUND = 64 };
 #define WINDOW 2.5f        /* distances inside which the profile's sum is set right */
 #define SMOOTH 1.6f        /* distances over which places are interpolated, */
 #define ASIDE 1.5f         /* and that a sample is from its place at most */
+#define STRAIGHT 0.93f     /* mean cosine of light that goes down, which is not all straight */
+#define BLUR 1.2f          /* mean free paths: the farther place where light is scattered first stands for others around it */
 #define LARGEST 1.1f       /* factor of what enters, */
 #define LARGEST_WHOLE 3.0f /* and of what is found by methods that ask the whole solid */
 #define THIN 2.0f          /* distances of places: thickness up to which a part is not solved, */
@@ -63,16 +65,32 @@ struct solid {
 
 /* --- Of a channel -------------------------------------------------------------------------------------------------------------------- */
 
-static const float path[2] = EQUATION_PATHS, share[2] = EQUATION_SHARES;
+/* Light that goes into a medium is scattered first after t mean free paths with the density exp(-t). Two values of t and their shares
+ * stand for it: Gauss and Laguerre's, the farther of them so far that the mean of exp(x t) is 1/(1 - x), as of light that goes straight
+ * down where phi grows by exp(x) in a free path. */
+static void find_paths(float x, struct equation_channel *q)
+{
+    const double nearer = 2.0 - sqrt(2.0), right = 1.0 / (1.0 - (double) x);
+    double low = 2.0 + sqrt(2.0), high = 12.0;
+
+    for (int i = 0; i < 30; i++) {
+        const double farther = 0.5 * (low + high), share = (1.0 - nearer) / (farther - nearer); /* the mean is 1 */
+        *((1.0 - share) * exp((double) x * nearer) + share * exp((double) x * farther) < right ? &low : &high) = farther;
+    }
+    q->path[0] = (float) nearer;
+    q->path[1] = (float) low;
+    q->share[1] = (float) ((1.0 - nearer) / (low - nearer));
+    q->share[0] = 1.0f - q->share[1];
+}
 
 /* L, so that light at right angles goes through slabs as `amount` says, whose source is a mean free path deep. */
-static float enters_of(const struct pell_opposed *law, int c)
+static float enters_of(const struct pell_opposed *law, int c, const struct equation_channel *q)
 {
     const float kappa = law->kappa[c], beyond = law->beyond[c];
     float at = 0.0f;
 
     for (int k = 0; k < 2; k++)
-        at += share[k] * sinhf(kappa * (path[k] * law->depth[c] + beyond));
+        at += q->share[k] * sinhf(kappa * (q->path[k] * law->depth[c] + beyond));
     return law->amount[c] * sinhf(kappa * (law->depth[c] + beyond)) / (at * coshf(kappa * beyond));
 }
 
@@ -84,7 +102,8 @@ static void find_kappa(const struct pell_opposed *law, int c, struct equation_ch
     q->kappa = law->kappa[c];
     q->s = tanhf(beyond) / q->kappa;
     q->depth = law->depth[c];
-    q->enters = enters_of(law, c);
+    find_paths(fminf(STRAIGHT * q->kappa * q->depth, 0.95f), q);
+    q->enters = enters_of(law, c, q);
 }
 
 /* All that depends on a channel's profile. */
@@ -100,11 +119,13 @@ static void find_law(struct solid *s, int c)
     if (!(total > (double) DARK && total < BRIGHTEST))
         return;
     find_kappa(s->of_solid->law, c, q);
+    q->least2[0] = e->least2;
+    q->least2[1] = fmaxf(e->least2, BLUR * BLUR * q->depth * q->depth);
     q->is = q->kappa > 0.0f && q->s > 0.0f && step * q->kappa <= UNRESOLVED;
     if (!q->is)
         return;
     s->solved[c] = (1.0f - ramp(RESOLVED, UNRESOLVED, step * q->kappa)) * ramp(DARK, BRIGHT, q->total);
-    q->share = (float) (total * pell_profile_cdf(profile, (double) (WINDOW * step)));
+    q->window = (float) (total * pell_profile_cdf(profile, (double) (WINDOW * step)));
     radial_make(&q->radial, profile, 0.1f * step, fmaxf(REACH / q->kappa, e->near));
 }
 
@@ -209,7 +230,7 @@ static enum pell_result find_ways(struct solid *s)
                 q->here[i] = (q->light[i] - q->once[i]) / (double) (1.0f + s->of_solid->slope[c] * fmaxf(1.0f - inward, 0.0f));
             for (int k = 0; k < 2; k++) {
                 const float within = 1.0f - expf(-thick / fmaxf(q->depth * inward, 1e-6f));
-                q->deep[k][i] = -q->depth * logf(1.0f - (1.0f - expf(-path[k])) * within);
+                q->deep[k][i] = -q->depth * logf(1.0f - (1.0f - expf(-q->path[k])) * within);
             }
         }
     }
@@ -226,7 +247,8 @@ static void add_kept(const struct solid *s, float slope, struct equation_channel
     for (uint32_t i = 0; i < p->count; i++) {
         const struct pell_vec3 n = p->place[i].normal;
         const float inward = -(way->wx[i] * n.x + way->wy[i] * n.y + way->wz[i] * n.z), depth = q->kappa * q->depth * inward;
-        const float leaves = q->enters * (share[0] * expf(-path[0] * depth) + share[1] * expf(-path[1] * depth)) / (1.0f + q->kappa * q->s);
+        const float leaves =
+            q->enters * (q->share[0] * expf(-q->path[0] * depth) + q->share[1] * expf(-q->path[1] * depth)) / (1.0f + q->kappa * q->s);
         q->phi[i] += (double) (q->total - leaves) * q->light[i] + (double) (leaves * slope * (1.0f - inward)) * q->source[i] +
                      (double) leaves * q->once[i];
     }

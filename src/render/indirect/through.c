@@ -518,8 +518,9 @@ static float light_at(const struct send *s, uint32_t sample, int c)
 
 /* How steeply light in the depth grows along the surface around a value. Light that leaves was scattered last about a mean free path l back
  * along its way, where there is exp(g.t) of it, g the gradient of its logarithm and t the part of the way along the surface: 1/(1 - l g.t)
- * in the mean, over what grows along the rest of the way. The tilt is l g over that. */
-static void find_tilt(const struct send *s, const struct indirect_near *near, float tilt[3][3])
+ * in the mean, over what grows along the rest of the way. The tilt is l g over that. The more of the growth is along the surface, the less
+ * light comes straight up: aside[c] is its share, of squares. */
+static void find_tilt(const struct send *s, const struct indirect_near *near, float tilt[3][3], float aside[3])
 {
     const struct pell_indirect *in = s->in;
     const struct pell_opposed *law = &s->solid[in->samples[near->sample[0]].material].law;
@@ -547,6 +548,7 @@ static void find_tilt(const struct send *s, const struct indirect_near *near, fl
         steep2 = slope[0] * slope[0] + slope[1] * slope[1];
         least = fminf(1.0f, steepest / sqrtf(fmaxf(steep2, 1e-20f)));
         steep2 = fminf(steep2, steepest * steepest);
+        aside[c] = steep2 / (law->kappa[c] * law->kappa[c]);
         least *= law->depth[c] / (1.0f - WITHIN * law->depth[c] * sqrtf(law->kappa[c] * law->kappa[c] - steep2));
         vec3_store(vec3_mul(vec3_mad(vec3_mul(a, slope[0]), slope[1], b), least), tilt[c]);
     }
@@ -581,6 +583,22 @@ static void blend_beam(const struct pell_indirect_beam *from, float weight, stru
     to->spacing += weight * from->spacing;
 }
 
+/* Directions in which light from the depth leaves, but for what depends on the medium alone. */
+static void turn_aside(const struct send *s, const struct indirect_near *near, struct pell_indirect_inside *to)
+{
+    const struct pell_indirect_solid *solid = near->weight[0] > 0.0f ? &s->solid[s->in->samples[near->sample[0]].material] : NULL;
+    float aside[3] = { 0.0f };
+
+    if (!solid || !solid->profile)
+        return;
+    find_tilt(s, near, to->tilt, aside);
+    for (int c = 0; c < 3; c++) {
+        for (int k = 0; k < 3 && solid->all; k++)
+            to->tilt[c][k] *= to->deep[c]; /* what a method finds is not all from the depth */
+        to->deep[c] *= 1.0f - aside[c];
+    }
+}
+
 static void spread(const struct send *s)
 {
     const struct pell_indirect *in = s->in;
@@ -596,8 +614,7 @@ static void spread(const struct send *s)
             if (s->beam)
                 blend_beam(&s->beam[near->sample[k]], near->weight[k], &in->beam[i]);
         }
-        if (near->weight[0] > 0.0f && s->solid[in->samples[near->sample[0]].material].profile)
-            find_tilt(s, near, to->tilt);
+        turn_aside(s, near, to);
     }
 }
 
