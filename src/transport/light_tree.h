@@ -45,4 +45,16 @@ PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, s
                                                      struct pell_light_tree *tree);
 void pell_light_tree_finish(struct pell_light_tree *tree);
 
+/* Squared distance to the box of a node, mm^2. */
+static inline float pell_light_node_distance2(const struct pell_light_node *n, const float *p)
+{
+    float sum = 0.0f;
+
+    for (int k = 0; k < 3; k++) {
+        const float under = n->low[k] - p[k], over = p[k] - n->high[k], d = under > over ? under : over;
+        sum += d > 0.0f ? d * d : 0.0f;
+    }
+    return sum;
+}
+
 #endif

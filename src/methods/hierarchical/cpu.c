@@ -275,18 +275,6 @@ static inline float length2(const float *a)
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
 }
 
-/* To the box of a node. */
-static inline float box_distance2(const struct pell_light_node *n, const float *p)
-{
-    float sum = 0.0f;
-
-    for (int k = 0; k < 3; k++) {
-        const float under = n->low[k] - p[k], over = p[k] - n->high[k], d = under > over ? under : over;
-        sum += d > 0.0f ? d * d : 0.0f;
-    }
-    return sum;
-}
-
 /* What a flat thin part does, of R, G and B: pell_services_returned, what goes between faces times the solid's scale. */
 struct slab {
     float returned[3], scale[3];
@@ -371,11 +359,11 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
     for (uint32_t i = 0; i < (uint32_t) b->tree.num_nodes;) {
         const struct pell_light_node *n = &nodes[i];
         const float d2 = distance2(n->centre, p);
-        if (b->is_opposed && !(n->power[0] + n->power[1] + n->power[2] > 0.0f) && box_distance2(n, p) > b->reach2) {
+        if (b->is_opposed && !(n->power[0] + n->power[1] + n->power[2] > 0.0f) && pell_light_node_distance2(n, p) > b->reach2) {
             i = n->next;
             continue;
         }
-        if (n->area < error * d2 && box_distance2(n, p) > b->reach2 && (!b->is_opposed || length2(n->normal) > 0.5f)) {
+        if (n->area < error * d2 && pell_light_node_distance2(n, p) > b->reach2 && (!b->is_opposed || length2(n->normal) > 0.5f)) {
             float R[4];
             look_up(&b->radial, d2 * inverse2, R);
             oppose(b, &x, n->centre, n->normal, n->curvature, R);

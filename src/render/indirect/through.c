@@ -193,12 +193,14 @@ static void add_pair(const struct pell_opposed *law, const struct indirect_sampl
                                             vec3_dot(t, to->normal), vec3_dot(t, t),  from->area };
     const float unseen = pell_opposed_unseen(pair.facing), far2 = FAR * FAR;
     float through[3];
-    bool is[3];
+    bool is[3], any = false;
 
-    if (!(unseen > 0.0f))
-        return;
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         is[c] = law->amount[c] > 0.0f && law->kappa[c] * law->kappa[c] * pair.distance2 < far2;
+        any |= is[c];
+    }
+    if (!any || !(unseen > 0.0f))
+        return;
     pell_opposed_split_of(law, &pair, is, through);
     for (int c = 0; c < 3; c++) {
         g->light[c] += unseen * through[c] * from->power[c];
@@ -218,14 +220,26 @@ static struct pell_lit_place as_place(const struct pell_light_node *n)
     return p;
 }
 
+/* Squared distance beyond which nothing goes through in any channel. */
+static float reach2(const struct pell_opposed *law)
+{
+    float least = INFINITY;
+
+    for (int c = 0; c < 3; c++)
+        if (law->amount[c] > 0.0f)
+            least = fminf(least, law->kappa[c] * law->kappa[c]);
+    return 1.001f * FAR * FAR / least; /* rounding is far less than that */
+}
+
 static void gather(const struct send *s, const struct pell_opposed *law, const struct indirect_sample *to, struct gathered *g)
 {
     const struct pell_light_tree *t = &s->tree;
+    const float p[3] = { to->position.x, to->position.y, to->position.z }, far2 = reach2(law);
 
     for (uint32_t i = 0; i < (uint32_t) t->num_nodes;) {
         const struct pell_light_node *n = &t->nodes[i];
         const struct pell_vec3 v = vec3_sub(to->position, vec3_load(n->centre)), mean = vec3_load(n->normal);
-        if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
+        if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f) || pell_light_node_distance2(n, p) > far2) {
             i = n->next;
         } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(mean, mean) > MEAN) {
             const struct pell_lit_place far = as_place(n);
