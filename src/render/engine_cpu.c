@@ -64,8 +64,6 @@ static void drop_planes(struct pell_cpu *e)
     memset(&e->lighting, 0, sizeof(e->lighting));
     memset(&e->sum, 0, sizeof(e->sum));
     memset(e->display, 0, sizeof(e->display));
-    memset(e->spread, 0, sizeof(e->spread));
-    memset(e->straight, 0, sizeof(e->straight));
     memset(e->room, 0, sizeof(e->room));
     memset(e->plane, 0, sizeof(e->plane));
     memset(e->glow, 0, sizeof(e->glow));
@@ -146,12 +144,8 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
         if (!is_asked(PELL_PLANE_LIGHT, frame))
             pell_planes_want(&w, e->room, 3);
     }
-    if (e->unscattered)
-        pell_planes_want(&w, e->straight, 3);
-    if (pell_cpu_spreads(frame)) {
+    if (pell_cpu_spreads(frame))
         pell_planes_want(&w, &e->lighting.way, 1);
-        pell_planes_want(&w, e->spread, 3);
-    }
     pell_planes_want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];
@@ -562,7 +556,7 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
                     : sample->frame->materials->single_apart   ? (const float *const *) e->lighting.single
                                                                : NULL;
-        p->unscattered = e->unscattered ? (const float *const *) e->straight : NULL;
+        p->unscattered = e->unscattered ? (const float *const *) e->display : NULL;
         p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
     }

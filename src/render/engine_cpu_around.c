@@ -27,7 +27,7 @@ void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_samp
         params.hidden[3 + c] = e->lighting.lost[c];
         params.light[c] = e->lighting.specular[c];
         params.light[3 + c] = e->lighting.irradiance[c];
-        params.room[c] = e->display[c]; /* what is displayed is made of the sum of all samples */
+        params.room[c] = e->display[c];
         params.room[3 + c] = e->plane[PELL_PLANE_LIGHT][c] ? e->plane[PELL_PLANE_LIGHT][c] : e->room[c];
     }
     pixels = pell_highlights_render(e->pool, &params);
@@ -53,7 +53,7 @@ void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample
 
     for (int c = 0; c < 3; c++) {
         params.transmitted[c] = e->lighting.transmitted[c];
-        params.sum[c] = e->spread[c];
+        params.sum[c] = e->display[c];
         params.half[c] = e->plane[PELL_PLANE_LIGHT][c];
     }
     params.lit[0] = e->spread_lit;
@@ -77,7 +77,7 @@ void pell_cpu_see_through(struct pell_cpu *e, const struct pell_engine_sample *s
         .smooth = f->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .bounces = f->settings->bounces,
         .sample = (uint32_t) sample->number,
-        .light = { e->straight[0], e->straight[1], e->straight[2] },
+        .light = { e->display[0], e->display[1], e->display[2] },
     };
     const double start = pell_seconds();
     const int64_t rays = pell_unscattered_render(e->pool, e->unscattered, &params);

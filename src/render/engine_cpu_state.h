@@ -55,12 +55,10 @@ struct pell_cpu {
     int num_blocks;
     struct pell_surface surface;
     struct pell_lighting lighting;
-    float *spread[3]; /* room of the stage "spread" */
-    float *room[3];   /* of the stage "highlights", without a method's light */
+    float *room[3]; /* of the stage "highlights", without a method's light */
     uint8_t *spread_lit, *hidden_lit;
-    float *straight[3]; /* of the stage "unscattered" */
     struct pell_accumulator sum;
-    float *display[3];
+    float *display[3]; /* until the end of the frame room of stages: "highlights", then "spread", then what "unscattered" finds */
     float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
     float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
     float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */

@@ -15,7 +15,7 @@ PELL_SIMD_TABLES(struct screen_kernels, pell_ss_kernels);
 
 enum {
     BAND = 8,    /* rows that a thread takes at a time */
-    PLANES = 16, /* key, depth, scale, 2 lengths, 2 to_px, now, half and sum of 3 */
+    PLANES = 13, /* key, depth, scale, 2 lengths, 2 to_px, now and half of 3 */
 };
 
 struct band {
@@ -129,7 +129,6 @@ static enum pell_result make_planes(struct screen_state *st, const struct pell_f
     for (int i = 0; i < 3; i++) {
         w->now[i] = plane + (size_t) (7 + i) * size;
         w->half[i] = plane + (size_t) (10 + i) * size;
-        w->sum[i] = plane + (size_t) (13 + i) * size;
     }
     return PELL_OK;
 }
@@ -411,12 +410,9 @@ static enum pell_result take_blurs(struct screen_state *st, int first, int steps
 
     w->blend = (const float(*)[3]) st->ones;
     for (int step = first - 1; step < steps && first < steps && res == PELL_OK; step++) {
-        const bool last = step == steps - 1;
-        float *const *from = last ? w->out->light : w->sum;
-
         run_step(st, step, first, steps, spent);
         if (step >= first)
-            res = take(user, (const float *const *) from, last ? w->in->shape.stride : w->stride, step, preblur);
+            res = take(user, (const float *const *) w->out->light, w->in->shape.stride, step, preblur);
     }
     w->blend = blend;
     return res;
@@ -518,8 +514,7 @@ static enum pell_result render_terms(struct screen_state *st)
         note_time(st, pell_ss_term_name(w->term), pell_seconds() - start, active / 2, active * 16);
         if (observed) {
             const enum pell_result res =
-                pell_ss_show(&st->chain, st->services, w->in, (const float *const *) (w->last ? w->out->light : w->sum),
-                             w->last ? w->in->shape.stride : w->stride, w->term, 0);
+                pell_ss_show(&st->chain, st->services, w->in, (const float *const *) w->out->light, w->in->shape.stride, w->term, 0);
             if (res != PELL_OK)
                 return res;
         }

@@ -131,10 +131,11 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
                 float (*restrict light)[SCREEN_BLOCK], const float *on)
 {
     const size_t row = (size_t) w->step * (w->num_materials + 1);
-    float *const *before = w->fresh ? w->now : w->sum;
 
     for (int i = 0; i < 3; i++) {
         _Alignas(64) float mixed[SCREEN_BLOCK], shares[SCREEN_BLOCK];
+        float *sum = w->out->light[i] + y * w->in->shape.stride + x;
+        const float *before = w->fresh ? w->now[i] + index : sum;
 
         if (cell->owner == SCREEN_MIXED)
             for (int l = 0; l < SCREEN_BLOCK; l++)
@@ -143,19 +144,14 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
             vf share = cell->owner == SCREEN_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
             if (on)
                 share *= load(on + part);
-            store(mixed + part, load(before[i] + index + part) * (1.0f - share) + load(&light[i][part]) * share);
+            store(mixed + part, load(before + part) * (1.0f - share) + load(&light[i][part]) * share);
         }
-        if (!w->last) {
-            memcpy(&w->sum[i][index], mixed, sizeof(mixed));
-        } else {
-            float *out = w->out->light[i] + y * w->in->shape.stride + x;
-            if (cell->live == SCREEN_FULL)
-                memcpy(out, mixed, sizeof(mixed));
-            else
-                for (int l = 0; l < SCREEN_BLOCK; l++)
-                    if (w->key[index + (size_t) l] > 0.0f)
-                        out[l] = mixed[l];
-        }
+        if (cell->live == SCREEN_FULL)
+            memcpy(sum, mixed, sizeof(mixed));
+        else
+            for (int l = 0; l < SCREEN_BLOCK; l++)
+                if (w->key[index + (size_t) l] > 0.0f)
+                    sum[l] = mixed[l];
     }
 }
 
@@ -185,7 +181,8 @@ PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y,
         for (int i = 0; w->fresh && i < 3; i++)
             __builtin_prefetch(from[i] + x + w->stride);
     } else {
-        fetch3_to_write(w->sum, below);
+        for (int i = 0; i < 3; i++)
+            pell_fetch_to_write(w->out->light[i] + (y + 1) * w->in->shape.stride + x);
     }
     if ((w->forms & SCREEN_FORM_PAPER_EDGES) || !choose(w, index, job->cell, &job->b)) {
         job->b.active = 0;

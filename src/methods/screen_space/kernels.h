@@ -37,13 +37,13 @@ struct screen_factors; /* factors.h */
 /* One frame's work; the same for all rows and threads. */
 struct screen_work {
     const struct pell_frame *in;
-    const struct pell_frame_light *out;
+    const struct pell_frame_light *out;                /* its light is the weighted sum, step by step */
     const float *const *light;                         /* three planes of the caller: what is blurred */
     ptrdiff_t stride;                                  /* of the planes below */
     int block0, block1;                                /* blocks that hold the rectangle */
     int blocks;                                        /* in a row of the picture */
     float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
-    float *now[3], *half[3], *sum[3];                  /* light as it was loaded; blurred, see cpu.c; the weighted sum */
+    float *now[3], *half[3];                           /* light as it was loaded; blurred, see cpu.c */
     struct screen_cell *cells;                         /* [y * blocks + block] */
     struct screen_extent *extents;                     /* of each row */
     const float *columns_tan, *rows_tan;               /* slopes of the rays through columns (with a margin) and rows */
@@ -64,8 +64,8 @@ struct screen_work {
     int turn;                             /* by this sample, of SCREEN_TURNS */
     int step;
     bool several; /* more than one material in this frame */
-    bool fresh;   /* nothing is in `sum` yet */
-    bool last;    /* the sum goes to `out` */
+    bool fresh;   /* nothing is in the sum yet */
+    bool last;    /* no step or term comes after it */
 };
 
 enum screen_form {
@@ -87,11 +87,11 @@ struct screen_kernels {
      * it; to_px[0], [1] = px^2 per mm^2 of the variances along them. */
     void (*measure)(const struct screen_work *w, int y);
     /* The two passes of a step over row y, which `from` and `to` point at (pixel 0): they return the number of pixels that were blurred.
-     * `down` reads the rows around it, too, puts what comes of it into the sum as well, and in the last step into `out` alone. */
+     * `down` reads the rows around it, too, puts what comes of it into the sum as well, and in the last step there alone. */
     int (*across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
     int (*down)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
-    /* The two passes of a term of a separable kernel over row y; `from` and `to` are planes. `term_down` adds to the sum, in the last
-     * term to `out`. They return the number of pixels that were blurred. */
+    /* The two passes of a term of a separable kernel over row y; `from` and `to` are planes. `term_down` adds to the sum.
+     * They return the number of pixels that were blurred. */
     int (*term_across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
     int (*term_down)(const struct screen_work *w, int y, const float *const from[3]);
     /* now -> `out`, where no step blurs anything. */

@@ -292,17 +292,17 @@ INLINE int blur_block(const struct together *b, const struct screen_cell *cell, 
 
 /* --- Rows --------------------------------------------------------------------------------------------------------------------------- */
 
-/* Light of a pixel after a pass: to the next one, to the sum, or after the last term out. */
+/* Light of a pixel after a pass: to the next one, or to the sum. */
 INLINE void put_pixel(const struct screen_work *w, int x, int y, int axis, size_t index, const float sign[3], const float light[3],
                       float *const to[3])
 {
+    const ptrdiff_t at = y * w->in->shape.stride + x;
+
     for (int c = 0; c < 3; c++)
         if (axis == 0)
             to[c][index] = light[c];
-        else if (w->last)
-            w->out->light[c][y * w->in->shape.stride + x] = (w->term > 0 ? w->sum[c][index] : 0.0f) + sign[c] * light[c];
         else
-            w->sum[c][index] = (w->term > 0 ? w->sum[c][index] : 0.0f) + sign[c] * light[c];
+            w->out->light[c][at] = (w->term > 0 ? w->out->light[c][at] : 0.0f) + sign[c] * light[c];
 }
 
 /* The pixels of a row that can be blurred. */
