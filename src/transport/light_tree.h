@@ -45,6 +45,19 @@ PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, s
                                                      struct pell_light_tree *tree);
 void pell_light_tree_finish(struct pell_light_tree *tree);
 
+/* A node as one place. */
+static inline struct pell_lit_place pell_light_node_place(const struct pell_light_node *n)
+{
+    return (struct pell_lit_place) {
+        .position = { n->centre[0], n->centre[1], n->centre[2] },
+        .normal = { n->normal[0], n->normal[1], n->normal[2] },
+        .area = n->area,
+        .curvature = n->curvature,
+        .power = { n->power[0], n->power[1], n->power[2] },
+        .way = { n->way[0], n->way[1], n->way[2] },
+    };
+}
+
 /* Squared distance to the box of a node, mm^2. */
 static inline float pell_light_node_distance2(const struct pell_light_node *n, const float *p)
 {

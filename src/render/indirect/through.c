@@ -54,6 +54,7 @@ struct send {
     const uint32_t *list;            /* of one object and material, or a solid of it */
     size_t count;
     struct pell_light_tree tree;
+    struct pell_lit_place *node; /* its nodes, each as one place */
 };
 
 static int chunks_of(size_t count)
@@ -208,18 +209,6 @@ static void add_pair(const struct pell_opposed *law, const struct indirect_sampl
     }
 }
 
-/* A node as one place. */
-static struct pell_lit_place as_place(const struct pell_light_node *n)
-{
-    struct pell_lit_place p = { .area = n->area, .curvature = n->curvature };
-
-    memcpy(p.position, n->centre, sizeof(p.position));
-    memcpy(p.normal, n->normal, sizeof(p.normal));
-    memcpy(p.power, n->power, sizeof(p.power));
-    memcpy(p.way, n->way, sizeof(p.way));
-    return p;
-}
-
 /* Squared distance beyond which nothing goes through in any channel. */
 static float reach2(const struct pell_opposed *law)
 {
@@ -242,8 +231,7 @@ static void gather(const struct send *s, const struct pell_opposed *law, const s
         if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f) || pell_light_node_distance2(n, p) > far2) {
             i = n->next;
         } else if (n->area < ERROR * vec3_dot(v, v) && vec3_dot(mean, mean) > MEAN) {
-            const struct pell_lit_place far = as_place(n);
-            add_pair(law, to, &far, g);
+            add_pair(law, to, &s->node[i], g);
             i = n->next;
         } else if (n->count) {
             for (uint32_t k = n->first; k < n->first + n->count; k++)
@@ -306,9 +294,17 @@ static enum pell_result send_between(struct send *s, struct pell_pool *pool)
 
     if (!samples)
         return PELL_ERR_NOMEM;
-    res = pell_light_tree_make(s->in->ctx, samples, s->count, &s->tree);
-    if (res == PELL_OK)
+    PELL_TRY(pell_light_tree_make(s->in->ctx, samples, s->count, &s->tree));
+    s->node = pell_alloc_array(s->in->ctx, s->tree.num_nodes, sizeof(*s->node));
+    for (size_t i = 0; s->node && i < s->tree.num_nodes; i++)
+        s->node[i] = pell_light_node_place(&s->tree.nodes[i]);
+    if (s->node)
         pell_pool_run(pool, chunks_of(s->count), gather_chunk, s);
+    res = s->node ? PELL_OK : PELL_ERR_NOMEM;
+
+fail:
+    pell_free(s->in->ctx, s->node);
+    s->node = NULL;
     pell_light_tree_finish(&s->tree);
     return res;
 }

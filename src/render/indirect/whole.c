@@ -66,10 +66,7 @@ void indirect_whole_at(const struct whole *w, const float position[3], const flo
         if (!(q->power[0] + q->power[1] + q->power[2] > 0.0f)) {
             i = q->next;
         } else if (q->area < ERROR * d2 && d2 > 4.0f * w->window2 && vec3_dot(mean, mean) > MEAN) {
-            struct pell_lit_place one = { .area = q->area, .curvature = q->curvature };
-            memcpy(one.position, q->centre, sizeof(one.position));
-            memcpy(one.normal, q->normal, sizeof(one.normal));
-            memcpy(one.power, q->power, sizeof(one.power));
+            const struct pell_lit_place one = pell_light_node_place(q);
             add(w, at, n, &one, near, sum);
             i = q->next;
         } else if (q->count) {
