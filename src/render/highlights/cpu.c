@@ -13,6 +13,8 @@ enum {
     REACH = PELL_HIGHLIGHTS_REACH
 };
 
+_Static_assert(2 * REACH + 1 == PELL_HIGHLIGHTS_TAPS, "a row's taps");
+
 struct job {
     const struct pell_highlights_params *p;
     const struct pell_highlights_kernels *kernels;
@@ -79,14 +81,19 @@ static void share(struct job *job, int y, int x0, int x1)
         b.hidden[c] = p->hidden[c] + at;
         room[c] = p->room[c] + at;
     }
-    for (int v = -REACH; v <= REACH; v++)
-        for (int u = -REACH; u <= REACH; u++) {
-            const float weight = (float) ((REACH + 1 - abs(u)) * (REACH + 1 - abs(v)));
-            const float next = abs(u) < 2 && abs(v) < 2 ? (float) ((2 - abs(u)) * (2 - abs(v))) : 0.0f;
-            const int first = x0 + u < r->x0 ? r->x0 - u - x0 : 0, end = (x1 + u < r->x1 ? x1 : r->x1 - u) - x0;
-            if (y + v >= r->y0 && y + v < r->y1)
-                job->kernels->add(&b, v * p->stride + u, weight, next, first, end);
-        }
+    for (int v = -REACH; v <= REACH; v++) {
+        struct pell_highlights_tap taps[PELL_HIGHLIGHTS_TAPS];
+        for (int u = -REACH; u <= REACH; u++)
+            taps[u + REACH] = (struct pell_highlights_tap) {
+                .offset = v * p->stride + u,
+                .weight = (float) ((REACH + 1 - abs(u)) * (REACH + 1 - abs(v))),
+                .next = abs(u) < 2 && abs(v) < 2 ? (float) ((2 - abs(u)) * (2 - abs(v))) : 0.0f,
+                .first = x0 + u < r->x0 ? r->x0 - u - x0 : 0,
+                .end = (x1 + u < r->x1 ? x1 : r->x1 - u) - x0,
+            };
+        if (y + v >= r->y0 && y + v < r->y1)
+            job->kernels->add(&b, taps, PELL_HIGHLIGHTS_TAPS);
+    }
     job->kernels->end(&b, room, x1 - x0);
     atomic_fetch_add_explicit(&job->pixels, x1 - x0, memory_order_relaxed);
 }

@@ -2,35 +2,84 @@
  * kernel.c - see kernel.h; compiled once per SIMD level. */
 #include "render/highlights/kernel.h"
 
+#include "math/lanes.h"
 #include "shared/highlights.h"
 
-static void add(struct pell_highlights_block *restrict b, ptrdiff_t offset, float weight, float next, int first, int end)
+/* What the pixels of the block take of the one that a tap is at. */
+static void weigh(const struct pell_highlights_block *restrict b, const struct pell_highlights_tap *tap, float *restrict w)
 {
+    const ptrdiff_t offset = tap->offset;
     const uint16_t *restrict material = b->material, *restrict other = material + offset;
-    const float *restrict depth = b->depth, *restrict beyond = depth + offset;
+    const float *restrict depth = b->depth, *restrict beyond = depth + offset, *restrict hidden = b->hidden[0] + offset;
     const float *restrict nx = b->normal[0], *restrict ny = b->normal[1], *restrict nz = b->normal[2];
-    const float nearer = next / weight;
-    const float depth_mm = b->depth_mm * b->slope, fixed_mm = b->fixed_mm * b->slope;
-    float w[PELL_HIGHLIGHTS_BLOCK];
+    const float depth_mm = b->depth_mm * b->slope, fixed_mm = b->fixed_mm * b->slope, weight = tap->weight;
 
-    for (int i = first; i < end; i++) {
+    memset(w, 0, PELL_HIGHLIGHTS_BLOCK * sizeof(*w));
+    for (int i = tap->first; i < tap->end; i++) {
         const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset];
         const float alike = pell_highlights_alike(turn, fabsf(beyond[i] - depth[i]), depth[i] * depth_mm + fixed_mm);
-        const float near = material[i] == other[i] && b->hidden[0][i + offset] >= 0.0f ? weight : 0.0f;
+        const float near = material[i] == other[i] && hidden[i] >= 0.0f ? weight : 0.0f;
         w[i] = near > 0.0f && alike > 0.0f ? near * alike : 0.0f; /* pixels that show nothing may hold anything, NaN, too */
     }
-    for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++) {
-        const float *restrict light = b->light[c] + offset, *restrict hidden = b->hidden[c] + offset;
-        for (int i = first; i < end; i++) {
-            b->seen[c][i] += w[i] > 0.0f ? w[i] * light[i] : 0.0f;
-            b->all[c][i] += w[i] > 0.0f ? w[i] * (light[i] + hidden[i]) : 0.0f;
-        }
-        if (!(next > 0.0f))
+}
+
+/* Adds a row's taps to one of the sums at WIDTH pixels from `i` on, in registers. */
+INLINE void add_taps(struct pell_highlights_block *restrict b, const struct pell_highlights_tap *taps, int count,
+                     float (*restrict w)[PELL_HIGHLIGHTS_BLOCK], int c, int i)
+{
+    vf seen = load(b->seen[c] + i), both = load(b->all[c] + i), next = load(b->next[c] + i), next_all = load(b->next_all[c] + i);
+
+    for (int k = 0; k < count; k++) {
+        const vf share = load(w[k] + i), light = load(b->light[c] + taps[k].offset + i), hidden = load(b->hidden[c] + taps[k].offset + i);
+        const vi on = share > all(0.0f);
+        seen += select(on, share * light, all(0.0f));
+        both += select(on, share * (light + hidden), all(0.0f));
+        if (!(taps[k].next > 0.0f))
             continue;
-        for (int i = first; i < end; i++) {
-            b->next[c][i] += w[i] > 0.0f ? nearer * w[i] * light[i] : 0.0f;
-            b->next_all[c][i] += w[i] > 0.0f ? nearer * w[i] * (light[i] + hidden[i]) : 0.0f;
-        }
+        const vf nearer = all(taps[k].next / taps[k].weight) * share;
+        next += select(on, nearer * light, all(0.0f));
+        next_all += select(on, nearer * (light + hidden), all(0.0f));
+    }
+    store(b->seen[c] + i, seen);
+    store(b->all[c] + i, both);
+    store(b->next[c] + i, next);
+    store(b->next_all[c] + i, next_all);
+}
+
+/* The same at one pixel, where some taps may be beside the picture. */
+static void add_here(struct pell_highlights_block *restrict b, const struct pell_highlights_tap *taps, int count,
+                     float (*restrict w)[PELL_HIGHLIGHTS_BLOCK], int c, int i)
+{
+    for (int k = 0; k < count; k++) {
+        if (!(w[k][i] > 0.0f))
+            continue;
+        const float share = w[k][i], light = b->light[c][taps[k].offset + i], hidden = b->hidden[c][taps[k].offset + i];
+        const float nearer = taps[k].next / taps[k].weight * share;
+        b->seen[c][i] += share * light;
+        b->all[c][i] += share * (light + hidden);
+        b->next[c][i] += taps[k].next > 0.0f ? nearer * light : 0.0f;
+        b->next_all[c][i] += taps[k].next > 0.0f ? nearer * (light + hidden) : 0.0f;
+    }
+}
+
+static void add(struct pell_highlights_block *restrict b, const struct pell_highlights_tap *taps, int count)
+{
+    _Alignas(64) float w[PELL_HIGHLIGHTS_TAPS][PELL_HIGHLIGHTS_BLOCK];
+    int first = 0, last = PELL_HIGHLIGHTS_BLOCK;
+
+    for (int k = 0; k < count; k++) {
+        weigh(b, &taps[k], w[k]);
+        first = taps[k].first > first ? taps[k].first : first;
+        last = taps[k].end < last ? taps[k].end : last;
+    }
+    for (int c = 0; c < PELL_HIGHLIGHTS_SUMS; c++) {
+        int i = first;
+        for (; i + WIDTH <= last; i += WIDTH)
+            add_taps(b, taps, count, w, c, i);
+        for (; i < PELL_HIGHLIGHTS_BLOCK; i++)
+            add_here(b, taps, count, w, c, i);
+        for (i = 0; i < first; i++)
+            add_here(b, taps, count, w, c, i);
     }
 }
 

@@ -10,7 +10,15 @@
 
 enum {
     PELL_HIGHLIGHTS_BLOCK = 64, /* pixels of a row at a time */
-    PELL_HIGHLIGHTS_SUMS = 6    /* what is mirrored and what enters, of R, G and B */
+    PELL_HIGHLIGHTS_SUMS = 6,   /* what is mirrored and what enters, of R, G and B */
+    PELL_HIGHLIGHTS_TAPS = 7    /* of a row */
+};
+
+/* The pixel at an offset in memory from each from `first` to `end`. */
+struct pell_highlights_tap {
+    ptrdiff_t offset;
+    float weight, next; /* next: its weight among the nine pixels next to them; 0: it is none of them */
+    int first, end;
 };
 
 struct pell_highlights_block {
@@ -25,9 +33,8 @@ struct pell_highlights_block {
 };
 
 struct pell_highlights_kernels {
-    /* Adds a tap of a weight to the pixels from `first` to `end`: that at `offset` of theirs in memory. `next`: its weight among the nine
-     * pixels next to them; 0: it is none of them. */
-    void (*add)(struct pell_highlights_block *block, ptrdiff_t offset, float weight, float next, int first, int end);
+    /* Adds the taps of a row, at most PELL_HIGHLIGHTS_TAPS, to the pixels. */
+    void (*add)(struct pell_highlights_block *block, const struct pell_highlights_tap *taps, int count);
     /* light + hidden, times the share that is seen; `light` where nothing is hidden around a pixel, or where it emits. */
     void (*end)(const struct pell_highlights_block *block, float *const out[PELL_HIGHLIGHTS_SUMS], int count);
 };
