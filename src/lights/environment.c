@@ -16,19 +16,13 @@
  * a histogram over mu = n.l with linear weights, and every kernel (cosine, albedo of the lobes at several widths, Fresnel) is then a
  * short sum over bins.
  */
+#include "lights/environment_kernel.h"
 #include "lights/environment_map.h"
 
 #include <string.h>
 
-#define BINS 256
-#define MAX_ROWS (1 + 2 * PELL_SPECULAR_MODELS * PELL_ENV_ROUGHNESS + PELL_ENV_ETAS)
 #define BLOCK 16           /* texels of the coarsest elements */
 #define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 is over total / this */
-
-struct element {
-    float x, y, z, unused;
-    float rgb[4]; /* and 0: four lanes */
-};
 
 /* --- The octahedral table over the normal ------------------------------------------------------------------------------------- */
 
@@ -43,79 +37,55 @@ static struct pell_vec3 node_normal(int i, int j)
 
 struct node_task {
     struct pell_environment *env;
-    const struct element *elements;
+    const struct pell_env_element *elements;
     size_t count;
     const struct pell_light_source *sources;
     size_t num_sources;
     const float *kernels; /* of bin b, row r at [b * rows + r] */
     int rows;
+    const struct pell_env_kernels *simd;
 };
 
-/* Bins hold red, green, blue and a lane that stays 0. */
-static inline void deposit(float (*hist)[4], float mu, const float rgb[4], float sign)
+/* Of a constant environment, where one node is like another. dw = 2 pi dmu */
+static void make_even_row(const struct node_task *t, float *row)
 {
-    const float x = mu < 1.0f ? mu * (BINS - 1) : BINS - 1;
-    const int i0 = (int) x, i = i0 < BINS - 2 ? i0 : BINS - 2;
-    const float f = sign * (x - (float) i), g = sign - f;
-    float *at = hist[i], both[8];
+    const size_t size = (size_t) t->env->size;
+    float bins[PELL_ENV_BINS][4] = { { 0.0f } };
 
-    /* beside each other before any is stored, so that four are added at a time */
-    for (int c = 0; c < 4; c++)
-        both[c] = at[c] + g * rgb[c];
-    for (int c = 0; c < 4; c++)
-        both[4 + c] = at[4 + c] + f * rgb[c];
-    memcpy(at, both, sizeof(both));
-}
-
-/* What the kernels make of the bins. */
-static void add_bins(const struct node_task *t, float (*hist)[4], float *node)
-{
-    float sum[3][MAX_ROWS] = { { 0 } };
-
-    for (int b = 0; b < BINS; b++) {
-        const float *restrict kernels = t->kernels + b * t->rows, r = hist[b][0], g = hist[b][1], blue = hist[b][2];
-        for (int row = 0; row < t->rows; row++) {
-            sum[0][row] += r * kernels[row];
-            sum[1][row] += g * kernels[row];
-            sum[2][row] += blue * kernels[row];
-        }
-    }
-    for (int row = 0; row < t->rows; row++)
-        for (int c = 0; c < 3; c++)
-            node[3 * row + c] = sum[c][row];
+    for (int c = 0; c < 3; c++)
+        for (int b = 0; b < PELL_ENV_BINS; b++)
+            bins[b][c] = t->env->power[c] * 2.0f * PELL_PI_F / (PELL_ENV_BINS - 1) * (b == 0 || b == PELL_ENV_BINS - 1 ? 0.5f : 1.0f);
+    t->simd->add_bins(t->kernels, t->rows, (const float(*)[4]) bins, row);
+    for (size_t i = 1; i < PELL_ENV_NODES; i++)
+        memcpy(row + i * size, row, size * sizeof(*row));
 }
 
 static void make_node_row(void *arg, int j, int worker)
 {
     const struct node_task *t = arg;
-    _Alignas(16) float hist[BINS][4];
+    _Alignas(64) float bins[PELL_ENV_TOGETHER][PELL_ENV_BINS][4];
+    float *const row = t->env->nodes + (size_t) (j * PELL_ENV_NODES) * (size_t) t->env->size;
+    struct pell_vec3 n[PELL_ENV_TOGETHER];
 
     (void) worker;
-    for (int i = 0; i < PELL_ENV_NODES; i++) {
-        const struct pell_vec3 n = node_normal(i, j);
-        float *node = t->env->nodes + (size_t) (j * PELL_ENV_NODES + i) * (size_t) t->env->size;
-        memset(hist, 0, sizeof(hist));
-        if (t->count == 0 && i > 0) { /* constant: one node of a row is like another */
-            memcpy(node, node - t->env->size, (size_t) t->env->size * sizeof(*node));
-            continue;
+    if (t->count == 0) {
+        make_even_row(t, row);
+        return;
+    }
+    for (int first = 0, count; first < PELL_ENV_NODES; first += count) {
+        count = PELL_ENV_NODES - first < PELL_ENV_TOGETHER ? PELL_ENV_NODES - first : PELL_ENV_TOGETHER;
+        memset(bins, 0, sizeof(bins));
+        for (int i = 0; i < count; i++)
+            n[i] = node_normal(first + i, j);
+        t->simd->deposit(t->elements, t->count, n, count, bins);
+        for (int i = 0; i < count; i++) {
+            for (size_t k = 0; k < t->num_sources; k++) {
+                const float *p = t->sources[k].power, rgb[4] = { p[0], p[1], p[2] }, mu = -vec3_dot(n[i], t->sources[k].direction);
+                if (t->sources[k].compact && mu > 0.0f)
+                    pell_env_deposit(bins[i], mu, rgb, -1.0f);
+            }
+            t->simd->add_bins(t->kernels, t->rows, (const float(*)[4]) bins[i], row + (size_t) (first + i) * (size_t) t->env->size);
         }
-        if (t->count == 0) { /* dw = 2 pi dmu */
-            for (int c = 0; c < 3; c++)
-                for (int b = 0; b < BINS; b++)
-                    hist[b][c] = t->env->power[c] * 2.0f * PELL_PI_F / (BINS - 1) * (b == 0 || b == BINS - 1 ? 0.5f : 1.0f);
-        }
-        for (size_t k = 0; k < t->count; k++) {
-            const struct element *e = &t->elements[k];
-            const float mu = n.x * e->x + n.y * e->y + n.z * e->z;
-            if (mu > 0.0f)
-                deposit(hist, mu, e->rgb, 1.0f);
-        }
-        for (size_t k = 0; k < t->num_sources; k++) {
-            const float *p = t->sources[k].power, rgb[4] = { p[0], p[1], p[2] }, mu = -vec3_dot(n, t->sources[k].direction);
-            if (t->sources[k].compact && mu > 0.0f)
-                deposit(hist, mu, rgb, -1.0f);
-        }
-        add_bins(t, hist, node);
     }
 }
 
@@ -135,7 +105,7 @@ static enum pell_result allocate_table(struct pell_context *ctx, const struct pe
     env->boundary_at = 3 * rows;
     rows += tables->num_boundaries < PELL_ENV_ETAS ? (int) tables->num_boundaries : PELL_ENV_ETAS;
     env->size = 3 * rows;
-    *kernels = pell_alloc_array(ctx, (size_t) rows * BINS, sizeof(float));
+    *kernels = pell_calloc(ctx, (size_t) rows * PELL_ENV_BINS + PELL_ENV_ROWS, sizeof(float));
     if (*kernels)
         env->nodes = pell_alloc_array(ctx, (size_t) PELL_ENV_NODES * PELL_ENV_NODES * (size_t) env->size, sizeof(float));
     return env->nodes ? PELL_OK : PELL_ERR_NOMEM;
@@ -145,8 +115,8 @@ static void make_kernels(const struct pell_specular_tables *tables, const struct
 {
     const int etas = (env->size - env->boundary_at) / 3;
 
-    for (int b = 0; b < BINS; b++) {
-        const float mu = (float) b / (BINS - 1);
+    for (int b = 0; b < PELL_ENV_BINS; b++) {
+        const float mu = (float) b / (PELL_ENV_BINS - 1);
         *at++ = mu;
         for (int m = 0; m < PELL_SPECULAR_MODELS; m++)
             for (int k = 0; env->model_at[m] >= 0 && k < PELL_ENV_ROUGHNESS; k++) {
@@ -259,12 +229,12 @@ static void halve(const struct pell_env_map *from, struct pell_env_map *to)
 
 struct gather {
     const struct pell_env_map *map;
-    double threshold;    /* energy x (side / BLOCK)^2 up to which a block is one element */
-    struct element *out; /* NULL: count only */
+    double threshold;             /* energy x (side / BLOCK)^2 up to which a block is one element */
+    struct pell_env_element *out; /* NULL: count only */
     size_t count;
 };
 
-static double block_element(const struct pell_env_map *m, int x0, int y0, int side, struct element *e)
+static double block_element(const struct pell_env_map *m, int x0, int y0, int side, struct pell_env_element *e)
 {
     double rgb[3] = { 0 }, d[3] = { 0 }, total = 0.0;
 
@@ -281,7 +251,7 @@ static double block_element(const struct pell_env_map *m, int x0, int y0, int si
             total += l;
         }
     if (total > 0.0)
-        *e = (struct element) {
+        *e = (struct pell_env_element) {
             (float) (d[0] / total), (float) (d[1] / total), (float) (d[2] / total), 0.0f, { (float) rgb[0], (float) rgb[1], (float) rgb[2] }
         };
     return total;
@@ -290,7 +260,7 @@ static double block_element(const struct pell_env_map *m, int x0, int y0, int si
 /* At most log2(BLOCK) deep. */
 static void gather_block(struct gather *g, int x, int y, int side)
 {
-    struct element e = { 0 };
+    struct pell_env_element e = { 0 };
     const double total = block_element(g->map, x, y, side, &e);
 
     if (!(total > 0.0))
@@ -326,24 +296,23 @@ struct ring_map {
     const struct pell_env_map *map; /* for what belongs to rows */
 };
 
-#define WIDE 8 /* columns that are summed side by side */
-
 struct lobe_task {
     const struct pell_environment *env;
     const struct ring_map *from;
     struct pell_env_level *to;
     float alpha, reach; /* reach: radians round the mirror direction, where the lobe is cut off */
+    const struct pell_env_kernels *simd;
 };
 
 static size_t ring_floats(int width)
 {
-    const size_t stride = 2 * (size_t) width + WIDE;
+    const size_t stride = 2 * (size_t) width + PELL_ENV_WIDE;
     return stride * (3 * (size_t) width / 2 + 2);
 }
 
 static void make_ring(const struct pell_env_map *m, float *block, struct ring_map *r)
 {
-    const size_t stride = 2 * (size_t) m->width + WIDE, size = stride * (size_t) m->height;
+    const size_t stride = 2 * (size_t) m->width + PELL_ENV_WIDE, size = stride * (size_t) m->height;
 
     *r = (struct ring_map) {
         .width = m->width, .height = m->height, .stride = stride, .map = m, .plane = { block, block + size, block + 2 * size }
@@ -357,35 +326,6 @@ static void make_ring(const struct pell_env_map *m, float *block, struct ring_ma
         for (size_t y = 0; y < (size_t) m->height; y++)
             for (size_t c = 0; c < 3; c++)
                 r->plane[c][y * stride + x] = m->rgb[3 * (y * (size_t) m->width + from) + c];
-    }
-}
-
-/* A lobe about a direction, to be summed along a row of the picture. */
-struct row_lobe {
-    float azimuth[2]; /* its sine and cosine */
-    float a, b;       /* the cosine of the angle between is a + b cos(difference of azimuth) */
-    float a2;         /* alpha^2 */
-};
-
-/* Adds columns [from, to) of row j, weighted. */
-static void add_row(const struct ring_map *m, int j, int from, int to, const struct row_lobe *lobe, float sums[4][WIDE])
-{
-    const float *azimuth = lobe->azimuth, a = lobe->a, b = lobe->b, a2 = lobe->a2;
-    const size_t row = (size_t) j * m->stride;
-    const float solid = m->map->solid_row[j] * a2;
-
-    for (int i = from; i < to; i += WIDE) {
-        const float *s = m->sin_column + i, *c = m->cos_column + i;
-        const float *red = m->plane[0] + row + i, *green = m->plane[1] + row + i, *blue = m->plane[2] + row + i;
-        for (int k = 0; k < WIDE; k++) {
-            const float cosine = a + b * (azimuth[1] * c[k] + azimuth[0] * s[k]);
-            const float d = 0.5f * (1.0f - cosine) + 0.5f * (1.0f + cosine) * a2; /* sin^2 + alpha^2 cos^2 of the half angle */
-            const float w = cosine > 0.0f && i + k < to ? solid * cosine / (d * d) : 0.0f;
-            sums[0][k] += w * red[k];
-            sums[1][k] += w * green[k];
-            sums[2][k] += w * blue[k];
-            sums[3][k] += w;
-        }
     }
 }
 
@@ -403,10 +343,10 @@ static void filter_row(void *arg, int y, int worker)
         const int middle = (int) ((x + 0.5) / t->to->width * m->width);
         float *out = t->to->rgb + 3 * ((size_t) y * (size_t) t->to->width + (size_t) x);
         const double turn = 2.0 * PELL_PI * ((x + 0.5) / t->to->width - 0.5);
-        struct row_lobe lobe = { { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
-                                   (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) },
-                                 .a2 = t->alpha * t->alpha };
-        float sums[4][WIDE] = { { 0 } }, total[4] = { 0 };
+        struct pell_env_lobe lobe = { { (float) (sin(turn) * t->env->cos_rotate - cos(turn) * t->env->sin_rotate),
+                                        (float) (sin(turn) * t->env->sin_rotate + cos(turn) * t->env->cos_rotate) },
+                                      .a2 = t->alpha * t->alpha };
+        float sums[4][PELL_ENV_WIDE] = { { 0 } }, total[4] = { 0 };
         for (int j = j0 < 0 ? 0 : j0; j < j1 && j < m->height; j++) {
             /* how far round the row does the lobe reach? */
             const float a = lobe.a = ct * m->map->cos_row[j], b = lobe.b = st * m->map->sin_row[j];
@@ -415,10 +355,15 @@ static void filter_row(void *arg, int y, int worker)
             const bool whole = 2 * reach + 1 >= m->width;
             const int from = whole ? 0 : (middle - reach + m->width) % m->width;
             if (c < 1.0f)
-                add_row(m, j, from, from + (whole ? m->width : 2 * reach + 1), &lobe, sums);
+                t->simd->add_row(&(struct pell_env_row) { { m->plane[0] + (size_t) j * m->stride, m->plane[1] + (size_t) j * m->stride,
+                                                            m->plane[2] + (size_t) j * m->stride },
+                                                          m->sin_column,
+                                                          m->cos_column,
+                                                          m->map->solid_row[j] },
+                                 from, from + (whole ? m->width : 2 * reach + 1), &lobe, sums);
         }
         for (int c = 0; c < 4; c++)
-            for (int k = 0; k < WIDE; k++)
+            for (int k = 0; k < PELL_ENV_WIDE; k++)
                 total[c] += sums[c][k];
         for (int c = 0; c < 3; c++)
             out[c] = total[3] > 0.0f ? total[c] / total[3] : 0.0f;
@@ -441,7 +386,7 @@ struct workshop {
     struct pell_env_map mips[MIPS]; /* from the working size down to 64 */
     int num_mips;
     float *ring, *kernels;
-    struct element *elements;
+    struct pell_env_element *elements;
 };
 
 static void close_workshop(struct pell_context *ctx, struct workshop *w)
@@ -482,6 +427,7 @@ fail:
 
 static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_environment *env)
 {
+    const struct pell_env_kernels *simd = pell_env_kernels_tables[pell_simd_best()];
     const struct pell_env_map *full = &w->mips[0];
 
     memcpy(env->levels[0].rgb, full->rgb, (size_t) full->width * (size_t) full->height * 3 * sizeof(float));
@@ -495,16 +441,17 @@ static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_
         make_ring(&w->mips[i], w->ring, &ring);
         pell_pool_run(pool, env->levels[k].height, filter_row,
                       &(struct lobe_task) { env, &ring, &env->levels[k], pell_env_level_roughness[k] * pell_env_level_roughness[k],
-                                            level_sizes[k].reach });
+                                            level_sizes[k].reach, simd });
     }
     env->num_levels = PELL_ENV_LEVELS;
 }
 
 /* The elements of an image. A black image gets one element without light: no elements would mean a constant environment. */
-static enum pell_result make_elements(struct pell_context *ctx, const struct pell_env_map *map, struct element **elements, size_t *count)
+static enum pell_result make_elements(struct pell_context *ctx, const struct pell_env_map *map, struct pell_env_element **elements,
+                                      size_t *count)
 {
     struct gather gather = { .map = map };
-    struct element unused;
+    struct pell_env_element unused;
     double total = 0.0;
 
     for (int y = 0; y < map->height; y += BLOCK)
@@ -528,7 +475,7 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
     const struct pell_specular_tables *tables = params->tables;
     struct pell_pool *pool = params->pool;
     struct workshop w = { 0 };
-    struct node_task task = { .env = env };
+    struct node_task task = { .env = env, .simd = pell_env_kernels_tables[pell_simd_best()] };
     enum pell_result res;
 
     *out = (struct pell_environment_lights) { 0 };
