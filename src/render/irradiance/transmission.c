@@ -243,8 +243,11 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     float cosine[PELL_LANES];
     int depth[PELL_LANES];
 
-    for (int i = 0; i < PELL_LANES; i++) {
+    for (int i = 0; i < PELL_LANES; i++)
         a->back[i] &= k->straight[i] & l->deep[i];
+    if (count_lanes(a->back) == 0) /* what goes through was solved everywhere */
+        return;
+    for (int i = 0; i < PELL_LANES; i++) {
         const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
         const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
@@ -378,11 +381,14 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     struct exits exits;
     int depth[PELL_LANES] = { 0 };
 
+    for (int i = 0; i < PELL_LANES; i++)
+        exits.found[i] = l->valid[i] & l->deep[i] & k->straight[i];
+    if (count_lanes(exits.found) == 0)
+        return;
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
         pell_ray16_set(&r.ray, i, inside(l, i), vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
                        l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
-        exits.found[i] = l->valid[i] & l->deep[i] & k->straight[i];
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
     find_exits(job, k, k->aim.back, NULL, &r, depth, &exits);
