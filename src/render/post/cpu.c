@@ -116,19 +116,28 @@ static void unexpose(const struct task *t, const float shown[3], float rgb[3])
         rgb[c] = l > 0.0f ? shown[c] * (before / l) / t->exposure : 0.0f;
 }
 
-/* What the lens sees of an environment, which is infinitely far away. */
+/* What a view sees of an environment, which is infinitely far away. */
+static bool environment_in(const struct task *t, const struct pell_view *view, int x, int y, float rgb[3])
+{
+    struct pell_vec3 start, direction;
+
+    pell_view_ray(view, (float) x, (float) y, &start, &direction);
+    return pell_lights_background(t->p->lights, vec3_normalize(direction), rgb);
+}
+
+/* What the lens sees of it. */
 static bool environment(const struct task *t, int x, int y, float rgb[3])
 {
     const int n = t->p->lens->radius > 0.0f ? t->p->settings->msaa : 1;
 
+    if (n == 1)
+        return environment_in(t, t->p->view, x, y, rgb);
     rgb[0] = rgb[1] = rgb[2] = 0.0f;
     for (int i = 0; i < n; i++) {
         struct pell_view view = *t->p->view;
-        struct pell_vec3 start, direction;
         float environment[3];
         pell_view_through(&view, t->p->lens, i, n);
-        pell_view_ray(&view, (float) x, (float) y, &start, &direction);
-        if (!pell_lights_background(t->p->lights, vec3_normalize(direction), environment))
+        if (!environment_in(t, &view, x, y, environment))
             return false;
         for (int c = 0; c < 3; c++)
             rgb[c] += environment[c] / (float) n;
