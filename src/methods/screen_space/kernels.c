@@ -133,10 +133,13 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
     const size_t row = (size_t) w->step * (w->num_materials + 1);
 
     for (int i = 0; i < 3; i++) {
-        _Alignas(64) float mixed[SCREEN_BLOCK], shares[SCREEN_BLOCK];
+        _Alignas(64) float shares[SCREEN_BLOCK], some[SCREEN_BLOCK] = { 0 }, mixed[SCREEN_BLOCK];
         float *sum = w->out->light[i] + y * w->in->shape.stride + x;
-        const float *before = w->fresh ? w->now[i] + index : sum;
+        const float *before = w->fresh ? w->now[i] + index : cell->live == SCREEN_FULL ? sum : some;
 
+        for (int l = 0; before == some && l < SCREEN_BLOCK; l++) /* the caller's plane may end in the block */
+            if (w->key[index + (size_t) l] > 0.0f)
+                some[l] = sum[l];
         if (cell->owner == SCREEN_MIXED)
             for (int l = 0; l < SCREEN_BLOCK; l++)
                 shares[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
