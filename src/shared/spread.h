@@ -5,6 +5,19 @@
 
 #include "shared/language.h"
 
+/* How far light went straight, mm > 0, and what share of the transmitted light it is, as one number: its last 10 bits are the share, the
+ * rest the way. 0: none went straight. */
+PELL_SHARED float pell_spread_pack(float way, float share)
+{
+    const int32_t part = PELL_TO_INT(1023.0f * pell_saturate(share) + 0.5f);
+    return way > 0.0f && part > 0 ? pell_bits_float((pell_float_bits(way) & ~1023) | part) : 0.0f;
+}
+
+PELL_SHARED float pell_spread_straight(float packed)
+{
+    return PELL_TO_FLOAT(pell_float_bits(packed) & 1023) / 1023.0f;
+}
+
 /* Share of light of a variance that the Gaussian of the variance `here` takes, between those of `below` and `above`; below < 0: it is the
  * narrowest; above <= here: the widest. */
 PELL_SHARED float pell_spread_share(float variance, float below, float here, float above)

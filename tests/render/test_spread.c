@@ -4,6 +4,7 @@
 
 #include "base/pool.h"
 #include "render/spread/stage.h"
+#include "shared/spread.h"
 
 #include <math.h>
 #include <string.h>
@@ -71,7 +72,7 @@ static void sheet_free(struct sheet *s)
 
 static void shine(struct sheet *s, int at, float light)
 {
-    s->way[at] = light > 0.0f ? 2.0f : 0.0f;
+    s->way[at] = light > 0.0f ? pell_spread_pack(2.0f, 1.0f) : 0.0f;
     for (int c = 0; c < 3; c++)
         s->light[c][at] = light;
 }
@@ -128,6 +129,29 @@ static void a_spot_has_its_light_and_variance(void **state)
         }
         sheet_free(s);
     }
+}
+
+/* Light that did not go straight, of pixels from which by chance some did: it stays, and what did spreads. */
+static void what_did_not_go_straight_stays(void **state)
+{
+    struct sheet *s = sheet_of(1.0, 2), *alone = sheet_of(1.0, 2);
+    (void) state;
+
+    for (int i = 0; i < SIZE; i++) {
+        const float straight = i % 7 == 0 ? 3.0f : 0.0f, share = straight / (straight + 5.0f);
+        shine(alone, i, straight);
+        shine(s, i, straight + 5.0f);
+        s->way[i] = pell_spread_pack(2.0f, share);
+    }
+    REQUIRE(pell_spread_render(s->pool, &s->p) > 0 && pell_spread_render(alone->pool, &alone->p) > 0);
+    for (int y = 0; y < HEIGHT; y++)
+        for (int x = 0; x < WIDTH; x++)
+            for (int c = 0; c < 3; c++) {
+                const int i = y * STRIDE + x;
+                REQUIRE_NEAR((double) s->light[c][i], (double) alone->light[c][i] + 5.0, 0.01);
+            }
+    sheet_free(s);
+    sheet_free(alone);
 }
 
 /* Even light stays as it is, at the borders of a picture, too; and light of which no way is known, such as what comes from all sides. */
@@ -193,6 +217,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_half_lit_sheet_is_the_error_function),
         cmocka_unit_test(a_spot_has_its_light_and_variance),
+        cmocka_unit_test(what_did_not_go_straight_stays),
         cmocka_unit_test(even_light_and_light_of_no_way_stay),
         cmocka_unit_test(objects_and_steps_in_depth_keep_light_apart),
         cmocka_unit_test(threads_give_the_same_bits),

@@ -288,4 +288,11 @@ PELL_NODISCARD enum pell_result indirect_across_make(struct pell_indirect *in, s
 
 PELL_NODISCARD enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool *pool);
 
+/* --- tilt.c ----------------------------------------------------------------------------------------------------------------- */
+
+/* Of a value, from the light in the depth at the samples around it. `aside`: [0, 1], the share of its growth, of squares, along the
+ * surface. */
+void indirect_tilt(const struct pell_indirect *in, const struct indirect_near *near, const struct pell_opposed *law,
+                   const float (*light)[3], float tilt[3][3], float aside[3]);
+
 #endif

@@ -7,7 +7,6 @@
  * over an octree of the samples of each object and material, and from samples to knots as indirect light goes. Neither depends on the view.
  */
 #include "render/indirect/internal.h"
-#include "render/indirect/slope.h"
 
 #include "math/scalar.h"
 #include "optics/medium/opposed.h"
@@ -34,10 +33,7 @@ enum { CHUNK = 128, PACKET = 16 };
 #define SOONER 3.0f    /* of the thickness where the sum takes over, for light that is scattered forward, */
 #define SCATTERS 0.85f /* from this exponent on, in mean free paths */
 
-#define STEEPEST 0.95f /* of the exponent of the depth: that light grows by along a surface at most */
-#define WITHIN 0.6f    /* mean cosine against the inward normal of light that leaves, on its way there */
-#define SOME 0.5f      /* of the weight of samples: those that have light */
-#define PASSING 0.1f   /* over mean free paths, see optics/medium/passing.h */
+#define PASSING 0.1f /* over mean free paths, see optics/medium/passing.h */
 
 struct send {
     struct pell_indirect *in;
@@ -526,44 +522,6 @@ static float light_at(const struct send *s, uint32_t sample, int c)
     return from->solved[c] * from->all[c] + (1.0f - from->solved[c]) * s->in->gathered[sample][c];
 }
 
-/* How steeply light in the depth grows along the surface around a value. Light that leaves was scattered last about a mean free path l back
- * along its way, where there is exp(g.t) of it, g the gradient of its logarithm and t the part of the way along the surface: 1/(1 - l g.t)
- * in the mean, over what grows along the rest of the way. The tilt is l g over that. The more of the growth is along the surface, the less
- * light comes straight up: aside[c] is its share, of squares. */
-static void find_tilt(const struct send *s, const struct indirect_near *near, float tilt[3][3], float aside[3])
-{
-    const struct pell_indirect *in = s->in;
-    const struct pell_opposed *law = &s->solid[in->samples[near->sample[0]].material].law;
-    struct pell_vec3 middle = vec3(0.0f, 0.0f, 0.0f), normal = middle, a, b;
-
-    for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
-        middle = vec3_mad(middle, near->weight[k], in->samples[near->sample[k]].position);
-        normal = vec3_mad(normal, near->weight[k], in->samples[near->sample[k]].smooth);
-    }
-    if (!(vec3_dot(normal, normal) > 0.0f))
-        return;
-    vec3_basis(vec3_normalize(normal), &a, &b);
-    for (int c = 0; c < 3; c++) {
-        const float steepest = STEEPEST * law->kappa[c];
-        struct slope_sums line = { .one = 0.0f };
-        float slope[2], steep2, least;
-        for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
-            const float light = light_at(s, near->sample[k], c);
-            const struct pell_vec3 d = vec3_sub(in->samples[near->sample[k]].position, middle);
-            if (light > 0.0f)
-                slope_add(&line, near->weight[k], vec3_dot(d, a), vec3_dot(d, b), logf(light));
-        }
-        if (!(line.one > SOME) || !slope_of(&line, slope))
-            continue;
-        steep2 = slope[0] * slope[0] + slope[1] * slope[1];
-        least = fminf(1.0f, steepest / sqrtf(fmaxf(steep2, 1e-20f)));
-        steep2 = fminf(steep2, steepest * steepest);
-        aside[c] = steep2 / (law->kappa[c] * law->kappa[c]);
-        least *= law->depth[c] / (1.0f - WITHIN * law->depth[c] * sqrtf(law->kappa[c] * law->kappa[c] - steep2));
-        vec3_store(vec3_mul(vec3_mad(vec3_mul(a, slope[0]), slope[1], b), least), tilt[c]);
-    }
-}
-
 /* Adds a sample of this weight to a value. */
 static void blend(const struct send *s, uint32_t sample, float weight, struct pell_indirect_inside *to)
 {
@@ -597,11 +555,14 @@ static void blend_beam(const struct pell_indirect_beam *from, float weight, stru
 static void turn_aside(const struct send *s, const struct indirect_near *near, struct pell_indirect_inside *to)
 {
     const struct pell_indirect_solid *solid = near->weight[0] > 0.0f ? &s->solid[s->in->samples[near->sample[0]].material] : NULL;
-    float aside[3] = { 0.0f };
+    float light[INDIRECT_NEAR][3], aside[3];
 
     if (!solid || !solid->profile)
         return;
-    find_tilt(s, near, to->tilt, aside);
+    for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++)
+        for (int c = 0; c < 3; c++)
+            light[k][c] = light_at(s, near->sample[k], c);
+    indirect_tilt(s->in, near, &solid->law, light, to->tilt, aside);
     for (int c = 0; c < 3; c++) {
         for (int k = 0; k < 3 && solid->all; k++)
             to->tilt[c][k] *= to->deep[c]; /* what a method finds is not all from the depth */

@@ -122,6 +122,7 @@ void pell_take_transmitted(const struct job *job, struct packet *k)
         if (!is_straight(k, i))
             continue;
         add_rgb(w, i, k->sums.transmitted);
+        k->sums.straight[i] += as_float(w[0]) + as_float(w[1]) + as_float(w[2]);
         k->sums.way[i] += k->flat[i] * as_float(w[3]);
         k->through_rays += w[11];
     }

@@ -110,8 +110,11 @@ static void add(const struct pell_inside *restrict in, struct pell_sums *restric
             kept[i] += straight * (1.0f - in->thick[c][i]) * (1.0f - in->solved[c][i]);
             sums->transmitted[c][i] = in->light[c][i] + in->beam[c][i] + (1.0f - in->solved[c][i]) * other;
         }
-    for (int i = 0; i < N; i++)
-        sums->way[i] *= all[i] > 0.0f ? kept[i] / all[i] : 0.0f;
+    for (int i = 0; i < N; i++) {
+        const float left = all[i] > 0.0f ? kept[i] / all[i] : 0.0f;
+        sums->straight[i] *= left;
+        sums->way[i] *= left;
+    }
 }
 
 extern const struct pell_inside_kernels PELL_SIMD(pell_inside_kernels);

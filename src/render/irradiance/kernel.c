@@ -9,6 +9,7 @@
 #include "render/irradiance/lanes.h"
 
 #include "shared/single.h"
+#include "shared/spread.h"
 #include "shared/wide_light.h"
 
 #include <float.h>
@@ -479,6 +480,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
         for (int i = 0; i < N; i++)
             sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] =
                 sums->hidden[c][i] = sums->lost[c][i] = 0.0f;
+    memset(sums->straight, 0, sizeof(sums->straight));
     memset(sums->way, 0, sizeof(sums->way));
     memset(sums->aside, 0, sizeof(sums->aside));
     memset(sums->once, 0, sizeof(sums->once));
@@ -604,7 +606,8 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
     if (out->way) {
         for (int i = 0; i < N; i++) {
             const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i];
-            way[i] = all > 0.0f ? sums->way[i] / all : 0.0f;
+            way[i] =
+                all > 0.0f && sums->straight[i] > 0.0f ? pell_spread_pack(sums->way[i] / sums->straight[i], sums->straight[i] / all) : 0.0f;
         }
         scatter(way, index, count, rows, out->way);
     }

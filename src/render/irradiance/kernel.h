@@ -94,7 +94,8 @@ static inline void pell_lane_pattern(const struct pell_lanes *p, int i, int bits
 
 struct pell_sums {
     _Alignas(64) float irradiance[3][16], specular[3][16], transmitted[3][16];
-    float way[16];           /* of `transmitted`, all channels together, times the mm that it went straight */
+    float straight[16];      /* of `transmitted`, all channels together, what went straight, */
+    float way[16];           /* and that times the mm */
     float unshadowed[3][16]; /* of an environment's lights that are in its smooth table, too */
     float single[3][16];     /* scattered once, below the surface */
     float hidden[3][16];     /* what `specular` would hold more of lights with a face, if nothing were in their way, */

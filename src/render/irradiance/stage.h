@@ -25,7 +25,7 @@
 struct pell_lighting {
     float *irradiance[3];  /* W/m^2, entered, with albedo^m */
     float *transmitted[3]; /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
-    float *way;            /* mm: how far `transmitted` went straight through the solid, in the mean; 0 for the share that did not. May be
+    float *way;            /* how far of `transmitted` what went straight through the solid did, and its share: pell_spread_pack(). May be
                             * NULL */
     float *specular[3];    /* W/(m^2 sr), with what the surface itself emits */
     float *single[3];      /* W/(m^2 sr), scattered once; written with `apart` */

@@ -185,8 +185,10 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
-        k->sums.transmitted[c][i] += light[c] * pell_thickness_leaves(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
-        k->sums.way[i] += d * k->flat[i] * light[c];
+        const float leaves = light[c] * pell_thickness_leaves(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
+        k->sums.transmitted[c][i] += leaves;
+        k->sums.straight[i] += leaves;
+        k->sums.way[i] += d * k->flat[i] * leaves;
     }
 }
 

@@ -191,8 +191,9 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
                                    : pell_light_falloff(max(a.distance - m, 1e-3), light.position.w, light.direction.w);
     const float w = pell_soft_terminator(transmittance(p, mu) * mu, g) * falloff;
     const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same, SLAB_OF_LIGHTS), vec3(BIG));
-    sums.light += arrives * leaves_by(p, d);
-    sums.way += d * (arrives.r + arrives.g + arrives.b);
+    const vec3 leaves = arrives * leaves_by(p, d);
+    sums.light += leaves;
+    sums.way += d * (leaves.r + leaves.g + leaves.b);
 }
 
 // The slice's samples of a light. Lights that take turns: only in its turn, and then for all of them.

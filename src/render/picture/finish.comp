@@ -16,6 +16,7 @@ layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
 #include "shared/leaving.h"
 #include "shared/single.h"
+#include "shared/spread.h"
 #include "shared/thickness.h"
 #include "shared/tone.h"
 layout(set = 0, binding = 0) readonly buffer Points { pell_lit_point points[]; };
@@ -41,7 +42,8 @@ layout(push_constant) uniform Push { pell_picture_push pc; };
 // What has arrived at a point.
 struct Arrived {
     vec3 irradiance, specular, hidden, lost, single, transmitted;
-    float way; // of `transmitted`, all channels together, times the mm that it went straight
+    float straight; // of `transmitted`, all channels together, what went straight,
+    float way;      // and that times the mm
 };
 
 bool has(uint flag)
@@ -72,6 +74,7 @@ Arrived arrived_at(uint i, uint material)
     a.lost = word(first + 3u);
     a.single = has(PELL_PICTURE_SINGLE) ? word(first + 1u + PELL_LIT_HIGHLIGHT_WORDS) : vec3(0.0);
     a.transmitted = straight ? word(first + pc.through) : vec3(0.0);
+    a.straight = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     a.way = straight ? uintBitsToFloat(results[first + pc.through].a) : 0.0;
     return a;
 }
@@ -113,9 +116,12 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
         if (share.r + share.g + share.b > 0.0) {
             const vec3 passes = share * broad_rest_at(entering, word(exit + 2u));
             const float way = uintBitsToFloat(results[exit + 1u].a);
-            for (int c = 0; c < 3; c++)
-                a.transmitted[c] += passes[c] * pell_thickness_leaves(m.pass_thick[c], way, m.pass_base[c] + m.pass_slope[c] * off);
-            a.way += way * (passes.r + passes.g + passes.b);
+            for (int c = 0; c < 3; c++) {
+                const float leaves = passes[c] * pell_thickness_leaves(m.pass_thick[c], way, m.pass_base[c] + m.pass_slope[c] * off);
+                a.transmitted[c] += leaves;
+                a.straight += leaves;
+                a.way += way * leaves;
+            }
         }
     }
 }
@@ -132,7 +138,9 @@ void put_inside(uint i, uint material, inout Arrived a)
     a.single *= n.once.rgb;
     const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
-    a.way *= all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
+    const float left = all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
+    a.straight *= left;
+    a.way *= left;
     a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.thick.rgb) + n.through.rgb);
 }
 
@@ -140,7 +148,7 @@ void put_inside(uint i, uint material, inout Arrived a)
 vec3 arrived_behind(uint i, Lobe lobe, float rho_s)
 {
     const uint at = i + pc.behind;
-    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
+    Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0);
 
     if (has(PELL_PICTURE_SKY))
         add_environments(at, lobe, rho_s, a);
@@ -219,7 +227,7 @@ void main()
     around[p.at].lost = vec4((m.flags & PELL_PICTURE_OPAQUE) != 0u ? a.lost * albedo * hits[i].sheet.w : vec3(0.0), 0.0);
     around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
-    through[p.at] = vec4(passed, all > 0.0 ? a.way / all : 0.0);
+    through[p.at] = vec4(passed, all > 0.0 && a.straight > 0.0 ? pell_spread_pack(a.way / a.straight, a.straight / all) : 0.0);
     if (has(PELL_PICTURE_SINGLE)) {
         const float leaves = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[number].single_eta2;
         single[p.at] = vec4(a.single * leaves, 0.0);

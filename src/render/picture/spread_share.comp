@@ -27,10 +27,11 @@ void main()
     if (p.x >= pc.x1 || p.y >= pc.y1)
         return;
     const bool straight = spread_variance(at, variance);
+    const float parts = pell_spread_straight(through[at].w);
     for (int c = 0; c < 3; c++)
         share[c] = pell_spread_share(variance[c], pc.below, pc.here, pc.above);
     if (pc.level > 0)
-        sum[at] = vec4((pc.first != 0u ? vec3(0.0) : sum[at].rgb) + (straight ? through[at].rgb * share : vec3(0.0)), 0.0);
+        sum[at] = vec4((pc.first != 0u ? vec3(0.0) : sum[at].rgb) + (straight ? parts * through[at].rgb * share : vec3(0.0)), 0.0);
     else if (surface[at].x != 0u)
-        through[at].rgb = through[at].rgb * (straight ? share : vec3(1.0)) + sum[at].rgb;
+        through[at].rgb = through[at].rgb * (straight ? 1.0 - parts + parts * share : vec3(1.0)) + sum[at].rgb;
 }

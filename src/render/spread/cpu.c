@@ -49,15 +49,17 @@ static void lift(_Atomic int32_t *most, int32_t value)
     while (value > old && !atomic_compare_exchange_weak_explicit(most, &old, value, memory_order_relaxed, memory_order_relaxed)) {}
 }
 
-/* Of the light of a pixel, by channel; false where none went straight. */
-static inline bool variance_at(const struct pell_spread_params *p, ptrdiff_t at, float variance[3])
+/* Of what of a pixel's light went straight, by channel, and its share; false where none did. */
+static inline bool variance_at(const struct pell_spread_params *p, ptrdiff_t at, float variance[3], float *straight)
 {
     const struct pell_thickness_table *t = p->way[at] > 0.0f && p->key[at] && p->material[at] ? p->thickness[p->material[at] - 1] : NULL;
     float place;
     int i;
 
+    *straight = 0.0f;
     if (!t)
         return false;
+    *straight = pell_spread_straight(p->way[at]);
     place = pell_thickness_place(p->way[at], t->max_mm, PELL_THICKNESS_STEPS);
     i = pell_table_cell(place, PELL_THICKNESS_STEPS);
     if (fmaxf(fmaxf(t->slab[i][0], t->slab[i][1]), t->slab[i][2]) < LEAST)
@@ -76,8 +78,8 @@ static void scan_row(const struct job *job, int y, struct pell_rect rect)
 
     for (int x = rect.x0; x < rect.x1; x++) {
         const ptrdiff_t at = y * p->stride + x;
-        float v[3];
-        if (!variance_at(p, at, v))
+        float v[3], straight;
+        if (!variance_at(p, at, v, &straight))
             continue;
         finest = fminf(finest, p->depth[at] * p->depth_mm + p->fixed_mm);
         widest = fmaxf(widest, fmaxf(fmaxf(v[0], v[1]), v[2]));
@@ -115,12 +117,12 @@ static void add_row(const struct job *job, int y, struct pell_rect rect)
 
     for (int x = rect.x0; x < rect.x1; x++) {
         const ptrdiff_t at = y * p->stride + x;
-        float v[3];
-        if (!variance_at(p, at, v))
+        float v[3], straight;
+        if (!variance_at(p, at, v, &straight))
             continue;
         *lit(job, 0, y, x) = 1;
         for (int c = 0; c < 3; c++)
-            p->sum[c][at] += p->transmitted[c][at] * share_of(job, job->level, v[c]);
+            p->sum[c][at] += straight * p->transmitted[c][at] * share_of(job, job->level, v[c]);
     }
 }
 
@@ -138,10 +140,11 @@ static void end_row(const struct job *job, int y, struct pell_rect rect)
 
     for (int x = rect.x0; x < rect.x1; x++) {
         const ptrdiff_t at = y * p->stride + x;
-        float v[3];
-        const bool straight = variance_at(p, at, v);
+        float v[3], straight;
+        const bool any = variance_at(p, at, v, &straight);
         for (int c = 0; c < 3 && p->key[at]; c++)
-            p->transmitted[c][at] = p->transmitted[c][at] * (straight ? share_of(job, 0, v[c]) : 1.0f) + p->sum[c][at];
+            p->transmitted[c][at] =
+                p->transmitted[c][at] * (any ? 1.0f - straight + straight * share_of(job, 0, v[c]) : 1.0f) + p->sum[c][at];
     }
 }
 
