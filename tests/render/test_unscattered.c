@@ -2,7 +2,10 @@
  * test_unscattered.c - light that passes a slab without being scattered, against its closed form; and nothing where none can pass. */
 #include "stage.h"
 
-enum { SIZE = 24, SMALL = 6 };
+#include "shared/sampling.h"
+#include "slow.h"
+
+enum { SIZE = 24, SMALL = 6, MIDDLE = 48 };
 
 /* Extinction of a medium that hardly scatters, 1/mm. */
 static const double absorbed[3] = { 0.05, 0.1, 0.2 }, scattered = 0.01;
@@ -66,6 +69,71 @@ static void a_slab_shows_what_is_behind_it_as_its_closed_form(void **state)
         shot_free(&shots[0]);
         shot_free(&shots[1]);
     }
+}
+
+/* A clear ball whose normals are turned at random, before a lamp: what that sends through, of the middle of the picture. */
+static void look_through_bumps(int samples, uint32_t seed, float *shown)
+{
+    enum { WIDE = 2 * MIDDLE };
+    struct stage s;
+    struct pell_material *m;
+    struct pell_mesh *ball;
+    size_t material;
+    uint32_t number = 1;
+
+    stage_start(&s, WIDE, WIDE);
+    s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
+    s.settings.msaa = samples;
+    s.settings.seed = seed;
+    m = stage_medium(&s, "marble", &material);
+    m->medium = (struct pell_medium) { .eta = eta };
+    for (int c = 0; c < 3; c++) {
+        m->medium.sigma_a[c] = 0.005;
+        m->medium.sigma_s_reduced[c] = 0.0005;
+    }
+    stage_ball(&s, material, 0, vec3(0, 0, 0), 30.0f, 120);
+    ball = &s.scene->meshes[s.scene->num_meshes - 1];
+    for (uint32_t i = 0; i < ball->num_vertices; i++) {
+        struct pell_vec3 n = vec3_load(ball->normal + 3 * (size_t) i);
+        n.x += 0.8f * pell_unit_float(pell_hash(number++)) - 0.4f;
+        n.y += 0.8f * pell_unit_float(pell_hash(number++)) - 0.4f;
+        vec3_store(vec3_normalize(n), ball->normal + 3 * (size_t) i);
+    }
+    stage_light(&s, PELL_LIGHT_RECT, vec3(20, 20, -150), vec3(0, 0, 0), 2e5f);
+    stage_camera(&s, vec3(0, 0, 300), vec3(0, 0, 0), 0.0f, 80.0f);
+    stage_method(&s, "screen-space", NULL);
+    for (int on = 0; on < 2; on++) {
+        struct shot shot;
+        s.settings.unscattered = on;
+        shot = stage_shot(&s);
+        shot_check(&shot);
+        for (int i = 0; i < MIDDLE * MIDDLE; i++) {
+            const float here = (float) shot_at(&shot, SHOT_G, MIDDLE / 2 + i % MIDDLE, MIDDLE / 2 + i / MIDDLE);
+            shown[i] = on ? here - shown[i] : here;
+        }
+        shot_free(&shot);
+    }
+    stage_finish(&s);
+}
+
+/* Of ways as by chance pixels have the mean, and no light is lost by that. */
+static void bumps_do_not_make_specks_of_a_lamp(void **state)
+{
+    static float one[MIDDLE * MIDDLE], many[MIDDLE * MIDDLE];
+    double squares = 0.0, sum = 0.0, expected = 0.0, peaks;
+    (void) state;
+
+    look_through_bumps(1, 1, one);
+    look_through_bumps(SLOW ? 2 : 16, 5, many);
+    for (int i = 0; i < MIDDLE * MIDDLE; i++) {
+        squares += (double) one[i] * (double) one[i];
+        sum += (double) one[i];
+        expected += (double) many[i];
+    }
+    peaks = squares * MIDDLE * MIDDLE / (sum * sum); /* of light on all pixels alike 1, on a tenth of them 10 */
+    print_message("# peaks %.2f, all %.4g, of many samples %.4g\n", peaks, sum, expected);
+    REQUIRE(peaks < 8.0); /* 12 of ways that are left alone */
+    REQUIRE_REL(sum, expected, SLOW ? 0.2 : 0.05);
 }
 
 static void thick_parts_keep_their_bits(void **state)
@@ -162,6 +230,7 @@ int main(void)
         cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form),
         cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
         cmocka_unit_test(path_trace_lets_it_through_at_every_thickness),
+        cmocka_unit_test(bumps_do_not_make_specks_of_a_lamp),
         cmocka_unit_test(thick_parts_keep_their_bits),
     };
 

@@ -14,12 +14,17 @@
 #define TILE 4
 #define SURFACES 16            /* that a way meets, at most */
 #define FAINT (1.0f / 2048.0f) /* share of what is behind below which a way ends */
+#define PER_PIXEL 0.5f         /* radius of what a pixel sees over how far ways of pixels beside each other are apart; */
+#define ELSEWHERE 0.7f         /* those come out elsewhere, at most; */
+#define STRAY 0.03f            /* wider, they come out as by chance; */
+#define SHARP 0.004f           /* narrower, they are one */
 #define OFFSET 6e-6f           /* of the largest coordinate and the distance: how far from a surface rays start, as those of "irradiance" */
 
 struct job {
     const struct pell_unscattered *u;
     const struct pell_unscattered_params *p;
     int columns; /* of tiles */
+    _Atomic bool stray;
     _Atomic int64_t rays;
 };
 
@@ -27,6 +32,8 @@ struct job {
 struct packet {
     struct unscattered_way way[LANES];
     _Alignas(64) int32_t open[LANES]; /* -1: it goes on */
+    bool began[LANES];                /* a way goes on behind the pixel's surface; */
+    bool stray[LANES];                /* it comes out far from those beside it, or not at all */
     uint32_t number[LANES];           /* of its pixel */
     float rgb[3][LANES];
     float spacing; /* mm between pixels */
@@ -202,6 +209,30 @@ static void add_surfaces(const struct job *job, struct packet *k, const struct p
     }
 }
 
+/* How far apart the ways of a pixel and of those beside it are, as what a pixel sees. Bumps send ways from place to place: one of each
+ * pixel alone would show lights behind them as specks. 0 where nothing is beside it; where others have come out elsewhere, or not yet, as
+ * far as such ways are apart. The median, so that one edge beside it does not count. */
+static float width_of_pixel(const struct packet *k, int i, const bool was_open[LANES])
+{
+    const int x = i % TILE, y = i / TILE;
+    float apart[4];
+    int count = 0;
+
+    for (int side = 0; side < 4; side++) {
+        const int dx = side < 2 ? 2 * side - 1 : 0, dy = side < 2 ? 0 : 2 * side - 5, j = i + dx + TILE * dy;
+        float far;
+        int at = count;
+        if (x + dx < 0 || x + dx >= TILE || y + dy < 0 || y + dy >= TILE || !k->began[j])
+            continue;
+        far = was_open[j] ? fminf(vec3_length(vec3_sub(k->way[i].along, k->way[j].along)), ELSEWHERE) : ELSEWHERE;
+        for (; at > 0 && apart[at - 1] > far; at--)
+            apart[at] = apart[at - 1];
+        apart[at] = far;
+        count++;
+    }
+    return count > 0 ? PER_PIXEL * apart[(count - 1) / 2] : 0.0f;
+}
+
 /* Ways in the open: lights, then the surface that each meets. */
 static void see(const struct job *job, struct packet *k, const struct pell_ray_hit16 *r, const bool was_open[LANES])
 {
@@ -210,10 +241,15 @@ static void see(const struct job *job, struct packet *k, const struct pell_ray_h
 
     for (int i = 0; i < LANES; i++) {
         const bool met = r->hit.mesh[i] < scene->num_meshes;
+        const float width = was_open[i] ? width_of_pixel(k, i, was_open) : 0.0f;
+        struct unscattered_way w = k->way[i];
         float rgb[3] = { 0 };
         if (!was_open[i])
             continue;
-        k->rays += unscattered_see_lights(job->u, job->p, &k->way[i], met ? r->ray.tfar[i] : INFINITY, rgb);
+        k->stray[i] = width > STRAY;
+        if (width > SHARP)
+            w.lobe.pixel = width;
+        k->rays += unscattered_see_lights(job->u, job->p, &w, met ? r->ray.tfar[i] : INFINITY, rgb);
         for (int c = 0; c < 3; c++)
             k->rgb[c][i] += rgb[c];
         hit[i] = met && k->way[i].bounces-- > 0;
@@ -262,31 +298,51 @@ static void follow(const struct job *job, struct packet *k)
     }
 }
 
+/* Where most ways of a tile are stray, all are. Returns whether any is. */
+static bool mark_stray(struct packet *k)
+{
+    int began = 0, stray = 0;
+
+    for (int i = 0; i < LANES; i++) {
+        began += k->began[i];
+        stray += k->stray[i];
+    }
+    if (2 * stray > began)
+        memcpy(k->stray, k->began, sizeof(k->stray));
+    return stray > 0;
+}
+
 static void tile(struct job *job, struct packet *k, int x0, int y0)
 {
     const struct pell_unscattered_params *p = job->p;
     const struct pell_surface *s = p->surface;
     const struct pell_rect r = s->translucent;
-    bool any = false;
+    bool any = false, stray = false;
 
     for (int i = 0; i < LANES; i++) {
         const int x = x0 + i % TILE, y = y0 + i / TILE;
         const bool in = x >= r.x0 && x < r.x1 && y >= r.y0 && y < r.y1;
         const uint16_t material = in ? s->material[(ptrdiff_t) y * s->stride + x] : 0;
         k->open[i] = 0;
+        k->began[i] = k->stray[i] = false;
         k->rgb[0][i] = k->rgb[1][i] = k->rgb[2][i] = 0.0f;
         if (material && job->u->media[material - 1].thin) {
             begin(job, k, i, x, y);
+            k->began[i] = k->stray[i] = k->open[i] != 0;
             any |= k->open[i] != 0;
         }
     }
-    if (any)
+    if (any) {
         follow(job, k);
+        stray = mark_stray(k);
+    }
     for (int i = 0; i < LANES; i++) {
         const int x = x0 + i % TILE, y = y0 + i / TILE;
         for (int c = 0; c < 3 && x >= r.x0 && x < r.x1 && y >= r.y0 && y < r.y1; c++)
-            p->light[c][(ptrdiff_t) y * s->stride + x] = k->rgb[c][i];
+            p->light[c][(ptrdiff_t) y * s->stride + x] = k->stray[i] ? -k->rgb[c][i] : k->rgb[c][i];
     }
+    if (stray)
+        job->stray = true;
 }
 
 static void tile_row(void *arg, int index, int worker)
@@ -309,7 +365,10 @@ int64_t pell_unscattered_render(struct pell_pool *pool, const struct pell_unscat
     const struct pell_rect r = params->surface->translucent;
     struct job job = { .u = unscattered, .p = params, .columns = (r.x1 + TILE - 1) / TILE - r.x0 / TILE };
 
-    if (r.x1 > r.x0)
-        pell_pool_run(pool, (r.y1 + TILE - 1) / TILE - r.y0 / TILE, tile_row, &job);
+    if (r.x1 <= r.x0)
+        return 0;
+    pell_pool_run(pool, (r.y1 + TILE - 1) / TILE - r.y0 / TILE, tile_row, &job);
+    if (job.stray)
+        unscattered_share_stray(pool, r, params->surface->stride, params->light);
     return job.rays;
 }

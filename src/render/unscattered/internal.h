@@ -48,4 +48,7 @@ struct unscattered_way {
 int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pell_unscattered_params *p, const struct unscattered_way *w,
                                float reach, float rgb[3]);
 
+/* stray.c. Values of pixels whose ways are stray come with their sign bit set, 0 too, and are given the mean of those around them. */
+void unscattered_share_stray(struct pell_pool *pool, struct pell_rect rect, ptrdiff_t stride, float *const light[3]);
+
 #endif

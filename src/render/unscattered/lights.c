@@ -21,9 +21,12 @@ static void spread(const struct unscattered_way *w, const float places[4][BUNDLE
 {
     const struct unscattered_lobe *l = &w->lobe;
 
-    f->count = l->wide + l->last > 0.0f ? BUNDLE : 1;
+    f->count = l->wide + l->last + l->pixel > 0.0f ? BUNDLE : 1;
     for (int j = 0; j < f->count; j++) {
-        const float p = l->wide * places[0][j] + l->last * places[2][j], q = l->wide * places[1][j] + l->last * places[3][j];
+        /* a place m of the lobe becomes one of the unit disc */
+        const float disc = l->pixel / sqrtf(1.0f + places[0][j] * places[0][j] + places[1][j] * places[1][j]);
+        const float p = (l->wide + disc) * places[0][j] + l->last * places[2][j];
+        const float q = (l->wide + disc) * places[1][j] + l->last * places[3][j];
         f->x[j] = w->along.x + p * t.x + q * b.x;
         f->y[j] = w->along.y + p * t.y + q * b.y;
         f->z[j] = w->along.z + p * t.z + q * b.z;
@@ -140,7 +143,8 @@ static float find_over_face(const struct pell_unscattered_params *p, const struc
 
 static void see_environments(const struct pell_unscattered_params *p, const struct unscattered_way *w, float rgb[3])
 {
-    const float width = sqrtf(w->lobe.wide * w->lobe.wide + w->lobe.last * w->lobe.last);
+    const struct unscattered_lobe *l = &w->lobe;
+    const float width = sqrtf(l->wide * l->wide + l->last * l->last + 0.5f * l->pixel * l->pixel);
 
     for (size_t e = 0; e < p->lights->num_environments; e++) {
         float seen[3];
@@ -158,6 +162,7 @@ int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pe
 {
     const float(*const places)[BUNDLE] = (const float(*)[BUNDLE]) u->bundles[w->bundle];
     struct pell_vec3 t, b;
+    const bool rough = w->lobe.wide + w->lobe.last > 0.0f;
     struct bundle f;
     int64_t rays = 0;
 
@@ -170,11 +175,11 @@ int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pe
         float power[3] = { s->power[0], s->power[1], s->power[2] }, share, distance;
         if (s->environment >= 0)
             continue;
-        if (face && f.count > 1 && meets_few(s, w)) {
+        if (face && rough && meets_few(s, w)) {
             share = find_over_face(p, s, w, places, t, b, &rays) / s->sample_area;
         } else if (face) {
             share = meet_face(s, w, &f, reach, power) / s->sample_area;
-        } else if (f.count == 1) {
+        } else if (!rough) {
             continue;
         } else {
             share = find_density(s, w, places, t, b, &to, &distance);

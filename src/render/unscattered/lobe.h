@@ -21,7 +21,8 @@
 #define UNSCATTERED_BUNDLES 64
 
 struct unscattered_lobe {
-    float wide, last; /* widths: by the boundaries before the last, and by that. Both 0: a ray */
+    float wide, last; /* widths: by the boundaries before the last, and by that; */
+    float pixel;      /* radius of a disc of even density: what a pixel sees. All 0: a ray */
 };
 
 static inline void unscattered_refract(struct unscattered_lobe *l, float alpha, float n, float n2, float c, float c2)
