@@ -10,8 +10,8 @@
  * the way (lobe.h), which faces of lights are seen through, and lights without extent by its density. L is radiance over the square of the
  * index, so that indices cancel from the open to the open.
  *
- * Faces and environments are seen as wide as pixels are apart there; where these come out far from each other, as by chance, they share what
- * they see (stray.c).
+ * Faces and environments are seen as wide as pixels are apart there; where these come out far from each other, as by chance, they share
+ * what they see (stray.c).
  *
  * What a slab transmits (pellucid/layers.h), and what is scattered forward (optics/medium/forward.h), holds none of this.
  *
