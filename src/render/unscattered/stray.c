@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * stray.c - ways that come out as by chance, far from those of the pixels beside them: bumps and edges send each somewhere else, and a light
- * that few of them meet shows as specks. What such pixels have are samples of one thing, and each is given the mean of those around it.
+ * stray.c - ways that come out as by chance, far from those of the pixels beside them: bumps and edges send each somewhere else, and a
+ * light that few of them meet shows as specks. What such pixels have are samples of one thing, and each is given the mean of those around
+ * it.
  */
 #include "render/unscattered/internal.h"
 
