@@ -424,6 +424,7 @@ struct pell_composite_params pell_cpu_sample_composite(const struct pell_cpu *e,
     const struct pell_engine_frame *f = sample->frame;
     const struct pell_settings *settings = f->settings;
     const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(e->scene->bounds_min), vec3_load(e->scene->bounds_max)), 0.5f);
+    const float straight = (1.0f - pell_lights_diffuse(e->lights, middle)) * (1.0f - pell_indirect_diffuse(e->indirect));
 
     return (struct pell_composite_params) {
         .scene = e->scene,
@@ -434,7 +435,7 @@ struct pell_composite_params pell_cpu_sample_composite(const struct pell_cpu *e,
         .total = (const float(*)[3]) f->materials->total,
         .angle = light->angle,
         .mix = light->mix,
-        .diffuse = pell_lights_diffuse(e->lights, middle),
+        .diffuse = 1.0f - straight,
         .smooth = settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,
         .rect = f->covered,

@@ -182,6 +182,14 @@ def _(folder):
     need(rendered('n.json')[0]['method'] == 'none' and rendered('n.json', '-m', 'screen-space')[0]['method'] == 'screen-space')
 
 
+@test('exposure is metered of light that arrives, not of what clear media hold')
+def _(folder):
+    def exposure(method):
+        mesh = ['bunny.obj', '--size', '70mm', '--material', 'merlot', '--studio', 'window', *SMALL]
+        return one_object(works(folder, 'render', *mesh, '-m', method, '--json', '-o', 'e.exr'))['exposure']
+    need(2 / 3 < exposure('screen-space') / exposure('none') < 1.5, exposure('screen-space'), exposure('none'))
+
+
 @test('--set as=paper takes the paper\'s knobs, whatever the order')
 def _(folder):
     found = []

@@ -2,6 +2,7 @@
  * test_unscattered.c - light that passes a slab without being scattered, against its closed form; and nothing where none can pass. */
 #include "stage.h"
 
+#include "render/unscattered/lobe.h"
 #include "shared/sampling.h"
 #include "slow.h"
 
@@ -136,6 +137,38 @@ static void bumps_do_not_make_specks_of_a_lamp(void **state)
     REQUIRE_REL(sum, expected, SLOW ? 0.2 : 0.05);
 }
 
+/* Mean over the bundles against two lobes that are drawn apart, by many slopes of the second. */
+static void lobes_of_two_boundaries_have_their_density(void **state)
+{
+    enum { SLOPES = 20000 };
+    static const float wide[] = { 0.1f, 0.06f, 0.03f }, places[] = { 0.5f, 1.0f, 1.5f, 2.0f, 3.0f, 5.0f };
+    (void) state;
+
+    for (size_t k = 0; k < PELL_COUNT(wide); k++)
+        for (size_t i = 0; i < PELL_COUNT(places); i++) {
+            const struct unscattered_lobe lobe = { .wide = 0.1f, .last = wide[k] };
+            const double x = (double) (places[i] * (0.1f + wide[k])), far = 1.0 + x * x;
+            double found = 0.0, expected = 0.0, most = 0.0;
+            for (uint32_t b = 0; b < UNSCATTERED_BUNDLES; b++) {
+                float bundle[4][UNSCATTERED_BUNDLE];
+                double one;
+                unscattered_bundle_make(b, bundle);
+                one = (double) unscattered_density(&lobe, (const float(*)[UNSCATTERED_BUNDLE]) bundle, (float) x, 0.0f);
+                found += one / UNSCATTERED_BUNDLES;
+                most = fmax(most, one);
+            }
+            for (int j = 0; j < SLOPES; j++) {
+                const double u = (j + 0.5) / SLOPES, m = (double) wide[k] * sqrt(u / (1.0 - u)), turn = 2.399963 * j;
+                const double dx = x - m * cos(turn), dy = m * sin(turn), d = 0.01 + dx * dx + dy * dy;
+                expected += 0.01 / (d * d) / SLOPES / PELL_PI * far * sqrt(far);
+            }
+            print_message("# widths 0.1 and %g, at %g of both: %.3f of it, at most %.2f\n", (double) wide[k], (double) places[i],
+                          found / expected, most / expected);
+            REQUIRE_REL(found, expected, 0.06);
+            REQUIRE(most < 2.5 * expected);
+        }
+}
+
 static void thick_parts_keep_their_bits(void **state)
 {
     double shown[2][3];
@@ -227,11 +260,9 @@ static void path_trace_lets_it_through_at_every_thickness(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form),
-        cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
-        cmocka_unit_test(path_trace_lets_it_through_at_every_thickness),
-        cmocka_unit_test(bumps_do_not_make_specks_of_a_lamp),
-        cmocka_unit_test(thick_parts_keep_their_bits),
+        cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form), cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
+        cmocka_unit_test(path_trace_lets_it_through_at_every_thickness),     cmocka_unit_test(bumps_do_not_make_specks_of_a_lamp),
+        cmocka_unit_test(lobes_of_two_boundaries_have_their_density),        cmocka_unit_test(thick_parts_keep_their_bits),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

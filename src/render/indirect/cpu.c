@@ -270,6 +270,24 @@ static void knot_chunk(void *arg, int index, int worker)
     }
 }
 
+/* W, all channels together, that translucent surfaces get. */
+static double arriving(const struct pell_indirect *in, const float (*light)[3])
+{
+    double sum = 0.0;
+
+    for (size_t i = 0; i < in->num_samples; i++) {
+        const struct indirect_sample *q = &in->samples[i];
+        if (!in->p.scene->materials[q->material].opaque)
+            sum += (double) (q->spacing * q->spacing) * (double) (light[i][0] + light[i][1] + light[i][2]);
+    }
+    return sum;
+}
+
+float pell_indirect_diffuse(const struct pell_indirect *in)
+{
+    return in ? in->diffuse : 0.0f;
+}
+
 static int chunks_of(size_t count)
 {
     return (int) ((count + CHUNK - 1) / CHUNK);
@@ -279,17 +297,21 @@ enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool 
                                      const float (*total)[3], int bounces)
 {
     struct solve s = { .in = in, .lights = lights, .total = total };
+    double straight, sent;
     enum pell_result res;
 
     pell_pool_run(pool, chunks_of(in->num_samples), light_chunk, &s);
     if (pell_cancelled(in->ctx))
         return PELL_ERR_CANCELLED;
+    straight = arriving(in, in->leaving);
     pass_direct(in);
     PELL_TRY(indirect_mirror_light(in, pool));
     for (s.bounce = 0; s.bounce < bounces; s.bounce++) {
         send_on(in, s.bounce);
         pell_pool_run(pool, chunks_of(in->num_samples), gather_chunk, &s);
     }
+    sent = bounces > 0 ? arriving(in, in->gathered) : 0.0;
+    in->diffuse = sent > 0.0 ? (float) (sent / (straight + sent)) : 0.0f;
     pell_pool_run(pool, chunks_of(in->num_values), knot_chunk, &s);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 

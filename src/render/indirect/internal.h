@@ -93,6 +93,7 @@ struct pell_indirect {
     const struct indirect_blend_kernels *kernels;
     struct pell_indirect_params p;
 
+    float diffuse; /* pell_indirect_diffuse */
     struct indirect_mesh *meshes;
     uint32_t *roots;
     struct indirect_cell *cells;

@@ -59,6 +59,9 @@ struct pell_indirect_lights {
 PELL_NODISCARD enum pell_result pell_indirect_solve(struct pell_indirect *indirect, struct pell_pool *pool,
                                                     const struct pell_indirect_lights *lights, const float (*total)[3], int bounces);
 
+/* Share of the light that translucent surfaces get which others sent, [0, 1]. 0 of NULL. */
+float pell_indirect_diffuse(const struct pell_indirect *indirect);
+
 /* What lets light through in place of the above, with params.through; per scene material. */
 struct pell_indirect_solid {
     struct pell_opposed law;            /* amount 0: nothing goes through */

@@ -10,6 +10,9 @@
 
 #define BUNDLE UNSCATTERED_BUNDLE
 #define TAIL 10.0f /* widths of a lobe, beyond which a light without extent isn't looked for */
+#define FEW 0.38f  /* share of a lobe's directions up to which its density says more */
+#define SPARSE                                                                                                                             \
+    0.35f /* of the radius of a face: wider, a lobe has too few directions there, and its density at places of the face is even */
 
 /* Directions of the lobe, not unit; all are the way itself where it is a ray. */
 struct bundle {
@@ -110,20 +113,21 @@ static bool meets_few(const struct pell_light_source *s, const struct unscattere
     const float radius = sqrtf(vec3_length(s->right) * vec3_length(s->up)) / far;
     const float off = along > 0.05f ? sqrtf(1.0f / fminf(along * along, 1.0f) - 1.0f) : INFINITY;
 
-    return !s->image && (width > radius || off > 1.5f * radius + 2.0f * width);
+    return width > SPARSE * radius || off > 1.3f * radius + width;
 }
 
-/* The share of the lobe that meets such a face: its density at 16 places there, of which four see the way. */
+/* The share of the lobe that meets such a face: its density at 16 places there, of which four see the way. With an image, `rgb` is
+ * multiplied by what those four show of it. */
 static float find_over_face(const struct pell_unscattered_params *p, const struct pell_light_source *s, const struct unscattered_way *w,
-                            const float places[4][BUNDLE], struct pell_vec3 t, struct pell_vec3 b, int64_t *rays)
+                            const float places[4][BUNDLE], struct pell_vec3 t, struct pell_vec3 b, float rgb[3], int64_t *rays)
 {
     const float whole = s->type == PELL_LIGHT_DISC ? PELL_PI_F : 4.0f, area = whole * vec3_length(s->right) * vec3_length(s->up);
-    float sum = 0.0f;
+    float sum = 0.0f, image[3] = { 0 };
 
     for (int k = 0; k < 4; k++) {
         const float x = k & 1 ? 0.5f : -0.5f, y = k & 2 ? 0.5f : -0.5f;
         const struct pell_vec3 middle = vec3_sub(vec3_mad(vec3_mad(s->position, x, s->right), y, s->up), w->at);
-        float part = 0.0f;
+        float part = 0.0f, texel[3];
         for (int i = 0; i < 4; i++) {
             const struct pell_vec3 way = vec3_mad(vec3_mad(middle, i & 1 ? 0.25f : -0.25f, s->right), i & 2 ? 0.25f : -0.25f, s->up);
             const struct pell_vec3 to = vec3_normalize(way);
@@ -135,9 +139,17 @@ static float find_over_face(const struct pell_unscattered_params *p, const struc
         if (!(part > 0.0f))
             continue;
         ++*rays;
-        if (!is_hidden(p, w, vec3_normalize(middle), vec3_length(middle)))
-            sum += part * 0.0625f * area;
+        if (is_hidden(p, w, vec3_normalize(middle), vec3_length(middle)))
+            continue;
+        sum += part * 0.0625f * area;
+        if (s->image) {
+            pell_light_source_image(s, vec3_add(w->at, middle), vec3_mul(vec3_normalize(middle), -1.0f), w->at, texel);
+            for (int c = 0; c < 3; c++)
+                image[c] += part * 0.0625f * area * texel[c];
+        }
     }
+    for (int c = 0; s->image && sum > 0.0f && c < 3; c++)
+        rgb[c] *= image[c] / sum;
     return smaller(sum, 1.0f);
 }
 
@@ -175,10 +187,13 @@ int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pe
         float power[3] = { s->power[0], s->power[1], s->power[2] }, share, distance;
         if (s->environment >= 0)
             continue;
-        if (face && rough && meets_few(s, w)) {
-            share = find_over_face(p, s, w, places, t, b, &rays) / s->sample_area;
-        } else if (face) {
-            share = meet_face(s, w, &f, reach, power) / s->sample_area;
+        if (face) {
+            share = rough && meets_few(s, w) ? 0.0f : meet_face(s, w, &f, reach, power);
+            if (rough && share <= FEW) {
+                memcpy(power, s->power, sizeof(power));
+                share = find_over_face(p, s, w, places, t, b, power, &rays);
+            }
+            share /= s->sample_area;
         } else if (!rough) {
             continue;
         } else {

@@ -53,18 +53,22 @@ static inline void unscattered_bundle_make(uint32_t number, float bundle[4][UNSC
         }
 }
 
-/* Density of the lobe's directions at a place, per sr. */
+/* Density of the lobe's directions at a place, per sr. Far from the middle it is that of both tails, a^2 + b^2 over the fourth power of the
+ * distance, and by a fit within 4 % more at r times both widths: there one of the few directions would stand for many. */
 static inline float unscattered_density(const struct unscattered_lobe *l, const float bundle[4][UNSCATTERED_BUNDLE], float x, float y)
 {
-    const float a = l->wide > l->last ? l->wide : l->last, b = l->wide > l->last ? l->last : l->wide, a2 = a * a;
-    const float far = 1.0f + x * x + y * y; /* 1/cos^2 */
+    const float a = l->wide > l->last ? l->wide : l->last, b = l->wide > l->last ? l->last : l->wide, a2 = a * a, both = a2 + b * b;
+    const float m2 = x * x + y * y, r2 = m2 / ((a + b) * (a + b)), more = r2 / ((1.0f + r2) * sqrtf(1.0f + r2));
+    const float tail = (1.0f + 0.68f * sqrtf(b / a) * more) * both / ((both + m2) * (both + m2));
+    const float beyond = fminf(fmaxf(sqrtf(r2) - 1.0f, 0.0f), 1.0f), far = 1.0f + m2; /* far: 1/cos^2 */
     float sum = 0.0f;
 
-    for (int j = 0; j < UNSCATTERED_BUNDLE; j++) {
+    for (int j = 0; beyond < 1.0f && j < UNSCATTERED_BUNDLE; j++) {
         const float dx = x - b * bundle[0][j], dy = y - b * bundle[1][j], d = a2 + dx * dx + dy * dy;
         sum += a2 / (d * d);
     }
-    return sum * (1.0f / (UNSCATTERED_BUNDLE * PELL_PI_F)) * far * sqrtf(far);
+    sum *= 1.0f / UNSCATTERED_BUNDLE;
+    return (sum + beyond * (tail - sum)) * (1.0f / PELL_PI_F) * far * sqrtf(far);
 }
 
 #endif
