@@ -1013,7 +1013,8 @@ static void warnings_about_interiors_are_not_for_who_replaces_them(void **state)
         free(glb);
     }
     /* clear glass, and what scatters without a distance */
-    assert_int_equal(kept[0].warnings - kept[1].warnings, 2);
+    assert_true(kept[0].warnings >= 2);
+    assert_int_equal(kept[1].warnings, 0);
 }
 
 static void cancelling_ends_the_import(void **state)

@@ -120,6 +120,8 @@ void gltf_mention(struct gltf *g, const struct pell_json *at, const char *extens
 
     if (row < 0 || !known[row].what || (g->extensions_said >> row & 1))
         return;
+    if (known[row].treatment == READ_DRAFT && g->import->replaces_materials) /* drafts are of what is replaced */
+        return;
     g->extensions_said |= (uint64_t) 1 << row;
     gltf_warn(g, GLTF_WARN_EXTENSION, at, known[row].hint, "%s %s%s", known[row].name, known[row].what,
               known[row].treatment == REFUSED ? ": the copy without it is used" : "");
