@@ -555,10 +555,14 @@ static void keep_command_line(struct cli *cli, int argc, const char **argv)
 static bool is_option(const char *text, const struct option *list, size_t n)
 {
     const size_t length = strncmp(text, "--", 2) == 0 ? strcspn(text + 2, "=") : 0;
+    const char letter = text[0] == '-' && text[1] && !text[2] ? text[1] : 0;
 
-    for (size_t i = 0; i < n && length > 0; i++)
-        if (strlen(list[i].name) == length && strncmp(text + 2, list[i].name, length) == 0)
+    for (size_t i = 0; i < n; i++) {
+        if (length > 0 && strlen(list[i].name) == length && strncmp(text + 2, list[i].name, length) == 0)
             return true;
+        if (letter && list[i].letter == letter)
+            return true;
+    }
     return false;
 }
 
