@@ -76,7 +76,8 @@ fail:
 enum pell_result bench_mertens(struct bench *b)
 {
     static const struct bench_run views = { "image-space", "samples=64 views=eye+lights", false, false };
-    static const struct bench_run screen = { "screen-space", "", false, false }, coarse = { "hierarchical", "most=" COARSE, false, false };
+    static const struct bench_run screen = { "screen-space", "", false, false },
+                                  coarse = { "hierarchical", "points=" COARSE, false, false };
     double ms[2][2], quick, whole;
     struct row *r;
     int equal;
@@ -86,7 +87,7 @@ enum pell_result bench_mertens(struct bench *b)
              "medians of %d warm frames of the method's own stages; errors against hierarchical of at most " REFERENCE " samples",
              b->repeats);
     b->s.settings.width = b->s.settings.height = 500;
-    PELL_TRY(bench_keep_truth(b, "hierarchical", "most=" REFERENCE));
+    PELL_TRY(bench_keep_truth(b, "hierarchical", "points=" REFERENCE));
     for (int size = 0; size < 2; size++)
         for (int many = 0; many < 2; many++)
             PELL_TRY(image_space(b, size ? 1000 : 500, many ? 64 : 16, &ms[size][many]));
@@ -96,7 +97,7 @@ enum pell_result bench_mertens(struct bench *b)
     }
     PELL_TRY(measure(b, 500, "500 x 500, 64 samples, eye+lights", &views, 128, &quick));
     PELL_TRY(measure(b, 500, "screen-space, 500 x 500", &screen, 0, &quick));
-    PELL_TRY(measure(b, 500, "hierarchical, most=" COARSE, &coarse, 0, &whole));
+    PELL_TRY(measure(b, 500, "hierarchical, points=" COARSE, &coarse, 0, &whole));
     equal = (int) fmin(fmax(16.0 * quick / ms[0][0], 1.0), 64.0);
     PELL_TRY(image_space(b, 500, equal, &quick));
     equal = (int) fmin(fmax(64.0 * whole / ms[0][1], 1.0), 1024.0);

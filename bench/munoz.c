@@ -17,7 +17,7 @@ static enum pell_result keep_truth(struct bench *b)
     snprintf(b->setup, sizeof(b->setup),
              "%d x %d; medians of %d warm frames of the method's own stages; errors against hierarchical of at most " REFERENCE " samples",
              b->s.settings.width, b->s.settings.height, b->repeats);
-    return bench_keep_truth(b, "hierarchical", "most=" REFERENCE);
+    return bench_keep_truth(b, "hierarchical", "points=" REFERENCE);
 }
 
 /* The method's own stages of warm frames, and their sum; a row counts the pixels that are seen. `moving`: as bench_run has it. */

@@ -25,7 +25,7 @@ LIGHTS = [{'type': 'point', 'at': ['-330mm', '450mm', '570mm'], 'intensity': [2.
 FIGURE_4 = ['skimmilk', 'potato', 'apple', 'wholemilk', 'wax', 'ketchup', 'orange-juice', 'soap']
 FIGURE_6 = ['apple', 'marble', 'orange-juice', 'wholemilk', 'jade']
 FRAMES = 16
-REFERENCE = ['-m', 'hierarchical', '--set', 'most=200000']
+REFERENCE = ['-m', 'hierarchical', '--set', 'points=200000']
 TRUTH = ['-m', 'path-trace', '--samples', '96', '--msaa', '1']
 CONVOLUTION = ['-m', 'convolution']
 
@@ -96,7 +96,7 @@ def turn(studio, bunny):
     def frames(options):
         return [read_pfm(studio.render(bunny, 'wholemilk', options, 160, 160, 'pfm', 20 + 0.5 * i)) for i in range(FRAMES)]
 
-    truth = frames(['-m', 'hierarchical', '--set', 'most=100000'])
+    truth = frames(['-m', 'hierarchical', '--set', 'points=100000'])
     back = truth[0][0:3]
     there = [i + c for i in range(0, len(truth[0]), 3) if all(f[i:i + 3] != back for f in truth) for c in range(3)]
     level = sum(f[i] for f in truth for i in there) / (len(there) * FRAMES)

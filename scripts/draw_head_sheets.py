@@ -57,18 +57,19 @@ class Head:
 
     def face(self):
         return [self.picture(FRONT, [KEY, FILL], method, knobs, exposure=1.6, color='texture')
-                for method, knobs in (('none', []), ('texture-space', []), ('hierarchical', ['most=400000']))]
+                for method, knobs in (('none', []), ('texture-space', []), ('hierarchical', ['points=400000']))]
 
     def ear(self):
         ours = [self.picture(EAR, BEHIND, 'texture-space', knobs) for knobs in (['tsm=off'], [])]
-        return ours + [self.picture(EAR, BEHIND, 'hierarchical', ['most=100000']), self.picture(EAR, BEHIND, 'path-trace', ['samples=24'])]
+        return ours + [self.picture(EAR, BEHIND, 'hierarchical', ['points=100000']),
+                       self.picture(EAR, BEHIND, 'path-trace', ['samples=24'])]
 
     def grid(self):
         lines = self.work / 'grid.png'
         write_png(lines, [b''.join((b'\0\0\0' if x % 16 < 3 or y % 16 < 3 else b'\xff\xff\xff') for x in range(256)) for y in range(256)])
         slide = {'type': 'spot', 'at': (100, 300, 700), 'to': (20, 265, 0), 'cone_deg': 26, 'intensity': 0.7, 'project': lines.name}
         ours = [self.picture(HALF, slide, 'texture-space', knobs) for knobs in (['stretch=off'], [])]
-        return ours + [self.picture(HALF, slide, 'hierarchical', ['most=400000'])]
+        return ours + [self.picture(HALF, slide, 'hierarchical', ['points=400000'])]
 
     def seams(self):
         """Of a head a quarter as tall: light goes further on it."""

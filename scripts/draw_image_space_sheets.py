@@ -15,7 +15,7 @@ from pathlib import Path
 from draw_layer_sheets import above, beside, draw_all, read_png, write_png
 
 METHOD = ['-m', 'image-space', '--set', 'samples=64', '--set', 'views=eye+lights']
-REFERENCE = ['-m', 'hierarchical', '--set', 'most=200000']
+REFERENCE = ['-m', 'hierarchical', '--set', 'points=200000']
 MOVING = {'pellucid': 1, 'meshes': [{'path': 'bust.obj', 'size': '100mm', 'material': 'marble'}, 'moving-light.gltf'],
           'camera': {'from': [0, '70mm', '420mm'], 'to': [0, '58mm', 0], 'fov_deg': 14},
           'background': {'color': [0.03, 0.033, 0.04]}, 'render': {'exposure': 1.5}}

@@ -140,7 +140,7 @@ class Figures:
         try:
             write_png(name, [row.tobytes() for row in lines])
             return grid([[self.render(scene, method, 300, 340, '--msaa', '4', knobs=knobs) for method, knobs in
-                          (('texture-space', ['stretch=off']), ('texture-space', []), ('hierarchical', ['most=400000']))]])
+                          (('texture-space', ['stretch=off']), ('texture-space', []), ('hierarchical', ['points=400000']))]])
         finally:
             name.unlink(missing_ok=True)
 

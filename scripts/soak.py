@@ -22,9 +22,9 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 METHODS = ('none', 'screen-space', 'image-space', 'texture-space', 'convolution', 'layered', 'hierarchical', 'dipole', 'single-scatter',
            'path-trace')
-# `most` of hierarchical: its time goes by the surface in units of the mean free path, minutes for an object of 80 mm
+# `points` of hierarchical: its time goes by the surface in units of the mean free path, minutes for an object of 80 mm
 FEW = {'dipole': ['--samples', '128'], 'path-trace': ['--samples', '2'], 'single-scatter': ['--samples', '128'],
-       'hierarchical': ['--set', 'most=100000']}
+       'hierarchical': ['--set', 'points=100000']}
 SANITIZED = 'PELL_SANITIZED' in os.environ # which reserve terabytes of addresses: memory has no limit there
 SECONDS = 120 # of processor time, of one run: others may use the machine
 HANGS = 20 * SECONDS # a run that has not ended by then does not work, but waits

@@ -57,7 +57,7 @@ _pellucid()
         texture-space) COMPREPLY=($(compgen -S = -W "as size gaussians charts border kernel stretch first tsm tsm-size through thickness fade soften lights strength cull mix" -- "$current")) ;;
         convolution) COMPREPLY=($(compgen -S = -W "as planes placement split restore threshold threshold-by resolution pixels visible surfaces behind-step through apart edges borders strength" -- "$current")) ;;
         layered) COMPREPLY=($(compgen -S = -W "as samples steps tolerance march refraction light-path planes epsilon lamps below shadows multiple diffuse" -- "$current")) ;;
-        hierarchical) COMPREPLY=($(compgen -S = -W "as error density most near gaussians strength" -- "$current")) ;;
+        hierarchical) COMPREPLY=($(compgen -S = -W "as error density points near gaussians strength" -- "$current")) ;;
         dipole) COMPREPLY=($(compgen -S = -W "as error most sampling strength half" -- "$current")) ;;
         path-trace) COMPREPLY=($(compgen -S = -W "as samples error time-limit surface normals boundary bounces reentry events roulette acceleration connections half" -- "$current")) ;;
         single-scatter) COMPREPLY=($(compgen -S = -W "as error most distance refraction normals half" -- "$current")) ;;

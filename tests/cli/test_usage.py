@@ -96,6 +96,7 @@ FAULTS = {
     'an environment without light': ([*MESH, '--environment', 'no.hdr', '--environment-scale', '0'], 2, 'above 0', ''),
     'an environment of less than no light': ([*MESH, '--environment', 'no.hdr', '--environment-scale', '-1'], 2, 'is -1', ''),
     'a log level that is not there': ([*MESH, '--log-level', 'loud'], 2, 'loud', ''),
+    'samples of a pixel': ([*MESH, '-m', 'hierarchical', '--samples', '64'], 2, 'has no number of samples', 'path-trace'),
     'a letter in place of a value': ([*MESH, '--denoise', '-o', 'x.png'], 2, '"-o" follows', ''),
     'an option in place of a value': ([*MESH, '--normals', '--width', '64'], 2, '"--width" follows', ''),
     'a limit that is not there': ([*MESH, '--limit', 'file_bytes=1'], 2, 'file_bytes', 'file-bytes'),

@@ -183,7 +183,7 @@ def with_few_samples(words):
     """8 paths a pixel, and some thousand points on a surface, show whether a command runs; pages ask for pictures to look at."""
     words = [re.sub(r'(?<=samples=)\d+', lambda n: str(min(int(n[0]), 8)), w) for w in words]
     words = [str(min(int(w), 8)) if before == '--samples' else w for before, w in zip(['', *words], words)]
-    return words + (['--set', 'most=4096'] if words[1] == 'render' and 'hierarchical' in words else [])
+    return words + (['--set', 'points=4096'] if words[1] == 'render' and 'hierarchical' in words else [])
 
 
 def serves(folder, *arguments):

@@ -399,7 +399,7 @@ static void survives_the_nth_allocation(void **state)
             stage_camera(&s, vec3(0, 0, 9), vec3(0, 0, 0), 0.0f, 1.0f);
             stage_complete(&s);
             OK(pell_renderer_set_scene(s.r, s.scene));
-            stage_method(&s, references[n].name, (const char *const[]) { n ? "most=128" : "most=64", NULL });
+            stage_method(&s, references[n].name, (const char *const[]) { n ? "most=128" : "points=64", NULL });
             fault.fail_at = fault.calls + at;
             switch (pell_renderer_render(s.r, &s.settings, &s.image)) {
             case PELL_OK: done = fault.calls < fault.fail_at; break;

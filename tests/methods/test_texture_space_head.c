@@ -181,7 +181,7 @@ static void no_seam_shows_on_a_head(void **state)
         { { "size=768", "tsm=off", "charts=uv", NULL }, { "size=768", "tsm=off", "charts=uv", "border=0", NULL } },
     };
     static const int charts[2] = { TS_CHARTS_PLANAR, TS_CHARTS_UV };
-    static const char *const whole[] = { "most=400000", NULL };
+    static const char *const whole[] = { "points=400000", NULL };
     static bool near[2][VIEWS][SIZE * SIZE];
     struct shot sum[VIEWS], shots[2][2][VIEWS];
     struct stage s;

@@ -14,7 +14,7 @@ static inline const char *const *method_form(const struct pell_method *m)
         const char *method, *knobs[4];
     } forms[] = {
         { "texture-space", { "size=64", "tsm-size=64", NULL } }, { "image-space", { "samples=16", NULL } },
-        { "layered", { "samples=8", "lamps=2", NULL } },         { "hierarchical", { "most=4096", NULL } },
+        { "layered", { "samples=8", "lamps=2", NULL } },         { "hierarchical", { "points=4096", NULL } },
         { "dipole", { "error=1", "most=128", NULL } },           { "path-trace", { "samples=2", NULL } },
         { "single-scatter", { "error=1", "most=128", NULL } },
     };

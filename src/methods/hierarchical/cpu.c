@@ -215,16 +215,16 @@ static enum pell_result hierarchical_create(const struct pell_services *services
                 wanted += n;
                 continue;
             }
-            share = fmin(1.0, (double) st->knobs.most / wanted);
+            share = fmin(1.0, (double) st->knobs.points / wanted);
             PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * share)));
             samples += st->solid[i].tree.num_samples;
             bytes += st->solid[i].tree.num_samples * sizeof(struct pell_lit_place) +
                      st->solid[i].tree.num_nodes * sizeof(struct pell_light_node) +
                      ((size_t) st->solid[i].radial.count + 2) * sizeof(*st->solid[i].radial.node);
         }
-    if (wanted > (double) st->knobs.most)
-        pell_warn(ctx, "hierarchical", "raise the knob most, or lower density",
-                  "the density needs %.0f samples, %d are used: the image may show them as spots", wanted, st->knobs.most);
+    if (wanted > (double) st->knobs.points)
+        pell_warn(ctx, "hierarchical", "raise the knob points, or lower density",
+                  "the density needs %.0f samples, %d are used: the image may show them as spots", wanted, st->knobs.points);
     pell_info(ctx, "hierarchical", "%zu samples on %s, %.1f MB, made in %.3f s", samples,
               pell_counted((long long) st->solids->count, "solid", "solids").str, 1e-6 * (double) bytes, pell_seconds() - start);
     return PELL_OK;

@@ -17,7 +17,7 @@ struct hierarchical_knobs {
     int as; /* enum hierarchical_as */
     float error;
     float density;
-    int most;
+    int points;
     int near; /* enum hierarchical_near */
     int gaussians;
     bool strength;
