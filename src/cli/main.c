@@ -20,7 +20,7 @@ static const struct command commands[] = {
       "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n"
       "  pellucid render scene.json --frames 0:2:0.25 -o walk.png # its animation, walk_0000.png, ...\n"
       "  pellucid render scene.json --dof on --msaa 64 --bloom 0.1\n"
-      "  pellucid render bunny.obj --size 70mm --material jade --max-error 8%   # chooses\n",
+      "  pellucid render bunny.obj --size 70mm --material jade --max-error 12%  # chooses\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_CHOICE | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1,
       command_render },
     { "merge", "PART...", "the image of the parts of a path-traced image that several runs made",
