@@ -9,10 +9,9 @@
 #include <string.h>
 
 #define BUNDLE UNSCATTERED_BUNDLE
-#define TAIL 10.0f /* widths of a lobe, beyond which a light without extent isn't looked for */
-#define FEW 0.38f  /* share of a lobe's directions up to which its density says more */
-#define SPARSE                                                                                                                             \
-    0.35f /* of the radius of a face: wider, a lobe has too few directions there, and its density at places of the face is even */
+#define TAIL 10.0f   /* widths of a lobe, beyond which a light without extent isn't looked for */
+#define FEW 0.38f    /* share of a lobe's directions up to which its density says more */
+#define SPARSE 0.35f /* of a face's radius: a wider lobe has too few directions there, and the density is even over it */
 
 /* Directions of the lobe, not unit; all are the way itself where it is a ray. */
 struct bundle {
