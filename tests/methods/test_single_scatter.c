@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_single_scatter.c - light scattered once, against closed forms, quadratures and brute force. */
 #include "layers_rig.h"
+#include "random.h"
 #include "scenes.h"
 
 #include "methods/single_scatter/single_scatter.h"
@@ -416,11 +417,7 @@ static struct trial seen_at(const struct rig *r, float x, float y, bool flat)
 
 static double number(uint64_t *state)
 {
-    *state += 0x9e3779b97f4a7c15ull;
-    uint64_t z = *state;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-    return (double) ((z ^ (z >> 31)) >> 11) * 0x1p-53;
+    return (double) (random_bits(state) >> 11) * 0x1p-53;
 }
 
 /* Against the light: the camera's ray, a place by chance, a direction by chance, out, and there the light is met or not. */

@@ -7,6 +7,7 @@
 #include "render/renderer.h"
 
 #include "oracle.h"
+#include "random.h"
 
 #define FEWER(n) (SLOW ? (n) / 10 : (n))
 
@@ -28,18 +29,9 @@ struct tally { /* of light that entered */
     double ring[8], ring_error[8]; /* of what is reflected, by the edges asked for */
 };
 
-static double next(uint64_t *state)
-{
-    uint64_t z = *state += 0x9e3779b97f4a7c15u;
-
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return ((double) ((z ^ (z >> 31)) >> 11) + 0.5) / 9007199254740992.0;
-}
-
 static void turn(double w[3], double g, uint64_t *random)
 {
-    const double u = next(random), phi = 2.0 * PELL_PI * next(random);
+    const double u = random_unit(random), phi = 2.0 * PELL_PI * random_unit(random);
     const double q = g != 0.0 ? (1.0 - g * g) / (1.0 - g + 2.0 * g * u) : 0.0;
     const double c = g != 0.0 ? (1.0 + g * g - q * q) / (2.0 * g) : 2.0 * u - 1.0;
     const double s = sqrt(fmax(1.0 - c * c, 0.0)), a = s * cos(phi), b = s * sin(phi), h = sqrt(fmax(1.0 - w[2] * w[2], 0.0));
@@ -69,7 +61,7 @@ static struct tally photons(const struct planes *p, const double *edge, int ring
         int l = 0;
         for (;;) {
             const struct plate *m = &p->plate[l];
-            double tau = -log(next(&seed));
+            double tau = -log(random_unit(&seed));
             bool out = false;
             for (;;) { /* as far as the extinction says, through the planes */
                 const double sigma = p->plate[l].sigma_s + p->plate[l].sigma_a;
@@ -84,7 +76,7 @@ static struct tally photons(const struct planes *p, const double *edge, int ring
                 x[2] = plane;
                 if (w[2] > 0.0 ? l + 1 < p->count : l > 0) {
                     l += w[2] > 0.0 ? 1 : -1;
-                } else if (next(&seed) < pell_fresnel(1.0 / p->eta, fabs(w[2]))) {
+                } else if (random_unit(&seed) < pell_fresnel(1.0 / p->eta, fabs(w[2]))) {
                     w[2] = -w[2];
                 } else {
                     out = true;
@@ -105,7 +97,7 @@ static struct tally photons(const struct planes *p, const double *edge, int ring
             }
             weight *= m->sigma_s / (m->sigma_s + m->sigma_a);
             if (weight < 0.05) {
-                if (next(&seed) >= 0.2)
+                if (random_unit(&seed) >= 0.2)
                     break;
                 weight *= 5.0;
             }
@@ -196,7 +188,7 @@ static struct rig_mean ring(double sigma_s, double sigma_a, double g, double eta
     scene = rig_scene(&s, &knobs);
     OK(pt_walker_create(scene, &w));
     for (int n = 0; n < samples; n++) {
-        const double u = (n + next(&random)) / samples, phi = 2.0 * PELL_PI * next(&random), r = sqrt(u);
+        const double u = (n + random_unit(&random)) / samples, phi = 2.0 * PELL_PI * random_unit(&random), r = sqrt(u);
         const struct pell_vec3 to = vec3((float) (r * cos(phi)), (float) (r * sin(phi)), (float) sqrt(1.0 - u));
         const struct pt_point at = rig_point(vec3(0, 0, 0), vec3_mul(to, (float) (0.5 * mfp)), (uint32_t) n);
         struct pt_light l;

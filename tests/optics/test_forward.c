@@ -2,6 +2,7 @@
  * test_forward.c - light that is scattered forward: the exponential of beams against discrete ordinates, and how much of a beam is left
  * against photons. */
 #include "pell_test.h"
+#include "random.h"
 
 #include "math/quadrature.h"
 #include "math/vec.h"
@@ -81,19 +82,10 @@ static void beams_fall_as_discrete_ordinates_say(void **state)
     }
 }
 
-static double uniform(uint64_t *state)
-{
-    uint64_t x = *state += 0x9e3779b97f4a7c15u;
-
-    x = (x ^ x >> 30) * 0xbf58476d1ce4e5b9u;
-    x = (x ^ x >> 27) * 0x94d049bb133111ebu;
-    return ((double) ((x ^ x >> 31) >> 11) + 0.5) * 0x1p-53;
-}
-
 static struct pell_vec3 scattered(struct pell_vec3 w, double g, uint64_t *state)
 {
-    const double s = (1.0 - g * g) / (1.0 - g + 2.0 * g * uniform(state)), c = (1.0 + g * g - s * s) / (2.0 * g);
-    const double azimuth = 2.0 * PELL_PI * uniform(state), sine = sqrt(fmax(1.0 - c * c, 0.0));
+    const double s = (1.0 - g * g) / (1.0 - g + 2.0 * g * random_unit(state)), c = (1.0 + g * g - s * s) / (2.0 * g);
+    const double azimuth = 2.0 * PELL_PI * random_unit(state), sine = sqrt(fmax(1.0 - c * c, 0.0));
     struct pell_vec3 a, b;
 
     vec3_basis(w, &a, &b);
@@ -115,7 +107,7 @@ static void shoot(double sigma_a, double sigma_s, double g, double sum[RADII])
         struct pell_vec3 x = vec3(0, 0, 0), w = vec3(0, 0, 1);
         double weight = 1.0;
         for (int event = 0; weight > 1e-7; event++) {
-            const double d = -log(uniform(&random)) / sigma_s, b = (double) vec3_dot(x, w), x2 = (double) vec3_dot(x, x);
+            const double d = -log(random_unit(&random)) / sigma_s, b = (double) vec3_dot(x, w), x2 = (double) vec3_dot(x, x);
             for (int k = 0; k < RADII; k++) {
                 const double r = radii[k] * unit, to = -b + sqrt(fmax(b * b + r * r - x2, 0.0));
                 if (x2 < r * r && to < d && event > 0 && ((double) x.z + to * (double) w.z) > AHEAD * r)
@@ -177,7 +169,7 @@ static void pass_slab(double sigma_a, double sigma_s, double g, double enters, d
         struct pell_vec3 w = beam;
         double z = 0.0, weight = 1.0;
         for (int event = 0; weight > 1e-7; event++) {
-            const double d = -log(uniform(&random)) / sigma_s, up = (double) w.z, to = up > 0.0 ? (thick - z) / up : -z / up;
+            const double d = -log(random_unit(&random)) / sigma_s, up = (double) w.z, to = up > 0.0 ? (thick - z) / up : -z / up;
             if (to < d) {
                 const double angle = acos(fmin((double) vec3_dot(w, beam), 1.0)) * 180.0 / PELL_PI;
                 for (int k = 0; k < ANGLES && up > 0.0 && event > 0; k++)

@@ -4,6 +4,7 @@
 #include "render/indirect/internal.h"
 
 #include "pell_test.h"
+#include "random.h"
 #include "slow.h"
 
 #include <stdlib.h>
@@ -394,25 +395,16 @@ static void light_that_grazes_goes_on(void **state)
 #define BANDS 4 /* of a side of the box, from the lit top */
 #define BOX 10.0
 
-static double next(uint64_t *state)
-{
-    uint64_t z = *state += 0x9e3779b97f4a7c15u;
-
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
-    return ((double) ((z ^ (z >> 31)) >> 11) + 0.5) / 9007199254740992.0;
-}
-
 /* A direction behind the boundary, z downwards: straight, or of diffuse light. */
 static void enter(double eta, bool diffuse, uint64_t *random, double w[3])
 {
-    const double turn = 2.0 * PELL_PI * next(random);
+    const double turn = 2.0 * PELL_PI * random_unit(random);
     double aside = 0.0;
 
     while (diffuse) {
-        const double mu = sqrt(next(random));
+        const double mu = sqrt(random_unit(random));
         aside = sqrt(1.0 - mu * mu) / eta;
-        if (next(random) >= pell_fresnel(eta, mu))
+        if (random_unit(random) >= pell_fresnel(eta, mu))
             break;
     }
     w[0] = aside * cos(turn);
@@ -423,7 +415,7 @@ static void enter(double eta, bool diffuse, uint64_t *random, double w[3])
 /* One step of a photon in the box, a mean free path being 1: the face that it meets, or -1. */
 static int step(double x[3], const double w[3], uint64_t *random)
 {
-    double to = -log(next(random));
+    double to = -log(random_unit(random));
     int face = -1;
 
     for (int k = 0; k < 3; k++) {
@@ -446,12 +438,12 @@ static double walk(double albedo, double eta, bool diffuse, double leaves[BANDS]
     double down = 0.0;
 
     for (int n = 0; n < PHOTONS; n++) {
-        double x[3] = { BOX * next(&random), BOX * next(&random), 0.0 }, w[3], weight = 1.0;
+        double x[3] = { BOX * random_unit(&random), BOX * random_unit(&random), 0.0 }, w[3], weight = 1.0;
         enter(eta, diffuse, &random, w);
         down += w[2];
         while (weight > 0.0) {
             const int face = step(x, w, &random);
-            if (face >= 0 && next(&random) < pell_fresnel(1.0 / eta, fabs(w[face]))) {
+            if (face >= 0 && random_unit(&random) < pell_fresnel(1.0 / eta, fabs(w[face]))) {
                 w[face] = -w[face];
                 continue;
             }
@@ -462,9 +454,9 @@ static double walk(double albedo, double eta, bool diffuse, double leaves[BANDS]
             }
             weight *= albedo;
             if (weight < 0.02)
-                weight = next(&random) < 0.1 ? 10.0 * weight : 0.0;
-            w[2] = 2.0 * next(&random) - 1.0;
-            w[0] = 2.0 * PELL_PI * next(&random);
+                weight = random_unit(&random) < 0.1 ? 10.0 * weight : 0.0;
+            w[2] = 2.0 * random_unit(&random) - 1.0;
+            w[0] = 2.0 * PELL_PI * random_unit(&random);
             w[1] = sqrt(1.0 - w[2] * w[2]) * sin(w[0]);
             w[0] = sqrt(1.0 - w[2] * w[2]) * cos(w[0]);
         }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * test_gltf_hostile.c - the glTF reader on damaged files and without memory: no crash, no leak, an error that is logged once. */
 #include "gltf_test.h"
+#include "random.h"
 #include "slow.h"
 
 /* A file may be damaged and still read; if not, one error says why. Small limits keep each try short. */
@@ -81,15 +82,6 @@ static void a_glb_cut_at_any_byte_is_refused(void **state)
     free(glb);
 }
 
-static uint64_t next_random(uint64_t *state)
-{
-    /* splitmix64 (Steele, Lea, Flood 2014) */
-    uint64_t z = *state += 0x9e3779b97f4a7c15u;
-    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
-    z = (z ^ z >> 27) * 0x94d049bb133111ebu;
-    return z ^ z >> 31;
-}
-
 static void random_damage_is_read_or_refused(void **state)
 {
     static const char *const numbers[] = { "0",     "-1",  "1e9",  "4294967295", "2147483648", "9007199254740993",
@@ -106,13 +98,13 @@ static void random_damage_is_read_or_refused(void **state)
         memcpy(bytes, glb, size);
         if (i % 2) {
             /* bytes anywhere */
-            for (int k = (int) (next_random(&random) % 4); k >= 0; k--)
-                bytes[next_random(&random) % length] = (uint8_t) next_random(&random);
+            for (int k = (int) (random_bits(&random) % 4); k >= 0; k--)
+                bytes[random_bits(&random) % length] = (uint8_t) random_bits(&random);
         } else {
             /* a number of the JSON becomes another; the lengths in the headers follow */
-            const char *put = numbers[next_random(&random) % PELL_COUNT(numbers)];
+            const char *put = numbers[random_bits(&random) % PELL_COUNT(numbers)];
             const size_t json = sizeof(RICH_JSON) - 1, add = strlen(put);
-            size_t at = 20 + next_random(&random) % json, end;
+            size_t at = 20 + random_bits(&random) % json, end;
             while (at < 20 + json && !(bytes[at] >= '0' && bytes[at] <= '9' && strchr(":,[", bytes[at - 1])))
                 at++;
             for (end = at; end < 20 + json && strchr("0123456789.", bytes[end]);)
@@ -148,8 +140,8 @@ static void damaged_binary_data_is_never_trusted(void **state)
         struct square square = make_square();
         size_t size;
         uint8_t *glb;
-        for (int k = (int) (next_random(&random) % 8); k >= 0; k--)
-            ((uint8_t *) &square)[next_random(&random) % sizeof(square)] = (uint8_t) next_random(&random);
+        for (int k = (int) (random_bits(&random) % 8); k >= 0; k--)
+            ((uint8_t *) &square)[random_bits(&random) % sizeof(square)] = (uint8_t) random_bits(&random);
         glb = make_glb(json, &square, sizeof(square), &size);
         read += try_bytes(glb, size, NULL) == PELL_OK;
         free(glb);

@@ -5,6 +5,7 @@
 #ifndef PELL_CONNECT_RIG_H
 #define PELL_CONNECT_RIG_H
 
+#include "random.h"
 #include "shapes.h"
 
 #include "transport/refraction/connect.h"
@@ -78,11 +79,7 @@ static inline void bumpy(struct rig *r, float radius, float height, int rings)
 
 static inline double unit(uint64_t *state)
 {
-    *state += 0x9e3779b97f4a7c15ull; /* Steele et al. 2014, SplitMix64 */
-    uint64_t z = *state;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-    return (double) ((z ^ (z >> 31)) >> 11) * 0x1p-53;
+    return (double) (random_bits(state) >> 11) * 0x1p-53;
 }
 
 static inline struct pell_vec3 in_ball(uint64_t *state)
