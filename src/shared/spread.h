@@ -13,6 +13,12 @@ PELL_SHARED float pell_spread_pack(float way, float share)
     return way > 0.0f && part > 0 ? pell_bits_float((pell_float_bits(way) & ~1023) | part) : 0.0f;
 }
 
+/* The same of sums: `straight` of `all` transmitted light, and `way` that times the mm. */
+PELL_SHARED float pell_spread_pack_sums(float way, float straight, float all)
+{
+    return all > 0.0f && straight > 0.0f ? pell_spread_pack(way / straight, straight / all) : 0.0f;
+}
+
 PELL_SHARED float pell_spread_straight(float packed)
 {
     return PELL_TO_FLOAT(pell_float_bits(packed) & 1023) / 1023.0f;

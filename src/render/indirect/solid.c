@@ -29,25 +29,20 @@
 #include <string.h>
 
 enum { SAMPLES = 256, FEWEST = 800, MOST = 4096, FOUND = 64 };
-#define STEP 0.4f       /* distance of places over the diffusion length */
-#define FINEST 1.2f     /* over the distance of samples */
-#define NEAR 6.0f       /* distances of places: beyond, clusters stand for them */
-#define REACH 8.0f      /* diffusion lengths that a method looks for light */
-#define RESOLVED 0.7f   /* STEP up to which a channel is solved, */
-#define UNRESOLVED 1.2f /* and from which on it is not */
-#define DARK 0.02f      /* total of a profile up to which light scatters too seldom for diffusion, */
-#define BRIGHT 0.06f    /* and from which on it is; */
-#define BRIGHTEST 0.999 /* beyond, nothing is absorbed */
-#define LEAST 0.3f      /* distances that places across a thin part are taken to be apart at least */
-#define WINDOW 2.5f     /* distances inside which the profile's sum is set right */
-#define SMOOTH 1.6f     /* distances over which places are interpolated, */
-#define ASIDE 1.5f      /* and that a sample is from its place at most */
-#define STRAIGHT 0.93f  /* mean cosine of light that goes down, which is not all straight */
-/* Mean free paths: the places where light is scattered first stand for others around them. */
-#define BLUR                                                                                                                               \
-    {                                                                                                                                      \
-        0.6f, 1.2f                                                                                                                         \
-    }
+#define STEP 0.4f          /* distance of places over the diffusion length */
+#define FINEST 1.2f        /* over the distance of samples */
+#define NEAR 6.0f          /* distances of places: beyond, clusters stand for them */
+#define REACH 8.0f         /* diffusion lengths that a method looks for light */
+#define RESOLVED 0.7f      /* STEP up to which a channel is solved, */
+#define UNRESOLVED 1.2f    /* and from which on it is not */
+#define DARK 0.02f         /* total of a profile up to which light scatters too seldom for diffusion, */
+#define BRIGHT 0.06f       /* and from which on it is; */
+#define BRIGHTEST 0.999    /* beyond, nothing is absorbed */
+#define LEAST 0.3f         /* distances that places across a thin part are taken to be apart at least */
+#define WINDOW 2.5f        /* distances inside which the profile's sum is set right */
+#define SMOOTH 1.6f        /* distances over which places are interpolated, */
+#define ASIDE 1.5f         /* and that a sample is from its place at most */
+#define STRAIGHT 0.93f     /* mean cosine of light that goes down, which is not all straight */
 #define LARGEST 1.1f       /* factor of what enters, */
 #define LARGEST_WHOLE 3.0f /* and of what is found by methods that ask the whole solid */
 #define THIN 2.0f          /* distances of places: thickness up to which a part is not solved, */
@@ -55,6 +50,9 @@ enum { SAMPLES = 256, FEWEST = 800, MOST = 4096, FOUND = 64 };
 
 #define FEW_PATHS 4.0f  /* mean free paths: the same, where light is scattered too seldom on its way, */
 #define MANY_PATHS 6.0f /* and from which on it is not */
+
+/* Mean free paths: the places where light is scattered first stand for others around them. */
+static const float blur[2] = { 0.6f, 1.2f };
 
 struct solid {
     struct pell_context *ctx;
@@ -117,7 +115,7 @@ static void find_law(struct solid *s, int c)
     struct equation *e = &s->equation;
     struct equation_channel *q = &e->channel[c];
     const double total = pell_profile_total(profile);
-    const float step = s->places.step, blur[2] = BLUR;
+    const float step = s->places.step;
 
     q->total = (float) total;
     if (!(total > (double) DARK && total < BRIGHTEST))

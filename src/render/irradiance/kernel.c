@@ -606,8 +606,7 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
     if (out->way) {
         for (int i = 0; i < N; i++) {
             const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i];
-            way[i] =
-                all > 0.0f && sums->straight[i] > 0.0f ? pell_spread_pack(sums->way[i] / sums->straight[i], sums->straight[i] / all) : 0.0f;
+            way[i] = pell_spread_pack_sums(sums->way[i], sums->straight[i], all);
         }
         scatter(way, index, count, rows, out->way);
     }

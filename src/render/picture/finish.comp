@@ -227,7 +227,7 @@ void main()
     around[p.at].lost = vec4((m.flags & PELL_PICTURE_OPAQUE) != 0u ? a.lost * albedo * hits[i].sheet.w : vec3(0.0), 0.0);
     around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
-    through[p.at] = vec4(passed, all > 0.0 && a.straight > 0.0 ? pell_spread_pack(a.way / a.straight, a.straight / all) : 0.0);
+    through[p.at] = vec4(passed, pell_spread_pack_sums(a.way, a.straight, all));
     if (has(PELL_PICTURE_SINGLE)) {
         const float leaves = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[number].single_eta2;
         single[p.at] = vec4(a.single * leaves, 0.0);

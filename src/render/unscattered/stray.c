@@ -10,10 +10,12 @@
 
 enum { LINES = 16 };
 
-struct shared {
-    struct pell_rect rect;
-    ptrdiff_t stride;
+/* Lines of a picture: `count` of them, `apart` in memory, each of `length` values `step` apart. */
+struct lines {
     float *const *light;
+    ptrdiff_t start, apart, step;
+    int count, length;
+    float sign; /* of what is written */
 };
 
 struct mean {
@@ -28,7 +30,7 @@ static inline void add(struct mean *m, float value, float weight)
     }
 }
 
-/* Weights 1, 2, 3, 2, 1 along a line, over what is stray. `sign`: of what is written. */
+/* Weights 1, 2, 3, 2, 1 along a line, over what is stray. */
 static void blur_line(float *line, ptrdiff_t step, int count, float sign)
 {
     float before[2] = { 0.0f, 0.0f };
@@ -49,32 +51,23 @@ static void blur_line(float *line, ptrdiff_t step, int count, float sign)
     }
 }
 
-static void blur_rows(void *arg, int index, int worker)
+static void blur_lines(void *arg, int index, int worker)
 {
-    const struct shared *s = arg;
-    const struct pell_rect r = s->rect;
+    const struct lines *s = arg;
 
     (void) worker;
-    for (int y = r.y0 + index * LINES; y < r.y1 && y < r.y0 + (index + 1) * LINES; y++)
+    for (int i = index * LINES; i < s->count && i < (index + 1) * LINES; i++)
         for (int c = 0; c < 3; c++)
-            blur_line(s->light[c] + y * s->stride + r.x0, 1, r.x1 - r.x0, -1.0f);
+            blur_line(s->light[c] + s->start + i * s->apart, s->step, s->length, s->sign);
 }
 
-static void blur_columns(void *arg, int index, int worker)
-{
-    const struct shared *s = arg;
-    const struct pell_rect r = s->rect;
-
-    (void) worker;
-    for (int x = r.x0 + index * LINES; x < r.x1 && x < r.x0 + (index + 1) * LINES; x++)
-        for (int c = 0; c < 3; c++)
-            blur_line(s->light[c] + r.y0 * s->stride + x, s->stride, r.y1 - r.y0, 1.0f);
-}
-
+/* Rows, which stay marked, then columns. */
 void unscattered_share_stray(struct pell_pool *pool, struct pell_rect rect, ptrdiff_t stride, float *const light[3])
 {
-    struct shared s = { rect, stride, light };
+    const int wide = rect.x1 - rect.x0, high = rect.y1 - rect.y0;
+    const ptrdiff_t start = rect.y0 * stride + rect.x0;
+    struct lines rows = { light, start, stride, 1, high, wide, -1.0f }, columns = { light, start, 1, stride, wide, high, 1.0f };
 
-    pell_pool_run(pool, (rect.y1 - rect.y0 + LINES - 1) / LINES, blur_rows, &s);
-    pell_pool_run(pool, (rect.x1 - rect.x0 + LINES - 1) / LINES, blur_columns, &s);
+    pell_pool_run(pool, (high + LINES - 1) / LINES, blur_lines, &rows);
+    pell_pool_run(pool, (wide + LINES - 1) / LINES, blur_lines, &columns);
 }
