@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
  * environment_lights.c - directional lights for what of an environment is brighter than a clamp: the picture is cut where energy times
- * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). No
- * random numbers: the same picture gives the same lights. */
+ * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). A light
+ * is as wide as what it stands for: its samples come from a parallelogram of directions with the same mean and variances, so that shadows
+ * have the half shadow of that part of the picture. No random numbers: the same picture gives the same lights. */
 #include "lights/environment_map.h"
 
 #include <string.h>
@@ -87,7 +88,34 @@ static bool cut(const struct pell_env_map *m, float clamp, struct region *r, str
     return true;
 }
 
-static void add_region(struct pell_environment_lights *out, const struct region *r, int index)
+/* Half the sides of the rectangle of directions around source->direction, uniform over which they vary as those of the region's light. */
+static void set_extent(const struct pell_env_map *m, float clamp, const struct region *r, struct pell_light_source *source)
+{
+    struct pell_vec3 t, b;
+    double tt = 0.0, tb = 0.0, bb = 0.0, turn, mean, apart;
+
+    vec3_basis(source->direction, &t, &b);
+    for (int y = r->y0; y < r->y1; y++)
+        for (int x = r->x0; x < r->x1; x++) {
+            const double e = texel_energy(m, clamp, x, y) / r->energy;
+            if (e > 0.0) {
+                const struct pell_vec3 d = pell_env_map_direction(m, x, y);
+                const double dt = vec3_dot(d, t), db = vec3_dot(d, b);
+                tt += e * dt * dt;
+                tb += e * dt * db;
+                bb += e * db * db;
+            }
+        }
+    turn = 0.5 * atan2(2.0 * tb, tt - bb);
+    mean = 0.5 * (tt + bb);
+    apart = sqrt(0.25 * (tt - bb) * (tt - bb) + tb * tb);
+    source->right = vec3_mad(vec3_mul(t, (float) cos(turn)), (float) sin(turn), b);
+    source->up = vec3_cross(source->right, source->direction);
+    source->right = vec3_mul(source->right, (float) sqrt(3.0 * (mean + apart)));
+    source->up = vec3_mul(source->up, (float) sqrt(3.0 * fmax(mean - apart, 0.0)));
+}
+
+static void add_region(const struct pell_env_map *m, float clamp, struct pell_environment_lights *out, const struct region *r, int index)
 {
     const double length = region_length(r);
     struct pell_light_source source = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
@@ -95,7 +123,7 @@ static void add_region(struct pell_environment_lights *out, const struct region 
     if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
         return; /* what shines from all sides alike is left to the table */
     source.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
-    vec3_basis(source.direction, &source.right, &source.up);
+    set_extent(m, clamp, r, &source);
     source.compact = 1.0 - length / r->energy < COMPACT;
     for (int c = 0; c < 3; c++)
         source.power[c] = (float) r->rgb[c];
@@ -148,7 +176,7 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
         count++;
     }
     for (int i = 0; i < count; i++)
-        add_region(out, &regions[i], index);
+        add_region(m, clamp, out, &regions[i], index);
     pell_free(ctx, regions);
     return PELL_OK;
 }

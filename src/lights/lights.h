@@ -22,7 +22,8 @@
 struct pell_light_source {
     enum pell_light_type type;            /* never PELL_LIGHT_ENVIRONMENT */
     struct pell_vec3 position, direction; /* direction: unit, the way the light goes */
-    struct pell_vec3 right, up;           /* unit; rect, disc: times half the extent; right = direction x up */
+    struct pell_vec3 right, up;           /* unit; rect, disc: times half the extent; right = direction x up; of an environment: times the
+                                           * tangents of half the angles that its samples come from */
     float power[3];                       /* W/sr; W/m^2; rect and disc: radiance x area / samples, so that power cos / d^2 is irradiance */
     float scale;                          /* what 1/d_mm^2 is multiplied by: 1e6 for W/sr, 1 for areas */
     float spot_scale, spot_offset;

@@ -23,7 +23,8 @@
 struct pell_light_data {
     PELL_VEC4 position;  /* w: scale, what 1/d_mm^2 is multiplied by: 1e6 for W/sr, 1 for areas */
     PELL_VEC4 direction; /* unit, the way the light goes; w: 1/range, 1/mm; 0: no cut-off */
-    PELL_VEC4 right, up; /* unit; rect, disc: half the extent, mm; w: halves of the image per unit of the plane at distance 1 */
+    PELL_VEC4 right, up; /* unit; rect, disc: half the extent, mm; of an environment: half the extent of what is added to the direction;
+                          * w: halves of the image per unit of the plane at distance 1 */
     PELL_VEC4 power;     /* per sample; rect and disc: radiance x area / samples; w: mm^2 that one sample stands for, 0: no extent */
     float spot_scale, spot_offset; /* pell_light_cone */
     int32_t type;                  /* PELL_LIGHT_DATA_POINT and on */

@@ -580,6 +580,57 @@ static void environment_shadows(void **state)
     rig_finish(&r);
 }
 
+/* A window of 20 by 14 degrees in an otherwise dark picture, whose one light is as wide: across the edge of a roof the half shadow is that
+ * of its texels, and where the window is seen as a whole its samples don't differ. */
+static void lights_of_an_environment_have_half_shadows(void **state)
+{
+    enum { SAMPLES = 64 };
+    const float roof = 30.0f, edge = 0.0f;
+    double mean[SIZE] = { 0.0 }, want[SIZE] = { 0.0 }, all = 0.0, bright = 0.0;
+    struct pell_light *l;
+    struct rig r;
+    struct texel *texels;
+    size_t count;
+    int half = 0;
+    (void) state;
+    start_plane(&r);
+    rig_box(&r, 0, 1, vec3(-60, -60, roof), vec3(edge, 60, roof + 0.01f));
+    r.scene->cameras[0].position[2] = 20.0f;
+    l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
+    l->image = add_picture(&r, 720, 360, 0.0f, 0.0f);
+    for (int y = 152; y < 180; y++)
+        for (int x = 352; x < 392; x++)
+            for (int c = 0; c < 3; c++)
+                ((float *) l->image->image.pixels)[3 * (y * 720 + x) + c] = 100.0f + 0.75f * (float) (x - 352);
+    l->rotate = (float) PELL_PI; /* the picture's middle is above the plane */
+    r.settings.environment_lights = 1;
+    r.settings.msaa = SAMPLES;
+    r.settings.ambient_samples = 1024;
+    for (r.sample = 0; r.sample < SAMPLES; r.sample++) {
+        rig_render(&r);
+        REQUIRE(r.lights->num_sources == 1 && !r.lights->sources[0].compact);
+        for (int x = 0; x < SIZE; x++)
+            mean[x] += r.light.irradiance[0][rig_at(&r, x, SIZE / 2)] / SAMPLES;
+        bright = fmax(bright, r.light.irradiance[0][rig_at(&r, SIZE - 1, SIZE / 2)]);
+    }
+    texels = list_texels(l, &count);
+    for (size_t i = 0; i < count; i++)
+        all += texels[i].rgb[0] * texels[i].z * (texels[i].z > 0.0f);
+    for (int x = 0; x < SIZE; x++) {
+        const struct pell_vec3 at = rig_point(&r, x, SIZE / 2);
+        for (size_t i = 0; i < count; i++) {
+            const float far = (roof - at.z) / texels[i].z;
+            want[x] += texels[i].z > 0.0f && at.x + far * texels[i].x > edge ? texels[i].rgb[0] * texels[i].z : 0.0;
+        }
+        half += want[x] > 0.1 * all && want[x] < 0.9 * all;
+        REQUIRE_NEAR(mean[x], want[x], 0.05 * all);
+    }
+    REQUIRE(half > SIZE / 8);
+    REQUIRE_REL(bright, mean[SIZE - 1], 0.01);
+    free(texels);
+    rig_finish(&r);
+}
+
 /* Reflection of a uniform environment by a perfect mirror-like metal is the environment; environments' lights make no second highlight. */
 static void a_metal_sphere_reflects_a_uniform_environment(void **state)
 {
@@ -838,6 +889,7 @@ int main(void)
         cmocka_unit_test(environment_sums_to_the_pictures_irradiance_sunset),
         cmocka_unit_test(a_sun_in_a_dim_environment_keeps_the_bound),
         cmocka_unit_test(environment_shadows),
+        cmocka_unit_test(lights_of_an_environment_have_half_shadows),
         cmocka_unit_test(the_sky_is_looked_at_in_parts),
         cmocka_unit_test(a_metal_sphere_reflects_a_uniform_environment),
         cmocka_unit_test(a_highlight_is_the_lobe),

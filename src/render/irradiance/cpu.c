@@ -97,6 +97,15 @@ static void take_turn(const struct job *job, const struct pell_light_source *sou
     t->first = source;
 }
 
+/* What is sent through solids goes by the middle of an environment's light: the smooth rest there is the table less that. */
+static void aim_at_middle(const struct job *job, const struct pell_light_data *data, struct packet *k)
+{
+    struct pell_light_data middle = *data;
+
+    middle.environment = -1;
+    job->kernels->aim(&middle, &k->lanes, 0, 0, &k->aim);
+}
+
 /* What is sent through solids. */
 static void send_through(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
 {
@@ -144,6 +153,8 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         }
         if (source->environment >= 0 && !source->compact && !k->given)
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
+        if (source->environment >= 0 && (k->any_ahead || k->lanes.any_deep))
+            aim_at_middle(job, data, k);
         if (k->aim.any_back && turns && source->turns > 1)
             take_turn(job, source, k, turns);
         else if (k->aim.any_back)

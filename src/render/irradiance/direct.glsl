@@ -90,16 +90,21 @@ vec3 on_face(pell_light_data light, float x, float y)
     return light.position.xyz + x * light.right.xyz + y * light.up.xyz;
 }
 
+// The place of two fractions of the rectangle around a middle.
+vec3 on_rectangle(vec3 middle, pell_light_data light, uvec2 at)
+{
+    const vec2 place = 2.0 * vec2(pell_unit_float(at.x), pell_unit_float(at.y)) - 1.0;
+    return middle + place.x * light.right.xyz + place.y * light.up.xyz;
+}
+
 // The place of two fractions of the face.
 vec3 face_at(pell_light_data light, uvec2 at)
 {
-    const float u = pell_unit_float(at.x), v = pell_unit_float(at.y);
-
     if (light.type == PELL_LIGHT_DATA_DISC) {
-        const pell_place2 disc = pell_disc_at(u, v);
+        const pell_place2 disc = pell_disc_at(pell_unit_float(at.x), pell_unit_float(at.y));
         return on_face(light, disc.x, disc.y);
     }
-    return on_face(light, 2.0 * u - 1.0, 2.0 * v - 1.0);
+    return on_rectangle(light.position.xyz, light, at);
 }
 
 // The sample of a light that is wide from there, over the solid angle that it takes: sr that it stands for; 0: over its face, which
@@ -139,6 +144,8 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
     a.at = uvec2(u, v) ^ p.pattern;
     if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
         a.direction = -d;
+        if (light.environment >= 0)
+            a.direction = -normalize(on_rectangle(d, light, a.at));
         a.falloff = 1.0;
         a.spread = 0.0;
         a.intensity = light.power.rgb;

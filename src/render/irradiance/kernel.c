@@ -35,14 +35,36 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
     a->any_back = back != 0;
 }
 
-static void aim_directional(const struct pell_light_data *restrict light, struct pell_aim *restrict a)
+/* A direction of those that a light of an environment stands for: `direction` is what the samples of its rectangle have in the mean. */
+static void aim_around(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                       struct pell_aim *restrict a)
+{
+    const struct pell_vec4 d = light->direction, right = light->right, up = light->up;
+
+    for (int i = 0; i < N; i++) {
+        const float x = 2.0f * pell_unit_float(u0 ^ p->pattern[0][i]) - 1.0f, y = 2.0f * pell_unit_float(u1 ^ p->pattern[1][i]) - 1.0f;
+        const float lx = d.x + x * right.x + y * up.x, ly = d.y + x * right.y + y * up.y, lz = d.z + x * right.z + y * up.z;
+        const float inverse = 1.0f / sqrtf(lx * lx + ly * ly + lz * lz);
+        a->lx[i] = -lx * inverse;
+        a->ly[i] = -ly * inverse;
+        a->lz[i] = -lz * inverse;
+    }
+}
+
+static void aim_directional(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                            struct pell_aim *restrict a)
 {
     const float power[3] = { light->power.x, light->power.y, light->power.z };
 
+    if (light->environment >= 0)
+        aim_around(light, p, u0, u1, a);
+    else
+        for (int i = 0; i < N; i++) {
+            a->lx[i] = -light->direction.x;
+            a->ly[i] = -light->direction.y;
+            a->lz[i] = -light->direction.z;
+        }
     for (int i = 0; i < N; i++) {
-        a->lx[i] = -light->direction.x;
-        a->ly[i] = -light->direction.y;
-        a->lz[i] = -light->direction.z;
         a->distance[i] = FLT_MAX;
         a->falloff[i] = 1.0f;
         a->spread[i] = 0.0f;
@@ -139,7 +161,7 @@ static void aim(const struct pell_light_data *restrict light, const struct pell_
     float wide[N];
 
     if (light->type == PELL_LIGHT_DATA_DIRECTIONAL) {
-        aim_directional(light, a);
+        aim_directional(light, p, u0, u1, a);
         finish_aim(p, a);
         return;
     }

@@ -203,6 +203,7 @@ void shine_through(pell_light_data light, Point p, inout Through sums)
 
     if (((points[p.at].curve + p.number) & (turns - 1u)) != turn)
         return;
+    light.environment = -1; // by its middle: aim_at_middle of cpu.c
     for (int s = int(pc.first); s < min(int(pc.last), light.samples); s++) {
         const uint n = p.number * uint(light.samples) + uint(s);
         Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
