@@ -222,10 +222,11 @@ static const struct option options[] = {
 #undef AT
 
 #define MAX_OPTIONS 96
+#define ON_OFF "on|off"
 
 static const char *argument_of(const struct pell_knob *k)
 {
-    return k->type == PELL_KNOB_ENUM ? "NAME" : k->type == PELL_KNOB_BOOL ? "on|off" : "N";
+    return k->type == PELL_KNOB_ENUM ? "NAME" : k->type == PELL_KNOB_BOOL ? ON_OFF : "N";
 }
 
 /* The options that a command takes: the rows of its groups, then the knobs of the picture or of comparing. */
@@ -609,6 +610,23 @@ static enum exit_code take_all(struct cli *cli, poptContext popt, const struct o
     return code;
 }
 
+/* What popt reads: an option of on|off that nothing follows, or another option, is on. Owned by the caller; NULL: no memory. */
+static const char **switch_on(int *argc, const char **argv, const struct option *list, size_t n)
+{
+    const char **all = calloc(2 * (size_t) *argc + 1, sizeof(*all));
+    int count = 0;
+
+    for (int i = 0; all && i < *argc; i++) {
+        all[count++] = argv[i];
+        for (size_t k = 0; strncmp(argv[i], "--", 2) == 0 && k < n; k++)
+            if (list[k].argument && strcmp(list[k].argument, ON_OFF) == 0 && strcmp(argv[i] + 2, list[k].name) == 0 &&
+                (i + 1 == *argc || is_option(argv[i + 1], list, n)))
+                all[count++] = "on";
+    }
+    *argc = count;
+    return all;
+}
+
 enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *done)
 {
     struct option list[MAX_OPTIONS];
@@ -630,10 +648,12 @@ enum exit_code cli_parse(struct cli *cli, int argc, const char **argv, bool *don
     cli->num_words = argc;
     keep_command_line(cli, argc, argv);
     cli->arguments = calloc((size_t) argc + 1, sizeof(*cli->arguments));
-    popt = poptGetContext(cli->program->name, argc, argv, table, 0);
+    argv = switch_on(&argc, argv, list, n);
+    popt = argv ? poptGetContext(cli->program->name, argc, argv, table, 0) : NULL;
     if (cli->arguments && popt)
         code = take_all(cli, popt, list, n, done);
     poptFreeContext(popt);
+    free(argv);
     if (code != EXIT_OK)
         return code;
     if (*done) {

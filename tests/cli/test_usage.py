@@ -13,8 +13,8 @@ import subprocess
 import sys
 import termios
 
-from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, run, sphere, test, text,
-                      works, write_obj, write_scene)
+from cli_test import (PROGRAM, ROOT, SANITIZED, SMALL, clean_environment, finite, main, names, need, one_object, png_pixels, run, sphere,
+                      test, text, works, write_obj, write_scene)
 from viewer_test import Viewer
 
 LONG = 'x' * 100000
@@ -97,7 +97,7 @@ FAULTS = {
     'an environment of less than no light': ([*MESH, '--environment', 'no.hdr', '--environment-scale', '-1'], 2, 'is -1', ''),
     'a log level that is not there': ([*MESH, '--log-level', 'loud'], 2, 'loud', ''),
     'samples of a pixel': ([*MESH, '-m', 'hierarchical', '--samples', '64'], 2, 'has no number of samples', 'path-trace'),
-    'a letter in place of a value': ([*MESH, '--denoise', '-o', 'x.png'], 2, '"-o" follows', ''),
+    'a letter in place of a value': ([*MESH, '--tonemap', '-o', 'x.png'], 2, '"-o" follows', ''),
     'an option in place of a value': ([*MESH, '--normals', '--width', '64'], 2, '"--width" follows', ''),
     'a limit that is not there': ([*MESH, '--limit', 'file_bytes=1'], 2, 'file_bytes', 'file-bytes'),
     'a limit out of range': ([*MESH, '--limit', 'depth=0'], 2, 'depth = 0', ''),
@@ -186,6 +186,15 @@ def fault_test(title, arguments, code, what, hint):
 for number, (case, (given, exit_code, about, advice)) in enumerate(FAULTS.items()):
     if not SANITIZED or number % 3 == 0: # what reads and says them is the same
         fault_test(case, given, exit_code, about, advice)
+
+
+@test('an option of on|off that stands alone is on, before another option and at the end')
+def _(folder):
+    works(folder, *MESH, '--dof', 'off', '-o', 'off.png', '--curvature', 'off')
+    works(folder, *MESH, '--dof', 'on', '-o', 'on.png', '--curvature', 'on')
+    works(folder, *MESH, '--dof', '-o', 'alone.png', '--curvature')
+    off, on, alone = ((folder / f'{name}.png').read_bytes() for name in ('off', 'on', 'alone'))
+    need(png_pixels(on) == png_pixels(alone) != png_pixels(off), 'pictures')
 
 
 @test('no command at all: the usage on stderr, exit 2')
