@@ -2,7 +2,7 @@
  * test_unscattered.c - light that passes a slab without being scattered, against its closed form; and nothing where none can pass. */
 #include "stage.h"
 
-#include "render/unscattered/lobe.h"
+#include "render/unscattered/boundary.h"
 #include "shared/sampling.h"
 #include "slow.h"
 
@@ -169,6 +169,74 @@ static void lobes_of_two_boundaries_have_their_density(void **state)
         }
 }
 
+/* Over a block of pixels: facets from a disc of slopes, evenly, and what the lobe keeps about each, against the whole lobe. */
+static void drawn_facets_and_the_rest_are_the_whole_lobe(void **state)
+{
+    enum { SIDE = 32 };
+    static const float places[] = { 0.0f, 0.5f, 1.0f };
+    const float alpha = 0.1f;
+    struct unscattered_lobe rest = { .last = alpha };
+    const float none[4][UNSCATTERED_BUNDLE] = { 0 };
+    double mean[2] = { 0.0 }, squares = 0.0, found[PELL_COUNT(places)] = { 0.0 };
+    (void) state;
+
+    unscattered_drawn(&rest);
+    for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+        struct unscattered_draw draw = { .x = SIDE + i % SIDE, .y = i / SIDE, .seed = 7 };
+        const struct pell_vec3 f = unscattered_facet(&draw, alpha, vec3(0, 0, 1), vec3(0, 0, -1));
+        const double x = (double) (f.x / f.z), y = (double) (f.y / f.z);
+        REQUIRE_REL(vec3_length(f), 1.0, 1e-5);
+        REQUIRE(hypot(x, y) < 1.001 * (double) (UNSCATTERED_CORE * alpha));
+        mean[0] += x / (SIDE * SIDE);
+        mean[1] += y / (SIDE * SIDE);
+        squares += (x * x + y * y) / (SIDE * SIDE);
+        for (size_t k = 0; k < PELL_COUNT(places); k++)
+            found[k] += (double) unscattered_density(&rest, none, (float) x - places[k] * alpha, (float) y) / (SIDE * SIDE);
+    }
+    REQUIRE(hypot(mean[0], mean[1]) < 0.01 * (double) alpha);
+    REQUIRE_REL(squares, 0.5 * (double) (UNSCATTERED_CORE * UNSCATTERED_CORE * alpha * alpha), 0.01);
+    for (size_t k = 0; k < PELL_COUNT(places); k++) {
+        const double m2 = (double) (places[k] * places[k]), expected = 1.0 / (PELL_PI * (double) (alpha * alpha) * (1.0 + m2) * (1.0 + m2));
+        print_message("# at %g: %.3f of it\n", (double) places[k], found[k] / expected);
+        REQUIRE_REL(found[k], expected, k == 0 ? 0.02 : 0.15);
+    }
+}
+
+/* Which share of pixels' ways comes out of a dense medium, by facets, against the area of the disc of slopes that lets them out. */
+static void ways_come_out_by_degrees_around_the_critical_angle(void **state)
+{
+    enum { SIDE = 32, SLOPES = 400 };
+    const float n1 = 1.4f, n2 = 1.2f, roughness = 0.5f;
+    const double slope = (double) (UNSCATTERED_CORE * roughness * roughness), critical = asin((double) (n2 / n1));
+    const struct pell_unscattered_params p = { .smooth = false };
+    (void) state;
+
+    for (int k = -4; k <= 4; k++) {
+        const double angle = critical + 0.05 * k, sine = sin(angle), cosine = cos(angle);
+        double found = 0.0, expected = 0.0, all = 0.0;
+        for (uint32_t i = 0; i < SIDE * SIDE; i++) {
+            const struct unscattered_face f = { .n = vec3(0, 0, 1), .ng = vec3(0, 0, 1), .roughness = roughness, .n1 = n1, .n2 = n2 };
+            struct unscattered_way w = { .along = vec3((float) sine, 0, (float) -cosine), .weight = { 1, 1, 1 } };
+            bool out;
+            w.draw = (struct unscattered_draw) { .x = i % SIDE, .y = i / SIDE, .seed = 3 };
+            out = unscattered_pass(&p, &f, &w);
+            found += out ? 1.0 / (SIDE * SIDE) : 0.0;
+            REQUIRE(out ? w.along.z < 0.0f : w.along.z > 0.0f);
+            REQUIRE(w.lobe.drawn > 0.0f || out);
+        }
+        for (int i = 0; i < SLOPES * SLOPES; i++) {
+            const double x = (2.0 * (i % SLOPES) + 1.0) / SLOPES - 1.0, y = (2.0 * (int) (i / SLOPES) + 1.0) / SLOPES - 1.0;
+            const double c = (cosine - slope * x * sine) / sqrt(1.0 + slope * slope * (x * x + y * y));
+            if (x * x + y * y > 1.0)
+                continue;
+            all++;
+            expected += c > cos(critical) ? 1.0 : 0.0;
+        }
+        print_message("# %+.2f rad of the critical angle: %.3f come out, %.3f expected\n", 0.05 * k, found, expected / all);
+        REQUIRE(fabs(found - expected / all) < 0.02);
+    }
+}
+
 static void thick_parts_keep_their_bits(void **state)
 {
     double shown[2][3];
@@ -260,9 +328,14 @@ static void path_trace_lets_it_through_at_every_thickness(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form), cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
-        cmocka_unit_test(path_trace_lets_it_through_at_every_thickness),     cmocka_unit_test(bumps_do_not_make_specks_of_a_lamp),
-        cmocka_unit_test(lobes_of_two_boundaries_have_their_density),        cmocka_unit_test(thick_parts_keep_their_bits),
+        cmocka_unit_test(a_slab_shows_what_is_behind_it_as_its_closed_form),
+        cmocka_unit_test(slabs_in_even_light_show_as_much_as_there_is),
+        cmocka_unit_test(path_trace_lets_it_through_at_every_thickness),
+        cmocka_unit_test(bumps_do_not_make_specks_of_a_lamp),
+        cmocka_unit_test(lobes_of_two_boundaries_have_their_density),
+        cmocka_unit_test(thick_parts_keep_their_bits),
+        cmocka_unit_test(drawn_facets_and_the_rest_are_the_whole_lobe),
+        cmocka_unit_test(ways_come_out_by_degrees_around_the_critical_angle),
     };
 
     return cmocka_run_group_tests(tests, NULL, NULL);

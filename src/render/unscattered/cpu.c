@@ -110,6 +110,7 @@ static void begin(const struct job *job, struct packet *k, int i, int x, int y)
     k->number[i] = pell_hash((uint32_t) x ^ pell_hash((uint32_t) y ^ pell_hash(p->sample)));
     *w = (struct unscattered_way) { .along = vec3_normalize(toward), .weight = { 1.0f, 1.0f, 1.0f }, .bounces = p->bounces };
     w->bundle = k->number[i] % UNSCATTERED_BUNDLES;
+    w->draw = (struct unscattered_draw) { .x = (uint32_t) x, .y = (uint32_t) y, .seed = pell_hash(p->sample) };
     k->spacing = p->view->orthographic ? 1.0f / p->view->focal_px : s->depth[at] / p->view->focal_px;
     k->open[i] = enter(job, &f, p->scene->meshes[s->mesh[at]].object, w) && w->count > 0 ? -1 : 0;
 }
@@ -241,12 +242,13 @@ static void see(const struct job *job, struct packet *k, const struct pell_ray_h
 
     for (int i = 0; i < LANES; i++) {
         const bool met = r->hit.mesh[i] < scene->num_meshes;
-        const float width = was_open[i] ? width_of_pixel(k, i, was_open) : 0.0f;
+        const float drawn = k->way[i].lobe.drawn, apart = was_open[i] ? width_of_pixel(k, i, was_open) : 0.0f;
+        const float width = sqrtf(fmaxf(apart * apart - drawn * drawn, 0.0f));
         struct unscattered_way w = k->way[i];
         float rgb[3] = { 0 };
         if (!was_open[i])
             continue;
-        k->stray[i] = width > STRAY;
+        k->stray[i] = width > STRAY || drawn > 0.0f;
         if (width > SHARP)
             w.lobe.pixel = width;
         k->rays += unscattered_see_lights(job->u, job->p, &w, met ? r->ray.tfar[i] : INFINITY, rgb);
@@ -339,7 +341,7 @@ static void tile(struct job *job, struct packet *k, int x0, int y0)
     for (int i = 0; i < LANES; i++) {
         const int x = x0 + i % TILE, y = y0 + i / TILE;
         for (int c = 0; c < 3 && x >= r.x0 && x < r.x1 && y >= r.y0 && y < r.y1; c++)
-            p->light[c][(ptrdiff_t) y * s->stride + x] = k->stray[i] ? -k->rgb[c][i] : k->rgb[c][i];
+            p->light[c][(ptrdiff_t) y * s->stride + x] = k->stray[i] ? -fmaxf(k->rgb[c][i], UNSCATTERED_STRAY) : k->rgb[c][i];
     }
     if (stray)
         job->stray = true;
@@ -369,6 +371,6 @@ int64_t pell_unscattered_render(struct pell_pool *pool, const struct pell_unscat
         return 0;
     pell_pool_run(pool, (r.y1 + TILE - 1) / TILE - r.y0 / TILE, tile_row, &job);
     if (job.stray)
-        unscattered_share_stray(pool, r, params->surface->stride, params->light);
+        unscattered_share_stray(pool, params);
     return job.rays;
 }

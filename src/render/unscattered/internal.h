@@ -3,6 +3,7 @@
 #ifndef RENDER_UNSCATTERED_INTERNAL_H
 #define RENDER_UNSCATTERED_INTERNAL_H
 
+#include "render/unscattered/facets.h"
 #include "render/unscattered/lobe.h"
 #include "render/unscattered/stage.h"
 
@@ -41,6 +42,7 @@ struct unscattered_way {
     int bounces;     /* left */
     float thickness; /* optical, of the clearest channels */
     uint32_t bundle;
+    struct unscattered_draw draw;
 };
 
 /* lights.c. Adds to `rgb` what lights show along a way in the open up to `reach` mm, INFINITY where nothing is in the way. Returns the
@@ -48,7 +50,8 @@ struct unscattered_way {
 int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pell_unscattered_params *p, const struct unscattered_way *w,
                                float reach, float rgb[3]);
 
-/* stray.c. Values of pixels whose ways are stray come with their sign bit set, 0 too, and are given the mean of those around them. */
-void unscattered_share_stray(struct pell_pool *pool, struct pell_rect rect, ptrdiff_t stride, float *const light[3]);
+#define UNSCATTERED_STRAY 1e-30f /* in place of 0, which has no sign */
+/* stray.c. Values of pixels whose ways are stray come below 0, and are given the mean of those around them. */
+void unscattered_share_stray(struct pell_pool *pool, const struct pell_unscattered_params *p);
 
 #endif

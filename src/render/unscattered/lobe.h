@@ -19,17 +19,20 @@
 
 #define UNSCATTERED_BUNDLE 16 /* directions of a lobe */
 #define UNSCATTERED_BUNDLES 64
+#define UNSCATTERED_CORE 0.6f /* of a: radius of the disc that facets are drawn from */
 
 struct unscattered_lobe {
     float wide, last; /* widths: by the boundaries before the last, and by that; */
     float pixel;      /* radius of a disc of even density: what a pixel sees. All 0: a ray */
+    float drawn;      /* width of what the way is one direction of (facets.h), which the others are without */
 };
 
 static inline void unscattered_refract(struct unscattered_lobe *l, float alpha, float n, float n2, float c, float c2)
 {
-    const float root = sqrtf(c2 > 1e-4f ? c2 : 1e-4f);
+    const float root = sqrtf(c2 > 1e-4f ? c2 : 1e-4f), wider = n / n2 * sqrtf(c) / root;
 
-    l->wide = sqrtf(l->wide * l->wide + l->last * l->last) * n / n2 * sqrtf(c) / root;
+    l->wide = wider * sqrtf(l->wide * l->wide + l->last * l->last);
+    l->drawn *= wider;
     l->last = alpha * fabsf(n * c - n2 * c2) / (n2 * root);
 }
 
@@ -37,6 +40,16 @@ static inline void unscattered_reflect(struct unscattered_lobe *l, float alpha)
 {
     l->wide = sqrtf(l->wide * l->wide + l->last * l->last);
     l->last = 2.0f * alpha;
+}
+
+/* The last boundary's facet was drawn. What the lobe keeps has the density c^2/(pi (c^2 + m^2)^2), of which a disc of radius d holds
+ * d^2/(c^2 + d^2): with c^2 + d^2 = a^2 both together have in the middle what the whole has. */
+static inline void unscattered_drawn(struct unscattered_lobe *l)
+{
+    const float core = UNSCATTERED_CORE * l->last;
+
+    l->drawn = sqrtf(l->drawn * l->drawn + core * core);
+    l->last = sqrtf(l->last * l->last - core * core);
 }
 
 /* Two places for each direction of a bundle, of slopes with a = 1: [0], [1] and [2], [3]. `number` below UNSCATTERED_BUNDLES. */

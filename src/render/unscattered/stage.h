@@ -7,11 +7,12 @@
  *
  * refracted at each boundary by interpolated normals, and reflected inside where none of it can leave. L' is what is behind: lights with a
  * face, environments, and what surfaces there reflect, as diffuse surfaces with the light that enters them. Rough boundaries make a lobe of
- * the way (lobe.h), which faces of lights are seen through, and lights without extent by its density. L is radiance over the square of the
- * index, so that indices cancel from the open to the open.
+ * the way (lobe.h), which faces of lights are seen through, and lights without extent by its density; where a way goes, and whether it
+ * comes out, is drawn from the middle of that (facets.h). L is radiance over the square of the index, so that indices cancel from the open
+ * to the open.
  *
- * Faces and environments are seen as wide as pixels are apart there; where these come out far from each other, as by chance, they share
- * what they see (stray.c).
+ * Faces and environments are seen as wide as pixels are apart there; where these come out far from each other, as by chance or because
+ * that was drawn, they share what they see (stray.c).
  *
  * What a slab transmits (pellucid/layers.h), and what is scattered forward (optics/medium/forward.h), holds none of this.
  *
