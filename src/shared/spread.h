@@ -24,6 +24,14 @@ PELL_SHARED float pell_spread_straight(float packed)
     return PELL_TO_FLOAT(pell_float_bits(packed) & 1023) / 1023.0f;
 }
 
+/* The part of its way that light spreads by, of how flat the part of the solid is: all in a sheet. In round parts light spreads around all
+ * of it, which a blur of one way's light has no room for; but where ways jump, at the edge of a shadow and where one more limb lies on the
+ * way, transmitted light does not. */
+PELL_SHARED float pell_spread_part(float flat_share)
+{
+    return 0.2f + 0.8f * flat_share;
+}
+
 /* Share of light of a variance that the Gaussian of the variance `here` takes, between those of `below` and `above`; below < 0: it is the
  * narrowest; above <= here: the widest. */
 PELL_SHARED float pell_spread_share(float variance, float below, float here, float above)

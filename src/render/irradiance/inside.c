@@ -4,6 +4,8 @@
  * transmitted. */
 #include "render/irradiance/internal.h"
 
+#include "shared/spread.h"
+
 #include <string.h>
 
 void pell_find_points(const struct job *job, struct packet *k)
@@ -55,7 +57,8 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
         struct pell_curvature_effects effects;
         pell_curvature_effects_at(job->p->curvature, &k->points, translucent, &effects);
         job->inside->bend(job->p, &effects, &k->lanes, gains);
-        memcpy(k->flat, effects.flat, sizeof(k->flat));
+        for (int i = 0; i < PELL_LANES; i++)
+            k->flat[i] = pell_spread_part(effects.flat[i]);
     }
     if (job->p->through) {
         struct pell_indirect_insides found;

@@ -131,7 +131,7 @@ void put_inside(uint i, uint material, inout Arrived a)
 {
     const pell_picture_inside n = insides[i];
 
-    a.way *= n.all.w;
+    a.way *= pell_spread_part(n.all.w);
     a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
     a.transmitted += n.behind.rgb;
     a.irradiance *= n.all.rgb;
