@@ -97,4 +97,4 @@ docs: ## the documentation as pages for a browser, in build-docs/
 	@scripts/make_docs.sh build-docs
 
 clean: ## removes all that was built
-	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb build-docs build-mpi pellucid
+	@rm -rf build build-asan build-tsan build-fuzz build-clang build-deb build-docs build-mpi build-assets pellucid

@@ -1,6 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# build.sh FOLDER [MESON OPTION...]: configures FOLDER once and builds it. In CI (CI is set) warnings are errors. TARGETS: what to build
+# build.sh FOLDER [MESON OPTION...]: configures FOLDER once and builds it; build folders share the example meshes, in build-assets. In CI
+# (CI is set) warnings are errors. TARGETS: what to build
 # (all), names of Ninja's, or suite:NAME[,-OTHER], what the tests of that suite run (without those of another).
 set -eu
 
@@ -9,7 +10,7 @@ shift
 [ -n "${CI-}" ] && set -- "$@" -Dwerror=true
 if [ ! -f "$folder/build.ninja" ]; then
     log=$(mktemp)
-    if ! meson setup "$folder" "$@" >"$log" 2>&1; then
+    if ! meson setup "$folder" -Dassets="$PWD/build-assets" "$@" >"$log" 2>&1; then
         tail -n 40 "$log" >&2
         rm -f "$log"
         rm -rf "$folder"
