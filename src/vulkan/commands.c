@@ -162,9 +162,9 @@ void pell_gpu_run(struct pell_gpu_commands *c, struct pell_gpu_pass *pass, const
             s->access[i] & PELL_GPU_WRITES ? VK_ACCESS_2_SHADER_STORAGE_WRITE_BIT : 0);
     flush(c);
     gpu->vk.CmdBindPipeline(c->buffer, VK_PIPELINE_BIND_POINT_COMPUTE, pass->pipeline);
-    gpu->vk.CmdBindDescriptorSets(c->buffer, VK_PIPELINE_BIND_POINT_COMPUTE, pass->layout, 0, 1, &pass->set, 0, NULL);
+    gpu->vk.CmdBindDescriptorSets(c->buffer, VK_PIPELINE_BIND_POINT_COMPUTE, pass->program->layout, 0, 1, &pass->set, 0, NULL);
     if (s->push_size > 0)
-        gpu->vk.CmdPushConstants(c->buffer, pass->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, s->push_size, push);
+        gpu->vk.CmdPushConstants(c->buffer, pass->program->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, s->push_size, push);
     gpu->vk.CmdDispatch(c->buffer, x, y, z);
 }
 

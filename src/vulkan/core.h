@@ -92,6 +92,8 @@ struct pell_gpu {
     pthread_mutex_t queue_lock;
     pthread_mutex_t memory_lock;
     pthread_mutex_t codes_lock;
+    pthread_mutex_t programs_lock;
+    struct pell_vk_program *programs; /* until the end: who makes passes again need not wait for the compiler */
     struct pell_vk_block *blocks;
     uint64_t memory_used;
     _Atomic uint64_t calls;
@@ -99,6 +101,8 @@ struct pell_gpu {
     _Atomic uint64_t fail_at; /* 0: none */
     _Atomic bool fail_lost;   /* for tests: that call fails as if the device were lost */
 };
+
+/* --- calls.c --- */
 
 /* Counts a call that can fail; whether it is the one to fail. */
 bool pell_vk_fails(struct pell_gpu *gpu);
@@ -143,22 +147,32 @@ struct pell_gpu_pass {
     struct pell_gpu *gpu;
     const struct pell_shader *shader;
     struct pell_gpu_buffer *buffers[PELL_GPU_BINDINGS]; /* borrowed */
-    VkDescriptorSetLayout set_layout;
-    VkPipelineLayout layout;
-    VkPipeline pipeline;               /* that is bound: */
-    VkPipeline built_in;               /* this one, */
-    struct pell_vk_replaced *replaced; /* or the last of these, with a folder of shaders */
-    uint32_t version;                  /* of the code that it has; 0: the built-in one */
-    uint32_t constants[PELL_GPU_BINDINGS];
-    size_t num_constants;
+    const struct pell_vk_program *program;              /* the gpu's */
+    VkPipeline pipeline;                                /* that is bound: the program's, */
+    struct pell_vk_replaced *replaced;                  /* or the last of these, with a folder of shaders */
+    uint32_t version;                                   /* of the code that it has; 0: the built-in one */
     VkDescriptorPool pool;
     VkDescriptorSet set;
 };
 
 /* --- pipeline.c --- */
 
-/* The pass's pipeline with this code; the caller's. */
-VkResult pell_vk_pipeline(struct pell_gpu_pass *pass, const uint32_t *words, size_t size, VkPipeline *out);
+/* A shader with values of its constants, compiled; all passes of a gpu that run it share it. */
+struct pell_vk_program {
+    struct pell_vk_program *next;
+    const struct pell_shader *shader;
+    uint32_t constants[PELL_GPU_BINDINGS];
+    size_t num_constants;
+    VkDescriptorSetLayout set_layout;
+    VkPipelineLayout layout;
+    VkPipeline pipeline;
+};
+
+PELL_NODISCARD enum pell_result pell_vk_program_of(struct pell_gpu *gpu, const struct pell_shader *shader, const uint32_t *constants,
+                                                   size_t num_constants, const struct pell_vk_program **out);
+void pell_vk_programs_destroy(struct pell_gpu *gpu);
+/* The program's pipeline with this code; the caller's. */
+VkResult pell_vk_pipeline(struct pell_gpu *gpu, const struct pell_vk_program *program, const uint32_t *words, size_t size, VkPipeline *out);
 
 /* --- codes.c --- */
 

@@ -8,36 +8,6 @@
 
 enum { MAX_FAMILIES = 64 };
 
-bool pell_vk_fails(struct pell_gpu *gpu)
-{
-    const uint64_t call = atomic_fetch_add(&gpu->calls, 1) + 1;
-
-    return call == atomic_load(&gpu->fail_at);
-}
-
-enum pell_result pell_vk_check(struct pell_gpu *gpu, const char *call, VkResult result)
-{
-    return result == VK_SUCCESS ? PELL_OK : pell_vk_failed(gpu->ctx, call, result);
-}
-
-void pell_vk_name(struct pell_gpu *gpu, VkObjectType type, uint64_t handle, const char *name)
-{
-    const VkDebugUtilsObjectNameInfoEXT info = {
-        .sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT, .objectType = type, .objectHandle = handle, .pObjectName = name
-    };
-
-    if (gpu->vk.SetDebugUtilsObjectNameEXT)
-        gpu->vk.SetDebugUtilsObjectNameEXT(gpu->device, &info); /* a name that is missing harms nothing */
-}
-
-uint64_t pell_gpu_fail_at(struct pell_gpu *gpu, uint64_t n)
-{
-    const uint64_t calls = atomic_load(&gpu->calls);
-
-    atomic_store(&gpu->fail_at, n ? calls + n : 0);
-    return calls;
-}
-
 const char *pell_gpu_name(const struct pell_gpu *gpu)
 {
     return gpu->name;
@@ -159,7 +129,7 @@ fail:
 
 static enum pell_result make_locks(struct pell_gpu *gpu)
 {
-    pthread_mutex_t *const locks[] = { &gpu->queue_lock, &gpu->memory_lock, &gpu->codes_lock };
+    pthread_mutex_t *const locks[] = { &gpu->queue_lock, &gpu->memory_lock, &gpu->codes_lock, &gpu->programs_lock };
     size_t made = 0;
 
     while (made < PELL_COUNT(locks) && pthread_mutex_init(locks[made], NULL) == 0)
@@ -284,6 +254,7 @@ void pell_gpu_close(struct pell_gpu **gpu)
     *gpu = NULL;
     pell_vk_cache_close(g);
     pell_vk_codes_destroy(g);
+    pell_vk_programs_destroy(g);
     if (g->device && !g->borrowed && g->vk.DestroyDevice)
         g->vk.DestroyDevice(g->device, NULL);
     if (!g->borrowed)
@@ -292,6 +263,7 @@ void pell_gpu_close(struct pell_gpu **gpu)
         pthread_mutex_destroy(&g->queue_lock);
         pthread_mutex_destroy(&g->memory_lock);
         pthread_mutex_destroy(&g->codes_lock);
+        pthread_mutex_destroy(&g->programs_lock);
     }
     pell_free(g->ctx, g);
 }

@@ -19,13 +19,13 @@ static void take(struct pell_gpu_pass *p, struct pell_vk_code *code, const char 
 
     p->version = code->version;
     if (!code->words) {
-        p->pipeline = p->built_in;
+        p->pipeline = p->program->pipeline;
         return;
     }
     made = pell_zalloc(p->gpu->ctx, sizeof(*made));
     if (!made)
         return;
-    if (pell_vk_pipeline(p, code->words, code->size, &made->pipeline) == VK_SUCCESS) {
+    if (pell_vk_pipeline(p->gpu, p->program, code->words, code->size, &made->pipeline) == VK_SUCCESS) {
         made->before = p->replaced;
         p->replaced = made;
         p->pipeline = made->pipeline;
