@@ -150,9 +150,9 @@ static void shine(const struct job *job, const struct pell_light_source *source,
                 pell_trace_occlusion(job, k, k->aim.front, true, &rays, visible);
             }
             job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, highlights ? &gloss : NULL, front);
-        }
-        if (source->environment >= 0 && !source->compact && !k->given)
+        } else if (pell_light_in_table(data) && !k->given) {
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
+        }
         if (source->environment >= 0 && (k->any_ahead || k->lanes.any_deep))
             aim_at_middle(job, data, k);
         if (k->aim.any_back && turns && source->turns > 1)

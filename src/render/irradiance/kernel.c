@@ -301,6 +301,15 @@ static void add_way(const struct pell_lanes *restrict p, const struct pell_aim *
     }
 }
 
+static void add_unshadowed(const struct pell_aim *restrict a, const float *restrict transmitted, struct pell_sums *restrict sums)
+{
+    for (int c = 0; c < 3; c++)
+        for (int i = 0; i < N; i++) {
+            const float mu = a->nl[i] > 0.0f ? a->nl[i] : 0.0f, add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * mu;
+            sums->unshadowed[c][i] += add < BIG ? add : BIG;
+        }
+}
+
 static void front(const struct pell_light_data *light, const struct pell_shade_tables *t, const struct pell_lanes *restrict p,
                   const struct pell_aim *restrict a, const int32_t *restrict visible, struct pell_gloss *gloss,
                   struct pell_sums *restrict sums)
@@ -325,6 +334,8 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
             sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
             sums->lost[c][i] += faced && clear[i] > facing[i] ? kept : 0.0f;
         }
+    if (pell_light_in_table(light))
+        add_unshadowed(a, transmitted, sums);
     if (p->any_way)
         add_way(p, a, facing, transmitted, off, sums);
     if (p->any_single)
@@ -346,11 +357,7 @@ static void unshadowed(const struct pell_shade_tables *t, const struct pell_lane
     if (!faced)
         return;
     transmittance(t, p, mu, transmitted);
-    for (int c = 0; c < 3; c++)
-        for (int i = 0; i < N; i++) {
-            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * mu[i];
-            sums->unshadowed[c][i] += add < BIG ? add : BIG;
-        }
+    add_unshadowed(a, transmitted, sums);
 }
 
 /* --- Loading ------------------------------------------------------------------------------------------------------------------ */

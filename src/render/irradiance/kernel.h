@@ -112,6 +112,12 @@ static inline bool pell_light_has_face(const struct pell_light_data *light)
     return light->type == PELL_LIGHT_DATA_RECT || light->type == PELL_LIGHT_DATA_DISC;
 }
 
+/* Whether light is in its environment's smooth table, too. */
+static inline bool pell_light_in_table(const struct pell_light_data *light)
+{
+    return light->environment >= 0 && !(light->flags & PELL_LIGHT_DATA_COMPACT);
+}
+
 /* The highlight of one light. */
 struct pell_gloss {
     _Alignas(64) float open[3][16], hidden[3][16]; /* by points of its face that rays reach, and that they do not */
@@ -132,7 +138,8 @@ struct pell_shade_kernels {
                  struct pell_sums *sums);
     /* Directions, distances, intensities and masks; `u0`, `u1`: the sample's Sobol numbers. Without the projected image. */
     void (*aim)(const struct pell_light_data *light, const struct pell_lanes *lanes, uint32_t u0, uint32_t u1, struct pell_aim *aim);
-    /* Adds the light of the front lanes whose `visible` is -1, and all lanes' highlights to `gloss`, if that is not NULL. */
+    /* Adds the light of the front lanes whose `visible` is -1, what `unshadowed` adds where the light is in a table, and all lanes'
+     * highlights to `gloss`, if that is not NULL. */
     void (*front)(const struct pell_light_data *light, const struct pell_shade_tables *tables, const struct pell_lanes *lanes,
                   const struct pell_aim *aim, const int32_t *visible, struct pell_gloss *gloss, struct pell_sums *sums);
     void (*begin_highlights)(const struct pell_light_data *light, const struct pell_lanes *lanes, struct pell_gloss *gloss);
