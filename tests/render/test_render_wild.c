@@ -322,6 +322,30 @@ static void tiny_and_huge_objects(void **state)
     shot_free(&first);
 }
 
+/* Far from the origin coordinates are rounded to millimetres, and places of indirect light fall together: it ends soon all the same. */
+static void far_objects_end_soon(void **state)
+{
+    (void) state;
+    for (float far = 1e5f; far <= 1e7f; far *= 100.0f) {
+        const double start = pell_seconds();
+        struct pell_material *material;
+        struct stage s;
+        size_t m;
+
+        stage_start(&s, 60, 45);
+        s.settings.bounces = 1;
+        material = stage_gaussians(&s, 0.5, &m);
+        material->rho_s = 1.0f;
+        stage_ball(&s, m, 0, vec3(far, far, far), 20.0f, 24);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(10, 0, -60), vec3(0, 0, 0), 1.0f);
+        stage_camera(&s, vec3(far, far, far + 200.0f), vec3(far, far, far), 0.3f, 0.0f);
+        render_both(&s, "a ball far away");
+        print_message("# at %g mm: %.2f s\n", (double) far, pell_seconds() - start);
+        REQUIRE(pell_seconds() - start < 30.0);
+        stage_finish(&s);
+    }
+}
+
 static void cameras_anywhere(void **state)
 {
     static const struct {
@@ -552,6 +576,7 @@ int main(void)
         cmocka_unit_test(random_scenes_end_in_numbers),
         cmocka_unit_test(extreme_coefficients),
         cmocka_unit_test(tiny_and_huge_objects),
+        cmocka_unit_test(far_objects_end_soon),
         cmocka_unit_test(cameras_anywhere),
         cmocka_unit_test(opaque_objects_alone_need_no_method),
         cmocka_unit_test(opaque_and_masked_and_translucent_in_one_picture),

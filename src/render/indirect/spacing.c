@@ -21,10 +21,10 @@ static void widen(const struct pell_context *ctx, struct indirect_box *box, cons
     }
 }
 
-/* Of a box's coordinates, > 0: an object of that size is a point. */
-static float rounding(const struct indirect_box *b)
+/* Of a place's coordinates, > 0: an object of that size is a point. */
+static float rounding(struct pell_vec3 p)
 {
-    return fmaxf(2.0f * FLT_EPSILON * fmaxf(vec3_length(b->low), vec3_length(b->high)), 1e-30f);
+    return fmaxf(2.0f * FLT_EPSILON * vec3_length(p), 1e-30f);
 }
 
 void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spacing *out)
@@ -51,7 +51,8 @@ void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spaci
         widen(scene->ctx, &out->box[k], mesh);
     }
     for (int k = 0; k < out->count; k++)
-        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS, rounding(&out->box[k]));
+        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS,
+                                    fmaxf(rounding(out->box[k].low), rounding(out->box[k].high)));
 }
 
 float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p)
@@ -65,5 +66,6 @@ float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p)
                  larger(larger(b->low.z - p.z, p.z - b->high.z), 0.0f));
         least = smaller(least, b->spacing + GROWTH * vec3_length(d));
     }
-    return least * s->scale;
+    return fmaxf(least * s->scale,
+                 rounding(p)); /* samples nearer than that lie in the same places, and any number of them is around each */
 }
