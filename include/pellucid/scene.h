@@ -228,6 +228,7 @@ struct pell_load_params {
     const char *normals;           /* file: as the mesh files have them; smooth: made anew, with creases where triangles meet at more than
                                     * 60 degrees; NULL: as a scene file says, else file */
     const char *background;        /* environment, transparent, white, grey, black or "#RRGGBB" (sRGB); NULL: as in the file */
+    bool ground;                   /* something opaque and grey to stand on, as a scene file's "ground": true, where the file has none */
 };
 
 /* Reads .gltf, .glb, .obj, .ply, .stl or a scene .json (distinguished by content where possible), and completes it: normals, tangents

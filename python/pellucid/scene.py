@@ -22,7 +22,7 @@ _PIXELS = {np.dtype(np.uint8): "PELL_PIXEL_U8", np.dtype(np.uint16): "PELL_PIXEL
 LOAD_OPTIONS: dict[str, Any] = {
     "size": None, "unit": None, "material": None, "camera": None, "time": None, "animation": None, "aspect": 0.0, "allow_outside": False,
     "bare": False, "up": None, "normals": None, "from_": None, "studio": None, "environment": None, "environment_scale": 1.0,
-    "environment_rotate": 0.0, "background": None}
+    "environment_rotate": 0.0, "background": None, "ground": False}
 _MESH = ("vertices", "triangles", "normals", "uv", "name", "material")
 
 
@@ -63,7 +63,8 @@ def _load_params(keep: list, **options: Any):
         "allow_outside": bool(given["allow_outside"]), "bare": bool(given["bare"]), "up": name("up"), "normals": name("normals"),
         "from": name("from_"), "studio": name("studio"), "environment": name("environment"),
         "environment_scale": number(given["environment_scale"], "environment_scale") if given["environment"] else 0.0,
-        "environment_rotate_deg": number(given["environment_rotate"], "environment_rotate"), "background": name("background")})
+        "environment_rotate_deg": number(given["environment_rotate"], "environment_rotate"), "background": name("background"),
+        "ground": bool(given["ground"])})
 
 
 class Scene(Closing):
@@ -90,7 +91,7 @@ class Scene(Closing):
         (name), time (s), animation, aspect (width/height, for framing), allow_outside, bare (no default lights, camera, ground),
         up ("y" or "z"), normals ("file", "smooth"), from_ (side of the camera: "front", "34", "35,15"), studio ("soft", "rim", "back",
         "window"), environment (an image that lights the object) with environment_scale and environment_rotate (degrees), background
-        ("#f4f1ec", "white", "transparent", "environment").
+        ("#f4f1ec", "white", "transparent", "environment"), ground (True: the object stands on a grey floor, or table in an environment).
         """
         keep: list = []
         params = _load_params(keep, **options)

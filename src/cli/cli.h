@@ -94,7 +94,7 @@ struct cli {
     char *output, *format, *method, *max_error, *material, *size, *unit, *camera, *engine, *device;
     char *up, *normals, *from, *studio, *environment, *environment_scale, *environment_rotate, *background;
     char *time, *animation, *frames, *checkpoint, *checkpoint_every, *dump, *progress_form;
-    bool json, quiet, stats, allow_outside;
+    bool json, quiet, stats, allow_outside, ground;
     struct {
         const char *const *parts;
         int count; /* 0: the command is another */

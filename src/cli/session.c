@@ -297,7 +297,8 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
                                           .from = cli->from,
                                           .studio = cli->studio,
                                           .environment = cli->environment,
-                                          .background = cli->background };
+                                          .background = cli->background,
+                                          .ground = cli->ground };
     if (cli->size && cli->unit)
         return cli_usage(cli, "--size", "give one of them", "--size and --unit both say how large the object is");
     if (cli->size && (res = pell_parse_length(cli->ctx, "--size", cli->size, &params->size_mm)) != PELL_OK)

@@ -530,7 +530,7 @@ static enum pell_result complete_view(struct pell_scene *scene, const struct pel
         PELL_TRY(pell_scene_studio(scene, extras->view.studio));
     ground = extras->view.lights ? pell_studio_has_backdrop(extras->view.studio) && scene->background == PELL_BACKGROUND_COLOR
                                  : extras->backdrop && !around->environment;
-    if (extras->ground || (ground && !around->background))
+    if (extras->ground || params->ground || (ground && !around->background))
         PELL_TRY(pell_scene_ground(scene, extras->ground_material));
     if (scene->from_file && scene->background == PELL_BACKGROUND_COLOR && scene->ground_mesh < 0 && !extras->own_background &&
         !around->background)

@@ -321,6 +321,7 @@ fail:
 /* --- Ground ------------------------------------------------------------------------------------------------------------------- */
 
 enum { ARC = 48, RUNG = ARC + 3 }; /* points of the profile: floor's front, the arc's ARC + 1, the wall's top */
+enum { AROUND = 128 };             /* corners of a table */
 
 static enum pell_result ground_material(struct pell_scene *scene, int *material)
 {
@@ -346,14 +347,12 @@ fail:
 
 /* In radii: the floor begins 30 in front of the object, the arc of radius 6 begins 7 behind it (behind the studio's lights), the wall ends
  * at 60, and all is 120 wide. */
-enum pell_result pell_scene_ground(struct pell_scene *scene, int material)
+static enum pell_result add_sweep(struct pell_scene *scene, size_t index)
 {
     const float r = radius_of(scene), bend = 6.0f * r, back = 7.0f * r;
     const struct pell_vec3 center = center_of(scene);
     struct pell_vec3 behind = vec3(0, 0, -1), side;
     struct pell_mesh *mesh;
-    size_t index;
-    int object = 0;
     enum pell_result res;
 
     if (scene->num_cameras) {
@@ -362,15 +361,8 @@ enum pell_result pell_scene_ground(struct pell_scene *scene, int material)
             behind = vec3_normalize(level);
     }
     side = vec3_cross(behind, vec3(0, 1, 0));
-    PELL_TRY(ground_material(scene, &material));
-    for (size_t i = 0; i < scene->num_meshes; i++)
-        object = scene->meshes[i].object >= object ? scene->meshes[i].object + 1 : object;
-    PELL_TRY(pell_scene_add_mesh(scene, "ground", &index));
     PELL_TRY(pell_mesh_allocate(scene, index, 2 * RUNG, 2 * (RUNG - 1)));
-    scene->ground_mesh = (int) index;
     mesh = &scene->meshes[index];
-    mesh->material = material;
-    mesh->object = object;
     for (int i = 0; i < RUNG; i++) {
         const float angle = i == 0 ? 0.0f : i == RUNG - 1 ? 0.5f * PELL_PI_F : 0.5f * PELL_PI_F * (float) (i - 1) / (float) ARC;
         const float along = i == 0 ? -30.0f * r : back + bend * sinf(angle);
@@ -387,6 +379,52 @@ enum pell_result pell_scene_ground(struct pell_scene *scene, int material)
         const uint32_t quad[6] = { 2 * i, 2 * i + 1, 2 * i + 3, 2 * i, 2 * i + 3, 2 * i + 2 };
         memcpy(mesh->index + 6 * (size_t) i, quad, sizeof(quad));
     }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+/* In radii: a round table of 3. A sweep would hide the environment, and what it lights from behind. */
+static enum pell_result add_table(struct pell_scene *scene, size_t index)
+{
+    const float r = 3.0f * radius_of(scene);
+    struct pell_vec3 center = center_of(scene);
+    struct pell_mesh *mesh;
+    enum pell_result res;
+
+    center.y = scene->bounds_min[1];
+    PELL_TRY(pell_mesh_allocate(scene, index, AROUND + 1, AROUND));
+    mesh = &scene->meshes[index];
+    for (uint32_t i = 0; i <= AROUND; i++) {
+        const float turn = 2.0f * PELL_PI_F * (float) i / (float) AROUND, out = i < AROUND ? r : 0.0f;
+        vec3_store(vec3_mad(center, out, vec3(cosf(turn), 0, -sinf(turn))), mesh->position + 3 * i);
+        vec3_store(vec3(0, 1, 0), mesh->normal + 3 * i);
+    }
+    for (uint32_t i = 0; i < AROUND; i++) {
+        const uint32_t sector[3] = { AROUND, i, (i + 1) % AROUND };
+        memcpy(mesh->index + 3 * (size_t) i, sector, sizeof(sector));
+    }
+    return PELL_OK;
+
+fail:
+    return res;
+}
+
+enum pell_result pell_scene_ground(struct pell_scene *scene, int material)
+{
+    size_t index;
+    int object = 0;
+    enum pell_result res;
+
+    PELL_TRY(ground_material(scene, &material));
+    for (size_t i = 0; i < scene->num_meshes; i++)
+        object = scene->meshes[i].object >= object ? scene->meshes[i].object + 1 : object;
+    PELL_TRY(pell_scene_add_mesh(scene, "ground", &index));
+    PELL_TRY(scene->background == PELL_BACKGROUND_ENVIRONMENT ? add_table(scene, index) : add_sweep(scene, index));
+    scene->ground_mesh = (int) index;
+    scene->meshes[index].material = material;
+    scene->meshes[index].object = object;
     return PELL_OK;
 
 fail:

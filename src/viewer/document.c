@@ -240,6 +240,8 @@ static enum pell_result surround(struct viewer_document *d, const char *input, c
         json_object_del(d->base, "mesh");
         json_object_set_new(d->base, "meshes", json_pack("[{s:s,s:[i,i,i]}]", "path", pell_path_name(input), "rotate_deg", -90, 0, 0));
     }
+    if (params->ground && !json_object_get(d->base, "ground") && !json_object_get(background, "ground"))
+        json_object_set_new(d->base, "ground", json_true());
     if (params->from)
         json_object_set_new(d->base, "camera", json_pack("{s:s}", "side", params->from));
     if (params->studio) {
@@ -252,6 +254,7 @@ static enum pell_result surround(struct viewer_document *d, const char *input, c
         PELL_TRY(light_with(d, input, params));
     if (params->background)
         json_object_set_new(d->base, "background", json_string(params->background));
+    d->params.ground = false;
     d->params.up = d->params.from = d->params.studio = d->params.environment = d->params.background = NULL;
     d->params.environment_scale = d->params.environment_rotate_deg = 0.0;
     return PELL_OK;

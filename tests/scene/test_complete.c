@@ -3,6 +3,7 @@
 #include "scene_test.h"
 
 #include "scene/mesh/topology.h"
+#include "scene/triangle.h"
 
 #include "slow.h"
 
@@ -753,6 +754,48 @@ static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
     finish(s);
 }
 
+/* As an option says, or the file; and one that is there already stays alone. */
+static void in_an_environment_the_ground_is_a_table(void **state)
+{
+    static const struct memory_file files[] = { { "cube.obj", CUBE }, { NULL, NULL } };
+    static const char *const said[] = { "", ",\"ground\":true" };
+    struct pell_context *ctx = test_context(NULL, NULL);
+    (void) state;
+
+    for (int i = 0; i < 3; i++) {
+        const struct pell_load_params params = { .ground = i != 1 };
+        const struct pell_mesh *m;
+        struct pell_scene *s;
+        char scene[256];
+        float radius;
+        snprintf(scene, sizeof(scene),
+                 "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"unit\":\"10mm\",\"lights\":[{\"type\":\"environment\",\"color\":1}],"
+                 "\"background\":\"environment\"%s}",
+                 said[i > 0]);
+        assert_int_equal(load_bytes(ctx, "s.json", scene, strlen(scene), &params, files, &s), PELL_OK);
+        assert_int_equal(s->num_meshes, 2);
+        assert_int_equal(s->ground_mesh, 1);
+        assert_false(s->contact_shadow);
+        m = &s->meshes[1];
+        radius = 3.0f * 0.5f * vec3_length(vec3_sub(vec3_load(s->bounds_max), vec3_load(s->bounds_min)));
+        for (uint32_t k = 0; k < m->num_vertices; k++) {
+            const float *p = m->position + 3 * k;
+            const struct pell_vec3 out =
+                vec3(p[0] - 0.5f * (s->bounds_min[0] + s->bounds_max[0]), 0.0f, p[2] - 0.5f * (s->bounds_min[2] + s->bounds_max[2]));
+            REQUIRE_NEAR(p[1], s->bounds_min[1], 1e-6);
+            REQUIRE_NEAR(vec3_length(out), k + 1 < m->num_vertices ? radius : 0.0f, 1e-4f * radius);
+        }
+        for (uint32_t k = 0; k < m->num_triangles; k++) {
+            struct pell_vec3 corner[3];
+            pell_triangle_corners(m, k, corner);
+            REQUIRE(pell_triangle_cross(corner).y > 0.0f);
+        }
+        pell_scene_destroy(&s);
+    }
+    assert_int_equal(pell_memory_used(ctx), 0);
+    pell_context_destroy(&ctx);
+}
+
 /* --- Units ------------------------------------------------------------------------------------------------------------------------- */
 
 static void one_object_in_three_units_is_one_object(void **state)
@@ -988,6 +1031,7 @@ int main(void)
         cmocka_unit_test(studio_lights_are_as_bright_on_a_grain_as_on_a_house),
         cmocka_unit_test(a_background_that_is_given_has_no_floor_before_it),
         cmocka_unit_test(the_ground_is_a_floor_and_a_wall_out_of_the_bounds),
+        cmocka_unit_test(in_an_environment_the_ground_is_a_table),
         cmocka_unit_test(one_object_in_three_units_is_one_object),
         cmocka_unit_test(values_that_a_renderer_could_not_trust_are_refused),
         cmocka_unit_test(transforms_keep_normals_at_right_angles_and_turn_mirrored_triangles),

@@ -69,6 +69,7 @@ static void move_scene(struct cli *to, struct cli *from)
         *texts[i][0] = *texts[i][1];
         *texts[i][1] = NULL;
     }
+    to->ground = from->ground;
     move_list(&to->knobs, &from->knobs);
     move_list(&to->settings, &from->settings);
     move_list(&to->common, &from->common);
