@@ -514,6 +514,69 @@ static void light_turns_corners_as_photons_do(void **state)
     }
 }
 
+struct beside_an_edge {
+    double deep, light;
+};
+
+static int by_depth(const void *a, const void *b)
+{
+    const double x = ((const struct beside_an_edge *) a)->deep, y = ((const struct beside_an_edge *) b)->deep;
+
+    return x < y ? -1 : x > y;
+}
+
+/* Two opposite faces of a cube around the origin, whose samples lie anywhere. */
+static void add_faces(struct fixture *f, int axis, double size, int count)
+{
+    for (int i = 0; i < 2 * count; i++) {
+        const double side = i < count ? 1.0 : -1.0, along = (i % count + 0.5) / count, across = 0.6180339887 * i + 0.37 * axis;
+        float at[3], normal[3] = { 0.0f };
+        at[axis] = (float) (0.5 * side * size);
+        at[(axis + 1) % 3] = (float) (size * (along - 0.5));
+        at[(axis + 2) % 3] = (float) (size * (across - floor(across) - 0.5));
+        normal[axis] = (float) side;
+        add(f, vec3_load(at), vec3_load(normal), size * size / count);
+    }
+}
+
+/* Beside the edge of a lit face light depends on the distance from it alone, wherever samples are, and the places that they stand for,
+ * which are four free paths apart here. */
+static void light_beside_an_edge_is_even(void **state)
+{
+    enum { COUNT = 700 };
+    static const double size = 16.0, allowed[3] = { 0.055, 0.065, 0.055 };
+    static struct beside_an_edge found[6 * COUNT];
+    struct fixture *f = *state;
+
+    set_depth(f, 0.22);
+    for (int axis = 0; axis < 3; axis++)
+        add_faces(f, axis, size, COUNT);
+    for (size_t i = 0; i < f->count; i++)
+        if (!(f->place[i].normal[2] > 0.5f))
+            memset(f->place[i].power, 0, sizeof(f->place[i].power));
+    solve(f, size / sqrt(COUNT));
+    for (int c = 0; c < 3; c++) {
+        size_t n = 0;
+        double sum = 0.0, apart = 0.0, uneven;
+        for (size_t i = 0; i < f->count; i++) {
+            const struct pell_lit_place *p = &f->place[i];
+            const double along = p->normal[0] != 0.0f ? (double) p->position[1] : (double) p->position[0];
+            const double deep = 0.5 * size - (double) p->position[2];
+            if (p->normal[2] == 0.0f && fabs(along) < 0.35 * size && deep < 2.0)
+                found[n++] = (struct beside_an_edge) { deep, (double) f->light[i].all[c] };
+        }
+        REQUIRE(n > 100);
+        qsort(found, n, sizeof(found[0]), by_depth);
+        for (size_t i = 0; i < n; i++) {
+            sum += found[i].light;
+            apart += i > 0 ? pow(found[i].light - found[i - 1].light, 2.0) : 0.0;
+        }
+        uneven = sqrt(0.5 * apart / (double) (n - 1)) * (double) n / sum;
+        print_message("# channel %d: %.4f uneven\n", c, uneven);
+        REQUIRE(uneven < allowed[c]);
+    }
+}
+
 static void what_samples_are_too_coarse_for_is_not_solved(void **state)
 {
     struct fixture *f = *state;
@@ -565,6 +628,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(light_gets_through_as_the_series_says, set_up, tear_down),
         cmocka_unit_test_setup_teardown(light_that_grazes_goes_on, set_up, tear_down),
         cmocka_unit_test_setup_teardown(light_turns_corners_as_photons_do, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(light_beside_an_edge_is_even, set_up, tear_down),
         cmocka_unit_test_setup_teardown(what_samples_are_too_coarse_for_is_not_solved, set_up, tear_down),
         cmocka_unit_test_setup_teardown(odd_solids_are_survived, set_up, tear_down),
     };

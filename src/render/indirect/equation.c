@@ -5,6 +5,7 @@
  * a closed surface, by which dG/dn of even fluence sums to -1/2 where kappa is 0.
  */
 #include "render/indirect/equation.h"
+#include "render/indirect/beside.h"
 
 #include "base/base.h"
 #include "math/scalar.h"
@@ -284,6 +285,29 @@ static void add_block(const struct equation *e, const struct equation_channel *q
     }
 }
 
+/* Keeps the patches of a block that are near and look elsewhere. */
+static void add_beside(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t entry,
+                       struct beside *out)
+{
+    const float reach = BESIDE_REACH * e->places->step;
+
+    for (uint32_t i = 0; i < count && first < e->places->count && out->count < BESIDE_MOST; i++) {
+        const float t = 1.0f - b->apart2[i] / (reach * reach);
+        if (t > 0.0f && b->facing[i] <= FACING)
+            out->patch[out->count++] =
+                (struct beside_patch) { .patch = first + i, .entry = entry + i, .weight = t * t, .even = b->even[i] };
+    }
+}
+
+/* What those of the block that begins at `first` have in a channel. */
+static void keep_beside(const struct equation_block *b, uint32_t first, int c, uint32_t before, struct beside *out)
+{
+    for (uint32_t i = before; i < out->count; i++) {
+        out->patch[i].pull[c] = b->pull[out->patch[i].patch - first];
+        out->patch[i].below[c] = b->below[out->patch[i].patch - first];
+    }
+}
+
 /* The area around a place, and of it what methods see; and the integral of dG/dn where nothing is absorbed. */
 static void add_areas(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t self, float sum[3])
 {
@@ -330,8 +354,11 @@ static void fill_row(struct equation *e, uint32_t i)
     struct row row[3] = { { .right = 0.0 } };
     const float inward = -(x->normal.x * e->patches.wx[i] + x->normal.y * e->patches.wy[i] + x->normal.z * e->patches.wz[i]);
     float sum[3] = { x->area, x->area, 0.0f };
+    double right[3] = { 0.0 };
+    struct beside beside;
     uint32_t at = e->first_entry[i], self = at;
 
+    beside.count = 0;
     for (int c = 0; c < 3; c++) {
         row[c].place = i;
         row[c].inward = inward;
@@ -339,9 +366,11 @@ static void fill_row(struct equation *e, uint32_t i)
     for (uint32_t r = e->first_run[i]; r < e->first_run[i + 1]; r++)
         for (uint32_t k = 0, count; k < e->run[r].count; k += count, at += count) {
             const uint32_t first = e->run[r].first + k, mine = i - first; /* no entry of the block where i is none */
+            const uint32_t before = beside.count;
             count = e->run[r].count - k < EQUATION_BLOCK ? e->run[r].count - k : EQUATION_BLOCK;
             e->kernels->measure(&e->patches, first, count, &from, &b);
             add_areas(e, &b, first, count, mine, sum);
+            add_beside(e, &b, first, count, at, &beside);
             if (mine < count)
                 self = at + mine;
             for (int c = 0; c < 3; c++) {
@@ -353,8 +382,12 @@ static void fill_row(struct equation *e, uint32_t i)
                     continue;
                 e->kernels->entries(&law, first, count, &b, q->left + at);
                 add_block(e, q, &b, first, count, mine, &row[c]);
+                keep_beside(&b, first, c, before, &beside);
             }
         }
+    equation_beside(e, i, &beside, &sum[2], right);
+    for (int c = 0; c < 3; c++)
+        row[c].right += right[c];
     for (int c = 0; c < 3; c++)
         if (e->channel[c].is)
             finish_row(e, &e->channel[c], i, &row[c], sum, self);

@@ -16,7 +16,8 @@ struct equation_channel {
     float enters;        /* L */
     float path[2];       /* mean free paths at which light that goes into the medium is taken to be scattered first, */
     float share[2];      /* and how much of it; */
-    float least2[2];     /* mm^2: that places count as away from there at least */
+    float least2[2];     /* mm^2: that places count as away from there at least, */
+    float blur2[2];      /* and what is not of a place */
     float total, window; /* of the profile, and of what is inside the window */
     struct radial radial;
     double *light,

@@ -121,8 +121,10 @@ static void find_law(struct solid *s, int c)
     if (!(total > (double) DARK && total < BRIGHTEST))
         return;
     find_kappa(s->of_solid->law, c, q);
-    for (int k = 0; k < 2; k++)
-        q->least2[k] = fmaxf(e->least2, blur[k] * blur[k] * q->depth * q->depth);
+    for (int k = 0; k < 2; k++) {
+        q->blur2[k] = blur[k] * blur[k] * q->depth * q->depth;
+        q->least2[k] = fmaxf(e->least2, q->blur2[k]);
+    }
     q->is = q->kappa > 0.0f && q->s > 0.0f && step * q->kappa <= UNRESOLVED;
     if (!q->is)
         return;
