@@ -513,6 +513,41 @@ static void sides_of_blocks_are_lit_from_the_rim(void **state)
     }
 }
 
+/* On the dark face of a block beside the edge of a lit one, light depends on the distance from the edge alone. */
+static void light_beside_an_edge_is_even(void **state)
+{
+    RELEASE_ONLY();
+    enum { PIXELS = 32 };
+    struct shot shot;
+    struct stage s;
+    size_t material;
+    double apart = 0.0, all = 0.0;
+    (void) state;
+
+    stage_start(&s, PIXELS, PIXELS);
+    stage_medium(&s, "wholemilk", &material);
+    stage_box(&s, material, 0, vec3(-20, -20, -20), vec3(20, 20, 20));
+    stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 60), vec3(0, 0, 0), 10.0f);
+    stage_camera(&s, vec3(220, 0, 12), vec3(0, 0, 12), 0.08f, 0.0f); /* the edge is 8 mm right of the middle, 16 mm are seen */
+    s.settings.opposed = s.settings.curvature = true;
+    s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
+    shot = stage_shot_of(&s, "screen-space", NULL);
+    for (int x = 0; x < PIXELS; x++) {
+        double sum = 0.0, square = 0.0;
+        for (int y = 0; y < PIXELS; y++) {
+            const double light = shot_at(&shot, 2, x, y);
+            sum += light / PIXELS;
+            square += light * light / PIXELS;
+        }
+        apart += square - sum * sum;
+        all += sum * sum;
+    }
+    print_message("# %.4f uneven\n", sqrt(apart / all));
+    REQUIRE(sqrt(apart / all) < 0.05);
+    shot_free(&shot);
+    stage_finish(&s);
+}
+
 /* Two balls that nearly touch are as bright and of the same colour as one object and as two: no light goes from one inside the other. */
 static void solids_that_nearly_touch_stay_apart(void **state)
 {
@@ -738,6 +773,7 @@ int main(void)
         cmocka_unit_test(sides_of_blocks_are_lit_from_the_rim),
         cmocka_unit_test(samples_keep_no_step_with_the_mesh),
         cmocka_unit_test(a_mirroring_ground_leaves_no_spots),
+        cmocka_unit_test(light_beside_an_edge_is_even),
         cmocka_unit_test(solids_that_nearly_touch_stay_apart),
         cmocka_unit_test(few_samples_leave_no_spots),
         cmocka_unit_test(a_convex_solid_keeps_its_bits),

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
  * near.c - the samples around each knot, and their weights. A sample counts where it is on the same material and side and faces much the
- * same way; it weighs less with its distance and its height over the knot's plane.
+ * same way; it weighs less with its distance and its height over the knot's plane. Where samples lie is chance, and at an edge all lie on
+ * one side: weights are sloped so that what rises over the surface counts as what it is at the knot.
  */
 #include "render/indirect/internal.h"
+#include "render/indirect/slope.h"
 
 #include "scene/mesh/topology.h"
 
@@ -12,6 +14,7 @@
 #define REACH 2.6f  /* of the spacing: how far samples are looked for, at first */
 #define TRIES 4     /* the reach is doubled so often at most, until there is a sample */
 #define FACING 0.3f /* least cosine between the normals */
+#define SLOPED 0.9f /* of a weight: what a slope takes from it at most */
 #define CHUNK 1024  /* knots of a task */
 #define LEAF 8      /* samples of a leaf of the tree */
 
@@ -210,6 +213,27 @@ static void try_near(const struct search *s, enum together which, const struct i
     }
 }
 
+/* Slopes the weights, so that their middle is at the knot as nearly as they stay positive. */
+static void centre(const struct pell_indirect *in, struct query *q)
+{
+    struct slope_sums sums = { .one = 0.0f };
+    struct pell_vec3 t, b;
+    float far2 = 0.0f, slope[2];
+
+    vec3_basis(q->normal, &t, &b);
+    for (int i = 0; i < q->count; i++) {
+        const struct pell_vec3 d = vec3_sub(in->samples[q->found.sample[i]].position, q->position);
+        const float x = vec3_dot(d, t), y = vec3_dot(d, b);
+        slope_add(&sums, q->found.weight[i], x, y, 0.0f);
+        far2 = fmaxf(far2, x * x + y * y);
+    }
+    slope_centre(&sums, SLOPED / sqrtf(fmaxf(far2, 1e-20f)), slope);
+    for (int i = 0; i < q->count; i++) {
+        const struct pell_vec3 d = vec3_sub(in->samples[q->found.sample[i]].position, q->position);
+        q->found.weight[i] *= 1.0f + slope[0] * vec3_dot(d, t) + slope[1] * vec3_dot(d, b);
+    }
+}
+
 /* Knots of one mesh, `first` to `end` of its vertices, or of those that cells have. What lies in or close to a translucent object may be in
  * quite another light inside: it counts for those alone that are too small to have samples. */
 static void find_knot(const struct search *s, uint32_t mesh, struct indirect_place place, uint32_t knot)
@@ -230,6 +254,7 @@ static void find_knot(const struct search *s, uint32_t mesh, struct indirect_pla
         try_near(s, OBJECTS, &like, &q);
     if (q.count == 0)
         try_near(s, MATERIALS, &like, &q);
+    centre(s->in, &q);
     for (int i = 0; i < q.count; i++)
         sum += q.found.weight[i];
     for (int i = 0; i < q.count; i++)

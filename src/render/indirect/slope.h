@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * slope.h - how steeply a value rises over a plane, from weighted places. */
+ * slope.h - how steeply a value rises over a plane, from weighted places; and weights by which it counts as what it is at the origin. */
 #ifndef RENDER_INDIRECT_SLOPE_H
 #define RENDER_INDIRECT_SLOPE_H
 
+#include <math.h>
 #include <stdbool.h>
 
 #define SLOPE_LEVEL 0.05f /* of the spread of samples: more is added across, so that samples in a row do */
@@ -38,6 +39,24 @@ static inline bool slope_of(const struct slope_sums *l, float slope[2])
     slope[0] = (yy * x_value - xy * y_value) / det;
     slope[1] = (xx * y_value - xy * x_value) / det;
     return true;
+}
+
+/* Weights times 1 + slope . (x, y) have their middle at the origin, as far as a slope of no more than `most` makes it so. */
+static inline void slope_centre(const struct slope_sums *l, float most, float slope[2])
+{
+    const float level = SLOPE_LEVEL * (l->xx + l->yy), xx = l->xx + level, yy = l->yy + level, det = xx * yy - l->xy * l->xy;
+    float length;
+
+    slope[0] = slope[1] = 0.0f;
+    if (!(det > 0.0f))
+        return;
+    slope[0] = (l->xy * l->y - yy * l->x) / det;
+    slope[1] = (l->xy * l->x - xx * l->y) / det;
+    length = sqrtf(slope[0] * slope[0] + slope[1] * slope[1]);
+    if (length > most) {
+        slope[0] *= most / length;
+        slope[1] *= most / length;
+    }
 }
 
 #endif

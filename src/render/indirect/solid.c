@@ -23,6 +23,7 @@
  */
 #include "render/indirect/equation.h"
 #include "render/indirect/internal.h"
+#include "render/indirect/slope.h"
 
 #include "math/scalar.h"
 
@@ -294,9 +295,25 @@ static enum pell_result find_near(struct solid *s)
     return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
+/* Sums over places by their weights, and by those times how far they are along the sample's plane. */
 struct around {
-    float phi[3], sum[3], weight;
+    struct pell_vec3 t, b; /* along the plane */
+    struct slope_sums at;
+    float phi[3][3], sum[3][3];
 };
+
+static inline void add_along(float sum[3], float w, float x, float y, float value)
+{
+    sum[0] += w * value;
+    sum[1] += w * x * value;
+    sum[2] += w * y * value;
+}
+
+/* A sum by sloped weights. */
+static inline float sloped(const float sum[3], const float slope[2])
+{
+    return sum[0] + slope[0] * sum[1] + slope[1] * sum[2];
+}
 
 /* What places of a cluster have at a sample. */
 static void add_around(const struct solid *s, const struct cluster *cluster, struct pell_vec3 at, struct pell_vec3 normal, struct around *a)
@@ -307,15 +324,16 @@ static void add_around(const struct solid *s, const struct cluster *cluster, str
         const struct place *p = &s->places.place[j];
         const struct pell_vec3 d = vec3_sub(p->position, at);
         const float t = fmaxf(1.0f - vec3_dot(d, d) / wide2, 0.0f), w = t * t * fmaxf(vec3_dot(p->normal, normal), 0.0f);
+        const float x = vec3_dot(d, a->t), y = vec3_dot(d, a->b);
         if (!(w > 0.0f))
             continue;
-        a->weight += w;
+        slope_add(&a->at, w, x, y, 0.0f);
         for (int c = 0; c < 3; c++) {
             const struct equation_channel *q = &s->equation.channel[c];
             if (!q->is)
                 continue;
-            a->phi[c] += w * (float) q->phi[j];
-            a->sum[c] += w * (float) q->sum[j];
+            add_along(a->phi[c], w, x, y, (float) q->phi[j]);
+            add_along(a->sum[c], w, x, y, (float) q->sum[j]);
         }
     }
 }
@@ -328,15 +346,17 @@ static float from_the_depth(const struct solid *s, size_t i, int c, float all)
     return all > 0.0f && p->area > 0.0f ? fmaxf(1.0f - s->equation.channel[c].total * p->power[c] / (p->area * all), 0.0f) : 0.0f;
 }
 
-/* From the places around to a sample. */
+/* From the places around to a sample: their middle is there, as in near.c. */
 static void hand_to(const struct solid *s, size_t i)
 {
     const struct places *p = &s->places;
     const struct pell_vec3 at = vec3_load(p->sample[i].position), normal = vec3_load(p->sample[i].normal);
     const uint32_t own = p->place[p->of[i]].cluster;
     const float largest = s->of_solid->whole ? LARGEST_WHOLE : LARGEST;
-    struct around a = { .weight = 0.0f };
+    struct around a = { .at = { .one = 0.0f } };
+    float slope[2], weight;
 
+    vec3_basis(normal, &a.t, &a.b);
     for (uint32_t k = s->first_near[own]; k < s->first_near[own + 1]; k++) {
         const struct cluster *c = &p->cluster[s->near_by[k]];
         const struct pell_vec3 far = vec3_sub(c->position, at);
@@ -344,16 +364,19 @@ static void hand_to(const struct solid *s, size_t i)
         if (vec3_dot(far, far) <= within * within)
             add_around(s, c, at, normal, &a);
     }
-    for (int c = 0; c < 3 && a.weight > 0.0f; c++) {
-        const float phi = fmaxf(a.phi[c], 0.0f), gain = a.sum[c] > 0.0f ? fminf(phi / a.sum[c], largest) : largest;
+    slope_centre(&a.at, 1.0f / (SMOOTH * p->step), slope);
+    weight = a.at.one + slope[0] * a.at.x + slope[1] * a.at.y;
+    for (int c = 0; c < 3 && weight > 0.0f; c++) {
+        const float phi = fmaxf(sloped(a.phi[c], slope), 0.0f), sum = sloped(a.sum[c], slope);
+        const float gain = sum > 0.0f ? fminf(phi / sum, largest) : largest;
         struct indirect_solid_light *out = &s->out[i];
         if (!s->equation.channel[c].is)
             continue;
         out->solved[c] = s->solved[c] * ramp(THIN, THICK, s->of_solid->thickness[i] / p->step) *
                          ramp(FEW_PATHS, MANY_PATHS, s->of_solid->thickness[i] / s->of_solid->law->depth[c]);
         out->gain[c] = gain;
-        out->light[c] = fmaxf(phi - gain * a.sum[c], 0.0f) / a.weight;
-        out->all[c] = phi / a.weight;
+        out->light[c] = fmaxf(phi - gain * sum, 0.0f) / weight;
+        out->all[c] = phi / weight;
         out->deep[c] = s->of_solid->whole ? from_the_depth(s, i, c, out->all[c]) : 1.0f;
     }
 }
