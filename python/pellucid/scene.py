@@ -126,7 +126,8 @@ class Scene(Closing):
             member of struct pell_material (roughness, base_color, mix, ...); a member called ..._map is an image (h, w) or (h, w, channels)
             of uint8, uint16 (sRGB-encoded where it is a colour) or float32.
         lights: dicts with type (point, spot, directional, rect, disc, environment) and members of struct pell_light: position mm,
-            direction, power (W/sr, W/m^2 or W/(m^2 sr)), width, height, radius. None: a studio of three.
+            direction, power (W/sr, W/m^2 or W/(m^2 sr); of an environment a factor of its image, 1), image (as a map's), width, height,
+            radius. None: a studio of three.
         camera: position mm, `to` mm or forward, up, fov_deg (vertical) or ortho_height mm. None: frames the meshes.
         background: a colour (3,), or None for grey with a soft shadow below the objects.
         """
@@ -228,7 +229,7 @@ class Scene(Closing):
         index = self._add(lib.pell_scene_add_light, str(values.pop("name", _LIGHTS[kind])))
         light = self.c.lights[index]
         light.type = kind
-        power = values.pop("power", None)
+        power = values.pop("power", 1.0 if kind == _LIGHTS.index("environment") else None)
         if power is not None:
             light.power = three(power, "power").tolist()
         towards = values.pop("to", None)

@@ -101,6 +101,16 @@ def test_lights_camera_textures_and_coefficients(ball):
     assert plain.hash != scene.hash
 
 
+def test_an_environment_of_an_array_shines_as_it_is(ball):
+    vertices, triangles, _ = ball
+    lights = [{"type": "environment", "image": np.full((8, 16, 3), 0.5, np.float32)}]
+    scene = pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], [{"preset": "wholemilk"}], lights)
+    assert tuple(scene.c.lights[0].power) == (1, 1, 1)
+    twice = pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], [{"preset": "wholemilk"}],
+                                       [{**lights[0], "power": 2.0}])
+    assert tuple(twice.c.lights[0].power) == (2, 2, 2)
+
+
 def test_a_dict_is_a_scene_file(ball_file):
     scene = {"pellucid": 1, "mesh": ball_file.name, "size": "40mm", "materials": {"*": {"preset": "wholemilk"}},
              "render": {"method": "texture-space", "width": 32, "height": 24}}

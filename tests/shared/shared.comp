@@ -157,7 +157,7 @@ float shown(float x)
     const float curve = PELL_TO_FLOAT(PELL_TO_INT(pell_pixel_curve(3u, PELL_TO_UINT(5), 7u)));
     const float bent = pell_bend_missing(right) + pell_color_share(x, 0.5f) + curve;
     const float left = pell_metered(x, up) * pell_angle_off(0.5f, up) * pell_tilted(0.5f, right) * pell_tilted_by(pell_tilts(0.5f), right);
-    const float wide = pell_spread_share(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f) +
+    const float wide = pell_spread_part(x) * pell_spread_share(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f) +
                        pell_spread_straight(pell_spread_pack(right, x) + pell_spread_pack_sums(right, x, up));
     const float seen = pell_highlights_seen(x, up, 4.0f), alike = pell_highlights_alike(0.9f, x, 2.0f);
     return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_shared(x, up, seen, right, alike);
