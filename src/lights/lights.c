@@ -277,6 +277,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
     lights->ambient_samples = settings->ambient_samples > msaa ? (settings->ambient_samples + msaa - 1) / msaa : 1;
     lights->light_bits = bits_of(lights->light_samples * msaa);
     lights->ambient_bits = bits_of(lights->ambient_samples * msaa);
+    lights->together = msaa % 4 == 0 ? 0xc0000000u : msaa % 2 == 0 ? 0x80000000u : 0u; /* a frame has all of them in each axis */
     for (size_t i = 0; i < scene->num_lights; i++)
         environments += scene->lights[i].type == PELL_LIGHT_ENVIRONMENT;
 

@@ -71,7 +71,9 @@ struct pell_lights {
     size_t num_environments;
     int light_samples, ambient_samples; /* of a multisample */
     int light_bits, ambient_bits;       /* of the numbers of a frame's samples */
-    uint8_t *eta_slot;                  /* of a material: index of its smooth boundary in the environments' tables */
+    uint32_t
+        together; /* the bits of an environment's samples that all pixels have alike, so that rays side by side go about the same way */
+    uint8_t *eta_slot; /* of a material: index of its smooth boundary in the environments' tables */
     size_t num_materials;
     /* (object, material) of every mesh, sorted: which solids a pixel's material belongs to. */
     struct pell_lights_part {

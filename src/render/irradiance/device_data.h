@@ -37,6 +37,7 @@
 #define PELL_LIT_AMBIENT 1u
 #define PELL_LIT_STRAIGHT 2u
 #define PELL_LIT_SEEN 4u
+#define PELL_LIT_TOGETHER 0xc0000000u /* pell_lights.together of a pixel */
 #define PELL_LIT_BACK 8u              /* the triangle's corners run clockwise from there */
 #define PELL_LIT_STRAIGHT_LEAST 1e-4f /* share of transmitted light for which rays are sent: more than what rounding leaves of none */
 /* Of a light, beside those of light_data.h: which of each `turns` neighbours it is, that take turns over the multisamples; powers of 2. */

@@ -145,7 +145,7 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
     if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
         a.direction = -d;
         if (light.environment >= 0)
-            a.direction = -normalize(on_rectangle(d, light, a.at));
+            a.direction = -normalize(on_rectangle(d, light, uvec2(u, v) ^ (p.pattern & ~(points[p.at].flags & PELL_LIT_TOGETHER))));
         a.falloff = 1.0;
         a.spread = 0.0;
         a.intensity = light.power.rgb;

@@ -25,7 +25,7 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .first = l->first[i],
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
             .flags = (asks ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u) |
-                     (job->entering ? 0u : PELL_LIT_SEEN),
+                     (job->entering ? 0u : PELL_LIT_SEEN) | ~l->apart,
             .number = number,
             .turned = l->turned[i],
         };

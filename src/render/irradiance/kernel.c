@@ -42,7 +42,8 @@ static void aim_around(const struct pell_light_data *restrict light, const struc
     const struct pell_vec4 d = light->direction, right = light->right, up = light->up;
 
     for (int i = 0; i < N; i++) {
-        const float x = 2.0f * pell_unit_float(u0 ^ p->pattern[0][i]) - 1.0f, y = 2.0f * pell_unit_float(u1 ^ p->pattern[1][i]) - 1.0f;
+        const float x = 2.0f * pell_unit_float(u0 ^ (p->pattern[0][i] & p->apart)) - 1.0f;
+        const float y = 2.0f * pell_unit_float(u1 ^ (p->pattern[1][i] & p->apart)) - 1.0f;
         const float lx = d.x + x * right.x + y * up.x, ly = d.y + x * right.y + y * up.y, lz = d.z + x * right.z + y * up.z;
         const float inverse = 1.0f / sqrtf(lx * lx + ly * ly + lz * lz);
         a->lx[i] = -lx * inverse;

@@ -53,6 +53,7 @@ struct pell_lanes {
     int any_smooth, any_deep, any_thin, any_single;
     int any_way;     /* the directions in which light goes on are asked for */
     int light_bits;  /* of the number of a light's samples of a frame */
+    uint32_t apart;  /* of pattern: what makes samples of an environment's lights differ from pixel to pixel (pell_lights.together) */
     unsigned models; /* bit 1 << model of each that some lane has */
 };
 

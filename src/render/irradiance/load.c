@@ -159,6 +159,7 @@ void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x,
         input.some = some;
     }
     job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
+    k->lanes.apart = job->entering ? UINT32_MAX : ~job->lights->together; /* points that are no pixels have other numbers of samples */
     color_entering(job, k);
     part_sheets(job, k);
     if (s->any_emissive)
