@@ -328,6 +328,7 @@ struct pell_light_lent pell_light_device_lend(const struct pell_light_device *d)
         .room = d->room,
         .environments = d->lights ? d->lights->num_environments : 0,
         .version = d->version,
+        .together = d->lights ? d->lights->together : 0u,
     };
 }
 

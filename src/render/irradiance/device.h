@@ -72,7 +72,7 @@ struct pell_light_lent {
     struct pell_gpu_buffer *nodes, *triangles, *meshes, *corners, *materials, *tables, *points, *results, *thickness, *sky;
     size_t room;
     size_t environments;
-    uint32_t version;
+    uint32_t version, together; /* of pell_lights */
 };
 struct pell_light_lent pell_light_device_lend(const struct pell_light_device *d);
 

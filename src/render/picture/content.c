@@ -33,13 +33,14 @@ uint32_t picture_flags(const struct pell_picture_sample *s)
     const struct pell_composite_params *composite = s->composite;
     struct pell_gpu_buffer *planes[PELL_GPU_PLANES] = { NULL };
     const bool own = s->pass && pell_pass_planes(s->pass, planes);
+    const struct pell_light_lent lent = pell_light_device_lend(s->light);
 
-    return (composite->published ? PELL_PICTURE_PUBLISHED : 0u) | (light->apart ? PELL_PICTURE_SINGLE : 0u) |
+    return lent.together | (composite->published ? PELL_PICTURE_PUBLISHED : 0u) | (light->apart ? PELL_PICTURE_SINGLE : 0u) |
            (light->shared ? PELL_PICTURE_SHARED : 0u) | (light->thickness ? PELL_PICTURE_THROUGH : 0u) |
            (composite->first ? PELL_PICTURE_FIRST : 0u) | (s->pass ? PELL_PICTURE_SCATTERS : 0u) |
            (pell_scene_has_sheets(composite->scene) ? PELL_PICTURE_SHEETS : 0u) | (s->lens ? PELL_PICTURE_LENS : 0u) |
            (s->spreads ? PELL_PICTURE_SPREADS : 0u) | (s->sample->view.orthographic ? PELL_PICTURE_ORTHOGRAPHIC : 0u) |
-           (picture_known(s) ? PELL_PICTURE_INSIDES : 0u) | (pell_light_device_lend(s->light).environments > 0 ? PELL_PICTURE_SKY : 0u) |
+           (picture_known(s) ? PELL_PICTURE_INSIDES : 0u) | (lent.environments > 0 ? PELL_PICTURE_SKY : 0u) |
            (picture_is_mapped(s->composite->scene) ? PELL_PICTURE_MAPPED : 0u) |
            (own && planes[PELL_GPU_PLANE_HIT] ? PELL_PICTURE_HITS : 0u) | (own && planes[PELL_GPU_PLANE_BASE] ? PELL_PICTURE_BASES : 0u) |
            (s->pass && (s->sample->frame->plan->needs & PELL_NEED_STRENGTH) ? PELL_PICTURE_STRENGTH : 0u);

@@ -16,6 +16,7 @@
 #define PELL_PICTURE_GROUP 64
 
 /* Of a frame. */
+/* Those of PELL_LIT_TOGETHER are handed on to points. */
 #define PELL_PICTURE_PUBLISHED 1u  /* the exit factor is not normalised */
 #define PELL_PICTURE_STRENGTH 2u   /* the method reads the strength of scattering */
 #define PELL_PICTURE_SINGLE 4u     /* what is scattered once is apart */

@@ -267,7 +267,7 @@ void main()
     points[i].first = pell_hash(x ^ pell_hash(y ^ seed));
     points[i].material = number;
     points[i].flags = ((fr.flags & PELL_PICTURE_SKY) != 0u ? PELL_LIT_AMBIENT : 0u) | PELL_LIT_STRAIGHT | PELL_LIT_SEEN |
-                      (s.back ? PELL_LIT_BACK : 0u);
+                      (s.back ? PELL_LIT_BACK : 0u) | (fr.flags & PELL_LIT_TOGETHER);
     points[i].number = fr.sample_number;
     points[i].turned = s.turned;
     hits[i].albedo = vec4(is_opaque ? solid : textured ? shares(made.base, m.total.w) : vec3(1.0), hit.t);
