@@ -2,7 +2,7 @@
  *
  * environment_lights.c - directional lights for what of an environment is brighter than a clamp: the picture is cut where energy times
  * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). A light
- * is as wide as what it stands for: its samples come from a parallelogram of directions with the same mean and variances, so that shadows
+ * is as wide as what it stands for: its samples come from a rectangle of directions with the same mean and variances, so that shadows
  * have the half shadow of that part of the picture. No random numbers: the same picture gives the same lights. */
 #include "lights/environment_map.h"
 

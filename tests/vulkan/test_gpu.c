@@ -199,8 +199,7 @@ static void calls_that_fail_leave_nothing(void **state)
     REQUIRE(n > 30);
 }
 
-/* The device is lost in each call of making and running, once: it is named, once, and what is there can be released. What was compiled by
- * then stays. */
+/* The device is lost in each call of making and running, once: it is named, once, and what is there can be released. */
 static void a_lost_device_is_reported(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -220,11 +219,12 @@ static void a_lost_device_is_reported(void **state)
             res = work_run(&w, 1.0f, 2.0f);
         REQUIRE(res == PELL_OK ? kept.errors == 0 : res == PELL_ERR_DEVICE && kept.errors == 1 && strstr(kept.what, "the device was lost"));
         work_destroy(&w);
+        pell_vk_programs_destroy(gpu); /* so that each of their calls is met */
         lost += res != PELL_OK;
         REQUIRE(kept.errors == (res != PELL_OK) && pell_gpu_memory_used(gpu) == 0);
     }
     print_message("# lost in %d calls\n", lost);
-    REQUIRE(lost > 20);
+    REQUIRE(lost > 30);
     pell_gpu_close(&gpu);
     REQUIRE(kept.errors == 0);
     assert_int_equal(pell_memory_used(ctx), 0);
