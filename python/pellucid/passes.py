@@ -57,6 +57,8 @@ class Pass(Closing):
         size = array.dtype.itemsize
         if array.strides != (self.stride * size, size) or (writable and not array.flags.writeable):
             raise InvalidError(f"has strides {array.strides}, must have {(self.stride * size, size)}, and be writable for output", name)
+        if info.name == lib.pell_plane_at(lib.PELL_PLANE_MATERIAL).name and array.size and array.max() > self._shape.num_materials:
+            raise InvalidError(f"has {array.max()}, must be in [0, {self._shape.num_materials}]: 0 or 1 + an index into media", name)
         return pointer(array, kind)
 
     def render(self, out: dict[str, Any], **planes: Any) -> None:

@@ -10,6 +10,8 @@
 
 #include <pellucid/method.h>
 
+#include <math.h>
+
 /* One image, or one of two independent images that share the work of one. */
 enum reference_half { REFERENCE_WHOLE, REFERENCE_FIRST_HALF, REFERENCE_SECOND_HALF };
 
@@ -18,10 +20,11 @@ static inline uint32_t reference_half_seed(uint32_t seed, int half)
     return half == REFERENCE_WHOLE ? seed : pell_hash(seed ^ 0x9e3779b9u * (uint32_t) half);
 }
 
-/* Images of half the work, whose mean has the relative standard error `error`. */
-static inline double reference_half_error(double error, int half)
+/* The relative standard error of one of `samples` multisamples, of the whole or of one of two images of half the work, that makes `error`
+ * of their mean. */
+static inline double reference_sample_error(double error, int half, int samples)
 {
-    return half == REFERENCE_WHOLE ? error : 1.4142135623730951 * error;
+    return error * sqrt((half == REFERENCE_WHOLE ? 1.0 : 2.0) * (samples > 1 ? samples : 1));
 }
 
 /* The first member of the method's state: the functions below are those of struct pell_method_engine. */

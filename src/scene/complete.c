@@ -44,17 +44,22 @@ static size_t clear_bad(const struct pell_context *ctx, float *values, size_t co
     return bad;
 }
 
-/* Unit normals; what can't be made one becomes zero, for pell_make_normals. */
-static void clean_normals(const struct pell_context *ctx, struct pell_mesh *mesh)
+/* Unit normals; what can't be made one becomes zero, for pell_make_normals. Returns how many are not finite. */
+static size_t clean_normals(const struct pell_context *ctx, struct pell_mesh *mesh)
 {
+    size_t bad = 0;
+
     for (size_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(ctx, i); i++) {
         float *n = mesh->normal + 3 * i;
         const float largest = fmaxf(fabsf(n[0]), fmaxf(fabsf(n[1]), fabsf(n[2])));
-        if (largest > NO_LENGTH && isfinite(n[0] + n[1] + n[2]))
+        const bool finite = isfinite(n[0] + n[1] + n[2]);
+        bad += !finite;
+        if (largest > NO_LENGTH && finite)
             vec3_store(vec3_normalize(vec3_mul(vec3_load(n), 1.0f / largest)), n);
         else
             n[0] = n[1] = n[2] = 0.0f;
     }
+    return bad;
 }
 
 static void clean_tangents(const struct pell_context *ctx, struct pell_mesh *mesh)
@@ -93,7 +98,11 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
             return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, "is the unit or size right?",
                               "vertex %zu has the coordinate %g mm; allowed: [%g, %g]", i / 3, (double) m->position[i],
                               (double) -LARGEST_COORDINATE, (double) LARGEST_COORDINATE);
-    clean_normals(scene->ctx, m);
+    bad = clean_normals(scene->ctx, m);
+    if (bad)
+        pell_warn(scene->ctx, where.str, NULL, "%zu of %u normals are not finite; those of the triangles take their place", bad,
+                  m->num_vertices);
+    bad = 0;
     for (int u = 0; u < PELL_UV_SETS; u++)
         if (m->uv[u])
             bad += clear_bad(scene->ctx, m->uv[u], 2 * (size_t) m->num_vertices);

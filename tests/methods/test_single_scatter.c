@@ -66,6 +66,7 @@ static void rig_build(struct rig *r, int normals, int refraction, int distance, 
         .medium = &r->medium,
         .tint = tints,
         .seed = 7,
+        .error = (double) error,
         .knobs = { .error = error, .most = 2000000, .distance = distance, .refraction = refraction, .normals = normals },
     };
 }

@@ -72,6 +72,7 @@ struct pixel {
     float returned[3], scale[3];    /* pell_services_returned, what goes between faces times the solid's scale */
     double near_probes, near_areas; /* samples of each way in a round */
     uint32_t seed;
+    double error; /* relative standard error that is asked for */
     double sum[TOGETHER][3];
     uint32_t mesh[POINTS], triangle[POINTS], pattern[POINTS]; /* of the points that wait */
     float u[POINTS], v[POINTS];
@@ -274,7 +275,7 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
     }
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
     run_batches(p, 0, PILOT / share, &pilot);
-    needed = pell_batches_needed(&pilot, reference_half_error((double) k->error, k->half), LEAST / share, DARK / share);
+    needed = pell_batches_needed(&pilot, p->error, LEAST / share, DARK / share);
     run_batches(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
@@ -331,6 +332,7 @@ static void do16(const struct frame_task *t, const ptrdiff_t *at, int count, str
         pell_services_returned(t->st->services, &points, count, returned, crossed);
     }
     p.counts = counts;
+    p.error = reference_sample_error((double) t->st->knobs.error, t->st->knobs.half, in->num_samples);
     for (int i = 0; i < count && !pell_cancelled(t->st->ctx); i++) {
         const float own[3] = { in->irradiance[0][at[i]], in->irradiance[1][at[i]], in->irradiance[2][at[i]] };
         float light[3] = { 0 }, standard_error[3] = { 0 };

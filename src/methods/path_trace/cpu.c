@@ -94,7 +94,7 @@ static struct pt_goal make_goal(const struct pt_run *run)
     if (st->services->checkpoint && st->services->checkpoint->end_sample > 0)
         g.most = (uint32_t) (st->services->checkpoint->end_sample / samples);
     g.least = LEAST / (uint32_t) share;
-    g.error = reference_half_error((double) k->error, k->trace.half) * sqrt((double) samples);
+    g.error = reference_sample_error((double) k->error, k->trace.half, samples);
     if (k->time_limit > 0.0f)
         g.deadline = g.begin + fmax((double) k->time_limit / share - (g.begin - st->begin), 0.0) / left;
     return g;

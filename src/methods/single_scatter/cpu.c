@@ -64,6 +64,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
 
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
+    st->world.error = reference_sample_error((double) st->world.knobs.error, st->world.knobs.half, in->num_samples);
     st->world.seed = reference_half_seed(in->seed, st->world.knobs.half);
     for (t.first = 0; t.first < rows; t.first += BATCH) {
         pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);

@@ -318,7 +318,7 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
         ray.shade[c] = -expm1(-whole[c]);
     /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
     run_rounds(&ray, seed, 0, PILOT / share, &pilot);
-    needed = pell_batches_needed(&pilot, reference_half_error((double) world->knobs.error, world->knobs.half), LEAST / share, DARK / share);
+    needed = pell_batches_needed(&pilot, world->error, LEAST / share, DARK / share);
     run_rounds(&ray, seed, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {

@@ -94,6 +94,7 @@ struct single_world {
     const struct single_medium *medium; /* of each solid */
     const struct pell_tint *tint;       /* of the scene's materials */
     struct single_knobs knobs;
+    double error; /* relative standard error of a multisample */
     uint32_t seed;
 };
 
