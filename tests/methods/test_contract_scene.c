@@ -33,9 +33,18 @@ static const char *const *form(const struct pell_method *m)
     return knobs;
 }
 
-static void start(struct stage *s, const struct party *on, int width, int height, int threads, struct pell_alloc_fault *fault)
+/* On a device that tests share, one after another. */
+static void start(struct stage *s, const struct party *on, int width, int height, int threads)
 {
-    stage_start_on(s, on->engine, width, height, threads, fault);
+    stage_start_borrowed(s, stage_shared_device(on->engine, threads), width, height);
+    if (PAPER && on->method->paper_settings)
+        on->method->paper_settings(&s->settings);
+}
+
+/* On a device of its own. */
+static void start_alone(struct stage *s, const struct party *on, int width, int height, struct pell_alloc_fault *fault)
+{
+    stage_start_on(s, on->engine, width, height, 2, fault);
     if (PAPER && on->method->paper_settings)
         on->method->paper_settings(&s->settings);
 }
@@ -58,7 +67,7 @@ static struct shot shot_of_slabs(const struct party *on, enum slabs which)
     struct stage s;
     struct shot shot;
 
-    start(&s, on, 32, 24, 2, NULL);
+    start(&s, on, 32, 24, 2);
     stage_medium(&s, "marble", &material[0]);
     material[1] = material[0];
     if (which == NAMED)
@@ -99,7 +108,7 @@ static struct shot shot_of_strength(const struct party *on, double reach, float 
     struct shot shot;
     size_t material;
 
-    start(&s, on, 32, 24, 2, NULL);
+    start(&s, on, 32, 24, 2);
     m = stage_medium(&s, "marble", &material);
     m->gaussians.count = 0;
     for (int c = 0; c < 3; c++) {
@@ -197,7 +206,7 @@ static struct shot shot_of_ball(const struct party *on, int threads, int seed, e
     struct stage s;
     struct shot shot;
 
-    start(&s, on, 16, 12, threads, NULL);
+    start(&s, on, 16, 12, threads);
     s.settings.seed = seed;
     ball(&s, lit_by, power);
     shot = stage_shot_of(&s, on->method->name, form(on->method));
@@ -212,7 +221,7 @@ static struct shot shot_of_threads(const struct party *on, int threads)
     struct stage s;
     struct shot shot;
 
-    start(&s, on, quick ? 60 : 12, quick ? 45 : 12, threads, NULL);
+    start(&s, on, quick ? 60 : 12, quick ? 45 : 12, threads);
     s.settings.msaa = 2;
     ball(&s, LIT_BY_BOTH, 1.0f);
     stage_environment(&s, 0.2f);
@@ -291,7 +300,7 @@ static void no_more_light_leaves_than_arrives(void **state)
     double sum = 0.0;
     int count = 0;
 
-    start(&s, on, 24, 18, 2, NULL);
+    start(&s, on, 24, 18, 2);
     s.settings.layers = true;
     s.settings.curvature = !PAPER;
     m = stage_medium(&s, "marble", &milk);
@@ -324,7 +333,7 @@ static void a_frame_allocates_nothing(void **state)
     struct stage s;
     uint64_t before;
 
-    start(&s, on, 16, 12, 2, NULL);
+    start(&s, on, 16, 12, 2);
     ball(&s, LIT_BY_BOTH, 1.0f);
     stage_method(&s, on->method->name, form(on->method));
     stage_render(&s);
@@ -340,7 +349,7 @@ static void a_size_and_back_gives_the_same_bits(void **state)
     struct shot first, larger, again;
     struct stage s;
 
-    start(&s, on, 16, 12, 2, NULL);
+    start(&s, on, 16, 12, 2);
     ball(&s, LIT_BY_BOTH, 1.0f);
     first = stage_shot_of(&s, on->method->name, form(on->method));
     s.settings.width = 27;
@@ -367,7 +376,7 @@ static void failed_allocations_leak_nothing(void **state)
         struct pell_alloc_fault fault = { 0 };
         enum pell_result res;
         struct stage s;
-        start(&s, on, 16, 12, 2, &fault);
+        start_alone(&s, on, 16, 12, &fault);
         ball(&s, LIT_BY_BOTH, 1.0f);
         stage_complete(&s);
         stage_method(&s, on->method->name, form(on->method));
@@ -411,11 +420,11 @@ static void two_renderers_share_a_scene(void **state)
 
     pthread_t threads[2];
     struct stage owner;
-    start(&owner, on, 16, 12, 2, NULL);
+    start_alone(&owner, on, 16, 12, NULL);
     ball(&owner, LIT_BY_BOTH, 1.0f);
     stage_complete(&owner);
     for (int i = 0; i < 2; i++) {
-        start(&racers[i].s, on, 16, 12, 2, NULL);
+        start_alone(&racers[i].s, on, 16, 12, NULL);
         racers[i].s.settings.seed = 0;
         racers[i].scene = owner.scene;
     }
@@ -453,7 +462,7 @@ static void every_knob_at_its_ends_gives_finite_light(void **state)
     char text[80];
     struct stage s;
 
-    start(&s, on, 12, 9, 2, NULL);
+    start_alone(&s, on, 12, 9, NULL);
     ball(&s, LIT_BY_BOTH, 1.0f);
     stage_complete(&s);
     OK(pell_renderer_set_scene(s.r, s.scene));
@@ -507,5 +516,8 @@ int main(int argc, char **argv)
     };
     static const struct contract contract = { promises, exceptions, unfit, NULL };
 
-    return contract_run(&contract, argc, argv);
+    const int failed = contract_run(&contract, argc, argv);
+
+    stage_finish_devices();
+    return failed;
 }

@@ -20,7 +20,16 @@ struct stage {
     struct pell_renderer *r;
     struct pell_settings settings;
     struct pell_render_result image;
-    bool set; /* the renderer has the scene */
+    bool set;      /* the renderer has the scene */
+    bool borrowed; /* context and device belong to a struct stage_device */
+};
+
+/* A device for several stages, one after another: starting Vulkan and compiling its shaders takes longer than a small picture does. */
+struct stage_device {
+    struct kept_messages kept;
+    struct pell_context *ctx;
+    struct pell_device *device;
+    pid_t owner; /* a child of fork() has none of its threads, and makes its own */
 };
 
 /* A copy of a picture: planes without padding, the linear channels first, then the display's three. */
@@ -50,17 +59,45 @@ enum {
     SHOT_SHOWN_LAYERS = 24
 };
 
-/* `fault` counts the context's allocations; NULL: nobody does. */
-static inline void stage_start_on(struct stage *s, enum pell_engine engine, int width, int height, int threads,
-                                  struct pell_alloc_fault *fault)
+enum { STAGE_ENGINES = 4, STAGE_THREADS = 4 };
+
+static inline struct stage_device *stage_devices(void)
+{
+    static struct stage_device devices[STAGE_ENGINES * STAGE_THREADS];
+
+    return devices;
+}
+
+/* The one that a run shares; stage_finish_devices ends it. */
+static inline struct stage_device *stage_shared_device(enum pell_engine engine, int threads)
 {
     const struct pell_device_params params = { .threads = threads, .engine = engine };
+    struct stage_device *d = &stage_devices()[(int) engine * STAGE_THREADS + threads];
 
-    memset(s, 0, sizeof(*s));
-    s->ctx = test_context(fault, &s->kept);
-    assert_non_null(s->ctx);
+    REQUIRE((int) engine < STAGE_ENGINES && threads < STAGE_THREADS);
+    if (d->device && d->owner == getpid())
+        return d;
+    memset(d, 0, sizeof(*d));
+    d->owner = getpid();
+    d->ctx = test_context(NULL, &d->kept);
+    assert_non_null(d->ctx);
+    OK(pell_device_create(d->ctx, &params, &d->device));
+    return d;
+}
+
+static inline void stage_finish_devices(void)
+{
+    for (struct stage_device *d = stage_devices(); d < stage_devices() + STAGE_ENGINES * STAGE_THREADS; d++)
+        if (d->owner == getpid()) {
+            pell_device_destroy(&d->device);
+            pell_context_destroy(&d->ctx);
+        }
+}
+
+/* Scene, renderer and settings on the stage's context and device. */
+static inline void stage_make(struct stage *s, int width, int height)
+{
     OK(pell_scene_create(s->ctx, &s->scene));
-    OK(pell_device_create(s->ctx, &params, &s->device));
     OK(pell_renderer_create(s->device, &s->r));
     pell_knobs_default(pell_settings_knobs(), &s->settings);
     s->settings.width = width;
@@ -72,6 +109,29 @@ static inline void stage_start_on(struct stage *s, enum pell_engine engine, int 
     s->settings.profile = 1 + PELL_PROFILE_DIPOLE;      /* in closed form */
     s->settings.single_scattering = s->settings.opposed = s->settings.unscattered = false;
     s->scene->background_color[0] = s->scene->background_color[1] = s->scene->background_color[2] = 0.0f;
+}
+
+/* `fault` counts the context's allocations; NULL: nobody does. */
+static inline void stage_start_on(struct stage *s, enum pell_engine engine, int width, int height, int threads,
+                                  struct pell_alloc_fault *fault)
+{
+    const struct pell_device_params params = { .threads = threads, .engine = engine };
+
+    memset(s, 0, sizeof(*s));
+    s->ctx = test_context(fault, &s->kept);
+    assert_non_null(s->ctx);
+    OK(pell_device_create(s->ctx, &params, &s->device));
+    stage_make(s, width, height);
+}
+
+/* The device outlives the stage, and has its messages. */
+static inline void stage_start_borrowed(struct stage *s, const struct stage_device *device, int width, int height)
+{
+    memset(s, 0, sizeof(*s));
+    s->borrowed = true;
+    s->ctx = device->ctx;
+    s->device = device->device;
+    stage_make(s, width, height);
 }
 
 static inline void stage_start_threads(struct stage *s, int width, int height, int threads)
@@ -87,9 +147,11 @@ static inline void stage_start(struct stage *s, int width, int height)
 static inline void stage_finish(struct stage *s)
 {
     pell_renderer_destroy(&s->r);
-    pell_device_destroy(&s->device);
+    if (!s->borrowed)
+        pell_device_destroy(&s->device);
     pell_scene_destroy(&s->scene);
-    pell_context_destroy(&s->ctx);
+    if (!s->borrowed)
+        pell_context_destroy(&s->ctx);
 }
 
 /* --- Materials: without a specular lobe until a test asks for one ---------------------------------------------------------------- */
