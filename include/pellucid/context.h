@@ -5,7 +5,7 @@
  * Units      bytes, pixels and counts, as each limit says.
  * Ownership  `pell_context_create` transfers the context to the caller, `pell_context_destroy` releases it. Everything that was
  *            created with a context must be destroyed before it. Callbacks and their user pointers are borrowed for the context's life.
- * Errors     logged once by the function that detects them.
+ * Errors     enum pell_result; logged once by the function that detects them.
  * Threads    a context may be used by many threads at once; the log callback is called under a lock, one message at a time.
  */
 #ifndef PELLUCID_CONTEXT_H
@@ -23,7 +23,7 @@ enum pell_log_level {
     PELL_LOG_NONE = 0, /* as a threshold: nothing is reported */
     PELL_LOG_ERROR,    /* the call fails */
     PELL_LOG_WARNING,  /* the call continues, the result may not be as intended */
-    PELL_LOG_INFO,     /* a fact worth one line */
+    PELL_LOG_INFO,     /* progress or a decision that a user may want to know */
     PELL_LOG_DEBUG,
 };
 
@@ -76,8 +76,8 @@ struct pell_context_params {
 
 struct pell_context;
 
-/* As pell_context_create, for a program that was built with headers of version `headers` (a PELL_VERSION_NUMBER). For bindings to other
- * languages, which pass the version that they were written for; C and C++ call pell_context_create. */
+/* The same as pell_context_create, for a program built with headers of version `headers` (a PELL_VERSION_NUMBER). Bindings to other
+ * languages call it with the version that they were written for; C and C++ programs call pell_context_create. */
 PELL_API PELL_NODISCARD enum pell_result pell_context_create_for(int headers, const struct pell_context_params *params,
                                                                  struct pell_context **out);
 
@@ -94,13 +94,13 @@ PELL_API void pell_context_destroy(struct pell_context **ctx);
 
 /* Running and later calls with this context return PELL_ERR_CANCELLED at their next check of the flag. Async-signal-safe. */
 PELL_API void pell_context_cancel(struct pell_context *ctx);
-/* Takes a cancellation back, once the cancelled calls have returned: for a program that goes on with something else. Thread-safe. */
+/* Clears a cancellation after the cancelled calls have returned, so that the context can be used again. Thread-safe. */
 PELL_API void pell_context_resume(struct pell_context *ctx);
 
 /* For Ctrl-C. A running render of an interruptible method (pell_method.partial) ends soon with a partial result
  * (pell_render_result.partial), and later calls are not affected; otherwise the same as pell_context_cancel. Async-signal-safe. */
 PELL_API void pell_context_interrupt(struct pell_context *ctx);
-/* Whether the running render, or else the last interruptible one, was interrupted. Thread-safe. */
+/* Whether the running render was interrupted; without a running render, whether the last interruptible render was. Thread-safe. */
 PELL_API bool pell_context_interrupted(const struct pell_context *ctx);
 
 /* The limits that the context was created with, valid as long as the context. Thread-safe. */

@@ -26,11 +26,11 @@ enum pell_engine { PELL_ENGINE_AUTO, PELL_ENGINE_CPU, PELL_ENGINE_VULKAN };
 struct pell_device_params {
     int threads; /* [1, 256]; 0: one per core that the process may use */
     enum pell_engine
-        engine; /* AUTO: cpu. VULKAN: methods that have it, and what frames need, on a Vulkan device; what that lacks on the cpu */
-    const char *vulkan_device;  /* for VULKAN: its number in the driver's order, or a piece of its name; NULL: hardware before software */
-    const char *vulkan_cache;   /* for VULKAN: a folder where compiled shaders are kept from run to run; NULL: none */
-    const char *vulkan_shaders; /* for VULKAN: a folder whose files NAME.spv replace built-in shaders, and are read again when they
-                                 * change; NULL: none. Trusted as code is: the driver compiles and runs it */
+        engine; /* AUTO: cpu. VULKAN: methods and stages that have a Vulkan implementation run on a Vulkan device, all others on the cpu */
+    const char *vulkan_device;  /* for VULKAN: index in the driver's order, or a part of its name; NULL: hardware before software */
+    const char *vulkan_cache;   /* for VULKAN: a folder that caches compiled shaders between runs; NULL: none */
+    const char *vulkan_shaders; /* for VULKAN: a folder whose files NAME.spv replace built-in shaders and are reloaded when they
+                                 * change; NULL: none. They must be trusted like code: the driver compiles and runs them */
 };
 
 struct pell_device;

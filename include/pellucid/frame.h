@@ -24,14 +24,14 @@ extern "C" {
 struct pell_frame_material {
     struct pell_medium medium;
     struct pell_gaussians gaussians;    /* count > 0: the profile is exactly this sum */
-    const struct pell_profile *profile; /* of R, G and B, borrowed; NULL: from `gaussians`, or the dipole of `medium`; never NULL in a
-                                         * frame that a method reads */
+    const struct pell_profile *profile; /* three, for R, G and B, borrowed; NULL: from `gaussians`, or the dipole of `medium`; never NULL
+                                         * in a frame that a method reads */
     bool white;                         /* normalise each channel's profile to 1: the irradiance includes the colour */
     const char *name;                   /* for messages; NULL: "" */
-    const char *preset;                 /* the built-in material (pell_material_find) that medium and Gaussians are of; NULL: none */
-    float strength; /* scales the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
+    const char *preset;                 /* the built-in material (pell_material_find) that defines medium and Gaussians; NULL: none */
+    float strength; /* scale of the scattering radius in methods that read no plane `strength` (PELL_NEED_STRENGTH), [0, 1]; 0: 1 */
     const struct pell_stack
-        *stack; /* whose reflectance `gaussians` is: thin parts have its layers below both faces, borrowed; NULL: none */
+        *stack; /* the layers whose reflectance is `gaussians`; thin parts have these layers below both faces; borrowed; NULL: none */
 };
 
 #define PELL_FRAME_MATERIALS 4095
@@ -42,7 +42,7 @@ struct pell_frame_shape {
     ptrdiff_t stride;  /* floats from row to row, >= width */
     bool orthographic;
     float focal_px;      /* perspective: pixels per mm at depth d is focal_px / d; orthographic: pixels per mm */
-    float object_height; /* mm; for papers that measure depth in object heights */
+    float object_height; /* mm; for methods whose papers measure depth in object heights */
     const struct pell_frame_material *materials;
     size_t num_materials; /* [1, PELL_FRAME_MATERIALS] */
 };
@@ -53,25 +53,25 @@ struct pell_frame {
     struct pell_frame_shape shape;
 
     /* Properties of this sample of the frame. A caller with its own planes may leave all of them 0. */
-    int sample, num_samples;      /* number of the multisample in [0, num_samples), and their count */
-    bool first;                   /* the frame's first sample that the method runs for: samples without a translucent pixel are skipped */
-    uint32_t seed;                /* of the method's own random numbers */
+    int sample, num_samples;      /* index of the multisample in [0, num_samples), and their count */
+    bool first;                   /* first sample of the frame for which the method runs; samples without a translucent pixel are skipped */
+    uint32_t seed;                /* seed of the method's random numbers */
     uint64_t lights_revision;     /* changes whenever the scene's lights or their samples change; 0: no scene */
-    const struct pell_view *view; /* camera of this sample, private to the library; NULL: no scene */
+    const struct pell_view *view; /* the sample's camera, private to the library; NULL: no scene */
 
     /* The pixels: planes, one row each of pell_plane_at. */
     struct pell_rect rect;           /* contains every pixel whose material is not 0; inside the image */
-    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: as 0. Only pixels with equal
-                                 * numbers exchange light: separate objects of one medium need a material each, which may share a
-                                 * profile; all parts of one object share a number */
+    const uint16_t *material;        /* 0: not translucent; i + 1: materials[i]; above num_materials: the same as 0. Only pixels with
+                                 * equal ids exchange light: separate objects of one medium need separate materials, which may share a
+                                 * profile; all parts of one object share an id */
     const float *depth;              /* mm along the view axis, > 0 */
     const float *strength;           /* scales the scattering radius, [0, 1]; NULL: 1 */
     const float *base[3];            /* base colour, where the material is `white`; undefined elsewhere. NULL: not known */
-    const float *irradiance[3];      /* irradiance that enters, times albedo^m: W/m^2, finite */
+    const float *irradiance[3];      /* irradiance that enters the surface, times albedo^m: W/m^2, finite */
     const float *shaded[3];          /* the composited image without scattering: W/(m^2 sr) */
     const float *normal[3];          /* unit, shading */
     const float *position[3];        /* mm */
-    const uint32_t *mesh, *triangle; /* numbers in the scene, of the visible triangle */
+    const uint32_t *mesh, *triangle; /* indices of the visible triangle in the scene */
     const float *barycentric[2];     /* u, v: the point is (1 - u - v) p0 + u p1 + v p2 */
 };
 
@@ -79,12 +79,12 @@ struct pell_frame {
  * If the plan of a method has separate outputs (struct pell_plan), `light` excludes those whose planes are not NULL and includes the
  * others. */
 struct pell_frame_light {
-    float *light[3];   /* radiant exitance M, W/m^2, or radiance, W/(m^2 sr): struct pell_plan says which */
-    float *single[3];  /* scattered once below the surface, radiance; may be NULL */
-    float *surface[3]; /* reflected at the surface, radiance; may be NULL */
+    float *light[3];   /* radiant exitance M, W/m^2, or radiance, W/(m^2 sr), as struct pell_plan declares */
+    float *single[3];  /* radiance of light scattered once below the surface; may be NULL */
+    float *surface[3]; /* radiance of light reflected at the surface; may be NULL */
 };
 
-/* The planes of a frame, and after them those of its light. */
+/* The planes of a frame, followed by those of its light. */
 enum pell_plane {
     PELL_PLANE_MATERIAL,
     PELL_PLANE_DEPTH,
@@ -111,26 +111,26 @@ struct pell_plane_info {
     const char *unit; /* "1" for a pure number */
     int components;   /* [1, 3]: the number of pointers, each to a separate plane */
     enum pell_plane_format format;
-    unsigned need;   /* present for methods that need one of these bits of enum pell_need; 0: always */
+    unsigned need;   /* present if the method needs one of these bits of enum pell_need; 0: always */
     unsigned output; /* written if the plan has one of these bits of enum pell_output; 0: always, if `of_light` */
-    bool optional;   /* may be NULL even if it is needed */
+    bool optional;   /* may be NULL even if needed */
     bool of_light;   /* a member of struct pell_frame_light */
     size_t offset;   /* of the first pointer, in its struct */
 };
 
-/* NULL for an invalid number. Constant; thread-safe. */
+/* The row of enum pell_plane `plane`; NULL for an invalid value. Constant data; thread-safe. */
 PELL_API const struct pell_plane_info *pell_plane_at(int plane);
 
 #define PELL_THICKNESS_STEPS 512
 
-/* Share of the irradiance at A that leaves at a point C whose perpendicular distance through the medium is d: entry i is for
- * d = max_mm (i / (PELL_THICKNESS_STEPS - 1))^2, interpolated linearly over i; 0 beyond max_mm. 1/1, monotone falling. The share
- * depends on the angle between the normals at A and C: it is lerp(value, slab, max(0, -n_A.n_C)). */
+/* Fraction of the irradiance at a point A that leaves at a point C, where the thickness of the medium between them is d: entry i is for d =
+ * max_mm (i / (PELL_THICKNESS_STEPS - 1))^2, interpolated linearly over i; 0 beyond max_mm. Dimensionless, decreasing. The fraction depends
+ * on the angle between the normals at A and C: it is lerp(value, slab, max(0, -n_A.n_C)). */
 struct pell_thickness_table {
     float max_mm;
-    float value[PELL_THICKNESS_STEPS][3];  /* between faces that do not oppose */
-    float slab[PELL_THICKNESS_STEPS][3];   /* between parallel faces; `value` where the method knows no slab */
-    float spread[PELL_THICKNESS_STEPS][3]; /* mm^2: variance along an axis of where that light leaves; 0: straight across */
+    float value[PELL_THICKNESS_STEPS][3];  /* between faces that are not opposite each other */
+    float slab[PELL_THICKNESS_STEPS][3];   /* between parallel faces; equals `value` if the method has no slab model */
+    float spread[PELL_THICKNESS_STEPS][3]; /* mm^2: variance along one axis of the exit points; 0: light crosses without lateral spread */
 };
 
 #ifdef __cplusplus

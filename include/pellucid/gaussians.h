@@ -4,7 +4,7 @@
  *
  * Units      variances mm^2, values 1/mm^2.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
- * Errors     enum pell_result; nothing is logged here: the caller knows the names.
+ * Errors     enum pell_result; nothing is logged, because only the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
 #ifndef PELLUCID_GAUSSIANS_H
@@ -31,7 +31,7 @@ PELL_API double pell_gaussians_total(const struct pell_gaussians *g, int channel
 #define PELL_GAUSSIANS_VARIANCE_MIN 1e-18 /* mm^2 */
 #define PELL_GAUSSIANS_VARIANCE_MAX 1e18
 
-/* One channel as a profile, in closed form: values, transform, share inside a radius. PELL_ERR_INVALID (and *out zero) for a channel,
+/* One channel as a profile, in closed form: values, transform, cdf. PELL_ERR_INVALID (and *out zero) for a channel,
  * count or variance out of range, a weight outside [0, 1], or a total over 1 by more than PELL_PROFILE_TOTAL_SLACK. */
 PELL_API PELL_NODISCARD enum pell_result pell_profile_from_gaussians(const struct pell_gaussians *g, int channel, struct pell_profile *out);
 
@@ -44,7 +44,7 @@ struct pell_fit_report {
 struct pell_fit_params {
     int count;        /* 1..PELL_GAUSSIANS_MAX */
     bool free_energy; /* false: weights of a channel sum to the profile's total exactly; true: to the total that fits best, at most 1 */
-    double r_max_mm;  /* if > 0: the integrals of the error end here; 0: at infinity */
+    double r_max_mm;  /* > 0: upper limit of the error's integrals; 0: infinity */
 };
 
 /* One channel's best sum of Gaussians for a dipole; writes weight[i][0], all of them >= 0. Nothing is allocated; a fit needs about
@@ -54,14 +54,14 @@ PELL_API PELL_NODISCARD enum pell_result pell_fit_dipole(const struct pell_dipol
 
 /* One channel's best sum of Gaussians for any profile; writes weight[i][0], all of them >= 0. For separate variances of three
  * channels call it three times. For a profile that is unbounded at r = 0 (normalized diffusion: as 1/r) error (10) is undefined, because
- * the integral of r R^2 diverges: its integrals have the weight r^2/(r^2 + q^2), q the radius with 1/20 of its light inside (the smallest
- * of the channels' where variances are shared): this light is kept, but not resolved. */
+ * the integral of r R^2 diverges: its integrals are weighted by r^2/(r^2 + q^2), where q is the radius that contains 1/20 of the light
+ * (with shared variances: the smallest of the channels' radii). The light inside q is conserved, but its shape is not resolved. */
 PELL_API PELL_NODISCARD enum pell_result pell_fit_profile(const struct pell_profile *profile, const struct pell_fit_params *params,
                                                           struct pell_gaussians *out, struct pell_fit_report *report);
 
 /* Three profiles (R, G, B) with shared variances, so that one blur serves all: minimises the sum over channels of the squared error
- * (10). Weights are >= 0; a channel without light has weights 0 (count 0 if all three have none). Swapped profiles give swapped weights,
- * bit by bit. */
+ * (10). Weights are >= 0; a channel without light has weights 0 (count 0 if all three have none). Swapping profiles swaps the weights, with
+ * identical bits. */
 PELL_API PELL_NODISCARD enum pell_result pell_fit_profiles(const struct pell_profile profiles[3], const struct pell_fit_params *params,
                                                            struct pell_gaussians *out, struct pell_fit_report *report);
 
@@ -84,11 +84,11 @@ enum pell_appendix_a {
 };
 
 /* Four Gaussians for the pole z (1 + s d) exp(-s d)/(4 pi d^3), d^2 = r^2 + z^2, s = sigma_tr: half a dipole of alpha' = 1, total
- * exp(-s |z|)/2. z_mm != 0: a negative depth negates the weights. Some weights are negative. */
+ * exp(-s |z|)/2. z_mm != 0; a negative depth negates the weights. Some weights are negative. */
 PELL_API PELL_NODISCARD enum pell_result pell_pole_appendix_a(double z_mm, double sigma_tr, enum pell_appendix_a constants,
                                                               double variance_mm2[4], double weight[4]);
 
-/* Eight for a dipole, by rising variance; writes weight[i][0]. No iteration. */
+/* Eight Gaussians for a dipole, in order of rising variance; writes weight[i][0]. Closed form, no iteration. */
 PELL_API PELL_NODISCARD enum pell_result pell_dipole_appendix_a(const struct pell_dipole *dipole, enum pell_appendix_a constants,
                                                                 struct pell_gaussians *out);
 

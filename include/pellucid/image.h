@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/image.h - images in memory, and reading and writing image files.
+ * pellucid/image.h - images in memory, and functions that read and write image files.
  *
  * Formats    read: PNG 1 to 16 bit, JPEG, Radiance HDR, OpenEXR (not DWA, deep, subsampled), PFM; written: PNG, HDR, EXR with
  *            layers, PFM.
  * Layout     interleaved rows, top row first, left to right, no padding.
  * Units      pixels; colour linear Rec.709 or sRGB-encoded, as each image says.
  * Ownership  an image that a function fills is released with pell_image_finish.
- * Errors     logged with the file, the place, the value and what is allowed; no partial file is left behind.
+ * Errors     logged with the file, the location, the value and the allowed range; no partial file remains.
  * Threads    all functions are safe; an image belongs to one thread while it is written.
  */
 #ifndef PELLUCID_IMAGE_H
@@ -23,7 +23,7 @@ struct pell_context;
 
 enum pell_pixel_type { PELL_PIXEL_U8, PELL_PIXEL_U16, PELL_PIXEL_F32 };
 
-/* Meaning of the values of a file. The caller defines it; it is never guessed from the content. */
+/* The meaning of a file's values. The caller defines it; it is never guessed from the content. */
 enum pell_image_role {
     PELL_ROLE_COLOR, /* 8 and 16 bit integers are sRGB-encoded; floats are linear */
     PELL_ROLE_DATA,  /* normals, roughness, masks, lengths: linear, never passed through a colour transform */
@@ -38,7 +38,7 @@ struct pell_image {
     void *pixels;
 };
 
-/* Handling of coordinates outside [0, 1). */
+/* Addressing mode for coordinates outside [0, 1). */
 enum pell_wrap { PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, PELL_WRAP_MIRROR };
 
 /* Reads a file by its content (the file name's extension is ignored). Limits: image-pixels, file-bytes, memory-bytes. `image` is {0} on
@@ -63,7 +63,7 @@ PELL_API void pell_image_finish(struct pell_context *ctx, struct pell_image *ima
 
 /* One channel over the display window, top row first; 0 outside the data window. Values as stored: may be infinite or NaN. */
 struct pell_layer {
-    char *name;  /* "R", "diffuse.multiple.G"; of a file with several parts: "part.R" */
+    char *name;  /* "R", "diffuse.multiple.G"; in a file with several parts: "part.R" */
     float *data; /* width * height */
 };
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/inversion.h - coefficients from a colour and a length, the parameters of artists.
+ * pellucid/inversion.h - converts a colour and a length, the parameters of artists, to coefficients.
  *
  * A colour here is the total diffuse reflectance of a half-space: the colour of a homogeneous, thick piece of the material under
  * white light, without its highlight. Albedo: alpha = sigma_s/sigma_t of one scattering event; reduced albedo: alpha' = sigma_s'/sigma_t'.
@@ -11,7 +11,7 @@
  *
  * Units      mm, 1/mm; colours linear, [0, 1]. Channel 0, 1, 2 = R, G, B.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
- * Errors     enum pell_result with a fault that names field, value and range; nothing is logged here: the caller knows the names.
+ * Errors     enum pell_result with a fault that names field, value and range; nothing is logged, because only the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
 #ifndef PELLUCID_INVERSION_H
@@ -23,13 +23,13 @@
 extern "C" {
 #endif
 
-/* alpha from alpha' and back; both in [0, 1], |g| <= PELL_G_MAX. */
+/* Convert alpha' to alpha and back; both in [0, 1], |g| <= PELL_G_MAX. */
 PELL_API double pell_albedo_of_reduced(double albedo_reduced, double g);
 PELL_API double pell_albedo_reduced_of(double albedo, double g);
 
 /* --- Closed maps ---------------------------------------------------------------------------------------------------------------- */
 
-/* Values are stable. Largest errors are of the colour, over all albedos; src/optics/README.md describes the measurement. */
+/* Values are stable. The errors given are the largest absolute errors of the colour over all albedos; see src/optics/README.md. */
 enum pell_albedo_map {
     /* (1 - s)(1 - 0.139 s)/(1 + 1.17 s), s = sqrt(1 - alpha'), no boundary, uniform light: van de Hulst 1980; its inverse is Kulla and
      * Conty 2017, d'Eon's "A Hitchhiker's Guide to Multiple Scattering", OpenPBR's, Cycles' and the multi-scatter colour of
@@ -84,7 +84,7 @@ enum pell_scatter_radius {
     PELL_SCATTER_RADIUS_CYCLES,             /* 4 pi/(sigma_t (1 - g)): Cycles' radius of Christensen-Burley and of the random walk */
     PELL_SCATTER_RADIUS_CYCLES_SKIN, /* 1/(sigma_t (1 - g) sqrt(3 (1 - a))), a the dipole's inverse (Fdr of 3 digits): Cycles' random walk
                                       * (skin) */
-    PELL_SCATTER_RADIUS_MEAN,        /* pell_profile_mean_radius of the model's profile; pell_medium_from_map: of monte-carlo's */
+    PELL_SCATTER_RADIUS_MEAN,        /* pell_profile_mean_radius of the model's profile; in pell_medium_from_map of monte-carlo's */
     PELL_SCATTER_RADII,
 };
 
@@ -95,12 +95,12 @@ struct pell_scatter_radius_row {
 /* The row of enum pell_scatter_radius `index`; NULL for an index of pell_radius_count() or more. Constant data. */
 PELL_API size_t pell_radius_count(void);
 PELL_API const struct pell_scatter_radius_row *pell_scatter_radius_at(size_t index);
-/* False, and *out unchanged, if there is none of that name. */
+/* False, and *out unchanged, for an unknown name. */
 PELL_API bool pell_scatter_radius_find(const char *name, enum pell_scatter_radius *out);
 
 struct pell_color_and_radius {
     double color[3];  /* [0, 1] */
-    double radius[3]; /* mm, > 0, of the kind below */
+    double radius[3]; /* mm, > 0, as `kind` defines it */
     double g[3];      /* |g| <= PELL_G_MAX */
     double eta;       /* [PELL_ETA_MIN, PELL_ETA_MAX] */
     enum pell_scatter_radius kind;

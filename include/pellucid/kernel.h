@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/kernel.h - profiles in forms for convolution in a renderer: taps of a Gaussian blur, separable kernels, lookup tables.
+ * pellucid/kernel.h - converts profiles to convolution kernels for a renderer: taps of a Gaussian blur, separable kernels, lookup tables.
  *
  * Units      offsets and radii mm, variances mm^2, profiles 1/mm^2; weights include the profile's total, so that convolving with a kernel
  *            multiplies light by the diffuse reflectance: divide by the total if a texture holds the albedo.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
- * Errors     enum pell_result; nothing is logged here: the caller knows the names.
+ * Errors     enum pell_result; nothing is logged, because only the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated, arrays are the caller's.
  */
 #ifndef PELLUCID_KERNEL_H
@@ -23,7 +23,7 @@ extern "C" {
 
 /* `taps` (odd, 3..PELL_KERNEL_TAPS_MAX) equally spaced samples of a one-dimensional Gaussian of that variance (> 0): offsets rise and
  * are symmetric, weights sum to 1 and have exactly this variance, Sum weight offset^2 = variance_mm2. Two passes, along x and y, blur by
- * the Gaussian G(v, r). With 7 taps they reach 2.7 standard deviations. */
+ * the Gaussian G(v, r). 7 taps reach 2.7 standard deviations. */
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_gaussian_taps(double variance_mm2, int taps, double *offset_mm, double *weight);
 
 /* A chain of blurs, each applied to the preceding result (d'Eon et al. 2007, section 5.4): blur i widens by step[i] = variance[i] -
@@ -46,22 +46,22 @@ PELL_API PELL_NODISCARD enum pell_result pell_kernel_chain_make(const struct pel
 struct pell_separable_params {
     int taps;         /* odd, 3..PELL_KERNEL_TAPS_MAX; 0: 25 */
     int rank;         /* 1..PELL_KERNEL_RANK_MAX pairs of passes; 0: 1 */
-    double extent_mm; /* half the width; 0: the largest radius with 98 % of a channel's light inside it */
+    double extent_mm; /* half the width; 0: the largest of the channels' radii that contain 98 % of the light */
     double spread;    /* [1, 4]: offsets grow as |i|^spread, so that taps are dense near the centre; 0: 2 */
 };
 
-/* R(sqrt(x^2 + y^2)) ~ Sum_k sign[k][c] a_kc(x) a_kc(y), the best of its rank in the squares of the differences (an eigenvalue problem, as
- * R is symmetric): Jimenez, Zsolnai, Jarabo et al. 2015, "Separable Subsurface Scattering", section 4, for any profile. One rank is two
- * passes with the same weights; ranks add. Channel c of a blurred image is
+/* R(sqrt(x^2 + y^2)) ~ Sum_k sign[k][c] a_kc(x) a_kc(y), the least-squares approximation of its rank (an eigenvalue problem, as R is
+ * symmetric): Jimenez, Zsolnai, Jarabo et al. 2015, "Separable Subsurface Scattering", section 4, for any profile. One rank is two passes
+ * with the same weights; ranks add. Channel c of a blurred image is
  *     Sum_k sign[k][c] Sum_j weight[k][j][c] ( Sum_i weight[k][i][c] image(x + offset[i], y + offset[j]) ). */
 struct pell_separable {
     int taps, rank;
     double extent_mm;
     double offset_mm[PELL_KERNEL_TAPS_MAX];                       /* rising, symmetric, the middle one 0 */
-    double weight[PELL_KERNEL_RANK_MAX][PELL_KERNEL_TAPS_MAX][3]; /* of one pass, spacing included */
+    double weight[PELL_KERNEL_RANK_MAX][PELL_KERNEL_TAPS_MAX][3]; /* weights of one pass, spacing included */
     double sign[PELL_KERNEL_RANK_MAX][3];                         /* 1 or -1; 0 for a channel without light */
     double total[3];   /* Sum_k sign (Sum_i weight)^2: the profile's total exactly, the light outside the extent included */
-    double outside[3]; /* share of the light outside the square of the extent */
+    double outside[3]; /* fraction of the light outside the square of the extent */
     double error[3];   /* sqrt(Int (R - separable)^2 / Int R^2) over the square, before discretisation into taps: the error of the rank */
 };
 
@@ -77,7 +77,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_separable_make(const struct pell_p
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_table_value(const struct pell_profile *profile, double r_max_mm, float *texel,
                                                                  size_t count);
 
-/* The light in each of these rings (its sum is the total times the cdf at r_max): weights for samples on rings. */
+/* The light in each of these rings (the sum is the total times the cdf at r_max): weights for samples on rings. */
 PELL_API PELL_NODISCARD enum pell_result pell_kernel_table_ring(const struct pell_profile *profile, double r_max_mm, float *texel,
                                                                 size_t count);
 

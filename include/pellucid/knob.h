@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/knob.h - one row per knob: its name, unit, range, default and help.
+ * pellucid/knob.h - describes settings (knobs) by tables: one row per knob with its name, unit, range, default and help.
  *
- * These properties are defined only in the row; the command line, the scene reader, the documentation and the tests read it.
+ * The row is the only definition of these properties; the command line, the scene reader, the documentation and the tests read it.
  * A table is an array of rows that ends with {0}; the values are in a plain struct; each row has the offset of its field.
  *
  * Units      given in each row; lengths in mm, angles in degrees if the name says so.
@@ -49,17 +49,17 @@ PELL_API void pell_knobs_default(const struct pell_knob *knobs, void *values);
 PELL_API const struct pell_knob *pell_knob_find(const struct pell_knob *knobs, const char *name);
 
 /* Parses `text` and writes it into `values`. On failure `values` is untouched and a message with the value, the range allowed and
- * (for an unknown name) the nearest known name is logged; `owner` names the table in it ("method screen-space"); `where` is the
- * place of the text ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
+ * (for an unknown name) the nearest known name is logged; `owner` names the table in it ("method screen-space"); `where` names the origin
+ * of the text ("--set", "scene.json:/render/knobs/lod"). PELL_ERR_INVALID. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                        const char *where, void *values, const char *name, const char *text);
 
-/* The same from a number: a bool takes 0 and 1, an enum the index of a choice, RGB the same number three times. PELL_ERR_INVALID for a
+/* Sets a knob from a number: a bool takes 0 and 1, an enum the index of a choice, RGB the same number three times. PELL_ERR_INVALID for a
  * number that is out of range, not finite, or not whole where an integer is required. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set_number(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                               const char *where, void *values, const char *name, double number);
 
-/* The same for an RGB row; PELL_ERR_INVALID for a row of another type. */
+/* Sets an RGB knob; PELL_ERR_INVALID for a row of another type. */
 PELL_API PELL_NODISCARD enum pell_result pell_knob_set_rgb(struct pell_context *ctx, const struct pell_knob *knobs, const char *owner,
                                                            const char *where, void *values, const char *name, const double rgb[3]);
 

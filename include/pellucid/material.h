@@ -33,7 +33,7 @@ enum pell_material_kind {
 struct pell_material_layer {
     char name[32];              /* "epidermis"; a label */
     double thickness_mm;        /* [1e-6, 1e6]; INFINITY for a last layer without a bottom */
-    struct pell_medium medium;  /* its g is the mean cosine of `phase`; its eta is against the outside of the stack */
+    struct pell_medium medium;  /* its g is the mean cosine of `phase`; its eta is relative to the medium outside the stack */
     struct pell_phase phase[3]; /* per channel; isotropic where only the reduced coefficient is known */
 };
 
@@ -48,14 +48,14 @@ struct pell_material_entry {
     const char *name;  /* "wholemilk" */
     const char *title; /* "Whole milk" */
     enum pell_material_kind kind;
-    const char *family;                 /* origin of the numbers: "Jensen et al. 2001", or "artistic"; lists are grouped by it; may be "" */
+    const char *family;                 /* origin of the numbers, by which lists are grouped: "Jensen et al. 2001", "artistic"; may be "" */
     struct pell_medium medium;          /* MEDIUM at `concentration`; else eta only, coefficients 0 */
     double concentration;               /* MEDIUM: relative to the source's, 1 if undiluted; else 0 */
-    double dilution;                    /* dilution factor of the measured sample; 0: not that kind of measurement */
+    double dilution;                    /* dilution factor of the measured sample; 0: not a measured solution */
     struct pell_gaussians gaussians;    /* not MEDIUM */
     struct pell_material_layers layers; /* LAYERS */
     double color[3];                    /* default colour: diffuse reflectance or base colour, [0, 1] */
-    double roughness;                   /* of its specular lobe, (0, 1] */
+    double roughness;                   /* roughness of the specular lobe, (0, 1] */
     double mix;                         /* mix exponent of a colour texture, [0, 1] */
     bool color_from_texture;            /* base colour textures apply (skin presets), else the profile's own colour */
     const char *note;                   /* "artistic", or a note for users; may be "" */
@@ -65,12 +65,12 @@ struct pell_material_entry {
 /* The built-in materials, sorted by name; NULL for an index of pell_material_count() or more. Constant data. */
 PELL_API size_t pell_material_count(void);
 PELL_API const struct pell_material_entry *pell_material_at(size_t index);
-PELL_API const struct pell_material_entry *pell_material_find(const char *name); /* NULL if there is none of that name */
+PELL_API const struct pell_material_entry *pell_material_find(const char *name); /* NULL for an unknown name */
 
 /* Sets *out to the entry at another concentration, relative to that of its coefficients. sigma_a and
- * sigma_s are proportional to it (Narasimhan et al. 2006, section 3; single particles do not shade each other), g and eta stay, and so
- * does the diffuse reflectance; absorption by the water itself is not included. `out` may be `entry`. PELL_ERR_INVALID, *out unchanged: no
- * medium, a concentration not in (0, PELL_CONCENTRATION_MAX], or coefficients that leave the range of pell_medium_valid. */
+ * sigma_s are proportional to it (Narasimhan et al. 2006, section 3; particles do not shadow each other); g, eta and the diffuse
+ * reflectance do not change; absorption by the water itself is not included. `out` may be `entry`. PELL_ERR_INVALID, *out unchanged: the
+ * entry is no medium, the concentration is not in (0, PELL_CONCENTRATION_MAX], or coefficients leave the range of pell_medium_valid. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_dilute(const struct pell_material_entry *entry, double concentration,
                                                               struct pell_material_entry *out);
 
@@ -83,7 +83,7 @@ PELL_API void pell_material_stack(const struct pell_material_layers *layers, str
 
 /* The reflectance profile of a stack as a sum of PELL_MATERIAL_LAYERS_GAUSSIANS Gaussians with shared variances: its profiles by the Hankel
  * solver (pell_stack_profile), fitted with each channel's total kept (pell_fit_profiles). Some seven milliseconds and 230 KiB of stack.
- * `report` may be NULL. PELL_ERR_INVALID, *out untouched: no valid stack, or one without reflectance. */
+ * `report` may be NULL. PELL_ERR_INVALID, *out unchanged: the stack is invalid or reflects nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_solve(const struct pell_material_layers *layers, struct pell_gaussians *out,
                                                              struct pell_fit_report *report);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/medium.h - a homogeneous medium, and the reflectance of its boundary.
+ * pellucid/medium.h - describes a homogeneous medium and the reflectance of its boundary.
  *
  * Units      mm, 1/mm; eta = n_inside / n_outside. Channel 0, 1, 2 = R, G, B.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
@@ -46,8 +46,8 @@ PELL_API double pell_diffuse_mean_free_path(const struct pell_medium *medium, in
 /* Unpolarised reflectance of a smooth dielectric; cos_i in [0, 1] on the side of the incident ray, eta = n_transmitted/n_incident. */
 PELL_API double pell_fresnel(double eta, double cos_i);
 
-/* How the average diffuse reflectance is computed; exact is the default everywhere, the polynomials are the literature's, for eta in
- * [1/3, 3] (the nearest of these beyond, as they exceed 1 from 3.8 on). */
+/* Computation of the average diffuse reflectance: exact, the default everywhere, or by the polynomials of the literature, for eta in [1/3,
+ * 3] (clamped to it, as the polynomials exceed 1 from 3.8 on). */
 enum pell_fresnel_model { PELL_FRESNEL_EXACT, PELL_FRESNEL_POLY3, PELL_FRESNEL_POLY4 };
 
 /* Fdr: reflectance averaged over a diffuse (cosine) hemisphere, with the literature's convention: eta = n_inside/n_outside > 1 is

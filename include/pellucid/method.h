@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/method.h - the interface of a subsurface-scattering method, and functions to run it on your own buffers.
+ * pellucid/method.h - describes subsurface-scattering methods, and runs them on your own buffers.
  *
  * Units      lengths mm, coefficients 1/mm, irradiance and exitance W/m^2, radiance W/(m^2 sr); colour linear Rec.709, 0, 1, 2 = R, G, B.
  * Ownership  `create` transfers ownership to the caller, `destroy` releases it; every other pointer is borrowed for the call.
- * Errors     enum pell_result, logged once with the place, the value and what is allowed; *out is NULL on failure.
+ * Errors     enum pell_result, logged once with the location, the value and the allowed range; *out is NULL on failure.
  * Threads    a pell_method is constant data; a state belongs to one thread at a time.
  */
 #ifndef PELLUCID_METHOD_H
@@ -45,17 +45,17 @@ enum pell_output {
 /* The inputs and outputs of a method with a set of knobs. */
 struct pell_plan {
     unsigned needs;
-    unsigned outputs;                 /* separate outputs, of PELL_QUANTITY_RADIANCE; always there beside exitance, else if asked for */
-    bool excludes_surface_reflection; /* radiance of light that entered only: the composite adds its specular lobe, as it does to
-                                           * exitance */
+    unsigned outputs;                 /* separate outputs of PELL_QUANTITY_RADIANCE; always written with exitance, else on request */
+    bool excludes_surface_reflection; /* radiance without light reflected at the surface: the composite adds the specular lobe,
+                                       * as it does to exitance */
     enum pell_quantity quantity;
     float mix;      /* mix exponent for all materials; negative: each material's own */
-    bool opposed;   /* turns the profile between faces at an angle: the gain of curvature is that of such profiles */
-    bool local;     /* spreads light over the faces that it sees: the engine scales what enters by diffusion in the solid */
-    bool around;    /* with `local`: spreads it along all the surface, also over faces that look elsewhere */
-    bool spreads;   /* with PELL_NEED_TRANSMISSION: the engine spreads sideways what goes straight through a part (pell_slab_spread) */
-    bool transmits; /* with `local`: adds what a slab transmits as far as pell_services_transmitted says, the engine the rest */
-    bool survives_light_change; /* with PELL_NEED_SCENE: is kept when the lights change (struct pell_frame.lights_revision) */
+    bool opposed;   /* rotates the profile between faces at an angle; the curvature gain is then that of such profiles */
+    bool local;     /* spreads light over faces of similar orientation; the engine scales entering light by diffusion in the solid */
+    bool around;    /* with `local`: spreads light along the whole surface, also over faces of other orientations */
+    bool spreads;   /* with PELL_NEED_TRANSMISSION: the engine spreads light that crosses a part sideways (pell_slab_spread) */
+    bool transmits; /* with `local`: adds a slab's transmission weighted by pell_services_transmitted, the engine adds the rest */
+    bool survives_light_change; /* with PELL_NEED_SCENE: the pass is kept when lights change (struct pell_frame.lights_revision) */
 };
 
 /* Measurements of a method's own passes, for `--stats` and `bench`. */
@@ -63,23 +63,23 @@ struct pell_pass_time {
     const char *name; /* constant */
     double seconds;
     int64_t pixels; /* written by the pass */
-    int64_t bytes;  /* that it must read or write at least once */
+    int64_t bytes;  /* minimum that the pass must read and write */
     int64_t rays;   /* traced by the pass */
 };
 
-/* Inputs of a scene's materials that a method may ignore when it scatters light. */
+/* Properties of a scene's materials that a method may ignore when it scatters light. */
 enum pell_ignored {
     PELL_IGNORES_STRENGTH_MAP = 1 << 0,  /* varies the scattering radius over the surface; the constant strength is never ignored */
     PELL_IGNORES_COLOR = 1 << 1,         /* map and constant, of materials that take their colour from a texture */
-    PELL_IGNORES_MIX = 1 << 2,           /* of the same materials: where the colour acts */
-    PELL_IGNORES_NORMAL_MAP = 1 << 3,    /* for light that enters and leaves; the specular lobe always uses it */
-    PELL_IGNORES_ROUGHNESS = 1 << 4,     /* map and constant: the boundary is smooth where light enters and leaves */
+    PELL_IGNORES_MIX = 1 << 2,           /* of the same materials: fraction of the colour that is applied before scattering */
+    PELL_IGNORES_NORMAL_MAP = 1 << 3,    /* for light that enters and leaves the medium; the specular lobe always uses it */
+    PELL_IGNORES_ROUGHNESS = 1 << 4,     /* map and constant: light enters and leaves through a smooth boundary */
     PELL_IGNORES_SPECULAR = 1 << 5,      /* the lobe's strength, colour and model: transmission follows from the index of refraction */
     PELL_IGNORES_PROFILE_MODEL = 1 << 6, /* the medium's coefficients are used instead */
-    PELL_IGNORES_DEPTH_MAPS = 1 << 7,    /* of layers: a profile at their mean depths is used instead */
+    PELL_IGNORES_DEPTH_MAPS = 1 << 7,    /* of layers: the profile at their mean depths is used instead */
 };
 
-/* "strength map" and so on; NULL for a number that is not in enum pell_ignored. Constant; thread-safe. */
+/* A display name such as "strength map"; NULL for a value that is not in enum pell_ignored. Constant; thread-safe. */
 PELL_API const char *pell_ignored_name(unsigned input);
 
 struct pell_method {
@@ -91,12 +91,13 @@ struct pell_method {
     const struct pell_knob *knobs; /* ends with {0}; a row called "as" (enum "best", "paper") comes first */
     size_t knobs_size;
     void (*paper)(void *knobs);                             /* changes the defaults to the published settings */
-    void (*paper_settings)(struct pell_settings *settings); /* the same for those of a renderer; NULL: nothing to change */
+    void (*paper_settings)(struct pell_settings *settings); /* the same for render settings; NULL: nothing to change */
     void (*plan)(const void *knobs, struct pell_plan *plan);
     const struct pell_method_engine *cpu, *vulkan; /* NULL: not available */
-    unsigned ignores; /* enum pell_ignored, for all knobs. A renderer warns if a scene has such a map or colour */
+    unsigned ignores; /* enum pell_ignored, whatever the knobs. A renderer warns if a scene has such a map or colour */
     bool partial;     /* interruptible: ends early with a partial result, and stores its state in the renderer's checkpoint */
-    /* What it makes of the first frame of a scene that deforms it keeps for those after, and shows there: parts of a film begin with it. */
+    /* The method computes data from the first frame of a deforming scene and reuses them in later frames, where they affect the image: each
+     * part of a divided animation must therefore start by rendering the first frame. */
     bool keeps_first;
 };
 
@@ -108,33 +109,34 @@ PELL_API const struct pell_method *pell_method_at(size_t index);
 /* NULL and a logged message with the nearest name if there is no such method. `where` names the origin of the name. */
 PELL_API const struct pell_method *pell_method_find(struct pell_context *ctx, const char *where, const char *name);
 
-/* Whether it runs with these knobs on a caller's planes (pell_pass_create); else it needs a renderer's scene (PELL_NEED_SCENE). `knobs` is
- * not NULL. Thread-safe. */
+/* Whether the method runs with these knobs on a caller's planes (pell_pass_create); otherwise it needs a renderer's scene
+ * (PELL_NEED_SCENE). `knobs` is not NULL. Thread-safe. */
 PELL_API bool pell_method_runs_on_planes(const struct pell_method *method, const void *knobs);
 
-/* Whether the knobs began as those of as=paper. `knobs` NULL: no. Thread-safe. */
+/* Whether the knobs were created with as=paper; false if `knobs` is NULL. Thread-safe. */
 PELL_API bool pell_method_as_paper(const struct pell_method *method, const void *knobs);
 
 struct pell_setting {
     const char *name, *value, *where;
 };
 
-/* Fills `values` (knobs_size bytes): the defaults of `as`, at any position among the settings, then every other setting in order. */
+/* Fills `values` (knobs_size bytes): first the defaults that `as` selects, at any position among the settings, then every other setting in
+ * order. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_configure(struct pell_context *ctx, const struct pell_method *method,
                                                                const struct pell_setting *settings, size_t num_settings, void *values);
 
-/* A method's knobs in *knobs, NULL on failure, from one line of text: "gaussians=6 lod=2". Settings are separated by white space or commas;
- * the last of one name is used. Text without '=' after a comma belongs to the preceding value ("tint=1,0.5,0.2"). "as=paper" selects the
- * defaults, at any position. NULL or "": the defaults. The caller releases the knobs with pell_method_knobs_destroy, with the same
- * context; renderers and passes copy them. PELL_ERR_INVALID, logged: an unknown name (with the nearest one), a value that is out of range
- * or not of its type, a word without '='; PELL_ERR_NOMEM. Thread-safe. */
+/* Creates a method's knobs in *knobs, NULL on failure, from one line of text: "gaussians=6 lod=2". Settings are separated by white space or
+ * commas; of several with the same name the last is used. Text without '=' after a comma belongs to the preceding value ("tint=1,0.5,0.2").
+ * "as=paper" selects the defaults, at any position. NULL or "": the defaults. The caller releases the knobs with pell_method_knobs_destroy,
+ * with the same context; renderers and passes copy them. PELL_ERR_INVALID, logged: an unknown name (with the nearest one), a value that is
+ * out of range or not of its type, a word without '='; PELL_ERR_NOMEM. Thread-safe. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_create(struct pell_context *ctx, const struct pell_method *method,
                                                                   const char *text, void **knobs);
 /* Sets *knobs to NULL; destroying &(NULL) does nothing. */
 PELL_API void pell_method_knobs_destroy(struct pell_context *ctx, void **knobs);
 
-/* Change one knob, as pell_knob_set and pell_knob_set_number do; unchanged on failure. "as" is refused: it selects the defaults of all
- * others at creation. */
+/* Change one knob, as pell_knob_set and pell_knob_set_number do; unchanged on failure. "as" is refused, because it selects the defaults of
+ * all others at creation. */
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_text(struct pell_context *ctx, const struct pell_method *method, void *knobs,
                                                                     const char *name, const char *text);
 PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_number(struct pell_context *ctx, const struct pell_method *method,
@@ -144,26 +146,27 @@ PELL_API PELL_NODISCARD enum pell_result pell_method_knobs_set_number(struct pel
 
 struct pell_pass;
 
-/* Creates everything that is kept between frames. `shape` is copied, materials included; `knobs` may be NULL: defaults. The device must
+/* Creates a pass with all data kept between frames. `shape` is copied, materials included; `knobs` may be NULL: defaults. The device must
  * outlive the pass. PELL_ERR_UNSUPPORTED for a method that needs a scene (PELL_NEED_SCENE), PELL_ERR_DEVICE for one that the device's
  * engine does not implement, PELL_ERR_INVALID for a shape or knobs out of range. On failure *out is NULL. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_create(struct pell_device *device, const struct pell_method *method, const void *knobs,
                                                           const struct pell_frame_shape *shape, struct pell_pass **out);
 /* Writes `out`, three planes, inside in->rect. `in` must have the planes that the pass's plan needs, and the pass's size, stride,
  * projection and number of materials; the materials themselves are those that the pass was created with. No plane of `out` may be one of
- * `in` or another of `out`. PELL_ERR_INVALID where one of this does not hold, PELL_ERR_CANCELLED. Allocates nothing. */
+ * `in` or another of `out`. PELL_ERR_INVALID if one of these conditions does not hold; PELL_ERR_CANCELLED. Allocates nothing. */
 PELL_API PELL_NODISCARD enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_frame *in,
                                                           const struct pell_frame_light *out);
-/* What the method does with the knobs of this pass. Valid as long as the pass. */
+/* The plan of the method with the knobs of this pass. Valid as long as the pass. */
 PELL_API const struct pell_plan *pell_pass_plan(const struct pell_pass *pass);
-/* Transmission of shape.materials[material] by thickness, valid as long as the pass. NULL for methods without, for materials without, and
- * for numbers that the shape does not have. */
+/* The thickness table of shape.materials[material], valid as long as the pass. NULL if the method or the material has no transmission, or
+ * `material` is out of range. */
 PELL_API const struct pell_thickness_table *pell_pass_thickness(const struct pell_pass *pass, size_t material);
-/* Writes at most `size` times of the last render and returns how many were written. */
+/* Writes at most `size` pass times of the last render and returns the number written. */
 PELL_API size_t pell_pass_times(const struct pell_pass *pass, struct pell_pass_time *times, size_t size);
-/* False if the method has no standard error; else planes of the frame's stride, valid until the next render. */
+/* Gets the standard error of each pixel as planes of the frame's stride, valid until the next render. False if the method does not estimate
+ * it. */
 PELL_API bool pell_pass_standard_error(const struct pell_pass *pass, const float *planes[3]);
-/* Whether the last render ended before it had what its knobs ask for, because of a time limit or an interruption. */
+/* Whether the last render ended early, by a time limit or an interruption, before the samples or the error that its knobs request. */
 PELL_API bool pell_pass_unfinished(const struct pell_pass *pass);
 /* Whether the checkpoint at the end of the last render could not be written. */
 PELL_API bool pell_pass_unwritten(const struct pell_pass *pass);

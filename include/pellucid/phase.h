@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/phase.h - phase functions: the angular distribution of light after one scattering event.
+ * pellucid/phase.h - evaluates and samples phase functions: the angular distribution of light after one scattering event.
  *
- * Convention  ONE for all of them: cos_theta is the cosine between the direction toward the light, w_i, and the direction toward the
- *             viewer, w_o, which both point AWAY from the point of scattering. Unscattered light has w_o = -w_i and cos_theta =
- *             -1; backscattered light has cos_theta = 1. Signs of g and k are the usual ones: above 0 is forward.
+ * Convention  common to all phase functions: cos_theta is the cosine between the direction toward the light, w_i, and the direction toward
+ *             the viewer, w_o, which both point AWAY from the point of scattering. Unscattered light has w_o = -w_i and cos_theta = -1;
+ *             backscattered light has cos_theta = 1. Signs of g and k are the usual ones: above 0 is forward.
  *
  *     Henyey and Greenstein 1941   p = (1 - g^2) / (4 pi (1 + g^2 + 2 g cos_theta)^(3/2))
  *     Schlick (Blasi et al. 1993)  p = (1 - k^2) / (4 pi (1 + k cos_theta)^2)
@@ -34,24 +34,24 @@ enum pell_phase_kind { PELL_PHASE_HENYEY_GREENSTEIN = 0, PELL_PHASE_SCHLICK, PEL
 /* { 0 } is isotropic. */
 struct pell_phase {
     enum pell_phase_kind kind;
-    double g[2];   /* g[0]: g, or Schlick's k; g[1]: of the second lobe; |.| <= PELL_G_MAX. unused for Rayleigh */
-    double weight; /* of the first of two lobes, [0, 1] */
+    double g[2];   /* g[0]: g, or Schlick's k; g[1]: g of the second lobe; absolute values <= PELL_G_MAX; unused for Rayleigh */
+    double weight; /* weight of the first of two lobes, [0, 1] */
 };
 
 /* Whether a phase function is in range; if not, *fault (may be NULL) holds the field and its range. */
 PELL_API bool pell_phase_valid(const struct pell_phase *p, struct pell_medium_fault *fault);
 
-/* p(cos_theta), 1/sr. It is the density of pell_phase_sample, too: samples need no weight. */
+/* p(cos_theta), 1/sr. It is also the density of pell_phase_sample, so samples have weight 1. */
 PELL_API double pell_phase_value(const struct pell_phase *p, double cos_theta);
-/* Share of the light that is scattered by a larger angle than cos_theta: 0 at 1 (backward), 1 at -1 (forward). */
+/* Cumulative distribution: the fraction of the light with a cosine above cos_theta; 0 at 1 (backward), 1 at -1 (forward). */
 PELL_API double pell_phase_cdf(const struct pell_phase *p, double cos_theta);
-/* Mean of -cos_theta, which is what the literature calls g. */
+/* Mean of -cos_theta: g of the literature. */
 PELL_API double pell_phase_mean_cosine(const struct pell_phase *p);
 
-/* cos_theta with the share xi of the light at larger scattering angles: the inverse of pell_phase_cdf. With two lobes the lobe is chosen by
- * the same number, so that only the distribution of cos_theta is that of the sum. xi in [0, 1]. */
+/* Samples cos_theta by xi in [0, 1]: with one lobe the inverse of pell_phase_cdf. With two lobes xi also selects the lobe, so that only the
+ * distribution of cos_theta is that of the sum. */
 PELL_API double pell_phase_sample_cosine(const struct pell_phase *p, double xi);
-/* A direction toward the viewer for light from w_i, from two independent numbers in [0, 1]; returns its density, 1/sr. */
+/* Samples a direction toward the viewer for light from w_i, by two independent random numbers in [0, 1]; returns its density, 1/sr. */
 PELL_API double pell_phase_sample(const struct pell_phase *p, double xi1, double xi2, const double w_i[3], double w_o[3]);
 
 /* Schlick's k with a given mean cosine, |mean_cosine| < 1; |k| is clamped to PELL_G_MAX. */

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/profile.h - radial diffusion profiles R(r) of all models behind one interface.
+ * pellucid/profile.h - evaluates and samples radial diffusion profiles R(r) of all models through one interface.
  *
  * Units      radii mm, R(r) 1/mm^2.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.
- * Errors     enum pell_result; nothing is logged here: the caller knows the names.
+ * Errors     enum pell_result; nothing is logged, because only the caller knows the names.
  * Threads    all functions are pure and safe; nothing is allocated.
  */
 #ifndef PELLUCID_PROFILE_H
@@ -24,74 +24,77 @@ struct pell_dipole {
     double zr, zv; /* depths of the real and the virtual source */
 };
 
-/* sigma_a >= 0 and sigma_s_reduced > 0 in 1/mm, eta in [1, 3]; outside them the result is not meaningful, as nothing is checked. */
+/* sigma_a >= 0 and sigma_s_reduced > 0 in 1/mm, eta in [1, 3]. Arguments are not checked; outside these ranges the result is undefined. */
 PELL_API struct pell_dipole pell_dipole_make(double sigma_a, double sigma_s_reduced, double eta, enum pell_fresnel_model model);
 PELL_API double pell_dipole_rd(const struct pell_dipole *d, double r_mm);  /* R_d(r), 1/mm^2 */
 PELL_API double pell_dipole_total(const struct pell_dipole *d);            /* 2 pi Int r R_d dr */
-PELL_API double pell_dipole_cdf(const struct pell_dipole *d, double r_mm); /* share of the total inside r, [0, 1] */
+PELL_API double pell_dipole_cdf(const struct pell_dipole *d, double r_mm); /* fraction of the total inside r, [0, 1] */
 
 /* --- Half-space ----------------------------------------------------------------------------------------------------------------- */
 
-/* Share of the light at normal incidence that leaves again, for isotropic scattering behind a smooth boundary: exact transport
- * (Chandrasekhar's H functions with internal reflection), no diffusion; error below 1e-6. `albedo` = alpha' in [0, 1] stands in for
- * anisotropic media by similarity. NAN out of range. 0.1 ms. */
+/* Reflectance of a half-space for light that has entered at normal incidence, with isotropic scattering below a smooth boundary: exact
+ * transport (Chandrasekhar's H functions with internal reflection), not diffusion; error below 1e-6. Anisotropic media are covered by
+ * similarity, with `albedo` = alpha' in [0, 1]. NAN out of range. Takes 0.1 ms. */
 PELL_API double pell_half_space_albedo(double albedo, double eta);
-/* The same of light that comes in along the cosine mu, in (0, 1], outside: share of what enters. */
+/* The same for light incident from outside at the cosine mu, in (0, 1], as a fraction of the light that enters. */
 PELL_API double pell_half_space_albedo_at(double albedo, double eta, double mu);
 
-/* How reflectance grows with the angle: light that enters along the cosine m behind the boundary is returned by R(1) (1 + slope (1 - m)).
- * By reciprocity, light that was diffuse leaves in proportion to the same factor. */
+/* Dependence of reflectance on the angle: light whose refracted direction has the cosine m is reflected with R(1) (1 + slope (1 - m)). By
+ * reciprocity, diffuse light leaves in proportion to the same factor. */
 struct pell_half_space_angle {
-    double slope; /* least squares over all directions that enter */
-    double mean;  /* of the factor, over diffuse light that enters */
+    double slope; /* by least squares over all directions of entry */
+    double mean;  /* mean of the factor for diffuse light that enters */
 };
 
-/* Of the medium with isotropic scattering whose half-space returns `total`, in (0, 1), of the light at right angles; else slope 0, mean 1.
- * 3 ms. */
+/* The angular dependence of the isotropically scattering medium whose half-space reflects `total`, in (0, 1), of the light at normal
+ * incidence; for other totals slope 0, mean 1. Takes 3 ms. */
 PELL_API struct pell_half_space_angle pell_half_space_angle_of(double total, double eta);
 
-/* The same of the light that was scattered more than once there: what `angle`, of that medium, leaves when single scattering of isotropic
- * phase (pell_single_scattering_albedo_at) is taken away. `albedo` is the medium's alpha', and `total` what its half-space returns. */
+/* The same for multiply scattered light alone: `angle`, of that medium, minus isotropic single scattering
+ * (pell_single_scattering_albedo_at). `albedo` is the medium's alpha', `total` the reflectance of its half-space. */
 PELL_API struct pell_half_space_angle pell_half_space_angle_multiple(double total, double albedo, double eta,
                                                                      struct pell_half_space_angle angle);
 
-/* Share of the light that entered along the cosine `inside`, in (0, 1], which a half-space scatters once and lets out, by a collision of
- * albedo 1 with Henyey and Greenstein's phase function: a double integral, error below 1e-4 for abs(g) up to 0.9. NAN out of range. */
+/* Fraction of the light that entered at the refracted cosine `inside`, in (0, 1], that leaves a half-space after one scattering event, for
+ * a single-scattering albedo of 1 and the Henyey-Greenstein phase function: a double integral, error below 1e-4 for abs(g) up to 0.9. NAN
+ * out of range. */
 PELL_API double pell_single_scattering_albedo_at(double g, double eta, double inside);
 
 /* --- Slab ----------------------------------------------------------------------------------------------------------------------- */
 
-enum { PELL_SLAB_STEPS = 45 }; /* two to an octave of optical thickness, from 2^-9 to 2^13 */
+enum { PELL_SLAB_STEPS = 45 }; /* two per octave of optical thickness, from 2^-9 to 2^13 */
 
 /* One channel of a slab of a medium between two smooth boundaries, by transport. Plain data: pell_slab_make fills it, pell_slab_at reads
  * it. */
 struct pell_slab {
     double sigma_t, sigma_t_reduced;                                 /* 1/mm */
-    double boundary;                                                 /* reflectance at right angles */
+    double boundary;                                                 /* reflectance at normal incidence */
     double reflected[PELL_SLAB_STEPS], transmitted[PELL_SLAB_STEPS]; /* logarithms, by optical thickness */
-    bool layered;                    /* of several media: optical thickness is that of the densest, and `transmitted` has all but what is */
-    double optical[PELL_SLAB_STEPS]; /* not scattered, which is known by the optical thickness that there is */
+    /* `layered`: several media. Optical thickness is then that of the densest, and `transmitted` excludes unscattered light, which
+     * follows from `optical`, the actual optical thickness. */
+    bool layered;
+    double optical[PELL_SLAB_STEPS];
 };
 
-/* Shares of the light that has entered at normal incidence, [0, 1]. */
+/* Fractions of the light that has entered at normal incidence, [0, 1]. */
 struct pell_slab_light {
-    double reflected, transmitted; /* after it was scattered */
-    double straight;               /* transmitted without having been scattered: exp(-sigma_t d), and what the boundaries reflect of it */
+    double reflected, transmitted; /* scattered light */
+    double straight;               /* unscattered transmitted light: exp(-sigma_t d) and internal reflections at the boundaries */
 };
 
-/* Adding-doubling over 16 directions (van de Hulst 1980; Prahl et al. 1993). Scattering is isotropic with sigma_s_reduced, which stands in
- * for anisotropic media by similarity; what such a medium scatters forward counts as transmitted. False, and a slab of nothing, for a
- * medium that is not valid. 1 ms. */
+/* Adding-doubling over 16 directions (van de Hulst 1980; Prahl et al. 1993). Scattering is isotropic with sigma_s_reduced, which represents
+ * anisotropic media by similarity; light that such a medium scatters forward counts as transmitted. False, and an empty slab, for an
+ * invalid medium. Takes 1 ms. */
 PELL_API bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_slab *out);
-/* The same of a slab that has the stack's layers below both faces, down to its middle, as an ear has its skin. Light is refracted at the
- * faces alone, by the index of the first layer; roughness is left out. False, and a slab of nothing, for a stack that is not valid. 10
- * ms. */
+/* The same for a slab with the stack's layers below both faces, down to the middle plane, such as an ear with skin on both sides. Light is
+ * refracted only at the faces, by the index of the first layer; roughness is ignored. False, and an empty slab, for an invalid stack. Takes
+ * 10 ms. */
 struct pell_stack;
 PELL_API bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct pell_slab *out);
-/* A slab of `d` mm, d >= 0. Error below 1e-3 of each share where the share is above 1e-6. */
+/* A slab of `d` mm, d >= 0. The relative error of each fraction is below 1e-3 where the fraction is above 1e-6. */
 PELL_API struct pell_slab_light pell_slab_at(const struct pell_slab *slab, double d);
-/* How far light that is transmitted through a slab of `d` mm, d >= 0, spreads sideways: the variance of T(r) along one axis, mm^2, by
- * diffusion from a source one mean free path deep. The medium is valid; roughness is left out. Thread-safe. */
+/* Lateral spread of light transmitted through a slab of `d` mm, d >= 0: the variance of T(r) along one axis, mm^2, by diffusion from a
+ * source one mean free path deep. The medium must be valid; roughness is ignored. Thread-safe. */
 PELL_API double pell_slab_spread(const struct pell_medium *medium, int channel, double d);
 
 /* --- Models ------------------------------------------------------------------------------------------------------------------- */
@@ -116,7 +119,7 @@ struct pell_profile_model_row {
 /* The row of enum pell_profile_model `index`; NULL for an index of pell_profile_model_count() or more. Constant data. */
 PELL_API size_t pell_profile_model_count(void);
 PELL_API const struct pell_profile_model_row *pell_profile_model_at(size_t index);
-/* False, and *out unchanged, if there is no such model. */
+/* False, and *out unchanged, for an unknown name. */
 PELL_API bool pell_profile_model_find(const char *name, enum pell_profile_model *out);
 
 /* --- A profile ---------------------------------------------------------------------------------------------------------------- */
@@ -130,12 +133,12 @@ enum pell_profile_kind {
     PELL_PROFILE_KIND_POLES = 0, /* closed form */
     PELL_PROFILE_KIND_BURLEY,    /* closed form */
     PELL_PROFILE_KIND_GAUSSIANS, /* closed form */
-    PELL_PROFILE_KIND_NODES,     /* monotone cubic between nodes; beyond the last 0 or the far field of diffusion */
+    PELL_PROFILE_KIND_NODES,     /* monotone cubic between nodes; beyond the last node 0 or the far field of diffusion */
     PELL_PROFILE_KINDS,
 };
 
 /* One channel's R(r): the flux that leaves at a distance r from where a unit of flux entered, 1/mm^2; R >= 0, Int 2 pi r R dr <= 1.
- * A value of fixed size (20 KiB) without pointers that may be copied; there is nothing to free. The fields are private. */
+ * A value of fixed size (20 KiB) without pointers: it may be copied and need not be freed. The fields are private. */
 struct pell_profile {
     int kind;                                  /* enum pell_profile_kind */
     double total;                              /* Int_0^inf 2 pi r R dr, [0, 1] */
@@ -152,17 +155,17 @@ struct pell_profile_params {
     enum pell_fresnel_model fresnel; /* model of Fdr for a smooth boundary; dipole, better-dipole, photon-beam */
     double roughness;                /* of the boundary, [0, 1]; 0: smooth. Changes A by pell_fresnel_diffuse_rough, exact Fresnel only;
                                         dipole, better-dipole, photon-beam (their single scattering leaves through a smooth one) */
-    double A;                        /* (0, PELL_PROFILE_A_MAX]: instead of the value from boundary and eta; dipole; 0: none */
+    double A;                        /* replaces the value from boundary and eta, (0, PELL_PROFILE_A_MAX]; 0: not set; dipole */
     bool without_single;             /* better-dipole, monte-carlo, photon-beam: exclude single scattering */
 };
 
-/* One channel of a medium under a model. `params` may be NULL. PELL_ERR_INVALID: the medium is not valid, or the channel, model or
- * parameters are out of range; *out is then zero. A channel that does not scatter has total 0. */
+/* Computes the profile of one channel of a medium by a model. `params` may be NULL. PELL_ERR_INVALID: the medium is not valid, or the
+ * channel, model or parameters are out of range; *out is then zero. A channel that does not scatter has total 0. */
 PELL_API PELL_NODISCARD enum pell_result pell_profile_make(enum pell_profile_model model, const struct pell_medium *medium, int channel,
                                                            const struct pell_profile_params *params, struct pell_profile *out);
 
 struct pell_profile_fault {
-    size_t row;             /* the first faulty one; for "total" the one at which the light exceeds the limit */
+    size_t row;             /* the first faulty row; for "total" the row at which the light exceeds the limit */
     const char *field;      /* "rows", "r_mm", "R", "total": constant text */
     double value, min, max; /* the value (of "total": up to that row), and the allowed range */
 };
@@ -183,9 +186,9 @@ PELL_API double pell_profile_eval(const struct pell_profile *p, double r_mm); /*
 /* The same for many radii, vectorised. */
 PELL_API void pell_profile_eval_many(const struct pell_profile *p, const double *r_mm, double *R, size_t count);
 PELL_API double pell_profile_total(const struct pell_profile *p);
-PELL_API double pell_profile_cdf(const struct pell_profile *p, double r_mm); /* share of the total inside r, [0, 1] */
+PELL_API double pell_profile_cdf(const struct pell_profile *p, double r_mm); /* fraction of the total inside r, [0, 1] */
 
-/* Radius with the share xi of the total inside it: xi in [0, 1); uniform xi gives radii distributed as 2 pi r R(r)/total. 0 for a
+/* Samples a radius: the inverse of pell_profile_cdf at xi in [0, 1). Uniform xi give radii distributed as 2 pi r R(r)/total. 0 for a
  * profile without light. */
 PELL_API double pell_profile_sample(const struct pell_profile *p, double xi);
 /* Density per unit area of that sampling, R(r)/total, 1/mm^2. */
@@ -198,10 +201,10 @@ PELL_API double pell_profile_mean_radius(const struct pell_profile *p);
 /* Two-dimensional Fourier (Hankel) transform at a radial frequency s in rad/mm, 2 pi Int J0(s r) R(r) r dr; total at s = 0. */
 PELL_API double pell_profile_transform(const struct pell_profile *p, double s);
 
-/* By how much more the surface of a solid returns than its profile over straight distances says, where the mean curvature is
- * `curvature` (1/mm, (k1 + k2)/2, positive where it is convex): exact diffusion in a ball, or around a hollow, of that radius under even
- * light, over the share of the profile that the sphere's chords reach. 1 on a plane. Radii under about six mean free paths count as
- * that. `medium` is that of `profile`. 0.3 us. */
+/* Factor by which a curved surface reflects more light than its profile evaluated at straight distances predicts, for a mean curvature
+ * `curvature` (1/mm, (k1 + k2)/2, positive where convex): exact diffusion in a ball, or around a spherical cavity, of that radius under
+ * uniform light, divided by the part of the profile that the sphere's chords cover. 1 on a plane. Radii are clamped to at least about six
+ * mean free paths. `medium` is that of `profile`. Takes 0.3 us. */
 PELL_API double pell_curvature_gain(const struct pell_medium *medium, int channel, const struct pell_profile *profile, double curvature);
 
 #ifdef __cplusplus

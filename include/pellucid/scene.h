@@ -6,7 +6,7 @@
  * Units      mm, linear Rec.709; intensity W/sr, irradiance W/m^2, radiance W/(m^2 sr). Point-light fall-off counts in metres.
  * Ownership  a scene owns everything that it points to. Build one with pell_scene_create and the pell_scene_add_* functions, or read one
  *            with pell_scene_load. While a renderer uses it, only the values of its first camera may change, between frames.
- * Errors     logged with file, place, value and what is allowed; the owner destroys the scene also after a failure.
+ * Errors     logged with file, location, value and the allowed range; the owner destroys the scene also after a failure.
  * Threads    one thread builds a scene; many may read it.
  */
 #ifndef PELLUCID_SCENE_H
@@ -22,14 +22,14 @@ extern "C" {
 #endif
 
 #define PELL_UV_SETS 4
-#define PELL_PICTURE_MOST 16384 /* px: a side of a picture */
+#define PELL_PICTURE_MOST 16384 /* px: largest width and height of an image */
 
 struct pell_context;
 
 /* One run of triangles with one material, in world space. Arrays belong to the scene. */
 struct pell_mesh {
     char *name;
-    int object;   /* meshes of one file node share a number: closedness and thickness are tested per object */
+    int object;   /* id shared by the meshes of one file node: closedness and thickness are tested per object */
     int material; /* index into the scene's materials; -1: pell_scene_complete sets marble */
     uint32_t num_vertices, num_triangles;
     float *position;         /* xyz, mm */
@@ -38,25 +38,25 @@ struct pell_mesh {
     float *uv[PELL_UV_SETS]; /* uv, NULL if the set does not exist */
     float *color;            /* rgba, linear, multiplies the base colour; may be NULL */
     uint32_t *index;         /* 3 per triangle, counter-clockwise seen from outside */
-    bool light_shell;        /* set by pell_scene_complete: an opaque mesh that emits, around a point or spot light. It casts no shadow,
-                              * and only cameras see it */
+    bool light_shell;        /* set by pell_scene_complete: an opaque emissive mesh around a point or spot light. It casts no shadow
+                              * and is visible to cameras only */
 };
 
 struct pell_texture {
-    char *name; /* its file or place, for messages */
+    char *name; /* its file or location, for messages */
     struct pell_image image;
     enum pell_wrap wrap_u, wrap_v;
     bool nearest;
     bool shared;  /* private: the pixels belong to another texture of the scene */
     bool sampled; /* private: the sampler is in use */
-    uint64_t key; /* private: of the importers' cache, 0 none */
+    uint64_t key; /* private: key in the importers' cache, 0: none */
 };
 
 /* Look-up of a texture by a surface: uv' = matrix (u, v, 1). */
 struct pell_texture_map {
     const struct pell_texture *texture; /* NULL: none */
     int uv;                             /* UV set, [0, PELL_UV_SETS) */
-    int channel;                        /* for maps of one number: 0..3 = r, g, b, a */
+    int channel;                        /* for scalar maps: 0..3 = r, g, b, a */
     float matrix[6];                    /* u' = m0 u + m1 v + m2, v' = m3 u + m4 v + m5 */
 };
 
@@ -73,7 +73,7 @@ struct pell_scene_layer {
     bool depth_inverse;                /* use 1 - map, floats in [0, 1]: white is thin */
 };
 
-/* The medium or surface under the deepest layer. */
+/* The substrate: the medium or surface below the deepest layer. */
 enum pell_substrate {
     PELL_SUBSTRATE_STOP,          /* black */
     PELL_SUBSTRATE_LAST,          /* the last layer continues */
@@ -91,10 +91,10 @@ struct pell_material {
      * count is not 0 (published sets), else `model` of `medium`. */
     struct pell_medium medium;
     struct pell_gaussians gaussians;
-    struct pell_profile *profile; /* of R, G and B; owned by the scene */
+    struct pell_profile *profile; /* three, for R, G and B; owned by the scene */
     enum pell_profile_model model;
-    struct pell_scene_layer *layers; /* top to bottom; owned by the scene. `gaussians` or `profile`: their profile at mean depths */
-    int num_layers;                  /* [0, PELL_LAYERS_MOST]; 0: one medium without a bottom */
+    struct pell_scene_layer *layers; /* top to bottom; owned by the scene; `gaussians` or `profile` is then their profile at mean depths */
+    int num_layers;                  /* [0, PELL_LAYERS_MOST]; 0: one semi-infinite medium */
     enum pell_substrate substrate;
     enum pell_color_from color_from;
     float mix;                            /* m: albedo^m for light that enters, albedo^(1-m) for light that leaves, [0, 1] */
@@ -109,22 +109,22 @@ struct pell_material {
     struct pell_texture_map roughness_map; /* `channel` */
     enum pell_specular_model specular;
     float rho_s;                       /* scales the specular lobe, [0, 1] */
-    float specular_color[3];           /* tints it */
+    float specular_color[3];           /* tint of the specular lobe */
     struct pell_texture_map rho_s_map; /* `channel` */
     struct pell_texture_map specular_color_map;
     struct pell_texture_map normal_map;
     float normal_scale;
     float emissive[3]; /* radiance, W/(m^2 sr) */
     struct pell_texture_map emissive_map;
-    /* A thin sheet (paper, a leaf), only where `opaque`: this share of the diffuse light that meets one side leaves on the other, in a
-     * colour of its own; the rest is reflected. Lambertian on both sides (KHR_materials_diffuse_transmission). */
+    /* A thin sheet (paper, a leaf), only if `opaque`: this fraction of the diffuse light incident on one side is transmitted to the other,
+     * with a separate colour; the rest is reflected. Lambertian on both sides (KHR_materials_diffuse_transmission). */
     float diffuse_transmission; /* [0, 1] */
     float diffuse_transmission_color[3];
     struct pell_texture_map diffuse_transmission_map; /* its `channel` multiplies `diffuse_transmission` */
     struct pell_texture_map diffuse_transmission_color_map;
     bool alpha_mask;
     float alpha_cutoff;
-    bool double_sided; /* false: cameras don't see the back of an opaque surface; translucent ones have two sides always */
+    bool double_sided; /* false: back faces of opaque surfaces are invisible to cameras; translucent surfaces are always double-sided */
 };
 
 enum pell_light_type {
@@ -133,16 +133,16 @@ enum pell_light_type {
     PELL_LIGHT_DIRECTIONAL, /* power: irradiance on a facing plane */
     PELL_LIGHT_RECT,        /* power: radiance of its front */
     PELL_LIGHT_DISC,        /* power: radiance of its front */
-    PELL_LIGHT_ENVIRONMENT, /* power: factor of the image's radiance, or the radiance */
+    PELL_LIGHT_ENVIRONMENT, /* power: factor of the image's radiance; without an image the radiance */
 };
 
 struct pell_light {
     enum pell_light_type type;
     char *name;
-    float position[3];           /* mm; not for directional and environment */
-    float direction[3];          /* unit, in which the light travels */
+    float position[3];           /* mm; unused for directional and environment */
+    float direction[3];          /* unit; the direction in which light travels */
     float up[3];                 /* unit, perpendicular to direction: the v axis of a rect and of images points against it */
-    float power[3];              /* see the types */
+    float power[3];              /* see enum pell_light_type */
     float cos_inner, cos_outer;  /* spot: full power inside, none outside, smooth between */
     float width, height, radius; /* mm; rect, disc */
     float range;                 /* mm, 0: none (KHR_lights_punctual's cut-off) */
@@ -157,8 +157,8 @@ struct pell_camera {
     float forward[3], up[3]; /* unit, perpendicular */
     float fov;               /* vertical, radians; unused where ortho_height > 0 */
     float ortho_height;      /* mm; 0: perspective */
-    /* The lens, for depth of field: a thin one whose focal length is that of `fov` on a frame 24 mm high, 12 mm / tan(fov / 2), and whose
-     * diameter is the focal length over the f-number. Not for orthographic cameras. */
+    /* A thin lens for depth of field. Its focal length is that of `fov` on a frame 24 mm high, 12 mm / tan(fov / 2); its diameter is the
+     * focal length divided by the f-number. Not for orthographic cameras. */
     float focus;    /* focus distance along `forward`, mm; 0: to the centre of the bounds */
     float f_number; /* 0: 2.8 */
 };
@@ -186,8 +186,8 @@ struct pell_scene {
     size_t num_cameras;
 
     enum pell_background background;
-    float background_color[3]; /* as shown: 1 is display white */
-    bool contact_shadow;       /* the objects shade a background of one colour below them, as if they stood on it */
+    float background_color[3]; /* as displayed: 1 is display white */
+    bool contact_shadow;       /* the objects cast a soft shadow onto a background of uniform colour below them, as if they stood on it */
     struct pell_texture *background_image;
 
     float bounds_min[3], bounds_max[3]; /* of all meshes but the generated ground, mm */
@@ -197,7 +197,7 @@ struct pell_scene {
     size_t num_options;
 
     /* private */
-    bool animated;                           /* one of its files has animations, or a picture is one of a sequence */
+    bool animated;                           /* a file has animations, or an image belongs to a sequence */
     bool from_file;                          /* invalid values come from a file, not from the caller */
     size_t capacity[6];                      /* of the arrays above */
     int64_t total_vertices, total_triangles; /* allocated so far, against the limits */
@@ -208,27 +208,27 @@ struct pell_scene {
 /* --- Reading ------------------------------------------------------------------------------------------------------------------ */
 
 struct pell_load_params {
-    double mm_per_unit;    /* > 0: length of one unit of the file; 0: that of the format (glTF 1 m), else refused */
-    double size_mm;        /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
-    const char *material;  /* built-in name or material file for everything; NULL: as in the file, default marble */
-    const char *camera;    /* name of a camera of the file; NULL: its first, else framed from the bounds */
-    double time;           /* seconds into an animation of glTF files; before it the first pose is used, after it the last */
-    bool timed;            /* `time` is given, even if it is 0, and overrides a scene file's. Without a time rest poses are used */
-    const char *animation; /* its name in the file, or its number from 0; NULL: as in the scene file, else the first */
-    float aspect;          /* width / height of the image, for framing; 0: 16/9 */
-    bool allow_outside;    /* let files refer to files outside the scene's folder */
-    bool bare;             /* add no default lights, no default camera, no ground: `check` */
-    const char *up;        /* axis of a mesh file that points upwards, "y" or "z"; NULL: y */
-    const char *from;      /* side that the camera stands on, framing the objects: front, back, left, right, top, 34, or "AZIMUTH,ELEVATION"
+    double mm_per_unit;       /* > 0: length of one unit of the file; 0: that of the format (glTF 1 m), else refused */
+    double size_mm;           /* > 0: scale so that the largest extent of the bounds is this; not with mm_per_unit */
+    const char *material;     /* built-in name or material file for all objects; NULL: as in the file, default marble */
+    const char *camera;       /* name of a camera of the file; NULL: its first, else framed from the bounds */
+    double time;              /* seconds into an animation of glTF files; before its start the first pose is used, after its end the last */
+    bool timed;               /* `time` is set, even if it is 0, and overrides the scene file's. Without a time rest poses are used */
+    const char *animation;    /* its name in the file, or its index from 0; NULL: as in the scene file, else the first */
+    float aspect;             /* width / height of the image, for framing; 0: 16/9 */
+    bool allow_outside;       /* let files refer to files outside the scene's folder */
+    bool bare;                /* add no default lights, no default camera, no ground (used by `check`) */
+    const char *up;           /* axis of a mesh file that points upwards, "y" or "z"; NULL: y */
+    const char *from;         /* side from which a camera frames the objects: front, back, left, right, top, 34, or "AZIMUTH,ELEVATION"
                             * in degrees; NULL: the file's camera, else front. Not with `camera` */
-    const char *studio;    /* soft, rim, back or window: these lights replace the file's; NULL: soft where the file has none */
-    const char *environment;  /* equirectangular image that replaces the file's lights, and is seen behind the objects; not with `studio` */
+    const char *studio;       /* soft, rim, back or window: these lights replace the file's; NULL: soft where the file has none */
+    const char *environment;  /* equirectangular image that replaces the file's lights and is the background; not with `studio` */
     double environment_scale; /* factor of its radiance; 0: 1 */
     double environment_rotate_deg; /* about the y axis, as in a scene file */
-    const char *normals;           /* file: as the mesh files have them; smooth: made anew, with creases where triangles meet at more than
-                                    * 60 degrees; NULL: as a scene file says, else file */
+    const char *normals;           /* file: those of the mesh files; smooth: recomputed, with creases where triangles meet at more than
+                                    * 60 degrees; NULL: as in the scene file, else file */
     const char *background;        /* environment, transparent, white, grey, black or "#RRGGBB" (sRGB); NULL: as in the file */
-    bool ground;                   /* something opaque and grey to stand on, as a scene file's "ground": true, where the file has none */
+    bool ground;                   /* add an opaque grey ground if the file has none, as "ground": true in a scene file */
 };
 
 /* Reads .gltf, .glb, .obj, .ply, .stl or a scene .json (distinguished by content where possible), and completes it: normals, tangents
@@ -236,12 +236,12 @@ struct pell_load_params {
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load(struct pell_context *ctx, const char *path, const struct pell_load_params *params,
                                                          struct pell_scene **out);
 
-/* The same from memory: `path` is the name in messages, and other files are looked up in its folder ("/models/made.json": /models). The
- * bytes are borrowed for the call. */
+/* Reads a scene from memory: `path` is the name in messages, and other files are looked up in its folder ("/models/made.json": /models).
+ * The bytes are borrowed for the call. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_load_memory(struct pell_context *ctx, const char *path, const void *data, size_t size,
                                                                 const struct pell_load_params *params, struct pell_scene **out);
 
-/* Releases the scene with all that it owns, and sets *scene to NULL; *scene may be NULL already. No renderer may still have it. */
+/* Releases the scene and everything that it owns, and sets *scene to NULL; *scene may be NULL already. No renderer may still use it. */
 PELL_API void pell_scene_destroy(struct pell_scene **scene);
 
 /* --- Checking ----------------------------------------------------------------------------------------------------------------- */
@@ -263,7 +263,7 @@ struct pell_object_report {
     double volume_mm3, area_mm2;
     double thickness_mm; /* 2 * volume / area scaled: a mean thickness; 0 if open */
     bool holds_camera;   /* closed, and the first camera is inside it */
-    bool faceted;        /* its normals are those of flat triangles, though most of them meet at less than 60 degrees */
+    bool faceted;        /* its normals are per face, though most of its triangles meet at less than 60 degrees */
     int coincident;      /* index of an earlier object with exactly the same surface; -1: none */
 };
 
@@ -281,7 +281,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_scene_check(const struct pell_scen
 /* Releases what a report owns and sets it to {0}. */
 PELL_API void pell_scene_report_finish(struct pell_context *ctx, struct pell_scene_report *report);
 
-/* --- Building by hand --------------------------------------------------------------------------------------------------------- */
+/* --- Building in code --------------------------------------------------------------------------------------------------------- */
 
 /* An empty scene; the context must outlive it. PELL_ERR_NOMEM. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_create(struct pell_context *ctx, struct pell_scene **out);
@@ -309,8 +309,8 @@ PELL_API PELL_NODISCARD enum pell_result pell_texture_allocate(struct pell_scene
 PELL_API PELL_NODISCARD enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, const char *where,
                                                              const char *entry);
 
-/* Gives a material `count` [0, PELL_LAYERS_MOST] layers instead of its present ones, zeroed but for the maps' transforms: clear, of depth
- * 0. Their names are freed with pell_scene_destroy: leave them NULL, or copies by the context's allocator. */
+/* Replaces the layers of a material by `count`, [0, PELL_LAYERS_MOST], new ones, zeroed except for the maps' transforms: clear, of depth 0.
+ * pell_scene_destroy frees their names: leave them NULL, or copy them by the context's allocator. */
 PELL_API PELL_NODISCARD enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t material, int count);
 
 /* Sets `gaussians` to the reflectance profile of a material's layers at the mean depths of their maps, under a boundary of medium.eta, and
@@ -322,7 +322,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_material_solve_layers(struct pell_
  * building, before rendering. */
 PELL_API PELL_NODISCARD enum pell_result pell_scene_complete(struct pell_scene *scene, const struct pell_load_params *params);
 
-/* A 64-bit hash of the content, independent of the location of files: meshes, textures, materials, lights, background, camera; or of
+/* A 64-bit hash of the content, independent of the location of files: of meshes, textures, materials, lights, background and camera; or of
  * materials and their textures only. Not cryptographic. */
 PELL_API uint64_t pell_scene_hash(const struct pell_scene *scene);
 PELL_API uint64_t pell_scene_hash_materials(const struct pell_scene *scene);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * pellucid/spectrum.h - the colour of a spectral reflectance.
+ * pellucid/spectrum.h - computes the colour of a spectral reflectance.
  *
  * Units      wavelengths nm; colours linear Rec.709 with (1, 1, 1) for a white that reflects everything.
  * Ownership  numbers and arrays are the caller's; what is returned by pointer is constant data.

@@ -11,8 +11,8 @@
  *              (Blinn 1977; the factor is exact: 1/Int cos^n(t/2) cos t dw, so that the albedo is 1 there, too)
  *     rho_dt(mu, m) = 1 - rho_s albedo(mu, m)    albedo: Int f n.l dl for rho_s = 1
  *
- * F is Schlick's of h.v with F0 = ((eta - 1)/(eta + 1))^2 of a dielectric, or a metal's. All light that a lobe does not reflect enters: the
- * energy that single scattering between facets loses counts as transmitted, so energy is conserved.
+ * F is Schlick's of h.v with F0 = ((eta - 1)/(eta + 1))^2 of a dielectric, or a metal's. All light that a lobe does not reflect enters the
+ * medium: energy that a single-scattering microfacet model loses counts as transmitted, so energy is conserved.
  *
  * The two Phong lobes serve to reproduce images of papers that used them. cos^n of the half angle falls off like Beckmann's
  * exp(-tan^2/alpha^2) (Walter et al. 2007), alpha = roughness^2 as for GGX; the angle from the mirror direction is twice the half angle,
@@ -46,7 +46,7 @@ enum pell_specular_model { PELL_SPECULAR_GGX, PELL_SPECULAR_KELEMEN, PELL_SPECUL
 /* "ggx", "kelemen", "phong", "blinn-phong"; static. Other values count as PELL_SPECULAR_GGX, here and below. */
 PELL_API const char *pell_specular_name(enum pell_specular_model model);
 
-/* f for rho_s = 1 and F from f0, 1/sr; 0 where l or v is not above the surface. */
+/* The lobe f for rho_s = 1, with F from f0, 1/sr; 0 where l or v is not above the surface. */
 PELL_API double pell_specular_value(enum pell_specular_model model, double roughness, double f0, const double n[3], const double l[3],
                                     const double v[3]);
 
@@ -63,7 +63,7 @@ PELL_API void pell_specular_table_make(enum pell_specular_model model, struct pe
 
 /* Albedo in [0, 1] by bilinear look-up, within 0.005 of the integral; rho_dt = 1 - rho_s albedo. */
 PELL_API float pell_specular_albedo(const struct pell_specular_table *table, float f0, float mu, float roughness);
-/* Its mean over a diffuse hemisphere. */
+/* Mean albedo over a cosine-weighted hemisphere. */
 PELL_API float pell_specular_mean(const struct pell_specular_table *table, float f0, float roughness);
 
 #ifdef __cplusplus

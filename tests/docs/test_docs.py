@@ -396,7 +396,7 @@ MESSAGES = {
 @test('every message on the troubleshooting page is one that the program says')
 def _(folder):
     markdown = page('troubleshooting.md')
-    told = {m for heading in ('Warnings', 'Refusals') for r in rows(markdown, heading) for m in re.findall(r'`([^`]+)`', r[0])}
+    told = {m for heading in ('Warnings', 'Errors') for r in rows(markdown, heading) for m in re.findall(r'`([^`]+)`', r[0])}
     need(told == set(MESSAGES), 'differ:', sorted(told ^ set(MESSAGES)))
     mesh = (folder / 'bunny.obj').read_text('ascii').splitlines(True)
     (folder / 'open.obj').write_text(''.join(mesh[:-20]), 'ascii')
