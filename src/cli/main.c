@@ -4,9 +4,8 @@
 
 static const struct command commands[] = {
     { "render", "INPUT", "an image, a turntable or an animation of a scene or a mesh",
-      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, an STL, or a scene file (.json). A mesh without a scene file gets a camera that "
-      "frames "
-      "it, a studio of three soft lights, a grey backdrop and the material of --material.\n"
+      "INPUT is a glTF (.gltf, .glb), an OBJ, a PLY, an STL, or a scene file (.json). A mesh without a scene file is rendered with a "
+      "camera that frames it, three soft studio lights, a grey backdrop and the material of --material.\n"
       "\n"
       "The unit of glTF is the metre. OBJ, PLY and STL have no unit: give the size of the object (--size 70mm, its largest extent) or the "
       "unit of the file (--unit 1mm), because the scattering distance relative to the object depends on it.\n"
@@ -24,11 +23,10 @@ static const struct command commands[] = {
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_CHOICE | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1,
       command_render },
     { "merge", "PART...", "the image of the parts of a path-traced image that several runs made",
-      "PARTs are checkpoints of `render -m path-trace` with --sample-range, --tile-range or neither. The image has the same bits as that "
-      "of "
-      "one run of all samples. Parts of another scene, seed, knob or version of the program are refused by name, and so are parts that "
-      "overlap or leave gaps; --partial takes gaps. The scene and the options come from the first part; a path in it is "
-      "relative to the current folder.\n",
+      "PARTs are checkpoints of `render -m path-trace` with --sample-range, --tile-range or neither. The image is bit-identical to that of "
+      "one run with all samples. Parts with a different scene, seed, knob or program version are refused with the difference, and so are "
+      "parts that overlap or leave gaps; --partial accepts gaps. The scene and the options come from the first part; relative paths in it "
+      "start at the current folder.\n",
       "  pellucid render scene.json -m path-trace --samples 8 --sample-range 0/2 --checkpoint a.ckpt\n"
       "  pellucid render scene.json -m path-trace --samples 8 --sample-range 1/2 --checkpoint b.ckpt\n"
       "  pellucid merge a.ckpt b.ckpt -o milk.exr\n"
@@ -45,15 +43,13 @@ static const struct command commands[] = {
       OPTIONS_SCENE | OPTIONS_CHECK, 1, 1, command_check },
     { "bake-layers", "INPUT", "depth maps of the layers of `layered` from meshes inside a mesh",
       "INPUT is a closed mesh with texture coordinates (OBJ, PLY, glTF; OBJ and PLY need --size or --unit). From each texel of its layout "
-      "a "
-      "ray goes along the inward normal through the closed meshes of --inner, and the map of a layer holds how deep its bottom lies. A "
-      "mesh "
-      "that a ray goes into and out of makes layers above, of and below it: body, vessel, body; at most four such pairs of each mesh.\n"
+      "a ray is cast along the inward normal through the closed meshes of --inner; the depth map of a layer holds the depth of its bottom. "
+      "A mesh that a ray enters and leaves splits the medium into layers above, inside and below it: body, vessel, body; at most four such "
+      "pairs per mesh are used.\n"
       "\n"
-      "The folder gets layers-0.exr (the bottoms of four layers in mm, depth_scale 1mm), layers-1.exr and so on, and scene.json, a scene "
-      "of "
-      "the mesh with these layers, whose coefficients are examples to be changed. It refers to the mesh outside of its folder, so "
-      "`render` needs --allow-outside.\n",
+      "The folder contains layers-0.exr (the depths of four layer bottoms in mm, depth_scale 1mm), layers-1.exr and so on, and scene.json, "
+      "a scene of the mesh with these layers. Its coefficients are examples; replace them by your own. It refers to the mesh outside its "
+      "folder, so `render` needs --allow-outside.\n",
       "  pellucid bake-layers arm.obj --unit 1mm --inner vein=vein.obj -o arm-layers\n"
       "  pellucid bake-layers arm.obj --unit 1mm --inner vein=vein.obj --down-to 3mm -o near-layers\n"
       "  pellucid render arm-layers/scene.json --allow-outside -o arm.png\n",
@@ -92,9 +88,9 @@ static const struct command commands[] = {
       "  pellucid bench screen-space --threads 1 --json\n",
       OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_BENCH, 0, 1, command_bench },
     { "compare", "INPUT|A B", "errors of methods on a scene, or of an image, against a reference",
-      "INPUT is a scene or a mesh, as for `render`, or a list of scenes (.txt, a path a line), each into a folder of its name in -o. Every "
-      "method of --methods and the reference render it with one exposure; the "
-      "table lists the error of each method, for the subsurface light of translucent pixels and for the whole image. With two "
+      "INPUT is a scene or a mesh, as for `render`, or a list of scenes (.txt, one path per line), each written to a folder of its name in "
+      "-o. Every method of --methods and the reference render it with the same exposure; the table lists the error of each method, for the "
+      "subsurface light of translucent pixels and for the whole image. With two "
       "references, the first is also measured against the second: the error of the model, separate from the error of the methods.\n"
       "\n"
       "A and B are images of the same size (exr, hdr, pfm, png, jpg), from any program: both linear light, or both display values. "
@@ -102,7 +98,8 @@ static const struct command commands[] = {
       "al. 2004) and FLIP (Andersson et al. 2020; of linear light also HDR-FLIP, 2021), over the pixels of a mask and over the whole "
       "image. SSIM and FLIP are computed on display values: both images with the exposure and the curve of B.\n"
       "\n"
-      "A sampled reference has noise: render it twice, with two seeds, and give the second image as --half; dipole, single-scatter "
+      "To account for the noise of a sampled reference, render it twice, with two seeds, and give the second image as --half; dipole, "
+      "single-scatter "
       "and path-trace estimate their own noise. -o writes report.html, a single file for any browser, and metrics.json into a "
       "folder; for a scene, also every image as EXR and its errors; for two images, relative.png (blue: too dark, red: too bright, "
       "+-50 %), flip.png, flip_hdr.png (black 0, light yellow 1) and errors.exr with their values.\n",
@@ -115,16 +112,15 @@ static const struct command commands[] = {
       "  pellucid compare plain.exr milk.exr --layer diffuse.multiple --json\n",
       OPTIONS_SCENE | OPTIONS_PICTURE | OPTIONS_ENGINE | OPTIONS_COMPARE, 1, 2, command_compare },
 #ifdef PELL_VIEWER
-    { "view", "INPUT", "a scene in a browser, live, beside its error against a reference",
-      "Prints an address that a browser on this machine opens, and opens one where there is a desktop. INPUT and the options are those "
-      "of `render`; everything can be changed in the page. While the object moves, the image is small enough to come within 80 ms; at rest "
-      "it "
-      "becomes the image of `pellucid render`, and behind it a reference accumulates, with the error of the method against it.\n"
+    { "view", "INPUT", "interactive view of a scene in a browser, with its error against a reference",
+      "Prints an address to open in a browser on this machine, and opens it if there is a desktop. INPUT and the options are those of "
+      "`render`; everything can be changed in the page. While the object moves, the image is reduced so that it renders within 80 ms. When "
+      "the view is static, it is refined to the image of `pellucid render`; then a reference accumulates in the background, with the error "
+      "of the method against it.\n"
       "\n"
-      "The page is served to this machine alone, and to whoever has the token in its address. From another machine use ssh -L, or "
-      "--listen. "
-      "With --port and --token-file, pages connect again after a restart. Files of the scene that change are read again. Ctrl-C ends the "
-      "program, and so do ten minutes without a page.\n",
+      "The page is served to this machine only, and requires the token in its address. From another machine use ssh -L, or --listen. With "
+      "--port and --token-file, pages reconnect after a restart. Files of the scene are reloaded when they change. The program ends at "
+      "Ctrl-C, or after ten minutes without a page.\n",
       "  pellucid view bunny.obj --material wholemilk --size 70mm\n"
       "  pellucid view scene.json --no-open --port 8000\n"
       "  pellucid view scene.json --port 8000 --token-file viewer-token\n",

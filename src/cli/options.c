@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * options.c - the command line: one table of options, of which a command takes some groups; knobs of the picture come from
+ * options.c - the command line: one table of options, of which each command accepts some groups; render settings come from
  * pell_settings_knobs(), so that each has one row. */
 #include "cli/cli.h"
 
@@ -15,14 +15,14 @@
 static const struct pell_knob number_knobs[] = {
     { "threads", PELL_KNOB_INT, "1", NUMBER(threads), { 0 }, 0, 256, NULL, "number of threads; 0: one per core" },
     { "turntable", PELL_KNOB_INT, "1", NUMBER(turntable), { 0 }, 0, 100000, NULL,
-      "number of views around the object, numbered before the file name's extension, with the exposure of the first; 0: one image" },
+      "number of views around the object, numbered before the file name's extension, all exposed as the first; 0: one image" },
     { "repeats", PELL_KNOB_INT, "1", NUMBER(repeats), { 15 }, 1, 10000, NULL, "warm frames; times are their median" },
     { "points", PELL_KNOB_INT, "1", NUMBER(points), { 0 }, 0, 4096, NULL, "radii, evenly spaced in log r; 0: 13 in a table, 64 elsewhere" },
     { "taps", PELL_KNOB_INT, "1", NUMBER(taps), { 25 }, 3, PELL_KERNEL_TAPS_MAX, NULL,
       "taps of the separable kernel that --export writes, an odd number" },
     { "rank", PELL_KNOB_INT, "1", NUMBER(rank), { 1 }, 1, PELL_KERNEL_RANK_MAX, NULL,
-      "separable terms of that kernel, each of two passes; more of them have less error" },
-    { "port", PELL_KNOB_INT, "1", NUMBER(port), { 0 }, 0, 65535, NULL, "TCP port of the page; 0: one that is free" },
+      "separable terms of that kernel, each of two passes; more terms have less error" },
+    { "port", PELL_KNOB_INT, "1", NUMBER(port), { 0 }, 0, 65535, NULL, "TCP port of the page; 0: any free port" },
     { "map-size", PELL_KNOB_INT, "texels", NUMBER(map_size), { 1024 }, 8, 8192, NULL, "texels along a side of the maps" },
     {0},
 };
@@ -45,13 +45,12 @@ static const struct option options[] = {
     { OPTIONS_SCENE, 0, "material", "NAME|FILE", "material of all objects: a built-in name (`pellucid materials`) or a material file", TEXT,
       AT(material), NULL },
     { OPTIONS_BAKE, 0, "inner", "NAME=FILE",
-      "a closed mesh inside INPUT, of the same unit, and the name of its layers; repeatable: of meshes that are in each other the last "
-      "counts",
-      INNER, 0, NULL },
+      "a closed mesh inside INPUT, of the same unit, and the name of its layers; repeatable; where meshes overlap, the last counts", INNER,
+      0, NULL },
     { OPTIONS_BAKE, 0, "map-size", "N", NULL, NUMBER, 0, &number_knobs[7] },
-    { OPTIONS_BAKE, 0, "down-to", "LENGTH", "depth that rays go down to: 5mm; default: to the other side", TEXT, AT(check.down_to), NULL },
-    { OPTIONS_BAKE, 'o', "output", "FOLDER", "folder for the maps (EXR, 32 bit, in mm) and scene.json, which names them", TEXT, AT(output),
-      NULL },
+    { OPTIONS_BAKE, 0, "down-to", "LENGTH", "maximum depth of the rays: 5mm; default: to the other side", TEXT, AT(check.down_to), NULL },
+    { OPTIONS_BAKE, 'o', "output", "FOLDER", "folder for the maps (EXR, 32 bit, in mm) and scene.json, which refers to them", TEXT,
+      AT(output), NULL },
     { OPTIONS_SCENE | OPTIONS_BAKE, 0, "size", "LENGTH", "largest extent of the object, with its unit: 70mm", TEXT, AT(size), NULL },
     { OPTIONS_SCENE | OPTIONS_BAKE, 0, "unit", "LENGTH", "length of one unit of the mesh file: 1mm", TEXT, AT(unit), NULL },
     { OPTIONS_SCENE, 0, "camera", "NAME", "a camera of the file; default: its first, or one that frames the object", TEXT, AT(camera),
@@ -66,55 +65,63 @@ static const struct option options[] = {
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "scattering method (`pellucid methods`); none: no scattering", TEXT, AT(method), NULL },
     { OPTIONS_CHOICE, 0, "max-error", "PERCENT",
-      "takes the cheapest method whose error is at most this, as measured on a small image against path-trace; -m auto: 8%", TEXT,
-      AT(max_error), NULL },
+      "use the cheapest method whose error is at most this, measured on a small image against path-trace; -m auto: 8%", TEXT, AT(max_error),
+      NULL },
     { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
       NULL },
-    { OPTIONS_METHOD, 0, "samples", "N", "sets the method's knob samples (or most)", COMMON, 0, NULL },
-    { OPTIONS_METHOD, 0, "time-limit", "TIME", "stops a progressive reference after this time: 30s, 5min or 2h (its knob time-limit)",
+    { OPTIONS_METHOD, 0, "samples", "N", "samples per pixel: sets the method's knob samples (or most)", COMMON, 0, NULL },
+    { OPTIONS_METHOD, 0, "time-limit", "TIME", "stop a progressive reference after this time: 30s, 5min or 2h (its knob time-limit)",
       COMMON, 0, NULL },
-    { OPTIONS_METHOD, 0, "target-error", "PERCENT", "renders until the noise of a reference is below this: 1% (its knob error)", COMMON, 0,
+    { OPTIONS_METHOD, 0, "target-error", "PERCENT", "render until the noise of a reference is below this: 1% (its knob error)", COMMON, 0,
       NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_CHECK | OPTIONS_VIEW, 0, "up", "AXIS",
       "axis of a mesh file that points upwards: y (default) or z", TEXT, AT(up), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_CHECK | OPTIONS_VIEW, 0, "normals", "NAME",
-      "of meshes: file, or smooth, which makes them anew with creases where triangles meet at more than 60 degrees", TEXT, AT(normals),
-      NULL },
+      "normals of meshes: file, or smooth, which recomputes them with creases where triangles meet at more than 60 degrees", TEXT,
+      AT(normals), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "from", "SIDE",
-      "frames the object from front, back, left, right, top, 34 (from the right and above), or AZIMUTH,ELEVATION in degrees: 35,15", TEXT,
+      "frame the object from front, back, left, right, top, 34 (from the right and above), or AZIMUTH,ELEVATION in degrees: 35,15", TEXT,
       AT(from), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "studio", "NAME",
-      "lights in place of the file's: soft (default where it has none), rim (two from behind), back (backlit), window (from the left, on a "
+      "lights that replace the file's: soft (default if it has none), rim (two from behind), back (backlit), window (from the left, with a "
       "floor)",
       TEXT, AT(studio), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "environment", "FILE",
-      "equirectangular image that lights the object in place of the file's lights, and is seen behind it: hdr, exr or another", TEXT,
-      AT(environment), NULL },
-    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "environment-rotate", "DEGREES", "turns the environment about the vertical axis",
+      "equirectangular image (hdr, exr or another) that replaces the file's lights and is the background", TEXT, AT(environment), NULL },
+    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "environment-rotate", "DEGREES",
+      "rotate the environment about the vertical axis "
+      "by this angle",
       TEXT, AT(environment_rotate), NULL },
-    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "environment-scale", "FACTOR", "of the environment's radiance; default 1", TEXT,
-      AT(environment_scale), NULL },
-    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "background", "COLOUR", "#RRGGBB, white, grey, black, transparent or environment",
+    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "environment-scale", "FACTOR",
+      "multiply the environment's radiance by this "
+      "factor; default 1",
+      TEXT, AT(environment_scale), NULL },
+    { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "background", "COLOUR",
+      "background: #RRGGBB, white, grey, black, transparent or "
+      "environment",
       TEXT, AT(background), NULL },
     { OPTIONS_FILE | OPTIONS_COMPARE | OPTIONS_VIEW, 0, "ground", NULL,
-      "the object stands on grey ground: a floor with a curved backdrop, or in front of an environment a round table", FLAG, AT(ground),
-      NULL },
-    { OPTIONS_FILE, 0, "checkpoint", "FILE", "file for the state of path-trace; a run that finds the file resumes it, with the same bits",
+      "put the object on a grey ground: a floor with a curved backdrop, or with an environment a round table", FLAG, AT(ground), NULL },
+    { OPTIONS_FILE, 0, "checkpoint", "FILE",
+      "file for the state of path-trace; a run that finds the file resumes it; the result is "
+      "bit-identical",
       TEXT, AT(checkpoint), NULL },
-    { OPTIONS_FILE, 0, "checkpoint-every", "TIME", "interval between writes, besides those at the end and at Ctrl-C; default 60s", TEXT,
-      AT(checkpoint_every), NULL },
+    { OPTIONS_FILE, 0, "checkpoint-every", "TIME",
+      "interval between writes of the checkpoint, which is also written at the end and at "
+      "Ctrl-C; default 60s",
+      TEXT, AT(checkpoint_every), NULL },
     { OPTIONS_PARTS, 0, "sample-range", "A:B|I/N",
-      "only samples A to B - 1 of every pixel, or part I (from 0) of N equal parts, into the checkpoint; see `pellucid merge`", TEXT,
+      "render only samples A to B - 1 of every pixel, or part I (from 0) of N equal parts, into the checkpoint; see `pellucid merge`", TEXT,
       AT(part.samples), NULL },
     { OPTIONS_PARTS, 0, "tile-range", "A:B|I/N",
-      "only tiles A to B - 1 of 8 x 8 pixels, in rows from the top, or part I of N, into the checkpoint", TEXT, AT(part.tiles), NULL },
-    { OPTIONS_PARTS, 0, "frame-range", "A:B|I/N", "only images A to B - 1 of --frames or --turntable, or part I of N", TEXT,
+      "render only tiles A to B - 1 of 8 x 8 pixels, in rows from the top, or part I of N, into the checkpoint", TEXT, AT(part.tiles),
+      NULL },
+    { OPTIONS_PARTS, 0, "frame-range", "A:B|I/N", "render only images A to B - 1 of --frames or --turntable, or part I of N", TEXT,
       AT(part.frames), NULL },
-    { OPTIONS_COMPARE, 0, "scene-range", "A:B|I/N", "of a list of scenes, only A to B - 1, or part I (from 0) of N", TEXT, AT(part.scenes),
-      NULL },
-    { OPTIONS_MERGE, 0, "partial", NULL, "take what is there: with gaps, and the error bars of fewer samples", FLAG, AT(part.partial),
-      NULL },
-    { OPTIONS_MERGE, 0, "input", "FILE", "the scene or mesh, where it is not at the place that the parts name", TEXT, AT(part.input),
+    { OPTIONS_COMPARE, 0, "scene-range", "A:B|I/N", "compare only scenes A to B - 1 of a list, or part I (from 0) of N", TEXT,
+      AT(part.scenes), NULL },
+    { OPTIONS_MERGE, 0, "partial", NULL, "accept gaps; pixels with fewer samples have larger error bars", FLAG, AT(part.partial), NULL },
+    { OPTIONS_MERGE, 0, "input", "FILE", "the scene or mesh, if its path differs from that stored in the parts", TEXT, AT(part.input),
       NULL },
     { OPTIONS_MERGE, 0, "checkpoint", "FILE", "file for the merged state, which a render can resume and another merge can read", TEXT,
       AT(checkpoint), NULL },
@@ -133,12 +140,12 @@ static const struct option options[] = {
       AT(dump), NULL },
     { OPTIONS_FILE, 0, "stats", NULL, "print a table of stage times on stderr", FLAG, AT(stats), NULL },
     { OPTIONS_BENCH | OPTIONS_REPEATS, 0, "repeats", "N", NULL, NUMBER, 0, &number_knobs[2] },
-    { OPTIONS_PROFILE, 0, "model", "NAME", "dipole (default), or another of the list above", TEXT, AT(profile.model), NULL },
+    { OPTIONS_PROFILE, 0, "model", "NAME", "profile model: dipole (default), or another of the list above", TEXT, AT(profile.model), NULL },
     { OPTIONS_PROFILE, 0, "compare", "NAMES", "models to compare with it: names separated by commas, or all", TEXT, AT(profile.compare),
       NULL },
     { OPTIONS_PROFILE, 0, "gaussians", "K[,K]",
-      "Gaussians of the fit, 1 to 10, default 4: each channel has its own variances and keeps its energy; several, separated by "
-      "commas, are compared; 0: no fit",
+      "number of Gaussians of the fit, 1 to 10, default 4: each channel has its own variances and keeps its energy; several numbers, "
+      "separated by commas, are compared; 0: no fit",
       TEXT, AT(profile.gaussians), NULL },
     { OPTIONS_PROFILE, 0, "shared", NULL, "one set of variances for the three channels, so that one blur serves all", FLAG,
       AT(profile.shared), NULL },
@@ -162,22 +169,23 @@ static const struct option options[] = {
     { OPTIONS_PROFILE, 0, "points", "N", NULL, NUMBER, 0, &number_knobs[3] },
     { OPTIONS_PROFILE, 0, "weighted", NULL, "plot 2 pi r R(r), the light that leaves per mm of radius, on linear axes", FLAG,
       AT(profile.weighted), NULL },
-    { OPTIONS_PROFILE, 0, "csv", NULL, "the table as comma-separated values, which `profile` reads again", FLAG, AT(profile.csv), NULL },
+    { OPTIONS_PROFILE, 0, "csv", NULL, "write the table as comma-separated values, which `profile` can read", FLAG, AT(profile.csv), NULL },
     { OPTIONS_PROFILE, 0, "export", "LANGUAGE", "c, glsl, hlsl or json: the fit, a separable kernel and a table to paste into an engine",
       TEXT, AT(profile.export), NULL },
     { OPTIONS_PROFILE, 0, "taps", "N", NULL, NUMBER, 0, &number_knobs[4] },
     { OPTIONS_PROFILE, 0, "rank", "N", NULL, NUMBER, 0, &number_knobs[5] },
     { OPTIONS_PROFILE, 'o', "output", "FILE",
-      "a plot: svg, pdf or png by its extension; with --csv or --export: that text (default: stdout)", TEXT, AT(output), NULL },
+      "file for the plot: svg, pdf or png by its extension; with --csv or --export: file for that text (default: stdout)", TEXT, AT(output),
+      NULL },
     { OPTIONS_COMPARE, 0, "methods", "NAMES",
-      "methods to compare on a scene, separated by commas, each optionally with knobs (screen-space:gaussians=6); all: every method "
-      "that is not a reference (default); none: no scattering",
+      "methods to compare on a scene, separated by commas, each optionally with knobs (screen-space:gaussians=6); all: every method that "
+      "is not a reference (default); none: no scattering",
       TEXT, AT(compare.methods), NULL },
     { OPTIONS_COMPARE, 0, "reference", "NAME[,NAME]",
       "reference of the methods, default hierarchical; with a second one, the first is measured against it: the error of the model", TEXT,
       AT(compare.reference), NULL },
     { OPTIONS_COMPARE, 0, "decompose", NULL,
-      "for methods on a scene, the error against path-trace in its parts: light straight from lights, and light between surfaces; renders "
+      "for methods on a scene, split the error against path-trace into direct light and interreflection between surfaces; renders "
       "everything a second time without bounces",
       FLAG, AT(compare.decompose), NULL },
     { OPTIONS_COMPARE, 0, "layer", "NAME",
@@ -185,11 +193,11 @@ static const struct option options[] = {
       "have them), diffuse.multiple, or another; R,G,B (default otherwise) is all light",
       TEXT, AT(compare.layer), NULL },
     { OPTIONS_COMPARE, 0, "mask", "FILE|NAME",
-      "for two images, the pixels that count: where the image FILE is above 0.5; or alpha or translucent of the reference (default "
-      "if it has one); or none: all pixels",
+      "for two images, the pixels to compare: where the image FILE is above 0.5; or alpha or translucent of the reference (default if it "
+      "has one); or none: all pixels",
       TEXT, AT(compare.mask), NULL },
     { OPTIONS_COMPARE, 0, "half", "FILE",
-      "for two images, the other half of the reference, with equal samples and another seed: both are averaged and their noise is "
+      "for two images, the second half of the reference, with equal samples and another seed: both are averaged and their noise is "
       "subtracted",
       TEXT, AT(compare.half), NULL },
     { OPTIONS_COMPARE, 'o', "output", "FOLDER",
@@ -205,22 +213,23 @@ static const struct option options[] = {
       AT(check.layers_of), NULL },
     { OPTIONS_VIEW, 0, "port", "N", NULL, NUMBER, 0, &number_knobs[6] },
     { OPTIONS_VIEW, 0, "listen", "ADDRESS",
-      "network address that the page is served on, for other machines; default: 127.0.0.1, which this machine alone reaches", TEXT,
+      "network address that the page is served on, for other machines; default: 127.0.0.1, reachable only from this machine", TEXT,
       AT(view.listen), NULL },
     { OPTIONS_VIEW, 0, "token-file", "FILE",
-      "file that keeps the token: made where there is none. With it and --port, open pages connect again when the program is restarted",
-      TEXT, AT(view.token_file), NULL },
-    { OPTIONS_VIEW, 0, "no-open", NULL, "open no browser, only print the address", FLAG, AT(view.no_open), NULL },
-    { OPTIONS_ENGINE, 0, "engine", "NAME", "auto, cpu or vulkan", TEXT, AT(engine), NULL },
-    { OPTIONS_ENGINE, 0, "device", "N|NAME", "which Vulkan device", TEXT, AT(device), NULL },
+      "file that stores the token, created if missing. With it and --port, open pages reconnect when the program is restarted", TEXT,
+      AT(view.token_file), NULL },
+    { OPTIONS_VIEW, 0, "no-open", NULL, "print the address without opening a browser", FLAG, AT(view.no_open), NULL },
+    { OPTIONS_ENGINE, 0, "engine", "NAME", "compute engine: auto, cpu or vulkan", TEXT, AT(engine), NULL },
+    { OPTIONS_ENGINE, 0, "device", "N|NAME", "Vulkan device, by its number in `pellucid info` or a part of its name", TEXT, AT(device),
+      NULL },
     { OPTIONS_ENGINE | OPTIONS_BAKE, 0, "threads", "N", NULL, NUMBER, 0, &number_knobs[0] },
     { OPTIONS_ALL, 0, "json", NULL, "print the result as one JSON object on stdout", FLAG, AT(json), NULL },
-    { OPTIONS_PARTS | OPTIONS_MERGE, 0, "progress", "FORM", "text (default), or json: an object a second and line on stderr", TEXT,
+    { OPTIONS_PARTS | OPTIONS_MERGE, 0, "progress", "FORM", "text (default), or json: one object per second on stderr, one per line", TEXT,
       AT(progress_form), NULL },
-    { OPTIONS_ALL, 'q', "quiet", NULL, "errors only on stderr", FLAG, AT(quiet), NULL },
-    { OPTIONS_ALL, 0, "log-level", "LEVEL", "none, error, warning, info or debug; info otherwise", LEVEL, 0, NULL },
-    { OPTIONS_ALL, 'h', "help", NULL, "this text", HELP, 0, NULL },
-    { OPTIONS_ALL, 'V', "version", NULL, "the version of the program", VERSION, 0, NULL },
+    { OPTIONS_ALL, 'q', "quiet", NULL, "print only errors on stderr", FLAG, AT(quiet), NULL },
+    { OPTIONS_ALL, 0, "log-level", "LEVEL", "none, error, warning, info (default) or debug", LEVEL, 0, NULL },
+    { OPTIONS_ALL, 'h', "help", NULL, "print this text", HELP, 0, NULL },
+    { OPTIONS_ALL, 'V', "version", NULL, "print the version of the program", VERSION, 0, NULL },
 };
 #undef AT
 
@@ -242,9 +251,9 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
             list[n++] = options[i];
     for (const struct pell_knob *k = pell_settings_knobs(); (groups & OPTIONS_PICTURE) && k->name && n < MAX_OPTIONS; k++)
         if (strcmp(k->name, "layers") != 0 && /* follows from the format */
-            /* For show: what is measured is as the method made it. */
+            /* For display only: measurements use the method's unfiltered image. */
             !((groups & (OPTIONS_COMPARE | OPTIONS_BENCH)) && strcmp(k->name, "denoise") == 0) &&
-            /* One row for both: the other has more choices. */
+            /* Only one row for options of the same name: that of compare has more choices. */
             !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs(), k->name)))
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
     for (const struct pell_knob *k = pell_compare_knobs(); (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
@@ -495,7 +504,7 @@ static enum exit_code take(struct cli *cli, struct pell_context *ctx, const stru
 
 /* --- The command line --------------------------------------------------------------------------------------------------------- */
 
-/* What popt did not take, with the nearest option as a hint. */
+/* Reports an option that popt refused, with the nearest option as a hint. */
 static enum exit_code refuse(struct cli *cli, const char *bad, int error, const struct option *list, size_t n)
 {
     const char *names[MAX_OPTIONS], *name = bad;
@@ -555,7 +564,7 @@ static void keep_command_line(struct cli *cli, int argc, const char **argv)
     }
 }
 
-/* Whether what an option would take as its value is the option after it. */
+/* Whether an option's value is in fact the next option. */
 static bool is_option(const char *text, const struct option *list, size_t n)
 {
     const size_t length = strncmp(text, "--", 2) == 0 ? strcspn(text + 2, "=") : 0;
@@ -613,7 +622,8 @@ static enum exit_code take_all(struct cli *cli, poptContext popt, const struct o
     return code;
 }
 
-/* What popt reads: an option of on|off that nothing follows, or another option, is on. Owned by the caller; NULL: no memory. */
+/* The arguments for popt: "on" is added after an on|off option that is last or followed by another option. Owned by the caller; NULL: no
+ * memory. */
 static const char **switch_on(int *argc, const char **argv, const struct option *list, size_t n)
 {
     const char **all = calloc(2 * (size_t) *argc + 1, sizeof(*all));

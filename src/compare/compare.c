@@ -25,14 +25,14 @@ static const struct pell_knob compare_knobs[] = {
     { "exposure", PELL_KNOB_FLOAT, "1", AT(exposure), { 0 }, 0, 1e12, NULL,
       "factor from radiance to display, for SSIM and FLIP; 0: metered from the reference" },
     { "white", PELL_KNOB_FLOAT, "1", AT(white), { 0 }, 0, 1e12, NULL,
-      "luminance after exposure that becomes display white; 0: the reference's largest" },
+      "luminance after exposure that becomes display white; 0: the largest of the reference" },
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_COMPARE_REINHARD }, 0, 0, tonemaps,
       "curve from exposed radiance to the display, for SSIM and FLIP" },
     { "exposures", PELL_KNOB_INT, "1", AT(exposures), { 0 }, 0, EXPOSURES_MAX, NULL,
       "number of exposures of HDR-FLIP; 0: one per stop, as published" },
     { "floor", PELL_KNOB_FLOAT, "1", AT(floor), { 0.01 }, 1e-6, 1, NULL,
-      "added to the denominator of relative errors, as a share of the reference's mean luminance" },
-    { "threads", PELL_KNOB_INT, "1", AT(threads), { 0 }, 0, 256, NULL, "threads to work with; 0: one per core" },
+      "added to the denominator of relative errors, as a fraction of the reference's mean luminance" },
+    { "threads", PELL_KNOB_INT, "1", AT(threads), { 0 }, 0, 256, NULL, "number of threads; 0: one per core" },
     { 0 },
 };
 /* clang-format on */

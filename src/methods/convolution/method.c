@@ -29,7 +29,7 @@ static const char *const borders_names[] = { "even", "open", "auto", NULL };
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { CONV_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "planes", PELL_KNOB_INT, "1", AT(planes), { 0 }, 0, CONV_PLANES, NULL,
-      "planes across the depth of the visible object; 0: 8, or 12 where they have half the resolution" },
+      "number of planes across the depth of the visible object; 0: 8, or 12 at half the resolution" },
     { "placement", PELL_KNOB_ENUM, "1", AT(placement), { CONV_EQUAL }, 0, 0, placement_names,
       "equally spaced, or denser where there is more surface" },
     { "split", PELL_KNOB_ENUM, "1", AT(split), { CONV_LINEAR }, 0, 0, split_names,
@@ -39,31 +39,29 @@ static const struct pell_knob knobs[] = {
     { "threshold", PELL_KNOB_FLOAT, "1", AT(threshold), { 0.0001 }, 0, 0.5, NULL,
       "skip pairs of planes that exchange less than this" },
     { "threshold-by", PELL_KNOB_ENUM, "1", AT(threshold_by), { CONV_BY_ENERGY }, 0, 0, threshold_names,
-      "share of the light, or R over R(0) as in the paper" },
+      "quantity compared with threshold: fraction of the light, or R over R(0) as in the paper" },
     { "resolution", PELL_KNOB_ENUM, "1", AT(resolution), { CONV_AUTO_SIZE }, 0, 0, resolution_names,
-      "of the planes, of the picture's; auto: 1/2 for objects of a scene where half of the light of all channels goes three pixels "
-      "and more, else 1" },
+      "resolution of the planes relative to the image; auto: 1/2 for objects of a scene where half of the light of all channels travels "
+      "three pixels or more, else 1" },
     { "pixels", PELL_KNOB_ENUM, "1", AT(pixels), { CONV_EACH }, 0, 0, pixels_names,
-      "size of pixels under perspective: each plane's own, or one for all planes as in the paper" },
-    { "visible", PELL_KNOB_BOOL, "1", AT(visible), { 1 }, 0, 1, NULL, "transform back only planes that the picture needs" },
+      "pixel size under perspective: that of each plane, or one for all planes as in the paper" },
+    { "visible", PELL_KNOB_BOOL, "1", AT(visible), { 1 }, 0, 1, NULL, "inverse transforms only for planes that the image needs" },
     { "surfaces", PELL_KNOB_INT, "1", AT(surfaces), { 2 }, 1, CONV_SURFACES_MOST, NULL,
-      "crossings of a view ray whose light is found: the visible one, the last one, and those before that; 1 needs no scene" },
+      "surface crossings per view ray whose light is computed: the first, the last, and those before the last; 1 needs no scene" },
     { "behind-step", PELL_KNOB_ENUM, "px", AT(behind_step), { CONV_EVERY_AUTO }, 0, 0, step_names,
       "spacing of the rays that find hidden surfaces; auto: 4 for resolution=1/2 and 1/4, else 2" },
     { "through", PELL_KNOB_ENUM, "1", AT(through), { CONV_THROUGH_SLAB }, 0, 0, through_names,
-      "light through thin parts: through a slab of the medium, by the thickness along rays (Gaussians have none: planes), or by R at the "
-      "distance of the planes, as in the paper" },
+      "transmission of thin parts: by a slab of the medium as thick as the part along rays (Gaussians without a medium: as planes), or by "
+      "R at the distance of the planes, as in the paper" },
     { "apart", PELL_KNOB_BOOL, "1", AT(apart), { 1 }, 0, 1, NULL,
-      "keep light that enters on the far side in its own image, at its mean distance from the plane; off: one image, as in the "
-      "paper" },
+      "keep light that enters on the far side in a separate image, at its mean distance from the plane; off: one image, as in the paper" },
     { "edges", PELL_KNOB_BOOL, "1", AT(edges), { 1 }, 0, 1, NULL,
-      "where light goes a pixel or two: pixels across an edge in depth are no neighbours; the surface goes on evenly there "
-      "instead" },
+      "if light travels only a pixel or two, exclude pixels across a depth discontinuity and extrapolate the surface uniformly instead" },
     { "borders", PELL_KNOB_ENUM, "1", AT(borders), { CONV_BORDERS_EVEN }, 0, 0, borders_names,
-      "even: hidden surface is taken to be as bright as what was found, by the same convolutions of light of 1; open: light comes from "
-      "what was found alone; auto: open, and even for surfaces=1, which finds nothing hidden" },
+      "even: assume that hidden surface is as bright as the surface found, by normalising with the same convolutions of unit light; open: "
+      "use only the surface found; auto: open, but even for surfaces=1, which finds no hidden surface" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL,
-      "scale the scattering radius by the material's strength map: convolutions at radii that halve, and pixels between them" },
+      "scale the scattering radius by the material's strength map: convolve at successively halved radii and interpolate" },
     { 0 },
 };
 /* clang-format on */
@@ -117,7 +115,7 @@ const struct pell_method pell_method_convolution = {
     .title = "Convolution of light on planes through the object",
     .cite = "Adolfo Munoz, Jose I. Echevarria, Francisco J. Seron and Diego Gutierrez, Convolution-Based Simulation of Homogeneous "
             "Subsurface Scattering, Computer Graphics Forum 30(8), 2011",
-    .limits = "Distances along the view direction are as coarse as the planes, so tilted surfaces are smoothed.",
+    .limits = "Distances along the view direction are quantised to the planes, so tilted surfaces are smoothed.",
     .knobs = knobs,
     .knobs_size = sizeof(struct convolution_knobs),
     .paper = paper,

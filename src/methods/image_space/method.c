@@ -30,35 +30,37 @@ static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { IS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 16 }, 1, 16384, NULL, "samples per pixel and view" },
     { "adaptive", PELL_KNOB_BOOL, "1", AT(adaptive), { 1 }, 0, 1, NULL,
-      "half to four times the samples where light varies less or more within the scattering radius, in all no more; above 128 samples "
-      "all take the same" },
+      "vary the samples per pixel from half to four times, by the variation of light within the scattering radius, with the same total; "
+      "above 128 samples uniform" },
     { "progressive", PELL_KNOB_BOOL, "1", AT(progressive), { 1 }, 0, 1, NULL,
-      "multisamples and images of other seeds have other patterns, so that their mean is that of as many more samples" },
+      "multisamples and images with different seeds use different patterns, so that averaging them is equivalent to more samples" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { IS_COMBINED }, 0, 0, sampling_names,
-      "radii by the profile, uniform on a disc, or half of each: from one common distribution, or as in the paper from two" },
+      "sample radii by the profile, uniformly on a disc, or half of each: from one mixture distribution, or as in the paper from two "
+      "separate ones" },
     { "tile", PELL_KNOB_ENUM, "px", AT(tile), { IS_TILE_4 }, 0, 0, tile_names,
-      "side of the tile of pixels with different samples; 1: all pixels have the same" },
+      "side of a tile of pixels with different sample patterns; 1: all pixels use the same pattern" },
     { "views", PELL_KNOB_ENUM, "1", AT(views), { IS_VIEWS_CAMERA }, 0, 0, views_names,
-      "irradiance images: the camera's view; also the views of the lights; or also six parallel views along the axes, which see what "
-      "environments light" },
+      "irradiance images: the camera's view; also the views of the lights; or also six parallel views along the axes, for surfaces lit by "
+      "environments" },
     { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the other views' irradiance images" },
     { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
-      "for samples that miss: make the weights of the others sum to one, scale by their count as in the paper, or lose the light; auto: "
-      "weight for the camera alone, off with more views" },
-    { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weigh by area on the surface over area in the tangent plane" },
+      "compensation for samples that miss the surface: normalise the weights of the others, scale by their count as in the paper, or lose "
+      "the light; auto: weight for the camera alone, off with more views" },
+    { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weight samples by area on the surface over area in the tangent "
+      "plane" },
     { "reconstruct", PELL_KNOB_BOOL, "1", AT(reconstruct), { 1 }, 0, 1, NULL,
-      "mean over the tile along the surface, if light spreads farther than the tile" },
+      "average over the tile along the surface, if light spreads farther than the tile" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "spread", PELL_KNOB_ENUM, "1", AT(spread), { IS_SPREAD_MATERIAL }, 0, 0, spread_names,
-      "scattering distance below a colour texture: the material's, or at each pixel that of a medium with the pixel's colour and the "
+      "scattering distance under a colour texture: the material's, or at each pixel that of a medium with the pixel's colour and the "
       "material's mean free path" },
     { "profile", PELL_KNOB_ENUM, "1", AT(profile), { IS_PROFILE_MATERIAL }, 0, 0, profile_names,
       "the material's own, or the dipole of its coefficients" },
     { "through", PELL_KNOB_ENUM, "1", AT(through), { IS_THROUGH_AUTO }, 0, 0, through_names,
-      "transmission by thickness d: none, as the profile beyond the radius d, or through a slab of the medium where faces oppose; auto: "
-      "slab with the camera's view alone, off with more views, which see where it enters" },
+      "transmission by thickness d: none, as the profile beyond the radius d, or by a slab of the medium where faces are opposite; auto: "
+      "slab with the camera's view alone, off with more views, which include the entry points" },
     { "misprint", PELL_KNOB_ENUM, "1", AT(misprint), { IS_AS_MEANT }, 0, 0, misprint_names,
-      "undo a correction of the paper's equations: 1/(2 pi) in (9), Jacobian of (8) inverted, one random number for two choices" },
+      "restore a misprint of the paper's equations: 1/(2 pi) in (9), inverted Jacobian of (8), one random number for two choices" },
     { 0 },
 };
 /* clang-format on */
@@ -101,9 +103,8 @@ const struct pell_method pell_method_image_space = {
     .title = "Importance sampling of the profile in irradiance images",
     .cite = "Tom Mertens, Jan Kautz, Philippe Bekaert, Frank Van Reeth and Hans-Peter Seidel, Efficient Rendering of Local Subsurface "
             "Scattering, Pacific Graphics, 2003",
-    .limits = "Light that enters outside the irradiance images is missing, but for what goes straight through thin parts (views = "
-              "eye+lights or eye+around include most of it). Few samples leave a pattern where the irradiance varies and the profile is "
-              "wide.",
+    .limits = "Light that enters outside the irradiance images is missing, except for transmission through thin parts (views = eye+lights "
+              "or eye+around include most of it). Few samples leave a pattern where the irradiance varies and the profile is wide.",
     .knobs = knobs,
     .knobs_size = sizeof(struct is_knobs),
     .paper = paper,

@@ -28,29 +28,28 @@ static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { LAYERED_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "samples", PELL_KNOB_INT, "1", AT(samples), { 20 }, 1, 4096, NULL, "sample points along the ray below the surface" },
     { "steps", PELL_KNOB_ENUM, "1", AT(steps), { LAYERED_BY_LIGHT }, 0, 0, steps_names,
-      "steps of the march: by optical depth, shorter where more light comes from, or all equal, as in the paper" },
+      "ray marching steps: by optical depth, shorter where more light is scattered, or equal, as in the paper" },
     { "tolerance", PELL_KNOB_FLOAT, "1", AT(tolerance), { 1e-3 }, 0, 0.1, NULL,
-      "a march ends where this share of the light that entered is left on its way down and up again; 0: at the deepest layer's bottom" },
+      "stop marching where the transmittance down and up again falls to this; 0: at the deepest layer's bottom" },
     { "march", PELL_KNOB_ENUM, "1", AT(march), { LAYERED_EXPONENTIAL }, 0, 0, march_names,
-      "integral of each step over the layers that it crosses, or as in the paper the value at its midpoint" },
+      "integrate each step over the layers that it crosses, or as in the paper use the value at its midpoint" },
     { "refraction", PELL_KNOB_ENUM, "1", AT(refraction), { LAYERED_PLANAR }, 0, 0, refraction_names,
-      "refract camera rays at the surface and light at the plane where it enters; none: rays go straight, nothing is reflected; exact: "
-      "light enters where its refracted path does, whatever light-path says, and curved boundaries focus it (slow)" },
+      "refract camera rays at the surface and light at the plane where it enters; none: straight rays without reflection; exact: find the "
+      "exact refracted path of light through curved boundaries, focusing included, and ignore light-path (slow)" },
     { "light-path", PELL_KNOB_ENUM, "1", AT(path), { LAYERED_PLANES_RAYS }, 0, 0, path_names,
-      "entry points of light: by planes, and by rays for light from below the horizon; by planes alone, as in the paper; by rays alone" },
+      "entry points of light: by planes, and by rays for light from below the horizon; only by planes, as in the paper; only by rays" },
     { "planes", PELL_KNOB_ENUM, "1", AT(planes), { LAYERED_BY_AREA }, 0, 0, planes_names,
       "planes that approximate the surface: fitted to nearby vertices, weighted by area or equally; or each vertex's tangent plane" },
     { "epsilon", PELL_KNOB_FLOAT, "1", AT(epsilon), { 0.05 }, 1e-3, 0.9, NULL,
-      "planes are fitted out to where the first layer transmits this share of the light; below 1e-3 distant geometry would "
-      "count" },
+      "fit planes within the distance at which the first layer's transmittance is this; below 1e-3 distant geometry would be included" },
     { "lamps", PELL_KNOB_INT, "1", AT(sources), { 4 }, 1, 256, NULL,
       "sample points on each area light; an environment gets four times as many directions" },
     { "below", PELL_KNOB_ENUM, "1", AT(under), { LAYERED_AS_MATERIAL }, 0, 0, under_names, "substrate below the deepest layer" },
     { "shadows", PELL_KNOB_BOOL, "1", AT(shadows), { 1 }, 0, 1, NULL, "trace shadow rays between the lights and the surface" },
     { "multiple", PELL_KNOB_BOOL, "1", AT(multiple), { 0 }, 0, 1, NULL,
-      "add light that is scattered more than once: the profile of the layers below each pixel less its single scattering" },
+      "add multiple scattering: the profile of the layers below each pixel minus its single scattering" },
     { "diffuse", PELL_KNOB_FLOAT, "1", AT(diffuse), { 0 }, 0, 1, NULL,
-      "share of the light that a matt film on top reflects in the base colour, which the layers do not get" },
+      "fraction of the light that a diffuse film on top reflects in the base colour; the layers receive the rest" },
     { 0 },
 };
 /* clang-format on */
@@ -98,9 +97,8 @@ const struct pell_method pell_method_layered = {
     .title = "Subsurface texture mapping: single scattering in layers",
     .cite = "Guillaume Francois, Sumanta Pattanaik, Kadi Bouatouch and Gaspard Breton, Subsurface Texture Mapping, IRISA research report, "
             "2006",
-    .limits = "Without multiple=on dense media are too dark. Planes approximate the surface where light enters, which "
-              "is wrong where it curves within a few mean free paths (refraction=exact is not). The boundary is smooth; strength maps "
-              "are ignored.",
+    .limits = "Without multiple=on dense media are too dark. Planes approximate the surface where light enters, which is inaccurate where "
+              "it curves within a few mean free paths (refraction=exact avoids this). The boundary is smooth; strength maps are ignored.",
     .knobs = knobs,
     .knobs_size = sizeof(struct layered_knobs),
     .paper = paper,

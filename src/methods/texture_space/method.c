@@ -29,42 +29,41 @@ static const char *const lights_names[] = { "own", "sum", NULL };
 static const struct pell_knob knobs[] = {
     { "as", PELL_KNOB_ENUM, "1", AT(as), { TS_BEST }, 0, 0, as_names, "the recommended settings, or those of the paper" },
     { "size", PELL_KNOB_INT, "texels", AT(size), { 0 }, 0, 8192, NULL,
-      "side of the largest object's map, from 16 on; smaller objects get smaller maps with the same texel density; 0: two texels per "
-      "pixel where an object is nearest, at most 1024" },
+      "side of the largest object's map, at least 16; smaller objects get smaller maps with the same texel density; 0: two texels per "
+      "pixel at the nearest point of an object, at most 1024" },
     { "gaussians", PELL_KNOB_INT, "1", AT(gaussians), { 6 }, 1, PELL_GAUSSIANS_MAX, NULL,
       "Gaussians in the fit of a material's profile; a profile given as Gaussians keeps its own" },
     { "charts", PELL_KNOB_ENUM, "1", AT(charts), { TS_CHARTS_AUTO }, 0, 0, charts_names,
-      "the layout: by the texture coordinates as they are, or by planar charts; auto: by the first set whose charts do not overlap, "
-      "or by charts of the first that are moved apart; planar where coordinates are missing or of no use" },
+      "layout of the map: the texture coordinates unchanged, or planar charts; auto: the first UV set without overlapping charts, else the "
+      "first set with its charts separated; planar if coordinates are missing or unusable" },
     { "border", PELL_KNOB_INT, "texels", AT(border), { -1 }, -1, 512, NULL,
-      "width of the border in which charts continue over their neighbours, so that blurs cross seams; 0: seams show; -1: as "
-      "far as the widest blur reaches, up to a tenth of the map" },
+      "width of the border in which charts are extended over their neighbours, so that blurs cross seams; 0: visible seams; -1: the reach "
+      "of the widest blur, up to a tenth of the map" },
     { "kernel", PELL_KNOB_ENUM, "1", AT(kernel), { TS_KERNEL_DENSE }, 0, 0, kernel_names,
-      "dense: taps at texels, weighted by their distance along the surface; seven: the paper's taps by the blurred stretch map; "
-      "jittered-13: one pass of thirteen taps in place of all Gaussians (Hable, Borshukov and Hejl 2009), on engine cpu alone" },
+      "dense: taps at texels, weighted by their distance along the surface; seven: the paper's taps with the blurred stretch map; "
+      "jittered-13: one pass of thirteen taps instead of all Gaussians (Hable, Borshukov and Hejl 2009), only on engine cpu" },
     { "stretch", PELL_KNOB_BOOL, "1", AT(stretch), { 1 }, 0, 1, NULL,
-      "correct blurs for the stretch of the layout; off: one scale for the whole map" },
+      "correct blur widths for the stretch of the layout; off: one scale for the whole map" },
     { "first", PELL_KNOB_ENUM, "1", AT(first), { TS_FIRST_BLURRED }, 0, 0, first_names,
       "unblurred: the pixel's irradiance replaces the narrowest Gaussian" },
     { "tsm", PELL_KNOB_ENUM, "1", AT(tsm), { TS_TSM_RAY }, 0, 0, tsm_names,
       "entry points of transmitted light: by rays, or by the light's shadow map; off: no transmission" },
     { "tsm-size", PELL_KNOB_INT, "px", AT(tsm_size), { 1024 }, 16, 8192, NULL, "side of the lights' maps" },
     { "through", PELL_KNOB_ENUM, "1", AT(transmission), { TS_TRANSMISSION_SLAB }, 0, 0, transmission_names,
-      "transmission: through a slab of the medium, or the paper's sum of w exp(-d^2/(2 v)); Gaussians without a medium have no "
-      "slab" },
+      "transmission: by a slab of the medium, or by the paper's sum of w exp(-d^2/(2 v)); Gaussians without a medium have no slab" },
     { "thickness", PELL_KNOB_ENUM, "1", AT(thickness), { TS_THICKNESS_FACES }, 0, 0, thickness_names,
-      "distance d that transmitted light goes: by the steeper of the two faces, or as printed by the shadowed one" },
+      "path length d of transmitted light: by the steeper of the two faces, or as printed by the shadowed face" },
     { "fade", PELL_KNOB_ENUM, "1", AT(fade), { TS_FADE_OVERLAP }, 0, 0, fade_names,
-      "transmitted light that the blurs contain, too: subtract their share, or fade over six widths as in the paper" },
+      "correction for transmitted light that the blurs contain as well: subtract it, or fade over six widths as in the paper" },
     { "soften", PELL_KNOB_BOOL, "1", AT(soften), { 1 }, 0, 1, NULL, "blur transmitted light by a third of the widest blur's width" },
     { "lights", PELL_KNOB_ENUM, "1", AT(lights), { TS_LIGHTS_OWN }, 0, 0, lights_names,
-      "light transmitted through the thickness of one light: that light's, or that of all lights as in the paper" },
+      "irradiance used with the thickness along one light: that of this light, or of all lights as in the paper" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },
     { "cull", PELL_KNOB_BOOL, "1", AT(cull), { 1 }, 0, 1, NULL,
-      "leave out objects that no pixel shows, and where less than a quarter of one is seen the texels that no pixel of the first view "
-      "needs; engine cpu alone" },
+      "skip invisible objects and, for objects of which less than a quarter is visible, texels that no pixel of the first view needs; only "
+      "on engine cpu" },
     { "mix", PELL_KNOB_FLOAT, "1", AT(mix), { -1 }, -1, 1, NULL,
-      "share of the colour that is applied before scattering, as an exponent; negative: the material's" },
+      "fraction of the colour that is applied before scattering, as an exponent; negative: the material's" },
     { 0 },
 };
 /* clang-format on */
@@ -117,8 +116,9 @@ const struct pell_method pell_method_texture_space = {
     .name = "texture-space",
     .title = "Diffusion in texture space with translucent shadow maps",
     .cite = "Eugene d'Eon, David Luebke and Eric Enderton, Efficient Rendering of Human Skin, Eurographics Symposium on Rendering, 2007",
-    .limits = "Light travels along the surface, or straight through from a lit point; what goes elsewhere in the solid has no detail. "
-              "Transmission includes the first 16 lights; environments with tsm = ray alone.",
+    .limits = "Light travels along the surface, or straight through from a lit point; other transport in the solid is only approximated "
+              "without detail. "
+              "Transmission includes the first 16 lights; environments only with tsm = ray.",
     .knobs = knobs,
     .knobs_size = sizeof(struct ts_knobs),
     .paper = paper,
