@@ -367,7 +367,7 @@ enum exit_code cli_print_json(struct cli *cli, json_t *object)
     cli->answered = true;
     cli_answer_begins();
     puts(text ? text
-              : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the answer can't be made\", \"hint\": \"\"}}");
+              : "{\"error\": {\"code\": \"out of memory\", \"where\": \"\", \"what\": \"the result can't be written\", \"hint\": \"\"}}");
     free(text);
     json_decref(object);
     return code;

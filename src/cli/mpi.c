@@ -96,16 +96,14 @@ static size_t receive(void *user, int from, void *data, size_t size)
 
 static const struct command commands[] = {
     { "render", "INPUT", "an image by all ranks of an MPI job",
-      "As `pellucid render -m path-trace`, which documents the options: blocks of samples go to whichever rank is free, and rank 0 writes "
-      "the "
-      "image, which has the same bits for any number of ranks and threads. Every rank reads INPUT. With --checkpoint FILE the ranks "
-      "keep what they have done in FILE, FILE.rank1, FILE.rank2 and so on; the same command with another number of ranks resumes it.\n",
+      "Works like `pellucid render -m path-trace`, which documents the options. Each idle rank takes the next block of samples, and rank 0 "
+      "writes the image, which is bit-identical for any number of ranks and threads. Every rank reads INPUT. With --checkpoint FILE the "
+      "ranks save their samples in FILE, FILE.rank1, FILE.rank2 and so on; the same command with any number of ranks resumes from them.\n",
       "  mpirun -n 4 pellucid-mpi render scene.json -m path-trace --samples 64 --threads 1 -o image.exr\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1, command_render },
-    { "bench", "INPUT", "what a shared run costs, measured, and what follows for more ranks",
-      "Renders INPUT by all ranks, takes blocks from the counter, and adds films of the size of the whole picture; then prints the time "
-      "that a "
-      "run would take with up to 10,000 ranks on a network like this one.\n",
+    { "bench", "INPUT", "the measured cost of a shared run, and a prediction for more ranks",
+      "Renders INPUT on all ranks, takes blocks from the counter, and adds films of the size of the whole image; then prints the predicted "
+      "time of a run with up to 10,000 ranks on the same network.\n",
       "  mpirun -n 2 pellucid-mpi bench scene.json -m path-trace --samples 8 --threads 1\n",
       OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_ENGINE, 1, 1, command_mpi_bench },
 };

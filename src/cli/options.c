@@ -69,7 +69,7 @@ static const struct option options[] = {
       NULL },
     { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
       NULL },
-    { OPTIONS_METHOD, 0, "samples", "N", "samples per pixel: sets the method's knob samples (or most)", COMMON, 0, NULL },
+    { OPTIONS_METHOD, 0, "samples", "N", "number of samples of the method (its knob samples, or most)", COMMON, 0, NULL },
     { OPTIONS_METHOD, 0, "time-limit", "TIME", "stop a progressive reference after this time: 30s, 5min or 2h (its knob time-limit)",
       COMMON, 0, NULL },
     { OPTIONS_METHOD, 0, "target-error", "PERCENT", "render until the noise of a reference is below this: 1% (its knob error)", COMMON, 0,

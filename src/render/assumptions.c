@@ -104,7 +104,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
                       pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
         if (o->holds_camera && tell(ctx, &found[HOLDS]))
             pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
-                      "the camera is inside the object, which methods know from outside alone");
+                      "the camera is inside the object; methods render objects only from outside");
         if (!o->closed && tell(ctx, &found[OPEN]))
             pell_warn(ctx, place, "close it: transmission needs a closed surface",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
@@ -112,7 +112,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         if (pell_object_is_hollow(o)) {
             if (tell(ctx, &found[HOLLOW]))
                 pell_warn(ctx, place, "give it a thickness, or make it a sheet: opaque with diffuse_transmission",
-                          "the surface encloses no volume: its sides lie on each other");
+                          "the surface encloses no volume: its sides coincide");
             continue;
         }
         if (o->closed && !o->outward && tell(ctx, &found[TURNED]))

@@ -110,7 +110,7 @@ static void denoise(struct pell_cpu *e, const struct pell_engine_frame *f)
 
     if (!pell_denoise_knows(&params))
         pell_warn(e->ctx, "denoise", "more samples, or a smaller --msaa",
-                  "nothing is denoised: the noise of one sample for each multisample is not known");
+                  "nothing is denoised: with one sample per multisample the noise is not known");
     pell_denoise_render(e->pool, &params);
     pell_stage_note(f->notes, "denoise", pell_seconds() - start, pixels, 0, pixels * 100);
 }

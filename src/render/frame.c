@@ -56,7 +56,7 @@ static enum pell_result make_lens(const struct pell_renderer *r, const struct pe
         lens->focus = vec3_dot(vec3_sub(middle, vec3_load(c->position)), vec3_normalize(vec3_load(c->forward)));
     if (!(lens->focus >= 1e-3f && lens->focus <= 1e12f))
         return pell_error(r->ctx, PELL_ERR_INVALID, name, "give the camera a focus",
-                          c->focus == 0.0f ? "the middle of the bounds is %g mm before the camera, which can't focus on it"
+                          c->focus == 0.0f ? "the centre of the bounds is %g mm in front of the camera, which can't focus on it"
                                            : "focus = %g mm, must be in [0.001, 1e12]",
                           (double) lens->focus);
     lens->radius = (float) (6.0 / tan(0.5 * (double) c->fov) / (c->f_number > 0.0f ? (double) c->f_number : F_NUMBER));
@@ -258,7 +258,7 @@ static void warn_of_copies(const struct pell_renderer *r, const struct pell_sett
         return;
     snprintf(hint, sizeof(hint), "--msaa %.0f", needed);
     pell_warn(r->ctx, "depth of field", needed <= PELL_MSAA_MOST ? hint : "a larger f-number, or less out of focus",
-              "what is most out of focus shows as separate copies: the lens needs %.0f samples, not %d", needed, s->msaa);
+              "the most out-of-focus surfaces show as separate copies: the lens needs %.0f samples, not %d", needed, s->msaa);
 }
 
 static bool can_denoise(const struct pell_renderer *r)
@@ -267,12 +267,12 @@ static bool can_denoise(const struct pell_renderer *r)
         return false;
     if (!r->noisy || !r->settings.layers || r->lens.radius > 0.0f)
         pell_warn(r->ctx, "denoise", r->noisy || !r->scattered ? NULL : "path-trace does", "nothing is denoised: %s",
-                  !r->scattered         ? "no light is scattered, which is all that is filtered"
-                  : !r->noisy           ? "the method states no noise"
+                  !r->scattered         ? "only scattered light is filtered, and there is none"
+                  : !r->noisy           ? "the method does not estimate its noise"
                   : !r->settings.layers ? "the layers are not computed"
-                                        : "depth of field blurs what its weights are made of");
+                                        : "its weights are not valid after the blur of depth of field");
     else
-        pell_info(r->ctx, "denoise", "the image is denoised, for show: it is no reference for measurements");
+        pell_info(r->ctx, "denoise", "the image is denoised for display: do not use it as a reference");
     return r->noisy && r->settings.layers && r->lens.radius == 0.0f;
 }
 

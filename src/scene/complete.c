@@ -100,7 +100,7 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
                               (double) -LARGEST_COORDINATE, (double) LARGEST_COORDINATE);
     bad = clean_normals(scene->ctx, m);
     if (bad)
-        pell_warn(scene->ctx, where.str, NULL, "%zu of %u normals are not finite; those of the triangles take their place", bad,
+        pell_warn(scene->ctx, where.str, NULL, "%zu of %u normals are not finite and were replaced by those of the triangles", bad,
                   m->num_vertices);
     bad = 0;
     for (int u = 0; u < PELL_UV_SETS; u++)
@@ -406,7 +406,7 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
         }
     }
     if (res == PELL_OK && !quiet && pell_is_faceted(scene, &t))
-        pell_info(scene->ctx, where.str, "has the normals of its flat triangles, which show: --normals smooth rounds it");
+        pell_info(scene->ctx, where.str, "has per-face normals, so its triangles are visible: --normals smooth computes smooth ones");
     if (res == PELL_OK)
         res = pell_make_normals(scene, &t);
     pell_topology_finish(&t);
@@ -496,7 +496,8 @@ static enum pell_result check_size(struct pell_scene *scene)
     if (extent > 0.0f && extent < SMALLEST)
         return pell_error(scene->ctx, scene->from_file ? PELL_ERR_FORMAT : PELL_ERR_INVALID, scene->path,
                           "--size 70mm: the largest extent; --unit 1mm: what one unit is",
-                          "the largest extent is %.3g mm, allowed: %g mm and more: what is smaller than a wave of light casts no shadow",
+                          "the largest extent is %.3g mm, allowed: %g mm or more: objects smaller than a wavelength of light cast no "
+                          "shadow",
                           (double) extent, (double) SMALLEST);
     if (extent < 0.1f || extent > 1e5f)
         pell_warn(scene->ctx, scene->path, "is the unit or size right? --size 70mm: the largest extent; --unit 1mm: what one unit is",

@@ -245,7 +245,7 @@ enum pell_result pell_viewpoint_read(struct pell_context *ctx, const struct pell
 
     *view = (struct pell_viewpoint) { .lights = params->studio != NULL };
     if (params->from && params->camera)
-        return pell_error(ctx, PELL_ERR_INVALID, "--from", "give one of them", "--from and --camera both say where the camera is");
+        return pell_error(ctx, PELL_ERR_INVALID, "--from", "give one of them", "--from and --camera both define the camera");
     if (params->up)
         PELL_TRY(choose(ctx, PELL_ERR_INVALID, "--up", params->up, axes, PELL_COUNT(axes), "", &axis));
     view->z_up = axis == 1;

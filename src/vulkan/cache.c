@@ -87,7 +87,7 @@ static enum pell_result read_file(struct pell_gpu *gpu, uint8_t **file, size_t *
         pell_free(gpu->ctx, *file);
         *file = NULL;
     }
-    pell_warn(gpu->ctx, gpu->cache_path, NULL, "is damaged, or of another driver: it is not read, and made anew");
+    pell_warn(gpu->ctx, gpu->cache_path, NULL, "is damaged, or of another driver: it is ignored and will be replaced");
     return PELL_OK;
 }
 

@@ -191,7 +191,7 @@ def _(folder):
     need(b'1 of 2 samples of the multisample' in done.stderr, done.stderr)
     same(folder, 'c.pfm', 'm.pfm')
     done = works(folder, *TRACE, '--samples', '4', '--checkpoint', 'c.ckpt', '-o', 'c.pfm')
-    need(b'--samples' in done.stderr and b'the picture has their noise' in done.stderr, done.stderr)
+    need(b'--samples' in done.stderr and b'the image has their noise' in done.stderr, done.stderr)
     works(folder, *TRACE, '--samples', '8', '--checkpoint', 'd.ckpt', '-o', 'd.pfm')
     need(not [n for n in names(folder) if n.endswith('.lock')], names(folder))
     child = subprocess.Popen([PROGRAM, *TRACE, '--width', '2000', '--height', '1500', '--samples', '100000000', '--checkpoint', 'e.ckpt',

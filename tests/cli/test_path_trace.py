@@ -130,12 +130,12 @@ def _(folder):
 
 @test('a mean free path of a nanometre: that is said, not that surfaces cross')
 def _(folder):
-    for scale, said in ((1e6, b'places on the object'), (1.0, b'')):
+    for scale, said in ((1e6, b'positions on the object'), (1.0, b'')):
         (folder / 'm.json').write_text(json.dumps({'sigma_a': [1e-3 * scale] * 3, 'sigma_s_reduced': [scale] * 3, 'eta': 1.4}), 'ascii')
         done = works(folder, 'render', 'bunny.obj', '--unit', '1mm', '--material', 'm.json', '-m', 'path-trace', '--samples', '1',
                      '--width', '24', '--height', '16', '--msaa', '1', '-o', 'a.png')
         need(said in done.stderr and b'cross themselves' not in done.stderr, scale, done.stderr)
-        need(said or b'places on the object' not in done.stderr, done.stderr)
+        need(said or b'positions on the object' not in done.stderr, done.stderr)
 
 
 @test('a checkpoint of another run, or a damaged one, is refused by name and stays as it is')

@@ -72,7 +72,7 @@ def _(folder):
     for path in PAGES:
         broken = list(broken_links(path, path.read_text('utf-8')))
         need(not broken, path.name, 'has broken links:', broken)
-    planted = '[a](no-such.md) [b](library.md#no-such) [c](library.md#scene-and-render-a-picture-in-memory) `[d](no.md)` [e](../../../x)'
+    planted = '[a](no-such.md) [b](library.md#no-such) [c](library.md#scene-and-render-an-image-in-memory) `[d](no.md)` [e](../../../x)'
     need(list(broken_links(GUIDE / 'methods.md', planted)) == ['no-such.md', 'library.md#no-such', '../../../x'], 'the check finds nothing')
 
 

@@ -445,7 +445,7 @@ enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_m
             profiles += IS_LEVELS;
         else
             pell_warn(ctx, m->name, "give it coefficients, and a profile other than photon-beam or a table",
-                      "has no profile for each albedo: the scattering distance is the same below all colours");
+                      "has no profiles that depend on the albedo: the scattering distance is the same for all colours");
     }
     set_reach(m, knobs, length, reach, set);
     set->middle = (float) fmin(median, 1e15);

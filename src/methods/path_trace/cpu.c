@@ -282,8 +282,7 @@ static void report(struct pt_state *st, const struct pt_run *run)
     snprintf(hint, sizeof(hint), "--samples %.0f", fmin(st->most * films, PT_MOST));
     if (st->most > UNEVEN * (double) st->fewest && !pell_context_interrupted(st->ctx))
         pell_warn(st->ctx, "path-trace", hint,
-                  "the checkpoint has %u samples for one sample of the multisample, and others end with %u: the picture has their noise",
-                  st->most, st->fewest);
+                  "the checkpoint has %u samples for one multisample, others end with %u: the image has their noise", st->most, st->fewest);
     if (lights > 0.0)
         snprintf(bound, sizeof(bound), ": on average at most %.3g W/(m^2 sr) a pixel of the light of area lights", missing * lights);
     if (cut > 0)
@@ -294,7 +293,7 @@ static void report(struct pt_state *st, const struct pt_run *run)
                   "%.3g %% of the paths left a solid without hitting its surface", fmin(100.0 * (double) lost / samples, 100.0));
     if ((double) crossed > CROSSED * samples && finest_path(st->services->scene) > 0.0)
         pell_warn(st->ctx, "path-trace", "scattering is not visible at this size: an opaque material looks the same",
-                  "a mean free path of %.3g mm is shorter than places on the object can be told apart: light near its surface is uncertain",
+                  "the mean free path of %.3g mm is below the precision of positions on the object: light near its surface is unreliable",
                   finest_path(st->services->scene));
     else if ((double) crossed > CROSSED * samples)
         pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
@@ -441,7 +440,7 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
      * other would take the place of a whole one. */
     if (pell_context_interrupted(st->ctx) && has_black(run.shown) && !(number == 0 && (pt_share(st) || pt_merges(st)))) {
         if (number == 0)
-            pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample: there is no picture yet");
+            pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample, so there is no image yet");
         return PELL_ERR_CANCELLED;
     }
     if (run.shown == run.film) {

@@ -268,7 +268,7 @@ enum pell_result pt_check_gaps(const struct pt_run *run, uint32_t end)
     }
     if (tiles > 0 && !partial)
         return pell_error(st->ctx, PELL_ERR_INVALID, st->services->checkpoint->parts[0],
-                          "render the missing part; `pellucid merge --partial` takes what is there",
+                          "render the missing part, or use `pellucid merge --partial`, which accepts gaps",
                           "these files leave gaps: samples %u:%u are missing in %s, the first is tile %zu", from * msaa, to * msaa,
                           pell_counted((long long) tiles, "tile", "tiles").str, first);
     if (tiles > 0 && !st->gaps)

@@ -332,7 +332,7 @@ static void probe_lights(struct pt_scene *s)
     for (size_t i = 0; s->light_paths && i < s->solids->count; i++)
         if (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
             pell_warn(s->ctx, "path-trace", "leave the knob connections on",
-                      "point, spot and directional lights do not light media below smooth surfaces: no path hits them by chance");
+                      "point, spot and directional lights do not light media below smooth surfaces: random paths can't hit them");
             break;
         }
     for (size_t i = 0; i < s->solids->count; i++)

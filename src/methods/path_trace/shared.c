@@ -96,7 +96,7 @@ static enum pell_result gather_files(struct pt_state *st, const struct pell_fram
             break;
         }
     if (removed > 0)
-        pell_info(st->ctx, path, "samples of %d further ranks were taken over", removed);
+        pell_info(st->ctx, path, "samples of %d further ranks were included", removed);
     return PELL_OK;
 
 fail:

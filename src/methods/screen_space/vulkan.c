@@ -224,7 +224,7 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     c = &st->chain;
     st->form = chosen->kernel == SCREEN_KERNEL_SEPARABLE ? SEPARABLE : chosen->edges == SCREEN_EDGES_PAPER ? LISTING : GAUSSIANS;
     if (chosen->rotate && st->form != GAUSSIANS)
-        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "screen-space", "use --engine cpu, or leave the knob as it is by default",
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, "screen-space", "use --engine cpu, or leave the knob at its default",
                           "the engine vulkan has no rotate=on");
     PELL_TRY(pell_ss_chain_make(ctx, shape, knobs, &st->chain));
     if (st->form == SEPARABLE)

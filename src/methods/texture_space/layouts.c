@@ -66,8 +66,8 @@ static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *
         else if (a->without)
             pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", wrong, a->num_charts, more);
         else
-            pell_warn(st->ctx, name, "charts=planar says that this is as meant", "%s: laid out in %d planar charts%s", wrong, a->num_charts,
-                      more);
+            pell_warn(st->ctx, name, "charts=planar selects this layout explicitly", "%s: laid out in %d planar charts%s", wrong,
+                      a->num_charts, more);
     }
 }
 

@@ -678,7 +678,7 @@ static enum pell_result create(const struct pell_services *services, const struc
 
     *state = NULL;
     if (((const struct ts_knobs *) knobs)->kernel == TS_KERNEL_JITTERED)
-        return pell_error(services->ctx, PELL_ERR_UNSUPPORTED, "texture-space", "use --engine cpu, or leave the knob as it is by default",
+        return pell_error(services->ctx, PELL_ERR_UNSUPPORTED, "texture-space", "use --engine cpu, or leave the knob at its default",
                           "the engine vulkan has no kernel=jittered-13");
     res = ts_create(services, shape, knobs, &vulkan_runner, state);
     return res == PELL_OK ? ts_pixels_open(*state, shape) : res;

@@ -171,7 +171,7 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* what is turned is turned as a whole */
     for (size_t i = 0; i < n && res == PELL_OK; i++)
         if (s.twisted[i] && s.parent[i] == i) {
-            pell_warn(ctx, where, NULL, "a surface has one side alone, as a Moebius strip: its triangles can't all face the same way");
+            pell_warn(ctx, where, NULL, "a surface is one-sided, like a Moebius strip: its triangles can't be oriented consistently");
             break;
         }
     if (res != PELL_OK || count == 0)
