@@ -115,7 +115,7 @@ static enum pell_result render_truth(struct trial *t, const char *count)
 
     if (m && !session_runs(t->session, m))
         return pell_error(t->cli->ctx, PELL_ERR_DEVICE, "--max-error", "--engine cpu",
-                          "methods are judged by path-trace, which has the engine cpu alone");
+                          "methods are compared with path-trace, which runs only on the engine cpu");
     for (int half = 0; half < 2 && res == PELL_OK; half++) {
         free(values);
         PELL_TRY(make_values(t, m, "samples", count, &values));

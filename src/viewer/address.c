@@ -57,8 +57,8 @@ enum pell_result viewer_token_keep(struct pell_context *ctx, const char *path, c
         if (size > 0 && line[size - 1] == '\n')
             line[--size] = '\0';
         if (size != VIEWER_TOKEN || strspn(line, "0123456789abcdef") != VIEWER_TOKEN)
-            return pell_error(ctx, PELL_ERR_FORMAT, path, "remove it, and a new one is made",
-                              "is no token: must be %d digits of 0-9 and a-f", VIEWER_TOKEN);
+            return pell_error(ctx, PELL_ERR_FORMAT, path, "remove it to create a new one", "is no token: must be %d digits of 0-9 and a-f",
+                              VIEWER_TOKEN);
         memcpy(token, line, VIEWER_TOKEN + 1);
         return PELL_OK;
     }

@@ -398,7 +398,7 @@ static enum exit_code say(struct server *s)
     snprintf(address, sizeof(address), "http://%s:%d/?token=%s", all ? "127.0.0.1" : s->params->address, s->port, s->params->token);
     if (!viewer_is_loopback(s->params->address))
         pell_warn(cli->ctx, "--listen", NULL,
-                  "whoever reaches %s and knows the token sees the scene and can use this machine's processor; nothing is encrypted",
+                  "anyone who can reach %s and knows the token can see the scene and use this machine's processor; nothing is encrypted",
                   s->params->address);
     if (cli->json) {
         const enum exit_code code =

@@ -144,7 +144,7 @@ def _(folder):
     need(not [n for n in names(folder) if n.startswith('out') or 'partial' in n], names(folder))
     write_box(folder / 'far.obj', (50, 0, 0), (60, 10, 6))
     answer = one_object(works(folder, *arm, '--inner', 'far=far.obj', '--map-size', '32', '-o', 'none', '--json'))
-    need([x['name'] for x in answer['layers']] == ['body'] and any('no ray meets' in w for w in answer['warnings']), answer)
+    need([x['name'] for x in answer['layers']] == ['body'] and any('no ray hits' in w for w in answer['warnings']), answer)
     works(folder, 'check', 'none/scene.json', '--allow-outside')
     whole = (folder / 'arm.obj').read_text()
     (folder / 'arm.obj').write_text(whole[:whole.rindex('f ')])  # without its front

@@ -128,7 +128,7 @@ def _(folder):
             (['--cross-section', 'a.png', '--line', ''], 2, 'four numbers'),
             (['--cross-section', 'a.png', '--line', '0,0,1,1,1'], 2, 'four numbers'),
             (['--cross-section', 'a.png', '--down-to', '2'], 2, 'unit'), (['--cross-section', 'a.png', '--layers-of', 'Bone'], 2, 'Bone'),
-            (['--cross-section', 'a.png', '--line', '3,3,4,4'], 2, 'meets no surface'),
+            (['--cross-section', 'a.png', '--line', '3,3,4,4'], 2, 'crosses no surface'),
             (['--cross-section', 'none/a.png'], 3, 'none/a.png')):
         done = run(folder, 'check', 'painted.json', *arguments)
         need(done.returncode == code and words in text(done.stderr), arguments, done.returncode, done.stderr)

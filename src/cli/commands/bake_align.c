@@ -54,7 +54,7 @@ static enum pell_result order_layers(struct bake *b)
     for (size_t i = 0; i < n; i++)
         if (!is_in(b, &b->texels[i]) && !merge(b, &b->texels[i]))
             return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->outer.path, "leave meshes out, or give a smaller --down-to",
-                              "has more than %d layers in all its orders of meshes", PELL_LAYERS_MOST);
+                              "has more than %d layers in all orders of its meshes", PELL_LAYERS_MOST);
     if (b->num_layers == 0 || b->layer[b->num_layers - 1] != 0)
         b->layer[b->num_layers++] = 0;
     return PELL_OK;

@@ -65,7 +65,7 @@ static enum pell_result load_solid(const struct bake *b, const struct pell_load_
     PELL_TRY(pell_scene_check(s->scene, &report));
     for (size_t i = 0; i < report.num_objects; i++)
         if (!report.objects[i].closed)
-            pell_warn(b->ctx, s->path, "rays count what they go into and out of", "\"%s\" is not closed", s->name);
+            pell_warn(b->ctx, s->path, "rays pair entries and exits, so close the mesh", "\"%s\" is not closed", s->name);
     PELL_TRY(pell_rays_create(b->ctx, s->scene, b->pool, &s->rays));
 
 fail:
@@ -269,15 +269,15 @@ static void warn(const struct bake *b)
 {
     for (int k = 0; k < b->num_inner; k++)
         if (!memchr(b->layer, k + 1, (size_t) b->num_layers))
-            pell_warn(b->ctx, b->inner[k].path, "its unit is that of the outer mesh", "no ray meets \"%s\"", b->inner[k].name);
+            pell_warn(b->ctx, b->inner[k].path, "it must have the unit of the outer mesh", "no ray hits \"%s\"", b->inner[k].name);
     if (b->shared > b->shown / 1000)
-        pell_warn(b->ctx, b->outer.path, "lay it out without overlaps", "%lld texels of the map are of several triangles",
+        pell_warn(b->ctx, b->outer.path, "unwrap it without overlaps", "%lld texels of the map are covered by several triangles",
                   (long long) b->shared);
     if (b->cut > 0)
         pell_warn(b->ctx, b->outer.path, "--down-to leaves out what is deep",
                   "%lld texels have more than %d pairs of a mesh or %d stretches", (long long) b->cut, BAKE_PAIRS, BAKE_STRETCHES);
     if (b->open > 0)
-        pell_warn(b->ctx, b->outer.path, "close the mesh", "rays of %lld texels do not leave it again", (long long) b->open);
+        pell_warn(b->ctx, b->outer.path, "close the mesh", "rays of %lld texels do not exit it", (long long) b->open);
 }
 
 enum exit_code command_bake_layers(struct cli *cli)

@@ -191,7 +191,9 @@ static enum exit_code unknown_bench(struct cli *cli, const char *what, const cha
         closedir(dir);
     qsort(list, count, sizeof(*list), by_name);
     pell_text_suggest_or_list(&hint, "known: ", what, list, count);
-    return cli_usage(cli, "bench", count ? hint.str : "the folder of bench scenes is not beside the program", "there is no bench \"%s\"",
+    return cli_usage(cli, "bench", count ? hint.str : "the folder of bench scenes is missing next to the program",
+                     "there is no bench "
+                     "\"%s\"",
                      what);
 }
 
@@ -231,7 +233,7 @@ static enum exit_code answer(struct cli *cli, const struct session *s, const cha
     char setup[320];
 
     snprintf(setup, sizeof(setup),
-             "method %s on engine %s, %d threads; %d x %d, %d sample%s per pixel, objects cover %.1f %% of the picture;\n"
+             "method %s on engine %s, %d threads; %d x %d, %d sample%s per pixel, objects cover %.1f %% of the image;\n"
              "medians of %d warm frames",
              method, engine, threads, s->settings.width, s->settings.height, s->settings.msaa, s->settings.msaa > 1 ? "s" : "",
              100.0 * covered(s, rows), cli->numbers.repeats);

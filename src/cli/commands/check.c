@@ -21,7 +21,7 @@ static const char *shown_of_layers(const struct pell_material *m)
 {
     return m->preset && m->preset[0] ? m->preset
            : m->profile              ? "the table"
-           : m->gaussians.count > 0  ? "what the layers reflect at their mean depths"
+           : m->gaussians.count > 0  ? "reflectance of the layers at their mean depths"
                                      : "coefficients of one medium";
 }
 
@@ -262,7 +262,7 @@ static void answer_text(const struct cli *cli, const struct pell_scene *scene, c
         const struct pell_material *m = &scene->materials[i];
         const bool preset = m->preset && m->preset[0];
         printf("  %-20s %s\n", shown(m->name, name),
-               pell_material_is_thin(m) ? "opaque, a thin sheet that lets diffuse light through"
+               pell_material_is_thin(m) ? "opaque, a thin sheet that transmits diffuse light"
                : m->opaque              ? "opaque"
                : m->num_layers > 0      ? "layers"
                : preset                 ? m->preset

@@ -323,7 +323,7 @@ static bool visible(const struct section *s, int layer, double bottom)
 
 static enum pell_result draw(struct section *s, double length)
 {
-    static const char *const substrates[] = { "nothing below: black", "the last layer goes on", "a surface of the base colour" };
+    static const char *const substrates[] = { "nothing below: black", "the last layer continues", "a surface of the base colour" };
     struct plot_curve curves[MAX_CURVES] = { 0 };
     struct plot_panel panel = { .x = { .label = "along the surface, mm", .max = length },
                                 .y = { .label = "depth, mm", .down = true, .max = s->down_to },
@@ -405,8 +405,8 @@ static enum exit_code cut(struct section *s, json_t **answer)
         length = 0.0;
         if (measure(s) < 2)
             return cli_failed(s->cli, pell_error(s->cli->ctx, PELL_ERR_INVALID, "--line", "0,0 is the upper left corner of the depth map",
-                                                 "the line from %g, %g to %g, %g meets no surface of the material", s->line[0], s->line[1],
-                                                 s->line[2], s->line[3]));
+                                                 "the line from %g, %g to %g, %g crosses no surface of the material", s->line[0],
+                                                 s->line[1], s->line[2], s->line[3]));
         for (int i = 0; i < SAMPLES; i++)
             length = isnan(s->x[i]) ? length : fmax(length, s->x[i]);
         res = look_through(s);

@@ -368,8 +368,8 @@ static void print_devices(const struct pell_vulkan_devices *devices)
     cli_wrap(
         stdout, 16, 16,
         runs_on_vulkan()
-            ? "methods that have it, and samples of their frames from the camera to the picture; what a frame lacks there runs on the cpu, "
-              "and a row of --stats says why"
+            ? "methods with a Vulkan engine, and if possible whole frames; unsupported stages run on the cpu, and a row of --stats gives "
+              "the reason"
             : "this build has none");
     for (size_t i = 0; i < devices->count; i++) {
         const struct pell_vulkan_device *d = &devices->list[i];

@@ -210,7 +210,7 @@ static void print_material(const struct cli *cli, const struct pell_material_ent
         break;
     case PELL_MATERIAL_GAUSSIANS:
         print_gaussians(&e->gaussians);
-        print_row("base colour", e->color, "linear, where no texture says");
+        print_row("base colour", e->color, "linear, without a texture");
         break;
     }
     print_swatch(cli, color);

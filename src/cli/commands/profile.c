@@ -564,17 +564,17 @@ static enum exit_code refuse_idle(struct cli *cli)
         bool idle;
         const char *why;
     } rows[] = {
-        { "--taps", !code, "is of the kernel that --export writes, and none is asked for" },
-        { "--rank", !code, "is of the kernel that --export writes, and none is asked for" },
-        { "--shared", no_fit, "is a way to fit, and --gaussians 0 asks for no fit" },
-        { "--free", no_fit, "is a way to fit, and --gaussians 0 asks for no fit" },
-        { "--gaussians", csv && !no_fit, "is of fits, and --csv holds none" },
-        { "--shared", csv, "is of fits, and --csv holds none" },
-        { "--free", csv, "is of fits, and --csv holds none" },
+        { "--taps", !code, "has no effect without --export: it sets the taps of the exported kernel" },
+        { "--rank", !code, "has no effect without --export: it sets the rank of the exported kernel" },
+        { "--shared", no_fit, "has no effect with --gaussians 0, which disables the fit" },
+        { "--free", no_fit, "has no effect with --gaussians 0, which disables the fit" },
+        { "--gaussians", csv && !no_fit, "has no effect with --csv, which contains no fits" },
+        { "--shared", csv, "has no effect with --csv, which contains no fits" },
+        { "--free", csv, "has no effect with --csv, which contains no fits" },
         { "--compare", code, "does not go with --export: one profile is written" },
         { "--from", code, "has no effect on --export: the table is as long as the profile" },
         { "--to", code, "has no effect on --export: the table is as long as the profile" },
-        { "--points", code, "has no effect on --export: its table has its own" },
+        { "--points", code, "has no effect on --export: its table has a fixed number of points" },
     };
 
     for (size_t i = 0; i < PELL_COUNT(rows); i++)
@@ -596,10 +596,10 @@ static enum exit_code check_options(struct cli *cli)
         return cli_usage(cli, "--export", NULL, "does not go with --csv: one text is written");
     if (cli->json && text)
         return cli_usage(cli, cli->profile.csv ? "--csv" : "--export", cli->profile.csv ? NULL : "--export json writes a kernel as JSON",
-                         "does not go with --json: the answer is one of them");
+                         "does not go with --json: only one of them can be printed");
     if (cli->output && !text && !plot_can_write(cli->output))
-        return cli_usage(cli, "--output", "with --csv or --export a text of that name is written",
-                         "\"%s\", a plot must end in .svg, .pdf or .png", cli->output);
+        return cli_usage(cli, "--output", "with --csv or --export it names a text file", "\"%s\", a plot must end in .svg, .pdf or .png",
+                         cli->output);
     if (cli->output && cli->num_arguments && strcmp(cli->output, cli->arguments[0]) == 0)
         return cli_usage(cli, "--output", NULL, "\"%s\" is the input", cli->output);
     if (cli->profile.weighted && (!cli->output || text))

@@ -152,7 +152,7 @@ static enum exit_code check_choice(struct cli *cli, struct job *job)
         return cli_usage(cli, "--max-error", NULL, "chooses the method: it does not go with --method %s", cli->method);
     if (cli->knobs.count || cli->common.count)
         return cli_usage(cli, cli->knobs.count ? cli->knobs.items[0].where : cli->common.items[0].where, "name a method with -m",
-                         "is of a method, which --max-error chooses");
+                         "belongs to a method, but --max-error chooses the method");
     if (cli->checkpoint || cli->program->share)
         return cli_usage(cli, "--max-error", "-m path-trace", "does not go with %s", cli->checkpoint ? "--checkpoint" : "ranks");
     return EXIT_OK;
@@ -249,7 +249,10 @@ static enum exit_code begin_sequence(struct cli *cli, struct job *job)
     if (job->first == 0 || !(exposure || kept))
         return EXIT_OK;
     if (!cli->quiet && !cli->json)
-        fprintf(stderr, "image 0 is rendered for its %s\n", kept ? "surface, which the method keeps" : "exposure; --exposure saves that");
+        fprintf(stderr, "image 0 is rendered for its %s\n",
+                kept ? "surface, which the method keeps"
+                     : "exposure; give --exposure to avoid "
+                       "this");
     res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     if (res == PELL_OK)
         keep_tone(job);
@@ -362,7 +365,7 @@ static enum exit_code set_share(struct cli *cli, struct job *job)
         return cli_usage(cli, "--method", "-m path-trace", "method %s is not shared by ranks: run it on one machine",
                          job->session.method ? job->session.method->name : "none");
     if (cli->dump)
-        return cli_usage(cli, "--dump", NULL, "has the intermediate images of one process: run it on one machine");
+        return cli_usage(cli, "--dump", NULL, "writes the intermediate images of one process: run it on one machine");
     job->no_picture = job->no_picture || share->rank > 0;
     pell_renderer_set_share(job->session.renderer, share);
     return EXIT_OK;
@@ -390,7 +393,8 @@ static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
     if (!cli->checkpoint)
         return EXIT_OK;
     if (cli->numbers.turntable > 0 || cli->frames)
-        return cli_usage(cli, "--checkpoint", NULL, "is of one picture: it does not go with %s", cli->frames ? "--frames" : "--turntable");
+        return cli_usage(cli, "--checkpoint", NULL, "holds the state of one image: it does not go with %s",
+                         cli->frames ? "--frames" : "--turntable");
     if (!method || !method->partial)
         return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
     if (cli->checkpoint_every && (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)

@@ -42,7 +42,7 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
         pell_warn(cli->ctx, test, NULL, "%s not finite: left out of all numbers",
                   pell_counted(out->bad_test, "pixel is", "pixels are").str);
     if (out->bad_reference > 0)
-        pell_warn(cli->ctx, reference, NULL, "of the reference %s not finite or of a negative variance: left out of all numbers",
+        pell_warn(cli->ctx, reference, NULL, "of the reference %s not finite or of a negative variance: excluded from all numbers",
                   pell_counted(out->bad_reference, "pixel is", "pixels are").str);
     if (out->whole.pixels == 0)
         res = out->bad_variance > 0 && out->bad_test == 0 && out->bad_variance == out->bad_reference

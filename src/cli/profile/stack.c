@@ -11,11 +11,11 @@ const char *const stack_solver_names[] = { [STACK_HANKEL] = "hankel", [STACK_GAU
 const char *stack_warning(unsigned flags)
 {
     if (flags & PELL_STACK_CLEAR)
-        return "a layer is so thin for its mean free path that diffusion has no answer: light goes through it as through something clear";
+        return "a layer is so thin relative to its mean free path that diffusion is not valid: light passes straight through it";
     if (flags & PELL_STACK_THIN)
         return "a layer is thinner than its mean free path, where diffusion is not exact: its closed form is used";
     if (flags & PELL_STACK_WIDENED)
-        return "the core of T(r) is narrower than can be drawn; its total is right";
+        return "the core of T(r) is narrower than the solver resolves; its total is correct";
     return NULL;
 }
 
@@ -66,7 +66,7 @@ static enum pell_result failed(struct pell_context *ctx, const struct stack_ques
     if (res == PELL_ERR_NOMEM)
         return res;
     if (pell_stack_valid(stack, &fault))
-        return pell_error(ctx, res, q->where, NULL, "its layers have no answer by the solver %s (%s)", stack_solver_names[q->solver],
+        return pell_error(ctx, res, q->where, NULL, "its layers can't be solved by %s (%s)", stack_solver_names[q->solver],
                           pell_result_name(res));
     if (fault.layer < 0)
         return pell_error(ctx, res, q->where, NULL, "%s is %g, allowed: [%g, %g]", fault.field, fault.value, fault.min, fault.max);
