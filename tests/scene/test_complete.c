@@ -917,7 +917,7 @@ static void values_that_a_renderer_could_not_trust_are_refused(void **state)
         { spoil_index, "refers to vertex 3; there are 3" },
         { spoil_position, "coordinate nan" },
         { spoil_far, "coordinate 1e+30" },
-        { spoil_size, "largest extent is 1e-06 mm, allowed: 0.0005 mm and more" },
+        { spoil_size, "largest extent is 1e-06 mm, allowed: 0.0005 mm or more" },
         { spoil_material, "material 1 does not exist" },
         { spoil_medium, "sigma_a[1] is -1" },
         { spoil_nan_medium, "sigma_s_reduced[2] is" },
