@@ -307,7 +307,7 @@ FAULTS = {
     'a rank without an export': (['marble', '--rank', '2'], 2, '--export', ''),
     'a rank of 4': (['marble', '--export', 'c', '--rank', '4'], 2, '[1, 3]', ''),
     'a way to fit without a fit': (['marble', '--shared', '--gaussians', '0'], 2, '--gaussians 0', ''),
-    'a fit in a table': (['marble', '--csv', '--free'], 2, '--csv holds none', ''),
+    'a fit in a table': (['marble', '--csv', '--free'], 2, '--csv, which contains no fits', ''),
     'points of an export': (['marble', '--export', 'c', '--points', '9'], 2, 'no effect', ''),
     'models in an export': (['marble', '--export', 'c', '--compare', 'all'], 2, 'one profile', ''),
     'two fits in an export': (['marble', '--export', 'c', '--gaussians', '2,4'], 2, 'one fit', ''),

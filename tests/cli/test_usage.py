@@ -424,7 +424,7 @@ def _(folder):
     need(rows['blur 4']['copy_ms'] > 0 and rows['blur 4']['ratio_to'] == 'copy', rows['blur 4'])
     need(abs(rows['blur 4']['ratio'] * rows['blur 4']['copy_ms'] - rows['blur 4']['ms']) < 1e-3, rows['blur 4'])
     shown = text(works(folder, 'bench', *small).stdout)
-    need('% of the picture' in shown and re.search(r'^frame +\d', shown, re.MULTILINE), shown)
+    need('% of the image' in shown and re.search(r'^frame +\d', shown, re.MULTILINE), shown)
     works(folder, 'bench', './scene.json', *SMALL, '--repeats', '1', '--json')
 
 
