@@ -1,20 +1,20 @@
 /* SPDX-License-Identifier: MIT
  *
- * environment.c - light from all around: a latitude-longitude picture or a constant, resolved into
+ * environment.c - environment light: a latitude-longitude image or a constant, resolved into
  *
- *   lights       directional lights for the excess over a clamp of the luminance, by cutting the picture where energy times angular
- *               variance is largest, at the median (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling")
- *   table       what enters at a surface over its normal, for the WHOLE picture but for compact lights (a sun). A pixel takes
+ *   lights       directional lights for the excess over a clamped luminance, by splitting the image where energy times angular variance is
+ *               largest, at the median (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling")
+ *   table       irradiance over the normal, for the WHOLE image except compact lights (a sun). A pixel computes
  *
  *                   E(n) = V_amb (table(n) - Sum over broad lights of P c T) + Sum over all lights of V_k P c T,     c = max(n.l, 0)
  *
- *               so that without occluders the broad lights cancel and the sum is the picture's irradiance, kinks and all
- *   levels      the picture as lobes of growing width see it, for reflection
+ *               so that without occluders the broad lights cancel and the sum is exactly the image's irradiance
+ *   levels      the image prefiltered by lobes of increasing width, for reflection
  *
- * The table integrates over elements: blocks of the picture, halved while they hold much energy, each with its flux and its mean
- * direction (flux-weighted, not normalised: a cosine is linear in it, so first moments are exact). For each node the elements go into
- * a histogram over mu = n.l with linear weights, and every kernel (cosine, albedo of the lobes at several widths, Fresnel) is then a
- * short sum over bins.
+ * The table integrates over elements: blocks of the image, subdivided while they hold much energy, each with its flux and its mean
+ * direction (flux-weighted, not normalised: a cosine is linear in it, so first moments are exact). For each node the elements are added to
+ * a histogram over mu = n.l with linear weights, and every kernel (cosine, albedo of the lobes at several widths, Fresnel) is then a short
+ * sum over bins.
  */
 #include "lights/environment_kernel.h"
 #include "lights/environment_map.h"
@@ -22,11 +22,11 @@
 #include <string.h>
 
 #define BLOCK 16           /* texels of the coarsest elements */
-#define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 is over total / this */
+#define ELEMENT_SHARE 1024 /* a block is split while its energy x (side/BLOCK)^2 exceeds total / this */
 
-/* --- The octahedral table over the normal ------------------------------------------------------------------------------------- */
+/* --- Octahedral table over the normal ----------------------------------------------------------------------------------------- */
 
-/* Poles at +-y; the lower half is folded over the diagonals, so that the border meets itself. */
+/* Poles at +-y; the lower half is folded over the diagonals, so that the border is continuous. */
 static struct pell_vec3 node_normal(int i, int j)
 {
     const float a = 2.0f * (float) i / (PELL_ENV_NODES - 1) - 1.0f, b = 2.0f * (float) j / (PELL_ENV_NODES - 1) - 1.0f;
@@ -46,7 +46,7 @@ struct node_task {
     const struct pell_env_kernels *simd;
 };
 
-/* Of a constant environment, where one node is like another. dw = 2 pi dmu */
+/* Constant environment: all nodes are equal. dw = 2 pi dmu */
 static void make_even_row(const struct node_task *t, float *row)
 {
     const size_t size = (size_t) t->env->size;
@@ -89,7 +89,7 @@ static void make_node_row(void *arg, int j, int worker)
     }
 }
 
-/* Lays the table's rows out and allocates it, with one row of `kernels` per row of a node. */
+/* Computes the layout of the table's rows and allocates it, with one row of `kernels` per row of a node. */
 static enum pell_result allocate_table(struct pell_context *ctx, const struct pell_specular_tables *tables, struct pell_environment *env,
                                        float **kernels)
 {
@@ -133,7 +133,7 @@ static void make_kernels(const struct pell_specular_tables *tables, const struct
     }
 }
 
-/* --- The picture at a working size -------------------------------------------------------------------------------------------- */
+/* --- Working-resolution image ------------------------------------------------------------------------------------------------- */
 
 static void finish_map(struct pell_context *ctx, struct pell_env_map *m)
 {
@@ -163,7 +163,7 @@ static enum pell_result make_map(struct pell_context *ctx, const struct pell_env
         m->solid_row[y] = (float) (2.0 * PELL_PI / width * 2.0 * sin(t) * sin(half));
     }
     for (int x = 0; x < width; x++) {
-        /* map azimuth a: x = sin a, z = -cos a; turned by the light's rotation about y */
+        /* map azimuth a: x = sin a, z = -cos a; rotated by the light's rotation about y */
         const double a = 2.0 * PELL_PI * ((x + 0.5) / width - 0.5), sx = sin(a), cz = cos(a);
         m->sin_column[x] = (float) (sx * env->cos_rotate - cz * env->sin_rotate);
         m->cos_column[x] = (float) (sx * env->sin_rotate + cz * env->cos_rotate);
@@ -176,7 +176,7 @@ struct resample_task {
     struct pell_env_map *to;
 };
 
-/* Mean over the texel's area on the sphere; a smaller picture is interpolated. */
+/* Mean over the texel's area on the sphere; a smaller image is interpolated. */
 static void resample_row(void *arg, int y, int worker)
 {
     const struct resample_task *t = arg;
@@ -212,7 +212,7 @@ static void resample_row(void *arg, int y, int worker)
     }
 }
 
-/* Half the size, by solid angle. */
+/* Downsamples by two, weighted by solid angle. */
 static void halve(const struct pell_env_map *from, struct pell_env_map *to)
 {
     for (int y = 0; y < to->height; y++) {
@@ -229,7 +229,7 @@ static void halve(const struct pell_env_map *from, struct pell_env_map *to)
 
 struct gather {
     const struct pell_env_map *map;
-    double threshold;             /* energy x (side / BLOCK)^2 up to which a block is one element */
+    double threshold;             /* energy x (side / BLOCK)^2 below which a block is one element */
     struct pell_env_element *out; /* NULL: count only */
     size_t count;
 };
@@ -257,7 +257,7 @@ static double block_element(const struct pell_env_map *m, int x0, int y0, int si
     return total;
 }
 
-/* At most log2(BLOCK) deep. */
+/* Recursion depth at most log2(BLOCK). */
 static void gather_block(struct gather *g, int x, int y, int side)
 {
     struct pell_env_element e = { 0 };
@@ -288,19 +288,19 @@ static void gather_all(struct gather *g)
 
 /* --- Reflection --------------------------------------------------------------------------------------------------------------- */
 
-/* A map in planes whose rows go twice round, so that any stretch of a row lies in one piece. */
+/* A map in planes whose rows are stored twice in succession, so that any wrapped interval of a row is contiguous. */
 struct ring_map {
     int width, height;
     size_t stride;
     float *plane[3], *sin_column, *cos_column;
-    const struct pell_env_map *map; /* for what belongs to rows */
+    const struct pell_env_map *map; /* source of the row data */
 };
 
 struct lobe_task {
     const struct pell_environment *env;
     const struct ring_map *from;
     struct pell_env_level *to;
-    float alpha, reach; /* reach: radians round the mirror direction, where the lobe is cut off */
+    float alpha, reach; /* reach: cutoff of the lobe around the mirror direction, radians */
     const struct pell_env_kernels *simd;
 };
 
@@ -329,7 +329,7 @@ static void make_ring(const struct pell_env_map *m, float *block, struct ring_ma
     }
 }
 
-/* Mean radiance weighted by D(h) n.l for n = v = the mirror direction (Karis 2013, "Real Shading in Unreal Engine 4"). */
+/* Mean radiance weighted by D(h) n.l for n = v = mirror direction (Karis 2013, "Real Shading in Unreal Engine 4"). */
 static void filter_row(void *arg, int y, int worker)
 {
     const struct lobe_task *t = arg;
@@ -348,7 +348,7 @@ static void filter_row(void *arg, int y, int worker)
                                       .a2 = t->alpha * t->alpha };
         float sums[4][PELL_ENV_WIDE] = { { 0 } }, total[4] = { 0 };
         for (int j = j0 < 0 ? 0 : j0; j < j1 && j < m->height; j++) {
-            /* how far round the row does the lobe reach? */
+            /* extent of the lobe along the row */
             const float a = lobe.a = ct * m->map->cos_row[j], b = lobe.b = st * m->map->sin_row[j];
             const float c = b > 1e-9f ? (limit - a) / b : limit > a ? 2.0f : -2.0f;
             const int reach = c <= -1.0f ? m->width : c < 1.0f ? (int) (acosf(c) / (2.0f * PELL_PI_F) * (float) m->width) + 1 : 0;
@@ -370,18 +370,18 @@ static void filter_row(void *arg, int y, int worker)
     }
 }
 
-/* Width of the picture that a level is made from and of the level, and where its lobe ends. */
+/* Widths of the source and the result of a level, and the cutoff of its lobe. */
 static const struct {
     int from, to;
     float reach;
 } level_sizes[PELL_ENV_LEVELS] = { { 0, 0, 0 },      { 256, 256, 0.25f }, { 128, 128, 0.9f }, { 64, 64, 1.6f },
                                    { 64, 64, 1.6f }, { 64, 64, 1.6f },    { 64, 64, 1.6f } };
 
-/* --- Making it ---------------------------------------------------------------------------------------------------------------- */
+/* --- Construction ------------------------------------------------------------------------------------------------------------- */
 
 #define MIPS 5 /* 1024, 512, 256, 128, 64 */
 
-/* What is needed on the way only; all but the elements is allocated before the work begins. */
+/* Temporary data; everything except the elements is allocated before the work begins. */
 struct workshop {
     struct pell_env_map mips[MIPS]; /* from the working size down to 64 */
     int num_mips;
@@ -446,7 +446,7 @@ static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_
     env->num_levels = PELL_ENV_LEVELS;
 }
 
-/* The elements of an image. A black image gets one element without light: no elements would mean a constant environment. */
+/* The elements of an image. A black image gets one element without light, because no elements would mean a constant environment. */
 static enum pell_result make_elements(struct pell_context *ctx, const struct pell_env_map *map, struct pell_env_element **elements,
                                       size_t *count)
 {

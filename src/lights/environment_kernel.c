@@ -26,7 +26,7 @@ static void deposit(const struct pell_env_element *elements, size_t count, const
 
 static void add_bins(const float *kernels, int rows, const float (*bins)[4], float *node)
 {
-    for (int first = 0; first < rows; first += PELL_ENV_ROWS) { /* so many stay in registers */
+    for (int first = 0; first < rows; first += PELL_ENV_ROWS) { /* accumulators that fit in registers */
         const int count = rows - first < PELL_ENV_ROWS ? rows - first : PELL_ENV_ROWS;
         float sum[3][PELL_ENV_ROWS] = { { 0 } };
         for (int b = 0; b < PELL_ENV_BINS; b++) {

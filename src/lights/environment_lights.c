@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * environment_lights.c - directional lights for what of an environment is brighter than a clamp: the picture is cut where energy times
- * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). A light
- * is as wide as what it stands for: its samples come from a rectangle of directions with the same mean and variances, so that shadows
- * have the half shadow of that part of the picture. No random numbers: the same picture gives the same lights. */
+ * environment_lights.c - directional lights for the parts of an environment above a luminance clamp: the image is split where energy times
+ * angular variance is largest, at the median of the energy (after Debevec 2005, "A Median Cut Algorithm for Light Probe Sampling"). Each
+ * light is as wide as its region: its samples come from a rectangle of directions with the same mean and variances, so that shadows have
+ * the region's penumbra. No random numbers: the same image gives the same lights. */
 #include "lights/environment_map.h"
 
 #include <string.h>
 
-#define CLAMP 2.0f   /* times the mean luminance: what lights leave to the smooth rest */
+#define CLAMP 2.0f   /* relative to the mean luminance: light below it stays in the smooth table */
 #define COMPACT 2e-4 /* 1 - |mean direction|: half the variance of the angle; 1.15 degrees */
 
 struct region {
@@ -16,7 +16,7 @@ struct region {
     double energy, direction[3], rgb[3]; /* of the excess; direction weighted by energy */
 };
 
-/* The share of a texel's light that is over the clamp. */
+/* The fraction of a texel's light above the clamp. */
 static double excess(const float *rgb, float clamp)
 {
     const float l = pell_luminance(rgb);
@@ -55,7 +55,7 @@ static double region_length(const struct region *r)
     return sqrt(r->direction[0] * r->direction[0] + r->direction[1] * r->direction[1] + r->direction[2] * r->direction[2]);
 }
 
-/* Cuts r at the median of its energy across the longer side; false where it can't be cut. */
+/* Splits r at the median of its energy across the longer side; false: it can't be split. */
 static bool cut(const struct pell_env_map *m, float clamp, struct region *r, struct region *other)
 {
     const double across = (r->x1 - r->x0) * 2.0 * PELL_PI / m->width * m->sin_row[(r->y0 + r->y1 - 1) / 2];
@@ -88,7 +88,8 @@ static bool cut(const struct pell_env_map *m, float clamp, struct region *r, str
     return true;
 }
 
-/* Half the sides of the rectangle of directions around source->direction, uniform over which they vary as those of the region's light. */
+/* Half extents of the rectangle of directions around source->direction: uniform over it, directions have the same variances as the region's
+ * light. */
 static void set_extent(const struct pell_env_map *m, float clamp, const struct region *r, struct pell_light_source *source)
 {
     struct pell_vec3 t, b;
@@ -121,7 +122,7 @@ static void add_region(const struct pell_env_map *m, float clamp, struct pell_en
     struct pell_light_source source = { .type = PELL_LIGHT_DIRECTIONAL, .scale = 1.0f, .samples = 1, .environment = index };
 
     if (!(r->energy > 0.0) || !(length > 1e-6 * r->energy))
-        return; /* what shines from all sides alike is left to the table */
+        return; /* nearly isotropic light is left to the table */
     source.direction = vec3_normalize(vec3((float) -r->direction[0], (float) -r->direction[1], (float) -r->direction[2]));
     set_extent(m, clamp, r, &source);
     source.compact = 1.0 - length / r->energy < COMPACT;
@@ -157,7 +158,7 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
     regions[0] = (struct region) { .x1 = m->width, .y1 = m->height };
     measure(m, clamp, &regions[0]);
     if (regions[0].energy < 0.005 * mean * 4.0 * PELL_PI)
-        count = 0; /* even light: nothing to cut out */
+        count = 0; /* a uniform environment has nothing to extract */
     while (count > 0 && count < max_sources) {
         struct region other;
         int best = 0;
@@ -171,7 +172,7 @@ enum pell_result pell_environment_light_sources(struct pell_context *ctx, const 
         }
         if (most <= 1e-6 * regions[0].energy || !cut(m, clamp, &regions[best], &other))
             break;
-        memmove(&regions[best + 2], &regions[best + 1], (size_t) (count - best - 1) * sizeof(*regions)); /* halves lie side by side */
+        memmove(&regions[best + 2], &regions[best + 1], (size_t) (count - best - 1) * sizeof(*regions)); /* halves are adjacent */
         regions[best + 1] = other;
         count++;
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * environment_look.c - what is looked up in an environment: radiance, what a lobe sees, what enters at a normal; and the same as words for
- * a device. */
+ * environment_look.c - lookups in an environment: radiance, prefiltered reflection, irradiance over the normal; and its data in the format
+ * of a device. */
 #include "lights/environment_map.h"
 #include "shared/light.h"
 
@@ -46,7 +46,7 @@ void pell_environment_clean(const struct pell_environment *env, float rgb[3])
 {
     for (int c = 0; c < 3; c++) {
         const float x = rgb[c] * env->power[c];
-        rgb[c] = x > 0.0f ? x < 1e15f ? x : 1e15f : 0.0f; /* NaN is 0, too */
+        rgb[c] = x > 0.0f ? x < 1e15f ? x : 1e15f : 0.0f; /* NaN becomes 0, too */
     }
 }
 
@@ -128,14 +128,14 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
         rgb[c] = e[c] - q->rho_s * lobe[c];
 }
 
-/* --- For a device --------------------------------------------------------------------------------------------------------------- */
+/* --- Device data ---------------------------------------------------------------------------------------------------------------- */
 
 static uint32_t bits(float x)
 {
     return (uint32_t) pell_float_bits(x);
 }
 
-/* Writes floats at word `at`, if there is an `out`; returns the word after them. */
+/* Writes floats at word `at` unless `out` is NULL; returns the next word. */
 static size_t put(uint32_t *out, size_t at, const float *from, size_t count)
 {
     if (out)
@@ -143,7 +143,7 @@ static size_t put(uint32_t *out, size_t at, const float *from, size_t count)
     return at + count;
 }
 
-/* The environment's row, and from word `at` on what it points to; returns the word after that. */
+/* Writes the environment's row, and its data from word `at` on; returns the next word. */
 static size_t put_environment(const struct pell_lights *lights, size_t index, uint32_t *out, size_t at)
 {
     const struct pell_environment *env = &lights->environments[index];
@@ -204,9 +204,9 @@ size_t pell_lights_environment_words(const struct pell_lights *lights, uint32_t 
     return at;
 }
 
-/* --- What light has no direction ---------------------------------------------------------------------------------------------------- */
+/* --- Non-directional light ---------------------------------------------------------------------------------------------------------- */
 
-/* W/m^2 of a light on faces that look all ways, in the mean. */
+/* Mean irradiance of a light over all face orientations, W/m^2. */
 static float mean_of_source(const struct pell_light_source *s, struct pell_vec3 at)
 {
     const struct pell_vec3 to = vec3_sub(at, s->position);
@@ -223,7 +223,7 @@ static float mean_of_source(const struct pell_light_source *s, struct pell_vec3 
     return 0.25f * power * share * pell_light_falloff(distance, s->scale, s->inv_range);
 }
 
-/* Irradiance on a face, by the node of the table that is nearest to its normal. */
+/* Irradiance on a face, from the table's node nearest to its normal. */
 static const float *nearest_node(const struct pell_environment *env, struct pell_vec3 n)
 {
     const struct pell_place2 at = pell_octahedral_place(n.x, n.y, n.z);
@@ -246,7 +246,7 @@ float pell_lights_diffuse(const struct pell_lights *lights, struct pell_vec3 at)
         const struct pell_light_source *s = &lights->sources[i];
         const float light = mean_of_source(s, at);
         all += light;
-        if (s->environment >= 0 && !s->compact) /* the table has it, too */
+        if (s->environment >= 0 && !s->compact) /* included in the table */
             diffuse -= light;
     }
     diffuse = fmaxf(diffuse, 0.0f);

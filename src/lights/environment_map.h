@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * environment_map.h - private to the environment: a latitude-longitude picture at its working size.
+ * environment_map.h - private to the environment: a latitude-longitude image at its working resolution.
  */
 #ifndef PELL_ENV_MAP_H
 #define PELL_ENV_MAP_H
 
 #include "lights/lights.h"
 
-/* The picture at one size, with the trigonometry of its rows and columns. */
+/* The image at one resolution, with the trigonometry of its rows and columns. */
 struct pell_env_map {
     int width, height;
     float *rgb;
@@ -21,12 +21,12 @@ static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map 
     return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
 }
 
-/* environment_look.c: square roots of the widths of the levels, roughness of GGX; radiance of a texel as it counts. */
+/* environment_look.c: square roots of the levels' lobe widths, GGX roughness; sanitised radiance of a texel. */
 extern const float pell_env_level_roughness[PELL_ENV_LEVELS];
 void pell_environment_clean(const struct pell_environment *env, float rgb[3]);
 
-/* environment_lights.c: at most `max_sources` light sources for what is brighter than the rest, of environment `index`. The caller frees
- * out->lights, which is NULL after a failure. */
+/* environment_lights.c: at most `max_sources` light sources for the brightest parts of environment `index`. The caller frees out->lights,
+ * which is NULL after a failure. */
 PELL_NODISCARD enum pell_result pell_environment_light_sources(struct pell_context *ctx, const struct pell_env_map *map, int index,
                                                                int max_sources, struct pell_environment_lights *out);
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * environment_sampling.c - directions of environments by luminance x sin(theta), which between texel centres is taken for bilinear, as the
- * look-up is: cells between four centres, half cells at the poles. Cells of a row are chosen by integers, so that the density is the very
- * chance of a cell.
+ * environment_sampling.c - importance sampling of environments by luminance x sin(theta), bilinear between texel centres like the lookup:
+ * cells between four centres, half cells at the poles. Cells of a row are chosen by integers, so that the density equals the exact
+ * probability of a cell.
  */
 #include "lights/environment_sampling.h"
 #include "image/color.h"
@@ -12,14 +12,14 @@
 
 struct pell_sampled_environment {
     struct pell_environment env;
-    int width, height;  /* of the picture; 0: constant */
-    double *rows;       /* share of the rows of cells up to and with each; height + 1 of them */
-    uint32_t *columns;  /* of each row: 2^32 times the share of the cells up to and with each, less 1 */
+    int width, height;  /* of the image; 0: constant */
+    double *rows;       /* cumulative distribution over rows of cells; height + 1 entries */
+    uint32_t *columns;  /* per row: cumulative distribution over its cells, scaled by 2^32, minus 1 */
     double energy;      /* luminance over the sphere, sr W/(m^2 sr) */
-    double share, upto; /* of all environments' energy; and of those up to and with this one */
+    double share, upto; /* fraction of all environments' energy; and cumulative, including this one */
 };
 
-/* Luminance of a texel as the look-up cleans it. */
+/* Luminance of a texel, sanitised like in the lookup. */
 static double texel(const struct pell_sampled_environment *s, int x, int y)
 {
     float rgba[4];
@@ -32,13 +32,13 @@ static double texel(const struct pell_sampled_environment *s, int x, int y)
     return (double) pell_luminance(rgba);
 }
 
-/* Where rows of cells begin: 0, 1/2h, 3/2h, ..., 1. */
+/* Boundaries of rows of cells: 0, 1/2h, 3/2h, ..., 1. */
 static double row_start(const struct pell_sampled_environment *s, int row)
 {
     return row == 0 ? 0.0 : row > s->height ? 1.0 : (row - 0.5) / s->height;
 }
 
-/* The four corners of a cell, of the density over (u, v): upper left, upper right, lower left, lower right. */
+/* Density over (u, v) at the four corners of a cell: upper left, upper right, lower left, lower right. */
 static double cell_corners(const struct pell_sampled_environment *s, int column, int row, double f[4])
 {
     const int next = column + 1 < s->width ? column + 1 : 0, above = row > 0 ? row - 1 : 0, below = row < s->height ? row : s->height - 1;
@@ -68,7 +68,7 @@ static enum pell_result make_table(struct pell_context *ctx, struct pell_sampled
         double f[4], total = 0.0;
         for (int x = 0; x < w; x++)
             line[x] = total += cell_corners(s, x, y, f);
-        /* Each cell gets one of the 2^32 numbers at least. */
+        /* Each cell gets at least one of the 2^32 integers. */
         for (int x = 0; x < w; x++) {
             const double share = x == w - 1 ? 1.0 : total > 0.0 ? line[x] / total : (x + 1.0) / w;
             columns[x] = (uint32_t) (share * (4294967296.0 - w)) + (uint32_t) x;
@@ -82,14 +82,14 @@ static enum pell_result make_table(struct pell_context *ctx, struct pell_sampled
     return PELL_OK;
 }
 
-/* A number in [0, 1] of a density that goes from a to b linearly. */
+/* Samples [0, 1] with a density that is linear from a to b. */
 static double linear_sample(double u, double a, double b)
 {
     const double root = sqrt(a * a + u * (b * b - a * a));
     return a + root > 0.0 ? fmin(u * (a + b) / (a + root), 1.0) : u;
 }
 
-/* Per sr: of (s, t) in [0, 1]^2 of a cell. */
+/* Per sr, at (s, t) in [0, 1]^2 of a cell. */
 static double cell_density(const struct pell_sampled_environment *k, int column, int row, const double f[4], double mean, double s,
                            double t)
 {
@@ -202,7 +202,7 @@ enum pell_result pell_environment_sampler_make(struct pell_context *ctx, const s
         struct pell_sampled_environment *s = &e->list[e->count];
         if (scene->lights[i].type != PELL_LIGHT_ENVIRONMENT)
             continue;
-        e->count++; /* finished also where it fails half-way */
+        e->count++; /* counted first, so that it is released after a failure */
         pell_environment_aim(&s->env, &scene->lights[i]);
         s->energy = 4.0 * PELL_PI * (double) pell_luminance(s->env.power);
         if (s->env.image && s->energy > 0.0) {

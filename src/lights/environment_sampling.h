@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * environment_sampling.h - all environments of a scene as one light, whose directions are drawn by their luminance.
+ * environment_sampling.h - all environments of a scene as one light, importance sampled by luminance.
  */
 #ifndef PELL_ENVIRONMENT_SAMPLING_H
 #define PELL_ENVIRONMENT_SAMPLING_H
@@ -12,18 +12,18 @@
 struct pell_environment_sampler {
     struct pell_sampled_environment *list;
     size_t count;
-    double irradiance; /* W/m^2: the luminance of its mean over planes; 0: nothing to sample */
+    double irradiance; /* W/m^2: luminance of the mean irradiance over orientations; 0: nothing to sample */
 };
 
-/* `e` is zeroed, and to be finished whatever happens. */
+/* `e` is zeroed. Call the finish function even after a failure. */
 PELL_NODISCARD enum pell_result pell_environment_sampler_make(struct pell_context *ctx, const struct pell_scene *scene,
                                                               struct pell_environment_sampler *e);
 void pell_environment_sampler_finish(struct pell_context *ctx, struct pell_environment_sampler *e);
-/* A unit direction of density > 0; choice, u, v in [0, 1), `choice`: which of several environments. */
+/* Samples a unit direction of density > 0; choice, u, v in [0, 1), `choice` selects one of several environments. */
 struct pell_vec3 pell_environment_sampler_sample(const struct pell_environment_sampler *e, double choice, double u, double v);
-/* Per sr, with which the former gives that direction. */
+/* Density of that direction, per sr. */
 double pell_environment_sampler_density(const struct pell_environment_sampler *e, struct pell_vec3 direction);
-/* The sum, W/(m^2 sr). */
+/* Radiance summed over environments, W/(m^2 sr). */
 void pell_environment_sampler_radiance(const struct pell_environment_sampler *e, struct pell_vec3 direction, float rgb[3]);
 
 #endif

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_sampling.c - see light_sampling.h. Radiance comes from the irradiance stage's lights and look-ups; this file adds the densities.
+ * light_sampling.c - see light_sampling.h. Radiance comes from the irradiance stage's lights and lookups; this file adds the densities.
  *
- * A light is chosen by an estimate of its irradiance at a place, with a tenth of the choices left to all alike, so that none is missed.
+ * A light is chosen in proportion to its estimated irradiance at a point; a tenth of the choices is uniform, so that no light is missed.
  */
 #include "lights/light_sampling.h"
 #include "image/color.h"
@@ -12,14 +12,14 @@
 
 #include <string.h>
 
-#define ALIKE 0.1      /* share of the choices that is uniform over all lights, because estimates may be wrong */
+#define ALIKE 0.1      /* fraction of the choices that is uniform over all lights, because estimates may be wrong */
 #define UNSEEN 0.1     /* factor for lights that face away: points nearby may still be lit */
-#define IMAGE_STEPS 32 /* a side of the grid that a projected image's mean is taken over */
+#define IMAGE_STEPS 32 /* resolution, per side, for the mean of a projected image */
 
 struct sampled_light {
-    struct pell_light_source source; /* but of the environment */
+    struct pell_light_source source; /* not used for the environment */
     bool environment;
-    double power;       /* luminance: of intensity, irradiance, radiance x area, and the environment's mean irradiance */
+    double power;       /* luminance of intensity, irradiance, radiance x area, or the environment's mean irradiance */
     double area;        /* mm^2 */
     double radiance[3]; /* rect, disc */
 };
@@ -28,8 +28,8 @@ struct pell_light_sampler {
     struct pell_context *ctx;
     struct sampled_light *list;
     size_t count;
-    struct pell_environment_sampler environments; /* the last of the list, where they shine */
-    double soft2;                                 /* mm^2 that squared distances have at least: lights at the very place */
+    struct pell_environment_sampler environments; /* the last entry of the list, if there are any */
+    double soft2;                                 /* mm^2: lower bound of squared distances, for points at a light */
     double middle[3], reach;                      /* of the scene's bounds: centre and half diagonal, mm */
 };
 
@@ -125,14 +125,14 @@ size_t pell_light_sampler_count(const struct pell_light_sampler *light_sampler)
     return light_sampler->count;
 }
 
-/* --- Choosing a light ------------------------------------------------------------------------------------------------------------ */
+/* --- Light selection ------------------------------------------------------------------------------------------------------------- */
 
 static double partly(double seen)
 {
     return UNSEEN + (1.0 - UNSEEN) * seen;
 }
 
-/* What a light gives about `near`, W/m^2; `soft2`: the squared distance is this at least. Never 0. */
+/* Estimated irradiance of a light around `near`, W/m^2; `soft2`: lower bound of the squared distance. Never 0. */
 static double estimate(const struct sampled_light *e, struct pell_vec3 near, double soft2)
 {
     const struct pell_light_source *source = &e->source;
@@ -194,12 +194,12 @@ static bool is_delta(const struct sampled_light *e)
     return !e->environment && !(e->area > 0.0);
 }
 
-static bool is_away(const struct sampled_light *e)
+static bool is_distant(const struct sampled_light *e)
 {
     return e->environment || e->source.type == PELL_LIGHT_DIRECTIONAL;
 }
 
-/* A place on light `index`; out->pdf is its own, without the choice. `choice`: which of several environments. */
+/* Samples a point on light `index`; out->pdf excludes the choice of the light. `choice` selects one of several environments. */
 static void place_on(const struct pell_light_sampler *e, size_t index, double choice, double u, double v, struct pell_light_sample *out)
 {
     const struct sampled_light *l = &e->list[index];
@@ -207,7 +207,7 @@ static void place_on(const struct pell_light_sampler *e, size_t index, double ch
 
     memset(out, 0, sizeof(*out));
     out->source = (int) index;
-    out->away = is_away(l);
+    out->distant = is_distant(l);
     out->delta = is_delta(l);
     out->pdf = 1.0;
     if (l->environment) {
@@ -215,7 +215,7 @@ static void place_on(const struct pell_light_sampler *e, size_t index, double ch
         out->pdf = pell_environment_sampler_density(&e->environments, out->toward);
         return;
     }
-    if (out->away) {
+    if (out->distant) {
         out->toward = vec3_mul(source->direction, -1.0f);
         return;
     }
@@ -246,7 +246,7 @@ bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, s
     return out->pdf > 0.0;
 }
 
-/* The density of a place alone. */
+/* Density of a point, without the choice of the light. */
 static double place_density(const struct pell_light_sampler *e, const struct pell_light_sample *sample)
 {
     const struct sampled_light *l = &e->list[sample->source];
@@ -258,7 +258,7 @@ double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, st
     return chance(light_sampler, sample->source, near, light_sampler->soft2) * place_density(light_sampler, sample);
 }
 
-/* What light gives along a unit direction, without its range. */
+/* Emission along a unit direction, without range attenuation. */
 static void power_along(const struct pell_light_sampler *e, const struct pell_light_sample *sample, struct pell_vec3 direction,
                         struct pell_vec3 place, float power[3])
 {
@@ -273,7 +273,7 @@ static void power_along(const struct pell_light_sampler *e, const struct pell_li
     }
     if (l->area > 0.0)
         scale = vec3_dot(source->direction, direction) > 0.0f ? 1.0 : 0.0;
-    else if (!is_away(l))
+    else if (!is_distant(l))
         scale = (double) source->scale;
     if (source->type == PELL_LIGHT_SPOT)
         scale *= (double) pell_light_cone(vec3_dot(source->direction, direction), source->spot_scale, source->spot_offset);
@@ -291,7 +291,7 @@ void pell_light_sampler_power_at(const struct pell_light_sampler *light_sampler,
     struct pell_vec3 direction = vec3_mul(sample->toward, -1.0f);
     double window = 1.0;
 
-    if (!sample->away) {
+    if (!sample->distant) {
         direction = length > 0.0 ? dvec3_narrow((struct pell_dvec3) { d.x / length, d.y / length, d.z / length }) : vec3(0.0f, 0.0f, 0.0f);
         window = pell_light_sampler_range(light_sampler, sample->source, length);
     }
@@ -308,9 +308,9 @@ double pell_light_sampler_range(const struct pell_light_sampler *light_sampler, 
     return (double) pell_light_window((float) fmin(distance * distance, 1e30), l->source.inv_range);
 }
 
-/* --- Rays that meet lights ------------------------------------------------------------------------------------------------------- */
+/* --- Rays that hit lights -------------------------------------------------------------------------------------------------------- */
 
-/* How far along the ray a rect or disc shows its front; INFINITY: nowhere up to `reach`. */
+/* Distance along the ray to the front of a rect or disc; INFINITY: none up to `reach`. */
 static double meets(const struct sampled_light *l, struct pell_vec3 x, struct pell_vec3 w, double reach)
 {
     const struct pell_dvec3 n = dvec3_widen(l->source.direction), right = dvec3_widen(l->source.right), up = dvec3_widen(l->source.up),
@@ -335,7 +335,7 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
     double last = -1.0, nearest = INFINITY;
     size_t last_at = 0, at = 0;
 
-    for (; k >= 0; k--) { /* the k-th by (distance, number) */
+    for (; k >= 0; k--) { /* the k-th by (distance, index) */
         nearest = INFINITY;
         for (size_t i = 0; i < light_sampler->count; i++) {
             const double t = list[i].area > 0.0 ? meets(&list[i], x, w, reach) : INFINITY;
@@ -356,7 +356,7 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
     }
     memset(sample, 0, sizeof(*sample));
     sample->source = (int) at;
-    sample->away = list[at].environment;
+    sample->distant = list[at].environment;
     if (list[at].environment) {
         sample->toward = w;
     } else {
@@ -369,9 +369,9 @@ bool pell_light_sampler_hit(const struct pell_light_sampler *light_sampler, stru
     return true;
 }
 
-/* --- Light that sets out -------------------------------------------------------------------------------------------------------- */
+/* --- Emission ------------------------------------------------------------------------------------------------------------------- */
 
-/* Directions from a light: all, those of a cone, or by cosine about the normal. */
+/* Directions from a light: the sphere, a cone, or cosine-weighted around the normal. */
 struct grid {
     struct pell_dvec3 axis;
     double versed; /* 1 - cosine of the cone's angle; 2: all directions */
@@ -430,7 +430,7 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
     place_on(light_sampler, i, choice, u[1], u[2], sample);
     out->pdf = sample->pdf;
     sample->pdf *= share;
-    if (sample->away) {
+    if (sample->distant) {
         const double r = radius * sqrt(u[3]);
         const struct pell_dvec3 off = { centre.x - light_sampler->middle[0], centre.y - light_sampler->middle[1],
                                         centre.z - light_sampler->middle[2] };

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
  * lights.c - prepares the lights of a scene: samples, cones, projected images, environments. Units and names follow KHR_lights_punctual
- * where it has the light.
+ * where it defines the light.
  *
- * A projected image multiplies the light's colour, looked up where the ray leaves the projector; outside the image the light is 0.
- * Directional lights project it in parallel over width x height mm around the position (0: over the whole scene). Rectangles and discs
- * have the image on their face, upright and unmirrored for a viewer.
+ * A projected image multiplies the light's colour, looked up where the ray leaves the projector; outside of the image the light is 0.
+ * Directional lights project it in parallel over width x height mm around the position (0: over the whole scene). Rectangles and discs have
+ * the image on their face, upright and unmirrored when seen from the front.
  */
 #include "lights/lights.h"
 
@@ -24,7 +24,7 @@ static enum pell_result add_light(struct pell_lights *lights, const struct pell_
     return res;
 }
 
-/* Picture coordinates of a projected image: u = 1/2 + x image_u, v = 1/2 - y image_v, with x, y in the plane at distance 1. */
+/* Image coordinates of a projected image: u = 1/2 + x image_u, v = 1/2 - y image_v, with x, y in the plane at distance 1. */
 static void aim_image(struct pell_light_source *source, const struct pell_light *light, const struct pell_scene *scene)
 {
     const struct pell_image *image = &light->image->image;
@@ -177,8 +177,8 @@ bool pell_lights_part(const struct pell_lights *lights, int object, int material
     return lights->num_parts > 0 && bsearch(&key, lights->parts, lights->num_parts, sizeof(key), compare_parts) != NULL;
 }
 
-#define GRIDS_MOST 4   /* lights that get a light grid: each holds a copy of the triangles */
-#define GRIDS_TRIED 16 /* lights of which it is tried: that one will not do may be known late */
+#define GRIDS_MOST 4   /* maximum number of lights with a light grid: each holds a copy of the triangles */
+#define GRIDS_TRIED 16 /* maximum number of attempts, because an unsuitable light may be detected late */
 
 static enum pell_result make_grids(struct pell_lights *lights, const struct pell_scene *scene)
 {
@@ -198,7 +198,7 @@ static enum pell_result make_grids(struct pell_lights *lights, const struct pell
     return res;
 }
 
-/* One slot per index of refraction, the nearest where there are more than fit. */
+/* One slot per index of refraction, the nearest one if there are more indices than slots. */
 static void choose_etas(struct pell_lights *lights, const struct pell_specular_tables *t)
 {
     for (size_t i = 0; i < t->num_materials; i++) {
@@ -211,11 +211,11 @@ static void choose_etas(struct pell_lights *lights, const struct pell_specular_t
     }
 }
 
-#define SHARED 4 /* lights of a group, at most */
+#define SHARED 4 /* maximum number of lights per group */
 
-/* An environment's lights form groups of neighbours that take turns over the multisamples as the samples of a light with a face do. A light
- * that holds much of the environment by itself is in every one: at the rim of an object, of which some multisamples are, its edge would
- * show. */
+/* Forms groups of adjacent lights of an environment that take turns over the multisamples, like the samples of an area light. A light
+ * with a large fraction of the environment is in every group: at an object's rim, which only some multisamples cover, its edge would be
+ * visible. */
 static void share_turns(struct pell_light_source *sources, size_t count, int msaa)
 {
     const int turns = msaa % SHARED == 0 ? SHARED : msaa % 2 == 0 ? 2 : 1;
@@ -234,7 +234,8 @@ static void share_turns(struct pell_light_source *sources, size_t count, int msa
 static enum pell_result add_environment(struct pell_lights *lights, int number, const struct pell_light *light,
                                         const struct pell_environment_params *params)
 {
-    struct pell_environment *env = &lights->environments[lights->num_environments++]; /* finished also where it fails half-way */
+    struct pell_environment *env = &lights->environments[lights->num_environments++]; /* counted first, so that it is released after a
+                                                                                       * failure */
     struct pell_environment_lights brightest;
     enum pell_result res;
 
@@ -248,7 +249,7 @@ static enum pell_result add_environment(struct pell_lights *lights, int number, 
     return res;
 }
 
-/* Of the numbers below n; beside them and a place on the curve, 32 hold nothing more. */
+/* Indices below n; with these and a position on the curve the 32 bits are full. */
 static int bits_of(int n)
 {
     int bits = 0;
@@ -272,7 +273,7 @@ enum pell_result pell_lights_create(struct pell_context *ctx, const struct pell_
         return PELL_ERR_NOMEM;
     lights->ctx = ctx;
     lights->num_materials = scene->num_materials;
-    /* shared out over the multisamples */
+    /* distributed over the multisamples */
     lights->light_samples = settings->light_samples > msaa ? (settings->light_samples + msaa - 1) / msaa : 1;
     lights->ambient_samples = settings->ambient_samples > msaa ? (settings->ambient_samples + msaa - 1) / msaa : 1;
     lights->light_bits = bits_of(lights->light_samples * msaa);

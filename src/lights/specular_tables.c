@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-/* The table of an index of refraction. Only the last few are compared, so that thousands of materials, each with its own, cost time
- * in proportion to their number; no real scene has that many. */
+/* The table of an index of refraction. Only the last few are compared, so that thousands of materials with different indices cost linear
+ * time; no real scene has that many. */
 static uint32_t find_boundary(struct pell_specular_tables *t, double eta)
 {
     for (size_t i = t->num_boundaries; i > 0 && t->num_boundaries - i < 64; i--)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * as_paper.h - the settings of a renderer that the methods' papers share.
+ * as_paper.h - renderer settings common to the methods' papers.
  */
 #ifndef PELL_METHODS_AS_PAPER_H
 #define PELL_METHODS_AS_PAPER_H
@@ -8,7 +8,7 @@
 #include <pellucid/profile.h>
 #include <pellucid/render.h>
 
-/* Light enters once, straight from lights, and scatters as below a plane, by the dipole. */
+/* Direct light only, and the flat-surface dipole for subsurface scattering. */
 static inline void pell_paper_light(struct pell_settings *s)
 {
     s->bounces = 0;
@@ -16,7 +16,7 @@ static inline void pell_paper_light(struct pell_settings *s)
     s->profile = 1 + PELL_PROFILE_DIPOLE;
 }
 
-/* The radiance that leaves is F_t M / pi, not normalized. */
+/* The outgoing radiance is F_t M / pi, not normalised. */
 static inline void pell_paper_exit(struct pell_settings *s)
 {
     pell_paper_light(s);

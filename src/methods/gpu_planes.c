@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * gpu_planes.c - a frame's planes on a Vulkan device and back. */
+ * gpu_planes.c - transfer of a frame's planes to a Vulkan device and back. */
 #include "methods/gpu_planes.h"
 
 #include "render/material_id.h"
 
 #include <string.h>
 
-enum { ROUND = 16 /* px */, BANDS = 8 /* rows that a thread takes at a time */ };
+enum { ROUND = 16 /* px */, BANDS = 8 /* rows per task */ };
 
 enum pell_result pell_gpu_planes_make(const struct pell_services *services, const struct pell_frame_shape *shape, struct pell_gpu_planes *p)
 {

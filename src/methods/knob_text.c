@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * knob_text.c - a method's knobs from one line of text, and changed one by one. */
+ * knob_text.c - parses a method's knobs from one line of text, and sets single knobs. */
 #include "base/base.h"
 
 #include <pellucid/method.h>
@@ -11,8 +11,8 @@ enum { SHOWN = 96 };
 static const char breaks[] = " \t\r\n,";
 static const char where[] = "knobs";
 
-/* The next "name=value" of *text, which ends up behind it; name and value are ended by a 0. What follows a comma and has no '=' of its own
- * belongs to the value before it: "tint=1,0.5,0.2 lod=2". False at the end of the text, or with *res set where there is no '='. */
+/* The next "name=value" of *text, which is advanced; name and value become 0-terminated. Text after a comma without a '=' of its own
+ * belongs to the previous value: "tint=1,0.5,0.2 lod=2". False at the end of the text, or with *res set if a '=' is missing. */
 static bool next_setting(struct pell_context *ctx, char **text, struct pell_setting *setting, enum pell_result *res)
 {
     char *name = *text + strspn(*text, breaks), *end = name + strcspn(name, breaks), *next = end + strspn(end, breaks);
@@ -72,7 +72,7 @@ void pell_method_knobs_destroy(struct pell_context *ctx, void **knobs)
     *knobs = NULL;
 }
 
-/* "as" chooses the defaults of all knobs, so setting it alone would leave the others as they were. */
+/* "as" selects the defaults of all knobs, so setting it alone would leave the others unchanged. */
 static enum pell_result single(struct pell_context *ctx, const struct pell_method *method, const char *name, char owner[SHOWN])
 {
     snprintf(owner, SHOWN, "method %s", method->name);

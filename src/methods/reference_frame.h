@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * reference_frame.h - what a reference, which is one pass of the CPU, knows of its last frame beside the light.
+ * reference_frame.h - results of a reference method's last frame besides the light; a reference is a single pass on the CPU.
  */
 #ifndef PELL_METHODS_REFERENCE_FRAME_H
 #define PELL_METHODS_REFERENCE_FRAME_H
@@ -12,7 +12,7 @@
 
 #include <math.h>
 
-/* One image, or one of two independent images that share the work of one. */
+/* One image, or one of two independent images with half of the samples each. */
 enum reference_half { REFERENCE_WHOLE, REFERENCE_FIRST_HALF, REFERENCE_SECOND_HALF };
 
 static inline uint32_t reference_half_seed(uint32_t seed, int half)
@@ -20,20 +20,20 @@ static inline uint32_t reference_half_seed(uint32_t seed, int half)
     return half == REFERENCE_WHOLE ? seed : pell_hash(seed ^ 0x9e3779b9u * (uint32_t) half);
 }
 
-/* The relative standard error of one of `samples` multisamples, of the whole or of one of two images of half the work, that makes `error`
- * of their mean. */
+/* The target relative standard error of one of `samples` multisamples, of the whole image or of one of two half images, such that their
+ * mean has the relative error `error`. */
 static inline double reference_sample_error(double error, int half, int samples)
 {
     return error * sqrt((half == REFERENCE_WHOLE ? 1.0 : 2.0) * (samples > 1 ? samples : 1));
 }
 
-/* The first member of the method's state: the functions below are those of struct pell_method_engine. */
+/* The first member of the method's state: the functions below implement struct pell_method_engine. */
 struct reference_frame {
     struct pell_pass_time time; /* name NULL: none yet */
-    float *standard_error[3];   /* planes of the frame's stride, in one block; NULL: not known */
+    float *standard_error[3];   /* planes of the frame's stride, in one block; NULL: unknown */
 };
 
-/* After `done` of `all` parts of a sample of the picture. */
+/* Reports `done` of `all` parts of a sample of the picture. */
 static inline void reference_progress(struct pell_context *ctx, const char *method, const struct pell_frame *in, int done, int all)
 {
     const double part = done < all ? (double) done / all : 1.0;

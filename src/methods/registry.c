@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * registry.c - methods by name, and their knobs from text. */
+ * registry.c - lookup of methods by name, and of their knobs from text. */
 #include "base/base.h"
 
 #include <pellucid/method.h>
@@ -29,7 +29,7 @@ const struct pell_method *pell_method_find(struct pell_context *ctx, const char 
     return NULL;
 }
 
-/* Sets a knob. Where the method has none of that name but others do, the error says which. */
+/* Sets a knob. If only other methods have a knob of that name, the error names them. */
 static enum pell_result set_knob(struct pell_context *ctx, const struct pell_method *method, const char *owner,
                                  const struct pell_setting *setting, void *values)
 {
@@ -41,7 +41,7 @@ static enum pell_result set_knob(struct pell_context *ctx, const struct pell_met
     for (size_t i = 0; i < pell_method_count(); i++)
         if (pell_knob_find(pell_method_at(i)->knobs, setting->name))
             pell_text_add(&hint, "%s%s", hint.length ? ", " : "it is a knob of ", pell_method_at(i)->name);
-    if (hint.length == 0) /* says what is near */
+    if (hint.length == 0) /* suggests similar names */
         return pell_knob_set(ctx, method->knobs, owner, setting->where, values, setting->name, setting->value);
     return pell_error(ctx, PELL_ERR_INVALID, setting->where, hint.str, "%s has no knob \"%s\"", owner,
                       pell_printable(setting->name, shown, sizeof(shown)));

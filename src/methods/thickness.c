@@ -2,8 +2,8 @@
  *
  * thickness.c - see thickness.h.
  *
- * Between parallel faces a slab transmits what transport says (pell_slab_at), with the light that the far face reflects and without the
- * light that nothing scatters. Between others light goes as through the half-space: Int R(sqrt(r^2 + d^2)) over the plane at d.
+ * Between parallel faces a slab transmits the diffuse light given by transport theory (pell_slab_at), including reflection at the far face
+ * and excluding unscattered light. Between other faces the half-space profile is used: Int R(sqrt(r^2 + d^2)) over the plane at d.
  */
 #include "methods/thickness.h"
 
@@ -14,7 +14,7 @@
 #include <math.h>
 #include <string.h>
 
-#define LEAST 1e-4   /* of a channel's largest share: where a table ends */
+#define LEAST 1e-4   /* relative to a channel's maximum: end of a table */
 #define FARTHEST 1e6 /* mm */
 
 bool pell_slabs_make(const struct pell_frame_material *m, struct pell_slab slab[3])
@@ -46,7 +46,7 @@ size_t pell_first_alike(const struct pell_frame_shape *shape, size_t i)
 
 struct slabs {
     struct pell_slab slab[3];
-    double over[3]; /* what a share is divided by */
+    double over[3]; /* divisor of the transmittance */
 };
 
 static double slab(const void *of, int channel, double d)
@@ -85,7 +85,7 @@ static double spread(const void *of, int channel, double d)
     return pell_slab_spread(&medium, channel, d);
 }
 
-/* Where no channel has more than LEAST of its largest share, which a slab has at about a mean free path. */
+/* Thickness where every channel is below LEAST of its maximum, which a slab has at about one mean free path. */
 static double end_of(pell_thickness_fn *f, const void *of)
 {
     double far = 0.0;

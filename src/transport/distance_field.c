@@ -1,40 +1,40 @@
 /* SPDX-License-Identifier: MIT
  *
- * distance_field.c - see distance.h.
+ * distance_field.c - see distance_field.h.
  *
- * A solid's bounds are cut into cubes. Each holds a lower bound of the distance from its centre c, and distances change no faster than
- * places do: d(x) >= d(c) - |x - c|. Near surfaces every triangle tells the cubes within a band of it their distance, exactly. Farther
- * away: a surface is in some cube whose centre is no farther than half its diagonal, so that the distance between centres, by an exact
- * transform (Felzenszwalb and Huttenlocher 2012, "Distance Transforms of Sampled Functions"), less that is a bound.
+ * A solid's bounds are divided into cubes. Each stores a lower bound of the distance at its centre c; distance is 1-Lipschitz: d(x) >= d(c)
+ * - |x - c|. Near surfaces, every triangle writes exact distances to the cubes within a band. Farther away: every surface point is in a
+ * cube whose centre is within half a diagonal, so the distance between cube centres, from an exact distance transform (Felzenszwalb and
+ * Huttenlocher 2012, "Distance Transforms of Sampled Functions"), minus half a diagonal is a bound.
  */
 #include "transport/distance_field.h"
 
 #include <string.h>
 
-#define MOST_CUBES 6e6  /* of one solid: more take longer to fill than they save */
-#define STEPS 24        /* of a cube's side: distances are stored in these, rounded down */
-#define BAND 3.0f       /* cubes: nearer ones get exact distances */
-#define LARGEST 8.0f    /* cubes that a triangle may span before it is halved */
-#define DEEPEST 48      /* most times that a triangle is halved */
-#define SLAB 8          /* layers that one task looks after */
-#define HALF 0.8660255f /* of a cube's diagonal, in sides */
-#define SLACK 2e-3f     /* sides: roundings, in floats from the grid's corner */
+#define MOST_CUBES 6e6  /* per solid: more take longer to fill than they save */
+#define STEPS 24        /* per cube side: quantisation of stored distances, rounded down */
+#define BAND 3.0f       /* in cubes: within it distances are exact */
+#define LARGEST 8.0f    /* in cubes: larger triangles are subdivided */
+#define DEEPEST 48      /* maximum subdivision depth of a triangle */
+#define SLAB 8          /* layers per task */
+#define HALF 0.8660255f /* half of a cube's diagonal, in sides */
+#define SLACK 2e-3f     /* in sides: rounding errors relative to the grid's corner */
 
 struct pell_distance {
     struct pell_context *ctx;
-    struct pell_distance_grid *grids; /* one a solid; size 0: none */
+    struct pell_distance_grid *grids; /* one per solid; size 0: none */
     size_t count;
 };
 
-/* What is needed while a grid is filled. */
+/* Temporary data of filling a grid. */
 struct fill {
     const struct pell_scene *scene;
     struct pell_distance_grid *grid;
-    float *centre[3]; /* of cubes along each axis, from the grid's corner, in sides */
-    float *near2;     /* squared distance in sides, up to the band's; then, as int32_t, the transform */
-    int32_t *lines;   /* scratch of the transform: 3 lines a worker */
+    float *centre[3]; /* centres of cubes along each axis, from the grid's corner, in sides */
+    float *near2;     /* squared distance in sides, within the band; then, as int32_t, the transform */
+    int32_t *lines;   /* scratch of the transform: 3 lines per worker */
     int longest;
-    struct span { /* of a mesh along z, in layers */
+    struct span { /* extent of a mesh along z, in layers */
         int from, to;
     } * spans;
 };
@@ -44,9 +44,9 @@ static inline size_t row_at(const struct pell_distance_grid *g, int y, int z)
     return ((size_t) z * (size_t) g->size[1] + (size_t) y) * (size_t) g->size[0];
 }
 
-/* --- Near: triangles ------------------------------------------------------------------------------------------------------------ */
+/* --- Near field: triangles ------------------------------------------------------------------------------------------------------ */
 
-/* A triangle from its first corner, ready for many points. */
+/* A triangle relative to its first corner, prepared for many points. */
 struct facet {
     float p[3], e[3], f[3], g[3], n[3];
     float ee, ef, ff, det, inv_e, inv_f, inv_g, inv_n;
@@ -96,7 +96,7 @@ static inline float unit_clamp(float x)
     return x > 0.0f ? x < 1.0f ? x : 1.0f : 0.0f;
 }
 
-/* Lowers squared distances of a row of cubes to the triangle's. Where a foot of a perpendicular is judged wrongly the sides are near. */
+/* Lowers squared distances of a row of cubes to those of the triangle. Where the projection is misjudged, the sides are near. */
 static void lower_row(const struct facet *restrict t, const float *restrict x, int count, float y, float z, float *restrict near2)
 {
     const float dy = y - t->p[1], dz = z - t->p[2];
@@ -118,7 +118,7 @@ static void lower_row(const struct facet *restrict t, const float *restrict x, i
     }
 }
 
-/* The corner that it begins at. */
+/* The corner at its origin. */
 static int longest_side(const float corner[3][3])
 {
     float longest = -1.0f;
@@ -135,8 +135,8 @@ static int longest_side(const float corner[3][3])
     return at;
 }
 
-/* Corners in sides from the grid's corner; layers [from, to). Large triangles are halved across their longest side, so that slivers have as
- * many parts as they are long. */
+/* Corners in sides from the grid's corner; layers [from, to). Large triangles are bisected across their longest side, so that slivers are
+ * divided by their length. */
 static void tell(const struct fill *f, const float corner[3][3], int from, int to, int depth)
 {
     const struct pell_distance_grid *g = f->grid;
@@ -172,7 +172,7 @@ static void tell(const struct fill *f, const float corner[3][3], int from, int t
                       f->near2 + row_at(g, y, z) + first[0]);
 }
 
-/* A slab of layers: its distances up to the band's, then what starts the transform: 0 where a surface may be in the cube. */
+/* A slab of layers: distances within the band, then the input of the transform: 0 where a surface may be in the cube. */
 static void near_task(void *arg, int index, int worker)
 {
     const struct fill *f = arg;
@@ -213,7 +213,7 @@ static void near_task(void *arg, int index, int worker)
     }
 }
 
-/* --- Far: the transform ----------------------------------------------------------------------------------------------------------- */
+/* --- Far field: distance transform ------------------------------------------------------------------------------------------------ */
 
 /* Along x: squared distance to the nearest 0. */
 static void transform_row(int32_t *d, int n)
@@ -242,7 +242,7 @@ static void transform_line(int32_t *d, size_t stride, int n, int32_t *height, in
         int32_t first = 0;
         if (h == INT32_MAX)
             continue;
-        while (count > 0) { /* the first place where parabola i is lower than the last one; of integers: exact enough */
+        while (count > 0) { /* the first coordinate where parabola i is below the previous one; exact enough for integers */
             const double j = at[count - 1];
             const double x = ((double) h - height[count - 1] + ((double) i * i - j * j)) / (2.0 * (i - j));
             first = x < 0.0 ? 0 : x < n ? (int32_t) x + 1 : n;
@@ -297,7 +297,7 @@ static void depth_task(void *arg, int y, int worker)
 
 /* --- Grids ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Finds the smallest cubes of which no more than `most` cover the bounds. False: the solid has no extent that a grid could have. */
+/* Finds the smallest cube size with at most `most` cubes over the bounds. False: the extent of the solid is degenerate. */
 static bool cut(struct pell_distance_grid *g, double most)
 {
     double low, high, extent[3], largest = 0.0, magnitude = 0.0;
@@ -347,7 +347,7 @@ static void bounds_of(const struct pell_scene *scene, const struct pell_solid *s
     }
 }
 
-/* Layers that meshes reach; meshes that are not in the ray structure are skipped. */
+/* Layers within the extent of meshes; meshes outside of the ray-tracing scene are skipped. */
 static void span_meshes(const struct fill *f)
 {
     const struct pell_distance_grid *g = f->grid;

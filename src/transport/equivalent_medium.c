@@ -8,7 +8,7 @@
 #include <math.h>
 #include <pellucid/inversion.h>
 
-#define WHITEST 0.999 /* of what returns all its light the mean distance has no limit */
+#define WHITEST 0.999 /* upper bound of the albedo: at 1 the mean distance diverges */
 
 bool pell_has_profile_only(const struct pell_material *m)
 {
@@ -50,7 +50,7 @@ enum pell_result pell_equivalent_medium(const struct pell_material *m, struct pe
         look.color[c] = m->color_from == PELL_COLOR_FROM_TEXTURE ? (double) m->base_color[c] * texture[c] : pell_profile_total(profile);
         look.color[c] = fmin(fmax(look.color[c], 0.0), WHITEST);
         look.radius[c] = pell_profile_mean_radius(profile);
-        if (!(look.radius[c] > 0.0)) { /* a channel without light has no distance: it absorbs within a micrometre */
+        if (!(look.radius[c] > 0.0)) { /* a channel without light has no scattering distance: it absorbs within a micrometre */
             look.color[c] = 0.0;
             look.radius[c] = 1e-3;
         }

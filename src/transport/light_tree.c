@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * light_tree.c - an octree over samples sorted along Morton's curve: nodes lie depth first, each knows where its branch ends, so that a
- * walk needs no stack. */
+ * light_tree.c - an octree over samples sorted along the Morton curve: nodes are in depth-first order, each with the index after its
+ * subtree, so that traversal needs no stack. */
 #include "transport/light_tree.h"
 
 #include "base/base.h"
@@ -46,7 +46,7 @@ static uint64_t code_at(const void *items, size_t index)
     return ((const uint64_t *) items)[index];
 }
 
-/* Sums a leaf's samples, or adds a child's sums; centres are weighted by light and divided at the end. */
+/* Adds a leaf's samples, or a child's sums; centres are weighted by light and divided at the end. */
 struct sums {
     double centre[3], middle[3], power[3], normal[3], way[3], curvature, light, area;
 };

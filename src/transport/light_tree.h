@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_tree.h - places of a surface with the light that enters there, and an octree over them: a node stands for what lies below it, seen
- * from afar.
+ * light_tree.h - surface samples with their irradiance, and an octree over them: a node represents its subtree from a distance.
  */
 #ifndef PELL_LIGHT_TREE_H
 #define PELL_LIGHT_TREE_H
@@ -16,20 +15,20 @@ struct pell_lit_place {
     float area;      /* mm^2 */
     float curvature; /* mean, 1/mm */
     float power[3];  /* E A, W per m^2 times mm^2 */
-    float way[3];    /* mean refracted direction of that light, not unit; 0: not known */
+    float way[3];    /* mean refracted direction of that light, not unit; 0: unknown */
 };
 
 struct pell_light_node {
-    float centre[3]; /* mean of the samples' places, weighted by their light */
+    float centre[3]; /* mean position of the samples, weighted by their light */
     float area;      /* mm^2 */
     float low[3];
-    uint32_t next; /* node after all below this one */
+    uint32_t next; /* node after its subtree */
     float high[3];
-    uint32_t first; /* sample */
+    uint32_t first; /* index of its first sample */
     float power[3];
-    uint32_t count;             /* samples of a leaf; 0: not a leaf, its children follow */
-    float normal[3], curvature; /* means, weighted by light; */
-    float way[3];               /* the same */
+    uint32_t count;             /* number of samples in a leaf; 0: inner node, followed by its children */
+    float normal[3], curvature; /* means, weighted by light */
+    float way[3];               /* mean, weighted by light */
 };
 
 struct pell_light_tree {
@@ -40,12 +39,12 @@ struct pell_light_tree {
     size_t num_nodes;
 };
 
-/* Takes over `samples`, in any order, also on failure. */
+/* Takes ownership of `samples`, in any order, also on failure. */
 PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t num_samples,
                                                      struct pell_light_tree *tree);
 void pell_light_tree_finish(struct pell_light_tree *tree);
 
-/* A node as one place. */
+/* A node as a single sample. */
 static inline struct pell_lit_place pell_light_node_place(const struct pell_light_node *n)
 {
     return (struct pell_lit_place) {

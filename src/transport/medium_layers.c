@@ -17,7 +17,7 @@ static void set_medium(const struct pell_medium *m, struct pell_layer_medium *ou
     }
 }
 
-/* Least and largest share of the depth that a map stands for; once they differ, `largest` of integers is what they can hold. */
+/* Range of a depth map, relative to the layer's depth; if its values differ, `largest` is the maximum of its integer type. */
 static void range_of(const struct pell_scene_layer *layer, float *least, float *largest)
 {
     const struct pell_texture_map *map = &layer->depth_map;
@@ -58,16 +58,17 @@ static void take_layers(const struct pell_material *m, struct pell_medium_layers
             range_of(from, &least, &largest);
             if (least < largest) {
                 to->map = &from->depth_map;
-                out->painted = true;
+                out->has_maps = true;
             } else {
                 to->depth = (double) (from->depth * least);
             }
         }
-        deepest = to->map ? (double) from->depth * fmax((double) largest, to->inverse ? 0.0 : 1.0) : to->depth; /* 1 without coordinates */
+        /* Without texture coordinates the map's value is 1. */
+        deepest = to->map ? (double) from->depth * fmax((double) largest, to->inverse ? 0.0 : 1.0) : to->depth;
         if (deepest < (double) INFINITY)
             out->deepest = fmax(out->deepest, deepest);
     }
-    for (int i = 1; !out->painted && i < out->count; i++)
+    for (int i = 1; !out->has_maps && i < out->count; i++)
         out->item[i].depth = fmax(out->item[i].depth, out->item[i - 1].depth);
 }
 
@@ -93,7 +94,7 @@ static void take_stack(struct pell_context *ctx, const char *method, const struc
     }
 }
 
-/* A strength scales all lengths of the medium, the layers' depths among them, as diffusion methods scale the radii of what they reflect. */
+/* Strength scales all lengths of the medium, including the layers' depths, as diffusion methods scale the radii of their profiles. */
 static void scale_lengths(struct pell_medium_layers *out, float strength)
 {
     const double s = fmin(fmax((double) strength, 1.0 / 1024.0), 1.0);
@@ -157,7 +158,7 @@ void pell_medium_layers_depths(const struct pell_medium_layers *s, const struct 
         float d = (float) layer->depth;
         if (layer->map) {
             const float *uv = mesh->uv[layer->map->uv];
-            if (!last /* channels of one picture: one look-up */ || !pell_layer_maps_alike(last, layer->map)) {
+            if (!last /* several channels of one texture: one lookup */ || !pell_layer_maps_alike(last, layer->map)) {
                 for (int c = 0; c < 4; c++)
                     rgba[c] = 1.0f;
                 if (uv) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * rqmc.h - numbers of references that sample a pixel in batches: each batch is a rank-1 lattice (pell_lattice), shifted by a hash of the
- * place and the seed; batches are independent, so their spread is an honest standard error.
+ * rqmc.h - randomised quasi-Monte Carlo for references that sample a pixel in batches: each batch is a rank-1 lattice (pell_lattice) with a
+ * shift by a hash of the position and the seed; batches are independent, so their spread gives an unbiased standard error.
  */
 #ifndef PELL_RQMC_H
 #define PELL_RQMC_H
@@ -19,7 +19,7 @@ static inline uint32_t pell_point_seed(struct pell_vec3 at, uint32_t seed)
     return pell_hash(b[0] ^ pell_hash(b[1] ^ pell_hash(b[2] ^ pell_hash(seed))));
 }
 
-/* Sums over rounds. */
+/* Sums over batches. */
 struct pell_batches {
     double sum[3], square[3];
     int64_t count;
@@ -45,7 +45,7 @@ static inline void pell_batches_measure(const struct pell_batches *s, double mea
     }
 }
 
-/* How many rounds make the relative error small enough, as a pilot's say: `least` of them, and `dark` where it found no light. */
+/* Number of batches for the target relative error, estimated from a pilot: at least `least`, and `dark` if the pilot found no light. */
 static inline double pell_batches_needed(const struct pell_batches *pilot, double error, double least, double dark)
 {
     double mean[3], spread[3], largest, n = least;

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define CURVE_BITS 20 /* of each coordinate along the curve */
+#define CURVE_BITS 20 /* bits per coordinate along the curve */
 
 struct place {
     uint64_t code;
@@ -30,9 +30,9 @@ void pell_solids_destroy(struct pell_solids **solids)
     pell_free(b->ctx, b);
 }
 
-/* --- The curve ------------------------------------------------------------------------------------------------------------------ */
+/* --- Space-filling curve -------------------------------------------------------------------------------------------------------- */
 
-/* Place along Hilbert's curve through the unit cube: Skilling 2004, "Programming the Hilbert Curve", AIP Conf. Proc. 707. */
+/* Position along the Hilbert curve in the unit cube: Skilling 2004, "Programming the Hilbert Curve", AIP Conf. Proc. 707. */
 static uint64_t hilbert(uint32_t x, uint32_t y, uint32_t z)
 {
     uint32_t p[3] = { x, y, z }, t;
@@ -88,7 +88,7 @@ static uint64_t code_at(const void *items, size_t index)
     return ((const struct place *) items)[index].code;
 }
 
-/* Fills the solid's list with `places` along the curve; those at one place of it stay in their order. */
+/* Sorts the solid's triangles by `places` along the curve; the sort is stable. */
 static enum pell_result sort_places(struct pell_context *ctx, const struct place *places, size_t count, struct pell_solid *solid)
 {
     uint32_t *order;
@@ -107,7 +107,7 @@ static enum pell_result sort_places(struct pell_context *ctx, const struct place
     return res;
 }
 
-/* Lists the triangles of solid `number`, in order; its meshes are the `count` at `meshes`. */
+/* Lists the triangles of solid `number` in order; its `count` meshes are at `meshes`. */
 static enum pell_result list_triangles(struct pell_solids *b, const struct pell_scene *scene, size_t number, const uint32_t *meshes,
                                        size_t count)
 {
@@ -150,7 +150,7 @@ fail:
     return res;
 }
 
-/* Hash table from an object's number to its solids, chained by `next`. */
+/* Hash table from an object's index to its solids, chained by `next`. */
 struct by_object {
     int32_t *first, *next;
     size_t mask;
@@ -174,7 +174,7 @@ static enum pell_result by_object_create(struct pell_context *ctx, size_t count,
     return PELL_OK;
 }
 
-/* The solid that triangles of a mesh scatter in; it is made if need be. */
+/* The solid of a mesh's triangles, created if necessary. */
 static int32_t solid_of(struct pell_solids *b, const struct by_object *o, const struct pell_frame_material *materials, int object,
                         size_t at, bool layered)
 {
@@ -192,7 +192,7 @@ static int32_t solid_of(struct pell_solids *b, const struct by_object *o, const 
     return (int32_t) b->count++;
 }
 
-/* Meshes in the order of their solids, each solid's in their own. */
+/* Meshes sorted by solid, in a stable order. */
 static enum pell_result list_solids(struct pell_solids *b, const struct pell_scene *scene)
 {
     uint32_t *meshes = pell_alloc_array(b->ctx, b->num_meshes + 1, sizeof(*meshes));
@@ -256,7 +256,7 @@ fail:
     return res;
 }
 
-/* --- Asking ------------------------------------------------------------------------------------------------------------------- */
+/* --- Queries ------------------------------------------------------------------------------------------------------------------ */
 
 struct pell_solid_triangle pell_solid_at(const struct pell_solid *solid, double area, double *f)
 {
@@ -296,7 +296,7 @@ void pell_solids_find(const struct pell_solids *solids, const struct pell_rays *
             normal[k][i] = in->normal[k][at[i]];
         }
     }
-    /* Retry with growing offsets: at grazing angles a short one may miss the surface. */
+    /* Retries with growing offsets: at grazing angles a short one may miss the surface. */
     for (float reach = 3e-5f; any && reach < 1e-2f; reach *= 8.0f) {
         for (int i = 0; i < 16; i++) {
             const float e = reach * (fmaxf(fabsf(position[0][i]), fmaxf(fabsf(position[1][i]), fabsf(position[2][i]))) + depth[i]);

@@ -38,7 +38,7 @@ void pell_base_color_at(const struct pell_material *m, const struct pell_mesh *m
     }
 }
 
-/* What a material's half-space reflects of diffuse light that entered it. `medium`: what is traced of it. */
+/* Reflectance of a material's half-space for diffuse light that has entered it. `medium`: the traced medium. */
 static double reflectance(const struct pell_material *m, const struct pell_medium *medium, int c)
 {
     const double scattered = medium->sigma_s_reduced[c], eta = (double) m->medium.eta;
@@ -65,7 +65,7 @@ void pell_tint_make(const struct pell_material *m, struct pell_tint *out)
         return;
     if (pell_has_profile_only(m)) {
         if (pell_equivalent_medium(m, &equivalent, &fault) != PELL_OK)
-            return; /* no solid is of it: it was refused */
+            return; /* no solid has it: it was rejected */
         medium = &equivalent;
     }
     out->is = true;

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * surface_color.h - what textures say of a place on a surface, and the tint of a boundary.
+ * surface_color.h - texture values at a surface point, and the tint of a boundary.
  *
- * Where a translucent material takes its colour from the base colour b, a half-space of its medium has the reflectance b, as with the
- * methods that blur: light that enters is multiplied by b^m, and light that leaves by b^(1-m)/rho, m the material's mix, rho what the
- * half-space reflects of diffuse light that entered it. The medium says how far light spreads, the texture how much returns.
+ * If a translucent material's colour is the base colour b, a half-space of its medium must have the reflectance b, as with the blurring
+ * methods: entering light is multiplied by b^m, and leaving light by b^(1-m)/rho, with m the material's mix and rho the half-space's
+ * reflectance for diffuse light that has entered it. The medium determines the scattering distance, the texture the amount of light.
  *
  * Threads    all functions are safe.
  */
@@ -13,15 +13,15 @@
 
 #include <pellucid/scene.h>
 
-/* What a map says at a point of a triangle (u, v: barycentric as in struct pell_hit); 1 where the map or its coordinates are missing. */
+/* Value of a map at a point of a triangle (u, v: barycentric as in struct pell_hit); 1 without the map or its coordinates. */
 void pell_texel_at(const struct pell_texture_map *map, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float texel[4]);
 
-/* Base colour there, [0, 1]: the material's, its texture's, the vertices', less the share that is metal. */
+/* Base colour there, [0, 1]: the product of the material's, its texture's and the vertices', without the metallic part. */
 void pell_base_color_at(const struct pell_material *m, const struct pell_mesh *mesh, uint32_t triangle, float u, float v, float rgb[3]);
 
-/* What a boundary does to light that passes it. */
+/* Tint of light that crosses a boundary. */
 struct pell_tint {
-    bool is; /* else nothing */
+    bool is; /* false: no tint */
     float mix;
     float per_reflectance[3]; /* 1/rho */
 };

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define MOST_OUTSIDE 4 /* of PELL_PACKET rays that may see no inner side of the object from a buried place */
+#define MOST_OUTSIDE 4 /* of PELL_PACKET rays, the maximum that may not hit an inner side of the object from a buried point */
 
 static void set_ray(struct pell_ray_hit16 *r, int i, const struct pell_buried_place *p, struct pell_vec3 way)
 {
@@ -35,8 +35,8 @@ static bool is_buried(const struct pell_scene *scene, const struct pell_rays *ra
     return outside <= MOST_OUTSIDE;
 }
 
-/* Where faces of two parts lie on each other, as of bricks side by side, it is luck which of them the ray along the normal meets: it need
- * not be an inner side. */
+/* Where faces of two parts coincide, as of adjacent bricks, the ray along the normal may hit either of them, not necessarily an inner
+ * side. */
 void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *places, int count,
                    bool buried[PELL_PACKET])
 {

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * embree.c - visibility by Embree 3. One Embree geometry per mesh, with the mesh's number, over the mesh's own arrays.
+ * embree.c - ray queries by Embree 3. One Embree geometry per mesh, with the mesh's index as its ID, sharing the mesh's arrays.
  *
- * Robust traversal, so that rays don't slip through shared edges (of rays aimed at vertices to the last bit some in 500 still do).
- * Masks are Embree's where it was built with them (Debian's is), else a filter function on every geometry. Embree reads positions 16
- * bytes at a time: pell_mesh_allocate leaves room behind the last vertex. */
+ * Traversal is robust, so that rays do not pass between triangles at shared edges (some in 500 of rays aimed exactly at vertices still do).
+ * Masks use Embree's if it was built with them (Debian's is), else a filter function on every geometry. Embree reads positions 16 bytes at
+ * a time: pell_mesh_allocate adds padding after the last vertex. */
 #include "image/color.h"
 #include "visibility/rays.h"
 
@@ -11,7 +11,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* The packets are Embree's own, under our names: no copying. */
+/* Packets have Embree's layout, so they are passed without copying. */
 #define SAME(type, field, rtc_type, rtc_field)                                                                                             \
     _Static_assert(offsetof(struct type, field) == offsetof(struct rtc_type, rtc_field), "layout of " #field)
 SAME(pell_ray16, ox, RTCRay16, org_x);
@@ -51,31 +51,31 @@ _Static_assert(PELL_NO_HIT == RTC_INVALID_GEOMETRY_ID, "no hit is Embree's no ge
 #define THREAD_SANITIZER 0
 #endif
 
-/* What a geometry's filter function needs. */
+/* Data of a geometry's filter function. */
 struct surface {
     const struct pell_mesh *mesh;
     const struct pell_material *material;
     uint32_t mask;
-    bool alpha;        /* look the base colour's alpha up */
-    bool single_sided; /* cameras see its front alone */
+    bool alpha;        /* test the base colour's alpha */
+    bool single_sided; /* cameras see only its front */
 };
 
 struct pell_rays {
     struct pell_context *ctx;
     RTCDevice device;
     RTCScene scene;
-    bool committed;                   /* its build was asked for */
-    struct surface *surfaces;         /* one a mesh */
-    _Atomic int64_t bytes;            /* that Embree holds */
+    bool committed;                   /* its build was started */
+    struct surface *surfaces;         /* one per mesh */
+    _Atomic int64_t bytes;            /* allocated by Embree */
     atomic_bool over_limit, building; /* building: its tasks have begun */
     _Atomic int error;                /* first enum RTCError */
-    char text[120];                   /* what Embree said about it */
+    char text[120];                   /* Embree's error message */
     struct pell_ray_record *record;   /* borrowed; NULL: none */
 };
 
 /* --- Filters ------------------------------------------------------------------------------------------------------------------ */
 
-/* Straight alpha of the base colour at a hit: factor x map x vertex colour, as glTF defines it. */
+/* Alpha of the base colour at a hit: factor x map x vertex colour, as glTF defines it. */
 static float alpha_at(const struct surface *s, uint32_t triangle, float u, float v)
 {
     const uint32_t *i = s->mesh->index + 3 * (size_t) triangle;
@@ -117,7 +117,7 @@ static void filter(const struct RTCFilterFunctionNArguments *args)
     }
 }
 
-/* --- Building ----------------------------------------------------------------------------------------------------------------- */
+/* --- Build -------------------------------------------------------------------------------------------------------------------- */
 
 static void on_error(void *user, enum RTCError code, const char *text)
 {
@@ -136,7 +136,7 @@ static bool on_memory(void *user, ssize_t bytes, bool post)
 
     if (bytes <= 0 || now + (int64_t) pell_memory_used(rays->ctx) <= pell_context_limits(rays->ctx)->memory_bytes)
         return true;
-    if (!post) /* refused before it was allocated */
+    if (!post) /* rejected before it was allocated */
         atomic_fetch_sub(&rays->bytes, bytes);
     atomic_store(&rays->over_limit, true);
     return false;
@@ -151,7 +151,7 @@ static bool on_progress(void *user, double fraction)
     return !pell_cancelled(rays->ctx);
 }
 
-/* Turns what Embree reported into a result, logged. */
+/* Converts Embree's errors to a result, logged. */
 static enum pell_result check(const struct pell_rays *rays, const struct pell_scene *scene, enum RTCError code)
 {
     switch (code) {
@@ -235,13 +235,13 @@ static enum pell_result attach(struct pell_rays *rays, const struct pell_scene *
     return check(rays, scene, (enum RTCError) atomic_load(&rays->error));
 }
 
-/* Bytes that the builder takes for each triangle at its peak (96 to 125 measured), a thread of TBB for its stack, and both besides. */
+/* Peak memory of the builder per triangle (96 to 125 bytes measured), stack of a TBB thread, and a constant part. */
 #define TRIANGLE_BYTES 128
 #define THREAD_BYTES ((size_t) 5 << 20)
 #define BUILD_BYTES ((size_t) 16 << 20)
 
-/* Whether the system has the memory for the build. TBB starts its threads and groups with memory of its own, and where it gets none it
- * ends the process or leaves a scene that can't be released: so what it needs is asked for, and given back, first. */
+/* Whether the system has enough memory for the build. TBB allocates its threads and task groups itself; on failure it terminates the
+ * process or leaves a scene that can't be released. So the required memory is allocated and freed beforehand. */
 static enum pell_result check_memory(const struct pell_scene *scene, struct pell_pool *pool)
 {
     size_t triangles = 0, bytes;
@@ -259,7 +259,7 @@ static RTCDevice new_device(struct pell_pool *pool)
 {
     char config[32];
 
-    /* Embree's own threads (TBB) are not instrumented: under the thread sanitizer they would be reported as races. */
+    /* Embree's threads (TBB) are not instrumented: the thread sanitizer would report races. */
     snprintf(config, sizeof(config), "threads=%d", THREAD_SANITIZER ? 1 : pell_pool_threads(pool));
     return rtcNewDevice(config);
 }
@@ -326,8 +326,8 @@ void pell_rays_destroy(struct pell_rays **rays)
     if (!r)
         return;
     *rays = NULL;
-    /* A build that TBB could not even begin leaves a group of tasks in the scene that ends the process when it is destroyed. Then the
-     * scene, which holds nothing yet, and its device stay. */
+    /* A build that TBB could not start leaves a task group in the scene that terminates the process on destruction. In that case the scene,
+     * which holds nothing yet, and its device are leaked. */
     if (atomic_load(&r->error) != RTC_ERROR_NONE && r->committed && !atomic_load(&r->building) && !atomic_load(&r->over_limit)) {
         rtcSetDeviceMemoryMonitorFunction(r->device, NULL, NULL);
         rtcSetDeviceErrorFunction(r->device, NULL, NULL);
@@ -341,7 +341,7 @@ void pell_rays_destroy(struct pell_rays **rays)
     pell_free(r->ctx, r);
 }
 
-/* --- Asking ------------------------------------------------------------------------------------------------------------------- */
+/* --- Queries ------------------------------------------------------------------------------------------------------------------ */
 
 static struct RTCIntersectContext intersect_context(bool coherent)
 {
@@ -411,7 +411,7 @@ void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record)
     rays->record = record;
 }
 
-/* Of the same kind, from the first on; returns how many there are. */
+/* Length of the run of rays of the same kind, from the first one on. */
 static int fill_packet(const struct pell_ray_record *record, size_t first, size_t count, int *valid, struct pell_ray_hit16 *p)
 {
     int n = 0;
@@ -500,11 +500,10 @@ bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray
     return r.tfar < 0.0f;
 }
 
-/* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
+/* --- Closest point -------------------------------------------------------------------------------------------------------------- */
 
 #define MORE                                                                                                                               \
-    1.000001 /* the search goes on a little behind the nearest, so that what is nearest does not depend on the order of the
-                       * search */
+    1.000001 /* the search radius exceeds the nearest distance slightly, so that the result does not depend on the traversal order */
 
 struct nearest_search {
     const struct pell_rays *rays;
@@ -520,7 +519,7 @@ static double dot3(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* How far along from a to a + e the point a + d is nearest, [0, 1]; its squared distance. */
+/* Parameter of the point on the segment from a to a + e that is nearest to a + d, [0, 1]; and its squared distance. */
 static double segment(const double d[3], const double e[3], double *t)
 {
     const double ee = dot3(e, e), along = ee > 0.0 ? dot3(d, e) / ee : 0.0;
@@ -532,8 +531,8 @@ static double segment(const double d[3], const double e[3], double *t)
     return dot3(off, off);
 }
 
-/* Squared distance from the corner p0 + d to the triangle of edges e, f from p0, and where: inside where the foot of the perpendicular is,
- * else on the nearest side. */
+/* Squared distance from the corner p0 + d to the triangle of edges e, f from p0, and the barycentrics of the nearest point: the projection
+ * if it is inside, else on the nearest side. */
 static double to_triangle(const double d[3], const double e[3], const double f[3], double *u, double *v)
 {
     const double ee = dot3(e, e), ef = dot3(e, f), ff = dot3(f, f), de = dot3(d, e), df = dot3(d, f), det = ee * ff - ef * ef;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * light_grid.c - see light_grid.h. What a packet asks is in light_grid_kernel.c. */
+ * light_grid.c - see light_grid.h. Packet queries are in light_grid_kernel.c. */
 #include "visibility/light_grid.h"
 
 #include "math/scalar.h"
@@ -10,24 +10,24 @@
 
 PELL_SIMD_TABLES(struct pell_light_grid_kernels, pell_light_grid_kernels);
 
-#define TRIANGLES_MOST (1u << 18) /* of 64 bytes: building a larger grid takes longer than one image saves */
-#define SIDE_MOST 2048            /* cells */
-#define PER_CELL 3.0              /* triangles, over all cells */
-#define ENTRIES_MOST 8            /* of a triangle, on average: rays are faster for meshes of larger triangles */
-#define LENGTH_MOST 48.0          /* mean length of the lists: rays are faster for longer ones */
-#define SLOPE_MOST 4.0f           /* of a ray against the axis */
-#define FAR_MOST 8.0f             /* of the apex, over the scene's size: rounding of the ways from there grows with it */
-#define MARGIN 0.02f              /* of a cell, round a triangle */
-#define ROUNDING 1e-6f            /* of a slope: what places in the picture may be wrong by, and more; grows by the slope's square */
-#define SHORT 24                  /* lists that are sorted by insertion */
+#define TRIANGLES_MOST (1u << 18) /* of 64 bytes: building a larger grid takes longer than an image saves */
+#define SIDE_MOST 2048            /* cells per side */
+#define PER_CELL 3.0              /* mean number of triangles per cell */
+#define ENTRIES_MOST 8            /* mean number of cells per triangle: for larger triangles rays are faster */
+#define LENGTH_MOST 48.0          /* mean length of the lists: for longer ones rays are faster */
+#define SLOPE_MOST 4.0f           /* of a ray relative to the axis */
+#define FAR_MOST 8.0f             /* distance of the apex over the scene's size: rounding errors grow with it */
+#define MARGIN 0.02f              /* in cells, around a triangle */
+#define ROUNDING 1e-6f            /* of a slope: bound of the rounding error of projected points; it grows with the square of the slope */
+#define SHORT 24                  /* shorter lists are sorted by insertion */
 
-/* As pell_rays_show, of what is in a light's way. */
+/* Like pell_rays_show, for shadow casters of a light. */
 static bool shades(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
 {
     return pell_rays_show(scene, m, cut) && !m->light_shell;
 }
 
-/* Of a corner: its place in the picture, and its depth. */
+/* A vertex: projected position, and depth. */
 static struct pell_vec3 project(const struct pell_light_grid *f, const float *position)
 {
     const struct pell_vec3 d = vec3_sub(vec3_load(position), f->apex);
@@ -36,7 +36,7 @@ static struct pell_vec3 project(const struct pell_light_grid *f, const float *po
     return vec3(vec3_dot(d, f->right) / z, vec3_dot(d, f->up) / z, z);
 }
 
-/* Counts triangles and finds the picture's borders. False: no light grid. */
+/* Counts triangles and finds their projected bounds. False: no light grid. */
 static bool frame(const struct pell_scene *scene, struct pell_light_grid *f, size_t *count, float border[4])
 {
     const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
@@ -92,7 +92,7 @@ static int clamp(float v, int most)
     return v > 0.0f ? v < (float) most ? (int) v : most : 0;
 }
 
-/* The cells that a triangle's bounds touch. */
+/* The cells covered by a triangle's bounds. */
 struct span {
     int x0, x1, y0, y1;
     float depth, end;
@@ -125,7 +125,7 @@ static struct pell_vec3 side(struct pell_vec3 a, struct pell_vec3 b)
     return vec3_cross(vec3_sub(a, b), vec3_add(a, b));
 }
 
-/* False where it is seen from its edge, so that nothing hides behind it. */
+/* False if it is seen edge-on and therefore occludes nothing. */
 static bool make_triangle(const struct pell_light_grid *f, const struct pell_mesh *m, uint32_t triangle,
                           struct pell_light_grid_triangle *out, float *turned)
 {
@@ -172,7 +172,7 @@ static void sort(struct pell_light_grid_entry *list, uint32_t count)
     }
 }
 
-/* Fills f->first with the number of entries of the cells before each. False: too many, or too many at one place. */
+/* Computes prefix sums of the cells' entries in f->first. False: too many in total, or in one cell. */
 static bool count_entries(const struct pell_scene *scene, struct pell_light_grid *f, size_t triangles)
 {
     const size_t cells = (size_t) f->columns * (size_t) f->rows, most = ENTRIES_MOST * triangles + 64;
@@ -200,7 +200,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_light_grid
     return squares <= LENGTH_MOST * (double) sum;
 }
 
-/* A light grid only saves time, so it may use at most a quarter of the memory that the limit leaves. */
+/* A light grid only saves time, so it may use at most a quarter of the remaining memory limit. */
 static bool room_for(const struct pell_context *ctx, size_t bytes)
 {
     const size_t limit = (size_t) pell_context_limits(ctx)->memory_bytes, used = pell_memory_used(ctx);
@@ -208,7 +208,7 @@ static bool room_for(const struct pell_context *ctx, size_t bytes)
     return used < limit && bytes < (limit - used) / 4;
 }
 
-/* `starts`: of each cell, the triangles that begin in the cells before: neighbours in the picture are neighbours in memory. */
+/* `starts`: per cell, the number of triangles that begin in the cells before: neighbours in the projection are neighbours in memory. */
 static void find_starts(const struct pell_scene *scene, const struct pell_light_grid *f, uint32_t *starts)
 {
     const size_t cells = (size_t) f->columns * (size_t) f->rows;
@@ -241,7 +241,7 @@ static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint
             const uint32_t number = starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
             f->names[number] = (struct pell_light_grid_name) { (uint32_t) i, (uint32_t) t, 1.0f };
             if (!make_triangle(f, m, t, &f->triangles[number], &f->names[number].turn))
-                memset(&f->triangles[number], 0, sizeof(f->triangles[number])); /* hides nothing: s is 0 */
+                memset(&f->triangles[number], 0, sizeof(f->triangles[number])); /* occludes nothing: s is 0 */
             for (int y = s.y0; y <= s.y1; y++)
                 for (int x = s.x0; x <= s.x1; x++) {
                     const uint32_t begins = (x == s.x0 ? PELL_LIGHT_GRID_LEFT : 0) | (y == s.y0 ? PELL_LIGHT_GRID_LOW : 0);
@@ -250,7 +250,7 @@ static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint
                 }
         }
     }
-    /* Each cell's start is now its end, which is the next one's start. */
+    /* Each cell's start has become its end, which is the next one's start. */
     memmove(f->first + 1, f->first, cells * sizeof(*f->first));
     f->first[0] = 0;
     for (size_t i = 0; i < cells; i++)

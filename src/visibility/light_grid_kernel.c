@@ -1,31 +1,31 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_grid_kernel.c - a packet of points asks a light grid; compiled once per SIMD level. All levels give the same bits.
+ * light_grid_kernel.c - packet queries of a light grid; compiled once per SIMD level. All levels give the same bits.
  *
- * With d the way from the apex to a point, u = d . (a - b) x (a + b) and its like say on which side of the planes through the apex and the
- * triangle's sides the point lies (edge functions: Pineda 1988, "A Parallel Algorithm for Polygon Rasterization"), s = normal . (d - a) on
- * which side of its own plane. The triangle is in the way where u, v, w >= 0 and s > 0: no division, and s comes from a difference of
- * points that are near each other where it is small, so that it is not what rounding leaves of large numbers. For the same reason d - a is
- * taken in the world: seen from an apex at 10 m all points are rounded to micrometres, more than a ray is lifted off its surface.
+ * With d the vector from the apex to a point, the edge functions u = d . (a - b) x (a + b) etc. give the side of the point relative to the
+ * planes through the apex and the triangle's sides (Pineda 1988, "A Parallel Algorithm for Polygon Rasterization"), and s = normal . (d -
+ * a) its side of the triangle's plane. The triangle occludes the point if u, v, w >= 0 and s > 0: no division. Where s is small it is
+ * computed from a difference of nearby points, so it does not suffer from cancellation. For the same reason d - a is computed in world
+ * space: relative to an apex at 10 m all points are rounded to micrometres, more than the offset of a ray from its surface.
  */
 #include "visibility/light_grid.h"
 
 #include "math/lanes.h"
 
 #define LANES 16
-#define CELLS 16      /* that a packet may touch */
-#define LISTED 64     /* triangles at a time */
-#define NEAR 9999.0f  /* of a way that is 10000 long, what does not lie next to the apex */
-#define WHOLE 0.9999f /* the same of 1 */
+#define CELLS 16      /* per packet */
+#define LISTED 64     /* triangles per batch */
+#define NEAR 9999.0f  /* relative to a distance of 10000: beyond the part next to the apex that is ignored */
+#define WHOLE 0.9999f /* the same relative to 1 */
 
 struct place {
     _Alignas(64) float d[3][LANES]; /* from the apex */
-    const float *at[3];             /* in the world */
+    const float *at[3];             /* in world space */
     int x0, x1, y0, y1;
-    float near, depth; /* of the nearest and the farthest */
+    float near, depth; /* depth range of the points */
 };
 
-/* Which cells the packet touches. False: too many, or a point is not before the apex. */
+/* The cells that the packet covers. False: too many, or a point is not in front of the apex. */
 INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask, const float *restrict x, const float *restrict y,
                    const float *restrict z, struct place *restrict p)
 {
@@ -55,7 +55,7 @@ INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask
     for (int i = 0; i < LANES; i++) {
         const int32_t on = mask[i], cx = column[i], cy = row[i];
         int32_t bits;
-        memcpy(&bits, &depth[i], sizeof(bits)); /* floats that are not negative are in the order of their bits */
+        memcpy(&bits, &depth[i], sizeof(bits)); /* non-negative floats are ordered like their bits */
         bits &= on;
         x0 = (cx | (~on & INT32_MAX)) < x0 ? (cx | (~on & INT32_MAX)) : x0;
         y0 = (cy | (~on & INT32_MAX)) < y0 ? (cy | (~on & INT32_MAX)) : y0;
@@ -74,7 +74,7 @@ INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask
     return !behind && x0 <= x1 && (x1 - x0 + 1) * (y1 - y0 + 1) <= CELLS;
 }
 
-/* s; `inside`: the lanes whose rays meet the triangle's plane within it. */
+/* s; `inside`: mask of the lanes whose rays pass through the triangle. */
 INLINE vf meet(const struct pell_light_grid_triangle *t, const struct place *p, int at, vi *inside)
 {
     const vf x = load(p->d[0] + at), y = load(p->d[1] + at), z = load(p->d[2] + at);
@@ -92,14 +92,14 @@ INLINE const uint32_t *list_of(const struct pell_light_grid *f, int column, int 
     return f->first + (size_t) row * (size_t) f->columns + (size_t) column;
 }
 
-/* Where a packet's search through its cells is. */
+/* State of a packet's iteration over its cells. */
 struct search {
     int column, row;
-    uint32_t next; /* entry; 0: the cell's first */
+    uint32_t next; /* next entry; 0: the cell's first */
 };
 
-/* The next triangles that begin between two depths and that no cell had before. They are asked for as they are found, so that their ways
- * from memory overlap. */
+/* The next triangles that begin between two depths and are not in a previous cell. They are prefetched when found, so that their memory
+ * latencies overlap. */
 INLINE int find_next(const struct pell_light_grid *f, const struct place *p, float begin, struct search *s, uint32_t *restrict list)
 {
     int count = 0;
@@ -157,7 +157,7 @@ static bool visible16(const struct pell_light_grid *f, const int32_t *mask, cons
     return true;
 }
 
-/* A hit lies the part s / (plane + s) of the way: it is the nearer the smaller s / plane is. */
+/* A hit is at the fraction s / (plane + s) of the distance: the smaller s / plane, the nearer it is. */
 static bool closest16(const struct pell_light_grid *f, const int32_t *mask, struct pell_ray_hit16 *packet)
 {
     struct pell_ray16 *ray = &packet->ray;
@@ -178,7 +178,7 @@ static bool closest16(const struct pell_light_grid *f, const int32_t *mask, stru
         which[i] = -1;
         longest = mask[i] && reach > longest ? reach : longest;
     }
-    begin = p.near * (1.0f - longest) * (1.0f - 1e-5f) - f->thick; /* what begins before ends before the rays do */
+    begin = p.near * (1.0f - longest) * (1.0f - 1e-5f) - f->thick; /* a triangle that begins before this depth ends before the rays do */
     search = (struct search) { p.x0, p.y0, 0 };
     do {
         count = find_next(f, &p, begin, &search, list);

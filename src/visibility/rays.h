@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * rays.h - visibility. rays.c is the only file that knows that it is Embree.
+ * rays.h - ray queries. embree.c is the only file that depends on Embree.
  *
- * Packets of 16 rays, planar, 64-byte aligned. A ray runs from tnear to tfar along a direction that need not be unit (t counts in it).
- * Alpha-masked surfaces let rays through where they are transparent.
+ * Packets of 16 rays, structure of arrays, 64-byte aligned. A ray runs from tnear to tfar along a direction that need not be unit (t is in
+ * its units). Alpha-masked surfaces are transparent to rays where their alpha is 0.
  *
  * Threads    queries are safe from many threads; build and destroy from one. Denormals should be flushed (the pool does).
  */
@@ -24,7 +24,7 @@ struct pell_ray16 {
     float tnear[16];
     float dx[16], dy[16], dz[16];
     float time[16];
-    float tfar[16]; /* occluded: -infinity where something is in the way */
+    float tfar[16]; /* occluded: -infinity if the ray hits something */
     uint32_t mask[16];
     uint32_t id[16];
     uint32_t flags[16];
@@ -44,17 +44,17 @@ struct pell_ray_hit16 {
     struct pell_hit16 hit;
 };
 
-/* Which surfaces a ray sees: bits of ray.mask. */
+/* Ray masks: the surfaces that a ray intersects. */
 enum pell_ray_mask {
     PELL_RAY_TRANSLUCENT = 1u << 0, /* meshes of translucent materials */
     PELL_RAY_OPAQUE = 1u << 1,
     PELL_RAY_ALL = 3u,
-    PELL_RAY_LIGHT_SHELL = 1u << 2, /* struct pell_mesh.light_shell, and no other */
+    PELL_RAY_LIGHT_SHELL = 1u << 2, /* struct pell_mesh.light_shell only */
     PELL_RAY_CAMERA =
-        PELL_RAY_ALL | PELL_RAY_LIGHT_SHELL | 1u << 3, /* all, but for the backs of single-sided opaque surfaces, as glTF says */
+        PELL_RAY_ALL | PELL_RAY_LIGHT_SHELL | 1u << 3, /* all, except the backs of single-sided opaque surfaces, as glTF defines it */
 };
 
-/* Ray i of a packet, from o along d, that meets all surfaces up to tfar. */
+/* Sets ray i of a packet, from o along d, against all surfaces, up to tfar. */
 static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell_vec3 d, float tfar)
 {
     r->ox[i] = o.x;
@@ -71,13 +71,13 @@ static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 
     r->flags[i] = 0;
 }
 
-/* Whether ray i of a packet has met this object, */
+/* Whether ray i of a packet has hit this object, */
 static inline bool pell_hit16_meets(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
 {
     return r->hit.mesh[i] < scene->num_meshes && scene->meshes[r->hit.mesh[i]].object == object;
 }
 
-/* and has come to its inner side. */
+/* and on its inner side. */
 static inline bool pell_hit16_inside(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
 {
     const struct pell_hit16 *h = &r->hit;
@@ -90,9 +90,9 @@ struct pell_rays;
 PELL_NODISCARD enum pell_result pell_rays_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,
                                                  struct pell_rays **out);
 void pell_rays_destroy(struct pell_rays **rays);
-/* Whether rays meet triangles of a mesh at all; `cut`: its alpha says which parts of them. */
+/* Whether rays intersect triangles of a mesh at all; `cut`: it has alpha cutouts. */
 bool pell_rays_show(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut);
-/* Whether cameras see its front alone. Translucent surfaces have two sides: they bound a medium. */
+/* Whether cameras see only its front. Translucent surfaces have two sides: they bound a medium. */
 static inline bool pell_rays_single_sided(const struct pell_scene *scene, const struct pell_mesh *m)
 {
     const struct pell_material *material = &scene->materials[m->material];
@@ -100,11 +100,11 @@ static inline bool pell_rays_single_sided(const struct pell_scene *scene, const 
     return material->opaque && !material->double_sided;
 }
 
-/* `valid`: 16 ints, -1 for rays that take part, 0 for others; 64-byte aligned. `coherent`: rays of one packet go much the same way. */
+/* `valid`: 16 ints, -1 for active rays, 0 for others; 64-byte aligned. `coherent`: the rays of a packet have similar directions. */
 void pell_rays_closest16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray_hit16 *packet);
 void pell_rays_occluded16(const struct pell_rays *rays, const int *valid, bool coherent, struct pell_ray16 *packet);
 
-/* One ray, for walks whose rays have nothing in common. The direction need not be unit. */
+/* A single ray, for incoherent paths. The direction need not be unit. */
 struct pell_ray {
     float origin[3], tnear;
     float direction[3], tfar;
@@ -118,7 +118,7 @@ struct pell_hit {
     uint32_t mesh, triangle;
 };
 
-/* False: nothing was hit, and *hit is as it was. */
+/* False: no hit, and *hit is unchanged. */
 bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit);
 bool pell_rays_occluded(const struct pell_rays *rays, const struct pell_ray *ray);
 
@@ -129,23 +129,23 @@ struct pell_nearest {
     double distance;        /* mm, from the triangle in double precision */
 };
 
-/* The nearest point to x, no farther than `radius` mm (INFINITY will do), of the meshes whose of_mesh[mesh] is `which` (of_mesh NULL: of
- * all meshes that rays see; holes that alpha cuts are filled here). Of triangles equally near the first. False: there is none. Where most
- * of what is near is not asked for this takes longer. */
+/* The nearest point to x, within `radius` mm (may be INFINITY), of the meshes with of_mesh[mesh] == `which` (of_mesh NULL: of all meshes
+ * that rays intersect; alpha cutouts count as surface). Of triangles at equal distance the first. False: none. Slower if most nearby
+ * geometry is excluded. */
 bool pell_rays_closest_point(const struct pell_rays *rays, struct pell_vec3 x, float radius, const int32_t *of_mesh, int32_t which,
                              struct pell_nearest *out);
 
-/* For benches: rays of all queries but occluded packets in the order in which they came, to be traced again by Embree alone. */
+/* For benchmarks: records the rays of all queries except occlusion packets in order, to be replayed with Embree alone. */
 struct pell_ray_record {
-    struct pell_ray *rays; /* the caller's */
-    bool *occlusion;       /* of which it was asked only whether anything is in the way */
+    struct pell_ray *rays; /* memory of the caller */
+    bool *occlusion;       /* whether it was an occlusion query */
     size_t capacity;
-    _Atomic size_t count; /* all that came: beyond the capacity they are not kept */
+    _Atomic size_t count; /* number of rays; those beyond the capacity are not stored */
 };
 
-/* NULL stops it. While no query runs. */
+/* NULL stops recording. Call only while no query runs. */
 void pell_rays_record(struct pell_rays *rays, struct pell_ray_record *record);
-/* Traces what was kept, ray by ray or in packets of 16 that follow each other; returns how many met something. */
+/* Replays the recorded rays one by one or in packets of 16 consecutive ones; returns the number of hits. */
 int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record, bool packets);
 
 #endif

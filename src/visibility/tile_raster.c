@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * tile_raster.c - see tile_raster.h: lists of triangles by tile. What is done to triangles and pixels is in tile_raster_kernel.c. */
+ * tile_raster.c - see tile_raster.h: triangle lists by tile. The processing of triangles and pixels is in tile_raster_kernel.c. */
 #include "visibility/tile_raster.h"
 
 #include <string.h>
@@ -7,17 +7,17 @@
 PELL_SIMD_TABLES(struct pell_raster_kernels, pell_raster_kernels);
 
 #define TRIANGLES_MOST (1u << 24)
-#define VERTICES 4096        /* of one task */
-#define ENTRIES_A_TRIANGLE 2 /* tiles that triangles touch, over all; those that lie in many layers are found by boxes */
+#define VERTICES 4096        /* per task */
+#define ENTRIES_A_TRIANGLE 2 /* mean number of tiles per triangle; scenes with many layers of depth are faster with a box hierarchy */
 #define ENTRIES_A_TILE 16
-#define PER_PIXEL 1.5 /* triangles; where there are more rays are quicker */
+#define PER_PIXEL 1.5 /* triangles per pixel: with more, rays are faster */
 
 static int tiles_of(int pixels)
 {
     return (pixels + PELL_RASTER_TILE - 1) / PELL_RASTER_TILE;
 }
 
-/* A raster is a gift to speed: it takes the fourth part at most of what the context may still have. */
+/* The rasteriser is an optimisation: it uses at most a quarter of the memory that the context may still allocate. */
 static bool room_for(const struct pell_context *ctx, size_t bytes)
 {
     const size_t limit = (size_t) pell_context_limits(ctx)->memory_bytes, used = pell_memory_used(ctx);
@@ -25,7 +25,7 @@ static bool room_for(const struct pell_context *ctx, size_t bytes)
     return used < limit && bytes < (limit - used) / 4;
 }
 
-/* False: no raster. */
+/* False: the raster can't be used. */
 static bool count(struct pell_raster *r, const struct pell_scene *scene)
 {
     bool cut;
@@ -136,7 +136,7 @@ void pell_raster_destroy(struct pell_raster **raster)
 
 /* --- Drawing -------------------------------------------------------------------------------------------------------------------- */
 
-/* The mesh that a vertex is of: the last that begins at it or before, since those that are not shown begin where the next does. */
+/* The mesh of a vertex: the last one that begins at it or before, because hidden meshes begin where the next one does. */
 static size_t mesh_at(const struct pell_raster *r, size_t vertex)
 {
     size_t low = 0, high = r->scene->num_meshes;
@@ -222,7 +222,7 @@ static void list_task(void *arg, int chunk, int worker)
     }
 }
 
-/* Where each list begins, and each chunk's part in it: lists are in the order of the triangles whatever thread makes them. */
+/* The start of each list, and of each chunk's part in it: lists are in the order of the triangles, independent of threads. */
 static bool place_lists(struct pell_raster *r)
 {
     const size_t lists = 2 * (size_t) r->columns * (size_t) r->rows;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * tile_raster_kernel.c - rasterises triangles into tiles: 16 are transformed to camera space together, then each is tested against
- * blocks of 4 x 4 pixels; compiled once per SIMD level. All levels give the same bits.
+ * tile_raster_kernel.c - rasterises triangles into tiles: 16 are transformed to camera space together, then each is tested against blocks
+ * of 4 x 4 pixels; compiled once per SIMD level. All levels give the same bits.
  *
- * With a pixel's way d = (x, y, 1) and corners a, b, c before the camera, d . (a - b) x (a + b) and its like say on which side of the
- * planes through the camera and the triangle's sides the pixel's middle lies (Olano and Greer 1997, "Triangle Scan Conversion Using 2D
- * Homogeneous Coordinates": no corner need be divided by its depth, so none need lie before the camera; their signs as in
- * light_grid_kernel.c). Orthographic corners are (x, y, 1) there. How near a triangle is, 1 / depth or -depth, is linear over the picture;
- * it is counted from a corner, where it is known exactly, and kept between those of the corners.
+ * With a pixel's ray d = (x, y, 1) and vertices a, b, c in camera space, the edge functions d . (a - b) x (a + b) etc. give the side of the
+ * pixel's centre relative to the planes through the camera and the triangle's sides (Olano and Greer 1997, "Triangle Scan Conversion Using
+ * 2D Homogeneous Coordinates": no vertex is divided by its depth, so vertices may be behind the camera; signs as in light_grid_kernel.c).
+ * Orthographic vertices are (x, y, 1) there. The nearness of a triangle, 1 / depth or -depth, is linear over the picture; it is evaluated
+ * relative to a vertex, where it is known exactly, and clamped to the range of the vertices.
  */
 #include "visibility/tile_raster.h"
 
@@ -17,23 +17,23 @@
 #include <float.h>
 
 #define LANES 16
-#define NEAREST 1e-6f /* mm; corners that are nearer lie behind the camera */
-#define LARGEST 1e12f /* mm; products of three are floats still */
-#define FEW 8         /* blocks that are asked one by one without asking first whether the triangle touches them together */
+#define NEAREST 1e-6f /* mm; nearer vertices count as behind the camera */
+#define LARGEST 1e12f /* mm; products of three are finite */
+#define FEW 8         /* blocks that are tested one by one without a common test first */
 
-/* Triangles before the camera: corner k, axis c. */
+/* Triangles in camera space: vertex k, axis c. */
 struct corners16 {
     _Alignas(64) float at[3][3][LANES];
 };
 
 struct bounds16 {
-    _Alignas(64) int32_t x0[LANES], x1[LANES], y0[LANES], y1[LANES]; /* pixels of the picture; x0 > x1: none */
+    _Alignas(64) int32_t x0[LANES], x1[LANES], y0[LANES], y1[LANES]; /* bounds in pixels; x0 > x1: none */
     float near[LANES], far[LANES];
 };
 
 struct setup16 {
     _Alignas(64) float edge[3][3][LANES];
-    float q[LANES], qx[LANES], qy[LANES], x[LANES], y[LANES]; /* nearness: q at slopes (x, y), and what it gains by slope */
+    float q[LANES], qx[LANES], qy[LANES], x[LANES], y[LANES]; /* nearness: q at slopes (x, y), and its derivatives by slope */
     float low[LANES], high[LANES];
 };
 
@@ -72,7 +72,7 @@ INLINE void fetch(const struct pell_raster *r, const uint32_t *restrict list, in
     }
 }
 
-/* Asks for what a later `fetch` reads: of the triangles, or, of those that are there, the vertices. */
+/* Prefetches what a later `fetch` reads: triangles or, once those are loaded, vertices. */
 INLINE void ask(const struct pell_raster *r, const uint32_t *list, size_t from, size_t count, bool there)
 {
     const size_t end = from + LANES < count ? from + LANES : count;
@@ -86,7 +86,7 @@ INLINE void ask(const struct pell_raster *r, const uint32_t *list, size_t from, 
     }
 }
 
-/* The pixels whose middles a triangle may cover. A margin covers rounding; the edge functions decide which pixels are inside. */
+/* Bounds of the pixel centres that a triangle may cover, with a margin for rounding errors; the edge functions decide which are inside. */
 INLINE void bound(const struct pell_raster *r, const struct corners16 *restrict c, struct bounds16 *restrict b)
 {
     const float focal = r->view.focal, left = r->view.left, top = r->view.top, w = (float) r->width, h = (float) r->height;
@@ -115,7 +115,7 @@ INLINE void bound(const struct pell_raster *r, const struct corners16 *restrict 
     }
 }
 
-/* Normals, not unit, and six times the volume with the camera, > 0 where a triangle shows its front. */
+/* Normals, not unit, and six times the volume with the camera, > 0 for a front face. */
 INLINE void measure(const struct corners16 *restrict c, float flat, float *restrict nx, float *restrict ny, float *restrict volume)
 {
     for (int i = 0; i < LANES; i++) {
@@ -190,7 +190,7 @@ INLINE void set_up(const struct corners16 *restrict c, const struct bounds16 *re
         }
     }
     for (int i = 0; i < LANES; i++) {
-        /* from the farthest corner, which is before the camera */
+        /* relative to the farthest vertex, which is in front of the camera */
         const float z0 = c->at[0][2][i], z1 = c->at[1][2][i], far = b->far[i], near = b->near[i];
         const float x = z0 == far ? c->at[0][0][i] : z1 == far ? c->at[1][0][i] : c->at[2][0][i];
         const float y = z0 == far ? c->at[0][1][i] : z1 == far ? c->at[1][1][i] : c->at[2][1][i];
@@ -205,8 +205,8 @@ INLINE void set_up(const struct corners16 *restrict c, const struct bounds16 *re
     }
 }
 
-/* Whether no pixel of some blocks is inside. Edge functions are monotone along rows and columns, also when rounded, so it is enough to test
- * the corners of the blocks. */
+/* Whether no pixel of some blocks is inside. Edge functions are monotonic along rows and columns, also with rounding, so testing the
+ * corners of the blocks is enough. */
 INLINE bool beside(const struct setup16 *s, int i, float x0, float x1, float y0, float y1)
 {
     for (int k = 0; k < 3; k++) {
@@ -224,7 +224,7 @@ INLINE void draw(const struct grid *g, const struct setup16 *s, int i, int32_t n
     const bool large = (blocks[1] - blocks[0] + 1) * (blocks[3] - blocks[2] + 1) > FEW;
     const vi name = (vi) { 0 } + number;
 
-    /* y falls from row to row */
+    /* y decreases from row to row */
     if (large && beside(s, i, g->x[blocks[0]][0], g->x[blocks[1]][LANES - 1], g->y[blocks[3]][LANES - 1], g->y[blocks[2]][0]))
         return;
     for (int row = blocks[2]; row <= blocks[3]; row++)
@@ -252,7 +252,7 @@ INLINE void draw(const struct grid *g, const struct setup16 *s, int i, int32_t n
         }
 }
 
-/* What a tile has of the pixels from `from` to `to`, in blocks. False: nothing. */
+/* The tile's pixels from `from` to `to`, in blocks. False: none. */
 INLINE bool clip(int32_t from, int32_t to, int32_t begin, int32_t *first, int32_t *last)
 {
     const int32_t a = from - begin, b = to - begin;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * wide_bvh.c - the hierarchy of boxes for shaders: from the top, the range with the largest surface is split by the surface area heuristic
- * in bins until there are four (I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007). A split that would make
- * the tree deeper than PELL_WIDE_LEVELS gives way to equal parts.
+ * wide_bvh.c - a BVH for shaders: top-down, the range with the largest surface is split by the binned surface area heuristic until there
+ * are four (I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007). A split that would make the tree deeper than
+ * PELL_WIDE_LEVELS is replaced by one into equal parts.
  */
 #include "visibility/wide_bvh.h"
 
@@ -19,7 +19,7 @@ struct box {
 
 static const struct box no_box = { { INFINITY, INFINITY, INFINITY }, { -INFINITY, -INFINITY, -INFINITY } };
 
-/* A triangle while the tree is made. */
+/* A triangle during construction. */
 struct part {
     struct box box;
     uint32_t mesh, triangle;
@@ -36,7 +36,7 @@ struct build {
     struct part *parts;
     struct pell_wide_bvh *bvh;
     size_t capacity; /* nodes */
-    float pad;       /* mm that boxes are wider: flat ones have an inside then, and rounding of rays is less */
+    float pad;       /* mm: padding of boxes, so that flat ones have a volume and rounding errors of rays are covered */
 };
 
 static void add_point(struct box *b, const float *p)
@@ -61,7 +61,7 @@ static double area(const struct box *b)
     return x >= 0.0 ? x * y + y * z + z * x : 0.0;
 }
 
-/* Twice the middle along an axis. */
+/* Twice the centre along an axis. */
 static float middle(const struct part *p, int axis)
 {
     return p->box.low[axis] + p->box.high[axis];
@@ -90,7 +90,7 @@ static int bin_of(const struct part *p, int axis, float low, float scale)
     return at < BINS - 1 ? (int) at : BINS - 1;
 }
 
-/* The cheapest border between bins: bins up to it go to the first half. -1: all triangles are in one bin. */
+/* The cheapest boundary between bins: bins up to it go to the first half. -1: all triangles are in one bin. */
 static int best_border(const struct bins *bins, double *cost)
 {
     double behind[BINS];
@@ -120,7 +120,7 @@ static int best_border(const struct bins *bins, double *cost)
     return best;
 }
 
-/* Orders the range so that its first part goes one way; returns how many. */
+/* Partitions the range; returns the size of its first part. */
 static size_t split(struct part *parts, size_t count)
 {
     struct box middles = no_box;
@@ -172,7 +172,7 @@ static size_t split(struct part *parts, size_t count)
     return i;
 }
 
-/* Up to four ranges of more than none; false: some has too many triangles for the levels below. */
+/* Up to four non-empty ranges; false: some has too many triangles for the levels below. */
 static bool divide(struct build *b, const struct range *whole, size_t most, struct range ranges[WIDE], int *count)
 {
     *count = 1;
@@ -212,7 +212,7 @@ static void divide_equally(const struct build *b, const struct range *whole, str
 
 /* --- Nodes ----------------------------------------------------------------------------------------------------------------------- */
 
-/* Triangles below a node of the level, which is 0 at the root: at most this many. */
+/* Maximum number of triangles below a node of the level; the root has level 0. */
 static size_t room_below(int level)
 {
     size_t room = PELL_WIDE_LEAF_MOST;

@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: MIT
-// wide_bvh.glsl - rays through the hierarchy of visibility/wide_bvh.h, as rays.h traces them: the nearest triangle, or whether any is in
-// the way. A file that includes it declares the buffers `uvec4 bvh_nodes[]` and `uvec4 bvh_triangles[]`.
+// wide_bvh.glsl - rays through the hierarchy of visibility/wide_bvh.h, with the semantics of rays.h: closest hit, or any hit. An including
+// file declares the buffers `uvec4 bvh_nodes[]` and `uvec4 bvh_triangles[]`.
 #include "shared/triangle_ray.h"
 
 #define WIDE_LEAF 0x80000000u
 #define WIDE_NONE 0xffffffffu
 #define WIDE_STACK 64      // three for each of PELL_WIDE_LEVELS, and one
-#define RAY_CAMERA 15u     // PELL_RAY_CAMERA: backs of single-sided surfaces are not seen
+#define RAY_CAMERA 15u     // PELL_RAY_CAMERA: backs of single-sided surfaces are culled
 #define SINGLE_SIDED 256u
 
 struct Ray {
     vec3 origin;
     float near;
-    vec3 direction; // any length, t counts in it
+    vec3 direction; // any length, t is in its units
     float far;
     uint mask; // enum pell_ray_mask
 };
@@ -21,10 +21,10 @@ struct Hit {
     float t;
     float u, v; // barycentric: (1 - u - v) p0 + u p1 + v p2
     uint mesh, triangle;
-    uint at; // in bvh_triangles: its corners are 3 at and on
+    uint at; // index in bvh_triangles: its vertices are 3 at and the following
 };
 
-// Tries the triangles of a leaf; `hit` keeps the nearest. Returns whether one was met.
+// Intersects the triangles of a leaf; `hit` keeps the nearest. Returns whether one was hit.
 bool meet_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
 {
     const uint first = (leaf & ~WIDE_LEAF) >> 2, last = first + (leaf & 3u);
@@ -46,7 +46,7 @@ bool meet_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
     return met;
 }
 
-// Where the ray enters the four boxes of a node; beyond hit.t: it does not.
+// Distances where the ray enters the four boxes of a node; beyond hit.t: it does not.
 vec4 enter_boxes(uint node, Ray ray, vec3 inverse, float most)
 {
     const uint at = 8 * node;
@@ -61,7 +61,7 @@ vec4 enter_boxes(uint node, Ray ray, vec3 inverse, float most)
     return mix(vec4(1e38), near, lessThanEqual(near, far));
 }
 
-// `any`: the first triangle that is met will do. hit.t is ray.far where none is; returns whether one was met.
+// `any`: stops at the first hit. Without a hit hit.t is ray.far; returns whether there is a hit.
 bool trace_ray(Ray ray, bool any, out Hit hit)
 {
     const pell_ray_turn turn = pell_ray_turned(ray.direction.x, ray.direction.y, ray.direction.z);
@@ -83,7 +83,7 @@ bool trace_ray(Ray ray, bool any, out Hit hit)
         }
         const uvec4 children = bvh_nodes[8 * next + 6];
         vec4 enters = enter_boxes(next, ray, inverse, hit.t);
-        // The farthest goes onto the stack first.
+        // The farthest is pushed first.
         for (int turns = 0; turns < 4; turns++) {
             int which = 0;
             float far = -1.0;

@@ -75,14 +75,14 @@ static void arrives(const struct pell_light_sampler *e, const struct pell_light_
     float power[3];
     double w, cosine = 1.0;
 
-    *toward = s->away ? s->toward : vec3_normalize(d);
+    *toward = s->distant ? s->toward : vec3_normalize(d);
     pell_light_sampler_power_at(e, s, p, power);
     w = fmax(0.0, (double) vec3_dot(*toward, n));
-    if (!s->delta && !s->away)
+    if (!s->delta && !s->distant)
         cosine = fmax(0.0, -(double) vec3_dot(*toward, s->normal));
-    if (!s->away)
+    if (!s->distant)
         w *= cosine / d2;
-    *per_sr = s->away ? s->pdf : cosine > 0.0 ? s->pdf * d2 / cosine : 0.0;
+    *per_sr = s->distant ? s->pdf : cosine > 0.0 ? s->pdf * d2 / cosine : 0.0;
     for (int c = 0; c < 3; c++)
         out[c] = w * (double) power[c] / s->pdf;
 }
@@ -118,8 +118,8 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
         w = vec3_add(vec3_mul(n, (float) c),
                      vec3_add(vec3_mul(t, (float) (r * cos(2.0 * PELL_PI * u[4]))), vec3_mul(b, (float) (r * sin(2.0 * PELL_PI * u[4])))));
         for (int k = 0; pell_light_sampler_hit(e, p, p, w, INFINITY, k, &hit); k++) {
-            const double facing = hit.sample.away ? 1.0 : -(double) vec3_dot(w, hit.sample.normal);
-            density = hit.sample.pdf * (hit.sample.away ? 1.0 : hit.distance * hit.distance / facing);
+            const double facing = hit.sample.distant ? 1.0 : -(double) vec3_dot(w, hit.sample.normal);
+            density = hit.sample.pdf * (hit.sample.distant ? 1.0 : hit.distance * hit.distance / facing);
             assert_false(hit.sample.delta);
             for (int j = 0; j < 3; j++)
                 out[j] += PELL_PI * (double) hit.radiance[j] * (way == 2 ? c / PELL_PI / (c / PELL_PI + density) : 1.0);
@@ -334,7 +334,7 @@ static void an_environment_is_sampled_by_its_density(void **state)
             struct pell_light_hit hit;
             assert_true(pell_light_sampler_hit(e, p, p, w, INFINITY, 0, &hit));
             assert_false(pell_light_sampler_hit(e, p, p, w, INFINITY, 1, &hit));
-            assert_true(hit.sample.away && hit.distance == INFINITY);
+            assert_true(hit.sample.distant && hit.distance == INFINITY);
             const double pdf = hit.sample.pdf;
             share[y * ROWS / 400][x * COLUMNS / 800] += pdf * 4.0 * PELL_PI / (400 * 800);
             total += pdf * 4.0 * PELL_PI / (400 * 800);
@@ -394,7 +394,7 @@ static void lights_hide_nothing(void **state)
     assert_false(pell_light_sampler_hit(e, p, p, up, 12.0, 1, &hit));
     assert_false(pell_light_sampler_hit(e, p, p, up, 9.0, 0, &hit));
     assert_true(pell_light_sampler_hit(e, p, vec3(0, 0, 30), vec3(0, 0, -1), INFINITY, 0, &hit));
-    assert_true(hit.sample.away); /* both backs */
+    assert_true(hit.sample.distant); /* both backs */
     pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
@@ -500,7 +500,7 @@ static void rays_of_lights_carry_the_flux(void **state)
                 missed++;
                 continue;
             }
-            if (ray.sample.away)
+            if (ray.sample.distant)
                 REQUIRE(along > 2.0 * radius);
             for (int c = 0; c < 3; c++)
                 sum[c] += ray.weight[c] / SAMPLES;
@@ -583,7 +583,7 @@ static void nothing_shines_and_nothing_breaks(void **state)
                 for (int c = 0; c < 3; c++)
                     REQUIRE(power[c] >= 0.0f && !isnan(power[c]));
             }
-            if (s.away)
+            if (s.distant)
                 for (int k = 0; pell_light_sampler_hit(e, at[1], at[2], s.toward, INFINITY, k, &hit); k++)
                     REQUIRE(hit.sample.pdf >= 0.0 && hit.radiance[0] >= 0.0f && !isnan(hit.radiance[0]));
         }

@@ -374,7 +374,7 @@ static void hostile_paint(void **state)
     medium_layers->eta = 1.3;
     medium_layers->count = 2;
     medium_layers->substrate = PELL_SUBSTRATE_STOP;
-    medium_layers->painted = true;
+    medium_layers->has_maps = true;
     for (int i = 0; i < 2; i++)
         medium_layers->item[i] =
             (struct pell_layer_medium) { .name = "", .sigma_s = { 1, 1, 1 }, .sigma_t = { 2, 2, 2 }, .depth = 3.0, .map = &map };
@@ -419,18 +419,18 @@ static void paths_on_a_slab(void **state)
         for (int c = 0; c < 3; c++) {
             layer[i].phase[c] =
                 (struct pell_phase_terms) { .shape = PELL_PHASE_TERMS_HENYEY_GREENSTEIN, .n = { 0.06f }, .a = { 1.09f }, .b = { 0.6f } };
-            layer[i].halves[c] = 1.442695f * layer[i].sigma_t[c];
-            layer[i].most_halves = fmaxf(layer[i].most_halves, layer[i].halves[c]);
+            layer[i].sigma_t2[c] = 1.442695f * layer[i].sigma_t[c];
+            layer[i].max_tau2 = fmaxf(layer[i].max_tau2, layer[i].sigma_t2[c]);
         }
     for (int i = 0; i < 12; i++)
         edges[i] = (float) i / 11.0f;
     assert_int_equal(posix_memalign((void **) &p, 64, sizeof(*p)), 0);
     for (int level = 0; level < PELL_SIMD_LEVELS && level <= (int) pell_simd_best(); level++) {
-        const struct layered_work work = { .most_halves = INFINITY,
+        const struct layered_work work = { .max_tau2 = INFINITY,
                                            .samples = 11,
                                            .exponential = true,
                                            .rest = true,
-                                           .nodes = LAYERED_RAYED,
+                                           .nodes = LAYERED_RAY_NODES,
                                            .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f } };
         memset(p, 0, sizeof(*p));
         memset(&source, 0, sizeof(source));
@@ -452,7 +452,7 @@ static void paths_on_a_slab(void **state)
                 source.power[c][i] = 1.0f;
         }
         p->count = 16;
-        source.away = source.any_planes = true;
+        source.distant = source.any_planes = true;
         p->trace = trace;
         layered_kernels_tables[level]->start(&work, &m, p);
         layered_kernels_tables[level]->march(&work, &m, p, &source, 1);

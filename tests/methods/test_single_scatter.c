@@ -254,8 +254,8 @@ static void light_of_painted(int painted, const float depth[3], float at, double
     rig_build(&r, SINGLE_SMOOTH, SINGLE_NONE, SINGLE_BOTH, SLOW ? 0.05f : 0.01f);
     OK(single_medium_make(r.ctx, &r.scene->materials[0], &r.medium));
     assert_int_equal(r.medium.layers, 4);
-    REQUIRE((r.medium.painting != NULL) == (painted >= 2));
-    single_medium_place(&r.medium, r.scene, r.rays, r.solids, 0);
+    REQUIRE((r.medium.maps != NULL) == (painted >= 2));
+    single_medium_attach(&r.medium, r.scene, r.rays, r.solids, 0);
     {
         float value[3], standard_error[3];
         single_estimate(&r.world, vec3(at, 0.25f * at, 0.0f), vec3((float) side, 0.0f, (float) mu_o), 100.0, &r.counts, value,

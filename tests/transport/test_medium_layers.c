@@ -48,7 +48,7 @@ static void uniform_layers(void **state)
 
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
     assert_int_equal(medium_layers.count, 3);
-    REQUIRE(!medium_layers.painted && medium_layers.substrate == PELL_SUBSTRATE_STOP && medium_layers.eta == s->materials[0].medium.eta &&
+    REQUIRE(!medium_layers.has_maps && medium_layers.substrate == PELL_SUBSTRATE_STOP && medium_layers.eta == s->materials[0].medium.eta &&
             medium_layers.deepest == 3.0);
     for (int i = 0; i < 3; i++) {
         assert_null(medium_layers.item[i].map);
@@ -84,7 +84,7 @@ static void maps_are_filtered_as_textures_are(void **state)
     (void) state;
 
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
-    REQUIRE(medium_layers.painted && medium_layers.item[0].map && !medium_layers.item[1].map);
+    REQUIRE(medium_layers.has_maps && medium_layers.item[0].map && !medium_layers.item[1].map);
     REQUIRE_NEAR(medium_layers.deepest, 3.0, 0.0);
     depths_at(&medium_layers, s, 0.25f, 0.25f, depth);
     REQUIRE_NEAR((double) depth[0], 0.5 * 0.1, 1e-6);
@@ -160,10 +160,10 @@ static void maps_of_one_value_are_uniform(void **state)
 
     layers_paint(s, 0, 2, 2, 2, 1, same);
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
-    REQUIRE(!medium_layers.painted && !medium_layers.item[2].map && medium_layers.item[2].depth == 2.25 && medium_layers.deepest == 2.25);
+    REQUIRE(!medium_layers.has_maps && !medium_layers.item[2].map && medium_layers.item[2].depth == 2.25 && medium_layers.deepest == 2.25);
     layers_paint(s, 0, 2, 2, 2, 1, deep);
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
-    REQUIRE(medium_layers.painted && medium_layers.item[2].map && medium_layers.item[2].depth == 3.0 && medium_layers.deepest == 18.0);
+    REQUIRE(medium_layers.has_maps && medium_layers.item[2].map && medium_layers.item[2].depth == 3.0 && medium_layers.deepest == 18.0);
     /* One that crosses all over is pushed down there and then. */
     s->materials[0].layers[2].depth_map.texture = NULL;
     s->materials[0].layers[2].depth = 0.25f;

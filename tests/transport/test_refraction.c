@@ -44,8 +44,8 @@ static void block(struct rig *r, float half, float deep, int cells)
 }
 
 /* A connection keeps what its fields promise. */
-static void check(const struct rig *r, const struct pell_connection *c, double eta, struct pell_vec3 x, struct pell_vec3 place, bool away,
-                  bool flat)
+static void check(const struct rig *r, const struct pell_connection *c, double eta, struct pell_vec3 x, struct pell_vec3 place,
+                  bool distant, bool flat)
 {
     const struct pell_mesh *m = &r->scene->meshes[c->mesh];
     const uint32_t *i = m->index + 3 * (size_t) c->triangle;
@@ -63,7 +63,7 @@ static void check(const struct rig *r, const struct pell_connection *c, double e
     REQUIRE_NEAR((double) vec3_length(off), 0.0, 2e-6);
     REQUIRE_NEAR((double) vec3_length(way), c->inside_mm, 1e-4);
     REQUIRE_NEAR((double) vec3_dot(way, c->inside), c->inside_mm, 1e-4);
-    if (away) {
+    if (distant) {
         REQUIRE(isinf(c->outside_mm));
         REQUIRE_NEAR((double) vec3_length(vec3_sub(c->outside, vec3_normalize(place))), 0.0, 1e-6);
     } else {
@@ -94,7 +94,7 @@ static void plane(void **state)
                 block(&r, 400.0f, 10.0f, cells);
                 rig_build(&r, flat);
                 for (int k = 0; k < 200; k++) {
-                    const bool grid = k < 100, away = k % 2;
+                    const bool grid = k < 100, distant = k % 2;
                     const struct pell_vec3 x = grid ? vec3((float) (k % 5 - 2) * 50.0f, (float) (k / 5 % 5 - 2) * 25.0f, -2.0f)
                                                     : vec3((float) (8.0 * unit(&random) - 4.0), (float) (8.0 * unit(&random) - 4.0),
                                                            (float) (-1e-3 - 3.0 * unit(&random)));
@@ -109,25 +109,25 @@ static void plane(void **state)
                     int n;
                     if (!(sin_i < 0.999) || below * sin_i / cos_i > 14.0)
                         continue;
-                    if (away)
+                    if (distant)
                         place = vec3((float) (sin_o * cos(phi)), (float) (sin_o * sin(phi)), (float) cos_o);
-                    n = pell_connect(r.connector, QUERY(0, eta, x, place, away, INFINITY), c, 4, NULL);
+                    n = pell_connect(r.connector, QUERY(0, eta, x, place, distant, INFINITY), c, 4, NULL);
                     if (n != 1)
                         fail_msg("%d paths through a plane, eta %g, x %g %g %g, cos %g, cells %d", n, eta, (double) x.x, (double) x.y,
                                  (double) x.z, cos_o, cells);
-                    check(&r, c, eta, x, place, away, true);
+                    check(&r, c, eta, x, place, distant, true);
                     REQUIRE_NEAR((double) vec3_dot(c->outside, c->normal), cos_o, 2e-5);
                     REQUIRE_NEAR((double) vec3_dot(c->inside, c->normal), cos_i, 2e-5);
                     /* Rays of one plane of incidence part by their angle (Snell's law differentiated), those across it by turning. */
                     spread = cos_o / cos_i;
-                    if (!away)
+                    if (!distant)
                         spread = 1.0 / ((above / cos_o * cos_i / cos_o + below / cos_i * cos_o / (eta * cos_i)) *
                                         (sin_o > 1e-9 ? apart / sin_o : below / eta + above));
                     worst = fmax(worst, fabs(c->spread / spread - 1.0));
                     if (eta == 1.0)
-                        REQUIRE_NEAR(c->spread, away ? 1.0 : 1.0 / (double) vec3_dot(vec3_sub(place, x), vec3_sub(place, x)),
+                        REQUIRE_NEAR(c->spread, distant ? 1.0 : 1.0 / (double) vec3_dot(vec3_sub(place, x), vec3_sub(place, x)),
                                      1e-6 * c->spread);
-                    REQUIRE(pell_connect(r.connector, QUERY(0, eta, x, place, away, 0.999 * c->inside_mm), c + 1, 3, NULL) == 0);
+                    REQUIRE(pell_connect(r.connector, QUERY(0, eta, x, place, distant, 0.999 * c->inside_mm), c + 1, 3, NULL) == 0);
                 }
                 REQUIRE(worst < 2e-4);
                 rig_finish(&r);
@@ -150,19 +150,20 @@ static void ball_on_axis(void **state)
             shapes_ball(r.scene, 0, vec3(0, 0, 0), (float) radius, rings);
             rig_build(&r, false);
             for (double deep = 0.5; deep < 16.0; deep += 2.5)
-                for (int away = 0; away < 2; away++) {
-                    const double far = 25.0, y = away ? 1.0 - deep * (eta - 1.0) / (eta * radius)
-                                                      : far + deep / eta * (1.0 - far * (eta - 1.0) / radius);
+                for (int distant = 0; distant < 2; distant++) {
+                    const double far = 25.0, y = distant ? 1.0 - deep * (eta - 1.0) / (eta * radius)
+                                                         : far + deep / eta * (1.0 - far * (eta - 1.0) / radius);
                     const struct pell_vec3 x = vec3_mul(axis, (float) (radius - deep));
                     struct pell_connection c[16];
-                    const int n = pell_connect(
-                        r.connector, QUERY(0, eta, x, away ? axis : vec3_mul(axis, (float) (radius + far)), away, INFINITY), c, 16, NULL);
+                    const int n = pell_connect(r.connector,
+                                               QUERY(0, eta, x, distant ? axis : vec3_mul(axis, (float) (radius + far)), distant, INFINITY),
+                                               c, 16, NULL);
                     int at = -1;
                     for (int i = 0; i < n; i++)
                         if (vec3_dot(c[i].inside, axis) > 0.99999f)
                             at = i;
                     REQUIRE(at >= 0);
-                    check(&r, &c[at], eta, x, away ? axis : vec3_mul(axis, (float) (radius + far)), away, false);
+                    check(&r, &c[at], eta, x, distant ? axis : vec3_mul(axis, (float) (radius + far)), distant, false);
                     if (rings == 48)
                         coarse = fmax(coarse, fabs(c[at].spread * y * y - 1.0));
                     else
@@ -201,16 +202,16 @@ static void spread_by_differences(void **state)
         bumpy(&r, 10.0f, 0.6f, 24);
         rig_build(&r, flat);
         for (int k = 0; k < (SLOW ? 300 : 1200); k++) {
-            const bool away = k % 2;
+            const bool distant = k % 2;
             const struct pell_vec3 d = vec3_normalize(in_ball(&random)), x = vec3_mul(in_ball(&random), 9.0f);
-            const struct pell_vec3 place = away ? d : vec3_mul(d, 14.0f);
+            const struct pell_vec3 place = distant ? d : vec3_mul(d, 14.0f);
             struct pell_connection c[16];
-            const int n = pell_connect(r.connector, QUERY(0, eta, x, place, away, INFINITY), c, 16, NULL);
+            const int n = pell_connect(r.connector, QUERY(0, eta, x, place, distant, INFINITY), c, 16, NULL);
             for (int i = 0; i < n; i++) {
                 struct pell_vec3 axis[2], to[2], along[2];
                 double moved[2][2] = { { 0 } }, step = 1.0 / 256.0, area, found;
                 bool stayed = true;
-                check(&r, &c[i], eta, x, place, away, flat);
+                check(&r, &c[i], eta, x, place, distant, flat);
                 vec3_basis(c[i].inside, &axis[0], &axis[1]);
                 vec3_basis(c[i].outside, &along[0], &along[1]);
                 for (int a = 0; a < 2 && stayed; a++) {
@@ -219,21 +220,22 @@ static void spread_by_differences(void **state)
                         struct pell_connection other[16];
                         const struct pell_connection *p;
                         real[s] = vec3_mad(x, (float) (s ? step : -step), axis[a]);
-                        p = same_path(other, pell_connect(r.connector, QUERY(0, eta, real[s], place, away, INFINITY), other, 16, NULL),
+                        p = same_path(other, pell_connect(r.connector, QUERY(0, eta, real[s], place, distant, INFINITY), other, 16, NULL),
                                       &c[i]);
                         stayed = p && p->mesh == c[i].mesh && p->triangle == c[i].triangle && vec3_length(vec3_sub(p->at, c[i].at)) < 0.2f;
                         if (stayed)
                             to[s] = p->at;
                     }
                     for (int b = 0; b < 2 && stayed; b++)
-                        moved[a][b] = (double) vec3_dot(vec3_sub(to[1], to[0]), along[b]) / (2.0 * step) / (away ? 1.0 : c[i].outside_mm);
+                        moved[a][b] =
+                            (double) vec3_dot(vec3_sub(to[1], to[0]), along[b]) / (2.0 * step) / (distant ? 1.0 : c[i].outside_mm);
                 }
                 area = fabs(moved[0][0] * moved[1][1] - moved[0][1] * moved[1][0]);
                 found = c[i].spread;
-                if (!stayed || area > (away ? 5.0 : 0.05)) /* near a caustic differences are no derivative */
+                if (!stayed || area > (distant ? 5.0 : 0.05)) /* near a caustic differences are no derivative */
                     continue;
                 sum += fabs(area / found - 1.0);
-                worst = fmax(worst, fabs(area - found) / (found + (away ? 0.05 : 5e-4)));
+                worst = fmax(worst, fabs(area - found) / (found + (distant ? 0.05 : 5e-4)));
                 count++;
             }
         }
@@ -249,15 +251,15 @@ static void spread_by_differences(void **state)
 /* --- How many ----------------------------------------------------------------------------------------------------------------- */
 
 /* Paths into a ball lie in the plane of x, light and centre: roots of one equation in the angle, told apart by brute force. */
-static int count_on_circle(double eta, double radius, const double x[2], const double source[2], bool away, double *nearest)
+static int count_on_circle(double eta, double radius, const double x[2], const double source[2], bool distant, double *nearest)
 {
     double before = 0.0, best = INFINITY;
     int count = 0;
 
     for (int k = 0; k <= 20000; k++) {
         const double t = 2.0 * PELL_PI * k / 20000.0, n[2] = { cos(t), sin(t) }, p[2] = { radius * n[0], radius * n[1] };
-        double w[2] = { away ? source[0] : source[0] - p[0], away ? source[1] : source[1] - p[1] }, in[2] = { x[0] - p[0], x[1] - p[1] }, l,
-               f;
+        double w[2] = { distant ? source[0] : source[0] - p[0], distant ? source[1] : source[1] - p[1] },
+               in[2] = { x[0] - p[0], x[1] - p[1] }, l, f;
         l = hypot(w[0], w[1]);
         w[0] /= l;
         w[1] /= l;
@@ -292,16 +294,16 @@ static void how_many_in_a_ball(void **state)
     rig_build(&r, false);
     for (int k = 0; k < (SLOW ? 60 : 600); k++) {
         const double eta = k % 4 < 2 ? 1.5 : 2.4; /* the latter has its focus inside */
-        const bool away = k % 2;
+        const bool distant = k % 2;
         const struct pell_vec3 d = vec3_normalize(in_ball(&random)), x = vec3_mul(in_ball(&random), 9.8f);
-        const struct pell_vec3 side = vec3_sub(x, vec3_mul(d, vec3_dot(x, d))), place = away ? d : vec3_mul(d, 30.0f);
-        const double flat_x[2] = { (double) vec3_dot(x, d), (double) vec3_length(side) }, source[2] = { away ? 1.0 : 30.0, 0.0 };
+        const struct pell_vec3 side = vec3_sub(x, vec3_mul(d, vec3_dot(x, d))), place = distant ? d : vec3_mul(d, 30.0f);
+        const double flat_x[2] = { (double) vec3_dot(x, d), (double) vec3_length(side) }, source[2] = { distant ? 1.0 : 30.0, 0.0 };
         struct pell_connection c[16];
         double nearest;
-        const int n = pell_connect(r.connector, QUERY(0, eta, x, place, away, INFINITY), c, 16, NULL);
-        const int expected = count_on_circle(eta, radius, flat_x, source, away, &nearest);
+        const int n = pell_connect(r.connector, QUERY(0, eta, x, place, distant, INFINITY), c, 16, NULL);
+        const int expected = count_on_circle(eta, radius, flat_x, source, distant, &nearest);
         for (int i = 0; i < n; i++)
-            check(&r, &c[i], eta, x, place, away, false);
+            check(&r, &c[i], eta, x, place, distant, false);
         counts[expected < 8 ? expected : 7]++;
         wrong += n != expected;
         near += n != expected && nearest > 0.02; /* not about to gain or lose a pair */
@@ -349,7 +351,7 @@ static void no_path_is_missing(void **state)
             for (int k = 0; k < (SLOW ? 400 : 6000); k++) {
                 const double eta = etas[k % 4];
                 const struct pell_vec3 w = vec3_normalize(in_ball(&random)), d = vec3_normalize(in_ball(&random));
-                const bool away = k / 4 % 2;
+                const bool distant = k / 4 % 2;
                 _Alignas(64) int valid[16] = { -1 };
                 struct pell_connection c[PELL_CONNECTIONS];
                 struct pell_vec3 x = vec3_mul(in_ball(&random), 9.0f);
@@ -403,14 +405,14 @@ static void no_path_is_missing(void **state)
                 p.ray.dy[0] = out.y;
                 p.ray.dz[0] = out.z;
                 p.ray.tnear[0] = 1e-3f;
-                p.ray.tfar[0] = away ? INFINITY : 15.0f;
+                p.ray.tfar[0] = distant ? INFINITY : 15.0f;
                 p.ray.mask[0] = PELL_RAY_ALL;
                 pell_rays_closest16(r.rays, valid, false, &p);
                 if (p.hit.mesh[0] != PELL_NO_HIT) {
                     blocked++;
                     continue;
                 }
-                count = pell_connect(r.connector, QUERY(0, eta, x, away ? out : vec3_mad(at, 15.0f, out), away, INFINITY), c,
+                count = pell_connect(r.connector, QUERY(0, eta, x, distant ? out : vec3_mad(at, 15.0f, out), distant, INFINITY), c,
                                      PELL_CONNECTIONS, NULL);
                 for (int i = 0; i < count; i++)
                     found = found || vec3_length(vec3_sub(c[i].at, at)) < 0.01f;
@@ -432,7 +434,7 @@ static void no_path_is_missing(void **state)
 /* A solid in the light of a source, and balls in it. */
 struct entering {
     struct rig r;
-    bool flat, away;
+    bool flat, distant;
     double eta;
     struct pell_vec3 place, direction, t, b; /* of the source; to it, and across */
     double cos_max, each;                    /* of the cone of rays from a place; what a ray carries */
@@ -448,7 +450,7 @@ static void aim(const struct entering *e, uint64_t *random, struct pell_ray_hit1
     for (int i = 0; i < 16; i++) {
         struct pell_vec3 o = vec3_mul(e->direction, 22.0f), w = vec3_mul(e->direction, -1.0f);
         valid[i] = -1;
-        if (e->away) {
+        if (e->distant) {
             o = vec3_mad(vec3_mad(o, (float) (21.6 * unit(random) - 10.8), e->t), (float) (21.6 * unit(random) - 10.8), e->b);
         } else {
             const double c = 1.0 - unit(random) * (1.0 - e->cos_max), s = sqrt(1.0 - c * c), phi = 2.0 * PELL_PI * unit(random);
@@ -534,7 +536,7 @@ static double connect_ball(const struct entering *e, int k, uint64_t *random, do
     for (int i = 0; i < points; i++) {
         const struct pell_vec3 x = vec3_mad(e->probe[k], e->size, in_ball(random));
         struct pell_connection c[32];
-        const int n = pell_connect(e->r.connector, QUERY(0, e->eta, x, e->place, e->away, INFINITY), c, 32, NULL);
+        const int n = pell_connect(e->r.connector, QUERY(0, e->eta, x, e->place, e->distant, INFINITY), c, 32, NULL);
         double light = 0.0;
         for (int j = 0; j < n; j++)
             light += c[j].spread * c[j].transmit;
@@ -545,16 +547,18 @@ static double connect_ball(const struct entering *e, int k, uint64_t *random, do
     return sum;
 }
 
-static void light_that_enters_as_traced(int shape, bool flat, bool away, uint64_t *random)
+static void light_that_enters_as_traced(int shape, bool flat, bool distant, uint64_t *random)
 {
     static const char *const names[] = { "box", "ball", "bumpy" };
     const int64_t rays = SLOW ? 16000 : 96000;
     const struct pell_vec3 d = vec3_normalize(vec3(0.3f, 0.2f, 0.9f));
-    struct entering e = { .flat = flat, .away = away, .eta = 1.4, .direction = d, .place = away ? d : vec3_mul(d, 22.0f), .size = 0.8f };
+    struct entering e = {
+        .flat = flat, .distant = distant, .eta = 1.4, .direction = d, .place = distant ? d : vec3_mul(d, 22.0f), .size = 0.8f
+    };
     double chi = 0.0, total[2] = { 0 };
 
     e.cos_max = sqrt(1.0 - 10.8 * 10.8 / (22.0 * 22.0));
-    e.each = away ? 4.0 * 10.8 * 10.8 / (double) rays : 2.0 * PELL_PI * (1.0 - e.cos_max) / (double) rays;
+    e.each = distant ? 4.0 * 10.8 * 10.8 / (double) rays : 2.0 * PELL_PI * (1.0 - e.cos_max) / (double) rays;
     rig_start(&e.r);
     if (shape == 0)
         block(&e.r, 7.0f, 9.0f, 1);
@@ -588,7 +592,7 @@ static void light_that_enters_as_traced(int shape, bool flat, bool away, uint64_
         e.variance += variance;
     }
     print_message("# %s, %s, %s: connections bring %.4f of the light that enters, +- %.4f; chi^2 a place %.2f\n", names[shape],
-                  flat ? "flat" : "smooth", away ? "sun" : "point", total[1] / total[0], sqrt(e.variance) / total[0], chi);
+                  flat ? "flat" : "smooth", distant ? "sun" : "point", total[1] / total[0], sqrt(e.variance) / total[0], chi);
     REQUIRE_NEAR(total[1], total[0], 4.0 * sqrt(e.variance) + 0.002 * total[0]);
     REQUIRE(chi < 2.0);
     rig_finish(&e.r);
@@ -602,8 +606,8 @@ static void light_that_enters(void **state)
     (void) state;
     for (int shape = 0; shape < 3; shape++)
         for (int flat = 0; flat < 2; flat++)
-            for (int away = 0; away < 2; away++)
-                light_that_enters_as_traced(shape, flat, away, &random);
+            for (int distant = 0; distant < 2; distant++)
+                light_that_enters_as_traced(shape, flat, distant, &random);
 }
 
 /* --- In the way, and what is no query ----------------------------------------------------------------------------------------- */
@@ -622,15 +626,15 @@ static void objects_in_the_way(void **state)
             shapes_quad(r.scene, shapes_material(r.scene, true), vec3(0, 0, before == 1 ? 3.0f : -1.0f), vec3(2, 0, 0), vec3(0, 2, 0));
         rig_build(&r, true);
         for (int eta = 0; eta < 2; eta++)
-            for (int away = 0; away < 2; away++) {
-                const struct pell_vec3 place = away ? vec3(0, 0, 1) : vec3(0.2f, 0.1f, 8.0f);
+            for (int distant = 0; distant < 2; distant++) {
+                const struct pell_vec3 place = distant ? vec3(0, 0, 1) : vec3(0.2f, 0.1f, 8.0f);
                 int64_t rays = 0;
                 assert_int_equal(
-                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(0.1f, 0.3f, -2.0f), place, away, INFINITY), c, 4, &rays),
+                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(0.1f, 0.3f, -2.0f), place, distant, INFINITY), c, 4, &rays),
                     where == 0);
                 REQUIRE(rays > 0);
                 assert_int_equal(
-                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(9.1f, 0.3f, -2.0f), place, away, INFINITY), c, 4, NULL), 1);
+                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(9.1f, 0.3f, -2.0f), place, distant, INFINITY), c, 4, NULL), 1);
             }
         rig_finish(&r);
     }
@@ -654,25 +658,25 @@ static void hostile(void **state)
     shapes_bound(r.scene, m);
     for (int flat = 0; flat < 2; flat++) {
         rig_build(&r, flat);
-        for (int away = 0; away < 2; away++) {
+        for (int distant = 0; distant < 2; distant++) {
             const struct pell_vec3 in = vec3(0, 1, 3), source = vec3(0, 3, 20);
-            assert_int_equal(pell_connect(r.connector, QUERY(-1, 1.3, in, source, away, INFINITY), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(1, 1.3, in, source, away, INFINITY), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, away, 0.0), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, away, NAN), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, away, INFINITY), c, 0, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, away, INFINITY), c, -1, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, NAN, in, source, away, INFINITY), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, 0.0, in, source, away, INFINITY), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, -1.3, in, source, away, INFINITY), c, 4, NULL), 0);
-            assert_int_equal(pell_connect(r.connector, QUERY(0, INFINITY, in, source, away, INFINITY), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(-1, 1.3, in, source, distant, INFINITY), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(1, 1.3, in, source, distant, INFINITY), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, distant, 0.0), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, distant, NAN), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, distant, INFINITY), c, 0, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, 1.3, in, source, distant, INFINITY), c, -1, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, NAN, in, source, distant, INFINITY), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, 0.0, in, source, distant, INFINITY), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, -1.3, in, source, distant, INFINITY), c, 4, NULL), 0);
+            assert_int_equal(pell_connect(r.connector, QUERY(0, INFINITY, in, source, distant, INFINITY), c, 4, NULL), 0);
             for (size_t i = 0; i < PELL_COUNT(odd); i++)
                 for (int eta = 0; eta < 3; eta++) {
                     const double index = eta == 0 ? 1.0 : eta == 1 ? 1.5 : 0.7;
                     const struct pell_vec3 strange = vec3(odd[i], odd[(i + 1) % PELL_COUNT(odd)], odd[(i + 2) % PELL_COUNT(odd)]);
-                    int n = pell_connect(r.connector, QUERY(0, index, strange, source, away, INFINITY), c, 4, NULL);
+                    int n = pell_connect(r.connector, QUERY(0, index, strange, source, distant, INFINITY), c, 4, NULL);
                     REQUIRE(n >= 0 && n <= 4);
-                    n = pell_connect(r.connector, QUERY(0, index, in, strange, away, INFINITY), c, 4, NULL);
+                    n = pell_connect(r.connector, QUERY(0, index, in, strange, distant, INFINITY), c, 4, NULL);
                     REQUIRE(n >= 0 && n <= 4);
                     for (int k = 0; k < n; k++)
                         REQUIRE(isfinite(c[k].spread) && isfinite(c[k].inside_mm) && c[k].transmit >= 0.0 && c[k].transmit <= 1.0);
@@ -680,15 +684,15 @@ static void hostile(void **state)
             /* Outside, on the surface, and a light inside: nothing, or at most a path as short as rounding is long. */
             for (int eta = 0; eta < 2; eta++) {
                 const double index = eta ? 1.4 : 1.0;
-                assert_int_equal(pell_connect(r.connector, QUERY(0, index, vec3(0, 3, 12), source, away, INFINITY), c, 4, NULL), 0);
-                assert_int_equal(pell_connect(r.connector, QUERY(0, index, vec3(0, -30, 0), source, away, INFINITY), c, 4, NULL), 0);
-                if (!away) {
-                    assert_int_equal(pell_connect(r.connector, QUERY(0, index, in, vec3(0, 2, 2), away, INFINITY), c, 4, NULL), 0);
-                    assert_int_equal(pell_connect(r.connector, QUERY(0, index, in, in, away, INFINITY), c, 4, NULL), 0);
+                assert_int_equal(pell_connect(r.connector, QUERY(0, index, vec3(0, 3, 12), source, distant, INFINITY), c, 4, NULL), 0);
+                assert_int_equal(pell_connect(r.connector, QUERY(0, index, vec3(0, -30, 0), source, distant, INFINITY), c, 4, NULL), 0);
+                if (!distant) {
+                    assert_int_equal(pell_connect(r.connector, QUERY(0, index, in, vec3(0, 2, 2), distant, INFINITY), c, 4, NULL), 0);
+                    assert_int_equal(pell_connect(r.connector, QUERY(0, index, in, in, distant, INFINITY), c, 4, NULL), 0);
                 }
                 for (int k = 0; k < 3; k++) {
                     const struct pell_vec3 on = vec3_load(r.scene->meshes[0].position + 3 * (100 + 77 * k));
-                    const int n = pell_connect(r.connector, QUERY(0, index, on, vec3_mul(on, 2.0f), away, INFINITY), c, 4, NULL);
+                    const int n = pell_connect(r.connector, QUERY(0, index, on, vec3_mul(on, 2.0f), distant, INFINITY), c, 4, NULL);
                     REQUIRE(n >= 0 && n <= 4);
                     for (int j = 0; j < n; j++)
                         REQUIRE(isfinite(c[j].spread) && c[j].inside_mm < 10.0);

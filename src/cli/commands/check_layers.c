@@ -354,7 +354,7 @@ static enum pell_result draw(struct section *s, double length)
         }
     snprintf(title, sizeof(title), "Layers below the surface of %s",
              s->material->name && s->material->name[0] ? pell_printable(s->material->name, shown, sizeof(shown)) : "the material");
-    if (s->medium_layers.painted)
+    if (s->medium_layers.has_maps)
         snprintf(caption, sizeof(caption),
                  "From texture coordinates %.4g, %.4g to %.4g, %.4g. \u00b7 Depth is drawn %.3g times as large as length.", s->line[0],
                  s->line[1], s->line[2], s->line[3], 330.0 / s->down_to / (780.0 / length));
@@ -400,7 +400,7 @@ static enum exit_code cut(struct section *s, json_t **answer)
 
     if (code != EXIT_OK)
         return code;
-    if (s->medium_layers.painted) {
+    if (s->medium_layers.has_maps) {
         cut_surface(s);
         length = 0.0;
         if (measure(s) < 2)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * chunks.h - rows of pixels by the vector: their ends, which pixels are of a group, numbers of a table for each.
+ * chunks.h - vector access to rows of pixels: partial vectors at their ends, masks of pixels in a group, table lookups per lane.
  */
 #ifndef PELL_CONVOLUTION_CHUNKS_H
 #define PELL_CONVOLUTION_CHUNKS_H
@@ -13,7 +13,7 @@
 
 typedef uint16_t vh __attribute__((vector_size(2 * WIDTH)));
 
-#define INTS(v) __builtin_convertvector(v, vi) /* towards 0 */
+#define INTS(v) __builtin_convertvector(v, vi) /* truncates */
 #define FLOATS(v) __builtin_convertvector(v, vf)
 
 INLINE vf within(vf x, float low, float high)
@@ -34,7 +34,7 @@ INLINE vf lanes_from(float first)
     return v + first;
 }
 
-/* The first n floats, others 0. */
+/* The first n floats; the others are 0. */
 INLINE vf load_some(const float *p, int n)
 {
     vf v = { 0 };
@@ -64,14 +64,14 @@ INLINE vi groups_of(const uint16_t *group, int n)
     return __builtin_convertvector(v, vi);
 }
 
-/* Which of the first n are `own`. */
+/* Mask of the first n pixels that are in group `own`. */
 INLINE vi which(const uint16_t *group, uint16_t own, int n)
 {
     return (groups_of(group, n) == (vi) { 0 } + own) & (lanes_from(0.0f) < all((float) n));
 }
 
-/* table[at] of each lane: by loads, which beat gathers on many machines and never lose much; and so do loads of the numbers beat taking a
- * vector apart: IN_MEMORY keeps compilers from that. */
+/* table[at] for each lane, by scalar loads, which are faster than gather instructions on many machines and never much slower. The indices
+ * are loaded from memory as well, which beats extracting them from a vector: IN_MEMORY forces compilers to do so. */
 #if defined(__GNUC__)
 #define IN_MEMORY(array) __asm__("" : "+m"(array))
 #else
@@ -89,7 +89,7 @@ INLINE vf pick(const float *table, vi at)
     return v;
 }
 
-/* Four floats at table + 4 at of each lane. */
+/* Four floats at table + 4 at for each lane. */
 INLINE void pick4(const float *table, vi at, vf out[4])
 {
     _Alignas(64) int32_t i[WIDTH];

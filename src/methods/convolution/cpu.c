@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the convolution method on the cpu engine: its life, and a frame, in which what scatters together goes through the steps of
- * state.h in its own rectangle, each channel for itself.
+ * cpu.c - the convolution method on the cpu engine: creation, and a frame, in which each group of pixels that scatter together passes
+ * through the steps of state.h in its own rectangle, channel by channel.
  */
 #include "methods/convolution/state.h"
 
@@ -19,7 +19,7 @@ PELL_SIMD_TABLES(struct conv_kernels, convolution_kernels);
 
 enum { L = PELL_FFT_LANES, E = PELL_FFT_ELEMENT };
 
-/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
 
 static void convolution_destroy(void *state)
 {
@@ -73,7 +73,7 @@ static enum pell_result make_thickness(struct convolution_state *st, const struc
             st->by_slab[i] = st->by_slab[first];
             continue;
         }
-        /* Without hidden faces planes bring nothing through: R over the thickness does, then. */
+        /* Without hidden faces the planes transmit nothing; a table by thickness is used instead. */
         st->by_slab[i] = !st->solids || pell_slabs_make(m, slab);
         pell_thickness_table_make(m, pell_thickness_beyond, m, true, st->by_slab[i] ? 1.0 : 0.0, &st->thickness[i]);
     }
@@ -99,7 +99,7 @@ static enum pell_result make_materials(struct convolution_state *st, const struc
     return st->knobs.through == CONV_THROUGH_SLAB ? make_thickness(st, shape) : PELL_OK;
 }
 
-/* Cells of twice the images' pixels are fine enough where a picture asked for coarse images. */
+/* For coarse images, cells of twice their pixel size are fine enough. */
 static int behind_step(const struct convolution_knobs *k)
 {
     if (k->behind_step != CONV_EVERY_AUTO)
@@ -159,7 +159,7 @@ static bool is_uniform(const struct convolution_state *st)
     return st->knobs.borders == CONV_BORDERS_EVEN || (st->knobs.borders == CONV_BORDERS_AUTO && st->knobs.surfaces == 1);
 }
 
-/* Room for images of this many pixels to one of the picture's. */
+/* Allocates for images with this many pixels of the picture per pixel. */
 static void find_room(const struct convolution_state *st, const struct pell_frame_shape *shape, int step, struct conv_room *out)
 {
     const int width = (shape->width + 2 * step - 2) / step + 1, height = (shape->height + 2 * step - 2) / step + 1;
@@ -252,12 +252,12 @@ static enum pell_result convolution_create(const struct pell_services *services,
     if (shape->width > PELL_FFT_MOST / 4 || shape->height > PELL_FFT_MOST / 4)
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%d x %d pixels, at most %d a side", shape->width, shape->height,
                           PELL_FFT_MOST / 4);
-    if ((int64_t) shape->stride * shape->height > INT32_MAX) /* kernels count pixels in 32 bits */
+    if ((int64_t) shape->stride * shape->height > INT32_MAX) /* kernels index pixels with 32 bits */
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", NULL, "%lld pixels with the rows' ends, at most %d",
                           (long long) shape->stride * shape->height, INT32_MAX);
     if (st->knobs.surfaces > 1)
         PELL_TRY(pell_services_solids(services, &st->solids));
-    if ((st->solids ? st->solids->count : shape->num_materials) >= UINT16_MAX) /* groups are kept in 16 bits, 0 is none */
+    if ((st->solids ? st->solids->count : shape->num_materials) >= UINT16_MAX) /* groups are stored in 16 bits, and 0 means none */
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, "convolution", "join objects, or use hierarchical", "%zu solids, at most %d",
                           st->solids ? st->solids->count : shape->num_materials, UINT16_MAX - 1);
     PELL_TRY(make_materials(st, shape));
@@ -343,7 +343,7 @@ static void convolve(struct convolution_state *st, int channel, bool uniform)
     note_time(st, CONV_T_GATHER, &clock, j->extent.pixels, j->extent.pixels * 24 + (j->layout.planes + j->between) * half_bytes);
 }
 
-/* The group by one level of its strength: its light to planes, and its pixels. */
+/* Processes the group at one level of its strength: light to planes, convolution, and planes to pixels. */
 static enum pell_result render_level(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
@@ -398,7 +398,7 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     convolution_find_levels(st, m->strength);
     convolution_take_level(st, m, material, j->last_level);
     convolution_take_room(st);
-    convolution_take_level(st, m, material, j->first_level); /* the widest lays out for all */
+    convolution_take_level(st, m, material, j->first_level); /* the layout is that of the widest profile */
     convolution_lay_out(st);
     j->between = st->knobs.restore == CONV_BETWEEN ? j->layout.planes - 1 : 0;
     j->behind = st->knobs.apart && st->sources.behind.layers > 0 ? j->layout.planes : 0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * gather.c - rows of planes back, and planes to pixels.
+ * gather.c - inverse transforms of the planes' rows, and interpolation from planes to pixels.
  */
 #include "methods/convolution/state.h"
 
@@ -9,7 +9,7 @@
 
 #include <string.h>
 
-/* Images that a row needs: of planes, then those between. */
+/* Images that a row needs: those of planes, then those between planes. */
 static void find_needed(const struct convolution_state *st, unsigned seen, bool which[CONV_IMAGES])
 {
     const struct conv_job *j = &st->job;
@@ -19,8 +19,8 @@ static void find_needed(const struct convolution_state *st, unsigned seen, bool 
         which[i] = i < n ? (seen | seen << 1) >> i & 1 : seen >> (i - n) & 1;
 }
 
-/* Rows of smaller images that row y of pixels needs, at full size, the first float of each that of pixel rect.x0: interpolated on their
- * plane. */
+/* Rows of smaller images that row y of pixels needs, interpolated to full resolution on their plane; the first float of each is at pixel
+ * rect.x0. */
 static void expand_rows(const struct convolution_state *st, int y, const bool *which, float *spare, const float *rows[CONV_IMAGES])
 {
     const struct conv_job *j = &st->job;
@@ -39,12 +39,12 @@ static void expand_rows(const struct convolution_state *st, int y, const bool *w
     }
 }
 
-/* Pixels [x0, x1) of row y that light comes to, of those from rect.x0 on. */
+/* Pixels [x0, x1) of row y that light reaches, counted from rect.x0. */
 static void find_reached(const struct convolution_state *st, int y, int *x0, int *x1)
 {
     const struct conv_job *j = &st->job;
     const struct pell_rect *rect = &j->extent.rect;
-    const int half = st->room.step / 2, row = y - j->y0 - half; /* a pixel lies between this one of the images and the next */
+    const int half = st->room.step / 2, row = y - j->y0 - half; /* centre of the pixel relative to rows of the images */
     const int margin = st->room.step > 1, at = row >= 0 ? row / st->room.step : 0;
     int low, high;
 
@@ -55,10 +55,10 @@ static void find_reached(const struct convolution_state *st, int y, int *x0, int
     high = j->reached.x1 * st->room.step + half - rect->x0 + j->x0;
     *x0 = j->reached.x0 - margin <= 0 || low < 0 ? 0 : low;
     high = high < rect->x1 - rect->x0 ? high : rect->x1 - rect->x0;
-    *x1 = high > *x0 ? high : *x0; /* what is reached may lie beside all pixels */
+    *x1 = high > *x0 ? high : *x0; /* the reached range may be outside of all pixels */
 }
 
-/* A mean of what is there, whatever rounding says of light that is far dimmer than elsewhere. */
+/* Clamps the mean to the range of its inputs: rounding errors are relative to the brightest light, which may be far away. */
 static void divide_row(const struct convolution_state *st, int y, const float *sum, float *out)
 {
     const struct conv_job *j = &st->job;
@@ -76,7 +76,7 @@ static void divide_row(const struct convolution_state *st, int y, const float *s
     }
 }
 
-/* Row y of pixels from rows of images. */
+/* Interpolates row y of pixels from rows of images. */
 static void gather_row(struct convolution_state *st, int y, const float *const rows[CONV_IMAGES], float *sum)
 {
     const struct conv_job *j = &st->job;
@@ -107,7 +107,7 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
         convolution_blend_row(st, y, sum);
 }
 
-/* A band of images as large as the picture, and its pixels. */
+/* One band of full-resolution images, and its pixels. */
 static void gather_band(void *arg, int band, int worker)
 {
     struct convolution_state *st = arg;

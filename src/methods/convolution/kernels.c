@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.c - the inner loops of the convolution method; compiled once per level of base/simd.h. All levels give the same bits: lanes
- * never meet.
+ * kernels.c - the inner loops of the convolution method; compiled once per level of base/simd.h. All levels give the same bits: lanes are
+ * independent.
  */
 #include "methods/convolution/kernels.h"
 
@@ -12,15 +12,15 @@ enum { LANES = 16, ELEMENT = 32 };
 
 /* --- Slants ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Pixels of one row (step 1), or each pixel with its own column (step: the stride). */
+/* Pixels of a row (step 1), or each pixel with its own column (step: the stride). */
 struct line {
-    vi at, group_at, place; /* offsets of the line's first pixel in planes of floats and of groups; the pixels' indices along the line */
+    vi at, group_at, place; /* offsets of the line's first pixel in planes of floats and of groups; index of each pixel along the line */
     ptrdiff_t step, group_step;
     int low, high; /* first and last index inside the image */
 };
 
-/* The slope, each pixel, to the one `by` pixels away that is less steep; 0 without any: 1/depth, or depth where rays are parallel, is
- * linear on the picture for any plane. */
+/* Slope from each pixel to the one `by` pixels away on either side, the less steep of both; 0 without neighbours. The interpolated quantity
+ * is linear in the image for any plane: 1/depth, or depth in a parallel view. */
 INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi own, vi by)
 {
     vf best = all(INFINITY);
@@ -47,7 +47,7 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
     return select(magnitude(best) < INFINITY, best / FLOATS(by), all(0.0f));
 }
 
-/* |n . d| of n < WIDTH pixels from (x, y) on by depths `by` pixels away; `is`: pixels of `own`, others are not looked at. */
+/* |n . d| of n < WIDTH pixels from (x, y) on, from depths `by` pixels away; `is`: mask of pixels in group `own`, the others are skipped. */
 INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi by)
 {
     const vf here = d->parallel ? depth : 1.0f / depth, px = lanes_from((float) x);
@@ -107,7 +107,7 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
 
 /* --- Weights ----------------------------------------------------------------------------------------------------------------------- */
 
-/* A place in a table over leans. */
+/* A row index in a table over slants. */
 struct row {
     vi low;
     vf part;
@@ -121,8 +121,8 @@ INLINE struct row row_of(vf slant, int rows)
     return (struct row) { low, within(s - FLOATS(low), 0.0f, 1.0f) };
 }
 
-/* Pixels of a plane are not as wide as those at the depth itself, t between two planes whose pixels are p and q mm wide. `cosine` is 1
- * but for restore=response. */
+/* Pixels on a plane differ in width from pixels at the depth itself, t between two planes whose pixels are p and q mm wide. `cosine` is 1
+ * unless restore=response. */
 INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
 {
     vf share = (1.0f - t) / (p * p) + t / (q * q);
@@ -134,10 +134,10 @@ INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
     return select(p == q, all(1.0f), 1.0f / ((p + t * (q - p)) * root(share)));
 }
 
-/* Areas in pixels of the middle, and what splitting and gathering give back of a flat surface's light. By its place among the planes: half
- * of the factor where light enters, half where it leaves; by its slant, on the mean over positions: all where it enters, as a single
- * slanted pixel has no neighbours that give it more. Near light is weighted by the pixel's own slant, light from farther away by the slant
- * averaged over a distance. */
+/* Areas in units of the middle pixel, corrected by the response: the light that a flat surface gets back from splitting and gathering. The
+ * dependence on the coordinate among the planes is divided evenly between entering and leaving light; the dependence on the slant, averaged
+ * over coordinates, is applied to entering light only, since a single slanted pixel has no neighbours that would contribute more. Near
+ * light is weighted by the pixel's own slant, light from farther away by the slant over a distance. */
 static void weigh(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3])
 {
     enum { SIZE = sizeof(struct conv_response) / (4 * sizeof(float)) };
@@ -211,7 +211,7 @@ static void share(const struct conv_shares *s, int count, const float *p, const 
 
 /* --- To planes and from them ------------------------------------------------------------------------------------------------------- */
 
-/* Of the light at a place what goes to plane i. */
+/* Fraction of the light at this coordinate that goes to plane i. */
 INLINE vf part_of(vf place, int i)
 {
     return greater(1.0f - magnitude(place - (float) i), all(0.0f));
@@ -316,7 +316,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
 
 static void add_cells(const float *cells, int count, int repeat, int per, float scale, int room, float *out)
 {
-    if (repeat == 1 && per == 1) { /* the usual ones, for compilers to make vectors of */
+    if (repeat == 1 && per == 1) { /* common case, written so that compilers vectorise it */
         for (int x = 0; x < room && x < count; x++)
             out[x] += scale * cells[x];
         return;
@@ -342,7 +342,7 @@ static void expand(const float *top, const float *bottom, float part, int width,
     }
     row[-1] = row[0];
     row[width] = row[width - 1];
-    for (int x = 0; x < width && step == 2; x++) { /* the usual one, for compilers to make vectors of */
+    for (int x = 0; x < width && step == 2; x++) { /* common case, written so that compilers vectorise it */
         out[2 * x] = row[x - 1] + 0.75f * (row[x] - row[x - 1]);
         out[2 * x + 1] = row[x] + 0.25f * (row[x + 1] - row[x]);
     }
@@ -356,7 +356,7 @@ static void expand(const float *top, const float *bottom, float part, int width,
 
 /* --- Samples of kernels ------------------------------------------------------------------------------------------------------------ */
 
-/* convolution_radial_value */
+/* Mirrors convolution_radial_value. */
 INLINE vf value_at(const float *value, float per_median2, vf radius2)
 {
     const vi bits = (vi) (radius2 * per_median2), row = (bits >> 18) - ((127 - CONV_OCTAVES / 2) << 5);
@@ -368,7 +368,7 @@ INLINE vf value_at(const float *value, float per_median2, vf radius2)
 
 static void sample(const struct conv_samples *s, float x, float y, float step, int count, float *out)
 {
-    const float a = s->fine ? 0.288675135f : 0.0f; /* two points of Gauss and Legendre */
+    const float a = s->fine ? 0.288675135f : 0.0f; /* offset of two-point Gauss-Legendre quadrature */
 
     for (int i = 0; i < count; i += WIDTH) {
         const vf v = lanes_from((float) i) * step + y;
@@ -384,7 +384,7 @@ static void sample(const struct conv_samples *s, float x, float y, float step, i
 
 /* --- Near pixels ------------------------------------------------------------------------------------------------------------------- */
 
-/* A pixel among the planes. */
+/* A pixel relative to the planes. */
 struct spot {
     vf plane, t, between;
 };
@@ -396,7 +396,7 @@ INLINE struct spot spot_of(vf place)
     return (struct spot) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
 }
 
-/* Share of the light of pixel a that already reaches pixel b by way of the planes. `next`: R at one plane distance more, divided by R. */
+/* Fraction of the light of pixel a that already reaches pixel b through the planes. `next`: R at one more plane distance, divided by R. */
 INLINE vf exchange(struct spot a, struct spot b, float next)
 {
     const vf step = b.plane - a.plane, both = (1.0f - a.t) * (1.0f - b.t) + a.t * b.t;
@@ -406,10 +406,10 @@ INLINE vf exchange(struct spot a, struct spot b, float next)
     return select(step == 0.0f, same, select(magnitude(step) == 1.0f, select(step > 0.0f, up, down) + both * next, all(0.0f)));
 }
 
-/* A chunk of pixels. */
+/* A vector of pixels. */
 struct spots {
     vi there;
-    vf depth, flux, place; /* the last two by load_rest */
+    vf depth, flux, place; /* flux and place: by load_rest */
 };
 
 INLINE vf load_between(const float *row, int x, int x0, int x1)
@@ -451,7 +451,7 @@ INLINE void load_rest(const struct conv_edges *s, int x, int y, struct spots *o)
     o->place = select(o->there, load_between(s->place + row, x, s->x0, s->x1), all(0.0f));
 }
 
-/* The less steep of the steps in depth to both sides. */
+/* The less steep of the depth steps to both sides. */
 INLINE vf less_steep(vf depth, struct spots before, struct spots after)
 {
     const vf low = depth - before.depth, high = after.depth - depth;
@@ -460,7 +460,7 @@ INLINE vf less_steep(vf depth, struct spots before, struct spots after)
     return select(is_low, low, select(after.there, high, all(0.0f)));
 }
 
-/* Steps in depth, a pixel on, of a surface that covers `times` a pixel's area, radius2 mm^2: only their direction is kept. */
+/* Depth steps per pixel of a surface that covers `times` a pixel's area, radius2 mm^2: keeps their direction only. */
 INLINE void lean_as(vf times, float radius2, vf *gx, vf *gy)
 {
     const vf tangent2 = greater(times * times - 1.0f, all(0.0f)) * radius2, length2 = *gx * *gx + *gy * *gy;
@@ -516,7 +516,7 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
     }
 }
 
-/* --- Frequencies ------------------------------------------------------------------------------------------------------------------- */
+/* --- Frequency domain -------------------------------------------------------------------------------------------------------------- */
 
 INLINE const float *at(const struct conv_spectrum *s, int block, int y)
 {
@@ -534,7 +534,7 @@ static void scale(float *element, vf k, int l)
     store(element + LANES + l, load(element + LANES + l) * k);
 }
 
-/* Own kernels of planes, and of images between planes: the mean of the two planes' less what goes from one to the other. */
+/* Own kernels of planes; and of the images between planes: the mean of the two planes' minus the transfer between them. */
 static void mix_own(const struct conv_mix *m, int block, int y, int k)
 {
     for (int i = 0; i < m->planes; i++)
@@ -549,7 +549,7 @@ static void mix_own(const struct conv_mix *m, int block, int y, int k)
         }
 }
 
-/* What lies on a plane, in front and behind. */
+/* Light that enters on a plane, in front and behind. */
 static void load_plane(const struct conv_mix *m, int i, int y, float *to)
 {
     const float *front = m->column[i], *behind = i < m->behind ? m->column[m->planes + m->between + i] : 0;
@@ -564,7 +564,7 @@ static void load_plane(const struct conv_mix *m, int i, int y, float *to)
     }
 }
 
-/* Light that enters on the far side, by the kernel of its distance. */
+/* Light that enters on the far side, with the kernel of its distance. */
 static void mix_behind(const struct conv_mix *m, int block, int y, int k)
 {
     for (int i = 0; i < m->behind; i++) {

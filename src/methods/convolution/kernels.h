@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.h - the inner loops of the convolution method: what light in a row of pixels weighs, its way to planes and from them, samples of
- * kernels; planes in one column of frequencies, mixed in place.
+ * kernels.h - the inner loops of the convolution method: weights of light in a row of pixels, its distribution to planes and interpolation
+ * from them, samples of kernels; in the frequency domain, mixing of planes in one column, in place.
  */
 #ifndef PELL_CONVOLUTION_KERNELS_H
 #define PELL_CONVOLUTION_KERNELS_H
@@ -13,94 +13,95 @@
 enum { CONV_PLANES = 16, CONV_IMAGES = 3 * CONV_PLANES - 1 };
 enum { CONV_ROWS_OCTAVE = 32, CONV_OCTAVES = 52, CONV_ROWS = CONV_ROWS_OCTAVE * CONV_OCTAVES };
 enum { CONV_PHASES = 17, CONV_SLANTS = 16, CONV_FINE = 64, CONV_DISTANCES = 128 };
-#define CONV_LEAST_COS 0.01f /* what leans more counts as this */
+#define CONV_LEAST_COS 0.01f /* lower bound of cosines */
 
-/* How much of its light a flat surface gets back by planes and images between them, over what it should: by the place between two planes,
- * t = i/(CONV_PHASES - 1), and the lean, sqrt(1 - cos) = i/(CONV_SLANTS - 1) of the largest, or i/(CONV_FINE - 1). Rows hold what linear
- * interpolation to the next needs. */
+/* Response: light that a flat surface receives through planes and the images between them, relative to the exact value; by the coordinate
+ * between two planes, t = i/(CONV_PHASES - 1), and the slant, sqrt(1 - cos) = i/(CONV_SLANTS - 1) of the largest, or i/(CONV_FINE - 1).
+ * Rows hold the coefficients of linear interpolation to the next row. */
 struct conv_response {
-    /* 1/sqrt of it, as a part of its mean over the places: what it is, and more a phase on, a lean on, and by both. */
+    /* 1/sqrt of the response, relative to its mean over t: its value, and its increments to the next phase, the next slant, and both. */
     float place[(CONV_SLANTS - 1) * (CONV_PHASES - 1)][4];
-    /* What comes from less, and from more, than the distance with half of the light; and what should; how much more of both a row on. */
+    /* Light from less, and from more, than the median distance; the exact values; and the increments of both to the next row. */
     float near[CONV_FINE - 1][4], far[CONV_FINE - 1][4];
 };
 
-/* Depths of the picture around a row of pixels. Leans are sqrt(1 - |n . d|); where |n . d| is over 1, 1 - |n . d|. */
+/* Depths of the picture around a row of pixels. Slants are sqrt(1 - |n . d|); if |n . d| exceeds 1, 1 - |n . d|. */
 struct conv_depths {
-    const float *depth;    /* of pixel (0, 0), as is `group` */
-    const uint16_t *group; /* surfaces of others are no neighbours */
+    const float *depth;    /* at pixel (0, 0), as is `group` */
+    const uint16_t *group; /* surfaces of other groups are not neighbours */
     ptrdiff_t stride, group_stride;
-    int x0, y0, x1, y1; /* pixels that there are */
+    int x0, y0, x1, y1; /* bounds of the valid pixels */
     bool parallel;
-    bool one_size;                      /* areas are those of pixels at any depth, in areas of a pixel that faces the camera */
+    bool one_size;                      /* areas are those of pixels at any depth, relative to a pixel that faces the camera */
     float focal_px, middle_x, middle_y; /* of the picture, pixels */
-    float median_px;                    /* pixels at a depth of 1 that `far` is about */
+    float median_px;                    /* distance for `far`: pixels at a depth of 1 */
 };
 
-/* What weights depend on. */
+/* Inputs of the weights. */
 struct conv_weights {
     int planes;
-    bool plain;         /* areas alone */
+    bool plain;         /* areas only */
     bool by_response;   /* restore=response */
-    bool several;       /* each pair of planes has its response, not one for all */
-    const float *pixel; /* of planes, mm wide */
-    float per_unit2;    /* one over the area of the pixel that areas are measured by */
+    bool several;       /* each pair of planes has its own response */
+    const float *pixel; /* mm: pixel widths of the planes */
+    float per_unit2;    /* reciprocal of the area that is the unit of areas */
     const struct conv_response *response[3];
 };
 
-/* A row of pixels, or cells, that light enters: those that are not `own` count for nothing. */
+/* A row of pixels, or cells, where light enters: those that are not in group `own` have no weight. */
 struct conv_places {
     int count;
     uint16_t own;
     const uint16_t *group;
-    const float *place, *area, *slant, *far; /* among the planes; mm^2; leans, and over some distance */
+    const float *place, *area, *slant, *far; /* coordinate among the planes; mm^2; slants, and slants over a distance */
 };
 
-/* Shares of light: that planes send to planes (of light behind on its own), and over the distance, i^2 of the widest. */
+/* Fractions of light: transferred from plane to plane (for hidden light from its own plane), and by distance, i^2 relative to the
+ * widest. */
 struct conv_shares {
     const float *arrives[3]; /* [from * CONV_PLANES + to] */
     const float *over[3];    /* CONV_DISTANCES + 1 */
     float per_widest;
 };
 
-/* A row of pixels on its way to images. Images of planes are `image_size` apart; then come those between. */
+/* A row of pixels that is distributed to images. Images of planes are `image_size` apart, followed by those between planes. */
 struct conv_spread {
     int planes, between;
-    bool halves; /* half and half, not by distance */
+    bool halves; /* half to each plane, not by distance */
     size_t image_size;
-    int x0, x1;      /* pixels of the row, from the image's first pixel on, that there are */
-    int width, step; /* floats of an image's row; pixels to one of it */
+    int x0, x1;      /* valid pixels of the row, counted from the image's first pixel */
+    int width, step; /* floats per image row; pixels per pixel of the image */
     uint16_t own;
 };
 
-/* A row of pixels that light leaves. */
+/* A row of pixels where light leaves. */
 struct conv_gather {
     const uint16_t *group;
     const float *place, *leaves;
-    const float *const *rows; /* of the images of planes, then of those between; NULL: none is needed */
+    const float *const *rows; /* of the images of planes, then of those between; NULL: not needed */
     int planes;
     uint16_t own;
 };
 
-enum { CONV_WINDOW = 3 }; /* pixels each way that `edges` looks at */
+enum { CONV_WINDOW = 3 }; /* search radius of `edges` in pixels */
 
-/* Pixels of one channel near edges in depth. */
+/* Pixels of one channel near depth edges. */
 struct conv_edges {
-    const float *depth, *light; /* of pixel (0, 0), as are the rest; `light` NULL: of 1 */
+    const float *depth, *light; /* at pixel (0, 0), as are the other planes; `light` NULL: 1 everywhere */
     const uint16_t *group;
     const float *place, *area, *enters, *leaves;
-    ptrdiff_t stride, group_stride; /* of the picture's, and of the rest */
-    int x0, y0, x1, y1;             /* pixels that there are */
+    ptrdiff_t stride, group_stride; /* of the picture, and of the other planes */
+    int x0, y0, x1, y1;             /* bounds of the valid pixels */
     uint16_t own;
     int planes;
     bool parallel;
-    float per_spacing;  /* one over mm between planes */
-    float pixel2;       /* area of a pixel at a depth of 1, or at any where rays are parallel or pixels are of one size */
-    float flat2;        /* mm^2: depths closer than this are one */
-    float fade;         /* of what `edges` does */
+    float per_spacing;  /* reciprocal of the mm between planes */
+    float pixel2;       /* area of a pixel at a depth of 1; at any depth in a parallel view or if all pixels have one size */
+    float flat2;        /* mm^2: smaller depth differences are ignored */
+    float fade;         /* weight of the correction by `edges` */
     const float *value; /* as in struct conv_radial */
     float per_median2;
-    /* By pixels away, [y][x]: squared mm, light in the pixel, one over R there, and R a plane on over that. */
+    /* By pixel offset, [y][x]: squared mm, light in the pixel, 1/R there, and R one plane farther relative to R. */
     float radius2[CONV_WINDOW + 1][CONV_WINDOW + 1], square[CONV_WINDOW + 1][CONV_WINDOW + 1];
     float per_value[CONV_WINDOW + 1][CONV_WINDOW + 1], next[CONV_WINDOW + 1][CONV_WINDOW + 1];
 };
@@ -109,59 +110,61 @@ struct conv_edges {
 struct conv_samples {
     const float *value; /* as in struct conv_radial */
     float per_median2, pixel2, distance2;
-    bool fine; /* means of four points of each pixel */
+    bool fine; /* averages four points of each pixel */
 };
 
 /* The spectrum of a kernel, real and even, in blocks of 16 columns: frequency (16 b + lane, y) at [b * block + 16 y + lane], y <= half of
- * the height. A spectrum that ends earlier, in `blocks` and `rows`, is 0 from there. */
+ * the height. A truncated spectrum is 0 beyond `blocks` and `rows`. */
 struct conv_spectrum {
     const float *data;
     ptrdiff_t block;
     int blocks, rows;
 };
 
-/* What a plane sends to another: itself in units of the other's pixels. NULL spectrum: nothing. */
+/* Transfer between two planes, in units of the receiving plane's pixels. Spectrum NULL: none. */
 struct conv_pair {
-    int from, to; /* from < to; both ways */
+    int from, to; /* from < to; in both directions */
     const struct conv_spectrum *spectrum;
     float factor;
 };
 
 struct conv_mix {
-    int height;                                    /* frequencies in a column */
-    int planes, between, behind;                   /* images: planes, those between planes, then transmitted light on planes */
-    const struct conv_spectrum *own[CONV_PLANES];  /* of planes */
-    const struct conv_spectrum *next[CONV_PLANES]; /* of plane i to i + 1, or NULL */
+    int height;                                    /* frequencies per column */
+    int planes, between, behind;                   /* numbers of images: planes, those between planes, then transmitted light on planes */
+    const struct conv_spectrum *own[CONV_PLANES];  /* by plane */
+    const struct conv_spectrum *next[CONV_PLANES]; /* from plane i to i + 1, or NULL */
     float next_factor[CONV_PLANES];
     const struct conv_spectrum *behind_own[CONV_PLANES]; /* of transmitted light on its own plane, or NULL */
     const struct conv_pair *pairs;
     int num_pairs;
-    float *column[CONV_IMAGES]; /* elements of struct pell_fft; NULL: an image without light whose result is not asked for */
+    float *column[CONV_IMAGES]; /* elements of struct pell_fft; NULL: an image without light whose result is not needed */
 };
 
 struct conv_kernels {
-    /* Areas, mm^2, and leans of pixels [from, to) of row y: by their neighbours' depths, or by |n . d|, which `slant` holds. */
+    /* Areas, mm^2, and slants of pixels [from, to) of row y, from the depths of neighbours or from |n . d|, which `slant` holds on
+     * input. */
     void (*cover)(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *slant);
-    /* Leans over some distance: no more than a pixel's own, and its own where that distance lies in the pixel. */
+    /* Slants over a distance: at most a pixel's own, and equal to it where that distance is within the pixel. */
     void (*far)(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *slant, float *far);
-    /* What light weighs where it enters and where it leaves; what is written for others means nothing. `leaves` may be NULL. */
+    /* Weights of entering and leaving light; undefined for other groups. `leaves` may be NULL. */
     void (*weigh)(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3]);
-    /* Light behind, at q, and the pixel before it, at p; distances under 0: there is none. `close`: in, what it weighs as if it were in
-     * front; out, the part of that which goes there, and enters, what stays behind. */
+    /* Hidden light at coordinate q, and the pixel in front of it at p; distance < 0: there is none. `close`: on input its weight as if it
+     * were in front; on output the part that moves to the coordinate of that pixel. `enters` keeps the part that stays behind. */
     void (*share)(const struct conv_shares *s, int count, const float *p, const float *q, const float *distance, float *const enters[3],
                   float *const close[3]);
-    /* Light of pixels that are s->own, `light` NULL: of 1. With a step of 1 all of the images' rows is written, else added to. Marks images
-     * that got any; lit: widened to the images' pixels that did. */
+    /* Distributes the light of pixels in s->own, `light` NULL: 1. With a step of 1 it writes whole rows of the images, else it adds to
+     * them. Marks the images that received any; lit: extended to the pixels of the images that did. */
     void (*spread)(const struct conv_spread *s, const uint16_t *group, const float *place, const float *enters, const float *light,
                    float *images, unsigned char *marks, int lit[2]);
-    /* Of pixels [from, to) what their places among the planes give, no less than 0. Others than `own` are left alone. */
+    /* Interpolates the light of pixels [from, to) at their coordinates among the planes, at least 0. Pixels of other groups are
+     * unchanged. */
     void (*gather)(const struct conv_gather *g, int from, int to, float *out);
-    /* In a row, adds the light of the surface going on evenly as the plane that it is at each pixel, in place of that of near pixels which
-     * are not on that plane: as much of it as their distance takes from R, as planes bring both. */
+    /* In a row, replaces the light of near pixels off the tangent plane at each pixel by that of the plane's continuation with uniform
+     * light: by as much as the difference in distance changes R, as the planes transport both. */
     void (*edges)(const struct conv_edges *s, int y, int from, int to, float *out);
-    /* Adds cells, `repeat` pixels wide each, or `per` of them to a pixel, to a row of up to `room` pixels. */
+    /* Adds cells to a row of up to `room` pixels; each cell is `repeat` pixels wide, or `per` cells share a pixel. */
     void (*add_cells)(const float *cells, int count, int repeat, int per, float scale, int room, float *out);
-    /* A row of pixels, `step` for each of the image's, between two of its rows; spare: width + 48 floats. */
+    /* A row of pixels, `step` per pixel of the image, interpolated between two of its rows; spare: width + 48 floats. */
     void (*expand)(const float *top, const float *bottom, float part, int width, int step, float *spare, float *out);
     /* count samples at (x, y), (x, y + step) ..; a multiple of 16. */
     void (*sample)(const struct conv_samples *s, float x, float y, float step, int count, float *out);

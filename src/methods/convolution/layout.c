@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * layout.c - what scatters together: where it is, planes through it, sizes of images and transforms.
+ * layout.c - extent of each group, planes through it, sizes of images and transforms.
  */
 #include "methods/convolution/state.h"
 
@@ -9,9 +9,9 @@
 
 #include <string.h>
 
-#define REACH 1e-4 /* share of the light that may be left out where it goes far */
+#define REACH 1e-4 /* fraction of the far light that may be cut off */
 
-/* --- Who is where --------------------------------------------------------------------------------------------------------------------- */
+/* --- Extents -------------------------------------------------------------------------------------------------------------------------- */
 
 static void add_depth(struct conv_extent *e, float depth)
 {
@@ -50,7 +50,7 @@ static void extent_row(void *arg, int index, int worker)
     }
     e.rect.y0 = y;
     e.rect.y1 = y + 1;
-    /* Cells that begin in this row, and those that begin above all. */
+    /* Cells that begin in this row, and in all rows above. */
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++) {
         const size_t row = ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width;
         for (int x = in->rect.x0 / b->step; x <= (in->rect.x1 - 1) / b->step; x++)
@@ -93,7 +93,7 @@ void convolution_find_extent(struct convolution_state *st)
 
 /* --- Planes -------------------------------------------------------------------------------------------------------------------- */
 
-/* The depths under which 1/n, 2/n .. of the surface are, mixed with equal ones. */
+/* Quantiles of the surface's depths at 1/n, 2/n .., blended with uniform spacing. */
 static void place_by_surface(const struct convolution_state *st, struct conv_layout *lay, float low, float high)
 {
     enum { BINS = 256 };
@@ -119,15 +119,15 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
             lay->depth[at] = low + (high - low) * (float) ((i + ((double) at / (lay->planes - 1) - sum) / share) / BINS);
         sum += share;
     }
-    /* However much of the surface is at one depth: no closer than lay_out made sure that there is room for. */
+    /* Limits the spacing from below, however concentrated the depths are, to what lay_out has reserved memory for. */
     for (int i = 1; i < lay->planes - 1; i++)
         lay->depth[i] = fmaxf(lay->depth[i], lay->depth[i - 1] + gap);
     for (int i = lay->planes - 2; i > 0; i--)
         lay->depth[i] = fminf(lay->depth[i], lay->depth[i + 1] - gap);
 }
 
-/* resolution=auto: half where half of the light of every channel goes this many pixels. What half the resolution adds to the spread of
- * light is little beside that of a surface in depth; on a caller's planes the convolution stays exact. */
+/* resolution=auto: half resolution if the median radius of every channel is this many pixels. The blur added by half resolution is then
+ * small relative to the profile on a surface in depth; on a caller's planes the convolution stays exact. */
 #define FAR_PX 3.0f
 
 void convolution_take_room(struct convolution_state *st)
@@ -141,7 +141,7 @@ void convolution_take_room(struct convolution_state *st)
     st->room = st->rooms[st->knobs.resolution != CONV_AUTO_SIZE ? st->knobs.resolution : far ? CONV_HALF_SIZE : CONV_FULL];
 }
 
-/* Chooses planes, sizes and lengths of transforms. */
+/* Chooses planes, and sizes of images and transforms. */
 void convolution_lay_out(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
@@ -157,9 +157,9 @@ void convolution_lay_out(struct convolution_state *st)
     memset(lay, 0, sizeof(*lay));
     lay->group = j->group * (CONV_LEVELS + 1);
     lay->planes = convolution_planes(&st->knobs, st->room.step);
-    if (!(high - low > 1e-2f * unit) || !(high - low > 4e-6f * high)) /* as good as flat, and facing */
+    if (!(high - low > 1e-2f * unit) || !(high - low > 4e-6f * high)) /* practically flat and facing the camera */
         lay->planes = 1;
-    if (st->knobs.placement == CONV_SURFACE) /* no closer than kernels that are sampled every second pixel want it */
+    if (st->knobs.placement == CONV_SURFACE) /* at least the spacing at which kernels can be sampled at every second pixel */
         for (; lay->planes > 2 && high - low < 16.0f * unit * (float) (st->room.step * (lay->planes - 1)); lay->planes--)
             continue;
     if (st->knobs.placement == CONV_SURFACE && lay->planes == 2 && high - low < 8.0f * unit * (float) st->room.step)
@@ -182,7 +182,7 @@ void convolution_lay_out(struct convolution_state *st)
     lay->down = pell_fft_good(lay->height + (int) fmin(pad, lay->height), CONV_MULTIPLE);
 }
 
-/* Number of the plane before a depth, and how far it is to the next. */
+/* Index of the plane before a depth, and the fraction toward the next. */
 static float find_place(const struct conv_layout *lay, float depth)
 {
     int i = 0;

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * levels.c - strength maps: what scatters together is convolved with its profile at radii that halve from level to level, and each pixel
- * takes the light of the two levels around its strength s, by its logarithm:
+ * levels.c - strength maps: each group is convolved with its profile at radii that halve from level to level, and a pixel of strength s
+ * interpolates between the two nearest levels in log s:
  *
  *     M(s) = (1 - f) M(a) + f M(a/2),     f = log2(a/s),     a = 1, 1/2, 1/4, ..
  *
- * Only levels that pixels in the picture need are made.
+ * Only levels that visible pixels need are computed.
  */
 #include "methods/convolution/state.h"
 
@@ -13,11 +13,11 @@
 
 #include <pellucid/scene.h>
 
-#define ALIKE 1e-3f /* of a strength: no map */
+#define ALIKE 1e-3f /* relative to the strength: smaller variations count as constant */
 
 static float share_of(float strength, int level)
 {
-    const float s = strength > 0.0f ? fminf(strength, 1.0f) : strength <= 0.0f ? 0.0f : 1.0f; /* no number is 1 */
+    const float s = strength > 0.0f ? fminf(strength, 1.0f) : strength <= 0.0f ? 0.0f : 1.0f; /* NaN becomes 1 */
     const float at = s > 0.0f ? fminf(-log2f(s), (float) (CONV_LEVELS - 1)) : (float) (CONV_LEVELS - 1);
 
     return fmaxf(1.0f - fabsf(at - (float) level), 0.0f);

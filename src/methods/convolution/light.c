@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * light.c - what light weighs, and light to planes: of pixels, and of what lies behind them; a band of rows at a time, which go through
- * their transforms at once.
+ * light.c - weights of the light at pixels and at hidden cells, and its distribution to planes, one band of rows at a time, followed by the
+ * row transforms.
  */
 #include "methods/convolution/state.h"
 
@@ -11,9 +11,9 @@
 #include <limits.h>
 #include <string.h>
 
-#define LEAST_VALUE 1e-30f /* 1/mm^2: R beyond is none, and its inverse no number */
+#define LEAST_VALUE 1e-30f /* 1/mm^2: smaller values of R count as 0, so that its reciprocal is finite */
 
-/* What weighing a row needs: of pixels, and of cells behind. */
+/* Scratch rows for the weights of pixels, and of hidden cells. */
 struct buffers {
     float *far, *front, *behind, *distance, *slant, *over;
 };
@@ -26,8 +26,8 @@ static struct buffers buffers_of(const struct convolution_state *st, int worker)
     return (struct buffers) { first, first + size, first + 2 * size, first + 3 * size, first + 4 * size, first + 5 * size };
 }
 
-/* What light behind weighs in a row of cells [x0, x1), the first of layer's memory at `row`, before row y of pixels. Kept apart, as much of
- * it as is missing at the pixel before it goes to that pixel's place; where more would come than should, as much less goes its way. */
+/* Weights of hidden light in a row of cells [x0, x1), whose layer begins at `row`, relative to row y of pixels in front. With separate
+ * images for hidden light, the part missing at the pixel in front is moved to that pixel's coordinate; an excess there reduces it. */
 static void weigh_behind(const struct convolution_state *st, const struct buffers *to, size_t row, int x0, int x1, int y)
 {
     const struct conv_job *j = &st->job;
@@ -61,7 +61,7 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         for (int c = 0; c < 3; c++)
             memset(close[c], 0, (size_t) count * sizeof(float));
     }
-    if (j->behind) /* kernels that begin at some distance know nothing of leans */
+    if (j->behind) /* kernels with an offset in distance do not depend on slants */
         cells.slant = cells.far = to->slant;
     kernels->weigh(&j->weights, &cells, enters, NULL);
     if (j->behind && j->layout.planes > 1)
@@ -98,7 +98,7 @@ static void weigh_row(void *arg, int index, int worker)
                      (rect->x1 - 1) / b->step + 1, y);
 }
 
-/* Shares of the light that go from plane to plane, and as far as light behind is. */
+/* Fractions of light transferred from plane to plane, and from hidden light. */
 static void measure_arrivals(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
@@ -139,7 +139,7 @@ static void set_weights(struct convolution_state *st)
     };
 }
 
-/* All of it where half of the light stays within a pixel; nothing where within three: what is near no longer tells. */
+/* Full correction if the median radius is within one pixel, none from three pixels on, where near pixels no longer matter. */
 static void set_edges(struct convolution_state *st, int c)
 {
     enum { SIDE = CONV_WINDOW + 1 };
@@ -203,10 +203,10 @@ void convolution_weigh(struct convolution_state *st)
     pell_pool_run(st->pool, st->job.extent.rect.y1 - st->job.extent.rect.y0, weigh_row, st);
 }
 
-/* Images of a band of rows, in a worker's scratch. */
+/* The images of a band of rows in a worker's scratch. */
 struct band {
     float *images;
-    size_t size; /* floats of one */
+    size_t size; /* floats per image */
     unsigned char *marks;
     struct pell_rect *lit;
     int y0, y1;
@@ -259,14 +259,14 @@ static void spread_front(const struct convolution_state *st, const struct band *
 
 enum { CELLS = 128 };
 
-/* Cells on their way to column x of images and on, rows [y, y1). */
+/* Cells that go to columns of images from x on, rows [y, y1). */
 struct cells {
     const uint16_t *group;
     const float *place, *enters, *light;
     int count, x, y, y1;
 };
 
-/* To images from `first` on, and to those between planes if the cells lie in front. */
+/* Adds cells to the images from `first` on, and to those between planes if they are in front. */
 static void spread_cells(const struct convolution_state *st, const struct band *to, int first, bool front, const struct cells *c)
 {
     const struct conv_job *j = &st->job;
@@ -303,8 +303,8 @@ static void spread_cells(const struct convolution_state *st, const struct band *
         widen_row(to, ends, row);
 }
 
-/* Light of cells that begin with `at`, in column x and pixel row py. Transmitted light is no mean over surface, which hidden
- * surface would be missing from: each pixel is divided by what planes do to light of 1 there, so it is multiplied by that here. */
+/* Light of cells from `at` on, at column x and pixel row py. Pixels are later divided by the response to uniform light, which corrects for
+ * missing surface. Transmitted light is not a mean over surface, so it is multiplied by the same response here. */
 static void weigh_through(const struct convolution_state *st, size_t at, int x, int py, int count, float *out)
 {
     const struct conv_job *j = &st->job;
@@ -322,7 +322,7 @@ static void weigh_through(const struct convolution_state *st, size_t at, int x, 
     }
 }
 
-/* A row of cells in a layer, to rows [y, y1) of images. */
+/* Adds a row of cells in a layer to rows [y, y1) of the images. */
 static void spread_behind(const struct convolution_state *st, const struct band *to, int layer, int cell_y, int y, int y1)
 {
     const struct conv_job *j = &st->job;
@@ -373,7 +373,7 @@ static void spread_band(void *arg, int band, int worker)
     const struct conv_job *j = &st->job;
     const struct conv_behind *b = &st->sources.behind;
     const int images = j->layout.planes + j->between + j->behind, y0 = band * CONV_BAND;
-    const int top = j->extent.rect.y0 / b->step, last = (j->extent.rect.y1 - 1) / b->step; /* other cells were not placed */
+    const int top = j->extent.rect.y0 / b->step, last = (j->extent.rect.y1 - 1) / b->step; /* other cells have no coordinate */
     const int repeat = b->step > st->room.step ? b->step / st->room.step : 1;
     const struct band to = {
         .images = convolution_band_images(st, worker),
@@ -384,7 +384,7 @@ static void spread_band(void *arg, int band, int worker)
         .y1 = y0 + CONV_BAND < j->layout.height ? y0 + CONV_BAND : j->layout.height,
     };
 
-    for (int i = st->room.step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* others are written whole */
+    for (int i = st->room.step == 1 ? j->layout.planes + j->between : 0; i < images; i++) /* the other images are written completely */
         memset(to.images + (size_t) i * to.size, 0, to.size * sizeof(float));
     memset(to.marks, 0, (size_t) st->room.num_images);
     *to.lit = (struct pell_rect) { INT_MAX, INT_MAX, 0, 0 };

@@ -5,7 +5,7 @@
  *
  *     M_l = Sum over planes i of  E_i * R_il,     R_il(x, y) = R(sqrt(x^2 + y^2 + (z_i - z_l)^2))                    (5), (6), corrected
  *
- * by Fourier transforms, E_i the light of the surface near plane i, in front and behind. What differs from the paper: README.md.
+ * by Fourier transforms; E_i is the light of the surface near plane i, in front and behind. Differences from the paper: README.md.
  */
 #include "methods/convolution/convolution.h"
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * radial.c - a profile as tables over the squared radius: its values, its integral along lines, squares of it, and how much of its light
- * planes give back.
+ * radial.c - tables of a profile over the squared radius: its values, its integral along lines, its integral over squares, and the response
+ * of the planes.
  */
 #include "methods/convolution/convolution.h"
 
@@ -13,13 +13,13 @@
 
 enum { NODES = 24 };
 
-/* Rows are evenly spaced inside each octave, so that the place is in the bits of a float. */
+/* Rows are uniform within each octave, so that the row index consists of bits of the float. */
 static double radius2_at(const struct conv_radial *r, int row, int octave)
 {
     return (double) r->median2 * (1.0 + (double) (row % octave) / octave) * exp2(row / octave - CONV_OCTAVES / 2);
 }
 
-/* Linear between rows; below the first what it holds, beyond the last 0. `bits`: log2 of rows to an octave. */
+/* Linear interpolation; constant below the first row, 0 beyond the last. `bits`: log2 of the rows per octave. */
 static inline float look_up(const float *table, int rows, int bits, float per_median2, float radius2)
 {
     const float x = radius2 * per_median2;
@@ -48,7 +48,7 @@ static float line_value(const struct conv_radial *r, float distance2)
     return look_up(r->line, CONV_LINE_ROWS, 3, r->per_median2, distance2);
 }
 
-/* Int R(sqrt(d^2 + y^2)) dy: the trapezoid rule in log y. */
+/* Int R(sqrt(d^2 + y^2)) dy by the trapezoidal rule in log y. */
 static double integrate_line(const struct conv_radial *r, double distance2)
 {
     const double step = log(2.0) / 8.0, first = sqrt((double) r->median2) * exp2(-CONV_OCTAVES / 4);
@@ -112,7 +112,7 @@ double convolution_radial_beyond(const struct conv_radial *r, double h)
 
 /* --- Squares ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Light in the rectangle [0, x] x [0, y], by the light C(r) inside circles: 1/(2 pi) of the integral of C(edge) over the angle. */
+/* Light in the rectangle [0, x] x [0, y], from the light C(r) inside circles: 1/(2 pi) times the integral of C(edge) over the angle. */
 static double in_corner(const struct conv_radial *r, double x, double y, const double *node, const double *weight)
 {
     double sum = 0.0;
@@ -153,7 +153,7 @@ static double split_of(const struct convolution_knobs *k, double t, int side)
     return k->split == CONV_HALF ? 0.5 : side ? t : 1.0 - t;
 }
 
-/* Points of the integrals below: x = first exp(i STEP), each as wide as x STEP; the first has all from 0 on. */
+/* Quadrature points of the integrals below: x = first exp(i STEP), each with the width x STEP; the first one covers everything from 0. */
 enum { POINTS = 110 };
 #define STEP 0.15
 
@@ -165,7 +165,7 @@ static double point_at(const struct conv_radial *r, int i, double *width)
     return x;
 }
 
-/* The distance from a line with half of the light that it gives nearer than that. */
+/* The median distance from a line source. */
 static double half_distance(const struct conv_radial *r)
 {
     double all = 0.0, sum = 0.0, width;
@@ -182,9 +182,9 @@ static double half_distance(const struct conv_radial *r)
     return point_at(r, i, &width);
 }
 
-/* An evenly lit surface that goes through all planes with the slope: what its light gives at the place t between two of them, by lines at
- * right angles to the slope. Of that *far comes from more than `half` away in the picture, of what the surface should get *true_far. A
- * spacing of 0: there is one plane alone. */
+/* A uniformly lit surface with a slope that crosses all planes: the light that it receives at coordinate t between two of them, summed over
+ * lines perpendicular to the slope. *far: the part from more than `half` away in the image; *true_far: its exact value. Spacing 0: there is
+ * a single plane. */
 static double response_at(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, double slope, double t,
                           double half, double *far, double *true_far)
 {
@@ -234,7 +234,7 @@ void convolution_response_make(const struct conv_radial *r, const struct convolu
 
     for (int j = 0; j < CONV_SLANTS; j++) {
         mean[j] = far[j] = true_far[j] = 0.0;
-        for (int i = 0; 2 * i < CONV_PHASES; i++) { /* the other half is the same */
+        for (int i = 0; 2 * i < CONV_PHASES; i++) { /* symmetric */
             const double s = j * sqrt(1.0 - (double) CONV_LEAST_COS) / (CONV_SLANTS - 1), c = 1.0 - s * s;
             double beyond = 0.0, share = 1.0;
             if (k->restore != CONV_LOST)

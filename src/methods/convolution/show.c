@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* One of the job's planes, before or after. */
+/* One of the job's planes, before or after the convolution. */
 static float *image_of(const struct convolution_state *st, int after, int plane, int channel)
 {
     const size_t size = (size_t) st->job.layout.width * (size_t) st->job.layout.height;

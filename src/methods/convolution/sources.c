@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * sources.c - samples of the surface: pixels, and what rays meet that come back through them from behind the objects. Each has the area
- * that its pixel, or cell of pixels, covers: depth^2/f^2 / |n . d| of the ray d whose part along the view axis is 1, or 1/f^2 / |n . axis|
- * where rays are parallel.
+ * sources.c - samples of the surface: pixels, and hits of rays that pass through them to the surface behind. Each has the area that its
+ * pixel, or cell of pixels, covers: depth^2/f^2 / |n . d|, d the ray direction with a unit component along the view axis, or 1/f^2 / |n .
+ * axis| in a parallel view.
  */
 #include "methods/convolution/convolution.h"
 
@@ -14,9 +14,9 @@
 
 #define LEAST_COUNT 1e-3f
 
-/* --- What the camera sees ----------------------------------------------------------------------------------------------------------- */
+/* --- Visible surface ---------------------------------------------------------------------------------------------------------------- */
 
-/* `facing`: |n . d|. It is 1 for what is parallel to the planes, and more for what faces the camera from the side of the picture. */
+/* `facing`: |n . d|: 1 for surface parallel to the planes, and more for surface at the side of the image that faces the camera. */
 static void cover(const struct conv_sources *s, float depth, float facing, float *area, float *slant)
 {
     const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = s->one_size ? 1.0f : conv_pixel_at(s->in, depth);
@@ -71,7 +71,7 @@ void convolution_front_row(const struct conv_sources *s, int y)
     const struct pell_scene *scene = s->solids ? s->services->scene : NULL;
     const struct conv_depths depths = convolution_depths(s, 0.0f);
     uint32_t mesh = PELL_NO_HIT, triangle = 0;
-    float across = 0.0f, first = 0.0f; /* n . d of the triangle: linear along the row */
+    float across = 0.0f, first = 0.0f; /* n . d of the triangle, linear along the row */
 
     for (int x = in->rect.x0; x < in->rect.x1 && s->solids; x++) {
         const ptrdiff_t at = y * in->shape.stride + x, to = y * f->stride + x;
@@ -92,9 +92,9 @@ void convolution_front_row(const struct conv_sources *s, int y)
     s->kernels->cover(&depths, y, in->rect.x0, in->rect.x1, !s->solids, f->area + y * f->stride, f->slant + y * f->stride);
 }
 
-/* --- What lies behind ---------------------------------------------------------------------------------------------------------------- */
+/* --- Hidden surface ------------------------------------------------------------------------------------------------------------------ */
 
-/* Sets the view and how far away rays start. */
+/* Sets the view and the distance where rays start. */
 void convolution_sources_aim(struct conv_sources *s)
 {
     const struct pell_scene *scene = s->services->scene;
@@ -111,10 +111,10 @@ void convolution_sources_aim(struct conv_sources *s)
     s->far_depth = far + 1e-3f * (far + size);
 }
 
-/* Cells of a row that have pixels, up to 16 at a time. */
+/* Cells of a row that contain pixels, up to 16 at a time. */
 struct cells {
     int x[16], count;
-    float front[16]; /* the farthest that the camera sees there */
+    float front[16]; /* farthest visible depth in the cell */
     uint16_t group[16];
     struct pell_vec3 direction[16];
 };
@@ -124,9 +124,9 @@ static float cell_middle(const struct conv_behind *b, int cell)
     return (float) (cell * b->step) + 0.5f * (float) (b->step - 1);
 }
 
-/* Share of a sample's light that planes bring. Faces that look where pixels do, to the camera or, past a rim, nearly so, send light along
- * the surface; others through the solid: by planes, that is the engine's where diffusion in the solid was solved; `transmitted`:
- * pell_services_transmitted. */
+/* Fraction of a sample's light that the planes carry. Faces with the orientation of pixels, toward the camera or nearly so past a rim,
+ * light the pixel along the surface; others through the object: by the planes, or by the engine where it solves diffusion in the solid;
+ * `transmitted`: pell_services_transmitted. */
 static bool find_counts(const struct conv_sources *s, const struct pell_points16 *points, const float transmitted[3][16], int i,
                         struct pell_vec3 normal, struct pell_vec3 direction, float counts[3], float *along)
 {
@@ -147,7 +147,7 @@ static bool find_counts(const struct conv_sources *s, const struct pell_points16
     return most > LEAST_COUNT;
 }
 
-/* What was met, and what is known of it. */
+/* Ray hits and their attributes. */
 struct met {
     struct pell_points16 points;
     struct pell_points16_light light;
@@ -166,7 +166,7 @@ static void put_sample(const struct conv_sources *s, const struct cells *c, int 
     if (!find_counts(s, &met->points, met->transmitted, i, n, c->direction[i], counts, &along))
         return;
     if (layer > 0 && !(light->irradiance[0][i] + light->irradiance[1][i] + light->irradiance[2][i] > 0.0f))
-        along = 0.0f; /* one part of the object inside another, more likely than not: no surface that could be lit */
+        along = 0.0f; /* probably one part of the object inside another, which receives no light */
     cover(s, met->depth[i], fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);
     b->depth[to] = met->depth[i];
@@ -178,15 +178,15 @@ static void put_sample(const struct conv_sources *s, const struct cells *c, int 
     }
 }
 
-/* Whether a hit is of what the camera sees, and a pixel already: a triangle of one of the cell's pixels, or one that faces the camera and
- * is no farther than they are. */
+/* Whether a hit belongs to the visible surface and is therefore a pixel already: a triangle of one of the cell's pixels, or one that faces
+ * the camera and is no farther than they are. */
 static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, int cell_y, const struct pell_ray_hit16 *hit, float depth)
 {
     const struct pell_frame *in = s->in;
     const int n = s->behind.step, x0 = c->x[i] * n, y0 = cell_y * n;
     const struct pell_vec3 normal = vec3_normalize(vec3(hit->hit.ngx[i], hit->hit.ngy[i], hit->hit.ngz[i]));
     const float facing = -vec3_dot(normal, c->direction[i]), least = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS;
-    /* As its slope makes it farther across the cell, too. */
+    /* allowing for its slope across the cell */
     const float across = (float) n * conv_pixel_at(in, depth) * sqrtf(facing < 1.0f ? 1.0f - facing * facing : 0.0f) / least;
 
     if (facing > 0.0f && depth <= c->front[i] + 1e-4f * s->far_depth + across)
@@ -199,7 +199,7 @@ static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, 
     return false;
 }
 
-/* The rays of some cells, from behind, through as many surfaces as are asked for. */
+/* Traces the rays of some cells behind the visible surface through the requested number of layers. */
 static int trace_cells(const struct conv_sources *s, const struct cells *c, int cell_y)
 {
     const struct conv_behind *b = &s->behind;
@@ -260,7 +260,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
     return rays;
 }
 
-/* The farthest depth of a cell's pixels; 0: it has none. */
+/* The farthest depth of a cell's pixels; 0: none. */
 static float front_of(const struct conv_sources *s, int cell_x, int cell_y)
 {
     const struct pell_frame *in = s->in;

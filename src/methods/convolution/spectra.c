@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * spectra.c - the spectra of kernels between planes. A kernel is even both ways, so that a quarter of it is all of it, and its transform is
- * real: two rows, or two blocks of columns, go through one complex transform.
+ * spectra.c - spectra of the kernels between planes. A kernel is even in both axes, so a quadrant describes it and its transform is real:
+ * two rows, or two blocks of columns, share one complex transform.
  *
- * Kernels to other planes are smooth on the scale of the distance h: from h of 8 pixels on they are sampled every second pixel, from 16
- * every fourth, from 32 every eighth, and their spectrum ends that much earlier: what it leaves out is under exp(-4 pi).
+ * Kernels to other planes are smooth on the scale of the distance h: from h of 8 pixels on they are sampled at every second pixel, from 16
+ * at every fourth, from 32 at every eighth, and their spectrum is truncated accordingly, with an error below exp(-4 pi).
  */
 #include "methods/convolution/convolution.h"
 
@@ -13,7 +13,7 @@
 
 #include <string.h>
 
-enum { NEAR = 7, MULTIPLE = 16 }; /* pixels from the middle whose squares are integrated */
+enum { NEAR = 7, MULTIPLE = 16 }; /* pixels from the centre that are integrated over their squares */
 
 /* --- Sizes --------------------------------------------------------------------------------------------------------------------------- */
 
@@ -22,7 +22,7 @@ static int round_up(int n, int multiple)
     return (n + multiple - 1) / multiple * multiple;
 }
 
-/* Floats of a spectrum that has all frequencies. */
+/* Number of floats of a complete spectrum. */
 static size_t whole(int across, int down)
 {
     return ((size_t) across / 32 + 1) * ((size_t) down / 2 + 1) * PELL_FFT_LANES;
@@ -32,13 +32,13 @@ size_t convolution_spectra_size(const struct convolution_knobs *k, int step, boo
 {
     const int across = pell_fft_good(2 * width, MULTIPLE), down = pell_fft_good(2 * height, MULTIPLE);
     const size_t full = whole(across, down), n = (size_t) convolution_planes(k, step), own = orthographic ? 1 : n;
-    const size_t half = ((size_t) across / 64 + 2) * ((size_t) down / 4 + 2) * PELL_FFT_LANES; /* of planes 8 pixels apart, or more */
+    const size_t half = ((size_t) across / 64 + 2) * ((size_t) down / 4 + 2) * PELL_FFT_LANES; /* of planes at least 8 pixels apart */
     const size_t pairs = k->placement == CONV_SURFACE ? full + n * (n - 1) / 2 * half : full * (n - 1);
 
     return 3 * (full * (own + (k->surfaces > 1 && k->apart ? n : 0)) + pairs) + 64;
 }
 
-/* Quarters of a kernel, then two buffers and two tables of transforms. */
+/* Quadrants of a kernel, then two buffers and two tables of transforms. */
 static size_t quarter_size(int across, int down)
 {
     return (size_t) (round_up(across / 2 + 1, PELL_FFT_LANES) + 2 * PELL_FFT_LANES) * (size_t) round_up(down / 2 + 1, 2 * PELL_FFT_LANES);
@@ -57,8 +57,8 @@ struct kernel {
     const struct conv_radial *radial;
     float distance2; /* mm^2, between the planes */
     float pixel;     /* mm */
-    float scale;     /* of R in units of pixels */
-    int step;        /* pixels between samples */
+    float scale;     /* converts R to units of pixels */
+    int step;        /* pixels per sample */
     bool own;        /* of a plane on itself */
     struct conv_spectrum *to;
 };
@@ -72,7 +72,8 @@ struct maker {
     float *memory;
 };
 
-/* A kernel from (x, y) down, PELL_FFT_ELEMENT samples of it; 0 beyond its cut. `near`: of its own plane, light in the nearest pixels. */
+/* PELL_FFT_ELEMENT samples of a kernel from (x, y) down; 0 beyond its cutoff. `near`: on the same plane, integrals over the nearest
+ * pixels. */
 static void sample_column(const struct maker *m, const struct kernel *k, const struct conv_samples *s, const double *near, int x, int y,
                           float *out)
 {
@@ -104,7 +105,7 @@ static void make_spectrum(void *arg, int index, int worker)
         .per_median2 = k->radial->per_median2,
         .pixel2 = k->pixel * k->pixel,
         .distance2 = k->distance2,
-        .fine = k->step == 1 && k->radial->median2 + k->distance2 < 36.0f * k->pixel * k->pixel, /* R changes over a pixel */
+        .fine = k->step == 1 && k->radial->median2 + k->distance2 < 36.0f * k->pixel * k->pixel, /* R varies within a pixel */
     };
     double near[NEAR * NEAR];
     float *quarter = m->scratch[worker], *buffer[2], *table, *data = m->memory + (k->to->data - m->memory);
@@ -151,7 +152,7 @@ static void make_spectrum(void *arg, int index, int worker)
     }
 }
 
-/* --- All of them --------------------------------------------------------------------------------------------------------------------- */
+/* --- All kernels --------------------------------------------------------------------------------------------------------------------- */
 
 static void add(struct maker *m, const struct conv_radial *r, double h, float pixel, float unit, bool own, struct conv_spectrum *to,
                 size_t *used)

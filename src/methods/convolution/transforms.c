@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * transforms.c - images of planes through the kernels: rows of a band, then for each block of columns of all images there, kernels and
- * back, then rows of a band back.
+ * transforms.c - transforms of the planes' images and their product with the kernels: rows of a band, then all images in each block of
+ * columns including the inverse, then rows of a band back.
  */
 #include "methods/convolution/state.h"
 
@@ -31,7 +31,7 @@ static int num_rows(const struct conv_job *j, int band)
     return j->layout.height - band * CONV_BAND < CONV_BAND ? j->layout.height - band * CONV_BAND : CONV_BAND;
 }
 
-/* Rows of a band of images list[0] and, where the list's `count` allows, list[1]; images of a band are `size` floats apart. */
+/* Rows of a band of the images list[0] and, if `count` is 2, list[1]; images of a band are `size` floats apart. */
 static struct pell_fft_rows rows_of(const struct convolution_state *st, int band, const int *list, int count, float *images, size_t size)
 {
     const struct conv_job *j = &st->job;
@@ -82,7 +82,7 @@ void convolution_transform_back(struct convolution_state *st, int band, int work
     convolution_show_band(st, band, true, which, images, size);
 }
 
-/* All images of a block of columns: there, through the kernels, and back. */
+/* All images of a block of columns: forward transform, product with the kernels, inverse transform. */
 static void columns_block(void *arg, int index, int worker)
 {
     struct convolution_state *st = arg;
@@ -91,7 +91,7 @@ static void columns_block(void *arg, int index, int worker)
     const size_t size = (size_t) height * E * sizeof(float), rest = (size_t) (down - height) * E * sizeof(float);
     struct conv_mix mix = j->mix;
     float *spare = st->scratch[worker];
-    const bool odd = j->down.num_stages % 2 != 0; /* transforms go from one to the other at each stage */
+    const bool odd = j->down.num_stages % 2 != 0; /* transforms alternate between two buffers, once per stage */
 
     if (pell_cancelled(st->ctx))
         return;
@@ -105,7 +105,7 @@ static void columns_block(void *arg, int index, int worker)
             mix.column[i] = data;
             continue;
         }
-        for (int band = 0; band < j->bands; band++) { /* of a band without light there is nothing */
+        for (int band = 0; band < j->bands; band++) { /* bands without light have no spectrum */
             const ptrdiff_t at = (ptrdiff_t) band * CONV_BAND * E;
             const size_t bytes = (size_t) num_rows(j, band) * E * sizeof(float);
             if (st->occupied[band * st->room.num_images + i])

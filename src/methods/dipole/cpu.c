@@ -1,18 +1,20 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - M(x) = Int_S R(|x - y|) E(y) dA(y), pixel by pixel, with as many samples as its standard error asks for.
+ * cpu.c - M(x) = Int_S R(|x - y|) E(y) dA(y) for each pixel, with the number of samples that the target standard error requires.
  *
- * Two ways to find y, both counted per area of the surface:
+ * Two techniques sample y, both with densities per surface area:
  *
- * - area: uniform over the whole solid, p = 1/area.
- * - probes (King et al. 2013): an axis a (the normal half of the time, each tangent a quarter), a channel, a radius r as that channel's R
- *   is spread, an angle; then every surface that the line along a at that place meets within a sphere about x is a y. Each y is found by
- *   any axis and channel, so p = Sum_a P_a |n_y . a| Sum_c P_c p_c(distance of y from the axis a through x).
+ * - area: uniform over the whole solid, p = 1/area. - probes (King et al. 2013): an axis a (the normal with probability 1/2, each tangent
+ * with 1/4), a channel, a radius r distributed like that
+ *   channel's R, an angle; every intersection of the line along a through that point with the surface, within a sphere around x, is a y.
+ *   Each y can be found by any axis and channel, so p = Sum_a P_a |n_y . a| Sum_c P_c p_c(distance of y from the axis a through x).
  *
- * The balance heuristic (Veach and Guibas 1995) over both: every y that either finds adds R E / (N_probes p_probes + N_area p_area).
+ * They are combined by the balance heuristic (Veach and Guibas 1995): every y found by either adds R E / (N_probes p_probes + N_area
+ * p_area).
  *
- * Samples come in rounds, each a randomly shifted rank-1 lattice, so rounds are independent and their spread is an honest standard error,
- * while the points inside a round are even. A round's randomness is a hash of the point's place and of the renderer's seed.
+ * Samples come in batches, each a randomly shifted rank-1 lattice: batches are independent, so their spread gives an unbiased standard
+ * error, while the points inside a batch are well distributed. A batch's random numbers are a hash of the point's position and the
+ * renderer's seed.
  */
 #include "methods/dipole/dipole.h"
 
@@ -26,64 +28,64 @@
 #include <string.h>
 
 enum {
-    PROBES = 16,  /* a round, where probes are used at all */
-    AREAS = 4,    /* a round, beside probes */
-    TOGETHER = 4, /* rounds, so that packets of points are full */
-    PILOT = 16,   /* rounds that say how many are needed */
-    LEAST = 16,   /* rounds of a pixel */
-    DARK = 128,   /* rounds where the pilot found no light */
-    HITS = 64,    /* surfaces along a probe; a line that meets more is cut */
-    POINTS = 64,  /* kept until they are lit */
-    BATCH = 16,   /* rows between two reports of progress */
+    PROBES = 16,  /* per batch, if probes are used at all */
+    AREAS = 4,    /* per batch, in addition to probes */
+    TOGETHER = 4, /* batches processed together, so that packets of points are full */
+    PILOT = 16,   /* batches that estimate how many are needed */
+    LEAST = 16,   /* minimum number of batches per pixel */
+    DARK = 128,   /* batches where the pilot found no light */
+    HITS = 64,    /* surfaces along a probe; further ones are dropped */
+    POINTS = 64,  /* queued until their irradiance is computed */
+    BATCH = 16,   /* rows between two progress reports */
 };
 
 struct solid {
     const struct pell_profile *profile;
     double scale[3]; /* of R: 1, or white */
     struct dipole_radii radii;
-    double spacing; /* mm, of textures */
+    double spacing; /* mm, between texels */
     struct pell_opposed opposed;
     bool is_opposed;
 };
 
-/* One a worker. */
+/* One per worker. */
 struct counts {
     _Alignas(64) int64_t pixels, samples, cut, over; /* over: pixels that stopped at the cap */
 };
 
 struct dipole_state {
-    struct reference_frame frame;         /* first */
+    struct reference_frame frame;         /* first member */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct dipole_knobs knobs;
     struct pell_solids *solids;
-    struct solid *solid; /* of each */
+    struct solid *solid; /* by solid */
     struct counts *counts;
 };
 
-/* What is found for a pixel, by rounds. */
+/* State of a pixel's estimate, by batches. */
 struct pixel {
     const struct dipole_state *st;
     const struct pell_solid *surface;
     const struct solid *solid;
-    int32_t number; /* of the solid */
+    int32_t number; /* index of the solid */
     struct pell_vec3 at, axis[3];
     double strength;
-    float returned[3], scale[3];    /* pell_services_returned, what goes between faces times the solid's scale */
-    double near_probes, near_areas; /* samples of each way in a round */
+    float returned[3], scale[3];    /* pell_services_returned, scaled by the solid's scale */
+    double near_probes, near_areas; /* samples per technique and batch */
     uint32_t seed;
-    double error; /* relative standard error that is asked for */
+    double error; /* target relative standard error */
     double sum[TOGETHER][3];
-    uint32_t mesh[POINTS], triangle[POINTS], pattern[POINTS]; /* of the points that wait */
+    uint32_t mesh[POINTS], triangle[POINTS], pattern[POINTS]; /* of the queued points */
     float u[POINTS], v[POINTS];
     uint8_t batch[POINTS];
     int count;
     struct counts *counts;
 };
 
-/* --- What points are worth -------------------------------------------------------------------------------------------------------- */
+/* --- Contributions of points ------------------------------------------------------------------------------------------------------ */
 
-/* Samples per mm^2 that a round sends to y, by both ways. */
+/* Sampling density at y over both techniques, per mm^2 and batch. */
 static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec3 n)
 {
     static const double share[3] = { 0.25, 0.25, 0.5 };
@@ -105,7 +107,7 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
     return sum;
 }
 
-/* Turns the profile between the pixel and a point, `v` away from it, whose normal is `n`. */
+/* Directional correction of the profile between the pixel and a point, `v` away from it, with the normal `n`. */
 static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n, float curvature, float R[3])
 {
     const float s = (float) p->strength;
@@ -117,7 +119,7 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
     pell_opposed_apply(&p->solid->opposed, &pair, p->scale, R);
 }
 
-/* Lights the points that wait and adds what they bring to their rounds. */
+/* Computes the irradiance of the queued points and adds their contributions to their batches. */
 static void settle(struct pixel *p)
 {
     float position[3][POINTS], normal[3][POINTS], irradiance[3][POINTS], curvature[POINTS];
@@ -167,7 +169,7 @@ static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triang
         settle(p);
 }
 
-/* --- Finding points ------------------------------------------------------------------------------------------------------------------ */
+/* --- Sampling ------------------------------------------------------------------------------------------------------------------------ */
 
 static void send_probes(struct pixel *p, int batch, uint32_t seed)
 {
@@ -232,13 +234,13 @@ static void spread_areas(struct pixel *p, int batch, uint32_t seed, int count)
         double f;
         float u, v;
         const struct pell_solid_triangle at = pell_solid_at(p->surface, area, &f);
-        /* The place inside the triangle has numbers of its own: the fraction that is left of the first has few digits. */
+        /* The position inside the triangle uses other random numbers: the remaining fraction of the first one has few digits. */
         pell_triangle_point((float) pell_lattice(seed, 4, (uint32_t) i), (float) pell_lattice(seed, 5, (uint32_t) i), &u, &v);
         add_point(p, batch, at.mesh, at.triangle, u, v, pell_hash(seed ^ 0x51ed270bu ^ (uint32_t) i));
     }
 }
 
-/* --- A pixel -------------------------------------------------------------------------------------------------------------------- */
+/* --- One pixel ------------------------------------------------------------------------------------------------------------------ */
 
 static void run_batches(struct pixel *p, uint32_t first, int64_t count, struct pell_batches *s)
 {
@@ -273,7 +275,7 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
         }
         return;
     }
-    /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
+    /* The pilot batches determine the number of batches and are left out of the mean: including them would bias it low. */
     run_batches(p, 0, PILOT / share, &pilot);
     needed = pell_batches_needed(&pilot, p->error, LEAST / share, DARK / share);
     run_batches(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * dipole.h - what the files of this method share. Its only symbol for others is pell_method_dipole.
+ * dipole.h - declarations shared by the files of this method. Its only external symbol is pell_method_dipole.
  */
 #ifndef PELL_DIPOLE_METHOD_H
 #define PELL_DIPOLE_METHOD_H
@@ -19,21 +19,21 @@ struct dipole_knobs {
     int half; /* enum reference_half */
 };
 
-/* --- radii.c: radii drawn as a profile's light is spread ------------------------------------------------------------------------- */
+/* --- radii.c: radii distributed like a profile's light --------------------------------------------------------------------------- */
 
 #define DI_RINGS 256
 
-/* Rings of equal shares of the light inside `largest`; a radius is uniform over the area of its ring, so that the density is exactly known
- * and costs a search. Channels without light have no rings. */
+/* Rings with equal fractions of the light inside `largest`; a radius is uniform over the area of its ring, so that the density is known
+ * exactly and costs one search. Channels without light have no rings. */
 struct dipole_radii {
     double square[3][DI_RINGS + 1]; /* mm^2 */
     bool lit[3];
     double largest; /* mm, of all channels */
-    int channels;   /* that have rings */
+    int channels;   /* that have light */
 };
 
 void dipole_radii_make(const struct pell_frame_material *m, struct dipole_radii *r);
-/* A radius for xi in [0, 1), mm. */
+/* Samples a radius by xi in [0, 1), mm. */
 double dipole_radii_draw(const struct dipole_radii *r, int channel, double xi);
 /* Its density per area of the plane, 1/mm^2. */
 double dipole_radii_density(const struct dipole_radii *r, int channel, double square);

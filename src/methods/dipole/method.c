@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * method.c - diffusion over the whole surface by Monte Carlo: H. W. Jensen et al., "A Practical Model for Subsurface Light Transport",
- * SIGGRAPH 2001; probe rays: A. King et al., "BSSRDF Importance Sampling", SIGGRAPH 2013 talks. What differs: README.md.
+ * SIGGRAPH 2001; probe rays: A. King et al., "BSSRDF Importance Sampling", SIGGRAPH 2013 talks. Differences: README.md.
  */
 #include "methods/dipole/dipole.h"
 

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define SHARE 0.9999 /* of a channel's light inside the largest radius */
+#define SHARE 0.9999 /* fraction of a channel's light inside the largest radius */
 
 void dipole_radii_make(const struct pell_frame_material *m, struct dipole_radii *r)
 {
@@ -16,7 +16,7 @@ void dipole_radii_make(const struct pell_frame_material *m, struct dipole_radii 
             continue;
         for (int k = 1; k <= DI_RINGS; k++) {
             const double radius = pell_profile_sample(&m->profile[c], SHARE * k / DI_RINGS);
-            /* Rings have an area, also where a table's light comes all at once. */
+            /* Rings have an area, even where a table's light is concentrated at one radius. */
             r->square[c][k] = fmax(radius * radius, r->square[c][k - 1] * (1.0 + 1e-9) + 1e-24);
         }
         r->lit[c] = true;

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - samples over each solid's surface, light that enters at them, and the walk of a pixel through their octree.
+ * cpu.c - surface samples of each solid, their irradiance, and the traversal of their octree for each pixel.
  *
- * N = area / A samples, a Poisson disc set, stand for about A each (samples.c).
+ * N = area / A samples, a Poisson disc set, represent an area of about A each (samples.c).
  *
- * A pixel at x, with r_i = |x - x_i| and the window w(r) = (1 - r^2/reach^2)^2:
+ * For a pixel at x, with r_i = |x - x_i| and the window w(r) = (1 - r^2/reach^2)^2:
  *
  *     M = Sum_i (1 - w(r_i)) R(r_i) E_i A + near,     near = W Sum_i w R E_i A / Sum_i w R A,    W = Int 2 pi r w(r) R(r) dr
  *
- * The first sum is smooth over the distance of samples, so samples do well; far ones are taken as clusters. `near` is a mean of the light
- * around x, the pixel's own included, times what the window returns of even light: so local variations of the sample density do
- * not matter. On a smooth surface W is right to the second order, on a sphere exactly: the area within a chord r is pi r^2. Where the
- * samples in the window don't look like a smooth surface (creases, borders, sheets thinner than the window) the plain sum is taken;
- * between the two it is blended.
+ * The first sum is smooth on the scale of the sample spacing, so point samples are accurate; distant ones are clustered. `near` is a mean
+ * of the irradiance around x, including the pixel's own, times the light that the window returns under uniform irradiance, so variations of
+ * the sample density cancel. On a smooth surface W is correct to second order, on a sphere exactly: the area within a chord r is pi r^2.
+ * Where the samples in the window do not resemble a smooth surface (creases, borders, sheets thinner than the window) the plain sum is
+ * used, with a smooth transition between both.
  */
 #include "methods/hierarchical/hierarchical.h"
 
@@ -27,29 +27,29 @@
 #include <string.h>
 
 enum {
-    CHUNK = 512, /* points that a thread lights at a time */
+    CHUNK = 512, /* points per task of the irradiance */
     LEAST_SAMPLES = 16384,
-    ROWS = 2,   /* of pixels that a thread takes at a time */
-    BATCH = 32, /* bands between two reports of progress */
+    ROWS = 2,   /* rows of pixels per task */
+    BATCH = 32, /* bands between two progress reports */
 };
-#define REACH 2.0f /* of the near window, in distances of samples */
+#define REACH 2.0f /* radius of the near window, in sample spacings */
 
 struct solid {
     struct hierarchical_radial radial;
     struct pell_light_tree tree;
     struct pell_opposed opposed;
     bool is_opposed;
-    float scale[3];           /* of what goes through: 1, or white */
-    float cell, reach2, full; /* mm^2: mean of a sample, of the window, and Int w dA on a plane */
+    float scale[3];           /* of transmitted light: 1, or white */
+    float cell, reach2, full; /* mm^2: mean area of a sample; of the window; and Int w dA on a plane */
 };
 
 struct hierarchical_state {
-    struct reference_frame frame;         /* first */
+    struct reference_frame frame;         /* first member */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct hierarchical_knobs knobs;
     struct pell_solids *solids;
-    struct solid *solid; /* of each */
+    struct solid *solid; /* by solid */
 };
 
 /* --- Samples -------------------------------------------------------------------------------------------------------------------- */
@@ -233,7 +233,7 @@ fail:
     return res;
 }
 
-/* --- A pixel -------------------------------------------------------------------------------------------------------------------- */
+/* --- One pixel ------------------------------------------------------------------------------------------------------------------ */
 
 /* R of all channels at a squared radius. */
 static inline void look_up(const struct hierarchical_radial *t, float r2, float out[4])
@@ -275,12 +275,12 @@ static inline float length2(const float *a)
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
 }
 
-/* What a flat thin part does, of R, G and B: pell_services_returned, what goes between faces times the solid's scale. */
+/* Transmission of a flat thin part, R, G and B: pell_services_returned, scaled by the solid's scale. */
 struct slab {
     float returned[3], scale[3];
 };
 
-/* Where light leaves. */
+/* The point where light leaves. */
 struct exit {
     const float *at, *normal;
     float inverse, inverse2; /* of the strength */
@@ -326,7 +326,7 @@ static void add_samples(const struct solid *b, const struct pell_light_node *n, 
     }
 }
 
-/* How much the samples in the window look like a smooth surface without a border, 0 to 1. */
+/* Similarity of the samples in the window to a smooth surface without a border, 0 to 1. */
 static float smooth_surface(const struct solid *b, const struct near *n)
 {
     const float cover = n->area / b->full;
@@ -349,7 +349,7 @@ static void gather(const struct hierarchical_state *st, const struct solid *b, c
     struct near near = { { 0 } };
     struct exit x;
 
-    if (row == 0 || b->tree.num_nodes == 0) { /* what does not spread comes back where it fell */
+    if (row == 0 || b->tree.num_nodes == 0) { /* no subsurface scattering: light leaves where it enters */
         for (int c = 0; c < 3; c++)
             out[c] = (float) b->radial.total[c] * own[c];
         return;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * hierarchical.h - what the files of this method share. Its only symbol for others is pell_method_hierarchical.
+ * hierarchical.h - declarations shared by the files of this method. Its only external symbol is pell_method_hierarchical.
  */
 #ifndef PELL_HIERARCHICAL_H
 #define PELL_HIERARCHICAL_H
@@ -25,42 +25,42 @@ struct hierarchical_knobs {
 
 /* --- radial.c: a profile as a table over the squared radius ---------------------------------------------------------------------- */
 
-#define HI_STRENGTHS 65 /* steps of the scattering strength, evenly over [0, 1] */
+#define HI_STRENGTHS 65 /* steps of the strength, uniform over [0, 1] */
 
-/* R(r) of three channels, white where it is to be. Nodes are evenly spaced inside each octave of r^2, so that the place is in the bits of
- * a float; linear between. Nearer than the first node R is held, beyond the last it is 0. */
+/* R(r) of three channels, normalised if white. Nodes are uniform within each octave of r^2, so that the node index consists of bits of the
+ * float; linear interpolation. R is constant below the first node and 0 beyond the last. */
 struct hierarchical_radial {
     struct pell_context *ctx;
     float (*node)[4];
-    int first, count; /* of node 0: float bits >> HI_SHIFT; nodes less one */
+    int first, count; /* of node 0: float bits >> HI_SHIFT; number of nodes less one */
     double total[3];
-    /* For a strength of i / (HI_STRENGTHS - 1): light that returns inside the near window, and the mean of R over one sample's disc. */
+    /* For a strength of i / (HI_STRENGTHS - 1): light returned inside the near window, and the mean of R over one sample's disc. */
     float window[HI_STRENGTHS][3], core[HI_STRENGTHS][3];
 };
 
-#define HI_SHIFT 17 /* 64 nodes an octave of r^2 */
+#define HI_SHIFT 17 /* 64 nodes per octave of r^2 */
 
-/* Radius with a quarter of the light of the channel in which it is smallest: the length that samples are counted by. mm, > 0. */
+/* Smallest of the channels' radii that contain a quarter of the light, the unit of the sample density. mm, > 0. */
 double hierarchical_radial_length(const struct pell_frame_material *m);
-/* The profiles of `m`, or the sum of `gaussians` (> 0) Gaussians that is fitted to them. */
+/* The profiles of `m`, or the sum of `gaussians` (> 0) Gaussians fitted to them. */
 PELL_NODISCARD enum pell_result hierarchical_radial_fit(struct pell_context *ctx, const struct pell_frame_material *m, int gaussians,
                                                         struct pell_profile out[3]);
-/* R is that of `profile`, R, G and B. From radii of `low` to `high` mm; the window of `reach` mm about a point, discs of `disc` mm. `r` is
- * zeroed; finish it after a failure, too. */
+/* R from `profile`, R, G and B, for radii of `low` to `high` mm; a window of `reach` mm, discs of `disc` mm. `r` is zeroed; call the finish
+ * function even after a failure. */
 PELL_NODISCARD enum pell_result hierarchical_radial_make(struct pell_context *ctx, const struct pell_profile profile[3], bool white,
                                                          double low, double high, double reach, double disc, struct hierarchical_radial *r);
 void hierarchical_radial_finish(struct hierarchical_radial *r);
 
-/* --- samples.c: where samples lie ------------------------------------------------------------------------------------------------- */
+/* --- samples.c: surface sample points --------------------------------------------------------------------------------------------- */
 
 struct hierarchical_place {
     uint32_t mesh, triangle;
     float u, v; /* barycentric */
-    float area; /* mm^2 that it stands for */
+    float area; /* mm^2 that it represents */
 };
 
-/* `count` places, in the order of the solid's curve, that keep a distance from one another; *out is the caller's. 72 bytes for each of two
- * candidates a place are needed meanwhile. The same bits for any number of threads. */
+/* `count` sample points with a minimum distance from one another, in the order of the solid's curve; the caller owns *out. Temporarily
+ * needs 72 bytes for each of two candidates per sample. The same bits for any number of threads. */
 PELL_NODISCARD enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
                                                          const struct pell_solid *solid, size_t count, struct hierarchical_place **out);
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * method.c - hierarchical diffusion: H. W. Jensen, J. Buhler, "A Rapid Hierarchical Rendering Technique for Translucent Materials",
- * SIGGRAPH 2002. What differs from the paper: README.md.
+ * SIGGRAPH 2002. Differences from the paper: README.md.
  */
 #include "methods/hierarchical/hierarchical.h"
 

@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define SHARES 2048 /* radii with equal shares of the light, for integrals */
+#define SHARES 2048 /* number of radii, with equal fractions of the light, for integrals */
 
 static uint32_t bits_of(float x)
 {
@@ -41,7 +41,8 @@ void hierarchical_radial_finish(struct hierarchical_radial *r)
     r->node = NULL;
 }
 
-/* What the window (1 - r^2/reach^2)^2 lets back of even light on a plane, and the mean of R over a disc, for each strength. */
+/* Light returned within the window (1 - r^2/reach^2)^2 under uniform irradiance on a plane, and the mean of R over a disc, for each
+ * strength. */
 static void make_near(const struct pell_profile *p, int channel, double scale, double reach, double disc, struct hierarchical_radial *r)
 {
     static const double least = 1.0 / 1024.0;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * samples.c - places of samples, no two near one another: sample elimination (C. Yuksel, "Sample Elimination for Generating Poisson Disk
- * Sample Sets", Computer Graphics Forum 34(2), 2015).
+ * samples.c - Poisson disc samples of a surface by sample elimination (C. Yuksel, "Sample Elimination for Generating Poisson Disk Sample
+ * Sets", Computer Graphics Forum 34(2), 2015).
  *
- * Candidates lie along the solid's curve through its triangles at equal steps of area; inside a triangle the place along the curve is one
- * coordinate of the unit square, and multiples of the golden section are the other. Then the candidate with the most, and nearest,
- * neighbours goes, again and again. Last, every candidate's equal share of the surface goes to the samples around it, by distance, so that
- * each sample's area is as large as it is alone: sums over samples are right on every scale, where plain counts differ by a percent from
- * place to place. What faces away is no neighbour: the two sides of a sheet are sampled each for itself.
+ * Candidates are at equal steps of area along the solid's curve through its triangles; inside a triangle the position along the curve is
+ * one coordinate of the unit square, and multiples of the golden ratio are the other. Then the candidate with the largest weight, from the
+ * number and distance of its neighbours, is removed repeatedly. Finally the area of every candidate is distributed to the samples around it
+ * by distance, so that a sample's area reflects its isolation: sums over samples are then accurate on every scale, where equal areas would
+ * vary by a percent. Candidates that face away are not neighbours: the two sides of a sheet are sampled separately.
  */
 #include "methods/hierarchical/hierarchical.h"
 
@@ -17,21 +17,21 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#define RATIO 2 /* candidates a sample: with areas shared out, more take time and memory and change no figure */
+#define RATIO 2 /* candidates per sample: with distributed areas, more cost time and memory without a measurable gain */
 
 struct candidate {
     float position[3], normal[3];
     struct hierarchical_place place;
 };
 
-/* A candidate in the order in which neighbours are looked for: what most of them are turned down by. */
+/* A candidate in the order of the neighbour search: the data that rejects most of them. */
 struct spot {
     float position[3];
     uint32_t it;
     uint64_t cell;
 };
 
-/* The neighbours of a run of candidates, each among its own: those of the first end at end[0]. */
+/* The neighbour lists of a run of candidates, one after the other: the list of the first ends at end[0]. */
 enum { RUN = 4096 };
 struct run {
     uint32_t *near;
@@ -44,14 +44,14 @@ struct eliminator {
     const struct pell_scene *scene;
     struct candidate *candidates;
     struct spot *spots; /* by bucket */
-    uint32_t *bucket;   /* start of each in spots, and one more */
+    uint32_t *bucket;   /* start of each bucket in spots, and the end */
     uint32_t mask, count;
     struct run *runs;
     float *weight, *area;
-    uint32_t *heap, *at; /* heap of candidates, heaviest first, and where each is in it */
+    uint32_t *heap, *at; /* heap of candidates, largest weight first, and the position of each in it */
     uint32_t left;
     float low[3], reach, least;
-    atomic_bool failed; /* there was no memory for neighbours */
+    atomic_bool failed; /* out of memory for neighbours */
 };
 
 /* --- Candidates ----------------------------------------------------------------------------------------------------------------- */
@@ -119,7 +119,7 @@ static void sort_buckets(struct eliminator *e)
         key = cell_key(at[0], at[1], at[2]);
         e->spots[--e->bucket[bucket_of(e, key) + 1]] = (struct spot) { { p[0], p[1], p[2] }, i, key };
     }
-    /* Starts moved down by one bucket. */
+    /* Starts shifted down by one bucket. */
     for (uint32_t b = 0; b <= e->mask; b++)
         e->bucket[b] = e->bucket[b + 1];
     e->bucket[e->mask + 1] = e->count;
@@ -143,7 +143,7 @@ static bool faces(const float *a, const float *b)
     return facing > 0.0f;
 }
 
-/* Appends a candidate's neighbours, no farther than `reach` and facing the same way, and itself, to what the run has so far. */
+/* Appends a candidate and its neighbours, within `reach` and with a similar normal, to the lists of the run. */
 static enum pell_result look_around(const struct eliminator *e, uint32_t it, struct run *run, size_t *have)
 {
     const struct candidate *from = &e->candidates[it];
@@ -202,7 +202,7 @@ static enum pell_result find_neighbours(struct eliminator *e, struct pell_pool *
     return atomic_load(&e->failed) ? PELL_ERR_NOMEM : PELL_OK;
 }
 
-/* The neighbours of a candidate, itself among them. */
+/* The neighbours of a candidate, including itself. */
 static const uint32_t *neighbours(const struct eliminator *e, uint32_t it, uint32_t *count)
 {
     const struct run *run = &e->runs[it / RUN];
@@ -239,7 +239,7 @@ static void sink(struct eliminator *e, uint32_t i)
     e->at[it] = i;
 }
 
-/* What a neighbour weighs. */
+/* Weight of a neighbour. */
 static float weigh(const struct eliminator *e, float d2)
 {
     const float d = sqrtf(d2);
@@ -250,7 +250,7 @@ static float weigh(const struct eliminator *e, float d2)
     return w * w;
 }
 
-/* Sums the weight of a candidate's neighbours, or takes it off each of them that is still there. */
+/* Sums the weight of a candidate's neighbours, or subtracts it from each of them that remains. */
 static void visit(struct eliminator *e, uint32_t it, bool remove)
 {
     uint32_t count;
@@ -274,7 +274,7 @@ static void visit(struct eliminator *e, uint32_t it, bool remove)
 
 /* --- Areas ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Sums over what is left (or, of a sample, over all candidates) how near it is: each divided by what `by` says of the other. */
+/* Sums the nearness of the remaining candidates (or, for a sample, of all candidates), each divided by the other's `by`. */
 static double nearness(const struct eliminator *e, uint32_t it, bool of_samples, const float *by)
 {
     uint32_t count;
@@ -289,7 +289,7 @@ static double nearness(const struct eliminator *e, uint32_t it, bool of_samples,
     return sum;
 }
 
-/* In turn: what is around each candidate, then what each sample gets of those around it. */
+/* First the sums around each candidate, then the area that each sample receives from the candidates around it. */
 static void area_run(void *arg, int index, int worker)
 {
     struct eliminator *e = arg;
@@ -336,7 +336,7 @@ static enum pell_result eliminate(struct eliminator *e, struct pell_pool *pool, 
     return PELL_OK;
 }
 
-/* The areas of samples sum to `total`. */
+/* Normalises the areas of samples to sum to `total`. */
 static enum pell_result share_areas(struct eliminator *e, struct pell_pool *pool, double total)
 {
     double sum = 0.0;
@@ -379,7 +379,7 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
     places = pell_alloc_array(ctx, count, sizeof(*places));
     if (!e.candidates || !e.spots || !e.bucket || !e.weight || !e.heap || !e.at || !places)
         goto fail;
-    /* Cells number 2^21 a side at most. */
+    /* at most 2^21 cells per axis */
     e.reach = (float) fmax(2.0 * radius, 1e-30);
     e.low[0] = e.low[1] = e.low[2] = INFINITY;
     place_candidates(&e, solid);

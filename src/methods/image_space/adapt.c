@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * adapt.c - how many samples each region of a picture takes.
+ * adapt.c - adaptive number of samples per region of the image.
  *
- * With N samples the error of M falls with 1/sqrt(N) or faster from a deviation s of what samples find. For one number of samples in all,
- * the sum of squares over the picture is least with N in proportion to s. s^2 of a region is the mean square of the difference between the
- * light of a pixel and of pixels as far away in the picture as half of the profile's light goes, and IS_FARTHER times that, over the square
- * of the share of these that are of the same surface: the fewer samples find something, the less sure is their mean. Regions are put into
- * IS_CLASSES classes by steps of log s^2, each class with twice the samples of the one before, such that the picture takes no more than its
- * pixels times `samples`.
+ * With N samples the error of M decreases with 1/sqrt(N) or faster, in proportion to the standard deviation s of what samples find. For a
+ * given total number of samples, the sum of squared errors over the image is smallest with N proportional to s. s^2 of a region is
+ * estimated as the mean squared difference between the light of a pixel and that of pixels at two distances in the image: the median radius
+ * of the profile, and IS_FARTHER times that; divided by the square of the fraction of those pixels on the same surface, because fewer valid
+ * samples make a less certain mean. Regions are sorted into IS_CLASSES classes by steps of log s^2, each class with twice the samples of
+ * the previous one, such that the image takes at most `samples` times its pixels.
  *
- * Both engines choose the same classes: sums are of products, in one order, and all else is done on integers. Mirror: adapt.comp,
+ * Both engines choose the same classes: sums are of products, in one order, and everything else is integer arithmetic. Mirror: adapt.comp,
  * choose.comp.
  */
 #include "methods/image_space/image_space.h"
@@ -18,7 +18,7 @@
 
 #include <string.h>
 
-/* Pixels that stand for a region: every second row's, every fourth of it. */
+/* Pixels that represent a region: every fourth pixel of every second row. */
 #define FOR_SOME(x0, y0, x, y)                                                                                                             \
     for (int y = (y0); y < (y0) + IS_REGION_Y; y += 2)                                                                                     \
         for (int x = (x0) + (y & 2); x < (x0) + IS_REGION_X; x += 4)
@@ -42,7 +42,7 @@ static float strength_at(const struct pell_frame *in, ptrdiff_t at)
     return low > 0.0f ? low : 0.0f;
 }
 
-/* Of these pixels: how many, depths, mm that half of the light goes. */
+/* Of these pixels: number, depths, median radii in mm. */
 struct some {
     int count;
     float depth, middle;
@@ -75,7 +75,7 @@ static int log_of(float x)
     return bits;
 }
 
-/* Adds the squared differences of pixels that are px away from a pixel and of the same surface; returns how many are. */
+/* Adds the squared differences to pixels on the same surface px away; returns their number. */
 static int compare(const struct is_work *w, const struct some *s, int x, int y, int px, float near, float *sum)
 {
     static const int way[4][2] = { { 1, 0 }, { -1, 0 }, { 0, 1 }, { 0, -1 } };
@@ -123,7 +123,7 @@ static int step_of(const struct is_work *w, int x0, int y0)
     if (!(sum > 1e-30f && sum < 1e30f && wide2 > 1e-30f && wide2 < 1e30f && deep2 < 1e30f))
         return 0;
     log = log_of(sum) - log_of((float) found) + 2 * (log_of((float) (4 * s.count)) - log_of((float) found));
-    log += log_of(wide2) - log_of(wide2 + 2.0f * deep2); /* little of it where light goes less than a pixel */
+    log += log_of(wide2) - log_of(wide2 + 2.0f * deep2); /* reduced where the profile is narrower than a pixel */
     log = (log >> IS_STEP_SHIFT) + IS_STEPS_UP;
     return log < 0 ? 0 : log < IS_STEPS ? log : IS_STEPS - 1;
 }
@@ -170,7 +170,7 @@ void is_adapt_choose(const struct is_work *w, struct is_adapt *a)
             pixels[a->step[ry * a->width + rx]] += a->count[ry * a->width + rx];
             all += a->count[ry * a->width + rx];
         }
-    while (low < high) { /* the first step of class 0: more samples are taken from a lower one */
+    while (low < high) { /* binary search for the first step of class 0: a lower one takes more samples */
         const int from = (low + high) >> 1;
         uint64_t samples = 0;
         for (int step = 0; step < IS_STEPS; step++)

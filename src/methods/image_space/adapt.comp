@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// adapt.comp - by how much the light around a region differs: what says how many samples its pixels take. An invocation is a region.
-// Mirror of adapt.c: sums are exact to the last bit (precise), all else is done on integers.
+// adapt.comp - local variation of the light around a region, which determines the number of samples per pixel. One invocation per region.
+// Mirror of adapt.c: sums are exact to the last bit (precise), everything else is integer arithmetic.
 //   in  0 light    irradiance (W/m^2), depth (mm)
 //   in  1 surface  material (0: not translucent), strength (bits of a float)
 //   in  2 sets     see points.glsl
-//   out 3 regions  from the second on: of each region in rows of the grid, translucent pixels + 256 times the step
+//   out 3 regions  from the second element on: per region, in rows of the grid, translucent pixels + 256 times the step
 layout(local_size_x = 8, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
 layout(set = 0, binding = 1) readonly buffer Surface { uvec2 surface[]; };
@@ -41,7 +41,7 @@ int log_of(float x)
     return floatBitsToInt(x);
 }
 
-// Adds the squared differences of pixels that are px away from p and of the same surface; returns how many are.
+// Adds the squared differences between p and pixels on the same surface px away; returns their number.
 int compare(ivec2 p, int px, float count, float near, inout float sum)
 {
     const uint m = material_at(p);
@@ -100,14 +100,14 @@ int step_of(ivec2 first)
     if (!(sum > 1e-30 && sum < 1e30 && wide2 > 1e-30 && wide2 < 1e30 && deep2 < 1e30))
         return 0;
     int log = log_of(sum) - log_of(float(found)) + 2 * (log_of(float(4 * count)) - log_of(float(found)));
-    log += log_of(wide2) - log_of(both); // little of it where light goes less than a pixel
+    log += log_of(wide2) - log_of(both); // reduced where the profile is narrower than a pixel
     return clamp((log >> IS_STEP_SHIFT) + IS_STEPS_UP, 0, IS_STEPS - 1);
 }
 
 void main()
 {
     const ivec2 region = ivec2(gl_GlobalInvocationID.xy);
-    // Regions count from the picture's first pixel: those of the grid begin above its first row.
+    // Regions are counted from the picture's first pixel: those of the grid begin above its first row.
     const ivec2 first = region * ivec2(IS_REGION_X, IS_REGION_Y) - ivec2(0, pc.y0 % IS_REGION_Y);
     uint count = 0u;
 

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// choose.comp - the least step from which classes begin with which a picture takes no more samples than its pixels times `samples`: one
-// workgroup. Mirror of is_adapt_choose.
-//   in/out 0 regions  see adapt.comp; the first: that step
+// choose.comp - the lowest step of the first class with which a picture takes at most `samples` times its pixels: one workgroup. Mirror of
+// is_adapt_choose.
+//   in/out 0 regions  see adapt.comp; the first element: that step
 layout(local_size_x = 256) in;
 layout(set = 0, binding = 0) buffer Regions { uint regions[]; };
 #include "methods/image_space/common.glsl"
 
 shared uvec2 sums[256];
 
-// Over all regions, in units of 2^16 and of 1: a large picture has more than 2^32.
+// Sums over all regions, in units of 2^16 and of 1: a large picture exceeds 2^32.
 uvec2 samples_from(int from, bool of_all)
 {
     const uint i = gl_LocalInvocationID.x;

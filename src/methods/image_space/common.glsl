@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// common.glsl - what the shaders of the image-space method share: push constants, pixels, rays.
-// An irradiance image holds two vec4 a pixel: w, gu, gv, key; then light (R, G, B; W/m^2), h (kernels.h).
+// common.glsl - shared by the shaders of the image-space method: push constants, pixels, rays. An irradiance image holds two vec4 per
+// pixel: w, gu, gv, key; then light (R, G, B; W/m^2), h (kernels.h).
 #include "methods/image_space/formulas.h"
 #include "methods/image_space/push.h"
 
@@ -16,11 +16,11 @@ bool is_inside(ivec2 p)
     return p.x >= 0 && p.y >= 0 && p.x < pc.width && p.y < pc.height;
 }
 
-// --- How many samples: adapt.c ------------------------------------------------------------------------------------------------------
+// --- Adaptive sampling: adapt.c -----------------------------------------------------------------------------------------------------
 
 int regions_x()
 {
-    return pc.width / IS_REGION_X; // widths are whole
+    return pc.width / IS_REGION_X; // widths are multiples of it
 }
 
 int regions_y()
@@ -39,7 +39,7 @@ int class_at(int at, int from)
     return at < from ? 0 : min((at - from) / IS_CLASS_STEPS, IS_CLASSES - 1);
 }
 
-// Of a pixel of the grid: its place relative to the middle of the picture, over f.
+// Position of a pixel of the grid relative to the centre of the picture, divided by f.
 vec2 ray_of(ivec2 p)
 {
     return (vec2(p + ivec2(pc.x0, pc.y0)) + 0.5 - vec2(pc.mid_x, pc.mid_y)) / pc.focal_px;

@@ -22,13 +22,13 @@ struct is_state {
     float *memory, *texels;
     int32_t *solid;
     struct is_adapt adapt;
-    int64_t *counts;                             /* of bands */
-    void (*row)(const struct is_work *w, int y); /* what the running pass does; NULL: gather */
+    int64_t *counts;                             /* per band */
+    void (*row)(const struct is_work *w, int y); /* row function of the running pass; NULL: gather */
     struct pell_pass_time times[4];
     size_t num_times;
 };
 
-/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
 
 static void is_destroy(void *state)
 {
@@ -88,7 +88,7 @@ static enum pell_result make_planes(struct is_state *st, const struct pell_frame
     for (size_t i = 0; i < PLANES; i++)
         *planes[i] = st->memory + i * size + IS_MARGIN * stride + IS_MARGIN;
     for (size_t i = 0; i < size; i++)
-        st->memory[size + i] = 1.0f; /* w is divided by, where there is nothing, too */
+        st->memory[size + i] = 1.0f; /* a divisor, also in empty pixels */
     w->texels = st->texels;
     w->solid = st->solid;
     return PELL_OK;
@@ -154,7 +154,7 @@ static void run_regions(void *arg, int index, int worker)
     is_adapt_row(&st->setup.work, &st->adapt, st->setup.work.in->rect.y0 / IS_REGION_Y + index);
 }
 
-/* How many samples each region takes. */
+/* Chooses the number of samples of each region. */
 static void adapt(struct is_state *st)
 {
     const struct pell_rect *rect = &st->setup.work.in->rect;

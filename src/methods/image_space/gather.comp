@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// gather.comp - M of each pixel from samples in the tangent plane, followed to the surface along the rays of irradiance images.
-// T. Mertens et al., "Efficient Rendering of Local Subsurface Scattering", 2003, equation (9), corrected; README.md. Mirror of kernels.c
-// and points.h. VIEWS 1: with images from the lights, by the balance heuristic.
+// gather.comp - M of each pixel from samples in the tangent plane, projected to the surface along the rays of irradiance images. T. Mertens
+// et al., "Efficient Rendering of Local Subsurface Scattering", 2003, equation (9), corrected; README.md. Mirror of kernels.c and points.h.
+// VIEWS 1: with images from the lights, combined by the balance heuristic.
 //   in  0 texels     the camera's irradiance image: see common.glsl
 //   in  1 surface    material (0: not translucent), strength (bits of a float)
-//   in  2 base       base colour, where it says how far light goes; else anything
-//   in  3 sets       of each material, then of levels: see points.glsl
+//   in  2 base       base colour, if the scattering distance depends on it; else unused
+//   in  3 sets       per material, then per level: see points.glsl
 //   in  4 offsets    samples: x, y in the tangent plane (mm), 1/density, 0
-//   in  5 rows       radial tables, two each: R of the channels and their mean over their totals, times length^2; the rise to the next row
-//   in  6 views      of each view of a light: see points.glsl
+//   in  5 rows       radial tables, two each: R of the channels and their mean over their totals, times length^2; increments per row
+//   in  6 views      per view of a light: see points.glsl
 //   in  7 lights     the irradiance images of these views, one after the other
-//   in  10 regions   see choose.comp, where counts of samples adapt
+//   in  10 regions   see choose.comp, with adaptive sampling
 //   out 8 light      M (W/m^2), 0
-//   out 9 alpha      how much a pixel's channels take part in the reconstruction; footprints off its plane where w is off by one
-// Estimator: biased where the images do not hold the surface (renormalised), else by rounding of radii to rows of a table alone.
+//   out 9 alpha      weight of a pixel's channels in the reconstruction; footprints off its plane for a difference of one in w
+// Estimator: biased where the images do not contain the surface (renormalised), otherwise only by rounding of radii to table rows.
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int VIEWS = 0;
 layout(set = 0, binding = 0) readonly buffer Texels { vec4 texels[]; };
@@ -37,7 +37,7 @@ struct Sums {
     float count;
 };
 
-// R of the channels at a squared radius over length^2, by the levels of each where there are some.
+// R of the channels at a squared radius over length^2, interpolated between the levels of each channel if there are levels.
 vec3 weights_at(Place p, int row, float part)
 {
     if (!p.varies)
@@ -51,7 +51,7 @@ vec3 weights_at(Place p, int row, float part)
     return result;
 }
 
-// Adds a sample that was found; `share`: of its 1/density, or of the sum over views of it. Returns whether it counts.
+// Adds a sample that hit the surface; `share`: 1/density, or the reciprocal of the sum of densities over views. Returns whether it counts.
 bool add(Place p, Found f, float share, inout Sums s)
 {
     const float square = dot(f.to, f.to) * p.per_length2;
@@ -121,7 +121,7 @@ void main()
     Sums s = Sums(vec3(0.0), vec3(0.0), 0.0);
 
     take_samples(place, 0, pc.by_count != 0 ? pc.first_kind : place.samples, s);
-    if (pc.by_count != 0) { // samples of a kind stand for those of the kind that found nothing
+    if (pc.by_count != 0) { // valid samples of a kind also represent the invalid ones of that kind
         s.light *= s.count > 0.0 ? float(pc.first_kind) / s.count : 0.0;
         if (pc.first_kind < pc.samples) {
             Sums rest = Sums(vec3(0.0), vec3(0.0), 0.0);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * image_space.h - what the files of this method share. Its only symbol for others is pell_method_image_space.
+ * image_space.h - declarations shared by the files of this method. Its only external symbol is pell_method_image_space.
  */
 #ifndef PELL_IMAGE_SPACE_H
 #define PELL_IMAGE_SPACE_H
@@ -38,7 +38,7 @@ struct is_knobs {
     int misprint; /* enum is_misprint */
 };
 
-/* Views of lights, or from around, see where light enters, so that nothing is missing then. */
+/* Whether lights, or views from around, see all surface where light enters, so that no light is missing. */
 static inline int is_through_of(const struct is_knobs *k)
 {
     return k->through != IS_THROUGH_AUTO ? k->through : k->views != IS_VIEWS_CAMERA ? IS_THROUGH_OFF : IS_THROUGH_SLAB;
@@ -46,61 +46,61 @@ static inline int is_through_of(const struct is_knobs *k)
 
 /* --- samples.c: the sample set of a material ------------------------------------------------------------------------------------ */
 
-#define IS_ENERGY 0.99 /* of the widest channel inside R' */
+#define IS_ENERGY 0.99 /* fraction of the widest channel's light inside R' */
 
-/* Half the samples each, where both kinds are drawn; one sample is of the first kind. */
+/* With both kinds half of the samples each; a single sample is of the first kind. */
 int is_importance_samples(const struct is_knobs *k);
 int is_uniform_samples(const struct is_knobs *k);
 int is_tile_side(const struct is_knobs *k);
-/* Whether pixels differ in how many samples they take, the samples of a class (0: it is not there) and of all classes. */
+/* Whether sample counts adapt; the samples of a class (0: it does not exist), and of all classes. */
 bool is_adapts(const struct is_knobs *k);
 int is_class_samples(const struct is_knobs *k, int class);
 int is_row_samples(const struct is_knobs *k);
 
-/* R': the radius with 99 % of the energy of the widest channel; 0 for a material that returns no light. */
+/* R': the radius with 99 % of the light of the widest channel; 0 for a material that returns no light. */
 double is_reach(const struct pell_frame_material *m);
-/* `most`: the largest R' that broad samples may be spread for, mm. set->offset, set->rows and set->level must be freed. With
- * IS_SPREAD_ALBEDO a material that takes its colour from a texture, and whose profile a model makes of coefficients, has
- * IS_LEVELS levels. */
+/* `most`: upper bound of R' for which broad samples are distributed, mm. The caller frees set->offset, set->rows and set->level. With
+ * IS_SPREAD_ALBEDO a material whose colour is a texture, and whose profile is computed from coefficients by a model, has IS_LEVELS
+ * levels. */
 PELL_NODISCARD enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
                                             double most, struct is_set *set);
-/* Puts the patterns of picture `number` into the offsets of an owned set; 0: those that were made. */
+/* Copies the patterns for picture `number` into the offsets of an owned set; 0: the original ones. */
 void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set);
-/* The albedo of a level. */
+/* Albedo of a level. */
 double is_level_albedo(int level);
 /* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
 void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
                    double *turns);
 
-/* --- adapt.c: how many samples each region takes ---------------------------------------------------------------------------------- */
+/* --- adapt.c: number of samples per region ---------------------------------------------------------------------------------------- */
 
 struct is_adapt {
-    int width, height; /* regions of the picture */
-    uint8_t *count;    /* owned, as are the next: translucent pixels of each */
-    uint16_t *step;    /* of the variance of the light around */
+    int width, height; /* number of regions of the picture */
+    uint8_t *count;    /* owned, as is `step`; translucent pixels per region */
+    uint16_t *step;    /* log step of the variance of the surrounding light */
     uint8_t *classes;
 };
 
-/* Count and step of the regions of row ry. Thread-safe for different rows. */
+/* Counts and steps of the regions of row ry. Thread-safe for different rows. */
 void is_adapt_row(const struct is_work *w, struct is_adapt *a, int ry);
-/* Their classes, when all rows are there. */
+/* Chooses their classes, after all rows. */
 void is_adapt_choose(const struct is_work *w, struct is_adapt *a);
 
 /* --- views.c: irradiance images from the lights, or from around -------------------------------------------------------------------- */
 
-#define IS_VIEWS_MOST 8 /* lights with a view; more are reported */
+#define IS_VIEWS_MOST 8 /* maximum number of lights with a view; further lights are reported */
 
 struct is_light_view {
     struct pell_view view;
     float *texels; /* owned; size x size of IS_TEXEL floats */
 };
 
-/* One view per light that is not an environment, or along each axis both ways (IS_VIEWS_AROUND), of all translucent surfaces, keys =
- * solid + 1. The renderer lends its scene. */
+/* One view per light that is not an environment, or in both directions along each axis (IS_VIEWS_AROUND), of all translucent surfaces; keys
+ * are solid + 1. Borrows the renderer's scene. */
 PELL_NODISCARD enum pell_result is_light_views_make(const struct pell_services *services, const struct pell_solids *solids,
                                                     const struct is_knobs *k, struct is_light_view *views, int *count);
 
-/* --- setup.c: what every engine has ------------------------------------------------------------------------------------------------ */
+/* --- setup.c: setup common to all engines ------------------------------------------------------------------------------------------ */
 
 struct is_setup {
     const struct pell_services *services; /* borrowed, as is ctx */
@@ -109,20 +109,20 @@ struct is_setup {
     struct is_set *sets;
     size_t num_sets;
     struct pell_solids *solids;             /* for views of lights, or NULL */
-    struct pell_thickness_table *thickness; /* of each material, or NULL */
+    struct pell_thickness_table *thickness; /* by material, or NULL */
     struct is_light_view light_views[IS_VIEWS_MOST];
     struct is_view views[IS_VIEWS_MOST];
-    uint64_t number;     /* of the picture whose patterns the sets have: is_set_turn */
-    struct is_work work; /* planes and image are the engine's; all else is set here */
+    uint64_t number;     /* number of the picture that the sets' patterns are for: is_set_turn */
+    struct is_work work; /* planes and image are the engine's; everything else is set here */
 };
 
-/* `st` is zero. is_setup_finish takes what it left, also where it failed. */
+/* `st` is zeroed. Call is_setup_finish even after a failure. */
 PELL_NODISCARD enum pell_result is_setup_make(const struct pell_services *services, const struct pell_frame_shape *shape,
                                               const struct is_knobs *knobs, struct is_setup *st);
 void is_setup_finish(struct is_setup *st);
-/* What depends on the frame; for who observes the renderer, images of it. */
+/* Sets what depends on the frame; shows images of it to observers of the renderer. */
 PELL_NODISCARD enum pell_result is_setup_frame(struct is_setup *st, const struct pell_frame *in);
-/* The solids + 1 of the translucent pixels of row y of the picture, by column; only with st->solids. Thread-safe. */
+/* Solids + 1 of the translucent pixels of row y of the picture, by column; only with st->solids. Thread-safe. */
 void is_find_solids(const struct is_setup *st, const struct pell_frame *in, int y, int32_t *to);
 
 static inline const struct pell_thickness_table *is_setup_thickness(const struct is_setup *st, size_t material)
@@ -132,7 +132,7 @@ static inline const struct pell_thickness_table *is_setup_thickness(const struct
 
 extern const struct pell_method_engine pell_is_cpu, pell_is_vulkan;
 
-/* show.c: for who observes the renderer (pell_services_observed). */
+/* show.c: intermediate images for observers of the renderer (pell_services_observed). */
 PELL_NODISCARD enum pell_result is_show_samples(const struct pell_services *services, const struct is_knobs *knobs,
                                                 const struct is_set *sets, size_t count);
 PELL_NODISCARD enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int number);

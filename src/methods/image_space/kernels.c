@@ -14,7 +14,7 @@ struct sums {
     vf light[3], weight[3], count;
 };
 
-/* R of channel c between the two levels of each pixel. */
+/* R of channel c, interpolated between the two levels of each pixel. */
 INLINE vf between_levels(const struct is_set *set, const struct place *p, int c, vi at, vf part)
 {
     enum { NEXT = IS_ROWS * 8 };
@@ -25,7 +25,7 @@ INLINE vf between_levels(const struct is_set *set, const struct place *p, int c,
     return low + p->part[c] * (high - low);
 }
 
-/* Adds a sample that was found; `share`: of its 1/density, or of the sum over views of it. */
+/* Adds a sample that hit the surface; `share`: 1/density, or the reciprocal of the sum of densities over views. */
 INLINE void add(const struct is_set *set, const struct place *p, const struct found *f, vf share, bool varies, struct sums *s, vi *counted)
 {
     const vf square = (f->to[0] * f->to[0] + f->to[1] * f->to[1] + f->to[2] * f->to[2]) * p->per_length2;
@@ -55,8 +55,8 @@ INLINE vf jacobian_share(const struct is_work *w, vf jacobian)
     return !w->jacobian ? all(1.0f) : w->inverted ? 1.0f / jacobian : jacobian;
 }
 
-/* Sample k: its place in the plane of samples, mm, and 1/density. `offset`: of the pixels' row of the tile, or, where each pixel has its
- * own, of the set. */
+/* Sample k: its position in the plane of samples, mm, and 1/density. `offset`: the samples of the pixels' row of the tile or, if each pixel
+ * has its own, of the set. */
 INLINE void take_sample(const struct place *p, const float *offset, int k, bool varies, vf *x, vf *y, vf *share)
 {
     offset += (size_t) k * 3 * IS_BLOCK;
@@ -71,8 +71,8 @@ INLINE void in_plane(const struct place *p, vf x, vf y, vf o[3])
         o[k] = x * p->s[k] + y * p->q[k];
 }
 
-/* Sums over the samples of pixels of one material, in the camera's image alone. Texels of a wide profile lie all over the outer caches:
- * they are asked for AHEAD samples at a time, which takes a fifth of the time off. */
+/* Sums over the samples of pixels of one material, in the camera's image only. The texels of a wide profile are spread over the outer cache
+ * levels: prefetching them AHEAD samples at a time saves a fifth of the time. */
 INLINE void sample_camera(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, bool parallel,
                           bool varies, struct sums *s)
 {
@@ -102,7 +102,7 @@ INLINE void sample_camera(const struct is_work *w, const struct place *p, const 
     }
 }
 
-/* The same with the views of lights, by the balance heuristic. */
+/* The same with the views of lights, combined by the balance heuristic. */
 INLINE void sample_all(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, bool parallel,
                        bool varies, const struct views *views, struct sums *s)
 {
@@ -135,7 +135,7 @@ INLINE void sample_all(const struct is_work *w, const struct place *p, const str
     }
 }
 
-/* Of the pixels' row of the tile, in those of a profile. */
+/* Offset of the pixels' row of the tile within the samples of a profile. */
 INLINE int first_sample(const struct is_work *w, const struct place *p)
 {
     return w->tile * p->count->first + p->y % w->tile * p->count->samples;
@@ -152,7 +152,7 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
 
     for (int c = 0; c < 3; c++) {
         const vf base = gather(in->base[c] + p->y * in->shape.stride, at);
-        const vf albedo = greater(lesser(base, all(IS_ALBEDO_MOST)), all(IS_ALBEDO_LEAST)); /* no number is the most */
+        const vf albedo = greater(lesser(base, all(IS_ALBEDO_MOST)), all(IS_ALBEDO_LEAST)); /* NaN becomes the largest */
         const vf place = IS_LEVEL_PLACE(root(1.0f - albedo), least, most);
         vi low = __builtin_convertvector(greater(lesser(place, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
         p->part[c] = place - __builtin_convertvector(low, vf);
@@ -185,7 +185,7 @@ INLINE void sample_some(const struct is_work *w, const struct place *p, const st
         sample_camera(w, p, set, offset, parallel, false, s);
 }
 
-/* Samples of a kind stand for those of the kind that found nothing. */
+/* Valid samples of a kind also represent the invalid ones of that kind. */
 INLINE void make_up(struct sums *s)
 {
     const vf times = select(s->count > 0.0f, (float) (s->to - s->from) / s->count, all(0.0f));
@@ -194,7 +194,7 @@ INLINE void make_up(struct sums *s)
         s->light[c] *= times;
 }
 
-/* `lane`: of the block. */
+/* `lane`: within the block. */
 INLINE void sample(const struct is_work *w, struct place *p, const struct is_set *set, int lane, bool parallel, const struct views *views,
                    struct sums *s)
 {
@@ -259,7 +259,7 @@ INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct p
     }
 }
 
-/* How much each channel takes part in the reconstruction: not where a quarter of its light stays within half a pixel. */
+/* Weight of each channel in the reconstruction: 0 if a quarter of its light stays within half a pixel. */
 INLINE vf takes_part(const struct place *p, int c, bool parallel, float f)
 {
     const vf px = p->quarter[c] * p->strength * (parallel ? all(f) : f / p->z);
@@ -297,7 +297,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
     _Alignas(64) int32_t index[IS_BLOCK];
     int count = 0;
 
-    if (block >= in->rect.x0 && block + IS_BLOCK <= in->rect.x1) { /* whole vectors: what is stored in parts can't be loaded at once */
+    if (block >= in->rect.x0 && block + IS_BLOCK <= in->rect.x1) { /* whole vectors: a vector load from partial stores would stall */
         for (int l = 0; l < IS_BLOCK; l++)
             index[l] = pell_material_id(in, row + block + l);
         for (int l = 0; l < IS_BLOCK; l++)
@@ -311,7 +311,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
         }
     }
     for (int l = 0; l < IS_BLOCK; l++) {
-        strength[l] = strength[l] < 1.0f ? strength[l] : 1.0f; /* no number is 1 */
+        strength[l] = strength[l] < 1.0f ? strength[l] : 1.0f; /* NaN becomes 1 */
         strength[l] = strength[l] > 0.0f ? strength[l] : 0.0f;
         count += index[l] != 0;
     }

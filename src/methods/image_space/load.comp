@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// load.comp - the camera's irradiance image: the light of each pixel and the plane that it sees. T. Mertens et al., "Efficient Rendering of
+// load.comp - the camera's irradiance image: light of each pixel and the plane visible in it. T. Mertens et al., "Efficient Rendering of
 // Local Subsurface Scattering", 2003; mirror of measure.c.
 //   in  0 light    irradiance (W/m^2), depth (mm)
 //   in  1 surface  material (0: not translucent), strength (bits of a float)
-//   in  2 solids   solid + 1, where keys are those; else anything
+//   in  2 solids   solid + 1 if these are the keys; else unused
 //   out 3 texels   see common.glsl
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
@@ -26,8 +26,8 @@ vec2 seen_at(ivec2 p)
     return vec2(float(m != 0u && pc.solids != 0 ? solids[i] : m), pc.orthographic != 0 ? safe : 1.0 / safe);
 }
 
-// The rise of w from a pixel to the next along `way`: the mean of both sides, limited to twice the smaller one, so that a jump in depth is
-// no slope; of one side where only that is of the same object.
+// Derivative of w from a pixel to the next along `way`: the mean of both sides, limited to twice the smaller one, so that a depth
+// discontinuity is no slope; one-sided if only that side is on the same object.
 float rise(ivec2 p, ivec2 way, vec2 own)
 {
     const vec2 before = seen_at(p - way), after = seen_at(p + way);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * measure.c - the camera's irradiance image of the image-space method, row by row: keys and depths of pixels, then the plane that each
- * sees; compiled once per level of base/simd.h. The mathematics is in kernels.h.
+ * measure.c - the camera's irradiance image of the image-space method, row by row: keys and depths of pixels, then the plane visible in
+ * each; compiled once per level of base/simd.h. The mathematics is in kernels.h.
  */
 #include "methods/image_space/texels.h"
 
@@ -20,8 +20,8 @@ void PELL_SIMD(is_load)(const struct is_work *w, int y)
     }
 }
 
-/* The rise of w from a pixel to the next along `step`: the mean of both sides, limited to twice the smaller one, so that a jump in depth
- * is no slope; of one side where only that is of the same object. */
+/* Derivative of w from a pixel to the next along `step`: the mean of both sides, limited to twice the smaller one, so that a depth
+ * discontinuity is no slope; one-sided if only that side is on the same object. */
 INLINE vf rise(const struct is_work *w, ptrdiff_t at, ptrdiff_t step, vf key, vf here)
 {
     const vi before = load(w->key + at - step) == key, after = load(w->key + at + step) == key;
@@ -57,7 +57,7 @@ void PELL_SIMD(is_measure)(const struct is_work *w, int y)
             store(h + l, root(a * a + b * b + c * c));
             store(gu + l, a / f);
             store(gv + l, b / f);
-            /* Footprints of a pixel, facing, that a surface lies off this plane where w is off by one. */
+            /* Distance from this plane, in footprints of a facing pixel, for a difference of one in w. */
             norm = load(h + l);
             store(w->flat + at, f / (parallel ? norm : norm * ray));
             store(w->gu + at, load(gu + l));

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * method.c - importance sampling of the profile in the picture: T. Mertens, J. Kautz, P. Bekaert, F. Van Reeth, H.-P. Seidel, "Efficient
+ * method.c - importance sampling of the profile in image space: T. Mertens, J. Kautz, P. Bekaert, F. Van Reeth, H.-P. Seidel, "Efficient
  * Rendering of Local Subsurface Scattering", Pacific Graphics, 2003.
  *
  *     M(x_o) = Sum over samples and views that see p of  R(|p - x_o|) E(p) / Sum over views that see p of (N_r p_r + N_u p_u)(r') / J
  *
- * Samples lie in the tangent plane at x_o and go along the rays of an irradiance image to the surface. What differs from the paper:
- * README.md.
+ * Samples are in the tangent plane at x_o and are projected to the surface along the rays of an irradiance image. Differences from the
+ * paper: README.md.
  */
 #include "methods/image_space/image_space.h"
 

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: MIT
-// points.glsl - the points of the surface that samples find, in the camera's irradiance image and in those of lights, and how densely each
-// view samples there: mirror of points.h. Vectors are in the camera's frame: x right, y down, z forward, mm.
+// points.glsl - surface points hit by samples, in the camera's irradiance image and in those of lights, and the sampling density of each
+// view there: mirror of points.h. Vectors are in the camera's frame: x right, y down, z forward, mm.
 //
-// sets, 4 for a material, bits of floats where no other is said: 1/length^2, R'^2, p_u, broad^2 (struct is_set); scale of the channels,
-// int: first of its offsets; mm with a quarter of a channel's light, int: first of its rows; int: first of its levels or -1, mm with half
-// of the light, 0, 0.
-// Of a level 2: p_u, broad^2, R'^2, mm with a quarter of red; of green, of blue, 0, 0.
-// views, 4 each: the rows of the rotation from the camera's frame, each with the shift; focal length, middle (px), 1: parallel, 0.
+// sets, 4 per material, bits of floats unless noted: 1/length^2, R'^2, p_u, broad^2 (struct is_set); scale of the channels, int: first of
+// its offsets; mm with a quarter of a channel's light, int: first of its rows; int: first of its levels or -1, median radius in mm, 0, 0.
+// Per level 2: p_u, broad^2, R'^2, mm with a quarter of red; of green, of blue, 0, 0. views, 4 each: the rows of the rotation from the
+// camera's frame, each with the shift; focal length, centre (px), 1: parallel, 0.
 
 struct Place {
     float key, z, per_h;
@@ -17,15 +16,15 @@ struct Place {
     float uniform_density, broad2, reach2;
     vec3 quarter, scale;
     int samples;
-    float importance, others; // samples of the two kinds
-    int offset, rows; // of its samples, of its densities
-    // Where it has a level of its own:
+    float importance, others; // number of samples of the two kinds
+    int offset, rows; // first of its samples, first of its densities
+    // With levels of its own:
     bool varies;
     ivec3 channel_rows;
-    vec3 part; // of the next level
+    vec3 part; // fraction toward the next level
 };
 
-// Where a sample is on the surface.
+// A sample's hit on the surface.
 struct Found {
     bool there;
     vec3 to;        // p - x_o
@@ -33,10 +32,10 @@ struct Found {
     vec3 light;
 };
 
-// The plane through x_o in which a view's samples lie, in the view's frame.
+// The plane through x_o of a view's samples, in the view's frame.
 struct SamplesPlane {
     vec3 n, s, q, at;
-    float dist; // from the centre of projection, or the cosine of a parallel view with it
+    float dist; // from the centre of projection; parallel view: cosine with it
 };
 
 float within(float x)
@@ -50,7 +49,7 @@ int nearest(float x)
     return int(floor(x + 0.5));
 }
 
-// The row of a squared radius, in units of length^2, and the place in it.
+// The row of a squared radius, in units of length^2, and the fraction toward the next.
 int find_row(float square, out float part)
 {
     const float low = square < IS_SQUARE_LAST ? square : IS_SQUARE_LAST;
@@ -97,7 +96,7 @@ void choose_levels(int first, int pixel, ivec2 tile, inout Place p)
     p.quarter = vec3(a.w, b.xy);
 }
 
-// The samples of its class, and the first of them.
+// The samples of its class, and the index of the first.
 void choose_samples(ivec2 pixel, int row, inout Place p)
 {
     int of = IS_CLASS_OF_ALL, importance;
@@ -137,7 +136,7 @@ Place start(ivec2 pixel, vec4 own, float h)
     p.per_h = 1.0 / sqrt(p.n.x * p.n.x + p.n.y * p.n.y + p.n.z * p.n.z);
     p.n *= p.per_h;
     tangents(p.n, p.s, p.q);
-    p.strength = given < 1.0 ? given : 1.0; // no number is 1
+    p.strength = given < 1.0 ? given : 1.0; // NaN becomes 1
     p.strength = p.strength > 0.0 ? p.strength : 0.0;
     p.per_length2 = numbers.x / max(p.strength * p.strength, 1e-7);
     p.reach2 = numbers.y;
@@ -158,8 +157,8 @@ Place start(ivec2 pixel, vec4 own, float h)
 
 // --- The camera's view -------------------------------------------------------------------------------------------------------------
 
-// The point that the camera sees where it sees point (x, y), mm, of the tangent plane; everything is relative to the pixel, as radii may be
-// far under the precision of a depth.
+// The visible point on the camera ray through point (x, y), mm, of the tangent plane; everything is relative to the pixel, because radii
+// may be far below the precision of a depth.
 Found camera_finds(Place p, vec2 sampled)
 {
     const bool parallel = pc.orthographic != 0;
@@ -190,7 +189,7 @@ Found camera_finds(Place p, vec2 sampled)
     return found;
 }
 
-// --- Several views: number 0 is the camera's ---------------------------------------------------------------------------------------
+// --- Several views: index 0 is the camera's -----------------------------------------------------------------------------------------
 
 struct View {
     bool parallel;
@@ -214,7 +213,7 @@ vec3 into_view(int v, vec3 p, float shifted)
     return vec3(dot(x.xyz, p) + shifted * x.w, dot(y.xyz, p) + shifted * y.w, dot(z.xyz, p) + shifted * z.w);
 }
 
-// The two parts of the texel of a point, and how far the point is from its centre; key 0 where the image does not hold it.
+// Both halves of the texel of a point, and the offset of the point from its centre; key 0 outside of the image.
 void look(int v, View m, vec3 p, out vec2 off, out vec4 own, out vec4 its)
 {
     const float scale = m.parallel ? m.f : m.f / p.z;
@@ -243,7 +242,8 @@ float jacobian_of(View m, float texel_h, float ratio, float dist)
     return m.parallel ? h : IS_AREA_RATIO(h, ratio);
 }
 
-// Tangent for the camera, as in the paper; facing the view for lights, as rays of a light reach every point of the surface then.
+// Tangent plane for the camera, as in the paper; perpendicular to the view for lights, so that the rays of a light reach every point of the
+// surface.
 SamplesPlane plane_of(int v, View m, Place p)
 {
     SamplesPlane plane;
@@ -281,7 +281,7 @@ Found light_finds(int v, Place p, vec2 sampled)
     return found;
 }
 
-// Samples per area, in units of 1/length^2, that a view sends to point p of the surface (x_o + to); 0 where it does not see it.
+// Density of a view's samples at point p of the surface (x_o + to), in units of 1/length^2; 0 if it is not visible.
 float density_from(int v, Place p, vec3 to)
 {
     const View m = view_of(v);
@@ -295,7 +295,7 @@ float density_from(int v, Place p, vec3 to)
     if (own.w != p.key)
         return 0.0;
     const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w;
-    // Nearer to what is seen there than a pixel of it is deep.
+    // Within a pixel's depth of the visible surface.
     const float deep = its.w * (m.parallel ? 1.0 / m.f : z * z * (1.0 / m.f));
     if (!(abs(there.z - z) < deep + 1e-5 * abs(z)))
         return 0.0;

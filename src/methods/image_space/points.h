@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
  *
- * points.h - the points of the surface that samples of the image-space method find, in the camera's irradiance image and in those of
- * lights, and how densely each view samples there. For kernel files alone.
+ * points.h - surface points hit by samples of the image-space method, in the camera's irradiance image and in those of lights, and the
+ * sampling density of each view there. Included by kernel files only.
  */
 #ifndef PELL_IMAGE_SPACE_POINTS_H
 #define PELL_IMAGE_SPACE_POINTS_H
 
 #include "methods/image_space/texels.h"
 
-/* What the samples of a vector of pixels share. Vectors are in the camera's frame: x right, y down, z forward, mm. */
+/* Data shared by the samples of a vector of pixels. Vectors are in the camera's frame: x right, y down, z forward, mm. */
 struct place {
     vf key;
-    vi live; /* of the material that is sampled now */
+    vi live; /* lanes of the current material */
     vi x;    /* column */
     int y;
     vf t[2], z, h, per_h;       /* ray, plane, 1/h */
@@ -19,12 +19,12 @@ struct place {
     vf strength, per_length2;   /* 1/(length strength)^2 */
     const struct is_count *count;
     vf quarter[3];
-    /* Where each pixel has a level of its own: its offsets, its rows, those of each channel and the part of the next level's; densities. */
+    /* With levels per pixel: offsets, rows, rows of each channel and the fraction toward the next level; densities. */
     vi offset, density, rows[3];
     vf part[3], uniform, broad2, reach2;
 };
 
-/* Where a sample is on the surface. */
+/* A sample's hit on the surface. */
 struct found {
     vi there;
     vf to[3];    /* p - x_o */
@@ -32,15 +32,15 @@ struct found {
     vf light[3];
 };
 
-/* The plane through x_o in which a view's samples lie, in the view's frame: tangent for the camera, as in the paper; facing the view for
- * lights, as rays of a light reach every point of the surface then (a tangent plane that turns away from the light is met by few), and r is
- * never less than r'. */
+/* The plane through x_o of a view's samples, in the view's frame: the tangent plane for the camera, as in the paper; perpendicular to the
+ * view for lights, so that the rays of a light reach every point of the surface (a tangent plane that faces away from the light is hit by
+ * few), and r is never less than r'. */
 struct samples_plane {
     vf n[3], s[3], q[3], at[3];
-    vf distance; /* from the centre of projection, or the cosine of a parallel view with it */
+    vf distance; /* from the centre of projection; parallel view: cosine with it */
 };
 
-/* An irradiance image as the functions of several views see it. */
+/* An irradiance image and its view. */
 struct image {
     const float *texels;
     ptrdiff_t stride;
@@ -56,7 +56,7 @@ struct views {
     const struct samples_plane *plane;
 };
 
-/* The row of a squared radius, in units of length^2, and the place in it. */
+/* The row of a squared radius, in units of length^2, and the fraction toward the next. */
 INLINE vi find_row(vf square, vf *part)
 {
     const vi bits = (vi) greater(lesser(square, all(IS_SQUARE_LAST)), all(IS_SQUARE_LEAST));
@@ -95,13 +95,13 @@ INLINE void tangents(const vf n[3], vf s[3], vf q[3])
 
 /* --- The camera's view --------------------------------------------------------------------------------------------------------- */
 
-/* Where in the camera's image a point of the tangent plane is looked up. */
+/* Lookup of a point of the tangent plane in the camera's image. */
 struct aim {
-    vf scale, du, dv; /* px a mm at the point; from the pixel that asks, px */
+    vf scale, du, dv; /* px per mm at the point; offset from the pixel, px */
     vi at, there, own;
 };
 
-/* `o`: a point of the tangent plane, counted from x_o; everything is relative to the pixel, as radii may be far under the precision of a
+/* `o`: a point of the tangent plane relative to x_o; everything is relative to the pixel, because radii may be far below the precision of a
  * depth. */
 INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, struct aim *to)
 {
@@ -121,7 +121,7 @@ INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf
     to->dv = dv;
 }
 
-/* The point that the camera sees where it sees point `o` of the tangent plane, counted from x_o. */
+/* The visible point on the camera ray through point `o` of the tangent plane, relative to x_o. */
 INLINE void camera_finds(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, const struct aim *aim,
                          struct found *to)
 {
@@ -162,7 +162,7 @@ INLINE void into_view(const struct is_view *v, const vf p[3], float shifted, vf 
         out[k] = v ? v->rotate[k][0] * p[0] + v->rotate[k][1] * p[1] + v->rotate[k][2] * p[2] + shifted * v->shift[k] : p[k];
 }
 
-/* The texel of a point, and how far the point is from its centre; where the image does not hold it, 0. */
+/* The texel of a point, and the offset of the point from its centre; 0 outside of the image. */
 INLINE vi look(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
 {
     const vf scale = m->parallel ? all(m->f) : m->f / p[2];
@@ -176,8 +176,8 @@ INLINE vi look(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
     return inside;
 }
 
-/* dA_p/dA_p' for a point at `ratio` = z/z'; `distance`: of the tangent plane from the centre of projection, or the cosine of a parallel
- * view with it. */
+/* dA_p/dA_p' for a point at `ratio` = z/z'; `distance`: of the tangent plane from the centre of projection; parallel view: cosine with
+ * it. */
 INLINE vf jacobian_of(const struct image *m, const vf texel[8], vf ratio, vf distance)
 {
     const vf h = texel[IS_H] * magnitude(distance);
@@ -227,7 +227,7 @@ INLINE void light_finds(const struct image *m, const struct samples_plane *n, co
         to->light[c] = texel[IS_RED + c];
 }
 
-/* Samples per area, in units of 1/length^2, that a view sends to point p of the surface (x_o + to); 0 where it does not see it. */
+/* Density of a view's samples at point p of the surface (x_o + to), in units of 1/length^2; 0 if it is not visible. */
 INLINE vf density_from(const struct is_work *w, const struct image *m, const struct samples_plane *s, const struct place *p,
                        const struct is_set *set, bool varies, const vf to[3])
 {
@@ -243,7 +243,7 @@ INLINE vf density_from(const struct is_work *w, const struct image *m, const str
     seen &= texel[IS_KEY] == p->key;
     plane = plane_at(texel, du, dv);
     z = m->parallel ? plane : 1.0f / plane;
-    /* Nearer to what is seen there than a pixel of it is deep. */
+    /* Within a pixel's depth of the visible surface. */
     off = texel[IS_H] * (m->parallel ? all(1.0f / m->f) : z * z * (1.0f / m->f));
     seen &= magnitude(there[2] - z) < off + 1e-5f * magnitude(z);
     /* The point p' of the tangent plane on the same ray. */

@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * rebuild.c - the reconstruction of the image-space method: the mean over tiles of pixels along the surface; compiled once per level of
+ * rebuild.c - the reconstruction of the image-space method: a filter over tiles of pixels along the surface; compiled once per level of
  * base/simd.h.
  */
 #include "methods/image_space/texels.h"
 
-/* Tiles' mean, each pattern of the tile counted once: 1/2 1 .. 1 1/2 along both axes, over n^2. Taps count as far as each of two pixels
- * lies on the other's plane, to a few pixels' footprints. What p takes from q, q takes from p, so that the sum over pixels stays. */
+/* Mean over a tile in which each pattern has the same weight: 1/2 1 .. 1 1/2 along both axes, over n^2. The weight of a tap falls with the
+ * distance of either pixel from the other's plane, to 0 at a few pixel footprints. Weights are symmetric, so the sum over pixels is
+ * preserved. */
 void PELL_SIMD(is_rebuild)(const struct is_work *w, int y)
 {
     const struct pell_frame *in = w->in;

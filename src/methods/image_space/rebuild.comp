@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// rebuild.comp - the mean over tiles of pixels along the surface, each pattern of the tile counted once: 1/2 1 .. 1 1/2 along both axes,
-// over n^2. Taps count as far as each of two pixels lies on the other's plane. What p takes from q, q takes from p, so that the sum over
-// pixels stays. Mirror of rebuild.c; README.md, "Reconstruction".
+// rebuild.comp - mean over a tile of pixels along the surface, in which each pattern of the tile has the same weight: 1/2 1 .. 1 1/2 along
+// both axes, over n^2. The weight of a tap falls with the distance of either pixel from the other's plane. Weights are symmetric, so the
+// sum over pixels is preserved. Mirror of rebuild.c; README.md, "Reconstruction".
 //   in  0 texels   see common.glsl
 //   in  1 light    M of each pixel (W/m^2), 0
-//   in  2 alpha    how much a pixel's channels take part; footprints that a surface lies off its plane where w is off by one
+//   in  2 alpha    weight of a pixel's channels; footprints off its plane for a difference of one in w
 //   out 3 result   M (W/m^2), 0
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Texels { vec4 texels[]; };

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * samples.c - the sample set of a material: radii by the inverse of the mean of its channels' distributions, and of a broad one, angles by
- * the golden section, interleaved over a tile of pixels; and the radial tables that weigh them.
+ * samples.c - the sample set of a material: radii by inverting the mean of its channels' distributions and a broad distribution, angles by
+ * the golden ratio, interleaved over a tile of pixels; and the radial tables for their weights.
  *
- * With `combined` the samples of the two kinds are equal shares of their common distribution, (N_r p_r + N_u p_u)/N, by which the balance
- * heuristic divides either kind anyway: so weights vary smoothly from sample to sample, and there is one even set in place of two.
+ * With `combined` the samples of both kinds are drawn from their common distribution, (N_r p_r + N_u p_u)/N, by which the balance heuristic
+ * divides either kind anyway: weights then vary smoothly from sample to sample, and one well distributed set replaces two.
  */
 #include "methods/image_space/image_space.h"
 
@@ -28,7 +28,7 @@ int is_uniform_samples(const struct is_knobs *k)
     return k->samples - is_importance_samples(k);
 }
 
-/* Where samples are of two kinds that are counted for themselves, or of the paper's, they do not adapt; nor where they are many. */
+/* Sample counts do not adapt if there are two kinds that are normalised separately, or the paper's kinds, or many samples. */
 bool is_adapts(const struct is_knobs *k)
 {
     return k->adaptive && k->samples <= IS_ADAPTS_TO && k->sampling != IS_SEPARATE && k->renormalise != IS_BY_COUNT;
@@ -55,7 +55,7 @@ int is_tile_side(const struct is_knobs *k)
     return 1 << k->tile;
 }
 
-/* The same for any order of the channels, to the last bit. */
+/* Identical to the last bit for any order of the channels. */
 static double sum3(const double v[3])
 {
     double a = v[0], b = v[1], c = v[2], t;
@@ -92,12 +92,12 @@ double is_reach(const struct pell_frame_material *m)
     return reach;
 }
 
-/* The broad part of `combined`: density 1/(1 + r^2/R0^2)^2 over pi R0^2. It is nearly uniform well inside R', and goes on beyond, where
- * a disc would leave the few samples of the profile's own tail with weights of 3/N_r. */
+/* The broad part of `combined`: density 1/(1 + r^2/R0^2)^2 over pi R0^2. It is nearly uniform well inside R' and extends beyond it, where a
+ * uniform disc would leave the few samples of the profile's own tail with weights of 3/N_r. */
 #define BROAD_PART (1.0 / 3.0) /* R0/R' */
 
-/* The radius with the share xi inside it of a mixture: of the mean of the channels' distributions (`profiles` parts of the whole) and of
- * the broad density (the other parts), where there is one: reach > 0. */
+/* The radius that contains the fraction xi of a mixture: the mean of the channels' distributions (`profiles` parts) and the broad density
+ * (the other parts), if there is one: reach > 0. */
 static double mixture_radius(const struct pell_frame_material *m, double profiles, double reach, double xi)
 {
     const bool two = profiles < 1.0 && reach > 0.0;
@@ -132,7 +132,7 @@ static double mixture_radius(const struct pell_frame_material *m, double profile
     return 0.5 * (low + high);
 }
 
-/* The paper's recipe as it is printed: the number that chose the pole is not stretched again. */
+/* The paper's procedure as printed: the random number that chose the pole is not rescaled for reuse. */
 static double misprinted_radius(const struct pell_frame_material *m, int k, double xi)
 {
     bool lit[3];
@@ -149,9 +149,9 @@ static double misprinted_radius(const struct pell_frame_material *m, int k, doub
     return 0.0;
 }
 
-/* --- Which sample where --------------------------------------------------------------------------------------------------------- */
+/* --- Order of samples ----------------------------------------------------------------------------------------------------------- */
 
-/* Ranks of a Bayer matrix of side n, a power of two: neighbouring entries differ widely. */
+/* Ranks of a Bayer matrix of size n, a power of two: neighbouring entries differ widely. */
 static int bayer(int x, int y, int n)
 {
     int rank = 0;
@@ -161,9 +161,10 @@ static int bayer(int x, int y, int n)
     return rank;
 }
 
-/* Sample i of a pixel lies in the i-th of equal shares of the light, and there in the part that is the pixel's rank in the tile: all
- * samples of a tile have shares of their own. Angles go on by the golden section from sample to sample and by sqrt(2) - 1 from rank to
- * rank, both badly approximable by fractions, so each pixel's samples and those of the tile in each share are even. */
+/* Stratified samples: sample i of a pixel is in the i-th of equal intervals of the light, and within it in the subinterval of the pixel's
+ * rank in the tile, so all samples of a tile are in different subintervals. Angles advance by the golden ratio from sample to sample and by
+ * sqrt(2) - 1 from rank to rank, both badly approximable by fractions, so the angles of each pixel's samples, and those of a tile in each
+ * interval, are well distributed. */
 void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *knobs, double reach, int x, int y, int k, double *r_mm,
                    double *turns)
 {
@@ -185,7 +186,7 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
     *turns = turn - floor(turn);
 }
 
-/* The place in a tile of a rank. */
+/* Position in a tile of a rank. */
 static void place_of(int rank, int n, int *x, int *y)
 {
     for (*y = 0; *y < n; ++*y)
@@ -194,8 +195,8 @@ static void place_of(int rank, int n, int *x, int *y)
                 return;
 }
 
-/* Pictures are numbered. From one to the next the tile moves, so that after n^2 of them each pixel has had every pattern: the mean is that
- * of n^2 times as many samples in equal shares. Then all turn by an angle that no fraction is near. */
+/* Pictures are numbered. From one to the next the tile shifts, so that after n^2 of them each pixel has had every pattern: the mean equals
+ * that of n^2 times as many stratified samples. After that all patterns are rotated by an angle that is badly approximable by fractions. */
 void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set)
 {
     const int n = is_tile_side(knobs);
@@ -227,7 +228,7 @@ void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_
 
 /* --- Tables ----------------------------------------------------------------------------------------------------------------------- */
 
-/* A row's four values at a squared radius, in units of length^2. */
+/* The four values of a row at a squared radius, in units of length^2. */
 static void row_at(const struct pell_frame_material *m, double length, double square, double out[4])
 {
     const double r = length * sqrt(square);
@@ -263,7 +264,7 @@ static void make_rows(const struct pell_frame_material *m, double length, float 
     }
 }
 
-/* The density as the kernels see it. */
+/* The density as the kernels evaluate it. */
 static double density_at(const float (*rows)[8], double square)
 {
     const double at = fmax(square, square_of(0));
@@ -286,7 +287,7 @@ static double other_density(const struct is_set *set, double square)
 
 /* --- Sets ------------------------------------------------------------------------------------------------------------------------- */
 
-/* What a profile's samples are spread by. */
+/* Parameters of the samples of a profile. */
 static void set_reach(const struct pell_frame_material *m, const struct is_knobs *knobs, double length, double reach, struct is_set *set)
 {
     bool lit[3];
@@ -302,7 +303,7 @@ static void set_reach(const struct pell_frame_material *m, const struct is_knobs
         set->quarter[c] = lit[c] ? (float) pell_profile_sample(&m->profile[c], 0.25) : 0.0f;
 }
 
-/* The offsets of a profile and a class, whose samples `knobs` has. */
+/* The offsets of a profile and a class, whose sample count is in `knobs`. */
 static void fill_class(const struct pell_frame_material *m, const struct is_knobs *knobs, const struct is_set *set, double length,
                        double reach, float *offset, float (*rows)[8])
 {
@@ -354,7 +355,7 @@ static bool same_profile(const struct pell_profile *a, const struct pell_profile
            memcmp(a->r, b->r, sizeof(a->r)) == 0 && memcmp(a->value, b->value, sizeof(a->value)) == 0;
 }
 
-/* The model that makes this material's profile of its coefficients; false: none that is quickly made. */
+/* The model that computes this material's profile from its coefficients; false: none that is fast enough. */
 static bool model_of(const struct pell_frame_material *m, struct pell_profile *scratch, enum pell_profile_model *model)
 {
     static const enum pell_profile_model quick[] = { PELL_PROFILE_DIPOLE, PELL_PROFILE_BETTER_DIPOLE, PELL_PROFILE_NORMALIZED_DIFFUSION,
@@ -373,7 +374,7 @@ static bool model_of(const struct pell_frame_material *m, struct pell_profile *s
     return false;
 }
 
-/* The material with all channels of one albedo and mean free paths as they were. */
+/* The material with the same albedo in all channels and unchanged mean free paths. */
 static enum pell_result level_profile(struct pell_context *ctx, enum pell_profile_model model, double albedo, struct pell_frame_material *m,
                                       struct pell_profile *out)
 {
@@ -392,11 +393,11 @@ static enum pell_result level_profile(struct pell_context *ctx, enum pell_profil
     return PELL_OK;
 }
 
-/* What the levels of a set share. */
+/* Data shared by the levels of a set. */
 struct levels {
     enum pell_profile_model model; /* of their profiles */
     double most, length;           /* mm: the largest R', and the unit of the tables */
-    size_t offsets;                /* floats of a level's */
+    size_t offsets;                /* floats per level */
 };
 
 static enum pell_result make_levels(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * setup.c - what image-space has on every engine: sample sets, thickness tables, views from the lights, and what of it depends on the
- * frame. */
+ * setup.c - setup of image-space common to all engines: sample sets, thickness tables, views from the lights, and their frame-dependent
+ * parts. */
 #include "methods/image_space/image_space.h"
 
 #include "math/vec.h"
@@ -10,9 +10,9 @@
 
 #include <string.h>
 
-#define MOST_PIXELS ((size_t) 1 << 28) /* an index of a texel's float is an int */
+#define MOST_PIXELS ((size_t) 1 << 28) /* a texel's float has an int index */
 
-/* The dipole of a material's coefficients, where the method is to use it and there are any. */
+/* The dipole of a material's coefficients, if the method is to use it and the material has any. */
 static enum pell_result published_profile(const struct is_setup *st, const struct pell_frame_material *m, struct pell_profile *out,
                                           struct pell_frame_material *with)
 {
@@ -186,7 +186,7 @@ void is_find_solids(const struct is_setup *st, const struct pell_frame *in, int 
     }
 }
 
-/* Where in their pixels the rays of this frame go through: positions tell. */
+/* Subpixel position of this frame's rays, derived from their hit points. */
 static void find_shift(struct is_setup *st, const struct pell_frame *in, const struct pell_view *camera)
 {
     for (int y = in->rect.y0; y < in->rect.y1; y++)
@@ -204,7 +204,7 @@ static void find_shift(struct is_setup *st, const struct pell_frame *in, const s
         }
 }
 
-/* The views of lights in this frame's camera coordinates. */
+/* The views of lights in the camera coordinates of this frame. */
 static void turn_views(struct is_setup *st, const struct pell_frame *in)
 {
     const struct pell_view camera = *in->view;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * show.c - intermediate images: the samples of each material, and what lights see. */
+ * show.c - intermediate images: the samples of each material, and the views of lights. */
 #include "methods/image_space/image_space.h"
 
 #include "render/intermediate.h"

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * texels.h - how kernel files of the image-space method fetch: floats and texels at places of each lane. For kernel files alone.
+ * texels.h - gathers of floats and texels per lane, for kernel files of the image-space method only.
  *
- * Vectors are the compiler's generic ones, as wide as the machine's registers; a lane is a pixel. All levels give the same bits: a pixel's
- * operations and their order do not depend on the width.
+ * Vectors are the compiler's generic ones, as wide as the machine's registers; a lane is a pixel. All SIMD levels give the same bits: the
+ * operations on a pixel and their order do not depend on the width.
  */
 #ifndef PELL_IMAGE_SPACE_TEXELS_H
 #define PELL_IMAGE_SPACE_TEXELS_H
@@ -16,7 +16,7 @@
 #include <math.h>
 #include <string.h>
 
-/* One float of each lane's place. */
+/* Gathers one float per lane. */
 #if defined(__AVX512F__)
 #define gather(p, at) ((vf) _mm512_i32gather_ps((__m512i) (at), (p), 4))
 #elif defined(__AVX2__)
@@ -31,8 +31,8 @@ INLINE vf gather(const float *p, vi at)
 }
 #endif
 
-/* Eight neighbouring floats of each lane's place: rows are loaded whole and turned, in half the time of eight gathers. `at` is best where
- * it has been in memory for a while: IN_MEMORY keeps compilers from taking vectors apart by shuffles, which are what is short here. */
+/* Gathers eight contiguous floats per lane: whole rows are loaded and transposed, in half the time of eight gathers. `at` should have been
+ * stored to memory well before: IN_MEMORY keeps compilers from extracting lanes by shuffles, whose throughput is the bottleneck here. */
 #define IN_MEMORY(at) __asm__("" : "+m"(at))
 #if defined(__AVX512F__)
 INLINE void gather8(const float *p, const vi *at, vf out[8])
@@ -73,7 +73,7 @@ INLINE void gather8(const float *p, const vi *at, vf out[8])
 }
 #endif
 
-/* The nearest whole number, halves up, of numbers within IS_FAR_PX. */
+/* Rounds to the nearest integer, halves up, for numbers within IS_FAR_PX. */
 INLINE vi nearest(vf x)
 {
     const vf up = x + 0.5f;
@@ -83,10 +83,10 @@ INLINE vi nearest(vf x)
 
 INLINE vf within(vf x, float most)
 {
-    return greater(lesser(x, all(most)), all(-most)); /* no number becomes `most` */
+    return greater(lesser(x, all(most)), all(-most)); /* NaN does not become `most` */
 }
 
-/* Of struct is_kernels: in measure.c and rebuild.c. */
+/* Members of struct is_kernels: in measure.c and rebuild.c. */
 void PELL_SIMD(is_load)(const struct is_work *w, int y);
 void PELL_SIMD(is_measure)(const struct is_work *w, int y);
 void PELL_SIMD(is_rebuild)(const struct is_work *w, int y);

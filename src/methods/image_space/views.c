@@ -1,14 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * views.c - irradiance images from the lights, or from around: what each sees of the translucent surfaces, and all the light that enters
- * there.
+ * views.c - irradiance images from the lights, or from around: the translucent surfaces visible from each, and the total irradiance there.
  */
 #include "methods/image_space/image_space.h"
 
 #include "math/vec.h"
 #include "render/services.h"
 
-#define WIDEST 1.0471976f /* half the view of a light that stands among the objects: 60 degrees */
+#define WIDEST 1.0471976f /* half the field of view of a light among the objects: 60 degrees */
 
 struct view_task {
     const struct pell_services *services;
@@ -78,7 +77,7 @@ static void view_row(void *arg, int y, int worker)
     }
 }
 
-/* A square picture from the light that just holds the scene's bounds; false where the light shows nothing. */
+/* A square view from the light that just contains the scene's bounds; false: the light illuminates nothing. */
 static bool aim(const struct pell_scene *scene, const struct pell_light *light, int size, struct pell_view *v)
 {
     const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
@@ -105,7 +104,7 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
     return v->focal_px > 0.0f && isfinite(v->focal_px);
 }
 
-/* A box that holds all translucent surfaces; false where there are none. */
+/* A box that contains all translucent surfaces; false: there are none. */
 static bool find_box(const struct pell_scene *scene, const struct pell_solids *solids, struct pell_vec3 *low, struct pell_vec3 *high)
 {
     bool some = false;
@@ -124,7 +123,7 @@ static bool find_box(const struct pell_scene *scene, const struct pell_solids *s
     return some;
 }
 
-/* Parallel views of the box along axis number / 2, one way and the other. */
+/* Parallel views of the box along axis number / 2, in both directions. */
 static bool aim_along(struct pell_vec3 low, struct pell_vec3 high, int number, int size, struct pell_view *v)
 {
     static const float axes[3][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 } };
@@ -142,7 +141,7 @@ static bool aim_along(struct pell_vec3 low, struct pell_vec3 high, int number, i
     return v->focal_px > 0.0f && isfinite(v->focal_px);
 }
 
-/* Renders the irradiance of an aimed view. */
+/* Renders the irradiance of a view. */
 static enum pell_result fill_view(const struct pell_services *services, const struct pell_solids *solids, struct is_light_view *to)
 {
     struct view_task task = { services, solids, to };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * vulkan.c - the image-space method on a Vulkan device: sample sets and views of lights are made on the cpu and sent once, the camera's
- * irradiance image, sampling and reconstruction are compute passes. The shaders mirror the kernels of the cpu engine.
+ * vulkan.c - the image-space method on a Vulkan device: sample sets and views of lights are computed on the cpu and uploaded once; the
+ * camera's irradiance image, sampling and reconstruction are compute passes. The shaders mirror the kernels of the cpu engine.
  */
 #include "methods/gpu_planes.h"
 #include "methods/image_space/image_space.h"
@@ -13,7 +13,7 @@
 
 enum { GROUP_X = 16, GROUP_Y = 8, SET_WORDS = 16, LEVEL_WORDS = 8, VIEW_FLOATS = 16 };
 
-/* Buffers of the method's own; each that ends in _UP goes to the next. */
+/* The method's own buffers; each with the suffix _UP is the upload buffer of the next one. */
 enum buffer {
     SETS_UP,
     SETS,
@@ -35,14 +35,14 @@ enum buffer {
     ALPHA,
     RESULT,
     BUFFERS,
-    LIGHT, /* the frame's */
+    LIGHT, /* of the frame */
     SURFACE
 };
 
 static const struct {
     const char *name;
     enum pell_gpu_place place;
-    int of_pixel; /* bytes; 0: its size depends on something else */
+    int of_pixel; /* bytes per pixel; 0: its size depends on other things */
 } buffer_rows[BUFFERS] = {
     [SETS_UP] = { "image-space sets, upload", PELL_GPU_TO_DEVICE, 0 },
     [SETS] = { "image-space sets", PELL_GPU_ON_DEVICE, 0 },
@@ -72,7 +72,7 @@ enum pass { LOAD, ADAPT, CHOOSE, GATHER, REBUILD, PASSES };
 
 static const struct {
     const struct pell_shader *shader;
-    enum buffer buffers[11]; /* as its bindings */
+    enum buffer buffers[11]; /* in the order of its bindings */
 } pass_rows[PASSES] = {
     [LOAD] = { &pell_image_space_load_shader, { LIGHT, SURFACE, SOLIDS, TEXELS } },
     [ADAPT] = { &pell_image_space_adapt_shader, { LIGHT, SURFACE, SETS, REGIONS } },
@@ -91,13 +91,13 @@ struct is_gpu {
     struct pell_gpu_commands *commands;
     struct is_push push;
     int picture_height;     /* px */
-    int32_t *row_solids;    /* a row of the picture for each row of the grid */
-    bool sent;              /* what does not depend on the frame is on the device */
-    uint64_t sent_number;   /* of the picture whose patterns are there, */
-    uint64_t packed_number; /* and of that whose are packed */
+    int32_t *row_solids;    /* rows of solids for all rows of the grid */
+    bool sent;              /* frame-independent data is on the device */
+    uint64_t sent_number;   /* number of the picture whose patterns are on the device, */
+    uint64_t packed_number; /* and of the picture whose patterns are packed */
 };
 
-/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
 
 static void gpu_destroy(void *state)
 {
@@ -116,13 +116,13 @@ static void gpu_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-/* The profiles of a set: the material's own and those of its levels. */
+/* Number of profiles of a set: the material's own and those of its levels. */
 static size_t profiles_of(const struct is_set *set)
 {
     return set->level ? 1 + IS_LEVELS : 1;
 }
 
-/* Samples of a profile, over the tile. */
+/* Number of samples of a profile, over the tile. */
 static size_t samples_of(const struct is_gpu *st)
 {
     const struct is_work *w = &st->setup.work;
@@ -159,7 +159,7 @@ static enum pell_result make_buffers(struct is_gpu *st, const struct pell_frame_
     st->sizes[LIGHTS] = 4 * IS_TEXEL * texels * views;
     for (int i = BASE; i < BUFFERS; i++)
         st->sizes[i] = pixels * (uint64_t) buffer_rows[i].of_pixel;
-    if (is_adapts(&set->knobs)) /* a row more, as the grid's first row is anywhere in one */
+    if (is_adapts(&set->knobs)) /* one more row, because the grid's first row may be anywhere in a region */
         st->sizes[REGIONS] = 4 + 4 * (pixels / (uint64_t) shape->height / IS_REGION_X) * ((uint64_t) shape->height / IS_REGION_Y + 2);
     if (!has_levels(st))
         st->sizes[BASE] = 0;
@@ -175,7 +175,7 @@ static enum pell_result make_buffers(struct is_gpu *st, const struct pell_frame_
     return res;
 }
 
-/* A pass that does not read one of its buffers, as the frame has nothing of the kind, gets another. */
+/* An unused binding of a pass gets another buffer. */
 static struct pell_gpu_buffer *buffer_of(const struct is_gpu *st, enum buffer which)
 {
     return which == LIGHT         ? pell_gpu_planes_buffer(&st->planes, PELL_GPU_PLANE_LIGHT)
@@ -201,9 +201,9 @@ static enum pell_result make_passes(struct is_gpu *st)
     return res;
 }
 
-/* --- What does not depend on the frame ------------------------------------------------------------------------------------------- */
+/* --- Frame-independent data ------------------------------------------------------------------------------------------------------ */
 
-/* Where a set's parts begin, in the unit of the buffer that holds them. */
+/* Offsets of a set's parts, in elements of the buffer that holds them. */
 struct places {
     uint32_t offsets, rows, levels;
 };
@@ -222,7 +222,7 @@ static void fill_offsets(const struct is_gpu *st, const struct is_set *set, uint
         }
 }
 
-/* Of all sets, in the order of fill_tables. */
+/* Tables of all sets, in the order of fill_tables. */
 static void fill_all_offsets(const struct is_gpu *st)
 {
     const struct is_setup *s = &st->setup;
@@ -300,7 +300,7 @@ static enum pell_result fill_tables(const struct is_gpu *st)
     return PELL_OK;
 }
 
-/* A texel as the shaders have it: the plane and the key, then the light and h. */
+/* A texel in the shaders' format: the plane and the key, then the light and h. */
 static void fill_lights(const struct is_gpu *st)
 {
     const size_t texels = (size_t) st->setup.knobs.view_size * (size_t) st->setup.knobs.view_size;
@@ -375,7 +375,7 @@ fail:
 
 /* --- A frame ------------------------------------------------------------------------------------------------------------------- */
 
-/* What of a packed row the frame's planes do not hold: colours, solids. */
+/* Row data that the frame's planes lack: colours, solids. */
 static void pack_row(void *state, int row)
 {
     struct is_gpu *st = state;
@@ -423,7 +423,7 @@ static void set_grid(struct is_gpu *st)
     st->push.height = st->planes.height;
 }
 
-/* Buffers from `first` to before `last`, which are pairs. `pixels`: of the grid. */
+/* Uploads buffers from `first` to before `last`, which are pairs. `pixels`: of the grid. */
 static void send(struct is_gpu *st, struct pell_gpu_commands *c, int first, int last, uint64_t pixels)
 {
     for (int i = first; i < last; i += 2)
@@ -464,9 +464,9 @@ static void record_download(struct is_gpu *st, struct pell_gpu_commands *c)
     pell_gpu_planes_download(&st->planes, c, st->buffers[result_of(st)]);
 }
 
-/* --- Between buffers of the device --------------------------------------------------------------------------------------------------- */
+/* --- Device to device ---------------------------------------------------------------------------------------------------------------- */
 
-/* The grid is the whole picture, and tables go there every time, as no list is known to have run. */
+/* The grid is the whole picture. Tables are uploaded every time, because earlier command lists may not have run. */
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct is_gpu *st = state;
@@ -492,7 +492,7 @@ static bool gpu_planes(const void *state, struct pell_gpu_buffer *planes[PELL_GP
     return !st->setup.solids;
 }
 
-/* Turns to the frame's patterns. */
+/* Selects the frame's patterns. */
 static enum pell_result turn_to(struct is_gpu *st, const struct pell_frame *in)
 {
     const enum pell_result res = is_setup_frame(&st->setup, in);
@@ -514,7 +514,7 @@ static enum pell_result gpu_prepare(void *state, const struct pell_frame *in)
     return turn_to(st, in);
 }
 
-/* --- From planes of the host and back ------------------------------------------------------------------------------------------------ */
+/* --- Host planes --------------------------------------------------------------------------------------------------------------------- */
 
 static int bytes_of(const char *mark)
 {

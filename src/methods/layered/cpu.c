@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - layered on the cpu engine: its life, and packets of pixels. The march is in march.c and march_fast.c.
+ * cpu.c - layered on the cpu engine: creation, destruction, and rendering in packets of pixels. The march is in march.c and march_fast.c.
  */
 #include "methods/layered/state.h"
 
@@ -16,7 +16,7 @@ PELL_SIMD_TABLES(struct layered_kernels, layered_kernels);
 enum { BAND = 4 }; /* rows of a task */
 #define DENSE 0.5  /* albedo */
 
-/* --- Life ----------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy --------------------------------------------------------------------------------------------------------- */
 
 static void layered_destroy(void *state)
 {
@@ -30,7 +30,7 @@ static void layered_destroy(void *state)
     for (int i = 0; st->workers && i < pell_pool_threads(st->pool); i++) {
         struct layered_worker *w = &st->workers[i];
         pell_free(st->ctx, w->packet.uv);
-        pell_free(st->ctx, w->packet.place);
+        pell_free(st->ctx, w->packet.lookup);
         for (int k = 0; k < LAYERED_GROUP; k++)
             pell_free(st->ctx, w->sources[k].depth);
     }
@@ -51,8 +51,8 @@ static void layered_destroy(void *state)
     pell_free(st->ctx, st);
 }
 
-/* The middles of a plain sum's steps pass over what is thinner than a step. */
-static void warn_of_steps(const struct layered_state *st, const struct pell_material *m)
+/* march=sum evaluates each step at its middle only, so it misses layers thinner than a step. Warns where that happens. */
+static void warn_about_steps(const struct layered_state *st, const struct pell_material *m)
 {
     struct pell_layer_measure measure[PELL_LAYERS_MOST];
     double deepest = 0.0, thinnest = (double) INFINITY, above = 0.0;
@@ -78,8 +78,8 @@ static void warn_of_steps(const struct layered_state *st, const struct pell_mate
                   thinnest, ceil(deepest / thinnest));
 }
 
-/* Of light that dense media scatter, most is scattered more than once. */
-static void tell_of_dense(const struct layered_state *st, const struct pell_material *m)
+/* In a dense medium most of the scattered light has scattered more than once. Reports that this method leaves it out. */
+static void report_dense(const struct layered_state *st, const struct pell_material *m)
 {
     char shown[96];
     double albedo = 0.0;
@@ -109,8 +109,8 @@ static enum pell_result make_media(struct layered_state *st, const struct pell_s
         if (!layered_scatters(scene, mesh) || st->medium_layers[mesh->material])
             continue;
         m = &scene->materials[mesh->material];
-        warn_of_steps(st, m);
-        tell_of_dense(st, m);
+        warn_about_steps(st, m);
+        report_dense(st, m);
         medium = &st->media[mesh->material];
         st->medium_layers[mesh->material] = pell_alloc(st->ctx, sizeof(**st->medium_layers));
         if (!st->medium_layers[mesh->material])
@@ -139,11 +139,11 @@ static enum pell_result make_workers(struct layered_state *st)
     for (int i = 0; i < threads; i++) {
         struct layered_worker *w = &st->workers[i];
         w->packet.uv = pell_calloc(st->ctx, (size_t) st->most_packs + 1, 6 * LAYERED_LANES * sizeof(float));
-        w->packet.place = pell_calloc(st->ctx, (size_t) st->most_packs + 1, sizeof(*w->packet.place));
-        if (!w->packet.uv || !w->packet.place)
+        w->packet.lookup = pell_calloc(st->ctx, (size_t) st->most_packs + 1, sizeof(*w->packet.lookup));
+        if (!w->packet.uv || !w->packet.lookup)
             return PELL_ERR_NOMEM;
         for (int k = 0; k < LAYERED_GROUP; k++) {
-            w->sources[k].depth = pell_calloc(st->ctx, (size_t) (LAYERED_NODES * st->most_layers + 1), LAYERED_LANES * sizeof(float));
+            w->sources[k].depth = pell_calloc(st->ctx, (size_t) (LAYERED_MAX_NODES * st->most_layers + 1), LAYERED_LANES * sizeof(float));
             if (!w->sources[k].depth)
                 return PELL_ERR_NOMEM;
         }
@@ -169,15 +169,15 @@ static enum pell_result layered_create(const struct pell_services *services, con
     st->kernels = layered_kernels_tables[pell_simd_best()];
     st->knobs = *k;
     if (k->refraction == LAYERED_EXACT)
-        st->knobs.path = LAYERED_RAYS; /* whose places stand for the march */
+        st->knobs.path = LAYERED_RAYS; /* the sampled points of the march are the nodes */
     st->work = (struct layered_work) {
         .samples = k->samples,
         .exponential = k->march == LAYERED_EXPONENTIAL,
         .refracts = k->refraction != LAYERED_NONE,
         .absolute = k->path == LAYERED_PLANES && k->refraction == LAYERED_NONE,
         .rest = k->as != LAYERED_PAPER,
-        .most_halves = k->tolerance > 0.0f ? -log2f(k->tolerance) : INFINITY,
-        .nodes = LAYERED_RAYED,
+        .max_tau2 = k->tolerance > 0.0f ? -log2f(k->tolerance) : INFINITY,
+        .nodes = LAYERED_RAY_NODES,
         .node = { 0.004f, 0.04f, 0.16f, 0.45f, 0.99f },
     };
     st->size = vec3_length(vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min)));
@@ -188,9 +188,9 @@ static enum pell_result layered_create(const struct pell_services *services, con
     PELL_TRY(layered_make_lights(st, scene));
     if (k->refraction == LAYERED_EXACT) {
         PELL_TRY(layered_refracted_make(st, scene));
-        st->work.nodes = LAYERED_NODES;
-        for (int i = 0; i < LAYERED_NODES; i++) { /* the denser the less deep */
-            const float x = (float) i / (LAYERED_NODES - 1);
+        st->work.nodes = LAYERED_MAX_NODES;
+        for (int i = 0; i < LAYERED_MAX_NODES; i++) { /* denser near the surface */
+            const float x = (float) i / (LAYERED_MAX_NODES - 1);
             st->work.node[i] = 0.004f + 0.986f * x * x;
         }
     }
@@ -205,7 +205,7 @@ fail:
 
 /* --- A packet ------------------------------------------------------------------------------------------------------------------- */
 
-/* `of`: -1 of the lanes that are of this triangle. */
+/* Copies a triangle's vertices to the lanes where `of` is -1. */
 static void read_triangle(const struct layered_state *st, const struct layered_medium *m, const struct pell_mesh *from,
                           const float (*plane)[4], uint32_t triangle, struct layered_packet *p, const int32_t *of)
 {
@@ -222,7 +222,7 @@ static void read_triangle(const struct layered_state *st, const struct layered_m
     st->kernels->fill(&t, m->packs + m->colors, of, p);
 }
 
-/* Reads 16 pixels; lanes without one are the first. */
+/* Reads up to 16 pixels; unused lanes repeat the first one. */
 static void read_packet(const struct layered_state *st, const struct layered_medium *m, const int32_t *at, int count,
                         struct layered_packet *p, uint32_t mesh[16], uint32_t triangle[16])
 {
@@ -261,11 +261,11 @@ static void read_packet(const struct layered_state *st, const struct layered_med
     }
 }
 
-/* The base colour below the deepest layer, where the march would end. */
+/* The base colour of the substrate below the deepest layer, where a march may end. */
 static void set_colors(const struct pell_material *m, const struct pell_scene *scene, struct layered_packet *p, const uint32_t *mesh,
                        const uint32_t *triangle)
 {
-    p->shows_bottom = true;
+    p->shows_substrate = true;
     for (int i = 0; i < p->count; i++) {
         float color[3];
         pell_base_color_at(m, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], color);
@@ -274,7 +274,7 @@ static void set_colors(const struct pell_material *m, const struct pell_scene *s
     }
 }
 
-/* Factors of light that leaves, and of light that enters where pictures do not give them. */
+/* Boundary tints: of the light that leaves, and of the light that enters where no texture pack provides it. */
 static void set_tints(const struct pell_scene *scene, const struct pell_material *material, const struct layered_medium *m,
                       struct layered_packet *p, const uint32_t *mesh, const uint32_t *triangle, float leaves[3][LAYERED_LANES])
 {
@@ -288,13 +288,13 @@ static void set_tints(const struct pell_scene *scene, const struct pell_material
         pell_tint_apply(&m->tint, m->colors ? own : color, true, in);
         pell_tint_apply(&m->tint, color, false, out);
         for (int c = 0; c < 3; c++) {
-            p->enters[c][i] = in[c];
+            p->entry_tint[c][i] = in[c];
             leaves[c][i] = m->colors ? out[c] : in[c] * out[c];
         }
     }
     for (int c = 0; c < 3; c++)
         for (int i = p->count; i < LAYERED_LANES; i++)
-            p->enters[c][i] = 0.0f;
+            p->entry_tint[c][i] = 0.0f;
 }
 
 static void run_packet(const struct layered_state *st, int material, const int32_t *at, int count, struct layered_worker *w)
@@ -304,7 +304,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
     struct layered_packet *p = &w->packet;
     uint32_t mesh[16], triangle[16];
     float leaves[3][LAYERED_LANES];
-    int waiting = 0;
+    int pending = 0;
 
     read_packet(st, m, at, count, p, mesh, triangle);
     if (m->tint.is)
@@ -314,31 +314,31 @@ static void run_packet(const struct layered_state *st, int material, const int32
     if (m->substrate == PELL_SUBSTRATE_SURFACE_COLOR && !m->bottomless)
         set_colors(&scene->materials[material], scene, p, mesh, triangle);
     for (int i = 0; i < st->num_light_points; i++) {
-        struct layered_light *source = &w->sources[waiting];
+        struct layered_light *source = &w->sources[pending];
         if (layered_set_power(st, &st->light_points[i], p, source)) {
             layered_set_planes(st, &st->light_points[i], p, w, source);
             for (int k = 0; k < st->work.nodes && source->any_nodes; k++)
                 layered_set_node(st, m, p, source, mesh, triangle, k, w);
-            waiting++;
+            pending++;
         }
-        if (waiting == LAYERED_GROUP || (waiting > 0 && i + 1 == st->num_light_points)) {
-            st->kernels->march(&st->work, m, p, w->sources, waiting);
-            w->marches += (int64_t) waiting * count;
-            waiting = 0;
+        if (pending == LAYERED_GROUP || (pending > 0 && i + 1 == st->num_light_points)) {
+            st->kernels->march(&st->work, m, p, w->sources, pending);
+            w->marches += (int64_t) pending * count;
+            pending = 0;
         }
     }
     w->pixels += count;
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++) {
-            const bool apart = st->out->single[0] != NULL;
+            const bool separate = st->out->single[0] != NULL;
             const float light = (1.0f - st->knobs.diffuse) * p->light[c][i] * (m->tint.is ? leaves[c][i] : 1.0f);
-            st->out->light[c][at[i]] = apart ? 0.0f : light;
-            if (apart)
+            st->out->light[c][at[i]] = separate ? 0.0f : light;
+            if (separate)
                 st->out->single[c][at[i]] = light;
         }
 }
 
-/* Pixels of a band in squares of 4 x 4, packets of one material each. */
+/* Renders a band in tiles of 4 x 4 pixels; each packet holds pixels of one material. */
 static void run_band(void *arg, int index, int worker)
 {
     const struct layered_state *st = arg;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * diffuse.c - what leaves a pixel as diffuse light: light scattered more than once below it (multiple.h), blurred over the image by the
- * chain of blurs of the method screen-space, and what a matt film on top reflects. */
+ * diffuse.c - radiant exitance of a pixel: multiple scattering below it (multiple.h), blurred over the image by the blur chain of the
+ * method screen-space, and the reflection of a matt film on top. */
 #include "methods/layered/multiple.h"
 #include "methods/layered/state.h"
 
@@ -9,15 +9,15 @@
 #include <string.h>
 
 struct layered_diffuse {
-    struct layered_multiple **of; /* of the scene's materials */
+    struct layered_multiple **of; /* by material of the scene */
     const struct pell_method *blurring;
-    void *blurs; /* a state of it */
+    void *blurs; /* state of the blur chain */
     struct pell_frame_material *materials;
     float *memory;
-    float *sum[3], *share; /* planes: radiant exitance, and one for each set of depths */
+    float *sum[3], *share; /* planes: radiant exitance, and the weight of each depth set */
     size_t size;
     int most_sets;
-    /* A step. */
+    /* One blur of the chain. */
     const float *const *light;
     ptrdiff_t stride;
     int gaussian;
@@ -40,7 +40,7 @@ void layered_diffuse_destroy(struct layered_state *st)
     st->diffuse = NULL;
 }
 
-/* The scene's material that a material of the frame is, or a copy of it for another object. */
+/* The scene's material that a material of the frame refers to, or the material it was copied from for another object. */
 static int material_of(const struct layered_state *st, const struct pell_frame_shape *shape, size_t index)
 {
     for (size_t i = 0; i < st->num_materials; i++) {
@@ -52,7 +52,7 @@ static int material_of(const struct layered_state *st, const struct pell_frame_s
     return -1;
 }
 
-/* Every material of the frame has as many Gaussians, of equal weights: each is wanted by itself. */
+/* Every material of the frame has the same number of Gaussians with equal weights, because each Gaussian is requested separately. */
 static enum pell_result make_blurs(struct layered_state *st, const struct pell_frame_shape *shape)
 {
     struct layered_diffuse *d = st->diffuse;
@@ -129,7 +129,7 @@ fail:
 
 /* --- A frame -------------------------------------------------------------------------------------------------------------------- */
 
-/* What the film reflects, and each pixel's weights of the sets. */
+/* Radiant exitance of the film, and the weights of the depth sets at each pixel. */
 static void begin_row(void *arg, int index, int worker)
 {
     const struct layered_state *st = arg;
@@ -153,7 +153,7 @@ static void begin_row(void *arg, int index, int worker)
         mesh = &scene->meshes[in->mesh[at]];
         m = d->of[mesh->material];
         if (st->knobs.diffuse > 0.0f && scene->materials[mesh->material].color_from == PELL_COLOR_FROM_TEXTURE)
-            color[0] = color[1] = color[2] = 1.0f; /* the light that enters and the picture have it */
+            color[0] = color[1] = color[2] = 1.0f; /* the irradiance and the image already include it */
         else if (st->knobs.diffuse > 0.0f)
             pell_base_color_at(&scene->materials[mesh->material], mesh, in->triangle[at], in->barycentric[0][at], in->barycentric[1][at],
                                color);
@@ -176,7 +176,7 @@ static void add_row(void *arg, int index, int worker)
     const struct layered_diffuse *d = st->diffuse;
     const struct pell_frame *in = st->in;
     const int y = in->rect.y0 + index;
-    const float enters = 1.0f - st->knobs.diffuse;
+    const float unreflected = 1.0f - st->knobs.diffuse;
 
     (void) worker;
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
@@ -189,7 +189,7 @@ static void add_row(void *arg, int index, int worker)
             float weight = 0.0f;
             for (int s = 0; s < m->sets; s++)
                 weight += d->share[(size_t) s * d->size + (size_t) at] * m->weight[s][d->gaussian][c];
-            d->sum[c][at] += enters * fmaxf(weight, 0.0f) * d->light[c][y * d->stride + x];
+            d->sum[c][at] += unreflected * fmaxf(weight, 0.0f) * d->light[c][y * d->stride + x];
         }
     }
 }

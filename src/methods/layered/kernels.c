@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.c - where the marches of layered start, and their rays; compiled once per level of base/simd.h.
+ * kernels.c - start points and rays of the marches of layered; compiled once per level of base/simd.h.
  */
 #include "methods/layered/march.h"
 
-/* --- The start ------------------------------------------------------------------------------------------------------------------ */
+/* --- Start of a march ----------------------------------------------------------------------------------------------------------- */
 
 INLINE void cross3(const vf a[3], const vf b[3], vf out[3])
 {
@@ -28,7 +28,7 @@ INLINE void unit3(vf a[3])
         a[k] *= length;
 }
 
-/* The mean of a triangle's corners, whose rows are `size` apart. */
+/* Interpolates a vertex attribute over the triangle; rows of consecutive corners are `size` apart. */
 INLINE void mean3(const void *rows, int size, int lane, vf u, vf v, vf out[3])
 {
     const float *from = rows;
@@ -40,7 +40,7 @@ INLINE void mean3(const void *rows, int size, int lane, vf u, vf v, vf out[3])
     }
 }
 
-/* `count` rows, of the lanes that `of` says. */
+/* Writes `count` rows to the lanes in the mask `of`. */
 INLINE void fill_rows(const void *values, int count, int lane, vi of, void *rows)
 {
     const float *from = values;
@@ -61,9 +61,9 @@ static void layered_fill(const struct layered_triangle *t, int packs, const int3
     }
 }
 
-/* Where a pack is looked up: the gradients of u and v over the triangle, whatever way they run. */
-INLINE void start_place(const struct layered_pack *pack, const float *uv, const struct layered_packet *p, int lane, const vf a[3],
-                        const vf b[3], const vf way[3], struct layered_place *o)
+/* Initialises the texture lookup of a pack: the gradients of u and v over the triangle, and their derivatives along the ray. */
+INLINE void start_lookup(const struct layered_pack *pack, const float *uv, const struct layered_packet *p, int lane, const vf a[3],
+                         const vf b[3], const vf dir[3], struct layered_lookup *o)
 {
     const vf u = load(p->u + lane), v = load(p->v + lane), w = 1.0f - u - v, spacing = load(p->spacing + lane);
     const vf size = all((float) pack->level[0].width * (float) pack->level[0].height);
@@ -75,7 +75,7 @@ INLINE void start_place(const struct layered_pack *pack, const float *uv, const 
         vf g[3], along;
         for (int k = 0; k < 3; k++)
             g[k] = (c1 - c0) * a[k] + (c2 - c0) * b[k];
-        along = dot3(g, way);
+        along = dot3(g, dir);
         squares[d] = dot3(g, g);
         store3(d ? o->gv : o->gu, lane, g);
         for (int far = 0; far < 2; far++) {
@@ -95,7 +95,7 @@ INLINE void start_place(const struct layered_pack *pack, const float *uv, const 
     for (int i = 0; i < WIDTH; i++) {
         float left = texels[i];
         int level = 0;
-        while (level + 1 < pack->levels && left > 2.0f) { /* nearest level: over 2 texels are nearer to 4 than to 1 */
+        while (level + 1 < pack->levels && left > 2.0f) { /* nearest mip level: more than 2 texels are closer to 4 than to 1 */
             left *= 0.25f;
             level++;
         }
@@ -110,7 +110,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
 {
     const float eta = work->refracts ? m->eta : 1.0f;
     const vf u = load(p->u + lane), v = load(p->v + lane);
-    vf at[3], n[3], s[3], facet[3], camera[3], way[3], corner[3], e1[3], e2[3], a[3], b[3], square, h, co, ci, down, facing, f = { 0 };
+    vf at[3], n[3], s[3], facet[3], camera[3], dir[3], corner[3], e1[3], e2[3], a[3], b[3], square, h, co, ci, down, facing, f = { 0 };
     vi fine;
 
     mean3(p->corner, 3, lane, u, v, at);
@@ -139,19 +139,19 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     unit3(facet);
     facing = dot3(facet, camera);
     co = dot3(n, camera);
-    fine = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else a normal that looks away from where its triangle is seen */
+    fine = (dot3(n, n) > 0.5f) & (co > 1e-3f); /* else the shading normal faces away from the camera */
     for (int k = 0; k < 3; k++)
         n[k] = select(fine, n[k], select(facing < 0.0f, -facet[k], facet[k]));
-    co = between(select(fine, co, magnitude(facing)), 1e-3f, 1.0f);
+    co = clamped(select(fine, co, magnitude(facing)), 1e-3f, 1.0f);
     ci = root(1.0f - (1.0f - co * co) / (eta * eta));
     if (eta != 1.0f) {
         const vf rs = (co - eta * ci) / (co + eta * ci), rp = (eta * co - ci) / (eta * co + ci);
         f = 0.5f * (rs * rs + rp * rp);
     }
     for (int k = 0; k < 3; k++)
-        way[k] = (co / eta - ci) * n[k] - camera[k] / eta;
-    down = -dot3(s, way);
-    fine = down > -1e3f; /* else no plane */
+        dir[k] = (co / eta - ci) * n[k] - camera[k] / eta;
+    down = -dot3(s, dir);
+    fine = down > -1e3f; /* else the vertices have no fitted plane */
     for (int k = 0; k < 3; k++)
         s[k] = select(fine, s[k], n[k]);
     h = (vf) ((vi) h & fine);
@@ -160,8 +160,8 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
     store3(p->n, lane, n);
     store3(p->s, lane, s);
     store3(p->facet, lane, facet);
-    store3(p->w, lane, way);
-    store3(p->exit_normal, lane, way);
+    store3(p->w, lane, dir);
+    store3(p->exit_normal, lane, dir);
     store(p->h + lane, h);
     store(p->gain + lane, (1.0f - f) / (eta * eta));
     store(p->rate + lane, down);
@@ -173,7 +173,7 @@ INLINE void start_lanes(const struct layered_work *work, const struct layered_me
         store(p->light[k] + lane, all(0.0f));
     }
     for (int k = 0; k < m->packs + m->colors; k++)
-        start_place(&m->pack[k], p->uv + (ptrdiff_t) k * 6 * LANES, p, lane, a, b, way, &p->place[k]);
+        start_lookup(&m->pack[k], p->uv + (ptrdiff_t) k * 6 * LANES, p, lane, a, b, dir, &p->lookup[k]);
 }
 
 static void layered_start(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p)
@@ -182,25 +182,25 @@ static void layered_start(const struct layered_work *work, const struct layered_
         start_lanes(work, m, p, lane);
     for (int i = 0; i < LANES; i++)
         p->ends_deep[i] = -1;
-    p->thin = p->shows_bottom = false;
+    p->thin = p->shows_substrate = false;
 }
 
 /* --- Rays ----------------------------------------------------------------------------------------------------------------------- */
 
-/* How far off the surface rays start: the rounding of coordinates. */
-INLINE vf rounding(const vf at[3])
+/* Offset of a ray's origin from the surface, in the order of the rounding error of its coordinates. */
+INLINE vf ray_offset(const vf at[3])
 {
-    return LAYERED_ROUNDING * greater(greater(magnitude(at[0]), magnitude(at[1])), greater(magnitude(at[2]), all(1e-3f)));
+    return LAYERED_RAY_OFFSET * greater(greater(magnitude(at[0]), magnitude(at[1])), greater(magnitude(at[2]), all(1e-3f)));
 }
 
-INLINE void aim(struct pell_ray16 *r, int lane, const vf from[3], const vf way[3], vf near, vf far)
+INLINE void set_ray(struct pell_ray16 *r, int lane, const vf from[3], const vf dir[3], vf near, vf far)
 {
     store(r->ox + lane, from[0]);
     store(r->oy + lane, from[1]);
     store(r->oz + lane, from[2]);
-    store(r->dx + lane, way[0]);
-    store(r->dy + lane, way[1]);
-    store(r->dz + lane, way[2]);
+    store(r->dx + lane, dir[0]);
+    store(r->dy + lane, dir[1]);
+    store(r->dz + lane, dir[2]);
     store(r->tnear + lane, near);
     store(r->tfar + lane, far);
     store(r->time + lane, all(0.0f));
@@ -210,65 +210,65 @@ INLINE void aim(struct pell_ray16 *r, int lane, const vf from[3], const vf way[3
     }
 }
 
-static void layered_leave(const struct layered_packet *p, float size, struct pell_ray16 *r, int32_t *valid)
+static void layered_exit_rays(const struct layered_packet *p, float size, struct pell_ray16 *r, int32_t *valid)
 {
     for (int lane = 0; lane < LANES; lane += WIDTH) {
-        vf at[3], way[3], facet[3];
+        vf at[3], dir[3], facet[3];
         load3(p->p, lane, at);
-        load3(p->w, lane, way);
+        load3(p->w, lane, dir);
         load3(p->facet, lane, facet);
-        aim(r, lane, at, way, rounding(at) / greater(magnitude(dot3(facet, way)), all(0.05f)),
-            lesser(4.0f * load(p->length + lane), all(4.0f * size)));
+        set_ray(r, lane, at, dir, ray_offset(at) / greater(magnitude(dot3(facet, dir)), all(0.05f)),
+                lesser(4.0f * load(p->length + lane), all(4.0f * size)));
     }
     for (int i = 0; i < LANES; i++)
         valid[i] = i < p->count ? -1 : 0;
 }
 
-static int layered_see(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *r,
-                       int32_t *valid)
+static int layered_light_rays(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *r,
+                              int32_t *valid)
 {
     int planes = 0, nodes = 0, rays = 0;
 
     for (int lane = 0; lane < LANES; lane += WIDTH) {
         vf at[3], facet[3], to[3], normal[3], camera[3], far = all(INFINITY), front, facing, share, lit = { 0 }, off;
-        vi asks;
+        vi active;
         load3(p->p, lane, at);
         load3(p->facet, lane, facet);
         load3(p->n, lane, normal);
         load3(p->camera, lane, camera);
         load3(source->to, lane, to);
-        if (!source->away) {
-            vf distance, per;
+        if (!source->distant) {
+            vf distance, inv_distance;
             for (int k = 0; k < 3; k++)
                 to[k] -= at[k];
             distance = greater(root(dot3(to, to)), all(1e-6f));
-            per = 1.0f / distance;
+            inv_distance = 1.0f / distance;
             for (int k = 0; k < 3; k++)
-                to[k] *= per;
+                to[k] *= inv_distance;
             far = 0.9999f * distance;
         }
         front = select(dot3(facet, camera) < 0.0f, all(-1.0f), all(1.0f));
         facing = front * dot3(facet, to);
         share = all(path == LAYERED_RAYS ? 0.0f : 1.0f);
         if (path == LAYERED_PLANES_RAYS) {
-            const vf x = between(dot3(normal, to) * (1.0f / LAYERED_HORIZON), 0.0f, 1.0f);
+            const vf x = clamped(dot3(normal, to) * (1.0f / LAYERED_HORIZON), 0.0f, 1.0f);
             share = (vf) ((vi) (x * x * (3.0f - 2.0f * x)) & (facing > 0.0f));
         }
         for (int c = 0; c < 3; c++)
             lit += load(source->power[c] + lane);
         store(source->planes + lane, share);
         store(source->seen + lane, all(1.0f));
-        off = front * rounding(at);
+        off = front * ray_offset(at);
         for (int k = 0; k < 3; k++)
             at[k] += off * facet[k];
-        aim(r, lane, at, to, all(0.0f), far);
-        asks = (lit > 0.0f) & (share > 0.0f) & (facing > 0.0f) & (shadows ? -1 : 0);
+        set_ray(r, lane, at, to, all(0.0f), far);
+        active = (lit > 0.0f) & (share > 0.0f) & (facing > 0.0f) & (shadows ? -1 : 0);
         for (int i = 0; i < WIDTH; i++) {
             const bool on = lane + i < p->count && lit[i] > 0.0f;
             planes |= on && share[i] > 0.0f;
             nodes |= on && share[i] < 1.0f;
-            valid[lane + i] = on ? asks[i] : 0;
-            rays += on && asks[i];
+            valid[lane + i] = on ? active[i] : 0;
+            rays += on && active[i];
         }
     }
     source->any_planes = planes != 0;
@@ -285,5 +285,5 @@ static void layered_march(const struct layered_work *work, const struct layered_
 
 extern const struct layered_kernels PELL_SIMD(layered_kernels);
 const struct layered_kernels PELL_SIMD(layered_kernels) = {
-    .fill = layered_fill, .start = layered_start, .leave = layered_leave, .see = layered_see, .march = layered_march
+    .fill = layered_fill, .start = layered_start, .exit_rays = layered_exit_rays, .light_rays = layered_light_rays, .march = layered_march
 };

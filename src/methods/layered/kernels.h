@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.h - the march below 16 pixels at once, and what it works on.
+ * kernels.h - the march below 16 pixels at once, and its data.
  *
- * Below a pixel's point P light is looked for at N places M = P + x v, x = (i + 1/2) L/N along the ray of the camera below the surface. The
- * own surface of a place is the one it is seen through (near: its depth is x rate), or, where the solid is thin, the one that the ray
- * leaves through (far: its depth is (exit - x) exit_rate), whichever is nearer. A light's path to M enters at K, cos_K from the normal
- * there:
+ * Single scattering below a pixel's point P is evaluated at N points M = P + x v, x = (i + 1/2) L/N, on the refracted camera ray. The
+ * reference surface of M is the one where the camera ray enters (near: depth x rate) or, where the solid is thin, the one where it leaves
+ * (far: depth (exit - x) exit_rate), whichever is nearer. The path from a light to M enters at K, where it makes an angle of cosine cos_K
+ * with the normal:
  *
  *     by planes   n_M = normalize((1 - t) n_P + t n_SP), Q_M = P + t h n_P, |KM| = |(Q_M - M) . n_M| / max(n_M . w, 0.05)   (9), (10)
- *     by nodes    rays from a few places of the march, what they find is interpolated between them
+ *     by nodes    rays traced from a few points of the march (nodes), interpolated between them
  *
- * The path counts layers by the distance to the nearer of both surfaces: from K down as far as s* from M, then below the own surface of M.
- * With s* = 0, which it is for light from in front, this is (12).
+ * Depths of layers along the path are measured from the nearer of both surfaces: from K until s* from M, then from the reference surface of
+ * M. With s* = 0, as for light from the camera's side, this is (12).
  */
 #ifndef PELL_LAYERED_KERNELS_H
 #define PELL_LAYERED_KERNELS_H
@@ -24,36 +24,36 @@
 
 enum {
     LAYERED_LANES = 16,
-    LAYERED_RAYED = 5,  /* rays of a light's sample to a pixel's march */
-    LAYERED_NODES = 16, /* the same of refracted paths; at most so many */
-    LAYERED_GROUP = 8,  /* lights' samples in one march */
+    LAYERED_RAY_NODES = 5,  /* nodes where rays are traced toward each light sample */
+    LAYERED_MAX_NODES = 16, /* nodes with refraction=exact; the maximum */
+    LAYERED_GROUP = 8,      /* light samples per call of the march */
     LAYERED_LEVELS = 16,
     LAYERED_THICKNESSES = 10,
 };
-#define LAYERED_FAR 1e30f        /* mm: no bottom, no exit */
-#define LAYERED_GRAZING 0.05f    /* cosines are this at least */
-#define LAYERED_HORIZON 0.4f     /* cosine at P up to which rays are asked, too */
-#define LAYERED_ROUNDING 1.2e-5f /* of coordinates: how far off the surface rays start */
+#define LAYERED_FAR 1e30f          /* mm: no bottom, no exit */
+#define LAYERED_GRAZING 0.05f      /* lower bound of cosines */
+#define LAYERED_HORIZON 0.4f       /* below this cosine at P the path is blended with traced nodes */
+#define LAYERED_RAY_OFFSET 1.2e-5f /* relative offset of a ray's origin from the surface */
 
 /* --- A material ----------------------------------------------------------------------------------------------------------------- */
 
 struct layered_layer {
-    float depth;       /* mm to its bottom; painted: of the number 1 in its tile */
-    float mean;        /* the same, the mean over its map */
-    int pack, channel; /* -1: even */
+    float depth;       /* mm to its bottom; with a map: at the map's value 1 */
+    float mean;        /* mm, mean over its map */
+    int pack, channel; /* -1: the same depth everywhere */
     float sigma_s[3], sigma_t[3];
-    float halves[3], most_halves; /* 1/mm: how often light is halved, sigma_t/ln 2; the largest of them */
-    float per_number, middle;     /* painted: mm of a filtered number, see look_up in march.h */
+    float sigma_t2[3], max_tau2; /* 1/mm: sigma_t/ln 2, so that transmittance is 2^-x; the largest channel */
+    float depth_scale, middle;   /* with a map: mm per filtered texel value, see look_up in march.h */
     struct pell_phase_terms phase[3];
-    bool one_phase; /* of all three channels */
+    bool one_phase; /* the three channels share one phase function */
 };
 
-/* Depths of up to 4 layers whose maps are looked up alike: 4 pairs of numbers of 16 bits a texel, its own and that of the texel below, so
- * that four neighbours are one fetch of 32 bytes. Numbers are signed: the depth 0 is -32768, the largest 32767. */
+/* Depths of up to 4 layers whose maps have the same lookup: 4 pairs of 16-bit values per texel, its own and that of the texel below, so
+ * that a bilinear fetch reads 32 contiguous bytes. Values are signed: depth 0 is -32768, the largest 32767. */
 struct layered_pack {
-    const struct pell_texture_map *map; /* of the first of them */
+    const struct pell_texture_map *map; /* the map of the first layer in it */
     int layer[4], count;                /* -1: none */
-    uint16_t *texels;                   /* owned; all levels, each with a border of one texel that wraps as the texture does */
+    uint16_t *texels;                   /* owned; all mip levels, each with a border of one texel that follows the wrap mode */
     int levels;
     struct layered_level {
         int32_t offset, stride, width, height; /* texels */
@@ -61,94 +61,94 @@ struct layered_pack {
 };
 
 struct layered_medium {
-    int count, packs, colors; /* packs of depths; 1: behind them that of the colour of light that enters, 0: it is the same all over */
+    int count, packs, colors; /* packs of depths; colors 1: one more pack holds the colour of the entering light, 0: it is uniform */
     struct layered_layer *layer;
     struct layered_pack *pack;
     struct pell_tint tint; /* of the boundary */
     float eta;
-    float deepest; /* mm that a march goes down: the deepest bottom, or where the last layer lets nothing through */
-    float first;   /* 1/mm: sigma_t of the first layer, the smallest of its channels */
+    float deepest; /* mm: largest depth of a march: the deepest bottom, or where the last layer is opaque */
+    float first;   /* 1/mm: sigma_t of the first layer, its smallest channel */
     int substrate; /* enum pell_substrate */
-    float rest[3]; /* 1/mm, as halves: of paths below the deepest layer that go on to another surface */
+    float rest[3]; /* 1/mm, base 2 like the layers: extinction below the deepest layer, for paths that reach another surface */
     bool bottomless;
-    /* Where steps begin and end, shares of a march: of one to the deepest bottom; then of those that end at another surface, at 1, 1/2, 1/4
-     * ... of that. Owned, one block. */
+    /* Boundaries of the steps as fractions of the march: [0] down to the deepest bottom; the others for marches that end at another surface
+     * after 1, 1/2, 1/4 ... of that depth. Owned, one block. */
     float *edges[1 + LAYERED_THICKNESSES];
 };
 
 /* --- A packet: 16 pixels of one material ---------------------------------------------------------------------------------------- */
 
-/* Where a pack is looked up: texture coordinates at x = 0 and their rise per mm along the ray; per mm in space; the level. */
-struct layered_place {
-    _Alignas(64) float u[2][16], v[2][16], du[2][16], dv[2][16]; /* [0]: of the near surface, [1]: of the far one */
+/* Texture lookup of a pack: texture coordinates at x = 0, their derivatives per mm along the ray and per mm in space, and the mip level. */
+struct layered_lookup {
+    _Alignas(64) float u[2][16], v[2][16], du[2][16], dv[2][16]; /* [0]: near surface, [1]: far surface */
     float gu[3][16], gv[3][16];
     int32_t offset[16], stride[16];
     float width[16], height[16];
 };
 
-/* What a pixel's triangle says, at its corners; rows of struct layered_packet in their order. */
+/* Vertex data of a pixel's triangle; the rows have the order of struct layered_packet. */
 struct layered_triangle {
     float corner[3][3], normal[3][3], plane[3][4];
-    float uv[PELL_LAYERS_MOST + 1][3][2]; /* of packs */
+    float uv[PELL_LAYERS_MOST + 1][3][2]; /* by pack */
 };
 
 struct layered_packet {
-    _Alignas(64) float corner[3][3][16], normal[3][3][16], plane[3][4][16]; /* of the triangle's corners; plane: n_SP, h */
+    _Alignas(64) float corner[3][3][16], normal[3][3][16], plane[3][4][16]; /* of the triangle's vertices; plane: n_SP, h */
     float u[16], v[16];                                                     /* barycentric */
     float camera[3][16];                                                    /* unit, toward the camera */
-    float spacing[16];                                                      /* mm that a pixel covers */
-    float p[3][16], n[3][16], facet[3][16], s[3][16], h[16], w[3][16];      /* P, n_P, the triangle's normal, n_SP, h, the way inward */
+    float spacing[16];                                                      /* mm per pixel at P */
+    float p[3][16], n[3][16], facet[3][16], s[3][16], h[16], w[3][16];      /* P, n_P, facet normal, n_SP, h, refracted ray */
     float rate[16], length[16], gain[16];
     float exit[16], exit_rate[16], exit_normal[3][16];
-    float color[3][16];    /* below the deepest layer: albedo / pi */
-    float enters[3][16];   /* of m->colors: the factor that is not in the picture */
-    int32_t ends_deep[16]; /* -1: the march ends at the deepest layer's bottom */
-    int32_t at[16];        /* pixels */
+    float color[3][16];      /* substrate below the deepest layer: albedo / pi */
+    float entry_tint[3][16]; /* if m->colors: the part of the entry tint that is not in the pack */
+    int32_t ends_deep[16];   /* -1: the march ends at the deepest layer's bottom */
+    int32_t at[16];          /* indices of the pixels */
     int count;
-    bool thin, shows_bottom; /* some lane's far surface counts; some lane has a color */
-    float light[3][16];      /* out: radiance */
-    /* out, where `trace` is not NULL: |KM| of every sample of the first light, [sample][16] */
+    bool thin, shows_substrate; /* some lane has a far surface nearby; some lane shows the substrate */
+    float light[3][16];         /* output: radiance */
+    /* Output unless NULL: |KM| of each sample of the first light, [sample][16]. */
     float *trace;
-    float *uv;                   /* raw texture coordinates of the corners: [pack][3][2][16] */
-    struct layered_place *place; /* of packs */
+    float *uv;                     /* raw texture coordinates of the corners: [pack][3][2][16] */
+    struct layered_lookup *lookup; /* by pack */
 };
 
-/* A light's sample as 16 pixels see it. */
+/* A light sample as seen from 16 pixels. */
 struct layered_light {
-    bool away;
-    _Alignas(64) float to[3][16]; /* the place; away: the unit direction */
-    float power[3][16];           /* irradiance across the beam; else that times squared mm. 0: none */
-    float planes[16];             /* share of the path by planes, [0, 1]; the rest is by nodes */
-    float seen[16];               /* by planes: 1, or 0 in shadow */
+    bool distant;
+    _Alignas(64) float to[3][16]; /* position; distant: unit direction */
+    float power[3][16];           /* irradiance perpendicular to the beam; not distant: times mm^2. 0: no light */
+    float planes[16];             /* weight of the path by planes, [0, 1]; the rest is by nodes */
+    float seen[16];               /* by planes: visibility, 0 or 1 */
     bool any_planes, any_nodes;
-    /* Of nodes: |KM|, cosine at K, how much of the beam is there (with 1/d^2), the way to the light inside. */
-    float km[LAYERED_NODES][16], cosine[LAYERED_NODES][16], beam[LAYERED_NODES][16], way[LAYERED_NODES][3][16];
-    float tint[LAYERED_NODES][3][16]; /* of m->colors: of light that enters at K */
-    float *depth;                     /* of layers at K: [node][layer][16]; owned by the worker */
+    /* At each node: |KM|, cosine at K, visibility of the beam (with 1/d^2), the direction to the light inside. */
+    float km[LAYERED_MAX_NODES][16], cosine[LAYERED_MAX_NODES][16], beam[LAYERED_MAX_NODES][16], dir[LAYERED_MAX_NODES][3][16];
+    float tint[LAYERED_MAX_NODES][3][16]; /* if m->colors: tint of the light that enters at K */
+    float *depth;                         /* depths of the layers at K: [node][layer][16]; owned by the worker */
 };
 
 struct layered_work {
     int samples;
-    bool exponential;        /* else the plain sum: each sample in one layer */
-    bool refracts, absolute; /* absolute: the paper's |n_M . w| for light from below, too */
-    bool rest;               /* what is left of a path below its layers is the last layer's */
+    bool exponential;        /* else a plain sum: each sample counts for one layer */
+    bool refracts, absolute; /* absolute: the paper's |n_M . w|, also for light from below */
+    bool rest;               /* the part of a path below the layers has the extinction of the last layer */
     int nodes;
-    float node[LAYERED_NODES]; /* t of each */
-    float most_halves;         /* a march ends where all light is halved more often on its way; INFINITY: never */
+    float node[LAYERED_MAX_NODES]; /* t of each node */
+    float max_tau2;                /* ends a march where every channel's optical depth, base 2, exceeds this; INFINITY: never */
 };
 
 struct layered_kernels {
-    /* Rows of the lanes whose `of` is -1. */
+    /* Copies vertex data to the lanes where `of` is -1. */
     void (*fill)(const struct layered_triangle *t, int packs, const int32_t *of, struct layered_packet *p);
-    /* Fills everything from the triangle: up to `length` by depth alone, without an exit. */
+    /* Initialises the packet from its triangles; `length` follows from the depth of the layers alone, and no exit is set. */
     void (*start)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p);
-    /* The camera's rays inside the solid, from P on. */
-    void (*leave)(const struct layered_packet *p, float size, struct pell_ray16 *rays, int32_t *valid);
-    /* How much of each lane's path goes by planes (`path`: enum layered_path), and rays from P to the light, which is `seen` if nothing is
-     * in their way. Returns how many are valid. */
-    int (*see)(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *rays,
-               int32_t *valid);
-    /* Adds the light of `count` lights, at most LAYERED_GROUP, to p->light. */
+    /* Camera rays inside the solid, from P on. */
+    void (*exit_rays)(const struct layered_packet *p, float size, struct pell_ray16 *rays, int32_t *valid);
+    /* Sets the weight of the path by planes for each lane (`path`: enum layered_path) and makes shadow rays from P to the light; visibility
+     * starts as 1. Returns the number of valid rays. */
+    int (*light_rays)(const struct layered_packet *p, int path, bool shadows, struct layered_light *source, struct pell_ray16 *rays,
+                      int32_t *valid);
+    /* Adds the in-scattered light of `count` light samples, at most LAYERED_GROUP, to p->light. */
     void (*march)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                   const struct layered_light *sources, int count);
 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * layered.h - what the files of this method share. Its only symbol for others is pell_method_layered.
+ * layered.h - declarations shared by the files of this method. Its only external symbol is pell_method_layered.
  */
 #ifndef PELL_LAYERED_H
 #define PELL_LAYERED_H
@@ -36,32 +36,33 @@ struct layered_knobs {
     float diffuse;
 };
 
-/* --- medium.c: a material's layers as the march reads them ---------------------------------------------------------------------- */
+/* --- medium.c: a material's layers in the form the march reads ------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers,
                                                     const char *name, int under, struct layered_medium *out);
-/* The tint of the material's boundary, after the above. */
+/* Adds the tint of the material's boundary. Call after layered_medium_make. */
 PELL_NODISCARD enum pell_result layered_medium_color(struct pell_context *ctx, const struct pell_material *material,
                                                      struct layered_medium *m);
-/* `count` steps of a march, after all of the above. */
+/* Divides a march into `count` steps. Call last. */
 PELL_NODISCARD enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool equal, struct layered_medium *m);
 void layered_medium_finish(struct pell_context *ctx, struct layered_medium *m);
 
 /* --- plane_grid.c: the least-squares plane of each vertex --------------------------------------------------------------------------- */
 
-/* Vertices of one solid - the meshes of one object that have the same material - and what else stands for its surface. */
+/* Points that represent the surface of one solid (the meshes of one object with the same material): its vertices and samples of large
+ * triangles. */
 struct layered_cloud {
     struct pell_context *ctx;
     struct pell_pool *pool;
-    size_t count, fitted;     /* points; the first of them are vertices, which get planes */
+    size_t count, fitted;     /* number of points; the first `fitted` are vertices and get planes */
     float *position, *normal; /* xyz */
     float *weight;            /* > 0 */
-    float radius;             /* mm: of the neighbourhood, (8) */
-    const uint8_t *keep;      /* 1: of a vertex whose plane is there; NULL: of none */
+    float radius;             /* mm: radius of the neighbourhood, (8) */
+    const uint8_t *keep;      /* 1: the vertex already has a plane; NULL: none has */
 };
 
-/* plane[i] = the unit normal n_SP, and h: where the plane meets the vertex's normal, mm. Fewer than 6 neighbours, or neighbours that are no
- * surface: the radius is doubled once, then the vertex's own plane stays. */
+/* plane[i] = unit normal n_SP and h, the signed distance in mm along the vertex normal to the plane. With fewer than 6 neighbours, or
+ * neighbours that do not resemble a surface, the radius is doubled once; after that the vertex keeps its tangent plane. */
 PELL_NODISCARD enum pell_result layered_planes_fit(const struct layered_cloud *cloud, float (*plane)[4]);
 
 extern const struct pell_method_engine layered_cpu;

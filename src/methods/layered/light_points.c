@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
- * light_points.c - places on the lights of a scene, and what they send to the pixels of a packet. */
+ * light_points.c - sample points on the lights of a scene, and the light they send to the pixels of a packet. */
 #include "methods/layered/state.h"
 
 #include "base/hash.h"
 
-enum { ENVIRONMENT = 4 }; /* directions to an environment for each place on a light */
+enum { ENVIRONMENT = 4 }; /* directions to an environment per point on another light */
 
 static double fraction(double x)
 {
     return x - floor(x);
 }
 
-/* Points of the unit square that are spread well for any number of them (M. Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
- * Sequences"); the first is the middle. */
+/* A low-discrepancy sequence in the unit square, well distributed for any number of points (M. Roberts 2018, "The Unreasonable
+ * Effectiveness of Quasirandom Sequences"); the first point is the centre. */
 static void spread(double number, double u[3])
 {
     u[0] = fraction(0.5 + number * 0.8191725133961645);
@@ -38,7 +38,7 @@ static void add_light(struct layered_state *st, const struct pell_scene *scene, 
         };
         if (!pell_light_sampler_sample(source, nowhere, u, &s->sample))
             continue;
-        s->uniform = !light->image && (s->sample.away || (light->type == PELL_LIGHT_POINT && !(light->range > 0.0f)));
+        s->uniform = !light->image && (s->sample.distant || (light->type == PELL_LIGHT_POINT && !(light->range > 0.0f)));
         if (environment) {
             s->uniform = true;
             s->scale = (float) fmin(1.0 / (s->sample.pdf * count), 1e12);
@@ -80,7 +80,7 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
     const int sample = st->in->sample;
     bool some = false;
 
-    source->away = s->sample.away;
+    source->distant = s->sample.distant;
     for (int i = 0; i < p->count; i++) {
         struct pell_light_sample one = s->sample;
         float power[3] = { s->power[0], s->power[1], s->power[2] }, scale = s->scale;
@@ -93,7 +93,7 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
         }
         if (!s->uniform)
             pell_light_sampler_power_at(s->source, &one, layered_lane3(p->p, i), power);
-        if (!one.away && !one.delta) {
+        if (!one.distant && !one.delta) {
             const struct pell_vec3 d = vec3_normalize(vec3_sub(layered_lane3(p->p, i), one.at));
             scale *= fmaxf(0.0f, vec3_dot(one.normal, d));
         }
@@ -102,9 +102,9 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
             source->power[c][i] = value > 0.0f ? value < 1e25f ? value : 1e25f : 0.0f;
             some = some || source->power[c][i] > 0.0f;
         }
-        source->to[0][i] = one.away ? one.toward.x : one.at.x;
-        source->to[1][i] = one.away ? one.toward.y : one.at.y;
-        source->to[2][i] = one.away ? one.toward.z : one.at.z;
+        source->to[0][i] = one.distant ? one.toward.x : one.at.x;
+        source->to[1][i] = one.distant ? one.toward.y : one.at.y;
+        source->to[2][i] = one.distant ? one.toward.z : one.at.z;
     }
     return some;
 }

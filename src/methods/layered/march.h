@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * march.h - what the two marches of layered share: look-ups of depths, phase functions, powers of one half. For kernel files alone.
+ * march.h - functions shared by the two marches of layered: depth lookups, phase functions, powers of one half. Included by kernel files
+ * only.
  *
- * Vectors are the compiler's generic ones, as wide as the machine's registers; a lane is a pixel. All levels give the same bits: a pixel's
- * operations and their order do not depend on the width.
+ * Vectors are the compiler's generic ones, as wide as the machine's registers; a lane is a pixel. All SIMD levels give the same bits: the
+ * operations on a pixel and their order do not depend on the width.
  */
 #ifndef PELL_LAYERED_MARCH_H
 #define PELL_LAYERED_MARCH_H
@@ -18,8 +19,8 @@
 
 #define LANES LAYERED_LANES
 #define MOST PELL_LAYERS_MOST
-/* Numbers that are read one by one after they were written together: from memory, not picked out of a register each. */
-#define KEEP(array) __asm__("" : "+m"(array))
+/* Forces an array into memory: it is written as a vector and read by scalar loads, which are cheaper than extracting lanes. */
+#define IN_MEMORY(array) __asm__("" : "+m"(array))
 
 INLINE vi load_int(const int32_t *p)
 {
@@ -28,9 +29,9 @@ INLINE vi load_int(const int32_t *p)
     return v;
 }
 
-/* 1/sqrt(x) of a positive number within 2e-7 of itself, at less than half the time of a root and a division: a first guess by the number's
- * bits and one step with constants that even its error out (L. Moroz et al. 2018, "Fast Calculation of Inverse Square Root with the Use of
- * Magic Constant"), then a step of third order. */
+/* 1/sqrt(x) of a positive number with a relative error below 2e-7, in less than half the time of a square root and a division: an initial
+ * guess from the bits, one step with constants that equalise its error (L. Moroz et al. 2018, "Fast Calculation of Inverse Square Root with
+ * the Use of Magic Constant"), then one step of third order. */
 INLINE vf inverse_root(vf x)
 {
     vf y = (vf) (0x5f1ffff9 - ((vi) x >> 1)), t;
@@ -40,45 +41,45 @@ INLINE vf inverse_root(vf x)
     return y * (1.875f - t * (1.25f - 0.375f * t));
 }
 
-INLINE vf between(vf x, float low, float high)
+INLINE vf clamped(vf x, float low, float high)
 {
-    return lesser(greater(x, all(low)), all(high)); /* no number becomes `low` */
+    return lesser(greater(x, all(low)), all(high)); /* NaN becomes `low` */
 }
 
-/* Whole numbers not above, of numbers within 2^30. */
-INLINE vf floor_of(vf x)
+/* Floor of numbers within 2^30. */
+INLINE vf floor_v(vf x)
 {
     const vf cut = __builtin_convertvector(__builtin_convertvector(x, vi), vf);
     return cut + (vf) ((cut > x) & (vi) all(-1.0f));
 }
 
 #define LN2 0.693147181f
-#define THICK 1.0f /* halvings: from here on a series of three terms is not enough */
+#define THICK 1.0f /* in halvings: above this three terms of the series are not enough */
 
-#define ROUND 12582912.0f /* 1.5 * 2^23: a number added to it is rounded, and its last bits are that number's */
+#define ROUND 12582912.0f /* 1.5 * 2^23: adding it rounds to an integer, which the low bits of the sum then hold */
 
-/* 2^-x, x >= 0, within 3e-6 of itself; 1 below 0, which a light path's slope may lead to; 1e-38 beyond 126 and where x is no number. */
-INLINE vf halving(vf x)
+/* 2^-x for x >= 0, relative error below 3e-6; 1 for x < 0, which can follow from a path's slope; 1e-38 for x > 126 and for NaN. */
+INLINE vf exp2_neg(vf x)
 {
     const vf y = greater(lesser(x, all(126.0f)), all(0.0f)), k = y + ROUND, r = (k - ROUND) - y;
     const vf p = 0.99999926f + r * (0.69312181f + r * (0.24024745f + r * (0.05591786f + r * 0.0095701019f)));
     return (vf) ((vi) p - ((vi) k << 23));
 }
 
-/* Mean light where it is halved `tau` times in the middle and y times from there to either end: 2^-tau sinh(y ln 2)/(y ln 2); by its
- * series, but where some lane is `thick`. */
-INLINE vf mean_light(vf tau, vf y, bool thick)
+/* Mean transmittance over an interval with the optical depth `tau` at its middle and tau +- y at its ends, base 2: 2^-tau sinh(y ln 2)/(y
+ * ln 2). Evaluated as a series unless some lane is `thick`. */
+INLINE vf mean_transmittance(vf tau, vf y, bool thick)
 {
     const vf y2 = y * y, size = magnitude(y);
-    vf value = halving(tau) * (1.0f + y2 * (LN2 * LN2 / 6.0f + y2 * (LN2 * LN2 * LN2 * LN2 / 120.0f)));
+    vf value = exp2_neg(tau) * (1.0f + y2 * (LN2 * LN2 / 6.0f + y2 * (LN2 * LN2 * LN2 * LN2 / 120.0f)));
 
     if (thick)
-        value = select(size > THICK, (halving(tau - size) - halving(tau + size)) / (2.0f * LN2 * size), value);
+        value = select(size > THICK, (exp2_neg(tau - size) - exp2_neg(tau + size)) / (2.0f * LN2 * size), value);
     return value;
 }
 
-/* Sums of products of pairs of 16 bit numbers. */
-INLINE vf weighed(vf pairs, vi weights)
+/* Sums of products of pairs of 16-bit numbers. */
+INLINE vf madd_pairs(vf pairs, vi weights)
 {
 #if defined(__AVX512BW__)
     return __builtin_convertvector((vi) _mm512_madd_epi16((__m512i) pairs, (__m512i) weights), vf);
@@ -92,7 +93,7 @@ INLINE vf weighed(vf pairs, vi weights)
 #endif
 }
 
-/* Of each lane a texel and its neighbour, 32 bytes: their pairs of numbers, all lanes in order. */
+/* Fetches a texel and its right neighbour, 32 bytes, for each lane: their pairs of values in lane order. */
 INLINE void fetch(const uint16_t *texels, const int32_t *at, vf left[4], vf right[4])
 {
 #define TEXEL(lane) ((const void *) (texels + 8 * (ptrdiff_t) at[lane]))
@@ -147,66 +148,67 @@ INLINE void load3(const void *rows, int lane, vf to[3])
         to[k] = load(from + k * LANES + lane);
 }
 
-/* --- Depths --------------------------------------------------------------------------------------------------------------------- */
+/* --- Layer depths --------------------------------------------------------------------------------------------------------------- */
 
-/* Texture coordinates brought back to [0, 1]. */
-INLINE vf folded(vf u, enum pell_wrap wrap)
+/* Applies the wrap mode: texture coordinates in [0, 1]. */
+INLINE vf wrapped_uv(vf u, enum pell_wrap wrap)
 {
     if (wrap == PELL_WRAP_CLAMP)
-        return between(u, 0.0f, 1.0f);
-    u = between(u, -1e6f, 1e6f);
+        return clamped(u, 0.0f, 1.0f);
+    u = clamped(u, -1e6f, 1e6f);
     if (wrap == PELL_WRAP_MIRROR) {
-        const vf v = u - 2.0f * floor_of(0.5f * u);
-        return between(select(v > 1.0f, 2.0f - v, v), 0.0f, 1.0f);
+        const vf v = u - 2.0f * floor_v(0.5f * u);
+        return clamped(select(v > 1.0f, 2.0f - v, v), 0.0f, 1.0f);
     }
-    return between(u - floor_of(u), 0.0f, 1.0f);
+    return clamped(u - floor_v(u), 0.0f, 1.0f);
 }
 
-/* The first `count` numbers of a pack at (u, v), filtered: one fetch of four neighbours per lane. A number is signed, and 32767 times as
- * large. */
-INLINE void look_up_numbers(const struct layered_pack *pack, const struct layered_place *place, int lane, int count, vf u, vf v, vf out[4])
+/* Bilinear lookup of the first `count` values of a pack at (u, v): one fetch of four neighbours per lane. The result is signed and scaled
+ * by 32767. */
+INLINE void look_up_numbers(const struct layered_pack *pack, const struct layered_lookup *lookup, int lane, int count, vf u, vf v,
+                            vf out[4])
 {
     const struct pell_texture *t = pack->map->texture;
-    const vf w = load(place->width + lane), h = load(place->height + lane);
+    const vf w = load(lookup->width + lane), h = load(lookup->height + lane);
     _Alignas(64) int32_t at[WIDTH];
-    vf x, y, left[4], right[4], share;
+    vf x, y, left[4], right[4], fraction;
     vi index, column, row, below;
 
     if (any(~((u >= 0.0f) & (u <= 1.0f) & (v >= 0.0f) & (v <= 1.0f)))) {
-        u = folded(u, t->wrap_u);
-        v = folded(v, t->wrap_v);
+        u = wrapped_uv(u, t->wrap_u);
+        v = wrapped_uv(v, t->wrap_v);
     }
-    x = u * w + 0.5f; /* of a border's texel: 0 */
+    x = u * w + 0.5f; /* 0 is the centre of the border texel */
     y = v * h + 0.5f;
     if (t->nearest) {
-        x = lesser(floor_of(u * w), w - 1.0f) + 1.0f;
-        y = lesser(floor_of(v * h), h - 1.0f) + 1.0f;
+        x = lesser(floor_v(u * w), w - 1.0f) + 1.0f;
+        y = lesser(floor_v(v * h), h - 1.0f) + 1.0f;
     }
     column = __builtin_convertvector(x, vi);
     row = __builtin_convertvector(y, vi);
     below = __builtin_convertvector((y - __builtin_convertvector(row, vf)) * 32767.0f + 0.5f, vi);
-    share = x - __builtin_convertvector(column, vf);
-    index = load_int(place->offset + lane) + row * load_int(place->stride + lane) + column;
+    fraction = x - __builtin_convertvector(column, vf);
+    index = load_int(lookup->offset + lane) + row * load_int(lookup->stride + lane) + column;
     memcpy(at, &index, sizeof(at));
-    KEEP(at);
+    IN_MEMORY(at);
     fetch(pack->texels, at, left, right);
     below = (below << 16) + (32767 - below);
     for (int i = 0; i < count; i++) {
-        const vf a = weighed(left[i], below), b = weighed(right[i], below);
-        out[i] = a + share * (b - a);
+        const vf a = madd_pairs(left[i], below), b = madd_pairs(right[i], below);
+        out[i] = a + fraction * (b - a);
     }
 }
 
 /* Depths of the first `count` layers of a pack. */
-INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_place *place, int lane, int count,
-                    vf u, vf v, vf out[4])
+INLINE void look_up(const struct layered_medium *m, const struct layered_pack *pack, const struct layered_lookup *lookup, int lane,
+                    int count, vf u, vf v, vf out[4])
 {
-    look_up_numbers(pack, place, lane, count, u, v, out);
+    look_up_numbers(pack, lookup, lane, count, u, v, out);
     for (int i = 0; i < count; i++)
-        out[i] = out[i] * m->layer[pack->layer[i]].per_number + m->layer[pack->layer[i]].middle;
+        out[i] = out[i] * m->layer[pack->layer[i]].depth_scale + m->layer[pack->layer[i]].middle;
 }
 
-/* Bottoms of all layers; where they cross, the upper one wins. */
+/* Bottoms of all layers; where they cross, the upper one has precedence. */
 INLINE void order_depths(const struct layered_medium *m, vf *depth)
 {
     vf above = { 0 };
@@ -241,7 +243,7 @@ INLINE vf phase_value(const struct pell_phase_terms *f, vf c)
 /* march.c: for any packet. */
 void PELL_SIMD(layered_march_any)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                                   const struct layered_light *sources, int count);
-/* march_fast.c: for most packets of most pictures; false: this is none of them. */
+/* march_fast.c: for the common case; returns false if the packet is not supported. */
 bool PELL_SIMD(layered_march_fast)(const struct layered_work *work, const struct layered_medium *m, struct layered_packet *p,
                                    const struct layered_light *sources, int count);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * medium.c - see layered.h: coefficients in single precision, phase functions as the kernels evaluate them, depth maps in tiles. */
+ * medium.c - see layered.h: coefficients in single precision, phase functions in the form the kernels evaluate, depth maps as packs. */
 #include "methods/layered/layered.h"
 
 #include "base/base.h"
@@ -10,14 +10,14 @@
 #include <math.h>
 #include <string.h>
 
-#define OPAQUE_DEPTH 14.0f /* optical depth of the ray of the camera that a march without a bottom goes to: e^-14 */
+#define OPAQUE_DEPTH 14.0f /* optical depth where a march without a bottom ends: e^-14 */
 #define BLACK 1e4f         /* 1/mm */
-#define WAYS 2.2           /* mm of a light's way down and up for each of depth */
-#define EVEN 0.1           /* share of a march's steps that are equal */
-#define NEAR_THIN 0.5      /* of one that ends at another surface: share of those by the light of this, */
-#define FAR_THIN 0.2       /* and by the light of that */
+#define PATH_PER_DEPTH 2.2 /* mm of path, down and back up, per mm of depth */
+#define EQUAL_FRACTION 0.1 /* fraction of the steps that have equal length */
+#define NEAR_FRACTION 0.5  /* for a march that ends at another surface: fraction of the steps placed for light from the near surface, */
+#define FAR_FRACTION 0.2   /* and for light from the far one */
 
-enum { PARTS = 4096 }; /* of a march */
+enum { DENSITY_CELLS = 4096 }; /* resolution of the density of steps */
 
 /* --- Phase functions ------------------------------------------------------------------------------------------------------------ */
 
@@ -59,7 +59,7 @@ static void set_phase(const struct pell_phase *from, struct pell_phase_terms *ou
     }
 }
 
-/* --- Tiles ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Packs ---------------------------------------------------------------------------------------------------------------------- */
 
 static bool same_look_up(const struct pell_texture_map *a, const struct pell_texture_map *b)
 {
@@ -69,7 +69,7 @@ static bool same_look_up(const struct pell_texture_map *a, const struct pell_tex
            s->nearest == t->nearest && s->image.width == t->image.width && s->image.height == t->image.height;
 }
 
-/* Finds or begins the pack that layer i goes to. */
+/* Finds or creates the pack for layer i. */
 static void choose_pack(struct layered_medium *m, const struct pell_texture_map *map, int i)
 {
     struct layered_pack *p = NULL;
@@ -108,7 +108,7 @@ static void make_border(const struct layered_level *l, const struct pell_texture
     }
 }
 
-/* Each level halves the one above it, odd sizes rounded down: a texel is the mean of the texels that its own area touches most. */
+/* Builds mip levels: each halves the previous one, odd sizes rounded down; a texel is the mean of the texels that overlap it most. */
 static void shrink(const struct layered_level *from, const struct layered_level *to, uint16_t *texels)
 {
     for (int y = 0; y < to->height; y++)
@@ -124,7 +124,7 @@ static void shrink(const struct layered_level *from, const struct layered_level 
             }
 }
 
-/* Each texel with the one below it, signed: see kernels.h. The last row is below another alone. */
+/* Interleaves each texel with the one below it, signed: see kernels.h. The last row serves only as the lower neighbour. */
 static void pair(const struct layered_level *l, const uint16_t *numbers, uint16_t *texels)
 {
     const uint16_t *from = numbers + 4 * (ptrdiff_t) l->offset;
@@ -152,7 +152,7 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
                 float rgba[4] = { 0 }, share;
                 pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
                 share = pell_layer_share(rgba[map.channel], layer_medium->inverse);
-                share = share < 1e6f ? share : 0.0f; /* no number, too */
+                share = share < 1e6f ? share : 0.0f; /* NaN becomes 0, too */
                 if (pass == 0) {
                     largest = share > largest ? share : largest;
                     sum += (double) share;
@@ -163,11 +163,11 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
             }
     layer->mean = (float) (depth * sum / ((double) l->width * (double) l->height));
     layer->depth = (float) (depth * (double) largest);
-    layer->per_number = (float) (depth * (double) largest / 65535.0 / 32767.0);
+    layer->depth_scale = (float) (depth * (double) largest / 65535.0 / 32767.0);
     layer->middle = (float) (depth * (double) largest * 32768.0 / 65535.0);
 }
 
-/* The colour of light that enters, in place of depths. */
+/* The colour of the entering light in place of depths. */
 static void read_color(const struct pell_texture_map *from, float mix, const struct layered_level *l, uint16_t *numbers)
 {
     struct pell_texture_map map = *from;
@@ -185,7 +185,7 @@ static void read_color(const struct pell_texture_map *from, float mix, const str
         }
 }
 
-/* Of depths, or where `medium_layers` is NULL of the colour of light that enters. */
+/* Fills a pack with depths or, if `medium_layers` is NULL, with the colour of the entering light. */
 static enum pell_result make_pack(struct pell_context *ctx, const char *name, const struct pell_medium_layers *medium_layers,
                                   struct layered_medium *m, struct layered_pack *p)
 {
@@ -220,26 +220,26 @@ static enum pell_result make_pack(struct pell_context *ctx, const char *name, co
     return numbers && p->texels ? PELL_OK : PELL_ERR_NOMEM;
 }
 
-/* --- All of it ------------------------------------------------------------------------------------------------------------------ */
+/* --- Construction --------------------------------------------------------------------------------------------------------------- */
 
 static void set_depths(struct layered_medium *m, bool bottomless)
 {
     const struct layered_layer *last = &m->layer[m->count - 1];
-    float painted = 0.0f, slowest = INFINITY, reach;
+    float max_mapped = 0.0f, slowest = INFINITY, reach;
 
     for (int i = 0; i < m->count - (bottomless ? 1 : 0); i++)
-        painted = fmaxf(painted, m->layer[i].depth);
+        max_mapped = fmaxf(max_mapped, m->layer[i].depth);
     m->bottomless = bottomless;
-    m->deepest = painted;
+    m->deepest = max_mapped;
     for (int c = 0; c < 3; c++) {
         if (last->sigma_s[c] > 0.0f)
             slowest = fminf(slowest, last->sigma_t[c]);
-        m->rest[c] = bottomless ? last->halves[c] : BLACK;
+        m->rest[c] = bottomless ? last->sigma_t2[c] : BLACK;
     }
     if (!bottomless)
         return;
     reach = slowest > 0.0f && slowest < INFINITY ? OPAQUE_DEPTH / slowest : slowest > 0.0f ? 0.0f : LAYERED_FAR;
-    m->deepest = fminf(painted + reach, LAYERED_FAR);
+    m->deepest = fminf(max_mapped + reach, LAYERED_FAR);
 }
 
 enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell_medium_layers *medium_layers, const char *name, int under,
@@ -268,8 +268,8 @@ enum pell_result layered_medium_make(struct pell_context *ctx, const struct pell
         for (int c = 0; c < 3; c++) {
             to->sigma_s[c] = (float) from->sigma_s[c];
             to->sigma_t[c] = (float) from->sigma_t[c];
-            to->halves[c] = (float) (from->sigma_t[c] * 1.4426950408889634);
-            to->most_halves = fmaxf(to->most_halves, to->halves[c]);
+            to->sigma_t2[c] = (float) (from->sigma_t[c] * 1.4426950408889634);
+            to->max_tau2 = fmaxf(to->max_tau2, to->sigma_t2[c]);
             set_phase(&from->phase[c], &to->phase[c]);
             to->one_phase = to->one_phase && memcmp(&to->phase[c], &to->phase[0], sizeof(to->phase[0])) == 0;
         }
@@ -301,9 +301,9 @@ enum pell_result layered_medium_color(struct pell_context *ctx, const struct pel
     return make_pack(ctx, material->name, NULL, m, p);
 }
 
-/* How much a place at a share x of the way to the deepest bottom matters: the error of a step rises with its length cubed and the light
- * that comes from there, which layers take on its way down and up; so steps are as the cube root of that light. */
-static double matters(const struct layered_medium *m, double x)
+/* Density of steps at the fraction x of the depth. The error of a step grows with the cube of its length and with the light from there,
+ * attenuated on the way down and back up; the optimal density is the cube root of that light. */
+static double step_density(const struct layered_medium *m, double x)
 {
     double above = 0.0, sum = 0.0, tau[3] = { 0.0, 0.0, 0.0 };
     const double z = x * (double) m->deepest;
@@ -317,32 +317,32 @@ static double matters(const struct layered_medium *m, double x)
     }
     for (int c = 0; c < 3; c++) {
         const double t = (double) m->layer[i].sigma_t[c];
-        sum += exp(-WAYS * (tau[c] + t * (z - above)));
+        sum += exp(-PATH_PER_DEPTH * (tau[c] + t * (z - above)));
     }
     return cbrt(sum / 3.0);
 }
 
-/* Where `count` equal shares of a density over PARTS parts of [0, 1] end. */
+/* Divides [0, 1] into `count` intervals of equal integral of a density tabulated over PARTS cells. */
 static void set_edges(const double *density, int count, float *edges)
 {
     double sum = 0.0, before = 0.0, all = 0.0;
     int part = 0;
 
-    for (int i = 0; i < PARTS; i++)
+    for (int i = 0; i < DENSITY_CELLS; i++)
         all += density[i];
     for (int i = 0; i <= count; i++) {
         const double share = all * i / count;
-        while (part < PARTS && sum + density[part] < share)
+        while (part < DENSITY_CELLS && sum + density[part] < share)
             sum += density[part++];
-        before = part < PARTS ? part + (share - sum) / density[part] : PARTS;
-        edges[i] = (float) fmin(before / PARTS, 1.0);
+        before = part < DENSITY_CELLS ? part + (share - sum) / density[part] : DENSITY_CELLS;
+        edges[i] = (float) fmin(before / DENSITY_CELLS, 1.0);
     }
     edges[count] = 1.0f;
 }
 
 enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool equal, struct layered_medium *m)
 {
-    double *light = pell_alloc_array(ctx, PARTS, sizeof(*light)), *density = pell_alloc_array(ctx, PARTS, sizeof(*density));
+    double *light = pell_alloc_array(ctx, DENSITY_CELLS, sizeof(*light)), *density = pell_alloc_array(ctx, DENSITY_CELLS, sizeof(*density));
     float *edges = pell_alloc_array(ctx, (size_t) count + 1, (1 + LAYERED_THICKNESSES) * sizeof(*edges));
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -350,12 +350,13 @@ enum pell_result layered_medium_steps(struct pell_context *ctx, int count, bool 
     if (!light || !density || !edges)
         goto fail;
     for (int k = 0; k <= LAYERED_THICKNESSES; k++) {
-        const double thick = k > 0 ? ldexp(1.0, 1 - k) : 1.0, near = k > 0 ? NEAR_THIN : 1.0 - EVEN, far = k > 0 ? FAR_THIN : 0.0;
+        const double thick = k > 0 ? ldexp(1.0, 1 - k) : 1.0, near = k > 0 ? NEAR_FRACTION : 1.0 - EQUAL_FRACTION,
+                     far = k > 0 ? FAR_FRACTION : 0.0;
         double mean = 0.0;
-        for (int i = 0; i < PARTS; i++)
-            mean += (light[i] = matters(m, thick * (i + 0.5) / PARTS)) / PARTS;
-        for (int i = 0; i < PARTS; i++)
-            density[i] = mean > 0.0 && !equal ? (near * light[i] + far * light[PARTS - 1 - i]) / mean + (1.0 - near - far) : 1.0;
+        for (int i = 0; i < DENSITY_CELLS; i++)
+            mean += (light[i] = step_density(m, thick * (i + 0.5) / DENSITY_CELLS)) / DENSITY_CELLS;
+        for (int i = 0; i < DENSITY_CELLS; i++)
+            density[i] = mean > 0.0 && !equal ? (near * light[i] + far * light[DENSITY_CELLS - 1 - i]) / mean + (1.0 - near - far) : 1.0;
         m->edges[k] = edges + (size_t) k * ((size_t) count + 1);
         set_edges(density, count, m->edges[k]);
     }

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * method.c - light scattered once in painted layers: G. Francois, S. Pattanaik, K. Bouatouch, G. Breton, "Subsurface Texture Mapping",
+ * method.c - single scattering in texture-mapped layers: G. Francois, S. Pattanaik, K. Bouatouch, G. Breton, "Subsurface Texture Mapping",
  * IRISA, 2006.
  *
  *     L(P) = F_t(w_o)/eta^2 Int sigma_s(M) p(w_in, w_out) E_K e^(-tau(K M)) e^(-tau(M P)) dM
  *
- * M on the ray of the camera below the surface; K where the light to M enters, by planes that approximate the surface. What differs from
- * the paper: README.md.
+ * M is on the refracted camera ray; K is where the light on its way to M enters, found with planes that approximate the surface.
+ * Differences from the paper: README.md.
  */
 #include "methods/layered/layered.h"
 
@@ -83,7 +83,7 @@ static void plan(const void *values, struct pell_plan *plan)
         .quantity = PELL_QUANTITY_RADIANCE,
         .mix = -1.0f,
     };
-    if (k->multiple || k->diffuse > 0.0f) { /* diffuse light beside that scattered once */
+    if (k->multiple || k->diffuse > 0.0f) { /* diffuse light in addition to single scattering */
         plan->needs |= PELL_NEED_IRRADIANCE;
         plan->quantity = PELL_QUANTITY_EXITANCE;
         plan->excludes_surface_reflection = false;

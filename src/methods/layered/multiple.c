@@ -11,19 +11,19 @@
 #include <math.h>
 #include <string.h>
 
-enum { ANGLES = 48, RADII = 200, PLACES = 4096 };
-#define SAME_SET 0.02f /* of x: sets this near are one */
+enum { ANGLES = 48, RADII = 200, MAX_POINTS = 4096 };
+#define MERGE_DISTANCE 0.02f /* of x: sets closer than this are merged */
 
-/* --- Once ----------------------------------------------------------------------------------------------------------------------- */
+/* --- Single scattering ---------------------------------------------------------------------------------------------------------- */
 
-struct once { /* a channel */
+struct single_channel { /* one channel */
     const struct pell_medium_layers *layers;
     const float *bottoms;
     int channel;
 };
 
 /* sigma_s at depth z below the surface, and the optical depth down to there; 0 below the layers. */
-static double scattering_at(const struct once *o, double z, double *tau, const struct pell_phase **phase)
+static double scattering_at(const struct single_channel *o, double z, double *tau, const struct pell_phase **phase)
 {
     double above = 0.0;
 
@@ -42,7 +42,8 @@ static double scattering_at(const struct once *o, double z, double *tau, const s
     return 0.0;
 }
 
-/* Angle and weight of a rule over those that leave: t = t0 + (pi/2 - t0) s^2, for the transmittance begins as a root. */
+/* Angle and weight of a quadrature over the angles that leave: t = t0 + (pi/2 - t0) s^2, because the transmittance starts like a square
+ * root. */
 static double angle_of(double eta, double s, double *weight)
 {
     const double t0 = eta > 1.0 ? acos(1.0 / eta) : 0.0, width = 0.5 * 3.14159265358979323846 - t0;
@@ -51,11 +52,12 @@ static double angle_of(double eta, double s, double *weight)
     return t0 + width * s * s;
 }
 
-/* A photon that collides at z = r tan t rises with the cosine mu = sin t to where it came from, as in optics/photon/single.c:
+/* A photon that collides at z = r tan t makes an angle of cosine mu = sin t with the direction from its entry point, as in
+ * optics/photon/single.c:
  *     R = 1/r Int sigma_s(z) p(mu) (1 - F(mu)) mu exp(-tau(z) (1 + 1/mu)) dt */
 double layered_single_rd(const struct pell_medium_layers *layers, const float *bottoms, int channel, double r)
 {
-    const struct once o = { layers, bottoms, channel };
+    const struct single_channel o = { layers, bottoms, channel };
     double x[ANGLES], w[ANGLES], sum = 0.0;
 
     pell_gauss_legendre(ANGLES, x, w);
@@ -95,13 +97,13 @@ double layered_single_total(const struct pell_medium_layers *layers, const float
     return 2.0 * 3.14159265358979323846 * sum;
 }
 
-/* --- More than once ------------------------------------------------------------------------------------------------------------- */
+/* --- Multiple scattering -------------------------------------------------------------------------------------------------------- */
 
-struct sums { /* of all sets */
+struct sums { /* over all sets */
     struct pell_gaussians item[LAYERED_SETS];
 };
 
-/* What the layers reflect in all, in the scene's own lengths, which `strength` scales. */
+/* Total albedo of the layers, in the scene's own lengths, which `strength` scales. */
 static bool reflect(const struct pell_material *m, const struct pell_frame_material *frame, const float *bottoms, double strength,
                     int channel, struct pell_profile *out)
 {
@@ -118,8 +120,8 @@ static bool reflect(const struct pell_material *m, const struct pell_frame_mater
     return pell_stack_profile(&stack, channel, PELL_STACK_R_PLUS, out, NULL) == PELL_OK && pell_profile_total(out) > 0.0;
 }
 
-/* The rest of a profile, where it is above that of light scattered once, scaled to what is left of its total. */
-static void take_off_single(const struct pell_medium_layers *layers, const float *bottoms, double strength, int channel,
+/* The multiple-scattering part of a profile: its excess over single scattering, scaled to the remaining total. */
+static void subtract_single(const struct pell_medium_layers *layers, const float *bottoms, double strength, int channel,
                             struct pell_profile *profile)
 {
     double r[RADII], R[RADII], least = pell_profile_sample(profile, 1e-5), most = pell_profile_sample(profile, 1.0 - 1e-6), rest, total;
@@ -146,7 +148,7 @@ static void take_off_single(const struct pell_medium_layers *layers, const float
         memset(profile, 0, sizeof(*profile));
 }
 
-/* A set's sum of Gaussians, by variances of its own; count 0: no light. */
+/* Sum of Gaussians of one set, with its own variances; count 0: no light. */
 static bool solve_set(const struct pell_material *m, const struct pell_medium_layers *layers, const struct pell_frame_material *frame,
                       const float *bottoms, struct pell_profile profiles[3], struct pell_gaussians *out)
 {
@@ -155,7 +157,7 @@ static bool solve_set(const struct pell_material *m, const struct pell_medium_la
 
     for (int c = 0; c < 3; c++) {
         if (reflect(m, frame, bottoms, strength, c, &profiles[c]))
-            take_off_single(layers, bottoms, strength, c, &profiles[c]);
+            subtract_single(layers, bottoms, strength, c, &profiles[c]);
         else
             memset(&profiles[c], 0, sizeof(profiles[c]));
     }
@@ -169,7 +171,7 @@ static bool solve_set(const struct pell_material *m, const struct pell_medium_la
     return true;
 }
 
-/* All sets by the same variances: each Gaussian is split between its two neighbours, so that energy and second moment are kept. */
+/* All sets with the same variances: each Gaussian is split between its two neighbours, which preserves energy and second moment. */
 static void share_variances(const struct sums *sums, struct layered_multiple *out)
 {
     double variance[LAYERED_SETS * PELL_GAUSSIANS_MAX], weight[LAYERED_SETS * PELL_GAUSSIANS_MAX];
@@ -213,7 +215,7 @@ static float distance(const struct layered_multiple *m, const float *a, const fl
     return sqrtf(sum);
 }
 
-/* Bottoms at up to PLACES points of the meshes that have the material, spread over their triangles. */
+/* Bottoms at up to PLACES points of the meshes that have the material, distributed over their triangles. */
 static size_t look_around(const struct pell_scene *scene, int material, const struct pell_medium_layers *layers, float *bottoms)
 {
     size_t triangles = 0, count = 0, before = 0;
@@ -224,8 +226,8 @@ static size_t look_around(const struct pell_scene *scene, int material, const st
         const struct pell_mesh *mesh = &scene->meshes[i];
         if (mesh->material != material)
             continue;
-        for (; count < PLACES && (size_t) ((double) count / PLACES * (double) triangles) < before + mesh->num_triangles; count++) {
-            const size_t t = (size_t) ((double) count / PLACES * (double) triangles) - before;
+        for (; count < MAX_POINTS && (size_t) ((double) count / MAX_POINTS * (double) triangles) < before + mesh->num_triangles; count++) {
+            const size_t t = (size_t) ((double) count / MAX_POINTS * (double) triangles) - before;
             double u = fmod(0.7548776662466927 * (double) (count + 1), 1.0), v = fmod(0.5698402909980532 * (double) (count + 1), 1.0);
             if (u + v > 1.0) {
                 u = 1.0 - u;
@@ -238,7 +240,7 @@ static size_t look_around(const struct pell_scene *scene, int material, const st
     return count;
 }
 
-/* Places that are farthest from each other, each a set; returns their numbers. */
+/* Chooses the points that are farthest from each other, one per set; returns their indices. */
 static void choose_sets(const float *x, size_t count, struct layered_multiple *m, size_t *chosen)
 {
     const size_t n = (size_t) m->layers;
@@ -257,13 +259,13 @@ static void choose_sets(const float *x, size_t count, struct layered_multiple *m
                 next = i;
             }
         }
-        if (farthest <= SAME_SET)
+        if (farthest <= MERGE_DISTANCE)
             break;
     }
 }
 
-/* Weights that interpolate between sets: sums of distances to them and a constant, as a broken line has in one dimension. Each column of
- * the inverse of [distances, 1; 1, 0] by Gauss and Jordan with pivots. */
+/* Weights that interpolate between sets: linear combinations of distances to the sets and a constant, which in one dimension are piecewise
+ * linear. The columns of the inverse of [distances, 1; 1, 0] come from Gauss-Jordan elimination with pivoting. */
 static void make_cardinals(struct layered_multiple *m)
 {
     enum { SIZE = LAYERED_SETS + 1 };
@@ -319,7 +321,7 @@ enum pell_result layered_multiple_make(struct pell_context *ctx, const struct pe
 {
     const struct pell_material *m = &scene->materials[material];
     const size_t n = (size_t) layers->count;
-    float *bottoms = pell_alloc_array(ctx, PLACES * n, sizeof(*bottoms)), *x = pell_alloc_array(ctx, PLACES * n, sizeof(*x));
+    float *bottoms = pell_alloc_array(ctx, MAX_POINTS * n, sizeof(*bottoms)), *x = pell_alloc_array(ctx, MAX_POINTS * n, sizeof(*x));
     struct pell_profile *profiles = pell_alloc_array(ctx, 3, sizeof(*profiles));
     struct sums *sums = pell_zalloc(ctx, sizeof(*sums));
     size_t chosen[LAYERED_SETS], count;
@@ -332,7 +334,8 @@ enum pell_result layered_multiple_make(struct pell_context *ctx, const struct pe
     for (int i = 0; i < layers->count; i++) {
         const struct pell_layer_medium *l = &layers->item[i];
         double bend = 0.0;
-        for (int c = 0; c < 3; c++) { /* light goes down, and up again; where nothing absorbs it what comes back still rises with 1/depth */
+        for (int c = 0; c < 3; c++) { /* the light goes down and back up; without absorption the returning light still decreases only as
+                                       * 1/depth */
             const double reduced = l->sigma_t[c] - l->sigma_s[c] * pell_phase_mean_cosine(&l->phase[c]);
             bend += (2.0 * sqrt(3.0 * (l->sigma_t[c] - l->sigma_s[c]) * reduced) + 0.125 * reduced) / 3.0;
         }

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * plane_fit.c - what stands for the surface of each solid when planes are fitted to it. The fit is in plane_grid.c. */
+ * plane_fit.c - the points that represent the surface of each solid when planes are fitted to it. The fit is in plane_grid.c. */
 #include "methods/layered/state.h"
 
 #include "scene/triangle.h"
 
 #include <string.h>
 
-enum { CUTS = 8, MOST_PARTS = 1 << 24 }; /* of a large triangle's sides; parts of all of them */
+enum { MAX_CUTS = 8, MAX_PARTS = 1 << 24 }; /* parts of a large triangle's side; parts of all triangles */
 
-/* In how many parts the sides of a triangle are cut, so that those are small beside the neighbourhood. */
+/* Number of parts per side that makes the parts of a triangle small relative to the neighbourhood. */
 static int cuts_of(const struct pell_vec3 at[3], float radius)
 {
     float longest = 0.0f;
@@ -16,7 +16,7 @@ static int cuts_of(const struct pell_vec3 at[3], float radius)
     for (int k = 0; k < 3; k++)
         longest = fmaxf(longest, vec3_length(vec3_sub(at[(k + 1) % 3], at[k])));
     longest *= 2.0f / radius;
-    return longest > 1.0f ? longest < (float) CUTS ? (int) ceilf(longest) : CUTS : 1;
+    return longest > 1.0f ? longest < (float) MAX_CUTS ? (int) ceilf(longest) : MAX_CUTS : 1;
 }
 
 static size_t count_parts(const struct pell_context *ctx, const struct pell_mesh *mesh, float radius)
@@ -33,7 +33,7 @@ static size_t count_parts(const struct pell_context *ctx, const struct pell_mesh
     return count;
 }
 
-/* The middles of the parts of a triangle, each for its area. */
+/* The centroids of the parts of a triangle, each weighted by its area. */
 static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const struct pell_vec3 at[3], int cuts, float area,
                       struct layered_cloud *cloud)
 {
@@ -48,8 +48,8 @@ static void add_parts(const struct pell_mesh *mesh, uint32_t triangle, const str
         }
 }
 
-/* Each vertex stands for a part of the triangles around it; triangles that are large beside the neighbourhood stand for themselves, in
- * parts, so that planes of a coarse mesh are those of a fine one. */
+/* A vertex represents its share of the adjacent triangles. Triangles that are large relative to the neighbourhood are represented by the
+ * centroids of their parts instead, so that a coarse mesh gets the same planes as a fine one. */
 static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct layered_cloud *cloud)
 {
     float *weight = cloud->weight + first;
@@ -69,10 +69,10 @@ static void weigh(const struct pell_mesh *mesh, size_t first, bool parts, struct
             weight[mesh->index[3 * (size_t) t + (size_t) k]] += area * (1.0f / 3.0f);
     }
     for (uint32_t i = 0; i < mesh->num_vertices; i++)
-        weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* of no triangle, or of large ones alone */
+        weight[i] = weight[i] > 1e-20f && weight[i] < 1e20f ? weight[i] : 1e-20f; /* vertices without a triangle, or with large ones only */
 }
 
-/* Vertices of all meshes of the solid and what they stand for. */
+/* Vertices of all meshes of the solid, and the points that represent it. */
 static void fill_cloud(const struct layered_state *st, const struct pell_scene *scene, size_t first, bool parts,
                        struct layered_cloud *cloud)
 {
@@ -93,7 +93,7 @@ static void fill_cloud(const struct layered_state *st, const struct pell_scene *
     }
 }
 
-/* Planes that were kept, and the rest by fits. */
+/* Planes kept from an earlier frame; the others are fitted. */
 static enum pell_result find_planes(struct layered_state *st, const struct pell_scene *scene, size_t first, struct layered_cloud *cloud,
                                     float (*plane)[4])
 {
@@ -116,7 +116,7 @@ fail:
     return res;
 }
 
-/* All meshes of one solid, of which `first` is the first. */
+/* All meshes of one solid, whose first is `first`. */
 static enum pell_result fit_solid(struct layered_state *st, const struct pell_scene *scene, size_t first)
 {
     const struct pell_mesh *solid = &scene->meshes[first];
@@ -133,7 +133,7 @@ static enum pell_result fit_solid(struct layered_state *st, const struct pell_sc
         if (layered_same_solid(&scene->meshes[i], solid) && st->knobs.planes == LAYERED_BY_AREA && cloud.radius > 0.0f)
             parts += count_parts(st->ctx, &scene->meshes[i], cloud.radius);
     }
-    parts = parts <= MOST_PARTS ? parts : 0;
+    parts = parts <= MAX_PARTS ? parts : 0;
     most = cloud.fitted + parts;
     if (most > UINT32_MAX)
         return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, solid->name, NULL, "layered: an object of %zu vertices", cloud.fitted);

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * plane_grid.c - the plane that a surface looks like from a vertex, over a neighbourhood as wide as light goes (Francois et al. 2006, 2.2):
- * least squares of the distances, from moments.
+ * plane_grid.c - the least-squares plane of the surface around a vertex, over a neighbourhood of the radius of light transport (Francois et
+ * al. 2006, 2.2), from moments.
  *
- * Vertices are sorted by the cell of a grid of a quarter of the radius and by where their normal looks. A cell that lies inside the radius
- * counts by its moments; of one that the sphere cuts each vertex is asked, or, where there are many, its centre: so the work per vertex is
- * bounded, however many there are.
+ * Vertices are sorted by grid cell, a quarter of the radius wide, and by the direction of their normal. A cell inside the radius
+ * contributes its moments; in a cell that the sphere intersects every vertex is tested or, if there are many, the cell's centre. The work
+ * per vertex is therefore bounded.
  */
 #include "methods/layered/layered.h"
 
@@ -15,14 +15,14 @@
 #include <string.h>
 
 enum { FEW = 6, ASK_EACH = 16, BATCH = 256 };
-#define FLAT 0.5   /* the smallest of the three variances over the middle one, at most */
-#define WIDE 1e-4  /* the middle one over the largest, at least: else they are a line */
-#define TURNED 0.2 /* cosine between the plane and the vertex's normal, at least */
+#define MAX_FLATNESS 0.5 /* largest ratio of the smallest variance to the middle one */
+#define MIN_WIDTH 1e-4   /* smallest ratio of the middle variance to the largest; below it the points are on a line */
+#define MIN_COSINE 0.2   /* smallest cosine between the plane and the vertex normal */
 
 struct cell {
     uint64_t key;
     uint32_t first, count;
-    double weight, sum[3], square[6]; /* xx, xy, xz, yy, yz, zz; about the cloud's middle */
+    double weight, sum[3], square[6]; /* xx, xy, xz, yy, yz, zz; about the cloud's centre */
     float normal[3];
 };
 
@@ -65,14 +65,14 @@ static int64_t place(const struct fit *f, int axis, double x)
     return i > 0.0 ? i < (double) f->across[axis] ? (int64_t) i : f->across[axis] - 1 : 0;
 }
 
-/* 19 bits an axis, 7 for where the normal looks. */
+/* Key of a cell: 19 bits per axis, 7 for the normal's direction. */
 static uint64_t key_of(int64_t x, int64_t y, int64_t z, unsigned look)
 {
     return ((uint64_t) z << 38 | (uint64_t) y << 19 | (uint64_t) x) << 7 | look;
 }
 
-/* One of 16 windows on one of the six sides of a cube: [0, 96). */
-static unsigned look_of(const float *n)
+/* Index of the normal's direction: one of 16 windows on one of the six faces of a cube, [0, 96). */
+static unsigned normal_window(const float *n)
 {
     const float size[3] = { fabsf(n[0]), fabsf(n[1]), fabsf(n[2]) };
     const int axis = size[0] >= size[1] && size[0] >= size[2] ? 0 : size[1] >= size[2] ? 1 : 2;
@@ -136,7 +136,7 @@ static enum pell_result make_grid(struct fit *f, double size)
         f->low[i % 3] = fmin(f->low[i % 3], (double) c->position[i]);
         high[i % 3] = fmax(high[i % 3], (double) c->position[i]);
     }
-    if (pell_cancelled(c->ctx)) /* there are no bounds */
+    if (pell_cancelled(c->ctx)) /* bounds are missing */
         return PELL_ERR_CANCELLED;
     f->size = size;
     for (int k = 0; k < 3; k++)
@@ -154,7 +154,7 @@ static enum pell_result make_grid(struct fit *f, double size)
         goto fail;
     for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++) {
         const float *p = c->position + 3 * i, *n = c->normal + 3 * i;
-        keys[i] = key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), look_of(n));
+        keys[i] = key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), normal_window(n));
     }
     PELL_TRY(pell_order_by_code(c->ctx, c->count, code_at, keys, &order));
     for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++)
@@ -169,7 +169,7 @@ fail:
     return res;
 }
 
-/* The first cell whose key is not below. */
+/* The first cell whose key is at least `key`. */
 static size_t find(const struct fit *f, uint64_t key)
 {
     size_t low = 0, high = f->num_cells;
@@ -186,7 +186,7 @@ static size_t find(const struct fit *f, uint64_t key)
 
 /* --- A vertex ------------------------------------------------------------------------------------------------------------------- */
 
-/* Least and greatest squared distance from v (about the middle) to a cell's box. */
+/* Smallest and largest squared distance from v (about the centre) to a cell's box. */
 static void box_reach(const struct fit *f, const int64_t at[3], const double v[3], double *near, double *far)
 {
     *near = *far = 0.0;
@@ -255,7 +255,7 @@ static void gather(const struct fit *f, const double v[3], const float *normal, 
         }
 }
 
-/* Eigenvalues and -vectors (columns) of a symmetric matrix by Jacobi's rotations. */
+/* Eigenvalues and eigenvectors (columns) of a symmetric matrix by Jacobi rotations. */
 static void eigen(double a[3][3], double values[3], double vectors[3][3])
 {
     static const int pairs[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
@@ -294,7 +294,7 @@ static void eigen(double a[3][3], double values[3], double vectors[3][3])
         values[i] = a[i][i];
 }
 
-/* False: these are no surface. */
+/* False: the points do not resemble a surface. */
 static bool plane_of(const struct moments *m, const double v[3], const float *normal, float plane[4])
 {
     static const int at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
@@ -314,13 +314,13 @@ static bool plane_of(const struct moments *m, const double v[3], const float *no
         most = values[i] >= values[most] ? i : most;
     }
     middle = 3 - least - most;
-    if (least == most || !(values[middle] > WIDE * values[most]) || !(values[least] < FLAT * values[middle]))
+    if (least == most || !(values[middle] > MIN_WIDTH * values[most]) || !(values[least] < MAX_FLATNESS * values[middle]))
         return false;
     for (int i = 0; i < 3; i++) {
         n[i] = vectors[i][least];
         dot += n[i] * (double) normal[i];
     }
-    if (!(fabs(dot) > TURNED))
+    if (!(fabs(dot) > MIN_COSINE))
         return false;
     for (int i = 0; i < 3; i++)
         h += n[i] * (mean[i] - v[i]);

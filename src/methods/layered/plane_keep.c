@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * plane_keep.c - planes from frame to frame. The first frame of a solid is kept: where it is moved as a whole later, its planes are turned;
- * where parts of it stay, their planes stay. So a frame depends on itself and the first one alone, whatever lies between.
+ * plane_keep.c - reuse of planes between frames. The first frame of a solid is kept: if the solid later moves rigidly, its planes are
+ * transformed; where parts of it do not move, their planes stay. A frame therefore depends on itself and on the first one only, not on the
+ * frames in between.
  */
 #include "methods/layered/state.h"
 
@@ -9,26 +10,26 @@
 
 #include <string.h>
 
-#define STILL 1e-4 /* of the radius: how far off a vertex may be where the solid is moved as a whole */
-#define ALIKE 1e-3 /* the same of unit normals */
+#define RIGID_TOLERANCE 1e-4  /* relative to the radius: tolerance of a vertex under rigid motion */
+#define NORMAL_TOLERANCE 1e-3 /* the same for unit normals */
 enum { CELLS = 64 };
 
 struct kept_solid {
-    uint64_t print; /* of all that planes depend on but positions */
+    uint64_t hash; /* hash of all inputs of the planes except positions */
     size_t count;
     float *position, *normal;
     float (*plane)[4];
-    uint64_t last; /* print of the last frame's positions and normals */
+    uint64_t last; /* hash of the last frame's positions and normals */
     float (*last_plane)[4];
 };
 
 struct layered_kept {
     struct pell_context *ctx;
     size_t count;
-    struct kept_solid *solid; /* by its first mesh; count 0: none */
+    struct kept_solid *solid; /* by the solid's first mesh; count 0: nothing is kept */
 };
 
-/* --- Life ----------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy --------------------------------------------------------------------------------------------------------- */
 
 static void finish_solid(struct pell_context *ctx, struct kept_solid *s)
 {
@@ -91,17 +92,17 @@ void layered_keep_end(struct layered_state *st)
     st->kept = NULL;
 }
 
-static uint64_t print_of(const struct layered_state *st, const struct pell_scene *scene, size_t first, const struct layered_cloud *cloud)
+static uint64_t hash_of(const struct layered_state *st, const struct pell_scene *scene, size_t first, const struct layered_cloud *cloud)
 {
-    uint64_t print = pell_hash_number(pell_hash_word(1, (uint64_t) st->knobs.planes), (double) cloud->radius);
+    uint64_t hash = pell_hash_number(pell_hash_word(1, (uint64_t) st->knobs.planes), (double) cloud->radius);
 
     for (size_t i = first; i < scene->num_meshes; i++)
         if (layered_same_solid(&scene->meshes[i], &scene->meshes[first])) {
             const struct pell_mesh *m = &scene->meshes[i];
-            print = pell_hash_word(print, (uint64_t) i << 32 | m->num_vertices);
-            print = pell_hash_bytes(print, m->index, 3 * (size_t) m->num_triangles * sizeof(*m->index));
+            hash = pell_hash_word(hash, (uint64_t) i << 32 | m->num_vertices);
+            hash = pell_hash_bytes(hash, m->index, 3 * (size_t) m->num_triangles * sizeof(*m->index));
         }
-    return print;
+    return hash;
 }
 
 static uint64_t positions_of(const struct layered_cloud *cloud)
@@ -111,10 +112,10 @@ static uint64_t positions_of(const struct layered_cloud *cloud)
     return pell_hash_bytes(pell_hash_bytes(2, cloud->position, size), cloud->normal, size);
 }
 
-/* --- Moved as a whole ----------------------------------------------------------------------------------------------------------- */
+/* --- Rigid motion --------------------------------------------------------------------------------------------------------------- */
 
 struct axes {
-    struct pell_dvec3 at, way[3];
+    struct pell_dvec3 at, dir[3];
 };
 
 static struct pell_dvec3 point(const float *positions, size_t i)
@@ -153,9 +154,9 @@ static struct axes axes_of(const float *positions, const size_t three[3])
     struct axes a = { .at = point(positions, three[0]) };
     const struct pell_dvec3 d = dvec3_sub(point(positions, three[1]), a.at), e = dvec3_sub(point(positions, three[2]), a.at);
 
-    a.way[0] = dvec3_normalize(d);
-    a.way[2] = dvec3_normalize(dvec3_cross(d, e));
-    a.way[1] = dvec3_cross(a.way[2], a.way[0]);
+    a.dir[0] = dvec3_normalize(d);
+    a.dir[2] = dvec3_normalize(dvec3_cross(d, e));
+    a.dir[1] = dvec3_cross(a.dir[2], a.dir[0]);
     return a;
 }
 
@@ -164,14 +165,14 @@ static struct pell_dvec3 turned(const struct axes *from, const struct axes *to, 
     struct pell_dvec3 out = { 0 };
 
     for (int k = 0; k < 3; k++)
-        out = dvec3_mad(out, dvec3_dot(v, from->way[k]), to->way[k]);
+        out = dvec3_mad(out, dvec3_dot(v, from->dir[k]), to->dir[k]);
     return out;
 }
 
-/* Planes of the first frame, turned; false: the solid has another shape now. */
-static bool turn_planes(const struct kept_solid *s, const struct layered_cloud *cloud, float (*plane)[4])
+/* Transforms the planes of the first frame; false: the solid has changed shape. */
+static bool transform_planes(const struct kept_solid *s, const struct layered_cloud *cloud, float (*plane)[4])
 {
-    const double still = STILL * (double) cloud->radius;
+    const double still = RIGID_TOLERANCE * (double) cloud->radius;
     struct axes from, to;
     size_t three[3];
 
@@ -182,8 +183,8 @@ static bool turn_planes(const struct kept_solid *s, const struct layered_cloud *
     for (size_t i = 0; i < s->count; i++) {
         const struct pell_dvec3 there = turned(&from, &to, dvec3_sub(point(s->position, i), from.at));
         const struct pell_dvec3 off = dvec3_sub(dvec3_sub(point(cloud->position, i), to.at), there);
-        const struct pell_dvec3 apart = dvec3_sub(turned(&from, &to, point(s->normal, i)), point(cloud->normal, i));
-        if (!(dvec3_dot(off, off) <= still * still) || !(dvec3_dot(apart, apart) <= ALIKE * ALIKE))
+        const struct pell_dvec3 change = dvec3_sub(turned(&from, &to, point(s->normal, i)), point(cloud->normal, i));
+        if (!(dvec3_dot(off, off) <= still * still) || !(dvec3_dot(change, change) <= NORMAL_TOLERANCE * NORMAL_TOLERANCE))
             return false;
     }
     for (size_t i = 0; i < s->count; i++) {
@@ -193,9 +194,9 @@ static bool turn_planes(const struct kept_solid *s, const struct layered_cloud *
     return true;
 }
 
-/* --- Parts of it ---------------------------------------------------------------------------------------------------------------- */
+/* --- Motion of parts ------------------------------------------------------------------------------------------------------------ */
 
-/* Cells that lie within reach of what has moved. */
+/* Cells within the radius of moved geometry. */
 struct cells {
     double low[3], size;
     uint8_t near[CELLS][CELLS][CELLS];
@@ -243,8 +244,9 @@ static void place_cells(const struct kept_solid *s, const struct layered_cloud *
     c->size = c->size > 0.0 ? c->size : 1.0;
 }
 
-/* Planes of vertices that nothing moved near; `keep` of them is 1. A triangle counts as its box, there and here, for parts of it may stand
- * for it; the neighbourhood of a vertex reaches as far as twice the radius. Returns how many stay. */
+/* Copies the planes of vertices that nothing moved near, and sets their `keep` to 1. A triangle counts as its bounding box before and after
+ * the motion, because points of its parts may represent it; the neighbourhood of a vertex reaches up to twice the radius. Returns the
+ * number of kept planes. */
 static size_t keep_planes(const struct layered_state *st, const struct pell_scene *scene, size_t first, const struct kept_solid *s,
                           const struct layered_cloud *cloud, struct cells *cells, float (*plane)[4], uint8_t *keep)
 {
@@ -280,7 +282,7 @@ static size_t keep_planes(const struct layered_state *st, const struct pell_scen
     return kept;
 }
 
-/* --- A solid -------------------------------------------------------------------------------------------------------------------- */
+/* --- One solid ------------------------------------------------------------------------------------------------------------------ */
 
 enum pell_result layered_keep_take(const struct layered_state *st, const struct pell_scene *scene, size_t first,
                                    const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left)
@@ -289,12 +291,12 @@ enum pell_result layered_keep_take(const struct layered_state *st, const struct 
     struct cells *cells;
 
     *left = cloud->fitted;
-    if (s->count == 0 || s->count != cloud->fitted || s->print != print_of(st, scene, first, cloud))
+    if (s->count == 0 || s->count != cloud->fitted || s->hash != hash_of(st, scene, first, cloud))
         return PELL_OK;
     if (s->last == positions_of(cloud)) {
         memcpy(plane, s->last_plane, s->count * sizeof(*plane));
         *left = 0;
-    } else if (turn_planes(s, cloud, plane)) {
+    } else if (transform_planes(s, cloud, plane)) {
         *left = 0;
     } else {
         cells = pell_zalloc(st->ctx, sizeof(*cells));
@@ -310,10 +312,10 @@ enum pell_result layered_keep_give(const struct layered_state *st, const struct 
                                    const struct layered_cloud *cloud, const float (*plane)[4])
 {
     struct kept_solid *s = &st->kept->solid[first];
-    const uint64_t print = print_of(st, scene, first, cloud);
+    const uint64_t hash = hash_of(st, scene, first, cloud);
     const size_t n = cloud->fitted;
 
-    if (s->count != n || s->print != print) {
+    if (s->count != n || s->hash != hash) {
         finish_solid(st->ctx, s);
         s->position = pell_alloc_array(st->ctx, n + 1, 3 * sizeof(float));
         s->normal = pell_alloc_array(st->ctx, n + 1, 3 * sizeof(float));
@@ -325,7 +327,7 @@ enum pell_result layered_keep_give(const struct layered_state *st, const struct 
         memcpy(s->normal, cloud->normal, 3 * n * sizeof(float));
         memcpy(s->plane, plane, n * sizeof(*s->plane));
         s->count = n;
-        s->print = print;
+        s->hash = hash;
     }
     s->last = positions_of(cloud);
     memcpy(s->last_plane, plane, n * sizeof(*s->plane));

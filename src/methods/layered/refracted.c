@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * refracted.c - light that comes in where its refracted path really does (refraction=exact), as single-scatter finds it. */
+ * refracted.c - light along exact refracted paths (refraction=exact), found as in single-scatter. */
 #include "methods/layered/state.h"
 
 #include "transport/refraction/connect.h"
 
-#define FOCUSED                                                                                                                            \
-    16.0 /* times the light of a flat boundary, at most: places of the march stand for all between them, and caustics are thin */
+/* Upper bound of focused light, relative to a flat boundary: a node represents all points of the march around it, and caustics are thin. */
+#define FOCUSED 16.0
 
 enum pell_result layered_refracted_make(struct layered_state *st, const struct pell_scene *scene)
 {
@@ -24,7 +24,7 @@ void layered_refracted_destroy(struct layered_state *st)
     pell_solids_destroy(&st->solids);
 }
 
-/* What a flat boundary lets through to x, by which focused light is bounded. */
+/* Irradiance at x behind a flat boundary, the bound for focused light. */
 static double flat_spread(const struct pell_connection *c, double eta)
 {
     const double co = (double) vec3_dot(c->normal, c->outside), ci = sqrt(1.0 - (1.0 - co * co) / (eta * eta));
@@ -33,12 +33,12 @@ static double flat_spread(const struct pell_connection *c, double eta)
     return fmax(co, 1e-3) / (ci * far * far);
 }
 
-bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool away,
+bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool distant,
                      struct pell_vec3 place, struct layered_entry *out, int64_t *rays)
 {
     struct pell_connection paths[PELL_CONNECTIONS];
     const struct pell_connection_query query = {
-        .solid = solid, .eta = (double) m->eta, .x = x, .place = place, .away = away, .reach = 4.0 * (double) st->size
+        .solid = solid, .eta = (double) m->eta, .x = x, .place = place, .distant = distant, .reach = 4.0 * (double) st->size
     };
     const int n = solid >= 0 ? pell_connect(st->connector, &query, paths, PELL_CONNECTIONS, rays) : 0;
     double beam = 0.0;
@@ -55,7 +55,7 @@ bool layered_refract(const struct layered_state *st, const struct layered_medium
                                     .v = paths[0].v,
                                     .km = (float) paths[0].inside_mm,
                                     .cosine = fmaxf(vec3_dot(paths[0].normal, paths[0].inside), LAYERED_GRAZING),
-                                    .way = paths[0].inside,
+                                    .dir = paths[0].inside,
                                     .beam = isfinite(beam) ? (float) fmin(beam, 1e30) : 0.0f };
     return true;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * shadow_rays.c - the rays of a packet: where the camera's leave the solid, and the ways of light to places of the march. */
+ * shadow_rays.c - rays of a packet: the exit of the camera ray from the solid, and paths from lights to points of the march. */
 #include "methods/layered/state.h"
 
 #include <string.h>
@@ -10,16 +10,16 @@ struct rays {
     int count;
 };
 
-static void aim(struct rays *rays, int i, struct pell_vec3 from, struct pell_vec3 way, float near, float far)
+static void set_ray(struct rays *rays, int i, struct pell_vec3 from, struct pell_vec3 dir, float near, float far)
 {
     struct pell_ray16 *r = &rays->r.ray;
 
     r->ox[i] = from.x;
     r->oy[i] = from.y;
     r->oz[i] = from.z;
-    r->dx[i] = way.x;
-    r->dy[i] = way.y;
-    r->dz[i] = way.z;
+    r->dx[i] = dir.x;
+    r->dy[i] = dir.y;
+    r->dz[i] = dir.z;
     r->tnear[i] = near;
     r->tfar[i] = far;
     r->mask[i] = PELL_RAY_ALL;
@@ -27,23 +27,23 @@ static void aim(struct rays *rays, int i, struct pell_vec3 from, struct pell_vec
     rays->count++;
 }
 
-static void clear(struct rays *rays)
+static void clear_rays(struct rays *rays)
 {
     memset(rays, 0, sizeof(*rays));
     for (int i = 0; i < 16; i++)
         rays->r.hit.mesh[i] = PELL_NO_HIT;
 }
 
-static float rounding(const struct layered_packet *p, int i)
+static float ray_offset(const struct layered_packet *p, int i)
 {
-    return LAYERED_ROUNDING * fmaxf(fmaxf(fabsf(p->p[0][i]), fabsf(p->p[1][i])), fmaxf(fabsf(p->p[2][i]), 1e-3f));
+    return LAYERED_RAY_OFFSET * fmaxf(fmaxf(fabsf(p->p[0][i]), fabsf(p->p[1][i])), fmaxf(fabsf(p->p[2][i]), 1e-3f));
 }
 
-/* --- The way of the camera --------------------------------------------------------------------------------------------------------- */
+/* --- Camera ray -------------------------------------------------------------------------------------------------------------------- */
 
-/* Maps seen from the far surface: they run on from where the ray leaves. */
-static void place_far(const struct layered_medium *m, struct layered_packet *p, int i, const struct pell_mesh *mesh, uint32_t triangle,
-                      float u, float v)
+/* Texture lookups relative to the far surface: the coordinates at the exit point, extrapolated along the ray. */
+static void far_lookup(const struct layered_medium *m, struct layered_packet *p, int i, const struct pell_mesh *mesh, uint32_t triangle,
+                       float u, float v)
 {
     const uint32_t *index = mesh->index + 3 * (size_t) triangle;
     const struct pell_vec3 a = vec3_load(mesh->position + 3 * (size_t) index[0]);
@@ -54,7 +54,7 @@ static void place_far(const struct layered_medium *m, struct layered_packet *p, 
     const float d1 = vec3_dot(g1, w), d2 = vec3_dot(g2, w);
 
     for (int k = 0; k < m->packs + m->colors; k++) {
-        struct layered_place *o = &p->place[k];
+        struct layered_lookup *o = &p->lookup[k];
         float c[3][2];
         for (int q = 0; q < 3; q++)
             layered_map_uv(m->pack[k].map, mesh, index[q], c[q]);
@@ -69,26 +69,26 @@ void layered_find_exits(const struct layered_state *st, const struct layered_med
 {
     const struct pell_scene *scene = st->services->scene;
     struct layered_packet *p = &w->packet;
-    const bool two = st->knobs.path != LAYERED_PLANES;
+    const bool both_surfaces = st->knobs.path != LAYERED_PLANES;
     struct rays rays;
 
-    st->kernels->leave(p, st->size, &rays.r.ray, rays.valid);
+    st->kernels->exit_rays(p, st->size, &rays.r.ray, rays.valid);
     for (int i = 0; i < LAYERED_LANES; i++)
         rays.r.hit.mesh[i] = PELL_NO_HIT;
     pell_rays_closest16(st->services->rays, rays.valid, true, &rays.r);
     w->rays += p->count;
     for (int i = 0; i < p->count; i++) {
         const struct pell_hit16 *h = &rays.r.hit;
-        const struct pell_vec3 way = layered_lane3(p->w, i);
+        const struct pell_vec3 dir = layered_lane3(p->w, i);
         float facing;
         p->length[i] = fminf(p->length[i], 4.0f * st->size);
         if (h->mesh[i] == PELL_NO_HIT)
             continue;
-        facing = h->ngx[i] * way.x + h->ngy[i] * way.y + h->ngz[i] * way.z;
+        facing = h->ngx[i] * dir.x + h->ngy[i] * dir.y + h->ngz[i] * dir.z;
         p->ends_deep[i] = -(p->length[i] < rays.r.ray.tfar[i]);
-        if (facing > 0.0f && two && layered_same_solid(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]])) {
+        if (facing > 0.0f && both_surfaces && layered_same_solid(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]])) {
             struct pell_vec3 n = layered_normal_at(&scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
-            float rate = vec3_dot(n, way), end = fminf(p->length[i], rays.r.ray.tfar[i]);
+            float rate = vec3_dot(n, dir), end = fminf(p->length[i], rays.r.ray.tfar[i]);
             if (!(rate > LAYERED_GRAZING))
                 rate = LAYERED_GRAZING;
             if ((rays.r.ray.tfar[i] - end) * rate < end * p->rate[i]) {
@@ -98,7 +98,7 @@ void layered_find_exits(const struct layered_state *st, const struct layered_med
                 p->exit_normal[1][i] = n.y;
                 p->exit_normal[2][i] = n.z;
                 p->thin = true;
-                place_far(m, p, i, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
+                far_lookup(m, p, i, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
             }
         }
         p->length[i] = fminf(p->length[i], rays.r.ray.tfar[i]);
@@ -112,7 +112,7 @@ static struct pell_vec3 toward(const struct layered_light *source, int i, struct
     struct pell_vec3 d = layered_lane3(source->to, i);
 
     *distance = INFINITY;
-    if (source->away)
+    if (source->distant)
         return d;
     d = vec3_sub(d, from);
     *distance = fmaxf(vec3_length(d), 1e-6f);
@@ -124,7 +124,7 @@ void layered_set_planes(const struct layered_state *st, const struct layered_lig
 {
     _Alignas(64) int32_t visible[LAYERED_LANES];
     struct rays rays;
-    const int count = st->kernels->see(p, st->knobs.path, st->knobs.shadows, source, &rays.r.ray, rays.valid);
+    const int count = st->kernels->light_rays(p, st->knobs.path, st->knobs.shadows, source, &rays.r.ray, rays.valid);
 
     if (count == 0)
         return;
@@ -139,11 +139,11 @@ void layered_set_planes(const struct layered_state *st, const struct layered_lig
             source->seen[i] = 0.0f;
 }
 
-/* One node of the lanes that ask for some: places of the march, and where light comes into the solid on its way there. */
+/* One node of a packet: the points of the march where active lanes look for light, and the entry points of the light on its way to them. */
 struct node {
     struct rays rays;
-    struct pell_vec3 at[16], way[16], k[16], n[16];
-    bool asked[16], there[16], refracted[16]; /* there: the ray left the solid; refracted: what is known is exact */
+    struct pell_vec3 at[16], dir[16], k[16], n[16];
+    bool active[16], found[16], refracted[16]; /* found: the ray hit the solid's surface from inside; refracted: the path is exact */
 };
 
 static void trace_node(const struct layered_state *st, const struct layered_packet *p, const uint32_t *mesh, struct node *n,
@@ -151,49 +151,49 @@ static void trace_node(const struct layered_state *st, const struct layered_pack
 {
     const struct pell_scene *scene = st->services->scene;
 
-    clear(&n->rays);
+    clear_rays(&n->rays);
     for (int i = 0; i < p->count; i++)
-        if (n->asked[i])
-            aim(&n->rays, i, n->at[i], n->way[i], rounding(p, i), INFINITY);
+        if (n->active[i])
+            set_ray(&n->rays, i, n->at[i], n->dir[i], ray_offset(p, i), INFINITY);
     pell_rays_closest16(st->services->rays, n->rays.valid, true, &n->rays.r);
     w->rays += n->rays.count;
     for (int i = 0; i < p->count; i++) {
         const struct pell_hit16 *h = &n->rays.r.hit;
         const struct pell_vec3 g = vec3(h->ngx[i], h->ngy[i], h->ngz[i]);
-        n->there[i] = n->asked[i] && h->mesh[i] != PELL_NO_HIT && vec3_dot(g, n->way[i]) > 0.0f &&
+        n->found[i] = n->active[i] && h->mesh[i] != PELL_NO_HIT && vec3_dot(g, n->dir[i]) > 0.0f &&
                       layered_same_solid(&scene->meshes[h->mesh[i]], &scene->meshes[mesh[i]]);
-        if (!n->there[i])
+        if (!n->found[i])
             continue;
-        n->k[i] = vec3_mad(n->at[i], n->rays.r.ray.tfar[i], n->way[i]);
+        n->k[i] = vec3_mad(n->at[i], n->rays.r.ray.tfar[i], n->dir[i]);
         n->n[i] = layered_normal_at(&scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i]);
-        if (!(vec3_dot(n->n[i], n->way[i]) > 0.0f))
+        if (!(vec3_dot(n->n[i], n->dir[i]) > 0.0f))
             n->n[i] = vec3_normalize(g);
     }
 }
 
-/* Light bends where it came in: along the ray that it takes from there to M, as if that were found from M. */
-static void bend_node(const struct layered_packet *p, const struct layered_light *source, float eta, struct node *n)
+/* Refracts the light direction at the entry point found, as an estimate of the direction from M. */
+static void refract_at_node(const struct layered_packet *p, const struct layered_light *source, float eta, struct node *n)
 {
     for (int i = 0; i < p->count; i++) {
         float distance, co, ci;
         struct pell_vec3 to;
-        if (!n->there[i])
+        if (!n->found[i])
             continue;
         to = toward(source, i, n->k[i], &distance);
         co = vec3_dot(n->n[i], to);
         if (!(co > 0.0f))
             continue;
         ci = sqrtf(1.0f - (1.0f - co * co) / (eta * eta));
-        n->way[i] = vec3_mad(vec3_mul(to, 1.0f / eta), ci - co / eta, n->n[i]);
+        n->dir[i] = vec3_mad(vec3_mul(to, 1.0f / eta), ci - co / eta, n->n[i]);
     }
 }
 
-/* Behind a sheet that has no other side light comes in where its layers end. */
-static void open_sheet(const struct layered_medium *m, const struct layered_packet *p, struct layered_light *source, const struct node *n,
-                       int node, float deepest, float t, int i)
+/* An open sheet has no far surface: light enters where its layers end. */
+static void enter_open_sheet(const struct layered_medium *m, const struct layered_packet *p, struct layered_light *source,
+                             const struct node *n, int node, float deepest, float t, int i)
 {
     float *km = &source->km[node][i], *beam = &source->beam[node][i];
-    const float under = -vec3_dot(layered_lane3(p->n, i), n->way[i]), depth = t * p->length[i] * p->rate[i];
+    const float under = -vec3_dot(layered_lane3(p->n, i), n->dir[i]), depth = t * p->length[i] * p->rate[i];
     float distance;
 
     *km = 0.0f;
@@ -201,8 +201,8 @@ static void open_sheet(const struct layered_medium *m, const struct layered_pack
     if (m->bottomless || n->rays.r.hit.mesh[i] != PELL_NO_HIT || !(under > 0.0f))
         return;
     *km = fmaxf(deepest - depth, 0.0f) / fmaxf(under, LAYERED_GRAZING);
-    toward(source, i, vec3_mad(n->at[i], *km, n->way[i]), &distance);
-    *beam = source->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
+    toward(source, i, vec3_mad(n->at[i], *km, n->dir[i]), &distance);
+    *beam = source->distant ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
 }
 
 static void cast_shadows(const struct layered_state *st, const struct layered_packet *p, struct layered_light *source, const struct node *n,
@@ -210,16 +210,16 @@ static void cast_shadows(const struct layered_state *st, const struct layered_pa
 {
     struct rays rays;
 
-    clear(&rays);
+    clear_rays(&rays);
     for (int i = 0; i < p->count; i++) {
         struct pell_vec3 from = n->k[i], to;
         float distance;
-        if (!n->asked[i] || n->refracted[i] || !(source->beam[node][i] > 0.0f))
+        if (!n->active[i] || n->refracted[i] || !(source->beam[node][i] > 0.0f))
             continue;
-        if (!n->there[i])
-            from = vec3_mad(n->at[i], source->km[node][i], n->way[i]);
+        if (!n->found[i])
+            from = vec3_mad(n->at[i], source->km[node][i], n->dir[i]);
         to = toward(source, i, from, &distance);
-        aim(&rays, i, from, to, 2.0f * rounding(p, i), source->away ? INFINITY : 0.9999f * distance);
+        set_ray(&rays, i, from, to, 2.0f * ray_offset(p, i), source->distant ? INFINITY : 0.9999f * distance);
     }
     if (rays.count == 0)
         return;
@@ -230,8 +230,8 @@ static void cast_shadows(const struct layered_state *st, const struct layered_pa
             source->beam[node][i] = 0.0f;
 }
 
-static void depths_of(const struct layered_state *st, int material, const struct pell_mesh *mesh, uint32_t triangle, float u, float v,
-                      float *depth)
+static void depths_at_point(const struct layered_state *st, int material, const struct pell_mesh *mesh, uint32_t triangle, float u, float v,
+                            float *depth)
 {
     const struct layered_medium *m = &st->media[material];
 
@@ -240,15 +240,15 @@ static void depths_of(const struct layered_state *st, int material, const struct
         depth[j] = fminf(j + 1 == m->count && m->bottomless ? LAYERED_FAR : depth[j], LAYERED_FAR);
 }
 
-/* Of a mesh. */
-struct place {
+/* A point of a mesh. */
+struct surface_point {
     uint32_t mesh, triangle;
     float u, v;
 };
 
-/* The tint of light that enters there. */
-static void tint_node(const struct layered_medium *m, const struct pell_scene *scene, const struct place *at, struct layered_light *source,
-                      int node, int i)
+/* Tint of light that enters at this point. */
+static void tint_node(const struct layered_medium *m, const struct pell_scene *scene, const struct surface_point *at,
+                      struct layered_light *source, int node, int i)
 {
     const struct pell_mesh *mesh = &scene->meshes[at->mesh];
     float color[3], tint[3] = { 1.0f, 1.0f, 1.0f };
@@ -261,38 +261,38 @@ static void tint_node(const struct layered_medium *m, const struct pell_scene *s
         source->tint[node][c][i] = tint[c];
 }
 
-/* Where the refracted paths come in; a lane that none reaches keeps what its ray found, without light. */
+/* Finds exact refracted paths; a lane without one keeps the geometry of its traced ray, with no light. */
 static void refract_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                          struct layered_light *source, const uint32_t *mesh, int node, struct node *n, struct layered_worker *w)
 {
     const struct pell_scene *scene = st->services->scene;
     const int material = scene->meshes[mesh[0]].material;
     const float before = node > 0 ? st->work.node[node - 1] : 0.0f;
-    float clearest = INFINITY;
+    float min_sigma_t2 = INFINITY;
 
     for (int j = 0; j < m->count; j++)
         for (int c = 0; c < 3; c++)
-            clearest = fminf(clearest, m->layer[j].halves[c]);
+            min_sigma_t2 = fminf(min_sigma_t2, m->layer[j].sigma_t2[c]);
     for (int i = 0; i < p->count; i++) {
         struct layered_entry e;
         float depth[PELL_LAYERS_MOST];
-        if (before * p->length[i] * clearest > st->work.most_halves) /* the march has ended before */
+        if (before * p->length[i] * min_sigma_t2 > st->work.max_tau2) /* the march ends before this node */
             continue;
-        n->refracted[i] = n->asked[i] && n->rays.r.hit.mesh[i] != PELL_NO_HIT; /* else a sheet without another side */
+        n->refracted[i] = n->active[i] && n->rays.r.hit.mesh[i] != PELL_NO_HIT; /* else an open sheet without a far surface */
         if (!n->refracted[i])
             continue;
         source->beam[node][i] = 0.0f;
-        if (!layered_refract(st, m, st->solids->of_mesh[mesh[i]], n->at[i], source->away, layered_lane3(source->to, i), &e, &w->rays))
+        if (!layered_refract(st, m, st->solids->of_mesh[mesh[i]], n->at[i], source->distant, layered_lane3(source->to, i), &e, &w->rays))
             continue;
         source->km[node][i] = e.km;
         source->cosine[node][i] = e.cosine;
         source->beam[node][i] = e.beam;
-        source->way[node][0][i] = e.way.x;
-        source->way[node][1][i] = e.way.y;
-        source->way[node][2][i] = e.way.z;
-        tint_node(m, scene, &(struct place) { e.mesh, e.triangle, e.u, e.v }, source, node, i);
+        source->dir[node][0][i] = e.dir.x;
+        source->dir[node][1][i] = e.dir.y;
+        source->dir[node][2][i] = e.dir.z;
+        tint_node(m, scene, &(struct surface_point) { e.mesh, e.triangle, e.u, e.v }, source, node, i);
         if (m->packs > 0)
-            depths_of(st, material, &scene->meshes[e.mesh], e.triangle, e.u, e.v, depth);
+            depths_at_point(st, material, &scene->meshes[e.mesh], e.triangle, e.u, e.v, depth);
         for (int j = 0; j < m->count && m->packs > 0; j++)
             source->depth[(node * m->count + j) * LAYERED_LANES + i] = depth[j];
     }
@@ -309,13 +309,13 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
     for (int i = 0; i < p->count; i++) {
         float distance;
         n.refracted[i] = false;
-        n.asked[i] = source->planes[i] < 1.0f && source->power[0][i] + source->power[1][i] + source->power[2][i] > 0.0f;
+        n.active[i] = source->planes[i] < 1.0f && source->power[0][i] + source->power[1][i] + source->power[2][i] > 0.0f;
         n.at[i] = vec3_mad(layered_lane3(p->p, i), t * p->length[i], layered_lane3(p->w, i));
-        n.way[i] = toward(source, i, n.at[i], &distance);
+        n.dir[i] = toward(source, i, n.at[i], &distance);
     }
     trace_node(st, p, mesh, &n, w);
     if (eta != 1.0f) {
-        bend_node(p, source, eta, &n);
+        refract_at_node(p, source, eta, &n);
         trace_node(st, p, mesh, &n, w);
     }
     for (int i = 0; i < LAYERED_LANES; i++) {
@@ -324,34 +324,34 @@ void layered_set_node(const struct layered_state *st, const struct layered_mediu
         source->km[node][i] = source->beam[node][i] = 0.0f;
         source->cosine[node][i] = 1.0f;
         for (int k = 0; k < 3; k++) {
-            source->way[node][k][i] = k == 0;
+            source->dir[node][k][i] = k == 0;
             source->tint[node][k][i] = 0.0f;
         }
         for (int j = 0; j < m->count; j++)
             source->depth[(node * m->count + j) * LAYERED_LANES + i] = m->layer[j].depth;
-        if (i >= p->count || !n.asked[i])
+        if (i >= p->count || !n.active[i])
             continue;
-        source->way[node][0][i] = n.way[i].x;
-        source->way[node][1][i] = n.way[i].y;
-        source->way[node][2][i] = n.way[i].z;
-        if (n.there[i]) {
+        source->dir[node][0][i] = n.dir[i].x;
+        source->dir[node][1][i] = n.dir[i].y;
+        source->dir[node][2][i] = n.dir[i].z;
+        if (n.found[i]) {
             const struct pell_vec3 to = toward(source, i, n.k[i], &distance);
             co = vec3_dot(n.n[i], to);
             source->km[node][i] = n.rays.r.ray.tfar[i];
-            source->cosine[node][i] = fmaxf(vec3_dot(n.n[i], n.way[i]), LAYERED_GRAZING);
+            source->cosine[node][i] = fmaxf(vec3_dot(n.n[i], n.dir[i]), LAYERED_GRAZING);
             if (co > 0.0f) {
                 const float ci = sqrtf(1.0f - (1.0f - co * co) / (eta * eta));
                 source->beam[node][i] = eta == 1.0f ? 1.0f : (float) (1.0 - pell_fresnel((double) eta, (double) fminf(co, 1.0f))) * co / ci;
-                source->beam[node][i] *= source->away ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
+                source->beam[node][i] *= source->distant ? 1.0f : 1.0f / fmaxf(distance * distance, 1e-6f);
             }
-            tint_node(m, scene, &(struct place) { h->mesh[i], h->triangle[i], h->u[i], h->v[i] }, source, node, i);
+            tint_node(m, scene, &(struct surface_point) { h->mesh[i], h->triangle[i], h->u[i], h->v[i] }, source, node, i);
             if (m->packs > 0)
-                depths_of(st, material, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i], depth);
+                depths_at_point(st, material, &scene->meshes[h->mesh[i]], h->triangle[i], h->u[i], h->v[i], depth);
         } else {
-            tint_node(m, scene, &(struct place) { mesh[i], triangle[i], p->u[i], p->v[i] }, source, node, i);
+            tint_node(m, scene, &(struct surface_point) { mesh[i], triangle[i], p->u[i], p->v[i] }, source, node, i);
             if (m->packs > 0)
-                depths_of(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
-            open_sheet(m, p, source, &n, node, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i);
+                depths_at_point(st, material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], depth);
+            enter_open_sheet(m, p, source, &n, node, m->packs > 0 ? depth[m->count - 1] : m->deepest, t, i);
             source->cosine[node][i] = 1e6f;
         }
         for (int j = 0; j < m->count && m->packs > 0; j++)

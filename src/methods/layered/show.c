@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * show.c - intermediate images: the planes fitted to the surface, and how deep each layer reaches below each pixel. */
+ * show.c - intermediate images: the planes fitted to the surface, and the depths of the layers below each pixel. */
 #include "methods/layered/state.h"
 
 #include "render/intermediate.h"
@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdio.h>
 
-/* A pixel's plane, between those of the vertices: unit normal, distance in mm. */
+/* The plane of a pixel, interpolated between its vertices: unit normal, distance in mm. */
 static void plane_at(const struct layered_state *st, const struct pell_mesh *mesh, ptrdiff_t at, float plane[4])
 {
     const struct pell_frame *in = st->in;

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - layered on the cpu engine: what outlives a frame, and the steps of a packet. For cpu.c, plane_fit.c, light_points.c and
- * shadow_rays.c alone.
+ * state.h - layered on the cpu engine: data that outlives a frame, and the stages of a packet. For the files of the cpu engine only.
  */
 #ifndef PELL_LAYERED_STATE_H
 #define PELL_LAYERED_STATE_H
@@ -14,14 +13,14 @@
 #include "transport/solids.h"
 #include "visibility/light_grid.h"
 
-/* A place on a light, or how to choose one for a pixel. */
+/* A sample point on a light, or the rule to choose one per pixel. */
 struct layered_light_point {
-    const struct pell_light_sampler *source; /* alone in its set */
+    const struct pell_light_sampler *source; /* its set contains this light only */
     struct pell_light_sample sample;
     bool face;                          /* chosen for each pixel */
-    bool uniform;                       /* `power` is all that there is to say */
-    size_t light;                       /* of the scene */
-    const struct pell_light_grid *grid; /* the frame's; what the light sees, NULL: rays */
+    bool uniform;                       /* `power` describes the light completely */
+    size_t light;                       /* index in the scene */
+    const struct pell_light_grid *grid; /* of the frame: visibility from the light; NULL: trace shadow rays */
     int number, of;
     float power[3], scale;
 };
@@ -43,10 +42,10 @@ struct layered_state {
     const struct layered_kernels *kernels;
     struct layered_knobs knobs;
     struct layered_work work;
-    struct pell_medium_layers **medium_layers; /* of the scene's materials, where a mesh asks for it */
+    struct pell_medium_layers **medium_layers; /* by material of the scene; NULL where no mesh needs them */
     struct layered_medium *media;
     size_t num_materials;
-    float (**planes)[4]; /* of meshes */
+    float (**planes)[4]; /* by mesh */
     size_t num_meshes;
     struct pell_light_sampler **sources;
     size_t num_sources;
@@ -54,16 +53,16 @@ struct layered_state {
     int num_light_points;
     struct layered_worker *workers;
     struct pell_solids *solids;       /* refraction=exact, else NULL */
-    struct pell_connector *connector; /* the same */
-    struct layered_kept *kept;        /* between create and destroy; else the renderer keeps it */
-    struct layered_diffuse *diffuse;  /* NULL: neither multiple scattering nor a film is asked for */
+    struct pell_connector *connector; /* refraction=exact, else NULL */
+    struct layered_kept *kept;        /* between create and destroy; otherwise owned by the renderer */
+    struct layered_diffuse *diffuse;  /* NULL: neither multiple scattering nor a film is requested */
     int most_layers, most_packs;
-    float size; /* mm: of the scene */
+    float size; /* mm: diagonal of the scene */
     struct pell_pass_time times[3];
     size_t num_times;
-    double fit_seconds; /* < 0: told already */
+    double fit_seconds; /* < 0: already reported */
     int64_t fitted;
-    /* The frame. */
+    /* The current frame. */
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     const struct pell_view *view;
@@ -75,7 +74,7 @@ static inline bool layered_scatters(const struct pell_scene *scene, const struct
     return mesh->material >= 0 && !scene->materials[mesh->material].opaque && mesh->num_triangles > 0;
 }
 
-/* Whether a pixel of the frame shows a mesh that scatters here. */
+/* Whether a pixel of the frame shows a mesh that this method scatters in. */
 static inline bool layered_shows(const struct layered_state *st, ptrdiff_t at)
 {
     const struct pell_frame *in = st->in;
@@ -89,7 +88,7 @@ static inline bool layered_same_solid(const struct pell_mesh *a, const struct pe
     return a->object == b->object && a->material == b->material;
 }
 
-/* The smooth outward normal of a hit. */
+/* The interpolated outward normal of a hit. */
 static inline struct pell_vec3 layered_normal_at(const struct pell_mesh *m, uint32_t triangle, float u, float v)
 {
     const uint32_t *index = m->index + 3 * (size_t) triangle;
@@ -120,65 +119,65 @@ static inline void layered_map_uv(const struct pell_texture_map *map, const stru
 
 PELL_NODISCARD enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene);
 
-/* --- plane_keep.c: planes from frame to frame ----------------------------------------------------------------------------------------- */
+/* --- plane_keep.c: reuse of planes between frames ------------------------------------------------------------------------------------- */
 
-/* Takes what was kept for a scene of as many meshes, or nothing; layered_keep_end leaves it for the next pass of the renderer. */
+/* Takes over the kept planes of a scene with the same number of meshes, if any; layered_keep_end leaves them to the renderer's next
+ * pass. */
 PELL_NODISCARD enum pell_result layered_keep_begin(struct layered_state *st, const struct pell_scene *scene);
 void layered_keep_end(struct layered_state *st);
-/* Writes planes of the solid whose first mesh is `first` that need not be fitted, and `keep` of them; *left: how many others there are. */
+/* Writes the reusable planes of the solid whose first mesh is `first`, and marks them in `keep`; *left: number of planes still to fit. */
 PELL_NODISCARD enum pell_result layered_keep_take(const struct layered_state *st, const struct pell_scene *scene, size_t first,
                                                   const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left);
 PELL_NODISCARD enum pell_result layered_keep_give(const struct layered_state *st, const struct pell_scene *scene, size_t first,
                                                   const struct layered_cloud *cloud, const float (*plane)[4]);
 
-/* --- light_points.c: places on the scene's lights
- * --------------------------------------------------------------------------------------- */
+/* --- light_points.c: sample points on lights ------------------------------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result layered_make_lights(struct layered_state *st, const struct pell_scene *scene);
 
-/* What the source sends to each pixel. False: nothing. */
+/* Power that the light sends to each pixel. False: none. */
 bool layered_set_power(const struct layered_state *st, const struct layered_light_point *s, const struct layered_packet *p,
                        struct layered_light *source);
 
 /* --- shadow_rays.c: rays of a packet -------------------------------------------------------------------------------------------------- */
 
-/* Where the camera's rays leave the solid: marches end there, and in thin parts layers count from there, too. */
+/* Finds where the camera rays leave the solid: marches end there, and in thin parts layers are counted from there, too. */
 void layered_find_exits(const struct layered_state *st, const struct layered_medium *m, const uint32_t *mesh, struct layered_worker *w);
 
-/* How much of a lane's path goes by planes, and whether the light sees P. */
+/* Sets the weight of the path by planes in each lane, and the visibility of the light from P. */
 void layered_set_planes(const struct layered_state *st, const struct layered_light_point *s, const struct layered_packet *p,
                         struct layered_worker *w, struct layered_light *source);
 
-/* A light's node, of the lanes that ask for some: how light comes to that place of the march. */
+/* Sets one node of a light for the active lanes: the path from the light to this point of the march. */
 void layered_set_node(const struct layered_state *st, const struct layered_medium *m, const struct layered_packet *p,
                       struct layered_light *source, const uint32_t *mesh, const uint32_t *triangle, int node, struct layered_worker *w);
 
 /* --- refracted.c: refraction=exact ---------------------------------------------------------------------------------------------------- */
 
-/* Where light comes in on its way to a place of the march. */
+/* Where light enters on its way to a point of the march. */
 struct layered_entry {
     uint32_t mesh, triangle;
     float u, v, km, cosine; /* km: |KM|, mm; the cosine at K inside */
-    float beam;             /* irradiance across the beam at M without extinction, over the light's power */
-    struct pell_vec3 way;   /* unit, from M toward K */
+    float beam;             /* irradiance perpendicular to the beam at M without extinction, over the light's power */
+    struct pell_vec3 dir;   /* unit, from M toward K */
 };
 
 PELL_NODISCARD enum pell_result layered_refracted_make(struct layered_state *st, const struct pell_scene *scene);
 void layered_refracted_destroy(struct layered_state *st);
 
-/* The shortest of the refracted paths from `place` (away: a direction) to x inside; the light of the others is added to its own, less what
- * they lose on their longer way. False: no light reaches x. */
-bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool away,
+/* The shortest of the refracted paths from `light` (distant: a direction) to x inside; the light of the other paths is added to it, reduced
+ * by the extinction along their extra length. False: no light reaches x. */
+bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool distant,
                      struct pell_vec3 place, struct layered_entry *out, int64_t *rays);
 
-/* --- diffuse.c: what leaves as diffuse light ------------------------------------------------------------------------------------------ */
+/* --- diffuse.c: diffuse radiant exitance ---------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result layered_diffuse_make(struct layered_state *st, const struct pell_frame_shape *shape);
 void layered_diffuse_destroy(struct layered_state *st);
 /* Writes the frame's `light`: radiant exitance. */
 PELL_NODISCARD enum pell_result layered_diffuse_render(struct layered_state *st);
 
-/* show.c: for who observes the renderer (pell_services_observed), of the frame in st->in. */
+/* show.c: intermediate images for observers of the renderer (pell_services_observed), of the frame in st->in. */
 PELL_NODISCARD enum pell_result layered_show(const struct layered_state *st);
 
 #endif

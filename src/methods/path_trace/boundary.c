@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
- * boundary.c - what a dielectric boundary does: Fresnel's equations, and GGX facets that reflect and refract (Walter et al. 2007,
- * "Microfacet Models for Refraction through Rough Surfaces"), sampled by the normals that are seen (Heitz 2018, JCGT 7(4)).
+ * boundary.c - dielectric boundaries: Fresnel equations, and GGX microfacets that reflect and refract (Walter et al. 2007, "Microfacet
+ * Models for Refraction through Rough Surfaces"), sampled by visible normals (Heitz 2018, JCGT 7(4)).
  *
- * A facet sends light by Fresnel's share; what the facets on its way out hide (Smith's G_1 of the outgoing side) is what single bounces
- * lose. It is not dropped: it leaves by a lobe that depends on neither facet nor azimuth, in the directions in which single bounces lose
- * (Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", here for both sides of a dielectric). The shares that go
- * through make both ways reciprocal: b_0 W_0 = b_1 W_1 eta^2, W the mean loss of a side. So every boundary is a probability and the white
- * furnace stays white. */
+ * A facet reflects the Fresnel fraction of the light; masking on the way out (Smith's G_1 of the outgoing side) is the energy that the
+ * single-bounce model loses. It is not dropped: a compensation lobe returns it, which depends on neither facet nor azimuth and has the
+ * directional distribution of the loss (Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks", here for both sides of a
+ * dielectric). The fraction of the lobe that is transmitted makes both directions reciprocal: b_0 W_0 = b_1 W_1 eta^2, W the mean loss of a
+ * side. Every boundary therefore conserves energy and passes the white furnace test. */
 #include "shared/boundary.h"
 #include "methods/path_trace/path.h"
 
 #include <string.h>
 
-#define ROUGH_SAMPLES 32 /* squared: for each entry of the table */
+#define ROUGH_SAMPLES 32 /* squared: samples per entry of the table */
 
 float pt_fresnel(float eta, float cos_i, float *cos_t)
 {
@@ -22,9 +22,9 @@ float pt_fresnel(float eta, float cos_i, float *cos_t)
     return r.reflectance;
 }
 
-/* --- Facets, in a frame whose z is the normal -------------------------------------------------------------------------------------- */
+/* --- Microfacets, in a frame whose z axis is the normal ---------------------------------------------------------------------------- */
 
-/* Smith's G_1 of a direction on its own side; z its cosine, > 0. */
+/* Smith's G_1 of a direction on its own side; z: its cosine, > 0. */
 static float masking(float alpha, float z)
 {
     const float z2 = z * z;
@@ -39,7 +39,7 @@ static float facets(float alpha, float z)
     return a2 / (PELL_PI_F * d * d);
 }
 
-/* A facet's normal as it is seen from o. */
+/* Samples a visible normal as seen from o. */
 static struct pell_vec3 seen_facet(float alpha, struct pell_vec3 o, float u, float v)
 {
     const struct pell_vec3 h = vec3_normalize(vec3(alpha * o.x, alpha * o.y, o.z));
@@ -69,9 +69,9 @@ static float relative(const struct pt_rough *r, int side)
     return side == 0 ? r->eta : 1.0f / r->eta;
 }
 
-/* --- Tables --------------------------------------------------------------------------------------------------------------------------- */
+/* --- Albedo tables -------------------------------------------------------------------------------------------------------------------- */
 
-/* What single bounces return of light from mu. */
+/* Albedo of single bounces for light from mu. */
 static float single_albedo(const struct pt_rough *r, int side, float mu)
 {
     const float eta = relative(r, side);
@@ -135,7 +135,7 @@ static float albedo_at(const struct pt_rough *r, int side, float mu)
 
 /* --- Sampling ------------------------------------------------------------------------------------------------------------------------- */
 
-/* A direction of what single bounces lose, on the side `side`; z > 0. */
+/* A direction of the compensation lobe, on the side `side`; z > 0. */
 static struct pell_vec3 lost_direction(const struct pt_rough *r, int side, float u, float v)
 {
     const float *sum = r->lost_sum[side];
@@ -175,7 +175,7 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shadi
     v = pt_random(s);
     *transmitted = u >= f;
     w = *transmitted ? refract(o, m, eta, c, cos_t) : reflect(o, m, c);
-    w.z = *transmitted ? -w.z : w.z; /* up from here on */
+    w.z = *transmitted ? -w.z : w.z; /* z > 0 from here on */
     kept = c > 0.0f && w.z > 1e-7f && v < masking(r->alpha, w.z);
     if (!kept) {
         const float share = r->lost_in_transmission[at->side];
@@ -190,7 +190,7 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shadi
     return pt_to_side(w, at->ng, !*transmitted);
 }
 
-/* The same by the shading normal alone; local directions. */
+/* The same for the shading normal only; local directions. */
 static float density(const struct pt_rough *r, int side, struct pell_vec3 o, struct pell_vec3 w, bool transmitted)
 {
     const float eta = relative(r, side), up = transmitted ? -w.z : w.z;

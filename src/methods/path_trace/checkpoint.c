@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
  *
- * checkpoint.c - films as bytes. Whole numbers, lowest byte first:
+ * checkpoint.c - serialisation of films. Integers are little-endian:
  *
- *     8 bytes "PELLPT\r\n"   a program that meddles with line ends shows
+ *     8 bytes "PELLPT\r\n"   detects conversion of line ends
  *     u32 version, width, height, films; u64 scene; i64 seed; i32 exponent; u32 bytes of the note
  *     f32 roulette, 9 x i32 knobs, 32 bytes version of the program; the note
- *     of each film: u64 identity
- *         of each tile: u8 pixels, u16 spans; of each span u32 first, end
- *         of each pixel of a tile with spans: 9 sums and 4 sums of squares of 128 bits
- *     u64 hash of all bytes before it
+ *     per film: u64 identity
+ *         per tile: u8 pixels, u16 spans; per span u32 first, end
+ *         per pixel of a tile with spans: 9 sums and 4 sums of squares of 128 bits
+ *     u64 hash of all preceding bytes
  *
- * The hash finds damage; who forges a file gets a wrong picture of finite numbers, and nothing else.
+ * The hash detects damage. A forged file can only produce a wrong image of finite values.
  */
 #include "methods/path_trace/path_trace.h"
 
@@ -40,7 +40,7 @@ static uint8_t *put(uint8_t *to, uint64_t value, int bytes)
     return to;
 }
 
-/* What is left of the bytes. */
+/* The unread bytes. */
 struct reader {
     struct pell_context *ctx;
     const char *path;
@@ -67,7 +67,7 @@ static bool there(const struct reader *r, uint64_t bytes)
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------------ */
 
-/* A film that was not begun has no tiles; in the file they are empty. */
+/* A film that was not begun has no tiles; the file stores empty ones. */
 static size_t film_size(const struct pt_checkpoint_key *key, const struct pt_film *f)
 {
     size_t size = 8 + TILE * pt_tiles(key->width, key->height);
@@ -159,7 +159,7 @@ enum pell_result pt_checkpoint_encode(struct pell_context *ctx, const struct pt_
 
 /* --- Reading ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Refuses a file of other knobs by the first that differs. */
+/* Rejects a file of other knobs and names the first that differs. */
 static enum pell_result check_knobs(const struct reader *r, const struct pt_checkpoint_key *is, const struct pt_checkpoint_key *key)
 {
     static const char *const names[PT_KEY_WORDS] = {
@@ -178,7 +178,7 @@ static enum pell_result check_knobs(const struct reader *r, const struct pt_chec
     return PELL_OK;
 }
 
-/* What a file is of, and the size of its note; r stands behind the magic, and then at the note. */
+/* The key of a file, and the size of its note; before the call r is after the magic, after it at the note. */
 static void read_key(struct reader *r, struct pt_checkpoint_key *is, uint32_t *note)
 {
     uint32_t bits;
@@ -199,7 +199,7 @@ static void read_key(struct reader *r, struct pt_checkpoint_key *is, uint32_t *n
     r->at += NAME;
 }
 
-/* r->at stands behind the magic. */
+/* r->at is after the magic. */
 static enum pell_result check_header(struct reader *r, const struct pt_checkpoint_key *key)
 {
     const uint32_t version = get32(r);
@@ -256,7 +256,7 @@ static bool read_pixel(struct reader *r, struct pt_pixel *p, uint32_t count)
     return good;
 }
 
-/* The spans of a tile, of which `film` has room for one at least. The number of samples, or 0 and a message. */
+/* The spans of a tile; `film` must have room for at least one. Returns the number of samples, or 0 and a message. */
 static uint32_t read_spans(struct reader *r, struct pt_film *film, size_t tile, uint32_t count)
 {
     uint64_t samples = 0;
@@ -278,7 +278,7 @@ static uint32_t read_spans(struct reader *r, struct pt_film *film, size_t tile, 
     return (uint32_t) samples;
 }
 
-/* Pixels and numbers of spans of all tiles, without the spans themselves. */
+/* Reads pixels and numbers of spans of all tiles, without the spans themselves. */
 static enum pell_result scan_tiles(struct reader r, const struct pt_checkpoint_key *key, uint8_t *pixels, uint32_t *most, uint64_t *size)
 {
     const size_t tiles = pt_tiles(key->width, key->height), columns = (key->width + PT_TILE - 1) / PT_TILE;

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - runs the transport over the pixels of a frame, in rounds: a round brings every pixel to one number of samples.
+ * cpu.c - runs the transport over the pixels of a frame, in rounds: a round brings every pixel to the same number of samples.
  *
- * A pixel's sums depend only on the set of its samples, not on the thread or the order that computed them: so pictures are the same for
- * any number of threads, and a run that was interrupted and goes on from its checkpoint ends with the bits of one that was not. Samples
- * are added a tile at a time: a file has all pixels of a tile or none.
+ * A pixel's sums depend only on the set of its samples, not on the thread or the order that computed them. Images are therefore identical
+ * for any number of threads, and an interrupted run that continues from its checkpoint ends with the same bits as an uninterrupted one.
+ * Samples are added one tile at a time: a file has all pixels of a tile or none.
  *
- * When to stop is asked between rounds: after `samples`; where the error of the picture is `error`, at every fourth sample from the
- * sixteenth on; or where the next round would not end within `time-limit`. The samples of the multisample come one after the other, each
- * with its own film and its share of the time.
+ * Stopping criteria are tested between rounds: after `samples`; when the image's error reaches `error`, at every fourth sample from the
+ * sixteenth on; or when the next round would exceed `time-limit`. The samples of the multisample are rendered one after the other, each
+ * with its own film and its fraction of the time.
  */
 #include "methods/path_trace/run.h"
 
@@ -18,19 +18,19 @@
 #include <stdio.h>
 
 enum {
-    TILES = 16, /* tasks for each thread in a picture, where they are not the smallest */
-    LEAST = 16, /* samples of a pixel before its error is believed */
+    TILES = 16, /* tasks per thread in an image, unless tasks have the minimum size */
+    LEAST = 16, /* samples per pixel before its error estimate is used */
     PLAIN = 64, /* samples without a stopping criterion */
 };
 
-#define UNEVEN 2.0   /* samples of one sample of the multisample over those of another, from which on it is reported */
-#define CROSSED 0.01 /* of the paths: fewer is rounding at edges */
-#define PLACES 64.0  /* roundings of a coordinate: on mean free paths shorter than that walks meet surfaces anew */
-/* A round is given up when it is later than the deadline by LATE_SECONDS and by LATE of the time limit. */
+#define UNEVEN 2.0   /* ratio of the sample counts of two samples of the multisample that is reported */
+#define CROSSED 0.01 /* fraction of the paths; fewer are rounding errors at edges */
+#define PLACES 64.0  /* in rounding errors of a coordinate: with shorter mean free paths, paths hit the surface they start from */
+/* A round is abandoned when it exceeds the deadline by LATE_SECONDS and by LATE of the time limit. */
 #define LATE_SECONDS 0.25
 #define LATE 0.05
 
-/* Whether some pixel has no sample at all. */
+/* Whether some pixel has no sample. */
 static bool has_black(const struct pt_film *film)
 {
     for (size_t i = 0; i < film->count; i++)
@@ -41,7 +41,7 @@ static bool has_black(const struct pt_film *film)
 
 /* --- Rounds ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Brings all pixels to run->target samples, or as far as an interruption lets it. */
+/* Brings all pixels to run->target samples, unless interrupted. */
 static enum pell_result do_round(struct pt_run *run, const struct pt_goal *goal, uint32_t from, size_t *batch)
 {
     struct pt_state *st = run->st;
@@ -100,7 +100,7 @@ static struct pt_goal make_goal(const struct pt_run *run)
     return g;
 }
 
-/* A round that may be given up: all of its samples, since those that take long are not like the others. */
+/* A round that may be abandoned: all of its samples are dropped then, because those that take long differ from the others. */
 static enum pell_result keep_film(struct pt_run *run)
 {
     struct pt_state *st = run->st;
@@ -134,7 +134,7 @@ static void bring_back(struct pt_run *run)
     memcpy(film->spans, kept->spans, film->tiles * film->most_spans * sizeof(*kept->spans));
 }
 
-/* Rounds until the goal is reached. */
+/* Runs rounds until the goal is reached. */
 static enum pell_result run_film(struct pt_run *run)
 {
     struct pt_state *st = run->st;
@@ -150,7 +150,7 @@ static enum pell_result run_film(struct pt_run *run)
     while (pixels > 0 && least < g.most) {
         uint32_t step = least < PT_TOGETHER ? 1 : PT_TOGETHER - least % PT_TOGETHER;
 
-        /* Not where an interruption left pixels of more samples than others: the run that was not interrupted did not ask there. */
+        /* Not after an interruption that left pixels with more samples than others: an uninterrupted run would not have tested there. */
         if (g.error > 0.0 && least == most && least >= g.least && least % PT_TOGETHER == 0) {
             const double error = pt_film_error(run->film, pt_traced(st));
             if (error <= g.error)
@@ -248,8 +248,8 @@ static struct pt_counts count_all(const struct pt_state *st)
     return sum;
 }
 
-/* The shortest mean free path of the scene's media, mm, where places on surfaces can't be told apart within some of it: paths then meet
- * surfaces from the wrong side by rounding alone. Else 0. */
+/* The shortest mean free path of the scene's media, mm, if it is within a few rounding errors of positions on surfaces: paths then hit
+ * surfaces from the wrong side. Else 0. */
 static double finest_path(const struct pell_scene *scene)
 {
     double extent = 0.0, shortest = INFINITY;
@@ -264,7 +264,7 @@ static double finest_path(const struct pell_scene *scene)
     return shortest < PLACES * FLT_EPSILON * extent ? shortest : 0.0;
 }
 
-/* What there is to say about the picture. */
+/* Reports on the image. */
 static void report(struct pt_state *st, const struct pt_run *run)
 {
     const struct pt_counts now = count_all(st);
@@ -341,7 +341,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     return pt_read_films(st, in);
 }
 
-/* Which tiles and samples the run makes. */
+/* Determines which tiles and samples the run computes. */
 static void set_part(struct pt_run *run)
 {
     const struct pt_state *st = run->st;
@@ -356,8 +356,8 @@ static void set_part(struct pt_run *run)
     run->end_tile = c && c->end_tile > 0 && (size_t) c->end_tile < tiles ? (size_t) c->end_tile : tiles;
 }
 
-/* Whether files that are merged have no sample in some tile where the first sample of the multisample has: all from here on are like that,
- * as a run makes them one after the other. */
+/* Whether merged files lack samples of some tile that the first sample of the multisample has: then all later ones lack them, because a run
+ * renders them one after the other. */
 static bool is_left_out(const struct pt_run *run)
 {
     const struct pt_film *first = run->st->films, *film = run->film;
@@ -387,7 +387,7 @@ fail:
     return res;
 }
 
-/* Of runs that ended by an error or a time, the whole is what the longest part has. */
+/* Runs that ended by an error or a time limit: the merged result has the sample count of the longest one. */
 static enum pell_result check_merged(struct pt_run *run)
 {
     const struct pt_goal g = make_goal(run);
@@ -436,8 +436,8 @@ static enum pell_result path_trace_render(void *state, const struct pell_frame *
         PELL_TRY(pt_share_finish(st, in));
     else if (st->services->checkpoint && last)
         PELL_TRY(pt_write_films(st, in, true));
-    /* A sample of the multisample in which pixels are black for want of a path would darken those before it, and a picture that has no
-     * other would take the place of a whole one. */
+    /* A sample of the multisample with black pixels for lack of paths would darken the earlier ones, and an image without any would replace
+     * a complete one. */
     if (pell_context_interrupted(st->ctx) && has_black(run.shown) && !(number == 0 && (pt_share(st) || pt_merges(st)))) {
         if (number == 0)
             pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample, so there is no image yet");

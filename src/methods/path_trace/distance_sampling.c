@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * distance_sampling.c - free flights. Each samples the distance of one channel, chosen by what the channels carry, and is weighed by the
- * densities of all three (balance heuristic; with channels chosen by weight the sum of the weights never grows). A flight inside a distance
- * that is known to be free of surfaces needs no ray; the random numbers are the same with and without. Layers: delta tracking (Woodcock et
- * al. 1965) below the largest sigma_t of any layer and channel, null collisions weighed in the same way. */
+ * distance_sampling.c - free-flight sampling. Each flight samples the distance of one channel, chosen by the channels' throughput, and is
+ * weighted by the densities of all three (balance heuristic; with channels chosen by throughput the sum of the weights never grows). A
+ * flight within a distance known to be free of surfaces needs no ray; the random numbers are the same with and without. Layers: delta
+ * tracking (Woodcock et al. 1965) with the largest sigma_t of any layer and channel as majorant; null collisions are weighted in the same
+ * way. */
 #include "methods/path_trace/path.h"
 
 #include "scene/triangle.h"
@@ -52,7 +53,7 @@ void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3])
     float sum = 0.0f, passed = 0.0f, t[3];
 
     if (m->gray)
-        return; /* passing is as likely for all as what is left of each */
+        return; /* all channels have the same transmittance */
     for (int c = 0; c < 3; c++) {
         t[c] = pt_exp(-m->sigma_t[c] * length);
         sum += beta[c];
@@ -89,7 +90,7 @@ void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const
 
     out->channel = c;
     out->length = m->sigma_t[c] > 0.0f ? depth * m->mean_free_path[c] : INFINITY;
-    if (!(out->length < 1e30f)) { /* nothing to scatter at before the end of the world */
+    if (!(out->length < 1e30f)) { /* no collision before the bounds of the scene */
         out->length = INFINITY;
         *safe = 0.0f;
     }
@@ -128,7 +129,7 @@ void pt_land(const struct pt_scene *s, int solid, const struct pt_ray *ray, cons
 
 /* --- Layers ------------------------------------------------------------------------------------------------------------------------ */
 
-/* NULL: below the layers, where light is gone. */
+/* NULL: below the layers, where light is absorbed. */
 static const struct pt_coefficients *layer_at(const struct pt_scene *s, int solid, struct pell_vec3 x)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
@@ -151,11 +152,11 @@ static const struct pt_coefficients *layer_at(const struct pt_scene *s, int soli
     return i < m->layers ? &m->layer[i] : lowest;
 }
 
-/* The bottom of the layers near x: the nearest place of the surface, and where the bottom is from there. */
+/* The bottom of the layers near x: the nearest surface point, and the direction and distance of the bottom. */
 struct bottom {
     struct pell_nearest nearest;
     struct pell_vec3 n;  /* unit, outward */
-    double depth, least; /* mm; least: of a step toward it */
+    double depth, least; /* mm; least: minimum step toward it */
 };
 
 static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x, struct bottom *b)
@@ -184,8 +185,8 @@ static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x,
     return true;
 }
 
-/* A way that light at x can go along w before it is below the layers, at least the least one worth a step; 0: it is there. Without an end
- * below the layers: any. Painted bottoms go up and down: half of the distance to them. What a floor reflects goes up from it. */
+/* Distance that light at x can travel along w before it can be below the layers, at least the minimum step; 0: it is below. INFINITY if the
+ * layers have no end. Mapped depths vary, so half of the distance to them is used. Light reflected by a substrate travels up from it. */
 static float room(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
@@ -210,7 +211,7 @@ static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, 
     out->x = x;
 }
 
-/* Light at x is below the layers. */
+/* Handles light at x below the layers. */
 static void end_below(const struct pt_scene *s, int solid, struct pell_vec3 x, float length, float beta[3], struct pt_free_path *out)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
@@ -230,7 +231,7 @@ static void end_below(const struct pt_scene *s, int solid, struct pell_vec3 x, f
     out->x = vec3_mad(x, (float) (b.nearest.distance - fmax(b.depth - b.least, 0.0)), b.n);
 }
 
-/* Flights between collisions, real ones or not. One ray finds the surface, as far as it was asked for. */
+/* Delta tracking between real and null collisions. One ray finds the surface, up to the queried distance. */
 static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3],
                           float *safe, struct pt_sampler *sampler, struct pt_free_path *out)
 {
@@ -266,7 +267,7 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
         }
         length += step;
         r.x = r.from = out->x;
-        if (free < chance) /* what is left of the flight is as long as a new one */
+        if (free < chance) /* by memorylessness the remaining flight is distributed like a new one */
             continue;
         out->medium = layer_at(s, solid, r.x);
         if (!out->medium) {

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * film.c - sums of samples. They are exact: samples are rounded to whole numbers of a fixed unit, which are added without rounding. So a
- * picture depends on which samples are in it, and neither on who made them nor on the order in which they, or sums of them, were added:
- * threads, ranks, parts of an array of jobs (docs/adr/0019-exact-sums.md).
+ * film.c - sums of samples. They are exact: samples are rounded to integer multiples of a fixed unit, which are added without rounding. An
+ * image therefore depends only on which samples it contains, not on who computed them nor on the order in which they, or partial sums, were
+ * added: threads, ranks, jobs of an array (docs/adr/0019-exact-sums.md).
  */
 #include "methods/path_trace/path_trace.h"
 
-#define LARGEST 0x1p31 /* units of a sample: 2^30 of them fit into a sum */
+#define LARGEST 0x1p31 /* units per sample: a sum holds 2^30 such samples */
 
 /* --- Exact sums --------------------------------------------------------------------------------------------------------------------- */
 
@@ -21,7 +21,7 @@ static void add_sum(struct pt_sum *to, const struct pt_sum *x)
     to->high = (int64_t) ((uint64_t) to->high + (uint64_t) x->high + (to->low < x->low));
 }
 
-/* Of numbers that are not negative: it ends at the largest, in whichever order they come. */
+/* For numbers that are not negative: saturates at the largest, whatever the order. */
 static void add_square(struct pt_sum *to, const struct pt_sum *x)
 {
     add_sum(to, x);
@@ -29,7 +29,7 @@ static void add_square(struct pt_sum *to, const struct pt_sum *x)
         *to = (struct pt_sum) { UINT64_MAX, INT64_MAX };
 }
 
-/* |x| is below 2^63; what is below 2^-64 is cut off. */
+/* |x| is below 2^63; bits below 2^-64 are dropped. */
 static struct pt_sum sum_of(double x)
 {
     const double size = fabs(x);
@@ -45,7 +45,7 @@ double pt_sum_value(const struct pt_sum *sum, int exponent)
     return ldexp((double) sum->high + (double) sum->low * 0x1p-64, exponent);
 }
 
-/* A number and what rounding it lost. */
+/* A number and its rounding error. */
 struct wide {
     double value, rest;
 };
@@ -67,7 +67,7 @@ static struct wide wide_of(const struct pt_sum *s)
     return add_wide(both.value, both.rest + (high.rest + low.rest));
 }
 
-/* squares - sum^2/n, which is small where the samples are nearly the same: twice the digits of a double. */
+/* squares - sum^2/n, which is small if the samples are nearly equal: computed with twice the digits of a double. */
 static double spread_of(const struct pt_sum *squares, struct wide sum, double n)
 {
     const struct wide q = wide_of(squares);
@@ -94,7 +94,7 @@ bool pt_pixel_add(struct pt_pixel *p, int exponent, const struct pt_light *light
     for (int k = 0; k < PT_PARTS; k++)
         for (int c = 0; c < 3; c++) {
             x[k][c] = part_of(light, k)[c] * scale;
-            finite = finite && fabs(x[k][c]) < LARGEST / 4.0; /* the three of them, too */
+            finite = finite && fabs(x[k][c]) < LARGEST / 4.0; /* so is the sum of the three */
         }
     p->count++;
     if (!finite)
@@ -159,13 +159,13 @@ double pt_film_error(const struct pt_film *film, bool traced)
     for (size_t i = 0; i < film->count; i++) {
         double relative;
         pt_pixel_measure(&film->pixels[i], film->exponent, traced, mean, error);
-        relative = error[3] / fmax(fmax(mean[3], 0.01 * total), 1e-300); /* 0.01 of the least number is 0 */
+        relative = error[3] / fmax(fmax(mean[3], 0.01 * total), 1e-300); /* 0.01 of the smallest number is 0 */
         square += relative * relative;
     }
     return sqrt(square / (double) film->count);
 }
 
-/* --- Which samples a tile has --------------------------------------------------------------------------------------------------------- */
+/* --- Spans of samples per tile -------------------------------------------------------------------------------------------------------- */
 
 enum pell_result pt_film_create(struct pell_context *ctx, const uint8_t *pixels, size_t tiles, struct pt_film *film)
 {
@@ -183,7 +183,7 @@ enum pell_result pt_film_create(struct pell_context *ctx, const uint8_t *pixels,
     }
     film->starts[tiles] = (uint32_t) count;
     film->count = film->capacity = count;
-    /* Zeroed by the system: tiles that nobody touches take no memory. */
+    /* Zeroed by the system: untouched tiles need no memory. */
     film->pixels = count > 0 ? pell_calloc(ctx, count, sizeof(*film->pixels)) : NULL;
     if (count > 0 && !film->pixels)
         goto fail;
@@ -267,7 +267,7 @@ void pt_film_cover(struct pt_film *film, size_t tile, struct pt_span add)
     film->num_spans[tile] = (uint16_t) count;
 }
 
-/* The first sample that both have of a tile; UINT32_MAX: none. */
+/* The first sample of a tile that both films have; UINT32_MAX: none. */
 static uint32_t common(const struct pt_film *a, const struct pt_film *b, size_t tile)
 {
     for (uint32_t i = 0; i < b->num_spans[tile]; i++) {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * films.c - the films of a run: which pixels they have, and the files that they come from and go to.
+ * films.c - the films of a run: their pixels, and the files they are read from and written to.
  */
 #include "methods/path_trace/run.h"
 
@@ -149,7 +149,7 @@ enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in
 
 /* --- Pixels ------------------------------------------------------------------------------------------------------------------------- */
 
-/* The pixels of a tile: adds them to the list, where there is one, and to the number that stands for what they see. */
+/* Adds the pixels of a tile to the list, if there is one, and their positions to the hash of the film. */
 static uint8_t list_tile(const struct pt_run *run, size_t tile, uint32_t *places, uint64_t *identity)
 {
     const struct pell_frame *in = run->in;
@@ -173,7 +173,7 @@ static uint8_t list_tile(const struct pt_run *run, size_t tile, uint32_t *places
     return count;
 }
 
-/* Lists the pixels, and how many each tile has. */
+/* Lists the pixels, and their number per tile. */
 static enum pell_result list_places(struct pt_run *run, uint8_t *pixels, size_t tiles, size_t *total, uint64_t *identity)
 {
     struct pt_state *st = run->st;
@@ -232,7 +232,7 @@ enum pell_result pt_start_film(struct pt_run *run)
                                hint_view, another_view);
         goto fail;
     }
-    if (film->identity == identity && film->pixels && same_layout(film, pixels, count)) { /* the frame before saw the same */
+    if (film->identity == identity && film->pixels && same_layout(film, pixels, count)) { /* the previous frame had the same view */
         memset(film->pixels, 0, count * sizeof(*film->pixels));
         memset(film->num_spans, 0, tiles * sizeof(*film->num_spans));
         goto fail;

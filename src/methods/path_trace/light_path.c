@@ -1,40 +1,41 @@
 /* SPDX-License-Identifier: MIT
- * light_path.c - paths from delta lights through smooth boundaries, joined to the walk inside media (Veach and Guibas 1994, Lafortune and
- * Willems 1996), for the light that no connection finds: that which was reflected inside, or crossed more than one surface, before it was
- * first scattered.
+ * light_path.c - paths from delta lights through smooth boundaries, connected to camera paths inside media (bidirectional path tracing;
+ * Veach and Guibas 1994, Lafortune and Willems 1996), for the light that no refractive connection finds: light that was reflected inside,
+ * or crossed more than one surface, before it first scattered.
  *
- * Who finds a path is settled by its form, so that nothing is weighed and nothing counted twice. Seen from the light, the first edge
- * between two scatterings with no surface on it is where the light's path is joined to the walk; a path whose light came in by one
- * refraction alone and was scattered is the connections'. So a light's path ends where it would go on without a surface, and there is one
- * join a path. What neither finds has a smooth surface on every edge (a rough one ends a light's path): specular_manifold.c.
+ * Each path has exactly one technique that finds it, determined by its form, so no MIS weights are needed. Counted from the light, the
+ * first edge between two scattering events with no surface on it is where the light path is connected to the camera path; paths whose light
+ * entered by a single refraction and then scattered belong to the refractive connections. A light path therefore ends where it would
+ * continue without a surface, and there is one connection per path. What neither technique finds has a smooth surface on every edge (a
+ * rough one ends a light path): specular_manifold.c.
  *
- * At the first surfaces from the light a path is split into what passes and what is reflected; where what is reflected meets other
- * surfaces, as in folds, further rays of light are followed for it alone (pt_scene.light_rays). By chance 1 path in 25 would be reflected,
- * with all of its light: where such a path came near a walk it made a single bright pixel.
+ * At the first surfaces from the light a path is split into its transmitted and reflected part; if reflected light hits other surfaces, as
+ * in folds, additional light rays are traced for it alone (pt_scene.light_rays). With random selection 1 path in 25 would be reflected,
+ * with all of its light: such a path near a camera path would be a firefly.
  *
- * Light is carried as flux. With interpolated normals a surface passes other flux than the walk's radiance says, by the ratio of cosines
- * that makes both agree (Veach 1996, "Non-symmetric Scattering in Light Transport Algorithms"). */
+ * Light is carried as flux. With interpolated normals a surface transmits a different flux than the camera path's radiance implies; the
+ * ratio of cosines makes both agree (Veach 1996, "Non-symmetric Scattering in Light Transport Algorithms"). */
 #include "methods/path_trace/path.h"
 
 #include <string.h>
 
-#define LIGHT_EVENTS 64  /* of a light's path at most; what is carried so far is some 1e-30 in solids that absorb or scatter at all */
-#define SPLITS 4         /* reflected paths that wait to be followed */
-#define LIGHT_LEAST 1e-2 /* share of the weight below which paths go on by chance */
-#define JOIN_SHARE 1e-2  /* joins of less than this times the typical radiance are made by chance */
+#define LIGHT_EVENTS 64  /* upper bound per light path; by then the throughput is about 1e-30 in solids that absorb or scatter at all */
+#define SPLITS 4         /* stack of reflected paths that still have to be traced */
+#define LIGHT_LEAST 1e-2 /* relative throughput below which Russian roulette starts */
+#define JOIN_SHARE 1e-2  /* relative to the typical radiance: weaker connections are subject to Russian roulette */
 
-/* A path on its way. */
+/* State of a path. */
 struct light_path {
     struct pt_medium_stack place;
     struct pt_ray ray;
     float power[3], safe;
     int events, bounces;
-    int surfaces; /* since the light, or the last scattering */
+    int surfaces; /* number since the light, or the last scattering event */
     bool first, entered_once, scattered;
-    bool mirrored; /* only what surfaces reflect before it scatters counts */
+    bool mirrored; /* only light reflected by surfaces before its first scattering event counts */
 };
 
-/* All that comes of one ray of light: paths that are yet to be followed. */
+/* The pending paths of one light ray. */
 struct light_paths {
     int count;
     struct light_path path[SPLITS + 1];
@@ -51,7 +52,7 @@ static void keep(struct pt_walker *w, const struct pt_scatterer *at, const float
     memcpy(v->at.beta, power, sizeof(v->at.beta));
 }
 
-/* Passes or reflects at a smooth surface by the random number u. False: the path ends. *fresnel: how likely it is to reflect. */
+/* Refracts or reflects at a smooth surface by the random number u. False: the path ends. *fresnel: probability of reflection. */
 static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u, struct light_path *p, bool *refracted, float *fresnel)
 {
     struct pt_ray *ray = &p->ray;
@@ -90,7 +91,7 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u,
     return true;
 }
 
-/* One of both, by chance; or, of light that was not scattered yet, the part that passes now, the part that is reflected afterwards. */
+/* Chooses one of both at random; for light that has not scattered, continues with the transmitted part and pushes the reflected one. */
 static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, struct light_path *p, struct light_paths *others,
                             struct pt_sampler *sampler)
 {
@@ -117,7 +118,7 @@ static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, 
     return true;
 }
 
-/* A flight, and what is at its end. False: the path ends. */
+/* One flight, and the event at its end. False: the path ends. */
 static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_path *p, struct light_paths *others, int source,
                  struct pt_sampler *sampler)
 {
@@ -140,7 +141,7 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
         pt_sample_distance(s, &w->counts, solid, &p->ray, p->power, &p->safe, sampler, &free_path);
     }
     at.bounces = p->bounces;
-    /* All of the beam in a solid of one medium, wherever this flight ended. */
+    /* Stores the whole beam in a homogeneous solid, wherever this flight ended. */
     beam = solid >= 0 && s->solid[solid].medium.homogeneous && p->surfaces > 0 && !free_path.lost && !connected;
     if (beam) {
         struct pt_hit hit = free_path.hit;
@@ -158,7 +159,7 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
     }
     if (free_path.met && free_path.hit.solid >= 0)
         return surface_or_both(s, &free_path.hit, p, others, sampler);
-    /* Scattered: by the medium, or by something opaque. */
+    /* Stores a scattering event in the medium, or at an opaque surface. */
     if (p->surfaces == 0 || connected)
         return false;
     at.x = free_path.x;
@@ -192,7 +193,7 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
     return true;
 }
 
-/* `mirrored`: of what its first surface reflects alone. */
+/* `mirrored`: only light reflected by its first surface. */
 static void one_ray(const struct pt_scene *s, struct pt_walker *w, bool mirrored, struct pt_sampler *sampler)
 {
     struct light_paths paths = { .count = 1 };
@@ -227,9 +228,9 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
         one_ray(s, w, i > 0, sampler);
 }
 
-/* A place of a beam: half of them as light scatters along it, half by the angle under which the scatterer sees it (Kulla and Fajardo 2012,
- * "Importance Sampling Techniques for Path Tracing in Participating Media"), so that what is nearer is as much likelier as it gives more
- * light. Writes the power that is scattered there, over the density of having chosen it. */
+/* Samples a point of a beam: half of the samples in proportion to the scattered light, half equi-angularly as seen from the scatterer
+ * (Kulla and Fajardo 2012, "Importance Sampling Techniques for Path Tracing in Participating Media"), in proportion to the contribution of
+ * nearby points. Writes the scattered power over the sampling density. */
 static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_vec3 x, struct pt_sampler *own, float power[3])
 {
     const struct pt_coefficients *m = v->at.medium;

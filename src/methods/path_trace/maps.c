@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * maps.c - what textures say of a place that a ray met: numbers, the colour of something opaque, and the tint of a boundary
- * (transport/surface_color.h). */
+ * maps.c - textures at a hit point: values, the colour of an opaque surface, and the tint of a boundary (transport/surface_color.h). */
 #include "methods/path_trace/path.h"
 
 #include "scene/material_maps.h"

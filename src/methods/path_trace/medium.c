@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * medium.c - what fills a solid: coefficients as they are, not reduced, with the phase function that the material knows. */
+ * medium.c - the medium of a solid: unreduced coefficients with the material's phase function. */
 #include "methods/path_trace/path.h"
 
 #include "transport/equivalent_medium.h"
@@ -28,7 +28,7 @@ static void set_coefficients(const struct pell_layer_medium *l, struct pt_coeffi
         out->gray = out->gray && out->sigma_s[c] == out->sigma_s[0] && out->sigma_t[c] == out->sigma_t[0] && out->alike;
 }
 
-/* Layers of no thickness are left out, but where something is painted: there numbers are those of the medium layers. */
+/* Layers of zero thickness are left out, except in media with depth maps, where indices must be those of the medium layers. */
 static void fill(const struct pell_medium_layers *medium_layers, struct pt_medium *out)
 {
     float above = 0.0f;
@@ -47,14 +47,15 @@ static void fill(const struct pell_medium_layers *medium_layers, struct pt_mediu
     out->ends = out->ends && !(above == INFINITY);
     if (out->painting)
         out->deepest = (float) medium_layers->deepest;
-    if (out->layers == 0) { /* nothing but what is below */
+    if (out->layers == 0) { /* only the substrate remains */
         set_coefficients(&medium_layers->item[0], &out->layer[0]);
         out->layers = 1;
     }
     out->homogeneous = out->layers == 1 && !out->ends;
 }
 
-/* A material with a profile only is traced as the homogeneous medium that returns the same light over the same distances: said. */
+/* A material with only a diffusion profile is traced as the equivalent homogeneous medium, which returns the same light over the same
+ * distances. This is reported. */
 static enum pell_result make_layers(struct pell_context *ctx, const struct pell_material *m, struct pell_medium_layers *out)
 {
     struct pell_medium_fault fault = { 0 };
@@ -90,7 +91,7 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scen
     res = PELL_ERR_NOMEM;
     out->layer = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->layer));
     out->depth = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->depth));
-    if (medium_layers->painted && !(medium_layers->count == 1 && medium_layers->substrate == PELL_SUBSTRATE_LAST)) {
+    if (medium_layers->has_maps && !(medium_layers->count == 1 && medium_layers->substrate == PELL_SUBSTRATE_LAST)) {
         out->painting = pell_zalloc(ctx, sizeof(*out->painting));
         if (!out->painting)
             goto fail;
@@ -145,7 +146,7 @@ void pt_phase_values(const struct pt_coefficients *m, struct pell_vec3 w, struct
 
 float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struct pt_sampler *s, float beta[3], struct pell_vec3 *out)
 {
-    const int c = m->alike ? 0 : pt_sample_channel(beta, pt_random(s)); /* the channel by what it carries */
+    const int c = m->alike ? 0 : pt_sample_channel(beta, pt_random(s)); /* channel chosen by throughput */
     const float u = pt_random(s), v = pt_random(s), sum = beta[0] + beta[1] + beta[2];
     float cosine, to[3], values[3], mixed, scale;
 

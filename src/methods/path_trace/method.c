@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * method.c - volumetric path tracing inside closed meshes: the truth. Equations and sources: README.md.
+ * method.c - volumetric path tracing inside closed meshes: ground truth. Equations and sources: README.md.
  */
 #include "methods/path_trace/path_trace.h"
 

@@ -1,14 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * next_event.c - lights that are looked for: at surfaces in the open, and inside media by refractive connections
- * (transport/refraction/connect.h). Lights with extent are found by walks that meet them, too: the balance heuristic (Veach and Guibas
- * 1995) shares them out.
+ * next_event.c - next-event estimation: at surfaces outside of solids, and inside media by refractive connections
+ * (transport/refraction/connect.h). Paths can also hit lights with extent: the balance heuristic combines both (Veach and Guibas 1995).
  *
- * How a beam widens is taken from the walk's own refraction, by its differentials (Igehy 1999, "Tracing Ray Differentials"): with normals
- * interpolated over flat triangles the beam of the light and that of the camera differ, and only one of them agrees with the walk. */
+ * The spread of a beam is computed with ray differentials of the path's own refraction (Igehy 1999, "Tracing Ray Differentials"): with
+ * normals interpolated over flat triangles the light's beam and the camera's differ, and only the latter is consistent with the path. */
 #include "methods/path_trace/path.h"
 
-#define FAR 12.0  /* mean free paths beyond which no lobe is made for a rough boundary */
-#define LOBES 0.8 /* of the near connections go by their lobes, the others as the walk does */
+#define FAR 12.0  /* in mean free paths: beyond it no lobe is built for a rough boundary */
+#define LOBES 0.8 /* fraction of the near connections sampled by lobes; the others by the phase function */
 
 /* --- Scatterers --------------------------------------------------------------------------------------------------------------------- */
 
@@ -38,7 +37,7 @@ struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_samp
     return vec3_normalize(vec3_add(vec3_add(vec3_mul(t, r * cosf(phi)), vec3_mul(b, r * sinf(phi))), vec3_mul(at->n, sqrtf(1.0f - u))));
 }
 
-/* Density of v, per sr, by the walk's weights. */
+/* Density of v, per sr, with the channel weights of the path. */
 static double scatter_density(const struct pt_scatterer *at, struct pell_vec3 v)
 {
     const float *beta = at->beta;
@@ -91,21 +90,21 @@ bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sam
     return pell_light_sampler_sample(s->light_sampler, x, u, source);
 }
 
-/* The unit direction from x to a light's place, and mm to it (INFINITY: away). False: x is the place. */
+/* The unit direction from x to a light sample, and its distance in mm (INFINITY: distant). False: x is the position itself. */
 static bool toward(const struct pell_light_sample *source, struct pell_vec3 x, struct pell_vec3 *v, double *distance)
 {
-    *v = source->away ? source->toward : vec3_sub(source->at, x);
-    *distance = source->away ? INFINITY : (double) vec3_length(*v);
-    if (!source->away)
+    *v = source->distant ? source->toward : vec3_sub(source->at, x);
+    *distance = source->distant ? INFINITY : (double) vec3_length(*v);
+    if (!source->distant)
         *v = vec3_mul(*v, (float) (1.0 / *distance));
     return *distance > 0.0;
 }
 
-/* --- Connections -------------------------------------------------------------------------------------------------------------------- */
+/* --- Refractive connections --------------------------------------------------------------------------------------------------------- */
 
 static double source_share(const struct pt_scene *s, const struct pell_light_sample *source)
 {
-    return source->away && !source->delta ? s->environment_share : 1.0;
+    return source->distant && !source->delta ? s->environment_share : 1.0;
 }
 
 double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source)
@@ -146,7 +145,7 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
         return;
     scale = beam * c->transmit / (reach * source->pdf);
     if (!source->delta) {
-        const double facing = source->away ? 1.0 : -(double) vec3_dot(source->normal, c->outside);
+        const double facing = source->distant ? 1.0 : -(double) vec3_dot(source->normal, c->outside);
         if (!(facing > 0.0))
             return;
         scale *= facing;
@@ -163,7 +162,7 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
         sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * scale;
 }
 
-/* One of 1/share of those that ask, evenly along the walk. */
+/* Selects the fraction `share` of the scatterers, evenly along the path. */
 static bool has_turn(float share, float *turn)
 {
     *turn += share;
@@ -173,7 +172,7 @@ static bool has_turn(float share, float *turn)
     return true;
 }
 
-/* How far connections from here look; the numbers that follow are for them. */
+/* Maximum distance of connections from here; returns the sampler for the numbers that follow. */
 static float draw_reach(const struct pt_scene *s, int solid, const struct pt_sampler *walk, struct pt_sampler *own)
 {
     *own = pt_own_numbers(walk, PT_LOOK_SALT);
@@ -211,17 +210,17 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
         return;
     counts->connections++;
     count = pell_connect(s->connector,
-                         &(struct pell_connection_query) { solid, (double) m->eta, at->x, source.away ? source.toward : source.at,
-                                                           source.away, (double) reach },
+                         &(struct pell_connection_query) { solid, (double) m->eta, at->x, source.distant ? source.toward : source.at,
+                                                           source.distant, (double) reach },
                          found, PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
         connection(s, at, solid, share, &found[i], &source, &own, sum);
 }
 
-/* --- Near connections, for rough boundaries ------------------------------------------------------------------------------------------ */
+/* --- Near connections through rough boundaries --------------------------------------------------------------------------------------- */
 
-/* From a scatterer light of a light comes in a lobe about the way that it would come through a smooth boundary, as wide as facets tilt it:
- * a facet's tilt t turns the way inside by t |eta cos_i - cos_o| / eta. */
+/* A scatterer receives light through a rough boundary in a lobe around the refracted direction of a smooth one. The lobe's width follows
+ * from the tilt of facets: a tilt t rotates the inner direction by t |eta cos_i - cos_o| / eta. */
 struct lobes {
     int count;
     struct pell_vec3 w[PT_LOBES];
@@ -238,8 +237,9 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int s
 
     counts->connections++;
     out->count = pell_connect(
-        s->connector, &(struct pell_connection_query) { solid, eta, x, source->away ? source->toward : source->at, source->away, reach },
-        found, PT_LOBES, &counts->rays);
+        s->connector,
+        &(struct pell_connection_query) { solid, eta, x, source->distant ? source->toward : source->at, source->distant, reach }, found,
+        PT_LOBES, &counts->rays);
     for (int i = 0; i < out->count; i++) {
         const double in = fmax((double) vec3_dot(found[i].inside, found[i].normal), 0.05),
                      to = (double) vec3_dot(found[i].outside, found[i].normal);
@@ -289,7 +289,7 @@ static double near_density(const struct lobes *l, const struct pt_scatterer *at,
     return l->count > 0 ? LOBES * lobes_density(l, w) + (1.0 - LOBES) * spread : spread;
 }
 
-/* How often a scatterer asks: it depends on the place alone. */
+/* Probability that a scatterer connects; depends on its position only. */
 static double asked(const struct pt_scene *s, int solid, struct pell_vec3 x, float share)
 {
     const struct pt_solid *b = &s->solid[solid];
@@ -322,7 +322,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
 
     if (!has_turn((float) asks, turn))
         return;
-    if (!pt_sample_light(s, at->x, &own, &source) || (source.away && !source.delta))
+    if (!pt_sample_light(s, at->x, &own, &source) || (source.distant && !source.delta))
         return;
     make_lobes(s, counts, solid, at->x, &source, &lobes);
     if (lobes.count > 0 && pt_fine(&own) < LOBES) {
@@ -341,7 +341,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     e.length = e.hit.t;
     if (!toward(&source, e.hit.p, &v, &distance) || !(vec3_dot(v, e.hit.ng) > 0.0f))
         return;
-    if (!source.away)
+    if (!source.distant)
         scale = 1.0 / (distance * distance);
     facing = (struct pt_shading_frame) { vec3_mul(e.w, -1.0f), vec3_mul(e.hit.ns, -1.0f), vec3_mul(e.hit.ng, -1.0f), 1 };
     if (!(vec3_dot(facing.o, facing.ns) > 1e-4f))
@@ -358,7 +358,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     }
     pell_light_sampler_power_at(s->light_sampler, &source, e.hit.p, power);
     if (!(kernel > 0.0) || !(power[0] + power[1] + power[2] > 0.0f) ||
-        !pt_unoccluded(s, counts, pt_leave(&e.hit, v), v, source.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        !pt_unoccluded(s, counts, pt_leave(&e.hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     pt_scatter_values(at, e.w, values);
     pt_transmittance(s, solid, at->x, e.w, e.length, &own, passed);
@@ -377,7 +377,7 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
     double distance, scale, kernel, per_sr;
     float power[3], facing;
 
-    if (!pt_sample_light(s, hit->p, sampler, &source) || (environments && (!source.away || source.delta)) ||
+    if (!pt_sample_light(s, hit->p, sampler, &source) || (environments && (!source.distant || source.delta)) ||
         !toward(&source, hit->p, &v, &distance))
         return;
     facing = vec3_dot(v, at->n);
@@ -386,9 +386,9 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
     kernel = at->rough ? (double) pt_rough_density(at->rough, at->facing, v) : (double) (facing / PELL_PI_F);
     if (!(kernel > 0.0))
         return;
-    scale = source.away ? 1.0 : 1.0 / (distance * distance);
+    scale = source.distant ? 1.0 : 1.0 / (distance * distance);
     if (!source.delta) {
-        const double turned = source.away ? 1.0 : -(double) vec3_dot(source.normal, v);
+        const double turned = source.distant ? 1.0 : -(double) vec3_dot(source.normal, v);
         if (!(turned > 0.0))
             return;
         scale *= turned;
@@ -398,7 +398,7 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
     }
     pell_light_sampler_power_at(s->light_sampler, &source, hit->p, power);
     if (!(power[0] + power[1] + power[2] > 0.0f) ||
-        !pt_unoccluded(s, counts, pt_leave(hit, v), v, source.away ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        !pt_unoccluded(s, counts, pt_leave(hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     for (int k = 0; k < 3; k++)
         sum[k] += (double) (at->beta[k] * power[k] * (at->rough && open < 0 ? at->tint[k] : 1.0f)) * kernel * scale / source.pdf;

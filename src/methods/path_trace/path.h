@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * path.h - what the files of the transport share.
+ * path.h - declarations shared by the files of the transport.
  *
- * Radiance is carried as L/n^2, n the index of the medium relative to the outside: it stays the same where light refracts, so that every
- * boundary is a probability to go on in a direction, and a walk in a world that absorbs nothing keeps its weight.
+ * Radiance is carried as L/n^2, n the index of refraction relative to the outside: it is invariant under refraction, so that a boundary is
+ * a probability distribution over directions, and a path in a scene without absorption keeps its throughput.
  */
 #ifndef PELL_PATH_TRACE_PATH_H
 #define PELL_PATH_TRACE_PATH_H
@@ -18,39 +18,39 @@
 #include "transport/surface_color.h"
 #include "visibility/rays.h"
 
-#define PT_NEST 8   /* solids in solids that a path keeps account of */
-#define PT_LOBES 16 /* about connections of a point with a light's place: the nearest ones */
+#define PT_NEST 8   /* depth of the medium stack: nested solids that a path tracks */
+#define PT_LOBES 16 /* lobes around the nearest connections of a point with a light sample */
 #define PT_ROUGH_CELLS 64
-#define PT_LIGHT_VERTICES 8 /* of a path from a light that are kept */
+#define PT_LIGHT_VERTICES 8 /* stored vertices of a light path */
 
 /* --- boundary.c ----------------------------------------------------------------------------------------------------------------- */
 
-/* A rough boundary between two indices, seen from either side: [0] from outside, [1] from inside. */
+/* A rough boundary between two indices of refraction, for either side: [0] from outside, [1] from inside. */
 struct pt_rough {
     float alpha, eta;                    /* eta: inside / outside */
-    float albedo[2][PT_ROUGH_CELLS + 1]; /* over mu = i / cells: what single bounces between facets return, both ways together */
-    float lost[2][PT_ROUGH_CELLS];       /* density, over mu^2, of the directions in which the rest leaves on a side: it sums to 1 */
-    float lost_sum[2][PT_ROUGH_CELLS];   /* of the cells up to and with this one */
-    float lost_in_transmission[2];       /* share of the rest that goes through */
+    float albedo[2][PT_ROUGH_CELLS + 1]; /* over mu = i / cells: albedo of single bounces, reflection and transmission together */
+    float lost[2][PT_ROUGH_CELLS];       /* distribution over mu^2 of the compensation lobe on a side; sums to 1 */
+    float lost_sum[2][PT_ROUGH_CELLS];   /* its cumulative sum, including this cell */
+    float lost_in_transmission[2];       /* fraction of the compensation lobe that is transmitted */
 };
 
-/* The share of light that reflects; cos_i on the side that it comes from, eta = n_transmitted / n_incident. *cos_t: of the refracted. */
+/* Fresnel reflectance; cos_i on the incident side, eta = n_transmitted / n_incident. *cos_t: cosine of the refracted direction. */
 float pt_fresnel(float eta, float cos_i, float *cos_t);
 
 void pt_rough_make(float alpha, float eta, struct pt_rough *out);
 
-/* A way of light at a surface: toward `o`, by the surface's normals, shading's and geometric, both on o's side. */
+/* Local geometry at a surface: outgoing direction `o`, shading and geometric normal, both on o's side. */
 struct pt_shading_frame {
     struct pell_vec3 o, ns, ng;
     int side; /* 0: o is outside */
 };
 
-/* Where light goes on. The density is what pt_rough_density says, the weight is 1. *through: it passed. */
+/* Samples a direction with the density of pt_rough_density; the weight is 1. *transmitted: whether it was refracted. */
 struct pell_vec3 pt_rough_sample(const struct pt_rough *rough, const struct pt_shading_frame *at, struct pt_sampler *s, bool *transmitted);
-/* Per sr; w tells by its side of ng whether it passed. */
+/* Density per sr; the side of w relative to ng decides between reflection and transmission. */
 float pt_rough_density(const struct pt_rough *rough, const struct pt_shading_frame *at, struct pell_vec3 w);
 
-/* Mirrors w about the plane of ng if it lies on the wrong side: shading normals send light there. `above`: it belongs on ng's side. */
+/* Mirrors w about the plane of ng if it is on the wrong side, where shading normals can send it. `above`: it belongs on ng's side. */
 static inline struct pell_vec3 pt_to_side(struct pell_vec3 w, struct pell_vec3 ng, bool above)
 {
     const float c = vec3_dot(w, ng);
@@ -61,68 +61,67 @@ static inline struct pell_vec3 pt_to_side(struct pell_vec3 w, struct pell_vec3 n
 
 struct pt_coefficients {
     float sigma_t[3], sigma_s[3];
-    float mean_free_path[3]; /* INFINITY: nothing in the way */
+    float mean_free_path[3]; /* INFINITY: no extinction */
     struct pell_phase phase[3];
     float g[3];
-    bool hg;        /* Henyey and Greenstein's for all channels */
-    bool alike;     /* one phase function for all channels */
-    bool isotropic; /* which scatters evenly */
-    bool gray;      /* all channels alike in all */
-    bool clear;     /* nothing in it */
+    bool hg;        /* Henyey-Greenstein in all channels */
+    bool alike;     /* the same phase function in all channels */
+    bool isotropic; /* which is isotropic */
+    bool gray;      /* the channels have the same coefficients */
+    bool clear;     /* neither scatters nor absorbs */
 };
 
-/* Where layers are by maps. */
+/* Depth maps of layers. */
 struct pt_layer_maps {
     struct pell_medium_layers medium_layers;
     const struct pell_mesh *meshes; /* the scene's */
 };
 
-/* What fills a solid: one set of coefficients, or layers by the distance below the surface. */
+/* The medium of a solid: homogeneous, or layers by the distance below the surface. */
 struct pt_medium {
     float eta;
     bool homogeneous;               /* one layer without a bottom */
-    bool ends;                      /* below the layers light is gone */
-    bool floor;                     /* but for what a Lambertian surface of the base colour reflects there */
+    bool ends;                      /* light below the layers is absorbed */
+    bool floor;                     /* except for the reflection of a Lambertian substrate with the base colour */
     int layers;                     /* >= 1 */
-    struct pt_coefficients *layer;  /* the medium's own, as all that follows */
-    float *depth;                   /* mm, of the bottom of each, where nothing is painted; the last's may be INFINITY */
-    struct pt_layer_maps *painting; /* NULL: the same all over */
-    float deepest;                  /* mm: below it nothing changes any more */
-    float largest[3];               /* of sigma_t over the layers */
-    float slowest;                  /* least sigma_t of all channels and layers */
+    struct pt_coefficients *layer;  /* owned, like all that follows */
+    float *depth;                   /* mm: bottom of each layer, without maps; the last one may be INFINITY */
+    struct pt_layer_maps *painting; /* NULL: depths are uniform */
+    float deepest;                  /* mm: below it the medium is homogeneous */
+    float largest[3];               /* largest sigma_t over the layers */
+    float slowest;                  /* smallest sigma_t over channels and layers */
 };
 
-/* PELL_ERR_UNSUPPORTED, logged, for profiles that no medium is equivalent to. `out` is to be finished whatever
- * happens. */
+/* PELL_ERR_UNSUPPORTED, logged, for profiles without an equivalent medium. Call pt_medium_finish on `out` even after a failure. */
 PELL_NODISCARD enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_material *m,
                                                struct pt_medium *out);
 void pt_medium_finish(struct pell_context *ctx, struct pt_medium *medium);
 
-/* Density per sr, of each channel, of light going along w that scatters toward v (both along the way that the walk goes). */
+/* Phase function per sr, for each channel, from the direction w to v (both in the direction of the path). */
 void pt_phase_values(const struct pt_coefficients *c, struct pell_vec3 w, struct pell_vec3 v, float out[3]);
-/* Scatters w; beta becomes what it is after; returns the density of the new direction by all channels, as they were weighed. */
+/* Samples the phase function; updates beta; returns the density of the new direction by the channel weights. */
 float pt_phase_sample(const struct pt_coefficients *c, struct pell_vec3 w, struct pt_sampler *s, float beta[3], struct pell_vec3 *out);
 
 /* --- scene.c -------------------------------------------------------------------------------------------------------------------- */
 
 struct pt_solid {
     struct pt_medium medium;
-    bool smooth, rough; /* its boundary is, all over */
+    bool smooth, rough; /* its whole boundary is smooth, or rough */
     bool closed;
-    bool grid;               /* the distance grid holds */
-    bool connects;           /* lights are looked for through its boundary, smooth all over */
-    bool near;               /* the same, rough all over */
-    bool lanes;              /* walks go side by side in it */
-    float further;           /* mm beyond the bound to which flights are split at its boundary; 0: they are not */
-    float ask;               /* mm; how far connections look is -ask log u */
-    float share;             /* of the scatterings after the first at which lights are looked for */
+    bool grid;               /* the distance grid is valid */
+    bool connects;           /* next-event estimation by connections through its boundary, which is smooth everywhere */
+    bool near;               /* the same, rough everywhere */
+    bool lanes;              /* its paths may run in SIMD lanes */
+    float further;           /* mm beyond the distance bound within which flights are split at its boundary; 0: no splitting */
+    float ask;               /* mm; maximum distance of connections is -ask log u */
+    float share;             /* fraction of the scattering events after the first with next-event estimation */
     struct pell_vec3 lo, hi; /* bounds */
 };
 
-/* How rough a material's boundary is: where its map says different objects, in even steps of roughness. */
+/* Roughness of a material's boundary, quantised in uniform steps where a map varies it. */
 struct pt_roughness_step {
-    float low, high; /* roughness; what is below the least rough one is smooth. Both 0: smooth all over */
-    int steps;       /* 1: no map, or one of one number */
+    float low, high; /* roughness; below the first step the boundary is smooth. Both 0: smooth everywhere */
+    int steps;       /* 1: no map, or a constant one */
 };
 
 struct pt_scene {
@@ -132,64 +131,65 @@ struct pt_scene {
     const struct pell_rays *rays;
     struct pt_knobs knobs;
     struct pell_solids *solids;
-    struct pt_solid *solid; /* one each */
-    struct pt_rough *rough; /* of (material, index ratio) pairs that occur */
+    struct pt_solid *solid; /* array of the solids */
+    struct pt_rough *rough; /* distinct (material, index ratio) pairs */
     size_t num_rough;
-    struct pt_roughness_step *finish; /* of a scene material's boundary */
-    struct pell_tint *tint;           /* the same */
+    struct pt_roughness_step *finish; /* by material of the scene */
+    struct pell_tint *tint;           /* by material of the scene */
     struct pell_light_sampler *light_sampler;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */
-    struct pell_vec3 centre;          /* of a sphere about all solids */
+    struct pell_vec3 centre;          /* of a sphere around all solids */
     double radius;
-    double typical;  /* radiance of that order is seen */
-    double deadline; /* of pell_seconds() */
+    double typical;  /* order of magnitude of visible radiance */
+    double deadline; /* in pell_seconds() */
     double brightest;
-    bool light_paths, chains; /* of delta lights */
-    int light_rays;           /* of a sample: more where what surfaces reflect meets other surfaces */
-    double environment_share; /* of what is looked for of the environment: an even one is met by chance as well */
+    bool light_paths, chains; /* for delta lights */
+    int light_rays;           /* per sample: more if reflected light hits other surfaces */
+    double environment_share; /* fraction of the environment's light from next-event estimation: a uniform environment is also sampled well
+                               * by chance */
     uint32_t seed;
-    float unit; /* mm: some rounding errors of the largest coordinate of a solid */
+    float unit; /* mm: several rounding errors of the largest coordinate of a solid */
 };
 
-/* A triangle that a ray met. */
+/* Intersection of a ray with a triangle. */
 struct pt_hit {
     uint32_t mesh, triangle;
     float u, v, t;
-    struct pell_vec3 p, ng, ns; /* outward, unit; ns is ng where the knob says flat */
-    bool bent;                  /* ns varies */
-    float unit;                 /* mm: how far rays start from it, some rounding errors along ng */
+    struct pell_vec3 p, ng, ns; /* outward, unit; ns equals ng with the knob normals=flat */
+    bool bent;                  /* ns varies over the triangle */
+    float unit;                 /* mm: offset of ray origins along ng, several rounding errors */
     int solid;                  /* -1: opaque */
-    int material;               /* scene's */
+    int material;               /* of the scene */
 };
 
-/* maps.c. What a map says there; 1 where it or its coordinates are missing. */
+/* maps.c. A map's value at the hit; 1 if the map or its coordinates are missing. */
 void pt_texel_at(const struct pt_scene *s, const struct pt_hit *hit, const struct pell_texture_map *map, float texel[4]);
 void pt_set_tints(struct pt_scene *s);
-/* Light that enters a solid there, or leaves it. */
+/* Applies the tint of light that enters a solid, or leaves it. */
 void pt_tint(const struct pt_scene *s, const struct pt_hit *hit, bool enters, float beta[3]);
-/* alpha of the boundary there; 0: smooth. */
+/* GGX alpha of the boundary; 0: smooth. */
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit);
-/* NULL: smooth, or indices that match. */
+/* NULL: smooth, or matched indices. */
 const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_hit *hit, float eta);
-/* A place of a triangle; w stands in for a normal where it has none. All but t. */
+/* A point of a triangle; w replaces a missing normal. Sets everything except t. */
 void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float u, float v, struct pell_vec3 w, struct pt_hit *out);
-/* Whether something is met; `reach` mm. */
+/* Finds the closest hit; `reach` in mm. */
 bool pt_intersect(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask,
                   struct pt_hit *out);
-/* Whether nothing of `mask` is between. */
+/* Visibility test against `mask`. */
 bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask);
-/* A start for rays from a surface to a side of it. */
+/* Origin of a ray from a surface toward a side. */
 static inline struct pell_vec3 pt_leave(const struct pt_hit *hit, struct pell_vec3 w)
 {
     return vec3_mad(hit->p, vec3_dot(w, hit->ng) >= 0.0f ? hit->unit : -hit->unit, hit->ng);
 }
-/* Diffuse light that comes along w to something opaque: the normal of the side on which it leaves, of thin sheets by chance, and what is
- * left of it, over the density of that choice. */
+/* Diffuse scattering at an opaque surface of light along w: the normal of the side where it leaves, for thin sheets chosen at random, and
+ * the albedo over the probability of that choice. */
 struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
                                  float weight[3]);
 
-/* Where a path is: solids that it entered, the last on top. */
+/* Stack of the solids that the path has entered, the last on top. */
 struct pt_medium_stack {
     int count;
     int16_t solid[PT_NEST];
@@ -205,100 +205,99 @@ static inline float pt_index(const struct pt_scene *s, int solid)
     return solid >= 0 ? s->solid[solid].medium.eta : 1.0f;
 }
 
-/* The places on both sides of a solid's surface that light meets at `place`; `enter`: it goes against the outward normal. False: it is
- * inside already, and the surface is passed. What leaves a solid that it never entered is taken to have been inside. */
+/* The media on both sides of a solid's surface for a path in `place`; `enter`: against the outward normal. False: it is already inside, and
+ * the surface is ignored. A path that leaves a solid without having entered it is assumed to have been inside. */
 bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
               struct pt_medium_stack *after);
 
 /* --- distance_sampling.c -------------------------------------------------------------------------------------------------------- */
 
-/* A way from x along w. Rays start at `from`: x, or just off the surface that x is on. */
+/* A ray from x along w. Intersections start at `from`: x, or just off the surface that x is on. */
 struct pt_ray {
     struct pell_vec3 x, from, w;
 };
 
-/* One flight through a solid. */
+/* One free flight through a solid. */
 struct pt_free_path {
-    struct pell_vec3 x; /* where it ends */
-    bool met;           /* a surface: `hit` */
-    bool floor;         /* what is below the layers: reflects `albedo`, x is just off it, on the side of n */
-    bool lost;          /* left the solid through no surface */
+    struct pell_vec3 x; /* its end point */
+    bool met;           /* it ends at a surface: `hit` */
+    bool floor;         /* it ends at the substrate below the layers: reflects `albedo`, x is offset to the side of n */
+    bool lost;          /* it left the solid through no surface */
     float length;
-    const struct pt_coefficients *medium; /* of what it scatters in */
+    const struct pt_coefficients *medium; /* medium of the collision */
     struct pt_hit hit;
     struct pell_vec3 n;
     float albedo[3];
 };
 
-/* A flight through a homogeneous medium that is not weighed yet. */
+/* A sampled flight through a homogeneous medium before its weights are applied. */
 struct pt_flight {
-    float further; /* mm beyond the bound to which a surface is looked for in any case, if a ray is needed at all */
-    float length;  /* to where it scatters, if no surface comes first */
-    float bound;   /* of a flight that needed a ray: mm before which nothing is, as was known before */
-    int channel;   /* whose distance it is */
+    float further; /* mm beyond the distance bound to which a surface is searched in any case, if a ray is needed at all */
+    float length;  /* to the collision, unless a surface comes first */
+    float bound;   /* of a flight that needed a ray: mm known to be free of surfaces */
+    int channel;   /* whose distribution was sampled */
     bool met;      /* a surface comes first: `hit` */
-    bool found;    /* hit is there, even if it is farther than the length */
+    bool found;    /* hit is valid, even if it is beyond the length */
     struct pt_hit hit;
-    float over[3]; /* of each channel: 1 over the probability that it stays inside; 1 where flights are not split */
+    float over[3]; /* per channel: reciprocal of the probability to stay inside; 1 without splitting */
 };
 
-/* By the channels' weights beta. The caller has set `further`. */
+/* Samples a flight by the channel throughputs beta. The caller sets `further`. */
 void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3], float *safe,
             struct pt_sampler *sampler, struct pt_flight *out);
-/* Where it ends; beta becomes what it is there. */
+/* Computes its end point; updates beta. */
 void pt_land(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *flight, float beta[3],
              struct pt_free_path *out);
-/* By the channels' weights beta, which become what they are at the end, a collision's sigma_s with them. *safe: a distance from x that is
- * known to be free of surfaces; becomes what is left. */
+/* Samples a flight by the channel throughputs beta and updates them, including sigma_s of a collision. *safe: radius around x known to be
+ * free of surfaces; becomes the remaining radius. */
 void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
                         struct pt_sampler *sampler, struct pt_free_path *out);
 bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin);
-/* The distance at which a ray leaves the bounds; x is inside. */
+/* Distance at which a ray leaves the bounds; x is inside. */
 float pt_exit_distance(const struct pt_solid *b, struct pell_vec3 x, struct pell_vec3 w);
-/* What is left of the weights after `length` without a collision; by the density of having passed. */
+/* Updates the weights for `length` without a collision; relative to the probability of no collision. */
 void pt_attenuate(const struct pt_coefficients *m, float length, float beta[3]);
-/* What a solid (-1: the open) lets through unscattered of light along `reach` mm from x, where nothing is in the way; of layers an
- * estimate. */
+/* Transmittance of a solid (-1: outside) along `reach` mm from x without surfaces; for layers an unbiased estimate. */
 void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, struct pell_vec3 w, float reach, struct pt_sampler *sampler,
                       float out[3]);
 
-/* --- next_event.c: light that is looked for ------------------------------------------------------------------------------------- */
+/* --- next_event.c: next-event estimation ---------------------------------------------------------------------------------------- */
 
-/* Where a walk scattered: in a medium, at something opaque, or at a rough boundary. */
+/* A scattering event: in a medium, at an opaque surface, or at a rough boundary. */
 struct pt_scatterer {
-    struct pell_vec3 x, w;                 /* w: the way the walk came. x opaque: just off the surface */
+    struct pell_vec3 x, w;                 /* w: incident direction. x at an opaque surface: offset from it */
     const struct pt_coefficients *medium;  /* NULL: a surface */
-    struct pell_vec3 n;                    /* of a surface: unit, on the walk's side */
+    struct pell_vec3 n;                    /* at a surface: unit, on the incident side */
     const struct pt_rough *rough;          /* NULL: opaque */
     const struct pt_shading_frame *facing; /* rough */
-    float off;                             /* mm: how far from a rough boundary rays start */
-    float beta[3];                         /* the weights with the collision; a light's path has power here, mm^2 W/m^2 */
+    float off;                             /* mm: offset of ray origins from a rough boundary */
+    float beta[3];                         /* throughput including the collision; on light paths power, mm^2 W/m^2 */
     int bounces;                           /* of the path up to here */
-    float tint[3];                         /* of a rough boundary: of the light that passes it, to the walk's side */
+    float tint[3];                         /* rough boundary: tint of the light that it transmits to the incident side */
 };
 
-/* Whether a path may have so many ways through the open from a surface to a surface: the knob. */
+/* Whether a path may have this many segments outside between surfaces: the knob bounces. */
 static inline bool pt_may_bounce(const struct pt_scene *s, int bounces)
 {
     return s->knobs.bounces == PT_BOUNCES_ALL || bounces <= s->knobs.bounces;
 }
 
-/* Share per sr of what scatters toward the unit direction v. */
+/* BSDF or phase function per sr toward the unit direction v. */
 void pt_scatter_values(const struct pt_scatterer *at, struct pell_vec3 v, float out[3]);
-/* A direction that it scatters to; something opaque by the cosine, rough boundaries never. beta (of a medium) becomes what it is after. */
+/* Samples a scattered direction; cosine-weighted at opaque surfaces, not used for rough boundaries. Updates beta (in a medium). */
 struct pell_vec3 pt_scatter_sample(const struct pt_scatterer *at, struct pt_sampler *s, float beta[3]);
 
-/* A walk that leaves a smooth solid from a scatterer straight to a light, and what decides between the ways of finding that light. */
+/* A path that leaves a smooth solid from a scatterer straight to a light, with the data for MIS between the techniques. */
 struct pt_exit {
     struct pt_scatterer from;
     int solid;
-    struct pt_hit hit;  /* where it leaves */
+    struct pt_hit hit;  /* exit point */
     struct pell_vec3 w; /* unit, from the scatterer to it */
     float length, transmit;
-    float share; /* of the scatterers at which lights are looked for */
+    float share; /* fraction of the scatterers with next-event estimation */
 };
 
-/* Weights of `now` on the whole that are below `least` go on by chance, and are `least` then. False: they don't. */
+/* Russian roulette: a weight of `now` below `least` survives with the probability now/least and becomes `least`. False: terminated. */
 static inline bool pt_roulette(float beta[3], float now, float least, struct pt_sampler *sampler)
 {
     if (!(now > 0.0f))
@@ -312,52 +311,52 @@ static inline bool pt_roulette(float beta[3], float now, float least, struct pt_
     return true;
 }
 
-/* Numbers for a question beside the walk, whose own stay as they are. */
+/* An independent sampler for a decision off the path, which leaves the path's own random numbers unchanged. */
 static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, uint64_t salt)
 {
     return (struct pt_sampler) { .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_QUASI_RANDOM_NUMBERS };
 }
 
-/* Solid angle at the scatterer per area across the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside); 0 where
- * nothing gets out. */
+/* Solid angle at the scatterer per area perpendicular to the beam at `distance` mm beyond the boundary (INFINITY: per solid angle outside);
+ * 0 under total internal reflection. */
 double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distance);
-/* Density by which the walk goes this way, per sr at the scatterer; the same for whoever asks. */
+/* Density of the path's own sampling of this direction, per sr at the scatterer; the same for all callers. */
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
-/* Probability by which pt_connect_lights looks for a light this way. */
+/* Probability that pt_connect_lights samples a light in this direction. */
 double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source);
 
-/* A place on a light that is chosen for what is at x. False: no light. */
+/* Samples a point on a light for a receiver at x. False: no light. */
 bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sampler *sampler, struct pell_light_sample *source);
 
-#define PT_REACH 0.6                     /* of the extinction: how far connections look */
-#define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the numbers by which they do */
+#define PT_REACH 0.6                     /* in optical depths: range of connections */
+#define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the random numbers for that decision */
 
-/* Whether a scatterer looks for lights through a smooth boundary: `share` of those from which connections may reach it do, evenly along the
- * walk. *safe: mm around x without a surface, what becomes known of it; *turn: in [0, 1), whose turn it is. */
+/* Whether a scatterer does next-event estimation through a smooth boundary: the fraction `share` of those within range of it, evenly along
+ * the path. *safe: mm around x without a surface, updated; *turn: in [0, 1), accumulates the selection. */
 bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
                        const struct pt_sampler *sampler);
-/* Light of lights at a scatterer inside a solid that asks, or at a share of them: adds to sum. Through smooth boundaries by connections,
- * through rough ones near them (but for the environment); the walk's own numbers stay as they are. */
+/* Next-event estimation at a scatterer inside a solid: adds to sum. Through smooth boundaries by refractive connections; through rough ones
+ * near them, for a fraction of the scatterers (without the environment). The path's own random numbers are unchanged. */
 void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
                        const struct pt_sampler *sampler, double sum[3]);
 void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
                       float *turn, const struct pt_sampler *sampler, double sum[3]);
-/* Density by which pt_connect_rough would have gone from the walk's scatterer e->from along e->w for the light's place, and asked at
- * all. */
+/* Density with which pt_connect_rough would have sampled the direction e->w from the scatterer e->from toward the light sample, including
+ * the probability to connect at all. */
 double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_light_sample *source);
 
-/* Light of lights at a surface in the open, and what the walk does there: a rough boundary's, or Lambert's. `open`: the side of at->n that
- * is in the open, +1 or -1. `environments`: of the environment alone. */
+/* Next-event estimation at a surface outside of solids, at a rough boundary or a Lambertian surface. `open`: the side of at->n that is
+ * outside, +1 or -1. `environments`: the environment only. */
 void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const struct pt_hit *hit, const struct pt_scatterer *at, int open,
                    bool environments, struct pt_sampler *sampler, double sum[3]);
 
 /* --- light_path.c: paths from lights -------------------------------------------------------------------------------------------- */
 
-/* Where light of a delta light was scattered that no refractive connection finds, or a beam of it through a solid of one medium, anywhere
- * along which it may scatter: at.x is where it begins. */
+/* A vertex of a light path that no refractive connection finds: a scattering event, or a beam through a homogeneous solid along which light
+ * may scatter anywhere; at.x is its origin. */
 struct pt_light_vertex {
-    struct pt_scatterer at; /* at.w: the way the light goes; at.beta: of a beam at its beginning, without the phase function */
-    float length;           /* mm, of a beam; 0: a place */
+    struct pt_scatterer at; /* at.w: direction of the light; at.beta: power at the origin of a beam, without the phase function */
+    float length;           /* mm, of a beam; 0: a point */
     int solid;
 };
 
@@ -366,30 +365,30 @@ struct pt_walker {
     struct pt_counts counts;
     struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
     int vertices;
-    struct pt_branches *branches; /* of walks that are one after the other */
-    struct pt_wavefront *side;    /* NULL: walks are one after the other */
+    struct pt_branches *branches; /* of paths traced one after the other */
+    struct pt_wavefront *side;    /* NULL: paths are traced one after the other */
 };
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);
-/* Joins a scatterer of the walk to the light's: adds to sum. */
+/* Connects a scatterer of the camera path to the light path: adds to sum. */
 void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
                       const struct pt_scatterer *at, const struct pt_sampler *sampler, double sum[3]);
 
-/* --- specular_manifold.c: delta lights over smooth surfaces --------------------------------------------------------------------- */
+/* --- specular_manifold.c: delta lights through specular chains ------------------------------------------------------------------ */
 
-/* Light of delta lights at a scatterer that comes over any number of smooth surfaces, but for what one refraction brings where connections
- * find that: adds to sum. here: where the walk is; beyond: of a rough boundary, what is on its other side, else NULL; safe: mm
- * around it without a surface. */
+/* Light of delta lights at a scatterer through any number of smooth surfaces, except for single refractions where connections find those:
+ * adds to sum. here: medium stack at the scatterer; beyond: on the other side of a rough boundary, else NULL; safe: mm around it without a
+ * surface. */
 void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, const struct pt_scatterer *at,
                           const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float safe,
                           const struct pt_sampler *walk, double sum[3]);
 
 /* --- Smooth boundaries: boundary.c, scene.c ------------------------------------------------------------------------------------------ */
 
-/* Refracts or reflects at a smooth boundary by the random number u: true where it passes. *w becomes the new way, unit. *wrong: it had to
- * be mirrored to its side. */
+/* Refracts or reflects at a smooth boundary by the random number u: true if transmitted. *w becomes the new unit direction. *wrong: it had
+ * to be mirrored to its side. */
 bool pt_smooth(const struct pt_shading_frame *at, float eta, float u, struct pell_vec3 *w, float *fresnel, bool *wrong);
-/* Unit shading normal at a place of the hit's triangle, and its changes dn where the place moves by dp in the triangle's plane. */
+/* Unit shading normal at the hit, and its differentials dn for displacements dp in the triangle's plane. */
 struct pell_dvec3 pt_normal_at(const struct pt_scene *s, const struct pt_hit *hit, struct pell_dvec3 at, const struct pell_dvec3 dp[2],
                                struct pell_dvec3 dn[2]);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * path_trace.h - what runs the transport of trace.h over pictures: knobs, films, checkpoint files. The method's only symbol for others is
+ * path_trace.h - runs the transport of trace.h over images: knobs, films, checkpoint files. The method's only external symbol is
  * pell_method_path_trace.
  */
 #ifndef PELL_PATH_TRACE_METHOD_H
@@ -21,9 +21,9 @@ struct pt_method_knobs {
     struct pt_knobs trace; /* `techniques` follows from `connections` */
 };
 
-/* --- film.c: sums of samples, pixel by pixel ---------------------------------------------------------------------------------------- */
+/* --- film.c: per-pixel sums of samples ---------------------------------------------------------------------------------------------- */
 
-/* An exact sum: a whole number of 128 bits, in two's complement, of 2^-64 of the film's unit. No order of adding changes it. */
+/* An exact sum: a 128-bit integer in two's complement, in units of 2^-64 of the film's unit. Independent of the order of addition. */
 struct pt_sum {
     uint64_t low;
     int64_t high;
@@ -32,15 +32,15 @@ struct pt_sum {
 /* Sums over the samples of one pixel, W/(m^2 sr). */
 struct pt_pixel {
     struct pt_sum sum[3][3];  /* [multiple, single, surface][channel] */
-    struct pt_sum squares[4]; /* of R, G, B and luminance of the parts that count, in 2^-64 of the squared unit; end at the largest */
+    struct pt_sum squares[4]; /* of R, G, B and luminance of the visible parts, in 2^-64 of the squared unit; saturating */
     uint32_t count;           /* samples */
 };
 
 enum pt_part { PT_MULTIPLE, PT_SINGLE, PT_SURFACE, PT_PARTS };
 
-/* Pixels from left to right and from top to bottom of a tile, the smallest part of a picture that a file or a rank has. */
+/* Pixels of a tile, in scan order; a tile is the unit of files and ranks. */
 #define PT_TILE 8
-/* Spans of a tile. */
+/* Spans per tile. */
 #define PT_SPANS 4096
 
 /* Samples of a tile: first, first + 1, ... end - 1. */
@@ -48,55 +48,55 @@ struct pt_span {
     uint32_t first, end;
 };
 
-/* The translucent pixels of one sample of the multisample, and which of their samples are in the sums. */
+/* The translucent pixels of one sample of the multisample, and which of their samples are included. */
 struct pt_film {
     size_t count, capacity;
-    uint64_t identity;       /* of the places that its pixels see */
+    uint64_t identity;       /* hash of the positions visible in its pixels */
     int exponent;            /* its unit is 2^exponent W/(m^2 sr) */
-    struct pt_pixel *pixels; /* tile by tile, row by row in a tile */
+    struct pt_pixel *pixels; /* tile by tile, row by row within a tile */
     size_t tiles;
-    uint32_t *starts;      /* of tiles + 1: the first pixel of each */
-    uint16_t *num_spans;   /* of each tile */
-    struct pt_span *spans; /* most_spans of each tile: in order, apart from each other */
+    uint32_t *starts;      /* tiles + 1 entries: the first pixel of each */
+    uint16_t *num_spans;   /* per tile */
+    struct pt_span *spans; /* most_spans per tile: sorted and disjoint */
     uint32_t most_spans;
 };
 
-/* Tiles of a picture, in rows from the top. */
+/* Number of tiles of an image, in rows from the top. */
 static inline size_t pt_tiles(uint32_t width, uint32_t height)
 {
     return (size_t) ((width + PT_TILE - 1) / PT_TILE) * ((height + PT_TILE - 1) / PT_TILE);
 }
 
-/* Adds a sample; `traced`: what the surface reflects counts, too. One that is not finite, or 2^31 units away from 0, counts as black:
+/* Adds a sample; `traced`: the surface reflection is included. A sample that is not finite, or exceeds 2^31 units, is added as black:
  * false. */
 bool pt_pixel_add(struct pt_pixel *pixel, int exponent, const struct pt_light *light, bool traced);
-/* Adds all samples of another one. */
+/* Adds all samples of another pixel. */
 void pt_pixel_merge(struct pt_pixel *pixel, const struct pt_pixel *other);
 /* Of 2^exponent. */
 double pt_sum_value(const struct pt_sum *sum, int exponent);
-/* Mean and its standard error of R, G, B and luminance of the parts that count; of no sample: 0. */
+/* Mean and standard error of R, G, B and luminance of the visible parts; without samples: 0. */
 void pt_pixel_measure(const struct pt_pixel *pixel, int exponent, bool traced, double mean[4], double error[4]);
-/* Root of the mean over pixels of the squared relative standard error of the luminance. Pixels darker than 1/100 of the mean count as if
- * they were as bright as that. 0: the film is black; INFINITY: some pixel has fewer than 2 samples. */
+/* Root mean square over pixels of the relative standard error of the luminance. Pixels darker than 1/100 of the mean count as if they had
+ * that luminance. 0: the film is black; INFINITY: some pixel has fewer than 2 samples. */
 double pt_film_error(const struct pt_film *film, bool traced);
 
-/* An empty film, whose tiles have these numbers of pixels. On failure it is zeroed. */
+/* Creates an empty film whose tiles have these numbers of pixels. Zeroed on failure. */
 PELL_NODISCARD enum pell_result pt_film_create(struct pell_context *ctx, const uint8_t *pixels, size_t tiles, struct pt_film *film);
 void pt_film_free(struct pell_context *ctx, struct pt_film *film);
-/* Room for `more` further spans of each tile; PELL_ERR_NOMEM. */
+/* Reserves `more` further spans per tile; PELL_ERR_NOMEM. */
 PELL_NODISCARD enum pell_result pt_film_reserve(struct pell_context *ctx, struct pt_film *film, uint32_t more);
-/* The first sample of a tile from `from` on that is missing, and where the next one is that is not (or UINT32_MAX). */
+/* The first missing sample of a tile from `from` on, and the next one that is present (or UINT32_MAX). */
 uint32_t pt_film_missing(const struct pt_film *film, size_t tile, uint32_t from, uint32_t *end);
-/* Notes samples that were missing. There is room for a span. */
+/* Records samples that were missing. Needs a reserved span. */
 void pt_film_cover(struct pt_film *film, size_t tile, struct pt_span span);
-/* Notes samples that `from` has, too. PELL_ERR_INVALID: some of them were there; *tile and *sample are the first. Then nothing is added. */
+/* Records the samples of `from`. PELL_ERR_INVALID: some were present already; *tile and *sample are the first. Then nothing is added. */
 PELL_NODISCARD enum pell_result pt_film_merge(struct pell_context *ctx, struct pt_film *film, const struct pt_film *from, size_t *tile,
                                               uint32_t *sample);
 /* Whether all samples of `part` are in the film. */
 bool pt_film_holds(const struct pt_film *film, const struct pt_film *part);
 
 struct pell_share;
-/* Collective: adds the films of all ranks, of as many pixels, into those of `total`, on rank 0. */
+/* Collective: sums the films of all ranks, with the same number of pixels, into those of `total` on rank 0. */
 PELL_NODISCARD enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *share, const struct pt_film *film,
                                                 struct pt_film *total);
 
@@ -115,26 +115,26 @@ enum {
     PT_KEY_WORDS
 };
 
-/* What a file must be of to be gone on with. */
+/* Identifies a run; a file must match to be continued. */
 struct pt_checkpoint_key {
     uint32_t width, height, films; /* films: samples of the multisample */
     uint64_t scene;
     int64_t seed;
-    int32_t words[PT_KEY_WORDS]; /* knobs, as far as they change what a sample gives */
+    int32_t words[PT_KEY_WORDS]; /* knobs that affect samples */
     float roulette;
     int32_t exponent; /* of the films */
-    char version[32]; /* of the program, filled up with 0 */
+    char version[32]; /* of the program, padded with 0 */
 };
 
-/* The bytes of a file of these films, owned by the caller (pell_free). `note` is text of the program's, NULL: none. */
+/* Serialises these films, to memory owned by the caller (pell_free). `note`: a text of the program, NULL: none. */
 PELL_NODISCARD enum pell_result pt_checkpoint_encode(struct pell_context *ctx, const struct pt_checkpoint_key *key, const char *note,
                                                      const struct pt_film *films, uint8_t **data, size_t *size);
-/* The note of a file, which is the caller's (pell_free), whatever the file is of. PELL_ERR_FORMAT: there is none, or it is damaged;
- * PELL_ERR_INVALID: of another version. Both are logged with `path`. */
+/* The note of any file, owned by the caller (pell_free). PELL_ERR_FORMAT: there is none, or it is damaged; PELL_ERR_INVALID: another
+ * version. Both are logged with `path`. */
 PELL_NODISCARD enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                                    char **note);
-/* Fills key->films films, which are the caller's (pt_film_free), on failure none. PELL_ERR_FORMAT: damaged; PELL_ERR_INVALID: of
- * something else than `key`. Both are logged with `path`. */
+/* Reads key->films films, owned by the caller (pt_film_free); none on failure. PELL_ERR_FORMAT: damaged; PELL_ERR_INVALID: does not match
+ * `key`. Both are logged with `path`. */
 PELL_NODISCARD enum pell_result pt_checkpoint_decode(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size,
                                                      const struct pt_checkpoint_key *key, struct pt_film *films);
 

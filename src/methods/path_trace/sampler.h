@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * sampler.h - the random numbers of one sample of one pixel: the first of them fill the unit square evenly over the samples, the others
- * are plain.
+ * sampler.h - random numbers of one sample of one pixel: the first dimensions are quasi-random over the samples, the others pseudo-random.
  *
- * Pairs of Sobol's first two dimensions, each pair shuffled and scrambled by itself (pell_owen_scramble).
+ * Pairs of the first two Sobol dimensions, each pair independently shuffled and Owen-scrambled (pell_owen_scramble).
  */
 #ifndef PELL_PATH_TRACE_SAMPLER_H
 #define PELL_PATH_TRACE_SAMPLER_H
@@ -15,8 +14,8 @@
 struct pt_sampler {
     uint64_t state;
     uint32_t index, pattern; /* of the sample, of the pixel */
-    uint32_t at;             /* numbers taken */
-    float second;            /* of a pair */
+    uint32_t at;             /* dimensions used so far */
+    float second;            /* second number of a pair */
 };
 
 static inline uint64_t pt_mix(uint64_t z)
@@ -26,7 +25,7 @@ static inline uint64_t pt_mix(uint64_t z)
     return z ^ z >> 31;
 }
 
-/* `stream`: samples of one pixel may have several, for the light's paths, say. */
+/* `stream`: independent sequences of one pixel, for instance for light paths. */
 static inline struct pt_sampler pt_sampler_start(uint32_t seed, uint32_t pixel, uint32_t sample, uint32_t stream)
 {
     struct pt_sampler s = { .index = sample, .at = 0, .second = 0.0f };
@@ -54,13 +53,13 @@ static inline float pt_quasi_random(struct pt_sampler *s)
     return pell_unit_float(pell_owen_scramble(pell_sobol0(i), pell_hash(seed ^ 0x68e31da4u)));
 }
 
-/* In (0, 1), of 32 bits: where tails count. */
+/* In (0, 1), with 32 bits, for tails of distributions. */
 static inline double pt_fine(struct pt_sampler *s)
 {
     return ((double) pt_bits(s) + 0.5) * 0x1p-32;
 }
 
-/* In (0, 1], of 31 bits: the argument of a logarithm. */
+/* In (0, 1], with 31 bits: the argument of a logarithm. */
 static inline float pt_chance_of(uint32_t bits)
 {
     return ((float) (int32_t) (bits >> 1) + 0.5f) * 0x1p-31f;
@@ -77,7 +76,7 @@ static inline float pt_random(struct pt_sampler *s)
     return s->at < PT_QUASI_RANDOM_NUMBERS ? pt_quasi_random(s) : pell_unit_float(pt_bits(s));
 }
 
-/* A channel by what it carries, u in [0, 1). */
+/* Chooses a channel in proportion to its throughput, u in [0, 1). */
 static inline int pt_sample_channel(const float beta[3], float u)
 {
     int c = 0;

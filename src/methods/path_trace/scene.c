@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * scene.c - what walks need of a scene, made once; rays and what they meet. */
+ * scene.c - scene data for path tracing, created once; ray intersection. */
 #include "methods/path_trace/walk.h"
 
 #include "image/color.h"
@@ -12,14 +12,14 @@
 #include <string.h>
 
 #define GRID_BYTES ((size_t) 64 << 20)
-#define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, a delta */
+#define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, treated as a delta distribution */
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
-#define FURTHER 3.0f           /* mean free paths beyond the bound to which flights are split */
-#define SHARE 0.1f             /* where scattering goes all ways; forward ones follow each other */
+#define FURTHER 3.0f           /* in mean free paths: distance beyond the bound within which flights are split */
+#define SHARE 0.1f             /* for isotropic scattering; successive forward scattering events are correlated */
 #define PROBES 256
-#define MIRRORS 1024   /* rays by which folds are found */
-#define MOST_RAYS 6    /* of light a sample */
-#define FINISHES 48.0f /* steps of roughness, from 0 to 1, that maps are rounded to */
+#define MIRRORS 1024   /* test rays that detect folds */
+#define MOST_RAYS 6    /* light rays per sample */
+#define FINISHES 48.0f /* quantisation steps of mapped roughness, from 0 to 1 */
 #define MOST_TEXELS (1u << 20)
 
 static float extent(struct pell_vec3 p)
@@ -51,7 +51,7 @@ static void bound(const struct pt_scene *s, size_t i)
     }
 }
 
-/* The ground is a sheet that bounds all below and behind it: its medium ends as far from it as it is large. */
+/* The ground is a sheet that bounds everything below it: its medium ends at a distance of the sheet's size. */
 static void deepen_ground(const struct pt_scene *s, size_t i)
 {
     struct pt_solid *b = &s->solid[i];
@@ -64,14 +64,14 @@ static void deepen_ground(const struct pt_scene *s, size_t i)
     b->hi = vec3_add(b->hi, vec3(depth, depth, depth));
 }
 
-/* Which surfaces have holes; one warning an object. (Closed ones are turned the right way round where a scene is completed.) */
+/* Detects open surfaces; one warning per object. (Inverted normals of closed ones are fixed when a scene is completed.) */
 static enum pell_result inspect(struct pt_scene *s)
 {
     const struct pell_scene *scene = s->scene;
     struct pell_scene_report report = { 0 };
     uint32_t *order = pell_calloc(s->ctx, 2 * scene->num_meshes + 1, sizeof(*order));
     enum pell_result res = PELL_ERR_NOMEM;
-    size_t rank = 0; /* reports are sorted by the number of the object */
+    size_t rank = 0; /* reports are sorted by object index */
 
     if (!order)
         return PELL_ERR_NOMEM;
@@ -100,8 +100,8 @@ fail:
     return res;
 }
 
-/* Share of the scatterings at which lights are looked for, tuned on the bunny in milk, skin and ketchup: smaller for long walks and
- * forward scattering. */
+/* Fraction of the scattering events with next-event estimation, tuned on the bunny in milk, skin and ketchup: smaller for long paths and
+ * for forward scattering. */
 static float share_of(const struct pt_coefficients *m)
 {
     float albedo = 0.0f;
@@ -164,7 +164,7 @@ static enum pell_result add_rough(struct pt_scene *s, float alpha, float eta)
     return PELL_OK;
 }
 
-/* A step of a finish, and back. */
+/* Quantises a roughness to a step, and back. */
 static float step_alpha(const struct pt_roughness_step *f, int step)
 {
     const float r = f->steps > 1 ? f->low + (f->high - f->low) * ((float) step / (float) (f->steps - 1)) : f->high;
@@ -224,7 +224,7 @@ fail:
     return res;
 }
 
-/* The least and the greatest number of a map; of large ones any. */
+/* Smallest and largest value of a map; of large maps conservative bounds. */
 static void map_range(const struct pell_texture_map *map, float range[2])
 {
     const struct pell_image *image = &map->texture->image;
@@ -255,7 +255,7 @@ static void set_finishes(struct pt_scene *s)
         float range[2] = { 1.0f, 1.0f };
         if (r >= SMOOTH_ROUGHNESS && m->roughness_map.texture) {
             map_range(&m->roughness_map, range);
-            for (size_t k = 0; k < s->scene->num_meshes; k++) /* without coordinates the map says 1 */
+            for (size_t k = 0; k < s->scene->num_meshes; k++) /* without coordinates the map's value is 1 */
                 if (s->scene->meshes[k].material == (int) i && !s->scene->meshes[k].uv[m->roughness_map.uv])
                     range[1] = 1.0f;
         }
@@ -267,7 +267,7 @@ static void set_finishes(struct pt_scene *s)
 
 /* --- Lights -------------------------------------------------------------------------------------------------------------------------- */
 
-/* How many rays of light a sample has use for, by the share of mirrored rays that meet a surface: 32 in 100 on a seated figure, 8 on a
+/* Number of useful light rays per sample, from the fraction of mirrored rays that hit a surface: 32 in 100 on a seated figure, 8 on a
  * bunny, none on a ball. */
 static int light_rays(const struct pt_scene *s)
 {
@@ -316,7 +316,7 @@ static void probe_lights(struct pt_scene *s)
             u[k] = pt_fine(&q);
         if (pell_light_sampler_emit(s->light_sampler, s->centre, s->radius, u, &ray))
             flux += fmax(ray.weight[0], fmax(ray.weight[1], ray.weight[2])) / PROBES;
-        if (pell_light_sampler_sample(s->light_sampler, s->centre, u, &sample) && sample.away && !sample.delta) {
+        if (pell_light_sampler_sample(s->light_sampler, s->centre, u, &sample) && sample.distant && !sample.delta) {
             uneven += sample.pdf * 4.0 * PELL_PI;
             environments += 1.0;
         }
@@ -326,8 +326,8 @@ static void probe_lights(struct pt_scene *s)
             for (int c = 0; c < 3; c++)
                 s->brightest = fmax(s->brightest, (double) hit.radiance[c]);
     }
-    /* The density's mean over the lights' own samples, against that of a uniform environment. The choice of the light in it makes skies
-     * that matter less look evener, which is right, too. */
+    /* Mean density over samples of the lights, relative to a uniform environment. It includes the probability of choosing the light, which
+     * makes less important environments count as more uniform, as it should. */
     s->environment_share = environments > 0.0 ? fmin(fmax((uneven / environments - 1.5) / 10.0, 0.0), 1.0) : 1.0;
     for (size_t i = 0; s->light_paths && i < s->solids->count; i++)
         if (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
@@ -368,7 +368,7 @@ void pt_scene_set_deadline(struct pt_scene *scene, double seconds)
     scene->deadline = seconds;
 }
 
-/* --- Making it ------------------------------------------------------------------------------------------------------------------------ */
+/* --- Construction --------------------------------------------------------------------------------------------------------------------- */
 
 void pt_scene_destroy(struct pt_scene **scene)
 {
@@ -390,7 +390,7 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_free(s->ctx, s);
 }
 
-/* That the kernel of wavefront_kernel.h knows. */
+/* Whether the kernel of wavefront_kernel.h supports it. */
 static bool from_one_medium(const struct pt_medium *m)
 {
     return m->homogeneous && m->layers == 1 && m->layer[0].hg && m->slowest > 1e-12f && m->slowest < INFINITY;
@@ -464,8 +464,8 @@ fail:
 
 /* --- Rays ------------------------------------------------------------------------------------------------------------------------- */
 
-/* mm: some rounding errors of a place on a triangle along its normal. Along the triangle they may be far larger: a thin plate's rays must
- * not start deep in it. */
+/* mm: several rounding errors of a point on a triangle along its normal. Errors in the plane may be far larger, but rays of a thin plate
+ * must not start deep inside it. */
 static float rounding_along(struct pell_vec3 n, struct pell_vec3 a, struct pell_vec3 b, struct pell_vec3 c)
 {
     const struct pell_vec3 most = vec3(fmaxf(fabsf(a.x), fmaxf(fabsf(b.x), fabsf(c.x))), fmaxf(fabsf(a.y), fmaxf(fabsf(b.y), fabsf(c.y))),
@@ -489,7 +489,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
     out->p = vec3_add(vec3_add(vec3_mul(p[0], k), vec3_mul(p[1], u)), vec3_mul(p[2], v));
     out->ng = vec3_normalize(pell_triangle_cross(p));
     if (vec3_dot(out->ng, out->ng) < 0.5f)
-        out->ng = vec3_mul(w, -1.0f); /* no area */
+        out->ng = vec3_mul(w, -1.0f); /* degenerate */
     out->unit = rounding_along(out->ng, p[0], p[1], p[2]);
     out->ns = out->ng;
     out->bent = false;
@@ -530,7 +530,7 @@ bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pe
     return !pell_rays_occluded(s->rays, &ray);
 }
 
-/* --- Places ----------------------------------------------------------------------------------------------------------------------- */
+/* --- Medium stack ----------------------------------------------------------------------------------------------------------------- */
 
 bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
               struct pt_medium_stack *after)
@@ -540,7 +540,7 @@ bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int
 
     for (int i = 0; i < place->count; i++)
         inside = inside || place->solid[i] == solid;
-    for (int i = 0; !inside && !enter && i < place->count; i++) /* one closed surface of several media: it is the one that was entered */
+    for (int i = 0; !inside && !enter && i < place->count; i++) /* a closed surface shared by several media: the one that was entered */
         if (s->solids->solids[place->solid[i]].object == s->solids->solids[solid].object)
             solid = place->solid[i];
     inside = false;

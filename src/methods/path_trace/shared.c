@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * shared.c - a run by several ranks. Tasks of rounds are numbered, and ranks take numbers until none is left; so the fast ones do more.
- * Each adds to a film of its own, and writes that to a checkpoint of its own: rank 0 to the one that was named, the others beside it. At
- * the end the films are added along a binary tree, in pieces. Sums are exact, so neither who did what nor the tree shows in the picture.
+ * shared.c - a run of several ranks. The tasks of rounds are numbered, and ranks take indices until none is left, so fast ranks do more.
+ * Each rank adds to its own film and writes it to its own checkpoint: rank 0 to the given file, the others next to it. At the end the films
+ * are summed along a binary tree, in pieces. Sums are exact, so neither the distribution of work nor the tree affects the image.
  *
- * A run begins with all files that there are, of however many ranks: rank 0 adds them, writes their sum, removes the others, and tells
- * the ranks which samples are there. A file all of whose samples are in the sum already was left by a run that was killed between the two.
+ * A run begins with all existing files, of any number of ranks: rank 0 sums them, writes the sum, removes the others, and tells the ranks
+ * which samples are present. A file whose samples are all in the sum was left by a run killed between these two steps.
  */
 #include "methods/path_trace/run.h"
 
@@ -18,9 +18,9 @@
 
 enum { PIECE = 16384 }; /* pixels */
 
-/* --- Files of the run before --------------------------------------------------------------------------------------------------------- */
+/* --- Files of the previous run ------------------------------------------------------------------------------------------------------- */
 
-/* Calls `each` for the files of ranks beside a checkpoint. */
+/* Calls `each` for the rank files next to a checkpoint. */
 static enum pell_result visit_files(struct pt_state *st, const char *path,
                                     enum pell_result (*each)(struct pt_state *st, const char *path, void *user), void *user)
 {
@@ -85,7 +85,7 @@ static enum pell_result gather_files(struct pt_state *st, const struct pell_fram
         PELL_TRY(pt_read_file(st, &key, path, st->films));
     PELL_TRY(visit_files(st, path, add_file, &key));
     for (size_t f = 0; f < st->num_films; f++)
-        if (st->films[f].identity != 0) { /* the sum is safe before its parts go */
+        if (st->films[f].identity != 0) { /* the sum is safely stored before the parts are removed */
             PELL_TRY(pt_write_films(st, in, true));
             if (st->unwritten) {
                 res = pell_error(st->ctx, PELL_ERR_IO, path, "make room, and run it again",
@@ -103,7 +103,7 @@ fail:
     return res;
 }
 
-/* Which samples of a film are there; all ranks skip them. */
+/* The samples present in a film, which all ranks skip. */
 static enum pell_result tell_spans(struct pt_state *st, struct pt_film *film, struct pt_film *done)
 {
     const struct pell_share *share = pt_share(st);
@@ -229,11 +229,11 @@ static enum pell_result make_total(struct pt_run *run)
 
 /* --- Rounds ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Rounds of one piece of work: all of `tasks` tasks each. */
+/* Consecutive rounds with `tasks` tasks each. */
 struct rounds {
     uint32_t from, step, end; /* samples: round i ends at from + (i + 1) step, or at the end */
     size_t tasks;
-    int64_t count; /* rounds */
+    int64_t count; /* number of rounds */
 };
 
 static enum pell_result do_items(struct pt_run *run, const struct rounds *r, int64_t first, int64_t end)
@@ -260,7 +260,7 @@ static enum pell_result do_items(struct pt_run *run, const struct rounds *r, int
     return PELL_OK;
 }
 
-/* Takes items until none is left, fewer at a time towards the end. */
+/* Takes items until none is left, in smaller portions towards the end. */
 static enum pell_result do_rounds(struct pt_run *run, const struct pt_goal *goal, const struct rounds *r)
 {
     struct pt_state *st = run->st;
@@ -302,9 +302,9 @@ fail:
     return res;
 }
 
-/* What rank 0 decides before rounds. */
+/* Decision of rank 0 before rounds. */
 struct decision {
-    uint32_t end; /* of the samples of the next; that of the last ones: it is done */
+    uint32_t end; /* end of the next round's samples; unchanged: done */
     uint32_t unfinished;
 };
 
@@ -335,7 +335,7 @@ static struct decision decide(const struct pt_run *run, struct pt_goal *g, const
     return (struct decision) { least + step, 0 };
 }
 
-/* Makes rank 0's film that of all ranks. */
+/* Sums the films of all ranks into that of rank 0. */
 static void take_total(struct pt_run *run, uint32_t end)
 {
     struct pt_film *film = run->film;
@@ -360,7 +360,7 @@ enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
     bool even, reduced = false;
     enum pell_result res;
 
-    share->broadcast(share->user, &threads, sizeof(threads)); /* of rank 0: all must cut the same tasks */
+    share->broadcast(share->user, &threads, sizeof(threads)); /* of rank 0: tasks must be the same on all ranks */
     each = pixels / (threads * 16);
     PELL_TRY(make_total(run));
     PELL_TRY(pt_list_tasks(run, each > PT_TASK ? PT_TASK : (size_t) each + 1, &rounds.tasks));

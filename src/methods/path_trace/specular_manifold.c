@@ -1,33 +1,34 @@
 /* SPDX-License-Identifier: MIT
- * specular_manifold.c - light of delta lights that reaches a scatterer over a chain of smooth surfaces: reflected inside, through several
- * solids, onto something opaque as a caustic.
+ * specular_manifold.c - light of delta lights that reaches a scatterer through a chain of smooth surfaces: internal reflections, paths
+ * through several solids, caustics on opaque surfaces.
  *
- * Of what directions lead over surfaces to a point there are finitely many, and no random direction is one. So a random one is turned until
- * it hits the light (Newton's method on the direction alone, by the differentials of the chain), and what is found there is divided by the
- * probability of finding it, of which a number of trials until it is found again is an unbiased estimate of the inverse (Zeltner, Georgiev
- * and Jakob 2020, "Specular Manifold Sampling for Rendering High-Frequency Caustics and Glints", section 4.2). Which solution a direction
- * leads to need not be known, nor how many there are; that each has directions about it that lead there is enough. */
+ * Finitely many directions lead to a point light through a given chain, and a random direction hits none of them. A random seed direction
+ * is therefore moved until it hits the light (Newton's method on the direction, with the differentials of the chain). The contribution is
+ * divided by the probability of finding that solution; the number of trials until it is found again is an unbiased estimate of the
+ * reciprocal (Zeltner, Georgiev and Jakob 2020, "Specular Manifold Sampling for Rendering High-Frequency Caustics and Glints", section
+ * 4.2). Neither the basins of the solutions nor their number need to be known; it suffices that each solution has a basin of positive
+ * measure. */
 #include "methods/path_trace/path.h"
 
-#define LINKS 32         /* surfaces of a chain at most */
-#define REACH 0.5        /* of the extinction: how far chains look */
+#define LINKS 32         /* maximum number of surfaces per chain */
+#define REACH 0.5        /* in optical depths: range of chains */
 #define STEPS 16         /* of Newton's method */
-#define HALVINGS 5       /* of one of them */
-#define LONGEST 0.5      /* rad: of one of them */
-#define SAME 1e-6        /* rad: chains of one kind nearer than this are one */
+#define HALVINGS 5       /* per step */
+#define LONGEST 0.5      /* rad: per step */
+#define SAME 1e-6        /* rad: chains of the same type closer than this are identical */
 #define CONVERGED 1e-9   /* rad */
-#define TRIALS (1 << 20) /* until a chain is given up */
-#define LOOK 64          /* trials between two looks at the clock */
-#define CHAIN_SHARE 1e-2 /* chains of less than this times the typical radiance are followed up by chance */
+#define TRIALS (1 << 20) /* before a chain is given up */
+#define LOOK 64          /* trials between two checks of the clock */
+#define CHAIN_SHARE 1e-2 /* relative to the typical radiance: weaker chains are subject to Russian roulette */
 
-/* What surfaces do, one after the other: the kind of a chain. */
+/* Events along a chain; their sequence is the type of the chain. */
 struct kind {
     int count;
     bool transmitted[LINKS];
 };
 
 struct leg {
-    int solid; /* -1: open */
+    int solid; /* -1: outside */
     struct pell_vec3 x, w;
     float length;
 };
@@ -36,25 +37,25 @@ struct chain {
     struct kind kind;
     struct leg leg[LINKS];
     struct pell_dvec3 w0;           /* from the scatterer */
-    struct pell_dvec3 at, w;        /* where it is and goes */
-    struct pell_dvec3 dp[2], dw[2]; /* by turning w0 about t0, t1 */
-    struct pell_vec3 from;          /* where rays start */
+    struct pell_dvec3 at, w;        /* current point and direction */
+    struct pell_dvec3 dp[2], dw[2]; /* derivatives under rotation of w0 about t0, t1 */
+    struct pell_vec3 from;          /* ray origin */
     struct pt_medium_stack place;
-    double share;  /* Fresnel's */
-    float tint[3]; /* of the boundaries that it passes */
-    double depth;  /* least optical thickness */
-    bool odd;      /* something that refractive connections do not know */
+    double share;  /* Fresnel factors */
+    float tint[3]; /* of the transmitting boundaries */
+    double depth;  /* minimum optical depth */
+    bool odd;      /* it contains an event that refractive connections do not handle */
 };
 
-/* What all chains of one question have in common. */
+/* Data shared by all chains of one query. */
 struct quest {
     const struct pt_scene *s;
     struct pt_counts *counts;
     const struct pt_scatterer *at;
-    const struct pt_medium_stack *here, *beyond; /* on both sides of a surface; beyond NULL: not there */
+    const struct pt_medium_stack *here, *beyond; /* medium stacks on both sides of a surface; beyond NULL: the other side is not used */
     struct pell_light_sample source;
-    double deepest; /* optical thickness */
-    bool connected; /* what one refraction brings is found by connections */
+    double deepest; /* optical depth */
+    bool connected; /* single refractions are found by connections */
 };
 
 static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3 t0, struct pell_dvec3 t1, struct chain *c)
@@ -77,7 +78,7 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
     c->odd = false;
 }
 
-/* The next surface of a solid, no deeper than `deepest`. */
+/* The next surface of a solid, up to an optical depth of `deepest`. */
 static bool next(const struct quest *q, const struct chain *c, double deepest, struct pt_hit *hit)
 {
     const int solid = pt_top(&c->place);
@@ -89,7 +90,7 @@ static bool next(const struct quest *q, const struct chain *c, double deepest, s
            hit->solid >= 0;
 }
 
-/* The geometric normal in double: the plane that a chain meets must be the same to more digits than chains are solved to. */
+/* The geometric normal in double precision: the plane must be known to more digits than the tolerance of chains. */
 static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit *hit, struct pell_dvec3 *corner)
 {
     const struct pell_mesh *m = &s->scene->meshes[hit->mesh];
@@ -102,17 +103,17 @@ static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit 
     return dvec3_dot(n, n) > 0.0 ? dvec3_normalize(n) : dvec3_widen(hit->ng);
 }
 
-/* How likely a random chain reflects where both may be. */
+/* Probability that a random chain reflects where both events are possible. */
 static double reflects(const struct quest *q, const struct chain *c, const struct pt_medium_stack *after, double fresnel)
 {
     if (!(fresnel > 1e-7))
         return 0.0;
     if (c->kind.count == 0 && q->connected && after->count == 0)
-        return 0.9; /* what goes through is found by connections, but for what meets another solid */
+        return 0.9; /* transmission is found by connections, unless it hits another solid */
     return fmin(fmax(fresnel, 0.2), 0.8);
 }
 
-/* Goes on at a surface: as `through` says, or at random (NULL). False: it can't. */
+/* Continues at a surface: as `through` says, or at random (NULL). False: impossible. */
 static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
@@ -139,7 +140,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
         c->dp[k] = dvec3_mad(c->dp[k], t, c->dw[k]);
         c->dp[k] = dvec3_mad(c->dp[k], -dvec3_dot(c->dp[k], ng) / along, c->w);
     }
-    if (!pt_cross(s, &c->place, hit->solid, enter, &before, &after)) { /* light notices nothing */
+    if (!pt_cross(s, &c->place, hit->solid, enter, &before, &after)) { /* the surface is ignored */
         if (transmitted && !*transmitted)
             return false;
         c->kind.transmitted[c->kind.count++] = true;
@@ -156,7 +157,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     ng = dvec3_mul(ng, side);
     ns = dvec3_mul(ns, side);
     cosine = -dvec3_dot(c->w, ns);
-    if (!(cosine > 1e-4)) { /* as the walk does */
+    if (!(cosine > 1e-4)) { /* as in pt_walk */
         ns = ng;
         cosine = -dvec3_dot(c->w, ns);
         dn[0] = dn[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
@@ -172,7 +173,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
         return false;
     c->share *= passes ? 1.0 - fresnel : fresnel;
     if (passes)
-        pt_tint(s, hit, !enter, c->tint); /* light goes the other way */
+        pt_tint(s, hit, !enter, c->tint); /* light travels in the opposite direction */
     if (passes)
         ct = sqrt(square);
     for (int k = 0; k < 2; k++) {
@@ -196,9 +197,9 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     return true;
 }
 
-/* --- A random chain ------------------------------------------------------------------------------------------------------------------ */
+/* --- Seed chains --------------------------------------------------------------------------------------------------------------------- */
 
-/* Half of them about where the light is, which light that is refracted has not far to turn to. */
+/* Half of the seeds are near the direction of the light, from which refracted light deviates little. */
 static struct pell_dvec3 any_direction(const struct quest *q, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
@@ -210,7 +211,7 @@ static struct pell_dvec3 any_direction(const struct quest *q, struct pt_sampler 
     struct pell_vec3 t, b;
 
     if (pick < 0.5) {
-        axis = dvec3_normalize(q->source.away ? dvec3_widen(q->source.toward) : dvec3_mad(dvec3_widen(q->source.at), -1.0, x));
+        axis = dvec3_normalize(q->source.distant ? dvec3_widen(q->source.toward) : dvec3_mad(dvec3_widen(q->source.at), -1.0, x));
         z = 1.0;
         sine = exp(-7.0 * u);
     } else if (q->here->count == 0 && !q->beyond && square > 1.02 * r2) { /* from outside, toward the solids */
@@ -231,13 +232,13 @@ static void tangents(struct pell_dvec3 w, struct pell_dvec3 *t0, struct pell_dve
     *t1 = dvec3_cross(w, *t0);
 }
 
-/* Those that connections find, and those of no surface, are of no use. */
+/* Chains that connections find, and chains without surfaces, are useless. */
 static bool wanted(const struct quest *q, const struct chain *c)
 {
     return c->kind.count > 0 && c->place.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.transmitted[0] && !c->odd);
 }
 
-/* Bounces of the path over a chain. */
+/* Number of path segments outside with this chain. */
 static int bounces_over(const struct quest *q, const struct chain *c)
 {
     int bounces = q->at->bounces;
@@ -249,7 +250,7 @@ static int bounces_over(const struct quest *q, const struct chain *c)
 
 static bool random_chain(const struct quest *q, struct pt_sampler *sampler, struct chain *c)
 {
-    const double deepest = 1.5 * q->deepest + 0.1; /* what leads to a chain may be longer than it */
+    const double deepest = 1.5 * q->deepest + 0.1; /* seed chains may be longer than the solution */
     const struct pell_dvec3 w = any_direction(q, sampler);
     struct pell_dvec3 t0, t1;
 
@@ -267,9 +268,9 @@ static bool random_chain(const struct quest *q, struct pt_sampler *sampler, stru
     }
 }
 
-/* --- To the light ------------------------------------------------------------------------------------------------------------------ */
+/* --- Newton iteration -------------------------------------------------------------------------------------------------------------- */
 
-/* The same kind of chain in another direction. */
+/* The same type of chain in another direction. */
 static bool follow(const struct quest *q, const struct kind *kind, struct pell_dvec3 w, struct chain *c)
 {
     struct pell_dvec3 t0, t1;
@@ -284,13 +285,13 @@ static bool follow(const struct quest *q, const struct kind *kind, struct pell_d
     return c->place.count == 0;
 }
 
-/* Where the light is from the chain's last place. *distance INFINITY: a direction. */
+/* Direction of the light from the last point of the chain. *distance INFINITY: distant. */
 static struct pell_dvec3 aim(const struct quest *q, const struct chain *c, double *distance)
 {
     struct pell_dvec3 to = dvec3_widen(q->source.toward);
 
     *distance = INFINITY;
-    if (!q->source.away) {
+    if (!q->source.distant) {
         to = dvec3_mad(dvec3_widen(q->source.at), -1.0, c->at);
         *distance = sqrt(dvec3_dot(to, to));
     }
@@ -305,7 +306,7 @@ static double miss(const struct quest *q, const struct chain *c)
     return sqrt(dvec3_dot(off, off));
 }
 
-/* The turn of w0 that would bring c to the light, were all linear. */
+/* Newton step: the rotation of w0 that would bring c to the light if everything were linear. */
 static bool newton(const struct quest *q, const struct chain *c, struct pell_dvec3 *by)
 {
     struct pell_dvec3 t0, t1, e0, e1;
@@ -334,7 +335,7 @@ static bool newton(const struct quest *q, const struct chain *c, struct pell_dve
     return true;
 }
 
-/* From a random chain to one that hits the light. */
+/* Iterates from a seed chain to one that hits the light. */
 static bool solve(const struct quest *q, struct chain *c)
 {
     const struct kind kind = c->kind;
@@ -356,7 +357,7 @@ static bool solve(const struct quest *q, struct chain *c)
                      (miss(q, &moved) < off || (off < 1e-9 && step < 1e-7));
         }
         if (!better)
-            return step < 1e-8 && off < 1e-3; /* as near as rounding lets it */
+            return step < 1e-8 && off < 1e-3; /* within rounding errors */
         *c = moved;
         off = miss(q, c);
     }
@@ -375,7 +376,7 @@ static bool is_same(const struct chain *a, const struct chain *b)
     return true;
 }
 
-/* What comes along a chain, over the probability of its light. False: nothing. */
+/* Contribution of a chain over the probability of its solution. False: none. */
 static bool light_of(const struct quest *q, const struct chain *c, struct pt_sampler *sampler, double out[3])
 {
     const struct pell_vec3 w = dvec3_narrow(c->w0), at = dvec3_narrow(c->at);
@@ -431,7 +432,7 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
     q.connected = !beyond && here->count == 1 && s->solid[solid].connects;
     if (!pt_sample_light(s, at->x, &own, &q.source) || !q.source.delta)
         return;
-    if (!beyond && solid < 0 && !pt_may_bounce(s, at->bounces + 1)) /* the first surface would be one too many */
+    if (!beyond && solid < 0 && !pt_may_bounce(s, at->bounces + 1)) /* the first surface would exceed the limit */
         return;
     if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !pt_may_bounce(s, bounces_over(&q, &found)) ||
         !light_of(&q, &found, &own, light))

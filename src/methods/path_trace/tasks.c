@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * tasks.c - the work of a round: tasks of some tiles, whose missing samples are traced and added a tile at a time.
+ * tasks.c - tasks of a round: the missing samples of some tiles are traced and added one tile at a time.
  */
 #include "methods/path_trace/run.h"
 
 enum {
-    TILE = 512, /* pixels of a call */
-    JOBS = 1024 /* samples that are traced in one call */
+    TILE = 512, /* pixels per call */
+    JOBS = 1024 /* samples traced per call */
 };
 
 void pt_count_range(const struct pt_run *run, const struct pt_film *film, uint32_t *least, uint32_t *most)
@@ -53,7 +53,7 @@ struct block {
     struct pt_span span;
 };
 
-/* The blocks of a worker's next call, and their samples. */
+/* Blocks of a worker's next call, and their samples. */
 struct batch {
     struct block blocks[JOBS];
     struct pt_point points[TILE];
@@ -61,7 +61,7 @@ struct batch {
     int num_blocks, num_points, num_jobs;
 };
 
-/* Traces the blocks and adds them. False: interrupted, they are dropped. */
+/* Traces the blocks and adds them. False: interrupted; they are dropped. */
 static bool do_blocks(struct pt_run *run, struct batch *b, int worker)
 {
     struct pt_state *st = run->st;
@@ -90,7 +90,7 @@ static bool do_blocks(struct pt_run *run, struct batch *b, int worker)
     return true;
 }
 
-/* As pt_film_missing, of what neither this rank nor an earlier run has made. */
+/* Like pt_film_missing, for samples that neither this rank nor an earlier run has. */
 static uint32_t missing(const struct pt_run *run, size_t tile, uint32_t from, uint32_t *next)
 {
     uint32_t end, before;

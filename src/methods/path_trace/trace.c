@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * trace.c - the samples of pixels: one walk after the other, or many side by side.
+ * trace.c - the samples of pixels: one path after the other, or many in SIMD lanes.
  */
 #include "methods/path_trace/walk.h"
 
@@ -34,7 +34,7 @@ const struct pt_counts *pt_walker_counts(const struct pt_walker *walker)
     return &walker->counts;
 }
 
-/* One walk after the other. */
+/* One path after the other. */
 static void trace_one(const struct pt_scene *s, struct pt_walker *walker, const struct pt_hit *hit, struct pt_job *job)
 {
     struct pt_walk walks[2];

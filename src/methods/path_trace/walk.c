@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: MIT
  * walk.c - paths from the camera.
  *
- * A walk keeps its weight at boundaries (path.h) and loses at collisions what the medium absorbs; below `roulette` it goes on by chance.
- * Lights are looked for where it scatters (next_event.c, specular_manifold.c), paths from lights are joined there (light_path.c), and where
- * it leaves it meets lights by chance. At the pixel's own surface a smooth boundary is split: what it reflects and what enters are both
- * followed. */
+ * A path keeps its throughput at boundaries (path.h) and loses the absorbed part at collisions; below `roulette` Russian roulette starts.
+ * Next-event estimation is done at scattering events (next_event.c, specular_manifold.c), light paths are connected there (light_path.c),
+ * and a path outside may hit lights. At the pixel's own surface a smooth boundary is split: reflection and refraction are both traced. */
 #include "methods/path_trace/walk.h"
 
 #include <string.h>
 
-#define LOOK 16 /* surfaces and scatterings between two looks at whether to stop */
+#define LOOK 16 /* surfaces and scattering events between two tests for interruption */
 
 static void add(struct pt_walk *p, const double light[3], int scattered)
 {
@@ -19,9 +18,9 @@ static void add(struct pt_walk *p, const double light[3], int scattered)
         to[c] += light[c];
 }
 
-/* --- In the open ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Outside -------------------------------------------------------------------------------------------------------------------------- */
 
-/* Lights that the way through the open meets before `reach`. */
+/* Adds the lights that the segment outside hits before `reach`. */
 static void hit_lights(struct pt_walk *p, double reach)
 {
     const struct pt_scene *s = p->s;
@@ -32,13 +31,13 @@ static void hit_lights(struct pt_walk *p, double reach)
     if (!(s->knobs.techniques & PT_CHANCE))
         return;
     for (int k = 0; pell_light_sampler_hit(s->light_sampler, from, p->x, p->w, reach, k, &hit); k++) {
-        const double facing = source->away ? 1.0 : -(double) vec3_dot(source->normal, p->w);
+        const double facing = source->distant ? 1.0 : -(double) vec3_dot(source->normal, p->w);
         double met = 0.0, found = 0.0, light[3];
-        if (p->last == PT_LAST_SURFACE && p->looked && !source->away) {
+        if (p->last == PT_LAST_SURFACE && p->looked && !source->distant) {
             met = pt_exit_density(s, &p->exit) * (double) p->density * facing / (hit.distance * hit.distance);
             found = pell_light_sampler_pdf(s->light_sampler, p->exit.from.x, source) * pt_rough_looked(s, p->counts, &p->exit, source);
         } else if (p->last == PT_LAST_SURFACE && (s->knobs.techniques & PT_LIGHTS)) {
-            met = (double) p->density * (source->away ? 1.0 : facing / (hit.distance * hit.distance));
+            met = (double) p->density * (source->distant ? 1.0 : facing / (hit.distance * hit.distance));
             found = source->pdf;
         } else if (p->last == PT_LAST_EXIT) {
             met = pt_exit_density(s, &p->exit) * pt_beam(s, &p->exit, hit.distance) * facing;
@@ -50,7 +49,7 @@ static void hit_lights(struct pt_walk *p, double reach)
     }
 }
 
-/* What is looked for at a scatterer in a medium, at something opaque in it, or (solid < 0) at something opaque in the open. */
+/* Next-event estimation at a scatterer in a medium, at an opaque surface in it, or (solid < 0) at an opaque surface outside. */
 void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, enum pt_connection asked)
 {
     const struct pt_scene *s = p->s;
@@ -84,7 +83,7 @@ void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, e
     }
 }
 
-/* Off what is below layers. */
+/* Reflects at the substrate below layers. */
 static void reflect_floor(struct pt_walk *p, const struct pt_free_path *path)
 {
     struct pt_scatterer at = { path->x, p->w, .n = path->n, .bounces = p->bounces };
@@ -140,11 +139,11 @@ struct boundary {
     bool enter, flat;
 };
 
-/* False: light notices nothing. */
+/* False: the boundary is ignored. */
 static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct boundary *b)
 {
     const float side = vec3_dot(p->w, hit->ng) < 0.0f ? 1.0f : -1.0f;
-    const bool closed = p->s->solid[hit->solid].closed; /* the inner side of an open one is seen through its hole */
+    const bool closed = p->s->solid[hit->solid].closed; /* seen through the hole of an open surface */
     float outward;
 
     b->enter = side > 0.0f;
@@ -166,7 +165,7 @@ static bool look(const struct pt_walk *p, const struct pt_hit *hit, struct bound
 static void go_on(struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, bool transmitted)
 {
     if (transmitted)
-        pt_tint(p->s, hit, !b->enter, p->beta); /* light goes the other way */
+        pt_tint(p->s, hit, !b->enter, p->beta); /* light travels in the opposite direction */
     p->place = transmitted ? b->after : b->before;
     p->x = hit->p;
     p->from = pt_leave(hit, p->w);
@@ -178,7 +177,7 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
 {
     const struct pt_scene *s = p->s;
     const int open = b->before.count == 0 ? 1 : b->after.count == 0 ? -1 : 0;
-    const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lights but the environment, from where the walk scattered */
+    const bool looked = p->leaving && open < 0 && b->before.count == 1; /* for lights except the environment, from the scattering event */
     struct pt_scatterer at = {
         hit->p, p->w, NULL, b->at.ng, b->rough, &b->at, hit->unit, { p->beta[0], p->beta[1], p->beta[2] }, p->bounces, { 1.0f, 1.0f, 1.0f }
     };
@@ -195,7 +194,7 @@ static void rough_boundary(struct pt_walk *p, const struct pt_hit *hit, const st
         pt_specular_manifold(s, p->counts, &at, &b->before, &b->after, 0.0f, p->sampler, sum);
         add(p, sum, p->scattered);
     }
-    p->tight = true; /* a light's path ends at rough surfaces */
+    p->tight = true; /* a light path ends at rough surfaces */
     p->w = pt_rough_sample(b->rough, &b->at, p->sampler, &transmitted);
     p->last = PT_LAST_NONE;
     if ((transmitted ? b->after : b->before).count == 0) {
@@ -254,19 +253,21 @@ static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
  *
  * A flight in a smooth solid that passes the bound of the grid and may reach the boundary behind it leaves there with the probability
  *
- *     out_c = exp(-sigma_t,c (t - bound)) (1 - F),    t the distance of the boundary, F what it reflects
+ *     out_c = exp(-sigma_t,c (t - bound)) (1 - F),    t the distance of the boundary, F the Fresnel reflectance
  *
- * of channel c. What leaves is followed at once, with that part of the weight; the walk goes on with the rest, as one that does not leave:
- * the densities of where it collides, and of being reflected, are divided by 1 - out_c (walks are weighed by those of all channels, as in
- * distance_sampling.c). A walk that ended at its first exit knows the surface there alone; this one sees many, and its weight falls evenly
- * instead of at once. What is split is known before it is known how far the walk flies: boundaries within `further` of the bound. */
+ * in channel c. The leaving part is traced at once, with that fraction of the throughput; the path continues with the rest, conditioned not
+ * to leave: the densities of its collisions, and of being reflected, are divided by 1 - out_c (with the balance heuristic over channels, as
+ * in distance_sampling.c). A path that ended at its first exit would sample the surface there only; this one samples many exits, and its
+ * throughput decreases gradually. The decision to split is made before the length of the flight is known: for boundaries within `further`
+ * of the bound. */
 
-#define LEAVES 0.02f                  /* least probability to leave for which a flight is split */
-#define LEAST_STAY 1e-6f              /* what divides by the probability to stay */
-#define PART 0.3f                     /* weight at least of what leaves and meets another surface */
+#define LEAVES 0.02f                  /* smallest probability to leave for which a flight is split */
+#define LEAST_STAY 1e-6f              /* lower bound of the probability to stay, a divisor */
+#define PART 0.3f                     /* minimum weight of a leaving part that hits another surface */
 #define PART_SALT 0x9fb21c651e98df25u /* of its random numbers */
 
-/* What leaves: to the lights now; where it meets a surface it goes on by chance, when the walk is over, or at once if too many wait. */
+/* Follows the leaving part: adds the lights it hits; if it hits a surface, it is subject to Russian roulette and continues after the
+ * current path is complete, or at once if the queue is full. */
 static void leave(const struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, const float beta[3])
 {
     struct pt_branches *to = p->branches;
@@ -332,7 +333,7 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
         f->over[c] = 1.0f / fmaxf(1.0f - out[c], LEAST_STAY);
     }
     leave(p, &f->hit, &b, outside);
-    /* The rest of the flight beyond the bound as a number in [0, 1), of what stays: below 1 - arrived it collides. */
+    /* Maps the rest of the flight beyond the bound to [0, 1), for the part that stays: below 1 - arrived it collides. */
     u = (1.0f - pt_exp(-m->sigma_t[f->channel] * fmaxf(f->length - f->bound, 0.0f))) * (1.0f - out[f->channel]);
     if (u < 1.0f - arrived[f->channel] || !(fresnel > 0.0f)) {
         f->met = false;
@@ -364,7 +365,7 @@ bool pt_next_branch(struct pt_walk *p)
     return true;
 }
 
-/* --- Walking ------------------------------------------------------------------------------------------------------------------------- */
+/* --- Steps of a path ----------------------------------------------------------------------------------------------------------------- */
 
 static bool roulette(struct pt_walk *p)
 {
@@ -446,9 +447,9 @@ bool pt_walk_on(struct pt_walk *p)
     return roulette(p);
 }
 
-/* --- The camera ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Camera -------------------------------------------------------------------------------------------------------------------------- */
 
-/* The surface at the pixel's point: rays from farther and farther back, as the point lies on it to rounding only. */
+/* The surface at the pixel's point, by rays from increasing distances, because the point is on it only up to rounding errors. */
 bool pt_find(const struct pt_scene *s, struct pt_counts *counts, const struct pt_point *point, struct pt_hit *hit)
 {
     const struct pell_vec3 w = vec3_mul(point->toward, -1.0f);
@@ -485,14 +486,14 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
     }
     p.vertex = walker->vertex;
     p.vertices = walker->vertices;
-    if (!look(&p, hit, &b)) /* never: the camera is in no solid yet */
+    if (!look(&p, hit, &b)) /* impossible: the camera is in no solid yet */
         return 0;
-    walker->counts.crossed = crossed; /* a camera inside a solid crosses nothing */
+    walker->counts.crossed = crossed; /* a camera inside a solid crosses no surface */
     p.entered = b.before.count > 0;
     for (int reflected = 0; reflected < (b.rough ? 1 : 2); reflected++) {
         struct pt_walk *q = &walks[count];
         float fresnel, cos_t, share;
-        /* Numbers of their own: what enters does not depend on what does not. */
+        /* Independent random numbers: the refracted path does not depend on the reflected one. */
         sampler[count] = pt_sampler_start(s->seed, point->pixel, sample, reflected ? 2 : 0);
         if (!reflected)
             p.turn = pell_unit_float(pell_hash(sampler[0].pattern ^ pell_sobol0(sample)));

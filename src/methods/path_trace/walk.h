@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * walk.h - walks from the camera, one at a time (walk.c) and side by side (wavefront.c).
+ * walk.h - paths from the camera, one at a time (walk.c) and in SIMD lanes (wavefront.c).
  */
 #ifndef PELL_PATH_TRACE_WALK_H
 #define PELL_PATH_TRACE_WALK_H
 
 #include "methods/path_trace/path.h"
 
-/* The last decision before a walk goes through the open: how else could the light that it meets have been found? */
+/* The last event before a path continues outside; determines which other technique could have found the light that it hits. */
 enum pt_last { PT_LAST_NONE, PT_LAST_SURFACE, PT_LAST_EXIT };
 
 struct pt_walk {
@@ -15,30 +15,30 @@ struct pt_walk {
     struct pt_counts *counts;
     struct pt_sampler *sampler;
     struct pt_light *out;
-    const struct pt_light_vertex *vertex; /* of the light's path */
+    const struct pt_light_vertex *vertex; /* of the light path */
     int vertices;
-    struct pell_vec3 x, from, w; /* from: where rays start, x or just off its surface */
+    struct pell_vec3 x, from, w; /* from: ray origin, x or just off its surface */
     struct pt_medium_stack place;
     float beta[3];
     float safe;
     int events, scattered;
-    int bounces;  /* ways through the open that ended at a surface; not that from the camera */
-    bool entered; /* at its first surface; else it shows what that reflects */
-    bool mixed;   /* something opaque reflected it */
-    bool crossed; /* a surface, since it last scattered */
-    bool tight;   /* a smooth surface on every edge between scatterings, since the camera or a rough surface: no path of a light can
-                          * be joined to it */
+    int bounces;  /* segments outside that ended at a surface, without the camera's */
+    bool entered; /* through its first surface; else it is the reflection */
+    bool mixed;   /* an opaque surface reflected it */
+    bool crossed; /* a surface since the last scattering event */
+    bool tight;   /* a smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be
+                   * connected to it */
     enum pt_last last;
     float density;                /* LAST_SURFACE: of w, per sr */
-    struct pell_vec3 surface;     /* LAST_SURFACE: where it is */
-    bool looked;                  /* LAST_SURFACE: lights but the environment were looked for at exit.from */
-    struct pt_exit exit;          /* LAST_EXIT, or looked; before that what is known of it */
-    bool leaving;                 /* exit.from is the last vertex, with no surface since */
+    struct pell_vec3 surface;     /* LAST_SURFACE: its point */
+    bool looked;                  /* LAST_SURFACE: next-event estimation except for the environment was done at exit.from */
+    struct pt_exit exit;          /* for LAST_EXIT, or if looked; before that partly set */
+    bool leaving;                 /* exit.from is the last vertex, without a surface since */
     float turn;                   /* see pt_should_connect */
-    struct pt_branches *branches; /* NULL: walks are not split */
+    struct pt_branches *branches; /* NULL: no splitting */
 };
 
-/* Parts of a walk that left a solid and met a surface again: the last of them goes on when it is over. */
+/* Queue of split parts that left a solid and hit a surface again; they are traced after the current path, last first. */
 #define PT_BRANCHES 8
 struct pt_branches {
     int count;
@@ -47,14 +47,14 @@ struct pt_branches {
 };
 
 enum pt_split {
-    PT_SPLIT_NOT,      /* the flight is as it was */
-    PT_SPLIT_COLLIDES, /* it ends inside, at another length */
+    PT_SPLIT_NOT,      /* the flight is unchanged */
+    PT_SPLIT_COLLIDES, /* it collides inside, at a different length */
     PT_SPLIT_REFLECTS, /* p is past its end */
 };
 
-/* A flight that may leave a smooth solid for the open: follows what leaves, and makes the flight one that stays. */
+/* A flight that may leave a smooth solid: traces the leaving part, and conditions the flight to stay. */
 enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f);
-/* The next part of a walk that is over. False: there is none. */
+/* The next queued part after a path is complete. False: there is none. */
 bool pt_next_branch(struct pt_walk *p);
 
 enum pt_connection { PT_CONNECTION_NOT, PT_CONNECTION_NO, PT_CONNECTION_YES };
@@ -71,22 +71,22 @@ static inline void pt_light_add(struct pt_light *sum, const struct pt_light *lig
     }
 }
 
-/* The walks of a sample: through the pixel's own surface, and, where it is smooth, reflected by it. Their light goes to out, which is 0,
- * and their numbers are those of `sampler`; returns how many there are. The light's path is walker->vertex. */
+/* Starts the paths of a sample: through the pixel's own surface and, if it is smooth, reflected by it. Their light is added to out, which
+ * is 0; their random numbers come from `sampler`; returns their number. The light path is in walker->vertex. */
 int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt_point *point, const struct pt_hit *hit, uint32_t sample,
              struct pt_walk walks[2], struct pt_sampler sampler[2], struct pt_light out[2]);
-/* One flight and what is at its end. False: the walk is over. */
+/* One flight and the event at its end. False: the path is complete. */
 bool pt_walk_on(struct pt_walk *p);
-/* What a step does at a surface that a flight of `length` met; false: the walk is over. */
+/* The event at a surface hit by a flight of `length`; false: the path is complete. */
 bool pt_met(struct pt_walk *p, const struct pt_hit *hit, float length);
 /* A flight left the solid through no surface, and ended at x. */
 void pt_left(struct pt_walk *p, struct pell_vec3 x);
-/* What is looked for at a scatterer, and kept of it. asked: whether lights have been asked for already, with what answer. */
+/* Next-event estimation at a scatterer. asked: result of an earlier decision whether to connect, if any. */
 void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, enum pt_connection asked);
-/* Path and steps are too many. */
+/* Records a path terminated by the limit of events. */
 void pt_cut(struct pt_counts *counts, const float beta[3]);
 
-/* All walks of some samples, side by side. */
+/* Traces all paths of some samples in SIMD lanes. */
 struct pt_wavefront;
 PELL_NODISCARD enum pell_result pt_wavefront_create(const struct pt_scene *s, struct pt_wavefront **out);
 void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **side);

@@ -1,14 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * wavefront.c - sixteen walks at once. Where all that happens is flights and scatterings the kernel of wavefront_kernel.h takes them on
- * together; at surfaces, in the open, in layers and where lights are looked for each goes on by itself, as walk.c has it. A walk that is
- * over makes room for the next. What comes of a sample does not depend on its neighbours: the bits are those of one walk after the
- * other. */
+ * wavefront.c - sixteen paths in SIMD lanes. Sequences of flights and scattering events run in the kernel of wavefront_kernel.h; at
+ * surfaces, outside, in layers and for next-event estimation each path runs by itself, as in walk.c. A finished path makes room for the
+ * next one. The result of a sample does not depend on its neighbours: it has the same bits as with one path after the other. */
 #include "methods/path_trace/walk.h"
 #include "methods/path_trace/wavefront_kernel.h"
 
 #include <string.h>
 
-#define FEW 2 /* walks that lanes do not pay for */
+#define FEW 2 /* number of paths for which lanes do not pay */
 
 struct slot {
     struct pt_walk p;
@@ -22,13 +21,13 @@ struct slot {
 struct pt_wavefront {
     struct pt_wavefront_lanes w;
     struct pell_ray_hit16 rays;
-    struct slot slot[PT_LANES + 1]; /* the last: a walk that waits for a free lane */
+    struct slot slot[PT_LANES + 1]; /* the last one: a path that waits for a free lane */
     const struct pt_wavefront_kernels *k;
-    int key[PT_LANES]; /* of where a walk is: the solid, and whether it is in that alone */
+    int key[PT_LANES]; /* state of a path: its solid, and whether it is in that one only */
     uint32_t live;
-    uint32_t fresh;  /* rays start at the walk's own place, not at x: it comes from a surface */
-    uint32_t single; /* every scatterer is looked at by itself */
-    uint32_t since;  /* it scattered in its lane since it was put there */
+    uint32_t fresh;  /* rays start at the path's own origin, not at x: it comes from a surface */
+    uint32_t single; /* every scattering event is handled individually */
+    uint32_t since;  /* it has scattered since it was put into its lane */
     bool waits;
     const struct pt_scene *s;
     struct pt_walker *walker;
@@ -55,7 +54,7 @@ void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **side)
     *side = NULL;
 }
 
-/* --- Walks in lanes and by themselves ------------------------------------------------------------------------------------------------ */
+/* --- Paths in lanes and by themselves ------------------------------------------------------------------------------------------------ */
 
 static bool connects(const struct pt_wavefront *d, const struct pt_walk *p)
 {
@@ -120,10 +119,10 @@ static void give(struct pt_wavefront *d, int l)
     d->live |= bit;
     d->fresh |= bit;
     d->since &= ~bit;
-    d->single |= bit; /* until it scattered */
+    d->single |= bit; /* until its next scattering event */
 }
 
-/* Goes on alone until lanes can take it. False: it is over. */
+/* Runs by itself until lanes can take it. False: it is complete. */
 static bool alone(const struct pt_scene *s, struct pt_walk *p)
 {
     while (!(p->place.count > 0 && s->solid[pt_top(&p->place)].lanes))
@@ -132,7 +131,7 @@ static bool alone(const struct pt_scene *s, struct pt_walk *p)
     return true;
 }
 
-/* It is over: the next of its parts. */
+/* A path is complete: starts the next of its parts. */
 static void finish(struct pt_wavefront *d, int l)
 {
     struct slot *slot = &d->slot[l];
@@ -146,7 +145,7 @@ static void finish(struct pt_wavefront *d, int l)
     d->live &= ~(1u << l);
 }
 
-/* After what happened to it by itself. */
+/* Updates the lane after an event outside of the kernel. */
 static void back(struct pt_wavefront *d, int l, bool lives)
 {
     if (lives && alone(d->s, &d->slot[l].p))
@@ -155,7 +154,7 @@ static void back(struct pt_wavefront *d, int l, bool lives)
         finish(d, l);
 }
 
-/* Few walks are faster by themselves. */
+/* A few paths run faster by themselves. */
 static void finish_alone(struct pt_wavefront *d)
 {
     for (; d->live; d->live &= d->live - 1) {
@@ -169,7 +168,7 @@ static void finish_alone(struct pt_wavefront *d)
     }
 }
 
-/* --- The next walks ------------------------------------------------------------------------------------------------------------------- */
+/* --- Next paths ----------------------------------------------------------------------------------------------------------------------- */
 
 static void point_at_own(struct slot *slot)
 {
@@ -194,7 +193,7 @@ static void load_slot(struct pt_wavefront *d, int l, const struct pt_walk *p, co
     point_at_own(slot);
 }
 
-/* Begins samples until one has a walk for the lane. False: there is none left. */
+/* Starts samples until one has a path for the lane. False: no samples are left. */
 static bool fill(struct pt_wavefront *d, int l)
 {
     if (d->waits) {
@@ -266,7 +265,7 @@ static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, b
     };
 }
 
-/* A flight of a lane whose ray found something: false where it goes on to where it scatters. */
+/* A lane's flight whose ray has a hit: false if it continues to its collision. */
 static bool met_one(struct pt_wavefront *d, int l, bool splits)
 {
     const struct pell_ray_hit16 *r = &d->rays;
@@ -298,7 +297,7 @@ static bool met_one(struct pt_wavefront *d, int l, bool splits)
     return true;
 }
 
-/* Of flights that may have met a surface those that did, which are dealt with. */
+/* Handles the flights that hit a surface. */
 static uint32_t meet(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
     const float further = one ? d->s->solid[solid].further : 0.0f;
@@ -354,7 +353,7 @@ static void leave(struct pt_wavefront *d, int l)
     back(d, l, true);
 }
 
-/* Looks for light at a scatterer. */
+/* Next-event estimation at a scatterer. */
 static void look(struct pt_wavefront *d, int l, int solid, bool asks)
 {
     struct pt_walk *p = &d->slot[l].p;
@@ -370,7 +369,7 @@ static void look(struct pt_wavefront *d, int l, int solid, bool asks)
         d->single &= ~(1u << l);
 }
 
-/* One step of walks in one solid. */
+/* One step of paths in one solid. */
 static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
     struct pt_counts *counts = &d->walker->counts;

@@ -35,7 +35,7 @@ INLINE void keep(void *p, vi v)
     memcpy(p, &v, sizeof(v));
 }
 
-/* Sets become masks, and masks sets. */
+/* Converts bit sets to lane masks, and back. */
 INLINE vi mask_of(uint32_t set, int l)
 {
     static const int32_t bit[16] = { 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768 };
@@ -81,7 +81,7 @@ INLINE vq half_bits(void)
     return v;
 }
 
-/* The next bits of some lanes, those that take even numbers apart: their set. */
+/* The next random bits of some lanes, excluding those that still use quasi-random numbers: returns their set. */
 INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, float *quasi)
 {
     uint32_t early = 0;
@@ -144,7 +144,7 @@ INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
     }
 }
 
-/* What the channel, chosen as by pt_sample_channel, has of `of`; which it is, if `channel` is not NULL. */
+/* The component of `of` for the channel chosen as by pt_sample_channel; and the channel itself, unless `channel` is NULL. */
 INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const float of[3], float *out, int32_t *channel)
 {
     EACH(l)
@@ -159,7 +159,7 @@ INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const flo
 
 /* --- Distances -------------------------------------------------------------------------------------------------------------------- */
 
-/* As pell_distance_bound; 0 for lanes that do not ask. */
+/* Like pell_distance_bound; 0 for inactive lanes. */
 INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_lanes *w, uint32_t set, float *out)
 {
     _Alignas(64) int32_t cube[PT_LANES];
@@ -242,7 +242,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     return rays;
 }
 
-/* Scatterers whose turn it is, as pt_should_connect. */
+/* Lanes selected for next-event estimation, as in pt_should_connect. */
 static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on)
 {
     _Alignas(64) float reach[PT_LANES], near[PT_LANES];

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * wavefront_kernel.h - the steps of sixteen walks side by side, each lane the bits that the walk alone would have (walk.c,
- * distance_sampling.c, medium.c): in solids of one medium, Henyey and Greenstein's, that all channels see. What happens at surfaces, and
- * what is looked for at scatterers, is of one walk at a time (wavefront.c).
+ * wavefront_kernel.h - steps of sixteen SIMD paths, each lane with the same bits as the path alone (walk.c, distance_sampling.c, medium.c):
+ * in homogeneous solids with a Henyey-Greenstein phase function common to all channels. Surfaces and next-event estimation are handled path
+ * by path (wavefront.c).
  */
 #ifndef PELL_PATH_TRACE_STEPS_H
 #define PELL_PATH_TRACE_STEPS_H
@@ -12,40 +12,40 @@
 
 enum { PT_LANES = 16 };
 
-/* Lanes in sets: bits of an uint32_t, lane 0 the lowest. */
+/* Sets of lanes: bits of an uint32_t, lane 0 the lowest. */
 struct pt_wavefront_lanes {
     _Alignas(64) float x[3][PT_LANES];
     float w[3][PT_LANES];
     float beta[3][PT_LANES];
-    float came[3][PT_LANES];     /* the way before it last scattered */
-    float collided[3][PT_LANES]; /* beta before it scattered, with the collision */
+    float came[3][PT_LANES];     /* direction before the last scattering event */
+    float collided[3][PT_LANES]; /* beta before the last phase function, including the collision */
     float safe[PT_LANES], turn[PT_LANES], length[PT_LANES];
     float bound[PT_LANES];   /* of flights that need a ray: see struct pt_flight */
-    float over[3][PT_LANES]; /* the same */
+    float over[3][PT_LANES]; /* see struct pt_flight */
     int32_t channel[PT_LANES];
     int32_t events[PT_LANES], scattered[PT_LANES];
-    uint32_t at[PT_LANES]; /* of the sampler, as state */
+    uint32_t at[PT_LANES]; /* state of the sampler */
     uint64_t state[PT_LANES];
-    struct pt_sampler *sampler[PT_LANES]; /* of lanes whose numbers are still the even ones */
+    struct pt_sampler *sampler[PT_LANES]; /* of lanes that still use quasi-random numbers */
 };
 
-/* What all lanes of a call have in common. */
+/* Common to all lanes of a call. */
 struct pt_wavefront_place {
     const struct pt_coefficients *m;
     const struct pell_distance_grid *grid; /* NULL: none */
     float lo[3], hi[3];                    /* bounds, with a margin */
-    float roulette, share, ask;            /* ask: mm; how far connections look is -ask log u */
-    int32_t events;                        /* of a path at most */
+    float roulette, share, ask;            /* ask: mm; maximum distance of connections is -ask log u */
+    int32_t events;                        /* maximum per path */
     bool connects;
 };
 
 struct pt_wavefront_kernels {
-    /* Free flights: length, and safe. Lanes that need a ray; *cut: that had too many steps, which do nothing else. */
+    /* Free flights: length, and safe. Returns the lanes that need a ray; *cut: lanes that exceeded the number of events, which stop. */
     uint32_t (*sample_distance)(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *cut);
-    /* Moves lanes that met nothing to where they scatter. *lost: not moved, they left the solid; *gone: nothing is left. Of the others:
-     * lanes whose turn it is to look for lights. */
+    /* Moves lanes without a hit to their collision. *lost: not moved, they left the solid; *gone: no throughput is left. Returns the other
+     * lanes that are selected for next-event estimation. */
     uint32_t (*collide)(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *lost, uint32_t *gone);
-    /* Phase function and roulette: lanes that are over. */
+    /* Phase function and Russian roulette: returns the lanes that are complete. */
     uint32_t (*scatter)(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on);
 };
 

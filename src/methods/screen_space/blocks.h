@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * blocks.h - what the kernel files of the screen-space method share: a block of 16 pixels in a row, which of its pixels a step blurs, and
- * the stages that it goes through. For kernel files alone: they are compiled once per level of base/simd.h.
+ * blocks.h - shared by the kernel files of the screen-space method: a block of 16 pixels in a row, the mask of pixels that a step blurs,
+ * and the stages of its processing. Included by kernel files only, which are compiled once per level of base/simd.h.
  *
- * Vectors are the compiler's generic ones, as wide as the machine's registers. All levels give the same bits: a pixel's operations
- * and their order do not depend on the width.
+ * Vectors are the compiler's generic ones, as wide as the machine's registers. All SIMD levels give the same bits: the operations on a
+ * pixel and their order do not depend on the width.
  */
 #ifndef PELL_SCREEN_SPACE_BLOCKS_H
 #define PELL_SCREEN_SPACE_BLOCKS_H
@@ -28,7 +28,7 @@ INLINE struct screen_cell *cell_at(const struct screen_work *w, int block, int y
     return &w->cells[(size_t) y * (size_t) w->blocks + (size_t) block];
 }
 
-/* The number of a pixel's angle: interleaved gradient noise (Jimenez 2014), turned on by `by` from sample to sample. */
+/* Index of a pixel's angle: interleaved gradient noise (Jimenez 2014), rotated by `by` from sample to sample. */
 INLINE int pell_ss_turn(int x, int y, int by)
 {
     const float along = 0.06711056f * (float) x + 0.00583715f * (float) y, folded = 52.9829189f * (along - floorf(along));
@@ -36,7 +36,7 @@ INLINE int pell_ss_turn(int x, int y, int by)
     return ((int) ((folded - floorf(folded)) * SCREEN_TURNS) + by) & (SCREEN_TURNS - 1);
 }
 
-/* Where a tap of such a line is in what it stands for, [0, 1]. */
+/* Position of a tap of such a line within its interval, [0, 1]. */
 INLINE float pell_ss_jitter(int turn)
 {
     return ((float) ((turn * 37 + 11) & (SCREEN_TURNS - 1)) + 0.5f) * (1.0f / SCREEN_TURNS);
@@ -82,35 +82,34 @@ INLINE float sum_of(const float *v)
     return (c[0] + c[2]) + (c[1] + c[3]);
 }
 
-/* Rows are too short for the processor to foresee their next lines, and there are many planes: each block asks for what the one below it
- * will read, and for what it will write. */
+/* Rows are too short and planes too many for hardware prefetchers: each block prefetches what the one below it will read and write. */
 PELL_FETCHING_INLINE void fetch3_to_write(float *const plane[3], size_t at)
 {
     for (int i = 0; i < 3; i++)
         pell_fetch_to_write(plane[i] + at);
 }
 
-/* --- A step -------------------------------------------------------------------------------------------------------------------- */
+/* --- One step ------------------------------------------------------------------------------------------------------------------ */
 
-/* What the taps of a block need to know. */
+/* Inputs of a block's taps. */
 struct block {
     bool uniform;                                                   /* all lanes have the same variances */
-    bool wide;                                                      /* and they are far above a pixel's */
+    bool wide;                                                      /* and they are far above a pixel's area */
     bool bare;                                                      /* and nothing was blurred before */
-    float after, before;                                            /* then: mm^2 after and before the step */
-    _Alignas(64) float afters[SCREEN_BLOCK], befores[SCREEN_BLOCK]; /* else */
-    int active;                                                     /* lanes that are blurred */
-    int count, stride;                                              /* taps on each side, and their distance in pixels */
+    float after, before;                                            /* if uniform: mm^2 after and before the step */
+    _Alignas(64) float afters[SCREEN_BLOCK], befores[SCREEN_BLOCK]; /* otherwise */
+    int active;                                                     /* mask of the lanes that are blurred */
+    int count, stride;                                              /* taps per side, and the distance between them in pixels */
     float skew;                                                     /* of the line of taps along y, see struct screen_cell */
 };
 
-/* Variance that the chain reaches with `step`, in mm^2. */
+/* Variance of the chain after `step`, mm^2. */
 INLINE float variance_of(const struct screen_work *w, int step, int owner)
 {
     return w->variance[(size_t) step * (w->num_materials + 1) + (size_t) owner];
 }
 
-/* Variance before the running step where a material's pixels have this scale; returns whether the step blurs them. */
+/* Variance before the current step where a material's pixels have this scale; returns whether the step blurs them. */
 INLINE bool applied(const struct screen_work *w, int owner, float scale, float *before)
 {
     float last = 0.0f;
@@ -123,7 +122,7 @@ INLINE bool applied(const struct screen_work *w, int owner, float scale, float *
     return (variance_of(w, w->step, owner) - last) * scale > w->skip;
 }
 
-/* Which lanes the step blurs, and by what. False where it blurs none. */
+/* The lanes that the step blurs, and their variances. False: none. */
 INLINE bool choose(const struct screen_work *w, size_t index, const struct screen_cell *cell, struct block *b)
 {
     const float *scale = &w->scale[index], *key = &w->key[index];
@@ -133,7 +132,7 @@ INLINE bool choose(const struct screen_work *w, size_t index, const struct scree
     b->uniform = false;
     b->active = 0;
     if (cell->owner != SCREEN_MIXED) {
-        /* Most blocks are blurred by each step so far. */
+        /* Fast path: each step so far blurs the whole block, as in most blocks. */
         if (cell->pixels > 0 && w->least_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
             b->uniform = true;
             b->before = w->step > 0 ? variance_of(w, w->step - 1, cell->owner) : 0.0f;
@@ -141,7 +140,7 @@ INLINE bool choose(const struct screen_work *w, size_t index, const struct scree
             b->active = cell->pixels;
             return true;
         }
-        /* Each choice depends on the scale monotonically: where the extremes agree in all of them, so do the lanes between. */
+        /* Each decision is monotonic in the scale: if the extremes agree in all of them, so do the lanes in between. */
         low = applied(w, cell->owner, cell->scale[0], &before);
         high = applied(w, cell->owner, cell->scale[1], &b->before);
         if (low == high && before == b->before) {
@@ -160,32 +159,32 @@ INLINE bool choose(const struct screen_work *w, size_t index, const struct scree
     return b->active > 0;
 }
 
-/* --- The stages ---------------------------------------------------------------------------------------------------------------- */
+/* --- Stages -------------------------------------------------------------------------------------------------------------------- */
 
-/* A block on its way through the stages of a pass: what its taps need to know, their sums, the end. */
+/* A block in the stages of a pass: inputs of its taps, their sums, the result. */
 struct job {
     const struct screen_cell *cell;
     int x, low, high; /* the block's first pixel; taps on either side that are inside */
     struct block b;
-    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK];      /* see struct centre; of a tap's weight in what comes out */
-    _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* gathered */
+    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK];      /* see struct centre; fraction of a tap's weight in the result */
+    _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* sums over taps */
 };
 
-/* Sum up a block's taps: in job->weight and job->light. `row`: of what is blurred, at pixel 0. The first three are of pictures of one
- * material in perspective: along x, down columns, down a line that leans. The last is of all others. */
+/* Sum a block's taps into job->weight and job->light. `row`: input, at pixel 0. The first three are for perspective pictures of one
+ * material: along x, down columns, down a skewed line. The last one handles all other cases. */
 void PELL_SIMD(screen_gather_along_x)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
 void PELL_SIMD(screen_gather_along_y)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
 void PELL_SIMD(screen_gather_leaning)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
 void PELL_SIMD(screen_gather_any)(const struct screen_work *w, int y, int axis, const float *const row[3], struct job *job);
-/* The paper's taps: what comes out, and which lanes were blurred, 1 or 0. Returns their number. Of the job only x and cell are read. */
+/* The paper's taps: the result, and which lanes were blurred, 1 or 0. Returns their number. Reads only x and cell of the job. */
 int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axis, const struct job *job, const float *const row[3],
                                      float (*restrict result)[SCREEN_BLOCK], float *restrict on);
 
-/* `term_across` and `term_down` of struct screen_kernels. */
+/* Members `term_across` and `term_down` of struct screen_kernels. */
 int PELL_SIMD(screen_term_across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
 int PELL_SIMD(screen_term_down)(const struct screen_work *w, int y, const float *const from[3]);
 
-/* `load` and `measure` of struct screen_kernels. */
+/* Members `load` and `measure` of struct screen_kernels. */
 void PELL_SIMD(screen_load_row)(const struct screen_work *w, int y, struct screen_seen *seen);
 void PELL_SIMD(screen_measure_row)(const struct screen_work *w, int y);
 

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// blur.comp - one of the two passes of a step: Jimenez and Gutierrez, GPU Pro, 2010, ch. 7. AXIS 0: along x; 1: along D, and into the
+// blur.comp - one of the two passes of a step: Jimenez and Gutierrez, GPU Pro, 2010, ch. 7. AXIS 0: along x; 1: along D, and added to the
 // weighted sum of section 7.3.3. PAPER 0: taps are weighted by their distance on the surface (README.md; mirror of kernels.c and taps.c);
-// bits 1: the seven taps of listing 7.1 (listing.c), 2: with its slope.
+// bit 1: the seven taps of listing 7.1 (listing.c), bit 2: with its slope correction.
 //   in     0 geometry depth (mm), length on the surface along this axis, |Tx| or |D| (mm)
 //   in     1 across   depth (mm), |Tx| (mm)
 //   in     2 scale    px^2 per mm^2 of the variances
-//   in     3 table    share of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material
+//   in     3 table    weight of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material
 //   in     4 plans    see plan.comp
 //   in     5 from     light, W/m^2 or W/(m^2 sr); material
 //   out    6 to       the pass's result, material
-//   in/out 7 sum      AXIS 1: the weighted sum of all steps so far, at first the light before them; 0
+//   in/out 7 sum      AXIS 1: the weighted sum of all steps so far, initially the unblurred light; 0
 #define USES_TABLE
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int AXIS = 0;
@@ -26,7 +26,7 @@ layout(set = 0, binding = 6) writeonly buffer To { vec4 to[]; };
 layout(set = 0, binding = 7) buffer Sum { vec4 sum[]; };
 #include "methods/screen_space/common.glsl"
 
-// So many pixels along the axis. (Not a constant vector: Mesa 22.3 takes the wrong one of a specialised choice between two.)
+// An offset of this many pixels along the axis. (Not a constant vector: Mesa 22.3 miscompiles a specialised choice between two.)
 ivec2 along(int pixels)
 {
     return AXIS == 0 ? ivec2(pixels, 0) : ivec2(0, pixels);
@@ -58,13 +58,13 @@ struct Centre {
     vec4 light;    // with its material
 };
 
-// What the taps sum up to: light times weight, weight.
+// Sums over the taps: light times weight, weight.
 struct Gathered {
     vec3 light;
     float weight;
 };
 
-// A tap `pace` pixels away. Between the points of two pixels lies h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap.
+// A tap `pace` pixels away. The points of two pixels differ by h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap.
 void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathered g)
 {
     ivec2 offset = along(pace);
@@ -84,7 +84,7 @@ void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathere
     const vec2 other = geometry[i];
     const float dz = other.x - c.own.x, h = fall * (other.x * pc.depth_mm + pc.fixed_mm);
     const vec3 way = vec3(h * vec2(offset) + fall * dz * t, fall * dz);
-    const float across_mm = beside * c.beside * fall; // from the line that the tap stands for, along x
+    const float across_mm = beside * c.beside * fall; // from the line that the tap represents, along x
     const float y = max(dot(way, way) - across_mm * across_mm, 0.0);
     const float weight = (kernel_of(min(y, Y_MAX) + Y_SHIFT) - kernel_of(Y_MAX + Y_SHIFT)) * other.y;
 
@@ -92,7 +92,7 @@ void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathere
     g.weight += weight;
 }
 
-// The blur along the surface. Light that a tap would have brought but does not stays where it is. `mm2`: before and after.
+// The blur along the surface. The weight of taps that contribute nothing stays with the pixel itself. `mm2`: before and after.
 vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
 {
     const int count = plan.x & 65535, stride = plan.x >> 16;
@@ -118,12 +118,12 @@ vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
     return g.light * share + keep * c.light.rgb;
 }
 
-// Span in pixels over that of a facing surface: listing 7.1, or by the surface.
+// Span in pixels relative to that of a facing surface: by listing 7.1, or by the surface.
 float paper_slope(const Centre c)
 {
     if ((PAPER & 2) == 0)
         return c.own.y > 0.0 ? (c.own.x * pc.depth_mm + pc.fixed_mm) / c.own.y : 0.0;
-    // Derivatives are those of a quad of 2 x 2 pixels. Where the other pixel is not of this surface, the limit.
+    // Derivatives are those of a quad of 2 x 2 pixels. If the other pixel is not on this surface, their limit.
     const ivec2 at = c.p + ivec2(pc.x0, pc.y0);
     const ivec2 q = c.p + along(((AXIS == 0 ? at.x : at.y) & 1) == 1 ? -1 : 1);
     float change = pc.maxdd;
@@ -177,7 +177,7 @@ void main()
     const bool on = mm2.y > 0.0;
     const vec3 result = !on ? light.rgb : PAPER != 0 ? blur_paper(c, mm2.y - mm2.x) : blur_surface(c, plan, mm2);
     if (AXIS == 1) {
-        // Where a pixel left the step out, its weight goes to the last result, or, as in the paper, to all that the sum holds.
+        // Where a pixel skipped the step, its weight goes to the last result or, as in the paper, to the whole sum.
         vec3 share = pc.whole != 0 ? vec3(1.0) : table[(pc.base + pc.step) * pc.row + material].rgb;
         if (PAPER != 0 && !on)
             share = vec3(0.0);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * chain.c - which sum of Gaussians a material has, the chain of blurs that it becomes, thickness tables.
+ * chain.c - a material's sum of Gaussians, the chain of blurs made from it, and thickness tables.
  */
 #include "methods/screen_space/chain.h"
 #include "methods/screen_space/formulas.h"
@@ -14,7 +14,9 @@
 #include <stdio.h>
 #include <string.h>
 
-#define AHEAD_PX2 20.0 /* variance in pixels above which the first blur is made in several steps, each of four times the variance before */
+#define AHEAD_PX2                                                                                                                          \
+    20.0 /* px^2: above this variance the first blur is divided into several steps, each with four times the variance of the
+                        * one before */
 
 /* --- Profiles ------------------------------------------------------------------------------------------------------------------ */
 
@@ -30,7 +32,7 @@ static enum pell_result find_profile(const struct screen_chain *st, const struct
     const struct pell_fit_params params = { .count = st->knobs.gaussians };
     const struct pell_material_entry *published = st->knobs.profile == SCREEN_PROFILE_PUBLISHED ? pell_ss_published(m) : NULL;
 
-    if (published) { /* white: the material's colour is its own profile's */
+    if (published) { /* white: the material's colour is that of its own profile */
         *g = published->gaussians;
         pell_ss_whiten(g);
         for (int i = 0; i < g->count; i++)
@@ -62,8 +64,8 @@ static bool unblurred_first(const struct screen_chain *st, const char *name)
     return st->knobs.first == SCREEN_FIRST_UNBLURRED || (st->knobs.first == SCREEN_FIRST_SKIN && starts(name, "skin"));
 }
 
-/* Writes the chain of a material into the tables. Where the first Gaussian stays unblurred the chain begins with the second: the sum
- * holds the light as it is before the first step. */
+/* Writes the chain of a material into the tables. If the first Gaussian stays unblurred the chain begins with the second one: the sum is
+ * initialised with the unblurred light. */
 static void make_chain(struct screen_chain *st, const struct pell_frame_shape *shape, size_t index)
 {
     const struct pell_gaussians *g = &st->profiles[index];

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// common.glsl - what the shaders of the screen-space method share: push constants, the table of steps.
-// A file that includes it declares the buffer `table` where it calls applied(), and defines USES_TABLE.
+// common.glsl - shared by the shaders of the screen-space method: push constants, the table of steps. An including file declares the buffer
+// `table` if it calls applied(), and defines USES_TABLE.
 #include "methods/screen_space/formulas.h"
 #include "methods/screen_space/push.h"
 
@@ -25,7 +25,7 @@ vec2 ray_of(ivec2 p)
 }
 
 #ifdef USES_TABLE
-// Variance that the chain reaches with a step, mm^2.
+// Variance of the chain after a step, mm^2.
 float variance_of(int step, int material)
 {
     return table[(pc.base + step) * pc.row + material].w;

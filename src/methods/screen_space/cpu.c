@@ -14,17 +14,17 @@
 PELL_SIMD_TABLES(struct screen_kernels, pell_ss_kernels);
 
 enum {
-    BAND = 8,    /* rows that a thread takes at a time */
+    BAND = 8,    /* rows per task */
     PLANES = 13, /* key, depth, scale, 2 lengths, 2 to_px, now and half of 3 */
 };
 
 struct band {
     struct screen_seen seen;
-    int64_t active[2]; /* pixels that were blurred, by axis */
+    int64_t active[2]; /* number of blurred pixels, by axis */
     double seconds[2];
 };
 
-struct spent { /* on a step */
+struct spent { /* time spent on a step */
     double seconds;
     int64_t active;
 };
@@ -37,26 +37,26 @@ struct screen_state {
     struct screen_chain chain;
     struct screen_factors factors; /* with kernel=separable */
     float *least_added;            /* of the steps of this frame */
-    float (*ones)[3];              /* as blend constants: each step's whole share */
+    float (*ones)[3];              /* as blend constants: the whole result of each step */
     float *memory;                 /* all planes */
     float turns[SCREEN_TURNS][2];
     struct screen_cell *cells;
     struct screen_extent *extents;
-    uint16_t *run;   /* of each block of a row: how many smooth rows ended here */
+    uint16_t *run;   /* per block of a row: number of consecutive smooth rows ending here */
     float *tangents; /* of columns, then of rows */
     struct band *bands;
-    float *rows;                                     /* of each worker: three, for what is blurred down and not yet across */
-    struct screen_work work, next;                   /* of the step that goes down, and of the one that goes across behind it */
-    float *const *from, *const *to;                  /* planes of what is blurred across: by the one step, and by the other */
-    bool down, across;                               /* what the running pass does */
-    void (*row)(const struct screen_work *w, int y); /* or this */
+    float *rows;                                     /* per worker: three rows, for results of the pass down before the pass across */
+    struct screen_work work, next;                   /* of the pass down, and of the next step's pass across */
+    float *const *from, *const *to;                  /* input of the pass across, of either step */
+    bool down, across;                               /* passes in progress */
+    void (*row)(const struct screen_work *w, int y); /* alternatively, a row function */
     struct pell_pass_time times[1 + SCREEN_STEPS];
     size_t num_times;
 };
 
 /* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
 
-/* What each step of the frame, or one before it, adds least. */
+/* Smallest variance that each step of the frame, or one before it, adds. */
 static void find_least(struct screen_state *st, const float *variance, int steps)
 {
     const size_t row = st->chain.num_materials + 1;
@@ -70,7 +70,7 @@ static void find_least(struct screen_state *st, const float *variance, int steps
     st->work.least_added = st->least_added;
 }
 
-/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
 
 static void screen_destroy(void *state)
 {
@@ -100,7 +100,7 @@ static enum pell_result make_planes(struct screen_state *st, const struct pell_f
     float *plane;
 
     st->memory = pell_calloc(st->ctx, size, PLANES * sizeof(float));
-    st->cells = pell_calloc(st->ctx, blocks * ((size_t) shape->height + 1), sizeof(*st->cells)); /* a row is asked for beyond the last */
+    st->cells = pell_calloc(st->ctx, blocks * ((size_t) shape->height + 1), sizeof(*st->cells)); /* one more row, which prefetches touch */
     st->extents = pell_calloc(st->ctx, (size_t) shape->height, sizeof(*st->extents));
     st->rows = pell_calloc(st->ctx, 3 * stride, (size_t) pell_pool_threads(st->pool) * sizeof(*st->rows));
     st->tangents = pell_calloc(st->ctx, stride + (size_t) shape->height, sizeof(*st->tangents));
@@ -204,7 +204,7 @@ static void run_load(void *arg, int index, int worker)
         struct screen_seen seen;
         float *const planes[4] = { w->key, w->depth, w->length[0], w->length[1] };
 
-        /* Nothing of the frame before may be seen beside the rectangle. */
+        /* The area outside of the rectangle must not show the previous frame. */
         for (int i = 0; i < 4; i++) {
             memset(planes[i] + y * w->stride + (w->block0 - 1) * SCREEN_BLOCK, 0, SCREEN_BLOCK * sizeof(float));
             memset(planes[i] + y * w->stride + w->block1 * SCREEN_BLOCK, 0, SCREEN_BLOCK * sizeof(float));
@@ -237,8 +237,8 @@ static void pass(struct screen_state *st, void (*row)(const struct screen_work *
     pell_pool_run(st->pool, (rect->y1 - rect->y0 + BAND - 1) / BAND, run_rows, st);
 }
 
-/* Blurs rows down by one step (but before the first) and across by the next (but behind the last). A row's blur across needs that row
- * alone, while it is still at hand. */
+/* Blurs rows down by one step (except before the first) and across by the next (except after the last). A row's pass across needs only that
+ * row, which is still in the cache. */
 static void run_blurs(void *arg, int index, int worker)
 {
     struct screen_state *st = arg;
@@ -267,7 +267,7 @@ static void run_blurs(void *arg, int index, int worker)
     }
 }
 
-/* Adds what it took and did to the steps. */
+/* Adds time and counts to the steps. */
 static void blur(struct screen_state *st, bool down, bool across, struct spent *spent)
 {
     const struct pell_rect *rect = &st->work.in->rect;
@@ -288,7 +288,7 @@ static void blur(struct screen_state *st, bool down, bool across, struct spent *
             active[axis] += st->bands[i].active[axis];
             seconds[axis] += st->bands[i].seconds[axis];
         }
-    /* The threads' time together, as shares of what passed. */
+    /* Divides the elapsed time in proportion to the threads' times. */
     share = seconds[0] + seconds[1] > 0.0 ? (pell_seconds() - start) / (seconds[0] + seconds[1]) : 0.0;
     if (down) {
         spent[step].seconds += share * seconds[1];
@@ -300,7 +300,7 @@ static void blur(struct screen_state *st, bool down, bool across, struct spent *
     }
 }
 
-/* Distance along each axis from a block to the next one with an edge: blurs that meet no edge may skip more samples. */
+/* Distance along each axis from a block to the next one with an edge: blurs that reach no edge may have gaps between taps. */
 static void find_clear(struct screen_state *st)
 {
     const struct screen_work *w = &st->work;
@@ -335,7 +335,7 @@ static struct screen_seen load(struct screen_state *st)
     const struct pell_rect *rect = &w->in->rect;
     const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND;
     const size_t width = (size_t) (w->block1 - w->block0) * SCREEN_BLOCK * sizeof(float);
-    float *const planes[2] = { w->key, w->depth }; /* that a row's neighbours are asked for */
+    float *const planes[2] = { w->key, w->depth }; /* prefetched for a row's neighbours */
     struct screen_seen all = { 0 };
 
     for (int i = 0; i < 2; i++) {
@@ -369,8 +369,8 @@ static void note_time(struct screen_state *st, const char *name, double seconds,
     st->times[st->num_times++] = (struct pell_pass_time) { .name = name, .seconds = seconds, .pixels = pixels, .bytes = bytes };
 }
 
-/* The step goes down, the next one across. Each step's blur across goes from `now` to `half` or back, by turns; the step before the
- * first begins. */
+/* One step's pass down and the next one's pass across. The passes across alternate between `now` and `half`; the step before the first only
+ * starts the pipeline. */
 static void run_step(struct screen_state *st, int step, int first, int steps, struct spent *spent)
 {
     struct screen_work *w = &st->work;
@@ -387,7 +387,7 @@ static void run_step(struct screen_state *st, int step, int first, int steps, st
     st->next = *w;
     st->next.step = step + 1;
     st->next.fresh = step + 1 == first;
-    if (w->turned && step >= first && step + 1 < steps) { /* lines that turn leave their row */
+    if (w->turned && step >= first && step + 1 < steps) { /* turned lines leave their row */
         blur(st, true, false, spent);
         st->to = st->from;
         st->from = swap;
@@ -400,7 +400,7 @@ static void run_step(struct screen_state *st, int step, int first, int steps, st
     st->from = swap;
 }
 
-/* What each step gives by itself: the steps with all of each one's share. */
+/* Result of each step by itself: the steps with a weight of one. */
 static enum pell_result take_blurs(struct screen_state *st, int first, int steps, int preblur, pell_take_blur *take, void *user)
 {
     struct screen_work *w = &st->work;
@@ -418,7 +418,7 @@ static enum pell_result take_blurs(struct screen_state *st, int first, int steps
     return res;
 }
 
-/* A frame begins: how many steps are ahead of its first Gaussian, and the first that blurs any pixel. */
+/* Starts a frame: the number of preblur steps, and the first step that blurs any pixel. */
 static struct screen_seen begin(struct screen_state *st, struct pell_frame *frame, const struct pell_frame_light *out, int *preblur,
                                 int *first)
 {
@@ -477,7 +477,7 @@ static enum pell_result show(void *state, const float *const light[3], ptrdiff_t
     return pell_ss_show(&st->chain, st->services, st->work.in, light, stride, step, preblur);
 }
 
-/* --- By a separable kernel ----------------------------------------------------------------------------------------------------- */
+/* --- Separable kernel ---------------------------------------------------------------------------------------------------------- */
 
 static void run_term(void *arg, int index, int worker)
 {

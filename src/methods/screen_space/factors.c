@@ -12,10 +12,10 @@
 
 enum { TAPS = PELL_KERNEL_TAPS_MAX, HALF = TAPS / 2, EDGES = HALF + 2 };
 #define SPREAD 3.0
-#define PEAK 0.1     /* of a channel's light, nearest to where it entered: of a profile that rises on and on there */
-#define INSIDE 0.995 /* share of the widest channel's light within the extent */
+#define PEAK 0.1     /* fraction of a channel's light nearest to the entry point, for profiles with a singularity there */
+#define INSIDE 0.995 /* fraction of the widest channel's light within the extent */
 
-/* The integral of a factor from the middle to the edges between taps, and where they are: sqrt(x/extent). */
+/* The integral of a factor from the centre to the edges between taps, and the coordinates of those: sqrt(x/extent). */
 struct edges {
     double place[EDGES], integral[EDGES];
 };
@@ -38,7 +38,7 @@ static double slope(const struct edges *e, int i)
 {
     const int low = i - 1, high = i < EDGES - 1 ? i + 1 : i;
 
-    if (i == 0) /* a finite factor's integral is as x, so flat in its root */
+    if (i == 0) /* the integral of a finite factor is linear in x, so flat in sqrt(x) */
         return 0.0;
     return (e->integral[high] - e->integral[low]) / (e->place[high] - e->place[low]);
 }
@@ -57,7 +57,7 @@ static double between(const struct edges *e, double place)
            width * (t * (1.0 - t) * (1.0 - t) * slope(e, k) - t * t * (1.0 - t) * slope(e, k + 1));
 }
 
-/* The cubics through both ends of each part, and its thirds. */
+/* The cubics through both ends of each interval, and its thirds. */
 static void fill(const struct edges *e, int channel, struct screen_factor *f)
 {
     for (int k = 0; k < SCREEN_FACTOR_PARTS; k++) {
@@ -88,7 +88,7 @@ static void make(const struct pell_separable *s, int channel, struct screen_fact
     }
 }
 
-/* sqrt(Int (R - kernel)^2 / Int R^2) over the square of the extent, the total included. */
+/* sqrt(Int (R - kernel)^2 / Int R^2) over the square of the extent, including the total. */
 static double energy_error(const struct pell_profile *p, const struct screen_factor *terms, int rank, int channel, double extent)
 {
     enum { CELLS = 128, ROWS = 4, STEPS = CELLS * ROWS };
@@ -117,8 +117,8 @@ static double energy_error(const struct pell_profile *p, const struct screen_fac
     return all > 0.0 ? sqrt(wrong / all) : 0.0;
 }
 
-/* Profiles that no bound has at r = 0 (single scattering is as 1/r) have all of the square of R there, and a kernel that is best in it is
- * that peak alone: its light is kept, but not resolved. */
+/* Profiles with a singularity at r = 0 (single scattering goes like 1/r) have all of their square norm there, and the best kernel in that
+ * norm is a delta function: its light is kept, but not resolved. */
 static bool flatten_peak(struct pell_profile *p)
 {
     enum { INNER = 24, ROWS = 256 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * factors.h - profiles as separable kernels of the screen-space method: R(sqrt(x^2 + y^2)) ~ Sum_k sign_k a_k(x) a_k(y) for each channel
- * (pellucid/kernel.h), with a_k as the integral from the middle, by cubics. README.md has what is made of it.
+ * (pellucid/kernel.h), with a_k represented by its integral from the centre, in cubics. Details: README.md.
  */
 #ifndef PELL_SCREEN_SPACE_FACTORS_H
 #define PELL_SCREEN_SPACE_FACTORS_H
@@ -11,14 +11,14 @@
 #include <pellucid/frame.h>
 #include <pellucid/kernel.h>
 
-/* A term of a material's kernel. The profile's total is 1. */
+/* A term of a material's kernel, for a profile normalised to 1. */
 struct screen_factor {
     _Alignas(64) float cubic[3][4][SCREEN_FACTOR_PARTS]; /* of R, G, B: see pell_ss_factor_integral */
     float pass[3];                                       /* the integral over all x */
     float sign[3];
 };
 
-/* Integral over [0, extent_mm place^2], `place` in [0, 1]: one of as many cubics as there are parts of [0, 1]. */
+/* Integral over [0, extent_mm place^2], `place` in [0, 1]; piecewise cubic in `place`. */
 static inline float pell_ss_factor_integral(const struct screen_factor *f, int channel, float place)
 {
     const float p = place * SCREEN_FACTOR_PARTS;
@@ -31,14 +31,14 @@ static inline float pell_ss_factor_integral(const struct screen_factor *f, int c
 
 struct screen_factors {
     int rank;
-    float *extent_mm;             /* of each material, from 1; [0] is 0 */
-    struct screen_factor *factor; /* [material * rank + term], none of material 0 */
+    float *extent_mm;             /* by material, from 1; [0] is 0 */
+    struct screen_factor *factor; /* [material * rank + term]; none for material 0 */
 };
 
 struct pell_context;
 struct screen_chain;
 
-/* Tells of each kernel's error. `out` is zeroed; pell_ss_factors_finish also after a failure. */
+/* Reports each kernel's error. `out` is zeroed; call pell_ss_factors_finish even after a failure. */
 PELL_NODISCARD enum pell_result pell_ss_factors_make(const struct screen_chain *chain, const struct pell_frame_shape *shape,
                                                      struct screen_factors *out);
 void pell_ss_factors_finish(struct pell_context *ctx, struct screen_factors *f);

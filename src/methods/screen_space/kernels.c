@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.c - the two passes of the screen-space method over a row: how taps are spaced, what their sums come to, the weighted sum of
- * steps; compiled once per level of base/simd.h. The mathematics is in README.md.
+ * kernels.c - the two passes of the screen-space method over a row: spacing of taps, evaluation of their sums, the weighted sum of steps;
+ * compiled once per level of base/simd.h. The mathematics is in README.md.
  */
 #include "methods/screen_space/blocks.h"
 
@@ -31,7 +31,7 @@ INLINE vf grid_difference(vf u1, vf u0)
     return (r1.over * r0.under - r0.over * r1.under) / (r1.under * r0.under) + (r1.rest - r0.rest);
 }
 
-/* Whether a line of taps stays in smooth blocks. Those of a leaning line are within the columns that it runs through. */
+/* Whether a line of taps stays in smooth blocks. A skewed line must stay within the columns that it crosses. */
 INLINE bool is_clear(const struct screen_work *w, int block, int axis, const struct screen_cell *cell, float skew, float reach)
 {
     int beside;
@@ -49,7 +49,7 @@ INLINE bool is_clear(const struct screen_work *w, int block, int axis, const str
     return true;
 }
 
-/* How many taps, how far apart. */
+/* Number of taps, and their spacing. */
 INLINE void space(const struct screen_work *w, size_t index, int block, int axis, const struct screen_cell *cell, struct block *b)
 {
     float most = 0.0f, least = 1e30f, reach, step, dense;
@@ -72,10 +72,10 @@ INLINE void space(const struct screen_work *w, size_t index, int block, int axis
             least = add < least ? add : least;
         }
     }
-    most += 0.1f; /* what the grid adds at most */
+    most += 0.1f; /* upper bound of the grid's contribution */
     reach = K_REACH * sqrtf(most > S2_MIN ? most : S2_MIN);
-    b->skew = fabsf(cell->skew) * reach < 0.5f ? 0.0f : cell->skew; /* under half a pixel to the side all taps are upright */
-    /* Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then. */
+    b->skew = fabsf(cell->skew) * reach < 0.5f ? 0.0f : cell->skew; /* with less than half a pixel to the side, taps follow the column */
+    /* Taps may be 1.5 standard deviations of the previous blurs apart: aliasing is then below 2e-4 of a step. */
     step = 1.5f * sqrtf(least);
     dense = is_clear(w, block, axis, cell, b->skew, reach) ? reach : reach * (1.0f / TAPS_DENSE);
     step = step < dense ? step : dense;
@@ -105,8 +105,8 @@ INLINE void scale_kernel(const struct screen_work *w, size_t index, int axis, st
 
 /* --- Rows ---------------------------------------------------------------------------------------------------------------------- */
 
-/* What comes out of a block. Light that a tap would have brought but does not (it is outside, of another material, or too far along the
- * surface) stays where it is: a pixel keeps 1 - Sum of weights of its own. */
+/* Result of a block. The weight of taps that contribute nothing (outside, of another material, or too far along the surface) stays with the
+ * pixel: it keeps 1 - Sum of weights of its own light. */
 INLINE void settle(const struct job *job, const float *const row[3], float (*restrict result)[SCREEN_BLOCK])
 {
     const vf one = (vf) { 0 } + 1.0f;
@@ -116,7 +116,7 @@ INLINE void settle(const struct job *job, const float *const row[3], float (*res
         const vf weight = load(job->weight + part) * share;
         vf keep = one - weight;
 
-        if (any(weight > one)) { /* where lengths vary too fast what would be kept is negative */
+        if (any(weight > one)) { /* if lengths vary too fast, the weight of the pixel itself is negative */
             share = share / greater(weight, one);
             keep = greater(keep, (vf) { 0 });
         }
@@ -125,8 +125,8 @@ INLINE void settle(const struct job *job, const float *const row[3], float (*res
     }
 }
 
-/* Blends the step's result into the sum. Where a pixel left the step out, its weight goes to the last result, or, as in the paper (`on`),
- * to all that the sum holds. */
+/* Blends the step's result into the sum. Where a pixel skipped the step, its weight goes to the last result or, as in the paper (`on`), to
+ * the whole sum. */
 INLINE void put(const struct screen_work *w, int x, int y, size_t index, const struct screen_cell *cell,
                 float (*restrict light)[SCREEN_BLOCK], const float *on)
 {
@@ -137,7 +137,7 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
         float *sum = w->out->light[i] + y * w->in->shape.stride + x;
         const float *before = w->fresh ? w->now[i] + index : cell->live == SCREEN_FULL ? sum : some;
 
-        for (int l = 0; before == some && l < SCREEN_BLOCK; l++) /* the caller's plane may end in the block */
+        for (int l = 0; before == some && l < SCREEN_BLOCK; l++) /* the caller's plane may end inside the block */
             if (w->key[index + (size_t) l] > 0.0f)
                 some[l] = sum[l];
         if (cell->owner == SCREEN_MIXED)
@@ -158,13 +158,13 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
     }
 }
 
-/* How many of a side's taps lie within so many pixels. */
+/* Number of taps of a side within this many pixels. */
 INLINE int within(int pixels, const struct block *b)
 {
     return (int64_t) b->count * b->stride <= pixels ? b->count : pixels / b->stride;
 }
 
-/* Where a block's taps are, and their scales. */
+/* Positions of a block's taps, and their scales. */
 PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y, int axis, const float *const from[3], float *const to[3],
                                   struct job *job)
 {
@@ -206,8 +206,8 @@ PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y,
     scale_kernel(w, index, axis, job);
 }
 
-/* Blocks of a row go through three stages, a few at a time: what they need to know, their taps, the end. Each block is a chain of
- * operations that wait for one another (divisions, roots); the processor works on several only where they stand close together. */
+/* Blocks of a row go through three stages, a few at a time: inputs, taps, result. Each block is a chain of dependent operations with long
+ * latency (divisions, square roots); interleaving blocks lets the processor overlap them. */
 enum { JOBS = 8 };
 
 /* One pass over row y: along x, or along y and into the sum. `from` and `to` are rows, at pixel 0. */
@@ -266,7 +266,7 @@ static PELL_FETCHING int across_row(const struct screen_work *w, int y, const fl
 
 static PELL_FETCHING int down_row(const struct screen_work *w, int y, const float *const from[3], float *const to[3])
 {
-    /* What the pass along x reads of `to` beside what is written. */
+    /* Clears the parts of `to` that the pass along x reads but no pixel writes. */
     for (int block = w->extents[y].begin - 1; block <= w->extents[y].end; block++)
         if (block < w->extents[y].begin || block == w->extents[y].end || cell_at(w, block, y)->live == SCREEN_EMPTY)
             for (int i = 0; !w->last && i < 3; i++)

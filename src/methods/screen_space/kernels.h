@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.h - the inner loops of the screen-space method, and the planes that they work on.
+ * kernels.h - the inner loops of the screen-space method, and its planes.
  *
- * Planes are whole pictures of floats with a margin of one block of 16 pixels left and right and one row above and below; a pointer
- * points at pixel (0, 0). Blocks begin at multiples of 16 pixels. Where there is no translucent pixel every plane holds finite values,
- * key and length 0.
+ * Planes are whole pictures of floats with a margin of one block of 16 pixels on the left and right and one row above and below; a pointer
+ * points at pixel (0, 0). Blocks begin at multiples of 16 pixels. Outside of translucent surfaces all planes hold finite values, and key
+ * and length are 0.
  */
 #ifndef PELL_SCREEN_SPACE_KERNELS_H
 #define PELL_SCREEN_SPACE_KERNELS_H
@@ -13,21 +13,21 @@
 
 enum { SCREEN_BLOCK = 16, SCREEN_PREBLUR = 8, SCREEN_STEPS = PELL_GAUSSIANS_MAX + SCREEN_PREBLUR, SCREEN_TURNS = 64 };
 enum screen_live { SCREEN_EMPTY = 0, SCREEN_SOME, SCREEN_FULL };
-enum { SCREEN_MIXED = 0xffff }; /* as a block's material: there are several in it */
+enum { SCREEN_MIXED = 0xffff }; /* as a block's material: several materials */
 
-/* What is known of a block of 16 pixels in a row. The smallest and largest values are those of pixels that can be blurred. */
+/* Summary of a block of 16 pixels in a row. Minima and maxima are over the pixels that can be blurred. */
 struct screen_cell {
-    uint16_t owner;    /* the material of all its translucent pixels, or SCREEN_MIXED */
+    uint16_t owner;    /* material of all its translucent pixels, or SCREEN_MIXED */
     uint8_t live;      /* enum screen_live */
-    uint8_t pixels;    /* that can be blurred */
-    float scale[2];    /* smallest, largest */
-    float to_px[2][2]; /* of each axis: smallest, largest */
-    bool smooth;       /* full, of one material, and nowhere a jump in depth */
-    uint16_t clear[2]; /* pixels before and behind it, along each axis, that are of smooth blocks alone */
-    float skew;        /* of the second pass: pixels that x falls as y grows by one */
+    uint8_t pixels;    /* number of pixels that can be blurred */
+    float scale[2];    /* minimum, maximum */
+    float to_px[2][2]; /* per axis: minimum, maximum */
+    bool smooth;       /* full, of one material, and without depth discontinuities */
+    uint16_t clear[2]; /* pixels before and after it, along each axis, in smooth blocks */
+    float skew;        /* of the second pass: decrease of x in pixels per pixel of y */
 };
 
-/* The blocks of a row from the first to behind the last that holds anything translucent. */
+/* Range of the blocks of a row that contain translucent pixels. */
 struct screen_extent {
     int begin, end;
 };
@@ -37,35 +37,35 @@ struct screen_factors; /* factors.h */
 /* One frame's work; the same for all rows and threads. */
 struct screen_work {
     const struct pell_frame *in;
-    const struct pell_frame_light *out;                /* its light is the weighted sum, step by step */
-    const float *const *light;                         /* three planes of the caller: what is blurred */
+    const struct pell_frame_light *out;                /* its light is the weighted sum, updated step by step */
+    const float *const *light;                         /* three planes of the caller: input */
     ptrdiff_t stride;                                  /* of the planes below */
-    int block0, block1;                                /* blocks that hold the rectangle */
-    int blocks;                                        /* in a row of the picture */
+    int block0, block1;                                /* range of blocks that cover the rectangle */
+    int blocks;                                        /* per row of the picture */
     float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
-    float *now[3], *half[3];                           /* light as it was loaded; blurred, see cpu.c */
+    float *now[3], *half[3];                           /* unblurred light; blurred, see cpu.c */
     struct screen_cell *cells;                         /* [y * blocks + block] */
-    struct screen_extent *extents;                     /* of each row */
+    struct screen_extent *extents;                     /* per row */
     const float *columns_tan, *rows_tan;               /* slopes of the rays through columns (with a margin) and rows */
     size_t num_materials;
-    const float (*total)[3];              /* of each material's profile; all zeros for material 0, which is none */
+    const float (*total)[3];              /* by material: total of its profile; 0 for material 0, which means none */
     const float *variance;                /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
-    const float *least_added;             /* likewise: mm^2 that the step, or one before it, adds least */
-    const float (*blend)[3];              /* likewise: share of the step's result in the sum */
+    const float *least_added;             /* likewise: smallest variance in mm^2 that the step, or one before it, adds */
+    const float (*blend)[3];              /* likewise: weight of the step's result in the sum */
     float depth_mm, fixed_mm;             /* mm per pixel = depth * depth_mm + fixed_mm */
     float ratio2;                         /* scales all variances: (ssslevel / derived)^2 */
-    float skip;                           /* px^2: a step that adds less is left out */
-    float correction, maxdd, unit;        /* foreshortening of the paper: unit is 1/mm of depth */
+    float skip;                           /* px^2: a step that adds less is skipped */
+    float correction, maxdd, unit;        /* the paper's foreshortening: unit is 1/mm of depth */
     int forms;                            /* enum screen_form */
     const struct screen_factors *factors; /* with kernel=separable */
-    int term, taps;                       /* of the kernel; of a pass, on either side */
-    const float (*turns)[2];              /* SCREEN_TURNS of a quarter of a circle: cosine and sine */
-    bool turned;                          /* lines of taps with gaps turn from pixel to pixel */
-    int turn;                             /* by this sample, of SCREEN_TURNS */
+    int term, taps;                       /* index of the kernel's term; taps of a pass, per side */
+    const float (*turns)[2];              /* SCREEN_TURNS angles in a quarter circle: cosine and sine */
+    bool turned;                          /* lines of taps with gaps are rotated per pixel */
+    int turn;                             /* rotation of this sample, of SCREEN_TURNS */
     int step;
-    bool several; /* more than one material in this frame */
-    bool fresh;   /* nothing is in the sum yet */
-    bool last;    /* no step or term comes after it */
+    bool several; /* the frame has several materials */
+    bool fresh;   /* the sum is empty */
+    bool last;    /* the last step or term */
 };
 
 enum screen_form {
@@ -73,28 +73,28 @@ enum screen_form {
     SCREEN_FORM_PAPER_SLOPE = 2,
 };
 
-struct screen_seen { /* by screen_load in one row */
-    float scale;     /* the largest: px^2 per mm^2 */
-    int first, last; /* smallest and largest material, 0 where there is none */
-    int pixels;      /* that are translucent */
+struct screen_seen { /* gathered by screen_load in one row */
+    float scale;     /* maximum, px^2 per mm^2 */
+    int first, last; /* smallest and largest material, 0: none */
+    int pixels;      /* number of translucent pixels */
 };
 
 struct screen_kernels {
-    /* Copies row y of the caller's planes: key = material, depth, scale = px^2 per mm^2 of the variances (with strength), now = light
-     * times the profile's total. */
+    /* Copies row y of the caller's planes: key = material, depth, scale = px^2 per mm^2 of the variances (with strength), now = light times
+     * the profile's total. */
     void (*load)(const struct screen_work *w, int y, struct screen_seen *seen);
-    /* Which blocks are smooth; length[0], [1] = mm on the surface from one pixel to the next along x, and along the line at right angles to
-     * it; to_px[0], [1] = px^2 per mm^2 of the variances along them. */
+    /* Finds smooth blocks; computes length[0], [1] = mm on the surface between pixels along x, and along the perpendicular line; to_px[0],
+     * [1] = px^2 per mm^2 of the variances along them. */
     void (*measure)(const struct screen_work *w, int y);
-    /* The two passes of a step over row y, which `from` and `to` point at (pixel 0): they return the number of pixels that were blurred.
-     * `down` reads the rows around it, too, puts what comes of it into the sum as well, and in the last step there alone. */
+    /* The two passes of a step over row y, at pixel 0 of `from` and `to`: return the number of blurred pixels. `down` reads adjacent rows,
+     * too, and also adds its result to the sum; in the last step only there. */
     int (*across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
     int (*down)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
-    /* The two passes of a term of a separable kernel over row y; `from` and `to` are planes. `term_down` adds to the sum.
-     * They return the number of pixels that were blurred. */
+    /* The two passes of a term of a separable kernel over row y; `from` and `to` are planes. `term_down` adds to the sum. They return the
+     * number of blurred pixels. */
     int (*term_across)(const struct screen_work *w, int y, const float *const from[3], float *const to[3]);
     int (*term_down)(const struct screen_work *w, int y, const float *const from[3]);
-    /* now -> `out`, where no step blurs anything. */
+    /* Copies now to `out`, where no step blurs anything. */
     void (*copy)(const struct screen_work *w, int y);
 };
 

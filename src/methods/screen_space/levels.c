@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * levels.c - which of two blurs a pixel is between, and how the sums of Gaussians before a level blend.
+ * levels.c - interpolation between the two blurs nearest to a pixel's scale, and blending of partial sums of Gaussians.
  */
 #include "methods/screen_space/screen_space.h"
 

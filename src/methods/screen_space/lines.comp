@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// lines.comp - along every row and every column of blocks, a workgroup for each: lets leans be where they hardly change (fade_leans in
-// measure.c), and finds how far every block is smooth to both sides (find_clear in cpu.c): blurs that meet no edge may skip more samples.
-//   in  0 cells    mean lean, what is in the block: see measure.comp
-//   out 1 lines    lean of the second pass (px per px); pixels before and behind the block, along the row and down the column, that are of
-//                  smooth blocks; 0
+// lines.comp - scans every row and every column of blocks, one workgroup each: keeps the skew of blocks where it hardly changes (fade_leans
+// in measure.c), and finds the smooth range on both sides of every block (find_clear in cpu.c): blurs that reach no edge may have gaps
+// between taps.
+//   in  0 cells    mean skew, contents of the block: see measure.comp
+//   out 1 lines    skew of the second pass (px per px); pixels before and after the block, along the row and down the column, in smooth
+//                  blocks; 0
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) readonly buffer Cells { vec2 cells[]; };
 layout(set = 0, binding = 1) buffer Lines { vec4 lines[]; };
 #include "methods/screen_space/common.glsl"
 
 const int GROUP = 64;
-shared int lasts[GROUP], firsts[GROUP]; // of the invocations' parts of the line: blocks that are not smooth
+shared int lasts[GROUP], firsts[GROUP]; // per invocation's part of the line: blocks that are not smooth
 
 float lean_of(int cell, int block, int blocks)
 {
@@ -53,7 +54,7 @@ void main()
         last = max(last, lasts[k]);
     for (int k = me + 1; k < GROUP; k++)
         next = min(next, firsts[k]);
-    // Before a block, then behind it: the smaller of both.
+    // Before a block, then after it: the minimum of both.
     for (int k = begin; k < end; k++) {
         const int at = first + k * pace;
         last = cells[at].y != 2.0 ? k : last;

@@ -4,7 +4,7 @@
  */
 #include "methods/screen_space/blocks.h"
 
-/* Span in pixels over that of a facing surface. */
+/* Span in pixels relative to that of a facing surface. */
 INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y, int axis)
 {
     const float d = w->depth[index];
@@ -14,8 +14,8 @@ INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y
         const float mm = d * w->depth_mm + w->fixed_mm;
         return w->length[axis][index] > 0.0f ? mm / w->length[axis][index] : 0.0f;
     }
-    /* Derivatives are those of a quad of 2 x 2 pixels. Where the other pixel is not of this surface, the limit: the depth behind it is
-     * far away. */
+    /* Derivatives are those of a quad of 2 x 2 pixels. If the other pixel is not on this surface, their limit: the background is far
+     * away. */
     {
         const ptrdiff_t other = axis == 0 ? ((x & 1) ? -1 : 1) : ((y & 1) ? -w->stride : w->stride);
         const ptrdiff_t at = (ptrdiff_t) index + other;
@@ -27,7 +27,7 @@ INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y
     return level / (level + w->correction * change);
 }
 
-#define SPAN_MOST 262144.0f /* px: places of taps are integers */
+#define SPAN_MOST 262144.0f /* px: tap positions are integers */
 
 static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
 
@@ -35,7 +35,7 @@ struct taps {
     float sum[3], all;
 };
 
-/* A tap: the mean of the pixels around it that are of the mask. */
+/* A bilinear tap: mean of the pixels around it that are in the mask. */
 INLINE void add_tap(const struct screen_work *w, size_t index, int x, int y, const float place[2], float weight,
                     const float *const light[3], struct taps *taps)
 {
@@ -91,7 +91,7 @@ int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axi
             const float offset = ((float) (t - 3) + shift) * (1.0f / 3.0f);
             add_tap(w, at, x + l, y, (const float[2]) { offset * way[0], offset * way[1] }, weights[t], light, &taps);
         }
-        for (int i = 0; i < 3 && taps.all > 0.0f; i++) /* of a line that is turned and moved no tap may be on the surface */
+        for (int i = 0; i < 3 && taps.all > 0.0f; i++) /* no tap of a rotated and shifted line may be on the surface */
             result[i][l] = taps.sum[i] / taps.all;
     }
     return b.active;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * load.c - the caller's planes of the screen-space method, copied row by row with what is known of each block; compiled once per level of
+ * load.c - copies the caller's planes of the screen-space method row by row and summarises each block; compiled once per level of
  * base/simd.h.
  */
 #include "methods/screen_space/blocks.h"
 
 #include "render/material_id.h"
 
-/* Looks at the materials of a block, of which lanes x0 to x1 lie in the rectangle. */
+/* Determines the materials of a block; lanes x0 to x1 are in the rectangle. */
 INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int x1, float *restrict owners, struct screen_cell *cell,
                         int *low, int *high)
 {
@@ -103,8 +103,7 @@ INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1
     seen->scale = cell->scale[1] > seen->scale ? cell->scale[1] : seen->scale;
 }
 
-/* Rows are too short for the processor to foresee their next lines, and there are many planes: each block asks for what the one below it
- * will read, and for what it will write. */
+/* Rows are too short and planes too many for hardware prefetchers: each block prefetches what the one below it will read and write. */
 PELL_FETCHING_INLINE void fetch_load(const struct screen_work *w, int x, int y)
 {
     const struct pell_frame *in = w->in;

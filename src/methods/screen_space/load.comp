@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// load.comp - the frame's pixels as the blurs need them: Jimenez and Gutierrez, GPU Pro, 2010, ch. 7; mirror of load.c.
+// load.comp - converts the frame's pixels to the format of the blurs: Jimenez and Gutierrez, GPU Pro, 2010, ch. 7; mirror of load.c.
 //   in  0 light    light to be blurred (W/m^2 or W/(m^2 sr)), depth (mm)
 //   in  1 what     material (0: not translucent), strength (bits of a float)
 //   in  2 table    see blur.comp; the last row: totals of the profiles
@@ -26,7 +26,7 @@ void main()
 
     if (!is_inside(p))
         return;
-    // What lies beyond the picture or the materials is none.
+    // Outside of the picture or of the valid materials it is 0.
     const int material = pc.x0 + p.x < pc.picture_width && what[i].x < uint(pc.row) ? int(what[i].x) : 0;
     if (material == 0) {
         place[i] = vec2(0.0);

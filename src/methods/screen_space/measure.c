@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * measure.c - how the surface lies below each pixel of the screen-space method: mm from a pixel to the next, which way the second pass
- * leans, where nothing jumps in depth; compiled once per level of base/simd.h.
+ * measure.c - surface metric at each pixel of the screen-space method: mm between adjacent pixels, skew of the second pass, depth
+ * discontinuities; compiled once per level of base/simd.h.
  */
 #include "methods/screen_space/blocks.h"
 
-/* Change of depth per pixel from its one-sided differences: the central difference, but at most twice the smaller of the two (the
- * monotonised central limiter of van Leer 1977), so that a jump in depth beside the pixel does not count as its slope. */
+/* Change of depth per pixel from its one-sided differences: the central difference, limited to twice the smaller of the two (the
+ * monotonised central limiter of van Leer 1977), so that an adjacent depth discontinuity does not count as slope. */
 INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
 {
     const vf zero = { 0 }, a = select(has_back, back, ahead), b = select(has_ahead, ahead, back);
@@ -17,9 +17,10 @@ INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
     return select(slopes, select(mean < zero, -low, low), zero);
 }
 
-/* Lets leans be where they hardly change along the row, and fades them out within LEAN_FADE blocks of where they do: a lean is one number
- * for a block, since lanes of a vector read the same row, and blocks that lean differently would show as steps in the picture. So
- * planes have round Gaussians however they slant; curved surfaces have upright second passes. cell->to_px[0][0] holds the raw leans. */
+/* Keeps the skew of blocks where it hardly changes along the row, and fades it out within LEAN_FADE blocks of where it does: a block has
+ * a single skew, since lanes of a vector read the same row, and different skews of adjacent blocks would show as steps in the picture.
+ * On planes, Gaussians are therefore round at any slant; on curved surfaces the second pass is upright. cell->to_px[0][0] holds the raw
+ * skew. */
 static void fade_leans(const struct screen_work *w, int y)
 {
     enum { AT_ONCE = 48, MORE = AT_ONCE + 2 * LEAN_FADE };
@@ -52,9 +53,9 @@ static void fade_leans(const struct screen_work *w, int y)
     }
 }
 
-/* The two directions of the passes on the surface: Tx, from a pixel to the next along x, and D = Ty - lean Tx at right angles to it, so
- * that two passes make a round Gaussian on a surface of any slope. First Tx.Tx, Ty.Ty and Tx.Ty of each pixel, in the planes that their
- * lengths will take, and the mean lean of each block; then the lengths of Tx and D. */
+/* Directions of the passes on the surface: Tx, from a pixel to the next along x, and D = Ty - skew Tx perpendicular to it, so that two
+ * passes make a round Gaussian on a surface of any slope. First Tx.Tx, Ty.Ty and Tx.Ty of each pixel, in the planes that will hold their
+ * lengths, and the mean skew of each block; then the lengths of Tx and D. */
 PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, int y)
 {
     const vf zero = { 0 }, one = zero + 1.0f;
@@ -63,7 +64,7 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
     for (int block = w->block0; block < w->block1; block++) {
         struct screen_cell *cell = cell_at(w, block, y);
         const size_t index = (size_t) (y * w->stride + block * SCREEN_BLOCK);
-        const size_t below = index + (size_t) w->stride, next = below + (size_t) w->stride; /* there is a margin */
+        const size_t below = index + (size_t) w->stride, next = below + (size_t) w->stride; /* the plane has a margin */
         _Alignas(64) float skews[SCREEN_BLOCK];
         float mean;
         vi rough = { 0 };

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// measure.comp - how the surface lies below each pixel, and what is known of a block of 16 pixels of a row, which is a row of a workgroup;
-// mirror of the first half of measure.c. Tx, Ty: from the pixel's point on the surface to the next one along x and y.
+// measure.comp - surface metric at each pixel, and the summary of a block of 16 pixels of a row, which is a row of a workgroup; mirror of
+// the first half of measure.c. Tx, Ty: from the pixel's surface point to the next one along x and y.
 //   in  0 place    depth (mm), material
 //   in  1 scale    px^2 per mm^2
 //   out 2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
-//   out 3 cells    mean lean of the second pass (pixels that x falls as y grows by one); 0 nothing is translucent, 1 something, 2 all is
-//                  of one material, and depth neither jumps nor creases
+//   out 3 cells    mean skew of the second pass (decrease of x in pixels per pixel of y); 0: nothing is translucent, 1: some pixels are,
+//                  2: all are of one material, without depth discontinuities and creases
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Place { vec2 place[]; };
 layout(set = 0, binding = 1) readonly buffer Scale { float scale[]; };
@@ -24,7 +24,7 @@ vec2 neighbour(ivec2 p) // depth, material
     return is_inside(p) ? place[pixel_at(p)] : vec2(0.0);
 }
 
-// Change of depth per pixel: the central difference, but at most twice the smaller one-sided one (van Leer 1977).
+// Change of depth per pixel: the central difference, limited to twice the smaller one-sided one (van Leer 1977).
 float limited(float back, float ahead, bool has_back, bool has_ahead)
 {
     const float a = has_back ? back : ahead, b = has_ahead ? ahead : back;

@@ -2,8 +2,9 @@
  *
  * method.c - screen-space subsurface scattering: J. Jimenez, D. Gutierrez, "Screen-Space Subsurface Scattering", GPU Pro, 2010, ch. 7.
  *
- * The profile is a sum of k Gaussians, R(r) = Sum_i w_i G(v_i, r). Each is a horizontal and a vertical blur on the screen, on top of the
- * one before it (so by v_i - v_{i-1}), as wide as the surface seen by each pixel makes it. What differs from the paper: README.md.
+ * The profile is a sum of k Gaussians, R(r) = Sum_i w_i G(v_i, r). Each is a horizontal and a vertical blur on the screen, applied to the
+ * result of the one before (so with variance v_i - v_{i-1}), whose width follows the surface seen by each pixel. Differences from the
+ * paper: README.md.
  */
 #include "methods/screen_space/screen_space.h"
 

@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// plan.comp - lengths on the surface along the two passes, Tx and D = Ty - lean Tx (mirror of the second half of measure.c); and which
-// blocks each of SCREEN_PLANNED steps blurs, by how many taps and how far apart (`choose` in blocks.h, `space` in kernels.c). A row of a
-// workgroup is a block: its invocations are pixels first, and then steps and axes. FORM 0: Gaussians, 1: seven taps, which need no plan,
-// 2: a separable kernel.
+// plan.comp - lengths on the surface along the two passes, Tx and D = Ty - skew Tx (mirror of the second half of measure.c); and, for each
+// of SCREEN_PLANNED steps, the blocks that it blurs, with the number and spacing of their taps (`choose` in blocks.h, `space` in
+// kernels.c). A row of a workgroup is a block: its invocations are first pixels, then steps and axes. FORM 0: Gaussians, 1: seven taps,
+// which need no plan, 2: a separable kernel.
 //   in  0 place    depth (mm), material
 //   in  1 scale    px^2 per mm^2 of the variances
 //   in  2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
-//   in  3 lines    lean (px per px), pixels of smooth blocks along the row, down the column, 0
-//   in  4 table    share of a step's result in the sum (R, G, B), mm^2 applied after the step; by step and material; the last row's fourth:
+//   in  3 lines    skew (px per px), pixels in smooth blocks along the row, down the column, 0
+//   in  4 table    weight of a step's result in the sum (R, G, B), mm^2 applied after the step; by step, material; the last row's fourth:
 //                  extent of the separable kernel, mm
 //   out 5 across   depth (mm), |Tx|
 //   out 6 down     depth (mm), |D|
-//   out 7 plans    of each block, axis and step: taps a side and 65536 times the pixels between them, lean of the taps (bits of a float),
-//                  mm^2 before the step and after it (bits of floats): where its pixels differ -1, and 0 where the step blurs none. FORM 2:
-//                  how far taps go, px; lean; 0; 0
+//   out 7 plans    per block, axis and step: taps per side and 65536 times the pixels between them, skew of the taps (bits of a float),
+//                  mm^2 before the step and after it (bits of floats): -1 if its pixels differ, and 0 if the step blurs none. FORM 2:
+//                  reach of the taps, px; skew; 0; 0
 #define USES_TABLE
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int FORM = 0;
@@ -29,10 +29,10 @@ layout(set = 0, binding = 6) writeonly buffer Down { vec2 down[]; };
 layout(set = 0, binding = 7) writeonly buffer Plans { ivec4 plans[]; };
 #include "methods/screen_space/common.glsl"
 
-// Of a pixel: scale, px^2 per mm^2 along Tx and along D, material.
+// A pixel: scale, px^2 per mm^2 along Tx and along D, material.
 shared vec4 pixels[8][16];
 
-// Whether a line of taps stays in smooth blocks. Those of a leaning line are within the columns that it runs through.
+// Whether a line of taps stays in smooth blocks. A skewed line must stay within the columns that it crosses.
 bool is_clear(int cell, int block, int blocks, int axis, float skew, float reach)
 {
     if (!(reach < (axis == 0 ? lines[cell].y : lines[cell].z)))
@@ -48,7 +48,7 @@ bool is_clear(int cell, int block, int blocks, int axis, float skew, float reach
     return true;
 }
 
-// What all pixels of the block have applied before a step and after it, mm^2: after is 0 where the step blurs none, -1 where they differ.
+// Variances of the block's pixels before and after a step, mm^2: after is 0 if the step blurs none, -1 if they differ.
 vec2 in_common(uint y, int step)
 {
     float low = 1e30, high = 0.0, owner = 0.0, before, before_high;
@@ -65,14 +65,14 @@ vec2 in_common(uint y, int step)
     }
     if (owner == 0.0)
         return vec2(0.0);
-    // Each choice depends on the scale monotonically: where the extremes agree in all of them, so do the pixels between.
+    // Each decision is monotonic in the scale: if the extremes agree in all of them, so do the pixels in between.
     const bool on = applied(step, int(owner), low, before), on_high = applied(step, int(owner), high, before_high);
     if (!one || on != on_high || before != before_high)
         return vec2(0.0, -1.0);
     return vec2(before, on ? variance_of(step, int(owner)) : 0.0);
 }
 
-// Of variances in px^2 the largest that the step adds, and the smallest that was there or is added.
+// In px^2: the largest variance that the step adds, and the smallest before it or added.
 vec2 range_of(uint y, int axis, int step, vec2 common_of)
 {
     vec2 range = vec2(0.0, 1e30);
@@ -99,10 +99,10 @@ ivec4 plan_of(int cell, int block, int blocks, uint y, int axis, int step)
     if (common_of.y == 0.0)
         return ivec4(0);
     const vec2 range = range_of(y, axis, step, common_of);
-    const float reach = K_REACH * sqrt(max(range.x + 0.1, S2_MIN)); // 0.1: what the grid adds at most
-    // Under half a pixel to the side all taps are upright.
+    const float reach = K_REACH * sqrt(max(range.x + 0.1, S2_MIN)); // 0.1: upper bound of the grid's contribution
+    // With less than half a pixel to the side, taps follow the column.
     const float skew = axis == 0 || abs(lines[cell].x) * reach < 0.5 ? 0.0 : lines[cell].x;
-    // Taps may stand 1.5 standard deviations apart of what is blurred already: aliasing is under 2e-4 of a step, then.
+    // Taps may be 1.5 standard deviations of the previous blurs apart: aliasing is then below 2e-4 of a step.
     const float dense = is_clear(cell, block, blocks, axis, skew, reach) ? reach : reach * (1.0 / TAPS_DENSE);
     const float pace = min(1.5 * sqrt(range.y), dense);
     const int stride = pace >= 2.0 ? int(min(pace, 32767.0)) : 1;

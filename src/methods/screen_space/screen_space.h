@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * screen_space.h - what the files of this method share. Its only symbol for others is pell_method_screen_space.
+ * screen_space.h - declarations shared by the files of this method. Its only external symbol is pell_method_screen_space.
  */
 #ifndef PELL_SCREEN_SPACE_H
 #define PELL_SCREEN_SPACE_H
@@ -34,8 +34,8 @@ struct screen_knobs {
     int transmission; /* enum screen_transmission */
 };
 
-/* The paper's ssslevel for which a Gaussian's standard deviation on the screen is its projected one: span in pixels = ssslevel
- * sqrt(variance) / depth with the depth in object heights. `focal_px` as in struct pell_frame, `height_mm` the object's. */
+/* The paper's ssslevel for which a Gaussian's standard deviation on the screen equals its projection: span in pixels = ssslevel
+ * sqrt(variance) / depth with the depth in object heights. `focal_px` as in struct pell_frame, `height_mm` the object's height. */
 double pell_ss_level(double focal_px, double height_mm);
 
 /* w'_i = w_i / Sum_{j <= i} w_j of section 7.3.3, for each channel; 1 where the sum is 0. */
@@ -43,15 +43,15 @@ void pell_ss_blend(const struct pell_gaussians *g, int i, float blend[3]);
 
 /* --- profiles.c --- */
 
-/* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
+/* Normalises each channel's weights to 1. A channel without weights keeps its light in the narrowest Gaussian. */
 void pell_ss_whiten(struct pell_gaussians *g);
-/* The Gaussians of table 7.1 for what they are fits of: the three-layer skin of d'Eon et al. 2007, as itself and as the six Gaussians of
- * their paper, and the marble of Jensen et al. 2001. NULL for any other. */
+/* The Gaussians of table 7.1 for the materials that they are fitted to: the three-layer skin of d'Eon et al. 2007, also as the six
+ * Gaussians of their paper, and the marble of Jensen et al. 2001. NULL for all others. */
 const struct pell_material_entry *pell_ss_published(const struct pell_frame_material *m);
 /* Sum_i w_i exp(-d^2/(2 v_i)) of a channel of struct pell_gaussians at the thickness d, mm: a pell_thickness_fn. */
 double pell_ss_transmission(const void *gaussians, int channel, double d);
 
 extern const struct pell_method_engine pell_ss_cpu;
-extern const struct pell_method_engine pell_ss_vulkan; /* of builds that have Vulkan */
+extern const struct pell_method_engine pell_ss_vulkan; /* only in builds with Vulkan */
 
 #endif

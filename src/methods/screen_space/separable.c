@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * separable.c - the two passes of a term of the separable kernel (factors.h) over a row, along the axes or turned by pixel; compiled once
+ * separable.c - the two passes of a term of the separable kernel (factors.h) over a row, along the axes or rotated per pixel; compiled once
  * per level of base/simd.h. The mathematics is in README.md.
  */
 #include "methods/screen_space/blocks.h"
@@ -8,22 +8,22 @@
 
 enum { TAPS_MOST = 64 };
 
-/* Where the taps of a block are, on either side: pixels from the middle, and the ends of what each stands for. */
+/* Positions of the taps of a block, per side: pixels from the centre, and the limits of the interval that each represents. */
 struct line {
     int count, at[TAPS_MOST + 1];
     float edge[TAPS_MOST + 1];
-    bool sparse; /* pixels lie between taps */
+    bool sparse; /* there are pixels between taps */
 };
 
-/* A pixel's line on the screen: pixels in x and y for a step. */
+/* A pixel's line on the screen: step in x and y, pixels. */
 struct way {
     float x, y;
     bool turned;
-    float mm2;   /* turned: square of a step's length on the surface, over the pixel's area */
-    float place; /* and where in what it stands for each tap is, [0, 1] */
+    float mm2;   /* rotated: squared length of a step on the surface, relative to the pixel's area */
+    float place; /* position of each tap within its interval, [0, 1] */
 };
 
-/* Every pixel while that makes no more than w->taps; else taps that are dense in the middle, at squares. */
+/* Every pixel up to w->taps taps; else taps spaced by squares, dense in the centre. */
 INLINE struct line line_of(const struct screen_work *w, float reach)
 {
     const float half = (float) w->taps + 0.5f;
@@ -42,12 +42,12 @@ INLINE struct line line_of(const struct screen_work *w, float reach)
         line.count = i;
         line.edge[i] = (float) before + 0.5f;
     }
-    if (line.sparse) /* the last one stands for all that is left */
+    if (line.sparse) /* the last one represents the remainder */
         line.edge[line.count] = reach;
     return line;
 }
 
-/* Light between two shares of the factor's extent. */
+/* Integral of the factor between two fractions of its extent. */
 INLINE float between(const struct screen_factor *f, int channel, float near, float far)
 {
     return pell_ss_factor_integral(f, channel, sqrtf(far < 1.0f ? far : 1.0f)) -
@@ -60,7 +60,7 @@ INLINE struct way way_of(const struct screen_work *w, int axis, const struct scr
 
     if (!w->turned || !line->sparse)
         return axis == 0 ? (struct way) { .x = 1.0f } : (struct way) { .x = -cell->skew, .y = 1.0f };
-    { /* the axes are at right angles on the surface, and so are the two passes */
+    { /* the axes are perpendicular on the surface, and so are the two passes */
         const int number = pell_ss_turn(x, y, w->turn);
         const float *turn = w->turns[number];
         const float c = axis == 0 ? turn[0] : -turn[1], s = axis == 0 ? turn[1] : turn[0];
@@ -74,7 +74,7 @@ struct sums {
     float weight[3], light[3];
 };
 
-/* A pixel whose taps are summed up. */
+/* A pixel whose taps are summed. */
 struct centre {
     const struct screen_work *w;
     const struct screen_factor *factor;
@@ -83,10 +83,10 @@ struct centre {
     size_t index;
     int axis, x, y;
     struct way way;
-    float per_mm; /* of the factor's extent */
+    float per_mm; /* reciprocal of the factor's extent */
 };
 
-/* Where a tap is: false where it is beyond the rectangle, of something else, or the pixel itself. */
+/* Position of a tap: false if it is outside of the rectangle, on another object, or the pixel itself. */
 INLINE bool place_tap(const struct centre *p, float ahead, int offset[2])
 {
     const struct screen_work *w = p->w;
@@ -110,7 +110,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     const struct way *way = &p->way;
     const float place = sign > 0.0f ? way->place : 1.0f - way->place;
     const float ahead = sign * (way->turned ? line->edge[i] + place * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
-    float h, dx, dy, dz, apart; /* mm for each pixel of the line */
+    float h, dx, dy, dz, apart; /* mm per pixel of the line */
     int offset[2];
     ptrdiff_t by, at;
     float size;
@@ -126,7 +126,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     if (way->turned) {
         const float ox = (float) offset[0], oy = (float) offset[1];
         apart = sqrtf((dx * dx + dy * dy + dz * dz) / (ox * ox + oy * oy));
-    } else { /* from where the line is to the pixel that stands for it */
+    } else { /* offset of the nearest pixel from the line */
         const float beside = p->axis == 0 ? 0.0f : ((float) offset[0] - ahead * way->x) * w->length[0][p->index];
         apart = sqrtf(fmaxf(dx * dx + dy * dy + dz * dz - beside * beside, 0.0f)) / fabsf(ahead);
     }
@@ -140,7 +140,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     }
 }
 
-/* One pixel; false: nothing is blurred there. What its taps do not bring stays. */
+/* Blurs one pixel; false: none. The weight that its taps do not contribute stays with the pixel. */
 INLINE bool blur_pixel(struct centre *p, const struct screen_cell *cell, float out[3])
 {
     const struct screen_work *w = p->w;
@@ -159,7 +159,7 @@ INLINE bool blur_pixel(struct centre *p, const struct screen_cell *cell, float o
     }
     for (int c = 0; c < 3; c++) {
         const float pass = p->factor->pass[c];
-        if (pass > 0.0f && sums.weight[c] > pass && w->term == 0) /* where lengths vary too fast */
+        if (pass > 0.0f && sums.weight[c] > pass && w->term == 0) /* lengths vary too fast */
             out[c] = sums.light[c] * (pass / sums.weight[c]);
         else
             out[c] = sums.light[c] + (pass - sums.weight[c]) * p->from[c][0];
@@ -167,7 +167,7 @@ INLINE bool blur_pixel(struct centre *p, const struct screen_cell *cell, float o
     return on;
 }
 
-/* The farthest pixel, along either axis where the line turns. */
+/* Reach in pixels, along either axis if the line is rotated. */
 INLINE float reach_of(const struct screen_work *w, const struct screen_cell *cell, int axis, size_t index)
 {
     const float *scale = cell->to_px[axis];
@@ -182,25 +182,25 @@ INLINE float reach_of(const struct screen_work *w, const struct screen_cell *cel
     return most > 0.0f ? fminf(extent * sqrtf(most), 65536.0f) : 0.0f;
 }
 
-/* --- Blocks of one material whose lines do not turn: all lanes at once --------------------------------------------------------------- */
+/* --- Blocks of one material without rotation: vectorised over lanes ------------------------------------------------------------------ */
 
-/* What a pass does with the pixels of a block. */
+/* Data of a pass over the pixels of a block. */
 struct together {
     const struct screen_work *w;
     const struct screen_factor *factor;
     const float *const *from; /* planes */
     int axis, y;
-    float skew; /* of its lines */
+    float skew; /* of its lines of taps */
 };
 
-struct part { /* WIDTH pixels of a block */
+struct part { /* a vector of pixels of a block */
     size_t index;
     vf x, key, depth, length0, per_mm, column;
     vi on;
     vf weight[3], light[3];
 };
 
-/* The cubic that `place` is in, and where. */
+/* The cubic that contains `place`, and the position in it. */
 INLINE vf in_cubic(vf share, vi *k)
 {
     const vf p = root(lesser(share, all(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = all(SCREEN_FACTOR_PARTS - 1);
@@ -232,7 +232,7 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
     dx = h * (float) offset[0] + dz * p->column;
     dy = h * (float) offset[1] + dz * w->rows_tan[b->y];
     d2 = dx * dx + dy * dy + dz * dz;
-    if (b->axis == 1) { /* from where the line is to the pixel that stands for it */
+    if (b->axis == 1) { /* offset of the nearest pixel from the line */
         const vf beside = ((float) offset[0] + ahead * b->skew) * p->length0;
         d2 = greater(d2 - beside * beside, zero);
     }
@@ -248,7 +248,7 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
     }
 }
 
-/* What its taps do not bring stays. Returns the number of pixels that are blurred. */
+/* The weight that its taps do not contribute stays with the pixel. Returns the number of blurred pixels. */
 INLINE int blur_block(const struct together *b, const struct screen_cell *cell, const struct line *line, int x0,
                       float (*restrict out)[SCREEN_BLOCK])
 {
@@ -283,7 +283,7 @@ INLINE int blur_block(const struct together *b, const struct screen_cell *cell, 
         }
         for (int c = 0; c < 3; c++) {
             const vf pass = all(b->factor->pass[c]), stays = p.light[c] + (pass - p.weight[c]) * load(b->from[c] + p.index);
-            const vi less = (p.weight[c] > pass) & (pass > zero); /* where lengths vary too fast */
+            const vi less = (p.weight[c] > pass) & (pass > zero); /* lengths vary too fast */
             store(&out[c][lane], w->term > 0 ? stays : select(less, p.light[c] * (pass / select(less, p.weight[c], pass)), stays));
         }
     }
@@ -292,7 +292,7 @@ INLINE int blur_block(const struct together *b, const struct screen_cell *cell, 
 
 /* --- Rows --------------------------------------------------------------------------------------------------------------------------- */
 
-/* Light of a pixel after a pass: to the next one, or to the sum. */
+/* Result of a pixel after a pass: input of the next one, or added to the sum. */
 INLINE void put_pixel(const struct screen_work *w, int x, int y, int axis, size_t index, const float sign[3], const float light[3],
                       float *const to[3])
 {
@@ -305,7 +305,7 @@ INLINE void put_pixel(const struct screen_work *w, int x, int y, int axis, size_
             w->out->light[c][at] = (w->term > 0 ? w->out->light[c][at] : 0.0f) + sign[c] * light[c];
 }
 
-/* The pixels of a row that can be blurred. */
+/* Mask of the pixels of a row that can be blurred. */
 INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float *const from[3], float *const to[3])
 {
     int active = 0;

@@ -2,14 +2,14 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // separable.comp - one of the two passes of a term of a separable kernel: Jimenez, Zsolnai, Jarabo et al., "Separable Subsurface
-// Scattering", 2015, section 4; README.md has the mathematics; mirror of separable.c. AXIS 0: along x; 1: along D, and into the sum of
+// Scattering", 2015, section 4; README.md has the mathematics; mirror of separable.c. AXIS 0: along x; 1: along D, and added to the sum of
 // the terms.
 //   in     0 geometry depth (mm), length on the surface along this axis (mm)
 //   in     1 other    depth (mm), length along the other axis (mm)
 //   in     2 scale    px^2 per mm^2 of the variances
-//   in     3 factors  of each material and term: integral over all x (R, G, B), extent (mm); sign (R, G, B), 0; of
-//                     SCREEN_FACTOR_PARTS cubics (factors.h) the coefficients for R, G and B
-//   in     4 plans    how far taps go (px), lean of the taps (bits of floats), 0, 0
+//   in     3 factors  per material and term: integral over all x (R, G, B), extent (mm); sign (R, G, B), 0; coefficients of
+//                     SCREEN_FACTOR_PARTS cubics (factors.h) for R, G and B
+//   in     4 plans    reach of the taps (px), skew of the taps (bits of floats), 0, 0
 //   in     5 from     light, W/m^2 or W/(m^2 sr); material
 //   out    6 to       AXIS 0: the pass's result, material
 //   in/out 7 sum      AXIS 1: the sum of the terms so far, 0
@@ -34,7 +34,7 @@ struct Centre {
     float beside; // AXIS 1: |Tx|
     vec4 light;   // with its material
     vec2 t;       // slopes of its ray
-    float per_mm; // of the kernel's extent, by the pixel's scale
+    float per_mm; // reciprocal of the kernel's extent at the pixel's scale
     int first;    // of the factor's cubics
 };
 
@@ -42,7 +42,7 @@ struct Gathered {
     vec3 light, weight;
 };
 
-// Light between two shares of the factor's extent.
+// Integral of the factor between two fractions of its extent.
 vec3 between(int first, float near, float far)
 {
     const vec2 place = sqrt(min(vec2(near, far), vec2(1.0))) * float(PARTS);
@@ -57,7 +57,7 @@ vec3 between(int first, float near, float far)
     return light;
 }
 
-// The tap `ahead` pixels along the line, which stands for all between two edges.
+// The tap `ahead` pixels along the line, which represents the interval between two edges.
 void tap(const Centre c, int ahead, float skew, vec2 edge, inout Gathered g)
 {
     const ivec2 offset = AXIS == 0 ? ivec2(ahead, 0) : ivec2(int(floor(0.5 - float(ahead) * skew)), ahead);
@@ -71,7 +71,7 @@ void tap(const Centre c, int ahead, float skew, vec2 edge, inout Gathered g)
         return;
     const float h = there.x * pc.depth_mm + pc.fixed_mm, dz = there.x - c.own.x;
     const vec3 way = vec3(h * vec2(offset) + dz * c.t, dz);
-    // From where the line is to the pixel that stands for it.
+    // offset of the nearest pixel from the line
     const float beside = AXIS == 0 ? 0.0 : (float(offset.x) + float(ahead) * skew) * c.beside;
     const float apart = sqrt(max(dot(way, way) - beside * beside, 0.0)) / abs(float(ahead));
     if (!(apart > 0.0))
@@ -81,8 +81,7 @@ void tap(const Centre c, int ahead, float skew, vec2 edge, inout Gathered g)
     g.light += weight * light.rgb;
 }
 
-// The i-th tap's distance on either side, px: every pixel while that makes no more than pc.taps, else taps that are dense in the middle, at
-// squares.
+// Distance of the i-th tap on either side, px: every pixel up to pc.taps taps, else taps spaced by squares, dense in the centre.
 int place_of(int i, int before, float reach)
 {
     const float part = float(i) / (float(pc.taps) + 0.5), square = reach * part * part;
@@ -102,7 +101,7 @@ Gathered gather(const Centre c, float reach, float skew)
         at = next;
         const bool last = i == pc.taps || !(float(at) < reach);
         next = last ? at : place_of(i + 1, at, reach);
-        // The last one stands for all that is left.
+        // The last one represents the remainder.
         const float far = last ? (sparse ? reach : float(at) + 0.5) : 0.5 * float(at + next);
         tap(c, -at, skew, vec2(near, far), g);
         tap(c, at, skew, vec2(near, far), g);
@@ -132,10 +131,10 @@ void main()
     Gathered g = Gathered(vec3(0.0), vec3(0.0));
     if (size > 0.0 && extent > 0.0 && own.y > 0.0 && beside.y > 0.0)
         g = gather(Centre(p, own, beside.y, light, ray_of(p), 1.0 / (extent * sqrt(size) * mm), head + 2), plan.x, plan.y);
-    // What the taps do not bring stays.
+    // The weight that the taps do not contribute stays with the pixel.
     vec3 result = g.light + (pass.rgb - g.weight) * light.rgb;
     for (int c = 0; c < 3; c++)
-        if (term == 0 && pass[c] > 0.0 && g.weight[c] > pass[c]) // where lengths vary too fast
+        if (term == 0 && pass[c] > 0.0 && g.weight[c] > pass[c]) // lengths vary too fast
             result[c] = g.light[c] * (pass[c] / g.weight[c]);
     if (AXIS == 0)
         to[i] = vec4(result, light.w);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * taps.c - the sums over a block's taps of the screen-space method: along x and down columns (upright), and down lines that lean, so that
- * two passes make a round Gaussian on a slanting plane; compiled once per level of base/simd.h. The mathematics is in README.md.
+ * taps.c - sums over a block's taps of the screen-space method: along x and down columns (upright), and down skewed lines, so that two
+ * passes make a round Gaussian on a slanted plane; compiled once per level of base/simd.h. The mathematics is in README.md.
  */
 #include "methods/screen_space/blocks.h"
 
@@ -29,7 +29,7 @@ INLINE float kernel_of(float shifted)
     return q * q;
 }
 
-/* Adds a tap whose distance gives y' = `y`: the weight is K times the length that its pixel covers. */
+/* Adds a tap whose distance gives y' = `y`: the weight is K times the length covered by its pixel. */
 INLINE void weigh(const struct around *a, ptrdiff_t at, vf y, const struct centre *c, bool several, struct gathered *g)
 {
     const vf shifted = lesser(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
@@ -47,7 +47,7 @@ INLINE void weigh(const struct around *a, ptrdiff_t at, vf y, const struct centr
 
 /* --- Upright ------------------------------------------------------------------------------------------------------------------- */
 
-/* The taps of one side: where the last one was, what its distance along the axis is by its depth, and how both go on. */
+/* The taps of one side: state of the last one, its distance along the axis from its depth, and increments to the next one. */
 struct lane_taps {
     ptrdiff_t at, step;
     vf slope, fixed, grow, shift;
@@ -69,9 +69,9 @@ INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf aslan
     weigh(a, side->at, along * along + dz * dz * aslant2, c, several, g);
 }
 
-/* The taps of a block's pixels; those of the two sides in pairs, as most blocks have as many. Between the points of two pixels lies
- * h (x, y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; its length, squared, is that along the axis squared and
- * dz^2 (1 + t^2), t of the other axis. The first is linear in the tap's z. */
+/* The taps of a block's pixels; those of the two sides in pairs, as most blocks have equally many. The points of two pixels differ by h (x,
+ * y, 0) + dz (tx, ty, 1), with h = mm per pixel at the tap; the squared length is the square along the axis plus dz^2 (1 + t^2), t of the
+ * other axis. The first is linear in the tap's z. */
 INLINE void upright(const struct screen_work *w, const struct around *a, int axis, const struct job *job, const struct centre *c,
                     bool several, bool parallel, struct gathered *g)
 {
@@ -83,7 +83,7 @@ INLINE void upright(const struct screen_work *w, const struct around *a, int axi
     const int pairs = fewer(job->low, job->high);
     struct lane_taps back = { 0, -step, slope, fixed, -grow, -shift }, ahead = { 0, step, slope, fixed, grow, shift };
 
-    for (int j = 0; j < pairs; j++) { /* left of the first pixel lies the padding */
+    for (int j = 0; j < pairs; j++) { /* padding is left of the first pixel */
         upright_tap(a, &back, aslant2, c, several, parallel, g);
         upright_tap(a, &ahead, aslant2, c, several, parallel, g);
     }
@@ -93,16 +93,16 @@ INLINE void upright(const struct screen_work *w, const struct around *a, int axi
         upright_tap(a, &ahead, aslant2, c, several, parallel, g);
 }
 
-/* --- Leaning ------------------------------------------------------------------------------------------------------------------- */
+/* --- Skewed -------------------------------------------------------------------------------------------------------------------- */
 
-/* The taps down a line that leans: x falls by b->skew pixels as y grows by one. The two taps of a pair lie opposite each other. */
+/* The taps down a skewed line: x decreases by b->skew pixels per pixel of y. The two taps of a pair are opposite each other. */
 struct leaning {
     vf ray2, across2, grow, shift;
 };
 
 struct lean_place {
     vf aslant;    /* 2 (x tx + y ty) */
-    vf beside2;   /* from the line that the tap stands for, along x */
+    vf beside2;   /* from the line that the tap represents, along x */
     float apart2; /* from the pixel, px^2 */
     int px, py;
 };
@@ -123,7 +123,7 @@ INLINE struct lean_place opposite(const struct lean_place *p)
     return (struct lean_place) { -p->aslant, p->beside2, p->apart2, -p->px, -p->py };
 }
 
-/* `x` is the block's. Taps beside what is translucent are moved to where there is nothing. */
+/* `x` is the block's. Taps outside of translucent surface are redirected to an empty pixel. */
 INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int x, struct lean_place p, const struct centre *c,
                         const struct leaning *l, bool several, struct gathered *g)
 {
@@ -153,7 +153,7 @@ INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf 
 
 /* --- Blocks -------------------------------------------------------------------------------------------------------------------- */
 
-/* Sums up a block's taps. */
+/* Sums a block's taps. */
 INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, bool several, bool parallel, const float *const row[3],
                    struct job *job)
 {
@@ -180,7 +180,7 @@ INLINE void gather(const struct screen_work *w, int y, int axis, bool skews, boo
     }
 }
 
-/* A function each: registers are dealt out for its loops alone. */
+/* Separate functions, so that registers are allocated for one loop at a time. */
 void PELL_SIMD(screen_gather_along_x)(const struct screen_work *w, int y, const float *const row[3], struct job *job)
 {
     gather(w, y, 0, false, false, false, row, job);

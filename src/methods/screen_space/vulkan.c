@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * vulkan.c - screen-space diffusion on a Vulkan device. The frame's planes go to the device, the blurs are compute passes there, and their
- * result comes back. The shaders mirror the kernels of the cpu engine; README.md has the mathematics.
+ * vulkan.c - screen-space diffusion on a Vulkan device: uploads the frame's planes, runs the blurs as compute passes, and downloads the
+ * result. The shaders mirror the kernels of the cpu engine; README.md has the mathematics.
  */
 #include "methods/gpu_planes.h"
 #include "methods/screen_space/chain.h"
@@ -10,7 +10,7 @@
 
 #include <string.h>
 
-enum { LINES_ACROSS = 4096 }; /* workgroups of lines.comp in a row, at most */
+enum { LINES_ACROSS = 4096 }; /* maximum number of workgroups of lines.comp in a row */
 
 enum buffer {
     TABLE_UP,
@@ -33,7 +33,7 @@ enum buffer {
     SURFACE /* the frame's planes */
 };
 
-/* Of the tables, which are as large as chains and kernels, nothing is said here. */
+/* Sizes of the tables depend on chains and kernels and are set elsewhere. */
 static const struct {
     const char *name;
     enum pell_gpu_place place;
@@ -64,7 +64,7 @@ enum form { GAUSSIANS, LISTING, SEPARABLE }; /* constant FORM of plan.comp */
 
 static const struct {
     const struct pell_shader *shader;
-    enum buffer buffers[8]; /* as its bindings */
+    enum buffer buffers[8]; /* in the order of its bindings */
 } pass_rows[PASSES] = {
     [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, PLACE, SCALE, NOW, SUM } },
     [MEASURE] = { &pell_screen_space_measure_shader, { PLACE, SCALE, SLOPES, CELLS } },
@@ -92,10 +92,10 @@ struct screen_gpu {
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
     struct screen_push push;
-    float *scales; /* of each row: the largest px^2 per mm^2 */
+    float *scales; /* per row: maximum px^2 per mm^2 */
 };
 
-/* --- Life ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
 
 static void gpu_destroy(void *state)
 {
@@ -176,7 +176,7 @@ static enum pell_result make_passes(struct screen_gpu *st)
     return res;
 }
 
-/* The table of steps, which goes to the device with each frame: a few hundred bytes a material. */
+/* The table of steps, uploaded with each frame: a few hundred bytes per material. */
 static void fill_table(const struct screen_gpu *st)
 {
     const struct screen_chain *c = &st->chain;
@@ -190,7 +190,7 @@ static void fill_table(const struct screen_gpu *st)
             (struct vec4) { c->total[m][0], c->total[m][1], c->total[m][2], st->form == SEPARABLE ? st->factors.extent_mm[m] : 0.0f };
 }
 
-/* The kernel's factors, as separable.comp has them. */
+/* The kernel's factors, in the format of separable.comp. */
 static void fill_factors(const struct screen_gpu *st)
 {
     const size_t count = (st->chain.num_materials + 1) * (size_t) st->factors.rank;
@@ -262,9 +262,9 @@ fail:
     return res;
 }
 
-/* --- Planes to the device and back ----------------------------------------------------------------------------------------------- */
+/* --- Transfers ------------------------------------------------------------------------------------------------------------------- */
 
-/* px^2 per mm^2 of the variances, as load.comp has it: how many steps there are depends on the largest. */
+/* px^2 per mm^2 of the variances, as in load.comp: the number of steps depends on the maximum. */
 static float scale_of(const struct screen_push *p, float depth, float strength)
 {
     const float mm = depth * p->depth_mm + p->fixed_mm, s = strength < 1.0f ? strength : 1.0f;
@@ -273,7 +273,7 @@ static float scale_of(const struct screen_push *p, float depth, float strength)
     return !(depth > 0.0f && depth < 1e12f && strength > 0.0f) ? 0.0f : scale < 1e30f ? scale : 1e30f;
 }
 
-/* The largest of a row. */
+/* Maximum over a row. */
 static void find_scale(void *state, int row)
 {
     struct screen_gpu *st = state;
@@ -323,7 +323,7 @@ static const char *step_name(const struct screen_gpu *st, int step, int preblur)
     return st->form == SEPARABLE ? pell_ss_term_name(step) : pell_ss_step_name(step, preblur);
 }
 
-/* Records all from the frame's planes to the step before `steps.end`. `whole`: see struct screen_push. */
+/* Records everything from the frame's planes to the step before `steps.end`. `whole`: see struct screen_push. */
 static void record_steps(struct screen_gpu *st, struct pell_gpu_commands *c, struct steps steps, bool whole)
 {
     const bool separable = st->form == SEPARABLE;
@@ -359,7 +359,7 @@ static void record_download(const struct screen_gpu *st, struct pell_gpu_command
     pell_gpu_planes_download(&st->planes, c, st->buffers[SUM]);
 }
 
-/* Runs them, and brings what came of it to three planes. */
+/* Runs the command list and downloads the result to three planes. */
 static enum pell_result run_list(struct screen_gpu *st, struct steps steps, bool whole, float *const to[3])
 {
     struct pell_gpu_commands *c = st->commands;
@@ -378,7 +378,7 @@ fail:
     return res;
 }
 
-/* Those of a frame in which the largest pixel is `scale` px^2 per mm^2: blurs, or the kernel's terms. */
+/* Steps of a frame whose largest pixel scale is `scale` px^2 per mm^2: blurs, or the kernel's terms. */
 static struct steps choose_steps(const struct screen_gpu *st, float scale)
 {
     struct steps steps = { .end = st->factors.rank };
@@ -390,7 +390,7 @@ static struct steps choose_steps(const struct screen_gpu *st, float scale)
     return steps;
 }
 
-/* Between buffers of the device: the grid is the whole picture. */
+/* Device to device: the grid is the whole picture. */
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct screen_gpu *st = state;
@@ -412,7 +412,7 @@ static bool gpu_planes(const void *state, struct pell_gpu_buffer *planes[PELL_GP
     return st->chain.knobs.input != SCREEN_INPUT_SHADED;
 }
 
-/* Each step's result by itself. */
+/* The result of each step by itself. */
 static enum pell_result show_blurs(struct screen_gpu *st, const struct pell_frame *in, struct steps steps)
 {
     const size_t size = (size_t) in->shape.stride * (size_t) in->shape.height;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cpu.c - a frame of single scattering: pixels are independent, rows go to the threads. */
+ * cpu.c - renders a frame of single scattering: pixels are independent, rows are distributed over the threads. */
 #include "methods/single_scatter/single_scatter.h"
 
 #include "methods/reference_frame.h"
@@ -7,18 +7,18 @@
 
 #include <string.h>
 
-enum { BATCH = 16 }; /* rows between two reports of progress */
+enum { BATCH = 16 }; /* rows between two progress reports */
 
 struct single_state {
-    struct reference_frame frame;         /* first */
+    struct reference_frame frame;         /* first member */
     const struct pell_services *services; /* borrowed */
     struct pell_context *ctx;
     struct pell_solids *solids;
     struct pell_connector *connector;
     struct pell_light_sampler *light_sampler;
-    struct single_medium *medium; /* of each solid */
-    struct pell_tint *tint;       /* of the scene's materials */
-    struct single_world world;    /* of all that */
+    struct single_medium *medium; /* by solid */
+    struct pell_tint *tint;       /* by material of the scene */
+    struct single_world world;    /* refers to the above */
     struct single_counts *counts;
 };
 
@@ -27,7 +27,7 @@ struct frame_task {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     const struct pell_view *view;
-    int first; /* row */
+    int first; /* first row */
 };
 
 static void do_row(void *arg, int index, int worker)
@@ -137,7 +137,7 @@ static enum pell_result single_create(const struct pell_services *services, cons
         if (b->num_triangles == 0)
             continue;
         PELL_TRY(single_medium_make(ctx, &scene->materials[scene->meshes[b->triangles[0].mesh].material], &st->medium[i]));
-        single_medium_place(&st->medium[i], scene, services->rays, st->solids, (int) i);
+        single_medium_attach(&st->medium[i], scene, services->rays, st->solids, (int) i);
     }
     st->world = (struct single_world) {
         .ctx = ctx,

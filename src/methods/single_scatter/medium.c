@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define BLACK 1e9 /* 1/mm: extinction of what is below layers that end */
+#define BLACK 1e9 /* 1/mm: extinction of a black substrate below the layers */
 
 static void set_layer(const struct pell_layer_medium *from, double bottom, struct single_layer *to)
 {
@@ -16,8 +16,8 @@ static void set_layer(const struct pell_layer_medium *from, double bottom, struc
     memcpy(to->phase, from->phase, sizeof(to->phase));
 }
 
-/* Layers of no thickness are left out, but where something is painted: there numbers are those of the medium layers. */
-static void fill(const struct pell_medium_layers *medium_layers, bool painted, struct single_medium *out)
+/* Layers of zero thickness are left out, except in media with depth maps, where indices must be those of the medium layers. */
+static void fill(const struct pell_medium_layers *medium_layers, bool has_maps, struct single_medium *out)
 {
     double above = 0.0;
 
@@ -25,10 +25,10 @@ static void fill(const struct pell_medium_layers *medium_layers, bool painted, s
     for (int i = 0; i < medium_layers->count && above < (double) INFINITY; i++) {
         const bool endless = i + 1 == medium_layers->count && medium_layers->substrate == PELL_SUBSTRATE_LAST;
         const double bottom = endless ? (double) INFINITY : medium_layers->item[i].depth;
-        if (!painted && !(bottom > above))
+        if (!has_maps && !(bottom > above))
             continue;
         set_layer(&medium_layers->item[i], bottom, &out->layer[out->layers++]);
-        above = painted ? 0.0 : bottom;
+        above = has_maps ? 0.0 : bottom;
     }
     if (medium_layers->substrate == PELL_SUBSTRATE_LAST || above == (double) INFINITY)
         return;
@@ -42,22 +42,22 @@ enum pell_result single_medium_make(struct pell_context *ctx, const struct pell_
 {
     struct pell_medium_layers *medium_layers = pell_zalloc(ctx, sizeof(*medium_layers));
     enum pell_result res = PELL_ERR_NOMEM;
-    bool painted;
+    bool has_maps;
 
     memset(out, 0, sizeof(*out));
     if (!medium_layers)
         return PELL_ERR_NOMEM;
     PELL_TRY(pell_medium_layers_make(ctx, "single-scatter", m, medium_layers));
-    painted = medium_layers->painted && !(medium_layers->count == 1 && medium_layers->substrate == PELL_SUBSTRATE_LAST);
+    has_maps = medium_layers->has_maps && !(medium_layers->count == 1 && medium_layers->substrate == PELL_SUBSTRATE_LAST);
     res = PELL_ERR_NOMEM;
     out->layer = pell_calloc(ctx, (size_t) medium_layers->count + 1, sizeof(*out->layer));
-    if (painted)
-        out->painting = pell_zalloc(ctx, sizeof(*out->painting));
-    if (!out->layer || (painted && !out->painting))
+    if (has_maps)
+        out->maps = pell_zalloc(ctx, sizeof(*out->maps));
+    if (!out->layer || (has_maps && !out->maps))
         goto fail;
-    fill(medium_layers, painted, out);
-    if (painted)
-        out->painting->medium_layers = *medium_layers;
+    fill(medium_layers, has_maps, out);
+    if (has_maps)
+        out->maps->medium_layers = *medium_layers;
     res = PELL_OK;
 
 fail:
@@ -68,15 +68,15 @@ fail:
 void single_medium_finish(struct pell_context *ctx, struct single_medium *medium)
 {
     pell_free(ctx, medium->layer);
-    pell_free(ctx, medium->painting);
+    pell_free(ctx, medium->maps);
     memset(medium, 0, sizeof(*medium));
 }
 
-void single_medium_place(struct single_medium *medium, const struct pell_scene *scene, const struct pell_rays *rays,
-                         const struct pell_solids *solids, int solid)
+void single_medium_attach(struct single_medium *medium, const struct pell_scene *scene, const struct pell_rays *rays,
+                          const struct pell_solids *solids, int solid)
 {
-    struct single_painting *p = medium->painting;
-    double area = 0.0, painted[PELL_UV_SETS] = { 0 };
+    struct single_layer_maps *p = medium->maps;
+    double area = 0.0, uv_area[PELL_UV_SETS] = { 0 };
 
     if (!p)
         return;
@@ -95,57 +95,57 @@ void single_medium_place(struct single_medium *medium, const struct pell_scene *
             const float *uv = m->uv[k], *x = uv ? uv + 2 * (size_t) index[0] : NULL;
             if (uv) {
                 const float *y = uv + 2 * (size_t) index[1], *z = uv + 2 * (size_t) index[2];
-                painted[k] += 0.5 * fabs((double) (y[0] - x[0]) * (double) (z[1] - x[1]) - (double) (y[1] - x[1]) * (double) (z[0] - x[0]));
+                uv_area[k] += 0.5 * fabs((double) (y[0] - x[0]) * (double) (z[1] - x[1]) - (double) (y[1] - x[1]) * (double) (z[0] - x[0]));
             }
         }
     }
     for (int i = 0; i < p->medium_layers.count; i++) {
         const struct pell_texture_map *map = p->medium_layers.item[i].map;
         const float *m = map ? map->matrix : NULL;
-        if (map && painted[map->uv] > 0.0) {
-            const double texels = fabs((double) m[0] * (double) m[4] - (double) m[1] * (double) m[3]) * painted[map->uv] *
+        if (map && uv_area[map->uv] > 0.0) {
+            const double texels = fabs((double) m[0] * (double) m[4] - (double) m[1] * (double) m[3]) * uv_area[map->uv] *
                                   (double) map->texture->image.width * (double) map->texture->image.height;
             p->texel = fmin(p->texel, texels > 0.0 ? sqrt(area / texels) : (double) INFINITY);
         }
     }
 }
 
-/* --- Ways --------------------------------------------------------------------------------------------------------------------- */
+/* --- Segments of a ray -------------------------------------------------------------------------------------------------------- */
 
-/* Where the last channel is gone, in a layer that the way enters at `start`. */
-static double far_of(const struct single_way *way, const struct single_medium *m, int layer, double start)
+/* Distance where the last channel becomes opaque, in a layer that the ray enters at `start`. */
+static double opaque_distance(const struct single_segments *segments, const struct single_medium *m, int layer, double start)
 {
     const double *sigma = m->layer[layer].sigma_t;
     double far = 0.0;
 
     for (int c = 0; c < 3; c++) {
-        const double left = SINGLE_OPAQUE - (way->count > 0 ? way->stretch[way->count - 1].depth[c] : 0.0);
+        const double left = SINGLE_OPAQUE - (segments->count > 0 ? segments->segment[segments->count - 1].depth[c] : 0.0);
         if (left > 0.0)
             far = fmax(far, sigma[c] > 0.0 ? start + left / sigma[c] : INFINITY);
     }
     return far;
 }
 
-/* Ends the way there, or where no light comes from any more: then false. */
-static bool add(struct single_way *way, const struct single_medium *m, int layer, double start, double end)
+/* Ends the segment at `end`, or where the ray becomes opaque, and returns false then. */
+static bool add_segment(struct single_segments *segments, const struct single_medium *m, int layer, double start, double end)
 {
-    const double *sigma = m->layer[layer].sigma_t, far = far_of(way, m, layer, start);
-    struct single_stretch *s = &way->stretch[way->count];
+    const double *sigma = m->layer[layer].sigma_t, far = opaque_distance(segments, m, layer, start);
+    struct single_segment *s = &segments->segment[segments->count];
 
     s->layer = layer;
     s->end = fmin(end, fmax(far, start));
     for (int c = 0; c < 3; c++)
-        s->depth[c] = (way->count > 0 ? s[-1].depth[c] : 0.0) + (sigma[c] > 0.0 ? sigma[c] * (s->end - start) : 0.0);
-    way->count++;
+        s->depth[c] = (segments->count > 0 ? s[-1].depth[c] : 0.0) + (sigma[c] > 0.0 ? sigma[c] * (s->end - start) : 0.0);
+    segments->count++;
     return far > end;
 }
 
-/* --- Painted layers ----------------------------------------------------------------------------------------------------------- */
+/* --- Layers with depth maps --------------------------------------------------------------------------------------------------- */
 
-/* The layer at x. *gap: a way in which it may go on, or is sure to (*sure). */
-static int painted_at(const struct single_medium *m, int solid, struct pell_vec3 x, double *gap, bool *sure)
+/* Index of the layer at x. *gap: distance to the nearest boundary, a bound if *sure. */
+static int mapped_layer_at(const struct single_medium *m, int solid, struct pell_vec3 x, double *gap, bool *sure)
 {
-    const struct single_painting *p = m->painting;
+    const struct single_layer_maps *p = m->maps;
     const int last = m->layers - 1;
     const double deepest = p->medium_layers.deepest;
     struct pell_nearest n;
@@ -168,18 +168,18 @@ static int painted_at(const struct single_medium *m, int solid, struct pell_vec3
     return layer < 0 ? last : layer;
 }
 
-/* Bottoms go up and down at any rate, so a distance to them is no bound: a step is 0.7 of it, at most two texels or a 64th of the
- * deepest. Where the layer is another at its end, the first crossing is looked for by halving. */
-static void make_painted(const struct single_medium *m, int solid, struct pell_vec3 x, struct pell_vec3 w, double length,
-                         struct single_way *out)
+/* Mapped depths have no Lipschitz bound, so the distance to them is not a safe step: a step is 0.7 of it, at most two texels or 1/64 of the
+ * deepest. If the layer differs at the end of the step, bisection finds the first crossing. */
+static void make_mapped(const struct single_medium *m, int solid, struct pell_vec3 x, struct pell_vec3 w, double length,
+                        struct single_segments *out)
 {
-    const double deepest = m->painting->medium_layers.deepest, fine = 1e-5 * deepest + 1e-9;
-    const double most = fmax(fmin(2.0 * m->painting->texel, deepest), deepest / 64.0);
+    const double deepest = m->maps->medium_layers.deepest, fine = 1e-5 * deepest + 1e-9;
+    const double most = fmax(fmin(2.0 * m->maps->texel, deepest), deepest / 64.0);
     double at = 0.0, start = 0.0, gap, least = 4e-3 * deepest, end;
     bool sure;
-    int layer = painted_at(m, solid, x, &gap, &sure);
+    int layer = mapped_layer_at(m, solid, x, &gap, &sure);
 
-    end = fmin(length, far_of(out, m, layer, start));
+    end = fmin(length, opaque_distance(out, m, layer, start));
     for (int step = 1; at < end; step++) {
         double to;
         int next;
@@ -188,14 +188,14 @@ static void make_painted(const struct single_medium *m, int solid, struct pell_v
         to = fmin(at + fmax(sure ? gap : fmin(0.7 * gap, most), least), end);
         if (!(to < end))
             to = end;
-        next = painted_at(m, solid, vec3_mad(x, (float) to, w), &gap, &sure);
-        if (next == layer || out->count + 1 == SINGLE_STRETCHES) {
+        next = mapped_layer_at(m, solid, vec3_mad(x, (float) to, w), &gap, &sure);
+        if (next == layer || out->count + 1 == SINGLE_MAX_SEGMENTS) {
             at = to;
             continue;
         }
         for (double low = at; to - low > fine;) {
             const double middle = 0.5 * (low + to);
-            const int there = painted_at(m, solid, vec3_mad(x, (float) middle, w), &gap, &sure);
+            const int there = mapped_layer_at(m, solid, vec3_mad(x, (float) middle, w), &gap, &sure);
             if (!(middle > low && middle < to))
                 break;
             if (there == layer) {
@@ -205,18 +205,18 @@ static void make_painted(const struct single_medium *m, int solid, struct pell_v
                 next = there;
             }
         }
-        if (!add(out, m, layer, start, to))
+        if (!add_segment(out, m, layer, start, to))
             return;
         at = start = to;
         layer = next;
         gap = 0.0;
         sure = false;
-        end = fmin(length, far_of(out, m, layer, start));
+        end = fmin(length, opaque_distance(out, m, layer, start));
     }
-    add(out, m, layer, start, length);
+    add_segment(out, m, layer, start, length);
 }
 
-/* --- Even layers -------------------------------------------------------------------------------------------------------------- */
+/* --- Layers of uniform depth -------------------------------------------------------------------------------------------------- */
 
 static int layer_at(const struct single_medium *m, double below)
 {
@@ -227,19 +227,19 @@ static int layer_at(const struct single_medium *m, double below)
     return layer;
 }
 
-void single_way_make(const struct pell_connector *connector, int solid, const struct single_medium *m, struct pell_vec3 x,
-                     struct pell_vec3 w, double length, struct single_way *out)
+void single_segments_make(const struct pell_connector *connector, int solid, const struct single_medium *m, struct pell_vec3 x,
+                          struct pell_vec3 w, double length, struct single_segments *out)
 {
     double at = 0.0, start = 0.0, thinnest = INFINITY, deepest, least, below;
     int layer;
 
     out->count = 0;
     if (m->layers == 1) {
-        add(out, m, 0, 0.0, length);
+        add_segment(out, m, 0, 0.0, length);
         return;
     }
-    if (m->painting) {
-        make_painted(m, solid, x, w, length, out);
+    if (m->maps) {
+        make_mapped(m, solid, x, w, length, out);
         return;
     }
     for (int i = 0; i + 1 < m->layers; i++)
@@ -256,44 +256,44 @@ void single_way_make(const struct pell_connector *connector, int solid, const st
         if (layer > 0)
             gap = fmin(gap, below - m->layer[layer - 1].bottom);
         if (step % 512 == 0)
-            least *= 2.0; /* along a boundary */
+            least *= 2.0; /* the ray runs along a boundary */
         at = fmin(at + fmax(gap, least), length);
         if (!(at < length))
             break;
         below = pell_connector_distance(connector, solid, vec3_mad(x, (float) at, w), 4.0 * deepest);
         next = layer_at(m, below);
-        if (next == layer || out->count + 1 == SINGLE_STRETCHES)
+        if (next == layer || out->count + 1 == SINGLE_MAX_SEGMENTS)
             continue;
-        if (!add(out, m, layer, start, at))
+        if (!add_segment(out, m, layer, start, at))
             return;
         start = at;
         layer = next;
     }
-    add(out, m, layer, start, length);
+    add_segment(out, m, layer, start, length);
 }
 
-int single_way_at(const struct single_way *way, const struct single_medium *m, double s, double depth[3])
+int single_segments_at(const struct single_segments *segments, const struct single_medium *m, double s, double depth[3])
 {
     int i = 0;
 
-    while (i + 1 < way->count && s > way->stretch[i].end)
+    while (i + 1 < segments->count && s > segments->segment[i].end)
         i++;
     for (int c = 0; c < 3; c++) {
-        const double start = i > 0 ? way->stretch[i - 1].end : 0.0, before = i > 0 ? way->stretch[i - 1].depth[c] : 0.0;
-        depth[c] = before + m->layer[way->stretch[i].layer].sigma_t[c] * fmax(s - start, 0.0);
+        const double start = i > 0 ? segments->segment[i - 1].end : 0.0, before = i > 0 ? segments->segment[i - 1].depth[c] : 0.0;
+        depth[c] = before + m->layer[segments->segment[i].layer].sigma_t[c] * fmax(s - start, 0.0);
     }
     return i;
 }
 
-double single_way_find(const struct single_way *way, const struct single_medium *m, int c, double depth)
+double single_segments_find(const struct single_segments *segments, const struct single_medium *m, int c, double depth)
 {
     double start, before, sigma;
     int i = 0;
 
-    while (i + 1 < way->count && depth > way->stretch[i].depth[c])
+    while (i + 1 < segments->count && depth > segments->segment[i].depth[c])
         i++;
-    start = i > 0 ? way->stretch[i - 1].end : 0.0;
-    before = i > 0 ? way->stretch[i - 1].depth[c] : 0.0;
-    sigma = m->layer[way->stretch[i].layer].sigma_t[c];
-    return sigma > 0.0 ? fmin(start + (depth - before) / sigma, way->stretch[i].end) : way->stretch[i].end;
+    start = i > 0 ? segments->segment[i - 1].end : 0.0;
+    before = i > 0 ? segments->segment[i - 1].depth[c] : 0.0;
+    sigma = m->layer[segments->segment[i].layer].sigma_t[c];
+    return sigma > 0.0 ? fmin(start + (depth - before) / sigma, segments->segment[i].end) : segments->segment[i].end;
 }

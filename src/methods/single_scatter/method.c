@@ -2,7 +2,7 @@
  *
  * method.c - exact single scattering: B. Walter, S. Zhao, N. Holzschuch and K. Bala, "Single Scattering in Refractive Media with Triangle
  * Mesh Boundaries", SIGGRAPH 2009; distances along the ray: C. Kulla and M. Fajardo, "Importance Sampling Techniques for Path Tracing in
- * Participating Media", EGSR 2012. What differs: README.md.
+ * Participating Media", EGSR 2012. Differences: README.md.
  */
 #include "methods/single_scatter/single_scatter.h"
 

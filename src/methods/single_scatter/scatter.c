@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * scatter.c - light scattered once, at places along the refracted ray of the camera.
+ * scatter.c - single scattering, estimated at sampled points along the refracted camera ray.
  *
  *     L = F_t(w_o)/eta^2 Int_0^S sigma_s e^(-tau(s)) Sum_paths p(w_i, w) E e^(-tau_i) ds
  *
- * S: where the ray leaves the solid; paths: all ways of refraction to the light (transport/refraction/connect.h); E: irradiance of the
- * beam, perpendicular to it, of which the boundary lets F_t through. A place s is drawn for a light's place:
+ * S: distance where the ray leaves the solid; paths: all refracted paths to the light (transport/refraction/connect.h); E: irradiance
+ * perpendicular to the beam, with the boundary's transmittance F_t. For each light sample one distance s is sampled:
  *
- * - by transmittance: a channel is chosen, then its optical depth;
- * - at equal angles as seen from the light's place (Kulla and Fajardo 2012), which stands still for where its light comes from; evenly, for
- *   lights without a place.
+ * - by transmittance: a channel is chosen, then its optical depth; - equi-angularly as seen from the light sample (Kulla and Fajardo 2012),
+ * whose position approximates the unknown entry point of its
+ *   light; uniformly for distant lights.
  *
- * Both count by the balance heuristic (Veach and Guibas 1995). A round takes as many of each, and rounds are independent: their spread is
- * the standard error. A round's randomness is a hash of the point's place and of the seed. */
+ * Both are combined by the balance heuristic (Veach and Guibas 1995). A batch takes the same number of each. Batches are independent: their
+ * spread gives the standard error. A batch's random numbers are a hash of the point's position and the seed. */
 #include "methods/single_scatter/single_scatter.h"
 
 #include "methods/reference_frame.h"
@@ -21,25 +21,25 @@
 #include <string.h>
 
 enum {
-    ROUND = 16, /* samples */
-    PILOT = 8,  /* rounds that say how many are needed */
-    LEAST = 8,  /* rounds of a pixel */
-    DARK = 16,  /* rounds where the pilot found no light */
+    BATCH_SAMPLES = 16, /* samples per batch */
+    PILOT_BATCHES = 8,  /* batches that estimate how many are needed */
+    MIN_BATCHES = 8,    /* minimum number of batches per pixel */
+    DARK_BATCHES = 16,  /* batches where the pilot found no light */
 };
 
-/* The refracted ray of the camera, below the surface. */
+/* The refracted camera ray. */
 struct ray {
     const struct single_world *world;
     const struct single_medium *medium;
     int solid;
     double eta;
-    struct pell_vec3 at, w; /* w: inward */
+    struct pell_vec3 at, w; /* entry point and inward direction */
     double transmit;        /* F_t / eta^2 */
-    float tint[3];          /* of light that leaves there */
-    struct single_way way;
-    double length;        /* of the way */
-    double shade[3];      /* 1 - e^-tau of all of it */
-    int lit[3], channels; /* that scatter */
+    float tint[3];          /* tint of the light that leaves */
+    struct single_segments segments;
+    double length;        /* mm inside the solid */
+    double opacity[3];    /* 1 - e^-tau over the whole ray */
+    int lit[3], channels; /* indices of the channels that scatter */
     struct single_counts *counts;
 };
 
@@ -65,7 +65,7 @@ static bool closest(const struct single_world *world, struct pell_vec3 from, str
     return r->hit.mesh[0] != PELL_NO_HIT;
 }
 
-/* Multiplies light that passes the boundary there. */
+/* Applies the boundary's tint to light that crosses it. */
 static void tint(const struct single_world *world, uint32_t mesh, uint32_t triangle, float u, float v, bool enters, float light[3])
 {
     const struct pell_mesh *m = &world->scene->meshes[mesh];
@@ -78,7 +78,7 @@ static void tint(const struct single_world *world, uint32_t mesh, uint32_t trian
     pell_tint_apply(t, color, enters, light);
 }
 
-/* Finds the triangle that the camera sees, and where its ray goes below. */
+/* Finds the visible triangle at `at`, and the refracted camera ray. */
 static bool enter(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth,
                   struct single_counts *counts, struct ray *ray)
 {
@@ -118,10 +118,10 @@ static bool enter(const struct single_world *world, struct pell_vec3 at, struct 
         n = vec3_normalize(n);
     }
     facing = (double) vec3_dot(geometric, toward);
-    if (!(facing > 0.0)) /* seen from within, or with inverted normals */
+    if (!(facing > 0.0)) /* seen from inside, or inverted normals */
         return false;
     cos_o = (double) vec3_dot(n, toward);
-    if (!(cos_o > 0.0)) { /* a normal that looks away from where its triangle is seen */
+    if (!(cos_o > 0.0)) { /* the shading normal faces away from the camera */
         n = geometric;
         cos_o = facing;
     }
@@ -144,67 +144,67 @@ static bool enter(const struct single_world *world, struct pell_vec3 at, struct 
 
 /* --- Along the ray ------------------------------------------------------------------------------------------------------------ */
 
-/* Of a place by transmittance, 1/mm; `layer` and the optical depths are the place's. */
-static double transmittance_density(const struct ray *ray, const struct single_layer *layer, const double depth[3])
+/* Density of the transmittance sampling, 1/mm; `layer` and `depth`, the optical depths, are those of the sampled point. */
+static double transmittance_pdf(const struct ray *ray, const struct single_layer *layer, const double depth[3])
 {
     double sum = 0.0;
 
     for (int i = 0; i < ray->channels; i++) {
         const int c = ray->lit[i];
-        sum += ray->shade[c] > 1e-9 ? layer->sigma_t[c] * exp(-depth[c]) / ray->shade[c] : 1.0 / ray->length;
+        sum += ray->opacity[c] > 1e-9 ? layer->sigma_t[c] * exp(-depth[c]) / ray->opacity[c] : 1.0 / ray->length;
     }
     return sum / ray->channels;
 }
 
-static double transmittance_place(const struct ray *ray, double pick, double xi)
+static double sample_transmittance(const struct ray *ray, double pick, double xi)
 {
     const int c = ray->lit[pick * ray->channels < ray->channels ? (int) (pick * ray->channels) : ray->channels - 1];
 
-    if (!(ray->shade[c] > 1e-9))
+    if (!(ray->opacity[c] > 1e-9))
         return xi * ray->length;
-    return single_way_find(&ray->way, ray->medium, c, -log1p(-xi * ray->shade[c]));
+    return single_segments_find(&ray->segments, ray->medium, c, -log1p(-xi * ray->opacity[c]));
 }
 
-/* Angles under which a light's place sees the way. */
+/* Equi-angular sampling: the angles under which a light sample sees the ray. */
 struct angles {
-    bool uniform;      /* no place, or one on the ray: evenly by length */
-    double foot, away; /* mm along the ray, and from it */
-    double first, all;
+    bool uniform;        /* no position, or one on the ray: uniform by length */
+    double foot, height; /* of the light from the ray: mm along it, and perpendicular */
+    double start, range;
 };
 
 static struct angles angles_of(const struct ray *ray, const struct pell_light_sample *source)
 {
     struct angles a = { .uniform = true };
-    struct pell_vec3 to, beside;
+    struct pell_vec3 to, perpendicular;
 
-    if (source->away)
+    if (source->distant)
         return a;
     to = vec3_sub(source->at, ray->at);
     a.foot = (double) vec3_dot(to, ray->w);
-    beside = vec3_mad(to, (float) -a.foot, ray->w);
-    a.away = (double) vec3_length(beside);
-    if (!(a.away > 1e-5 * ((double) vec3_length(to) + ray->length)))
+    perpendicular = vec3_mad(to, (float) -a.foot, ray->w);
+    a.height = (double) vec3_length(perpendicular);
+    if (!(a.height > 1e-5 * ((double) vec3_length(to) + ray->length)))
         return a;
-    a.first = atan(-a.foot / a.away);
-    a.all = atan((ray->length - a.foot) / a.away) - a.first;
-    a.uniform = !(a.all > 1e-9);
+    a.start = atan(-a.foot / a.height);
+    a.range = atan((ray->length - a.foot) / a.height) - a.start;
+    a.uniform = !(a.range > 1e-9);
     return a;
 }
 
-static double angle_density(const struct ray *ray, const struct angles *a, double s)
+static double angle_pdf(const struct ray *ray, const struct angles *a, double s)
 {
-    return a->uniform ? 1.0 / ray->length : a->away / (a->all * (a->away * a->away + (s - a->foot) * (s - a->foot)));
+    return a->uniform ? 1.0 / ray->length : a->height / (a->range * (a->height * a->height + (s - a->foot) * (s - a->foot)));
 }
 
-static double angle_place(const struct ray *ray, const struct angles *a, double xi)
+static double sample_angle(const struct ray *ray, const struct angles *a, double xi)
 {
-    const double s = a->uniform ? xi * ray->length : a->foot + a->away * tan(a->first + xi * a->all);
+    const double s = a->uniform ? xi * ray->length : a->foot + a->height * tan(a->start + xi * a->range);
     return fmin(fmax(s, 0.0), ray->length);
 }
 
-/* What a light's place brings from a place s of the ray, per mm, to each channel. */
-static void bring(const struct ray *ray, const struct pell_light_sample *source, double s, const struct single_layer *layer,
-                  const double depth[3], double out[3])
+/* Adds the light that a light sample scatters toward the camera at distance s, per mm, for each channel. */
+static void add_light_sample(const struct ray *ray, const struct pell_light_sample *source, double s, const struct single_layer *layer,
+                             const double depth[3], double out[3])
 {
     const struct pell_vec3 x = vec3_mad(ray->at, (float) s, ray->w), back = vec3_mul(ray->w, -1.0f);
     struct pell_connection paths[PELL_CONNECTIONS];
@@ -217,40 +217,40 @@ static void bring(const struct ray *ray, const struct pell_light_sample *source,
     reach = slowest > 0.0 ? SINGLE_OPAQUE / slowest : INFINITY;
     n = pell_connect(
         ray->world->connector,
-        &(struct pell_connection_query) { ray->solid, ray->eta, x, source->away ? source->toward : source->at, source->away, reach }, paths,
-        PELL_CONNECTIONS, &ray->counts->rays);
+        &(struct pell_connection_query) { ray->solid, ray->eta, x, source->distant ? source->toward : source->at, source->distant, reach },
+        paths, PELL_CONNECTIONS, &ray->counts->rays);
     for (int i = 0; i < n; i++) {
         const struct pell_connection *p = &paths[i];
         const double cosine = (double) vec3_dot(p->inside, back);
         double beam = p->spread * p->transmit;
         float power[3];
-        struct single_way way;
-        if (!source->away && !source->delta)
+        struct single_segments segments;
+        if (!source->distant && !source->delta)
             beam *= fmax(0.0, -(double) vec3_dot(source->normal, p->outside));
         pell_light_sampler_power_at(ray->world->light_sampler, source, p->at, power);
         if (!(beam > 0.0) || !(power[0] + power[1] + power[2] > 0.0f))
             continue;
-        single_way_make(ray->world->connector, ray->solid, ray->medium, x, p->inside, p->inside_mm, &way);
-        if (way.stretch[way.count - 1].end < p->inside_mm)
+        single_segments_make(ray->world->connector, ray->solid, ray->medium, x, p->inside, p->inside_mm, &segments);
+        if (segments.segment[segments.count - 1].end < p->inside_mm)
             continue;
         tint(ray->world, p->mesh, p->triangle, p->u, p->v, true, power);
         for (int k = 0; k < ray->channels; k++) {
             const int c = ray->lit[k];
             out[c] += layer->sigma_s[c] * pell_phase_value(&layer->phase[c], cosine) * beam * (double) power[c] *
-                      exp(-depth[c] - way.stretch[way.count - 1].depth[c]);
+                      exp(-depth[c] - segments.segment[segments.count - 1].depth[c]);
         }
     }
 }
 
-static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
+static void run_batch(const struct ray *ray, uint32_t seed, double sum[3])
 {
     const int kind = ray->world->knobs.distance;
 
-    for (uint32_t i = 0; i < ROUND; i++) {
+    for (uint32_t i = 0; i < BATCH_SAMPLES; i++) {
         const bool by_angle = kind == SINGLE_EQUIANGULAR || (kind == SINGLE_BOTH && i % 2);
         const double u[3] = { pell_lattice(seed, 0, i), pell_lattice(seed, 1, i), pell_lattice(seed, 2, i) };
-        const double xi = kind == SINGLE_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (ROUND / 2)
-                                              : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / ROUND;
+        const double xi = kind == SINGLE_BOTH ? (i / 2 + pell_unit_double(pell_hash(seed ^ (0x51ed270bu + i % 2)))) / (BATCH_SAMPLES / 2)
+                                              : (i + pell_unit_double(pell_hash(seed ^ 0x51ed270bu))) / BATCH_SAMPLES;
         double depth[3], density = 0.0, s, light[3] = { 0 };
         const struct single_layer *layer;
         struct pell_light_sample source;
@@ -258,30 +258,30 @@ static void run_round(const struct ray *ray, uint32_t seed, double sum[3])
         if (!pell_light_sampler_sample(ray->world->light_sampler, ray->at, u, &source) || !(source.pdf > 0.0))
             continue;
         angles = angles_of(ray, &source);
-        s = by_angle ? angle_place(ray, &angles, xi) : transmittance_place(ray, pell_lattice(seed, 3, i), xi);
-        layer = &ray->medium->layer[ray->way.stretch[single_way_at(&ray->way, ray->medium, s, depth)].layer];
+        s = by_angle ? sample_angle(ray, &angles, xi) : sample_transmittance(ray, pell_lattice(seed, 3, i), xi);
+        layer = &ray->medium->layer[ray->segments.segment[single_segments_at(&ray->segments, ray->medium, s, depth)].layer];
         if (kind != SINGLE_EQUIANGULAR)
-            density += transmittance_density(ray, layer, depth);
+            density += transmittance_pdf(ray, layer, depth);
         if (kind != SINGLE_TRANSMITTANCE)
-            density += angle_density(ray, &angles, s);
-        density *= source.pdf * (kind == SINGLE_BOTH ? ROUND / 2 : ROUND);
+            density += angle_pdf(ray, &angles, s);
+        density *= source.pdf * (kind == SINGLE_BOTH ? BATCH_SAMPLES / 2 : BATCH_SAMPLES);
         if (!(density > 0.0))
             continue;
-        bring(ray, &source, s, layer, depth, light);
+        add_light_sample(ray, &source, s, layer, depth, light);
         for (int c = 0; c < 3; c++)
             sum[c] += ray->transmit * (double) ray->tint[c] * light[c] / density;
     }
-    ray->counts->samples += ROUND;
+    ray->counts->samples += BATCH_SAMPLES;
 }
 
-/* --- As many as are needed ---------------------------------------------------------------------------------------------------- */
+/* --- Adaptive number of batches ----------------------------------------------------------------------------------------------- */
 
-static void run_rounds(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct pell_batches *s)
+static void run_batches(const struct ray *ray, uint32_t seed, uint32_t first, int64_t count, struct pell_batches *s)
 {
     memset(s, 0, sizeof(*s));
     while (s->count < count && !((s->count & 255) == 0 && pell_cancelled(ray->world->ctx))) {
         double batch[3] = { 0 };
-        run_round(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->count)), batch);
+        run_batch(ray, pell_hash(seed ^ pell_hash(first + (uint32_t) s->count)), batch);
         pell_batches_add(s, batch);
     }
 }
@@ -290,7 +290,7 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
                      struct single_counts *counts, float out[3], float standard_error[3])
 {
     const int share = world->knobs.half == REFERENCE_WHOLE ? 1 : 2;
-    const double most = fmax((double) world->knobs.most / ROUND, LEAST) / share;
+    const double most = fmax((double) world->knobs.most / BATCH_SAMPLES, MIN_BATCHES) / share;
     const uint32_t seed = pell_point_seed(at, world->seed);
     double mean[3], spread[3], needed, whole[3];
     struct pell_batches pilot, s;
@@ -302,8 +302,8 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
     if (!isfinite(at.x + at.y + at.z) || !(depth > 0.0 && depth < 1e15) || pell_light_sampler_count(world->light_sampler) == 0 ||
         !enter(world, at, toward, depth, counts, &ray))
         return;
-    single_way_make(world->connector, ray.solid, ray.medium, ray.at, ray.w, ray.length, &ray.way);
-    ray.length = ray.way.stretch[ray.way.count - 1].end;
+    single_segments_make(world->connector, ray.solid, ray.medium, ray.at, ray.w, ray.length, &ray.segments);
+    ray.length = ray.segments.segment[ray.segments.count - 1].end;
     for (int c = 0; c < 3; c++) {
         bool scatters = false;
         for (int i = 0; i < ray.medium->layers; i++)
@@ -313,13 +313,13 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
     }
     if (ray.channels == 0 || !(ray.length > 0.0 && ray.length < INFINITY))
         return;
-    single_way_at(&ray.way, ray.medium, ray.length, whole);
+    single_segments_at(&ray.segments, ray.medium, ray.length, whole);
     for (int c = 0; c < 3; c++)
-        ray.shade[c] = -expm1(-whole[c]);
-    /* The pilot's rounds say how many are needed and are left out of the mean: rounds that decide when to stop would make it too small. */
-    run_rounds(&ray, seed, 0, PILOT / share, &pilot);
-    needed = pell_batches_needed(&pilot, world->error, LEAST / share, DARK / share);
-    run_rounds(&ray, seed, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
+        ray.opacity[c] = -expm1(-whole[c]);
+    /* The pilot batches determine the number of batches and are left out of the mean: including them would bias it low. */
+    run_batches(&ray, seed, 0, PILOT_BATCHES / share, &pilot);
+    needed = pell_batches_needed(&pilot, world->error, MIN_BATCHES / share, DARK_BATCHES / share);
+    run_batches(&ray, seed, PILOT_BATCHES, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
         out[c] = (float) mean[c];

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * ambient_visibility.c - how much of the sky texels see. Each asks for a part of a pattern of directions, the texels of a square of 2 x 2
- * or 4 x 4 for the whole of it, and a filter that weighs all parts alike puts them together: interleaved sampling (Keller and Heidrich
+ * ambient_visibility.c - visibility of the environment at texels. Each texel traces one part of a pattern of directions, a square of 2 x 2
+ * or 4 x 4 texels the whole pattern, and a filter with equal weights for all parts combines them: interleaved sampling (Keller and Heidrich
  * 2001).
  */
 #include "methods/texture_space/texture_space.h"
@@ -14,12 +14,12 @@
 #include <string.h>
 
 enum { ROWS = 16, SIDE_MOST = 4 };
-#define FINE 131072  /* texels of a map whose squares are 4 x 4 */
-#define COARSE 32768 /* of one that goes without */
+#define FINE 131072  /* texels of a map with squares of 4 x 4 */
+#define COARSE 32768 /* texels of a map without interleaving */
 
 struct ambient {
     const struct ts_ambient_params *p;
-    float *from, *to; /* of the filter */
+    float *from, *to; /* source and target of the filter */
     int side, samples;
     bool down;
     _Atomic int64_t rays;
@@ -32,7 +32,7 @@ int ts_ambient_side(const struct ts_atlas *a)
 
 uint32_t ts_ambient_part(int side, int x, int y)
 {
-    /* Neighbours get parts that lie far apart: the last digits first. */
+    /* Assigns distant parts of the pattern to neighbours: bit-reversed order. */
     const uint32_t u = (uint32_t) (x % side), v = (uint32_t) (y % side), w = u ^ v;
 
     return side == 4 ? (w & 1) << 3 | (v & 1) << 2 | (w >> 1) << 1 | v >> 1 : side == 2 ? w << 1 | v : 0;
@@ -80,7 +80,7 @@ static int look(const struct ambient *s, struct packet *k)
     return count * s->samples;
 }
 
-/* Whether a block or one that the filter reaches from it is asked for. */
+/* Whether a block, or one within reach of the filter, is needed. */
 static bool is_needed(const struct ambient *s, int y, int x)
 {
     const struct ts_atlas *a = s->p->atlas;
@@ -110,7 +110,8 @@ static void look_rows(void *arg, int band, int worker)
             for (int x = a->runs[r].from * TS_BLOCK; x < a->runs[r].to * TS_BLOCK; x++) {
                 const ptrdiff_t at = y * a->stride + x;
                 const int square = s->side * s->side, tile = square > 1 ? 4 * s->side : 1;
-                /* Squares of a tile of 4 x 4 share out a longer pattern, so that what one misses the next ones have. */
+                /* Squares within a tile of 4 x 4 have different parts of a longer pattern, so that neighbours sample what one of them
+                 * misses. */
                 const uint32_t name = (uint32_t) (y / tile * a->width + x / tile);
                 const uint32_t part =
                     ts_ambient_part(s->side, x, y) + (uint32_t) square * (tile > 1 ? ts_ambient_part(4, x / s->side, y / s->side) : 0);
@@ -135,7 +136,7 @@ static void look_rows(void *arg, int band, int worker)
     atomic_fetch_add_explicit(&s->rays, rays, memory_order_relaxed);
 }
 
-/* A tent of twice the square's side, along or down: of each side's parts every one weighs the same. */
+/* A tent filter twice as wide as the square, along rows or columns: all parts get the same total weight on either side. */
 static void filter_rows(void *arg, int band, int worker)
 {
     const struct ambient *s = arg;
@@ -160,7 +161,7 @@ static void filter_rows(void *arg, int band, int worker)
                     sum += weight * s->from[tap];
                     all += weight;
                 }
-                s->to[at] = sum / all; /* the middle one is always there */
+                s->to[at] = sum / all; /* the centre texel always contributes */
             }
 }
 
@@ -169,7 +170,7 @@ int64_t ts_ambient_look(const struct ts_ambient_params *params)
     struct pell_pool *pool = params->services->pool;
     const int bands = (params->atlas->height + ROWS - 1) / ROWS, side = ts_ambient_side(params->atlas);
     const int wanted = params->services->settings->ambient_samples;
-    /* A square of 4 x 4 has twice the directions that a pixel has: it stands for more than one. */
+    /* A square of 4 x 4 has twice the directions of a pixel, because it covers more than one pixel. */
     struct ambient s = { .p = params, .side = side, .samples = side == 4 ? (wanted + 7) / 8 : (wanted + side * side - 1) / (side * side) };
 
     pell_pool_run(pool, bands, look_rows, &s);

@@ -2,14 +2,14 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // blur.comp - one of the two passes of a blur: d'Eon, Luebke and Enderton, EGSR 2007, section 4, by lengths on the surface (README.md);
-// mirror of kernels.c. AXIS 0: along x; 1: at right angles to that, and into the sum.
+// mirror of kernels.c. AXIS 0: along x; 1: perpendicular to it, and added to the sum.
 //   in     0 lines    chart (0: none), mm from texel to texel along this axis
-//   in     1 tilts    what taps weigh more per texel along x, and at right angles
-//   in     2 cells    of each block of 16 texels: least and most mm along x and at right angles; lean of the line (texels of x back for one
-//                     of y), texels to the next chart
+//   in     1 tilts    relative change of a tap's weight per texel along x, and perpendicular to it
+//   in     2 cells    of each block of 16 texels: least and most mm along x and perpendicular to it; skew of the line (texels back along x
+//                     per texel along y), texels to the next chart
 //   in     3 from     light, W/m^2; alpha of the thickness
 //   out    4 to       the same, blurred
-//   in/out 5 sum      AXIS 1: what leaves, W/m^2; chart
+//   in/out 5 sum      AXIS 1: radiant exitance, W/m^2; chart
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int AXIS = 0;
 layout(set = 0, binding = 0) readonly buffer Lines { vec2 lines[]; };
@@ -31,7 +31,7 @@ float kernel_of(float y)
     return k * k - K_END;
 }
 
-// Variance in texels^2 that the chain has added where a texel is so long; what reading the map adds is left out.
+// Variance in texels^2 that the chain has added where a texel has this length; the variance that reading the map adds is subtracted.
 float on_grid(float variance, float length_mm)
 {
     return max(variance / (length_mm * length_mm) - pc.grid, 0.0);
@@ -50,7 +50,7 @@ struct Gathered {
     float weight;
 };
 
-// The taps of one side: distances add up along the way, from texel to texel, as long as each is.
+// The taps of one side: distances accumulate along the line, from the length of each texel.
 void side(const Centre c, int sign_of, int count, inout Gathered g)
 {
     const float pace = 0.5 * float(c.stride), tilt = sign_of < 0 ? -c.tilt : c.tilt;
@@ -88,14 +88,14 @@ vec4 blurred(ivec2 p, vec2 own, vec4 extremes, float lean)
 
     if (!(reach > 0.0))
         return light;
-    // Taps may stand 1.5 standard deviations apart of what is blurred already.
+    // Taps may be 1.5 standard deviations of the previous blurs apart.
     const float space = 1.5 * sqrt(smooth_by);
     const int stride = space >= 2.0 ? (space < 4096.0 ? int(space) : 4096) : 1;
     const int count = max(reach < float(TAPS_MOST * stride) ? int(reach / float(stride)) : TAPS_MOST, 1);
     const float inverse = 1.0 / own.y, density2 = inverse * inverse;
     const float add = max(density2 * pc.after - pc.grid, 0.0) - max(density2 * pc.before - pc.grid, 0.0);
     const float mixed = min(add * (1.0 / S2_MIN_VARIANCE), 1.0);
-    const bool leans = AXIS == 1 && abs(lean) * reach >= 0.5; // under half a texel to the side all taps are upright
+    const bool leans = AXIS == 1 && abs(lean) * reach >= 0.5; // with less than half a texel to the side, taps follow the column
     const float tilt = pc.tilts != 0 ? (AXIS == 0 ? tilts[i].x : tilts[i].y) * inverse : 0.0;
     const Centre c = Centre(p, own.x, own.y, K_FALL * density2 / max(add, S2_MIN), tilt, stride, leans ? lean : 0.0);
     Gathered g;

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * chain.c - the chain of blurs: each level blurs what the one before left, adds its share to the sum, and transmits its share through thin
- * parts. What it is made of runs on an engine (struct ts_runner).
+ * chain.c - the chain of blurs: each level blurs the result of the one before, adds its weighted result to the sum, and transmits its part
+ * through thin regions. The operations are those of an engine (struct ts_runner).
  */
 #include "methods/texture_space/state.h"
 
 #include <string.h>
 
-#define SOFT (1.0 / 3.0)      /* of the widest blur's width */
-#define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight that reaches no further is left out */
+#define SOFT (1.0 / 3.0)      /* relative to the widest blur's width */
+#define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight and with less variance is skipped */
 
 static const char *level_name(int i)
 {
@@ -21,7 +21,8 @@ static const char *level_name(int i)
     return names[i];
 }
 
-/* How far from charts borders must be blurred along, for the blur down to find what it needs, and how far there must be light in them. */
+/* How far from charts borders must be blurred along rows, so that the blur down columns finds its inputs, and how far they must hold
+ * light. */
 static void reach_of(const struct ts_blurring *p, const struct ts_blur *b, int *blurred, int *filled)
 {
     const struct ts_state *st = p->st;
@@ -40,7 +41,7 @@ static void reach_of(const struct ts_blurring *p, const struct ts_blur *b, int *
     *filled = (int) fmaxf(reach[1], aside + reach[0]);
 }
 
-/* Fills the borders of p->now so far as the next blur needs it, and so that it can be read anywhere in charts. */
+/* Fills the borders of p->now as far as the next blur needs them, and so that charts can be read anywhere. */
 static void fill_for(struct ts_blurring *p, const struct ts_blur *next, int planes)
 {
     int blurred, filled = 1;
@@ -52,12 +53,12 @@ static void fill_for(struct ts_blurring *p, const struct ts_blur *next, int plan
 
 /* One level of the chain. */
 struct level {
-    int number; /* in the profile */
+    int number; /* index in the profile */
     bool blurs;
-    struct ts_blur blur; /* where it doesn't, its weight counts alone */
+    struct ts_blur blur; /* if no blur is run, only its weight counts */
 };
 
-/* Texels may be longer than what a blur adds: reading the map alone blurs more. */
+/* Texels may be longer than the width that a blur adds: reading the map alone then blurs more. */
 static bool reaches(const struct ts_blurring *p, const struct ts_blur *b)
 {
     const struct ts_state *st = p->st;
@@ -120,7 +121,8 @@ static const struct ts_blur *next_blur(const struct level *levels, int from, int
     return NULL;
 }
 
-/* Along and down; adds the result to the sum, weighted. Borders must hold what the blur needs. Returns the texels of both passes. */
+/* Blurs along rows and down columns, and adds the weighted result to the sum. Borders must hold the blur's inputs. Returns the texels of
+ * both passes. */
 static int64_t blur_planes(struct ts_blurring *p, const struct ts_blur *b)
 {
     const struct ts_atlas *a = p->solid->atlas;

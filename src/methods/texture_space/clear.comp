@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// clear.comp - before the first light of a map: nothing leaves yet.
+// clear.comp - initialises the sums of a map before its first light.
 //   in  0 lines    chart (0: none), mm from texel to texel along x
-//   out 1 sum      what leaves, W/m^2: 0; the chart
-//   out 2 behind   what is transmitted and not soft yet, W/m^2: 0; 0
+//   out 1 sum      radiant exitance, W/m^2: 0; the chart
+//   out 2 behind   transmitted light before softening, W/m^2: 0; 0
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Lines { vec2 lines[]; };
 layout(set = 0, binding = 1) writeonly buffer Sum { vec4 sum[]; };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// common.glsl - what the shaders of the texture-space method share: push constants, texels, lists.
+// common.glsl - shared by the shaders of the texture-space method: push constants, texels, lists.
 #include "methods/texture_space/formulas.h"
 #include "methods/texture_space/push.h"
 
@@ -20,7 +20,7 @@ vec3 weight()
     return vec3(pc.weight_r, pc.weight_g, pc.weight_b);
 }
 
-// The entry of a list that the invocation is for; pc.count or more: none.
+// Index of the invocation's list entry; pc.count or more: none.
 int entry()
 {
     return int((gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x) * gl_WorkGroupSize.x + gl_LocalInvocationID.x);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the texture-space method on the cpu engine: what lives between frames, and the steps that make the map of a solid: light on the
- * map (light_map.c), transmission (translucent shadow map), the chain of blurs (chain.c). Pixels then read it (read_map.c).
+ * cpu.c - the texture-space method on the cpu engine: state kept between frames, and the stages that make the map of a solid: light on the
+ * map (light_map.c), transmission (translucent shadow map), the chain of blurs (chain.c). Pixels then read the map (read_map.c).
  *
- * A frame makes the map when it is the first one that sees the scene and its lights like this; later ones only look at it. The first
- * view makes of it what its pixels need (need.c).
+ * A map is made by the first frame with the current scene and lights; later frames only read it. The first view makes only the part of the
+ * map that its pixels need (need.c).
  */
 #include "methods/texture_space/state.h"
 
@@ -18,10 +18,10 @@
 PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
 enum { LIGHTS_MOST = 16, LEFT_CHUNK = 1024 };
-#define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear reading adds on the average */
+#define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear interpolation adds on average */
 #define STRENGTH_LEAST 1e-3f
 
-/* --- Life ------------------------------------------------------------------------------------------------------------------------ */
+/* --- Create and destroy ---------------------------------------------------------------------------------------------------------- */
 
 static void ts_free(void *state)
 {
@@ -40,7 +40,7 @@ static void ts_free(void *state)
     pell_free(st->ctx, st);
 }
 
-/* A state that is whole is kept, for the pass of the same scene a moment later. */
+/* A complete state is kept, for the next pass over the same scene. */
 void ts_destroy(void *state)
 {
     struct ts_state *st = state;
@@ -58,7 +58,7 @@ void ts_destroy(void *state)
     *kept = (struct pell_kept) { st, ts_free };
 }
 
-/* Materials, knobs, size and settings: all that layouts, profiles and planes depend on beside the triangles. */
+/* Hash of materials, knobs, size and settings: all inputs of layouts, profiles and planes except the triangles. */
 static uint64_t made_of(const struct pell_services *services, const struct pell_frame_shape *shape, const struct ts_knobs *knobs)
 {
     const struct pell_scene *scene = services->scene;
@@ -81,7 +81,7 @@ static uint64_t made_of(const struct pell_services *services, const struct pell_
     return print;
 }
 
-/* What was kept, for a scene whose vertices have moved: NULL, and nothing is kept any more, where it is of another. */
+/* Takes a kept state for a scene whose vertices have moved; NULL, and the kept state is destroyed, if it belongs to another scene. */
 static struct ts_state *take_kept(const struct pell_services *services, const struct pell_solids *solids, uint64_t print)
 {
     struct ts_state *st = services->kept ? services->kept->state : NULL;
@@ -153,7 +153,8 @@ fail:
 
 /* --- The map of a solid ---------------------------------------------------------------------------------------------------------- */
 
-/* Lengths over strength: what scatters less far lies further apart. Without `stretch` all texels are as long as their mean. */
+/* Divides lengths by the strength map: where light scatters less far, distances count more. Without `stretch` all texels have the mean
+ * length. */
 static void scale_lengths(struct ts_state *st, const struct ts_atlas *a, bool strength)
 {
     float *const plane[1] = { st->strength };
@@ -191,7 +192,7 @@ struct mapping {
     const struct ts_solid *solid;
 };
 
-/* Clears the planes that are summed into. All solids share them, so the part that this one does not use must not show another's. */
+/* Clears the planes of sums. All solids share them, so the parts that this one leaves unused must not show another solid's. */
 static void clear_rows(void *arg, int band, int worker)
 {
     const struct mapping *p = arg;
@@ -217,7 +218,7 @@ static void clear_rows(void *arg, int band, int worker)
             memset(st->light[c] + from, 0, (size_t) (to - from) * sizeof(float));
 }
 
-/* What blurs reach depends on the shortest texels. */
+/* The reach of blurs depends on the shortest texels. */
 static void find_least(struct ts_state *st, const struct ts_atlas *a)
 {
     st->least[0] = st->least[1] = INFINITY;
@@ -243,7 +244,7 @@ static void show_light(struct ts_state *st)
                                      .of_light = true });
 }
 
-/* Gets the planes, lengths and lists of a solid ready. */
+/* Prepares the planes, lengths and lists of a solid. */
 static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_params *chain)
 {
     const struct ts_atlas *a = st->solid[number].atlas;
@@ -309,7 +310,7 @@ static void leave_chunk(void *arg, int chunk, int worker)
     }
 }
 
-/* What is left to transmit beside what the engine knows of light inside of the solid. */
+/* The fraction of transmitted light that remains after what the engine already adds for light inside the solid. */
 static void leave(struct ts_state *st, const struct ts_atlas *a)
 {
     struct left_task task = { st, a };
@@ -317,12 +318,12 @@ static void leave(struct ts_state *st, const struct ts_atlas *a)
     pell_pool_run(st->services->pool, (int) ((st->tsm.count + LEFT_CHUNK - 1) / LEFT_CHUNK), leave_chunk, &task);
 }
 
-/* Blurs the light that one light transmits, and with lights=own what else enters of it; `*is`: it transmits any. */
+/* Blurs the transmitted light of one light, and with lights=own also its light that enters locally; `*is`: any light is transmitted. */
 static enum pell_result transmit(struct ts_state *st, size_t number, size_t light, struct ts_chain_params *chain, bool *is)
 {
     const struct ts_solid *solid = &st->solid[number];
     const struct ts_atlas *a = solid->atlas;
-    const bool around = st->services->scene->lights[light].type == PELL_LIGHT_ENVIRONMENT; /* no face turns away from it */
+    const bool around = st->services->scene->lights[light].type == PELL_LIGHT_ENVIRONMENT; /* no face points away from it */
     const struct ts_tsm_params t = {
         .services = st->services,
         .solids = st->solids,
@@ -355,7 +356,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
         if (st->need.on && around)
             ts_need_chain(st, solid, true);
-        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around)); /* ways look for light anywhere */
+        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around)); /* rays accept light from any side */
         rays = 0;
         if (!around)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
@@ -381,7 +382,7 @@ fail:
     return res;
 }
 
-/* An environment has no map of what it sees, and with the sum of all lights no light of its own. */
+/* An environment has no depth map, and with the sum of all lights no light of its own. */
 static bool transmits(const struct ts_state *st, const struct pell_light *light)
 {
     if (light->type == PELL_LIGHT_ENVIRONMENT)
@@ -396,7 +397,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     const struct ts_atlas *a = solid->atlas;
     struct mapping p = { .st = st, .solid = solid };
     struct ts_chain_params chain = { .local = true };
-    uint64_t rest = st->services->settings->bounces > 0 ? PELL_LIGHT_INDIRECT : 0; /* whose light is not blurred yet */
+    uint64_t rest = st->services->settings->bounces > 0 ? PELL_LIGHT_INDIRECT : 0; /* light that is not blurred yet */
     int shining = 0;
     bool is_transmitted = false;
     enum pell_result res;
@@ -457,7 +458,7 @@ fail:
 
 /* --- A frame --------------------------------------------------------------------------------------------------------------------- */
 
-/* Warns once for each new number of lights that is over the limit. */
+/* Warns once for each new number of lights above the limit. */
 static void warn_of_lights(struct ts_state *st)
 {
     const struct pell_scene *scene = st->services->scene;
@@ -471,8 +472,8 @@ static void warn_of_lights(struct ts_state *st)
     st->warned = lights;
 }
 
-/* Makes what this frame reads and no earlier one has made. The second time that a view asks for more of a solid it becomes whole, and so
- * do all others from then on. */
+/* Makes the maps that this frame reads and no earlier frame has made. When a view needs more of a solid for the second time, the solid's
+ * map is completed, and from then on so are all others. */
 static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *in)
 {
     const bool may = ts_need_may(st, in);
@@ -524,7 +525,7 @@ enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in)
     st->clock = pell_seconds() - st->layout;
     if (in->first || !st->whole)
         PELL_TRY(ts_layouts_fit(st, in));
-    if (st->layout > 0.0) /* of this frame's triangles, or anew */
+    if (st->layout > 0.0) /* by this frame, initially or again */
         ts_note_time(st, "layout", 0, 0, 0);
     st->layout = 0.0;
     if (st->lit != in->lights_revision) {

@@ -1,21 +1,21 @@
 /* SPDX-License-Identifier: MIT
  *
- * fill.c - fills the border texels of planes from the texels of charts that they stand for.
+ * fill.c - fills the border texels of planes from the chart texels that they stand for.
  */
 #include "methods/texture_space/state.h"
 
-enum { SQUARES = 64 }; /* that a thread takes in one go */
+enum { SQUARES = 64 }; /* squares per task */
 
 struct filling {
     const struct ts_atlas *atlas;
     float *const *planes;
     int count;
-    int far;             /* borders no further from charts than this */
-    const uint8_t *need; /* per texel: the stage that it is needed up to; NULL: all are */
+    int far;             /* borders farther from charts are left out */
+    const uint8_t *need; /* per texel: last stage that needs it; NULL: all are needed */
     int stage;
 };
 
-/* All that a border reads lies inside charts: other borders may be filled by another thread just now. */
+/* Borders read only chart texels, because another thread may be filling other borders. */
 static inline void fill_border(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
 {
     const float x = (float) b->x * (1.0f / TS_WHOLE), y = (float) b->y * (1.0f / TS_WHOLE);

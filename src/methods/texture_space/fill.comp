@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// fill.comp - border texels from the texels inside of charts that they stand for; mirror of fill.c. One invocation a border.
-//   in     0 fills    the texel; the lower left one of four, or the first of its parts; where between the four (x, y: 16 bits each, of
-//                     65535); texels to the chart (8 bits), number of parts (8 bits)
+// fill.comp - border texels from the chart texels that they stand for; mirror of fill.c. One invocation per border texel.
+//   in     0 fills    the texel; the lower left one of four source texels, or the first of its parts; position between the four (x, y: 16
+//                     bits each, scaled by 65535); texels to the chart (8 bits), number of parts (8 bits)
 //   in     1 parts    a texel; its weight (bits of a float)
-//   in/out 2 plane    what is filled
+//   in/out 2 plane    the plane to fill
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) readonly buffer Fills { uvec4 fills[]; };
 layout(set = 0, binding = 1) readonly buffer Parts { uvec2 parts[]; };

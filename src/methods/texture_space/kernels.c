@@ -27,7 +27,8 @@ INLINE vf kernel(vf y)
     return k * k - K_END;
 }
 
-/* Variance in texels^2 that the chain has added where a texel is 1/density mm long; what reading the map adds is left out. */
+/* Variance in texels^2 that the chain has added where a texel is 1/density mm long; the variance that reading the map adds is
+ * subtracted. */
 INLINE vf on_grid(float variance, vf density2, float grid)
 {
     return greater(density2 * variance - grid, (vf) { 0 });
@@ -43,7 +44,7 @@ struct gathered {
     vf weight, light[4];
 };
 
-/* The texels that taps are summed for. */
+/* The texels that are blurred. */
 struct centre {
     ptrdiff_t at;
     vf key, fall, tilt;
@@ -51,11 +52,11 @@ struct centre {
 
 /* The line of taps through them. */
 struct line {
-    int axis, stride; /* texels from a tap to the next */
+    int axis, stride; /* plane offset between two taps */
     float skew;       /* down columns, as in struct ts_cell */
 };
 
-/* The taps of one side, `sign`: distances add up along the way, from texel to texel, as long as each is. */
+/* The taps of one side, `sign`: distances accumulate along the line, from the length of each texel. */
 INLINE void side(const struct ts_work *w, const struct centre *m, const struct line *line, int sign, int count, int planes,
                  struct gathered *g)
 {
@@ -80,7 +81,7 @@ INLINE void side(const struct ts_work *w, const struct centre *m, const struct l
     }
 }
 
-/* The same up or down a line that leans; `x` is the block's. */
+/* The same up or down a skewed line; `x` is the block's. */
 INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const struct line *line, int x, int sign, int count, int planes,
                         struct gathered *g)
 {
@@ -107,7 +108,7 @@ INLINE void skewed_side(const struct ts_work *w, const struct centre *m, const s
     }
 }
 
-/* How far taps go from a texel: to K_REACH standard deviations of what the blur adds. */
+/* Reach of the taps of a texel: K_REACH standard deviations of the variance that the blur adds. */
 INLINE float reach_of(float add)
 {
     return add > ADD_LEAST ? K_REACH * sqrtf(add > S2_MIN ? add : S2_MIN) : 0.0f;
@@ -118,7 +119,7 @@ static float reach(const struct ts_work *w, float length)
     return reach_of(on_grid1(w->after, length, w->grid) - on_grid1(w->before, length, w->grid));
 }
 
-/* What a row needs is asked for while the one before it is blurred: down columns there are more streams than machines follow alone. */
+/* Prefetches the next row while one is blurred: columns have more streams than hardware prefetchers follow. */
 INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, int reach, int planes)
 {
     const int rest = w->height - 1 - y;
@@ -135,7 +136,7 @@ INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, i
         __builtin_prefetch(w->sum[c] + next, 1, 2);
 }
 
-/* `low` and `high`: texels that lie before and behind the block's along the axis, which taps may reach. */
+/* `low` and `high`: texels before and after the block's along the axis that taps may reach. */
 INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int x, int y, int axis, int low, int high, int planes)
 {
     const ptrdiff_t index = (ptrdiff_t) y * w->stride + x;
@@ -153,12 +154,12 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
             memcpy(w->to[c] + index, w->from[c] + index, TS_BLOCK * sizeof(float));
         return;
     }
-    /* Taps may stand 1.5 standard deviations apart of what is blurred already. */
+    /* Taps may be 1.5 standard deviations of the previous blurs apart. */
     space = 1.5f * sqrtf(smooth);
     line.stride = stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
     count = reach < (float) (TAPS_MOST * stride) ? (int) (reach / (float) stride) : TAPS_MOST;
     count = count > 0 ? count : 1;
-    skews = axis == 1 && fabsf(cell->skew) * reach >= 0.5f; /* under half a texel to the side all taps are upright */
+    skews = axis == 1 && fabsf(cell->skew) * reach >= 0.5f; /* with less than half a texel to the side, taps follow the column */
     ask_for(w, index, y, axis, axis == 1 ? count * stride : 0, planes);
     low = low / stride < count ? low / stride : count;
     high = high / stride < count ? high / stride : count;
@@ -222,7 +223,7 @@ INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
 
 /* --- The paper's taps ---------------------------------------------------------------------------------------------------------- */
 
-/* Seven taps a standard deviation apart, between texels by linear interpolation; the stretch, texels per mm, is the last two planes. */
+/* Seven taps one standard deviation apart, linearly interpolated between texels; the stretch, texels per mm, is in the last two planes. */
 static void seven(const struct ts_work *w, int y, int from, int to, int axis)
 {
     static const float weights[4] = { 1.0f, 0.60653066f, 0.13533528f, 0.011108997f };
@@ -253,13 +254,13 @@ static void seven(const struct ts_work *w, int y, int from, int to, int axis)
             }
         }
         for (int c = 0; c < w->planes; c++)
-            w->to[c][at] = sum[c] / all; /* the middle tap is always there */
+            w->to[c][at] = sum[c] / all; /* the centre tap always contributes */
         for (int c = 0; axis == 1 && w->sum[0] && c < 3; c++)
             w->sum[c][at] += w->weight[c] * w->to[c][at];
     }
 }
 
-/* --- A few taps at any place ------------------------------------------------------------------------------------------------------ */
+/* --- Taps at arbitrary positions -------------------------------------------------------------------------------------------------- */
 
 static void scatter(const struct ts_work *w, const float *skew, const struct ts_tap *taps, int count, int y, int from, int to)
 {

@@ -2,8 +2,8 @@
  *
  * kernels.h - the inner loops of the texture-space method: blurs of planes of texels.
  *
- * A plane pointer points at texel (0, 0); left and right of each row are TS_MARGIN texels whose length is 0. Blocks begin at multiples of
- * TS_BLOCK texels. Where a texel is of no chart its length is 0 and its planes hold finite values.
+ * A plane pointer points at texel (0, 0); each row has TS_MARGIN texels of length 0 on its left and right. Blocks begin at multiples of
+ * TS_BLOCK texels. A texel outside of charts has length 0 and finite values in all planes.
  */
 #ifndef PELL_TEXTURE_SPACE_KERNELS_H
 #define PELL_TEXTURE_SPACE_KERNELS_H
@@ -14,14 +14,14 @@
 
 enum { TS_BLOCK = 16, TS_MARGIN = 16, TS_PLANES = 6, TS_FAR = 255 };
 
-/* What is known of a block of texels in a row: lengths of those of charts. */
+/* Bounds of a block of texels in a row, over those in charts. */
 struct ts_cell {
-    float least[2], most[2]; /* mm per texel along x, and at right angles to that */
-    float skew;              /* the line at right angles to x goes this many texels back along x as y grows by one */
-    int near;                /* texels, along the longer axis, from the nearest of them to one inside a chart; none is of a chart: TS_FAR */
+    float least[2], most[2]; /* mm per texel along x, and perpendicular to it */
+    float skew;              /* the line perpendicular to x moves this many texels back along x per texel along y */
+    int near;                /* texels, along the longer axis, from the block to the inside of a chart; TS_FAR: none is in a chart */
 };
 
-/* A place about a texel, mm along x and at right angles to that, and what its light counts. */
+/* A tap near a texel: its offset in mm along x and perpendicular to it, and its weight. */
 struct ts_tap {
     float x, y, weight[3];
 };
@@ -34,26 +34,26 @@ struct ts_work {
     const float *tilt[2];
     bool tilts;
     const struct ts_cell *cells;
-    const float *from[TS_PLANES]; /* what is blurred */
+    const float *from[TS_PLANES]; /* input of the blur */
     float *to[TS_PLANES];
-    int planes;          /* 3 or 4; with the paper's taps two more, the stretch */
-    const uint8_t *need; /* per block of a row: the stage that it is needed up to; NULL: all are */
-    uint8_t stage;       /* blocks that are not needed at this one are left out */
-    int near;            /* blocks that are further from charts than this are left out */
-    float before, after; /* mm^2 of the chain before and after this blur */
-    float grid;          /* texels^2 that reading the map adds by itself */
-    float *sum[3];       /* of the second pass: add the result, weighted; NULL: don't */
+    int planes;          /* 3 or 4; with the paper's taps two more for the stretch */
+    const uint8_t *need; /* per block of a row: last stage that needs it; NULL: all are needed */
+    uint8_t stage;       /* blocks not needed at this stage are left out */
+    int near;            /* blocks farther from charts are left out */
+    float before, after; /* mm^2: variance of the chain before and after this blur */
+    float grid;          /* texels^2 that reading the map adds */
+    float *sum[3];       /* second pass: adds the weighted result; NULL: does not */
     float weight[3];
 };
 
 struct ts_kernels {
-    /* Blur blocks [from, to) of row y along x, or along y. */
+    /* Blurs blocks [from, to) of row y along x, or along y. */
     void (*across)(const struct ts_work *w, int y, int from, int to);
     void (*down)(const struct ts_work *w, int y, int from, int to);
-    /* Adds what `count` taps about each texel of blocks [from, to) of row y bring to the sum: as much as all of them weigh, however many
-     * lie on the chart. Along x and y, whose step goes `skew` texels along x, too. */
+    /* Adds `count` taps around each texel of blocks [from, to) of row y to the sum, normalised by the weight of the taps on the chart.
+     * Offsets are along x and y; a step along y also moves `skew` texels along x. */
     void (*scatter)(const struct ts_work *w, const float *skew, const struct ts_tap *taps, int count, int y, int from, int to);
-    /* How many texels of this length taps reach. Longer ones are reached less far. */
+    /* Reach of taps in texels of this length. Longer texels are reached less far. */
     float (*reach)(const struct ts_work *w, float length);
 };
 

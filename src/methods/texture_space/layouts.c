@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * layouts.c - the maps of all solids: how large each is, their layouts, and planes that serve all of them.
+ * layouts.c - the maps of all solids: their sizes, their layouts, and planes shared by all of them.
  */
 #include "methods/texture_space/state.h"
 
@@ -10,11 +10,11 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SIZE_LEAST 32.0  /* texels, of small objects beside large ones */
-#define PIXEL_TEXELS 8.0 /* maps of all objects together have no more texels for each pixel */
-#define TAPS_REACH 3.46  /* standard deviations */
+#define SIZE_LEAST 32.0  /* texels, for small objects next to large ones */
+#define PIXEL_TEXELS 8.0 /* maximum number of texels per pixel, over the maps of all objects */
+#define TAPS_REACH 3.46  /* in standard deviations */
 #define COVERED 0.6
-#define TEXELS 2.0 /* per pixel */
+#define TEXELS 2.0 /* texels per pixel */
 
 bool ts_scaled_strength(const struct ts_state *st, int32_t solid)
 {
@@ -29,7 +29,7 @@ bool ts_scaled_strength(const struct ts_state *st, int32_t solid)
     return false;
 }
 
-/* As far as the taps of the widest blur reach, where texels are as long as they would be if charts covered 0.6 of the map. */
+/* Reach of the widest blur's taps, for the texel length that results if charts cover 0.6 of the map. */
 static int border_of(const struct ts_state *st, const struct ts_profile *p, double area, int size)
 {
     double widest = 0.0, reach;
@@ -42,7 +42,7 @@ static int border_of(const struct ts_state *st, const struct ts_profile *p, doub
     return (int) fmin(fmax(ceil(reach), 4.0), ceil(0.1 * size));
 }
 
-/* Objects that were laid out again for the same reason are told of in one line. */
+/* Objects that were laid out again for the same reason are reported in one line. */
 static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *shape)
 {
     for (size_t i = 0; i < st->solids->count; i++) {
@@ -77,8 +77,8 @@ static double size_of(const struct ts_state *st)
     return st->knobs.size == 0 ? TS_SIZE_MOST : fmax(st->knobs.size, TS_SIZE_LEAST);
 }
 
-/* Factor of the sides of all maps: together they have at most four times the texels of one of the side `size`, and in small images fewer,
- * but for maps that are as small as they get. */
+/* Scale of all maps' sides: together they have at most four times the texels of one map of side `size`, and fewer in small images, except
+ * for maps at the minimum size. */
 static double share_texels(const struct ts_state *st, const struct pell_frame_shape *shape, double largest)
 {
     const double size = size_of(st), one = size * size, pixels = (double) shape->width * shape->height;
@@ -90,10 +90,10 @@ static double share_texels(const struct ts_state *st, const struct pell_frame_sh
     return all > most ? sqrt(most / all) : 1.0;
 }
 
-/* Where solids are. */
+/* Bounds of the solids. */
 void ts_layouts_measure(struct ts_state *st)
 {
-    for (size_t i = 0; i < st->solids->count && st->knobs.size == 0; i++) { /* a side that is given asks for no place */
+    for (size_t i = 0; i < st->solids->count && st->knobs.size == 0; i++) { /* an explicit side needs no bounds */
         const struct pell_solid *solid = &st->solids->solids[i];
         struct ts_solid *out = &st->solid[i];
         struct pell_vec3 low = vec3(INFINITY, INFINITY, INFINITY), high = vec3(-INFINITY, -INFINITY, -INFINITY);
@@ -111,8 +111,8 @@ void ts_layouts_measure(struct ts_state *st)
     }
 }
 
-/* Side of the map whose texels are as fine as the picture needs where the solid may be nearest: `side`, or smaller by a power of the root
- * of 2, so that maps are seldom made anew as the camera moves. */
+/* Side of the map whose texels match the picture's resolution at the solid's nearest distance: `side`, or smaller by a power of the square
+ * root of 2, so that camera motion seldom rebuilds maps. */
 static double needed_side(const struct ts_state *st, size_t i, const struct pell_view *view, double side)
 {
     const struct ts_solid *solid = &st->solid[i];
@@ -123,7 +123,7 @@ static double needed_side(const struct ts_state *st, size_t i, const struct pell
     return st->knobs.size == 0 && needed > 0.0 && needed < side ? side * exp2(-0.5 * floor(2.0 * log2(side / needed))) : side;
 }
 
-/* The first frame's side where that is not far off: maps of moving objects stay as they are, in any run that makes some of the frames. */
+/* The first frame's side if it is close: maps of moving objects then stay the same, in any run that renders some of the frames. */
 static int keep_first(struct ts_solid *solid, int needed)
 {
     if (solid->first_side == 0)
@@ -131,7 +131,7 @@ static int keep_first(struct ts_solid *solid, int needed)
     return needed <= 2 * solid->first_side && 2 * needed >= solid->first_side ? solid->first_side : needed;
 }
 
-/* The sides that the maps are to have; true: they have them. */
+/* Computes the sides of all maps; true: the maps already have them. */
 static bool find_sides(struct ts_state *st, const struct pell_frame *in)
 {
     const struct pell_solids *b = st->solids;
@@ -198,7 +198,7 @@ fail:
     return res;
 }
 
-/* Planes of the largest atlas serve all. */
+/* Planes have the size of the largest atlas. */
 static enum pell_result make_planes(struct ts_state *st)
 {
     const bool seven = st->knobs.kernel == TS_KERNEL_SEVEN, transmission = st->knobs.tsm != TS_TSM_OFF;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * light_map.c - the light that enters at each texel of a chart; where the engine has a device for it, in batches of rows: texels are sent,
- * their direct light is found there, and the same texels take it.
+ * light_map.c - irradiance that enters at each chart texel. If the engine computes direct light on a device, texels are sent in batches of
+ * rows, and the same texels then receive the results.
  */
 #include "methods/texture_space/state.h"
 
@@ -14,13 +14,13 @@ struct lighting {
     struct ts_state *st;
     enum step step;
     int rows, first;   /* of a band, a multiple of TS_TILE; the first band */
-    uint32_t *numbers; /* of what was sent, `most` of each band */
+    uint32_t *numbers; /* indices of the texels sent, up to `most` per band */
     ptrdiff_t most;
     const struct ts_atlas *atlas;
-    uint64_t lights;      /* whose light is computed */
-    const uint8_t *faces; /* what triangles show them, where it is one of a known direction; NULL: unknown */
-    const uint8_t *need;  /* per texel: 0: not asked for; NULL: all are */
-    bool strength;        /* keep it, too */
+    uint64_t lights;      /* bit mask of the lights to compute */
+    const uint8_t *faces; /* for a light of a known direction, the orientation of each triangle to it; NULL: unknown */
+    const uint8_t *need;  /* per texel: 0: not needed; NULL: all are needed */
+    bool strength;        /* also store the strength map */
     _Atomic int64_t rays;
 };
 
@@ -28,9 +28,9 @@ struct texels {
     struct pell_points16 points;
     float ambient[16];
     ptrdiff_t at[16];
-    uint32_t part; /* of the samples of lights with extent */
+    uint32_t part; /* which part of the samples of area lights */
     int samples;
-    uint32_t **number; /* the next of the band's */
+    uint32_t **number; /* next index of the band */
     int count;
 };
 
@@ -46,7 +46,7 @@ static struct pell_points_params params_of(const struct lighting *p, uint32_t fi
     };
 }
 
-/* Empties the packet. Returns the number of rays. */
+/* Evaluates and empties the packet. Returns the number of rays. */
 static int64_t light_texels(const struct lighting *p, struct texels *k)
 {
     const struct ts_state *st = p->st;
@@ -87,8 +87,8 @@ static int map_parts(const struct ts_atlas *a, int samples)
     return map_side(a) == 1 ? 1 : samples < 4 ? samples : 4;
 }
 
-/* Light that enters at the texels of charts, 16 at a time. Lights with extent have a pattern of samples for each number of the multisample:
- * on fine maps texels of a square of 2 x 2 share them out. */
+/* Irradiance at chart texels, 16 at a time. Area lights have a pattern of samples per index of the multisample; on fine maps the texels of
+ * a square of 2 x 2 share it. */
 static void light_rows(void *arg, int index, int worker)
 {
     struct lighting *p = arg;
@@ -96,7 +96,7 @@ static void light_rows(void *arg, int index, int worker)
     const struct ts_atlas *a = p->atlas;
     const int side = map_side(a), samples = st->in->num_samples, parts = map_parts(a, samples);
     const int first = (p->first + index) * p->rows, last = first + p->rows < a->height ? first + p->rows : a->height;
-    uint32_t *number = p->numbers ? p->numbers + index * p->most : NULL; /* NULL: at once */
+    uint32_t *number = p->numbers ? p->numbers + index * p->most : NULL; /* NULL: evaluated at once */
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
@@ -153,7 +153,7 @@ static void light_at_once(struct lighting *p)
     ts_note_time(p->st, "map light", p->atlas->inner, p->atlas->inner * 24, atomic_load(&p->rays));
 }
 
-/* In batches of as many bands as have room, should all their texels be asked for. */
+/* Batches of as many bands as fit if all their texels are needed. */
 static enum pell_result light_in_batches(struct lighting *p, int bands)
 {
     const struct pell_services *services = p->st->services;
@@ -194,7 +194,7 @@ static enum pell_result light_charts(struct lighting *p)
     const struct ts_atlas *a = p->atlas;
     const int samples = p->st->in->num_samples, parts = map_parts(a, samples);
     const size_t room = s->batches ? s->batches->room(s->engine) : 0;
-    /* Packets of a band, the last ones of each part not full. */
+    /* Packets of a band; the last one of each part may be partly filled. */
     const size_t most = (size_t) TS_TILE * TS_BLOCK * (size_t) a->blocks / 16 + (size_t) parts;
     const size_t bands = room / (most * pell_services_batch_points(s) * (size_t) (samples / parts));
     enum pell_result res;

@@ -5,8 +5,8 @@
  *
  *     M(C) = Sum_i w_i B_i(C) + Sum over lights Sum_i w_i exp(-d_i^2/(2 v_i)) fade_i B_i(A),      B_i = irradiance * G(v_i)
  *
- * The surface is laid out flat; each B_i is a pair of blurs of B_(i-1) there, as wide as the stretch of the layout asks. A is where light
- * that is transmitted to C entered, d_i how thick it is there. What differs from the paper: README.md.
+ * The surface is laid out flat; each B_i is a separable blur of B_(i-1) there, whose width follows the stretch of the layout. A is the
+ * point where the light transmitted to C entered, d_i the thickness there. Differences from the paper: README.md.
  */
 #include "methods/texture_space/texture_space.h"
 

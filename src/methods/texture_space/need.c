@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * need.c - which texels a picture needs: those that its pixels read, and what blurs, borders and transmission reach from there. Culling of
- * what is not seen, as Jimenez and Gutierrez 2008 ask of texture space, by texels in place of charts.
+ * need.c - the texels that a picture needs: those its pixels read, and those that blurs, borders and transmission reach from there. Culling
+ * of invisible surface, as Jimenez and Gutierrez 2008 recommend for texture space, per texel instead of per chart.
  *
- * A map that holds light is stage 1 of a chain; each blur has two more, along and down. A texel is needed up to a stage: what blurs reach
- * before it ends the fewer stages the further away it is. The set grows from the last stage to the first.
+ * A map of incident light is stage 1 of a chain; each blur adds two stages, along rows and down columns. A texel is needed up to a stage:
+ * the farther it is from the visible texels, the fewer stages. The set grows from the last stage to the first.
  */
 #include "methods/texture_space/state.h"
 
@@ -14,11 +14,11 @@
 #include <string.h>
 
 enum { SEEN_NOT, SEEN_MISSING, SEEN_MADE };
-enum { AROUND = 4 };     /* texels: as far as read_map.c looks around */
-enum { SEEN_SHARE = 4 }; /* where more of a solid is seen, all that is left out costs less than to find it */
-enum { STRIP = 128 };    /* columns that a thread goes down at once */
+enum { AROUND = 4 };     /* texels: search radius of read_map.c */
+enum { SEEN_SHARE = 4 }; /* if more than 1/SEEN_SHARE of a solid is visible, culling costs more than it saves */
+enum { STRIP = 128 };    /* columns per task */
 
-/* --- What pixels read ------------------------------------------------------------------------------------------------------------ */
+/* --- Texels read by pixels ------------------------------------------------------------------------------------------------------- */
 
 static void see_texel(struct ts_solid *solid, ptrdiff_t at)
 {
@@ -30,7 +30,7 @@ static void see_texel(struct ts_solid *solid, ptrdiff_t at)
     atomic_store_explicit(&solid->missing, true, memory_order_relaxed);
 }
 
-/* The texels that read_map.c reads for a point of the surface. */
+/* The texels that read_map.c reads for a surface point. */
 static void see_point(struct ts_state *st, uint32_t mesh, uint32_t triangle, float u, float v)
 {
     const int32_t number = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
@@ -80,7 +80,7 @@ static void see_rows(void *arg, int band, int worker)
         }
 }
 
-/* The same of a sample that is still to come. */
+/* The same for a sample of a later frame. */
 static void look_rows(void *arg, int band, int worker)
 {
     const struct seeing *p = arg;
@@ -97,7 +97,7 @@ static void look_rows(void *arg, int band, int worker)
         }
 }
 
-/* Rays of the samples to come cost less than what they save where there are no more of them than texels. */
+/* Rays for later samples cost less than they save if there are no more of them than texels. */
 static bool looks_ahead(const struct ts_state *st, const struct pell_frame *in)
 {
     const int64_t pixels = (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0);
@@ -154,9 +154,9 @@ void ts_need_forget(struct ts_solid *solid)
         atomic_store_explicit(&solid->seen[(ptrdiff_t) i - TS_MARGIN], SEEN_NOT, memory_order_relaxed);
 }
 
-/* --- What that needs ------------------------------------------------------------------------------------------------------------- */
+/* --- Dependencies ---------------------------------------------------------------------------------------------------------------- */
 
-/* What a border stands for is needed where the border is. */
+/* The source texels of a border are needed where the border is. */
 static void need_sources(const struct ts_atlas *a, uint8_t *stage, uint8_t from, uint8_t value)
 {
     for (size_t s = 0; s < a->num_squares; s++) {
@@ -179,12 +179,12 @@ static void need_sources(const struct ts_atlas *a, uint8_t *stage, uint8_t from,
     }
 }
 
-/* Sets that grow by what a blur reaches. */
+/* Sets that grow by the reach of a blur. */
 struct growing {
     struct ts_state *st;
     const struct ts_atlas *atlas;
     const struct ts_blur *blur;
-    int from, to; /* texels that are needed at stage `from` make those that they reach needed at stage `to` */
+    int from, to; /* texels needed at stage `from` make the texels within reach needed at stage `to` */
     bool down;
 };
 
@@ -203,14 +203,14 @@ static int reach_at(const struct growing *p, ptrdiff_t cell, int axis)
     return reach > 0.0f ? reach < 255.0f ? reach > 1.0f ? (int) reach : 1 : 255 : 0;
 }
 
-/* Taps are of their texel's chart: those of a row. */
+/* Taps stay in their texel's chart: those of a row. */
 static inline void raise_chart(uint8_t *stage, const float *keys, float key, int from, int to, int value)
 {
     for (int x = from; x <= to; x++)
         stage[x] = keys[x] != key || stage[x] > value ? stage[x] : (uint8_t) value;
 }
 
-/* How far those of columns go, and of which chart; columns that several charts go down are of any: 0. */
+/* Reach down columns, and the chart; where columns of several charts pass, any chart: 0. */
 static inline void reach_down(uint8_t *wide, float *keys, float key, int from, int to, int reach)
 {
     for (int x = from; x <= to; x++) {
@@ -219,7 +219,7 @@ static inline void reach_down(uint8_t *wide, float *keys, float key, int from, i
     }
 }
 
-/* Along rows: the set itself, or for columns that lean how far each texel reaches down, wherever to the side that may be. */
+/* Along rows: the set itself, or for skewed columns the reach of each texel down, wherever to the side that may be. */
 static void grow_rows(void *arg, int band, int worker)
 {
     const struct growing *p = arg;
@@ -260,14 +260,14 @@ static void grow_rows(void *arg, int band, int worker)
     }
 }
 
-/* Down columns, once from each end of the map: `left` rows to go yet. */
+/* Down columns, one pass from each end of the map: `left` rows of reach remaining. */
 static void grow_columns(void *arg, int strip, int worker)
 {
     const struct growing *p = arg;
     const struct ts_atlas *a = p->atlas;
     const int x0 = strip * STRIP, n = a->width - x0 < STRIP ? a->width - x0 : STRIP;
     uint8_t left[STRIP];
-    float key[STRIP] = { 0 }; /* of whose chart */
+    float key[STRIP] = { 0 }; /* chart that the reach belongs to */
 
     (void) worker;
     for (int back = 0; back < 2; back++) {
@@ -305,7 +305,7 @@ static void sum_up_cells(void *arg, int band, int worker)
         }
 }
 
-/* From those that are needed after the last of some blurs to those before the first. */
+/* From the texels needed after the last of some blurs to those needed before the first. */
 static void grow(struct ts_state *st, const struct ts_atlas *a, const struct ts_blur *blurs, int count)
 {
     struct growing p = { .st = st, .atlas = a };

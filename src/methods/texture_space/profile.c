@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * profile.c - the chain of Gaussians that a material is blurred by, checked against the paper's rules, and transmission by thickness.
+ * profile.c - a material's chain of Gaussians, checked against the paper's conditions, and transmission by thickness.
  */
 #include "methods/texture_space/texture_space.h"
 
@@ -11,15 +11,17 @@
 
 #include <string.h>
 
-#define RATIO_MOST 4.0          /* of the variances of one blur and the next: section 5.1 */
-#define TRANSMISSION_LEAST 1e-5 /* of the total: thicker parts are dark */
-#define LEAST_RETURNED 0.3      /* of the half-space's light: where a sheet tapers the map holds more than its thickness there says */
-#define TAPS_MIDDLE 0.15        /* share of the profile of the middle one of thirteen taps, and of the inner ring with it */
+#define RATIO_MOST 4.0          /* of the variances of successive blurs: section 5.1 */
+#define TRANSMISSION_LEAST 1e-5 /* relative to the total: thicker parts transmit nothing */
+#define LEAST_RETURNED                                                                                                                     \
+    0.3                  /* relative to a half-space: where a sheet tapers, the map holds more light than its local thickness
+                                 * implies */
+#define TAPS_MIDDLE 0.15 /* fraction of the profile in the centre tap of thirteen, and together with the inner ring */
 #define TAPS_INNER 0.7
-#define SLAB_LEAST 0.1 /* mm, the range of the spec's tables */
+#define SLAB_LEAST 0.1 /* mm, lower end of the thickness tables */
 #define SLAB_MOST 50.0
 
-/* Makes each channel's weights sum to 1. A channel that has none keeps its light in the narrowest Gaussian. */
+/* Normalises each channel's weights to 1. A channel without weights keeps its light in the narrowest Gaussian. */
 static void whiten(struct pell_gaussians *g)
 {
     for (int c = 0; c < 3; c++) {
@@ -29,7 +31,7 @@ static void whiten(struct pell_gaussians *g)
     }
 }
 
-/* l_min^2, mm^2; INFINITY where a profile says nothing of it. */
+/* l_min^2, mm^2; INFINITY if the profile does not define it. */
 static double narrowest(const struct pell_frame_material *m)
 {
     double least = INFINITY;
@@ -53,7 +55,7 @@ static void put(struct ts_profile *p, double variance, const double *weight)
     p->count++;
 }
 
-/* Gaussian i is valid only if v_1 <= l_min^2 and v_i <= 4 v_(i-1): blurs without weight are put where that does not hold. */
+/* Gaussian i is valid only if v_1 <= l_min^2 and v_i <= 4 v_(i-1). Inserts blurs without weight where that is violated. */
 static void make_chain(const struct pell_gaussians *g, double narrow, struct ts_profile *p)
 {
     const int room = (TS_LEVELS - g->count) / (g->count > 0 ? g->count : 1);
@@ -79,7 +81,7 @@ static double gaussian_transmission(const struct ts_profile *p, int channel, dou
     return sum;
 }
 
-/* Where less than TRANSMISSION_LEAST of a channel's total is transmitted. */
+/* Thickness where each channel transmits less than TRANSMISSION_LEAST of its total. */
 static double gaussian_end(const struct ts_profile *p)
 {
     double far = 0.0;
@@ -99,7 +101,7 @@ static double gaussian_end(const struct ts_profile *p)
     return far;
 }
 
-/* Spreads T(r; d) over the chain's variances: the total stays, and the second moment wherever the variances reach. */
+/* Projects T(r; d) onto the chain's variances; preserves the total, and the second moment where the variances reach it. */
 static enum pell_result slab_row(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_profile *p, double d,
                                  const struct pell_slab slab[3], struct pell_stack_sets *sets, void *workspace, float share[TS_LEVELS][3])
 {
@@ -137,7 +139,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
     return PELL_OK;
 }
 
-/* Takes what clear media pass forward off what leaves to all sides: the engine has it, with its directions. */
+/* Subtracts the light that clear media pass forward from the diffuse transmission: the engine adds it, with its directions. */
 static void leave_forward(const struct pell_medium *medium, struct ts_profile *p)
 {
     struct pell_opposed diffuse;
@@ -155,8 +157,8 @@ static void leave_forward(const struct pell_medium *medium, struct ts_profile *p
     }
 }
 
-/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. Light that entered a
- * thin part is in the map without what leaves at the far side: the rest has to bring that. */
+/* Rows at d = thickest f^2. A white material's profile is scaled to 1 in each channel, and so is its transmission. The map holds the light
+ * that entered a thin part without what leaves at its far side, so the remainder has to supply that. */
 static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_frame_material *m, const struct pell_slab slab[3],
                                    bool local, struct ts_profile *p)
 {
@@ -203,7 +205,7 @@ fail:
 
 /* --- Thirteen taps --------------------------------------------------------------------------------------------------------------- */
 
-/* Share of a channel's light that leaves within r mm of where it entered. */
+/* Fraction of a channel's light that leaves within r mm of its entry point. */
 static double within(const struct ts_profile *p, int first, int channel, double r)
 {
     double sum = 0.0;
@@ -213,7 +215,7 @@ static double within(const struct ts_profile *p, int first, int channel, double 
     return sum;
 }
 
-/* The same of the mean of the channels, each as a share of what it has. */
+/* The same averaged over the channels, each relative to its own total. */
 static double mean_within(const struct ts_profile *p, int first, double r)
 {
     double sum = 0.0, n = 0.0;
@@ -240,8 +242,8 @@ static double radius_of(const struct ts_profile *p, int first, double share)
     return high;
 }
 
-/* Hable, Borshukov and Hejl 2009: the middle and two rings of six taps, each moved about in its sixth of the ring, and weighted in each
- * channel by the profile's share of the ring. Theirs are fitted to one skin; here the rings' limits are shares of any profile. */
+/* Hable, Borshukov and Hejl 2009: a centre tap and two rings of six taps, each jittered in its sixth of the ring and weighted per channel
+ * by the profile's integral over the ring. Their taps are fitted to one skin; here the rings' radii are quantiles of any profile. */
 static void make_taps(struct ts_profile *p, bool unblurred)
 {
     static const double limit[4] = { 0.0, TAPS_MIDDLE, TAPS_INNER, 1.0 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * push.h - the push constants of the shaders of the texture-space method, and a texel that light is transmitted to: C11 and GLSL 4.60.
- * Scalars of 4 bytes alone.
+ * push.h - push constants of the shaders of the texture-space method, and a texel that receives transmitted light: C11 and GLSL 4.60. Only
+ * scalars of 4 bytes.
  */
 #ifndef PELL_TEXTURE_SPACE_PUSH_H
 #define PELL_TEXTURE_SPACE_PUSH_H
@@ -12,16 +12,16 @@
 struct ts_push {
     int32_t width, height, blocks, stride, origin; /* of the map */
     /* Of a blur. */
-    int32_t near; /* blocks that are further from charts than this are left out */
+    int32_t near; /* blocks farther from charts are left out */
     int32_t tilts;
-    float before, after; /* mm^2 of the chain before and after it */
-    float grid;          /* texels^2 that reading the map adds by itself */
-    int32_t add;         /* the result to the sum, by these weights */
+    float before, after; /* mm^2: variance of the chain before and after it */
+    float grid;          /* texels^2 that reading the map adds */
+    int32_t add;         /* adds the result to the sum, with these weights */
     float weight_r, weight_g, weight_b;
     /* Of lists. */
-    int32_t count; /* entries: borders, or texels that light is transmitted to */
-    int32_t far;   /* borders that are further from charts are left out */
-    int32_t keep;  /* of borders: the fourth component */
+    int32_t count; /* entries: borders, or texels that receive transmitted light */
+    int32_t far;   /* borders farther from charts are left out */
+    int32_t keep;  /* of borders: keep the fourth component */
     /* Of a level's transmission; the weights are the Gaussian's. */
     int32_t level, linear, slab;
     float variance, reach;  /* mm^2; mm, of fade=linear */
@@ -33,7 +33,7 @@ struct ts_read_push {
     int32_t pitch, rows;
     int32_t meshes;
     int32_t width, height, stride, origin;
-    int32_t clear; /* pixels of other solids get 0 */
+    int32_t clear; /* pixels of other solids are set to 0 */
     float unblurred_r, unblurred_g, unblurred_b;
 };
 

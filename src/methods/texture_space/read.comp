@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// read.comp - the last look: pixels of a solid read its map at their points of the surface; mirror of read_map.c.
+// read.comp - the final lookup: pixels of a solid read its map at their surface points; mirror of read_map.c.
 //   in  0 light    irradiance that enters (W/m^2)
 //   in  1 surface  material (0: not translucent)
 //   in  2 points   mesh, triangle, barycentric coordinates (bits of floats)
-//   in  3 layout   of each mesh its first triangle, or that it is not of the solid; then of each triangle x, y of its corners in texels
+//   in  3 layout   per mesh its first triangle, or a mark that it is not of the solid; then per triangle x, y of its corners in texels
 //                  (bits of floats), and its chart (0: none)
-//   in  4 map      light that leaves; chart
-//   out 5 result   light that leaves, W/m^2
+//   in  4 map      radiant exitance; chart
+//   out 5 result   radiant exitance, W/m^2
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(set = 0, binding = 0) readonly buffer Light { vec4 light[]; };
 layout(set = 0, binding = 1) readonly buffer Surface { uvec2 surface[]; };
@@ -21,7 +21,7 @@ layout(push_constant) uniform Push { ts_read_push pc; };
 
 const uint NONE = 0xffffffffu;
 
-// struct ts_place: the lower left one of four texels, and where between them.
+// struct ts_place: the lower left one of four texels, and the position between them.
 struct Place {
     int x, y;
     float key;
@@ -46,7 +46,7 @@ vec4 texel(int x, int y)
     return map[pc.origin + y * pc.stride + x];
 }
 
-// Where the four texels around say nothing: the nearest ones that do, of the chart or else of any.
+// If none of the four texels around is valid: the mean of the nearest valid ones, of the same chart or else of any.
 vec3 look_around(Place p)
 {
     for (int any = 0; any < 2; any++)

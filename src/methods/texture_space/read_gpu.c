@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * read_gpu.c - pixels on a Vulkan device read the maps there: frames whose planes never leave it. Maps go there once they are made.
+ * read_gpu.c - pixels on a Vulkan device read the maps there, for frames whose planes stay on the device. Maps are uploaded when they are
+ * made.
  */
 #include "methods/texture_space/read_gpu.h"
 #include "methods/gpu_planes.h"
@@ -10,7 +11,7 @@
 
 enum { GROUP_X = 16, GROUP_Y = 8, TRIANGLE_WORDS = 7 };
 
-/* What of a solid is there. */
+/* Device copies of a solid's data. */
 struct sent {
     struct pell_gpu_buffer *layout, *map;
     struct pell_gpu_pass *pass;
@@ -57,7 +58,7 @@ enum pell_result ts_pixels_open(struct ts_state *st, const struct pell_frame_sha
 {
     static const struct {
         const char *name;
-        int bytes; /* of a pixel; 0: no plane of its own */
+        int bytes; /* per pixel; 0: no plane of its own */
     } rows[PELL_GPU_PLANES] = {
         [PELL_GPU_PLANE_LIGHT] = { "texture-space pixels, light", 16 },
         [PELL_GPU_PLANE_SURFACE] = { "texture-space pixels, surface", 8 },
@@ -157,7 +158,7 @@ fail:
     return res;
 }
 
-/* Those that are not there as they are now. */
+/* Uploads maps whose device copy is out of date. */
 static enum pell_result send_maps(struct ts_state *st)
 {
     struct ts_pixels *p = st->pixels;

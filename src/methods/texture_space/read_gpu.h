@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * read_gpu.h - pixels of a picture on a Vulkan device, which read the maps of solids there: planes, maps, passes. Private to the method. */
+ * read_gpu.h - pixels of a picture on a Vulkan device that read the maps of solids there: planes, maps, passes. Private to the method. */
 #ifndef METHODS_TEXTURE_SPACE_READ_GPU_H
 #define METHODS_TEXTURE_SPACE_READ_GPU_H
 
@@ -7,7 +7,7 @@
 
 #include "vulkan/gpu.h"
 
-/* st->pixels, where there are none yet; and away with them. */
+/* Creates st->pixels unless it exists; destroys it. */
 PELL_NODISCARD enum pell_result ts_pixels_open(struct ts_state *st, const struct pell_frame_shape *shape);
 void ts_pixels_close(struct ts_state *st);
 /* Of struct pell_method_engine. */

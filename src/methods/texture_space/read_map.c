@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * read_map.c - the last look: each pixel reads the map of its solid at its point of the surface.
+ * read_map.c - the final lookup: each pixel reads the map of its solid at its surface point.
  */
 #include "methods/texture_space/state.h"
 
 #include <stdatomic.h>
 #include <string.h>
 
-/* Where the four texels around say nothing: the nearest ones that do, of the chart or else of any. */
+/* If none of the four texels around is valid: the mean of the nearest valid ones, of the same chart or else of any. */
 static void look_around(const struct ts_atlas *a, const float *map, const struct ts_place *p, float rgb[3])
 {
     const int px = (int) (p->at % a->stride), py = (int) (p->at / a->stride);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * run_cpu.c - a solid's map on the cpu engine: bands of rows, chunks of texels. The inner loops of the blurs are in kernels.c.
+ * run_cpu.c - a solid's map on the cpu engine: tasks are bands of rows and chunks of texels. The inner loops of the blurs are in kernels.c.
  */
 #include "methods/texture_space/state.h"
 
@@ -62,7 +62,7 @@ static void thin_chunk(void *arg, int chunk, int worker)
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
         struct ts_transmitted_texel *t = &st->tsm.texels[i];
         const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
-        /* Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)). */
+        /* The blurs weight A's light by exp(-s^2/(2 v)), s along the surface; a straight path has exp(-m^2/(2 v)). */
         float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
         near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
         t->share[0] = t->share[1] = t->share[2] = 0.0f;
@@ -100,7 +100,7 @@ static void add_transmission(void *arg, int chunk, int worker)
     }
 }
 
-/* A level that blurs nothing. */
+/* A level without a blur. */
 static void sum_rows(void *arg, int band, int worker)
 {
     const struct ts_blurring *p = arg;

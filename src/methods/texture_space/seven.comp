@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// seven.comp - one of the two passes of a blur as published: d'Eon, Luebke and Enderton, EGSR 2007, section 4: seven taps a standard
-// deviation apart by the stretch, which is blurred as well; mirror of kernels.c. AXIS 0: along x; 1: along y, and into the sum.
+// seven.comp - one of the two passes of a blur as published: d'Eon, Luebke and Enderton, EGSR 2007, section 4: seven taps one standard
+// deviation apart, spaced by the stretch, which is blurred as well; mirror of kernels.c. AXIS 0: along x; 1: along y, and added to the sum.
 //   in     0 lines    chart (0: none), mm
 //   in     1 from     light, W/m^2; alpha of the thickness
 //   in     2 stretch  texels per mm along x and y
 //   out    3 to       light and alpha, blurred
 //   out    4 wide     stretch, blurred
-//   in/out 5 sum      AXIS 1: what leaves, W/m^2; chart
+//   in/out 5 sum      AXIS 1: radiant exitance, W/m^2; chart
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int AXIS = 0;
 layout(set = 0, binding = 0) readonly buffer Lines { vec2 lines[]; };
@@ -48,7 +48,7 @@ void main()
             density += tap * stretch[texel_at(q)];
         }
     }
-    light /= all; // the middle tap is always there
+    light /= all; // the centre tap always contributes
     to[i] = light;
     wide[i] = density / all;
     if (AXIS == 1 && pc.add != 0)

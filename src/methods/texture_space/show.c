@@ -7,7 +7,7 @@
 #include <math.h>
 #include <stdio.h>
 
-/* The thickness that alpha stands for; where nothing is transmitted 0. */
+/* Thickness encoded in alpha; 0 without transmission. */
 static float thickness_of(float alpha, double falloff)
 {
     return alpha > 0.0f ? fmaxf(-logf(alpha), 0.0f) * (float) falloff : 0.0f;

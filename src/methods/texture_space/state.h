@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * state.h - what the parts of the method share; private to this folder. cpu.c calls layouts.c, light_map.c, chain.c and read_map.c; chain.c
- * and cpu.c call a runner, which is that of an engine: run_cpu.c or vulkan.c.
+ * state.h - declarations shared by the parts of the method; private to this folder. cpu.c calls layouts.c, light_map.c, chain.c and
+ * read_map.c; chain.c and cpu.c call the engine's runner: run_cpu.c or vulkan.c.
  */
 #ifndef METHODS_TEXTURE_SPACE_STATE_H
 #define METHODS_TEXTURE_SPACE_STATE_H
@@ -13,8 +13,8 @@
 #include <stdatomic.h>
 
 enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 9, TS_LIT = 4, TS_READ_FAR = 6 };
-/* TS_ROWS: that a thread takes in one go. TS_READ_FAR: texels from the inside of charts that pixels read at most: look_around's, and the
- * four about a place. */
+/* TS_ROWS: rows per task. TS_READ_FAR: largest distance in texels from the inside of charts that pixels read: that of look_around, and the
+ * four texels of a bilinear lookup. */
 
 enum ts_made { TS_MADE_NOT, TS_MADE_IN_PART, TS_MADE_WHOLE };
 
@@ -23,40 +23,40 @@ struct ts_solid {
     const struct ts_profile *profile; /* of its material */
     float *map;                       /* R, G, B of M and the chart, per texel; begins at texel (0, 0) */
     int side, first_side;             /* texels; of the first frame's map, 0: not yet */
-    enum ts_made made;                /* of these lights */
-    uint64_t version;                 /* another one for each map that was made; 0: none yet */
-    _Atomic uint8_t *seen;            /* per texel, while it is made in part: need.c */
-    _Atomic bool missing;             /* pixels read what is not made */
-    bool partly;                      /* it is to be made in part */
-    struct pell_vec3 middle;          /* of its bounds, */
-    float radius;                     /* and half their diagonal; mm */
+    enum ts_made made;                /* for the current lights */
+    uint64_t version;                 /* changes with each map that is made; 0: none yet */
+    _Atomic uint8_t *seen;            /* per texel, while the map is made in part: need.c */
+    _Atomic bool missing;             /* pixels read texels that were not made */
+    bool partly;                      /* will be made in part */
+    struct pell_vec3 middle;          /* centre of its bounds */
+    float radius;                     /* half the diagonal of its bounds, mm */
 };
 
 struct ts_runner;
 struct ts_pixels;
 
-/* Stages of a chain that texels are needed up to: before its blur number i, and after the first half of that and the second. */
+/* Stages of a chain that texels are needed up to: before blur i, after its first pass and after its second. */
 #define TS_NEED_BEFORE(i) (1 + 2 * (i))
 #define TS_NEED_ALONG(i) (2 + 2 * (i))
 #define TS_NEED_DOWN(i) (3 + 2 * (i))
 
-/* Which texels of the solid that is being made are needed. Planes at texel (0, 0). */
+/* The needed texels of the current solid. Planes at texel (0, 0). */
 struct ts_need {
     bool on;
-    uint8_t *stage; /* that each is needed up to; 0: never */
-    uint8_t *cell;  /* most of each block of a row */
-    uint8_t *wide;  /* to work in */
+    uint8_t *stage; /* last stage that needs the texel; 0: none */
+    uint8_t *cell;  /* maximum over each block of a row */
+    uint8_t *wide;  /* scratch plane */
     float *wide_key;
-    uint8_t *shown;  /* those that pixels read */
-    uint8_t *behind; /* those whose transmitted light is needed */
+    uint8_t *shown;  /* texels that pixels read */
+    uint8_t *behind; /* texels whose transmitted light is needed */
 };
 
 struct ts_state {
     const struct ts_runner *run;          /* the engine's */
-    void *device;                         /* its own; NULL where it has none, or nothing on it yet */
+    void *device;                         /* data of the engine's device; NULL: none, or not yet allocated */
     struct ts_pixels *pixels;             /* of the engine vulkan: read_gpu.h */
     const struct pell_services *services; /* borrowed */
-    const struct pell_frame *in;          /* that is being made */
+    const struct pell_frame *in;          /* current frame */
     struct pell_context *ctx;
     struct pell_pool *pool;
     const struct ts_kernels *kernels;
@@ -64,26 +64,26 @@ struct ts_state {
     struct pell_solids *solids;
     struct ts_solid *solid;
     size_t num_solids;
-    uint64_t versions; /* that there were of maps */
-    bool whole;        /* made without a failure */
-    bool reused;       /* maps have been read from more than one view: culling would make them twice */
+    uint64_t versions; /* number of maps made so far */
+    bool whole;        /* created without a failure */
+    bool reused;       /* maps have been read from more than one view, so culling would make them twice */
     struct ts_need need;
-    struct ts_profile *profiles; /* of materials; a solid's alone are made */
+    struct ts_profile *profiles; /* by material; only those of solids are made */
     size_t num_profiles;
     struct ts_tsm tsm;
-    float *memory;        /* of the planes below, at texel (0, 0) of any atlas */
-    float *light[TS_LIT]; /* that entered, and alpha */
+    float *memory;        /* of the planes below, for texel (0, 0) of any atlas */
+    float *light[TS_LIT]; /* irradiance, and alpha */
     float *now[TS_PLANES], *half[TS_PLANES], *sum[3];
-    float *behind[3]; /* transmitted light, before it is softened */
+    float *behind[3]; /* transmitted light, before softening */
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
-    uint64_t made_of; /* its materials, knobs and size: what must be the same in a state that is used again */
-    double layout;    /* seconds that layouts took; 0: told */
-    uint64_t lit;     /* the lights' number; 0: not yet */
-    size_t warned;    /* how many lights there were when they were counted */
+    uint64_t made_of; /* hash of materials, knobs and size: a kept state is reused only if it matches */
+    double layout;    /* seconds spent on layouts; 0: already reported */
+    uint64_t lit;     /* version of the lights; 0: none yet */
+    size_t warned;    /* number of lights when they were last counted */
     struct ts_work work;
-    float least[2], skew; /* lengths of the solid's shortest texels; and the most that a block leans */
+    float least[2], skew; /* lengths of the solid's shortest texels; largest skew of a block */
     struct pell_pass_time times[TS_TIMES];
     size_t num_times;
     double clock;
@@ -100,7 +100,7 @@ static inline void ts_rows(const struct ts_state *st, int height, void (*task)(v
     pell_pool_run(st->pool, (height + TS_ROWS - 1) / TS_ROWS, task, arg);
 }
 
-/* Adds to the pass of this name. */
+/* Adds to the time of the pass of this name. */
 static inline void ts_add_time(struct ts_state *st, const struct pell_pass_time *time)
 {
     size_t i = 0;
@@ -131,9 +131,9 @@ static inline void ts_note_time(struct ts_state *st, const char *name, int64_t p
 
 /* --- layouts.c ------------------------------------------------------------------------------------------------------------------- */
 
-/* Where solids are: once for each set of vertices. */
+/* Measures the bounds of solids, once per set of vertices. */
 void ts_layouts_measure(struct ts_state *st);
-/* Makes the maps, or those whose texels are too fine or too coarse for the frame anew. */
+/* Makes the maps, or remakes those whose texels are too fine or too coarse for the frame. */
 PELL_NODISCARD enum pell_result ts_layouts_fit(struct ts_state *st, const struct pell_frame *in);
 void ts_layouts_finish(struct ts_state *st);
 /* Whether a solid's scattering radius is scaled. */
@@ -145,26 +145,26 @@ struct ts_image {
     const char *name, *unit, *what;
     const float *planes[3]; /* of the solid's map */
     int components;
-    int number; /* goes behind the name, from 1; 0: none */
+    int number; /* index appended to the name, from 1; 0: none */
     bool color;
-    bool of_light;  /* the light's number goes before the name, where it is of one */
-    double falloff; /* above 0: the values are alpha, what is shown is the thickness in mm */
+    bool of_light;  /* the light's index is prefixed to the name if there is one */
+    double falloff; /* above 0: the values are alpha, and the image shows the thickness in mm */
 };
 
-/* For who observes the renderer: nothing otherwise. The texels of st->shown's solid and light; fails by st->shown.result. */
+/* Shows an image to observers of the renderer, if any, for the solid and light of st->shown; a failure is stored in st->shown.result. */
 void ts_show(struct ts_state *st, const struct ts_image *image);
 
 /* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
 
-/* Light of these lights (a bit each; 0: all) that enters, to st->light; of a map made in part `all` texels, or those that are needed.
- * `faces`: of lights of one known direction, what each triangle shows them; NULL: unknown. Between chains: st->half holds the ambient
- * visibility. */
+/* Computes the entering light of the lights in the bit mask (0: all) to st->light; in a partly made map only for needed texels, unless
+ * `all`. `faces`: for lights of one known direction the orientation of each triangle; NULL: unknown. Call between chains: st->half holds
+ * the ambient visibility. */
 PELL_NODISCARD enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces,
                                              bool all);
-/* The same, and the material's strength, to st->strength. */
+/* The same, and the material's strength to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
 
-/* Whether the maps hold light less what leaves at the far side of thin parts: where transmission brings all of it there. */
+/* Whether the maps exclude light that leaves at the far side of thin parts, because transmission supplies all of it there. */
 static inline bool ts_is_local(const struct ts_state *st)
 {
     return st->services->settings->curvature && st->knobs.transmission == TS_TRANSMISSION_SLAB && st->knobs.tsm == TS_TSM_RAY &&
@@ -173,26 +173,27 @@ static inline bool ts_is_local(const struct ts_state *st)
 
 /* --- need.c ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Whether maps are made in part. */
+/* Whether maps may be made in part. */
 bool ts_need_may(const struct ts_state *st, const struct pell_frame *in);
-/* Marks what pixels read; and those of the samples to come. */
+/* Marks the texels that pixels read; and those of later samples. */
 void ts_need_see(struct ts_state *st, const struct pell_frame *in);
 void ts_need_look_ahead(struct ts_state *st, const struct pell_frame *in);
-/* Whether so little of a solid is marked that it is made in part. */
+/* Whether so little of a solid is marked that making its map in part saves time. */
 bool ts_need_pays(const struct ts_solid *solid);
-/* Nothing is made of a solid. */
+/* Discards the map of a solid. */
 void ts_need_forget(struct ts_solid *solid);
-/* Before a solid is made in part: what was marked becomes what its map shows. */
+/* Call before a solid is made in part: the marked texels become those that its map will hold. */
 void ts_need_begin(struct ts_state *st, struct ts_solid *solid);
-/* What a chain of all blurs needs, with `transmission` for the texels of the list that receive any, too; and what softening needs. */
+/* Marks the inputs of a chain of all blurs, with `transmission` also for the listed texels that receive light; and the inputs of
+ * softening. */
 void ts_need_chain(struct ts_state *st, const struct ts_solid *solid, bool transmission);
 void ts_need_soft(struct ts_state *st, const struct ts_solid *solid);
 
-/* --- cpu.c, whatever the engine --------------------------------------------------------------------------------------------------- */
+/* --- cpu.c, for all engines ------------------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result ts_create(const struct pell_services *services, const struct pell_frame_shape *shape, const void *knobs,
                                           const struct ts_runner *run, void **state);
-/* All that comes before pixels read the maps; then they do, too. */
+/* Does everything up to the lookup by pixels; ts_render includes the lookup. */
 PELL_NODISCARD enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in);
 PELL_NODISCARD enum pell_result ts_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out);
 void ts_destroy(void *state);
@@ -200,46 +201,45 @@ size_t ts_times(const void *state, struct pell_pass_time *list, size_t size);
 
 /* --- fill.c ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Fills `count` planes' borders that are no further than `far` texels from charts, and of a map that is made in part those that are needed
- * at `stage`. */
+/* Fills borders within `far` texels of charts in `count` planes; in a partly made map only those needed at `stage`. */
 void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *planes, int count, int far, int stage);
 
 /* --- chain.c --------------------------------------------------------------------------------------------------------------------- */
 
 struct ts_chain_params {
-    bool local;        /* add what leaves on the side where it entered */
+    bool local;        /* add the light that leaves on the side where it entered */
     bool transmission; /* add transmitted light, by the alpha in st->light[3] */
     bool scaled;       /* distances are scaled by st->strength */
 };
 
-/* Blurs what is in st->light. */
+/* Blurs st->light. */
 PELL_NODISCARD enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params);
-/* Transmitted light is at least as smooth as its way is long: blurs st->behind into the sum. */
+/* Transmitted light is at least as smooth as its path is long: blurs st->behind into the sum. */
 PELL_NODISCARD enum pell_result ts_soften(struct ts_state *st, const struct ts_solid *solid);
 
-/* A chain that is running. */
+/* State of a running chain. */
 struct ts_blurring {
     struct ts_state *st;
     const struct ts_solid *solid;
-    float *const *now; /* on the cpu engine what is blurred next: st->light at first, st->now later */
-    int planes;        /* of what the chain starts with */
-    int level;         /* in the profile */
-    int blurs;         /* that are done */
+    float *const *now; /* on the cpu engine the input of the next blur: st->light at first, st->now later */
+    int planes;        /* number of input planes */
+    int level;         /* index in the profile */
+    int blurs;         /* number of finished blurs */
     bool down;
     bool scaled; /* by strength */
 };
 
 struct ts_blur {
     double before, after; /* variance, mm^2 */
-    const double *weight; /* NULL: don't add it to the sum */
+    const double *weight; /* NULL: not added to the sum */
 };
 
-/* The blurs of a solid's chain, those that reach no further than a texel left out. Returns how many. */
+/* The blurs of a solid's chain, without those that reach no further than a texel. Returns their number. */
 int ts_chain_blurs(struct ts_state *st, const struct ts_solid *solid, struct ts_blur out[TS_LEVELS]);
-/* That of transmitted light. */
+/* The blur of transmitted light. */
 struct ts_blur ts_soft_blur(const struct ts_solid *solid);
 
-/* The stretch that the paper's taps blur, too: texels per mm along x and y; 0 without chart. */
+/* The stretch for the paper's taps, which blur it as well: texels per mm along x and y; 0 outside of charts. */
 static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *a, ptrdiff_t at, float density[2])
 {
     const float lx = st->work.length[0][at], ly = st->work.length[1][at], skew = st->knobs.stretch ? a->skew[at] * lx : 0.0f;
@@ -248,51 +248,51 @@ static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *
     density[1] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
 }
 
-/* Standard deviations at which transmitted light counts in full, with fade=linear. */
+/* Reach of transmitted light in standard deviations, with fade=linear. */
 #define TS_FADE_REACH 6.0f
 
 /* --- run_cpu.c, vulkan.c ---------------------------------------------------------------------------------------------------------- */
 
-/* Planes of a solid's map on an engine: `now`, which is blurred; the sum of what leaves; what is transmitted and not soft yet. What fails
- * is reported by begin, start, look, finish and store; what lies between is recorded alone where the engine is a device. */
+/* Operations of an engine on the planes of a solid's map: `now`, the current level; the sum of radiant exitance; the transmitted light
+ * before softening. begin, start, look, finish and store report failures; on a device the others only record commands. */
 struct ts_runner {
-    /* Of a solid whose lengths and cells are in st->work: sums are 0. */
+    /* Starts a solid whose lengths and cells are in st->work: sums are 0. */
     enum pell_result (*begin)(struct ts_state *st, const struct ts_solid *solid);
-    /* `now` is st->light, or what is transmitted (`behind`): so many planes. With the paper's taps the stretch, too. */
+    /* `now` becomes st->light or, with `behind`, the transmitted light: this many planes. With the paper's taps the stretch, too. */
     enum pell_result (*start)(struct ts_blurring *p, bool behind, int planes);
-    /* Borders of `now` that are no further than `far` texels from charts. */
+    /* Fills borders of `now` within `far` texels of charts. */
     void (*fill)(struct ts_blurring *p, int planes, int far);
-    /* Shares of the texels that light is transmitted to, by `now`'s alpha, of p->level. */
+    /* Computes the transmission weights of the listed texels for p->level, from `now`'s alpha. */
     void (*thin_out)(struct ts_blurring *p);
-    /* Blurs `now`, borders first so far as `blurred`; adds the result to the sum. */
+    /* Blurs `now`, including borders up to `blurred` texels; adds the weighted result to the sum. */
     void (*blur)(struct ts_blurring *p, const struct ts_blur *blur, int blurred);
-    /* Adds what taps at a few places about each texel of `now` bring to the sum. */
+    /* Adds the jittered taps around each texel of `now` to the sum. */
     void (*scatter)(struct ts_blurring *p);
-    /* Adds `now` to the sum. */
+    /* Adds the weighted `now` to the sum. */
     void (*add)(struct ts_blurring *p, const double weight[3]);
-    /* Adds `now`, where it is transmitted from, by the shares. */
+    /* Adds `now` at the entry points of transmitted light, by the transmission weights. */
     void (*through)(struct ts_blurring *p);
-    /* What has run since the last call is a pass of this name: texels, and planes of them that were read and written. */
+    /* Attributes the time since the last call to a pass of this name: texels, and planes of them that were read and written. */
     void (*note)(struct ts_state *st, const char *name, int64_t texels, int planes);
-    /* Brings `now`, or the sum, to st->now or st->sum, to be looked at. */
+    /* Copies `now`, or the sum, to st->now or st->sum for inspection. */
     enum pell_result (*look)(struct ts_blurring *p, bool sum);
-    /* The chain has ended. */
+    /* Ends the chain. */
     enum pell_result (*finish)(struct ts_blurring *p);
-    /* The sum becomes the solid's map. */
+    /* Stores the sum as the solid's map. */
     enum pell_result (*store)(struct ts_state *st, const struct ts_solid *solid);
-    /* Layouts go; and all of the state, NULL: that is no more. */
+    /* Releases layouts; `close` releases everything of the state. */
     void (*forget)(struct ts_state *st);
     void (*close)(struct ts_state *st);
-    bool culls; /* leaves out what st->need says */
+    bool culls; /* skips texels that st->need excludes */
 };
 
 extern const struct ts_runner ts_cpu_runner;
 
 /* --- read_map.c ------------------------------------------------------------------------------------------------------------------ */
 
-/* What leaves where light enters, of each channel, with first=unblurred; else 0. */
+/* Radiant exitance per irradiance at the entry point itself, per channel, with first=unblurred; else 0. */
 void ts_unblurred(const struct ts_state *st, const struct ts_solid *solid, double weight[3]);
-/* Returns how many pixels there were. */
+/* Returns the number of pixels. */
 int64_t ts_read_map(struct ts_state *st, const struct pell_frame *in, const struct pell_frame_light *out);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * texture_space.h - what the files of this method share. Its only symbol for others is pell_method_texture_space.
+ * texture_space.h - declarations shared by the files of this method. Its only external symbol is pell_method_texture_space.
  */
 #ifndef PELL_TEXTURE_SPACE_H
 #define PELL_TEXTURE_SPACE_H
@@ -13,7 +13,7 @@
 #include <pellucid/method.h>
 
 enum ts_as { TS_BEST, TS_PAPER };
-enum { TS_SIZE_LEAST = 16, TS_SIZE_MOST = 1024 }; /* texels; the most that are not asked for */
+enum { TS_SIZE_LEAST = 16, TS_SIZE_MOST = 1024 }; /* texels; the largest automatic size */
 enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
 enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN, TS_KERNEL_JITTERED };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
@@ -25,7 +25,7 @@ enum ts_lights { TS_LIGHTS_OWN, TS_LIGHTS_SUM };
 
 struct ts_knobs {
     int as;   /* enum ts_as */
-    int size; /* texels; 0: as the picture needs */
+    int size; /* texels; 0: by the picture's resolution */
     int gaussians;
     int charts; /* enum ts_charts */
     int border; /* texels */
@@ -41,50 +41,50 @@ struct ts_knobs {
     int lights; /* enum ts_lights */
     bool strength;
     bool cull;
-    float mix; /* negative: each material's own */
+    float mix; /* negative: the material's own */
 };
 
-/* --- atlas/: a solid's surface laid out flat ------------------------------------------------------------------------------------- */
+/* --- atlas/: parametrisation of a solid's surface -------------------------------------------------------------------------------- */
 
 struct ts_triangle {
     uint32_t mesh, triangle;
 };
 
-/* A place that texels are read at: the four around it, by the texel of the lower left one. */
+/* A bilinear lookup: four texels, given by the lower left one. */
 struct ts_place {
-    int32_t at;   /* index of the texel; -1: none */
+    int32_t at;   /* texel index; -1: none */
     float key;    /* of its chart */
     float fx, fy; /* [0, 1] */
 };
 
-/* A texel beside its chart, which stands for a point of another: what is there is the mean of four texels there. */
+/* A border texel next to a chart: its value is the mean of four texels of an adjacent chart. */
 struct ts_border {
-    int32_t at, from;     /* the texel that is filled; the lower left one of the four */
-    float weight[4];      /* that sum to one; 0 for those that are not the chart's own */
-    int32_t far;          /* texels, along the longer axis, from the inside of a chart; under TS_FAR */
-    int32_t first, parts; /* in place of the four: of the atlas's parts; 0 parts: the four */
+    int32_t at, from;     /* the border texel; the lower left one of the four */
+    float weight[4];      /* sum to one; 0 for texels outside of the source chart */
+    int32_t far;          /* texels, along the longer axis, from the inside of a chart; below TS_FAR */
+    int32_t first, parts; /* replace the four texels: range in the atlas's parts; parts 0: the four are used */
 };
 
-/* What each blur needs of it, packed: all of them are read before each one. */
+/* Packed border data that every blur reads. */
 struct ts_fill {
-    int32_t at, from; /* the texel; the lower left one of four; with parts the first of these */
-    uint16_t x, y;    /* of TS_WHOLE: where between the four */
+    int32_t at, from; /* the texel; the lower left one of four; with parts the first part */
+    uint16_t x, y;    /* position between the four, scaled by TS_WHOLE */
     uint8_t far, parts;
 };
 #define TS_WHOLE 65535.0f
-enum { TS_AHEAD = 12 }; /* how many are asked for before they are needed; so many lie behind the last one */
+enum { TS_AHEAD = 12 }; /* prefetch distance; the list has as many entries of padding at its end */
 
-/* One of the texels inside charts whose weighted sum a border beside a seam is: of its own chart, and of the others around its place. */
+/* A chart texel in the weighted sum of a border texel at a seam: of its own chart, or of the others around its location. */
 struct ts_part {
     int32_t at;
     float weight;
 };
 
-/* What a border is of the triangle that it stands for: steps along x and along y there, whichever way its own chart lies. */
+/* Orientation of a border texel in its source triangle: its steps along x and y, independent of the layout of the source chart. */
 struct ts_turn {
     uint32_t triangle;
     int32_t at;
-    float u[2], v[2]; /* barycentrics for a texel along x, along y */
+    float u[2], v[2]; /* barycentrics per texel along x, along y */
 };
 
 struct ts_run {
@@ -95,46 +95,48 @@ struct ts_atlas {
     struct pell_context *ctx;
     const struct pell_scene *scene; /* borrowed */
     uint32_t num_triangles;
-    struct ts_triangle *triangles; /* numbered through the solid's meshes */
-    uint32_t *first;               /* per scene mesh: its first triangle's number; UINT32_MAX: not of this solid */
-    float (*corners)[6];           /* per triangle: x, y of its corners, in texels; a texel's middle is at + 1/2 */
-    int32_t *chart;                /* per triangle: 1, 2, ...; 0: it has no area */
-    uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the one across, or UINT32_MAX */
-    bool apart;                    /* the file's charts, moved apart */
-    const char *wrong;             /* constant text: what was wrong with its texture coordinates; NULL: nothing, or charts=planar */
-    bool without;                  /* it has none */
+    struct ts_triangle *triangles; /* indexed through the solid's meshes */
+    uint32_t *first;               /* per scene mesh: index of its first triangle; UINT32_MAX: not of this solid */
+    float (*corners)[6];           /* per triangle: x, y of its corners, in texels; texel centres are at + 1/2 */
+    int32_t *chart;                /* per triangle: 1, 2, ...; 0: no area */
+    uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the opposite one, or UINT32_MAX */
+    bool apart;                    /* the mesh's charts, separated */
+    const char *wrong;             /* constant text: the defect of its texture coordinates; NULL: none, or charts=planar */
+    bool without;                  /* the mesh has no texture coordinates */
     int num_charts;
-    /* Texels: plane[y * stride + x], with TS_MARGIN texels without chart left and right. */
+    /* Texels: plane[y * stride + x], with TS_MARGIN empty texels on the left and right. */
     int width, height, blocks;
     ptrdiff_t stride;
     size_t size;      /* floats of a plane */
     float *key;       /* chart, 0: none; origin at texel (0, 0), as all planes */
-    uint32_t *source; /* per texel of a chart: the triangle; UINT32_MAX: none */
+    uint32_t *source; /* per chart texel: the triangle; UINT32_MAX: none */
     float *bary[2];
-    float *length[2];          /* mm from texel to texel along x, and at right angles to that; 0 without chart */
-    struct ts_metric *metric;  /* per triangle, while it is updated */
-    float *skew;               /* texels along x in a step along y: 0 where the layout's axes are at right angles on the surface */
-    float *tilt[2];            /* what taps weigh more per texel along x, and at right angles: it makes up for how these lines bend */
-    int64_t inner;             /* texels of charts, borders apart */
-    int64_t buried;            /* texels that were taken out of charts, as they are inside of another part */
-    struct ts_border *borders; /* while they are made */
-    struct ts_fill *fills;     /* of them, by squares of TS_BLOCK; in each those with parts last, else those nearest to charts first */
+    float *length[2];          /* mm from texel to texel along x, and perpendicular to it; 0 outside of charts */
+    struct ts_metric *metric;  /* per triangle, during an update */
+    float *skew;               /* texels along x per texel along y; 0 where the layout's axes are perpendicular on the surface */
+    float *tilt[2];            /* relative change of a tap's weight per texel along x, and perpendicular: compensates for geodesic
+                                * curvature */
+    int64_t inner;             /* chart texels without borders */
+    int64_t buried;            /* texels removed from charts because they are inside another part */
+    struct ts_border *borders; /* during construction */
+    struct ts_fill *fills;     /* packed borders, by squares of TS_BLOCK; in each square those with parts are last, the others sorted by
+                                * distance from charts */
     size_t num_borders;
     struct ts_part *parts;
     struct ts_turn *turns; /* of borders, row by row */
-    size_t *first_turn;    /* per row, height + 1 */
-    size_t *first_border;  /* of each square, and the end of the last one */
-    size_t *first_mended;  /* the first with parts of each square */
+    size_t *first_turn;    /* per row, height + 1 entries */
+    size_t *first_border;  /* per square, plus the end of the last one */
+    size_t *first_mended;  /* per square: the first border with parts */
     size_t num_squares;
-    size_t within[TS_FAR];      /* borders no further than that */
-    struct ts_run *runs;        /* blocks that hold anything, row by row */
-    int *first_run;             /* per row, height + 1 */
+    size_t within[TS_FAR];      /* number of borders within this distance */
+    struct ts_run *runs;        /* non-empty blocks, row by row */
+    int *first_run;             /* per row, height + 1 entries */
     struct ts_cell *cells;      /* per block of a row */
     double mm_per_texel;        /* mean */
-    double overlap, degenerate; /* shares that speak against a layout */
+    double overlap, degenerate; /* fractions that may disqualify a layout */
     int border;                 /* texels */
-    uint64_t print;             /* of the triangles and texture coordinates, not of where they are */
-    uint64_t positions;         /* of where they are: what lengths were measured at */
+    uint64_t print;             /* hash of the triangles and texture coordinates, not of positions */
+    uint64_t positions;         /* hash of the positions that lengths were measured at */
 };
 
 struct ts_atlas_params {
@@ -147,16 +149,16 @@ struct ts_atlas_params {
     int size, border, charts;
 };
 
-/* What a layout is of: equal numbers have equal layouts, wherever their vertices are. */
+/* Hash of a layout's inputs: equal hashes have equal layouts, at any vertex positions. */
 uint64_t ts_atlas_print(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid);
-/* Takes the layout for a scene of the same print: only what depends on positions is made anew, and nothing where these are the same. False,
- * and the atlas as it was, where a triangle that had no area has one now, or the other way round. */
+/* Adapts the layout to a scene with the same hash: recomputes only what depends on positions, and nothing if these are equal. False, with
+ * the atlas unchanged, if a triangle has lost or gained its area. */
 bool ts_atlas_update(struct ts_atlas *atlas, struct pell_pool *pool, const struct pell_scene *scene);
 PELL_NODISCARD enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_params *params, struct ts_atlas **out);
 void ts_atlas_destroy(struct ts_atlas **atlas);
-/* Where a point of a triangle (number and barycentrics) lies. */
+/* Bilinear lookup at a point of a triangle (index and barycentrics). */
 struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t triangle, float u, float v);
-/* Mean of the four texels that are of the place's chart, weighted by nearness; false: there is none. `planes` begin at texel (0, 0). */
+/* Bilinear mean of those of the four texels that are in the lookup's chart; false: none is. `planes` begin at texel (0, 0). */
 static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, const float *const *planes, int count, float *out)
 {
     const ptrdiff_t at[4] = { p->at, p->at + 1, p->at + a->stride, p->at + a->stride + 1 };
@@ -180,7 +182,7 @@ static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, c
     return true;
 }
 
-/* A point of a triangle, its geometric normal, and the largest of its coordinates, which floats are as fine as. */
+/* A point of a triangle, its geometric normal, and its largest coordinate, which determines the rounding error. */
 static inline void ts_point_of(const struct ts_atlas *a, uint32_t triangle, float u, float v, struct pell_vec3 *at,
                                struct pell_vec3 *normal, float *largest)
 {
@@ -193,8 +195,8 @@ static inline void ts_point_of(const struct ts_atlas *a, uint32_t triangle, floa
     *largest = fmaxf(fabsf(at->x), fmaxf(fabsf(at->y), fabsf(at->z)));
 }
 
-/* The texels of charts in four rows of a block, tile by tile of 4 x 4, so that packets are made of neighbours: dx + TS_BLOCK dy of each.
- * Returns how many there are, 64 at most. */
+/* Offsets of the chart texels in four rows of a block, by tiles of 4 x 4 for coherent packets: dx + TS_BLOCK dy of each. Returns their
+ * number, at most 64. */
 enum { TS_TILE = 4 };
 static inline int ts_block_texels(const struct ts_atlas *a, int y0, int block, uint8_t list[TS_TILE * TS_BLOCK])
 {
@@ -213,74 +215,75 @@ static inline int ts_block_texels(const struct ts_atlas *a, int y0, int block, u
     return count;
 }
 
-/* --- ambient_visibility.c: how much of the sky texels see
- * ------------------------------------------------------------------------------------------- */
+/* --- ambient_visibility.c: visibility of the environment at texels -------------------------------------------------------------------- */
 
 struct ts_ambient_params {
     const struct pell_services *services;
     const struct ts_atlas *atlas;
     uint32_t seed;
-    const uint8_t *need; /* per block of a row: 0: none of its texels is asked for; NULL: all are */
-    float *seen, *spare; /* planes: share of the sky about a texel's geometric normal that is seen, by its cosine; and one to work in */
+    const uint8_t *need; /* per block of a row: 0: no texel is needed; NULL: all are needed */
+    float *seen, *spare; /* planes: cosine-weighted visible fraction of the hemisphere about the texel's geometric normal; and a scratch
+                          * plane */
 };
 
-/* Texels of a square that share a pattern of samples, along a side; and which part of it a texel has, under side^2. */
+/* Side of the squares of texels that share a pattern of samples; and the part of it that a texel traces, below side^2. */
 int ts_ambient_side(const struct ts_atlas *a);
 uint32_t ts_ambient_part(int side, int x, int y);
-/* At texels of charts. Returns the rays that it took. Allocates nothing. */
+/* Computes it at chart texels. Returns the number of rays. Allocates nothing. */
 int64_t ts_ambient_look(const struct ts_ambient_params *params);
 
 /* --- profile.c: the Gaussians of a material ------------------------------------------------------------------------------------------ */
 
 struct ts_profile {
     int count;
-    double variance[TS_LEVELS];  /* mm^2, rising */
-    double weight[TS_LEVELS][3]; /* 0: only for the ratio */
-    int added;                   /* that have no weight */
+    double variance[TS_LEVELS];  /* mm^2, increasing */
+    double weight[TS_LEVELS][3]; /* 0: inserted only for the ratio of variances */
+    int added;                   /* number of inserted Gaussians without weight */
     double widest;               /* sqrt of the last variance, mm */
     struct ts_tap taps[TS_TAPS]; /* of kernel=jittered-13 */
-    double thickest;             /* mm: beyond it nothing is transmitted */
-    bool slab;                   /* a table is there */
-    /* Share of level i of the transmission through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */
+    double thickest;             /* mm: thicker parts transmit nothing */
+    bool slab;                   /* a table exists */
+    /* Fraction of level i in the transmission through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */
     float (*share)[TS_LEVELS][3];
 };
 
-/* `local`: as the maps hold light (struct pell_points_params). `forward`: the engine has what clear media pass forward. */
+/* `local`: whether the maps exclude transmitted light (struct pell_points_params). `forward`: the engine adds what clear media pass
+ * forward. */
 PELL_NODISCARD enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs,
                                                 bool local, bool forward, struct ts_profile *out);
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
-/* What level `i` brings from behind through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, 0 none. */
+/* Transmission of level `i` through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, at 0 none is transmitted. */
 void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3]);
 
-/* --- translucent_shadow_map.c: where transmitted light enters --- */
+/* --- translucent_shadow_map.c: entry points of transmitted light  */
 
 struct ts_transmitted_texel {
     int32_t at;           /* the texel C */
     struct ts_place from; /* A */
-    struct ts_place also; /* another A, whose light is `part` of it, [0, 1] */
+    struct ts_place also; /* a second entry point, whose light has the weight `part`, [0, 1] */
     float part;
     float m;     /* mm from C to A, straight */
-    float apart; /* the same along the surface in one chart, else straight, too */
+    float apart; /* mm from C to A along the surface in one chart, else straight, too */
     struct pell_vec3 normal;
-    float cosine;   /* between the normal at A and the way there */
+    float cosine;   /* between the normal at A and the direction of the ray */
     float opposed;  /* how far the normals at A and C oppose, [0, 1] */
     bool round;     /* `apart` is along the surface */
-    float left[3];  /* that the engine does not add, as diffusion in the solid */
-    float share[3]; /* of the level that is being made */
+    float left[3];  /* fraction that the engine does not add already, as diffusion in the solid */
+    float share[3]; /* transmission weight at the current level */
 };
 
 struct ts_tsm {
-    struct ts_transmitted_texel *texels; /* room for all */
+    struct ts_transmitted_texel *texels; /* capacity for all texels */
     size_t count;
-    int *num;              /* per TS_TILE rows: texels of charts */
-    int *first, *count_of; /* per TS_TILE rows, while it is made */
+    int *num;              /* per TS_TILE rows: number of chart texels */
+    int *first, *count_of; /* per TS_TILE rows, during construction */
     uint8_t *faces;        /* per triangle: enum ts_face */
     void *map;
 };
 
 enum ts_face {
-    TS_FACE_AWAY = 1, /* from the light */
-    TS_FACE_DARK = 2, /* its normals do, too: no light enters */
+    TS_FACE_AWAY = 1, /* faces away from the light */
+    TS_FACE_DARK = 2, /* so do its vertex normals: no light enters */
 };
 
 struct ts_tsm_params {
@@ -289,32 +292,32 @@ struct ts_tsm_params {
     int32_t solid;
     const struct ts_atlas *atlas;
     const struct pell_light *light;
-    const struct pell_light_grid *grid; /* what it sees; NULL: ask the rays */
+    const struct pell_light_grid *grid; /* visibility from the light; NULL: rays are traced */
     int form, size;                     /* enum ts_form; of the map, px */
-    bool printed;                       /* the paper's thickness */
+    bool printed;                       /* the paper's formula for thickness */
     bool at_once;                       /* ts_tsm_light will not be called */
-    const uint8_t *need;                /* per texel: 0: its light is not asked for; NULL: all are */
+    const uint8_t *need;                /* per texel: 0: its light is not needed; NULL: all are needed */
     double thickest;                    /* mm */
     double falloff;                     /* mm: alpha is exp(-d/falloff) */
 };
 
-/* Room for any of these atlases. Finish it also after a failure. `map_size` 0: none. */
+/* Allocates for any of these atlases. Call the finish function even after a failure. `map_size` 0: no map. */
 PELL_NODISCARD enum pell_result ts_tsm_allocate(struct pell_context *ctx, const struct ts_atlas *const *atlases, size_t count, int map_size,
                                                 struct ts_tsm *out);
 void ts_tsm_finish(struct pell_context *ctx, struct ts_tsm *tsm);
-/* Before the first light of an atlas. */
+/* Call before the first light of an atlas. */
 void ts_tsm_start(const struct ts_atlas *a, struct ts_tsm *tsm);
-/* Which triangles face away from the light. Before ts_tsm_make. */
+/* Determines which triangles face away from the light. Call before ts_tsm_make. */
 void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm);
-/* Fills `alpha` at all texels of charts (0: no transmission) and lists those that face away from the light, or with `at_once` are in its
- * shadow, and receive transmitted light. Allocates nothing. */
+/* Fills `alpha` at all chart texels (0: no transmission) and lists those that receive transmitted light: texels that face away from the
+ * light, or with `at_once` are in its shadow. Allocates nothing. */
 PELL_NODISCARD enum pell_result ts_tsm_make(const struct ts_tsm_params *params, float *alpha, struct ts_tsm *out, int64_t *rays);
-/* The same with what enters of that light alone known: ways that end in the dark go on to where there is light, and those of texels that
- * face it in the solid's own shadow join the list. After ts_tsm_make. */
+/* Refines the list once the irradiance of this light alone is known: rays that end in shadow continue to a lit surface, and texels that
+ * face the light but are shadowed by the solid itself join the list. Call after ts_tsm_make. */
 PELL_NODISCARD enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *const lit[3], float *alpha,
                                              struct ts_tsm *out, int64_t *rays);
 
 extern const struct pell_method_engine pell_ts_cpu;
-extern const struct pell_method_engine pell_ts_vulkan; /* of builds that have Vulkan */
+extern const struct pell_method_engine pell_ts_vulkan; /* only in builds with Vulkan */
 
 #endif

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// thin.comp - what a level of the chain transmits to each texel: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2, equation (16), or a
-// slab's T(r; d) (README.md); mirror of run_cpu.c and ts_profile_transmission. One invocation a texel of the list.
-//   in  0 texels   where light comes from: struct ts_through
+// thin.comp - transmission weights of a chain level for each listed texel: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2, equation
+// (16), or a slab's T(r; d) (README.md); mirror of run_cpu.c and ts_profile_transmission. One invocation per texel of the list.
+//   in  0 texels   entry points of the light: struct ts_through
 //   in  1 now      light, W/m^2; alpha of the thickness before the level's blur
-//   in  2 table    shares of the levels of a slab's transmission (R, G, B), TS_LEVELS for each of TS_THICK thicknesses
-//   out 3 share    of the light that enters there
+//   in  2 table    weights of the levels in a slab's transmission (R, G, B), TS_LEVELS for each of TS_THICK thicknesses
+//   out 3 share    weight of the light at the entry point
 layout(local_size_x = 64) in;
 #include "methods/texture_space/common.glsl"
 layout(set = 0, binding = 0) readonly buffer Texels { ts_through texels[]; };
@@ -44,7 +44,7 @@ void main()
         return;
     const ts_through t = texels[e];
     const float alpha = now[pc.origin + t.at].w;
-    // Of A's light the blurs bring exp(-s^2/(2 v)) along the surface, where the straight way brings exp(-m^2/(2 v)).
+    // The blurs weight A's light by exp(-s^2/(2 v)), s along the surface; a straight path has exp(-m^2/(2 v)).
     float near = pc.linear != 0 ? min(t.apart / pc.reach, 1.0) : rest_of(max(t.apart * t.apart - t.m * t.m, 0.0) * 0.5 / pc.variance);
     near += t.round != 0 || pc.linear != 0 ? 0.0 : (1.0 - near) * t.opposed;
     vec3 part = vec3(0.0);

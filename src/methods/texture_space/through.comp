@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// through.comp - adds a level's transmitted light, read where it entered: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2; mirror of
-// run_cpu.c. One invocation a texel of the list, which holds each texel once.
-//   in     0 texels   where light comes from: struct ts_through
-//   in     1 share    of the light that enters there
+// through.comp - adds a level's transmitted light, read at its entry points: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2; mirror of
+// run_cpu.c. One invocation per texel of the list, which holds each texel once.
+//   in     0 texels   entry points of the light: struct ts_through
+//   in     1 share    weight of the light at the entry point
 //   in     2 lines    chart (0: none), mm
 //   in     3 now      light, W/m^2; alpha
-//   in/out 4 behind   what is transmitted, W/m^2
+//   in/out 4 behind   transmitted light, W/m^2
 layout(local_size_x = 64) in;
 #include "methods/texture_space/common.glsl"
 layout(set = 0, binding = 0) readonly buffer Texels { ts_through texels[]; };
@@ -16,7 +16,7 @@ layout(set = 0, binding = 2) readonly buffer Lines { vec2 lines[]; };
 layout(set = 0, binding = 3) readonly buffer Now { vec4 now[]; };
 layout(set = 0, binding = 4) buffer Behind { vec4 behind[]; };
 
-// Mean of the four texels around a place that are of its chart, by nearness.
+// Bilinear mean of those of the four texels around a point that are in its chart.
 vec3 read_at(int at, float key, vec2 f)
 {
     vec4 sum = vec4(0.0);

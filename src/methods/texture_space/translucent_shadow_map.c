@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * translucent_shadow_map.c - for a light, where the light transmitted to each texel entered: by a map of what the light sees, the paper's
+ * translucent_shadow_map.c - entry points of the light transmitted to each texel, for one light: by a depth map from the light, the paper's
  * translucent shadow map, or by a ray toward the light.
  */
 #include "methods/texture_space/transmitted.h"
@@ -8,15 +8,15 @@
 #include <string.h>
 
 enum { FACES = 4096 };
-#define WIDEST 1.2f /* half the view of a light that stands among the objects */
-#define DARK 1e-4f  /* a normal whose cosine against the light is under -DARK faces away whatever rounding does */
+#define WIDEST 1.2f /* tangent of half the field of view for a light among the objects */
+#define DARK 1e-4f  /* a normal whose cosine with the light is below -DARK faces away despite rounding errors */
 
 struct faces {
     const struct ts_tsm_params *p;
     uint8_t *out;
 };
 
-/* For a triangle in a plane the light is behind all of it or none. */
+/* A triangle has the light entirely in front of its plane or behind it. */
 static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
 {
     const struct ts_atlas *a = p->atlas;
@@ -26,7 +26,7 @@ static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
     struct pell_vec3 at[3], light[3], n;
     float far[3];
 
-    if (type == PELL_LIGHT_ENVIRONMENT) /* it is behind every face */
+    if (type == PELL_LIGHT_ENVIRONMENT) /* an environment is behind every face */
         return TS_FACE_AWAY;
     pell_triangle_corners(m, a->triangles[t].triangle, at);
     n = pell_triangle_cross(at);
@@ -34,7 +34,7 @@ static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
         light[k] = ts_toward(p->light, at[k], n, &far[k]);
     if (!(vec3_dot(n, light[0]) < 0.0f))
         return 0;
-    /* Wherever in the triangle: the interpolated normal against any of the ways. */
+    /* Tests the interpolated normals over the whole triangle against all directions to the light. */
     if (type == PELL_LIGHT_RECT || type == PELL_LIGHT_DISC || a->scene->materials[m->material].normal_map.texture)
         return TS_FACE_AWAY;
     for (int i = 0; i < 3; i++) {
@@ -67,7 +67,7 @@ void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm)
 
 /* --- The map --------------------------------------------------------------------------------------------------------------------- */
 
-/* What the light sees of the solid, in a square that just holds it; false where that shows nothing. */
+/* The light's view of the solid, in a square that just contains it; false: the view is degenerate. */
 static bool aim(const struct ts_tsm_params *p, struct pell_view *v)
 {
     struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY }, middle, way;
@@ -145,7 +145,7 @@ static void look_up(struct ts_task *t, ptrdiff_t at, int tile)
         return;
     light = ts_toward(t->p->light, s.at, s.geometric, &far);
     other = ts_spot_of(t->p->atlas, *m);
-    /* What the light sees may be this surface itself, a pixel off. */
+    /* The visible surface may be this one, off by a pixel. */
     if (vec3_dot(vec3_sub(other.at, s.at), light) < 1.5f * depth / v->focal_px)
         return;
     t->count[tile] += ts_pass_through(t, at, &s, *m, light, light, &t->found[t->first[tile] + t->count[tile]]);
@@ -180,7 +180,7 @@ static void run_tile(void *arg, int tile, int worker)
     ts_trace(t, tile, &k);
 }
 
-/* Puts what tiles have found behind the `kept` texels of the list. */
+/* Appends the texels that tiles have found to the `kept` texels of the list. */
 static void gather_found(struct ts_tsm *out, int tiles, size_t kept)
 {
     out->count = kept;
@@ -241,7 +241,7 @@ enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *c
     } else {
         pell_pool_run(pool, (int) ((known + TS_CHUNK - 1) / TS_CHUNK), ts_go_on, &t);
     }
-    /* No texel is found twice: behind those of the list is room for all others. */
+    /* No texel is found twice, so the list has room for all. */
     for (int y = 0; y < tiles; y++) {
         out->first[y] = first;
         first += out->num[y] - out->count_of[y];

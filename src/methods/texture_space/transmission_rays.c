@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * transmission_rays.c - rays from texels toward a light: where each way leaves the solid into the light, and better ways of texels that are
- * known to have transmitted light.
+ * transmission_rays.c - rays from texels toward a light: the lit point where each ray leaves the solid, and second rays that improve the
+ * result of texels known to receive transmitted light.
  */
 #include "methods/texture_space/transmitted.h"
 
@@ -10,12 +10,12 @@
 #include <string.h>
 
 enum { PARTS_MOST = 16 };
-#define ASKEW 0.95f   /* a way that meets a face at a smaller cosine is no measure of the distance from it */
-#define GRAZING 0.15f /* a face that light meets at a smaller cosine is lit in part */
-#define FARTHER 3.0f  /* ways on from the dark are no more times longer */
-#define OBLIQUE 4.0f  /* rays go this many times the thickness at which nothing is transmitted */
+#define ASKEW 0.95f   /* below this cosine at the exit, a ray overestimates the distance to the face */
+#define GRAZING 0.15f /* below this cosine to the light, a face counts as partly lit */
+#define FARTHER 3.0f  /* bound on the lengthening of rays that continue from shadow */
+#define OBLIQUE 4.0f  /* length of rays, relative to the thickness beyond which nothing is transmitted */
 
-/* The next part of a way begins just outside of a point of the surface, or just inside. */
+/* Starts the next segment of a ray just outside of a surface point, or just inside. */
 static void set_out(struct ts_packet *k, int i, const struct ts_spot *s, bool outside)
 {
     struct pell_ray16 *ray = &k->rays.ray;
@@ -32,10 +32,10 @@ static void set_out(struct ts_packet *k, int i, const struct ts_spot *s, bool ou
     ray->mask[i] = PELL_RAY_ALL;
 }
 
-/* A way of a texel that is about to go inside, or that is outside. */
+/* Adds a ray of a texel; it starts inside of the solid, or outside if the face is toward the light. */
 static void begin(const struct ts_task *t, struct ts_packet *k, ptrdiff_t at, const struct ts_spot *s, struct pell_vec3 light, float far)
 {
-    const bool outside = vec3_dot(s->geometric, light) > 0.0f; /* where d is the way itself: see pass_through */
+    const bool outside = vec3_dot(s->geometric, light) > 0.0f; /* then d is the length of the ray itself: see ts_transmit */
     const int i = k->count++;
 
     k->at[i] = at;
@@ -46,7 +46,7 @@ static void begin(const struct ts_task *t, struct ts_packet *k, ptrdiff_t at, co
     set_out(k, i, s, outside);
 }
 
-/* What the light grid says of ways to the light. False: it doesn't know, or rounds too much: ask the rays. */
+/* Intersects rays to the light with the light grid. False: the grid has no answer, or rounds too much; trace rays instead. */
 static bool ask_grid(const struct ts_task *t, struct ts_packet *k)
 {
     struct pell_ray16 *ray = &k->rays.ray;
@@ -76,8 +76,8 @@ static bool is_lit(const struct ts_task *t, const struct ts_surface_point *p)
     return ts_read(t->p->atlas, &place, t->lit, 3, rgb) && rgb[0] + rgb[1] + rgb[2] > 0.0f;
 }
 
-/* Follows the ways, each to where it leaves the solid: for good or into light where the light is known, else for the first time. Those that
- * another object is in end nowhere. */
+/* Traces each ray until it leaves the solid: at a lit point if the light is known, else for the first time. Rays blocked by another object
+ * have no exit. */
 static void follow(struct ts_task *t, struct ts_packet *k)
 {
     const struct ts_atlas *a = t->p->atlas;
@@ -124,7 +124,7 @@ static void follow(struct ts_task *t, struct ts_packet *k)
     atomic_fetch_add_explicit(&t->rays, rays, memory_order_relaxed);
 }
 
-/* The texel that a way began at. */
+/* The texel that a lane's ray started from. */
 static struct ts_spot spot_of_lane(const struct ts_task *t, const struct ts_packet *k, int lane)
 {
     return ts_smooth_spot(t->p->atlas, ts_point_at(t->p->atlas, k->at[lane]), k->flat[lane]);
@@ -163,7 +163,7 @@ void ts_ray_texels(struct ts_task *t, ptrdiff_t first, int tile, const uint8_t *
     }
 }
 
-/* A second ray of some texels that are known to have transmitted light. */
+/* A second ray for some of the texels that are known to receive transmitted light. */
 struct second {
     bool (*wants)(const struct ts_task *t, const struct ts_transmitted_texel *c);
     struct pell_vec3 (*way)(const struct ts_task *t, const struct ts_transmitted_texel *c, const struct ts_spot *s, float *far);
@@ -199,7 +199,7 @@ static void ask_again(struct ts_task *t, int chunk, const struct second *second)
     }
 }
 
-/* Ways whose end is in the dark go on from there. */
+/* Rays that end in shadow continue from there. */
 static bool ends_in_the_dark(const struct ts_task *t, const struct ts_transmitted_texel *c)
 {
     float rgb[3];
@@ -213,8 +213,8 @@ static struct pell_vec3 to_light(const struct ts_task *t, const struct ts_transm
     return ts_toward(t->p->light, s->at, s->geometric, far);
 }
 
-/* Where no way ends in light, or one that crosses a hollow, the first one stays: beside the light's edge the blurred alpha is that of the
- * part between its faces, which would let the light from far away through. */
+/* If no ray ends at a lit point, or only one that crosses a cavity, the first result stays: near the shadow boundary the blurred alpha is
+ * that of the part between its faces, which would transmit light from far away. */
 static void end_in_light(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const struct ts_spot c = spot_of_lane(t, k, lane);
@@ -237,7 +237,7 @@ void ts_go_on(void *arg, int chunk, int worker)
     ask_again(arg, chunk, &further);
 }
 
-/* What the light's way tells of the nearest face that is lit, a way at right angles to that face tells better. */
+/* A ray perpendicular to the nearest lit face measures its distance better than the ray toward the light. */
 static bool meets_askew(const struct ts_task *t, const struct ts_transmitted_texel *c)
 {
     return t->alpha[c->at] > 0.0f && c->cosine < ASKEW;
@@ -251,7 +251,7 @@ static struct pell_vec3 to_face(const struct ts_task *t, const struct ts_transmi
     return c->normal;
 }
 
-/* The less that end is lit the more the first one counts: at the edge of the light one goes over into the other. */
+/* The less the exit is lit, the larger the weight of the first result, for a smooth transition at the shadow boundary. */
 static void end_at_face(struct ts_task *t, const struct ts_packet *k, int lane, struct ts_transmitted_texel *out)
 {
     const float before = t->alpha[out->at];

@@ -1,11 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * transmitted.c - a texel and the point where light that is transmitted to it enters: how thick the solid is between them, how far they are
- * apart.
+ * transmitted.c - a texel and the entry point of its transmitted light: the thickness of the solid between them, and their distance.
  */
 #include "methods/texture_space/transmitted.h"
 
-#define AWAY 4.0f /* a face is that of a slab in full where the light is 1/AWAY rad behind it */
+#define AWAY 4.0f /* a face counts fully as a slab's if the light is at least 1/AWAY rad behind it */
 
 struct ts_spot ts_flat_spot(const struct ts_atlas *a, struct ts_surface_point p)
 {
@@ -53,7 +52,7 @@ bool ts_asks(const struct ts_task *t, ptrdiff_t at)
     return t->p->at_once ? true : t->lit ? !away && !(t->lit[0][at] + t->lit[1][at] + t->lit[2][at] > 0.0f) : away;
 }
 
-/* Thickness between two faces m apart, seen from C along the unit way. */
+/* Thickness between two faces m apart, seen from C along the unit direction. */
 static float thickness_of(const struct ts_task *t, const struct ts_spot *a, const struct ts_spot *c, struct pell_vec3 way, float m,
                           float *opposed)
 {
@@ -62,9 +61,9 @@ static float thickness_of(const struct ts_task *t, const struct ts_spot *a, cons
     *opposed = fmaxf(0.0f, -vec3_dot(a->normal, c->normal));
     if (t->p->printed) /* section 5.2: m lerped to m cos by the normals' cosine */
         return m + *opposed * (m * away - m);
-    /* Two faces of a slab look opposite ways, one at the light and one away from it. */
+    /* The faces of a slab are opposed: one faces the light, the other one faces away from it. */
     *opposed *= fminf(away * AWAY, 1.0f);
-    /* On a slab both cosines are the same; on an edge the flatter face tells less of the thickness. */
+    /* On a slab both cosines are equal; at an edge the face at the smaller angle gives the better estimate. */
     return m + *opposed * (m * fminf(fmaxf(away, vec3_dot(a->normal, way)), 1.0f) - m);
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * transmitted.h - what translucent_shadow_map.c and transmission_rays.c share: points of the surface where light enters, and what a texel
- * gets from there.
+ * transmitted.h - shared by translucent_shadow_map.c and transmission_rays.c: entry points of light, and the light that a texel receives
+ * from them.
  */
 #ifndef PELL_TEXTURE_SPACE_TRANSMITTED_H
 #define PELL_TEXTURE_SPACE_TRANSMITTED_H
@@ -10,11 +10,11 @@
 
 #include <stdatomic.h>
 
-enum { TS_CHUNK = 1024 }; /* texels that are known to have transmitted light, of a second way at once */
+enum { TS_CHUNK = 1024 }; /* texels per task of second rays */
 
-/* A point of the solid. */
+/* A point on the solid's surface. */
 struct ts_surface_point {
-    uint32_t triangle; /* of the solid; UINT32_MAX: there is none */
+    uint32_t triangle; /* of the solid; UINT32_MAX: none */
     float u, v;
 };
 
@@ -22,11 +22,11 @@ struct ts_task {
     const struct ts_tsm_params *p;
     float *alpha;
     const uint8_t *faces;
-    struct ts_transmitted_texel *found; /* of TS_TILE rows at first[row / TS_TILE] */
+    struct ts_transmitted_texel *found; /* for TS_TILE rows at first[row / TS_TILE] */
     const int *first;                   /* per TS_TILE rows */
     int *count;
-    const float *const *lit; /* what enters of this light alone; NULL: not known yet */
-    size_t known;            /* texels that were found before it was */
+    const float *const *lit; /* irradiance of this light alone; NULL: not known yet */
+    size_t known;            /* number of texels found before it was known */
     struct pell_view view;
     struct ts_surface_point *map;
     _Atomic int64_t rays;
@@ -37,15 +37,15 @@ struct ts_spot {
     float largest;
 };
 
-/* A point of a triangle, whose normal is the triangle's; the smooth one; that of a texel, smooth. */
+/* The point with the triangle's normal; with the interpolated normal; the same of a texel. */
 struct ts_spot ts_flat_spot(const struct ts_atlas *a, struct ts_surface_point p);
 struct ts_spot ts_smooth_spot(const struct ts_atlas *a, struct ts_surface_point p, struct ts_spot flat);
 struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p);
 struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at);
-/* Where a texel is on its triangle. */
+/* A texel's point on its triangle. */
 struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at);
 
-/* The way from a point to the light's middle, unit; to an environment straight through the solid. *far: how far that is. */
+/* Unit direction from a point to the light's centre; to an environment straight through the solid. *far: distance. */
 static inline struct pell_vec3 ts_toward(const struct pell_light *light, struct pell_vec3 from, struct pell_vec3 normal, float *far)
 {
     struct pell_vec3 way;
@@ -63,34 +63,35 @@ static inline struct pell_vec3 ts_toward(const struct pell_light *light, struct 
     return *far > 0.0f ? vec3_mul(way, 1.0f / *far) : vec3(0.0f, 0.0f, 1.0f);
 }
 
-/* Texels that face away from the light; with the light known those that face it in the dark. All where it will not be known. */
+/* Whether a texel needs a ray: it faces away from the light or, once the light is known, faces it but is in shadow. With at_once: all
+ * texels. */
 bool ts_asks(const struct ts_task *t, ptrdiff_t at);
-/* Light that enters at `entry`, seen from texel C along the unit `way`: its thickness and what else the blurs ask. False: there is none. */
+/* Evaluates transmission from `entry` to texel C along the unit ray direction: thickness and the inputs of the blurs. False: none. */
 bool ts_pass_through(const struct ts_task *t, ptrdiff_t at, const struct ts_spot *c, struct ts_surface_point entry, struct pell_vec3 way,
                      struct pell_vec3 light, struct ts_transmitted_texel *out);
 
 /* --- transmission_rays.c --- */
 
-/* Ways from texels to the light, 16 at a time. */
+/* A packet of 16 rays from texels to the light. */
 struct ts_packet {
     _Alignas(64) int open[16];
     struct pell_ray_hit16 rays;
     struct pell_vec3 light[16];
-    float left[16]; /* mm to go at most */
+    float left[16]; /* mm: remaining length */
     bool to_light;
     ptrdiff_t at[16];
-    struct ts_spot flat[16];          /* of them: ts_flat_spot */
-    struct ts_surface_point exit[16]; /* where the way has left the solid; none: nowhere yet */
-    size_t known[16];                 /* a way that goes on: which of the list it is */
+    struct ts_spot flat[16];          /* their origins */
+    struct ts_surface_point exit[16]; /* exit from the solid; triangle UINT32_MAX: none yet */
+    size_t known[16];                 /* of a second ray: index in the list */
     int count;
 };
 
-/* Follows the ways of the packet and lists the texels of the TS_TILE rows that light came to; the packet is empty then. */
+/* Traces the packet, lists the texels of the TS_TILE rows that receive light, and empties the packet. */
 void ts_trace(struct ts_task *t, int tile, struct ts_packet *k);
-/* Adds ways of the texels of a block that ask for the light, `first` its first texel; traces the packet whenever it is full. */
+/* Adds rays for the texels of a block that need one, `first` its first texel; traces the packet whenever it is full. */
 void ts_ray_texels(struct ts_task *t, ptrdiff_t first, int tile, const uint8_t *texels, int count, struct ts_packet *k);
-/* Second rays of a chunk of the texels that are known: of those whose way ends in the dark, further on; and of those that are lit through
- * a face at an angle, straight to that face. Tasks of a pool; `arg` is a struct ts_task. */
+/* Second rays of a chunk of the known texels: rays that end in shadow continue; rays that hit a lit face at an angle are replaced by ones
+ * perpendicular to it. Tasks of a pool; `arg` is a struct ts_task. */
 void ts_go_on(void *arg, int chunk, int worker);
 void ts_approach(void *arg, int chunk, int worker);
 

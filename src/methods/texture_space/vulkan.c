@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * vulkan.c - a solid's map on a Vulkan device: its layout, the light that enters and the texels that light is transmitted to go there, all
- * blurs run there, and the map comes back. The shaders mirror the kernels of the cpu engine; README.md has the mathematics.
+ * vulkan.c - a solid's map on a Vulkan device: uploads its layout, the irradiance and the list of texels that receive transmitted light,
+ * runs all blurs there, and downloads the map. The shaders mirror the kernels of the cpu engine; README.md has the mathematics.
  */
 #include "methods/gpu_planes.h"
 #include "methods/texture_space/push.h"
@@ -16,7 +16,7 @@ enum { LIST_GROUP = 64, LISTS_ACROSS = 32768, CHUNK = 16384, NOTES = PELL_GPU_MA
 
 /* --- Buffers and passes -------------------------------------------------------------------------------------------------------------- */
 
-/* Of each two the first is written here and copied to the second. */
+/* The first of each pair is written by the host and copied to the second. */
 enum buffer {
     ALONG_X_UP,
     ALONG_X,
@@ -39,7 +39,7 @@ enum buffer {
     LIGHT_UP,
     NOW,
     HALF,
-    WIDE, /* of the stretch what HALF is of the light */
+    WIDE, /* HALF for the stretch */
     SUM,
     BEHIND,
     SHARE,
@@ -52,7 +52,7 @@ enum count { OF_TEXEL, OF_CELL, OF_FILL, OF_PART, OF_TABLE, OF_LIST, COUNTS };
 static const struct {
     const char *name;
     enum count of;
-    int bytes; /* of each */
+    int bytes; /* per element */
     enum pell_gpu_place place;
 } buffer_rows[BUFFERS] = {
     [ALONG_X_UP] = { "texture-space lengths along x, upload", OF_TEXEL, 8, PELL_GPU_TO_DEVICE },
@@ -90,7 +90,7 @@ enum pass { CLEAR, ACROSS, DOWN, SEVEN_ACROSS, SEVEN_DOWN, FILL_NOW, FILL_SUM, A
 
 static const struct {
     const struct pell_shader *shader;
-    enum buffer buffers[6]; /* as its bindings */
+    enum buffer buffers[6]; /* in the order of its bindings */
     uint32_t axis;
 } pass_rows[PASSES] = {
     [CLEAR] = { &pell_texture_space_clear_shader, { ALONG_X, SUM, BEHIND }, 0 },
@@ -110,16 +110,16 @@ struct ts_device {
     struct pell_gpu_buffer *buffers[BUFFERS];
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
-    bool open; /* a list is being recorded */
+    bool open; /* a command list is being recorded */
     size_t counts[COUNTS];
     struct ts_push push;
-    const struct ts_atlas *held; /* whose layout is on the device, with the lengths of these positions */
+    const struct ts_atlas *held; /* the atlas on the device, with the lengths of these positions */
     uint64_t positions;
-    bool looked_at; /* something is to be looked at this chain: in several lists */
+    bool looked_at; /* results of this chain are inspected: several command lists */
     struct {
         const char *name;
         int64_t texels, bytes;
-    } notes[NOTES]; /* of the list's marks */
+    } notes[NOTES]; /* of the command list's marks */
     size_t num_notes;
 };
 
@@ -151,7 +151,7 @@ static bool is_needed(const struct ts_state *st, enum buffer which)
     return !seven || st->knobs.kernel == TS_KERNEL_SEVEN;
 }
 
-/* Those that are not there. */
+/* Creates the missing buffers. */
 static enum pell_result make_buffers(struct ts_state *st, struct ts_device *d)
 {
     enum pell_result res = PELL_OK;
@@ -195,7 +195,7 @@ static size_t count_parts(const struct ts_atlas *a)
     return count;
 }
 
-/* For the largest of all layouts; the list of transmission grows. */
+/* Buffers fit the largest layout; the list of transmission grows. */
 static enum pell_result open_device(struct ts_state *st)
 {
     struct ts_device *d = pell_zalloc(st->ctx, sizeof(*d));
@@ -243,7 +243,7 @@ fail:
     return res;
 }
 
-/* --- Lists of commands --------------------------------------------------------------------------------------------------------------- */
+/* --- Command lists ------------------------------------------------------------------------------------------------------------------- */
 
 static enum pell_result open_list(struct ts_device *d)
 {
@@ -270,7 +270,7 @@ static void take_note(struct ts_device *d, const char *name, int64_t texels, int
     pell_gpu_mark(d->commands, "texture-space");
 }
 
-/* Runs it, and adds its times. What went before it ran here. */
+/* Runs the list and adds its times. The work before it ran on the host. */
 static enum pell_result close_list(struct ts_state *st)
 {
     struct ts_device *d = st->device;
@@ -316,7 +316,7 @@ static void run_entries(struct ts_device *d, enum pass pass, size_t count)
         pell_gpu_run(d->commands, d->passes[pass], &d->push, across, pell_gpu_groups(groups, (int) across), 1);
 }
 
-/* --- What goes there and comes back -------------------------------------------------------------------------------------------------- */
+/* --- Transfers ----------------------------------------------------------------------------------------------------------------------- */
 
 struct packing {
     const struct ts_state *st;
@@ -324,7 +324,7 @@ struct packing {
     float *const *planes; /* of light */
     int count;
     bool scaled; /* by strength */
-    float *map;  /* that comes back */
+    float *map;  /* downloaded map */
 };
 
 static int chunks_of(size_t count)
@@ -339,7 +339,7 @@ static size_t chunk_end(size_t count, int chunk)
     return end < count ? end : count;
 }
 
-/* Two planes, which begin at texel (0, 0), as pairs. */
+/* Interleaves two planes, which begin at texel (0, 0). */
 static void pack_pairs(void *to, const float *first, const float *second, size_t from, size_t end)
 {
     float *pair = (float *) to + 2 * from;
@@ -386,7 +386,7 @@ static void pack_table(const struct ts_profile *profile, float *to)
                 *to++ = profile->slab && c < 3 && level < profile->count ? profile->share[row][level][c] : 0.0f;
 }
 
-/* The layout and its borders, the profile. */
+/* Uploads the layout with its borders, and the profile. */
 static void send_layout(struct ts_state *st, const struct ts_solid *solid)
 {
     struct ts_device *d = st->device;
@@ -438,7 +438,7 @@ static enum pell_result begin(struct ts_state *st, const struct ts_solid *solid)
     PELL_TRY(open_list(d));
     if (d->held != a || d->positions != a->positions || scaled)
         send_layout(st, solid);
-    d->held = NULL; /* until it is there */
+    d->held = NULL; /* until the upload is complete */
     run_texels(d, CLEAR);
     take_note(d, "clear", a->inner, a->inner * 40);
     PELL_TRY(close_list(st));
@@ -506,7 +506,7 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
     struct ts_device *d;
     enum pell_result res;
 
-    p->now = st->now; /* where it is looked at */
+    p->now = st->now; /* if it is inspected */
     PELL_TRY(make_room(st, count));
     d = st->device;
     if (!behind)
@@ -590,7 +590,7 @@ static void add(struct ts_blurring *p, const double weight[3])
     run_texels(d, ADD);
 }
 
-/* Buffers hold four components, and lengths are read with them. */
+/* Buffers hold four components, and lengths are read together with them. */
 static void note(struct ts_state *st, const char *name, int64_t texels, int planes)
 {
     (void) planes;

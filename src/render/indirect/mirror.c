@@ -113,7 +113,7 @@ static bool light_from(const struct shine *s, const struct indirect_sample *to, 
         return false;
     *distance = INFINITY;
     *v = from.toward;
-    if (!from.away) {
+    if (!from.distant) {
         const struct pell_vec3 d = vec3_sub(from.at, to->position);
         const float length = vec3_length(d);
         if (!(length > 0.0f))

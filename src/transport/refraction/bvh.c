@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * bvh.c - the hierarchy of spheres with cones of normals over a solid's triangles, and how far from them a place is. */
+ * bvh.c - the hierarchy of spheres and normal cones over a solid's triangles, and the distance of a point from them. */
 #include "transport/refraction/internal.h"
 
 #include <string.h>
@@ -8,10 +8,10 @@
 #define LANES PELL_CONNECT_CHILDREN
 #define LEAF PELL_CONNECT_LEAF
 #define NOTHING PELL_CONNECT_NOTHING
-#define HALVINGS 6                /* of a triangle, at most: 2^HALVINGS is PELL_CONNECT_PIECES */
-#define CUT 8.0                   /* longest side over height from which on a triangle is kept in pieces */
-#define PIECES ((size_t) 1 << 17) /* of a solid, or a sixteenth more than it has triangles */
-#define NORMAL_WEIGHT 0.125       /* of a unit of normal when the hierarchy is split, in sizes of the solid */
+#define HALVINGS 6                /* maximum bisection depth of a triangle: 2^HALVINGS is PELL_CONNECT_PIECES */
+#define CUT 8.0                   /* longest side over height: more elongated triangles are subdivided */
+#define PIECES ((size_t) 1 << 17) /* per solid, or a sixteenth of its triangles if that is more */
+#define NORMAL_WEIGHT 0.125       /* relative weight of normals in splits of the hierarchy, in sizes of the solid */
 
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
 {
@@ -39,7 +39,7 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
         f->n[k][0] = (float) own.x;
         f->n[k][1] = (float) own.y;
         f->n[k][2] = (float) own.z;
-        /* As near as floats tell. */
+        /* Clamped to the range where floats are exact enough. */
         f->planar = f->planar && dvec3_dot(off, off) < 1e-13;
     }
 }
@@ -80,7 +80,7 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
             cosine = SMALLER(cosine, along);
         }
     }
-    /* More than what floats lose, here and in a query. */
+    /* Margin for rounding errors, here and in queries. */
     node->radius[lane] = (float) (sqrt(radius) * (1.0 + 1e-5)) + 1e-6f * largest;
     node->ax[lane] = (float) axis.x;
     node->ay[lane] = (float) axis.y;
@@ -89,7 +89,7 @@ static void bound(const struct facet *f, size_t count, struct pell_connect_node 
     node->sine[lane] = node->cosine[lane] > 0.0f ? sqrtf(fmaxf(0.0f, 1.0f - node->cosine[lane] * node->cosine[lane])) : 0.0f;
 }
 
-/* Position, then normal, times `weight`, in one dimension of six. */
+/* One of six coordinates: position, then normal times `weight`. */
 static float key(const struct facet *f, int dimension, float weight)
 {
     const float(*const corner)[3] = dimension < 3 ? f->p : f->n;
@@ -100,7 +100,7 @@ static float key(const struct facet *f, int dimension, float weight)
     return (dimension < 3 ? 1.0f : weight) * ((3.0f - u - v) * corner[0][j] + u * corner[1][j] + v * corner[2][j]);
 }
 
-/* The first half has keys up to those of the second. Gives up on orders made to be slow, and where the work is cancelled: any halves are
+/* Quickselect: the first half gets keys up to those of the second. Stops early on adversarial orders and on cancellation: any split is
  * valid. */
 static void halve(const struct pell_context *ctx, struct facet *f, size_t count, size_t half, int dimension, float weight)
 {
@@ -131,7 +131,7 @@ static void halve(const struct pell_context *ctx, struct facet *f, size_t count,
     }
 }
 
-/* The first `first` of them apart from the others, along the widest dimension. */
+/* Splits off the first `first` of them along the widest dimension. */
 static void split(const struct pell_context *ctx, struct facet *f, size_t count, size_t first, float weight)
 {
     float low[6], high[6];
@@ -151,7 +151,7 @@ static void split(const struct pell_context *ctx, struct facet *f, size_t count,
     halve(ctx, f, count, first, widest, weight);
 }
 
-/* What one child of a node holds at most: a power of the children, so that all nodes but the last ones are full. */
+/* Capacity of a child: a power of the branching factor, so that all nodes but the last ones are full. */
 static size_t capacity(size_t count)
 {
     size_t c = 1;
@@ -179,8 +179,8 @@ static void divide(const struct pell_context *ctx, struct facet *f, size_t count
     divide(ctx, f + half * c, count - half * c, parts - half, c, weight);
 }
 
-/* A node over `count` facets from `first` on; returns its number. As deep as the logarithm of count, base 16. Where the work is cancelled,
- * children are left out. */
+/* Creates a node over `count` facets from `first` on; returns its index. Depth: log of count to base 16. On cancellation children are left
+ * out. */
 static uint32_t build(const struct pell_context *ctx, struct tree *t, size_t first, size_t count, float weight)
 {
     const uint32_t number = (uint32_t) t->num_nodes++;
@@ -205,7 +205,7 @@ static uint32_t build(const struct pell_context *ctx, struct tree *t, size_t fir
 
 /* --- Slivers ------------------------------------------------------------------------------------------------------------------ */
 
-/* Times that a triangle is halved so that its pieces are no slivers, 0 for planar ones: a solution in them takes no search. */
+/* Number of bisections after which a triangle's pieces are no slivers; 0 for planar ones, whose solution needs no search. */
 static int halvings(const struct facet *f)
 {
     const struct pell_dvec3 a = dvec3_load(f->p[0]), e = dvec3_sub(dvec3_load(f->p[1]), a), g = dvec3_sub(dvec3_load(f->p[2]), a),
@@ -235,7 +235,7 @@ static int longest_side(const struct facet *f)
     return at;
 }
 
-/* Halves t->facets[at] so often; the pieces but one go to the end. */
+/* Bisects t->facets[at] this often; the pieces except one are appended. */
 static void cut(struct tree *t, size_t at, int times)
 {
     const size_t other = t->num_facets;
@@ -261,7 +261,7 @@ static void fill(const struct pell_connector *c, const struct pell_solid *solid,
     pell_connect_fill_facet(&c->scene->meshes[mesh], mesh, solid->triangles[i].triangle, c->flat, f);
 }
 
-/* How often long thin triangles are halved at most, so that they don't make too many; *pieces: of all. */
+/* Limit of the bisections of slivers, which bounds the number of pieces; *pieces: their total. */
 static int plan_pieces(const struct pell_connector *c, const struct pell_solid *solid, size_t *pieces)
 {
     const size_t n = solid->num_triangles, most = n + n / 16 < PIECES ? PIECES : n + n / 16 < LEAF ? n + n / 16 : LEAF - 1;
@@ -274,7 +274,7 @@ static int plan_pieces(const struct pell_connector *c, const struct pell_solid *
         wanted[halvings(&f)]++;
     }
     *pieces = n;
-    for (int d = 1; d <= HALVINGS; d++) { /* each that wants more than d - 1 halvings turns 2^(d - 1) pieces into twice as many */
+    for (int d = 1; d <= HALVINGS; d++) { /* each triangle with more than d - 1 bisections doubles its 2^(d - 1) pieces */
         size_t more = 0;
         for (int k = d; k <= HALVINGS; k++)
             more += wanted[k] << (d - 1);
@@ -332,7 +332,7 @@ enum pell_result pell_connect_build_tree(struct pell_connector *c, size_t number
     return pell_cancelled(c->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
-/* --- How far the surface is --------------------------------------------------------------------------------------------------- */
+/* --- Distance to the surface -------------------------------------------------------------------------------------------------- */
 
 /* Squared distance from x to a triangle: to its plane, an edge or a corner, whichever x projects to (C. Ericson, "Real-Time Collision
  * Detection", 2005, section 5.1.5). */
@@ -403,7 +403,7 @@ double pell_connector_distance(const struct pell_connector *connector, int solid
             order[at] = i;
             n++;
         }
-        for (int i = 0; i < n; i++) /* the nearest comes off first */
+        for (int i = 0; i < n; i++) /* the nearest is popped first */
             stack[count++] = node->child[order[i]];
     }
     return sqrt(LARGER(best, 0.0));

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * bvh_kernel.c - see bvh_kernel.h; compiled once per level of base/simd.h. What is bounded is the half vector of connect.c. */
+ * bvh_kernel.c - see bvh_kernel.h; compiled once per level of base/simd.h. It bounds the half vector of connect.c. */
 #include "transport/refraction/bvh_kernel.h"
 
 #include "math/lanes.h"
 
-/* Children of a node in which H may be along a normal, as bits. */
+/* Bit mask of the children of a node where H may be along a normal. */
 INLINE uint32_t open_children(const struct pell_connect_node *n, const struct pell_connect_search *s)
 {
-    const float place = s->away ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
+    const float place = s->distant ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
     uint32_t set = 0;
 
     for (int l = 0; l < PELL_CONNECT_CHILDREN; l += WIDTH) {

@@ -2,18 +2,18 @@
  *
  * connect.c - see connect.h.
  *
- * With w_v the direction from a place P of the surface to x inside and w_l from P to the light, P refracts where the half vector
+ * With w_v the direction from a surface point P to x inside and w_l from P to the light, P refracts where the half vector
  *
  *     H = eta w_v + w_l = -k n,    |eta - 1| <= |k| <= sqrt(|eta^2 - 1|)
  *
- * is along the normal n (Walter et al. 2007, "Microfacet Models for Refraction", eq. (16); the greatest k is that of grazing light). A
- * hierarchy of spheres with cones of normals (bvh.c, bvh_kernel.c) bounds H over a whole part of the surface, and leaves out
- * what can't refract. The sides on which x and the light are follow from k. What is left are single triangles (solve.c). */
+ * is along the normal n (Walter et al. 2007, "Microfacet Models for Refraction", eq. (16); the largest k is that of grazing light). A
+ * hierarchy of bounding spheres with cones of normals (bvh.c, bvh_kernel.c) bounds H over whole parts of the surface, and culls those that
+ * cannot refract. The sides of x and the light follow from k. The remaining single triangles are solved in solve.c. */
 #include "transport/refraction/internal.h"
 
 #include <string.h>
 
-#define NEAR_ONE 1e-9 /* of an index: light goes straight on */
+#define NEAR_ONE 1e-9 /* of an index ratio: no refraction */
 
 void pell_connector_destroy(struct pell_connector **connector)
 {
@@ -68,7 +68,7 @@ static void find(struct query *q, const struct tree *t, const struct pell_connec
                                      .eta = (float) q->eta,
                                      .grazing = (float) q->grazing,
                                      .reach = (float) q->reach * (1.0f + 1e-5f),
-                                     .away = q->away,
+                                     .distant = q->distant,
                                      .narrow = fabs(q->eta - 1.0) > 1e-3,
                                      .count = 1 };
     uint32_t facets[4 * PELL_CONNECT_CHILDREN];
@@ -78,7 +78,7 @@ static void find(struct query *q, const struct tree *t, const struct pell_connec
             pell_connect_solve(q, &t->facets[facets[i]]);
 }
 
-/* --- What is in the way ------------------------------------------------------------------------------------------------------- */
+/* --- Visibility --------------------------------------------------------------------------------------------------------------- */
 
 double pell_connector_rounding(const struct pell_connector *connector, int solid)
 {
@@ -101,7 +101,7 @@ static void aim(struct pell_ray_hit16 *r, int lane, struct pell_dvec3 from, stru
     r->ray.flags[lane] = 0;
 }
 
-/* Which of up to 8 paths are free, as bits; e: mm of rounding. The triangle that a path refracts through is in the way of neither part. */
+/* Bit mask of the unoccluded ones of up to 8 paths; e: mm of rounding error. The refracting triangle itself occludes neither segment. */
 static unsigned free_paths(const struct pell_connector *c, const struct query *q, double e, const struct path *const paths[8], int count)
 {
     _Alignas(64) int valid[16] = { 0 };
@@ -152,12 +152,12 @@ static void give(const struct query *q, const struct path *p, struct pell_connec
     };
 }
 
-/* With one index there is one path, straight on, and the rays themselves say where. */
+/* With matched indices there is a single straight path, and a ray finds its surface point. */
 static int straight(const struct pell_connector *c, int solid, const struct query *q, struct pell_connection *out, int64_t *rays)
 {
     _Alignas(64) int valid[16] = { -1 };
-    const struct pell_dvec3 to = q->away ? q->place : dvec3_sub(q->place, q->x);
-    const double whole = q->away ? INFINITY : sqrt(dvec3_dot(to, to));
+    const struct pell_dvec3 to = q->distant ? q->place : dvec3_sub(q->place, q->x);
+    const double whole = q->distant ? INFINITY : sqrt(dvec3_dot(to, to));
     struct pell_ray_hit16 r;
     struct facet f = { .planar = true };
     struct path p = { .facet = &f };
@@ -167,7 +167,7 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
     if (!(whole > 0.0))
         return 0;
     memset(&r, 0, sizeof(r));
-    p.inside = p.outside = q->away ? to : dvec3_mul(to, 1.0 / whole);
+    p.inside = p.outside = q->distant ? to : dvec3_mul(to, 1.0 / whole);
     aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, whole));
     pell_rays_closest16(c->rays, valid, false, &r);
     *rays += 1;
@@ -185,10 +185,10 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
     length = sqrt(dvec3_dot(n, n));
     p.normal = length > 0.0 ? dvec3_mul(n, 1.0 / length) : geometric;
     p.inside_mm = (double) r.ray.tfar[0];
-    p.outside_mm = q->away ? INFINITY : whole - p.inside_mm;
+    p.outside_mm = q->distant ? INFINITY : whole - p.inside_mm;
     p.at = dvec3_mad(q->x, p.inside_mm, p.inside);
     p.cos_o = 1.0;
-    p.spread = q->away ? 1.0 : 1.0 / (whole * whole);
+    p.spread = q->distant ? 1.0 : 1.0 / (whole * whole);
     if (!(p.inside_mm > 0.0) || !(p.outside_mm > 0.0))
         return 0;
     {
@@ -224,11 +224,11 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
     q.reach = query->reach;
     q.x = dvec3_widen(query->x);
     q.place = dvec3_widen(query->place);
-    q.away = query->away;
+    q.distant = query->distant;
     q.count = 0;
     if (!is_place(q.x) || !is_place(q.place))
         return 0;
-    if (q.away) {
+    if (q.distant) {
         const double length = sqrt(dvec3_dot(q.place, q.place));
         if (!(length > 0.0))
             return 0;

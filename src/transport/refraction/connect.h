@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * connect.h - light of a place outside that reaches a point inside a solid through its smooth boundary: every place on the surface where
- * the ray refracts from one to the other (Walter et al. 2009, "Single Scattering in Refractive Media with Triangle Mesh Boundaries").
+ * connect.h - refractive connections between a point outside and a point inside of a solid through its smooth boundary: all surface points
+ * where a path refracts from one to the other (Walter et al. 2009, "Single Scattering in Refractive Media with Triangle Mesh Boundaries").
  *
- * The surface is closed and its triangles go counter-clockwise seen from outside; where it is not so, connections are missing, and none is
- * wrong. Alpha masks let rays through and are no holes in the boundary.
+ * The surface must be closed with its triangles counter-clockwise seen from outside; elsewhere connections are missing, but none is wrong.
+ * Rays pass through alpha cutouts, which are no holes in the boundary.
  */
 #ifndef PELL_CONNECT_H
 #define PELL_CONNECT_H
@@ -13,8 +13,8 @@
 
 struct pell_connector;
 
-/* `flat`: refract by the triangles' own normals, else by the vertices' normals interpolated. Arguments must outlive the connector. Some 260
- * bytes a triangle. */
+/* `flat`: refract by geometric normals, else by interpolated vertex normals. Arguments must outlive the connector. About 260 bytes per
+ * triangle. */
 PELL_NODISCARD enum pell_result pell_connector_create(struct pell_context *ctx, const struct pell_scene *scene,
                                                       const struct pell_rays *rays, const struct pell_solids *solids, bool flat,
                                                       struct pell_connector **out);
@@ -24,42 +24,42 @@ struct pell_connection {
     uint32_t mesh, triangle;
     float u, v;               /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
     struct pell_vec3 at;      /* on the surface, mm */
-    struct pell_vec3 normal;  /* that refracts: unit, outward */
+    struct pell_vec3 normal;  /* refracting normal: unit, outward */
     struct pell_vec3 inside;  /* unit, from x to `at` */
-    struct pell_vec3 outside; /* unit, from `at` to the place */
+    struct pell_vec3 outside; /* unit, from `at` to the light */
     double inside_mm;
-    double outside_mm; /* INFINITY: a direction */
+    double outside_mm; /* INFINITY: distant */
     double transmit;   /* 1 - F */
-    /* What a bundle of rays becomes. A place: sr at the place per mm^2 at x perpendicular to `inside`. A direction: mm^2 perpendicular to
-     * `outside` per mm^2 at x perpendicular to `inside`. So a point's intensity, or a direction's irradiance, times spread times transmit
-     * is the beam's irradiance at x before extinction. Finite; beyond bounds where x nears a caustic. */
+    /* Spread of a beam. Position: sr at the light per mm^2 at x perpendicular to `inside`. Direction: mm^2 perpendicular to `outside` per
+     * mm^2 at x perpendicular to `inside`. A point light's intensity, or a directional light's irradiance, times spread times transmit is
+     * therefore the beam's irradiance at x before extinction. Finite, but unbounded where x approaches a caustic. */
     double spread;
 };
 
-/* Candidates that a query weighs before it asks what is in the way; more are left out, farthest first. Where light is focused, flat
- * triangles make as many paths as it is concentrated there: some places of a coarse ball have over 16, few over 64. */
+/* Maximum number of candidates of a query before visibility tests; further ones are dropped, farthest first. Where light is focused, flat
+ * triangles produce as many paths as the concentration factor: some points in a coarse ball have over 16, few over 64. */
 #define PELL_CONNECTIONS 256
 
-/* What is to be connected through the surface of a solid. */
+/* A query for connections through the surface of a solid. */
 struct pell_connection_query {
     int solid;
     double eta;             /* its index relative to outside */
     struct pell_vec3 x;     /* inside */
-    struct pell_vec3 place; /* outside */
-    bool away;              /* `place` is the unit direction towards it */
-    double reach;           /* mm: of inside_mm */
+    struct pell_vec3 place; /* outside: position of the light */
+    bool distant;           /* `place` is the unit direction towards it */
+    double reach;           /* mm: maximum of inside_mm */
 };
 
-/* All connections, at most `max` of them, nearest first. Neither part is in the way of anything: the outside part of no surface at all, the
- * inside part of no surface. Returns how many. `rays` (may be NULL): + rays traced. None for a solid that is not there, an index outside
- * [PELL_ETA_MIN, PELL_ETA_MAX], or what is no number. Thread-safe. */
+/* Finds all connections, at most `max`, nearest first, whose two segments are unoccluded: the one outside by any surface, the one inside by
+ * the solid's surface and others. Returns their number. `rays` (may be NULL): incremented by the rays traced. None for an invalid solid, an
+ * index outside of [PELL_ETA_MIN, PELL_ETA_MAX], or NaN. Thread-safe. */
 int pell_connect(const struct pell_connector *connector, const struct pell_connection_query *query, struct pell_connection *out, int max,
                  int64_t *rays);
 
-/* mm of rounding in where rays meet a solid's surface: nothing nearer to it is in the way. 0 for a solid that is not there. */
+/* Rounding error of ray hits on a solid's surface, mm: closer hits are ignored. 0 for an invalid solid. */
 double pell_connector_rounding(const struct pell_connector *connector, int solid);
 
-/* Distance, mm, from x to the nearest triangle of a solid, at most `most`. `most` for a solid that is not there. Thread-safe. */
+/* Distance, mm, from x to the nearest triangle of a solid, at most `most`. `most` for an invalid solid. Thread-safe. */
 double pell_connector_distance(const struct pell_connector *connector, int solid, struct pell_vec3 x, double most);
 
 #endif

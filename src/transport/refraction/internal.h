@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * internal.h - what the files of connect.h share: bvh.c builds the hierarchy and measures distances in it, solve.c
- * finds where light refracts in one triangle, connect.c asks both and what is in the way.
+ * internal.h - shared by the files of connect.h: bvh.c builds the hierarchy and measures distances in it, solve.c finds refracting points
+ * in one triangle, connect.c calls both and tests visibility.
  */
 #ifndef PELL_CONNECT_PARTS_H
 #define PELL_CONNECT_PARTS_H
@@ -10,22 +10,22 @@
 #include "transport/refraction/bvh_kernel.h"
 #include "transport/refraction/connect.h"
 
-#define FAR 1e15 /* mm: no place is beyond */
+#define FAR 1e15 /* mm: upper bound of coordinates */
 
 /* A piece of a triangle by the barycentric coordinates of its corners: multiples of 2^-depth. */
 struct piece {
     float uv[3][2];
-    int depth; /* how often it was halved */
+    int depth; /* number of bisections */
 };
 
-#define PELL_CONNECT_PIECES 64 /* unit of a facet's barycentric coordinates: it was halved 6 times at most */
+#define PELL_CONNECT_PIECES 64 /* denominator of a facet's barycentric coordinates: at most 6 bisections */
 
-/* A triangle, or a piece of one that is long and thin. */
+/* A triangle, or a piece of a sliver. */
 struct facet {
     float p[3][3], n[3][3]; /* of the triangle */
     uint32_t mesh, triangle;
     uint8_t corner[3][2]; /* of the piece, barycentric */
-    bool planar;          /* the normals are the triangle's own */
+    bool planar;          /* the vertex normals equal the geometric normal */
 };
 
 static inline struct piece facet_piece(const struct facet *f)
@@ -38,7 +38,7 @@ static inline struct piece facet_piece(const struct facet *f)
     return p;
 }
 
-/* Longest side over height: pieces of curved triangles that are longer are halved across it. */
+/* Longest side over height: more elongated pieces of curved triangles are bisected. */
 #define PELL_CONNECT_SLIVER 3.0
 
 static inline struct pell_dvec3 facet_corner(const float corner[3][3], const float uv[2])
@@ -60,12 +60,12 @@ struct pell_connector {
     const struct pell_rays *rays;
     const struct pell_solids *solids;
     const struct pell_scene *scene;
-    struct tree *trees; /* one a solid */
+    struct tree *trees; /* one per solid */
     const struct pell_connect_kernels *kernels;
     bool flat;
 };
 
-/* A number, and one that Embree takes. */
+/* Whether a number is finite and in the range that Embree accepts. */
 static inline bool is_place(struct pell_dvec3 a)
 {
     return fabs(a.x) < FAR && fabs(a.y) < FAR && fabs(a.z) < FAR;
@@ -78,13 +78,13 @@ PELL_NODISCARD enum pell_result pell_connect_build_tree(struct pell_connector *c
 
 /* --- solve.c: paths through one triangle ------------------------------------------------------------------------------ */
 
-/* A path that refracts; whether anything is in its way is not asked yet. */
+/* A refracted path before its visibility test. */
 struct path {
     const struct facet *facet;
     double u, v;
     struct pell_dvec3 at, normal, inside, outside; /* as in a connection */
     double inside_mm, outside_mm, spread, cos_o;
-    double facing_in, facing_out; /* cosines of both parts with the triangle's own normal */
+    double facing_in, facing_out; /* cosines of both segments with the geometric normal */
     double size;                  /* of the triangle */
 };
 
@@ -92,12 +92,12 @@ struct query {
     double eta, grazing; /* grazing: the largest |k| */
     double reach;
     struct pell_dvec3 x, place; /* or direction */
-    bool away;                  /* a direction */
+    bool distant;               /* `place` is a direction */
     struct path paths[PELL_CONNECTIONS];
     int count;
 };
 
-/* Adds the paths that refract in the triangle, by its own normal or by the interpolated ones. */
+/* Adds the paths that refract in the triangle, by its geometric normal or the interpolated ones. */
 void pell_connect_solve(struct query *q, const struct facet *f);
 
 #endif

@@ -1,22 +1,22 @@
 /* SPDX-License-Identifier: MIT
  *
- * solve.c - where light refracts in one triangle.
+ * solve.c - refracting points in one triangle.
  *
- * With the triangle's own normal the path is the shortest in time through its plane, which is convex: it is found by Newton's method
- * between bounds. With interpolated normals H x n = 0 (connect.c) is solved over (u, v): the triangle is halved both ways until H x n is
- * nearly linear in it, where a root is found, or ruled out, at once.
+ * With the geometric normal the path minimises the travel time through the triangle's plane (Fermat), which is a convex problem: Newton's
+ * method with a bracket. With interpolated normals H x n = 0 (connect.c) is solved over (u, v): the triangle is subdivided until H x n is
+ * nearly linear, so that a root is found, or excluded, at once.
  *
- * Light in a narrow bundle about the path: the derivative of the implicit function (u, v)(x). */
+ * The spread of a narrow beam around the path follows from the derivative of the implicit function (u, v)(x). */
 #include "transport/refraction/internal.h"
 
 #define QUARTERS 4
-#define PARTS 4000        /* most parts of a triangle that are examined; one that needs more is given up */
-#define DEPTH 20          /* of halving a triangle */
-#define NEARLY_LINEAR 0.4 /* size over the distance to x or the light, below which H x n is worth a look */
-#define BESIDE 1e-9       /* barycentric: roots up to this far outside are accepted, so that none on a shared edge is missed */
-#define SAME 1e-6         /* of a triangle's size: roots nearer than this, of two triangles, are one on their edge */
+#define PARTS 4000        /* maximum number of subdivisions of a triangle before it is given up */
+#define DEPTH 20          /* maximum subdivision depth */
+#define NEARLY_LINEAR 0.4 /* size over the distance to x or the light: below it H x n is evaluated */
+#define BESIDE 1e-9       /* barycentric tolerance outside of a triangle, so that no root on a shared edge is missed */
+#define SAME 1e-6         /* relative to a triangle's size: closer roots of two triangles are duplicates on their common edge */
 
-/* Keeps a path, unless a neighbour has found it, too: the nearest, where there are too many. */
+/* Keeps a path unless an adjacent triangle has found it already; if there are too many, keeps the nearest ones. */
 static void keep(struct query *q, const struct path *p)
 {
     int at = q->count;
@@ -42,13 +42,14 @@ static void keep(struct query *q, const struct path *p)
     q->paths[at] = *p;
 }
 
-/* Distance of x's foot, along the plane, to where light refracts: x is `below` the plane, the light `above` it, their feet `apart`. */
+/* Distance from the projection of x, along the plane, to the refracting point: x is `below` the plane, the light `above` it, their
+ * projections are `apart`. */
 static double planar_shift(double eta, double below, double above, double apart)
 {
     const double straight = apart * below / (below + above);
     double low = 0.0, high = apart, s;
 
-    /* Light is nearer to the normal on the side of the larger index, and there never beyond the critical angle. */
+    /* The ray is closer to the normal on the side with the larger index, and never beyond the critical angle there. */
     if (eta > 1.0) {
         high = fmin(straight, below / sqrt(eta * eta - 1.0));
     } else if (eta < 1.0) {
@@ -88,7 +89,7 @@ static void solve_planar(struct query *q, const struct facet *f)
     if (!(below > 0.0))
         return;
     foot = dvec3_mad(q->x, below, n);
-    if (q->away) {
+    if (q->distant) {
         p.cos_o = dvec3_dot(q->place, n);
         along = dvec3_mad(q->place, -p.cos_o, n);
         apart = sqrt(dvec3_dot(along, along));
@@ -114,12 +115,12 @@ static void solve_planar(struct query *q, const struct facet *f)
     p.inside_mm = sqrt(s * s + below * below);
     p.inside = dvec3_mul(dvec3_sub(p.at, q->x), 1.0 / p.inside_mm);
     cos_i = below / p.inside_mm;
-    if (q->away) {
+    if (q->distant) {
         p.outside = q->place;
         p.outside_mm = INFINITY;
         p.spread = p.cos_o / cos_i;
     } else {
-        /* Rays about the path meet in the plane of incidence and across it. */
+        /* Spread in the plane of incidence and perpendicular to it. */
         double across, within;
         out = dvec3_sub(q->place, p.at);
         p.outside_mm = sqrt(dvec3_dot(out, out));
@@ -137,18 +138,18 @@ static void solve_planar(struct query *q, const struct facet *f)
 
 /* --- Interpolated normals ----------------------------------------------------------------------------------------------------- */
 
-/* The triangle in its own frame: p0 at the origin, p1 on the x axis, z along its normal. */
+/* The triangle in a local frame: p0 at the origin, p1 on the x axis, z along its normal. */
 struct curved {
     const struct facet *facet;
     double eta;
-    bool away;
+    bool distant;
     double ex1, ex2, ey2;           /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
-    struct pell_dvec3 axis[3];      /* of the frame, in the world's */
-    struct pell_dvec3 p0, x, place; /* x and the light in the frame */
+    struct pell_dvec3 axis[3];      /* of the frame, in world space */
+    struct pell_dvec3 p0, x, place; /* x and the light in the local frame */
     struct pell_dvec3 n, nu, nv;    /* normal = n + u nu + v nv, not unit */
     double area2;                   /* twice the area */
-    double size, radius;            /* longest side; from the middle to the farthest corner */
-    double turn;                    /* from the normal in the middle to that of a corner, at most */
+    double size, radius;            /* longest side; distance from the centroid to the farthest corner */
+    double turn;                    /* largest angle between the normal at the centroid and a vertex normal */
     double grazing;
     double root[12][2];
     int roots;
@@ -157,7 +158,7 @@ struct curved {
 struct state {
     struct pell_dvec3 v, l, h, n; /* to x, to the light, half vector, normal */
     double inverse_v, inverse_l;
-    double r[2]; /* H x n but for its z part */
+    double r[2]; /* x and y of H x n */
 };
 
 static inline void look(const struct curved *c, double u, double v, struct state *s)
@@ -166,7 +167,7 @@ static inline void look(const struct curved *c, double u, double v, struct state
 
     s->inverse_v = 1.0 / sqrt(dvec3_dot(a, a));
     s->v = dvec3_mul(a, s->inverse_v);
-    if (c->away) {
+    if (c->distant) {
         s->inverse_l = 0.0;
         s->l = c->place;
     } else {
@@ -198,7 +199,7 @@ static double jacobian(const struct curved *c, const struct state *s, double ju[
     return ju[0] * jv[1] - ju[1] * jv[0];
 }
 
-/* Newton's method from (u, v) on; a root inside the triangle is kept once. */
+/* Newton's method from (u, v); keeps a root inside the triangle once. */
 static void refine(struct curved *c, double u, double v)
 {
     for (int i = 0; i < 24; i++) {
@@ -211,7 +212,7 @@ static void refine(struct curved *c, double u, double v)
         most = fmax(fabs(du), fabs(dv));
         if (!(most < 1e6))
             return;
-        if (most > 0.5) { /* not beyond where the field is known to be nearly linear */
+        if (most > 0.5) { /* not beyond the region where r is known to be nearly linear */
             du *= 0.5 / most;
             dv *= 0.5 / most;
         }
@@ -234,13 +235,13 @@ static void refine(struct curved *c, double u, double v)
     }
 }
 
-/* A part of the triangle: its corner, and how far its sides go along u and v (below 0: the middle one of four, turned round). */
+/* A part of the triangle: its corner, and the extent of its sides along u and v (negative: the inverted central one of four). */
 struct part {
     double u, v, side, near; /* near: its size over its distance to x or the light, whichever is nearer */
     int depth;
 };
 
-/* What bounds a curved triangle in floats, as many are asked for. */
+/* Bounds of a curved triangle in single precision. */
 struct bounds {
     float x[3], place[3], is_near, ex1, ex2, ey2, eta, sign, grazing, n[3], nu[3], nv[3];
 };
@@ -250,7 +251,7 @@ static struct bounds bounds_of(const struct curved *c)
     return (struct bounds) {
         .x = { (float) c->x.x, (float) c->x.y, (float) c->x.z },
         .place = { (float) c->place.x, (float) c->place.y, (float) c->place.z },
-        .is_near = c->away ? 0.0f : 1.0f,
+        .is_near = c->distant ? 0.0f : 1.0f,
         .ex1 = (float) c->ex1,
         .ex2 = (float) c->ex2,
         .ey2 = (float) c->ey2,
@@ -263,8 +264,8 @@ static struct bounds bounds_of(const struct curved *c)
     };
 }
 
-/* Whether H can be along n within `radius` of (u, v), where n turns by `turn` at most: by bounds that hold however far it is, as for
- * nodes. `near`: 1 over the distance to x or the light. */
+/* Whether H can be along n within `radius` of (u, v), where n turns by at most `turn`: bounds that hold at any distance, as for nodes.
+ * `near`: reciprocal of the distance to x or the light. */
 static inline int is_possible(const struct bounds *b, float u, float v, float radius, float turn, float *near)
 {
     const float px = u * b->ex1 + v * b->ex2, py = v * b->ey2, ax = b->x[0] - px, ay = b->x[1] - py, z = b->x[2];
@@ -286,7 +287,7 @@ static inline int is_possible(const struct bounds *b, float u, float v, float ra
     return inside | ((h <= b->grazing + spread) & along);
 }
 
-/* The four quarters of a part in which H can be along n. Returns how many. */
+/* The quarters of a part where H can be along n. Returns their number. */
 static int quarter(const struct curved *c, const struct bounds *bounds, const struct part *part, struct part *out)
 {
     static const float at[QUARTERS][3] = { { 0.0f, 0.0f, 1.0f }, { 1.0f, 0.0f, 1.0f }, { 0.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, -1.0f } };
@@ -309,7 +310,7 @@ static int quarter(const struct curved *c, const struct bounds *bounds, const st
 
 enum verdict { EMPTY, LINEAR, WILD };
 
-/* What r is like over a part: six values make a quadratic patch, whose Bezier points hold it. */
+/* Quadratic approximation of r over a part: six values define a patch that is contained in the hull of its Bezier points. */
 static enum verdict weigh(const struct curved *c, const struct part *part, double start[2])
 {
     static const double at[6][2] = { { 0, 0 }, { 1, 0 }, { 0, 1 }, { 0.5, 0 }, { 0.5, 0.5 }, { 0, 0.5 } };
@@ -321,7 +322,7 @@ static enum verdict weigh(const struct curved *c, const struct part *part, doubl
         r[k][0] = s.r[0];
         r[k][1] = s.r[1];
     }
-    for (int k = 0; k < 3; k++) { /* from the middle of an edge to its Bezier point */
+    for (int k = 0; k < 3; k++) { /* from an edge's midpoint to its Bezier point */
         const double *a = r[k], *b = r[(k + 1) % 3];
         const double x = r[3 + k][0] - 0.5 * (a[0] + b[0]), y = r[3 + k][1] - 0.5 * (a[1] + b[1]);
         bend = fmax(bend, x * x + y * y);
@@ -330,7 +331,7 @@ static enum verdict weigh(const struct curved *c, const struct part *part, doubl
     }
     near = c->size * fabs(part->side) * (s.inverse_v + s.inverse_l);
     bend = sqrt(bend) + 0.05 * near * near * near;
-    /* Parted from 0 by a line along one of the sides, or by an axis? */
+    /* Whether a line along one of the sides, or an axis, separates the hull from 0. */
     for (int k = 0; k < 5; k++) {
         const double *a = r[k % 3], *b = r[(k + 1) % 3];
         const double x = k < 3 ? a[1] - b[1] : k == 3, y = k < 3 ? b[0] - a[0] : k == 4, length = sqrt(x * x + y * y);
@@ -420,9 +421,9 @@ static void keep_roots(struct query *q, const struct curved *c, const struct pie
         p.inside = from_frame(c, dvec3_mul(s.v, -1.0));
         p.outside = from_frame(c, s.l);
         p.inside_mm = 1.0 / s.inverse_v;
-        p.outside_mm = q->away ? INFINITY : 1.0 / s.inverse_l;
-        /* |d light / d(u, v)| |d r / d x| / |d r / d(u, v)|, x in the plane across the path. */
-        p.spread = c->area2 * p.facing_out * (q->away ? 1.0 : s.inverse_l * s.inverse_l) * q->eta * q->eta * s.inverse_v * s.inverse_v *
+        p.outside_mm = q->distant ? INFINITY : 1.0 / s.inverse_l;
+        /* |d light / d(u, v)| |d r / d x| / |d r / d(u, v)|, x in the plane perpendicular to the path. */
+        p.spread = c->area2 * p.facing_out * (q->distant ? 1.0 : s.inverse_l * s.inverse_l) * q->eta * q->eta * s.inverse_v * s.inverse_v *
                    s.n.z * cos_i * n / det;
         keep(q, &p);
     }
@@ -435,13 +436,13 @@ static bool make_curved(const struct query *q, const struct facet *f, const stru
                             e2 = dvec3_sub(facet_corner(f->p, piece->uv[2]), p0), cr = dvec3_cross(e1, e2), e3 = dvec3_sub(e2, e1);
     const double length = sqrt(dvec3_dot(e1, e1));
 
-    *c = (struct curved) { .facet = f, .eta = q->eta, .away = q->away, .p0 = p0, .grazing = q->grazing };
+    *c = (struct curved) { .facet = f, .eta = q->eta, .distant = q->distant, .p0 = p0, .grazing = q->grazing };
     c->area2 = sqrt(dvec3_dot(cr, cr));
     c->axis[2] = dvec3_mul(cr, 1.0 / c->area2);
     c->axis[0] = dvec3_mul(e1, 1.0 / length);
     c->axis[1] = dvec3_cross(c->axis[2], c->axis[0]);
     c->x = to_frame(c, dvec3_sub(q->x, p0));
-    c->place = to_frame(c, q->away ? q->place : dvec3_sub(q->place, p0));
+    c->place = to_frame(c, q->distant ? q->place : dvec3_sub(q->place, p0));
     if (!(c->x.z < 0.0) || !(c->place.z > 0.0))
         return false;
     c->ex1 = length;
@@ -472,7 +473,7 @@ static void solve_piece(struct query *q, const struct facet *f, const struct pie
     keep_roots(q, &c, piece);
 }
 
-/* What a piece is like in the frame of the curved triangle that it is a piece of. */
+/* A piece in the local frame of the curved triangle that contains it. */
 struct outline {
     float u, v, radius, turn, longest2;
     int longest;
@@ -501,7 +502,7 @@ static struct outline outline_of(const struct bounds *b, const struct piece *p)
     return o;
 }
 
-/* The halves of a piece on both sides of the line from a corner to the middle of the side across from it. */
+/* Bisects a piece along the line from a corner to the midpoint of the opposite side. */
 static void halve(const struct piece *p, int side, struct piece half[2])
 {
     const int next = (side + 1) % 3;
@@ -517,7 +518,7 @@ static void halve(const struct piece *p, int side, struct piece half[2])
 
 static const struct piece whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
 
-/* A long thin triangle is halved first: quarters of it would be as long and thin, and four times as many. */
+/* A sliver is bisected first: its quarters would be equally elongated, and four times as many. */
 static void solve_sliver(struct query *q, const struct facet *f, const struct piece *of, const struct curved *c,
                          const struct bounds *bounds)
 {

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * atlas.c - the surface of a solid laid out flat: charts, texels and the points of the surface that they stand for. The steps in order.
+ * atlas.c - the parametrisation of a solid's surface: charts, texels, and the surface points of texels. Calls the steps in order.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include <string.h>
 
-#define OVERLAP_MOST 0.01    /* share of the texels that two triangles may claim in a layout that is used */
-#define DEGENERATE_MOST 0.02 /* share of the area whose triangles have none in the layout */
-#define COVERED_MOST 4.0     /* times the map is covered in a layout that is looked at further */
+#define OVERLAP_MOST 0.01    /* fraction of the texels that two triangles may claim in an accepted layout */
+#define DEGENERATE_MOST 0.02 /* fraction of the area whose triangles are degenerate in the layout */
+#define COVERED_MOST 4.0     /* how many times a layout may cover the map to be examined further */
 #define OVERLAPS "its texture coordinates overlap"
-#define COVERED_LEAST 0.02 /* share of the layout's rectangle that is covered */
-#define APART_MOST 128     /* charts that are moved apart */
-#define APART_LEAST 0.15   /* share of the map that they cover: planar charts do better than that */
+#define COVERED_LEAST 0.02 /* fraction of the layout's rectangle that is covered */
+#define APART_MOST 128     /* maximum number of charts that are separated */
+#define APART_LEAST 0.15   /* fraction of the map that separated charts must cover; planar charts do better */
 
 void ts_atlas_destroy(struct ts_atlas **atlas)
 {
@@ -97,7 +97,7 @@ fail:
     return res;
 }
 
-/* Numbers the charts of the corners that were laid out and finds the texels that they cover. `wrong`: what speaks against them, or NULL. */
+/* Numbers the charts of the laid out corners and finds the texels they cover. `wrong`: the layout's defect, or NULL. */
 static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const char **wrong)
 {
     struct ts_atlas *a = b->a;
@@ -110,7 +110,7 @@ static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const c
     for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++)
         if (b->area[t] > 0.0 && !(fabs(flat_area(a->corners[t])) > 1e-9))
             flat += b->area[t];
-    if (pell_cancelled(b->ctx)) /* whatever is wrong with it is not known */
+    if (pell_cancelled(b->ctx)) /* its defects are unknown */
         return PELL_ERR_CANCELLED;
     a->degenerate = flat / b->total_area;
     a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
@@ -127,7 +127,7 @@ fail:
     return res;
 }
 
-/* Texels of the triangles that were laid out, whichever lie over each other. */
+/* Rasterizes the laid out triangles, including overlaps. */
 static double covered(const struct ts_atlas_build *b)
 {
     double sum = 0.0;
@@ -137,7 +137,7 @@ static double covered(const struct ts_atlas_build *b)
     return sum;
 }
 
-/* By a set of texture coordinates as it is. */
+/* Uses a set of texture coordinates unchanged. */
 static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t *order, const char **wrong)
 {
     *wrong = ts_atlas_lay_out_file(b, set);
@@ -152,7 +152,7 @@ static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t 
     return cover(b, order, wrong);
 }
 
-/* By the first set whose charts lie side by side; else by charts of the first set that are moved apart; else by planar ones. */
+/* Uses the first set whose charts do not overlap, else the charts of the first set after separating them, else planar charts. */
 static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
@@ -245,7 +245,7 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
             if (a->source[at] != NONE)
                 b.place[at] = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
     if (a->scene->animated)
-        ts_atlas_tilt_by_lengths(a, params->pool); /* a film's first frame as all others */
+        ts_atlas_tilt_by_lengths(a, params->pool); /* so that a film's first frame is treated like the others */
     else
         ts_atlas_tilt(&b);
     *out = a;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * borders.c - borders: texels beside a chart that stand for points of the neighbouring charts, found by going straight on over the surface.
+ * borders.c - border texels: texels next to a chart that take their value from adjacent charts, located by continuing straight over the
+ * surface.
  */
 #include "methods/texture_space/atlas/internal.h"
 
@@ -8,10 +9,10 @@
 
 #include <string.h>
 
-#define BORDER_WORK 1024.0 /* texels looked at for borders, per texel of the map */
+#define BORDER_WORK 1024.0 /* limit of texels tested for borders, per texel of the map */
 #define NEARBY 2           /* texels */
 
-/* Lets the texel of the chart itself that is nearest to a place where it has none stand for it; false: there is none near. */
+/* Replaces a location outside of the chart by the chart's nearest texel; false: none is nearby. */
 static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, struct ts_border *border)
 {
     const int px = (int) (p->at % a->stride), py = (int) (p->at / a->stride);
@@ -30,8 +31,8 @@ static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, str
     return least < INFINITY;
 }
 
-/* The border texel `at`, where texels of the chart itself say what is at the place. One that is left out is a hole that a row of taps
- * falls into: triangles narrower than texels, which have none, take the nearest. */
+/* The border texel `at` as a mean of chart texels around its location. A missing border would be a hole in a row of taps, so locations in
+ * triangles narrower than a texel, which own none, use the nearest texel. */
 static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p, struct ts_border *border)
 {
     float sum = 0.0f;
@@ -52,7 +53,7 @@ static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_
 /* An edge in the layout. */
 struct segment {
     uint32_t half;
-    float px, py, ex, ey, inverse; /* its first corner; along it; 1 over its length squared */
+    float px, py, ex, ey, inverse; /* first corner; edge vector; reciprocal of its squared length */
 };
 
 static struct segment segment_of(const struct ts_atlas *a, uint32_t h)
@@ -63,21 +64,21 @@ static struct segment segment_of(const struct ts_atlas *a, uint32_t h)
     return (struct segment) { h, p[0], p[1], ex, ey, l2 > 0.0f ? 1.0f / l2 : 0.0f };
 }
 
-/* Texels and the nearest edge at which a chart ends but the surface goes on. */
+/* Texels and the nearest edge where a chart ends but the surface continues. */
 struct nearest {
     const struct ts_atlas_build *b;
     const struct segment *edges;
     size_t num_edges;
     float *distance2;
-    uint32_t *edge;          /* NONE: all are too far */
-    struct segment *scratch; /* room for all edges, of each thread */
+    uint32_t *edge;          /* NONE: no edge within reach */
+    struct segment *scratch; /* scratch memory for all edges, per thread */
 };
 
 enum { TILE = 16 };        /* texels a side */
-#define TILE_RADIUS 10.61f /* from a tile's middle to that of its farthest texel */
-#define TILTED 1.001f      /* more than what an edge counts as nearer for lying in front */
+#define TILE_RADIUS 10.61f /* from a tile's centre to its farthest texel's */
+#define TILTED 1.001f      /* how much nearer an edge counts if the texel is in front of it */
 
-/* Squared distance of a point from an edge; dx, dy: from its first corner. */
+/* Squared distance from a point to an edge; dx, dy: from its first corner. */
 static inline float from_segment(const struct segment *e, float dx, float dy)
 {
     float s = (dx * e->ex + dy * e->ey) * e->inverse;
@@ -86,7 +87,7 @@ static inline float from_segment(const struct segment *e, float dx, float dy)
     return (dx - s * e->ex) * (dx - s * e->ex) + (dy - s * e->ey) * (dy - s * e->ey);
 }
 
-/* Of the middle of a tile; INFINITY where that is beyond `most`, or might as well be. */
+/* The same from a tile's centre; INFINITY if it exceeds `most` or is not finite. */
 static inline float from_tile(const struct segment *e, int x0, int y0, float most)
 {
     const float dx = (float) x0 + 0.5f * TILE - e->px, dy = (float) y0 + 0.5f * TILE - e->py;
@@ -110,7 +111,7 @@ static void near_edge(const struct nearest *n, const struct segment *e, int x0, 
             d2 = from_segment(e, dx, dy);
             if (d2 >= reach * reach)
                 continue;
-            /* Of the two edges of a corner the one that the texel lies more in front of. */
+            /* The one of the two edges at a corner that the texel is more in front of. */
             d2 -= 1e-3f * (dx * e->ey - dy * e->ex) * (dx * e->ey - dy * e->ex) * e->inverse;
             if (d2 < n->distance2[at]) {
                 n->distance2[at] = d2;
@@ -119,7 +120,7 @@ static void near_edge(const struct nearest *n, const struct segment *e, int x0, 
         }
 }
 
-/* Of the edges in reach of a tile most are further from all of its texels than the nearest one is. */
+/* Culls edges: most edges within reach of a tile are farther from all its texels than the nearest one. */
 static void near_tile(const struct nearest *n, int x0, int y0)
 {
     const float reach = (float) n->b->p->border + TILE_RADIUS;
@@ -188,8 +189,8 @@ static void put_part(struct ts_part *list, int32_t *count, ptrdiff_t at, float w
     list[(*count)++] = (struct ts_part) { (int32_t) at, weight };
 }
 
-/* Beside a seam some of the four texels around a place are borders themselves. What these stand for lies across the seam again: without it
- * the place is moved inward by up to half a texel. */
+/* Next to a seam, some of the four texels around a location are border texels themselves. Their own sources are across the seam; ignoring
+ * them would move the location inward by up to half a texel. */
 enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b)
 {
     struct ts_atlas *a = b->a;
@@ -273,7 +274,7 @@ static struct ts_fill fill_of(const struct ts_border *b)
     };
 }
 
-/* By squares, so that what lies beside each other is read together, and in a square by distance. */
+/* Sorted by squares, so that neighbours are read together, and within a square by distance. */
 enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *far)
 {
     struct ts_atlas *a = b->a;
@@ -315,15 +316,15 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
     return PELL_OK;
 }
 
-/* Texels beside the charts, each with its nearest edge. */
+/* Texels next to charts, each with its nearest edge. */
 struct beside {
     struct ts_atlas_build *b;
     const uint32_t *edge;
-    size_t *first; /* per row: where its borders begin */
-    int *count;    /* and how many there are: only texels of charts are read, so that rows go by themselves */
+    size_t *first; /* per row: index of its first border */
+    int *count;    /* per row: number of borders; rows are independent, because only chart texels are read */
 };
 
-/* Steps of a texel along x and y of a triangle, carried along a way to another, in whose barycentrics they are. */
+/* One-texel steps along x and y of a triangle, transported along a path to another triangle and expressed in its barycentrics. */
 static struct ts_turn turn_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f, struct pell_vec3 way, uint32_t to,
                               struct pell_vec3 there)
 {
@@ -355,7 +356,7 @@ static struct ts_turn turn_of(const struct ts_atlas *a, uint32_t t, const struct
     return turn;
 }
 
-/* What lies beyond its edge becomes of a texel. */
+/* Locates a border texel by continuing over the surface beyond its edge. */
 static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_place *place,
                        struct ts_turn *turn)
 {
@@ -365,7 +366,7 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
     const float *c = a->corners[t], *e0 = c + 2 * (h % 3), *e1 = c + 2 * ((h + 1) % 3);
     const float ex = e1[0] - e0[0], ey = e1[1] - e0[1], l2 = ex * ex + ey * ey;
     float s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
-    double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], way[2]; /* just inside */
+    double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], way[2]; /* slightly inside */
     struct pell_vec3 p[3], straight, there;
     struct ts_metric m;
     struct ts_flat f;
@@ -431,7 +432,7 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
         const float *p = c + 2 * (h % 3), *q = c + 2 * ((h + 1) % 3);
         if (!a->chart[h / 3] || a->twin[h] == NONE || !a->chart[a->twin[h] / 3] || ts_atlas_joined(b, h))
             continue;
-        /* Edges that are long and many, as only layouts made to harm have them, go without. */
+        /* A layout with many long edges, as only adversarial input has, gets no borders. */
         budget -= (double) (fabsf(q[0] - p[0]) + 2.0f * reach) * (double) (fabsf(q[1] - p[1]) + 2.0f * reach);
         if (budget < 0.0)
             break;

@@ -1,19 +1,19 @@
 /* SPDX-License-Identifier: MIT
  *
- * buried.c - parts of a solid that are pushed into each other: texels inside of another part have no light, and the blurs would carry that
- * out as a dark seam along the line where parts meet. They are taken out of their charts. Parts that do not overlap are not looked at.
+ * buried.c - overlapping parts of a solid: texels inside another part receive no light, and blurs would spread that as a dark seam along
+ * the intersection. They are removed from their charts. Parts that do not overlap are not tested.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include "visibility/buried.h"
 
-#define CLEAR 1e-4f   /* of the largest coordinate, and of a texel: how far from the surface rays start */
-#define PARTS_MOST 64 /* whose boxes are compared; of more, all are looked at */
+#define CLEAR 1e-4f   /* relative to the largest coordinate, and to a texel: offset of a ray's origin */
+#define PARTS_MOST 64 /* with more parts, boxes are not compared and all parts are tested */
 
 struct search {
     struct ts_atlas_build *b;
-    const bool *meets; /* per connected part: its box meets that of another one */
-    int *count;        /* per band */
+    const bool *meets; /* per connected part: its box intersects another one's */
+    int *count;        /* per band of rows */
 };
 
 static bool apart(const struct pell_part *p, const struct pell_part *q)
@@ -24,7 +24,7 @@ static bool apart(const struct pell_part *p, const struct pell_part *q)
     return false;
 }
 
-/* False: no two boxes meet. */
+/* False: no two boxes intersect. */
 static bool compare_boxes(const struct pell_part *parts, uint32_t count, bool *meets)
 {
     bool any = count > PARTS_MOST;
@@ -38,7 +38,7 @@ static bool compare_boxes(const struct pell_part *parts, uint32_t count, bool *m
     return any;
 }
 
-/* Tests the texels that were collected. */
+/* Tests the collected texels. */
 static int flush(struct ts_atlas_build *b, const struct pell_buried_place *places, const ptrdiff_t *at, int count)
 {
     bool buried[PELL_PACKET];
@@ -94,7 +94,7 @@ enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b)
     struct search s = { .b = b };
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (a->scene->animated || count < 2) /* parts that move dig each other out */
+    if (a->scene->animated || count < 2) /* moving parts can become exposed later */
         return PELL_OK;
     parts = pell_alloc_array(b->ctx, count, sizeof(*parts));
     meets = pell_alloc_array(b->ctx, count, sizeof(*meets));

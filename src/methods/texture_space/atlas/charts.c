@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
  *
- * charts.c - charts: those of a file's texture coordinates, or planar ones that grow over the surface as far as it faces an axis.
+ * charts.c - charts: those of the mesh's texture coordinates, or planar ones grown over the surface while it faces an axis.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include <string.h>
 
-#define WELD_TEXELS 1e-2f /* corners nearer than this are one point of the layout */
-#define CHART_COSINE 0.7  /* a planar chart's normals are this near to its axis */
-#define CHART_LEAST 0.002 /* of the area: smaller charts are given to those beside them */
-#define JOIN_COSINE 0.3f  /* where they face these at least so much */
-#define APART 4.0         /* texels between what lies in front of each other */
-#define COVER_MOST 2048   /* texels a side that this is looked for on */
+#define WELD_TEXELS 1e-2f /* corners closer than this are one vertex of the layout */
+#define CHART_COSINE 0.7  /* lower bound of the cosine between a planar chart's normals and its axis */
+#define CHART_LEAST 0.002 /* relative to the area: smaller charts are merged into adjacent ones */
+#define JOIN_COSINE 0.3f  /* lower bound of the cosine for merging */
+#define APART 4.0         /* texels between overlapping layers of a projection */
+#define COVER_MOST 2048   /* maximum resolution of the overlap test, texels per side */
 #define ROUNDS_MOST 64
 
 bool ts_atlas_joined(const struct ts_atlas_build *b, uint32_t half)
@@ -102,13 +102,13 @@ const char *ts_atlas_lay_out_file(struct ts_atlas_build *b, int set)
     return NULL;
 }
 
-/* Seen from its axis a chart may lie in front of itself, as the rim of an ear does before the rest: what of it is covered already, and how
- * deep, by chart and texel. */
+/* Seen along its axis a chart may overlap itself, as the rim of an ear does. This structure records the covered texels and their depth, by
+ * chart and texel. */
 struct cover {
-    uint64_t *texel; /* 0: none */
+    uint64_t *texel; /* 0: not covered */
     float *depth;    /* texels */
     size_t mask, count;
-    double scale; /* texels a mm, about */
+    double scale; /* approximate texels per mm */
     double radius;
     struct pell_vec3 middle;
 };
@@ -137,7 +137,7 @@ static enum pell_result make_cover(const struct ts_atlas_build *b, struct cover 
     return g->texel && g->depth ? PELL_OK : PELL_ERR_NOMEM;
 }
 
-/* `put`: covers a texel at this depth. Else whether it is covered at another. */
+/* `put`: records a texel at this depth. Else returns whether it is covered at a different depth. */
 static bool cover_texel(struct cover *g, const struct ts_flat_chart *c, int x, int y, double depth, bool put)
 {
     const uint64_t key = (uint64_t) c->number << 42 | (uint64_t) y << 21 | (uint64_t) x;
@@ -155,7 +155,7 @@ static bool cover_texel(struct cover *g, const struct ts_flat_chart *c, int x, i
     return false;
 }
 
-/* The same for the texels of a triangle, and the one that its middle is in. */
+/* The same for the texels of a triangle, and the texel that contains its centroid. */
 static bool cover_triangle(const struct ts_atlas_build *b, struct cover *g, uint32_t t, const struct ts_flat_chart *c, bool put)
 {
     struct pell_vec3 p[3], u, v;
@@ -204,7 +204,7 @@ static struct pell_vec3 face_normal(const struct ts_atlas_build *b, uint32_t t)
     return vec3_normalize(vec3(f[0], f[1], f[2]));
 }
 
-/* The triangle across an edge that faces the same side; NONE: there is none with an area. */
+/* The triangle across an edge with the same orientation; NONE: no such triangle with an area. */
 static uint32_t neighbour(const struct ts_atlas_build *b, uint32_t half)
 {
     const uint32_t twin = b->a->twin[half];
@@ -212,8 +212,8 @@ static uint32_t neighbour(const struct ts_atlas_build *b, uint32_t half)
     return twin != NONE && b->area[twin / 3] > 0.0 && opposed(b, half, twin) ? twin / 3 : NONE;
 }
 
-/* A chart that grows from the seed over what has none, as far as that faces the seed's axis, the mean normal of what lies around it, and
- * does not hide another part of it. `order` has room for all triangles. */
+/* Grows a chart from the seed over unassigned triangles while they face the seed's axis (the mean normal of its neighbourhood) and do not
+ * overlap the chart in projection. `order` has room for all triangles. */
 static void grow_chart(struct ts_atlas_build *b, struct cover *g, uint32_t seed, struct ts_flat_chart *c, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
@@ -250,8 +250,8 @@ static void grow_chart(struct ts_atlas_build *b, struct cover *g, uint32_t seed,
     }
 }
 
-/* What is left over between charts is too narrow to be blurred in charts of its own: its triangles join those beside them, one by one,
- * while they face the axis at all and hide nothing. */
+/* Gaps between charts are too narrow to be blurred as charts of their own: their triangles join adjacent charts one by one, while they face
+ * the axis and overlap nothing. */
 static void connect_small(struct ts_atlas_build *b, struct cover *g, struct ts_flat_chart *charts)
 {
     struct ts_atlas *a = b->a;
@@ -287,7 +287,7 @@ static void connect_small(struct ts_atlas_build *b, struct cover *g, struct ts_f
     }
 }
 
-/* Charts that are left are numbered anew and seen from their axes. Returns how many there are. */
+/* Renumbers the remaining charts and projects them along their axes. Returns their number. */
 static size_t flatten_charts(struct ts_atlas_build *b, struct ts_flat_chart *charts, size_t count)
 {
     struct ts_atlas *a = b->a;
@@ -318,7 +318,7 @@ static size_t flatten_charts(struct ts_atlas_build *b, struct ts_flat_chart *cha
     return left;
 }
 
-/* Corners, in mm in their charts, to where these are put in the map. */
+/* Maps corners, in mm in their charts, to their position in the map. */
 static enum pell_result put_side_by_side(struct ts_atlas_build *b, struct ts_flat_chart *charts, size_t count)
 {
     struct ts_atlas *a = b->a;
@@ -356,7 +356,7 @@ enum pell_result ts_atlas_move_apart(struct ts_atlas_build *b)
         }
     for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         struct ts_flat_chart *c = a->chart[t] ? &charts[a->chart[t] - 1] : NULL;
-        const double mm = c && flat[c->number - 1] > 1e-9 ? sqrt(c->area / flat[c->number - 1]) : 0.0; /* to a texel */
+        const double mm = c && flat[c->number - 1] > 1e-9 ? sqrt(c->area / flat[c->number - 1]) : 0.0; /* texels per layout unit */
         for (int k = 0; c && k < 6; k++) {
             a->corners[t][k] *= (float) mm;
             c->low[k % 2] = fmin(c->low[k % 2], (double) a->corners[t][k]);

@@ -1,21 +1,21 @@
 /* SPDX-License-Identifier: MIT
  *
- * curvature.c - how lines of texels bend on the surface, and the tilt of the taps that makes up for it.
+ * curvature.c - geodesic curvature of the lines of texels, and the tilt of the blur's taps that compensates for it.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include "base/pool.h"
 
-#define TAPS_SIGMAS 3   /* standard deviations that a border is wide, about */
-#define TILT_MOST 0.25f /* of a tap's weight, over a standard deviation */
+#define TAPS_SIGMAS 3   /* approximate width of a border in standard deviations */
+#define TILT_MOST 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
 
-/* A way along x, or along the line at right angles to it. */
+/* A step along x, or along the perpendicular line. */
 struct way {
     struct pell_vec3 end;
     float length; /* mm */
 };
 
-/* `steps` texels from a texel, or as far as its chart goes; false: nowhere. */
+/* Steps up to `steps` texels within a chart; false: no step is possible. */
 static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign, int steps, struct way *out)
 {
     const struct ts_atlas *a = b->a;
@@ -32,7 +32,7 @@ static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign,
         if (px < 0 || py < 0 || px >= a->width || py >= a->height || a->key[at] != a->key[from])
             break;
         if (vec3_length(vec3_sub(b->place[at], out->end)) > a->length[0][at] + a->length[1][at])
-            break; /* two edges' borders meet */
+            break; /* two edges' borders touch */
         out->length += 0.5f * (last + a->length[axis][at]);
         last = a->length[axis][at];
         out->end = b->place[at];
@@ -41,7 +41,7 @@ static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign,
     return 2 * done > steps;
 }
 
-/* Second derivative of the place along a line of texels. */
+/* Second derivative of the position along a line of texels. */
 static struct pell_vec3 bend_of(const struct ts_atlas_build *b, int x, int y, int axis, int steps)
 {
     const struct pell_vec3 at = b->place[y * b->a->stride + x];
@@ -59,12 +59,12 @@ static float tilt_of(struct pell_vec3 bend, struct pell_vec3 way, float length, 
 {
     const float tilt = -0.5f * vec3_dot(bend, vec3_normalize(way)) * length;
 
-    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f; /* no number: none */
+    return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f; /* NaN becomes 0 */
 }
 
-/* Blurs go along straight lines of the layout, which on the surface are not the straightest ones: their taps lie aside, by s^2/2 times how
- * they bend. Light that spreads along the surface has no such drift (the Laplacian of the place is normal to the surface): taps weigh more
- * on the other side, by as much as brings their mean back. */
+/* Blurs follow straight lines of the layout, which are not geodesics of the surface: their taps drift aside by s^2/2 times the geodesic
+ * curvature. Diffusion along the surface has no such drift (the Laplacian of the position is normal to the surface), so taps on the other
+ * side get more weight, until their mean is centred. */
 static void tilt_rows(void *arg, int band, int worker)
 {
     const struct ts_atlas_build *b = arg;

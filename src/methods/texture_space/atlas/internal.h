@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * internal.h - what the parts of the atlas share; private to this folder. atlas.c calls the other files in order, and walk.c is called by
- * rasterize.c and borders.c; borders.c takes metrics from rasterize.c and asks charts.c which triangles are joined.
+ * internal.h - declarations shared by the parts of the atlas; private to this folder. atlas.c calls the other files in order; rasterize.c
+ * and borders.c call walk.c; borders.c uses metrics of rasterize.c and the connectivity of charts.c.
  */
 #ifndef METHODS_TEXTURE_SPACE_ATLAS_INTERNAL_H
 #define METHODS_TEXTURE_SPACE_ATLAS_INTERNAL_H
@@ -11,12 +11,12 @@
 #include "scene/mesh/topology.h"
 
 #define NONE UINT32_MAX
-#define COVERED_PLANAR 0.6 /* of the map by planar charts, at most */
-#define BAND 16            /* rows that a thread looks at in one go */
+#define COVERED_PLANAR 0.6 /* upper bound of the fraction of the map that planar charts cover */
+#define BAND 16            /* rows per task */
 
 struct ts_hinge;
 
-/* An atlas in the making. */
+/* An atlas under construction. */
 struct ts_atlas_build {
     struct pell_context *ctx;
     const struct ts_atlas_params *p;
@@ -27,11 +27,11 @@ struct ts_atlas_build {
     double *area;           /* per triangle, mm^2 */
     struct ts_hinge *hinge; /* per half-edge; for walks */
     double total_area;
-    bool *buried;                  /* per texel: was taken out of its chart; NULL: none */
-    struct pell_vec3 *place;       /* of each texel, mm */
-    struct ts_place *border_place; /* what each border stands for */
-    struct ts_turn *turn;          /* and how that lies */
-    int64_t claimed, twice;        /* texels that some, and that several triangles cover */
+    bool *buried;                  /* per texel: removed from its chart; NULL: none */
+    struct pell_vec3 *place;       /* position of each texel, mm */
+    struct ts_place *border_place; /* where each border texel reads */
+    struct ts_turn *turn;          /* and its orientation there */
+    int64_t claimed, twice;        /* texels covered by at least one, and by several triangles */
 };
 
 static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
@@ -39,12 +39,12 @@ static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pe
     pell_triangle_corners(&a->scene->meshes[a->triangles[t].mesh], a->triangles[t].triangle, p);
 }
 
-/* update.c: of all vertices. */
+/* update.c: hash of all vertex positions. */
 uint64_t ts_atlas_positions(const struct ts_atlas *a);
-/* update.c: what curvature.c does, by how lengths change across lines, which needs no places. */
+/* update.c: the same compensation as curvature.c, from the change of lengths across lines, which needs no positions. */
 void ts_atlas_tilt_by_lengths(struct ts_atlas *a, struct pell_pool *pool);
 
-/* mm^2; 0 where it is no number. */
+/* mm^2; 0 if not finite. */
 static inline double area_of(const struct ts_atlas *a, uint32_t t)
 {
     struct pell_vec3 p[3];
@@ -67,23 +67,23 @@ static inline double flat_area(const float c[6])
     return 0.5 * ((double) (c[2] - c[0]) * (double) (c[5] - c[1]) - (double) (c[4] - c[0]) * (double) (c[3] - c[1]));
 }
 
-/* Whether the twin runs the other way, as it does where both triangles face the same side. */
+/* Whether the twin has the opposite direction, as between two triangles of the same orientation. */
 static inline bool opposed(const struct ts_atlas_build *b, uint32_t half, uint32_t twin)
 {
     return pell_half_start(&b->topology, half) == pell_half_end(&b->topology, twin);
 }
 
-/* A chart on its own, as planar ones are. */
+/* A planar chart. */
 struct ts_flat_chart {
     struct pell_vec3 axis;
-    double area;            /* mm^2, when it was grown */
+    double area;            /* mm^2, while it grows */
     uint32_t count;         /* triangles */
     double low[2], high[2]; /* mm */
     double x, y;            /* texels */
     int32_t number;
 };
 
-/* Barycentrics of a point in a triangle's layout: 1 and x, y times these. */
+/* Barycentrics of a point in a triangle's layout: coefficients of 1, x and y. */
 struct ts_flat {
     double u[3], v[3];
 };
@@ -104,8 +104,8 @@ static inline bool flatten(const float c[6], struct ts_flat *f)
     return true;
 }
 
-/* Narrows [x0, x1] to the texels of a row that a triangle may cover, one more on either side: slivers cost what they cover, not their
- * boxes. */
+/* Clips [x0, x1] to the texels of a row that a triangle may cover, plus one on either side, so that slivers cost their covered texels and
+ * not their bounding boxes. */
 static inline void row_of(const struct ts_flat *f, double y, int *x0, int *x1)
 {
     const double at[3][2] = { { f->u[0] + f->u[2] * y, f->u[1] },
@@ -125,8 +125,8 @@ static inline void row_of(const struct ts_flat *f, double y, int *x0, int *x1)
     *x1 = high > -1.0 ? (int) high : -1;
 }
 
-/* How a triangle lies in the layout: mm from texel to texel along x, and at right angles to that, where a step along y goes `skew` texels
- * along x, too. */
+/* Metric of a triangle in the layout: mm per texel along x, and perpendicular to it, where a step along y also moves `skew` texels along
+ * x. */
 struct ts_metric {
     float length[2], skew;
 };
@@ -142,61 +142,62 @@ static inline struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triang
 
 /* --- walk.c ---------------------------------------------------------------------------------------------------------------------- */
 
-/* A triangle in the plane of one of its edges: how long that is, and where the third corner lies, from the edge's first one along it and at
- * right angles to it, mm. */
+/* A triangle in the frame of one of its edges: the edge's length, and the third corner, along the edge and perpendicular to it, from the
+ * edge's first corner, mm. */
 struct ts_hinge {
     float length, x, y;
 };
 
-/* Measures all triangles; before walks. */
+/* Measures all triangles. Call before walks. */
 PELL_NODISCARD enum pell_result ts_atlas_unfold(struct ts_atlas_build *b);
-/* Goes `way` (mm, in the triangle's plane) from a point straight on over the surface, around its edges, and leaves it as it points there.
- * False where the surface ends. */
+/* Walks straight over the surface from a point along `way` (mm, in the triangle's plane), turning around edges; `way` becomes the direction
+ * at the end. False: the surface ends. */
 bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way);
 
-/* --- charts.c: which triangles make a chart, and where their corners lie --------------------------------------------------------- */
+/* --- charts.c: segmentation into charts, and corner positions -------------------------------------------------------------------- */
 
 /* Whether all meshes have this set of texture coordinates. */
 bool ts_atlas_has_set(const struct ts_atlas_build *b, int set);
-/* The layout of the file by one set, scaled to fit. Returns NULL, or what is wrong with it. */
+/* The layout given by one set of texture coordinates, scaled to fit. Returns NULL, or the layout's defect. */
 const char *ts_atlas_lay_out_file(struct ts_atlas_build *b, int set);
-/* Charts that lie over each other in the layout of the file, as mirrored halves, repeated tiles and objects that share a texture do: side
- * by side, with as many texels to a mm of each. They are numbered. */
+/* Separates charts that overlap in the mesh's texture coordinates, as mirrored halves, repeated tiles and objects with a common texture do,
+ * and gives them equal texel density. They are numbered. */
 PELL_NODISCARD enum pell_result ts_atlas_move_apart(struct ts_atlas_build *b);
-/* Charts that grow over the surface as far as it faces their axis, each seen from there. `order` has room for all triangles. */
+/* Grows planar charts over the surface, each projected along its axis. `order` has room for all triangles. */
 PELL_NODISCARD enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *order);
-/* Numbers charts by what is connected in the layout. `todo` has room for all triangles. */
+/* Numbers charts by connectivity in the layout. `todo` has room for all triangles. */
 void ts_atlas_number_charts(struct ts_atlas_build *b, uint32_t *todo);
-/* Whether two triangles that share an edge do so in the layout. */
+/* Whether two triangles that share an edge are also adjacent in the layout. */
 bool ts_atlas_joined(const struct ts_atlas_build *b, uint32_t half);
 
 /* --- pack.c ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Sets the atlas's size and each chart's place in it; `scale`: texels a mm. Charts are in the order of their numbers afterwards. Fails with
- * PELL_ERR_UNSUPPORTED where they fit in no map. */
+/* Sets the atlas's size and each chart's position in it; `scale`: texels per mm. Afterwards charts are ordered by number. Fails with
+ * PELL_ERR_UNSUPPORTED if they fit in no map. */
 PELL_NODISCARD enum pell_result ts_atlas_pack(struct ts_atlas_build *b, struct ts_flat_chart *charts, size_t count, double *scale);
 
 /* --- rasterize.c: planes of texels ----------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b);
-/* Texels whose middles lie in a triangle; of several triangles the first's. */
+/* Texels whose centres are in a triangle; of several triangles the first one owns them. */
 void ts_atlas_rasterize(struct ts_atlas_build *b);
-/* A triangle that no texel would say anything about takes the one that it is in. */
+/* A triangle that covers no texel centre gets the texel that contains it. */
 void ts_atlas_rescue(struct ts_atlas_build *b);
-/* Where a step of a texel along x, and one along y, are u and v of a triangle; the same of its own layout. */
+/* Derivatives of a triangle's u and v along x and y in its own layout. */
 struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, const double u[2], const double v[2]);
 struct ts_metric ts_atlas_metric_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f);
 void ts_atlas_set_metric(struct ts_atlas *a, ptrdiff_t at, const struct ts_metric *m);
 
-/* buried.c: takes the texels that lie inside of another part of the solid out of their charts. */
+/* buried.c: removes texels inside another part of the solid from their charts. */
 PELL_NODISCARD enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b);
 
-/* --- borders.c: in this order ---------------------------------------------------------------------------------------------------- */
+/* --- borders.c, in call order ---------------------------------------------------------------------------------------------------- */
 
-/* For each texel beside the charts the nearest edge at which a chart ends but the surface goes on, and what lies there. */
+/* Finds, for each texel next to a chart, the nearest edge where the chart ends but the surface continues, and the surface point beyond
+ * it. */
 PELL_NODISCARD enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b);
 PELL_NODISCARD enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b);
-/* How far each texel is from the inside of a chart, along the longer axis, under TS_FAR: once from each end of the map. */
+/* Distance of each texel from the inside of a chart, along the longer axis, below TS_FAR: a pass from either end of the map. */
 void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far);
 PELL_NODISCARD enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *far);
 PELL_NODISCARD enum pell_result ts_atlas_find_runs(struct ts_atlas_build *b, const uint8_t *far);
@@ -206,7 +207,7 @@ void ts_atlas_measure_cell(const struct ts_atlas *a, ptrdiff_t first, struct ts_
 
 /* --- curvature.c ----------------------------------------------------------------------------------------------------------------- */
 
-/* Tilts the weights of the blurs' taps by how lines of texels bend. Needs place, metrics and cells. */
+/* Tilts the weights of the blurs' taps by the curvature of lines of texels. Needs positions, metrics and cells. */
 void ts_atlas_tilt(struct ts_atlas_build *b);
 
 #endif

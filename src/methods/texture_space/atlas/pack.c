@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * pack.c - planar charts side by side in one map, on shelves, at the largest scale that fits.
+ * pack.c - packs planar charts into one map on shelves, at the largest scale that fits.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include <stdlib.h>
 
-#define SIZE_MOST 16384 /* texels, a side */
+#define SIZE_MOST 16384 /* texels per side */
 
 static int by_height(const void *p, const void *q)
 {
@@ -23,7 +23,7 @@ static int by_number(const void *p, const void *q)
     return (a->number > b->number) - (a->number < b->number);
 }
 
-/* Puts charts on shelves, `scale` texels a mm. False where they are too many. */
+/* Packs charts on shelves at `scale` texels per mm. False: there are too many. */
 static bool put_on_shelves(struct ts_flat_chart *charts, size_t count, double scale, int gutter, int size)
 {
     double x = 2.0, y = 2.0, tall = 0.0;
@@ -53,7 +53,7 @@ enum pell_result ts_atlas_pack(struct ts_atlas_build *b, struct ts_flat_chart *c
     double low = 0.0;
 
     qsort(charts, count, sizeof(*charts), by_height);
-    /* Where they do not fit in the size that was asked for they get twice as much. */
+    /* If they do not fit in the requested size, the size is doubled. */
     for (; low == 0.0 && size <= SIZE_MOST; size *= 2) {
         double top = 2.0 * size / sqrt(b->total_area);
         gutter = 2 * b->p->border;

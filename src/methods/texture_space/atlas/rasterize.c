@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define LEAN_MOST 8.0f
-#define LENGTH_LEAST 1e-9f /* mm from texel to texel */
+#define LENGTH_LEAST 1e-9f /* mm per texel */
 #define LENGTH_MOST 1e9f
 
 enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b)
@@ -101,7 +101,7 @@ void ts_atlas_rasterize(struct ts_atlas_build *b)
                 if (least < -1e-9)
                     continue;
                 if (a->source[at] != NONE) {
-                    /* Well inside of both: they overlap. The first has left how far inside the texel is. */
+                    /* Well inside both triangles: they overlap. The first one has stored how far inside the texel is. */
                     const double other = fmin(1.0 - (double) a->bary[0][at] - (double) a->bary[1][at],
                                               fmin((double) a->bary[0][at], (double) a->bary[1][at]));
                     b->twice += least > 1e-3 && other > 1e-3;

@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * update.c - a layout whose vertices have moved: triangles, charts, texels and what borders stand for are as before; lengths, skew and tilt
- * of texels are those of the new places.
+ * update.c - updates the atlas after vertices have moved: triangles, charts, texels and border sources stay; lengths, skew and tilt of
+ * texels are recomputed from the new positions.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include "base/hash.h"
 #include "base/pool.h"
 
-#define TAPS_SIGMAS 3   /* standard deviations that a border is wide, about */
-#define TILT_MOST 0.25f /* of a tap's weight, over a standard deviation */
+#define TAPS_SIGMAS 3   /* approximate width of a border in standard deviations */
+#define TILT_MOST 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
 
 uint64_t ts_atlas_print(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid)
 {
@@ -33,7 +33,7 @@ uint64_t ts_atlas_positions(const struct ts_atlas *a)
 {
     uint64_t print = 0;
 
-    for (uint32_t t = 0; t < a->num_triangles; t++) { /* those of a mesh follow each other */
+    for (uint32_t t = 0; t < a->num_triangles; t++) { /* triangles of a mesh are consecutive */
         const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
         if (t == 0 || a->triangles[t].mesh != a->triangles[t - 1].mesh)
             print = pell_hash_bytes(print, m->position, 3 * sizeof(*m->position) * (size_t) m->num_vertices);
@@ -41,7 +41,7 @@ uint64_t ts_atlas_positions(const struct ts_atlas *a)
     return print;
 }
 
-enum { TRIANGLES = 512 /* that a thread looks at in one go */ };
+enum { TRIANGLES = 512 /* triangles per task */ };
 
 static void measure_triangles(void *arg, int index, int worker)
 {
@@ -80,7 +80,7 @@ static void measure_rows(void *arg, int band, int worker)
     }
 }
 
-/* How lengths across a line change along it, which is how much it bends: of lines x = const that of ly along x, over ly. */
+/* Curvature of lines from the change of lengths across them: for lines x = const the derivative of ly along x, over ly. */
 static float change_of(const struct ts_atlas *a, const float *length, ptrdiff_t at, ptrdiff_t pace, int steps, int low, int high)
 {
     int back = steps < low ? steps : low, ahead = steps < high ? steps : high;
@@ -128,7 +128,7 @@ bool ts_atlas_update(struct ts_atlas *a, struct pell_pool *pool, const struct pe
 
     a->scene = scene;
     positions = ts_atlas_positions(a);
-    if (positions == a->positions) /* as where the camera alone moves */
+    if (positions == a->positions) /* as when only the camera moves */
         return true;
     for (uint32_t t = 0; t < a->num_triangles; t++) {
         const double own = area_of(a, t);

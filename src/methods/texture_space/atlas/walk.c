@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * walk.c - straight ways over the surface from triangle to triangle, and where a point of the surface lies in the layout.
+ * walk.c - straight walks over the surface from triangle to triangle, and the position of a surface point in the layout.
  */
 #include "methods/texture_space/atlas/internal.h"
 
 #include "base/pool.h"
 
-#define STEPS_MOST 256 /* triangles on one way over the surface: a spike finer than a texel is passed around again and again */
+#define STEPS_MOST 256 /* triangles per walk: without a limit a walk can circle a spike finer than a texel */
 
-enum { TRIANGLES = 1024 }; /* that a thread looks at in one go */
+enum { TRIANGLES = 1024 }; /* triangles per task */
 
 static void unfold_triangles(void *arg, int chunk, int worker)
 {
@@ -53,7 +53,7 @@ enum pell_result ts_atlas_unfold(struct ts_atlas_build *b)
     return PELL_OK;
 }
 
-/* Unit vectors of a triangle's first edge, and at right angles to it toward the third corner; false: it has no area. */
+/* Unit vectors of a triangle's first edge, and perpendicular to it toward the third corner; false: no area. */
 static bool axes_of(const struct ts_atlas *a, uint32_t half, struct pell_vec3 axis[2])
 {
     const uint32_t k = half % 3;
@@ -66,13 +66,12 @@ static bool axes_of(const struct ts_atlas *a, uint32_t half, struct pell_vec3 ax
     return vec3_dot(axis[0], axis[0]) > 0.5f && vec3_dot(axis[1], axis[1]) > 0.5f;
 }
 
-/* Each triangle is unfolded beside the one before it, in the plane of the edge that the way came across: x along it, y into the
- * triangle. */
+/* Unfolds each triangle into the plane of the one before, in the frame of the shared edge: x along the edge, y into the triangle. */
 bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way)
 {
     const struct ts_atlas *a = b->a;
     const struct ts_hinge *hinge = &b->hinge[3 * (size_t) *triangle];
-    uint32_t half = 3 * *triangle; /* the edge */
+    uint32_t half = 3 * *triangle; /* the shared edge */
     struct pell_vec3 axis[2];
     double x = bary[0] * (double) hinge->length + bary[1] * (double) hinge->x, y = bary[1] * (double) hinge->y, dx, dy;
 
@@ -88,11 +87,11 @@ bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double ba
 
         if (!(length > 0.0 && cy > 0.0))
             return false;
-        /* Across the edges from each of its two corners to the third, and in the first one across the edge itself. */
+        /* Across the edges from either end to the third corner; in the first triangle also across the edge itself. */
         for (uint32_t k = step == 0 ? 0 : 1; k < 3; k++) {
             const double px = k == 1 ? length : k == 2 ? cx : 0.0, py = k == 2 ? cy : 0.0;
             const double ex = (k == 0 ? length : k == 1 ? cx : 0.0) - px, ey = (k == 1 ? cy : 0.0) - py;
-            const double leaves = dx * ey - dy * ex, inside = ex * (y - py) - ey * (x - px); /* to its left */
+            const double leaves = dx * ey - dy * ex, inside = ex * (y - py) - ey * (x - px); /* on its left */
             if (!(leaves > 0.0 && inside < s * leaves))
                 continue;
             s = inside > 0.0 ? inside / leaves : 0.0;
@@ -106,7 +105,7 @@ bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double ba
             const double v = fmin(fmax((y + dy) / cy, 0.0), 1.0), u = fmin(fmax((x + dx - v * cx) / length, 0.0), 1.0 - v);
             const double w[3] = { 1.0 - u - v, u, v };
             *triangle = half / 3;
-            for (uint32_t k = 0; k < 3; k++) /* of the edge's corners and the third */
+            for (uint32_t k = 0; k < 3; k++) /* the edge's two corners and the third one */
                 if ((half + k) % 3 > 0)
                     bary[(half + k) % 3 - 1] = w[k];
             if (!axes_of(a, half, axis))
@@ -117,7 +116,7 @@ bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double ba
         twin = a->twin[out];
         if (twin == NONE || !a->chart[twin / 3])
             return false;
-        /* What goes along the edge stays, the rest turns about it. */
+        /* The component along the edge is unchanged; the rest rotates about the edge. */
         out_length = sqrt(out_length);
         f = fmin(fmax(f, 0.0), 1.0);
         {
