@@ -47,7 +47,7 @@ struct node_task {
 };
 
 /* Constant environment: all nodes are equal. dw = 2 pi dmu */
-static void make_even_row(const struct node_task *t, float *row)
+static void make_constant_row(const struct node_task *t, float *row)
 {
     const size_t size = (size_t) t->env->size;
     float bins[PELL_ENV_BINS][4] = { { 0.0f } };
@@ -69,7 +69,7 @@ static void make_node_row(void *arg, int j, int worker)
 
     (void) worker;
     if (t->count == 0) {
-        make_even_row(t, row);
+        make_constant_row(t, row);
         return;
     }
     for (int first = 0, count; first < PELL_ENV_NODES; first += count) {
@@ -382,14 +382,14 @@ static const struct {
 #define MIPS 5 /* 1024, 512, 256, 128, 64 */
 
 /* Temporary data; everything except the elements is allocated before the work begins. */
-struct workshop {
+struct scratch {
     struct pell_env_map mips[MIPS]; /* from the working size down to 64 */
     int num_mips;
     float *ring, *kernels;
     struct pell_env_element *elements;
 };
 
-static void close_workshop(struct pell_context *ctx, struct workshop *w)
+static void free_scratch(struct pell_context *ctx, struct scratch *w)
 {
     for (int i = 0; i < MIPS; i++)
         finish_map(ctx, &w->mips[i]);
@@ -398,7 +398,7 @@ static void close_workshop(struct pell_context *ctx, struct workshop *w)
     pell_free(ctx, w->elements);
 }
 
-static enum pell_result open_workshop(struct pell_context *ctx, struct pell_environment *env, struct workshop *w)
+static enum pell_result allocate_scratch(struct pell_context *ctx, struct pell_environment *env, struct scratch *w)
 {
     const int picture = env->image->image.width, width = picture >= 1024 ? 1024 : picture >= 512 ? 512 : 256;
     enum pell_result res;
@@ -425,7 +425,7 @@ fail:
     return res;
 }
 
-static void make_levels(struct pell_pool *pool, struct workshop *w, struct pell_environment *env)
+static void make_levels(struct pell_pool *pool, struct scratch *w, struct pell_environment *env)
 {
     const struct pell_env_kernels *simd = pell_env_kernels_tables[pell_simd_best()];
     const struct pell_env_map *full = &w->mips[0];
@@ -474,7 +474,7 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
 {
     const struct pell_specular_tables *tables = params->tables;
     struct pell_pool *pool = params->pool;
-    struct workshop w = { 0 };
+    struct scratch w = { 0 };
     struct node_task task = { .env = env, .simd = pell_env_kernels_tables[pell_simd_best()] };
     enum pell_result res;
 
@@ -483,7 +483,7 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
     PELL_TRY(allocate_table(ctx, tables, env, &w.kernels));
     make_kernels(tables, env, w.kernels);
     if (env->image) {
-        PELL_TRY(open_workshop(ctx, env, &w));
+        PELL_TRY(allocate_scratch(ctx, env, &w));
         pell_pool_run(pool, w.mips[0].height, resample_row, &(struct resample_task) { env, &w.mips[0] });
         PELL_TRY(pell_environment_light_sources(ctx, &w.mips[0], params->index, params->max_lights, out));
         PELL_TRY(make_elements(ctx, &w.mips[0], &w.elements, &task.count));
@@ -498,7 +498,7 @@ enum pell_result pell_environment_create(struct pell_context *ctx, const struct 
     res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 
 fail:
-    close_workshop(ctx, &w);
+    free_scratch(ctx, &w);
     return res;
 }
 

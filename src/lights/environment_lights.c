@@ -37,15 +37,15 @@ static void measure(const struct pell_env_map *m, float clamp, struct region *r)
     for (int y = r->y0; y < r->y1; y++)
         for (int x = r->x0; x < r->x1; x++) {
             const float *p = m->rgb + 3 * ((size_t) y * (size_t) m->width + (size_t) x);
-            const double share = excess(p, clamp) * m->solid_row[y], e = share * pell_luminance(p);
-            if (share > 0.0) {
+            const double fraction = excess(p, clamp) * m->solid_row[y], e = fraction * pell_luminance(p);
+            if (fraction > 0.0) {
                 const struct pell_vec3 d = pell_env_map_direction(m, x, y);
                 r->energy += e;
                 r->direction[0] += e * d.x;
                 r->direction[1] += e * d.y;
                 r->direction[2] += e * d.z;
                 for (int c = 0; c < 3; c++)
-                    r->rgb[c] += share * p[c];
+                    r->rgb[c] += fraction * p[c];
             }
         }
 }

@@ -212,15 +212,15 @@ static float mean_of_source(const struct pell_light_source *s, struct pell_vec3 
     const struct pell_vec3 to = vec3_sub(at, s->position);
     const float power = pell_luminance(s->power), distance = vec3_length(to),
                 along = distance > 0.0f ? vec3_dot(s->direction, to) / distance : 1.0f;
-    float share = 1.0f;
+    float fraction = 1.0f;
 
     if (s->type == PELL_LIGHT_DIRECTIONAL)
         return 0.25f * power;
     if (s->type == PELL_LIGHT_RECT || s->type == PELL_LIGHT_DISC)
-        share = (float) s->samples * fmaxf(along, 0.0f);
+        fraction = (float) s->samples * fmaxf(along, 0.0f);
     else if (s->type == PELL_LIGHT_SPOT)
-        share = pell_light_cone(along, s->spot_scale, s->spot_offset);
-    return 0.25f * power * share * pell_light_falloff(distance, s->scale, s->inv_range);
+        fraction = pell_light_cone(along, s->spot_scale, s->spot_offset);
+    return 0.25f * power * fraction * pell_light_falloff(distance, s->scale, s->inv_range);
 }
 
 /* Irradiance on a face, from the table's node nearest to its normal. */

@@ -12,11 +12,11 @@
 
 struct pell_sampled_environment {
     struct pell_environment env;
-    int width, height;  /* of the image; 0: constant */
-    double *rows;       /* cumulative distribution over rows of cells; height + 1 entries */
-    uint32_t *columns;  /* per row: cumulative distribution over its cells, scaled by 2^32, minus 1 */
-    double energy;      /* luminance over the sphere, sr W/(m^2 sr) */
-    double share, upto; /* fraction of all environments' energy; and cumulative, including this one */
+    int width, height;     /* of the image; 0: constant */
+    double *rows;          /* cumulative distribution over rows of cells; height + 1 entries */
+    uint32_t *columns;     /* per row: cumulative distribution over its cells, scaled by 2^32, minus 1 */
+    double energy;         /* luminance over the sphere, sr W/(m^2 sr) */
+    double fraction, upto; /* fraction of all environments' energy; and cumulative, including this one */
 };
 
 /* Luminance of a texel, sanitised like in the lookup. */
@@ -70,8 +70,8 @@ static enum pell_result make_table(struct pell_context *ctx, struct pell_sampled
             line[x] = total += cell_corners(s, x, y, f);
         /* Each cell gets at least one of the 2^32 integers. */
         for (int x = 0; x < w; x++) {
-            const double share = x == w - 1 ? 1.0 : total > 0.0 ? line[x] / total : (x + 1.0) / w;
-            columns[x] = (uint32_t) (share * (4294967296.0 - w)) + (uint32_t) x;
+            const double fraction = x == w - 1 ? 1.0 : total > 0.0 ? line[x] / total : (x + 1.0) / w;
+            columns[x] = (uint32_t) (fraction * (4294967296.0 - w)) + (uint32_t) x;
         }
         s->rows[y] = sum += total / w * (row_start(s, y + 1) - row_start(s, y));
     }
@@ -167,7 +167,7 @@ double pell_environment_sampler_density(const struct pell_environment_sampler *e
     double density = 0.0;
 
     for (size_t i = 0; i < e->count; i++)
-        density += e->list[i].share * environment_density(&e->list[i], direction);
+        density += e->list[i].fraction * environment_density(&e->list[i], direction);
     return density;
 }
 
@@ -186,7 +186,7 @@ struct pell_vec3 pell_environment_sampler_sample(const struct pell_environment_s
 {
     size_t k = 0;
 
-    while (k + 1 < e->count && !(choice < e->list[k].upto && e->list[k].share > 0.0))
+    while (k + 1 < e->count && !(choice < e->list[k].upto && e->list[k].fraction > 0.0))
         k++;
     return environment_sample(&e->list[k], u, v);
 }
@@ -215,8 +215,8 @@ enum pell_result pell_environment_sampler_make(struct pell_context *ctx, const s
     if (!(total > 0.0))
         return PELL_OK;
     for (size_t i = 0; i < e->count; i++) {
-        e->list[i].share = e->list[i].energy / total;
-        e->list[i].upto = upto += e->list[i].share;
+        e->list[i].fraction = e->list[i].energy / total;
+        e->list[i].upto = upto += e->list[i].fraction;
     }
     e->irradiance = 0.25 * total;
     return PELL_OK;

@@ -12,9 +12,9 @@
 
 #include <string.h>
 
-#define ALIKE 0.1      /* fraction of the choices that is uniform over all lights, because estimates may be wrong */
-#define UNSEEN 0.1     /* factor for lights that face away: points nearby may still be lit */
-#define IMAGE_STEPS 32 /* resolution, per side, for the mean of a projected image */
+#define UNIFORM_FRACTION 0.1 /* fraction of the choices that is uniform over all lights, because estimates may be wrong */
+#define BACK_FACTOR 0.1      /* factor for lights that face away: points nearby may still be lit */
+#define IMAGE_STEPS 32       /* resolution, per side, for the mean of a projected image */
 
 struct sampled_light {
     struct pell_light_source source; /* not used for the environment */
@@ -129,7 +129,7 @@ size_t pell_light_sampler_count(const struct pell_light_sampler *light_sampler)
 
 static double partly(double seen)
 {
-    return UNSEEN + (1.0 - UNSEEN) * seen;
+    return BACK_FACTOR + (1.0 - BACK_FACTOR) * seen;
 }
 
 /* Estimated irradiance of a light around `near`, W/m^2; `soft2`: lower bound of the squared distance. Never 0. */
@@ -163,7 +163,8 @@ static double estimate_all(const struct pell_light_sampler *e, struct pell_vec3 
 static double chance_of(const struct pell_light_sampler *e, size_t source, struct pell_vec3 near, double soft2, double all)
 {
     const double alike = 1.0 / (double) e->count;
-    return all > 0.0 && all < INFINITY ? ALIKE * alike + (1.0 - ALIKE) * estimate(&e->list[source], near, soft2) / all : alike;
+    return all > 0.0 && all < INFINITY ? UNIFORM_FRACTION * alike + (1.0 - UNIFORM_FRACTION) * estimate(&e->list[source], near, soft2) / all
+                                       : alike;
 }
 
 /* Chooses a light by *u, and replaces *u by a new uniform number. */
@@ -200,7 +201,8 @@ static bool is_distant(const struct sampled_light *e)
 }
 
 /* Samples a point on light `index`; out->pdf excludes the choice of the light. `choice` selects one of several environments. */
-static void place_on(const struct pell_light_sampler *e, size_t index, double choice, double u, double v, struct pell_light_sample *out)
+static void sample_point_on(const struct pell_light_sampler *e, size_t index, double choice, double u, double v,
+                            struct pell_light_sample *out)
 {
     const struct sampled_light *l = &e->list[index];
     const struct pell_light_source *source = &l->source;
@@ -241,13 +243,13 @@ bool pell_light_sampler_sample(const struct pell_light_sampler *light_sampler, s
     if (light_sampler->count == 0)
         return false;
     i = choose(light_sampler, near, light_sampler->soft2, &choice, &chance);
-    place_on(light_sampler, i, choice, u[1], u[2], out);
+    sample_point_on(light_sampler, i, choice, u[1], u[2], out);
     out->pdf *= chance;
     return out->pdf > 0.0;
 }
 
 /* Density of a point, without the choice of the light. */
-static double place_density(const struct pell_light_sampler *e, const struct pell_light_sample *sample)
+static double point_pdf(const struct pell_light_sampler *e, const struct pell_light_sample *sample)
 {
     const struct sampled_light *l = &e->list[sample->source];
     return l->environment ? pell_environment_sampler_density(&e->environments, sample->toward) : is_delta(l) ? 1.0 : 1.0 / l->area;
@@ -255,7 +257,7 @@ static double place_density(const struct pell_light_sampler *e, const struct pel
 
 double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, struct pell_vec3 near, const struct pell_light_sample *sample)
 {
-    return chance(light_sampler, sample->source, near, light_sampler->soft2) * place_density(light_sampler, sample);
+    return chance(light_sampler, sample->source, near, light_sampler->soft2) * point_pdf(light_sampler, sample);
 }
 
 /* Emission along a unit direction, without range attenuation. */
@@ -419,17 +421,17 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
 {
     struct pell_light_sample *sample = &out->sample;
     const struct sampled_light *l;
-    double choice = u[0], share;
+    double choice = u[0], fraction;
     float power[3];
     size_t i;
 
     if (light_sampler->count == 0 || !(radius > 0.0 && radius < INFINITY))
         return false;
-    i = choose(light_sampler, centre, radius * radius, &choice, &share);
+    i = choose(light_sampler, centre, radius * radius, &choice, &fraction);
     l = &light_sampler->list[i];
-    place_on(light_sampler, i, choice, u[1], u[2], sample);
+    sample_point_on(light_sampler, i, choice, u[1], u[2], sample);
     out->pdf = sample->pdf;
-    sample->pdf *= share;
+    sample->pdf *= fraction;
     if (sample->distant) {
         const double r = radius * sqrt(u[3]);
         const struct pell_dvec3 off = { centre.x - light_sampler->middle[0], centre.y - light_sampler->middle[1],
@@ -449,7 +451,7 @@ bool pell_light_sampler_emit(const struct pell_light_sampler *light_sampler, str
         out->pdf *=
             grid.cosine ? fmax(dvec3_dot(grid.axis, dvec3_widen(out->direction)), 0.0) / PELL_PI : 1.0 / (2.0 * PELL_PI * grid.versed);
     }
-    out->pdf *= share;
+    out->pdf *= fraction;
     power_along(light_sampler, sample, out->direction, out->origin, power);
     for (int c = 0; c < 3; c++)
         out->weight[c] = (double) power[c] * (l->area > 0.0 ? (double) vec3_dot(sample->normal, out->direction) : 1.0) / out->pdf;

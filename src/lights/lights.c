@@ -177,15 +177,15 @@ bool pell_lights_part(const struct pell_lights *lights, int object, int material
     return lights->num_parts > 0 && bsearch(&key, lights->parts, lights->num_parts, sizeof(key), compare_parts) != NULL;
 }
 
-#define GRIDS_MOST 4   /* maximum number of lights with a light grid: each holds a copy of the triangles */
-#define GRIDS_TRIED 16 /* maximum number of attempts, because an unsuitable light may be detected late */
+#define MAX_GRIDS 4  /* maximum number of lights with a light grid: each holds a copy of the triangles */
+#define MAX_TRIED 16 /* maximum number of attempts, because an unsuitable light may be detected late */
 
 static enum pell_result make_grids(struct pell_lights *lights, const struct pell_scene *scene)
 {
     enum pell_result res = PELL_OK;
     int grids = 0, tried = 0;
 
-    for (size_t i = 0; i < lights->num_sources && grids < GRIDS_MOST && tried < GRIDS_TRIED && res == PELL_OK; i++) {
+    for (size_t i = 0; i < lights->num_sources && grids < MAX_GRIDS && tried < MAX_TRIED && res == PELL_OK; i++) {
         struct pell_light_source *source = &lights->sources[i];
         if (source->environment >= 0 || (source->type != PELL_LIGHT_POINT && source->type != PELL_LIGHT_SPOT))
             continue;
@@ -211,14 +211,14 @@ static void choose_etas(struct pell_lights *lights, const struct pell_specular_t
     }
 }
 
-#define SHARED 4 /* maximum number of lights per group */
+#define MAX_GROUP 4 /* maximum number of lights per group */
 
 /* Forms groups of adjacent lights of an environment that take turns over the multisamples, like the samples of an area light. A light
  * with a large fraction of the environment is in every group: at an object's rim, which only some multisamples cover, its edge would be
  * visible. */
 static void share_turns(struct pell_light_source *sources, size_t count, int msaa)
 {
-    const int turns = msaa % SHARED == 0 ? SHARED : msaa % 2 == 0 ? 2 : 1;
+    const int turns = msaa % MAX_GROUP == 0 ? MAX_GROUP : msaa % 2 == 0 ? 2 : 1;
     float total = 0.0f;
     int turn = 0;
 
@@ -234,8 +234,7 @@ static void share_turns(struct pell_light_source *sources, size_t count, int msa
 static enum pell_result add_environment(struct pell_lights *lights, int number, const struct pell_light *light,
                                         const struct pell_environment_params *params)
 {
-    struct pell_environment *env = &lights->environments[lights->num_environments++]; /* counted first, so that it is released after a
-                                                                                       * failure */
+    struct pell_environment *env = &lights->environments[lights->num_environments++]; /* counted first, for release after a failure */
     struct pell_environment_lights brightest;
     enum pell_result res;
 

@@ -6,8 +6,8 @@
  * The grid is the part of the picture that contains the frame's rectangle, from a multiple of 16 pixels on; its width is one, too. Its
  * pixels outside of the rectangle have material 0.
  *
- * Ownership  pell_gpu_planes_finish releases what pell_gpu_planes_make created, even after a failure. Services are borrowed. Threads    one
- * at a time.
+ * Ownership  pell_gpu_planes_finish releases what pell_gpu_planes_make created, even after a failure. Services are borrowed.
+ * Threads    one at a time.
  */
 #ifndef PELL_GPU_PLANES_H
 #define PELL_GPU_PLANES_H
@@ -28,8 +28,7 @@ struct pell_gpu_planes {
     const struct pell_services *services;
     struct pell_gpu_buffer *light_up, *surface_up, *light, *surface, *result; /* NULL on a program's own device */
     int32_t *pixels;                                                          /* per row: number of translucent pixels */
-    int width, height, x0, y0;                                                /* of the grid, px; position of its first pixel in the
-                                                                               * picture */
+    int width, height, x0, y0;                                                /* of the grid, px; its origin in the picture */
     /* Of the frame. */
     const struct pell_frame *in;
     const float *const *from; /* planes of light */

@@ -67,11 +67,11 @@ void pell_slab_medium(const struct pell_frame_material *m, double d, struct pell
     for (int i = 0; i < m->stack->count; i++) {
         const struct pell_medium_layer *l = &m->stack->layer[i];
         const double end = i + 1 < m->stack->count ? fmin(top + l->thickness, 0.5 * d) : 0.5 * d;
-        const double share = d > 0.0 ? fmax(end - top, 0.0) / (0.5 * d) : (double) (i == 0);
+        const double fraction = d > 0.0 ? fmax(end - top, 0.0) / (0.5 * d) : (double) (i == 0);
         for (int c = 0; c < 3; c++) {
-            out->sigma_a[c] += share * l->sigma_a[c];
-            out->sigma_s_reduced[c] += share * l->sigma_s_reduced[c];
-            out->g[c] += share * l->g[c];
+            out->sigma_a[c] += fraction * l->sigma_a[c];
+            out->sigma_s_reduced[c] += fraction * l->sigma_s_reduced[c];
+            out->g[c] += fraction * l->g[c];
         }
         top += l->thickness;
     }
@@ -119,8 +119,8 @@ static void fill(pell_thickness_fn *f, const void *of, double max_mm, float valu
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
             const double place = (double) i / (PELL_THICKNESS_STEPS - 1);
-            const float share = (float) f(of, c, max_mm * place * place);
-            value[i][c] = share;
+            const float fraction = (float) f(of, c, max_mm * place * place);
+            value[i][c] = fraction;
         }
 }
 

@@ -11,14 +11,14 @@
 
 #include <string.h>
 
-#define MOST_CUBES 6e6  /* per solid: more take longer to fill than they save */
-#define STEPS 24        /* per cube side: quantisation of stored distances, rounded down */
-#define BAND 3.0f       /* in cubes: within it distances are exact */
-#define LARGEST 8.0f    /* in cubes: larger triangles are subdivided */
-#define DEEPEST 48      /* maximum subdivision depth of a triangle */
-#define SLAB 8          /* layers per task */
-#define HALF 0.8660255f /* half of a cube's diagonal, in sides */
-#define SLACK 2e-3f     /* in sides: rounding errors relative to the grid's corner */
+#define MAX_CUBES 6e6         /* per solid: more take longer to fill than they save */
+#define STEPS 24              /* per cube side: quantisation of stored distances, rounded down */
+#define BAND 3.0f             /* in cubes: within it distances are exact */
+#define MAX_SPAN 8.0f         /* in cubes: larger triangles are subdivided */
+#define MAX_DEPTH 48          /* maximum subdivision depth of a triangle */
+#define SLAB 8                /* layers per task */
+#define HALF 0.8660255f       /* half of a cube's diagonal, in sides */
+#define ROUNDING_MARGIN 2e-3f /* in sides: rounding errors relative to the grid's corner */
 
 struct pell_distance {
     struct pell_context *ctx;
@@ -137,7 +137,7 @@ static int longest_side(const float corner[3][3])
 
 /* Corners in sides from the grid's corner; layers [from, to). Large triangles are bisected across their longest side, so that slivers are
  * divided by their length. */
-static void tell(const struct fill *f, const float corner[3][3], int from, int to, int depth)
+static void write_distances(const struct fill *f, const float corner[3][3], int from, int to, int depth)
 {
     const struct pell_distance_grid *g = f->grid;
     int first[3], last[3];
@@ -154,14 +154,14 @@ static void tell(const struct fill *f, const float corner[3][3], int from, int t
         first[k] = (int) fmaxf(low - BAND, begin);
         last[k] = (int) fminf(high + BAND, end - 0.5f) + 1;
     }
-    if (extent > LARGEST && depth < DEEPEST) {
+    if (extent > MAX_SPAN && depth < MAX_DEPTH) {
         const int at = longest_side(corner), next = (at + 1) % 3;
         for (int i = 0; i < 2; i++) {
             float half[3][3];
             memcpy(half, corner, sizeof(half));
             for (int k = 0; k < 3; k++)
                 half[i ? at : next][k] = 0.5f * (corner[at][k] + corner[next][k]);
-            tell(f, (const float(*)[3]) half, from, to, depth + 1);
+            write_distances(f, (const float(*)[3]) half, from, to, depth + 1);
         }
         return;
     }
@@ -203,13 +203,13 @@ static void near_task(void *arg, int index, int worker)
             for (size_t c = 0; c < 3; c++)
                 for (int j = 0; j < 2; j++)
                     corner[c][j] = (float) (((double) p[c][j] - (double) g->low[j]) * inverse_side);
-            tell(f, (const float(*)[3]) corner, from, to, 0);
+            write_distances(f, (const float(*)[3]) corner, from, to, 0);
         }
     }
     for (size_t i = start; i < end; i++) {
-        const float d = sqrtf(f->near2[i]), known = (d - SLACK) * scale;
+        const float d = sqrtf(f->near2[i]), known = (d - ROUNDING_MARGIN) * scale;
         g->steps[i] = (uint16_t) (known > 0.0f ? known : 0.0f);
-        transform[i] = d <= HALF + SLACK ? 0 : INT32_MAX;
+        transform[i] = d <= HALF + ROUNDING_MARGIN ? 0 : INT32_MAX;
     }
 }
 
@@ -289,7 +289,7 @@ static void depth_task(void *arg, int y, int worker)
     for (int z = 0; z < g->size[2]; z++)
         for (int x = 0; x < g->size[0]; x++) {
             const size_t i = (size_t) z * layer + (size_t) x;
-            const float known = (sqrtf((float) d[i]) * (1.0f - 1e-6f) - HALF - SLACK) * (g->side / g->unit);
+            const float known = (sqrtf((float) d[i]) * (1.0f - 1e-6f) - HALF - ROUNDING_MARGIN) * (g->side / g->unit);
             const uint16_t bound = (uint16_t) (known > 0.0f ? known < 65535.0f ? known : 65535.0f : 0.0f);
             steps[i] = steps[i] > bound ? steps[i] : bound;
         }
@@ -355,16 +355,16 @@ static void span_meshes(const struct fill *f)
     for (size_t k = 0; k < f->scene->num_meshes; k++) {
         const struct pell_mesh *m = &f->scene->meshes[k];
         float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
-        bool meets = true;
+        bool overlaps = true;
         for (size_t i = 0; i < m->num_vertices; i++)
             for (int j = 0; j < 3; j++) {
                 low[j] = fminf(low[j], m->position[3 * i + (size_t) j]);
                 high[j] = fmaxf(high[j], m->position[3 * i + (size_t) j]);
             }
         for (int j = 0; j < 3; j++)
-            meets = meets && high[j] >= g->low[j] - (BAND + 1.0f) * g->side && low[j] <= g->high[j] + (BAND + 2.0f) * g->side;
+            overlaps = overlaps && high[j] >= g->low[j] - (BAND + 1.0f) * g->side && low[j] <= g->high[j] + (BAND + 2.0f) * g->side;
         f->spans[k] = (struct span) { INT32_MAX, -1 };
-        if (meets) {
+        if (overlaps) {
             const double from = floor(((double) low[2] - (double) g->low[2]) / (double) g->side - (double) BAND - 1.0);
             const double to = ((double) high[2] - (double) g->low[2]) / (double) g->side + (double) BAND + 2.0;
             f->spans[k] = (struct span) { (int) fmax(from, -1.0), (int) fmin(to, g->size[2]) };
@@ -422,9 +422,9 @@ enum pell_result pell_distance_create(struct pell_context *ctx, struct pell_pool
     if (!d->grids)
         goto fail;
     for (size_t i = 0; i < solids->count; i++) {
-        const double share = (double) (bytes / sizeof(*d->grids->steps)) / (double) solids->count;
+        const double fraction = (double) (bytes / sizeof(*d->grids->steps)) / (double) solids->count;
         bounds_of(scene, &solids->solids[i], &d->grids[i]);
-        if (share >= 1.0 && cut(&d->grids[i], fmin(share, MOST_CUBES)))
+        if (fraction >= 1.0 && cut(&d->grids[i], fmin(fraction, MAX_CUBES)))
             PELL_TRY(fill_grid(ctx, pool, scene, &d->grids[i]));
     }
     *out = d;

@@ -8,7 +8,7 @@
 #include <math.h>
 #include <pellucid/inversion.h>
 
-#define WHITEST 0.999 /* upper bound of the albedo: at 1 the mean distance diverges */
+#define MAX_ALBEDO 0.999 /* upper bound of the albedo: at 1 the mean distance diverges */
 
 bool pell_has_profile_only(const struct pell_material *m)
 {
@@ -33,7 +33,7 @@ static void mean_of(const struct pell_image *image, double rgb[3])
 
 enum pell_result pell_equivalent_medium(const struct pell_material *m, struct pell_medium *out, struct pell_medium_fault *fault)
 {
-    struct pell_color_and_radius look = { .eta = m->medium.eta, .kind = PELL_SCATTER_RADIUS_MEAN };
+    struct pell_color_and_radius target = { .eta = m->medium.eta, .kind = PELL_SCATTER_RADIUS_MEAN };
     double texture[3] = { 1.0, 1.0, 1.0 };
 
     *out = (struct pell_medium) { 0 };
@@ -47,13 +47,13 @@ enum pell_result pell_equivalent_medium(const struct pell_material *m, struct pe
             if (res != PELL_OK)
                 return res;
         }
-        look.color[c] = m->color_from == PELL_COLOR_FROM_TEXTURE ? (double) m->base_color[c] * texture[c] : pell_profile_total(profile);
-        look.color[c] = fmin(fmax(look.color[c], 0.0), WHITEST);
-        look.radius[c] = pell_profile_mean_radius(profile);
-        if (!(look.radius[c] > 0.0)) { /* a channel without light has no scattering distance: it absorbs within a micrometre */
-            look.color[c] = 0.0;
-            look.radius[c] = 1e-3;
+        target.color[c] = m->color_from == PELL_COLOR_FROM_TEXTURE ? (double) m->base_color[c] * texture[c] : pell_profile_total(profile);
+        target.color[c] = fmin(fmax(target.color[c], 0.0), MAX_ALBEDO);
+        target.radius[c] = pell_profile_mean_radius(profile);
+        if (!(target.radius[c] > 0.0)) { /* a channel without light has no scattering distance: it absorbs within a micrometre */
+            target.color[c] = 0.0;
+            target.radius[c] = 1e-3;
         }
     }
-    return pell_medium_from_color_and_radius(&look, PELL_PROFILE_MONTE_CARLO, NULL, out, fault);
+    return pell_medium_from_color_and_radius(&target, PELL_PROFILE_MONTE_CARLO, NULL, out, fault);
 }

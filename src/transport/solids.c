@@ -8,7 +8,7 @@
 
 #define CURVE_BITS 20 /* bits per coordinate along the curve */
 
-struct place {
+struct curve_point {
     uint64_t code;
     uint32_t mesh, triangle;
     double area;
@@ -85,17 +85,17 @@ static void measure(const struct pell_mesh *m, uint32_t triangle, struct pell_ve
 
 static uint64_t code_at(const void *items, size_t index)
 {
-    return ((const struct place *) items)[index].code;
+    return ((const struct curve_point *) items)[index].code;
 }
 
-/* Sorts the solid's triangles by `places` along the curve; the sort is stable. */
-static enum pell_result sort_places(struct pell_context *ctx, const struct place *places, size_t count, struct pell_solid *solid)
+/* Sorts the solid's triangles by `points` along the curve; the sort is stable. */
+static enum pell_result sort_points(struct pell_context *ctx, const struct curve_point *points, size_t count, struct pell_solid *solid)
 {
     uint32_t *order;
-    enum pell_result res = pell_order_by_code(ctx, count, code_at, places, &order);
+    enum pell_result res = pell_order_by_code(ctx, count, code_at, points, &order);
 
     for (size_t i = 0; res == PELL_OK && i < count; i++) {
-        const struct place *p = &places[order[i]];
+        const struct curve_point *p = &points[order[i]];
         if (pell_cancelled_at(ctx, i))
             res = PELL_ERR_CANCELLED;
         solid->triangles[i] = (struct pell_solid_triangle) { p->mesh, p->triangle };
@@ -112,7 +112,7 @@ static enum pell_result list_triangles(struct pell_solids *b, const struct pell_
                                        size_t count)
 {
     struct pell_solid *solid = &b->solids[number];
-    struct place *places = NULL;
+    struct curve_point *points = NULL;
     struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
     size_t most = 0, n = 0;
     float size;
@@ -128,10 +128,10 @@ static enum pell_result list_triangles(struct pell_solids *b, const struct pell_
         }
     }
     size = fmaxf(high.x - low.x, fmaxf(high.y - low.y, high.z - low.z));
-    places = pell_alloc_array(b->ctx, most + 1, sizeof(*places));
+    points = pell_alloc_array(b->ctx, most + 1, sizeof(*points));
     solid->triangles = pell_alloc_array(b->ctx, most + 1, sizeof(*solid->triangles));
     solid->area_after = pell_alloc_array(b->ctx, most + 1, sizeof(*solid->area_after));
-    if (!places || !solid->triangles || !solid->area_after)
+    if (!points || !solid->triangles || !solid->area_after)
         goto fail;
     for (size_t i = 0; i < count; i++)
         for (uint32_t t = 0; t < scene->meshes[meshes[i]].num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
@@ -140,13 +140,13 @@ static enum pell_result list_triangles(struct pell_solids *b, const struct pell_
             measure(&scene->meshes[meshes[i]], t, &c, &area);
             if (!(area > 0.0 && area < INFINITY))
                 continue;
-            places[n++] = (struct place) { hilbert(step_of(c.x, low.x, size), step_of(c.y, low.y, size), step_of(c.z, low.z, size)),
-                                           meshes[i], t, area };
+            points[n++] = (struct curve_point) { hilbert(step_of(c.x, low.x, size), step_of(c.y, low.y, size), step_of(c.z, low.z, size)),
+                                                 meshes[i], t, area };
         }
-    res = pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : sort_places(b->ctx, places, n, solid);
+    res = pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : sort_points(b->ctx, points, n, solid);
 
 fail:
-    pell_free(b->ctx, places);
+    pell_free(b->ctx, points);
     return res;
 }
 

@@ -6,11 +6,11 @@
 
 #include <string.h>
 
-#define MOST_OUTSIDE 4 /* of PELL_PACKET rays, the maximum that may not hit an inner side of the object from a buried point */
+#define MAX_OUTSIDE 4 /* of PELL_PACKET rays, the maximum that may not hit an inner side of the object from a buried point */
 
-static void set_ray(struct pell_ray_hit16 *r, int i, const struct pell_buried_place *p, struct pell_vec3 way)
+static void set_ray(struct pell_ray_hit16 *r, int i, const struct pell_buried_place *p, struct pell_vec3 dir)
 {
-    pell_ray16_set(&r->ray, i, vec3_mad(p->at, p->clearance, p->normal), way, INFINITY);
+    pell_ray16_set(&r->ray, i, vec3_mad(p->at, p->clearance, p->normal), dir, INFINITY);
     r->hit.mesh[i] = PELL_NO_HIT;
 }
 
@@ -32,12 +32,12 @@ static bool is_buried(const struct pell_scene *scene, const struct pell_rays *ra
     pell_rays_closest16(rays, valid, false, &r);
     for (int i = 0; i < PELL_PACKET; i++)
         outside += !pell_hit16_inside(scene, &r, i, p->object);
-    return outside <= MOST_OUTSIDE;
+    return outside <= MAX_OUTSIDE;
 }
 
 /* Where faces of two parts coincide, as of adjacent bricks, the ray along the normal may hit either of them, not necessarily an inner
  * side. */
-void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *places, int count,
+void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *points, int count,
                    bool buried[PELL_PACKET])
 {
     _Alignas(64) int valid[PELL_PACKET] = { 0 };
@@ -46,9 +46,9 @@ void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays,
     memset(&r, 0, sizeof(r));
     for (int i = 0; i < count; i++) {
         valid[i] = -1;
-        set_ray(&r, i, &places[i], places[i].normal);
+        set_ray(&r, i, &points[i], points[i].normal);
     }
     pell_rays_closest16(rays, valid, false, &r);
     for (int i = 0; i < PELL_PACKET; i++)
-        buried[i] = i < count && pell_hit16_meets(scene, &r, i, places[i].object) && is_buried(scene, rays, &places[i]);
+        buried[i] = i < count && pell_hit16_meets(scene, &r, i, points[i].object) && is_buried(scene, rays, &points[i]);
 }

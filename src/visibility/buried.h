@@ -17,7 +17,7 @@ struct pell_buried_place {
 
 /* The points, of up to PELL_PACKET, that are inside of their own objects: most of their rays hit an inner side. A ray along the normal that
  * misses the object shows for most points that they are not buried. Thread-safe. */
-void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *places, int count,
+void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *points, int count,
                    bool buried[PELL_PACKET]);
 
 #endif

@@ -104,14 +104,14 @@ static void filter(const struct RTCFilterFunctionNArguments *args)
     const float *hit = (const float *) args->hit; /* planes of n: Ng x, y, z, u, v, primID, ... */
     const uint32_t *triangle = (const uint32_t *) args->hit + 5 * (size_t) n;
     const uint32_t *mask = (const uint32_t *) args->ray + 9 * (size_t) n; /* planes of n, in the order of struct pell_ray16 */
-    const float *way = (const float *) args->ray + 4 * (size_t) n;
+    const float *dir = (const float *) args->ray + 4 * (size_t) n;
 
     for (unsigned i = 0; i < n; i++) {
         if (args->valid[i] != -1)
             continue;
         if (!(mask[i] & s->mask) ||
             (s->single_sided && mask[i] == PELL_RAY_CAMERA &&
-             hit[i] * way[i] + hit[n + i] * way[n + i] + hit[2 * n + i] * way[2 * n + i] > 0) ||
+             hit[i] * dir[i] + hit[n + i] * dir[n + i] + hit[2 * n + i] * dir[2 * n + i] > 0) ||
             (s->alpha && alpha_at(s, triangle[i], hit[3 * (size_t) n + i], hit[4 * (size_t) n + i]) < s->material->alpha_cutoff))
             args->valid[i] = 0;
     }
@@ -437,7 +437,7 @@ static int64_t trace_packets(const struct pell_rays *rays, const struct pell_ray
 {
     _Alignas(64) int valid[PELL_PACKET];
     struct pell_ray_hit16 p;
-    int64_t met = 0;
+    int64_t hits = 0;
 
     memset(&p, 0, sizeof(p));
     for (size_t i = 0; i < count;) {
@@ -448,17 +448,17 @@ static int64_t trace_packets(const struct pell_rays *rays, const struct pell_ray
         else
             pell_rays_closest16(rays, valid, false, &p);
         for (int k = 0; k < n; k++)
-            met += occlusion ? p.ray.tfar[k] < 0.0f : p.hit.mesh[k] != PELL_NO_HIT;
+            hits += occlusion ? p.ray.tfar[k] < 0.0f : p.hit.mesh[k] != PELL_NO_HIT;
         i += (size_t) n;
     }
-    return met;
+    return hits;
 }
 
 int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_ray_record *record, bool packets)
 {
     const size_t count = record->count < record->capacity ? record->count : record->capacity;
     struct RTCIntersectContext context = intersect_context(false);
-    int64_t met = 0;
+    int64_t hits = 0;
 
     if (packets)
         return trace_packets(rays, record, count);
@@ -466,13 +466,13 @@ int64_t pell_rays_trace_record(const struct pell_rays *rays, const struct pell_r
         struct RTCRayHit r = { .ray = single_ray(&record->rays[i]), .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
         if (record->occlusion[i]) {
             rtcOccluded1(rays->scene, &context, &r.ray);
-            met += r.ray.tfar < 0.0f;
+            hits += r.ray.tfar < 0.0f;
         } else {
             rtcIntersect1(rays->scene, &context, &r);
-            met += r.hit.geomID != RTC_INVALID_GEOMETRY_ID;
+            hits += r.hit.geomID != RTC_INVALID_GEOMETRY_ID;
         }
     }
-    return met;
+    return hits;
 }
 
 bool pell_rays_closest(const struct pell_rays *rays, const struct pell_ray *ray, struct pell_hit *hit)

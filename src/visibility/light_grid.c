@@ -10,19 +10,19 @@
 
 PELL_SIMD_TABLES(struct pell_light_grid_kernels, pell_light_grid_kernels);
 
-#define TRIANGLES_MOST (1u << 18) /* of 64 bytes: building a larger grid takes longer than an image saves */
-#define SIDE_MOST 2048            /* cells per side */
-#define PER_CELL 3.0              /* mean number of triangles per cell */
-#define ENTRIES_MOST 8            /* mean number of cells per triangle: for larger triangles rays are faster */
-#define LENGTH_MOST 48.0          /* mean length of the lists: for longer ones rays are faster */
-#define SLOPE_MOST 4.0f           /* of a ray relative to the axis */
-#define FAR_MOST 8.0f             /* distance of the apex over the scene's size: rounding errors grow with it */
-#define MARGIN 0.02f              /* in cells, around a triangle */
-#define ROUNDING 1e-6f            /* of a slope: bound of the rounding error of projected points; it grows with the square of the slope */
-#define SHORT 24                  /* shorter lists are sorted by insertion */
+#define MAX_TRIANGLES (1u << 18) /* of 64 bytes: building a larger grid takes longer than an image saves */
+#define MAX_SIDE 2048            /* cells per side */
+#define PER_CELL 3.0             /* mean number of triangles per cell */
+#define MAX_ENTRIES 8            /* mean number of cells per triangle: for larger triangles rays are faster */
+#define MAX_LENGTH 48.0          /* mean length of the lists: for longer ones rays are faster */
+#define MAX_SLOPE 4.0f           /* of a ray relative to the axis */
+#define MAX_APEX_DISTANCE 8.0f   /* distance of the apex over the scene's size: rounding errors grow with it */
+#define MARGIN 0.02f             /* in cells, around a triangle */
+#define ROUNDING 1e-6f           /* of a slope: bound of the rounding error of projected points; it grows with the square of the slope */
+#define SHORT 24                 /* shorter lists are sorted by insertion */
 
 /* Like pell_rays_show, for shadow casters of a light. */
-static bool shades(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
+static bool is_shadow_caster(const struct pell_scene *scene, const struct pell_mesh *m, bool *cut)
 {
     return pell_rays_show(scene, m, cut) && !m->light_shell;
 }
@@ -47,20 +47,20 @@ static bool frame(const struct pell_scene *scene, struct pell_light_grid *f, siz
     *count = 0;
     border[0] = border[2] = INFINITY;
     border[1] = border[3] = -INFINITY;
-    if (!(least > 0.0f) || !(1e3f * least < FAR_MOST * vec3_length(vec3_sub(high, low))))
+    if (!(least > 0.0f) || !(1e3f * least < MAX_APEX_DISTANCE * vec3_length(vec3_sub(high, low))))
         return false;
     f->forward = vec3_normalize(middle);
     vec3_basis(f->forward, &f->right, &f->up);
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        if (!shades(scene, m, &cut))
+        if (!is_shadow_caster(scene, m, &cut))
             continue;
         *count += m->num_triangles;
-        if (cut || *count > TRIANGLES_MOST)
+        if (cut || *count > MAX_TRIANGLES)
             return false;
         for (size_t k = 0; k < 3 * (size_t) m->num_triangles; k++) {
             const struct pell_vec3 p = project(f, m->position + 3 * (size_t) m->index[k]);
-            if (!(p.z > least) || !(fabsf(p.x) < SLOPE_MOST) || !(fabsf(p.y) < SLOPE_MOST))
+            if (!(p.z > least) || !(fabsf(p.x) < MAX_SLOPE) || !(fabsf(p.y) < MAX_SLOPE))
                 return false;
             border[0] = p.x < border[0] ? p.x : border[0];
             border[1] = p.x > border[1] ? p.x : border[1];
@@ -77,14 +77,14 @@ static void choose_cells(struct pell_light_grid *f, size_t count, const float bo
     const double cells = (double) count / PER_CELL + 1.0, columns = ceil(sqrt(cells * w / h)), rows = ceil(sqrt(cells * h / w));
     const float x = LARGER(-border[0], border[1]), y = LARGER(-border[2], border[3]), rounding = ROUNDING * (1.0f + x * x + y * y);
 
-    f->columns = columns < SIDE_MOST ? (int) columns : SIDE_MOST;
-    f->rows = rows < SIDE_MOST ? (int) rows : SIDE_MOST;
+    f->columns = columns < MAX_SIDE ? (int) columns : MAX_SIDE;
+    f->rows = rows < MAX_SIDE ? (int) rows : MAX_SIDE;
     f->left = border[0];
     f->low = border[2];
-    f->per_x = (float) ((double) f->columns / w);
-    f->per_y = (float) ((double) f->rows / h);
-    f->margin_x = MARGIN + rounding * f->per_x;
-    f->margin_y = MARGIN + rounding * f->per_y;
+    f->inv_x = (float) ((double) f->columns / w);
+    f->inv_y = (float) ((double) f->rows / h);
+    f->margin_x = MARGIN + rounding * f->inv_x;
+    f->margin_y = MARGIN + rounding * f->inv_y;
 }
 
 static int clamp(float v, int most)
@@ -104,7 +104,7 @@ static struct span cells_of(const struct pell_light_grid *f, const struct pell_m
 
     for (size_t k = 0; k < 3; k++) {
         const struct pell_vec3 p = project(f, m->position + 3 * (size_t) m->index[3 * triangle + k]);
-        const float x = (p.x - f->left) * f->per_x, y = (p.y - f->low) * f->per_y;
+        const float x = (p.x - f->left) * f->inv_x, y = (p.y - f->low) * f->inv_y;
         x0 = x < x0 ? x : x0;
         x1 = x > x1 ? x : x1;
         y0 = y < y0 ? y : y0;
@@ -175,14 +175,14 @@ static void sort(struct pell_light_grid_entry *list, uint32_t count)
 /* Computes prefix sums of the cells' entries in f->first. False: too many in total, or in one cell. */
 static bool count_entries(const struct pell_scene *scene, struct pell_light_grid *f, size_t triangles)
 {
-    const size_t cells = (size_t) f->columns * (size_t) f->rows, most = ENTRIES_MOST * triangles + 64;
+    const size_t cells = (size_t) f->columns * (size_t) f->rows, most = MAX_ENTRIES * triangles + 64;
     double squares = 0.0;
     size_t sum = 0;
     bool cut;
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; shades(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; is_shadow_caster(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             f->thick = s.end - s.depth > f->thick ? s.end - s.depth : f->thick;
             sum += (size_t) (s.x1 - s.x0 + 1) * (size_t) (s.y1 - s.y0 + 1);
@@ -197,7 +197,7 @@ static bool count_entries(const struct pell_scene *scene, struct pell_light_grid
         squares += (double) f->first[i] * (double) f->first[i];
         f->first[i] += f->first[i - 1];
     }
-    return squares <= LENGTH_MOST * (double) sum;
+    return squares <= MAX_LENGTH * (double) sum;
 }
 
 /* A light grid only saves time, so it may use at most a quarter of the remaining memory limit. */
@@ -217,7 +217,7 @@ static void find_starts(const struct pell_scene *scene, const struct pell_light_
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; shades(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; is_shadow_caster(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
         }
@@ -236,7 +236,7 @@ static void fill(const struct pell_scene *scene, struct pell_light_grid *f, uint
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
-        for (size_t t = 0; shades(scene, m, &cut) && t < m->num_triangles; t++) {
+        for (size_t t = 0; is_shadow_caster(scene, m, &cut) && t < m->num_triangles; t++) {
             const struct span s = cells_of(f, m, t);
             const uint32_t number = starts[(size_t) s.y0 * (size_t) f->columns + (size_t) s.x0]++;
             f->names[number] = (struct pell_light_grid_name) { (uint32_t) i, (uint32_t) t, 1.0f };

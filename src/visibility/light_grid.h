@@ -72,7 +72,7 @@ struct pell_light_grid {
     const struct pell_light_grid_kernels *kernels;
     struct pell_vec3 apex, forward, right, up;
     float thick;                   /* mm along the axis, maximum over triangles */
-    float left, low, per_x, per_y; /* column = (x/z - left) per_x */
+    float left, low, inv_x, inv_y; /* column = (x/z - left) inv_x */
     float margin_x, margin_y;      /* cells, around a triangle */
     int columns, rows;
     uint32_t *first;                       /* index of each cell's first entry, and the end of the last one */

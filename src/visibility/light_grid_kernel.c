@@ -18,7 +18,7 @@
 #define NEAR 9999.0f  /* relative to a distance of 10000: beyond the part next to the apex that is ignored */
 #define WHOLE 0.9999f /* the same relative to 1 */
 
-struct place {
+struct packet_points {
     _Alignas(64) float d[3][LANES]; /* from the apex */
     const float *at[3];             /* in world space */
     int x0, x1, y0, y1;
@@ -27,7 +27,7 @@ struct place {
 
 /* The cells that the packet covers. False: too many, or a point is not in front of the apex. */
 INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask, const float *restrict x, const float *restrict y,
-                   const float *restrict z, struct place *restrict p)
+                   const float *restrict z, struct packet_points *restrict p)
 {
     const float right = (float) (f->columns - 1), top = (float) (f->rows - 1);
     _Alignas(64) float depth[LANES];
@@ -38,8 +38,8 @@ INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask
     for (int i = 0; i < LANES; i++) {
         const float dx = x[i] - f->apex.x, dy = y[i] - f->apex.y, dz = z[i] - f->apex.z;
         const float t = dx * f->forward.x + dy * f->forward.y + dz * f->forward.z, inverse = 1.0f / (t > 0.0f ? t : 1.0f);
-        const float a = ((dx * f->right.x + dy * f->right.y + dz * f->right.z) * inverse - f->left) * f->per_x;
-        const float b = ((dx * f->up.x + dy * f->up.y + dz * f->up.z) * inverse - f->low) * f->per_y;
+        const float a = ((dx * f->right.x + dy * f->right.y + dz * f->right.z) * inverse - f->left) * f->inv_x;
+        const float b = ((dx * f->up.x + dy * f->up.y + dz * f->up.z) * inverse - f->low) * f->inv_y;
         const float a0 = a > 0.0f ? a : 0.0f, b0 = b > 0.0f ? b : 0.0f;
         p->d[0][i] = dx;
         p->d[1][i] = dy;
@@ -75,7 +75,7 @@ INLINE bool locate(const struct pell_light_grid *f, const int32_t *restrict mask
 }
 
 /* s; `inside`: mask of the lanes whose rays pass through the triangle. */
-INLINE vf meet(const struct pell_light_grid_triangle *t, const struct place *p, int at, vi *inside)
+INLINE vf edge_test(const struct pell_light_grid_triangle *t, const struct packet_points *p, int at, vi *inside)
 {
     const vf x = load(p->d[0] + at), y = load(p->d[1] + at), z = load(p->d[2] + at);
     const vf u = x * t->edge[0][0] + y * t->edge[0][1] + z * t->edge[0][2];
@@ -100,7 +100,7 @@ struct search {
 
 /* The next triangles that begin between two depths and are not in a previous cell. They are prefetched when found, so that their memory
  * latencies overlap. */
-INLINE int find_next(const struct pell_light_grid *f, const struct place *p, float begin, struct search *s, uint32_t *restrict list)
+INLINE int find_next(const struct pell_light_grid *f, const struct packet_points *p, float begin, struct search *s, uint32_t *restrict list)
 {
     int count = 0;
 
@@ -129,7 +129,7 @@ static bool visible16(const struct pell_light_grid *f, const int32_t *mask, cons
     vi open[LANES / WIDTH];
     uint32_t list[LISTED];
     struct search search;
-    struct place p;
+    struct packet_points p;
     int count;
 
     if (!locate(f, mask, x, y, z, &p))
@@ -144,7 +144,7 @@ static bool visible16(const struct pell_light_grid *f, const int32_t *mask, cons
             const struct pell_light_grid_triangle *t = &f->triangles[list[i]];
             for (int k = 0, at = 0; k < LANES / WIDTH; k++, at += WIDTH) {
                 vi inside;
-                const vf s = meet(t, &p, at, &inside);
+                const vf s = edge_test(t, &p, at, &inside);
                 open[k] &= ~(inside & (s > 0.0f) & (s < t->plane * NEAR));
             }
         }
@@ -167,7 +167,7 @@ static bool closest16(const struct pell_light_grid *f, const int32_t *mask, stru
     float longest = 0.0f, begin;
     uint32_t list[LISTED];
     struct search search;
-    struct place p;
+    struct packet_points p;
     int count;
 
     if (!locate(f, mask, ray->ox, ray->oy, ray->oz, &p))
@@ -187,7 +187,7 @@ static bool closest16(const struct pell_light_grid *f, const int32_t *mask, stru
             const float per_plane = t->plane > 0.0f ? 1.0f / t->plane : 0.0f;
             for (int at = 0; at < LANES; at += WIDTH) {
                 vi inside, old;
-                const vf s = meet(t, &p, at, &inside), part = s * per_plane;
+                const vf s = edge_test(t, &p, at, &inside), part = s * per_plane;
                 const vi nearer = inside & (s > 0.0f) & (part < load(best + at));
                 memcpy(&old, which + at, sizeof(old));
                 store(best + at, select(nearer, part, load(best + at)));

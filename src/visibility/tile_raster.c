@@ -6,7 +6,7 @@
 
 PELL_SIMD_TABLES(struct pell_raster_kernels, pell_raster_kernels);
 
-#define TRIANGLES_MOST (1u << 24)
+#define MAX_TRIANGLES (1u << 24)
 #define VERTICES 4096        /* per task */
 #define ENTRIES_A_TRIANGLE 2 /* mean number of tiles per triangle; scenes with many layers of depth are faster with a box hierarchy */
 #define ENTRIES_A_TILE 16
@@ -36,7 +36,7 @@ static bool count(struct pell_raster *r, const struct pell_scene *scene)
             continue;
         r->num_triangles += m->num_triangles;
         r->num_vertices += m->num_vertices;
-        if (cut || r->num_triangles > TRIANGLES_MOST || r->num_vertices > 3 * (size_t) TRIANGLES_MOST)
+        if (cut || r->num_triangles > MAX_TRIANGLES || r->num_vertices > 3 * (size_t) MAX_TRIANGLES)
             return false;
     }
     return r->num_triangles > 0 && (double) r->num_triangles <= PER_PIXEL * (double) r->width * (double) r->height;

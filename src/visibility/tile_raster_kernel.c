@@ -262,8 +262,8 @@ INLINE bool clip(int32_t from, int32_t to, int32_t begin, int32_t *first, int32_
     return a < PELL_RASTER_TILE && b >= 0 && a <= b;
 }
 
-static void draw_list(const struct pell_raster *r, const uint32_t *list, size_t count, int32_t x0, int32_t y0, const struct grid *g,
-                      const float *low, struct pell_raster_tile *tile)
+static void rasterize_list(const struct pell_raster *r, const uint32_t *list, size_t count, int32_t x0, int32_t y0, const struct grid *g,
+                           const float *low, struct pell_raster_tile *tile)
 {
     const float flat = r->view.orthographic ? 1.0f : 0.0f;
 
@@ -303,7 +303,7 @@ static void tile(const struct pell_raster *r, int number, struct pell_raster_til
         out->near[i] = none;
         out->triangle[i] = -1;
     }
-    draw_list(r, r->entries + first[0], first[1] - first[0], x0, y0, &g, NULL, out);
+    rasterize_list(r, r->entries + first[0], first[1] - first[0], x0, y0, &g, NULL, out);
     if (first[1] == first[2])
         return;
     for (int k = 0; k < PELL_RASTER_BLOCKS * PELL_RASTER_BLOCKS; k++) {
@@ -311,7 +311,7 @@ static void tile(const struct pell_raster *r, int number, struct pell_raster_til
         for (int i = 1; i < LANES; i++)
             low[k] = smaller(low[k], out->near[k * LANES + i]);
     }
-    draw_list(r, r->entries + first[1], first[2] - first[1], x0, y0, &g, low, out);
+    rasterize_list(r, r->entries + first[1], first[2] - first[1], x0, y0, &g, low, out);
 }
 
 /* --- Hits ----------------------------------------------------------------------------------------------------------------------- */
@@ -330,7 +330,7 @@ static void meet(const struct pell_raster *r, const int32_t *triangle, struct pe
     const struct pell_vec3 forward = r->view.forward;
     struct pell_ray16 *restrict ray = &packet->ray;
     struct pell_hit16 *restrict hit = &packet->hit;
-    _Alignas(64) float way[3][3][LANES], side[3][LANES];
+    _Alignas(64) float dir[3][3][LANES], side[3][LANES];
     int first = 0;
 
     while (triangle[first] < 0)
@@ -350,27 +350,27 @@ static void meet(const struct pell_raster *r, const int32_t *triangle, struct pe
     }
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < LANES; i++) {
-            way[k][0][i] = corners->position[k][0][i] - ray->ox[i];
-            way[k][1][i] = corners->position[k][1][i] - ray->oy[i];
-            way[k][2][i] = corners->position[k][2][i] - ray->oz[i];
+            dir[k][0][i] = corners->position[k][0][i] - ray->ox[i];
+            dir[k][1][i] = corners->position[k][1][i] - ray->oy[i];
+            dir[k][2][i] = corners->position[k][2][i] - ray->oz[i];
         }
-    side_of((const float(*)[LANES]) way[0], (const float(*)[LANES]) way[1], ray, side[2]);
-    side_of((const float(*)[LANES]) way[1], (const float(*)[LANES]) way[2], ray, side[0]);
-    side_of((const float(*)[LANES]) way[2], (const float(*)[LANES]) way[0], ray, side[1]);
+    side_of((const float(*)[LANES]) dir[0], (const float(*)[LANES]) dir[1], ray, side[2]);
+    side_of((const float(*)[LANES]) dir[1], (const float(*)[LANES]) dir[2], ray, side[0]);
+    side_of((const float(*)[LANES]) dir[2], (const float(*)[LANES]) dir[0], ray, side[1]);
     for (int i = 0; i < LANES; i++) {
         const float turn = side[0][i] + side[1][i] + side[2][i] < 0.0f ? -1.0f : 1.0f;
         const float a = larger(turn * side[0][i], 0.0f), b = larger(turn * side[1][i], 0.0f), c = larger(turn * side[2][i], 0.0f);
         const float sum = a + b + c, per = sum > 0.0f ? 1.0f / sum : 0.0f, u = b * per, v = c * per, w = sum > 0.0f ? a * per : 1.0f;
         float z[3];
         for (int k = 0; k < 3; k++)
-            z[k] = way[k][0][i] * forward.x + way[k][1][i] * forward.y + way[k][2][i] * forward.z;
+            z[k] = dir[k][0][i] * forward.x + dir[k][1][i] * forward.y + dir[k][2][i] * forward.z;
         hit->u[i] = u;
         hit->v[i] = v;
         ray->tfar[i] = larger(w * z[0] + u * z[1] + v * z[2], NEAREST);
     }
     for (int i = 0; i < LANES; i++) {
-        const float ex = way[1][0][i] - way[0][0][i], ey = way[1][1][i] - way[0][1][i], ez = way[1][2][i] - way[0][2][i];
-        const float fx = way[2][0][i] - way[0][0][i], fy = way[2][1][i] - way[0][1][i], fz = way[2][2][i] - way[0][2][i];
+        const float ex = dir[1][0][i] - dir[0][0][i], ey = dir[1][1][i] - dir[0][1][i], ez = dir[1][2][i] - dir[0][2][i];
+        const float fx = dir[2][0][i] - dir[0][0][i], fy = dir[2][1][i] - dir[0][1][i], fz = dir[2][2][i] - dir[0][2][i];
         hit->ngx[i] = ey * fz - ez * fy;
         hit->ngy[i] = ez * fx - ex * fz;
         hit->ngz[i] = ex * fy - ey * fx;

@@ -11,7 +11,7 @@
 #include <string.h>
 
 enum { WIDE = 4, BINS = 16 };
-#define MOST_TRIANGLES ((size_t) 1 << 28)
+#define MAX_TRIANGLES ((size_t) 1 << 28)
 
 struct box {
     float low[3], high[3];
@@ -217,7 +217,7 @@ static size_t room_below(int level)
 {
     size_t room = PELL_WIDE_LEAF_MOST;
 
-    for (int i = level; i < PELL_WIDE_LEVELS - 1 && room < MOST_TRIANGLES; i++)
+    for (int i = level; i < PELL_WIDE_LEVELS - 1 && room < MAX_TRIANGLES; i++)
         room *= WIDE;
     return room;
 }
@@ -311,9 +311,9 @@ static enum pell_result fill(struct build *b)
     uint32_t root;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    if (all.count > MOST_TRIANGLES)
+    if (all.count > MAX_TRIANGLES)
         return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->scene->path, "use --engine cpu", "%zu triangles, shaders see at most %zu",
-                          all.count, MOST_TRIANGLES);
+                          all.count, MAX_TRIANGLES);
     b->parts = pell_alloc_array(b->ctx, all.count + 1, sizeof(*b->parts));
     bvh->triangles = pell_calloc(b->ctx, all.count + 1, PELL_WIDE_TRIANGLE * sizeof(*bvh->triangles));
     if (!b->parts || !bvh->triangles)

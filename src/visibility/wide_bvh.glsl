@@ -25,10 +25,10 @@ struct Hit {
 };
 
 // Intersects the triangles of a leaf; `hit` keeps the nearest. Returns whether one was hit.
-bool meet_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
+bool intersect_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
 {
     const uint first = (leaf & ~WIDE_LEAF) >> 2, last = first + (leaf & 3u);
-    bool met = false;
+    bool any_hit = false;
 
     for (uint i = first; i <= last; i++) {
         const uvec4 a = bvh_triangles[3 * i], b = bvh_triangles[3 * i + 1], c = bvh_triangles[3 * i + 2];
@@ -41,9 +41,9 @@ bool meet_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
         if (!(m.t >= ray.near && m.t <= hit.t) || (ray.mask == RAY_CAMERA && (c.w & SINGLE_SIDED) != 0u && m.side < 0.0))
             continue;
         hit = Hit(m.t, m.u, m.v, a.w, b.w, i);
-        met = true;
+        any_hit = true;
     }
-    return met;
+    return any_hit;
 }
 
 // Distances where the ray enters the four boxes of a node; beyond hit.t: it does not.
@@ -69,15 +69,15 @@ bool trace_ray(Ray ray, bool any, out Hit hit)
         vec3(pell_ray_inverse(ray.direction.x), pell_ray_inverse(ray.direction.y), pell_ray_inverse(ray.direction.z));
     uint stack[WIDE_STACK];
     int height = 1;
-    bool met = false;
+    bool any_hit = false;
 
     hit = Hit(ray.far, 0.0, 0.0, 0u, 0u, 0u);
     stack[0] = 0u;
     while (height > 0) {
         const uint next = stack[--height];
         if ((next & WIDE_LEAF) != 0u) {
-            met = meet_leaf(next, ray, turn, hit) || met;
-            if (any && met)
+            any_hit = intersect_leaf(next, ray, turn, hit) || any_hit;
+            if (any && any_hit)
                 return true;
             continue;
         }
@@ -99,5 +99,5 @@ bool trace_ray(Ray ray, bool any, out Hit hit)
                 stack[height++] = children[which];
         }
     }
-    return met;
+    return any_hit;
 }

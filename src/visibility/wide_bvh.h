@@ -8,7 +8,9 @@
  * PELL_WIDE_NONE. Node 0 is the root. A triangle is PELL_WIDE_TRIANGLE words: three vertices (bits), each followed by one word: its mesh,
  * its index in the mesh, and flags: its bit of enum pell_ray_mask, and PELL_WIDE_SINGLE_SIDED.
  *
- * Units      mm. Ownership  pell_wide_bvh_destroy sets the pointer to NULL and accepts NULL in it. Threads    constant after construction.
+ * Units      mm.
+ * Ownership  pell_wide_bvh_destroy sets the pointer to NULL and accepts NULL in it.
+ * Threads    constant after construction.
  */
 #ifndef PELL_WIDE_BVH_H
 #define PELL_WIDE_BVH_H

@@ -65,7 +65,7 @@ static void an_integrating_sphere_sums_the_geometric_series(void **state)
     stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
     add_window(&s, window, 0.2f);
     stage_camera(&s, vec3(-5, 0, 20), window, 0.5f, 0.0f);
-    knobs.techniques = PT_LIGHTS;
+    knobs.techniques = PT_LIGHT_SAMPLES;
     for (size_t k = 0; k < PELL_COUNT(bounces); k++) {
         const struct pt_point at = through(window, 0.2f, w);
         struct rig_mean r;
@@ -111,7 +111,7 @@ static void a_plate_lights_a_tile_that_faces_it(void **state)
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -500), vec3(0, 0, 0), 2.0f);
         add_window(&s, window, 0.02f);
         stage_camera(&s, vec3(0, 0, 5), window, 0.5f, 0.0f);
-        knobs.techniques = PT_LIGHTS;
+        knobs.techniques = PT_LIGHT_SAMPLES;
         for (int bounces = 0; bounces < 5; bounces++) {
             const struct pt_point at = through(window, 0.02f, vec3_normalize(vec3_mul(window, -1.0f)));
             const double expected = bounces < 2 ? 0.0 : 0.8 * 0.8 * 2.0 * parallel_factor(50.0, (double) heights[k]) / PELL_PI;
@@ -202,11 +202,11 @@ static void more_bounces_are_all_bounces(void **state)
 
     crowded_stage(&s);
     stage_environment(&s, 1.0f);
-    all = crowded(&s, PT_BOUNCES_ALL, PT_ACCELERATION_NONE, PT_CHANCE, FEWER(2000));
+    all = crowded(&s, PT_BOUNCES_ALL, PT_ACCELERATION_NONE, PT_HIT_LIGHTS, FEWER(2000));
     REQUIRE_NEAR(all.mean[0][1] + all.mean[1][1] + all.mean[2][1], all.mean[3][1], 1e-9);
     for (size_t k = 0; k < PELL_COUNT(bounces); k++) {
-        const struct rig_mean r = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_CHANCE, FEWER(2000)),
-                              lanes = crowded(&s, bounces[k], PT_ACCELERATION_LANES, PT_CHANCE, FEWER(2000));
+        const struct rig_mean r = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_HIT_LIGHTS, FEWER(2000)),
+                              lanes = crowded(&s, bounces[k], PT_ACCELERATION_LANES, PT_HIT_LIGHTS, FEWER(2000));
         print_message("# %d bounces: %.5g\n", bounces[k], r.mean[3][1]);
         REQUIRE(memcmp(r.mean, lanes.mean, sizeof(r.mean)) == 0);
         for (int part = 0; part < 3; part++)
@@ -233,7 +233,7 @@ static void every_technique_counts_alike(void **state)
 
         crowded_stage(&s);
         stage_environment(&s, 1.0f);
-        met = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_CHANCE, FEWER(20000));
+        met = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_HIT_LIGHTS, FEWER(20000));
         stage_finish(&s);
         crowded_stage(&s);
         for (int i = 0; i < lamps; i++) {
@@ -327,7 +327,7 @@ static void the_render_setting_means_the_same(void **state)
         stage_finish(&s);
         open_box(&s);
         add_window(&s, window, 8.0f);
-        knobs.techniques = PT_LIGHTS;
+        knobs.techniques = PT_LIGHT_SAMPLES;
         knobs.bounces = bounces[k] + 1;
         scene = clear_scene(&s, &knobs);
         for (int y = 4; y < BOX_SIZE - 2; y += 5) /* no edge of the box is seen */

@@ -95,7 +95,7 @@ static void slabs_reflect_inside(void **state)
         stage_box(&s, m, 0, vec3(-300, -300, (float) -thickness), vec3(300, 300, 0));
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.6f * sine, 0.8f * sine, (float) cases[k].mu), vec3(0, 0, 0), 1.0f);
         all = measure(&s, rig_knobs(), PT_ALL, 0.013f, 0.007f, FEWER(12000));
-        connected = measure(&s, rig_knobs(), PT_ALL & ~(unsigned) PT_CHAIN, 0.013f, 0.007f, FEWER(4000));
+        connected = measure(&s, rig_knobs(), PT_ALL & ~(unsigned) PT_SPECULAR_MANIFOLD, 0.013f, 0.007f, FEWER(4000));
         snprintf(name, sizeof(name), "slab of %g mm, index %g, one scattering (%.3g without chains)", thickness, cases[k].eta,
                  connected.mean[1][1]);
         require_mean(name, all.mean[1][1], all.error[1][1], expected, 0.0);
@@ -133,7 +133,7 @@ static void slabs_light_what_is_below(void **state)
     all = measure(&s, rig_knobs(), PT_ALL, 0.013f, 0.007f, FEWER(12000));
     require_mean("a caustic below a clear slab", all.mean[0][1], all.error[0][1], expected, 0.006 * expected);
     REQUIRE(SLOW || all.error[0][1] < 0.04 * expected);
-    all = measure(&s, rig_knobs(), PT_ALL & ~(unsigned) PT_CHAIN, 0.013f, 0.007f, 1000);
+    all = measure(&s, rig_knobs(), PT_ALL & ~(unsigned) PT_SPECULAR_MANIFOLD, 0.013f, 0.007f, 1000);
     REQUIRE(all.mean[0][1] < 0.02 * expected);
     stage_finish(&s);
 }
@@ -151,7 +151,7 @@ static struct pt_scene *floor_below_slab(struct stage *s, struct pt_knobs *knobs
     stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(0.6f, 0.0f, 0.8f), vec3(0, 0, 0), 1.0f);
     stage_render(s);
     make_clear(s);
-    knobs->techniques = PT_CHAIN;
+    knobs->techniques = PT_SPECULAR_MANIFOLD;
     return rig_scene(s, knobs);
 }
 
@@ -320,14 +320,14 @@ static void furnaces_of_delta_lights(void **state)
         stage_finish(&s);
         furnace_stage(&s, (enum objects) objects);
         stage_environment(&s, 1.0f);
-        environment = measure(&s, knobs, PT_CHANCE, 0.9f, 0.4f, FEWER(5000));
+        environment = measure(&s, knobs, PT_HIT_LIGHTS, 0.9f, 0.4f, FEWER(5000));
         for (size_t i = 0; i < s.scene->num_materials; i++) /* nothing scatters: what is left went straight through */
             for (int c = 0; c < 3; c++) {
                 s.scene->materials[i].medium.sigma_a[c] = s.scene->materials[i].medium.sigma_s_reduced[c];
                 s.scene->materials[i].base_color[c] = 0.0f;
             }
         make_clear(&s);
-        clear = measure(&s, knobs, PT_CHANCE, 0.9f, 0.4f, FEWER(4000));
+        clear = measure(&s, knobs, PT_HIT_LIGHTS, 0.9f, 0.4f, FEWER(4000));
         stage_finish(&s);
         if (objects == NESTED_ROUGH || objects == PARTLY_ROUGH) { /* rough surfaces scatter, too: no part of it can be taken off by parts */
             snprintf(name, sizeof(name), "%s, of lamps against the sky, one scattering", names[objects]);

@@ -252,7 +252,7 @@ static void white_furnace(void **state)
             stage_environment(&s, 1.0f);
             look_along(&s, 7.0f);
             knobs.boundary = cases[k].rough ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
-            knobs.techniques = all ? PT_ALL : PT_CHANCE;
+            knobs.techniques = all ? PT_ALL : PT_HIT_LIGHTS;
             scene = rig_scene(&s, &knobs);
             at = on_ball(&s, 3.0f, 1.0f, 0.7f);
             r = rig_measure(scene, &at, 0, FEWER(all ? 500 : 300));
@@ -355,8 +355,8 @@ static void slabs_of_the_oracle(void **state)
     json_array_foreach(oracle_get(root, "slab_totals"), i, row)
     {
         const double alpha = oracle_number(row, "alpha"), tau = oracle_number(row, "optical_thickness"), eta = oracle_number(row, "n");
-        const struct rig_mean back = slab(alpha, 1.0 - alpha, 0.0, eta, tau, true, n, PT_CHANCE);
-        const struct rig_mean transmitted = slab(alpha, 1.0 - alpha, 0.0, eta, tau, false, n, PT_CHANCE);
+        const struct rig_mean back = slab(alpha, 1.0 - alpha, 0.0, eta, tau, true, n, PT_HIT_LIGHTS);
+        const struct rig_mean transmitted = slab(alpha, 1.0 - alpha, 0.0, eta, tau, false, n, PT_HIT_LIGHTS);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: R", eta, tau, alpha);
         require_slab(name, &back, oracle_number(row, "mc_R"), oracle_number(row, "mc_R_se"), 0);
         snprintf(name, sizeof(name), "slab n %g, tau %g, albedo %.4f: R of one scattering", eta, tau, alpha);
@@ -387,7 +387,8 @@ static void channels_are_slabs(void **state)
     for (int back = 0; back < 2; back++) {
         double whole[2] = { 0.0, 0.0 };
         for (int split = 0; split < 2; split++) {
-            const struct rig_mean r = slab3(sigma_s, sigma_a, 0.0, 1.4, 1.0, back != 0, FEWER(10000), PT_CHANCE | (split ? PT_SPLIT : 0u));
+            const struct rig_mean r =
+                slab3(sigma_s, sigma_a, 0.0, 1.4, 1.0, back != 0, FEWER(10000), PT_HIT_LIGHTS | (split ? PT_SPLIT : 0u));
             for (int c = 0; c < 3; c++) {
                 json_t *row = json_array_get(list, (size_t) rows[c]);
                 const double value = r.mean[0][c] + r.mean[1][c], error = hypot(r.error[0][c], r.error[1][c]);
@@ -419,7 +420,7 @@ static void split_walks_are_whole(void **state)
         for (int back = 0; back < 2; back++)
             for (int split = 0; split < 2; split++)
                 r[back][split] = slab3(sigma_s, sigma_a, cases[k].g, cases[k].eta, cases[k].thickness, back != 0, FEWER(3000),
-                                       PT_CHANCE | (split ? PT_SPLIT : 0u));
+                                       PT_HIT_LIGHTS | (split ? PT_SPLIT : 0u));
         for (int c = 0; c < 3; c++) {
             double sum = 0.0, error = 0.0;
             for (int back = 0; back < 2; back++)
@@ -441,10 +442,10 @@ static void split_walks_are_whole(void **state)
 static void slabs_of_the_literature(void **state)
 {
     const int n = FEWER(4000);
-    const struct rig_mean back = slab(9.0, 1.0, 0.75, 1.0, 0.2, true, n, PT_CHANCE);
-    const struct rig_mean transmitted = slab(9.0, 1.0, 0.75, 1.0, 0.2, false, n, PT_CHANCE);
-    const struct rig_mean deep = slab(9.0, 1.0, 0.0, 1.5, 3.0, true, n, PT_CHANCE);
-    const struct rig_mean matched = slab(0.3, 0.7, 0.0, 1.0, 25.0, true, n, PT_CHANCE);
+    const struct rig_mean back = slab(9.0, 1.0, 0.75, 1.0, 0.2, true, n, PT_HIT_LIGHTS);
+    const struct rig_mean transmitted = slab(9.0, 1.0, 0.75, 1.0, 0.2, false, n, PT_HIT_LIGHTS);
+    const struct rig_mean deep = slab(9.0, 1.0, 0.0, 1.5, 3.0, true, n, PT_HIT_LIGHTS);
+    const struct rig_mean matched = slab(0.3, 0.7, 0.0, 1.0, 25.0, true, n, PT_HIT_LIGHTS);
 
     (void) state;
     require_slab("van de Hulst, R", &back, 0.09739, 1e-5, 0);
@@ -498,7 +499,7 @@ static void grid_is_the_plain_walk(void **state)
     (void) state;
     for (int all = 0; all < 2; all++) {
         busy_stage(&s, &knobs, all == 1, &m);
-        knobs.techniques = all ? PT_ALL : PT_CHANCE | PT_LIGHTS;
+        knobs.techniques = all ? PT_ALL : PT_HIT_LIGHTS | PT_LIGHT_SAMPLES;
         for (int k = 0; k < 2; k++) {
             knobs.acceleration = k == 0 ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE;
             scene[k] = rig_scene(&s, &knobs);
@@ -678,9 +679,9 @@ static void every_complete_set_agrees(void **state)
         knobs.normals = cases[k].normals;
         stage_render(&s);
         at = on_ball(&s, 4.0f, 0.9f, 0.4f);
-        chance = with_techniques(&s, knobs, PT_CHANCE, &at, 0, FEWER(8000));
+        chance = with_techniques(&s, knobs, PT_HIT_LIGHTS, &at, 0, FEWER(8000));
         all = with_techniques(&s, knobs, PT_ALL, &at, 500000, FEWER(1200));
-        sought = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_CHANCE, &at, 700000, FEWER(1200));
+        sought = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_HIT_LIGHTS, &at, 700000, FEWER(1200));
         for (int part = 0; part < 2; part++) {
             snprintf(name, sizeof(name), "%s, %d rings, normals %d, part %d: all against chance", cases[k].rough ? "rough" : "smooth",
                      cases[k].rings, cases[k].normals, part);
@@ -691,7 +692,7 @@ static void every_complete_set_agrees(void **state)
             require_same("sought alone against chance", &sought, &chance, 1);
         REQUIRE(sought.mean[1][1] <= chance.mean[1][1] + SIGMAS * hypot(sought.error[1][1], chance.error[1][1]));
         if (cases[k].rough) {
-            const struct rig_mean surfaces = with_techniques(&s, knobs, PT_CHANCE | PT_LIGHTS, &at, 900000, FEWER(4000));
+            const struct rig_mean surfaces = with_techniques(&s, knobs, PT_HIT_LIGHTS | PT_LIGHT_SAMPLES, &at, 900000, FEWER(4000));
             require_same("rough, lamps at the boundary against near connections", &surfaces, &all, 0);
             require_same("rough, the surface's own", &surfaces, &all, 2);
         }
@@ -737,15 +738,15 @@ static void paths_from_lights_are_connections(void **state)
     lit_ball(&s, &knobs, false, 0.2, 0.01, PELL_LIGHT_POINT, 0.0f, 32);
     stage_render(&s);
     at = on_ball(&s, 4.0f, 0.9f, 0.4f);
-    all = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_CHAIN, &at, 0, FEWER(3000));
-    sources = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_CONNECT | PT_CHAIN), &at, 0, FEWER(12000));
-    connections = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_LIGHT | PT_CHAIN), &at, 0, FEWER(3000));
+    all = with_techniques(&s, knobs, PT_ALL & ~(unsigned) PT_SPECULAR_MANIFOLD, &at, 0, FEWER(3000));
+    sources = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_CONNECT | PT_SPECULAR_MANIFOLD), &at, 0, FEWER(12000));
+    connections = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_LIGHT_PATHS | PT_SPECULAR_MANIFOLD), &at, 0, FEWER(3000));
     print_message("# of the light that scattered more than once %.2f %% was reflected before\n",
                   100.0 * (1.0 - connections.mean[0][1] / all.mean[0][1]));
     require_same("paths from lamps against connections", &sources, &all, 0);
     REQUIRE(sources.mean[1][1] == 0.0);
     assert_int_equal(s.kept.warnings, 0);
-    REQUIRE(with_techniques(&s, knobs, PT_CHANCE | PT_LIGHTS, &at, 0, 10).mean[0][1] == 0.0);
+    REQUIRE(with_techniques(&s, knobs, PT_HIT_LIGHTS | PT_LIGHT_SAMPLES, &at, 0, 10).mean[0][1] == 0.0);
     assert_int_equal(s.kept.warnings, 1); /* black, and it says so */
     REQUIRE(all.mean[1][1] == connections.mean[1][1]);
     REQUIRE(SLOW || connections.mean[0][1] < all.mean[0][1]);
@@ -789,7 +790,7 @@ static void layers_are_boxes(void **state)
         stage_environment(&s, 1.0f);
         look_along(&s, 7.0f);
         knobs.acceleration = PT_ACCELERATION_NONE;
-        knobs.techniques = PT_CHANCE;
+        knobs.techniques = PT_HIT_LIGHTS;
         scene = rig_scene(&s, &knobs);
         at = rig_point(vec3(0.013f, 0.007f, 0.0f), vec3(0.013f, 0.007f, 500.0f), 5);
         r[boxes] = rig_measure(scene, &at, boxes ? 300000 : 0, n);
@@ -1147,7 +1148,7 @@ static void roughness_maps_are_read(void **state)
             stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.0f, 1.0f), vec3(0, 0, 0), 1.0f);
         look_along(&s, 7.0f);
         knobs.boundary = PT_BOUNDARY_ROUGH;
-        knobs.techniques = k == 2 ? PT_CHANCE : PT_ALL;
+        knobs.techniques = k == 2 ? PT_HIT_LIGHTS : PT_ALL;
         scene = rig_scene(&s, &knobs);
         at = on_ball(&s, 3.0f, 0.4f, 0.3f);
         r[k] = rig_measure(scene, &at, 0, FEWER(400));
@@ -1270,7 +1271,7 @@ static void bounds_are_counted(void **state)
     stage_environment(&s, 1.0f);
     look_along(&s, 7.0f);
     knobs.events = 10;
-    knobs.techniques = PT_CHANCE;
+    knobs.techniques = PT_HIT_LIGHTS;
     scene = rig_scene(&s, &knobs);
     at = on_ball(&s, 3.0f, 0.4f, 0.3f);
     r = rig_measure(scene, &at, 0, FEWER(2000));
@@ -1303,7 +1304,7 @@ static struct rig_mean thin_plate(float half, bool tilted, int samples)
         }
     stage_environment(&s, 1.0f);
     stage_camera(&s, vec3_mul(z, 50.0f), vec3(0, 0, 0), 0.5f, 0.0f);
-    knobs.techniques = PT_CHANCE;
+    knobs.techniques = PT_HIT_LIGHTS;
     scene = rig_scene(&s, &knobs);
     at = rig_point(vec3_mad(vec3_mul(x, 0.013f), 0.007f, y), vec3_mad(vec3_mul(z, 50.0f), 0.5f, x), 7);
     r = rig_measure(scene, &at, 0, samples);

@@ -334,7 +334,7 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
               vec3(9 * half, 9 * half, back ? -2 * (float) deep : 2 * (float) deep));
     stage_environment(&s, 1.0f);
     stage_camera(&s, vec3(0, 0, 500), vec3(0, 0, 0), 0.0f, 7.0f);
-    knobs.techniques = PT_CHANCE;
+    knobs.techniques = PT_HIT_LIGHTS;
     scene = rig_scene(&s, &knobs);
     if (!boxes) {
         struct pt_medium *medium = &scene->solid[0].medium;
@@ -342,7 +342,7 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
         if (p->count == 2)
             medium->layers = 2; /* over a deep rest */
         from = 0.0;
-        medium->slowest = INFINITY;
+        medium->min_sigma_t = INFINITY;
         medium->homogeneous = medium->layers == 1;
         pell_free(s.ctx, medium->layer);
         pell_free(s.ctx, medium->depth);
@@ -355,9 +355,9 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
             medium->layer[l] = one.layer[0];
             from += p->plate[l].thickness;
             medium->depth[l] = l + 1 < medium->layers ? (float) from : INFINITY;
-            medium->slowest = fminf(medium->slowest, one.slowest);
+            medium->min_sigma_t = fminf(medium->min_sigma_t, one.min_sigma_t);
             for (int c = 0; c < 3; c++)
-                medium->largest[c] = fmaxf(medium->largest[c], one.largest[c]);
+                medium->max_sigma_t[c] = fmaxf(medium->max_sigma_t[c], one.max_sigma_t[c]);
             if (l + 1 < medium->layers)
                 medium->deepest = (float) from;
             pt_medium_finish(s.ctx, &one);

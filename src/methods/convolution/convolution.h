@@ -80,7 +80,7 @@ double convolution_radial_beyond(const struct conv_radial *r, double h);
 void convolution_radial_squares(const struct conv_radial *r, double pixel, int count, double *out);
 void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out);
 /* The radius, mm, that contains all but `share` of the light of every channel. */
-double convolution_reach(const struct conv_radial r[3], double share);
+double convolution_reach(const struct conv_radial r[3], double fraction);
 
 /* --- sources.c: surface visible to the camera, and hidden surface behind it ---------------------------------------------------------- */
 
@@ -88,21 +88,21 @@ double convolution_reach(const struct conv_radial r[3], double share);
 
 /* Samples of the surface. Visible samples are pixels; hidden ones are cells of `step` x `step` pixels. */
 struct conv_front {
-    uint16_t *group;              /* per pixel: group + 1, 0: none; rows are `stride` apart */
-    float *area;                  /* mm^2 that a pixel covers */
-    float *enters[3], *leaves[3]; /* weight of the light that enters at a pixel, and that leaves there */
-    float *place;                 /* coordinate among the planes: index of the nearer one plus the fraction toward the next */
-    float *slant;                 /* sqrt(1 - |n . d|); if |n . d| exceeds 1, 1 - |n . d| */
+    uint16_t *group;                         /* per pixel: group + 1, 0: none; rows are `stride` apart */
+    float *area;                             /* mm^2 that a pixel covers */
+    float *entry_weight[3], *exit_weight[3]; /* weight of the light that enters at a pixel, and that leaves there */
+    float *coord;                            /* coordinate among the planes: index of the nearer one plus the fraction toward the next */
+    float *slant;                            /* sqrt(1 - |n . d|); if |n . d| exceeds 1, 1 - |n . d| */
     ptrdiff_t stride;
 };
 
 struct conv_behind {
     int step, width, height, layers;
     uint16_t *group; /* [layer][cell] */
-    float *depth, *area, *slant, *place, *light[3];
-    float *enters[3], *close[3]; /* weight of the light of hidden cells, and its weight at the coordinate of the pixel in front */
-    float *counts[3];            /* fraction of the light that the planes carry */
-    float *even[3];              /* the part of it that is diffuse along the surface, for faces with the orientation of the pixels */
+    float *depth, *area, *slant, *coord, *light[3];
+    float *entry_weight[3], *close[3]; /* weight of the light of hidden cells, and its weight at the coordinate of the pixel in front */
+    float *counts[3];                  /* fraction of the light that the planes carry */
+    float *along_surface[3];           /* the part of it that is diffuse along the surface, for faces with the orientation of the pixels */
 };
 
 struct conv_sources {

@@ -124,10 +124,10 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
         return PELL_ERR_NOMEM;
     f->area = st->front_memory;
     f->slant = f->area + size;
-    f->place = f->slant + size;
+    f->coord = f->slant + size;
     for (size_t c = 0; c < 3; c++) {
-        f->enters[c] = f->place + (1 + c) * size;
-        f->leaves[c] = f->place + (4 + c) * size;
+        f->entry_weight[c] = f->coord + (1 + c) * size;
+        f->exit_weight[c] = f->coord + (4 + c) * size;
     }
     b->step = 1 << behind_step(&st->knobs);
     b->width = (shape->width + b->step - 1) / b->step;
@@ -143,13 +143,13 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
     b->depth = st->behind_memory;
     b->area = b->depth + cells;
     b->slant = b->area + cells;
-    b->place = b->slant + cells;
+    b->coord = b->slant + cells;
     for (size_t c = 0; c < 3; c++) {
-        b->light[c] = b->place + (1 + c) * cells;
-        b->enters[c] = b->place + (4 + c) * cells;
-        b->close[c] = b->place + (7 + c) * cells;
-        b->counts[c] = b->place + (10 + c) * cells;
-        b->even[c] = b->place + (13 + c) * cells;
+        b->light[c] = b->coord + (1 + c) * cells;
+        b->entry_weight[c] = b->coord + (4 + c) * cells;
+        b->close[c] = b->coord + (7 + c) * cells;
+        b->counts[c] = b->coord + (10 + c) * cells;
+        b->along_surface[c] = b->coord + (13 + c) * cells;
     }
     return PELL_OK;
 }
@@ -365,7 +365,7 @@ static enum pell_result render_level(struct convolution_state *st)
     }
     j->set = set;
     note_time(st, CONV_T_SPECTRA, &clock, 0, 0);
-    convolution_weigh(st);
+    convolution_compute_weights(st);
     note_time(st, CONV_T_WEIGHTS, &clock, j->extent.pixels, j->extent.pixels * 44);
     PELL_TRY(convolution_show_begin(st));
     for (int c = 0; c < 3; c++) {
@@ -409,7 +409,7 @@ static enum pell_result render_group(struct convolution_state *st, size_t group)
     j->divide = is_uniform(st);
     pell_fft_init(&j->across, j->layout.across, j->tables[0]);
     pell_fft_init(&j->down, j->layout.down, j->tables[1]);
-    convolution_place(st);
+    convolution_find_coords(st);
     note_time(st, CONV_T_PLANES, &clock, j->extent.pixels, j->extent.pixels * 16);
     for (int level = j->first_level; level <= j->last_level; level++) {
         convolution_take_level(st, m, material, level);

@@ -85,7 +85,7 @@ static void gather_row(struct convolution_state *st, int y, const float *const r
     const int width = rect->x1 - rect->x0;
     const ptrdiff_t at = y * f->stride + rect->x0;
     const struct conv_gather g = {
-        f->group + at, f->place + at, f->leaves[j->channel] + at, rows, j->layout.planes, (uint16_t) (j->group + 1),
+        f->group + at, f->coord + at, f->exit_weight[j->channel] + at, rows, j->layout.planes, (uint16_t) (j->group + 1),
     };
     float *const light = j->out->light[j->channel] + y * j->in->shape.stride + rect->x0;
     float *const out = j->uniform ? st->uniform + at : j->divide || j->level >= 0 ? sum : light;

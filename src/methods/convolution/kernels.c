@@ -14,7 +14,7 @@ enum { LANES = 16, ELEMENT = 32 };
 
 /* Pixels of a row (step 1), or each pixel with its own column (step: the stride). */
 struct line {
-    vi at, group_at, place; /* offsets of the line's first pixel in planes of floats and of groups; index of each pixel along the line */
+    vi at, group_at, coord; /* offsets of the line's first pixel in planes of floats and of groups; index of each pixel along the line */
     ptrdiff_t step, group_step;
     int low, high; /* first and last index inside the image */
 };
@@ -25,8 +25,8 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
 {
     vf best = all(INFINITY);
 
-    for (int way = -1; way <= 1; way += 2) {
-        const vi to = on->place + (way < 0 ? -by : by), there = (to >= on->low) & (to < on->high), safe = choose(there, to, on->place);
+    for (int dir = -1; dir <= 1; dir += 2) {
+        const vi to = on->coord + (dir < 0 ? -by : by), there = (to >= on->low) & (to < on->high), safe = choose(there, to, on->coord);
         int32_t i[WIDTH], k[WIDTH];
         float depth[WIDTH];
         int32_t group[WIDTH];
@@ -41,7 +41,7 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
         memcpy(&is, group, sizeof(is));
         is = (is == own) & there;
         other = d->parallel ? load(depth) : 1.0f / select(is, load(depth), all(1.0f));
-        difference = way < 0 ? here - other : other - here;
+        difference = dir < 0 ? here - other : other - here;
         best = select(is & (magnitude(difference) < magnitude(best)), difference, best);
     }
     return select(magnitude(best) < INFINITY, best / FLOATS(by), all(0.0f));
@@ -68,7 +68,7 @@ INLINE vf facing(const struct conv_depths *d, int x, int y, vf depth, vi own, vi
 
 INLINE vf slant_of(vf cosine)
 {
-    const vf f = greater(cosine, all(CONV_LEAST_COS)), rest = 1.0f - f;
+    const vf f = greater(cosine, all(CONV_COS_MIN)), rest = 1.0f - f;
     return select(f < 1.0f, root(greater(rest, all(0.0f))), rest);
 }
 
@@ -83,7 +83,7 @@ static void cover(const struct conv_depths *d, int y, int from, int to, bool by_
         depth = select(own != 0, depth, all(1.0f));
         f = by_depth ? facing(d, x, y, depth, own, (vi) { 0 } + 1) : load_some(slant + x, n);
         mm = d->one_size ? all(1.0f) : (d->parallel ? all(1.0f) : depth) / d->focal_px;
-        store_some(area + x, mm * mm / greater(f, all(CONV_LEAST_COS)), n);
+        store_some(area + x, mm * mm / greater(f, all(CONV_COS_MIN)), n);
         store_some(slant + x, slant_of(f), n);
     }
 }
@@ -125,27 +125,28 @@ INLINE struct row row_of(vf slant, int rows)
  * unless restore=response. */
 INLINE vf width_factor(bool by_response, vf t, vf p, vf q, vf cosine)
 {
-    vf share = (1.0f - t) / (p * p) + t / (q * q);
+    vf mean_area = (1.0f - t) / (p * p) + t / (q * q);
 
     if (by_response) {
         const vf own = (1.0f - t) * (1.0f - t) + t * t, other = greater(1.0f / (cosine * cosine) - own, all(0.0f));
-        share = ((1.0f - t) * (1.0f - t) / (p * p) + t * t / (q * q) + other / (p * q)) / (own + other);
+        mean_area = ((1.0f - t) * (1.0f - t) / (p * p) + t * t / (q * q) + other / (p * q)) / (own + other);
     }
-    return select(p == q, all(1.0f), 1.0f / ((p + t * (q - p)) * root(share)));
+    return select(p == q, all(1.0f), 1.0f / ((p + t * (q - p)) * root(mean_area)));
 }
 
 /* Areas in units of the middle pixel, corrected by the response: the light that a flat surface gets back from splitting and gathering. The
  * dependence on the coordinate among the planes is divided evenly between entering and leaving light; the dependence on the slant, averaged
  * over coordinates, is applied to entering light only, since a single slanted pixel has no neighbours that would contribute more. Near
  * light is weighted by the pixel's own slant, light from farther away by the slant over a distance. */
-static void weigh(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3])
+static void compute_weights(const struct conv_weights *w, const struct conv_row *s, float *const entry_weight[3],
+                            float *const exit_weight[3])
 {
     enum { SIZE = sizeof(struct conv_response) / (4 * sizeof(float)) };
 
     for (int i = 0; i < s->count; i += WIDTH) {
         const int n = s->count - i;
         const vi is = which(s->group + i, s->own, n);
-        const vf p = select(is, load_some(s->place + i, n), all(0.0f)), self = select(is, load_some(s->slant + i, n), all(0.0f));
+        const vf p = select(is, load_some(s->coord + i, n), all(0.0f)), self = select(is, load_some(s->slant + i, n), all(0.0f));
         const vf over = select(is, load_some(s->far + i, n), all(0.0f)), a = select(is, load_some(s->area + i, n), all(1.0f));
         const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
         const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
@@ -160,41 +161,41 @@ static void weigh(const struct conv_weights *w, const struct conv_places *s, flo
         width = width_factor(false, t, narrow, wide, all(1.0f));
         for (int c = 0; c < 3; c++) {
             const struct conv_response *r = w->response[c];
-            vf here[4], near[4], beyond[4], by_place, should, does;
+            vf here[4], near[4], beyond[4], by_coord, should, does;
             if (w->plain) {
-                store_some(enters[c] + i, pixels, n);
-                if (leaves)
-                    store_some(leaves[c] + i, all(1.0f), n);
+                store_some(entry_weight[c] + i, pixels, n);
+                if (exit_weight)
+                    store_some(exit_weight[c] + i, all(1.0f), n);
                 continue;
             }
-            pick4(r->place[0], first + at.low * (CONV_PHASES - 1) + b, here);
+            pick4(r->coord[0], first + at.low * (CONV_PHASES - 1) + b, here);
             pick4(r->near[0], first + own_at.low, near);
             pick4(r->far[0], first + far_at.low, beyond);
-            by_place = here[0] + fu * here[1] + at.part * (here[2] + fu * here[3]);
+            by_coord = here[0] + fu * here[1] + at.part * (here[2] + fu * here[3]);
             does = near[0] + own_at.part * near[2] + beyond[0] + far_at.part * beyond[2];
             should = near[1] + own_at.part * near[3] + beyond[1] + far_at.part * beyond[3];
             if (w->by_response) {
-                pick4(r->place[0], first + b, here);
+                pick4(r->coord[0], first + b, here);
                 width = width_factor(true, t, narrow, wide, here[0] + fu * here[1]);
             }
-            store_some(enters[c] + i, pixels * by_place * (should / does) * sideways * width, n);
-            if (leaves)
-                store_some(leaves[c] + i, by_place * width, n);
+            store_some(entry_weight[c] + i, pixels * by_coord * (should / does) * sideways * width, n);
+            if (exit_weight)
+                store_some(exit_weight[c] + i, by_coord * width, n);
         }
     }
 }
 
-static void share(const struct conv_shares *s, int count, const float *p, const float *q, const float *distance, float *const enters[3],
-                  float *const close[3])
+static void split_hidden(const struct conv_transfers *s, int count, const float *p, const float *q, const float *distance,
+                         float *const entry_weight[3], float *const close[3])
 {
     for (int i = 0; i < count; i += WIDTH) {
         const int n = count - i;
         const vf to = load_some(p + i, n), from = load_some(q + i, n), d = load_some(distance + i, n);
         const vi to_plane = INTS(to), from_plane = INTS(from), at = from_plane * CONV_PLANES + to_plane;
         const vf tp = to - FLOATS(to_plane), tq = from - FLOATS(from_plane);
-        const vf place = root(greater(d, all(0.0f)) * s->per_widest) * (float) CONV_DISTANCES;
-        const vi row = INTS(lesser(place, all((float) (CONV_DISTANCES - 1))));
-        const vf part = within(place - FLOATS(row), 0.0f, 1.0f);
+        const vf coord = root(greater(d, all(0.0f)) * s->per_widest) * (float) CONV_DISTANCES;
+        const vi row = INTS(lesser(coord, all((float) (CONV_DISTANCES - 1))));
+        const vf part = within(coord - FLOATS(row), 0.0f, 1.0f);
         for (int c = 0; c < 3; c++) {
             const float *a = s->arrives[c];
             const vf does = mix_of(mix_of(pick(a, at), pick(a, at + 1), tp),
@@ -203,7 +204,7 @@ static void share(const struct conv_shares *s, int count, const float *p, const 
             const vi more = should >= does, none = d < 0.0f;
             const vf missing = within((should - does) / greater(1.0f - does, all(1e-6f)), 0.0f, 1.0f);
             const vf kept = select(none, all(1.0f), select(more, 1.0f - missing, should / does));
-            store_some(enters[c] + i, load_some(enters[c] + i, n) * kept, n);
+            store_some(entry_weight[c] + i, load_some(entry_weight[c] + i, n) * kept, n);
             store_some(close[c] + i, select(more & ~none, missing * load_some(close[c] + i, n), all(0.0f)), n);
         }
     }
@@ -212,14 +213,14 @@ static void share(const struct conv_shares *s, int count, const float *p, const 
 /* --- To planes and from them ------------------------------------------------------------------------------------------------------- */
 
 /* Fraction of the light at this coordinate that goes to plane i. */
-INLINE vf part_of(vf place, int i)
+INLINE vf part_of(vf coord, int i)
 {
-    return greater(1.0f - magnitude(place - (float) i), all(0.0f));
+    return greater(1.0f - magnitude(coord - (float) i), all(0.0f));
 }
 
-INLINE vf part_between(vf place, int i)
+INLINE vf part_between(vf coord, int i)
 {
-    const vf t = place - (float) i;
+    const vf t = coord - (float) i;
     return select((t >= 0.0f) & (t < 1.0f), root(greater(2.0f * t * (1.0f - t), all(0.0f))), all(0.0f));
 }
 
@@ -237,7 +238,7 @@ INLINE void add_image(const struct conv_spread *s, float *image, int x, int n, v
         image[(x + l) >> halvings] += v[l];
 }
 
-static void spread(const struct conv_spread *s, const uint16_t *group, const float *place, const float *enters, const float *light,
+static void spread(const struct conv_spread *s, const uint16_t *group, const float *coord, const float *entry_weight, const float *light,
                    float *images, unsigned char *marks, int lit[2])
 {
     const int count = s->step == 1 ? s->width : s->x1;
@@ -251,8 +252,8 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
         if (n > 0)
             is = which(group + x, s->own, n) & (column >= (float) s->x0);
         if (any(is)) {
-            p = select(is, load_some(place + x, n), all(0.0f));
-            e = load_some(enters + x, n);
+            p = select(is, load_some(coord + x, n), all(0.0f));
+            e = load_some(entry_weight + x, n);
             e = select(is, light ? e * load_some(light + x, n) : e, all(0.0f));
         }
         if (!any(e != 0.0f)) {
@@ -297,7 +298,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi is = which(g->group + x, g->own, n);
-        const vf p = select(is, load_some(g->place + x, n), all(-2.0f));
+        const vf p = select(is, load_some(g->coord + x, n), all(-2.0f));
         vf sum = { 0 };
         if (!any(is))
             continue;
@@ -309,7 +310,7 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
             if (i + 1 < g->planes && between[i])
                 sum += part_between(p, i) * load_some(between[i] + x, n);
         }
-        sum = greater(sum * load_some(g->leaves + x, n), all(0.0f));
+        sum = greater(sum * load_some(g->exit_weight + x, n), all(0.0f));
         store_some(out + x, select(is, sum, load_some(out + x, n)), n);
     }
 }
@@ -389,9 +390,9 @@ struct spot {
     vf plane, t, between;
 };
 
-INLINE struct spot spot_of(vf place)
+INLINE struct spot spot_of(vf coord)
 {
-    const vf plane = FLOATS(INTS(place)), t = place - plane;
+    const vf plane = FLOATS(INTS(coord)), t = coord - plane;
 
     return (struct spot) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
 }
@@ -409,7 +410,7 @@ INLINE vf exchange(struct spot a, struct spot b, float next)
 /* A vector of pixels. */
 struct spots {
     vi there;
-    vf depth, flux, place; /* flux and place: by load_rest */
+    vf depth, flux, coord; /* flux and place: by load_rest */
 };
 
 INLINE vf load_between(const float *row, int x, int x0, int x1)
@@ -444,11 +445,11 @@ INLINE void load_rest(const struct conv_edges *s, int x, int y, struct spots *o)
 
     if (y < s->y0 || y >= s->y1)
         return;
-    o->flux = load_between(s->enters + row, x, s->x0, s->x1);
+    o->flux = load_between(s->entry_weight + row, x, s->x0, s->x1);
     if (s->light)
         o->flux *= load_between(s->light + y * s->stride, x, s->x0, s->x1);
     o->flux = select(o->there, o->flux, all(0.0f));
-    o->place = select(o->there, load_between(s->place + row, x, s->x0, s->x1), all(0.0f));
+    o->coord = select(o->there, load_between(s->coord + row, x, s->x0, s->x1), all(0.0f));
 }
 
 /* The less steep of the depth steps to both sides. */
@@ -461,7 +462,7 @@ INLINE vf less_steep(vf depth, struct spots before, struct spots after)
 }
 
 /* Depth steps per pixel of a surface that covers `times` a pixel's area, radius2 mm^2: keeps their direction only. */
-INLINE void lean_as(vf times, float radius2, vf *gx, vf *gy)
+INLINE void slant_index(vf times, float radius2, vf *gx, vf *gy)
 {
     const vf tangent2 = greater(times * times - 1.0f, all(0.0f)) * radius2, length2 = *gx * *gx + *gy * *gy;
     const vi known = length2 > 1e-6f * radius2;
@@ -478,7 +479,7 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
         struct spots own = find_spots(s, x, y);
         struct spot here;
         vi near_edge = { 0 };
-        vf sum = { 0 }, gx, gy, area, leaves;
+        vf sum = { 0 }, gx, gy, area, exit_weight;
         if (!any(own.there))
             continue;
         for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
@@ -490,28 +491,28 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
         if (!any(near_edge))
             continue;
         load_rest(s, x, y, &own);
-        here = spot_of(own.place);
-        leaves = load_between(s->leaves + y * s->group_stride, x, s->x0, s->x1);
+        here = spot_of(own.coord);
+        exit_weight = load_between(s->exit_weight + y * s->group_stride, x, s->x0, s->x1);
         area = select(own.there, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), all(1.0f));
         gx = less_steep(own.depth, find_spots(s, x - 1, y), find_spots(s, x + 1, y));
         gy = less_steep(own.depth, find_spots(s, x, y - 1), find_spots(s, x, y + 1));
-        lean_as(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
+        slant_index(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
         for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
             for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
                 const int ax = dx < 0 ? -dx : dx, ay = dy < 0 ? -dy : dy;
                 const vf on = gx * (float) dx + gy * (float) dy;
-                const vf place = within(own.place + on * s->per_spacing, 0.0f, (float) (s->planes - 1) - 1e-5f);
+                const vf coord = within(own.coord + on * s->per_spacing, 0.0f, (float) (s->planes - 1) - 1e-5f);
                 struct spots o = find_spots(s, x + dx, y + dy);
                 const vf d = o.depth - own.depth - on;
                 const vf value = value_at(s->value, s->per_median2, s->radius2[ay][ax] + d * d);
                 vf on_own, on_its;
                 const vf alike = select(o.there, s->per_value[ay][ax] * value, all(0.0f));
                 load_rest(s, x + dx, y + dy, &o);
-                on_own = own.flux * exchange(here, spot_of(place), s->next[ay][ax]);
-                on_its = o.flux * exchange(here, spot_of(o.place), s->next[ay][ax]);
+                on_own = own.flux * exchange(here, spot_of(coord), s->next[ay][ax]);
+                on_its = o.flux * exchange(here, spot_of(o.coord), s->next[ay][ax]);
                 sum += s->square[ay][ax] * (1.0f - alike) * (on_own - on_its);
             }
-        sum = greater(load_some(out + x, n) + s->fade * leaves * sum, all(0.0f));
+        sum = greater(load_some(out + x, n) + s->fade * exit_weight * sum, all(0.0f));
         store_some(out + x, select(near_edge, sum, load_some(out + x, n)), n);
     }
 }
@@ -604,12 +605,12 @@ static void mix(const struct conv_mix *m, int block)
             for (int l = 0; l < LANES; l += WIDTH) {
                 const vf f = load(at(p->spectrum, block, k) + l) * p->factor;
                 for (int part = l; part < ELEMENT; part += LANES)
-                    for (int way = 0; way < 2; way++) {
-                        float *to = m->column[way ? p->from : p->to];
+                    for (int dir = 0; dir < 2; dir++) {
+                        float *to = m->column[dir ? p->from : p->to];
                         if (!to)
                             continue;
                         to += ELEMENT * y + part;
-                        store(to, load(to) + load(before[way ? p->to : p->from] + part) * f);
+                        store(to, load(to) + load(before[dir ? p->to : p->from] + part) * f);
                     }
             }
         }
@@ -620,8 +621,8 @@ extern const struct conv_kernels PELL_SIMD(convolution_kernels);
 const struct conv_kernels PELL_SIMD(convolution_kernels) = {
     .cover = cover,
     .far = far_slants,
-    .weigh = weigh,
-    .share = share,
+    .compute_weights = compute_weights,
+    .split_hidden = split_hidden,
     .spread = spread,
     .gather = gather,
     .edges = edges,

@@ -13,14 +13,14 @@
 enum { CONV_PLANES = 16, CONV_IMAGES = 3 * CONV_PLANES - 1 };
 enum { CONV_ROWS_OCTAVE = 32, CONV_OCTAVES = 52, CONV_ROWS = CONV_ROWS_OCTAVE * CONV_OCTAVES };
 enum { CONV_PHASES = 17, CONV_SLANTS = 16, CONV_FINE = 64, CONV_DISTANCES = 128 };
-#define CONV_LEAST_COS 0.01f /* lower bound of cosines */
+#define CONV_COS_MIN 0.01f /* lower bound of cosines */
 
 /* Response: light that a flat surface receives through planes and the images between them, relative to the exact value; by the coordinate
  * between two planes, t = i/(CONV_PHASES - 1), and the slant, sqrt(1 - cos) = i/(CONV_SLANTS - 1) of the largest, or i/(CONV_FINE - 1).
  * Rows hold the coefficients of linear interpolation to the next row. */
 struct conv_response {
     /* 1/sqrt of the response, relative to its mean over t: its value, and its increments to the next phase, the next slant, and both. */
-    float place[(CONV_SLANTS - 1) * (CONV_PHASES - 1)][4];
+    float coord[(CONV_SLANTS - 1) * (CONV_PHASES - 1)][4];
     /* Light from less, and from more, than the median distance; the exact values; and the increments of both to the next row. */
     float near[CONV_FINE - 1][4], far[CONV_FINE - 1][4];
 };
@@ -49,16 +49,16 @@ struct conv_weights {
 };
 
 /* A row of pixels, or cells, where light enters: those that are not in group `own` have no weight. */
-struct conv_places {
+struct conv_row {
     int count;
     uint16_t own;
     const uint16_t *group;
-    const float *place, *area, *slant, *far; /* coordinate among the planes; mm^2; slants, and slants over a distance */
+    const float *coord, *area, *slant, *far; /* coordinate among the planes; mm^2; slants, and slants over a distance */
 };
 
 /* Fractions of light: transferred from plane to plane (for hidden light from its own plane), and by distance, i^2 relative to the
  * widest. */
-struct conv_shares {
+struct conv_transfers {
     const float *arrives[3]; /* [from * CONV_PLANES + to] */
     const float *over[3];    /* CONV_DISTANCES + 1 */
     float per_widest;
@@ -77,7 +77,7 @@ struct conv_spread {
 /* A row of pixels where light leaves. */
 struct conv_gather {
     const uint16_t *group;
-    const float *place, *leaves;
+    const float *coord, *exit_weight;
     const float *const *rows; /* of the images of planes, then of those between; NULL: not needed */
     int planes;
     uint16_t own;
@@ -89,7 +89,7 @@ enum { CONV_WINDOW = 3 }; /* search radius of `edges` in pixels */
 struct conv_edges {
     const float *depth, *light; /* at pixel (0, 0), as are the other planes; `light` NULL: 1 everywhere */
     const uint16_t *group;
-    const float *place, *area, *enters, *leaves;
+    const float *coord, *area, *entry_weight, *exit_weight;
     ptrdiff_t stride, group_stride; /* of the picture, and of the other planes */
     int x0, y0, x1, y1;             /* bounds of the valid pixels */
     uint16_t own;
@@ -147,14 +147,15 @@ struct conv_kernels {
     /* Slants over a distance: at most a pixel's own, and equal to it where that distance is within the pixel. */
     void (*far)(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *slant, float *far);
     /* Weights of entering and leaving light; undefined for other groups. `leaves` may be NULL. */
-    void (*weigh)(const struct conv_weights *w, const struct conv_places *s, float *const enters[3], float *const leaves[3]);
+    void (*compute_weights)(const struct conv_weights *w, const struct conv_row *s, float *const entry_weight[3],
+                            float *const exit_weight[3]);
     /* Hidden light at coordinate q, and the pixel in front of it at p; distance < 0: there is none. `close`: on input its weight as if it
      * were in front; on output the part that moves to the coordinate of that pixel. `enters` keeps the part that stays behind. */
-    void (*share)(const struct conv_shares *s, int count, const float *p, const float *q, const float *distance, float *const enters[3],
-                  float *const close[3]);
+    void (*split_hidden)(const struct conv_transfers *s, int count, const float *p, const float *q, const float *distance,
+                         float *const entry_weight[3], float *const close[3]);
     /* Distributes the light of pixels in s->own, `light` NULL: 1. With a step of 1 it writes whole rows of the images, else it adds to
      * them. Marks the images that received any; lit: extended to the pixels of the images that did. */
-    void (*spread)(const struct conv_spread *s, const uint16_t *group, const float *place, const float *enters, const float *light,
+    void (*spread)(const struct conv_spread *s, const uint16_t *group, const float *coord, const float *entry_weight, const float *light,
                    float *images, unsigned char *marks, int lit[2]);
     /* Interpolates the light of pixels [from, to) at their coordinates among the planes, at least 0. Pixels of other groups are
      * unchanged. */

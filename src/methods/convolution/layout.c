@@ -94,7 +94,7 @@ void convolution_find_extent(struct convolution_state *st)
 /* --- Planes -------------------------------------------------------------------------------------------------------------------- */
 
 /* Quantiles of the surface's depths at 1/n, 2/n .., blended with uniform spacing. */
-static void place_by_surface(const struct convolution_state *st, struct conv_layout *lay, float low, float high)
+static void place_planes(const struct convolution_state *st, struct conv_layout *lay, float low, float high)
 {
     enum { BINS = 256 };
     const struct pell_frame *in = st->sources.in;
@@ -114,10 +114,10 @@ static void place_by_surface(const struct convolution_state *st, struct conv_lay
     for (int i = 0; i < BINS; i++)
         all += count[i];
     for (int i = 0; i < BINS && at < lay->planes - 1; i++) {
-        const double share = 0.5 * count[i] / all + 0.5 / BINS;
-        for (; at < lay->planes - 1 && sum + share >= (double) at / (lay->planes - 1); at++)
-            lay->depth[at] = low + (high - low) * (float) ((i + ((double) at / (lay->planes - 1) - sum) / share) / BINS);
-        sum += share;
+        const double fraction = 0.5 * count[i] / all + 0.5 / BINS;
+        for (; at < lay->planes - 1 && sum + fraction >= (double) at / (lay->planes - 1); at++)
+            lay->depth[at] = low + (high - low) * (float) ((i + ((double) at / (lay->planes - 1) - sum) / fraction) / BINS);
+        sum += fraction;
     }
     /* Limits the spacing from below, however concentrated the depths are, to what lay_out has reserved memory for. */
     for (int i = 1; i < lay->planes - 1; i++)
@@ -167,7 +167,7 @@ void convolution_lay_out(struct convolution_state *st)
     for (int i = 0; i < lay->planes; i++)
         lay->depth[i] = lay->planes == 1 ? middle : low + (high - low) * ((float) i / (float) (lay->planes - 1));
     if (st->knobs.placement == CONV_SURFACE && lay->planes > 2)
-        place_by_surface(st, lay, low, high);
+        place_planes(st, lay, low, high);
     lay->unit = unit * (float) st->room.step;
     for (int i = 0; i < lay->planes; i++)
         lay->pixel[i] = st->knobs.pixels == CONV_ONE
@@ -183,7 +183,7 @@ void convolution_lay_out(struct convolution_state *st)
 }
 
 /* Index of the plane before a depth, and the fraction toward the next. */
-static float find_place(const struct conv_layout *lay, float depth)
+static float find_coord(const struct conv_layout *lay, float depth)
 {
     int i = 0;
     float t;
@@ -217,8 +217,8 @@ void convolution_measure_behind(struct convolution_state *st)
                 float p, q, distance;
                 if (x < j->extent.rect.x0 || y < j->extent.rect.y0 || b->group[i] != j->group + 1 || f->group[at] != j->group + 1)
                     continue;
-                p = f->place[at];
-                q = b->place[i];
+                p = f->coord[at];
+                q = b->coord[i];
                 distance = b->depth[i] - j->in->depth[y * j->in->shape.stride + x];
                 for (int l = (int) p; l <= (int) p + 1 && l < n; l++) {
                     const float w = (1.0f - fabsf(p - (float) l)) * (1.0f - fabsf(q - (float) l));
@@ -248,7 +248,7 @@ void convolution_measure_behind(struct convolution_state *st)
         }
 }
 
-static void place_row(void *arg, int index, int worker)
+static void coord_row(void *arg, int index, int worker)
 {
     struct convolution_state *st = arg;
     const struct conv_job *j = &st->job;
@@ -262,26 +262,26 @@ static void place_row(void *arg, int index, int worker)
     (void) worker;
     for (int x = j->extent.rect.x0; x < j->extent.rect.x1; x++)
         if (f->group[y * f->stride + x] == j->group + 1) {
-            const float place = find_place(&j->layout, in->depth[y * in->shape.stride + x]);
-            f->place[y * f->stride + x] = place;
-            seen |= 1u << (int) place;
+            const float coord = find_coord(&j->layout, in->depth[y * in->shape.stride + x]);
+            f->coord[y * f->stride + x] = coord;
+            seen |= 1u << (int) coord;
         }
     st->rows[index].seen = seen;
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++) {
         const size_t row = ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width;
         for (int x = j->x0 / b->step; x <= (j->extent.rect.x1 - 1) / b->step; x++)
             if (b->group[row + (size_t) x] == j->group + 1)
-                b->place[row + (size_t) x] = find_place(&j->layout, b->depth[row + (size_t) x]);
+                b->coord[row + (size_t) x] = find_coord(&j->layout, b->depth[row + (size_t) x]);
     }
 }
 
-void convolution_place(struct convolution_state *st)
+void convolution_find_coords(struct convolution_state *st)
 {
     struct conv_job *j = &st->job;
     const int rows = j->extent.rect.y1 - j->extent.rect.y0, n = j->layout.planes;
     unsigned seen = 0;
 
-    pell_pool_run(st->pool, rows, place_row, st);
+    pell_pool_run(st->pool, rows, coord_row, st);
     for (int i = 0; i < rows; i++)
         seen |= st->rows[i].seen;
     if (!st->knobs.visible)

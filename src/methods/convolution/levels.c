@@ -15,7 +15,7 @@
 
 #define ALIKE 1e-3f /* relative to the strength: smaller variations count as constant */
 
-static float share_of(float strength, int level)
+static float fraction_of(float strength, int level)
 {
     const float s = strength > 0.0f ? fminf(strength, 1.0f) : strength <= 0.0f ? 0.0f : 1.0f; /* NaN becomes 1 */
     const float at = s > 0.0f ? fminf(-log2f(s), (float) (CONV_LEVELS - 1)) : (float) (CONV_LEVELS - 1);
@@ -42,10 +42,10 @@ void convolution_find_levels(struct convolution_state *st, float constant)
         (e->weakest >= (1.0f - ALIKE) * constant && e->strongest <= (1.0f + ALIKE) * constant))
         return;
     for (int l = CONV_LEVELS - 1; l >= 0; l--)
-        if (share_of(e->strongest, l) > 0.0f)
+        if (fraction_of(e->strongest, l) > 0.0f)
             j->first_level = l;
     for (int l = 0; l < CONV_LEVELS; l++)
-        if (share_of(e->weakest, l) > 0.0f)
+        if (fraction_of(e->weakest, l) > 0.0f)
             j->last_level = l;
 }
 
@@ -73,6 +73,6 @@ void convolution_blend_row(const struct convolution_state *st, int y, const floa
         float *light = &j->out->light[j->channel][to + x];
         if (f->group[y * f->stride + x] != j->group + 1)
             continue;
-        *light = (j->level == j->first_level ? 0.0f : *light) + share_of(j->in->strength[to + x], j->level) * row[x - j->extent.rect.x0];
+        *light = (j->level == j->first_level ? 0.0f : *light) + fraction_of(j->in->strength[to + x], j->level) * row[x - j->extent.rect.x0];
     }
 }

@@ -11,7 +11,7 @@
 #include <limits.h>
 #include <string.h>
 
-#define LEAST_VALUE 1e-30f /* 1/mm^2: smaller values of R count as 0, so that its reciprocal is finite */
+#define MIN_VALUE 1e-30f /* 1/mm^2: smaller values of R count as 0, so that its reciprocal is finite */
 
 /* Scratch rows for the weights of pixels, and of hidden cells. */
 struct buffers {
@@ -28,7 +28,7 @@ static struct buffers buffers_of(const struct convolution_state *st, int worker)
 
 /* Weights of hidden light in a row of cells [x0, x1), whose layer begins at `row`, relative to row y of pixels in front. With separate
  * images for hidden light, the part missing at the pixel in front is moved to that pixel's coordinate; an excess there reduces it. */
-static void weigh_behind(const struct convolution_state *st, const struct buffers *to, size_t row, int x0, int x1, int y)
+static void weight_hidden(const struct convolution_state *st, const struct buffers *to, size_t row, int x0, int x1, int y)
 {
     const struct conv_job *j = &st->job;
     const struct conv_kernels *kernels = st->kernels;
@@ -37,10 +37,10 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
     const struct conv_behind *b = &st->sources.behind;
     const size_t at = row + (size_t) x0;
     const int count = x1 - x0;
-    struct conv_places cells = {
+    struct conv_row cells = {
         count, (uint16_t) (j->group + 1), b->group + at, to->behind, b->area + at, b->slant + at, b->slant + at,
     };
-    float *const enters[3] = { b->enters[0] + at, b->enters[1] + at, b->enters[2] + at };
+    float *const entry_weight[3] = { b->entry_weight[0] + at, b->entry_weight[1] + at, b->entry_weight[2] + at };
     float *const close[3] = { b->close[0] + at, b->close[1] + at, b->close[2] + at };
 
     for (int i = 0; i < count; i++) {
@@ -50,31 +50,31 @@ static void weigh_behind(const struct convolution_state *st, const struct buffer
         const float slant = is ? b->slant[at + (size_t) i] : 0.0f;
         to->slant[i] = slant < 0.0f ? slant : 0.0f;
         to->over[i] = before ? fminf(slant, to->far[x - rect->x0]) : slant;
-        to->behind[i] = is ? b->place[at + (size_t) i] : 0.0f;
-        to->front[i] = before ? f->place[pixel] : 0.0f;
+        to->behind[i] = is ? b->coord[at + (size_t) i] : 0.0f;
+        to->front[i] = before ? f->coord[pixel] : 0.0f;
         to->distance[i] = before ? fmaxf(b->depth[at + (size_t) i] - j->in->depth[y * j->in->shape.stride + x], 0.0f) : -1.0f;
     }
     if (j->behind && j->layout.planes > 1) {
         cells.far = to->over;
-        kernels->weigh(&j->weights, &cells, close, NULL);
+        kernels->compute_weights(&j->weights, &cells, close, NULL);
     } else {
         for (int c = 0; c < 3; c++)
             memset(close[c], 0, (size_t) count * sizeof(float));
     }
     if (j->behind) /* kernels with an offset in distance do not depend on slants */
         cells.slant = cells.far = to->slant;
-    kernels->weigh(&j->weights, &cells, enters, NULL);
+    kernels->compute_weights(&j->weights, &cells, entry_weight, NULL);
     if (j->behind && j->layout.planes > 1)
-        kernels->share(&j->shares, count, to->front, to->behind, to->distance, enters, close);
+        kernels->split_hidden(&j->transfers, count, to->front, to->behind, to->distance, entry_weight, close);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++)
             if (cells.group[i] == cells.own) {
-                enters[c][i] *= b->counts[c][at + (size_t) i];
+                entry_weight[c][i] *= b->counts[c][at + (size_t) i];
                 close[c][i] *= b->counts[c][at + (size_t) i];
             }
 }
 
-static void weigh_row(void *arg, int index, int worker)
+static void weight_row(void *arg, int index, int worker)
 {
     const struct convolution_state *st = arg;
     const struct conv_job *j = &st->job;
@@ -85,17 +85,17 @@ static void weigh_row(void *arg, int index, int worker)
     const struct conv_depths depths = convolution_depths(&st->sources, j->median);
     const int y = rect->y0 + index;
     const ptrdiff_t at = y * f->stride + rect->x0;
-    const struct conv_places pixels = {
-        rect->x1 - rect->x0, (uint16_t) (j->group + 1), f->group + at, f->place + at, f->area + at, f->slant + at, to.far,
+    const struct conv_row pixels = {
+        rect->x1 - rect->x0, (uint16_t) (j->group + 1), f->group + at, f->coord + at, f->area + at, f->slant + at, to.far,
     };
-    float *const enters[3] = { f->enters[0] + at, f->enters[1] + at, f->enters[2] + at };
-    float *const leaves[3] = { f->leaves[0] + at, f->leaves[1] + at, f->leaves[2] + at };
+    float *const entry_weight[3] = { f->entry_weight[0] + at, f->entry_weight[1] + at, f->entry_weight[2] + at };
+    float *const exit_weight[3] = { f->exit_weight[0] + at, f->exit_weight[1] + at, f->exit_weight[2] + at };
 
     st->kernels->far(&depths, y, rect->x0, rect->x1, pixels.own, f->slant + y * f->stride, to.far - rect->x0);
-    st->kernels->weigh(&j->weights, &pixels, enters, leaves);
+    st->kernels->compute_weights(&j->weights, &pixels, entry_weight, exit_weight);
     for (int k = 0; k < b->layers && (y % b->step == 0 || index == 0); k++)
-        weigh_behind(st, &to, ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width, j->x0 / b->step,
-                     (rect->x1 - 1) / b->step + 1, y);
+        weight_hidden(st, &to, ((size_t) k * (size_t) b->height + (size_t) (y / b->step)) * (size_t) b->width, j->x0 / b->step,
+                      (rect->x1 - 1) / b->step + 1, y);
 }
 
 /* Fractions of light transferred from plane to plane, and from hidden light. */
@@ -132,7 +132,7 @@ static void set_weights(struct convolution_state *st)
         .per_unit2 = st->sources.one_size ? 1.0f / (float) (st->room.step * st->room.step) : 1.0f / (j->layout.unit * j->layout.unit),
         .response = { j->set->response[0], j->set->response[1], j->set->response[2] },
     };
-    j->shares = (struct conv_shares) {
+    j->transfers = (struct conv_transfers) {
         .arrives = { j->arrives[0][0], j->arrives[1][0], j->arrives[2][0] },
         .over = { j->arrives_over[0], j->arrives_over[1], j->arrives_over[2] },
         .per_widest = 1.0f / j->widest,
@@ -155,10 +155,10 @@ static void set_edges(struct convolution_state *st, int c)
         .depth = j->in->depth,
         .light = j->in->irradiance[c],
         .group = f->group,
-        .place = f->place,
+        .coord = f->coord,
         .area = f->area,
-        .enters = f->enters[c],
-        .leaves = f->leaves[c],
+        .entry_weight = f->entry_weight[c],
+        .exit_weight = f->exit_weight[c],
         .stride = j->in->shape.stride,
         .group_stride = f->stride,
         .x0 = j->extent.rect.x0,
@@ -182,7 +182,7 @@ static void set_edges(struct convolution_state *st, int c)
     for (int y = 0; y < SIDE; y++)
         for (int x = 0; x < SIDE; x++) {
             const float radius2 = (float) (x * x + y * y) * lay->unit * lay->unit, value = convolution_radial_value(r, radius2);
-            const bool is = value > LEAST_VALUE;
+            const bool is = value > MIN_VALUE;
             s->radius2[y][x] = radius2;
             s->square[y][x] = is ? (float) squares[y * SIDE + x] : 0.0f;
             s->per_value[y][x] = is ? 1.0f / value : 0.0f;
@@ -190,7 +190,7 @@ static void set_edges(struct convolution_state *st, int c)
         }
 }
 
-void convolution_weigh(struct convolution_state *st)
+void convolution_compute_weights(struct convolution_state *st)
 {
     const struct conv_radial *r = st->job.radial;
 
@@ -200,7 +200,7 @@ void convolution_weigh(struct convolution_state *st)
     set_weights(st);
     for (int c = 0; c < 3; c++)
         set_edges(st, c);
-    pell_pool_run(st->pool, st->job.extent.rect.y1 - st->job.extent.rect.y0, weigh_row, st);
+    pell_pool_run(st->pool, st->job.extent.rect.y1 - st->job.extent.rect.y0, weight_row, st);
 }
 
 /* The images of a band of rows in a worker's scratch. */
@@ -212,7 +212,7 @@ struct band {
     int y0, y1;
 };
 
-static inline void widen(struct pell_rect *lit, int x, int y)
+static inline void extend(struct pell_rect *lit, int x, int y)
 {
     lit->x0 = x < lit->x0 ? x : lit->x0;
     lit->x1 = x >= lit->x1 ? x + 1 : lit->x1;
@@ -220,11 +220,11 @@ static inline void widen(struct pell_rect *lit, int x, int y)
     lit->y1 = y >= lit->y1 ? y + 1 : lit->y1;
 }
 
-static void widen_row(const struct band *to, const int ends[2], int y)
+static void extend_row(const struct band *to, const int ends[2], int y)
 {
     if (ends[0] < ends[1]) {
-        widen(to->lit, ends[0], y);
-        widen(to->lit, ends[1] - 1, y);
+        extend(to->lit, ends[0], y);
+        extend(to->lit, ends[1] - 1, y);
     }
 }
 
@@ -250,11 +250,11 @@ static void spread_front(const struct convolution_state *st, const struct band *
         const int py = is ? row : rect->y0;
         const ptrdiff_t at = py * f->stride + j->x0;
         s.x1 = is ? rect->x1 - j->x0 : 0;
-        st->kernels->spread(&s, f->group + at, f->place + at, f->enters[j->channel] + at,
+        st->kernels->spread(&s, f->group + at, f->coord + at, f->entry_weight[j->channel] + at,
                             j->uniform ? NULL : j->in->irradiance[j->channel] + py * j->in->shape.stride + j->x0,
                             to->images + (y - to->y0) * j->stride, to->marks, ends);
     }
-    widen_row(to, ends, y);
+    extend_row(to, ends, y);
 }
 
 enum { CELLS = 128 };
@@ -262,7 +262,7 @@ enum { CELLS = 128 };
 /* Cells that go to columns of images from x on, rows [y, y1). */
 struct cells {
     const uint16_t *group;
-    const float *place, *enters, *light;
+    const float *coord, *entry_weight, *light;
     int count, x, y, y1;
 };
 
@@ -287,7 +287,7 @@ static void spread_cells(const struct convolution_state *st, const struct band *
     unsigned char marks[2 * CONV_PLANES] = { 0 };
     int ends[2] = { INT_MAX, 0 };
 
-    st->kernels->spread(&s, c->group, c->place, c->enters, c->light, parts[0], marks, ends);
+    st->kernels->spread(&s, c->group, c->coord, c->entry_weight, c->light, parts[0], marks, ends);
     if (ends[0] >= ends[1])
         return;
     for (int i = 0; i < s.planes + s.between; i++)
@@ -300,17 +300,17 @@ static void spread_cells(const struct convolution_state *st, const struct band *
     ends[1] = c->x + (ends[1] - 1) * repeat / per + repeat;
     ends[1] = ends[1] < j->layout.width ? ends[1] : j->layout.width;
     for (int row = c->y; row < c->y1; row++)
-        widen_row(to, ends, row);
+        extend_row(to, ends, row);
 }
 
 /* Light of cells from `at` on, at column x and pixel row py. Pixels are later divided by the response to uniform light, which corrects for
  * missing surface. Transmitted light is not a mean over surface, so it is multiplied by the same response here. */
-static void weigh_through(const struct convolution_state *st, size_t at, int x, int py, int count, float *out)
+static void weight_transmitted(const struct convolution_state *st, size_t at, int x, int py, int count, float *out)
 {
     const struct conv_job *j = &st->job;
     const struct conv_front *f = &st->sources.front;
     const struct conv_behind *b = &st->sources.behind;
-    const float *light = b->light[j->channel] + at, *even = b->even[j->channel] + at;
+    const float *light = b->light[j->channel] + at, *along_surface = b->along_surface[j->channel] + at;
     const float total = j->radial[j->channel].total, per = total > 0.0f ? 1.0f / total : 0.0f;
 
     for (int i = 0; i < count; i++) {
@@ -318,7 +318,7 @@ static void weigh_through(const struct convolution_state *st, size_t at, int x, 
         const ptrdiff_t pixel = py * f->stride + px;
         const bool own = b->group[at + (size_t) i] == j->group + 1;
         const bool before = own && px < j->extent.rect.x1 && f->group[pixel] == j->group + 1;
-        out[i] = before ? light[i] * (even[i] + (1.0f - even[i]) * per * st->uniform[pixel]) : own ? light[i] : 0.0f;
+        out[i] = before ? light[i] * (along_surface[i] + (1.0f - along_surface[i]) * per * st->uniform[pixel]) : own ? light[i] : 0.0f;
     }
 }
 
@@ -338,30 +338,30 @@ static void spread_behind(const struct convolution_state *st, const struct band 
         const size_t at = row + (size_t) x;
         struct cells c = {
             .group = b->group + at,
-            .place = b->place + at,
-            .enters = b->enters[j->channel] + at,
-            .light = (j->uniform ? b->even : b->light)[j->channel] + at,
+            .coord = b->coord + at,
+            .entry_weight = b->entry_weight[j->channel] + at,
+            .light = (j->uniform ? b->along_surface : b->light)[j->channel] + at,
             .count = end - x < CELLS ? end - x : CELLS,
             .x = (x * b->step - j->x0) / st->room.step,
             .y = y,
             .y1 = y1,
         };
         const float *close = b->close[j->channel] + at;
-        float place[CELLS];
+        float coord[CELLS];
         bool any = false;
         if (j->divide && !j->uniform) {
-            weigh_through(st, at, x, py, c.count, weighed);
+            weight_transmitted(st, at, x, py, c.count, weighed);
             c.light = weighed;
         }
         spread_cells(st, to, j->behind ? j->layout.planes + j->between : 0, false, &c);
         for (int i = 0; i < c.count; i++) {
             const int px = (x + i) * b->step > rect->x0 ? (x + i) * b->step : rect->x0;
             const bool is = b->group[at + (size_t) i] == j->group + 1 && close[i] != 0.0f;
-            place[i] = is ? f->place[py * f->stride + px] : 0.0f;
+            coord[i] = is ? f->coord[py * f->stride + px] : 0.0f;
             any = any || is;
         }
-        c.place = place;
-        c.enters = close;
+        c.coord = coord;
+        c.entry_weight = close;
         if (any)
             spread_cells(st, to, 0, true, &c);
     }
@@ -407,8 +407,8 @@ void convolution_spread(struct convolution_state *st)
     pell_pool_run(st->pool, j->bands, spread_band, st);
     for (int i = 0; i < j->bands; i++)
         if (st->lit[i].x0 < st->lit[i].x1) {
-            widen(&all, st->lit[i].x0, st->lit[i].y0);
-            widen(&all, st->lit[i].x1 - 1, st->lit[i].y1 - 1);
+            extend(&all, st->lit[i].x0, st->lit[i].y0);
+            extend(&all, st->lit[i].x1 - 1, st->lit[i].y1 - 1);
         }
     j->reached = (struct pell_rect) { 0 };
     if (all.x0 < all.x1)

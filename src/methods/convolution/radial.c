@@ -95,13 +95,13 @@ void convolution_radial_make(const struct pell_frame_material *m, double radius,
         make_channel(m, radius, c, memory + c * CONV_RADIAL_FLOATS, &out[c]);
 }
 
-double convolution_reach(const struct conv_radial r[3], double share)
+double convolution_reach(const struct conv_radial r[3], double fraction)
 {
     double reach = 0.0;
 
     for (int c = 0; c < 3; c++)
         if (!r[c].point)
-            reach = fmax(reach, r[c].radius * pell_profile_sample(r[c].profile, 1.0 - share));
+            reach = fmax(reach, r[c].radius * pell_profile_sample(r[c].profile, 1.0 - fraction));
     return reach;
 }
 
@@ -197,8 +197,8 @@ static double response_at(const struct conv_radial *r, const struct convolution_
         all += 2.0 * width * plain;
         if (plain * x < 1e-7 * all && x * x > (double) r->median2)
             break;
-        for (int way = -1; way <= 1 && spacing > 0.0; way += 2) {
-            const double place = t + (r->point ? 0.0 : way * x * slope / spacing), low = floor(place), f = place - low;
+        for (int dir = -1; dir <= 1 && spacing > 0.0; dir += 2) {
+            const double coord = t + (r->point ? 0.0 : dir * x * slope / spacing), low = floor(coord), f = coord - low;
             for (int from = 0; from < 2; from++)
                 for (int to = 0; to < 2; to++) {
                     const double h = fmin(fabs(low + from - to), 1e6) * spacing;
@@ -229,34 +229,34 @@ static double between_rows(const double *table, double at)
 void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out)
 {
     const double half = half_distance(r);
-    double place[CONV_SLANTS][CONV_PHASES], mean[CONV_SLANTS], far[CONV_SLANTS], true_far[CONV_SLANTS];
+    double coord[CONV_SLANTS][CONV_PHASES], mean[CONV_SLANTS], far[CONV_SLANTS], true_far[CONV_SLANTS];
     double near_row[CONV_FINE][2], far_row[CONV_FINE][2];
 
     for (int j = 0; j < CONV_SLANTS; j++) {
         mean[j] = far[j] = true_far[j] = 0.0;
         for (int i = 0; 2 * i < CONV_PHASES; i++) { /* symmetric */
-            const double s = j * sqrt(1.0 - (double) CONV_LEAST_COS) / (CONV_SLANTS - 1), c = 1.0 - s * s;
-            double beyond = 0.0, share = 1.0;
+            const double s = j * sqrt(1.0 - (double) CONV_COS_MIN) / (CONV_SLANTS - 1), c = 1.0 - s * s;
+            double beyond = 0.0, response = 1.0;
             if (k->restore != CONV_LOST)
-                share = response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1), half, &beyond,
-                                    &true_far[j]);
-            place[j][i] = place[j][CONV_PHASES - 1 - i] = 1.0 / sqrt(fmin(fmax(share, 1e-3), 1e3));
+                response = response_at(r, k, spacing, sqrt(fmax(1.0 - c * c, 0.0)) / c, i / (double) (CONV_PHASES - 1), half, &beyond,
+                                       &true_far[j]);
+            coord[j][i] = coord[j][CONV_PHASES - 1 - i] = 1.0 / sqrt(fmin(fmax(response, 1e-3), 1e3));
             far[j] += beyond / (CONV_PHASES / 2 + 1);
         }
         for (int i = 0; i < CONV_PHASES; i++)
-            mean[j] += place[j][i];
+            mean[j] += coord[j][i];
     }
     for (int j = CONV_SLANTS - 1; j >= 0; j--) {
         mean[j] /= mean[0];
         for (int i = 0; i < CONV_PHASES; i++)
-            place[j][i] /= mean[j];
+            coord[j][i] /= mean[j];
     }
     for (int j = 0; j + 1 < CONV_SLANTS; j++)
         for (int i = 0; i + 1 < CONV_PHASES; i++) {
-            const double low = place[j][i], along = place[j][i + 1] - low, up = place[j + 1][i] - low;
-            const double row[4] = { low, along, up, place[j + 1][i + 1] - low - along - up };
+            const double low = coord[j][i], along = coord[j][i + 1] - low, up = coord[j + 1][i] - low;
+            const double row[4] = { low, along, up, coord[j + 1][i + 1] - low - along - up };
             for (int n = 0; n < 4; n++)
-                out->place[j * (CONV_PHASES - 1) + i][n] = (float) row[n];
+                out->coord[j * (CONV_PHASES - 1) + i][n] = (float) row[n];
         }
     for (int i = 0; i < CONV_FINE; i++) {
         const double at = i * (double) (CONV_SLANTS - 1) / (CONV_FINE - 1), all = 1.0 / pow(between_rows(mean, at), 2.0);

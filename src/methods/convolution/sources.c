@@ -12,14 +12,14 @@
 
 #include <string.h>
 
-#define LEAST_COUNT 1e-3f
+#define MIN_COUNT 1e-3f
 
 /* --- Visible surface ---------------------------------------------------------------------------------------------------------------- */
 
 /* `facing`: |n . d|: 1 for surface parallel to the planes, and more for surface at the side of the image that faces the camera. */
 static void cover(const struct conv_sources *s, float depth, float facing, float *area, float *slant)
 {
-    const float f = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS, mm = s->one_size ? 1.0f : conv_pixel_at(s->in, depth);
+    const float f = facing > CONV_COS_MIN ? facing : CONV_COS_MIN, mm = s->one_size ? 1.0f : conv_pixel_at(s->in, depth);
 
     *area = mm * mm / f;
     *slant = f < 1.0f ? sqrtf(1.0f - f) : 1.0f - f;
@@ -144,37 +144,37 @@ static bool find_counts(const struct conv_sources *s, const struct pell_points16
         counts[c] += *along * (1.0f - counts[c]);
         most = fmaxf(most, counts[c]);
     }
-    return most > LEAST_COUNT;
+    return most > MIN_COUNT;
 }
 
 /* Ray hits and their attributes. */
-struct met {
+struct ray_hits {
     struct pell_points16 points;
     struct pell_points16_light light;
     float transmitted[3][16]; /* pell_services_transmitted */
     float depth[16];
 };
 
-static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, const struct met *met)
+static void put_sample(const struct conv_sources *s, const struct cells *c, int i, int layer, int cell_y, const struct ray_hits *ray_hits)
 {
     const struct conv_behind *b = &s->behind;
-    const struct pell_points16_light *light = &met->light;
+    const struct pell_points16_light *light = &ray_hits->light;
     const size_t to = ((size_t) layer * (size_t) b->height + (size_t) cell_y) * (size_t) b->width + (size_t) c->x[i];
     const struct pell_vec3 n = vec3(light->normal[0][i], light->normal[1][i], light->normal[2][i]);
     float counts[3], along;
 
-    if (!find_counts(s, &met->points, met->transmitted, i, n, c->direction[i], counts, &along))
+    if (!find_counts(s, &ray_hits->points, ray_hits->transmitted, i, n, c->direction[i], counts, &along))
         return;
     if (layer > 0 && !(light->irradiance[0][i] + light->irradiance[1][i] + light->irradiance[2][i] > 0.0f))
         along = 0.0f; /* probably one part of the object inside another, which receives no light */
-    cover(s, met->depth[i], fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
+    cover(s, ray_hits->depth[i], fabsf(vec3_dot(c->direction[i], n)), &b->area[to], &b->slant[to]);
     b->area[to] *= (float) (b->step * b->step);
-    b->depth[to] = met->depth[i];
-    b->group[to] = (uint16_t) (s->solids->of_mesh[met->points.mesh[i]] + 1);
+    b->depth[to] = ray_hits->depth[i];
+    b->group[to] = (uint16_t) (s->solids->of_mesh[ray_hits->points.mesh[i]] + 1);
     for (int k = 0; k < 3; k++) {
         b->light[k][to] = light->irradiance[k][i];
         b->counts[k][to] = counts[k];
-        b->even[k][to] = along / fmaxf(counts[k], LEAST_COUNT);
+        b->along_surface[k][to] = along / fmaxf(counts[k], MIN_COUNT);
     }
 }
 
@@ -185,7 +185,7 @@ static bool is_seen(const struct conv_sources *s, const struct cells *c, int i, 
     const struct pell_frame *in = s->in;
     const int n = s->behind.step, x0 = c->x[i] * n, y0 = cell_y * n;
     const struct pell_vec3 normal = vec3_normalize(vec3(hit->hit.ngx[i], hit->hit.ngy[i], hit->hit.ngz[i]));
-    const float facing = -vec3_dot(normal, c->direction[i]), least = facing > CONV_LEAST_COS ? facing : CONV_LEAST_COS;
+    const float facing = -vec3_dot(normal, c->direction[i]), least = facing > CONV_COS_MIN ? facing : CONV_COS_MIN;
     /* allowing for its slope across the cell */
     const float across = (float) n * conv_pixel_at(in, depth) * sqrtf(facing < 1.0f ? 1.0f - facing * facing : 0.0f) / least;
 
@@ -222,7 +222,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         hit.ray.mask[i] = PELL_RAY_TRANSLUCENT;
     }
     for (int layer = 0; layer < b->layers; layer++) {
-        struct met met;
+        struct ray_hits ray_hits;
         float spacing = 0.0f;
         int there = 0;
         for (int i = 0; i < 16; i++) {
@@ -233,16 +233,16 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
         pell_rays_closest16(s->services->rays, open, true, &hit);
         for (int i = 0; i < 16; i++) {
             bool is = open[i] && hit.hit.mesh[i] < s->solids->num_meshes;
-            met.depth[i] = s->far_depth - hit.ray.tfar[i];
-            is = is && !is_seen(s, c, i, cell_y, &hit, met.depth[i]);
+            ray_hits.depth[i] = s->far_depth - hit.ray.tfar[i];
+            is = is && !is_seen(s, c, i, cell_y, &hit, ray_hits.depth[i]);
             open[i] = is ? -1 : 0;
             hit.ray.tnear[i] = hit.ray.tfar[i] + 2e-5f * s->far_depth;
-            met.points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
-            met.points.triangle[i] = hit.hit.triangle[i];
-            met.points.u[i] = hit.hit.u[i];
-            met.points.v[i] = hit.hit.v[i];
-            met.points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
-            spacing += is ? conv_pixel_at(s->in, met.depth[i]) * (float) b->step : 0.0f;
+            ray_hits.points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
+            ray_hits.points.triangle[i] = hit.hit.triangle[i];
+            ray_hits.points.u[i] = hit.hit.u[i];
+            ray_hits.points.v[i] = hit.hit.v[i];
+            ray_hits.points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
+            spacing += is ? conv_pixel_at(s->in, ray_hits.depth[i]) * (float) b->step : 0.0f;
             there += is;
         }
         if (there == 0)
@@ -251,11 +251,11 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             s->services,
             &(struct pell_points_params) {
                 .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples, .local = s->by_slab != NULL },
-            &met.points, NULL, 16, &met.light);
-        pell_services_transmitted(s->services, &met.points, 16, met.transmitted);
+            &ray_hits.points, NULL, 16, &ray_hits.light);
+        pell_services_transmitted(s->services, &ray_hits.points, 16, ray_hits.transmitted);
         for (int i = 0; i < c->count; i++)
-            if (open[i] && met.light.there[i] && s->solids->of_mesh[met.points.mesh[i]] >= 0)
-                put_sample(s, c, i, layer, cell_y, &met);
+            if (open[i] && ray_hits.light.there[i] && s->solids->of_mesh[ray_hits.points.mesh[i]] >= 0)
+                put_sample(s, c, i, layer, cell_y, &ray_hits);
     }
     return rays;
 }

@@ -97,7 +97,7 @@ struct convolution_state {
         bool lit[CONV_IMAGES], seen[CONV_IMAGES];
         struct conv_mix mix;
         struct conv_weights weights;
-        struct conv_shares shares;
+        struct conv_transfers transfers;
         struct conv_edges edges[3]; /* fade 0: none */
     } job;
     float *shown; /* collected by show.c; NULL: no observer */
@@ -125,13 +125,13 @@ static inline float *conv_half(const struct convolution_state *st, int image)
 void convolution_find_extent(struct convolution_state *st);
 void convolution_take_room(struct convolution_state *st);
 void convolution_lay_out(struct convolution_state *st);
-void convolution_place(struct convolution_state *st);
+void convolution_find_coords(struct convolution_state *st);
 /* Distance of hidden light from the plane that it shares with visible light: the distance with the mean transfer over all rays. Planes
  * without hidden light: half of the spacing. */
 void convolution_measure_behind(struct convolution_state *st);
 
 /* light.c: weights by coordinate and slant; then, per channel, the distribution of light to planes, and row transforms. */
-void convolution_weigh(struct convolution_state *st);
+void convolution_compute_weights(struct convolution_state *st);
 void convolution_spread(struct convolution_state *st);
 
 /* transforms.c: rows of a band of images to half spectra; all planes through the kernels; inverse transforms of rows, for the images in

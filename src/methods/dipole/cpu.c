@@ -28,15 +28,15 @@
 #include <string.h>
 
 enum {
-    PROBES = 16,  /* per batch, if probes are used at all */
-    AREAS = 4,    /* per batch, in addition to probes */
-    TOGETHER = 4, /* batches processed together, so that packets of points are full */
-    PILOT = 16,   /* batches that estimate how many are needed */
-    LEAST = 16,   /* minimum number of batches per pixel */
-    DARK = 128,   /* batches where the pilot found no light */
-    HITS = 64,    /* surfaces along a probe; further ones are dropped */
-    POINTS = 64,  /* queued until their irradiance is computed */
-    BATCH = 16,   /* rows between two progress reports */
+    BATCH_PROBES = 16,    /* per batch, if probes are used at all */
+    BATCH_AREAS = 4,      /* per batch, in addition to probes */
+    BATCHES_TOGETHER = 4, /* batches processed together, so that packets of points are full */
+    PILOT_BATCHES = 16,   /* batches that estimate how many are needed */
+    MIN_BATCHES = 16,     /* minimum number of batches per pixel */
+    DARK_BATCHES = 128,   /* batches where the pilot found no light */
+    MAX_HITS = 64,        /* surfaces along a probe; further ones are dropped */
+    MAX_POINTS = 64,      /* queued until their irradiance is computed */
+    BATCH = 16,           /* rows between two progress reports */
 };
 
 struct solid {
@@ -68,17 +68,17 @@ struct pixel {
     const struct dipole_state *st;
     const struct pell_solid *surface;
     const struct solid *solid;
-    int32_t number; /* index of the solid */
+    int32_t index_of_solid; /* index of the solid */
     struct pell_vec3 at, axis[3];
     double strength;
     float returned[3], scale[3];    /* pell_services_returned, scaled by the solid's scale */
     double near_probes, near_areas; /* samples per technique and batch */
     uint32_t seed;
     double error; /* target relative standard error */
-    double sum[TOGETHER][3];
-    uint32_t mesh[POINTS], triangle[POINTS], pattern[POINTS]; /* of the queued points */
-    float u[POINTS], v[POINTS];
-    uint8_t batch[POINTS];
+    double sum[BATCHES_TOGETHER][3];
+    uint32_t mesh[MAX_POINTS], triangle[MAX_POINTS], pattern[MAX_POINTS]; /* of the queued points */
+    float u[MAX_POINTS], v[MAX_POINTS];
+    uint8_t batch[MAX_POINTS];
     int count;
     struct counts *counts;
 };
@@ -88,7 +88,7 @@ struct pixel {
 /* Sampling density at y over both techniques, per mm^2 and batch. */
 static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec3 n)
 {
-    static const double share[3] = { 0.25, 0.25, 0.5 };
+    static const double fraction[3] = { 0.25, 0.25, 0.5 };
     const struct dipole_radii *radii = &p->solid->radii;
     const struct pell_vec3 to = vec3_sub(y, p->at);
     const double s2 = p->strength * p->strength, d2 = (double) vec3_dot(to, to) / s2;
@@ -102,7 +102,7 @@ static double density(const struct pixel *p, struct pell_vec3 y, struct pell_vec
         double of_radius = 0.0;
         for (int c = 0; c < 3; c++)
             of_radius += dipole_radii_density(radii, c, r2);
-        sum += p->near_probes * share[a] * facing * of_radius / (s2 * radii->channels);
+        sum += p->near_probes * fraction[a] * facing * of_radius / (s2 * radii->channels);
     }
     return sum;
 }
@@ -122,8 +122,8 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
 /* Computes the irradiance of the queued points and adds their contributions to their batches. */
 static void settle(struct pixel *p)
 {
-    float position[3][POINTS], normal[3][POINTS], irradiance[3][POINTS], curvature[POINTS];
-    bool there[POINTS];
+    float position[3][MAX_POINTS], normal[3][MAX_POINTS], irradiance[3][MAX_POINTS], curvature[MAX_POINTS];
+    bool there[MAX_POINTS];
     const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->pattern, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
@@ -155,7 +155,7 @@ static void settle(struct pixel *p)
     p->count = 0;
 }
 
-static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t number)
+static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t index_of_solid)
 {
     const int i = p->count;
 
@@ -163,9 +163,9 @@ static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triang
     p->triangle[i] = triangle;
     p->u[i] = u;
     p->v[i] = v;
-    p->pattern[i] = number;
+    p->pattern[i] = index_of_solid;
     p->batch[p->count++] = (uint8_t) batch;
-    if (p->count == POINTS)
+    if (p->count == MAX_POINTS)
         settle(p);
 }
 
@@ -181,7 +181,7 @@ static void send_probes(struct pixel *p, int batch, uint32_t seed)
     int left = 16;
 
     memset(&r, 0, sizeof(r));
-    for (int i = 0; i < PROBES; i++) {
+    for (int i = 0; i < BATCH_PROBES; i++) {
         const double xi = pell_lattice(seed, 0, (uint32_t) i), part = xi < 0.5 ? 2.0 * xi : xi < 0.75 ? 4.0 * xi - 2.0 : 4.0 * xi - 3.0;
         const int a = xi < 0.5 ? 2 : xi < 0.75 ? 0 : 1;
         const struct pell_vec3 axis = p->axis[a], s = p->axis[(a + 1) % 3], t = p->axis[(a + 2) % 3];
@@ -208,18 +208,18 @@ static void send_probes(struct pixel *p, int batch, uint32_t seed)
     for (int k = 0; left > 0; k++) {
         pell_rays_closest16(p->st->services->rays, open, false, &r);
         left = 0;
-        for (int i = 0; i < PROBES; i++) {
+        for (int i = 0; i < BATCH_PROBES; i++) {
             if (!open[i])
                 continue;
             open[i] = r.hit.mesh[i] != PELL_NO_HIT ? -1 : 0;
             if (!open[i])
                 continue;
-            if (p->st->solids->of_mesh[r.hit.mesh[i]] == p->number)
+            if (p->st->solids->of_mesh[r.hit.mesh[i]] == p->index_of_solid)
                 add_point(p, batch, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], pell_hash(seed ^ (uint32_t) (i + 64 * k)));
             r.ray.tnear[i] = r.ray.tfar[i] * (1.0f + 2e-6f) + 1e-6f * (float) reach;
             r.ray.tfar[i] = end[i];
-            if (k + 1 == HITS || !(r.ray.tnear[i] < end[i])) {
-                p->counts->cut += k + 1 == HITS;
+            if (k + 1 == MAX_HITS || !(r.ray.tnear[i] < end[i])) {
+                p->counts->cut += k + 1 == MAX_HITS;
                 open[i] = 0;
             }
             left += open[i] != 0;
@@ -247,14 +247,14 @@ static void run_batches(struct pixel *p, uint32_t first, int64_t count, struct p
     memset(s, 0, sizeof(*s));
     while (s->count < count && !((s->count & 255) == 0 && pell_cancelled(p->st->ctx))) {
         memset(p->sum, 0, sizeof(p->sum));
-        for (int i = 0; i < TOGETHER; i++) {
+        for (int i = 0; i < BATCHES_TOGETHER; i++) {
             const uint32_t seed = pell_hash(p->seed ^ pell_hash(first + (uint32_t) s->count + (uint32_t) i));
             if (p->near_probes > 0.0)
                 send_probes(p, i, seed);
             spread_areas(p, i, seed, (int) p->near_areas);
         }
         settle(p);
-        for (int i = 0; i < TOGETHER; i++)
+        for (int i = 0; i < BATCHES_TOGETHER; i++)
             pell_batches_add(s, p->sum[i]);
     }
 }
@@ -263,8 +263,8 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
 {
     const struct dipole_knobs *k = &p->st->knobs;
     const int a_batch = (int) (p->near_probes + p->near_areas);
-    const int share = k->half == REFERENCE_WHOLE ? 1 : 2;
-    const double most = fmax((double) k->most / a_batch, LEAST) / share;
+    const int fraction = k->half == REFERENCE_WHOLE ? 1 : 2;
+    const double most = fmax((double) k->most / a_batch, MIN_BATCHES) / fraction;
     double mean[3], spread[3], needed;
     struct pell_batches pilot, s;
 
@@ -276,9 +276,9 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
         return;
     }
     /* The pilot batches determine the number of batches and are left out of the mean: including them would bias it low. */
-    run_batches(p, 0, PILOT / share, &pilot);
-    needed = pell_batches_needed(&pilot, p->error, LEAST / share, DARK / share);
-    run_batches(p, PILOT, (int64_t) ceil(fmin(needed, most)), &s);
+    run_batches(p, 0, PILOT_BATCHES / fraction, &pilot);
+    needed = pell_batches_needed(&pilot, p->error, MIN_BATCHES / fraction, DARK_BATCHES / fraction);
+    run_batches(p, PILOT_BATCHES, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
         out[c] = (float) mean[c];
@@ -306,13 +306,13 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
     p->st = st;
     p->surface = &st->solids->solids[solid];
     p->solid = &st->solid[solid];
-    p->number = solid;
+    p->index_of_solid = solid;
     p->at = at;
     p->axis[2] = vec3_normalize(normal);
     vec3_basis(p->axis[2], &p->axis[0], &p->axis[1]);
     p->strength = fmin((double) strength, 1.0);
-    p->near_probes = sampling == DI_AREA ? 0.0 : PROBES;
-    p->near_areas = sampling == DI_AREA ? PROBES : sampling == DI_BOTH ? AREAS : 0.0;
+    p->near_probes = sampling == DI_AREA ? 0.0 : BATCH_PROBES;
+    p->near_areas = sampling == DI_AREA ? BATCH_PROBES : sampling == DI_BOTH ? BATCH_AREAS : 0.0;
     p->seed = pell_point_seed(at, seed);
     p->count = 0;
 }
@@ -405,7 +405,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
                   (double) sum.samples / (double) sum.pixels, 100.0 * (double) sum.over / (double) sum.pixels);
     if (sum.cut > 0)
         pell_warn(st->ctx, "dipole", NULL, "%lld probe rays met more than %d surfaces: light of those beyond is missing",
-                  (long long) sum.cut, HITS);
+                  (long long) sum.cut, MAX_HITS);
     return PELL_OK;
 }
 

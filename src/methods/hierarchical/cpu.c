@@ -28,7 +28,7 @@
 
 enum {
     CHUNK = 512, /* points per task of the irradiance */
-    LEAST_SAMPLES = 16384,
+    MIN_SAMPLES = 16384,
     ROWS = 2,   /* rows of pixels per task */
     BATCH = 32, /* bands between two progress reports */
 };
@@ -56,7 +56,7 @@ struct hierarchical_state {
 
 struct light_task {
     const struct hierarchical_state *st;
-    struct hierarchical_place *places;
+    struct hierarchical_sample *points;
     struct pell_lit_place *samples;
     bool *there;
     size_t count;
@@ -83,21 +83,21 @@ static void light_chunk(void *arg, int index, int worker)
 
     (void) worker;
     for (size_t i = 0; i < count; i++) {
-        mesh[i] = t->places[first + i].mesh;
-        triangle[i] = t->places[first + i].triangle;
-        u[i] = t->places[first + i].u;
-        v[i] = t->places[first + i].v;
+        mesh[i] = t->points[first + i].mesh;
+        triangle[i] = t->points[first + i].triangle;
+        u[i] = t->points[first + i].u;
+        v[i] = t->points[first + i].v;
         number[i] = (uint32_t) (first + i);
     }
     pell_services_light_points(t->st->services, &params, &in, count, &out);
     for (size_t i = 0; i < count; i++) {
         struct pell_lit_place *s = &t->samples[first + i];
-        s->area = t->places[first + i].area;
+        s->area = t->points[first + i].area;
         s->curvature = curvature[i];
         for (int c = 0; c < 3; c++) {
             s->position[c] = position[c][i];
             s->normal[c] = normal[c][i];
-            s->power[c] = irradiance[c][i] * t->places[first + i].area;
+            s->power[c] = irradiance[c][i] * t->points[first + i].area;
         }
     }
 }
@@ -110,7 +110,7 @@ static enum pell_result sample_solid(struct hierarchical_state *st, const struct
     size_t kept = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    PELL_TRY(hierarchical_places_make(st->ctx, st->services->pool, st->services->scene, solid, count, &t.places));
+    PELL_TRY(hierarchical_samples_make(st->ctx, st->services->pool, st->services->scene, solid, count, &t.points));
     res = PELL_ERR_NOMEM;
     t.samples = pell_alloc_array(st->ctx, count, sizeof(*t.samples));
     t.there = pell_alloc_array(st->ctx, count, sizeof(*t.there));
@@ -124,13 +124,13 @@ static enum pell_result sample_solid(struct hierarchical_state *st, const struct
         if (t.there[i])
             t.samples[kept++] = t.samples[i];
     pell_free(st->ctx, t.there);
-    pell_free(st->ctx, t.places);
+    pell_free(st->ctx, t.points);
     return pell_light_tree_make(st->ctx, t.samples, kept, tree);
 
 fail:
     pell_free(st->ctx, t.samples);
     pell_free(st->ctx, t.there);
-    pell_free(st->ctx, t.places);
+    pell_free(st->ctx, t.points);
     return res;
 }
 
@@ -189,7 +189,7 @@ static enum pell_result hierarchical_create(const struct pell_services *services
     struct pell_context *ctx = services->ctx;
     struct hierarchical_state *st = pell_zalloc(ctx, sizeof(*st));
     const double start = pell_seconds();
-    double wanted = 0.0, share;
+    double wanted = 0.0, fraction;
     size_t samples = 0, bytes = 0;
     enum pell_result res;
 
@@ -208,15 +208,15 @@ static enum pell_result hierarchical_create(const struct pell_services *services
         for (size_t i = 0; i < st->solids->count; i++) {
             const struct pell_solid *b = &st->solids->solids[i];
             const double length = hierarchical_radial_length(&shape->materials[b->material]);
-            const double n = fmax(b->area * (double) st->knobs.density / (PELL_PI * length * length), LEAST_SAMPLES);
+            const double n = fmax(b->area * (double) st->knobs.density / (PELL_PI * length * length), MIN_SAMPLES);
             if (b->num_triangles == 0)
                 continue;
             if (pass == 0) {
                 wanted += n;
                 continue;
             }
-            share = fmin(1.0, (double) st->knobs.points / wanted);
-            PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * share)));
+            fraction = fmin(1.0, (double) st->knobs.points / wanted);
+            PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * fraction)));
             samples += st->solid[i].tree.num_samples;
             bytes += st->solid[i].tree.num_samples * sizeof(struct pell_lit_place) +
                      st->solid[i].tree.num_nodes * sizeof(struct pell_light_node) +

@@ -53,7 +53,7 @@ void hierarchical_radial_finish(struct hierarchical_radial *r);
 
 /* --- samples.c: surface sample points --------------------------------------------------------------------------------------------- */
 
-struct hierarchical_place {
+struct hierarchical_sample {
     uint32_t mesh, triangle;
     float u, v; /* barycentric */
     float area; /* mm^2 that it represents */
@@ -61,8 +61,8 @@ struct hierarchical_place {
 
 /* `count` sample points with a minimum distance from one another, in the order of the solid's curve; the caller owns *out. Temporarily
  * needs 72 bytes for each of two candidates per sample. The same bits for any number of threads. */
-PELL_NODISCARD enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                                         const struct pell_solid *solid, size_t count, struct hierarchical_place **out);
+PELL_NODISCARD enum pell_result hierarchical_samples_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                                          const struct pell_solid *solid, size_t count, struct hierarchical_sample **out);
 
 extern const struct pell_method_engine pell_hierarchical_cpu;
 

@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define SHARES 2048 /* number of radii, with equal fractions of the light, for integrals */
+#define RADII 2048 /* number of radii, with equal fractions of the light, for integrals */
 
 static uint32_t bits_of(float x)
 {
@@ -53,12 +53,12 @@ static void make_near(const struct pell_profile *p, int channel, double scale, d
         r->window[i][channel] = 0.0f;
         r->core[i][channel] = (float) (total * pell_profile_cdf(p, disc / s) / (PELL_PI * disc * disc));
     }
-    for (int k = 0; k < SHARES && total > 0.0; k++) {
-        const double radius = pell_profile_sample(p, (k + 0.5) / SHARES);
+    for (int k = 0; k < RADII && total > 0.0; k++) {
+        const double radius = pell_profile_sample(p, (k + 0.5) / RADII);
         for (int i = 0; i < HI_STRENGTHS; i++) {
             const double s = fmax((double) i / (HI_STRENGTHS - 1), least), t = 1.0 - radius * s * radius * s / (reach * reach);
             if (t > 0.0)
-                r->window[i][channel] += (float) (total * t * t / SHARES);
+                r->window[i][channel] += (float) (total * t * t / RADII);
         }
     }
 }

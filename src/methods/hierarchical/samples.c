@@ -21,11 +21,11 @@
 
 struct candidate {
     float position[3], normal[3];
-    struct hierarchical_place place;
+    struct hierarchical_sample sample;
 };
 
 /* A candidate in the order of the neighbour search: the data that rejects most of them. */
-struct spot {
+struct entry {
     float position[3];
     uint32_t it;
     uint64_t cell;
@@ -43,8 +43,8 @@ struct eliminator {
     struct pell_context *ctx;
     const struct pell_scene *scene;
     struct candidate *candidates;
-    struct spot *spots; /* by bucket */
-    uint32_t *bucket;   /* start of each bucket in spots, and the end */
+    struct entry *entries; /* by bucket */
+    uint32_t *bucket;      /* start of each bucket in spots, and the end */
     uint32_t mask, count;
     struct run *runs;
     float *weight, *area;
@@ -56,7 +56,7 @@ struct eliminator {
 
 /* --- Candidates ----------------------------------------------------------------------------------------------------------------- */
 
-static void place_candidates(struct eliminator *e, const struct pell_solid *solid)
+static void make_candidates(struct eliminator *e, const struct pell_solid *solid)
 {
     const double step = solid->area / e->count;
     size_t t = 0;
@@ -70,16 +70,16 @@ static void place_candidates(struct eliminator *e, const struct pell_solid *soli
         before = t > 0 ? solid->area_after[t - 1] : 0.0;
         f = fmin(fmax((area - before) / (solid->area_after[t] - before), 0.0), 1.0);
         g -= floor(g);
-        c->place.mesh = solid->triangles[t].mesh;
-        c->place.triangle = solid->triangles[t].triangle;
-        pell_triangle_point((float) f, (float) g, &c->place.u, &c->place.v);
+        c->sample.mesh = solid->triangles[t].mesh;
+        c->sample.triangle = solid->triangles[t].triangle;
+        pell_triangle_point((float) f, (float) g, &c->sample.u, &c->sample.v);
 
-        const struct pell_mesh *mesh = &e->scene->meshes[c->place.mesh];
-        const uint32_t *index = mesh->index + 3 * (size_t) c->place.triangle;
+        const struct pell_mesh *mesh = &e->scene->meshes[c->sample.mesh];
+        const uint32_t *index = mesh->index + 3 * (size_t) c->sample.triangle;
         const struct pell_vec3 p = vec3_load(mesh->position + 3 * (size_t) index[0]);
         const struct pell_vec3 u = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[1]), p);
         const struct pell_vec3 v = vec3_sub(vec3_load(mesh->position + 3 * (size_t) index[2]), p);
-        vec3_store(vec3_mad(vec3_mad(p, c->place.u, u), c->place.v, v), c->position);
+        vec3_store(vec3_mad(vec3_mad(p, c->sample.u, u), c->sample.v, v), c->position);
         vec3_store(vec3_normalize(vec3_cross(u, v)), c->normal);
     }
 }
@@ -117,7 +117,7 @@ static void sort_buckets(struct eliminator *e)
         uint64_t key;
         cell_of(e, p, at);
         key = cell_key(at[0], at[1], at[2]);
-        e->spots[--e->bucket[bucket_of(e, key) + 1]] = (struct spot) { { p[0], p[1], p[2] }, i, key };
+        e->entries[--e->bucket[bucket_of(e, key) + 1]] = (struct entry) { { p[0], p[1], p[2] }, i, key };
     }
     /* Starts shifted down by one bucket. */
     for (uint32_t b = 0; b <= e->mask; b++)
@@ -154,7 +154,7 @@ static enum pell_result look_around(const struct eliminator *e, uint32_t it, str
         const uint64_t key = cell_key(at[0] + cell % 3 - 1, at[1] + cell / 3 % 3 - 1, at[2] + cell / 9 - 1);
         const uint32_t bucket = bucket_of(e, key);
         for (uint32_t i = e->bucket[bucket]; i < e->bucket[bucket + 1]; i++) {
-            const struct spot *s = &e->spots[i];
+            const struct entry *s = &e->entries[i];
             enum pell_result res;
             if (s->cell != key || distance2(from->position, s->position) >= e->reach * e->reach ||
                 !(s->it == it || faces(from->normal, e->candidates[s->it].normal)))
@@ -193,9 +193,9 @@ static enum pell_result find_neighbours(struct eliminator *e, struct pell_pool *
     if (!(e->runs = pell_calloc(e->ctx, (size_t) runs_of(e), sizeof(*e->runs))))
         return PELL_ERR_NOMEM;
     pell_pool_run(pool, runs_of(e), look_run, e);
-    pell_free(e->ctx, e->spots);
+    pell_free(e->ctx, e->entries);
     pell_free(e->ctx, e->bucket);
-    e->spots = NULL;
+    e->entries = NULL;
     e->bucket = NULL;
     if (pell_cancelled(e->ctx))
         return PELL_ERR_CANCELLED;
@@ -240,7 +240,7 @@ static void sink(struct eliminator *e, uint32_t i)
 }
 
 /* Weight of a neighbour. */
-static float weigh(const struct eliminator *e, float d2)
+static float sum_weights(const struct eliminator *e, float d2)
 {
     const float d = sqrtf(d2);
     float w = 1.0f - (d > e->least ? d : e->least) / e->reach;
@@ -261,7 +261,7 @@ static void visit(struct eliminator *e, uint32_t it, bool remove)
         float w;
         if (near[i] == it || (remove && e->at[near[i]] >= e->left))
             continue;
-        w = weigh(e, distance2(e->candidates[it].position, e->candidates[near[i]].position));
+        w = sum_weights(e, distance2(e->candidates[it].position, e->candidates[near[i]].position));
         sum += w;
         if (remove && w > 0.0f) {
             e->weight[near[i]] -= w;
@@ -337,7 +337,7 @@ static enum pell_result eliminate(struct eliminator *e, struct pell_pool *pool, 
 }
 
 /* Normalises the areas of samples to sum to `total`. */
-static enum pell_result share_areas(struct eliminator *e, struct pell_pool *pool, double total)
+static enum pell_result distribute_areas(struct eliminator *e, struct pell_pool *pool, double total)
 {
     double sum = 0.0;
 
@@ -357,36 +357,36 @@ static enum pell_result share_areas(struct eliminator *e, struct pell_pool *pool
 
 /* --- All of it -------------------------------------------------------------------------------------------------------------------- */
 
-enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
-                                          const struct pell_solid *solid, size_t count, struct hierarchical_place **out)
+enum pell_result hierarchical_samples_make(struct pell_context *ctx, struct pell_pool *pool, const struct pell_scene *scene,
+                                           const struct pell_solid *solid, size_t count, struct hierarchical_sample **out)
 {
-    const size_t many = count * RATIO;
+    const size_t num_candidates = count * RATIO;
     const double radius = sqrt(solid->area / (2.0 * sqrt(3.0) * (double) count)); /* of the densest packing of discs */
-    struct eliminator e = { .ctx = ctx, .scene = scene, .mask = 1023, .count = (uint32_t) many };
-    struct hierarchical_place *places = NULL;
+    struct eliminator e = { .ctx = ctx, .scene = scene, .mask = 1023, .count = (uint32_t) num_candidates };
+    struct hierarchical_sample *samples = NULL;
     size_t kept = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
-    while (e.mask < many / 2 && e.mask < 0x3fffffff)
+    while (e.mask < num_candidates / 2 && e.mask < 0x3fffffff)
         e.mask = 2 * e.mask + 1;
-    e.candidates = pell_alloc_array(ctx, many, sizeof(*e.candidates));
-    e.spots = pell_alloc_array(ctx, many, sizeof(*e.spots));
+    e.candidates = pell_alloc_array(ctx, num_candidates, sizeof(*e.candidates));
+    e.entries = pell_alloc_array(ctx, num_candidates, sizeof(*e.entries));
     e.bucket = pell_calloc(ctx, (size_t) e.mask + 2, sizeof(*e.bucket));
-    e.weight = pell_alloc_array(ctx, many, sizeof(*e.weight));
-    e.heap = pell_alloc_array(ctx, many, sizeof(*e.heap));
-    e.at = pell_alloc_array(ctx, many, sizeof(*e.at));
-    places = pell_alloc_array(ctx, count, sizeof(*places));
-    if (!e.candidates || !e.spots || !e.bucket || !e.weight || !e.heap || !e.at || !places)
+    e.weight = pell_alloc_array(ctx, num_candidates, sizeof(*e.weight));
+    e.heap = pell_alloc_array(ctx, num_candidates, sizeof(*e.heap));
+    e.at = pell_alloc_array(ctx, num_candidates, sizeof(*e.at));
+    samples = pell_alloc_array(ctx, count, sizeof(*samples));
+    if (!e.candidates || !e.entries || !e.bucket || !e.weight || !e.heap || !e.at || !samples)
         goto fail;
     /* at most 2^21 cells per axis */
     e.reach = (float) fmax(2.0 * radius, 1e-30);
     e.low[0] = e.low[1] = e.low[2] = INFINITY;
-    place_candidates(&e, solid);
-    for (size_t i = 0; i < many && !pell_cancelled_at(ctx, i); i++)
+    make_candidates(&e, solid);
+    for (size_t i = 0; i < num_candidates && !pell_cancelled_at(ctx, i); i++)
         for (int k = 0; k < 3; k++)
             e.low[k] = fminf(e.low[k], e.candidates[i].position[k]);
-    e.least = (float) (2.0 * radius * 0.65 * (1.0 - pow((double) count / (double) many, 1.5)));
+    e.least = (float) (2.0 * radius * 0.65 * (1.0 - pow((double) count / (double) num_candidates, 1.5)));
     if (pell_cancelled(ctx)) {
         res = PELL_ERR_CANCELLED;
         goto fail;
@@ -398,26 +398,26 @@ enum pell_result hierarchical_places_make(struct pell_context *ctx, struct pell_
     }
     PELL_TRY(find_neighbours(&e, pool));
     PELL_TRY(eliminate(&e, pool, (uint32_t) count));
-    PELL_TRY(share_areas(&e, pool, solid->area));
-    for (size_t i = 0; i < many; i++)
+    PELL_TRY(distribute_areas(&e, pool, solid->area));
+    for (size_t i = 0; i < num_candidates; i++)
         if (e.at[i] < e.left) {
-            places[kept] = e.candidates[i].place;
-            places[kept++].area = e.area[i];
+            samples[kept] = e.candidates[i].sample;
+            samples[kept++].area = e.area[i];
         }
-    *out = places;
-    places = NULL;
+    *out = samples;
+    samples = NULL;
 
 fail:
     for (int i = 0; e.runs && i < runs_of(&e); i++)
         pell_free(ctx, e.runs[i].near);
     pell_free(ctx, e.runs);
     pell_free(ctx, e.candidates);
-    pell_free(ctx, e.spots);
+    pell_free(ctx, e.entries);
     pell_free(ctx, e.bucket);
     pell_free(ctx, e.weight);
     pell_free(ctx, e.heap);
     pell_free(ctx, e.at);
     pell_free(ctx, e.area);
-    pell_free(ctx, places);
+    pell_free(ctx, samples);
     return res;
 }

@@ -5,9 +5,9 @@
  * With N samples the error of M decreases with 1/sqrt(N) or faster, in proportion to the standard deviation s of what samples find. For a
  * given total number of samples, the sum of squared errors over the image is smallest with N proportional to s. s^2 of a region is
  * estimated as the mean squared difference between the light of a pixel and that of pixels at two distances in the image: the median radius
- * of the profile, and IS_FARTHER times that; divided by the square of the fraction of those pixels on the same surface, because fewer valid
- * samples make a less certain mean. Regions are sorted into IS_CLASSES classes by steps of log s^2, each class with twice the samples of
- * the previous one, such that the image takes at most `samples` times its pixels.
+ * of the profile, and IS_SECOND_DISTANCE times that; divided by the square of the fraction of those pixels on the same surface, because
+ * fewer valid samples make a less certain mean. Regions are sorted into IS_CLASSES classes by steps of log s^2, each class with twice the
+ * samples of the previous one, such that the image takes at most `samples` times its pixels.
  *
  * Both engines choose the same classes: sums are of products, in one order, and everything else is integer arithmetic. Mirror: adapt.comp,
  * choose.comp.
@@ -78,7 +78,7 @@ static int log_of(float x)
 /* Adds the squared differences to pixels on the same surface px away; returns their number. */
 static int compare(const struct is_work *w, const struct some *s, int x, int y, int px, float near, float *sum)
 {
-    static const int way[4][2] = { { 1, 0 }, { -1, 0 }, { 0, 1 }, { 0, -1 } };
+    static const int step_dir[4][2] = { { 1, 0 }, { -1, 0 }, { 0, 1 }, { 0, -1 } };
     const struct pell_frame *in = w->in;
     const ptrdiff_t at = y * in->shape.stride + x;
     const int m = material_at(in, x, y);
@@ -89,9 +89,9 @@ static int compare(const struct is_work *w, const struct some *s, int x, int y, 
         return 0;
     for (int c = 0; c < 3; c++)
         light[c] = in->irradiance[c][at];
-    mean2 = (light[0] * light[0] + light[1] * light[1] + light[2] * light[2]) * IS_DIFFERS_BY;
+    mean2 = (light[0] * light[0] + light[1] * light[1] + light[2] * light[2]) * IS_DIFFERENCE_BIAS;
     for (int k = 0; k < 4; k++) {
-        const int qx = x + way[k][0] * px, qy = y + way[k][1] * px;
+        const int qx = x + step_dir[k][0] * px, qy = y + step_dir[k][1] * px;
         const ptrdiff_t to = qy * in->shape.stride + qx;
         float off, d[3];
         if (material_at(in, qx, qy) != m)
@@ -116,10 +116,10 @@ static int step_of(const struct is_work *w, int x0, int y0)
 
     if (s.count == 0)
         return 0;
-    while (px < IS_FARTHEST && (float) px * s.depth < wide)
+    while (px < IS_MAX_DISTANCE && (float) px * s.depth < wide)
         px++;
     FOR_SOME(x0, y0, x, y)
-    found += compare(w, &s, x, y, y & 2 ? IS_FARTHER * px : px, y & 2 ? IS_FARTHER * near : near, &sum);
+    found += compare(w, &s, x, y, y & 2 ? IS_SECOND_DISTANCE * px : px, y & 2 ? IS_SECOND_DISTANCE * near : near, &sum);
     if (!(sum > 1e-30f && sum < 1e30f && wide2 > 1e-30f && wide2 < 1e30f && deep2 < 1e30f))
         return 0;
     log = log_of(sum) - log_of((float) found) + 2 * (log_of((float) (4 * s.count)) - log_of((float) found));

@@ -14,7 +14,7 @@ layout(set = 0, binding = 2) readonly buffer Sets { uvec4 sets[]; };
 layout(set = 0, binding = 3) writeonly buffer Regions { uint regions[]; };
 #include "methods/image_space/common.glsl"
 
-const ivec2 way[4] = { ivec2(1, 0), ivec2(-1, 0), ivec2(0, 1), ivec2(0, -1) };
+const ivec2 step_dir[4] = { ivec2(1, 0), ivec2(-1, 0), ivec2(0, 1), ivec2(0, -1) };
 
 uint material_at(ivec2 p)
 {
@@ -50,9 +50,9 @@ int compare(ivec2 p, int px, float count, float near, inout float sum)
     if (m == 0u)
         return 0;
     const vec3 here = light[pixel_at(p)].rgb, scale = uintBitsToFloat(sets[4 * (m - 1u) + 1u].xyz);
-    precise const float mean2 = (here.r * here.r + here.g * here.g + here.b * here.b) * IS_DIFFERS_BY;
+    precise const float mean2 = (here.r * here.r + here.g * here.g + here.b * here.b) * IS_DIFFERENCE_BIAS;
     for (int k = 0; k < 4; k++) {
-        const ivec2 q = p + way[k] * px;
+        const ivec2 q = p + step_dir[k] * px;
         if (material_at(q) != m)
             continue;
         precise const float off = (depth_at(q) - depth_at(p)) * count;
@@ -85,8 +85,8 @@ int step_of(ivec2 first)
     if (count == 0)
         return 0;
     precise const float wide = pc.focal_px * middle, wide2 = wide * wide, deep2 = depth * depth, both = wide2 + 2.0 * deep2;
-    precise const float near = IS_NEAR * middle, farther = float(IS_FARTHER) * near;
-    for (; px < IS_FARTHEST; px++) {
+    precise const float near = IS_NEAR * middle, farther = float(IS_SECOND_DISTANCE) * near;
+    for (; px < IS_MAX_DISTANCE; px++) {
         precise const float reached = float(px) * depth;
         if (!(reached < wide))
             break;
@@ -95,7 +95,7 @@ int step_of(ivec2 first)
         for (int x = (first.y + y + pc.y0) & 2; x < IS_REGION_X; x += 4)
             {
             const bool far = ((first.y + y + pc.y0) & 2) != 0;
-            found += compare(first + ivec2(x, y), far ? IS_FARTHER * px : px, float(count), far ? farther : near, sum);
+            found += compare(first + ivec2(x, y), far ? IS_SECOND_DISTANCE * px : px, float(count), far ? farther : near, sum);
         }
     if (!(sum > 1e-30 && sum < 1e30 && wide2 > 1e-30 && wide2 < 1e30 && deep2 < 1e30))
         return 0;

@@ -13,25 +13,25 @@
 #define IS_SHIFT 18
 #define IS_ROWS_OCTAVE (1 << (23 - IS_SHIFT))
 #define IS_ROWS (2 * IS_OCTAVES * IS_ROWS_OCTAVE)
-#define IS_SQUARE_LEAST (1.0f / 16777216.0f)                 /* 2^-IS_OCTAVES */
-#define IS_SQUARE_MOST 16777216.0f                           /* 2^IS_OCTAVES */
+#define IS_SQUARE_MIN (1.0f / 16777216.0f)                   /* 2^-IS_OCTAVES */
+#define IS_SQUARE_MAX 16777216.0f                            /* 2^IS_OCTAVES */
 #define IS_SQUARE_LAST 16777214.0f                           /* the last float below */
 #define IS_FIRST_ROW ((127 - IS_OCTAVES) << (23 - IS_SHIFT)) /* a float's bits >> IS_SHIFT */
 
 /* If a texture gives the colour and the scattering distance depends on it, there are profiles of the material's mean free path at IS_LEVELS
  * albedos, uniform in 1 - sqrt(1 - albedo): samples are those of the nearest level, weights are interpolated between two levels. */
 #define IS_LEVELS 16
-#define IS_ALBEDO_LEAST 0.01f
-#define IS_ALBEDO_MOST 0.98f
+#define IS_ALBEDO_MIN 0.01f
+#define IS_ALBEDO_MAX 0.98f
 #define IS_LEVEL 8 /* floats: enum is_level */
 /* `root`: sqrt(1 - albedo). */
-#define IS_LEVEL_PLACE(root, root_least, root_most) (((root_least) - (root)) * ((IS_LEVELS - 1.0f) / ((root_least) - (root_most))))
+#define IS_LEVEL_COORD(root, root_least, root_most) (((root_least) - (root)) * ((IS_LEVELS - 1.0f) / ((root_least) - (root_most))))
 
-#define IS_FAR_PX 1e5f              /* upper bound of the distance between a pixel and a lookup in an image */
-#define IS_HEAVIEST 1e12f           /* upper bound of a sample's weight; larger ones are rounding errors */
-#define IS_WEAKEST (1.0f / 1024.0f) /* below this strength light leaves where it enters */
-#define IS_STEEPEST 20.0f           /* upper bound of 1/cos of a surface seen from the view */
-#define IS_THIN (1.0f / 16.0f)      /* taps of the reconstruction may be up to 4 pixel footprints off both planes together */
+#define IS_FAR_PX 1e5f                   /* upper bound of the distance between a pixel and a lookup in an image */
+#define IS_WEIGHT_MAX 1e12f              /* upper bound of a sample's weight; larger ones are rounding errors */
+#define IS_STRENGTH_MIN (1.0f / 1024.0f) /* below this strength light leaves where it enters */
+#define IS_SLOPE_MAX 20.0f               /* upper bound of 1/cos of a surface seen from the view */
+#define IS_THIN (1.0f / 16.0f)           /* taps of the reconstruction may be up to 4 pixel footprints off both planes together */
 /* Channels for which a quarter of the light stays within `from` .. `to` pixels take part in the reconstruction not at all .. fully. */
 #define IS_PART_FROM 0.4f
 #define IS_PART_TO 1.5f
@@ -42,16 +42,16 @@
 #define IS_REGION_Y 8 /* >= the largest tile */
 #define IS_CLASSES 4  /* sample counts: half of `samples`, one, two, and four times */
 #define IS_CLASS_OF_ALL 1
-#define IS_ADAPTS_TO 128 /* larger sample counts are not adapted */
+#define IS_MAX_ADAPTED 128 /* larger sample counts are not adapted */
 /* Steps of log2 of the variance: 8 per factor of 2, so 16 from one class to the next. */
 #define IS_STEP_SHIFT 20
 #define IS_CLASS_STEPS 16
 #define IS_STEPS 2048
-#define IS_STEPS_UP 1024    /* step of a variance of 1 */
-#define IS_FARTHEST 64      /* px: upper bound of the first distance */
-#define IS_FARTHER 4        /* second distance relative to the first */
-#define IS_NEAR 3.0f        /* largest depth difference, relative to that distance on the surface */
-#define IS_DIFFERS_BY 1e-4f /* relative to the squared light: bias added to a squared difference */
+#define IS_STEPS_UP 1024         /* step of a variance of 1 */
+#define IS_MAX_DISTANCE 64       /* px: upper bound of the first distance */
+#define IS_SECOND_DISTANCE 4     /* second distance relative to the first */
+#define IS_NEAR 3.0f             /* largest depth difference, relative to that distance on the surface */
+#define IS_DIFFERENCE_BIAS 1e-4f /* relative to the squared light: bias added to a squared difference */
 
 /* w of a texel's plane at an offset of du and dv pixels from its centre. */
 #define IS_PLANE_AT(w, gu, gv, du, dv) ((w) + (gu) * (du) + (gv) * (dv))

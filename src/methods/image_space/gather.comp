@@ -51,22 +51,22 @@ vec3 weights_at(Place p, int row, float part)
     return result;
 }
 
-// Adds a sample that hit the surface; `share`: 1/density, or the reciprocal of the sum of densities over views. Returns whether it counts.
-bool add(Place p, Found f, float share, inout Sums s)
+// Adds a sample that hit the surface; `inv_density`: 1/density, or the reciprocal of the sum of densities over views. Returns its validity.
+bool add(Place p, Found f, float inv_density, inout Sums s)
 {
     const float square = dot(f.to, f.to) * p.per_length2;
     float part;
     const int row = find_row(square, part);
-    const vec3 weight = weights_at(p, row, part) * share;
+    const vec3 weight = weights_at(p, row, part) * inv_density;
 
-    if (!(square < IS_SQUARE_MOST && share >= 0.0 && all(lessThanEqual(weight, vec3(IS_HEAVIEST)))))
+    if (!(square < IS_SQUARE_MAX && inv_density >= 0.0 && all(lessThanEqual(weight, vec3(IS_WEIGHT_MAX)))))
         return false;
     s.weight += weight;
     s.light += weight * f.light;
     return true;
 }
 
-float jacobian_share(float jacobian)
+float jacobian_factor(float jacobian)
 {
     return pc.jacobian == 0 ? 1.0 : pc.jacobian < 0 ? 1.0 / jacobian : jacobian;
 }
@@ -76,31 +76,31 @@ void take_samples(Place p, int from, int to, inout Sums s)
     for (int k = from; k < to; k++) {
         const vec4 offset = offsets[p.offset + k * pc.tile];
         const vec2 at = offset.xy * p.strength;
-        bool counted = false;
+        bool valid_samples = false;
 
         if (!(offset.z > 0.0))
             continue;
         if (VIEWS == 0) {
-            const Found f = camera_finds(p, at);
-            if (f.there)
-                counted = add(p, f, offset.z * jacobian_share(f.jacobian), s);
+            const Found f = find_in_camera(p, at);
+            if (f.valid)
+                valid_samples = add(p, f, offset.z * jacobian_factor(f.jacobian), s);
         } else {
             for (int v = 0; v <= pc.views; v++) {
                 Found f;
                 if (v == 0)
-                    f = camera_finds(p, at);
+                    f = find_in_camera(p, at);
                 else
-                    f = light_finds(v, p, at);
-                if (!f.there)
+                    f = find_in_light(v, p, at);
+                if (!f.valid)
                     continue;
-                float sum = 1.0 / (offset.z * jacobian_share(f.jacobian));
+                float sum = 1.0 / (offset.z * jacobian_factor(f.jacobian));
                 for (int u = 0; u <= pc.views; u++)
                     if (u != v)
                         sum += density_from(u, p, f.to);
-                counted = add(p, f, 1.0 / sum, s) || counted;
+                valid_samples = add(p, f, 1.0 / sum, s) || valid_samples;
             }
         }
-        s.count += counted ? 1.0 : 0.0;
+        s.count += valid_samples ? 1.0 : 0.0;
     }
 }
 
@@ -117,29 +117,29 @@ void main()
         return;
     }
     const bool parallel = pc.orthographic != 0;
-    const Place place = start(p, own, its.a);
+    const Place shading_point = start(p, own, its.a);
     Sums s = Sums(vec3(0.0), vec3(0.0), 0.0);
 
-    take_samples(place, 0, pc.by_count != 0 ? pc.first_kind : place.samples, s);
+    take_samples(shading_point, 0, pc.by_count != 0 ? pc.first_kind : shading_point.samples, s);
     if (pc.by_count != 0) { // valid samples of a kind also represent the invalid ones of that kind
         s.light *= s.count > 0.0 ? float(pc.first_kind) / s.count : 0.0;
         if (pc.first_kind < pc.samples) {
             Sums rest = Sums(vec3(0.0), vec3(0.0), 0.0);
-            take_samples(place, pc.first_kind, pc.samples, rest);
+            take_samples(shading_point, pc.first_kind, pc.samples, rest);
             s.light += rest.light * (rest.count > 0.0 ? float(pc.samples - pc.first_kind) / rest.count : 0.0);
             s.count += rest.count;
         }
     }
     vec3 result, part;
     for (int c = 0; c < 3; c++) {
-        const float px = place.quarter[c] * place.strength * (parallel ? pc.focal_px : pc.focal_px / place.z);
+        const float px = shading_point.quarter[c] * shading_point.strength * (parallel ? pc.focal_px : pc.focal_px / shading_point.z);
         const float t = clamp((px - IS_PART_FROM) / (IS_PART_TO - IS_PART_FROM), 0.0, 1.0);
-        const bool kept = place.strength > IS_WEAKEST && (pc.by_weight != 0  ? s.weight[c] > 1e-20
+        const bool kept = shading_point.strength > IS_STRENGTH_MIN && (pc.by_weight != 0  ? s.weight[c] > 1e-20
                                                           : pc.by_count != 0 ? s.count > 0.0
                                                                              : true);
-        result[c] = (!kept ? its[c] : pc.by_weight != 0 ? s.light[c] / s.weight[c] : s.light[c]) * (place.scale[c] * pc.factor);
+        result[c] = (!kept ? its[c] : pc.by_weight != 0 ? s.light[c] / s.weight[c] : s.light[c]) * (shading_point.scale[c] * pc.factor);
         part[c] = kept ? IS_PART(t) : 0.0;
     }
     light[i] = vec4(result, 0.0);
-    alpha[i] = vec4(part, pc.focal_px * place.per_h / (parallel ? 1.0 : sqrt(dot(place.t, place.t) + 1.0)));
+    alpha[i] = vec4(part, pc.focal_px * shading_point.per_h / (parallel ? 1.0 : sqrt(dot(shading_point.t, shading_point.t) + 1.0)));
 }

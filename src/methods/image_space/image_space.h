@@ -17,7 +17,7 @@ enum is_as { IS_BEST, IS_PAPER };
 enum is_sampling { IS_COMBINED, IS_SEPARATE, IS_IMPORTANCE, IS_UNIFORM };
 enum is_tile { IS_TILE_1, IS_TILE_2, IS_TILE_4, IS_TILE_8 };
 enum is_views { IS_VIEWS_CAMERA, IS_VIEWS_LIGHTS, IS_VIEWS_AROUND };
-enum is_renormalise { IS_AS_VIEWS_ASK, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
+enum is_renormalise { IS_BY_VIEWS, IS_BY_WEIGHT, IS_BY_COUNT, IS_NEVER };
 enum is_spread { IS_SPREAD_MATERIAL, IS_SPREAD_ALBEDO };
 enum is_profile { IS_PROFILE_MATERIAL, IS_PROFILE_DIPOLE };
 enum is_through { IS_THROUGH_AUTO, IS_THROUGH_OFF, IS_THROUGH_PROFILE, IS_THROUGH_SLAB };
@@ -88,7 +88,7 @@ void is_adapt_choose(const struct is_work *w, struct is_adapt *a);
 
 /* --- views.c: irradiance images from the lights, or from around -------------------------------------------------------------------- */
 
-#define IS_VIEWS_MOST 8 /* maximum number of lights with a view; further lights are reported */
+#define IS_VIEWS_MAX 8 /* maximum number of lights with a view; further lights are reported */
 
 struct is_light_view {
     struct pell_view view;
@@ -110,8 +110,8 @@ struct is_setup {
     size_t num_sets;
     struct pell_solids *solids;             /* for views of lights, or NULL */
     struct pell_thickness_table *thickness; /* by material, or NULL */
-    struct is_light_view light_views[IS_VIEWS_MOST];
-    struct is_view views[IS_VIEWS_MOST];
+    struct is_light_view light_views[IS_VIEWS_MAX];
+    struct is_view views[IS_VIEWS_MAX];
     uint64_t number;     /* number of the picture that the sets' patterns are for: is_set_turn */
     struct is_work work; /* planes and image are the engine's; everything else is set here */
 };

@@ -15,7 +15,7 @@ struct sums {
 };
 
 /* R of channel c, interpolated between the two levels of each pixel. */
-INLINE vf between_levels(const struct is_set *set, const struct place *p, int c, vi at, vf part)
+INLINE vf lerp_levels(const struct is_set *set, const struct shading_point *p, int c, vi at, vf part)
 {
     enum { NEXT = IS_ROWS * 8 };
     const vi here = at + p->rows[c];
@@ -25,47 +25,48 @@ INLINE vf between_levels(const struct is_set *set, const struct place *p, int c,
     return low + p->part[c] * (high - low);
 }
 
-/* Adds a sample that hit the surface; `share`: 1/density, or the reciprocal of the sum of densities over views. */
-INLINE void add(const struct is_set *set, const struct place *p, const struct found *f, vf share, bool varies, struct sums *s, vi *counted)
+/* Adds a sample that hit the surface; `inv_density`: 1/density, or the reciprocal of the sum of densities over views. */
+INLINE void add(const struct is_set *set, const struct shading_point *p, const struct surface_hit *f, vf inv_density, bool varies,
+                struct sums *s, vi *valid_samples)
 {
     const vf square = (f->to[0] * f->to[0] + f->to[1] * f->to[1] + f->to[2] * f->to[2]) * p->per_length2;
-    vi good = f->there & in_table(square);
+    vi good = f->valid & in_table(square);
     vf part, weight[3], row[8];
     vi at = find_row(square, &part);
 
     if (varies) {
         for (int c = 0; c < 3; c++)
-            weight[c] = between_levels(set, p, c, at, part) * share;
+            weight[c] = lerp_levels(set, p, c, at, part) * inv_density;
     } else {
         IN_MEMORY(at);
         gather8(&set->rows[0][0], &at, row);
         for (int c = 0; c < 3; c++)
-            weight[c] = (row[c] + part * row[4 + c]) * share;
+            weight[c] = (row[c] + part * row[4 + c]) * inv_density;
     }
-    good &= (share >= 0.0f) & (weight[0] <= IS_HEAVIEST) & (weight[1] <= IS_HEAVIEST) & (weight[2] <= IS_HEAVIEST);
+    good &= (inv_density >= 0.0f) & (weight[0] <= IS_WEIGHT_MAX) & (weight[1] <= IS_WEIGHT_MAX) & (weight[2] <= IS_WEIGHT_MAX);
     for (int c = 0; c < 3; c++) {
         s->weight[c] += (vf) ((vi) weight[c] & good);
         s->light[c] += (vf) ((vi) (weight[c] * f->light[c]) & good);
     }
-    *counted |= good;
+    *valid_samples |= good;
 }
 
-INLINE vf jacobian_share(const struct is_work *w, vf jacobian)
+INLINE vf jacobian_factor(const struct is_work *w, vf jacobian)
 {
     return !w->jacobian ? all(1.0f) : w->inverted ? 1.0f / jacobian : jacobian;
 }
 
 /* Sample k: its position in the plane of samples, mm, and 1/density. `offset`: the samples of the pixels' row of the tile or, if each pixel
  * has its own, of the set. */
-INLINE void take_sample(const struct place *p, const float *offset, int k, bool varies, vf *x, vf *y, vf *share)
+INLINE void load_sample(const struct shading_point *p, const float *offset, int k, bool varies, vf *x, vf *y, vf *inv_density)
 {
     offset += (size_t) k * 3 * IS_BLOCK;
     *x = (varies ? gather(offset, p->offset) : load(offset)) * p->strength;
     *y = (varies ? gather(offset + IS_BLOCK, p->offset) : load(offset + IS_BLOCK)) * p->strength;
-    *share = varies ? gather(offset + 2 * IS_BLOCK, p->offset) : load(offset + 2 * IS_BLOCK);
+    *inv_density = varies ? gather(offset + 2 * IS_BLOCK, p->offset) : load(offset + 2 * IS_BLOCK);
 }
 
-INLINE void in_plane(const struct place *p, vf x, vf y, vf o[3])
+INLINE void in_plane(const struct shading_point *p, vf x, vf y, vf o[3])
 {
     for (int k = 0; k < 3; k++)
         o[k] = x * p->s[k] + y * p->q[k];
@@ -73,91 +74,91 @@ INLINE void in_plane(const struct place *p, vf x, vf y, vf o[3])
 
 /* Sums over the samples of pixels of one material, in the camera's image only. The texels of a wide profile are spread over the outer cache
  * levels: prefetching them AHEAD samples at a time saves a fifth of the time. */
-INLINE void sample_camera(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, bool parallel,
-                          bool varies, struct sums *s)
+INLINE void sample_camera(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const float *offset,
+                          bool parallel, bool varies, struct sums *s)
 {
-    struct aim aims[AHEAD];
+    struct projection projections[AHEAD];
 
     for (int from = s->from; from < s->to; from += AHEAD) {
         const int count = s->to - from < AHEAD ? s->to - from : AHEAD;
-        vf o[3], x, y, share;
+        vf o[3], x, y, inv_density;
         for (int k = 0; k < count; k++) {
-            take_sample(p, offset, from + k, varies, &x, &y, &share);
+            load_sample(p, offset, from + k, varies, &x, &y, &inv_density);
             in_plane(p, x, y, o);
-            camera_aims(w, p, o, parallel, &aims[k]);
+            project_to_camera(w, p, o, parallel, &projections[k]);
         }
         for (int k = 0; k < count; k++)
             for (int l = 0; l < WIDTH; l++)
-                __builtin_prefetch(w->texels + aims[k].at[l]);
+                __builtin_prefetch(w->texels + projections[k].at[l]);
         for (int k = 0; k < count; k++) {
-            struct found f;
-            vi counted = { 0 };
-            take_sample(p, offset, from + k, varies, &x, &y, &share);
+            struct surface_hit f;
+            vi valid_samples = { 0 };
+            load_sample(p, offset, from + k, varies, &x, &y, &inv_density);
             in_plane(p, x, y, o);
-            camera_finds(w, p, o, parallel, &aims[k], &f);
-            f.there &= p->live & (share > 0.0f);
-            add(set, p, &f, share * jacobian_share(w, f.jacobian), varies, s, &counted);
-            s->count += select(counted, all(1.0f), all(0.0f));
+            find_in_camera(w, p, o, parallel, &projections[k], &f);
+            f.valid &= p->active & (inv_density > 0.0f);
+            add(set, p, &f, inv_density * jacobian_factor(w, f.jacobian), varies, s, &valid_samples);
+            s->count += select(valid_samples, all(1.0f), all(0.0f));
         }
     }
 }
 
 /* The same with the views of lights, combined by the balance heuristic. */
-INLINE void sample_all(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, bool parallel,
+INLINE void sample_all(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const float *offset, bool parallel,
                        bool varies, const struct views *views, struct sums *s)
 {
     for (int k = s->from; k < s->to; k++) {
-        vi counted = { 0 };
-        vf x, y, share;
-        take_sample(p, offset, k, varies, &x, &y, &share);
+        vi valid_samples = { 0 };
+        vf x, y, inv_density;
+        load_sample(p, offset, k, varies, &x, &y, &inv_density);
         for (int v = 0; v <= w->num_views; v++) {
-            struct found f;
+            struct surface_hit f;
             vf sum;
             if (v == 0) {
-                struct aim aim;
+                struct projection projection;
                 vf o[3];
                 in_plane(p, x, y, o);
-                camera_aims(w, p, o, parallel, &aim);
-                camera_finds(w, p, o, parallel, &aim, &f);
+                project_to_camera(w, p, o, parallel, &projection);
+                find_in_camera(w, p, o, parallel, &projection, &f);
             } else {
-                light_finds(&views->image[v], &views->plane[v], p, x, y, &f);
+                find_in_light(&views->image[v], &views->plane[v], p, x, y, &f);
             }
-            f.there &= p->live & (share > 0.0f);
-            if (!any(f.there))
+            f.valid &= p->active & (inv_density > 0.0f);
+            if (!any(f.valid))
                 continue;
-            sum = 1.0f / (share * jacobian_share(w, f.jacobian));
+            sum = 1.0f / (inv_density * jacobian_factor(w, f.jacobian));
             for (int u = 0; u <= w->num_views; u++)
                 if (u != v)
                     sum += density_from(w, &views->image[u], &views->plane[u], p, set, varies, f.to);
-            add(set, p, &f, 1.0f / sum, varies, s, &counted);
+            add(set, p, &f, 1.0f / sum, varies, s, &valid_samples);
         }
-        s->count += select(counted, all(1.0f), all(0.0f));
+        s->count += select(valid_samples, all(1.0f), all(0.0f));
     }
 }
 
 /* Offset of the pixels' row of the tile within the samples of a profile. */
-INLINE int first_sample(const struct is_work *w, const struct place *p)
+INLINE int first_sample(const struct is_work *w, const struct shading_point *p)
 {
     return w->tile * p->count->first + p->y % w->tile * p->count->samples;
 }
 
 /* The levels of each pixel of a vector. */
-INLINE void choose_levels(const struct is_work *w, const struct is_set *set, struct place *p)
+INLINE void choose_levels(const struct is_work *w, const struct is_set *set, struct shading_point *p)
 {
     const struct pell_frame *in = w->in;
-    const float least = sqrtf(1.0f - IS_ALBEDO_LEAST), most = sqrtf(1.0f - IS_ALBEDO_MOST);
-    const vi at = p->x & p->live;
+    const float least = sqrtf(1.0f - IS_ALBEDO_MIN), most = sqrtf(1.0f - IS_ALBEDO_MAX);
+    const vi at = p->x & p->active;
     vf mean = { 0 }, row[IS_LEVEL];
     vi level;
 
     for (int c = 0; c < 3; c++) {
         const vf base = gather(in->base[c] + p->y * in->shape.stride, at);
-        const vf albedo = greater(lesser(base, all(IS_ALBEDO_MOST)), all(IS_ALBEDO_LEAST)); /* NaN becomes the largest */
-        const vf place = IS_LEVEL_PLACE(root(1.0f - albedo), least, most);
-        vi low = __builtin_convertvector(greater(lesser(place, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
-        p->part[c] = place - __builtin_convertvector(low, vf);
+        const vf albedo = greater(lesser(base, all(IS_ALBEDO_MAX)), all(IS_ALBEDO_MIN)); /* NaN becomes the largest */
+        const vf shading_point = IS_LEVEL_COORD(root(1.0f - albedo), least, most);
+        vi low = __builtin_convertvector(greater(lesser(shading_point, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
+        p->part[c] = shading_point - __builtin_convertvector(low, vf);
         p->rows[c] = (low + 1) * (IS_ROWS * 8);
-        mean += place * (1.0f / 3.0f);
+        mean += shading_point * (1.0f / 3.0f);
     }
     level = nearest(greater(lesser(mean, all(IS_LEVELS - 1.0f)), all(0.0f)));
     p->density = (level + 1) * (IS_ROWS * 8);
@@ -172,8 +173,8 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
         p->quarter[c] = row[IS_QUARTER_AT + c];
 }
 
-INLINE void sample_some(const struct is_work *w, const struct place *p, const struct is_set *set, const float *offset, bool parallel,
-                        const struct views *views, struct sums *s)
+INLINE void sample_some(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const float *offset,
+                        bool parallel, const struct views *views, struct sums *s)
 {
     const bool varies = set->level && w->in->base[0];
 
@@ -195,8 +196,8 @@ INLINE void make_up(struct sums *s)
 }
 
 /* `lane`: within the block. */
-INLINE void sample(const struct is_work *w, struct place *p, const struct is_set *set, int lane, bool parallel, const struct views *views,
-                   struct sums *s)
+INLINE void sample(const struct is_work *w, struct shading_point *p, const struct is_set *set, int lane, bool parallel,
+                   const struct views *views, struct sums *s)
 {
     const float *offset = set->offset + (size_t) first_sample(w, p) * 3 * IS_BLOCK + lane;
 
@@ -222,7 +223,7 @@ INLINE void sample(const struct is_work *w, struct place *p, const struct is_set
 }
 
 /* The pixels of a vector: rays, planes, tangents. */
-INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct place *p)
+INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct shading_point *p)
 {
     const ptrdiff_t at = y * w->stride + x;
     const float f = w->focal_px, py = ((float) y + 0.5f - w->mid_y) / f;
@@ -260,23 +261,23 @@ INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct p
 }
 
 /* Weight of each channel in the reconstruction: 0 if a quarter of its light stays within half a pixel. */
-INLINE vf takes_part(const struct place *p, int c, bool parallel, float f)
+INLINE vf takes_part(const struct shading_point *p, int c, bool parallel, float f)
 {
     const vf px = p->quarter[c] * p->strength * (parallel ? all(f) : f / p->z);
     const vf t = greater(lesser((px - IS_PART_FROM) / (IS_PART_TO - IS_PART_FROM), all(1.0f)), all(0.0f));
     return IS_PART(t);
 }
 
-INLINE void finish(const struct is_work *w, const struct place *p, const struct is_set *set, const struct sums *s, int lane, bool parallel,
-                   float (*result)[IS_BLOCK], float (*alpha)[IS_BLOCK])
+INLINE void finish(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const struct sums *s, int lane,
+                   bool parallel, float (*result)[IS_BLOCK], float (*alpha)[IS_BLOCK])
 {
     const float *own = w->texels + IS_TEXEL * (p->y * w->texel_stride);
-    const vi at = (p->x & p->live) * IS_TEXEL;
+    const vi at = (p->x & p->active) * IS_TEXEL;
 
     for (int c = 0; c < 3; c++) {
         const vf here = gather(own + IS_RED + c, at);
         vf light = s->light[c];
-        vi kept = p->strength > IS_WEAKEST;
+        vi kept = p->strength > IS_STRENGTH_MIN;
         if (w->renormalise == IS_BY_WEIGHT) {
             kept &= s->weight[c] > 1e-20f;
             light /= s->weight[c];
@@ -284,8 +285,8 @@ INLINE void finish(const struct is_work *w, const struct place *p, const struct 
             kept &= s->count > 0.0f;
         }
         light = select(kept, light, here) * (set->scale[c] * w->factor);
-        store(result[c] + lane, select(p->live, light, load(result[c] + lane)));
-        store(alpha[c] + lane, select(p->live, (vf) ((vi) takes_part(p, c, parallel, w->focal_px) & kept), load(alpha[c] + lane)));
+        store(result[c] + lane, select(p->active, light, load(result[c] + lane)));
+        store(alpha[c] + lane, select(p->active, (vf) ((vi) takes_part(p, c, parallel, w->focal_px) & kept), load(alpha[c] + lane)));
     }
 }
 
@@ -320,7 +321,7 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
     for (int l = 0; l < IS_BLOCK; l += WIDTH) {
         struct samples_plane planes[IS_VIEWS];
         const struct views views = { images, planes };
-        struct place p;
+        struct shading_point p;
         vi which, left;
         memcpy(&which, index + l, sizeof(which));
         left = which != 0;
@@ -337,8 +338,8 @@ INLINE int gather_block(const struct is_work *w, int block, int y, bool parallel
             if (!left[k])
                 continue;
             set = &w->sets[which[k] - 1];
-            p.live = which == which[k];
-            left &= ~p.live;
+            p.active = which == which[k];
+            left &= ~p.active;
             p.per_length2 = set->per_length2 / greater(p.strength * p.strength, all(1e-7f));
             sample(w, &p, set, l, parallel, &views, &s);
             finish(w, &p, set, &s, l, parallel, result, alpha);

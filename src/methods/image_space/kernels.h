@@ -80,7 +80,7 @@ struct is_work {
     int num_views;           /* not counting the camera's */
     bool jacobian, inverted; /* whether to apply the Jacobian; as misprinted */
     bool reconstruct;
-    int renormalise; /* enum is_renormalise, never IS_AS_VIEWS_ASK */
+    int renormalise; /* enum is_renormalise, never IS_BY_VIEWS */
     float factor;    /* scale of all results */
     float focal_px;
     float mid_x, mid_y; /* half the picture, px */

@@ -28,9 +28,9 @@ vec2 seen_at(ivec2 p)
 
 // Derivative of w from a pixel to the next along `way`: the mean of both sides, limited to twice the smaller one, so that a depth
 // discontinuity is no slope; one-sided if only that side is on the same object.
-float rise(ivec2 p, ivec2 way, vec2 own)
+float rise(ivec2 p, ivec2 step_dir, vec2 own)
 {
-    const vec2 before = seen_at(p - way), after = seen_at(p + way);
+    const vec2 before = seen_at(p - step_dir), after = seen_at(p + step_dir);
     const float low = own.y - before.y, high = after.y - own.y, most = 2.0 * min(abs(low), abs(high));
 
     if (before.x == own.x)
@@ -53,7 +53,7 @@ void main()
     const bool parallel = pc.orthographic != 0;
     const vec2 t = parallel ? vec2(0.0) : ray_of(p);
     vec2 slope = pc.focal_px * vec2(rise(p, ivec2(1, 0), own), rise(p, ivec2(0, 1), own));
-    const float most = IS_STEEPEST * (parallel ? 1.0 : own.y) / sqrt(t.x * t.x + (t.y * t.y + 1.0));
+    const float most = IS_SLOPE_MAX * (parallel ? 1.0 : own.y) / sqrt(t.x * t.x + (t.y * t.y + 1.0));
     float ahead = parallel ? -1.0 : own.y - slope.x * t.x - slope.y * t.y;
     const float norm = sqrt(slope.x * slope.x + slope.y * slope.y + ahead * ahead);
 

@@ -22,7 +22,7 @@ void PELL_SIMD(is_load)(const struct is_work *w, int y)
 
 /* Derivative of w from a pixel to the next along `step`: the mean of both sides, limited to twice the smaller one, so that a depth
  * discontinuity is no slope; one-sided if only that side is on the same object. */
-INLINE vf rise(const struct is_work *w, ptrdiff_t at, ptrdiff_t step, vf key, vf here)
+INLINE vf slope(const struct is_work *w, ptrdiff_t at, ptrdiff_t step, vf key, vf here)
 {
     const vi before = load(w->key + at - step) == key, after = load(w->key + at + step) == key;
     const vf low = here - load(w->w + at - step), high = load(w->w + at + step) - here;
@@ -43,12 +43,12 @@ void PELL_SIMD(is_measure)(const struct is_work *w, int y)
         for (int l = 0; l < IS_BLOCK; l += WIDTH) {
             const ptrdiff_t at = y * w->stride + block + l;
             const vf key = load(w->key + at), here = load(w->w + at);
-            vf tx = { 0 }, a = f * rise(w, at, 1, key, here), b = f * rise(w, at, w->stride, key, here), c, norm, ray, most, cut;
+            vf tx = { 0 }, a = f * slope(w, at, 1, key, here), b = f * slope(w, at, w->stride, key, here), c, norm, ray, most, cut;
             for (int k = 0; k < WIDTH; k++)
                 tx[k] = parallel ? 0.0f : ((float) (block + l + k) + 0.5f - w->mid_x) / f;
             c = parallel ? all(-1.0f) : here - a * tx - b * ty;
             ray = root(tx * tx + (ty * ty + 1.0f));
-            most = IS_STEEPEST * (parallel ? all(1.0f) : here) / ray;
+            most = IS_SLOPE_MAX * (parallel ? all(1.0f) : here) / ray;
             norm = root(a * a + b * b + c * c);
             cut = select(norm > most, most / norm, all(1.0f));
             a *= cut;

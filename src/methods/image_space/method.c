@@ -43,7 +43,7 @@ static const struct pell_knob knobs[] = {
       "irradiance images: the camera's view; also the views of the lights; or also six parallel views along the axes, for surfaces lit by "
       "environments" },
     { "view-size", PELL_KNOB_INT, "px", AT(view_size), { 512 }, 16, 8192, NULL, "side of the other views' irradiance images" },
-    { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_AS_VIEWS_ASK }, 0, 0, renormalise_names,
+    { "renormalise", PELL_KNOB_ENUM, "1", AT(renormalise), { IS_BY_VIEWS }, 0, 0, renormalise_names,
       "compensation for samples that miss the surface: normalise the weights of the others, scale by their count as in the paper, or lose "
       "the light; auto: weight for the camera alone, off with more views" },
     { "jacobian", PELL_KNOB_BOOL, "1", AT(jacobian), { 1 }, 0, 1, NULL, "weight samples by area on the surface over area in the tangent "

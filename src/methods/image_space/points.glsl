@@ -26,7 +26,7 @@ struct Place {
 
 // A sample's hit on the surface.
 struct Found {
-    bool there;
+    bool valid;
     vec3 to;        // p - x_o
     float jacobian; // dA_p/dA_p'
     vec3 light;
@@ -53,7 +53,7 @@ int nearest(float x)
 int find_row(float square, out float part)
 {
     const float low = square < IS_SQUARE_LAST ? square : IS_SQUARE_LAST;
-    const int bits = floatBitsToInt(low > IS_SQUARE_LEAST ? low : IS_SQUARE_LEAST);
+    const int bits = floatBitsToInt(low > IS_SQUARE_MIN ? low : IS_SQUARE_MIN);
 
     part = float(bits & ((1 << IS_SHIFT) - 1)) * (1.0 / float(1 << IS_SHIFT));
     return ((bits >> IS_SHIFT) - IS_FIRST_ROW) * 2;
@@ -72,18 +72,18 @@ void tangents(vec3 n, out vec3 s, out vec3 q)
 
 void choose_levels(int first, int pixel, ivec2 tile, inout Place p)
 {
-    const float least = sqrt(1.0 - IS_ALBEDO_LEAST), most = sqrt(1.0 - IS_ALBEDO_MOST);
+    const float least = sqrt(1.0 - IS_ALBEDO_MIN), most = sqrt(1.0 - IS_ALBEDO_MAX);
     const int first_rows = p.rows;
     float mean = 0.0;
 
     for (int c = 0; c < 3; c++) {
-        const float low_albedo = base[pixel][c] < IS_ALBEDO_MOST ? base[pixel][c] : IS_ALBEDO_MOST;
-        const float albedo = low_albedo > IS_ALBEDO_LEAST ? low_albedo : IS_ALBEDO_LEAST;
-        const float place = IS_LEVEL_PLACE(sqrt(1.0 - albedo), least, most);
-        const int low = int(clamp(place, 0.0, float(IS_LEVELS) - 1.5));
-        p.part[c] = place - float(low);
+        const float low_albedo = base[pixel][c] < IS_ALBEDO_MAX ? base[pixel][c] : IS_ALBEDO_MAX;
+        const float albedo = low_albedo > IS_ALBEDO_MIN ? low_albedo : IS_ALBEDO_MIN;
+        const float shading_point = IS_LEVEL_COORD(sqrt(1.0 - albedo), least, most);
+        const int low = int(clamp(shading_point, 0.0, float(IS_LEVELS) - 1.5));
+        p.part[c] = shading_point - float(low);
         p.channel_rows[c] = first_rows + (low + 1) * 2 * IS_ROWS;
-        mean += place * (1.0 / 3.0);
+        mean += shading_point * (1.0 / 3.0);
     }
     const int level = nearest(clamp(mean, 0.0, float(IS_LEVELS) - 1.0));
     const vec4 a = uintBitsToFloat(sets[first + 2 * level]), b = uintBitsToFloat(sets[first + 2 * level + 1]);
@@ -159,34 +159,34 @@ Place start(ivec2 pixel, vec4 own, float h)
 
 // The visible point on the camera ray through point (x, y), mm, of the tangent plane; everything is relative to the pixel, because radii
 // may be far below the precision of a depth.
-Found camera_finds(Place p, vec2 sampled)
+Found find_in_camera(Place p, vec2 sampled)
 {
     const bool parallel = pc.orthographic != 0;
     const vec3 o = sampled.x * p.s + sampled.y * p.q;
     const float f = pc.focal_px, depth = p.z + o.z, scale = parallel ? f : f / depth;
     const float du = within(scale * (parallel ? o.x : o.x - p.t.x * o.z)), dv = within(scale * (parallel ? o.y : o.y - p.t.y * o.z));
     const ivec2 step = ivec2(nearest(du), nearest(dv)), q = p.pixel + step;
-    Found found;
+    Found surface_hit;
 
-    found.there = false;
+    surface_hit.valid = false;
     if (!is_inside(q) || !(parallel || depth > 0.0))
-        return found;
+        return surface_hit;
     const int i = pixel_at(q);
     const vec4 own = texels[2 * i], its = texels[2 * i + 1];
     if (own.w != p.key)
-        return found;
-    found.light = its.rgb;
-    found.there = true;
-    found.to = o;
-    found.jacobian = 1.0;
+        return surface_hit;
+    surface_hit.light = its.rgb;
+    surface_hit.valid = true;
+    surface_hit.to = o;
+    surface_hit.jacobian = 1.0;
     if (step == ivec2(0))
-        return found;
+        return surface_hit;
     const float plane = IS_PLANE_AT(own.x, own.y, own.z, du - float(step.x), dv - float(step.y));
     const float z = parallel ? plane : 1.0 / plane, length_px = parallel ? 1.0 / f : z * (1.0 / f), ratio = length_px * scale;
-    found.there = parallel || plane > 0.0;
-    found.jacobian = parallel ? its.w * p.per_h : IS_AREA_RATIO(its.w * p.per_h, ratio);
-    found.to = vec3((z - p.z) * p.t + vec2(du, dv) * length_px, z - p.z);
-    return found;
+    surface_hit.valid = parallel || plane > 0.0;
+    surface_hit.jacobian = parallel ? its.w * p.per_h : IS_AREA_RATIO(its.w * p.per_h, ratio);
+    surface_hit.to = vec3((z - p.z) * p.t + vec2(du, dv) * length_px, z - p.z);
+    return surface_hit;
 }
 
 // --- Several views: index 0 is the camera's -----------------------------------------------------------------------------------------
@@ -214,7 +214,7 @@ vec3 into_view(int v, vec3 p, float shifted)
 }
 
 // Both halves of the texel of a point, and the offset of the point from its centre; key 0 outside of the image.
-void look(int v, View m, vec3 p, out vec2 off, out vec4 own, out vec4 its)
+void load_texel(int v, View m, vec3 p, out vec2 off, out vec4 own, out vec4 its)
 {
     const float scale = m.parallel ? m.f : m.f / p.z;
     const vec2 uv = vec2(within(scale * p.x + m.middle.x), within(scale * p.y + m.middle.y));
@@ -261,24 +261,24 @@ SamplesPlane plane_of(int v, View m, Place p)
     return plane;
 }
 
-// As camera_finds, in the view of a light.
-Found light_finds(int v, Place p, vec2 sampled)
+// As find_in_camera, in the view of a light.
+Found find_in_light(int v, Place p, vec2 sampled)
 {
     const View m = view_of(v);
     const SamplesPlane plane = plane_of(v, m, p);
-    vec3 there = plane.at + sampled.x * plane.s + sampled.y * plane.q;
+    vec3 point = plane.at + sampled.x * plane.s + sampled.y * plane.q;
     vec2 off;
     vec4 own, its;
-    Found found;
+    Found surface_hit;
 
-    look(v, m, there, off, own, its);
-    const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w, ratio = z / there.z;
-    found.there = own.w == p.key && (m.parallel || w > 0.0);
-    found.light = its.rgb;
-    found.jacobian = jacobian_of(m, its.w, ratio, plane.dist);
-    there = vec3(m.parallel ? there.xy : there.xy * ratio, z) - plane.at;
-    found.to = views[4 * (v - 1)].xyz * there.x + views[4 * (v - 1) + 1].xyz * there.y + views[4 * (v - 1) + 2].xyz * there.z;
-    return found;
+    load_texel(v, m, point, off, own, its);
+    const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w, ratio = z / point.z;
+    surface_hit.valid = own.w == p.key && (m.parallel || w > 0.0);
+    surface_hit.light = its.rgb;
+    surface_hit.jacobian = jacobian_of(m, its.w, ratio, plane.dist);
+    point = vec3(m.parallel ? point.xy : point.xy * ratio, z) - plane.at;
+    surface_hit.to = views[4 * (v - 1)].xyz * point.x + views[4 * (v - 1) + 1].xyz * point.y + views[4 * (v - 1) + 2].xyz * point.z;
+    return surface_hit;
 }
 
 // Density of a view's samples at point p of the surface (x_o + to), in units of 1/length^2; 0 if it is not visible.
@@ -286,31 +286,31 @@ float density_from(int v, Place p, vec3 to)
 {
     const View m = view_of(v);
     const SamplesPlane plane = plane_of(v, m, p);
-    vec3 there = into_view(v, to, 0.0) + plane.at;
+    vec3 point = into_view(v, to, 0.0) + plane.at;
     vec2 off;
     vec4 own, its;
     float ratio = 1.0, part;
 
-    look(v, m, there, off, own, its);
+    load_texel(v, m, point, off, own, its);
     if (own.w != p.key)
         return 0.0;
     const float w = IS_PLANE_AT(own.x, own.y, own.z, off.x, off.y), z = m.parallel ? w : 1.0 / w;
     // Within a pixel's depth of the visible surface.
     const float deep = its.w * (m.parallel ? 1.0 / m.f : z * z * (1.0 / m.f));
-    if (!(abs(there.z - z) < deep + 1e-5 * abs(z)))
+    if (!(abs(point.z - z) < deep + 1e-5 * abs(z)))
         return 0.0;
     // The point p' of the tangent plane on the same ray.
-    const float towards = m.parallel ? plane.n.z : dot(plane.n, there);
+    const float towards = m.parallel ? plane.n.z : dot(plane.n, point);
     if (m.parallel) {
-        there.z += dot(plane.n, plane.at - there) / towards;
+        point.z += dot(plane.n, plane.at - point) / towards;
     } else {
         ratio = towards / plane.dist; // z/z'
         if (!(ratio > 0.0))
             return 0.0;
-        there /= ratio;
+        point /= ratio;
     }
-    const float square = dot(there - plane.at, there - plane.at) * p.per_length2;
-    if (!(square < IS_SQUARE_MOST))
+    const float square = dot(point - plane.at, point - plane.at) * p.per_length2;
+    if (!(square < IS_SQUARE_MAX))
         return 0.0;
     const float jacobian = pc.jacobian != 0 ? jacobian_of(m, its.w, ratio, plane.dist) : 1.0;
     const int at = p.rows + find_row(square, part);

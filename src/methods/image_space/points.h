@@ -9,10 +9,10 @@
 #include "methods/image_space/texels.h"
 
 /* Data shared by the samples of a vector of pixels. Vectors are in the camera's frame: x right, y down, z forward, mm. */
-struct place {
+struct shading_point {
     vf key;
-    vi live; /* lanes of the current material */
-    vi x;    /* column */
+    vi active; /* lanes of the current material */
+    vi x;      /* column */
     int y;
     vf t[2], z, h, per_h;       /* ray, plane, 1/h */
     vf at[3], n[3], s[3], q[3]; /* x_o; unit: normal, tangents */
@@ -25,8 +25,8 @@ struct place {
 };
 
 /* A sample's hit on the surface. */
-struct found {
-    vi there;
+struct surface_hit {
+    vi valid;
     vf to[3];    /* p - x_o */
     vf jacobian; /* dA_p/dA_p' */
     vf light[3];
@@ -59,7 +59,7 @@ struct views {
 /* The row of a squared radius, in units of length^2, and the fraction toward the next. */
 INLINE vi find_row(vf square, vf *part)
 {
-    const vi bits = (vi) greater(lesser(square, all(IS_SQUARE_LAST)), all(IS_SQUARE_LEAST));
+    const vi bits = (vi) greater(lesser(square, all(IS_SQUARE_LAST)), all(IS_SQUARE_MIN));
 
     *part = __builtin_convertvector(bits & ((1 << IS_SHIFT) - 1), vf) * (1.0f / (1 << IS_SHIFT));
     return ((bits >> IS_SHIFT) - IS_FIRST_ROW) * 8;
@@ -67,7 +67,7 @@ INLINE vi find_row(vf square, vf *part)
 
 INLINE vi in_table(vf square)
 {
-    return square < IS_SQUARE_MOST;
+    return square < IS_SQUARE_MAX;
 }
 
 INLINE vi texel_at(vi x, vi y, ptrdiff_t stride, vi inside)
@@ -96,14 +96,14 @@ INLINE void tangents(const vf n[3], vf s[3], vf q[3])
 /* --- The camera's view --------------------------------------------------------------------------------------------------------- */
 
 /* Lookup of a point of the tangent plane in the camera's image. */
-struct aim {
+struct projection {
     vf scale, du, dv; /* px per mm at the point; offset from the pixel, px */
-    vi at, there, own;
+    vi at, valid, own;
 };
 
 /* `o`: a point of the tangent plane relative to x_o; everything is relative to the pixel, because radii may be far below the precision of a
  * depth. */
-INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, struct aim *to)
+INLINE void project_to_camera(const struct is_work *w, const struct shading_point *p, const vf o[3], bool parallel, struct projection *to)
 {
     const struct pell_rect *r = &w->in->rect;
     const float f = w->focal_px;
@@ -113,25 +113,25 @@ INLINE void camera_aims(const struct is_work *w, const struct place *p, const vf
     const vi iu = nearest(du), iv = nearest(dv), x = p->x + iu, y = p->y + iv;
     const vi before = parallel ? (vi) { 0 } - 1 : (vi) (depth > 0.0f);
 
-    to->there = (x >= r->x0) & (x < r->x1) & (y >= r->y0) & (y < r->y1) & before;
+    to->valid = (x >= r->x0) & (x < r->x1) & (y >= r->y0) & (y < r->y1) & before;
     to->own = (iu == 0) & (iv == 0);
-    to->at = texel_at(x, y, w->texel_stride, to->there);
+    to->at = texel_at(x, y, w->texel_stride, to->valid);
     to->scale = scale;
     to->du = du;
     to->dv = dv;
 }
 
 /* The visible point on the camera ray through point `o` of the tangent plane, relative to x_o. */
-INLINE void camera_finds(const struct is_work *w, const struct place *p, const vf o[3], bool parallel, const struct aim *aim,
-                         struct found *to)
+INLINE void find_in_camera(const struct is_work *w, const struct shading_point *p, const vf o[3], bool parallel,
+                           const struct projection *projection, struct surface_hit *to)
 {
     const float f = w->focal_px;
-    const vf du = aim->du, dv = aim->dv;
-    const vi own = aim->own;
+    const vf du = projection->du, dv = projection->dv;
+    const vi own = projection->own;
     vf texel[8], plane, z, dz, step, jacobian;
 
-    gather8(w->texels, &aim->at, texel);
-    to->there = aim->there & (texel[IS_KEY] == p->key);
+    gather8(w->texels, &projection->at, texel);
+    to->valid = projection->valid & (texel[IS_KEY] == p->key);
     plane = plane_at(texel, du - __builtin_convertvector(nearest(du), vf), dv - __builtin_convertvector(nearest(dv), vf));
     jacobian = texel[IS_H] * p->per_h;
     if (parallel) {
@@ -141,9 +141,9 @@ INLINE void camera_finds(const struct is_work *w, const struct place *p, const v
         vf ratio;
         z = 1.0f / plane;
         step = z * (1.0f / f);
-        ratio = step * aim->scale; /* z/z' */
+        ratio = step * projection->scale; /* z/z' */
         jacobian = IS_AREA_RATIO(jacobian, ratio);
-        to->there &= own | (plane > 0.0f);
+        to->valid &= own | (plane > 0.0f);
     }
     dz = z - p->z;
     to->to[0] = select(own, o[0], dz * p->t[0] + du * step);
@@ -163,7 +163,7 @@ INLINE void into_view(const struct is_view *v, const vf p[3], float shifted, vf 
 }
 
 /* The texel of a point, and the offset of the point from its centre; 0 outside of the image. */
-INLINE vi look(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
+INLINE vi load_texel(const struct image *m, const vf p[3], vf *du, vf *dv, vi *at)
 {
     const vf scale = m->parallel ? all(m->f) : m->f / p[2];
     const vf u = within(scale * p[0] + m->cx, IS_FAR_PX), v = within(scale * p[1] + m->cy, IS_FAR_PX);
@@ -184,7 +184,7 @@ INLINE vf jacobian_of(const struct image *m, const vf texel[8], vf ratio, vf dis
     return m->parallel ? h : IS_AREA_RATIO(h, ratio);
 }
 
-INLINE void make_plane(const struct image *m, const struct place *p, struct samples_plane *to)
+INLINE void make_plane(const struct image *m, const struct shading_point *p, struct samples_plane *to)
 {
     into_view(m->view, p->at, 1.0f, to->at);
     if (!m->view) {
@@ -199,68 +199,69 @@ INLINE void make_plane(const struct image *m, const struct place *p, struct samp
     tangents(to->n, to->s, to->q);
 }
 
-/* As camera_finds, for sample (x, y), mm, in the view of a light. */
-INLINE void light_finds(const struct image *m, const struct samples_plane *n, const struct place *p, vf x, vf y, struct found *to)
+/* As find_in_camera, for sample (x, y), mm, in the view of a light. */
+INLINE void find_in_light(const struct image *m, const struct samples_plane *n, const struct shading_point *p, vf x, vf y,
+                          struct surface_hit *to)
 {
-    vf there[3], du, dv, plane, z, ratio, texel[8];
+    vf location[3], du, dv, plane, z, ratio, texel[8];
     vi at;
 
     for (int k = 0; k < 3; k++)
-        there[k] = n->at[k] + x * n->s[k] + y * n->q[k];
-    to->there = look(m, there, &du, &dv, &at);
+        location[k] = n->at[k] + x * n->s[k] + y * n->q[k];
+    to->valid = load_texel(m, location, &du, &dv, &at);
     gather8(m->texels, &at, texel);
-    to->there &= texel[IS_KEY] == p->key;
+    to->valid &= texel[IS_KEY] == p->key;
     plane = plane_at(texel, du, dv);
     z = m->parallel ? plane : 1.0f / plane;
-    to->there &= m->parallel ? (vi) { 0 } - 1 : (vi) (plane > 0.0f);
-    ratio = z / there[2];
+    to->valid &= m->parallel ? (vi) { 0 } - 1 : (vi) (plane > 0.0f);
+    ratio = z / location[2];
     to->jacobian = jacobian_of(m, texel, ratio, n->distance);
     if (!m->parallel)
         for (int k = 0; k < 2; k++)
-            there[k] *= ratio;
-    there[2] = z;
+            location[k] *= ratio;
+    location[2] = z;
     for (int k = 0; k < 3; k++)
-        there[k] -= n->at[k];
+        location[k] -= n->at[k];
     for (int k = 0; k < 3; k++)
-        to->to[k] = m->view->rotate[0][k] * there[0] + m->view->rotate[1][k] * there[1] + m->view->rotate[2][k] * there[2];
+        to->to[k] = m->view->rotate[0][k] * location[0] + m->view->rotate[1][k] * location[1] + m->view->rotate[2][k] * location[2];
     for (int c = 0; c < 3; c++)
         to->light[c] = texel[IS_RED + c];
 }
 
 /* Density of a view's samples at point p of the surface (x_o + to), in units of 1/length^2; 0 if it is not visible. */
-INLINE vf density_from(const struct is_work *w, const struct image *m, const struct samples_plane *s, const struct place *p,
+INLINE vf density_from(const struct is_work *w, const struct image *m, const struct samples_plane *s, const struct shading_point *p,
                        const struct is_set *set, bool varies, const vf to[3])
 {
     const vf *const n = s->n, *const from = s->at, distance = s->distance;
-    vf there[3], du, dv, plane, z, towards, ratio, square, part, density, jacobian, off, texel[8];
+    vf location[3], du, dv, plane, z, towards, ratio, square, part, density, jacobian, off, texel[8];
     vi at, seen;
 
-    into_view(m->view, to, 0.0f, there);
+    into_view(m->view, to, 0.0f, location);
     for (int k = 0; k < 3; k++)
-        there[k] += from[k];
-    seen = look(m, there, &du, &dv, &at);
+        location[k] += from[k];
+    seen = load_texel(m, location, &du, &dv, &at);
     gather8(m->texels, &at, texel);
     seen &= texel[IS_KEY] == p->key;
     plane = plane_at(texel, du, dv);
     z = m->parallel ? plane : 1.0f / plane;
     /* Within a pixel's depth of the visible surface. */
     off = texel[IS_H] * (m->parallel ? all(1.0f / m->f) : z * z * (1.0f / m->f));
-    seen &= magnitude(there[2] - z) < off + 1e-5f * magnitude(z);
+    seen &= magnitude(location[2] - z) < off + 1e-5f * magnitude(z);
     /* The point p' of the tangent plane on the same ray. */
-    towards = m->parallel ? n[2] : n[0] * there[0] + n[1] * there[1] + n[2] * there[2];
+    towards = m->parallel ? n[2] : n[0] * location[0] + n[1] * location[1] + n[2] * location[2];
     if (m->parallel) {
-        const vf along = (n[0] * (from[0] - there[0]) + n[1] * (from[1] - there[1]) + n[2] * (from[2] - there[2])) / towards;
-        there[2] += along;
+        const vf along = (n[0] * (from[0] - location[0]) + n[1] * (from[1] - location[1]) + n[2] * (from[2] - location[2])) / towards;
+        location[2] += along;
         ratio = all(1.0f);
     } else {
         ratio = towards / distance; /* z/z' */
         seen &= ratio > 0.0f;
         for (int k = 0; k < 3; k++)
-            there[k] /= ratio;
+            location[k] /= ratio;
     }
     square = all(0.0f);
     for (int k = 0; k < 3; k++)
-        square += (there[k] - from[k]) * (there[k] - from[k]);
+        square += (location[k] - from[k]) * (location[k] - from[k]);
     square *= p->per_length2;
     seen &= in_table(square);
     jacobian = w->jacobian ? jacobian_of(m, texel, ratio, distance) : all(1.0f);

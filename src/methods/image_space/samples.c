@@ -31,7 +31,7 @@ int is_uniform_samples(const struct is_knobs *k)
 /* Sample counts do not adapt if there are two kinds that are normalised separately, or the paper's kinds, or many samples. */
 bool is_adapts(const struct is_knobs *k)
 {
-    return k->adaptive && k->samples <= IS_ADAPTS_TO && k->sampling != IS_SEPARATE && k->renormalise != IS_BY_COUNT;
+    return k->adaptive && k->samples <= IS_MAX_ADAPTED && k->sampling != IS_SEPARATE && k->renormalise != IS_BY_COUNT;
 }
 
 int is_class_samples(const struct is_knobs *k, int class)
@@ -343,7 +343,7 @@ static void fill(const struct pell_frame_material *m, const struct is_knobs *kno
 
 double is_level_albedo(int level)
 {
-    const double first = 1.0 - sqrt(1.0 - (double) IS_ALBEDO_LEAST), last = 1.0 - sqrt(1.0 - (double) IS_ALBEDO_MOST);
+    const double first = 1.0 - sqrt(1.0 - (double) IS_ALBEDO_MIN), last = 1.0 - sqrt(1.0 - (double) IS_ALBEDO_MAX);
     const double t = first + (last - first) * level / (IS_LEVELS - 1);
 
     return 1.0 - (1.0 - t) * (1.0 - t);

@@ -10,7 +10,7 @@
 
 #include <string.h>
 
-#define MOST_PIXELS ((size_t) 1 << 28) /* a texel's float has an int index */
+#define MAX_PIXELS ((size_t) 1 << 28) /* a texel's float has an int index */
 
 /* The dipole of a material's coefficients, if the method is to use it and the material has any. */
 static enum pell_result published_profile(const struct is_setup *st, const struct pell_frame_material *m, struct pell_profile *out,
@@ -110,7 +110,7 @@ void is_setup_finish(struct is_setup *st)
             pell_free(st->ctx, st->sets[i].rows);
             pell_free(st->ctx, st->sets[i].level);
         }
-    for (int i = 0; i < IS_VIEWS_MOST; i++)
+    for (int i = 0; i < IS_VIEWS_MAX; i++)
         pell_free(st->ctx, st->light_views[i].texels);
     pell_solids_destroy(&st->solids);
     pell_free(st->ctx, st->thickness);
@@ -139,16 +139,16 @@ enum pell_result is_setup_make(const struct pell_services *services, const struc
     st->services = services;
     st->ctx = services->ctx;
     st->knobs = *k;
-    if ((size_t) shape->width * (size_t) shape->height > MOST_PIXELS)
+    if ((size_t) shape->width * (size_t) shape->height > MAX_PIXELS)
         return pell_error(st->ctx, PELL_ERR_UNSUPPORTED, "image-space", NULL, "%d x %d pixels, at most %zu in all", shape->width,
-                          shape->height, MOST_PIXELS);
+                          shape->height, MAX_PIXELS);
     set_counts(w, k);
     w->tile = is_tile_side(k);
     w->jacobian = k->jacobian || k->misprint == IS_MISPRINT_JACOBIAN;
     w->inverted = k->misprint == IS_MISPRINT_JACOBIAN;
     w->reconstruct = k->reconstruct && w->tile > 1;
     w->renormalise = k->renormalise;
-    if (w->renormalise == IS_AS_VIEWS_ASK)
+    if (w->renormalise == IS_BY_VIEWS)
         w->renormalise = k->views != IS_VIEWS_CAMERA ? IS_NEVER : IS_BY_WEIGHT;
     w->factor = k->misprint == IS_MISPRINT_TWO_PI ? (float) (0.5 / PELL_PI) : 1.0f;
     w->focal_px = shape->focal_px;

@@ -7,7 +7,7 @@
 #include "math/vec.h"
 #include "render/services.h"
 
-#define WIDEST 1.0471976f /* half the field of view of a light among the objects: 60 degrees */
+#define MAX_HALF_VIEW 1.0471976f /* half the field of view of a light among the objects: 60 degrees */
 
 struct view_task {
     const struct pell_services *services;
@@ -28,7 +28,7 @@ static void write_texel(const struct view_task *t, int i, const struct pell_ray_
     const float distance = sqrtf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
     const int32_t solid = t->solids->of_mesh[hit->hit.mesh[i]];
 
-    if (solid < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * IS_STEEPEST < 1.0f : fabsf(plane) * IS_STEEPEST < distance) ||
+    if (solid < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * IS_SLOPE_MAX < 1.0f : fabsf(plane) * IS_SLOPE_MAX < distance) ||
         !(v->orthographic || at[2] > 0.0f))
         return;
     for (int c = 0; c < 3; c++)
@@ -83,7 +83,7 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
     const struct pell_vec3 low = vec3_load(scene->bounds_min), high = vec3_load(scene->bounds_max);
     const struct pell_vec3 middle = vec3_mul(vec3_add(low, high), 0.5f);
     const float radius = 0.5f * vec3_length(vec3_sub(high, low)) * 1.0001f;
-    struct pell_vec3 way = vec3_sub(middle, vec3_load(light->position));
+    struct pell_vec3 step_dir = vec3_sub(middle, vec3_load(light->position));
     float distance;
 
     *v = (struct pell_view) { .width = size, .height = size };
@@ -95,10 +95,10 @@ static bool aim(const struct pell_scene *scene, const struct pell_light *light, 
         v->origin = vec3_mad(middle, -2.0f * radius, v->forward);
         v->focal_px = (float) size / (2.0f * radius);
     } else {
-        distance = vec3_length(way);
+        distance = vec3_length(step_dir);
         v->origin = vec3_load(light->position);
-        v->forward = distance > 1e-6f * radius ? vec3_mul(way, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
-        v->focal_px = 0.5f * (float) size / tanf(distance > radius ? fminf(asinf(radius / distance), WIDEST) : WIDEST);
+        v->forward = distance > 1e-6f * radius ? vec3_mul(step_dir, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
+        v->focal_px = 0.5f * (float) size / tanf(distance > radius ? fminf(asinf(radius / distance), MAX_HALF_VIEW) : MAX_HALF_VIEW);
     }
     vec3_basis(v->forward, &v->right, &v->up);
     return v->focal_px > 0.0f && isfinite(v->focal_px);
@@ -182,7 +182,7 @@ enum pell_result is_light_views_make(const struct pell_services *services, const
         enum pell_result res;
         if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT || !aim(scene, &scene->lights[i], k->view_size, &v))
             continue;
-        if (*count == IS_VIEWS_MOST) {
+        if (*count == IS_VIEWS_MAX) {
             left++;
             continue;
         }
@@ -194,6 +194,6 @@ enum pell_result is_light_views_make(const struct pell_services *services, const
     if (left > 0)
         pell_warn(services->ctx, "image-space", "leave out the dimmest, or take views=eye+around",
                   "%s no irradiance image of their own, at most %d have one",
-                  pell_counted((long long) left, "light has", "lights have").str, IS_VIEWS_MOST);
+                  pell_counted((long long) left, "light has", "lights have").str, IS_VIEWS_MAX);
     return PELL_OK;
 }

@@ -41,7 +41,7 @@ enum buffer {
 
 static const struct {
     const char *name;
-    enum pell_gpu_place place;
+    enum pell_gpu_place offsets_of_set;
     int of_pixel; /* bytes per pixel; 0: its size depends on other things */
 } buffer_rows[BUFFERS] = {
     [SETS_UP] = { "image-space sets, upload", PELL_GPU_TO_DEVICE, 0 },
@@ -171,7 +171,8 @@ static enum pell_result make_buffers(struct is_gpu *st, const struct pell_frame_
         st->sizes[i] = st->sizes[i + 1];
     for (int i = 0; res == PELL_OK && i < BUFFERS; i++)
         if (st->sizes[i] > 0)
-            res = pell_gpu_buffer_create(set->services->gpu, buffer_rows[i].place, st->sizes[i], buffer_rows[i].name, &st->buffers[i]);
+            res = pell_gpu_buffer_create(set->services->gpu, buffer_rows[i].offsets_of_set, st->sizes[i], buffer_rows[i].name,
+                                         &st->buffers[i]);
     return res;
 }
 
@@ -204,7 +205,7 @@ static enum pell_result make_passes(struct is_gpu *st)
 /* --- Frame-independent data ------------------------------------------------------------------------------------------------------ */
 
 /* Offsets of a set's parts, in elements of the buffer that holds them. */
-struct places {
+struct set_offsets {
     uint32_t offsets, rows, levels;
 };
 
@@ -242,7 +243,7 @@ static void fill_rows(const struct is_gpu *st, const struct is_set *set, uint32_
     memcpy(rows, set->rows, profiles_of(set) * IS_ROWS * sizeof(*set->rows));
 }
 
-static void fill_levels(const struct is_gpu *st, const struct is_set *set, const struct places *at)
+static void fill_levels(const struct is_gpu *st, const struct is_set *set, const struct set_offsets *at)
 {
     float *to = (float *) pell_gpu_buffer_host(st->buffers[SETS_UP]) + 4 * (size_t) at->levels;
 
@@ -255,7 +256,7 @@ static void fill_levels(const struct is_gpu *st, const struct is_set *set, const
 }
 
 /* In the order of points.glsl. */
-static void fill_set(const struct is_set *set, const struct places *at, uint32_t *to)
+static void fill_set(const struct is_set *set, const struct set_offsets *at, uint32_t *to)
 {
     const float first[4] = { set->per_length2, set->reach2, set->uniform, set->broad2 };
 
@@ -273,8 +274,8 @@ static enum pell_result fill_tables(const struct is_gpu *st)
 {
     const struct is_setup *s = &st->setup;
     uint32_t *sets = pell_gpu_buffer_host(st->buffers[SETS_UP]);
-    struct places *at = pell_calloc(st->ctx, s->num_sets, sizeof(*at));
-    struct places next = { .levels = (uint32_t) s->num_sets * (SET_WORDS / 4) };
+    struct set_offsets *at = pell_calloc(st->ctx, s->num_sets, sizeof(*at));
+    struct set_offsets next = { .levels = (uint32_t) s->num_sets * (SET_WORDS / 4) };
 
     if (!at)
         return PELL_ERR_NOMEM;

@@ -14,7 +14,7 @@ struct layered_diffuse {
     void *blurs; /* state of the blur chain */
     struct pell_frame_material *materials;
     float *memory;
-    float *sum[3], *share; /* planes: radiant exitance, and the weight of each depth set */
+    float *sum[3], *fraction; /* planes: radiant exitance, and the weight of each depth set */
     size_t size;
     int most_sets;
     /* One blur of the chain. */
@@ -118,7 +118,7 @@ enum pell_result layered_diffuse_make(struct layered_state *st, const struct pel
         goto fail;
     for (int c = 0; c < 3; c++)
         d->sum[c] = d->memory + (size_t) c * d->size;
-    d->share = d->memory + 3 * d->size;
+    d->fraction = d->memory + 3 * d->size;
     if (d->most_sets > 0)
         PELL_TRY(make_blurs(st, shape));
     return PELL_OK;
@@ -137,7 +137,7 @@ static void begin_row(void *arg, int index, int worker)
     const struct pell_scene *scene = st->services->scene;
     const struct pell_frame *in = st->in;
     const int y = in->rect.y0 + index;
-    float bottoms[PELL_LAYERS_MOST], share[LAYERED_SETS];
+    float bottoms[PELL_LAYERS_MOST], fraction[LAYERED_SETS];
 
     (void) worker;
     for (int x = in->rect.x0; x < in->rect.x1; x++) {
@@ -164,9 +164,9 @@ static void begin_row(void *arg, int index, int worker)
         if (m->sets > 1)
             pell_medium_layers_depths(st->medium_layers[mesh->material], mesh, in->triangle[at], in->barycentric[0][at],
                                       in->barycentric[1][at], bottoms);
-        layered_multiple_blend(m, bottoms, share);
+        layered_multiple_blend(m, bottoms, fraction);
         for (int s = 0; s < m->sets; s++)
-            d->share[(size_t) s * d->size + (size_t) at] = share[s];
+            d->fraction[(size_t) s * d->size + (size_t) at] = fraction[s];
     }
 }
 
@@ -188,7 +188,7 @@ static void add_row(void *arg, int index, int worker)
         for (int c = 0; m && c < 3; c++) {
             float weight = 0.0f;
             for (int s = 0; s < m->sets; s++)
-                weight += d->share[(size_t) s * d->size + (size_t) at] * m->weight[s][d->gaussian][c];
+                weight += d->fraction[(size_t) s * d->size + (size_t) at] * m->weight[s][d->gaussian][c];
             d->sum[c][at] += unreflected * fmaxf(weight, 0.0f) * d->light[c][y * d->stride + x];
         }
     }

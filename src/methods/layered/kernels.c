@@ -230,7 +230,7 @@ static int layered_light_rays(const struct layered_packet *p, int path, bool sha
     int planes = 0, nodes = 0, rays = 0;
 
     for (int lane = 0; lane < LANES; lane += WIDTH) {
-        vf at[3], facet[3], to[3], normal[3], camera[3], far = all(INFINITY), front, facing, share, lit = { 0 }, off;
+        vf at[3], facet[3], to[3], normal[3], camera[3], far = all(INFINITY), front, facing, fraction, lit = { 0 }, off;
         vi active;
         load3(p->p, lane, at);
         load3(p->facet, lane, facet);
@@ -249,24 +249,24 @@ static int layered_light_rays(const struct layered_packet *p, int path, bool sha
         }
         front = select(dot3(facet, camera) < 0.0f, all(-1.0f), all(1.0f));
         facing = front * dot3(facet, to);
-        share = all(path == LAYERED_RAYS ? 0.0f : 1.0f);
+        fraction = all(path == LAYERED_RAYS ? 0.0f : 1.0f);
         if (path == LAYERED_PLANES_RAYS) {
             const vf x = clamped(dot3(normal, to) * (1.0f / LAYERED_HORIZON), 0.0f, 1.0f);
-            share = (vf) ((vi) (x * x * (3.0f - 2.0f * x)) & (facing > 0.0f));
+            fraction = (vf) ((vi) (x * x * (3.0f - 2.0f * x)) & (facing > 0.0f));
         }
         for (int c = 0; c < 3; c++)
             lit += load(source->power[c] + lane);
-        store(source->planes + lane, share);
+        store(source->planes + lane, fraction);
         store(source->seen + lane, all(1.0f));
         off = front * ray_offset(at);
         for (int k = 0; k < 3; k++)
             at[k] += off * facet[k];
         set_ray(r, lane, at, to, all(0.0f), far);
-        active = (lit > 0.0f) & (share > 0.0f) & (facing > 0.0f) & (shadows ? -1 : 0);
+        active = (lit > 0.0f) & (fraction > 0.0f) & (facing > 0.0f) & (shadows ? -1 : 0);
         for (int i = 0; i < WIDTH; i++) {
             const bool on = lane + i < p->count && lit[i] > 0.0f;
-            planes |= on && share[i] > 0.0f;
-            nodes |= on && share[i] < 1.0f;
+            planes |= on && fraction[i] > 0.0f;
+            nodes |= on && fraction[i] < 1.0f;
             valid[lane + i] = on ? active[i] : 0;
             rays += on && active[i];
         }

@@ -166,14 +166,14 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
 #pragma GCC unroll 4
     for (int j = 0; j < layers; j++) {
         if (s->listed & 1u << j) {
-            const vf depth = faster * s->part[j], share = strength * s->part[j];
+            const vf depth = faster * s->part[j], fraction = strength * s->part[j];
             const bool thick = any(depth * layer[j].max_tau2 > 2.0f * THICK);
             vf phase = phase_value(&layer[j].phase[0], cosine);
             for (int c = 0; c < 3; c++) {
                 const vf y = depth * (0.5f * layer[j].sigma_t2[c]);
                 if (c > 0 && !layer[j].one_phase)
                     phase = phase_value(&layer[j].phase[c], cosine);
-                b->light[c] += share * phase * (layer[j].sigma_s[c] * mean_transmittance(start[c] + y, y, thick));
+                b->light[c] += fraction * phase * (layer[j].sigma_s[c] * mean_transmittance(start[c] + y, y, thick));
                 start[c] += 2.0f * y;
             }
         }

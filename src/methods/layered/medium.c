@@ -149,16 +149,16 @@ static void read_layer(const struct pell_layer_medium *layer_medium, struct laye
     for (int pass = 0; pass < 2; pass++)
         for (int y = 0; y < l->height; y++)
             for (int x = 0; x < l->width; x++) {
-                float rgba[4] = { 0 }, share;
+                float rgba[4] = { 0 }, fraction;
                 pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
-                share = pell_layer_share(rgba[map.channel], layer_medium->inverse);
-                share = share < 1e6f ? share : 0.0f; /* NaN becomes 0, too */
+                fraction = pell_layer_share(rgba[map.channel], layer_medium->inverse);
+                fraction = fraction < 1e6f ? fraction : 0.0f; /* NaN becomes 0, too */
                 if (pass == 0) {
-                    largest = share > largest ? share : largest;
-                    sum += (double) share;
+                    largest = fraction > largest ? fraction : largest;
+                    sum += (double) fraction;
                 } else {
                     numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + layer->channel] =
-                        (uint16_t) (largest > 0.0f ? share / largest * 65535.0f + 0.5f : 0.0f);
+                        (uint16_t) (largest > 0.0f ? fraction / largest * 65535.0f + 0.5f : 0.0f);
                 }
             }
     layer->mean = (float) (depth * sum / ((double) l->width * (double) l->height));
@@ -178,9 +178,9 @@ static void read_color(const struct pell_texture_map *from, float mix, const str
             float rgba[4] = { 0 };
             pell_layer_texel(&map, ((float) x + 0.5f) / (float) l->width, ((float) y + 0.5f) / (float) l->height, rgba);
             for (int c = 0; c < 3; c++) {
-                const float share = pell_color_share(rgba[c], mix);
+                const float fraction = pell_color_share(rgba[c], mix);
                 numbers[4 * (l->offset + (y + 1) * l->stride + x + 1) + c] =
-                    (uint16_t) (share > 0.0f ? fminf(share, 1.0f) * 65535.0f + 0.5f : 0.0f);
+                    (uint16_t) (fraction > 0.0f ? fminf(fraction, 1.0f) * 65535.0f + 0.5f : 0.0f);
             }
         }
 }
@@ -331,10 +331,10 @@ static void set_edges(const double *density, int count, float *edges)
     for (int i = 0; i < DENSITY_CELLS; i++)
         all += density[i];
     for (int i = 0; i <= count; i++) {
-        const double share = all * i / count;
-        while (part < DENSITY_CELLS && sum + density[part] < share)
+        const double fraction = all * i / count;
+        while (part < DENSITY_CELLS && sum + density[part] < fraction)
             sum += density[part++];
-        before = part < DENSITY_CELLS ? part + (share - sum) / density[part] : DENSITY_CELLS;
+        before = part < DENSITY_CELLS ? part + (fraction - sum) / density[part] : DENSITY_CELLS;
         edges[i] = (float) fmin(before / DENSITY_CELLS, 1.0);
     }
     edges[count] = 1.0f;

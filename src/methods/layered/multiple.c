@@ -215,7 +215,7 @@ static float distance(const struct layered_multiple *m, const float *a, const fl
     return sqrtf(sum);
 }
 
-/* Bottoms at up to PLACES points of the meshes that have the material, distributed over their triangles. */
+/* Bottoms at up to MAX_POINTS points of the meshes that have the material, distributed over their triangles. */
 static size_t look_around(const struct pell_scene *scene, int material, const struct pell_medium_layers *layers, float *bottoms)
 {
     size_t triangles = 0, count = 0, before = 0;
@@ -297,21 +297,21 @@ static void make_cardinals(struct layered_multiple *m)
             m->cardinal[i][s] = (float) a[i][n + s];
 }
 
-void layered_multiple_blend(const struct layered_multiple *m, const float *bottoms, float *share)
+void layered_multiple_blend(const struct layered_multiple *m, const float *bottoms, float *fraction)
 {
     float x[PELL_LAYERS_MOST];
 
     if (m->sets == 1) {
-        share[0] = 1.0f;
+        fraction[0] = 1.0f;
         return;
     }
     bend_depths(m, bottoms, x);
     for (int s = 0; s < m->sets; s++)
-        share[s] = m->cardinal[m->sets][s];
+        fraction[s] = m->cardinal[m->sets][s];
     for (int t = 0; t < m->sets; t++) {
         const float d = distance(m, x, m->at[t]);
         for (int s = 0; s < m->sets; s++)
-            share[s] += d * m->cardinal[t][s];
+            fraction[s] += d * m->cardinal[t][s];
     }
 }
 

@@ -37,6 +37,6 @@ PELL_NODISCARD enum pell_result layered_multiple_make(struct pell_context *ctx, 
                                                       struct layered_multiple *out);
 
 /* Weights of the sets at a point whose layers have these bottoms; they sum to 1. */
-void layered_multiple_blend(const struct layered_multiple *m, const float *bottoms, float *share);
+void layered_multiple_blend(const struct layered_multiple *m, const float *bottoms, float *fraction);
 
 #endif

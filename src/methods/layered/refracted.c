@@ -34,11 +34,11 @@ static double flat_spread(const struct pell_connection *c, double eta)
 }
 
 bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool distant,
-                     struct pell_vec3 place, struct layered_entry *out, int64_t *rays)
+                     struct pell_vec3 light, struct layered_entry *out, int64_t *rays)
 {
     struct pell_connection paths[PELL_CONNECTIONS];
     const struct pell_connection_query query = {
-        .solid = solid, .eta = (double) m->eta, .x = x, .place = place, .distant = distant, .reach = 4.0 * (double) st->size
+        .solid = solid, .eta = (double) m->eta, .x = x, .light = light, .distant = distant, .reach = 4.0 * (double) st->size
     };
     const int n = solid >= 0 ? pell_connect(st->connector, &query, paths, PELL_CONNECTIONS, rays) : 0;
     double beam = 0.0;

@@ -178,11 +178,11 @@ struct pell_vec3 pt_rough_sample(const struct pt_rough *r, const struct pt_shadi
     w.z = *transmitted ? -w.z : w.z; /* z > 0 from here on */
     kept = c > 0.0f && w.z > 1e-7f && v < masking(r->alpha, w.z);
     if (!kept) {
-        const float share = r->lost_in_transmission[at->side];
+        const float fraction = r->lost_in_transmission[at->side];
         u = pt_random(s);
         v = pt_random(s);
-        *transmitted = u < share;
-        u = *transmitted ? u / share : (u - share) / (1.0f - share);
+        *transmitted = u < fraction;
+        u = *transmitted ? u / fraction : (u - fraction) / (1.0f - fraction);
         w = lost_direction(r, *transmitted ? 1 - at->side : at->side, fminf(u, 0.99999994f), v);
     }
     w.z = *transmitted ? -w.z : w.z;
@@ -195,7 +195,7 @@ static float density(const struct pt_rough *r, int side, struct pell_vec3 o, str
 {
     const float eta = relative(r, side), up = transmitted ? -w.z : w.z;
     struct pell_vec3 h;
-    float single = 0.0f, c, cw, f, cos_t, mu, rest, share;
+    float single = 0.0f, c, cw, f, cos_t, mu, rest, fraction;
     int cell;
 
     if (!(up > 1e-7f && o.z > 0.0f))
@@ -218,8 +218,8 @@ static float density(const struct pt_rough *r, int side, struct pell_vec3 o, str
     cell = (int) (mu * PT_ROUGH_CELLS);
     cell = cell < PT_ROUGH_CELLS - 1 ? cell : PT_ROUGH_CELLS - 1;
     rest = 1.0f - albedo_at(r, side, o.z);
-    share = transmitted ? r->lost_in_transmission[side] : 1.0f - r->lost_in_transmission[side];
-    return single + rest * share * r->lost[transmitted ? 1 - side : side][cell] * mu / PELL_PI_F;
+    fraction = transmitted ? r->lost_in_transmission[side] : 1.0f - r->lost_in_transmission[side];
+    return single + rest * fraction * r->lost[transmitted ? 1 - side : side][cell] * mu / PELL_PI_F;
 }
 
 float pt_rough_density(const struct pt_rough *r, const struct pt_shading_frame *at, struct pell_vec3 w)

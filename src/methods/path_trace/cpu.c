@@ -18,14 +18,15 @@
 #include <stdio.h>
 
 enum {
-    TILES = 16, /* tasks per thread in an image, unless tasks have the minimum size */
-    LEAST = 16, /* samples per pixel before its error estimate is used */
-    PLAIN = 64, /* samples without a stopping criterion */
+    TILES = 16,           /* tasks per thread in an image, unless tasks have the minimum size */
+    MIN_SAMPLES = 16,     /* samples per pixel before its error estimate is used */
+    DEFAULT_SAMPLES = 64, /* samples without a stopping criterion */
 };
 
 #define UNEVEN 2.0   /* ratio of the sample counts of two samples of the multisample that is reported */
 #define CROSSED 0.01 /* fraction of the paths; fewer are rounding errors at edges */
-#define PLACES 64.0  /* in rounding errors of a coordinate: with shorter mean free paths, paths hit the surface they start from */
+/* In rounding errors of a coordinate: with shorter mean free paths, paths hit the surface they start from. */
+#define COORDINATE_ROUNDINGS 64.0
 /* A round is abandoned when it exceeds the deadline by LATE_SECONDS and by LATE of the time limit. */
 #define LATE_SECONDS 0.25
 #define LATE 0.05
@@ -87,16 +88,17 @@ static struct pt_goal make_goal(const struct pt_run *run)
     const struct pt_method_knobs *k = &st->knobs;
     const int samples = run->in->num_samples, left = samples - (int) run->number;
     const bool open = k->error > 0.0f || k->time_limit > 0.0f;
-    const int share = k->trace.half == REFERENCE_WHOLE ? 1 : 2, total = ((k->samples > 0 ? k->samples : PLAIN) + share - 1) / share;
+    const int fraction = k->trace.half == REFERENCE_WHOLE ? 1 : 2,
+              total = ((k->samples > 0 ? k->samples : DEFAULT_SAMPLES) + fraction - 1) / fraction;
     struct pt_goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
 
     g.most = k->samples == 0 && open ? PT_MOST : (uint32_t) ((total + samples - 1) / samples);
     if (st->services->checkpoint && st->services->checkpoint->end_sample > 0)
         g.most = (uint32_t) (st->services->checkpoint->end_sample / samples);
-    g.least = LEAST / (uint32_t) share;
+    g.least = MIN_SAMPLES / (uint32_t) fraction;
     g.error = reference_sample_error((double) k->error, k->trace.half, samples);
     if (k->time_limit > 0.0f)
-        g.deadline = g.begin + fmax((double) k->time_limit / share - (g.begin - st->begin), 0.0) / left;
+        g.deadline = g.begin + fmax((double) k->time_limit / fraction - (g.begin - st->begin), 0.0) / left;
     return g;
 }
 
@@ -204,7 +206,7 @@ static void put_light(const struct pt_run *run, const struct pell_frame_light *o
 
     for (size_t i = 0; i < film->count; i++) {
         const struct pt_pixel *p = &film->pixels[i];
-        const uint32_t at = st->places[i];
+        const uint32_t at = st->pixel_index[i];
         const double n = p->count > 0 ? p->count : 1.0;
         double mean[4], error[4];
 
@@ -261,7 +263,7 @@ static double finest_path(const struct pell_scene *scene)
         for (int c = 0; c < 3 && !scene->materials[i].opaque; c++)
             shortest = fmin(shortest, 1.0 / (m->sigma_a[c] + m->sigma_s_reduced[c] / (1.0 - m->g[c])));
     }
-    return shortest < PLACES * FLT_EPSILON * extent ? shortest : 0.0;
+    return shortest < COORDINATE_ROUNDINGS * FLT_EPSILON * extent ? shortest : 0.0;
 }
 
 /* Reports on the image. */
@@ -470,7 +472,7 @@ static void path_trace_destroy(void *state)
         pt_walker_destroy(&st->walkers[i]);
     pell_free(st->ctx, st->walkers);
     pell_free(st->ctx, st->films);
-    pell_free(st->ctx, st->places);
+    pell_free(st->ctx, st->pixel_index);
     pell_free(st->ctx, st->tile_pixels);
     for (size_t i = 0; st->done && i < st->num_films; i++)
         pt_film_free(st->ctx, &st->done[i]);
@@ -512,7 +514,7 @@ static enum pell_result path_trace_create(const struct pell_services *services, 
     st->knobs = *(const struct pt_method_knobs *) knobs;
     if (!st->knobs.reentry)
         st->knobs.trace.bounces = 0;
-    st->knobs.trace.techniques = st->knobs.connections ? PT_ALL : PT_CHANCE | PT_LIGHTS;
+    st->knobs.trace.techniques = st->knobs.connections ? PT_ALL : PT_HIT_LIGHTS | PT_LIGHT_SAMPLES;
     st->threads = pell_pool_threads(services->pool);
     st->num_films = services->checkpoint ? (size_t) services->settings->msaa : 1;
     res = PELL_ERR_NOMEM;

@@ -12,7 +12,7 @@
 static void look_ahead(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float *safe,
                        struct pt_flight *f)
 {
-    f->met = f->found = false;
+    f->has_hit = f->found = false;
     f->bound = *safe;
     if (f->length < *safe) {
         counts->steps_without_ray++;
@@ -30,7 +30,7 @@ static void look_ahead(const struct pt_scene *s, struct pt_counts *counts, int s
     }
     *safe = 0.0f;
     f->found = pt_intersect(s, counts, ray->from, ray->w, fmaxf(f->length, f->bound + f->further), PELL_RAY_ALL, &f->hit);
-    f->met = f->found && f->hit.t <= f->length;
+    f->has_hit = f->found && f->hit.t <= f->length;
 }
 
 bool pt_outside(const struct pt_solid *b, struct pell_vec3 x, float margin)
@@ -81,8 +81,8 @@ static void collide(const struct pt_coefficients *m, float length, const float o
         beta[c] = density > 0.0f ? beta[c] * m->sigma_s[c] * t[c] * (sum / density) : 0.0f;
 }
 
-void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3], float *safe,
-            struct pt_sampler *sampler, struct pt_flight *out)
+void pt_sample_flight(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3],
+                      float *safe, struct pt_sampler *sampler, struct pt_flight *out)
 {
     const struct pt_coefficients *m = &s->solid[solid].medium.layer[0];
     const int c = m->gray ? 0 : pt_sample_channel(beta, pt_random(sampler));
@@ -99,16 +99,16 @@ void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const
     look_ahead(s, counts, solid, ray, safe, out);
 }
 
-void pt_land(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *f, float beta[3],
-             struct pt_free_path *out)
+void pt_end_flight(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *f, float beta[3],
+                   struct pt_free_path *out)
 {
     const struct pt_solid *b = &s->solid[solid];
     const struct pt_coefficients *m = &b->medium.layer[0];
 
-    out->met = f->met;
+    out->has_hit = f->has_hit;
     out->lost = out->floor = false;
     out->medium = m;
-    if (out->met) {
+    if (out->has_hit) {
         out->hit = f->hit;
         out->length = out->hit.t;
         out->x = out->hit.p;
@@ -140,11 +140,10 @@ static const struct pt_coefficients *layer_at(const struct pt_scene *s, int soli
 
     if (bound >= m->deepest || !pell_rays_closest_point(s->rays, x, m->deepest, s->solids->of_mesh, solid, &nearest))
         return lowest;
-    if (m->painting) {
+    if (m->maps) {
         float depth[PELL_LAYERS_MOST];
-        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v,
-                                  depth);
-        i = pell_medium_layers_at(&m->painting->medium_layers, depth, (float) nearest.distance);
+        pell_medium_layers_depths(&m->maps->medium_layers, &m->maps->meshes[nearest.mesh], nearest.triangle, nearest.u, nearest.v, depth);
+        i = pell_medium_layers_at(&m->maps->medium_layers, depth, (float) nearest.distance);
         return i < 0 ? NULL : &m->layer[i];
     }
     while (i < m->layers && nearest.distance >= (double) m->depth[i])
@@ -166,12 +165,12 @@ static bool find_bottom(const struct pt_scene *s, int solid, struct pell_vec3 x,
     struct pell_vec3 corner[3];
 
     b->depth = (double) m->deepest;
-    b->least = fmax((m->painting ? 2e-3 : 1e-4) * (double) m->deepest, m->floor ? 4.0 * (double) s->unit : 0.0);
+    b->least = fmax((m->maps ? 2e-3 : 1e-4) * (double) m->deepest, m->floor ? 4.0 * (double) s->unit : 0.0);
     if (!pell_rays_closest_point(s->rays, x, reach, s->solids->of_mesh, solid, &b->nearest))
         return false;
-    if (m->painting) {
+    if (m->maps) {
         float depth[PELL_LAYERS_MOST];
-        pell_medium_layers_depths(&m->painting->medium_layers, &m->painting->meshes[b->nearest.mesh], b->nearest.triangle, b->nearest.u,
+        pell_medium_layers_depths(&m->maps->medium_layers, &m->maps->meshes[b->nearest.mesh], b->nearest.triangle, b->nearest.u,
                                   b->nearest.v, depth);
         b->depth = (double) depth[m->layers - 1];
     }
@@ -200,7 +199,7 @@ static float room(const struct pt_scene *s, int solid, struct pell_vec3 x, struc
     gap = b.depth - b.nearest.distance;
     if (!(gap > 0.0))
         return m->floor && gap > -3.0 * b.least && vec3_dot(w, b.n) > 0.0f ? (float) b.least : 0.0f;
-    return (float) fmax(m->painting ? 0.5 * gap : gap, b.least);
+    return (float) fmax(m->maps ? 0.5 * gap : gap, b.least);
 }
 
 static void absorb(const struct pt_medium *m, struct pell_vec3 x, float length, float beta[3], struct pt_free_path *out)
@@ -237,7 +236,7 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
 {
     struct pt_ray r = *ray;
     const struct pt_solid *b = &s->solid[solid];
-    const float most = fmaxf(b->medium.largest[0], fmaxf(b->medium.largest[1], b->medium.largest[2]));
+    const float most = fmaxf(b->medium.max_sigma_t[0], fmaxf(b->medium.max_sigma_t[1], b->medium.max_sigma_t[2]));
     struct pt_flight flight = { .further = 0.0f };
     float length = 0.0f;
 
@@ -251,8 +250,8 @@ static void sample_layers(const struct pt_scene *s, struct pt_counts *counts, in
         }
         flight.length = step < 1e30f ? step : INFINITY;
         look_ahead(s, counts, solid, &r, safe, &flight);
-        out->met = flight.met;
-        if (out->met) {
+        out->has_hit = flight.has_hit;
+        if (out->has_hit) {
             out->hit = flight.hit;
             out->length = length + out->hit.t;
             out->x = out->hit.p;
@@ -294,10 +293,10 @@ void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int 
 {
     struct pt_flight flight = { .further = 0.0f };
 
-    out->met = out->lost = out->floor = false;
+    out->has_hit = out->lost = out->floor = false;
     if (s->solid[solid].medium.homogeneous) {
-        pt_fly(s, counts, solid, ray, beta, safe, sampler, &flight);
-        pt_land(s, solid, ray, &flight, beta, out);
+        pt_sample_flight(s, counts, solid, ray, beta, safe, sampler, &flight);
+        pt_end_flight(s, solid, ray, &flight, beta, out);
     } else {
         sample_layers(s, counts, solid, ray, beta, safe, sampler, out);
     }
@@ -308,7 +307,7 @@ void pt_transmittance(const struct pt_scene *s, int solid, struct pell_vec3 x, s
                       float out[3])
 {
     const struct pt_medium *m = &s->solid[solid >= 0 ? solid : 0].medium;
-    const float most = fmaxf(m->largest[0], fmaxf(m->largest[1], m->largest[2]));
+    const float most = fmaxf(m->max_sigma_t[0], fmaxf(m->max_sigma_t[1], m->max_sigma_t[2]));
 
     out[0] = out[1] = out[2] = 1.0f;
     if (solid < 0)

@@ -150,7 +150,7 @@ enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in
 /* --- Pixels ------------------------------------------------------------------------------------------------------------------------- */
 
 /* Adds the pixels of a tile to the list, if there is one, and their positions to the hash of the film. */
-static uint8_t list_tile(const struct pt_run *run, size_t tile, uint32_t *places, uint64_t *identity)
+static uint8_t list_tile(const struct pt_run *run, size_t tile, uint32_t *pixel_index, uint64_t *identity)
 {
     const struct pell_frame *in = run->in;
     const int columns = (in->shape.width + PT_TILE - 1) / PT_TILE, left = (int) (tile % (size_t) columns) * PT_TILE;
@@ -162,9 +162,9 @@ static uint8_t list_tile(const struct pt_run *run, size_t tile, uint32_t *places
             const size_t at = (size_t) (y * in->shape.stride + x);
             if (!in->material[at])
                 continue;
-            if (places) {
+            if (pixel_index) {
                 const float p[3] = { in->position[0][at], in->position[1][at], in->position[2][at] };
-                places[count] = (uint32_t) at;
+                pixel_index[count] = (uint32_t) at;
                 *identity = pell_hash_word(*identity, (uint64_t) x | (uint64_t) y << 16 | (uint64_t) in->material[at] << 32);
                 *identity = pell_hash_bytes(*identity, p, sizeof(p));
             }
@@ -174,7 +174,7 @@ static uint8_t list_tile(const struct pt_run *run, size_t tile, uint32_t *places
 }
 
 /* Lists the pixels, and their number per tile. */
-static enum pell_result list_places(struct pt_run *run, uint8_t *pixels, size_t tiles, size_t *total, uint64_t *identity)
+static enum pell_result list_pixels(struct pt_run *run, uint8_t *pixels, size_t tiles, size_t *total, uint64_t *identity)
 {
     struct pt_state *st = run->st;
     size_t count = 0;
@@ -182,18 +182,18 @@ static enum pell_result list_places(struct pt_run *run, uint8_t *pixels, size_t 
     for (size_t t = 0; t < tiles; t++)
         count += pixels[t] = list_tile(run, t, NULL, NULL);
     *total = count;
-    if (count > st->places_capacity) {
-        uint32_t *grown = pell_realloc_array(st->ctx, st->places, count, sizeof(*grown));
+    if (count > st->pixel_index_capacity) {
+        uint32_t *grown = pell_realloc_array(st->ctx, st->pixel_index, count, sizeof(*grown));
         if (!grown)
             return PELL_ERR_NOMEM;
-        st->places = grown;
-        st->places_capacity = count;
+        st->pixel_index = grown;
+        st->pixel_index_capacity = count;
     }
     *identity = 1;
     count = 0;
     for (size_t t = 0; t < tiles; t++)
         if (pixels[t] > 0)
-            count += list_tile(run, t, st->places + count, identity);
+            count += list_tile(run, t, st->pixel_index + count, identity);
     return PELL_OK;
 }
 
@@ -223,7 +223,7 @@ enum pell_result pt_start_film(struct pt_run *run)
         st->tiles_capacity = tiles;
     }
     pixels = st->tile_pixels;
-    PELL_TRY(list_places(run, pixels, tiles, &count, &identity));
+    PELL_TRY(list_pixels(run, pixels, tiles, &count, &identity));
     if (st->services->checkpoint && film->identity != 0) {
         res = film->identity == identity && same_layout(film, pixels, count)
                   ? PELL_OK

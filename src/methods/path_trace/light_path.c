@@ -19,14 +19,14 @@
 
 #include <string.h>
 
-#define LIGHT_EVENTS 64  /* upper bound per light path; by then the throughput is about 1e-30 in solids that absorb or scatter at all */
-#define SPLITS 4         /* stack of reflected paths that still have to be traced */
-#define LIGHT_LEAST 1e-2 /* relative throughput below which Russian roulette starts */
-#define JOIN_SHARE 1e-2  /* relative to the typical radiance: weaker connections are subject to Russian roulette */
+#define MAX_LIGHT_EVENTS 64 /* upper bound per light path; by then the throughput is about 1e-30 in solids that absorb or scatter at all */
+#define MAX_PENDING 4       /* stack of reflected paths that still have to be traced */
+#define ROULETTE_FRACTION 1e-2 /* relative throughput below which Russian roulette starts */
+#define JOIN_FRACTION 1e-2     /* relative to the typical radiance: weaker connections are subject to Russian roulette */
 
 /* State of a path. */
 struct light_path {
-    struct pt_medium_stack place;
+    struct pt_medium_stack stack;
     struct pt_ray ray;
     float power[3], safe;
     int events, bounces;
@@ -38,7 +38,7 @@ struct light_path {
 /* The pending paths of one light ray. */
 struct light_paths {
     int count;
-    struct light_path path[SPLITS + 1];
+    struct light_path path[MAX_PENDING + 1];
 };
 
 static void keep(struct pt_walker *w, const struct pt_scatterer *at, const float power[3], float length, int solid)
@@ -65,9 +65,9 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u,
 
     *refracted = false;
     *fresnel = 0.0f;
-    if (!pt_cross(s, &p->place, hit->solid, enter, &before, &after)) {
+    if (!pt_cross(s, &p->stack, hit->solid, enter, &before, &after)) {
         ray->x = hit->p;
-        ray->from = pt_leave(hit, ray->w);
+        ray->from = pt_offset_origin(hit, ray->w);
         return true;
     }
     eta = pt_index(s, pt_top(&after)) / pt_index(s, pt_top(&before));
@@ -85,9 +85,9 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u,
         p->power[c] *= ratio;
     if (*refracted)
         pt_tint(s, hit, enter, p->power);
-    p->place = *refracted ? after : before;
+    p->stack = *refracted ? after : before;
     ray->x = hit->p;
-    ray->from = pt_leave(hit, ray->w);
+    ray->from = pt_offset_origin(hit, ray->w);
     return true;
 }
 
@@ -95,10 +95,10 @@ static bool surface(const struct pt_scene *s, const struct pt_hit *hit, float u,
 static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, struct light_path *p, struct light_paths *others,
                             struct pt_sampler *sampler)
 {
-    const bool both = p->place.count == 0 && !p->scattered && others->count < SPLITS;
+    const bool both = p->stack.count == 0 && !p->scattered && others->count < MAX_PENDING;
     const int surfaces = p->surfaces++;
     struct light_path other = *p;
-    const float share = surfaces == 0 && p->bounces == 0 ? 1.0f / (float) s->light_rays : 1.0f;
+    const float fraction = surfaces == 0 && p->bounces == 0 ? 1.0f / (float) s->light_rays : 1.0f;
     bool refracted;
     float fresnel;
 
@@ -106,7 +106,7 @@ static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, 
     other.entered_once = false;
     if (both && surface(s, hit, -1.0f, &other, &refracted, &fresnel) && fresnel > 0.0f) {
         for (int c = 0; c < 3; c++)
-            other.power[c] *= fresnel * share;
+            other.power[c] *= fresnel * fraction;
         other.mirrored = false;
         others->path[others->count++] = other;
     }
@@ -122,16 +122,16 @@ static bool surface_or_both(const struct pt_scene *s, const struct pt_hit *hit, 
 static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_path *p, struct light_paths *others, int source,
                  struct pt_sampler *sampler)
 {
-    const int solid = pt_top(&p->place);
+    const int solid = pt_top(&p->stack);
     const bool connected = p->entered_once && solid >= 0 && s->solid[solid].connects;
     struct pt_scatterer at = { .w = p->ray.w };
-    struct pt_free_path free_path = { .met = false };
+    struct pt_free_path free_path = { .has_hit = false };
     float before[3] = { p->power[0], p->power[1], p->power[2] };
     bool beam;
 
     if (solid < 0) {
-        free_path.met = pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &free_path.hit);
-        if (!free_path.met || (!p->first && !pt_may_bounce(s, ++p->bounces)))
+        free_path.has_hit = pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &free_path.hit);
+        if (!free_path.has_hit || (!p->first && !pt_bounce_allowed(s, ++p->bounces)))
             return false;
         if (p->first)
             for (int c = 0; c < 3; c++)
@@ -145,31 +145,31 @@ static bool step(const struct pt_scene *s, struct pt_walker *w, struct light_pat
     beam = solid >= 0 && s->solid[solid].medium.homogeneous && p->surfaces > 0 && !free_path.lost && !connected;
     if (beam) {
         struct pt_hit hit = free_path.hit;
-        if (free_path.met || pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &hit)) {
+        if (free_path.has_hit || pt_intersect(s, &w->counts, p->ray.from, p->ray.w, INFINITY, PELL_RAY_ALL, &hit)) {
             at.x = p->ray.x;
             at.medium = &s->solid[solid].medium.layer[0];
-            keep(w, &at, before, free_path.met ? free_path.length : hit.t, solid);
+            keep(w, &at, before, free_path.has_hit ? free_path.length : hit.t, solid);
         }
     }
     if (free_path.lost) {
-        p->place.count = 0;
+        p->stack.count = 0;
         p->ray.x = p->ray.from = free_path.x;
         p->surfaces++;
         return true;
     }
-    if (free_path.met && free_path.hit.solid >= 0)
+    if (free_path.has_hit && free_path.hit.solid >= 0)
         return surface_or_both(s, &free_path.hit, p, others, sampler);
     /* Stores a scattering event in the medium, or at an opaque surface. */
     if (p->surfaces == 0 || connected)
         return false;
     at.x = free_path.x;
     at.medium = free_path.medium;
-    if (free_path.met || free_path.floor) {
+    if (free_path.has_hit || free_path.floor) {
         float albedo[3];
         at.medium = NULL;
-        if (free_path.met) {
-            at.n = pt_leave_opaque(s, &free_path.hit, p->ray.w, sampler, albedo);
-            at.x = pt_leave(&free_path.hit, at.n);
+        if (free_path.has_hit) {
+            at.n = pt_scatter_opaque(s, &free_path.hit, p->ray.w, sampler, albedo);
+            at.x = pt_offset_origin(&free_path.hit, at.n);
         } else {
             at.n = free_path.n;
             memcpy(albedo, free_path.albedo, sizeof(albedo));
@@ -211,10 +211,10 @@ static void one_ray(const struct pt_scene *s, struct pt_walker *w, bool mirrored
         .first = true,
         .mirrored = mirrored,
     };
-    least = (float) LIGHT_LEAST * fmaxf((float) light.weight[0], fmaxf((float) light.weight[1], (float) light.weight[2]));
+    least = (float) ROULETTE_FRACTION * fmaxf((float) light.weight[0], fmaxf((float) light.weight[1], (float) light.weight[2]));
     while (paths.count > 0) {
         struct light_path p = paths.path[--paths.count];
-        while (p.events++ < LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES &&
+        while (p.events++ < MAX_LIGHT_EVENTS && w->vertices < PT_LIGHT_VERTICES &&
                pt_roulette(p.power, fmaxf(p.power[0], fmaxf(p.power[1], p.power[2])), least, sampler) &&
                step(s, w, &p, &paths, light.sample.source, sampler))
             continue;
@@ -236,23 +236,23 @@ static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_
     const struct pt_coefficients *m = v->at.medium;
     const struct pell_vec3 off = vec3_sub(x, v->at.x);
     const double length = (double) v->length, along = (double) vec3_dot(off, v->at.w), pick = pt_fine(own), u = pt_fine(own);
-    const struct pell_vec3 beside = vec3_mad(off, (float) -along, v->at.w);
-    const double apart = fmax((double) vec3_length(beside), 1e-6 * length);
-    const double from = atan(-along / apart), to = atan((length - along) / apart);
+    const struct pell_vec3 perpendicular = vec3_mad(off, (float) -along, v->at.w);
+    const double distance = fmax((double) vec3_length(perpendicular), 1e-6 * length);
+    const double from = atan(-along / distance), to = atan((length - along) / distance);
     const double sum = (double) (v->at.beta[0] + v->at.beta[1] + v->at.beta[2]);
     double t, density;
 
     if (pick < 0.5) {
-        t = along + apart * tan(from + (to - from) * u);
+        t = along + distance * tan(from + (to - from) * u);
     } else {
         const double sigma = (double) m->sigma_t[pt_sample_channel(v->at.beta, (float) (2.0 * pick - 1.0))];
         t = sigma * length > 1e-6 ? -log(1.0 - u * (1.0 - exp(-sigma * length))) / sigma : u * length;
     }
     t = fmin(fmax(t, 0.0), length);
-    density = 0.5 * apart / ((to - from) * (apart * apart + (t - along) * (t - along)));
+    density = 0.5 * distance / ((to - from) * (distance * distance + (t - along) * (t - along)));
     for (int c = 0; c < 3; c++) {
-        const double sigma = (double) m->sigma_t[c], share = (double) v->at.beta[c] / sum;
-        density += 0.5 * share * (sigma * length > 1e-6 ? sigma * exp(-sigma * t) / (1.0 - exp(-sigma * length)) : 1.0 / length);
+        const double sigma = (double) m->sigma_t[c], fraction = (double) v->at.beta[c] / sum;
+        density += 0.5 * fraction * (sigma * length > 1e-6 ? sigma * exp(-sigma * t) / (1.0 - exp(-sigma * length)) : 1.0 / length);
     }
     for (int c = 0; c < 3; c++)
         power[c] = (float) ((double) (v->at.beta[c] * m->sigma_s[c]) * exp(-(double) m->sigma_t[c] * t) / density);
@@ -263,11 +263,11 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
                       const struct pt_scatterer *at, const struct pt_sampler *sampler, double sum[3])
 {
     struct pt_sampler own = { .state = pt_mix(sampler->state ^ 0x14057b7ef767814fu), .at = PT_QUASI_RANDOM_NUMBERS };
-    const double n = (double) pt_index(s, solid), least = JOIN_SHARE * s->typical;
+    const double n = (double) pt_index(s, solid), least = JOIN_FRACTION * s->typical;
 
     for (int i = 0; i < count; i++) {
         const struct pt_light_vertex *v = &vertex[i];
-        struct pell_vec3 to, way;
+        struct pell_vec3 to, dir;
         float here[3], there[3], passed[3], light[3], power[3] = { v->at.beta[0], v->at.beta[1], v->at.beta[2] };
         float square, distance, most = 0.0f, chance = 1.0f;
         if (v->solid != solid)
@@ -277,10 +277,10 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
         distance = sqrtf(square);
         if (!(distance > 2.0f * s->unit))
             continue;
-        way = vec3_mul(to, 1.0f / distance);
-        pt_scatter_values(at, way, here);
-        pt_scatter_values(&v->at, vec3_mul(way, -1.0f), there);
-        pt_transmittance(s, solid, at->x, way, distance, &own, passed);
+        dir = vec3_mul(to, 1.0f / distance);
+        pt_scatter_values(at, dir, here);
+        pt_scatter_values(&v->at, vec3_mul(dir, -1.0f), there);
+        pt_transmittance(s, solid, at->x, dir, distance, &own, passed);
         for (int c = 0; c < 3; c++) {
             light[c] = at->beta[c] * here[c] * passed[c] * there[c] * power[c] / (square * (float) (n * n));
             most = fmaxf(most, light[c]);
@@ -292,8 +292,8 @@ void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const 
             if (pt_fine(&own) >= (double) chance)
                 continue;
         }
-        if (!pt_may_bounce(s, at->bounces + v->at.bounces + (solid < 0)) ||
-            !pt_unoccluded(s, counts, at->x, way, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
+        if (!pt_bounce_allowed(s, at->bounces + v->at.bounces + (solid < 0)) ||
+            !pt_unoccluded(s, counts, at->x, dir, distance * (1.0f - 1e-5f), PELL_RAY_ALL))
             continue;
         for (int c = 0; c < 3; c++)
             sum[c] += (double) (light[c] / chance);

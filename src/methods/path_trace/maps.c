@@ -14,8 +14,8 @@ static void base_color(const struct pt_scene *s, const struct pt_hit *hit, float
     pell_base_color_at(&s->scene->materials[hit->material], &s->scene->meshes[hit->mesh], hit->triangle, hit->u, hit->v, rgb);
 }
 
-struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
-                                 float weight[3])
+struct pell_vec3 pt_scatter_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
+                                   float weight[3])
 {
     const struct pell_material *m = &s->scene->materials[hit->material];
     const struct pell_vec3 n = vec3_dot(w, hit->ng) > 0.0f ? vec3_mul(hit->ng, -1.0f) : hit->ng;

@@ -37,15 +37,15 @@ static void fill(const struct pell_medium_layers *medium_layers, struct pt_mediu
     for (int i = 0; i < medium_layers->count && above < INFINITY; i++) {
         const bool endless = i + 1 == medium_layers->count && !out->ends;
         const float bottom = endless ? INFINITY : (float) medium_layers->item[i].depth;
-        if (!out->painting && !(bottom > above))
+        if (!out->maps && !(bottom > above))
             continue;
         set_coefficients(&medium_layers->item[i], &out->layer[out->layers]);
         out->depth[out->layers++] = bottom;
         out->deepest = fmaxf(out->deepest, bottom < INFINITY ? bottom : above);
-        above = out->painting ? 0.0f : bottom;
+        above = out->maps ? 0.0f : bottom;
     }
     out->ends = out->ends && !(above == INFINITY);
-    if (out->painting)
+    if (out->maps)
         out->deepest = (float) medium_layers->deepest;
     if (out->layers == 0) { /* only the substrate remains */
         set_coefficients(&medium_layers->item[0], &out->layer[0]);
@@ -92,22 +92,22 @@ enum pell_result pt_medium_make(struct pell_context *ctx, const struct pell_scen
     out->layer = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->layer));
     out->depth = pell_calloc(ctx, (size_t) medium_layers->count, sizeof(*out->depth));
     if (medium_layers->has_maps && !(medium_layers->count == 1 && medium_layers->substrate == PELL_SUBSTRATE_LAST)) {
-        out->painting = pell_zalloc(ctx, sizeof(*out->painting));
-        if (!out->painting)
+        out->maps = pell_zalloc(ctx, sizeof(*out->maps));
+        if (!out->maps)
             goto fail;
-        out->painting->medium_layers = *medium_layers;
-        out->painting->meshes = scene->meshes;
+        out->maps->medium_layers = *medium_layers;
+        out->maps->meshes = scene->meshes;
     }
     if (!out->layer || !out->depth)
         goto fail;
     fill(medium_layers, out);
     out->floor = out->ends && medium_layers->substrate == PELL_SUBSTRATE_SURFACE_COLOR;
     out->eta = (float) medium_layers->eta;
-    out->slowest = INFINITY;
+    out->min_sigma_t = INFINITY;
     for (int i = 0; i < out->layers; i++)
         for (int c = 0; c < 3; c++) {
-            out->largest[c] = fmaxf(out->largest[c], out->layer[i].sigma_t[c]);
-            out->slowest = fminf(out->slowest, out->layer[i].sigma_t[c]);
+            out->max_sigma_t[c] = fmaxf(out->max_sigma_t[c], out->layer[i].sigma_t[c]);
+            out->min_sigma_t = fminf(out->min_sigma_t, out->layer[i].sigma_t[c]);
         }
     res = PELL_OK;
 
@@ -120,7 +120,7 @@ void pt_medium_finish(struct pell_context *ctx, struct pt_medium *medium)
 {
     pell_free(ctx, medium->layer);
     pell_free(ctx, medium->depth);
-    pell_free(ctx, medium->painting);
+    pell_free(ctx, medium->maps);
     memset(medium, 0, sizeof(*medium));
 }
 
@@ -148,7 +148,7 @@ float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struc
 {
     const int c = m->alike ? 0 : pt_sample_channel(beta, pt_random(s)); /* channel chosen by throughput */
     const float u = pt_random(s), v = pt_random(s), sum = beta[0] + beta[1] + beta[2];
-    float cosine, to[3], values[3], mixed, scale;
+    float cosine, to[3], values[3], hit_opaque, scale;
 
     if (m->isotropic) {
         pt_anywhere(u, v, to);
@@ -161,9 +161,9 @@ float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struc
     pt_phase_values(m, w, *out, values);
     if (m->alike)
         return values[0];
-    mixed = beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2];
-    scale = mixed > 0.0f ? sum / mixed : 0.0f;
+    hit_opaque = beta[0] * values[0] + beta[1] * values[1] + beta[2] * values[2];
+    scale = hit_opaque > 0.0f ? sum / hit_opaque : 0.0f;
     for (int i = 0; i < 3; i++)
-        beta[i] *= mixed > 0.0f ? values[i] * scale : 1.0f;
-    return mixed / sum;
+        beta[i] *= hit_opaque > 0.0f ? values[i] * scale : 1.0f;
+    return hit_opaque / sum;
 }

@@ -6,8 +6,8 @@
  * normals interpolated over flat triangles the light's beam and the camera's differ, and only the latter is consistent with the path. */
 #include "methods/path_trace/path.h"
 
-#define FAR 12.0  /* in mean free paths: beyond it no lobe is built for a rough boundary */
-#define LOBES 0.8 /* fraction of the near connections sampled by lobes; the others by the phase function */
+#define FAR 12.0          /* in mean free paths: beyond it no lobe is built for a rough boundary */
+#define LOBE_FRACTION 0.8 /* fraction of the near connections sampled by lobes; the others by the phase function */
 
 /* --- Scatterers --------------------------------------------------------------------------------------------------------------------- */
 
@@ -102,37 +102,38 @@ static bool toward(const struct pell_light_sample *source, struct pell_vec3 x, s
 
 /* --- Refractive connections --------------------------------------------------------------------------------------------------------- */
 
-static double source_share(const struct pt_scene *s, const struct pell_light_sample *source)
+static double source_fraction(const struct pt_scene *s, const struct pell_light_sample *source)
 {
-    return source->distant && !source->delta ? s->environment_share : 1.0;
+    return source->distant && !source->delta ? s->environment_fraction : 1.0;
 }
 
-double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source)
+double pt_exit_nee_probability(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source)
 {
-    return exp(-PT_REACH * (double) (s->solid[e->solid].medium.slowest * e->length)) * (double) e->share * source_share(s, source);
+    return exp(-PT_REACH * (double) (s->solid[e->solid].medium.min_sigma_t * e->length)) * (double) e->fraction *
+           source_fraction(s, source);
 }
 
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
 {
     const struct pt_medium *m = &s->solid[e->solid].medium;
-    double sum = 0.0, mixed = 0.0, passed = 0.0;
+    double sum = 0.0, hit_opaque = 0.0, passed = 0.0;
     float values[3];
 
     pt_scatter_values(&e->from, e->w, values);
     for (int c = 0; c < 3; c++) {
         const double there = (double) e->from.beta[c] * (double) values[c];
-        const double sigma = (double) (m->homogeneous ? m->layer[0].sigma_t[c] : m->slowest);
+        const double sigma = (double) (m->homogeneous ? m->layer[0].sigma_t[c] : m->min_sigma_t);
         sum += (double) e->from.beta[c];
-        mixed += there;
+        hit_opaque += there;
         passed += there * exp(-sigma * (double) e->length);
     }
-    return sum > 0.0 && mixed > 0.0 ? mixed / sum * (passed / mixed) * (double) e->transmit : 0.0;
+    return sum > 0.0 && hit_opaque > 0.0 ? hit_opaque / sum * (passed / hit_opaque) * (double) e->transmit : 0.0;
 }
 
-static void connection(const struct pt_scene *s, const struct pt_scatterer *at, int solid, float share, const struct pell_connection *c,
+static void connection(const struct pt_scene *s, const struct pt_scatterer *at, int solid, float fraction, const struct pell_connection *c,
                        const struct pell_light_sample *source, struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_exit e = { .from = *at, .solid = solid, .w = c->inside, .share = share };
+    struct pt_exit e = { .from = *at, .solid = solid, .w = c->inside, .fraction = fraction };
     float power[3], values[3], passed[3];
     double scale, beam, reach;
 
@@ -140,7 +141,7 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
     e.transmit = (float) c->transmit;
     pt_hit_at(s, c->mesh, c->triangle, c->u, c->v, c->inside, &e.hit);
     beam = pt_beam(s, &e, c->outside_mm);
-    reach = pt_exit_looked(s, &e, source);
+    reach = pt_exit_nee_probability(s, &e, source);
     if (!(beam > 0.0))
         return;
     scale = beam * c->transmit / (reach * source->pdf);
@@ -149,9 +150,9 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
         if (!(facing > 0.0))
             return;
         scale *= facing;
-        if (s->knobs.techniques & PT_CHANCE) {
-            const double found = source->pdf * reach, met = pt_exit_density(s, &e) * beam * facing;
-            scale *= found / (found + met);
+        if (s->knobs.techniques & PT_HIT_LIGHTS) {
+            const double light_pdf = source->pdf * reach, path_pdf = pt_exit_density(s, &e) * beam * facing;
+            scale *= light_pdf / (light_pdf + path_pdf);
         }
     }
     pell_light_sampler_power_at(s->light_sampler, source, c->at, power);
@@ -163,9 +164,9 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
 }
 
 /* Selects the fraction `share` of the scatterers, evenly along the path. */
-static bool has_turn(float share, float *turn)
+static bool has_turn(float fraction, float *turn)
 {
-    *turn += share;
+    *turn += fraction;
     if (*turn < 1.0f)
         return false;
     *turn -= 1.0f;
@@ -175,11 +176,11 @@ static bool has_turn(float share, float *turn)
 /* Maximum distance of connections from here; returns the sampler for the numbers that follow. */
 static float draw_reach(const struct pt_scene *s, int solid, const struct pt_sampler *walk, struct pt_sampler *own)
 {
-    *own = pt_own_numbers(walk, PT_LOOK_SALT);
-    return -pt_log(pt_chance(own)) * s->solid[solid].ask;
+    *own = pt_independent_sampler(walk, PT_NEE_SALT);
+    return -pt_log(pt_chance(own)) * s->solid[solid].connect_mm;
 }
 
-bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
+bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float fraction, float *turn,
                        const struct pt_sampler *sampler)
 {
     struct pt_sampler own;
@@ -193,10 +194,10 @@ bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, 
         if (!(reach > bound))
             return false;
     }
-    return has_turn(share, turn);
+    return has_turn(fraction, turn);
 }
 
-void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
                        const struct pt_sampler *sampler, double sum[3])
 {
     const struct pt_medium *m = &s->solid[solid].medium;
@@ -206,7 +207,7 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
     const float reach = draw_reach(s, solid, sampler, &own);
     int count;
 
-    if (!pt_sample_light(s, at->x, &own, &source) || pt_fine(&own) >= source_share(s, &source))
+    if (!pt_sample_light(s, at->x, &own, &source) || pt_fine(&own) >= source_fraction(s, &source))
         return;
     counts->connections++;
     count = pell_connect(s->connector,
@@ -214,7 +215,7 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
                                                            source.distant, (double) reach },
                          found, PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
-        connection(s, at, solid, share, &found[i], &source, &own, sum);
+        connection(s, at, solid, fraction, &found[i], &source, &own, sum);
 }
 
 /* --- Near connections through rough boundaries --------------------------------------------------------------------------------------- */
@@ -224,14 +225,14 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
 struct lobes {
     int count;
     struct pell_vec3 w[PT_LOBES];
-    double width[PT_LOBES], share[PT_LOBES];
+    double width[PT_LOBES], fraction[PT_LOBES];
 };
 
 static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int solid, struct pell_vec3 x,
                        const struct pell_light_sample *source, struct lobes *out)
 {
     const struct pt_medium *m = &s->solid[solid].medium;
-    const double reach = m->slowest > 0.0f ? FAR / (double) m->slowest : INFINITY, eta = (double) m->eta;
+    const double reach = m->min_sigma_t > 0.0f ? FAR / (double) m->min_sigma_t : INFINITY, eta = (double) m->eta;
     struct pell_connection found[PT_LOBES];
     double sum = 0.0;
 
@@ -249,11 +250,11 @@ static void make_lobes(const struct pt_scene *s, struct pt_counts *counts, int s
         alpha = (double) pt_alpha(s, &hit);
         out->w[i] = found[i].inside;
         out->width[i] = fmax(alpha * fabs(eta * in - to) / (eta * sqrt(in)), 1e-4);
-        out->share[i] = (found[i].transmit + 0.01) * exp(-(double) m->slowest * found[i].inside_mm);
-        sum += out->share[i];
+        out->fraction[i] = (found[i].transmit + 0.01) * exp(-(double) m->min_sigma_t * found[i].inside_mm);
+        sum += out->fraction[i];
     }
     for (int i = 0; i < out->count; i++)
-        out->share[i] /= sum;
+        out->fraction[i] /= sum;
 }
 
 static double lobes_density(const struct lobes *l, struct pell_vec3 w)
@@ -263,7 +264,7 @@ static double lobes_density(const struct lobes *l, struct pell_vec3 w)
     for (int i = 0; i < l->count; i++) {
         const double c = (double) vec3_dot(w, l->w[i]), a2 = l->width[i] * l->width[i];
         const double t2 = c > 0.0 ? 1.0 / (c * c) - 1.0 : 0.0, d = a2 + fmax(t2, 0.0);
-        sum += c > 1e-3 ? l->share[i] * a2 / (PELL_PI * d * d * c * c * c) : 0.0;
+        sum += c > 1e-3 ? l->fraction[i] * a2 / (PELL_PI * d * d * c * c * c) : 0.0;
     }
     return sum;
 }
@@ -275,8 +276,8 @@ static struct pell_vec3 lobes_sample(const struct lobes *l, struct pt_sampler *s
     double pick = pt_fine(s), r;
     int i = 0;
 
-    while (i < l->count - 1 && pick >= l->share[i])
-        pick -= l->share[i++];
+    while (i < l->count - 1 && pick >= l->fraction[i])
+        pick -= l->fraction[i++];
     r = l->width[i] * sqrt(u / (1.0 - u));
     vec3_basis(l->w[i], &t, &b);
     return vec3_normalize(vec3_add(vec3_add(vec3_mul(t, (float) (r * cos(phi))), vec3_mul(b, (float) (r * sin(phi)))), l->w[i]));
@@ -286,46 +287,47 @@ static double near_density(const struct lobes *l, const struct pt_scatterer *at,
 {
     const double spread = scatter_density(at, w);
 
-    return l->count > 0 ? LOBES * lobes_density(l, w) + (1.0 - LOBES) * spread : spread;
+    return l->count > 0 ? LOBE_FRACTION * lobes_density(l, w) + (1.0 - LOBE_FRACTION) * spread : spread;
 }
 
 /* Probability that a scatterer connects; depends on its position only. */
-static double asked(const struct pt_scene *s, int solid, struct pell_vec3 x, float share)
+static double connect_probability(const struct pt_scene *s, int solid, struct pell_vec3 x, float fraction)
 {
     const struct pt_solid *b = &s->solid[solid];
     const double bound = b->grid ? (double) pell_distance_bound(s->distance, solid, x) : 0.0;
 
-    return (double) share * exp(-PT_REACH * (double) b->medium.slowest * bound);
+    return (double) fraction * exp(-PT_REACH * (double) b->medium.min_sigma_t * bound);
 }
 
-double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_light_sample *source)
+double pt_rough_nee_density(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e,
+                            const struct pell_light_sample *source)
 {
     struct lobes lobes;
 
     make_lobes(s, counts, e->solid, e->from.x, source, &lobes);
-    return asked(s, e->solid, e->from.x, e->share) * near_density(&lobes, &e->from, e->w);
+    return connect_probability(s, e->solid, e->from.x, e->fraction) * near_density(&lobes, &e->from, e->w);
 }
 
-void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
                       float *turn, const struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_sampler own = pt_own_numbers(sampler, 0x2545f4914f6cdd1du);
-    const double asks = asked(s, solid, at->x, share);
+    struct pt_sampler own = pt_independent_sampler(sampler, 0x2545f4914f6cdd1du);
+    const double probability = connect_probability(s, solid, at->x, fraction);
     struct pell_light_sample source;
     const struct pt_rough *rough;
     struct pt_shading_frame facing;
     struct lobes lobes;
-    struct pt_exit e = { .from = *at, .solid = solid, .share = share, .transmit = 1.0f };
+    struct pt_exit e = { .from = *at, .solid = solid, .fraction = fraction, .transmit = 1.0f };
     struct pell_vec3 v;
     double distance, kernel, per_sr = 1.0, density, scale = 1.0;
     float power[3], values[3], passed[3];
 
-    if (!has_turn((float) asks, turn))
+    if (!has_turn((float) probability, turn))
         return;
     if (!pt_sample_light(s, at->x, &own, &source) || (source.distant && !source.delta))
         return;
     make_lobes(s, counts, solid, at->x, &source, &lobes);
-    if (lobes.count > 0 && pt_fine(&own) < LOBES) {
+    if (lobes.count > 0 && pt_fine(&own) < LOBE_FRACTION) {
         e.w = lobes_sample(&lobes, &own);
     } else {
         float ignored[3] = { at->beta[0], at->beta[1], at->beta[2] };
@@ -351,20 +353,22 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
         scale *= -(double) vec3_dot(source.normal, v);
         if (!(scale > 0.0))
             return;
-        if (s->knobs.techniques & PT_CHANCE) {
-            const double found = asks * density * source.pdf, met = pt_exit_density(s, &e) * kernel * scale;
-            per_sr = found / (found + met);
+        if (s->knobs.techniques & PT_HIT_LIGHTS) {
+            const double light_pdf = probability * density * source.pdf, path_pdf = pt_exit_density(s, &e) * kernel * scale;
+            per_sr = light_pdf / (light_pdf + path_pdf);
         }
     }
     pell_light_sampler_power_at(s->light_sampler, &source, e.hit.p, power);
     if (!(kernel > 0.0) || !(power[0] + power[1] + power[2] > 0.0f) ||
-        !pt_unoccluded(s, counts, pt_leave(&e.hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        !pt_unoccluded(s, counts, pt_offset_origin(&e.hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)),
+                       PELL_RAY_ALL))
         return;
     pt_scatter_values(at, e.w, values);
     pt_transmittance(s, solid, at->x, e.w, e.length, &own, passed);
     pt_tint(s, &e.hit, true, passed);
     for (int k = 0; k < 3; k++)
-        sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (asks * density * source.pdf);
+        sum[k] +=
+            (double) (at->beta[k] * values[k] * passed[k] * power[k]) * kernel * scale * per_sr / (probability * density * source.pdf);
 }
 
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------ */
@@ -393,12 +397,12 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
             return;
         scale *= turned;
         per_sr = source.pdf / scale;
-        if (s->knobs.techniques & PT_CHANCE)
+        if (s->knobs.techniques & PT_HIT_LIGHTS)
             scale *= per_sr / (per_sr + kernel);
     }
     pell_light_sampler_power_at(s->light_sampler, &source, hit->p, power);
     if (!(power[0] + power[1] + power[2] > 0.0f) ||
-        !pt_unoccluded(s, counts, pt_leave(hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
+        !pt_unoccluded(s, counts, pt_offset_origin(hit, v), v, source.distant ? INFINITY : (float) (distance * (1.0 - 1e-5)), PELL_RAY_ALL))
         return;
     for (int k = 0; k < 3; k++)
         sum[k] += (double) (at->beta[k] * power[k] * (at->rough && open < 0 ? at->tint[k] : 1.0f)) * kernel * scale / source.pdf;

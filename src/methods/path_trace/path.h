@@ -18,8 +18,8 @@
 #include "transport/surface_color.h"
 #include "visibility/rays.h"
 
-#define PT_NEST 8   /* depth of the medium stack: nested solids that a path tracks */
-#define PT_LOBES 16 /* lobes around the nearest connections of a point with a light sample */
+#define PT_STACK_DEPTH 8 /* depth of the medium stack: nested solids that a path tracks */
+#define PT_LOBES 16      /* lobes around the nearest connections of a point with a light sample */
 #define PT_ROUGH_CELLS 64
 #define PT_LIGHT_VERTICES 8 /* stored vertices of a light path */
 
@@ -80,16 +80,16 @@ struct pt_layer_maps {
 /* The medium of a solid: homogeneous, or layers by the distance below the surface. */
 struct pt_medium {
     float eta;
-    bool homogeneous;               /* one layer without a bottom */
-    bool ends;                      /* light below the layers is absorbed */
-    bool floor;                     /* except for the reflection of a Lambertian substrate with the base colour */
-    int layers;                     /* >= 1 */
-    struct pt_coefficients *layer;  /* owned, like all that follows */
-    float *depth;                   /* mm: bottom of each layer, without maps; the last one may be INFINITY */
-    struct pt_layer_maps *painting; /* NULL: depths are uniform */
-    float deepest;                  /* mm: below it the medium is homogeneous */
-    float largest[3];               /* largest sigma_t over the layers */
-    float slowest;                  /* smallest sigma_t over channels and layers */
+    bool homogeneous;              /* one layer without a bottom */
+    bool ends;                     /* light below the layers is absorbed */
+    bool floor;                    /* except for the reflection of a Lambertian substrate with the base colour */
+    int layers;                    /* >= 1 */
+    struct pt_coefficients *layer; /* owned, like all that follows */
+    float *depth;                  /* mm: bottom of each layer, without maps; the last one may be INFINITY */
+    struct pt_layer_maps *maps;    /* NULL: depths are uniform */
+    float deepest;                 /* mm: below it the medium is homogeneous */
+    float max_sigma_t[3];          /* largest sigma_t over the layers */
+    float min_sigma_t;             /* smallest sigma_t over channels and layers */
 };
 
 /* PELL_ERR_UNSUPPORTED, logged, for profiles without an equivalent medium. Call pt_medium_finish on `out` even after a failure. */
@@ -113,8 +113,8 @@ struct pt_solid {
     bool near;               /* the same, rough everywhere */
     bool lanes;              /* its paths may run in SIMD lanes */
     float further;           /* mm beyond the distance bound within which flights are split at its boundary; 0: no splitting */
-    float ask;               /* mm; maximum distance of connections is -ask log u */
-    float share;             /* fraction of the scattering events after the first with next-event estimation */
+    float connect_mm;        /* mm; maximum distance of connections is -ask log u */
+    float fraction;          /* fraction of the scattering events after the first with next-event estimation */
     struct pell_vec3 lo, hi; /* bounds */
 };
 
@@ -134,8 +134,8 @@ struct pt_scene {
     struct pt_solid *solid; /* array of the solids */
     struct pt_rough *rough; /* distinct (material, index ratio) pairs */
     size_t num_rough;
-    struct pt_roughness_step *finish; /* by material of the scene */
-    struct pell_tint *tint;           /* by material of the scene */
+    struct pt_roughness_step *roughness_steps; /* by material of the scene */
+    struct pell_tint *tint;                    /* by material of the scene */
     struct pell_light_sampler *light_sampler;
     struct pell_connector *connector; /* NULL: not needed */
     struct pell_distance *distance;   /* NULL: no grid */
@@ -146,7 +146,8 @@ struct pt_scene {
     double brightest;
     bool light_paths, chains; /* for delta lights */
     int light_rays;           /* per sample: more if reflected light hits other surfaces */
-    double environment_share; /* fraction of the environment's light from next-event estimation: a uniform environment is also sampled well
+    double
+        environment_fraction; /* fraction of the environment's light from next-event estimation: a uniform environment is also sampled well
                                * by chance */
     uint32_t seed;
     float unit; /* mm: several rounding errors of the largest coordinate of a solid */
@@ -157,7 +158,7 @@ struct pt_hit {
     uint32_t mesh, triangle;
     float u, v, t;
     struct pell_vec3 p, ng, ns; /* outward, unit; ns equals ng with the knob normals=flat */
-    bool bent;                  /* ns varies over the triangle */
+    bool interpolated;          /* ns varies over the triangle */
     float unit;                 /* mm: offset of ray origins along ng, several rounding errors */
     int solid;                  /* -1: opaque */
     int material;               /* of the scene */
@@ -180,19 +181,19 @@ bool pt_intersect(const struct pt_scene *s, struct pt_counts *counts, struct pel
 /* Visibility test against `mask`. */
 bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pell_vec3 x, struct pell_vec3 w, float reach, uint32_t mask);
 /* Origin of a ray from a surface toward a side. */
-static inline struct pell_vec3 pt_leave(const struct pt_hit *hit, struct pell_vec3 w)
+static inline struct pell_vec3 pt_offset_origin(const struct pt_hit *hit, struct pell_vec3 w)
 {
     return vec3_mad(hit->p, vec3_dot(w, hit->ng) >= 0.0f ? hit->unit : -hit->unit, hit->ng);
 }
 /* Diffuse scattering at an opaque surface of light along w: the normal of the side where it leaves, for thin sheets chosen at random, and
  * the albedo over the probability of that choice. */
-struct pell_vec3 pt_leave_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
-                                 float weight[3]);
+struct pell_vec3 pt_scatter_opaque(const struct pt_scene *s, const struct pt_hit *hit, struct pell_vec3 w, struct pt_sampler *sampler,
+                                   float weight[3]);
 
 /* Stack of the solids that the path has entered, the last on top. */
 struct pt_medium_stack {
     int count;
-    int16_t solid[PT_NEST];
+    int16_t solid[PT_STACK_DEPTH];
 };
 
 static inline int pt_top(const struct pt_medium_stack *p)
@@ -205,9 +206,9 @@ static inline float pt_index(const struct pt_scene *s, int solid)
     return solid >= 0 ? s->solid[solid].medium.eta : 1.0f;
 }
 
-/* The media on both sides of a solid's surface for a path in `place`; `enter`: against the outward normal. False: it is already inside, and
+/* The media on both sides of a solid's surface for a path in `stack`; `enter`: against the outward normal. False: it is already inside, and
  * the surface is ignored. A path that leaves a solid without having entered it is assumed to have been inside. */
-bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
+bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *stack, int solid, bool enter, struct pt_medium_stack *before,
               struct pt_medium_stack *after);
 
 /* --- distance_sampling.c -------------------------------------------------------------------------------------------------------- */
@@ -220,7 +221,7 @@ struct pt_ray {
 /* One free flight through a solid. */
 struct pt_free_path {
     struct pell_vec3 x; /* its end point */
-    bool met;           /* it ends at a surface: `hit` */
+    bool has_hit;       /* it ends at a surface: `hit` */
     bool floor;         /* it ends at the substrate below the layers: reflects `albedo`, x is offset to the side of n */
     bool lost;          /* it left the solid through no surface */
     float length;
@@ -236,18 +237,18 @@ struct pt_flight {
     float length;  /* to the collision, unless a surface comes first */
     float bound;   /* of a flight that needed a ray: mm known to be free of surfaces */
     int channel;   /* whose distribution was sampled */
-    bool met;      /* a surface comes first: `hit` */
+    bool has_hit;  /* a surface comes first: `hit` */
     bool found;    /* hit is valid, even if it is beyond the length */
     struct pt_hit hit;
     float over[3]; /* per channel: reciprocal of the probability to stay inside; 1 without splitting */
 };
 
 /* Samples a flight by the channel throughputs beta. The caller sets `further`. */
-void pt_fly(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3], float *safe,
-            struct pt_sampler *sampler, struct pt_flight *out);
+void pt_sample_flight(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, const float beta[3],
+                      float *safe, struct pt_sampler *sampler, struct pt_flight *out);
 /* Computes its end point; updates beta. */
-void pt_land(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *flight, float beta[3],
-             struct pt_free_path *out);
+void pt_end_flight(const struct pt_scene *s, int solid, const struct pt_ray *ray, const struct pt_flight *flight, float beta[3],
+                   struct pt_free_path *out);
 /* Samples a flight by the channel throughputs beta and updates them, including sigma_s of a collision. *safe: radius around x known to be
  * free of surfaces; becomes the remaining radius. */
 void pt_sample_distance(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_ray *ray, float beta[3], float *safe,
@@ -277,7 +278,7 @@ struct pt_scatterer {
 };
 
 /* Whether a path may have this many segments outside between surfaces: the knob bounces. */
-static inline bool pt_may_bounce(const struct pt_scene *s, int bounces)
+static inline bool pt_bounce_allowed(const struct pt_scene *s, int bounces)
 {
     return s->knobs.bounces == PT_BOUNCES_ALL || bounces <= s->knobs.bounces;
 }
@@ -294,7 +295,7 @@ struct pt_exit {
     struct pt_hit hit;  /* exit point */
     struct pell_vec3 w; /* unit, from the scatterer to it */
     float length, transmit;
-    float share; /* fraction of the scatterers with next-event estimation */
+    float fraction; /* fraction of the scatterers with next-event estimation */
 };
 
 /* Russian roulette: a weight of `now` below `least` survives with the probability now/least and becomes `least`. False: terminated. */
@@ -312,7 +313,7 @@ static inline bool pt_roulette(float beta[3], float now, float least, struct pt_
 }
 
 /* An independent sampler for a decision off the path, which leaves the path's own random numbers unchanged. */
-static inline struct pt_sampler pt_own_numbers(const struct pt_sampler *walk, uint64_t salt)
+static inline struct pt_sampler pt_independent_sampler(const struct pt_sampler *walk, uint64_t salt)
 {
     return (struct pt_sampler) { .state = pt_mix(walk->state ^ salt ^ (uint64_t) walk->at << 56), .at = PT_QUASI_RANDOM_NUMBERS };
 }
@@ -323,27 +324,28 @@ double pt_beam(const struct pt_scene *s, const struct pt_exit *e, double distanc
 /* Density of the path's own sampling of this direction, per sr at the scatterer; the same for all callers. */
 double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e);
 /* Probability that pt_connect_lights samples a light in this direction. */
-double pt_exit_looked(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source);
+double pt_exit_nee_probability(const struct pt_scene *s, const struct pt_exit *e, const struct pell_light_sample *source);
 
 /* Samples a point on a light for a receiver at x. False: no light. */
 bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sampler *sampler, struct pell_light_sample *source);
 
-#define PT_REACH 0.6                     /* in optical depths: range of connections */
-#define PT_LOOK_SALT 0x5851f42d4c957f2du /* of the random numbers for that decision */
+#define PT_REACH 0.6                    /* in optical depths: range of connections */
+#define PT_NEE_SALT 0x5851f42d4c957f2du /* of the random numbers for that decision */
 
-/* Whether a scatterer does next-event estimation through a smooth boundary: the fraction `share` of those within range of it, evenly along
- * the path. *safe: mm around x without a surface, updated; *turn: in [0, 1), accumulates the selection. */
-bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float share, float *turn,
+/* Whether a scatterer does next-event estimation through a smooth boundary: `fraction` of those within range of it, evenly along the
+ * path. *safe: mm around x without a surface, updated; *turn: in [0, 1), accumulates the selection. */
+bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float fraction, float *turn,
                        const struct pt_sampler *sampler);
 /* Next-event estimation at a scatterer inside a solid: adds to sum. Through smooth boundaries by refractive connections; through rough ones
  * near them, for a fraction of the scatterers (without the environment). The path's own random numbers are unchanged. */
-void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
                        const struct pt_sampler *sampler, double sum[3]);
-void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float share,
+void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
                       float *turn, const struct pt_sampler *sampler, double sum[3]);
 /* Density with which pt_connect_rough would have sampled the direction e->w from the scatterer e->from toward the light sample, including
  * the probability to connect at all. */
-double pt_rough_looked(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e, const struct pell_light_sample *source);
+double pt_rough_nee_density(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e,
+                            const struct pell_light_sample *source);
 
 /* Next-event estimation at a surface outside of solids, at a rough boundary or a Lambertian surface. `open`: the side of at->n that is
  * outside, +1 or -1. `environments`: the environment only. */

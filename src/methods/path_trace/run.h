@@ -19,8 +19,8 @@ struct pt_state {
     int threads;
     struct pt_film *films; /* one per sample of the multisample if they are kept, else one in total */
     size_t num_films;
-    uint32_t *places; /* indices of the film's pixels in the planes */
-    size_t places_capacity;
+    uint32_t *pixel_index; /* indices of the film's pixels in the planes */
+    size_t pixel_index_capacity;
     uint8_t *tile_pixels; /* number of pixels per tile */
     size_t tiles_capacity;
     struct pt_counts before; /* of all previous frames */

@@ -15,12 +15,12 @@
 #define SMOOTH_ROUGHNESS 0.05f /* below: alpha under 0.0025, treated as a delta distribution */
 #define MATCHED 1e-3f          /* indices that differ by less have no rough boundary between them */
 #define FURTHER 3.0f           /* in mean free paths: distance beyond the bound within which flights are split */
-#define SHARE 0.1f             /* for isotropic scattering; successive forward scattering events are correlated */
+#define NEE_FRACTION 0.1f      /* for isotropic scattering; successive forward scattering events are correlated */
 #define PROBES 256
-#define MIRRORS 1024   /* test rays that detect folds */
-#define MOST_RAYS 6    /* light rays per sample */
-#define FINISHES 48.0f /* quantisation steps of mapped roughness, from 0 to 1 */
-#define MOST_TEXELS (1u << 20)
+#define FOLD_RAYS 1024        /* test rays that detect folds */
+#define MAX_LIGHT_RAYS 6      /* light rays per sample */
+#define ROUGHNESS_STEPS 48.0f /* quantisation steps of mapped roughness, from 0 to 1 */
+#define MAX_TEXELS (1u << 20)
 
 static float extent(struct pell_vec3 p)
 {
@@ -77,7 +77,7 @@ static enum pell_result inspect(struct pt_scene *s)
         return PELL_ERR_NOMEM;
     PELL_TRY(pell_scene_check(scene, &report));
     pell_scene_objects(scene, order, order + scene->num_meshes);
-    for (size_t i = 0, told = SIZE_MAX; i < scene->num_meshes; i++) {
+    for (size_t i = 0, last_reported = SIZE_MAX; i < scene->num_meshes; i++) {
         const uint32_t m = order[i];
         const int solid = m < s->solids->num_meshes ? s->solids->of_mesh[m] : -1;
         rank += i > 0 && scene->meshes[m].object != scene->meshes[order[i - 1]].object;
@@ -85,12 +85,12 @@ static enum pell_result inspect(struct pt_scene *s)
             continue;
         const struct pell_object_report *o = &report.objects[rank];
         s->solid[solid].closed = o->closed;
-        if (told != rank && !o->closed)
+        if (last_reported != rank && !o->closed)
             pell_warn(
                 s->ctx, o->name, "close it: a medium needs a closed surface",
                 "the surface is open (%lld boundary edges): path-trace ends the medium where light finds no surface inside its bounds",
                 (long long) o->boundary_edges);
-        told = rank;
+        last_reported = rank;
     }
     res = PELL_OK;
 
@@ -108,7 +108,7 @@ static float share_of(const struct pt_coefficients *m)
 
     for (int c = 0; c < 3; c++)
         albedo = fmaxf(albedo, m->sigma_t[c] > 0.0f ? m->sigma_s[c] / m->sigma_t[c] : 0.0f);
-    return fminf(SHARE * (1.0f - 0.7f * fmaxf(m->g[1], 0.0f)) + 0.5f * sqrtf(fmaxf(1.0f - albedo, 0.0f)), 1.0f);
+    return fminf(NEE_FRACTION * (1.0f - 0.7f * fmaxf(m->g[1], 0.0f)) + 0.5f * sqrtf(fmaxf(1.0f - albedo, 0.0f)), 1.0f);
 }
 
 static enum pell_result make_solids(struct pt_scene *s)
@@ -124,10 +124,10 @@ static enum pell_result make_solids(struct pt_scene *s)
         const struct pell_material *m = &s->scene->materials[mesh_of(s, i, 0)->material];
         if ((res = pt_medium_make(s->ctx, s->scene, m, &b->medium)) != PELL_OK)
             return res;
-        b->share = share_of(&b->medium.layer[b->medium.layers - 1]);
+        b->fraction = share_of(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
         for (size_t t = 0; t < from->num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
-            const struct pt_roughness_step *f = &s->finish[mesh_of(s, i, t)->material];
+            const struct pt_roughness_step *f = &s->roughness_steps[mesh_of(s, i, t)->material];
             const bool matched = fabsf(b->medium.eta - 1.0f) < MATCHED;
             b->smooth = b->smooth && (matched || f->high < SMOOTH_ROUGHNESS);
             b->rough = b->rough && !matched && f->low >= SMOOTH_ROUGHNESS;
@@ -174,7 +174,7 @@ static float step_alpha(const struct pt_roughness_step *f, int step)
 
 float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
 {
-    const struct pt_roughness_step *f = &s->finish[hit->material];
+    const struct pt_roughness_step *f = &s->roughness_steps[hit->material];
     const struct pell_material *m = &s->scene->materials[hit->material];
     float texel[4], step = 0.0f;
 
@@ -188,7 +188,7 @@ float pt_alpha(const struct pt_scene *s, const struct pt_hit *hit)
 
 const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_hit *hit, float eta)
 {
-    const float alpha = s->finish[hit->material].high < SMOOTH_ROUGHNESS ? 0.0f : pt_alpha(s, hit);
+    const float alpha = s->roughness_steps[hit->material].high < SMOOTH_ROUGHNESS ? 0.0f : pt_alpha(s, hit);
 
     for (size_t i = 0; alpha > 0.0f && i < s->num_rough; i++)
         if (s->rough[i].alpha == alpha && fabsf(s->rough[i].eta - eta) < 1e-5f)
@@ -196,7 +196,7 @@ const struct pt_rough *pt_rough_find(const struct pt_scene *s, const struct pt_h
     return NULL;
 }
 
-static enum pell_result add_finish(struct pt_scene *s, const struct pt_roughness_step *f, float eta)
+static enum pell_result add_roughness_step(struct pt_scene *s, const struct pt_roughness_step *f, float eta)
 {
     enum pell_result res = PELL_OK;
 
@@ -213,12 +213,12 @@ static enum pell_result make_boundaries(struct pt_scene *s)
     for (size_t i = 0; i < s->solids->count; i++)
         for (size_t t = 0; t < s->solids->solids[i].num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
             const int m = mesh_of(s, i, t)->material;
-            if (s->finish[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
+            if (s->roughness_steps[m].high < SMOOTH_ROUGHNESS || (t > 0 && m == mesh_of(s, i, t - 1)->material))
                 continue;
-            PELL_TRY(add_finish(s, &s->finish[m], s->solid[i].medium.eta));
+            PELL_TRY(add_roughness_step(s, &s->roughness_steps[m], s->solid[i].medium.eta));
             for (size_t k = 0; k < s->solids->count; k++)
                 if (k != i && s->solid[k].medium.eta > 0.0f)
-                    PELL_TRY(add_finish(s, &s->finish[m], s->solid[i].medium.eta / s->solid[k].medium.eta));
+                    PELL_TRY(add_roughness_step(s, &s->roughness_steps[m], s->solid[i].medium.eta / s->solid[k].medium.eta));
         }
 fail:
     return res;
@@ -230,9 +230,9 @@ static void map_range(const struct pell_texture_map *map, float range[2])
     const struct pell_image *image = &map->texture->image;
     const size_t texels = (size_t) image->width * (size_t) image->height;
 
-    range[0] = texels <= MOST_TEXELS ? 1.0f : 0.0f;
-    range[1] = texels <= MOST_TEXELS && texels > 0 ? 0.0f : 1.0f;
-    for (size_t i = 0; i < texels && texels <= MOST_TEXELS; i++) {
+    range[0] = texels <= MAX_TEXELS ? 1.0f : 0.0f;
+    range[1] = texels <= MAX_TEXELS && texels > 0 ? 0.0f : 1.0f;
+    for (size_t i = 0; i < texels && texels <= MAX_TEXELS; i++) {
         float texel[4], x;
         pell_image_sample(image, PELL_WRAP_CLAMP, PELL_WRAP_CLAMP, true,
                           ((float) (i % (size_t) image->width) + 0.5f) / (float) image->width,
@@ -243,7 +243,7 @@ static void map_range(const struct pell_texture_map *map, float range[2])
     }
 }
 
-static void set_finishes(struct pt_scene *s)
+static void set_roughness_steps(struct pt_scene *s)
 {
     const bool rough = s->knobs.boundary == PT_BOUNDARY_SETTINGS ? s->services->settings->boundary == PELL_BOUNDARY_MODEL_ROUGH
                                                                  : s->knobs.boundary == PT_BOUNDARY_ROUGH;
@@ -251,7 +251,7 @@ static void set_finishes(struct pt_scene *s)
     for (size_t i = 0; i < s->scene->num_materials; i++) {
         const struct pell_material *m = &s->scene->materials[i];
         const float r = rough && !m->opaque ? fminf(m->roughness, 1.0f) : 0.0f;
-        struct pt_roughness_step *f = &s->finish[i];
+        struct pt_roughness_step *f = &s->roughness_steps[i];
         float range[2] = { 1.0f, 1.0f };
         if (r >= SMOOTH_ROUGHNESS && m->roughness_map.texture) {
             map_range(&m->roughness_map, range);
@@ -261,7 +261,7 @@ static void set_finishes(struct pt_scene *s)
         }
         f->low = r * range[0];
         f->high = r * range[1];
-        f->steps = 1 + (int) ceilf((f->high - f->low) * FINISHES);
+        f->steps = 1 + (int) ceilf((f->high - f->low) * ROUGHNESS_STEPS);
     }
 }
 
@@ -273,10 +273,10 @@ static int light_rays(const struct pt_scene *s)
 {
     struct pt_sampler q = pt_sampler_start(s->seed, 0, 0, 98);
     struct pt_counts counts = { 0 };
-    int mirrored = 0, met = 0;
+    int mirrored = 0, hits = 0;
     double folded;
 
-    for (int i = 0; i < MIRRORS; i++) {
+    for (int i = 0; i < FOLD_RAYS; i++) {
         struct pell_light_ray light;
         struct pt_hit hit, next;
         struct pell_vec3 w;
@@ -288,10 +288,10 @@ static int light_rays(const struct pt_scene *s)
             continue;
         w = vec3_mad(light.direction, -2.0f * vec3_dot(light.direction, hit.ng), hit.ng);
         mirrored++;
-        met += pt_intersect(s, &counts, pt_leave(&hit, w), w, INFINITY, PELL_RAY_ALL, &next);
+        hits += pt_intersect(s, &counts, pt_offset_origin(&hit, w), w, INFINITY, PELL_RAY_ALL, &next);
     }
-    folded = mirrored > 0 ? fmin(fmax((double) met / mirrored - 0.1, 0.0) / 0.15, 1.0) : 0.0;
-    return 1 + (int) ((MOST_RAYS - 1) * folded + 0.5);
+    folded = mirrored > 0 ? fmin(fmax((double) hits / mirrored - 0.1, 0.0) / 0.15, 1.0) : 0.0;
+    return 1 + (int) ((MAX_LIGHT_RAYS - 1) * folded + 0.5);
 }
 
 static void probe_lights(struct pt_scene *s)
@@ -328,17 +328,17 @@ static void probe_lights(struct pt_scene *s)
     }
     /* Mean density over samples of the lights, relative to a uniform environment. It includes the probability of choosing the light, which
      * makes less important environments count as more uniform, as it should. */
-    s->environment_share = environments > 0.0 ? fmin(fmax((uneven / environments - 1.5) / 10.0, 0.0), 1.0) : 1.0;
+    s->environment_fraction = environments > 0.0 ? fmin(fmax((uneven / environments - 1.5) / 10.0, 0.0), 1.0) : 1.0;
     for (size_t i = 0; s->light_paths && i < s->solids->count; i++)
-        if (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT))) {
+        if (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough && !(s->knobs.techniques & (PT_CONNECT | PT_LIGHT_PATHS))) {
             pell_warn(s->ctx, "path-trace", "leave the knob connections on",
                       "point, spot and directional lights do not light media below smooth surfaces: random paths can't hit them");
             break;
         }
     for (size_t i = 0; i < s->solids->count; i++)
         s->chains = s->chains || (s->solids->solids[i].num_triangles > 0 && !s->solid[i].rough);
-    s->chains = s->chains && s->light_paths && (s->knobs.techniques & PT_CHAIN) && s->radius > 0.0;
-    s->light_paths = s->light_paths && (s->knobs.techniques & PT_LIGHT) && s->radius > 0.0;
+    s->chains = s->chains && s->light_paths && (s->knobs.techniques & PT_SPECULAR_MANIFOLD) && s->radius > 0.0;
+    s->light_paths = s->light_paths && (s->knobs.techniques & PT_LIGHT_PATHS) && s->radius > 0.0;
     s->light_rays = s->light_paths ? light_rays(s) : 0;
     s->typical = s->radius > 0.0 ? flux / (4.0 * PELL_PI * PELL_PI * s->radius * s->radius) : 0.0;
 }
@@ -382,7 +382,7 @@ void pt_scene_destroy(struct pt_scene **scene)
     pell_light_sampler_destroy(&s->light_sampler);
     pell_free(s->ctx, s->rough);
     pell_free(s->ctx, s->tint);
-    pell_free(s->ctx, s->finish);
+    pell_free(s->ctx, s->roughness_steps);
     for (size_t i = 0; s->solid && i < s->solids->count; i++)
         pt_medium_finish(s->ctx, &s->solid[i].medium);
     pell_free(s->ctx, s->solid);
@@ -393,7 +393,7 @@ void pt_scene_destroy(struct pt_scene **scene)
 /* Whether the kernel of wavefront_kernel.h supports it. */
 static bool from_one_medium(const struct pt_medium *m)
 {
-    return m->homogeneous && m->layers == 1 && m->layer[0].hg && m->slowest > 1e-12f && m->slowest < INFINITY;
+    return m->homogeneous && m->layers == 1 && m->layer[0].hg && m->min_sigma_t > 1e-12f && m->min_sigma_t < INFINITY;
 }
 
 static enum pell_result make_helpers(struct pt_scene *s)
@@ -404,12 +404,12 @@ static enum pell_result make_helpers(struct pt_scene *s)
     PELL_TRY(pell_light_sampler_create(s->ctx, s->scene, &s->light_sampler));
     for (size_t i = 0; i < s->solids->count; i++) {
         struct pt_solid *b = &s->solid[i];
-        const bool looked = (s->knobs.techniques & PT_CONNECT) && pell_light_sampler_count(s->light_sampler) > 0;
-        b->connects = b->smooth && looked;
-        b->near = b->rough && looked;
+        const bool nee_done = (s->knobs.techniques & PT_CONNECT) && pell_light_sampler_count(s->light_sampler) > 0;
+        b->connects = b->smooth && nee_done;
+        b->near = b->rough && nee_done;
         b->lanes = s->knobs.acceleration != PT_ACCELERATION_NONE && from_one_medium(&b->medium);
-        b->further = (s->knobs.techniques & PT_SPLIT) && b->smooth && from_one_medium(&b->medium) ? FURTHER / b->medium.slowest : 0.0f;
-        b->ask = b->medium.slowest > 0.0f ? 1.0f / ((float) PT_REACH * b->medium.slowest) : INFINITY;
+        b->further = (s->knobs.techniques & PT_SPLIT) && b->smooth && from_one_medium(&b->medium) ? FURTHER / b->medium.min_sigma_t : 0.0f;
+        b->connect_mm = b->medium.min_sigma_t > 0.0f ? 1.0f / ((float) PT_REACH * b->medium.min_sigma_t) : INFINITY;
         b->grid = s->knobs.acceleration == PT_ACCELERATION_GRID;
         connects = connects || b->connects || b->near;
         grid = grid || b->grid;
@@ -444,11 +444,11 @@ enum pell_result pt_scene_create(const struct pell_services *services, const str
     PELL_TRY(pell_services_solids(services, &s->solids));
     res = PELL_ERR_NOMEM;
     s->solid = pell_calloc(ctx, s->solids->count + 1, sizeof(*s->solid));
-    s->finish = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->finish));
+    s->roughness_steps = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->roughness_steps));
     s->tint = pell_calloc(ctx, s->scene->num_materials + 1, sizeof(*s->tint));
-    if (!s->solid || !s->finish || !s->tint)
+    if (!s->solid || !s->roughness_steps || !s->tint)
         goto fail;
-    set_finishes(s);
+    set_roughness_steps(s);
     PELL_TRY(make_solids(s));
     pt_set_tints(s);
     PELL_TRY(make_boundaries(s));
@@ -492,7 +492,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
         out->ng = vec3_mul(w, -1.0f); /* degenerate */
     out->unit = rounding_along(out->ng, p[0], p[1], p[2]);
     out->ns = out->ng;
-    out->bent = false;
+    out->interpolated = false;
     if (s->knobs.normals == PT_NORMALS_SMOOTH && m->normal) {
         const float *n = m->normal;
         const struct pell_vec3 sum =
@@ -501,7 +501,7 @@ void pt_hit_at(const struct pt_scene *s, uint32_t mesh, uint32_t triangle, float
         const float length = vec3_length(sum);
         if (length > 1e-6f && vec3_dot(sum, out->ng) > 1e-3f * length) {
             out->ns = vec3_mul(sum, 1.0f / length);
-            out->bent = true;
+            out->interpolated = true;
         }
     }
     out->solid = mesh < s->solids->num_meshes ? s->solids->of_mesh[mesh] : -1;
@@ -532,26 +532,26 @@ bool pt_unoccluded(const struct pt_scene *s, struct pt_counts *counts, struct pe
 
 /* --- Medium stack ----------------------------------------------------------------------------------------------------------------- */
 
-bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *place, int solid, bool enter, struct pt_medium_stack *before,
+bool pt_cross(const struct pt_scene *s, const struct pt_medium_stack *stack, int solid, bool enter, struct pt_medium_stack *before,
               struct pt_medium_stack *after)
 {
     struct pt_medium_stack without = { 0 }, with;
     bool inside = false;
 
-    for (int i = 0; i < place->count; i++)
-        inside = inside || place->solid[i] == solid;
-    for (int i = 0; !inside && !enter && i < place->count; i++) /* a closed surface shared by several media: the one that was entered */
-        if (s->solids->solids[place->solid[i]].object == s->solids->solids[solid].object)
-            solid = place->solid[i];
+    for (int i = 0; i < stack->count; i++)
+        inside = inside || stack->solid[i] == solid;
+    for (int i = 0; !inside && !enter && i < stack->count; i++) /* a closed surface shared by several media: the one that was entered */
+        if (s->solids->solids[stack->solid[i]].object == s->solids->solids[solid].object)
+            solid = stack->solid[i];
     inside = false;
 
-    for (int i = 0; i < place->count; i++) {
-        inside = inside || place->solid[i] == solid;
-        if (place->solid[i] != solid)
-            without.solid[without.count++] = place->solid[i];
+    for (int i = 0; i < stack->count; i++) {
+        inside = inside || stack->solid[i] == solid;
+        if (stack->solid[i] != solid)
+            without.solid[without.count++] = stack->solid[i];
     }
-    with = inside ? *place : without;
-    if (!inside && with.count < PT_NEST)
+    with = inside ? *stack : without;
+    if (!inside && with.count < PT_STACK_DEPTH)
         with.solid[with.count++] = (int16_t) solid;
     if (enter && inside)
         return false;
@@ -569,7 +569,7 @@ struct pell_dvec3 pt_normal_at(const struct pt_scene *s, const struct pt_hit *hi
     double a, b, c, det, u, v, length;
 
     dn[0] = dn[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
-    if (!hit->bent)
+    if (!hit->interpolated)
         return dvec3_widen(hit->ng);
     for (int k = 0; k < 3; k++) {
         p[k] = dvec3_widen(vec3_load(m->position + 3 * (size_t) i[k]));

@@ -106,11 +106,11 @@ fail:
 /* The samples present in a film, which all ranks skip. */
 static enum pell_result tell_spans(struct pt_state *st, struct pt_film *film, struct pt_film *done)
 {
-    const struct pell_share *share = pt_share(st);
+    const struct pell_share *fraction = pt_share(st);
     uint64_t head[3] = { film->identity, film->tiles, film->most_spans };
     enum pell_result res = PELL_OK;
 
-    share->broadcast(share->user, head, sizeof(head));
+    fraction->broadcast(fraction->user, head, sizeof(head));
     if (head[0] == 0)
         return PELL_OK;
     done->identity = head[0];
@@ -120,12 +120,12 @@ static enum pell_result tell_spans(struct pt_state *st, struct pt_film *film, st
     done->spans = pell_calloc(st->ctx, done->tiles * done->most_spans, sizeof(*done->spans));
     if (!done->num_spans || !done->spans)
         return PELL_ERR_NOMEM;
-    if (share->rank == 0) {
+    if (fraction->rank == 0) {
         memcpy(done->num_spans, film->num_spans, done->tiles * sizeof(*done->num_spans));
         memcpy(done->spans, film->spans, done->tiles * done->most_spans * sizeof(*done->spans));
     }
-    share->broadcast(share->user, done->num_spans, done->tiles * sizeof(*done->num_spans));
-    share->broadcast(share->user, done->spans, done->tiles * done->most_spans * sizeof(*done->spans));
+    fraction->broadcast(fraction->user, done->num_spans, done->tiles * sizeof(*done->num_spans));
+    fraction->broadcast(fraction->user, done->spans, done->tiles * done->most_spans * sizeof(*done->spans));
     return res;
 }
 
@@ -150,17 +150,17 @@ fail:
 
 enum pell_result pt_share_finish(struct pt_state *st, const struct pell_frame *in)
 {
-    struct pell_share *share = pt_share(st);
+    struct pell_share *fraction = pt_share(st);
     const bool interrupted = pell_context_interrupted(st->ctx);
     int removed = 0;
     enum pell_result res = PELL_OK;
 
-    share->finished = true;
+    fraction->finished = true;
     if (!st->services->checkpoint)
         return PELL_OK;
-    if (share->rank == 0 || interrupted)
+    if (fraction->rank == 0 || interrupted)
         PELL_TRY(pt_write_films(st, in, true));
-    if (share->rank == 0 && !interrupted && !st->unwritten)
+    if (fraction->rank == 0 && !interrupted && !st->unwritten)
         PELL_TRY(visit_files(st, st->services->checkpoint->path, remove_file, &removed));
     return PELL_OK;
 
@@ -178,7 +178,7 @@ static bool is_black(const struct pt_pixel *pixels, size_t count)
     return true;
 }
 
-enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *share, const struct pt_film *film,
+enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *fraction, const struct pt_film *film,
                                  struct pt_film *total)
 {
     struct pt_pixel *pieces = pell_alloc_array(ctx, 2 * PIECE, sizeof(*pieces)), *other = pieces + PIECE;
@@ -187,17 +187,17 @@ enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_sha
         return PELL_ERR_NOMEM;
     for (size_t first = 0; first < film->count; first += PIECE) {
         const size_t count = film->count - first < PIECE ? film->count - first : PIECE;
-        struct pt_pixel *sum = share->rank == 0 ? total->pixels + first : pieces;
+        struct pt_pixel *sum = fraction->rank == 0 ? total->pixels + first : pieces;
 
         memcpy(sum, film->pixels + first, count * sizeof(*sum));
-        for (int step = 1; step < share->ranks; step *= 2) {
-            if (share->rank & step) {
-                share->send(share->user, share->rank - step, sum, is_black(sum, count) ? 0 : count * sizeof(*sum));
+        for (int step = 1; step < fraction->ranks; step *= 2) {
+            if (fraction->rank & step) {
+                fraction->send(fraction->user, fraction->rank - step, sum, is_black(sum, count) ? 0 : count * sizeof(*sum));
                 break;
             }
-            if (share->rank + step >= share->ranks)
+            if (fraction->rank + step >= fraction->ranks)
                 continue;
-            if (share->receive(share->user, share->rank + step, other, count * sizeof(*other)) == count * sizeof(*other))
+            if (fraction->receive(fraction->user, fraction->rank + step, other, count * sizeof(*other)) == count * sizeof(*other))
                 for (size_t i = 0; i < count; i++)
                     pt_pixel_merge(&sum[i], &other[i]);
         }
@@ -264,25 +264,25 @@ static enum pell_result do_items(struct pt_run *run, const struct rounds *r, int
 static enum pell_result do_rounds(struct pt_run *run, const struct pt_goal *goal, const struct rounds *r)
 {
     struct pt_state *st = run->st;
-    const struct pell_share *share = pt_share(st);
+    const struct pell_share *fraction = pt_share(st);
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
     const int64_t items = r->count * (int64_t) r->tasks;
     int64_t batch = st->threads, first = 0;
     enum pell_result res;
 
-    share->begin(share->user);
+    fraction->begin(fraction->user);
     while (items > 0) {
-        const int64_t fair = (items - first) / (4 * share->ranks), most = fair > st->threads ? fair : st->threads;
+        const int64_t fair = (items - first) / (4 * fraction->ranks), most = fair > st->threads ? fair : st->threads;
         const int64_t count = batch < most ? batch : most;
         const double start = pell_seconds();
         double now;
 
-        first = share->take(share->user, count);
+        first = fraction->take(fraction->user, count);
         if (first >= items)
             break;
         PELL_TRY(do_items(run, r, first, first + count < items ? first + count : items));
         if (pell_context_interrupted(st->ctx)) {
-            share->stop(share->user);
+            fraction->stop(fraction->user);
             break;
         }
         now = pell_seconds();
@@ -294,7 +294,7 @@ static enum pell_result do_rounds(struct pt_run *run, const struct pt_goal *goal
         if (checkpoint && now - st->written > checkpoint->every)
             PELL_TRY(pt_write_films(st, run->in, false));
     }
-    if (share->any(share->user, pell_context_interrupted(st->ctx)))
+    if (fraction->any(fraction->user, pell_context_interrupted(st->ctx)))
         pell_context_interrupt(st->ctx);
     return PELL_OK;
 
@@ -351,16 +351,16 @@ static void take_total(struct pt_run *run, uint32_t end)
 enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
 {
     struct pt_state *st = run->st;
-    const struct pell_share *share = pt_share(st);
+    const struct pell_share *fraction = pt_share(st);
     const struct pt_film *known = run->film;
     const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
     struct rounds rounds = { 0 };
-    uint64_t threads = (uint64_t) st->threads * (uint64_t) share->ranks, each;
+    uint64_t threads = (uint64_t) st->threads * (uint64_t) fraction->ranks, each;
     uint32_t least, most;
     bool even, reduced = false;
     enum pell_result res;
 
-    share->broadcast(share->user, &threads, sizeof(threads)); /* of rank 0: tasks must be the same on all ranks */
+    fraction->broadcast(fraction->user, &threads, sizeof(threads)); /* of rank 0: tasks must be the same on all ranks */
     each = pixels / (threads * 16);
     PELL_TRY(make_total(run));
     PELL_TRY(pt_list_tasks(run, each > PT_TASK ? PT_TASK : (size_t) each + 1, &rounds.tasks));
@@ -368,9 +368,9 @@ enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
     g->first = least;
     even = least == most;
     while (pixels > 0) {
-        struct decision next = share->rank == 0 ? decide(run, g, known, least, even) : (struct decision) { 0, 0 };
+        struct decision next = fraction->rank == 0 ? decide(run, g, known, least, even) : (struct decision) { 0, 0 };
 
-        share->broadcast(share->user, &next, sizeof(next));
+        fraction->broadcast(fraction->user, &next, sizeof(next));
         st->unfinished = st->unfinished || next.unfinished;
         if (next.end <= least)
             break;
@@ -386,17 +386,17 @@ enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
         least = next.end;
         even = even || least >= most;
         if (g->error > 0.0 && least >= g->least && least % PT_TOGETHER == 0) {
-            PELL_TRY(pt_share_reduce(st->ctx, share, run->film, &st->total));
+            PELL_TRY(pt_share_reduce(st->ctx, fraction, run->film, &st->total));
             known = &st->total;
             reduced = true;
         }
     }
     if (!reduced)
-        PELL_TRY(pt_share_reduce(st->ctx, share, run->film, &st->total));
-    if (share->rank == 0 && !pell_context_interrupted(st->ctx) && pixels > 0) {
+        PELL_TRY(pt_share_reduce(st->ctx, fraction, run->film, &st->total));
+    if (fraction->rank == 0 && !pell_context_interrupted(st->ctx) && pixels > 0) {
         PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
         take_total(run, least);
-    } else if (share->rank == 0) {
+    } else if (fraction->rank == 0) {
         run->shown = &st->total;
     }
     pt_show(run, 1.0);

@@ -10,21 +10,21 @@
  * measure. */
 #include "methods/path_trace/path.h"
 
-#define LINKS 32         /* maximum number of surfaces per chain */
-#define REACH 0.5        /* in optical depths: range of chains */
-#define STEPS 16         /* of Newton's method */
-#define HALVINGS 5       /* per step */
-#define LONGEST 0.5      /* rad: per step */
-#define SAME 1e-6        /* rad: chains of the same type closer than this are identical */
-#define CONVERGED 1e-9   /* rad */
-#define TRIALS (1 << 20) /* before a chain is given up */
-#define LOOK 64          /* trials between two checks of the clock */
-#define CHAIN_SHARE 1e-2 /* relative to the typical radiance: weaker chains are subject to Russian roulette */
+#define MAX_SURFACES 32     /* maximum number of surfaces per chain */
+#define REACH 0.5           /* in optical depths: range of chains */
+#define STEPS 16            /* of Newton's method */
+#define MAX_HALVINGS 5      /* per step */
+#define MAX_STEP 0.5        /* rad: per step */
+#define SAME 1e-6           /* rad: chains of the same type closer than this are identical */
+#define CONVERGED 1e-9      /* rad */
+#define TRIALS (1 << 20)    /* before a chain is given up */
+#define CHECK_INTERVAL 64   /* trials between two checks of the clock */
+#define CHAIN_FRACTION 1e-2 /* relative to the typical radiance: weaker chains are subject to Russian roulette */
 
 /* Events along a chain; their sequence is the type of the chain. */
 struct kind {
     int count;
-    bool transmitted[LINKS];
+    bool transmitted[MAX_SURFACES];
 };
 
 struct leg {
@@ -35,20 +35,20 @@ struct leg {
 
 struct chain {
     struct kind kind;
-    struct leg leg[LINKS];
+    struct leg leg[MAX_SURFACES];
     struct pell_dvec3 w0;           /* from the scatterer */
     struct pell_dvec3 at, w;        /* current point and direction */
     struct pell_dvec3 dp[2], dw[2]; /* derivatives under rotation of w0 about t0, t1 */
     struct pell_vec3 from;          /* ray origin */
-    struct pt_medium_stack place;
-    double share;  /* Fresnel factors */
-    float tint[3]; /* of the transmitting boundaries */
-    double depth;  /* minimum optical depth */
-    bool odd;      /* it contains an event that refractive connections do not handle */
+    struct pt_medium_stack stack;
+    double fraction; /* Fresnel factors */
+    float tint[3];   /* of the transmitting boundaries */
+    double depth;    /* minimum optical depth */
+    bool odd;        /* it contains an event that refractive connections do not handle */
 };
 
 /* Data shared by all chains of one query. */
-struct quest {
+struct query {
     const struct pt_scene *s;
     struct pt_counts *counts;
     const struct pt_scatterer *at;
@@ -58,7 +58,7 @@ struct quest {
     bool connected; /* single refractions are found by connections */
 };
 
-static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3 t0, struct pell_dvec3 t1, struct chain *c)
+static void start(const struct query *q, struct pell_dvec3 w0, struct pell_dvec3 t0, struct pell_dvec3 t1, struct chain *c)
 {
     const struct pell_vec3 n = q->at->medium ? vec3(0.0f, 0.0f, 0.0f) : q->at->n, w = dvec3_narrow(w0);
     const bool front = !q->beyond || vec3_dot(w, n) > 0.0f;
@@ -70,8 +70,8 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
     c->dp[0] = c->dp[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
     c->dw[0] = t0;
     c->dw[1] = t1;
-    c->place = front ? *q->here : *q->beyond;
-    c->share = 1.0;
+    c->stack = front ? *q->here : *q->beyond;
+    c->fraction = 1.0;
     for (int k = 0; k < 3; k++)
         c->tint[k] = front ? 1.0f : q->at->tint[k];
     c->depth = 0.0;
@@ -79,11 +79,11 @@ static void start(const struct quest *q, struct pell_dvec3 w0, struct pell_dvec3
 }
 
 /* The next surface of a solid, up to an optical depth of `deepest`. */
-static bool next(const struct quest *q, const struct chain *c, double deepest, struct pt_hit *hit)
+static bool next(const struct query *q, const struct chain *c, double deepest, struct pt_hit *hit)
 {
-    const int solid = pt_top(&c->place);
-    const float slowest = solid >= 0 ? q->s->solid[solid].medium.slowest : 0.0f;
-    const double reach = slowest > 0.0f ? (deepest - c->depth) / (double) slowest : INFINITY;
+    const int solid = pt_top(&c->stack);
+    const float min_sigma_t = solid >= 0 ? q->s->solid[solid].medium.min_sigma_t : 0.0f;
+    const double reach = min_sigma_t > 0.0f ? (deepest - c->depth) / (double) min_sigma_t : INFINITY;
 
     return reach > 0.0 &&
            pt_intersect(q->s, q->counts, c->from, dvec3_narrow(c->w), reach < 1e30 ? (float) reach : INFINITY, PELL_RAY_ALL, hit) &&
@@ -104,7 +104,7 @@ static struct pell_dvec3 plane_of(const struct pt_scene *s, const struct pt_hit 
 }
 
 /* Probability that a random chain reflects where both events are possible. */
-static double reflects(const struct quest *q, const struct chain *c, const struct pt_medium_stack *after, double fresnel)
+static double reflects(const struct query *q, const struct chain *c, const struct pt_medium_stack *after, double fresnel)
 {
     if (!(fresnel > 1e-7))
         return 0.0;
@@ -114,10 +114,10 @@ static double reflects(const struct quest *q, const struct chain *c, const struc
 }
 
 /* Continues at a surface: as `through` says, or at random (NULL). False: impossible. */
-static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
+static bool turn(const struct query *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
-    const int solid = pt_top(&c->place);
+    const int solid = pt_top(&c->stack);
     const bool enter = vec3_dot(dvec3_narrow(c->w), hit->ng) < 0.0f;
     const double side = enter ? 1.0 : -1.0;
     struct pt_medium_stack before, after;
@@ -127,20 +127,20 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     bool passes;
     float ignored;
 
-    if (c->kind.count >= LINKS || !((along < 0.0) == enter) || along == 0.0)
+    if (c->kind.count >= MAX_SURFACES || !((along < 0.0) == enter) || along == 0.0)
         return false;
     t = dvec3_dot(dvec3_mad(corner, -1.0, c->at), ng) / along;
     if (!(t > 0.0))
         return false;
     *leg = (struct leg) { solid, dvec3_narrow(c->at), dvec3_narrow(c->w), (float) t };
     if (solid >= 0)
-        c->depth += t * (double) s->solid[solid].medium.slowest;
+        c->depth += t * (double) s->solid[solid].medium.min_sigma_t;
     c->at = dvec3_mad(c->at, t, c->w);
     for (int k = 0; k < 2; k++) {
         c->dp[k] = dvec3_mad(c->dp[k], t, c->dw[k]);
         c->dp[k] = dvec3_mad(c->dp[k], -dvec3_dot(c->dp[k], ng) / along, c->w);
     }
-    if (!pt_cross(s, &c->place, hit->solid, enter, &before, &after)) { /* the surface is ignored */
+    if (!pt_cross(s, &c->stack, hit->solid, enter, &before, &after)) { /* the surface is ignored */
         if (transmitted && !*transmitted)
             return false;
         c->kind.transmitted[c->kind.count++] = true;
@@ -152,12 +152,12 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     if (pt_rough_find(s, hit, (float) (enter ? eta : 1.0 / eta)))
         return false;
     ns = pt_normal_at(s, hit, c->at, c->dp, dn);
-    if (!hit->bent)
+    if (!hit->interpolated)
         ns = ng;
     ng = dvec3_mul(ng, side);
     ns = dvec3_mul(ns, side);
     cosine = -dvec3_dot(c->w, ns);
-    if (!(cosine > 1e-4)) { /* as in pt_walk */
+    if (!(cosine > 1e-4)) { /* as on the path */
         ns = ng;
         cosine = -dvec3_dot(c->w, ns);
         dn[0] = dn[1] = (struct pell_dvec3) { 0.0, 0.0, 0.0 };
@@ -171,7 +171,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
     passes = transmitted ? *transmitted : fresnel < 1.0 && (double) pt_random(sampler) >= reflects(q, c, &after, fresnel);
     if (passes && !(square > 0.0 && fresnel < 1.0))
         return false;
-    c->share *= passes ? 1.0 - fresnel : fresnel;
+    c->fraction *= passes ? 1.0 - fresnel : fresnel;
     if (passes)
         pt_tint(s, hit, !enter, c->tint); /* light travels in the opposite direction */
     if (passes)
@@ -191,7 +191,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
         c->odd = true;
     }
     c->w = dvec3_normalize(c->w);
-    c->place = passes ? after : before;
+    c->stack = passes ? after : before;
     c->from = vec3_mad(dvec3_narrow(c->at), (dvec3_dot(c->w, ng) > 0.0) == (side > 0.0) ? hit->unit : -hit->unit, hit->ng);
     c->kind.transmitted[c->kind.count++] = passes;
     return true;
@@ -200,7 +200,7 @@ static bool turn(const struct quest *q, struct chain *c, const struct pt_hit *hi
 /* --- Seed chains --------------------------------------------------------------------------------------------------------------------- */
 
 /* Half of the seeds are near the direction of the light, from which refracted light deviates little. */
-static struct pell_dvec3 any_direction(const struct quest *q, struct pt_sampler *sampler)
+static struct pell_dvec3 any_direction(const struct query *q, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
     const double pick = pt_fine(sampler), u = pt_fine(sampler), phi = 2.0 * PELL_PI * pt_fine(sampler);
@@ -233,13 +233,13 @@ static void tangents(struct pell_dvec3 w, struct pell_dvec3 *t0, struct pell_dve
 }
 
 /* Chains that connections find, and chains without surfaces, are useless. */
-static bool wanted(const struct quest *q, const struct chain *c)
+static bool wanted(const struct query *q, const struct chain *c)
 {
-    return c->kind.count > 0 && c->place.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.transmitted[0] && !c->odd);
+    return c->kind.count > 0 && c->stack.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.transmitted[0] && !c->odd);
 }
 
 /* Number of path segments outside with this chain. */
-static int bounces_over(const struct quest *q, const struct chain *c)
+static int bounces_over(const struct query *q, const struct chain *c)
 {
     int bounces = q->at->bounces;
 
@@ -248,7 +248,7 @@ static int bounces_over(const struct quest *q, const struct chain *c)
     return bounces;
 }
 
-static bool random_chain(const struct quest *q, struct pt_sampler *sampler, struct chain *c)
+static bool random_chain(const struct query *q, struct pt_sampler *sampler, struct chain *c)
 {
     const double deepest = 1.5 * q->deepest + 0.1; /* seed chains may be longer than the solution */
     const struct pell_dvec3 w = any_direction(q, sampler);
@@ -260,10 +260,10 @@ static bool random_chain(const struct quest *q, struct pt_sampler *sampler, stru
     start(q, w, t0, t1, c);
     for (;;) {
         struct pt_hit hit;
-        const bool met = next(q, c, deepest, &hit), open = c->kind.count > 0 && c->place.count == 0;
-        if (open && (!met || pt_random(sampler) < 0.5f))
+        const bool has_hit = next(q, c, deepest, &hit), open = c->kind.count > 0 && c->stack.count == 0;
+        if (open && (!has_hit || pt_random(sampler) < 0.5f))
             return wanted(q, c);
-        if (!met || !turn(q, c, &hit, NULL, sampler))
+        if (!has_hit || !turn(q, c, &hit, NULL, sampler))
             return false;
     }
 }
@@ -271,7 +271,7 @@ static bool random_chain(const struct quest *q, struct pt_sampler *sampler, stru
 /* --- Newton iteration -------------------------------------------------------------------------------------------------------------- */
 
 /* The same type of chain in another direction. */
-static bool follow(const struct quest *q, const struct kind *kind, struct pell_dvec3 w, struct chain *c)
+static bool follow(const struct query *q, const struct kind *kind, struct pell_dvec3 w, struct chain *c)
 {
     struct pell_dvec3 t0, t1;
 
@@ -282,11 +282,11 @@ static bool follow(const struct quest *q, const struct kind *kind, struct pell_d
         if (!next(q, c, (double) INFINITY, &hit) || !turn(q, c, &hit, &kind->transmitted[i], NULL))
             return false;
     }
-    return c->place.count == 0;
+    return c->stack.count == 0;
 }
 
 /* Direction of the light from the last point of the chain. *distance INFINITY: distant. */
-static struct pell_dvec3 aim(const struct quest *q, const struct chain *c, double *distance)
+static struct pell_dvec3 aim(const struct query *q, const struct chain *c, double *distance)
 {
     struct pell_dvec3 to = dvec3_widen(q->source.toward);
 
@@ -298,7 +298,7 @@ static struct pell_dvec3 aim(const struct quest *q, const struct chain *c, doubl
     return dvec3_normalize(to);
 }
 
-static double miss(const struct quest *q, const struct chain *c)
+static double miss(const struct query *q, const struct chain *c)
 {
     double distance;
     const struct pell_dvec3 off = dvec3_mad(c->w, -1.0, aim(q, c, &distance));
@@ -307,7 +307,7 @@ static double miss(const struct quest *q, const struct chain *c)
 }
 
 /* Newton step: the rotation of w0 that would bring c to the light if everything were linear. */
-static bool newton(const struct quest *q, const struct chain *c, struct pell_dvec3 *by)
+static bool newton(const struct query *q, const struct chain *c, struct pell_dvec3 *by)
 {
     struct pell_dvec3 t0, t1, e0, e1;
     double distance, a[2][2], r[2], det, x, y;
@@ -336,7 +336,7 @@ static bool newton(const struct quest *q, const struct chain *c, struct pell_dve
 }
 
 /* Iterates from a seed chain to one that hits the light. */
-static bool solve(const struct quest *q, struct chain *c)
+static bool solve(const struct query *q, struct chain *c)
 {
     const struct kind kind = c->kind;
     double off = miss(q, c);
@@ -351,8 +351,8 @@ static bool solve(const struct quest *q, struct chain *c)
         step = sqrt(dvec3_dot(by, by));
         if (step < CONVERGED)
             return off < 1e-3;
-        most = fmin(LONGEST / step, 1.0);
-        for (int k = 0; k < HALVINGS && !better; k++, most *= 0.5) {
+        most = fmin(MAX_STEP / step, 1.0);
+        for (int k = 0; k < MAX_HALVINGS && !better; k++, most *= 0.5) {
             better = follow(q, &kind, dvec3_normalize(dvec3_mad(c->w0, most, by)), &moved) &&
                      (miss(q, &moved) < off || (off < 1e-9 && step < 1e-7));
         }
@@ -377,7 +377,7 @@ static bool is_same(const struct chain *a, const struct chain *b)
 }
 
 /* Contribution of a chain over the probability of its solution. False: none. */
-static bool light_of(const struct quest *q, const struct chain *c, struct pt_sampler *sampler, double out[3])
+static bool light_of(const struct query *q, const struct chain *c, struct pt_sampler *sampler, double out[3])
 {
     const struct pell_vec3 w = dvec3_narrow(c->w0), at = dvec3_narrow(c->at);
     double distance, along;
@@ -396,7 +396,7 @@ static bool light_of(const struct quest *q, const struct chain *c, struct pt_sam
     pt_scatter_values(q->at, w, values);
     for (int k = 0; k < 3; k++)
         out[k] =
-            (double) (q->at->beta[k] * values[k] * power[k] * c->tint[k]) * c->share / (along * q->source.pdf * exp(-REACH * c->depth));
+            (double) (q->at->beta[k] * values[k] * power[k] * c->tint[k]) * c->fraction / (along * q->source.pdf * exp(-REACH * c->depth));
     for (int i = 0; i < c->kind.count; i++) {
         float passed[3];
         if (c->leg[i].solid < 0)
@@ -414,27 +414,27 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
                           const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float safe,
                           const struct pt_sampler *walk, double sum[3])
 {
-    struct pt_sampler own = pt_own_numbers(walk, 0x9fb21c651e98df25u);
+    struct pt_sampler own = pt_independent_sampler(walk, 0x9fb21c651e98df25u);
     const int solid = pt_top(here);
-    struct quest q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond };
-    const double least = CHAIN_SHARE * s->typical;
+    struct query q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond };
+    const double least = CHAIN_FRACTION * s->typical;
     struct chain found, again;
     double light[3], most, chance = 1.0;
     int trials = 0;
 
     q.deepest = -log(pt_fine(&own)) / REACH;
     if (at->medium) {
-        const double slowest = (double) s->solid[solid].medium.slowest, most_deep = 1.5 * q.deepest + 0.1;
-        if (slowest * (double) safe > most_deep ||
-            (s->solid[solid].grid && slowest * (double) pell_distance_bound(s->distance, solid, at->x) > most_deep))
+        const double min_sigma_t = (double) s->solid[solid].medium.min_sigma_t, most_deep = 1.5 * q.deepest + 0.1;
+        if (min_sigma_t * (double) safe > most_deep ||
+            (s->solid[solid].grid && min_sigma_t * (double) pell_distance_bound(s->distance, solid, at->x) > most_deep))
             return;
     }
     q.connected = !beyond && here->count == 1 && s->solid[solid].connects;
     if (!pt_sample_light(s, at->x, &own, &q.source) || !q.source.delta)
         return;
-    if (!beyond && solid < 0 && !pt_may_bounce(s, at->bounces + 1)) /* the first surface would exceed the limit */
+    if (!beyond && solid < 0 && !pt_bounce_allowed(s, at->bounces + 1)) /* the first surface would exceed the limit */
         return;
-    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !pt_may_bounce(s, bounces_over(&q, &found)) ||
+    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !pt_bounce_allowed(s, bounces_over(&q, &found)) ||
         !light_of(&q, &found, &own, light))
         return;
     most = fmax(light[0], fmax(light[1], light[2]));
@@ -447,7 +447,7 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
     do {
         if (pt_stopped(s)) /* a million trials take long */
             return;
-        if (trials % LOOK == LOOK - 1 && s->deadline < (double) INFINITY && pell_seconds() > s->deadline) {
+        if (trials % CHECK_INTERVAL == CHECK_INTERVAL - 1 && s->deadline < (double) INFINITY && pell_seconds() > s->deadline) {
             counts->late++;
             return;
         }

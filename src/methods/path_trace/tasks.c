@@ -123,7 +123,7 @@ static bool do_tile(struct pt_run *run, uint32_t tile, struct batch *b, int work
         b->blocks[b->num_blocks++] = (struct block) { tile, { from, end } };
         for (uint32_t i = 0; i < pixels; i++) {
             struct pt_point *point = &b->points[b->num_points++];
-            start_point(run, run->st->places[first + i], point);
+            start_point(run, run->st->pixel_index[first + i], point);
             for (uint32_t n = from; n < end; n++)
                 b->jobs[b->num_jobs++] = (struct pt_job) { .point = point, .sample = n };
         }

@@ -48,7 +48,7 @@ static void trace_one(const struct pt_scene *s, struct pt_walker *walker, const 
     for (int i = 0; i < count; i++) {
         walks[i].branches = branches;
         do {
-            while (pt_walk_on(&walks[i]))
+            while (pt_step(&walks[i]))
                 continue;
         } while (pt_next_branch(&walks[i]));
     }

@@ -3,8 +3,7 @@
  * trace.h - the transport of path-trace: radiance of single samples of single pixels, independent of images.
  *
  * Threads    a scene is constant after create; a walker belongs to one thread. A sample's result depends on the scene, the pixel's index
- * and
- *            the sample's index only: neither on the walker, nor on the samples traced with it, nor on their order.
+ *            and the sample's index only: neither on the walker, nor on the samples traced with it, nor on their order.
  */
 #ifndef PELL_PATH_TRACE_TRACE_H
 #define PELL_PATH_TRACE_TRACE_H
@@ -18,12 +17,12 @@ enum pt_acceleration { PT_ACCELERATION_NONE, PT_ACCELERATION_LANES, PT_ACCELERAT
 
 /* Techniques that find light; tests disable them one by one. */
 enum pt_technique {
-    PT_CHANCE = 1 << 0,  /* a path hits a light with extent, or the environment */
-    PT_LIGHTS = 1 << 1,  /* light samples at surfaces: rough boundaries, opaque objects */
-    PT_CONNECT = 1 << 2, /* light samples inside media, through smooth boundaries */
-    PT_LIGHT = 1 << 3,   /* light paths are connected to camera paths inside media */
-    PT_CHAIN = 1 << 4,   /* specular manifold sampling from scatterers to delta lights */
-    PT_SPLIT = 1 << 5,   /* where a flight may leave a smooth solid, both the leaving and the staying part are traced */
+    PT_HIT_LIGHTS = 1 << 0,        /* a path hits a light with extent, or the environment */
+    PT_LIGHT_SAMPLES = 1 << 1,     /* light samples at surfaces: rough boundaries, opaque objects */
+    PT_CONNECT = 1 << 2,           /* light samples inside media, through smooth boundaries */
+    PT_LIGHT_PATHS = 1 << 3,       /* light paths are connected to camera paths inside media */
+    PT_SPECULAR_MANIFOLD = 1 << 4, /* specular manifold sampling from scatterers to delta lights */
+    PT_SPLIT = 1 << 5,             /* where a flight may leave a smooth solid, both the leaving and the staying part are traced */
     PT_ALL = 63,
 };
 

@@ -18,20 +18,21 @@ struct pt_walk {
     const struct pt_light_vertex *vertex; /* of the light path */
     int vertices;
     struct pell_vec3 x, from, w; /* from: ray origin, x or just off its surface */
-    struct pt_medium_stack place;
+    struct pt_medium_stack stack;
     float beta[3];
     float safe;
     int events, scattered;
-    int bounces;  /* segments outside that ended at a surface, without the camera's */
-    bool entered; /* through its first surface; else it is the reflection */
-    bool mixed;   /* an opaque surface reflected it */
-    bool crossed; /* a surface since the last scattering event */
-    bool tight;   /* a smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be
+    int bounces;     /* segments outside that ended at a surface, without the camera's */
+    bool entered;    /* through its first surface; else it is the reflection */
+    bool hit_opaque; /* an opaque surface reflected it */
+    bool crossed;    /* a surface since the last scattering event */
+    bool
+        all_specular; /* a smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be
                    * connected to it */
     enum pt_last last;
     float density;                /* LAST_SURFACE: of w, per sr */
     struct pell_vec3 surface;     /* LAST_SURFACE: its point */
-    bool looked;                  /* LAST_SURFACE: next-event estimation except for the environment was done at exit.from */
+    bool nee_done;                /* LAST_SURFACE: next-event estimation except for the environment was done at exit.from */
     struct pt_exit exit;          /* for LAST_EXIT, or if looked; before that partly set */
     bool leaving;                 /* exit.from is the last vertex, without a surface since */
     float turn;                   /* see pt_should_connect */
@@ -57,7 +58,7 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f);
 /* The next queued part after a path is complete. False: there is none. */
 bool pt_next_branch(struct pt_walk *p);
 
-enum pt_connection { PT_CONNECTION_NOT, PT_CONNECTION_NO, PT_CONNECTION_YES };
+enum pt_connection { PT_CONNECTION_UNDECIDED, PT_CONNECTION_NO, PT_CONNECTION_YES };
 
 /* The surface at the pixel's point. */
 bool pt_find(const struct pt_scene *s, struct pt_counts *counts, const struct pt_point *point, struct pt_hit *hit);
@@ -76,15 +77,15 @@ static inline void pt_light_add(struct pt_light *sum, const struct pt_light *lig
 int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt_point *point, const struct pt_hit *hit, uint32_t sample,
              struct pt_walk walks[2], struct pt_sampler sampler[2], struct pt_light out[2]);
 /* One flight and the event at its end. False: the path is complete. */
-bool pt_walk_on(struct pt_walk *p);
+bool pt_step(struct pt_walk *p);
 /* The event at a surface hit by a flight of `length`; false: the path is complete. */
-bool pt_met(struct pt_walk *p, const struct pt_hit *hit, float length);
+bool pt_surface_event(struct pt_walk *p, const struct pt_hit *hit, float length);
 /* A flight left the solid through no surface, and ended at x. */
-void pt_left(struct pt_walk *p, struct pell_vec3 x);
+void pt_escaped(struct pt_walk *p, struct pell_vec3 x);
 /* Next-event estimation at a scatterer. asked: result of an earlier decision whether to connect, if any. */
-void pt_scattered(struct pt_walk *p, const struct pt_scatterer *at, int solid, enum pt_connection asked);
+void pt_scattering_event(struct pt_walk *p, const struct pt_scatterer *at, int solid, enum pt_connection decision);
 /* Records a path terminated by the limit of events. */
-void pt_cut(struct pt_counts *counts, const float beta[3]);
+void pt_count_cut(struct pt_counts *counts, const float beta[3]);
 
 /* Traces all paths of some samples in SIMD lanes. */
 struct pt_wavefront;

@@ -58,12 +58,12 @@ void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **side)
 
 static bool connects(const struct pt_wavefront *d, const struct pt_walk *p)
 {
-    return p->place.count == 1 && d->s->solid[pt_top(&p->place)].connects;
+    return p->stack.count == 1 && d->s->solid[pt_top(&p->stack)].connects;
 }
 
 static int key_of(const struct pt_walk *p)
 {
-    return 2 * pt_top(&p->place) + (p->place.count == 1);
+    return 2 * pt_top(&p->stack) + (p->stack.count == 1);
 }
 
 static void take(struct pt_wavefront *d, int l)
@@ -85,10 +85,10 @@ static void take(struct pt_wavefront *d, int l)
         return;
     p->from = p->x;
     if (connects(d, p)) {
-        const int solid = pt_top(&p->place);
+        const int solid = pt_top(&p->stack);
         p->exit.from = (struct pt_scatterer) { .x = p->x, .w = came, .medium = &d->s->solid[solid].medium.layer[0] };
         p->exit.solid = solid;
-        p->exit.share = p->scattered <= 1 ? 1.0f : d->s->solid[solid].share;
+        p->exit.fraction = p->scattered <= 1 ? 1.0f : d->s->solid[solid].fraction;
         for (int c = 0; c < 3; c++)
             p->exit.from.beta[c] = w->collided[c][l];
         p->leaving = true;
@@ -100,12 +100,12 @@ static void give(struct pt_wavefront *d, int l)
     struct pt_wavefront_lanes *w = &d->w;
     struct slot *slot = &d->slot[l];
     const struct pt_walk *p = &slot->p;
-    const float x[3] = { p->x.x, p->x.y, p->x.z }, way[3] = { p->w.x, p->w.y, p->w.z };
+    const float x[3] = { p->x.x, p->x.y, p->x.z }, dir[3] = { p->w.x, p->w.y, p->w.z };
     const uint32_t bit = 1u << l;
 
     for (int k = 0; k < 3; k++) {
         w->x[k][l] = x[k];
-        w->w[k][l] = way[k];
+        w->w[k][l] = dir[k];
         w->beta[k][l] = p->beta[k];
     }
     w->safe[l] = p->safe;
@@ -125,8 +125,8 @@ static void give(struct pt_wavefront *d, int l)
 /* Runs by itself until lanes can take it. False: it is complete. */
 static bool alone(const struct pt_scene *s, struct pt_walk *p)
 {
-    while (!(p->place.count > 0 && s->solid[pt_top(&p->place)].lanes))
-        if (!pt_walk_on(p))
+    while (!(p->stack.count > 0 && s->solid[pt_top(&p->stack)].lanes))
+        if (!pt_step(p))
             return false;
     return true;
 }
@@ -161,7 +161,7 @@ static void finish_alone(struct pt_wavefront *d)
         const int l = __builtin_ctz(d->live);
         take(d, l);
         do {
-            while (pt_walk_on(&d->slot[l].p))
+            while (pt_step(&d->slot[l].p))
                 continue;
         } while (pt_next_branch(&d->slot[l].p));
         pt_light_add(&d->slot[l].job->light, &d->slot[l].light);
@@ -258,15 +258,15 @@ static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, b
         .lo = { b->lo.x - margin, b->lo.y - margin, b->lo.z - margin },
         .hi = { b->hi.x + margin, b->hi.y + margin, b->hi.z + margin },
         .roulette = s->knobs.roulette,
-        .share = b->share,
-        .ask = b->ask,
+        .fraction = b->fraction,
+        .connect_mm = b->connect_mm,
         .events = s->knobs.events,
         .connects = one && b->connects,
     };
 }
 
 /* A lane's flight whose ray has a hit: false if it continues to its collision. */
-static bool met_one(struct pt_wavefront *d, int l, bool splits)
+static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
 {
     const struct pell_ray_hit16 *r = &d->rays;
     struct pt_wavefront_lanes *w = &d->w;
@@ -278,13 +278,13 @@ static bool met_one(struct pt_wavefront *d, int l, bool splits)
     take(d, l);
     pt_hit_at(d->s, r->hit.mesh[l], r->hit.triangle[l], r->hit.u[l], r->hit.v[l], p->w, &f.hit);
     f.hit.t = r->ray.tfar[l];
-    f.met = f.hit.t <= f.length;
+    f.has_hit = f.hit.t <= f.length;
     switch (splits ? pt_split(p, &f) : PT_SPLIT_NOT) {
     case PT_SPLIT_NOT:
-        if (!f.met)
+        if (!f.has_hit)
             return false;
-        pt_attenuate(&d->s->solid[pt_top(&p->place)].medium.layer[0], f.hit.t, p->beta);
-        back(d, l, pt_met(p, &f.hit, f.hit.t));
+        pt_attenuate(&d->s->solid[pt_top(&p->stack)].medium.layer[0], f.hit.t, p->beta);
+        back(d, l, pt_surface_event(p, &f.hit, f.hit.t));
         return true;
     case PT_SPLIT_COLLIDES:
         w->length[l] = f.length;
@@ -304,7 +304,7 @@ static uint32_t meet(struct pt_wavefront *d, int solid, bool one, uint32_t set)
     const struct pt_wavefront_lanes *w = &d->w;
     struct pell_ray_hit16 *r = &d->rays;
     _Alignas(64) int valid[PELL_PACKET];
-    uint32_t met = 0;
+    uint32_t hits = 0;
 
     for (int l = 0; l < PT_LANES; l++) {
         valid[l] = -(int) (set >> l & 1);
@@ -333,9 +333,9 @@ static uint32_t meet(struct pt_wavefront *d, int solid, bool one, uint32_t set)
         const int l = __builtin_ctz(left);
         if (r->hit.mesh[l] == PELL_NO_HIT)
             continue;
-        met |= (uint32_t) met_one(d, l, further > 0.0f) << l;
+        hits |= (uint32_t) lane_hits(d, l, further > 0.0f) << l;
     }
-    return met;
+    return hits;
 }
 
 /* A flight that left the solid through no surface. */
@@ -346,15 +346,15 @@ static void leave(struct pt_wavefront *d, int l)
     float length;
 
     take(d, l);
-    b = &d->s->solid[pt_top(&p->place)];
+    b = &d->s->solid[pt_top(&p->stack)];
     length = pt_outside(b, p->x, 0.0f) ? 0.0f : pt_exit_distance(b, p->x, p->w);
     pt_attenuate(&b->medium.layer[0], length, p->beta);
-    pt_left(p, vec3_mad(p->x, length, p->w));
+    pt_escaped(p, vec3_mad(p->x, length, p->w));
     back(d, l, true);
 }
 
 /* Next-event estimation at a scatterer. */
-static void look(struct pt_wavefront *d, int l, int solid, bool asks)
+static void estimate_direct(struct pt_wavefront *d, int l, int solid, bool connecting)
 {
     struct pt_walk *p = &d->slot[l].p;
 
@@ -363,9 +363,9 @@ static void look(struct pt_wavefront *d, int l, int solid, bool asks)
     p->from = p->x;
     const struct pt_scatterer at = { p->x, p->w, &d->s->solid[solid].medium.layer[0], .beta = { p->beta[0], p->beta[1], p->beta[2] },
                                      .bounces = p->bounces };
-    pt_scattered(p, &at, solid, asks ? PT_CONNECTION_YES : PT_CONNECTION_NO);
+    pt_scattering_event(p, &at, solid, connecting ? PT_CONNECTION_YES : PT_CONNECTION_NO);
     d->w.turn[l] = p->turn;
-    if (!p->tight && p->vertices == 0 && !d->s->solid[solid].near)
+    if (!p->all_specular && p->vertices == 0 && !d->s->solid[solid].near)
         d->single &= ~(1u << l);
 }
 
@@ -373,13 +373,13 @@ static void look(struct pt_wavefront *d, int l, int solid, bool asks)
 static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
     struct pt_counts *counts = &d->walker->counts;
-    const struct pt_wavefront_place place = place_of(d->s, solid, one);
-    uint32_t cut, lost, gone, rays, asks;
+    const struct pt_wavefront_place stack = place_of(d->s, solid, one);
+    uint32_t cut, lost, gone, rays, connecting;
 
-    rays = d->k->sample_distance(&d->w, &place, set, &cut);
+    rays = d->k->sample_distance(&d->w, &stack, set, &cut);
     for (uint32_t left = cut; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        pt_cut(counts, (const float[3]) { d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
+        pt_count_cut(counts, (const float[3]) { d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
         finish(d, l);
     }
     set &= ~cut;
@@ -388,7 +388,7 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
         set &= ~meet(d, solid, one, rays);
     if (!set)
         return;
-    asks = d->k->collide(&d->w, &place, set, &lost, &gone);
+    connecting = d->k->collide(&d->w, &stack, set, &lost, &gone);
     set &= ~lost;
     counts->scatterings += bits(set);
     for (uint32_t left = lost; left; left &= left - 1)
@@ -396,13 +396,13 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
     for (uint32_t left = gone; left; left &= left - 1)
         finish(d, __builtin_ctz(left));
     set &= ~gone;
-    for (uint32_t left = (asks | d->single) & set; left; left &= left - 1) {
+    for (uint32_t left = (connecting | d->single) & set; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
-        look(d, l, solid, asks >> l & 1);
+        estimate_direct(d, l, solid, connecting >> l & 1);
     }
     d->fresh &= ~set;
     d->since |= set;
-    for (uint32_t left = d->k->scatter(&d->w, &place, set); left; left &= left - 1)
+    for (uint32_t left = d->k->scatter(&d->w, &stack, set); left; left &= left - 1)
         finish(d, __builtin_ctz(left));
 }
 

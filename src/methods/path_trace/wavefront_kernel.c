@@ -196,7 +196,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
 {
     const struct pt_coefficients *m = p->m;
     _Alignas(64) float u[PT_LANES], path[PT_LANES], near[PT_LANES];
-    uint32_t asks = 0, rays = 0;
+    uint32_t connecting = 0, rays = 0;
 
     *cut = 0;
     EACH(l)
@@ -225,16 +225,16 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
         for (int c = 0; c < 3; c++)
             store(w->over[c] + l, all(1.0f));
         put(w->safe + l, mask & free, safe - length);
-        asks |= set_of(mask & ~free, l);
+        connecting |= set_of(mask & ~free, l);
     }
-    if (!asks)
+    if (!connecting)
         return 0;
     if (p->grid)
-        bound(p->grid, w, asks, near);
+        bound(p->grid, w, connecting, near);
     EACH(l)
     {
         const vf safe = p->grid ? load(near + l) - load(w->length + l) : all(0.0f);
-        const vi mask = mask_of(asks, l), free = safe > 0.0f;
+        const vi mask = mask_of(connecting, l), free = safe > 0.0f;
         store(w->bound + l, p->grid ? greater(load(near + l), load(w->safe + l)) : load(w->safe + l));
         put(w->safe + l, mask, select(free, safe, all(0.0f)));
         rays |= set_of(mask & ~free, l);
@@ -246,7 +246,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
 static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on)
 {
     _Alignas(64) float reach[PT_LANES], near[PT_LANES];
-    uint32_t asks = 0, turns = 0;
+    uint32_t connecting = 0, turns = 0;
 
     EACH(l)
     {
@@ -257,26 +257,26 @@ static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_pla
             memcpy(&narrow, w->at + l + k * (WIDTH / 2), sizeof(narrow));
             at = __builtin_convertvector(narrow, vq);
             memcpy(&s, w->state + l + k * (WIDTH / 2), sizeof(s));
-            half[k] = mix(mix(s ^ PT_LOOK_SALT ^ at << 56) + GOLDEN);
+            half[k] = mix(mix(s ^ PT_NEE_SALT ^ at << 56) + GOLDEN);
         }
-        store(reach + l, -lanes_log(chance_of(upper(half))) * p->ask);
-        asks |= set_of(load(reach + l) > load(w->safe + l), l);
+        store(reach + l, -lanes_log(chance_of(upper(half))) * p->connect_mm);
+        connecting |= set_of(load(reach + l) > load(w->safe + l), l);
     }
-    asks &= on;
-    if (!asks)
+    connecting &= on;
+    if (!connecting)
         return 0;
     if (p->grid) {
-        bound(p->grid, w, asks, near);
+        bound(p->grid, w, connecting, near);
         EACH(l)
         {
-            put(w->safe + l, mask_of(asks, l), greater(load(near + l), load(w->safe + l)));
-            asks &= set_of(load(reach + l) > load(near + l), l) | ~(((1u << WIDTH) - 1u) << l);
+            put(w->safe + l, mask_of(connecting, l), greater(load(near + l), load(w->safe + l)));
+            connecting &= set_of(load(reach + l) > load(near + l), l) | ~(((1u << WIDTH) - 1u) << l);
         }
     }
     EACH(l)
     {
-        const vf turn = load(w->turn + l) + select(whole(w->scattered + l) <= 1, all(1.0f), all(p->share));
-        const vi mask = mask_of(asks, l), has = turn >= 1.0f;
+        const vf turn = load(w->turn + l) + select(whole(w->scattered + l) <= 1, all(1.0f), all(p->fraction));
+        const vi mask = mask_of(connecting, l), has = turn >= 1.0f;
         put(w->turn + l, mask, select(has, turn - 1.0f, turn));
         turns |= set_of(mask & has, l);
     }
@@ -356,13 +356,13 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
             put(w->w[k] + l, mask, to[k]);
         if (!m->alike) {
             const vf cosine = from[0] * to[0] + from[1] * to[1] + from[2] * to[2];
-            vf value[3], mixed, scale;
+            vf value[3], hit_opaque, scale;
             for (int c = 0; c < 3; c++)
                 value[c] = lanes_hg(m->g[c], cosine);
-            mixed = beta[0] * value[0] + beta[1] * value[1] + beta[2] * value[2];
-            scale = (beta[0] + beta[1] + beta[2]) / mixed;
+            hit_opaque = beta[0] * value[0] + beta[1] * value[1] + beta[2] * value[2];
+            scale = (beta[0] + beta[1] + beta[2]) / hit_opaque;
             for (int c = 0; c < 3; c++) {
-                beta[c] = select(mixed > 0.0f, beta[c] * (value[c] * scale), beta[c]);
+                beta[c] = select(hit_opaque > 0.0f, beta[c] * (value[c] * scale), beta[c]);
                 put(w->beta[c] + l, mask, beta[c]);
             }
         }

@@ -34,7 +34,7 @@ struct pt_wavefront_place {
     const struct pt_coefficients *m;
     const struct pell_distance_grid *grid; /* NULL: none */
     float lo[3], hi[3];                    /* bounds, with a margin */
-    float roulette, share, ask;            /* ask: mm; maximum distance of connections is -ask log u */
+    float roulette, fraction, connect_mm;  /* ask: mm; maximum distance of connections is -ask log u */
     int32_t events;                        /* maximum per path */
     bool connects;
 };

@@ -133,7 +133,7 @@ INLINE bool choose(const struct screen_work *w, size_t index, const struct scree
     b->active = 0;
     if (cell->owner != SCREEN_MIXED) {
         /* Fast path: each step so far blurs the whole block, as in most blocks. */
-        if (cell->pixels > 0 && w->least_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
+        if (cell->pixels > 0 && w->min_added[(size_t) w->step * (w->num_materials + 1) + cell->owner] * cell->scale[0] > w->skip) {
             b->uniform = true;
             b->before = w->step > 0 ? variance_of(w, w->step - 1, cell->owner) : 0.0f;
             b->after = variance_of(w, w->step, cell->owner);
@@ -166,7 +166,7 @@ struct job {
     const struct screen_cell *cell;
     int x, low, high; /* the block's first pixel; taps on either side that are inside */
     struct block b;
-    _Alignas(64) float fall[SCREEN_BLOCK], share[SCREEN_BLOCK];      /* see struct centre; fraction of a tap's weight in the result */
+    _Alignas(64) float fall[SCREEN_BLOCK], fraction[SCREEN_BLOCK];   /* see struct centre; fraction of a tap's weight in the result */
     _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* sums over taps */
 };
 
@@ -174,7 +174,7 @@ struct job {
  * material: along x, down columns, down a skewed line. The last one handles all other cases. */
 void PELL_SIMD(screen_gather_along_x)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
 void PELL_SIMD(screen_gather_along_y)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
-void PELL_SIMD(screen_gather_leaning)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
+void PELL_SIMD(screen_gather_skewed)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
 void PELL_SIMD(screen_gather_any)(const struct screen_work *w, int y, int axis, const float *const row[3], struct job *job);
 /* The paper's taps: the result, and which lanes were blurred, 1 or 0. Returns their number. Reads only x and cell of the job. */
 int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axis, const struct job *job, const float *const row[3],

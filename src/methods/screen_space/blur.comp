@@ -34,7 +34,7 @@ ivec2 along(int pixels)
 
 float kernel_of(float shifted)
 {
-    float q = shifted * shifted + Q_LEAST;
+    float q = shifted * shifted + Q_MIN;
     q *= q;
     q *= q;
     return q * q;
@@ -102,7 +102,7 @@ vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
     const float inverse = 1.0 / (sqrt(max(add, S2_MIN)) * (len > 0.0 ? len : 1.0));
     const float mixed = max(min(add / S2_MIN_VARIANCE, 1.0), 0.0), fall = inverse * K_SCALE_ROOT;
     const vec2 t = ray_of(c.p);
-    float share = inverse * mixed * (K_NORM * float(stride));
+    float fraction = inverse * mixed * (K_NORM * float(stride));
     Gathered g = Gathered(vec3(0.0), 0.0);
 
     for (int j = 1; j <= count; j++) {
@@ -112,10 +112,10 @@ vec3 blur_surface(const Centre c, ivec4 plan, vec2 mm2)
         tap(c, -j * stride, intBitsToFloat(plan.y), t, fall, g);
         tap(c, j * stride, intBitsToFloat(plan.y), t, fall, g);
     }
-    const float weight = g.weight * share;
+    const float weight = g.weight * fraction;
     const float keep = max(1.0 - weight, 0.0);
-    share /= max(weight, 1.0);
-    return g.light * share + keep * c.light.rgb;
+    fraction /= max(weight, 1.0);
+    return g.light * fraction + keep * c.light.rgb;
 }
 
 // Span in pixels relative to that of a facing surface: by listing 7.1, or by the surface.
@@ -145,11 +145,11 @@ vec3 blur_paper(const Centre c, float added)
         const float offset = float(t - 3) * (1.0 / 3.0) * span, whole = floor(offset), part = offset - whole;
         for (int k = 0; k < 2; k++) {
             const ivec2 q = c.p + along(int(whole) + k);
-            const float share = weights[t] * (k == 0 ? 1.0 - part : part);
+            const float fraction = weights[t] * (k == 0 ? 1.0 - part : part);
             if (!is_inside(q) || from[pixel_at(q)].w != c.light.w)
                 continue;
-            all += share;
-            light += share * from[pixel_at(q)].rgb;
+            all += fraction;
+            light += fraction * from[pixel_at(q)].rgb;
         }
     }
     return light / all;
@@ -178,10 +178,10 @@ void main()
     const vec3 result = !on ? light.rgb : PAPER != 0 ? blur_paper(c, mm2.y - mm2.x) : blur_surface(c, plan, mm2);
     if (AXIS == 1) {
         // Where a pixel skipped the step, its weight goes to the last result or, as in the paper, to the whole sum.
-        vec3 share = pc.whole != 0 ? vec3(1.0) : table[(pc.base + pc.step) * pc.row + material].rgb;
+        vec3 fraction = pc.whole != 0 ? vec3(1.0) : table[(pc.base + pc.step) * pc.row + material].rgb;
         if (PAPER != 0 && !on)
-            share = vec3(0.0);
-        sum[i] = vec4(mix(sum[i].rgb, result, share), 0.0);
+            fraction = vec3(0.0);
+        sum[i] = vec4(mix(sum[i].rgb, result, fraction), 0.0);
     }
     if (AXIS == 0 || pc.step + 1 < pc.end)
         to[i] = vec4(result, light.w);

@@ -14,9 +14,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define AHEAD_PX2                                                                                                                          \
-    20.0 /* px^2: above this variance the first blur is divided into several steps, each with four times the variance of the
-                        * one before */
+/* px^2: above this variance the first blur is divided into several steps, each with four times the variance of the one before. */
+#define AHEAD_PX2 20.0
 
 /* --- Profiles ------------------------------------------------------------------------------------------------------------------ */
 

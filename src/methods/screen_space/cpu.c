@@ -36,7 +36,7 @@ struct screen_state {
     const struct screen_kernels *kernels;
     struct screen_chain chain;
     struct screen_factors factors; /* with kernel=separable */
-    float *least_added;            /* of the steps of this frame */
+    float *min_added;              /* of the steps of this frame */
     float (*ones)[3];              /* as blend constants: the whole result of each step */
     float *memory;                 /* all planes */
     float turns[SCREEN_TURNS][2];
@@ -57,7 +57,7 @@ struct screen_state {
 /* --- The chain of blurs -------------------------------------------------------------------------------------------------------- */
 
 /* Smallest variance that each step of the frame, or one before it, adds. */
-static void find_least(struct screen_state *st, const float *variance, int steps)
+static void find_min_added(struct screen_state *st, const float *variance, int steps)
 {
     const size_t row = st->chain.num_materials + 1;
 
@@ -65,9 +65,9 @@ static void find_least(struct screen_state *st, const float *variance, int steps
         for (int step = 0; step < steps; step++) {
             const size_t at = (size_t) step * row + m;
             const float added = step > 0 ? variance[at] - variance[at - row] : variance[at];
-            st->least_added[at] = step > 0 && st->least_added[at - row] < added ? st->least_added[at - row] : added;
+            st->min_added[at] = step > 0 && st->min_added[at - row] < added ? st->min_added[at - row] : added;
         }
-    st->work.least_added = st->least_added;
+    st->work.min_added = st->min_added;
 }
 
 /* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
@@ -86,7 +86,7 @@ static void screen_destroy(void *state)
     pell_free(st->ctx, st->run);
     pell_free(st->ctx, st->memory);
     pell_free(st->ctx, st->ones);
-    pell_free(st->ctx, st->least_added);
+    pell_free(st->ctx, st->min_added);
     pell_ss_factors_finish(st->ctx, &st->factors);
     pell_ss_chain_finish(&st->chain);
     pell_free(st->ctx, st);
@@ -156,9 +156,9 @@ static enum pell_result screen_create(const struct pell_services *services, cons
         PELL_TRY(pell_ss_factors_make(chain, shape, &st->factors));
     res = PELL_ERR_NOMEM;
     count = (size_t) (SCREEN_PREBLUR + chain->steps) * (chain->num_materials + 1);
-    st->least_added = pell_calloc(ctx, count, sizeof(*st->least_added));
+    st->min_added = pell_calloc(ctx, count, sizeof(*st->min_added));
     st->ones = pell_calloc(ctx, count, sizeof(*st->ones));
-    if (!st->least_added || !st->ones)
+    if (!st->min_added || !st->ones)
         goto fail;
     for (size_t i = 0; i < count; i++)
         st->ones[i][0] = st->ones[i][1] = st->ones[i][2] = 1.0f;
@@ -273,7 +273,7 @@ static void blur(struct screen_state *st, bool down, bool across, struct spent *
     const struct pell_rect *rect = &st->work.in->rect;
     const int bands = (rect->y1 - rect->y0 + BAND - 1) / BAND, step = down ? st->work.step : st->next.step - 1;
     const double start = pell_seconds();
-    double seconds[2] = { 0.0, 0.0 }, share;
+    double seconds[2] = { 0.0, 0.0 }, fraction;
     int64_t active[2] = { 0, 0 };
 
     st->down = down;
@@ -289,13 +289,13 @@ static void blur(struct screen_state *st, bool down, bool across, struct spent *
             seconds[axis] += st->bands[i].seconds[axis];
         }
     /* Divides the elapsed time in proportion to the threads' times. */
-    share = seconds[0] + seconds[1] > 0.0 ? (pell_seconds() - start) / (seconds[0] + seconds[1]) : 0.0;
+    fraction = seconds[0] + seconds[1] > 0.0 ? (pell_seconds() - start) / (seconds[0] + seconds[1]) : 0.0;
     if (down) {
-        spent[step].seconds += share * seconds[1];
+        spent[step].seconds += fraction * seconds[1];
         spent[step].active += active[1];
     }
     if (across) {
-        spent[step + 1].seconds += share * seconds[0];
+        spent[step + 1].seconds += fraction * seconds[0];
         spent[step + 1].active += active[0];
     }
 }
@@ -438,7 +438,7 @@ static struct screen_seen begin(struct screen_state *st, struct pell_frame *fram
     pell_ss_chain_choose(&st->chain, seen.scale, preblur, first);
     w->variance = st->chain.variance + (size_t) (SCREEN_PREBLUR - *preblur) * row;
     w->blend = (const float(*)[3]) st->chain.blend + (size_t) (SCREEN_PREBLUR - *preblur) * row;
-    find_least(st, w->variance, *preblur + st->chain.steps);
+    find_min_added(st, w->variance, *preblur + st->chain.steps);
     return seen;
 }
 

@@ -17,19 +17,19 @@ enum { TAPS = PELL_KERNEL_TAPS_MAX, HALF = TAPS / 2, EDGES = HALF + 2 };
 
 /* The integral of a factor from the centre to the edges between taps, and the coordinates of those: sqrt(x/extent). */
 struct edges {
-    double place[EDGES], integral[EDGES];
+    double coord[EDGES], integral[EDGES];
 };
 
 static void find_edges(const struct pell_separable *s, int term, int channel, double over, struct edges *e)
 {
     double sum = 0.5 * s->weight[term][HALF][channel];
 
-    e->place[0] = e->integral[0] = 0.0;
+    e->coord[0] = e->integral[0] = 0.0;
     for (int i = 0; i <= HALF; i++) {
         const double at = s->offset_mm[HALF + i], next = i < HALF ? s->offset_mm[HALF + i + 1] : 2.0 * s->extent_mm - at;
         if (i > 0)
             sum += s->weight[term][HALF + i][channel];
-        e->place[i + 1] = sqrt(0.5 * (at + next) / s->extent_mm);
+        e->coord[i + 1] = sqrt(0.5 * (at + next) / s->extent_mm);
         e->integral[i + 1] = sum / over;
     }
 }
@@ -40,19 +40,19 @@ static double slope(const struct edges *e, int i)
 
     if (i == 0) /* the integral of a finite factor is linear in x, so flat in sqrt(x) */
         return 0.0;
-    return (e->integral[high] - e->integral[low]) / (e->place[high] - e->place[low]);
+    return (e->integral[high] - e->integral[low]) / (e->coord[high] - e->coord[low]);
 }
 
 /* Between the edges by cubics. */
-static double between(const struct edges *e, double place)
+static double between(const struct edges *e, double coord)
 {
     double width, t;
     int k = 0;
 
-    while (k < EDGES - 2 && place > e->place[k + 1])
+    while (k < EDGES - 2 && coord > e->coord[k + 1])
         k++;
-    width = e->place[k + 1] - e->place[k];
-    t = fmin((place - e->place[k]) / width, 1.0);
+    width = e->coord[k + 1] - e->coord[k];
+    t = fmin((coord - e->coord[k]) / width, 1.0);
     return (1.0 + 2.0 * t) * (1.0 - t) * (1.0 - t) * e->integral[k] + t * t * (3.0 - 2.0 * t) * e->integral[k + 1] +
            width * (t * (1.0 - t) * (1.0 - t) * slope(e, k) - t * t * (1.0 - t) * slope(e, k + 1));
 }

@@ -18,10 +18,10 @@ struct screen_factor {
     float sign[3];
 };
 
-/* Integral over [0, extent_mm place^2], `place` in [0, 1]; piecewise cubic in `place`. */
-static inline float pell_ss_factor_integral(const struct screen_factor *f, int channel, float place)
+/* Integral over [0, extent_mm coord^2], `coord` in [0, 1]; piecewise cubic in `coord`. */
+static inline float pell_ss_factor_integral(const struct screen_factor *f, int channel, float coord)
 {
-    const float p = place * SCREEN_FACTOR_PARTS;
+    const float p = coord * SCREEN_FACTOR_PARTS;
     const int k = p < SCREEN_FACTOR_PARTS - 1 ? (int) p : SCREEN_FACTOR_PARTS - 1;
     const float t = p - (float) k;
     const float(*a)[SCREEN_FACTOR_PARTS] = f->cubic[channel];

@@ -13,10 +13,10 @@
 /* A Gaussian of compact support: K(t) = q(t^2/16) - q(0.7225), q(y) = (1 + B1 y + B2 y^2)^8, for |t| < 3.4 and 0 beyond. B1 and B2 are such
  * that its integral function differs from that of the Gaussian with the same variance by at most 0.00074. The constants below contain its
  * exact integral and variance, so that a blur has exactly the requested standard deviation. */
-/* B1 = -1.08, B2 = 0.646. For y' = sqrt(B2) y the polynomial is a square: q = ((y' + Y_SHIFT)^2 + Q_LEAST)^8. */
+/* B1 = -1.08, B2 = 0.646. For y' = sqrt(B2) y the polynomial is a square: q = ((y' + Y_SHIFT)^2 + Q_MIN)^8. */
 #define Y_MAX 0.580703054f        /* 0.7225 sqrt(B2) */
 #define Y_SHIFT -0.671858012f     /* B1 / (2 sqrt(B2)) */
-#define Q_LEAST 0.548606811f      /* 1 - B1^2 / (4 B2) */
+#define Q_MIN 0.548606811f        /* 1 - B1^2 / (4 B2) */
 #define K_NORM 0.401802782f       /* sqrt(variance) / integral */
 #define K_SCALE_ROOT 0.214667712f /* sqrt(sqrt(B2) variance / 16) */
 #define K_REACH 3.549853f         /* 3.4 / sqrt(variance): the support in standard deviations */
@@ -42,10 +42,10 @@
 
 #define JUMP 4.0f          /* in pixel sizes: a larger change of depth between pixels may be a silhouette */
 #define CREASE 0.5f        /* a larger second difference of depth would be missed by wide gaps */
-#define LEAN_MIN 0.015625f /* pixels of x per pixel of y: smaller skews count as upright */
-#define LEAN_MAX 8.0f
-#define LEAN_FADE 8       /* blocks */
-#define LEAN_CHANGE 0.08f /* per block: a larger change means that the surface is not planar */
+#define SKEW_MIN 0.015625f /* pixels of x per pixel of y: smaller skews count as upright */
+#define SKEW_MAX 8.0f
+#define SKEW_FADE 8       /* blocks */
+#define SKEW_CHANGE 0.08f /* per block: a larger change means that the surface is not planar */
 
 /* Squared lengths on the surface between pixels of size `mm` along either axis, and their scalar product: `d` the change of depth, `t` the
  * ray's slope along the axis, `ray2` = 1 + tx^2 + ty^2. */

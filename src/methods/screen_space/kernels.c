@@ -34,16 +34,16 @@ INLINE vf grid_difference(vf u1, vf u0)
 /* Whether a line of taps stays in smooth blocks. A skewed line must stay within the columns that it crosses. */
 INLINE bool is_clear(const struct screen_work *w, int block, int axis, const struct screen_cell *cell, float skew, float reach)
 {
-    int beside;
+    int margin;
 
     if (!(reach < (float) cell->clear[axis]))
         return false;
     if (axis == 0 || skew == 0.0f)
         return true;
-    beside = (int) (fabsf(skew) * reach * (1.0f / SCREEN_BLOCK)) + 1;
-    if (block - beside < w->block0 || block + beside >= w->block1)
+    margin = (int) (fabsf(skew) * reach * (1.0f / SCREEN_BLOCK)) + 1;
+    if (block - margin < w->block0 || block + margin >= w->block1)
         return false;
-    for (int k = -beside; k <= beside; k++)
+    for (int k = -margin; k <= margin; k++)
         if (!(reach < (float) cell[k].clear[1]))
             return false;
     return true;
@@ -99,7 +99,7 @@ INLINE void scale_kernel(const struct screen_work *w, size_t index, int axis, st
         const vf inverse = one / (root(greater(add, zero + S2_MIN)) * a), mix = greater(lesser(add * (1.0f / S2_MIN_VARIANCE), one), zero);
 
         store(job->fall + part, inverse * K_SCALE_ROOT);
-        store(job->share + part, inverse * mix * (K_NORM * (float) b->stride));
+        store(job->fraction + part, inverse * mix * (K_NORM * (float) b->stride));
     }
 }
 
@@ -112,16 +112,16 @@ INLINE void settle(const struct job *job, const float *const row[3], float (*res
     const vf one = (vf) { 0 } + 1.0f;
 
     for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
-        vf share = load(job->share + part);
-        const vf weight = load(job->weight + part) * share;
+        vf fraction = load(job->fraction + part);
+        const vf weight = load(job->weight + part) * fraction;
         vf keep = one - weight;
 
         if (any(weight > one)) { /* if lengths vary too fast, the weight of the pixel itself is negative */
-            share = share / greater(weight, one);
+            fraction = fraction / greater(weight, one);
             keep = greater(keep, (vf) { 0 });
         }
         for (int i = 0; i < 3; i++)
-            store(&result[i][part], load(&job->light[i][part]) * share + keep * load(row[i] + job->x + part));
+            store(&result[i][part], load(&job->light[i][part]) * fraction + keep * load(row[i] + job->x + part));
     }
 }
 
@@ -135,7 +135,7 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
     for (int i = 0; i < 3; i++) {
         _Alignas(64) float shares[SCREEN_BLOCK], some[SCREEN_BLOCK] = { 0 }, mixed[SCREEN_BLOCK];
         float *sum = w->out->light[i] + y * w->in->shape.stride + x;
-        const float *before = w->fresh ? w->now[i] + index : cell->live == SCREEN_FULL ? sum : some;
+        const float *before = w->fresh ? w->now[i] + index : cell->contents == SCREEN_FULL ? sum : some;
 
         for (int l = 0; before == some && l < SCREEN_BLOCK; l++) /* the caller's plane may end inside the block */
             if (w->key[index + (size_t) l] > 0.0f)
@@ -144,12 +144,12 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
             for (int l = 0; l < SCREEN_BLOCK; l++)
                 shares[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
         for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
-            vf share = cell->owner == SCREEN_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
+            vf fraction = cell->owner == SCREEN_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
             if (on)
-                share *= load(on + part);
-            store(mixed + part, load(before + part) * (1.0f - share) + load(&light[i][part]) * share);
+                fraction *= load(on + part);
+            store(mixed + part, load(before + part) * (1.0f - fraction) + load(&light[i][part]) * fraction);
         }
-        if (cell->live == SCREEN_FULL)
+        if (cell->contents == SCREEN_FULL)
             memcpy(sum, mixed, sizeof(mixed));
         else
             for (int l = 0; l < SCREEN_BLOCK; l++)
@@ -222,7 +222,7 @@ PELL_FETCHING_INLINE int blur_row(const struct screen_work *w, int y, int axis, 
         int count = 0;
 
         for (; block < end && count < JOBS; block++)
-            if (cell_at(w, block, y)->live != SCREEN_EMPTY)
+            if (cell_at(w, block, y)->contents != SCREEN_EMPTY)
                 prepare(w, block, y, axis, from, to, &jobs[count++]);
         for (int k = 0; k < count; k++)
             if (jobs[k].b.active == 0)
@@ -232,7 +232,7 @@ PELL_FETCHING_INLINE int blur_row(const struct screen_work *w, int y, int axis, 
             else if (axis == 0)
                 PELL_SIMD(screen_gather_along_x)(w, y, from, &jobs[k]);
             else if (jobs[k].b.skew != 0.0f)
-                PELL_SIMD(screen_gather_leaning)(w, y, from, &jobs[k]);
+                PELL_SIMD(screen_gather_skewed)(w, y, from, &jobs[k]);
             else
                 PELL_SIMD(screen_gather_along_y)(w, y, from, &jobs[k]);
         for (int k = 0; k < count; k++) {
@@ -268,7 +268,7 @@ static PELL_FETCHING int down_row(const struct screen_work *w, int y, const floa
 {
     /* Clears the parts of `to` that the pass along x reads but no pixel writes. */
     for (int block = w->extents[y].begin - 1; block <= w->extents[y].end; block++)
-        if (block < w->extents[y].begin || block == w->extents[y].end || cell_at(w, block, y)->live == SCREEN_EMPTY)
+        if (block < w->extents[y].begin || block == w->extents[y].end || cell_at(w, block, y)->contents == SCREEN_EMPTY)
             for (int i = 0; !w->last && i < 3; i++)
                 memset(to[i] + block * SCREEN_BLOCK, 0, SCREEN_BLOCK * sizeof(float));
     return blur_row(w, y, 1, from, to);
@@ -279,7 +279,7 @@ static void copy_row(const struct screen_work *w, int y)
     for (int block = w->block0; block < w->block1; block++) {
         const size_t index = (size_t) (y * w->stride + block * SCREEN_BLOCK);
 
-        for (int l = 0; cell_at(w, block, y)->live != SCREEN_EMPTY && l < SCREEN_BLOCK; l++)
+        for (int l = 0; cell_at(w, block, y)->contents != SCREEN_EMPTY && l < SCREEN_BLOCK; l++)
             for (int i = 0; w->key[index + (size_t) l] > 0.0f && i < 3; i++)
                 w->out->light[i][y * w->in->shape.stride + block * SCREEN_BLOCK + l] = w->now[i][index + (size_t) l];
     }

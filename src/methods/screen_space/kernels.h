@@ -12,13 +12,13 @@
 #include <pellucid/frame.h>
 
 enum { SCREEN_BLOCK = 16, SCREEN_PREBLUR = 8, SCREEN_STEPS = PELL_GAUSSIANS_MAX + SCREEN_PREBLUR, SCREEN_TURNS = 64 };
-enum screen_live { SCREEN_EMPTY = 0, SCREEN_SOME, SCREEN_FULL };
+enum screen_contents { SCREEN_EMPTY = 0, SCREEN_SOME, SCREEN_FULL };
 enum { SCREEN_MIXED = 0xffff }; /* as a block's material: several materials */
 
 /* Summary of a block of 16 pixels in a row. Minima and maxima are over the pixels that can be blurred. */
 struct screen_cell {
     uint16_t owner;    /* material of all its translucent pixels, or SCREEN_MIXED */
-    uint8_t live;      /* enum screen_live */
+    uint8_t contents;  /* enum screen_live */
     uint8_t pixels;    /* number of pixels that can be blurred */
     float scale[2];    /* minimum, maximum */
     float to_px[2][2]; /* per axis: minimum, maximum */
@@ -50,7 +50,7 @@ struct screen_work {
     size_t num_materials;
     const float (*total)[3];              /* by material: total of its profile; 0 for material 0, which means none */
     const float *variance;                /* [step * (num_materials + 1) + material]: mm^2 applied after the step */
-    const float *least_added;             /* likewise: smallest variance in mm^2 that the step, or one before it, adds */
+    const float *min_added;               /* likewise: smallest variance in mm^2 that the step, or one before it, adds */
     const float (*blend)[3];              /* likewise: weight of the step's result in the sum */
     float depth_mm, fixed_mm;             /* mm per pixel = depth * depth_mm + fixed_mm */
     float ratio2;                         /* scales all variances: (ssslevel / derived)^2 */

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// lines.comp - scans every row and every column of blocks, one workgroup each: keeps the skew of blocks where it hardly changes (fade_leans
+// lines.comp - scans every row and every column of blocks, one workgroup each: keeps the skew of blocks where it hardly changes (fade_skews
 // in measure.c), and finds the smooth range on both sides of every block (find_clear in cpu.c): blurs that reach no edge may have gaps
 // between taps.
 //   in  0 cells    mean skew, contents of the block: see measure.comp
@@ -19,16 +19,16 @@ float lean_of(int cell, int block, int blocks)
 {
     float worst = 0.0;
 
-    for (int k = 1 - LEAN_FADE; k < LEAN_FADE; k++) {
-        const float near = 1.0 - float(k < 0 ? -k - 1 : k) / float(LEAN_FADE);
+    for (int k = 1 - SKEW_FADE; k < SKEW_FADE; k++) {
+        const float near = 1.0 - float(k < 0 ? -k - 1 : k) / float(SKEW_FADE);
         if (block + k < 0 || block + k + 1 >= blocks)
             continue;
         const vec2 a = cells[cell + k], b = cells[cell + k + 1];
         if (a.y > 0.0 && b.y > 0.0)
-            worst = max(worst, min(abs(b.x - a.x) / LEAN_CHANGE, 1.0) * near);
+            worst = max(worst, min(abs(b.x - a.x) / SKEW_CHANGE, 1.0) * near);
     }
     const float lean = cells[cell].x * (1.0 - worst);
-    return abs(lean) < LEAN_MIN ? 0.0 : lean;
+    return abs(lean) < SKEW_MIN ? 0.0 : lean;
 }
 
 void main()

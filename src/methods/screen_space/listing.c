@@ -27,7 +27,7 @@ INLINE float paper_slope(const struct screen_work *w, size_t index, int x, int y
     return level / (level + w->correction * change);
 }
 
-#define SPAN_MOST 262144.0f /* px: tap positions are integers */
+#define SPAN_MAX 262144.0f /* px: tap positions are integers */
 
 static const float weights[7] = { 0.006f, 0.061f, 0.242f, 0.382f, 0.242f, 0.061f, 0.006f };
 
@@ -44,15 +44,15 @@ INLINE void add_tap(const struct screen_work *w, size_t index, int x, int y, con
 
     for (int k = 0; k < 4; k++) {
         const int ox = (int) whole[0] + (k & 1), oy = (int) whole[1] + (k >> 1);
-        const float share = weight * ((k & 1) ? part[0] : 1.0f - part[0]) * ((k >> 1) ? part[1] : 1.0f - part[1]);
+        const float fraction = weight * ((k & 1) ? part[0] : 1.0f - part[0]) * ((k >> 1) ? part[1] : 1.0f - part[1]);
         const ptrdiff_t by = oy * w->stride + ox;
 
-        if (!(share > 0.0f) || x + ox < w->block0 * SCREEN_BLOCK || x + ox >= w->block1 * SCREEN_BLOCK || y + oy < w->in->rect.y0 ||
+        if (!(fraction > 0.0f) || x + ox < w->block0 * SCREEN_BLOCK || x + ox >= w->block1 * SCREEN_BLOCK || y + oy < w->in->rect.y0 ||
             y + oy >= w->in->rect.y1 || w->key[(ptrdiff_t) index + by] != w->key[index])
             continue;
-        taps->all += share;
+        taps->all += fraction;
         for (int i = 0; i < 3; i++)
-            taps->sum[i] += share * light[i][by];
+            taps->sum[i] += fraction * light[i][by];
     }
 }
 
@@ -73,7 +73,7 @@ int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axi
         const float *turn = w->turned ? w->turns[number] : NULL, shift = w->turned ? pell_ss_jitter(number) - 0.5f : 0.0f;
         const float *const light[3] = { row[0] + x + l, row[1] + x + l, row[2] + x + l };
         struct taps taps = { { 0 }, 0.0f };
-        float span, way[2] = { axis == 0 ? 1.0f : 0.0f, axis == 0 ? 0.0f : 1.0f };
+        float span, step_dir[2] = { axis == 0 ? 1.0f : 0.0f, axis == 0 ? 0.0f : 1.0f };
 
         for (int i = 0; i < 3; i++)
             result[i][l] = row[i][x + l];
@@ -81,15 +81,15 @@ int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axi
             continue;
         span = SCREEN_SPAN * sqrtf((b.uniform ? b.after - b.before : b.afters[l] - b.befores[l]) * w->scale[at]);
         if (turn) {
-            way[0] = axis == 0 ? turn[0] : -turn[1];
-            way[1] = axis == 0 ? turn[1] : turn[0];
+            step_dir[0] = axis == 0 ? turn[0] : -turn[1];
+            step_dir[1] = axis == 0 ? turn[1] : turn[0];
         }
         for (int k = 0; k < 2; k++)
-            if (way[k] != 0.0f)
-                way[k] *= fminf(span * paper_slope(w, at, x + l, y, k), SPAN_MOST);
+            if (step_dir[k] != 0.0f)
+                step_dir[k] *= fminf(span * paper_slope(w, at, x + l, y, k), SPAN_MAX);
         for (int t = 0; t < 7; t++) {
             const float offset = ((float) (t - 3) + shift) * (1.0f / 3.0f);
-            add_tap(w, at, x + l, y, (const float[2]) { offset * way[0], offset * way[1] }, weights[t], light, &taps);
+            add_tap(w, at, x + l, y, (const float[2]) { offset * step_dir[0], offset * step_dir[1] }, weights[t], light, &taps);
         }
         for (int i = 0; i < 3 && taps.all > 0.0f; i++) /* no tap of a rotated and shifted line may be on the surface */
             result[i][l] = taps.sum[i] / taps.all;

@@ -35,9 +35,9 @@ INLINE void find_owners(const struct screen_work *w, ptrdiff_t from, int x0, int
     }
     *low = first;
     *high = last;
-    *cell = (struct screen_cell) { .live = count == 0              ? SCREEN_EMPTY
-                                           : count == SCREEN_BLOCK ? SCREEN_FULL
-                                                                   : SCREEN_SOME,
+    *cell = (struct screen_cell) { .contents = count == 0              ? SCREEN_EMPTY
+                                               : count == SCREEN_BLOCK ? SCREEN_FULL
+                                                                       : SCREEN_SOME,
                                    .owner = first == last ? (uint16_t) first : SCREEN_MIXED,
                                    .pixels = (uint8_t) count };
 }
@@ -54,13 +54,13 @@ INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1
 
     find_owners(w, from, x0, x1, owner, cell, &first, &last);
     memcpy(&w->key[to], owner, sizeof(owner));
-    if (cell->live == SCREEN_EMPTY) {
+    if (cell->contents == SCREEN_EMPTY) {
         memcpy(&w->depth[to], z, sizeof(z));
         return;
     }
     for (int l = 0; l < SCREEN_BLOCK; l++)
         part[l] = 1.0f;
-    if (cell->live == SCREEN_FULL) {
+    if (cell->contents == SCREEN_FULL) {
         memcpy(z, in->depth + from, sizeof(z));
         if (in->strength)
             memcpy(part, in->strength + from, sizeof(part));
@@ -87,7 +87,7 @@ INLINE void load_block(const struct screen_work *w, int x, int y, int x0, int x1
     cell->scale[1] = top(most);
     for (int i = 0; i < 3; i++) {
         float *light = &w->now[i][to];
-        if (cell->live == SCREEN_FULL && cell->owner != SCREEN_MIXED) {
+        if (cell->contents == SCREEN_FULL && cell->owner != SCREEN_MIXED) {
             for (int lane = 0; lane < SCREEN_BLOCK; lane += WIDTH)
                 store(light + lane, load(w->light[i] + from + lane) * w->total[first][i]);
         } else {
@@ -136,7 +136,7 @@ PELL_FETCHING void PELL_SIMD(screen_load_row)(const struct screen_work *w, int y
         if (y + 1 < rect->y1)
             fetch_load(w, x, y + 1);
         load_block(w, x, y, x0, x1, cell_at(w, b, y), seen);
-        if (cell_at(w, b, y)->live != SCREEN_EMPTY) {
+        if (cell_at(w, b, y)->contents != SCREEN_EMPTY) {
             extent->begin = fewer(extent->begin, b);
             extent->end = b + 1;
         }

@@ -17,37 +17,37 @@ INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
     return select(slopes, select(mean < zero, -low, low), zero);
 }
 
-/* Keeps the skew of blocks where it hardly changes along the row, and fades it out within LEAN_FADE blocks of where it does: a block has
+/* Keeps the skew of blocks where it hardly changes along the row, and fades it out within SKEW_FADE blocks of where it does: a block has
  * a single skew, since lanes of a vector read the same row, and different skews of adjacent blocks would show as steps in the picture.
  * On planes, Gaussians are therefore round at any slant; on curved surfaces the second pass is upright. cell->to_px[0][0] holds the raw
  * skew. */
-static void fade_leans(const struct screen_work *w, int y)
+static void fade_skews(const struct screen_work *w, int y)
 {
-    enum { AT_ONCE = 48, MORE = AT_ONCE + 2 * LEAN_FADE };
+    enum { AT_ONCE = 48, MORE = AT_ONCE + 2 * SKEW_FADE };
     const int begin = w->extents[y].begin, end = w->extents[y].end;
 
     for (int first = begin; first < end; first += AT_ONCE) {
         const int blocks = fewer(end - first, AT_ONCE);
-        float change[MORE], worst[AT_ONCE] = { 0 }; /* change[i]: from block first - LEAN_FADE + i to the next */
+        float change[MORE], worst[AT_ONCE] = { 0 }; /* change[i]: from block first - SKEW_FADE + i to the next */
 
         for (int i = 0; i < MORE; i++) {
-            const int at = first - LEAN_FADE + i;
-            const bool within_row = at >= begin && at + 1 < end && i < blocks + 2 * LEAN_FADE;
+            const int at = first - SKEW_FADE + i;
+            const bool within_row = at >= begin && at + 1 < end && i < blocks + 2 * SKEW_FADE;
             const struct screen_cell *cell = cell_at(w, within_row ? at : begin, y);
-            const float by = within_row ? fabsf(cell[1].to_px[0][0] - cell->to_px[0][0]) * (1.0f / LEAN_CHANGE) : 0.0f;
-            change[i] = !within_row || cell->live == SCREEN_EMPTY || cell[1].live == SCREEN_EMPTY ? 0.0f : by < 1.0f ? by : 1.0f;
+            const float by = within_row ? fabsf(cell[1].to_px[0][0] - cell->to_px[0][0]) * (1.0f / SKEW_CHANGE) : 0.0f;
+            change[i] = !within_row || cell->contents == SCREEN_EMPTY || cell[1].contents == SCREEN_EMPTY ? 0.0f : by < 1.0f ? by : 1.0f;
         }
-        for (int k = 1 - LEAN_FADE; k < LEAN_FADE; k++) {
-            const float near = 1.0f - (float) (k < 0 ? -k - 1 : k) * (1.0f / LEAN_FADE);
+        for (int k = 1 - SKEW_FADE; k < SKEW_FADE; k++) {
+            const float near = 1.0f - (float) (k < 0 ? -k - 1 : k) * (1.0f / SKEW_FADE);
             for (int i = 0; i < AT_ONCE; i++)
-                worst[i] = change[LEAN_FADE + i + k] * near > worst[i] ? change[LEAN_FADE + i + k] * near : worst[i];
+                worst[i] = change[SKEW_FADE + i + k] * near > worst[i] ? change[SKEW_FADE + i + k] * near : worst[i];
         }
         for (int i = 0; i < blocks; i++) {
             struct screen_cell *cell = cell_at(w, first + i, y);
-            if (cell->live == SCREEN_EMPTY)
+            if (cell->contents == SCREEN_EMPTY)
                 continue;
             cell->skew = cell->to_px[0][0] * (1.0f - worst[i]);
-            if (cell->skew < LEAN_MIN && cell->skew > -LEAN_MIN)
+            if (cell->skew < SKEW_MIN && cell->skew > -SKEW_MIN)
                 cell->skew = 0.0f;
         }
     }
@@ -76,7 +76,7 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
             pell_fetch_to_write(w->length[axis] + below);
             pell_fetch_to_write(w->to_px[axis] + below);
         }
-        if (cell->live == SCREEN_EMPTY) {
+        if (cell->contents == SCREEN_EMPTY) {
             memset(&w->length[0][index], 0, SCREEN_BLOCK * sizeof(float));
             memset(&w->length[1][index], 0, SCREEN_BLOCK * sizeof(float));
             cell->smooth = false;
@@ -103,17 +103,17 @@ PELL_FETCHING void PELL_SIMD(screen_measure_row)(const struct screen_work *w, in
             store(w->to_px[0] + at, select(on, both, zero));
             store(skews + part, select(on, both / select(on, x2, one), zero));
         }
-        cell->smooth = cell->live == SCREEN_FULL && cell->owner != SCREEN_MIXED && !any(rough);
+        cell->smooth = cell->contents == SCREEN_FULL && cell->owner != SCREEN_MIXED && !any(rough);
         mean = cell->pixels > 0 ? sum_of(skews) / (float) cell->pixels : 0.0f;
-        cell->to_px[0][0] = mean < LEAN_MAX ? (mean > -LEAN_MAX ? mean : -LEAN_MAX) : LEAN_MAX;
+        cell->to_px[0][0] = mean < SKEW_MAX ? (mean > -SKEW_MAX ? mean : -SKEW_MAX) : SKEW_MAX;
     }
-    fade_leans(w, y);
+    fade_skews(w, y);
     for (int block = w->extents[y].begin; block < w->extents[y].end; block++) {
         struct screen_cell *cell = cell_at(w, block, y);
         const size_t index = (size_t) (y * w->stride + block * SCREEN_BLOCK);
         _Alignas(64) float most[2][SCREEN_BLOCK], least[2][SCREEN_BLOCK];
 
-        if (cell->live == SCREEN_EMPTY)
+        if (cell->contents == SCREEN_EMPTY)
             continue;
         for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
             const size_t at = index + (size_t) part;

@@ -3,13 +3,13 @@
 #extension GL_GOOGLE_include_directive : require
 // measure.comp - surface metric at each pixel, and the summary of a block of 16 pixels of a row, which is a row of a workgroup; mirror of
 // the first half of measure.c. Tx, Ty: from the pixel's surface point to the next one along x and y.
-//   in  0 place    depth (mm), material
+//   in  0 surface    depth (mm), material
 //   in  1 scale    px^2 per mm^2
 //   out 2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
 //   out 3 cells    mean skew of the second pass (decrease of x in pixels per pixel of y); 0: nothing is translucent, 1: some pixels are,
 //                  2: all are of one material, without depth discontinuities and creases
 layout(local_size_x = 16, local_size_y = 8) in;
-layout(set = 0, binding = 0) readonly buffer Place { vec2 place[]; };
+layout(set = 0, binding = 0) readonly buffer Surface { vec2 surface[]; };
 layout(set = 0, binding = 1) readonly buffer Scale { float scale[]; };
 layout(set = 0, binding = 2) writeonly buffer Slopes { vec4 slopes[]; };
 layout(set = 0, binding = 3) writeonly buffer Cells { vec2 cells[]; };
@@ -21,7 +21,7 @@ const uint FULL = 1u, BLURRED = 2u, ROUGH = 4u, OTHER = 8u;
 
 vec2 neighbour(ivec2 p) // depth, material
 {
-    return is_inside(p) ? place[pixel_at(p)] : vec2(0.0);
+    return is_inside(p) ? surface[pixel_at(p)] : vec2(0.0);
 }
 
 // Change of depth per pixel: the central difference, limited to twice the smaller one-sided one (van Leer 1977).
@@ -61,13 +61,13 @@ void main()
     facts[y][x] = 0u;
     if (here) {
         const int i = pixel_at(p);
-        const vec2 own = place[i];
+        const vec2 own = surface[i];
         bool rough = false;
         const vec3 s = own.y > 0.0 ? slopes_at(p, own, rough) : vec3(0.0);
         slopes[i] = vec4(s, 0.0);
         leans[y][x] = s.x > 0.0 ? s.z / s.x : 0.0;
         facts[y][x] = (own.y > 0.0 ? FULL : 0u) | (scale[i] > 0.0 ? BLURRED : 0u) | (rough ? ROUGH : 0u) |
-                      (own.y != place[i - int(x)].y ? OTHER : 0u);
+                      (own.y != surface[i - int(x)].y ? OTHER : 0u);
     }
     barrier();
     if (!here || x != 0u)
@@ -81,7 +81,7 @@ void main()
         all &= facts[y][k];
         any |= facts[y][k];
     }
-    lean = blurred > 0 ? clamp(lean / float(blurred), -LEAN_MAX, LEAN_MAX) : 0.0;
+    lean = blurred > 0 ? clamp(lean / float(blurred), -SKEW_MAX, SKEW_MAX) : 0.0;
     const bool smooth_all = all == FULL && (any & (ROUGH | OTHER)) == 0u;
     cells[pixel_at(p) / BLOCK] = vec2(lean, (any & FULL) == 0u ? 0.0 : smooth_all ? 2.0 : 1.0);
 }

@@ -5,7 +5,7 @@
 // of SCREEN_PLANNED steps, the blocks that it blurs, with the number and spacing of their taps (`choose` in blocks.h, `space` in
 // kernels.c). A row of a workgroup is a block: its invocations are first pixels, then steps and axes. FORM 0: Gaussians, 1: seven taps,
 // which need no plan, 2: a separable kernel.
-//   in  0 place    depth (mm), material
+//   in  0 surface    depth (mm), material
 //   in  1 scale    px^2 per mm^2 of the variances
 //   in  2 slopes   Tx.Tx, Ty.Ty, Tx.Ty (mm^2), 0
 //   in  3 lines    skew (px per px), pixels in smooth blocks along the row, down the column, 0
@@ -19,7 +19,7 @@
 #define USES_TABLE
 layout(local_size_x = 16, local_size_y = 8) in;
 layout(constant_id = 0) const int FORM = 0;
-layout(set = 0, binding = 0) readonly buffer Place { vec2 place[]; };
+layout(set = 0, binding = 0) readonly buffer Surface { vec2 surface[]; };
 layout(set = 0, binding = 1) readonly buffer Scale { float scale[]; };
 layout(set = 0, binding = 2) readonly buffer Slopes { vec4 slopes[]; };
 layout(set = 0, binding = 3) readonly buffer Lines { vec4 lines[]; };
@@ -132,7 +132,7 @@ void main()
 
     if (here) {
         const vec4 s = slopes[i];
-        const vec2 own = place[i];
+        const vec2 own = surface[i];
         const float lean = lines[cell].x, mm = own.x * pc.depth_mm + pc.fixed_mm, facing = scale[i] * mm * mm;
         const vec2 size2 = vec2(s.x, s.y + lean * (lean * s.x - 2.0 * s.z));
         const vec2 size = sqrt(max(size2, vec2(0.0)));

@@ -6,21 +6,21 @@
 #include "methods/screen_space/blocks.h"
 #include "methods/screen_space/factors.h"
 
-enum { TAPS_MOST = 64 };
+enum { MAX_TAPS = 64 };
 
 /* Positions of the taps of a block, per side: pixels from the centre, and the limits of the interval that each represents. */
 struct line {
-    int count, at[TAPS_MOST + 1];
-    float edge[TAPS_MOST + 1];
+    int count, at[MAX_TAPS + 1];
+    float edge[MAX_TAPS + 1];
     bool sparse; /* there are pixels between taps */
 };
 
 /* A pixel's line on the screen: step in x and y, pixels. */
-struct way {
+struct step_dir {
     float x, y;
     bool turned;
     float mm2;   /* rotated: squared length of a step on the surface, relative to the pixel's area */
-    float place; /* position of each tap within its interval, [0, 1] */
+    float coord; /* position of each tap within its interval, [0, 1] */
 };
 
 /* Every pixel up to w->taps taps; else taps spaced by squares, dense in the centre. */
@@ -54,19 +54,19 @@ INLINE float between(const struct screen_factor *f, int channel, float near, flo
            pell_ss_factor_integral(f, channel, sqrtf(near < 1.0f ? near : 1.0f));
 }
 
-INLINE struct way way_of(const struct screen_work *w, int axis, const struct screen_cell *cell, const struct line *line, int x, int y)
+INLINE struct step_dir step_at(const struct screen_work *w, int axis, const struct screen_cell *cell, const struct line *line, int x, int y)
 {
     const size_t index = (size_t) (y * w->stride + x);
 
     if (!w->turned || !line->sparse)
-        return axis == 0 ? (struct way) { .x = 1.0f } : (struct way) { .x = -cell->skew, .y = 1.0f };
+        return axis == 0 ? (struct step_dir) { .x = 1.0f } : (struct step_dir) { .x = -cell->skew, .y = 1.0f };
     { /* the axes are perpendicular on the surface, and so are the two passes */
         const int number = pell_ss_turn(x, y, w->turn);
         const float *turn = w->turns[number];
         const float c = axis == 0 ? turn[0] : -turn[1], s = axis == 0 ? turn[1] : turn[0];
         const float ratio = w->length[0][index] / w->length[1][index], down = s * ratio, along = c - cell->skew * down;
         const float size2 = along * along + down * down, size = sqrtf(size2);
-        return (struct way) { along / size, down / size, true, ratio / size2, pell_ss_jitter(number) };
+        return (struct step_dir) { along / size, down / size, true, ratio / size2, pell_ss_jitter(number) };
     }
 }
 
@@ -82,7 +82,7 @@ struct centre {
     const float *const *from; /* at the pixel */
     size_t index;
     int axis, x, y;
-    struct way way;
+    struct step_dir step_dir;
     float per_mm; /* reciprocal of the factor's extent */
 };
 
@@ -91,7 +91,7 @@ INLINE bool place_tap(const struct centre *p, float ahead, int offset[2])
 {
     const struct screen_work *w = p->w;
     const struct pell_rect *rect = &w->in->rect;
-    const int ox = (int) floorf(ahead * p->way.x + 0.5f), oy = (int) floorf(ahead * p->way.y + 0.5f);
+    const int ox = (int) floorf(ahead * p->step_dir.x + 0.5f), oy = (int) floorf(ahead * p->step_dir.y + 0.5f);
     ptrdiff_t at;
 
     if (p->x + ox < rect->x0 || p->x + ox >= rect->x1 || p->y + oy < rect->y0 || p->y + oy >= rect->y1)
@@ -107,10 +107,10 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
 {
     const struct screen_work *w = p->w;
     const struct line *line = p->line;
-    const struct way *way = &p->way;
-    const float place = sign > 0.0f ? way->place : 1.0f - way->place;
-    const float ahead = sign * (way->turned ? line->edge[i] + place * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
-    float h, dx, dy, dz, apart; /* mm per pixel of the line */
+    const struct step_dir *step_dir = &p->step_dir;
+    const float coord = sign > 0.0f ? step_dir->coord : 1.0f - step_dir->coord;
+    const float ahead = sign * (step_dir->turned ? line->edge[i] + coord * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
+    float h, dx, dy, dz, spacing; /* mm per pixel of the line */
     int offset[2];
     ptrdiff_t by, at;
     float size;
@@ -123,18 +123,18 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     dz = w->depth[at] - w->depth[p->index];
     dx = h * (float) offset[0] + dz * w->columns_tan[p->x];
     dy = h * (float) offset[1] + dz * w->rows_tan[p->y];
-    if (way->turned) {
+    if (step_dir->turned) {
         const float ox = (float) offset[0], oy = (float) offset[1];
-        apart = sqrtf((dx * dx + dy * dy + dz * dz) / (ox * ox + oy * oy));
+        spacing = sqrtf((dx * dx + dy * dy + dz * dz) / (ox * ox + oy * oy));
     } else { /* offset of the nearest pixel from the line */
-        const float beside = p->axis == 0 ? 0.0f : ((float) offset[0] - ahead * way->x) * w->length[0][p->index];
-        apart = sqrtf(fmaxf(dx * dx + dy * dy + dz * dz - beside * beside, 0.0f)) / fabsf(ahead);
+        const float across = p->axis == 0 ? 0.0f : ((float) offset[0] - ahead * step_dir->x) * w->length[0][p->index];
+        spacing = sqrtf(fmaxf(dx * dx + dy * dy + dz * dz - across * across, 0.0f)) / fabsf(ahead);
     }
-    if (!(apart > 0.0f))
+    if (!(spacing > 0.0f))
         return;
-    size = way->turned ? way->mm2 * w->length[0][at] * w->length[1][at] / (apart * apart) : w->length[p->axis][at] / apart;
+    size = step_dir->turned ? step_dir->mm2 * w->length[0][at] * w->length[1][at] / (spacing * spacing) : w->length[p->axis][at] / spacing;
     for (int c = 0; c < 3; c++) {
-        const float weight = between(p->factor, c, line->edge[i] * apart * p->per_mm, line->edge[i + 1] * apart * p->per_mm) * size;
+        const float weight = between(p->factor, c, line->edge[i] * spacing * p->per_mm, line->edge[i + 1] * spacing * p->per_mm) * size;
         sums->weight[c] += weight;
         sums->light[c] += weight * p->from[c][by];
     }
@@ -151,7 +151,7 @@ INLINE bool blur_pixel(struct centre *p, const struct screen_cell *cell, float o
 
     if (on) {
         p->per_mm = 1.0f / (extent * sqrtf(w->scale[p->index]) * mm);
-        p->way = way_of(w, p->axis, cell, p->line, p->x, p->y);
+        p->step_dir = step_at(w, p->axis, cell, p->line, p->x, p->y);
         for (int i = 0; i < p->line->count; i++) {
             add_tap(p, i, -1.0f, &sums);
             add_tap(p, i, 1.0f, &sums);
@@ -200,10 +200,10 @@ struct part { /* a vector of pixels of a block */
     vf weight[3], light[3];
 };
 
-/* The cubic that contains `place`, and the position in it. */
-INLINE vf in_cubic(vf share, vi *k)
+/* The cubic that contains `coord`, and the position in it. */
+INLINE vf in_cubic(vf fraction, vi *k)
 {
-    const vf p = root(lesser(share, all(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = all(SCREEN_FACTOR_PARTS - 1);
+    const vf p = root(lesser(fraction, all(1.0f))) * (float) SCREEN_FACTOR_PARTS, last = all(SCREEN_FACTOR_PARTS - 1);
 
     *k = __builtin_convertvector(lesser(p, last), vi);
     return p - __builtin_convertvector(*k, vf);
@@ -222,7 +222,7 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
     const ptrdiff_t at = (ptrdiff_t) p->index + offset[1] * w->stride + offset[0];
     const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[b->axis] + at), depth = load(w->depth + at);
     const vi there = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
-    vf h, dx, dy, dz, d2, apart, near, far, size;
+    vf h, dx, dy, dz, d2, spacing, near, far, size;
     vi known, k0, k1;
 
     if (!any(there))
@@ -233,14 +233,14 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
     dy = h * (float) offset[1] + dz * w->rows_tan[b->y];
     d2 = dx * dx + dy * dy + dz * dz;
     if (b->axis == 1) { /* offset of the nearest pixel from the line */
-        const vf beside = ((float) offset[0] + ahead * b->skew) * p->length0;
-        d2 = greater(d2 - beside * beside, zero);
+        const vf across = ((float) offset[0] + ahead * b->skew) * p->length0;
+        d2 = greater(d2 - across * across, zero);
     }
-    apart = root(d2) / all(fabsf(ahead));
-    known = there & (apart > zero);
-    size = length / select(known, apart, all(1.0f));
-    near = in_cubic(edge[0] * apart * p->per_mm, &k0);
-    far = in_cubic(edge[1] * apart * p->per_mm, &k1);
+    spacing = root(d2) / all(fabsf(ahead));
+    known = there & (spacing > zero);
+    size = length / select(known, spacing, all(1.0f));
+    near = in_cubic(edge[0] * spacing * p->per_mm, &k0);
+    far = in_cubic(edge[1] * spacing * p->per_mm, &k1);
     for (int c = 0; c < 3; c++) {
         const vf weight = select(known, (cubic(b->factor->cubic[c], k1, far) - cubic(b->factor->cubic[c], k0, near)) * size, zero);
         p->weight[c] += weight;
@@ -317,7 +317,7 @@ INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float
         struct line line;
         bool together;
 
-        if (cell->live == SCREEN_EMPTY)
+        if (cell->contents == SCREEN_EMPTY)
             continue;
         line = line_of(w, reach_of(w, cell, axis, first));
         together = cell->owner != SCREEN_MIXED && !(w->turned && line.sparse);

@@ -31,7 +31,7 @@ const int PARTS = SCREEN_FACTOR_PARTS;
 struct Centre {
     ivec2 p;
     vec2 own;     // depth, length along the axis, mm
-    float beside; // AXIS 1: |Tx|
+    float across; // AXIS 1: |Tx|
     vec4 light;   // with its material
     vec2 t;       // slopes of its ray
     float per_mm; // reciprocal of the kernel's extent at the pixel's scale
@@ -45,9 +45,9 @@ struct Gathered {
 // Integral of the factor between two fractions of its extent.
 vec3 between(int first, float near, float far)
 {
-    const vec2 place = sqrt(min(vec2(near, far), vec2(1.0))) * float(PARTS);
-    const ivec2 k = ivec2(min(place, vec2(PARTS - 1)));
-    const vec2 t = place - vec2(k);
+    const vec2 coord = sqrt(min(vec2(near, far), vec2(1.0))) * float(PARTS);
+    const ivec2 k = ivec2(min(coord, vec2(PARTS - 1)));
+    const vec2 t = coord - vec2(k);
     vec3 light;
 
     for (int c = 0; c < 3; c++) {
@@ -72,11 +72,11 @@ void tap(const Centre c, int ahead, float skew, vec2 edge, inout Gathered g)
     const float h = there.x * pc.depth_mm + pc.fixed_mm, dz = there.x - c.own.x;
     const vec3 way = vec3(h * vec2(offset) + dz * c.t, dz);
     // offset of the nearest pixel from the line
-    const float beside = AXIS == 0 ? 0.0 : (float(offset.x) + float(ahead) * skew) * c.beside;
-    const float apart = sqrt(max(dot(way, way) - beside * beside, 0.0)) / abs(float(ahead));
-    if (!(apart > 0.0))
+    const float across = AXIS == 0 ? 0.0 : (float(offset.x) + float(ahead) * skew) * c.across;
+    const float spacing = sqrt(max(dot(way, way) - across * across, 0.0)) / abs(float(ahead));
+    if (!(spacing > 0.0))
         return;
-    const vec3 weight = between(c.first, edge.x * apart * c.per_mm, edge.y * apart * c.per_mm) * (there.y / apart);
+    const vec3 weight = between(c.first, edge.x * spacing * c.per_mm, edge.y * spacing * c.per_mm) * (there.y / spacing);
     g.weight += weight;
     g.light += weight * light.rgb;
 }
@@ -125,12 +125,12 @@ void main()
     }
     const int head = (int(light.w) * pc.rank + term) * SCREEN_FACTOR_SIZE;
     const vec4 pass = factors[head];
-    const vec2 own = geometry[i], beside = other[i];
+    const vec2 own = geometry[i], across = other[i];
     const vec2 plan = intBitsToFloat(plans[AXIS * (pc.width / BLOCK * pc.height) + i / BLOCK].xy);
     const float mm = own.x * pc.depth_mm + pc.fixed_mm, extent = pass.w, size = scale[i];
     Gathered g = Gathered(vec3(0.0), vec3(0.0));
-    if (size > 0.0 && extent > 0.0 && own.y > 0.0 && beside.y > 0.0)
-        g = gather(Centre(p, own, beside.y, light, ray_of(p), 1.0 / (extent * sqrt(size) * mm), head + 2), plan.x, plan.y);
+    if (size > 0.0 && extent > 0.0 && own.y > 0.0 && across.y > 0.0)
+        g = gather(Centre(p, own, across.y, light, ray_of(p), 1.0 / (extent * sqrt(size) * mm), head + 2), plan.x, plan.y);
     // The weight that the taps do not contribute stays with the pixel.
     vec3 result = g.light + (pass.rgb - g.weight) * light.rgb;
     for (int c = 0; c < 3; c++)

@@ -23,7 +23,7 @@ struct centre {
 /* q of y' + Y_SHIFT. */
 INLINE float kernel_of(float shifted)
 {
-    float q = shifted * shifted + Q_LEAST;
+    float q = shifted * shifted + Q_MIN;
     q *= q;
     q *= q;
     return q * q;
@@ -33,7 +33,7 @@ INLINE float kernel_of(float shifted)
 INLINE void weigh(const struct around *a, ptrdiff_t at, vf y, const struct centre *c, bool several, struct gathered *g)
 {
     const vf shifted = lesser(y, (vf) { 0 } + Y_MAX) + Y_SHIFT;
-    vf q = shifted * shifted + Q_LEAST, weight;
+    vf q = shifted * shifted + Q_MIN, weight;
 
     q *= q;
     q *= q;
@@ -53,7 +53,7 @@ struct lane_taps {
     vf slope, fixed, grow, shift;
 };
 
-INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf aslant2, const struct centre *c, bool several, bool parallel,
+INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf cross_term2, const struct centre *c, bool several, bool parallel,
                         struct gathered *g)
 {
     vf z, along, dz;
@@ -66,7 +66,7 @@ INLINE void upright_tap(const struct around *a, struct lane_taps *side, vf aslan
     z = load(a->depth + side->at);
     along = z * side->slope + side->fixed;
     dz = z - c->depth;
-    weigh(a, side->at, along * along + dz * dz * aslant2, c, several, g);
+    weigh(a, side->at, along * along + dz * dz * cross_term2, c, several, g);
 }
 
 /* The taps of a block's pixels; those of the two sides in pairs, as most blocks have equally many. The points of two pixels differ by h (x,
@@ -77,60 +77,60 @@ INLINE void upright(const struct screen_work *w, const struct around *a, int axi
 {
     const float pace = (float) job->b.stride;
     const ptrdiff_t step = job->b.stride * (axis == 0 ? 1 : w->stride);
-    const vf other = c->tan[1 - axis], aslant2 = c->fall * c->fall * (other * other + 1.0f);
+    const vf other = c->tan[1 - axis], cross_term2 = c->fall * c->fall * (other * other + 1.0f);
     const vf grow = c->fall * (pace * w->depth_mm), shift = c->fall * (pace * w->fixed_mm);
     const vf slope = c->fall * c->tan[axis], fixed = (vf) { 0 } - c->depth * slope;
     const int pairs = fewer(job->low, job->high);
     struct lane_taps back = { 0, -step, slope, fixed, -grow, -shift }, ahead = { 0, step, slope, fixed, grow, shift };
 
     for (int j = 0; j < pairs; j++) { /* padding is left of the first pixel */
-        upright_tap(a, &back, aslant2, c, several, parallel, g);
-        upright_tap(a, &ahead, aslant2, c, several, parallel, g);
+        upright_tap(a, &back, cross_term2, c, several, parallel, g);
+        upright_tap(a, &ahead, cross_term2, c, several, parallel, g);
     }
     for (int j = pairs; j < job->low; j++)
-        upright_tap(a, &back, aslant2, c, several, parallel, g);
+        upright_tap(a, &back, cross_term2, c, several, parallel, g);
     for (int j = pairs; j < job->high; j++)
-        upright_tap(a, &ahead, aslant2, c, several, parallel, g);
+        upright_tap(a, &ahead, cross_term2, c, several, parallel, g);
 }
 
 /* --- Skewed -------------------------------------------------------------------------------------------------------------------- */
 
 /* The taps down a skewed line: x decreases by b->skew pixels per pixel of y. The two taps of a pair are opposite each other. */
-struct leaning {
+struct skewed {
     vf ray2, across2, grow, shift;
 };
 
-struct lean_place {
-    vf aslant;    /* 2 (x tx + y ty) */
-    vf beside2;   /* from the line that the tap represents, along x */
-    float apart2; /* from the pixel, px^2 */
+struct tap_position {
+    vf cross_term; /* 2 (x tx + y ty) */
+    vf beside2;    /* from the line that the tap represents, along x */
+    float apart2;  /* from the pixel, px^2 */
     int px, py;
 };
 
-INLINE struct lean_place lean_place(const struct block *b, int j, const struct centre *c, const struct leaning *l)
+INLINE struct tap_position tap_position(const struct block *b, int j, const struct centre *c, const struct skewed *l)
 {
     const int py = b->stride * j;
     const float exact = -b->skew * (float) py;
     const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
     const float ox = (float) px, oy = (float) py, beside = ox - exact;
 
-    return (struct lean_place) { (2.0f * ox) * c->tan[0] + (2.0f * oy) * c->tan[1], l->across2 * (beside * beside), ox * ox + oy * oy, px,
-                                 py };
+    return (struct tap_position) { (2.0f * ox) * c->tan[0] + (2.0f * oy) * c->tan[1], l->across2 * (beside * beside), ox * ox + oy * oy, px,
+                                   py };
 }
 
-INLINE struct lean_place opposite(const struct lean_place *p)
+INLINE struct tap_position opposite(const struct tap_position *p)
 {
-    return (struct lean_place) { -p->aslant, p->beside2, p->apart2, -p->px, -p->py };
+    return (struct tap_position) { -p->cross_term, p->beside2, p->apart2, -p->px, -p->py };
 }
 
 /* `x` is the block's. Taps outside of translucent surface are redirected to an empty pixel. */
-INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int x, struct lean_place p, const struct centre *c,
-                        const struct leaning *l, bool several, struct gathered *g)
+INLINE void skewed_tap(const struct screen_work *w, const struct around *a, int x, struct tap_position p, const struct centre *c,
+                       const struct skewed *l, bool several, struct gathered *g)
 {
     const bool in = x + p.px + SCREEN_BLOCK > w->block0 * SCREEN_BLOCK && x + p.px < w->block1 * SCREEN_BLOCK;
     const ptrdiff_t at = (in ? p.px : (w->block0 - 1) * SCREEN_BLOCK - x) + p.py * w->stride;
     const vf z = load(a->depth + at), h = z * l->grow + l->shift, fall = (z - c->depth) * c->fall;
-    const vf y = fall * (h * p.aslant + fall * l->ray2) + h * h * p.apart2;
+    const vf y = fall * (h * p.cross_term + fall * l->ray2) + h * h * p.apart2;
 
     weigh(a, at, greater(y - p.beside2, (vf) { 0 }), c, several, g);
 }
@@ -138,17 +138,17 @@ INLINE void leaning_tap(const struct screen_work *w, const struct around *a, int
 INLINE void skewed_line(const struct screen_work *w, const struct around *a, vf across, const struct job *job, const struct centre *c,
                         bool several, struct gathered *g)
 {
-    const struct leaning l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
-                               c->fall * w->fixed_mm };
+    const struct skewed l = { c->tan[0] * c->tan[0] + c->tan[1] * c->tan[1] + 1.0f, across * across, c->fall * w->depth_mm,
+                              c->fall * w->fixed_mm };
     const int pairs = fewer(job->low, job->high), most = job->low < job->high ? job->high : job->low;
 
     for (int j = 1; j <= pairs; j++) {
-        const struct lean_place p = lean_place(&job->b, j, c, &l);
-        leaning_tap(w, a, job->x, opposite(&p), c, &l, several, g);
-        leaning_tap(w, a, job->x, p, c, &l, several, g);
+        const struct tap_position p = tap_position(&job->b, j, c, &l);
+        skewed_tap(w, a, job->x, opposite(&p), c, &l, several, g);
+        skewed_tap(w, a, job->x, p, c, &l, several, g);
     }
     for (int j = pairs + 1; j <= most; j++)
-        leaning_tap(w, a, job->x, lean_place(&job->b, job->low > job->high ? -j : j, c, &l), c, &l, several, g);
+        skewed_tap(w, a, job->x, tap_position(&job->b, job->low > job->high ? -j : j, c, &l), c, &l, several, g);
 }
 
 /* --- Blocks -------------------------------------------------------------------------------------------------------------------- */
@@ -191,7 +191,7 @@ void PELL_SIMD(screen_gather_along_y)(const struct screen_work *w, int y, const 
     gather(w, y, 1, false, false, false, row, job);
 }
 
-void PELL_SIMD(screen_gather_leaning)(const struct screen_work *w, int y, const float *const row[3], struct job *job)
+void PELL_SIMD(screen_gather_skewed)(const struct screen_work *w, int y, const float *const row[3], struct job *job)
 {
     gather(w, y, 1, true, false, false, row, job);
 }

@@ -13,7 +13,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-enum { ROWS = 16, SIDE_MOST = 4 };
+enum { ROWS = 16, MAX_SIDE = 4 };
 #define FINE 131072  /* texels of a map with squares of 4 x 4 */
 #define COARSE 32768 /* texels of a map without interleaving */
 
@@ -47,9 +47,9 @@ struct packet {
     int count;
 };
 
-static int look(const struct ambient *s, struct packet *k)
+static int inspect(const struct ambient *s, struct packet *k)
 {
-    const float share = 1.0f / (float) s->samples;
+    const float fraction = 1.0f / (float) s->samples;
     const int count = k->count;
 
     for (int i = 0; i < 16; i++)
@@ -74,7 +74,7 @@ static int look(const struct ambient *s, struct packet *k)
         }
         pell_rays_occluded16(s->p->services->rays, k->open, false, &k->rays);
         for (int i = 0; i < count; i++)
-            s->p->seen[k->at[i]] += k->rays.tfar[i] < 0.0f ? 0.0f : share;
+            s->p->seen[k->at[i]] += k->rays.tfar[i] < 0.0f ? 0.0f : fraction;
     }
     k->count = 0;
     return count * s->samples;
@@ -130,9 +130,9 @@ static void look_rows(void *arg, int band, int worker)
                 k.first[i] = part * (uint32_t) s->samples;
                 k.at[i] = at;
                 if (++k.count == 16)
-                    rays += look(s, &k);
+                    rays += inspect(s, &k);
             }
-    rays += look(s, &k);
+    rays += inspect(s, &k);
     atomic_fetch_add_explicit(&s->rays, rays, memory_order_relaxed);
 }
 

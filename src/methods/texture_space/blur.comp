@@ -91,7 +91,7 @@ vec4 blurred(ivec2 p, vec2 own, vec4 extremes, float lean)
     // Taps may be 1.5 standard deviations of the previous blurs apart.
     const float space = 1.5 * sqrt(smooth_by);
     const int stride = space >= 2.0 ? (space < 4096.0 ? int(space) : 4096) : 1;
-    const int count = max(reach < float(TAPS_MOST * stride) ? int(reach / float(stride)) : TAPS_MOST, 1);
+    const int count = max(reach < float(MAX_TAPS * stride) ? int(reach / float(stride)) : MAX_TAPS, 1);
     const float inverse = 1.0 / own.y, density2 = inverse * inverse;
     const float add = max(density2 * pc.after - pc.grid, 0.0) - max(density2 * pc.before - pc.grid, 0.0);
     const float mixed = min(add * (1.0 / S2_MIN_VARIANCE), 1.0);

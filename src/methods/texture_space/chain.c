@@ -7,8 +7,8 @@
 
 #include <string.h>
 
-#define SOFT (1.0 / 3.0)      /* relative to the widest blur's width */
-#define WEIGHTLESS_LEAST 0.05 /* texels^2: a blur without weight and with less variance is skipped */
+#define SOFT (1.0 / 3.0)    /* relative to the widest blur's width */
+#define MIN_WEIGHTLESS 0.05 /* texels^2: a blur without weight and with less variance is skipped */
 
 static const char *level_name(int i)
 {
@@ -83,7 +83,7 @@ static int list_levels(const struct ts_blurring *p, bool local, struct level *ou
         const double *weight = profile->weight[i];
         const bool none = !(weight[0] > 0.0 || weight[1] > 0.0 || weight[2] > 0.0);
         const bool still = p->st->knobs.first == TS_FIRST_UNBLURRED && i <= unblurred;
-        if (none && (still || (profile->variance[i] - before) * finest < WEIGHTLESS_LEAST))
+        if (none && (still || (profile->variance[i] - before) * finest < MIN_WEIGHTLESS))
             continue;
         out[count] = (struct level) { i, false, { before, profile->variance[i], local && !none && !still ? weight : NULL } };
         out[count].blurs = !still && reaches(p, &out[count].blur);
@@ -148,7 +148,7 @@ static enum pell_result show_blur(struct ts_blurring *p, int number)
 
     if (!pell_services_observed(st->services, st->in))
         return PELL_OK;
-    PELL_TRY(st->run->look(p, false));
+    PELL_TRY(st->run->inspect(p, false));
     ts_show(st, &(struct ts_image) { "blur",
                                      "W/m^2",
                                      "the irradiance map after the Gaussians up to this one",
@@ -186,7 +186,7 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
         const struct ts_blur *b = &levels[i].blur;
         p->level = levels[i].number;
         if (transmission)
-            run->thin_out(p);
+            run->transmission_weights(p);
         if (levels[i].blurs) {
             const int64_t texels = blur_planes(p, b);
             PELL_TRY(show_blur(p, i + 1));
@@ -198,7 +198,7 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
             run->note(st, "unblurred", solid->atlas->inner, 9);
         }
         if (transmission) {
-            run->through(p);
+            run->transmit(p);
             run->note(st, "transmit", (int64_t) st->tsm.count, 20);
         }
     }

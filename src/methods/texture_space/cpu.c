@@ -19,7 +19,7 @@ PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
 enum { LIGHTS_MOST = 16, LEFT_CHUNK = 1024 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear interpolation adds on average */
-#define STRENGTH_LEAST 1e-3f
+#define MIN_STRENGTH 1e-3f
 
 /* --- Create and destroy ---------------------------------------------------------------------------------------------------------- */
 
@@ -62,37 +62,37 @@ void ts_destroy(void *state)
 static uint64_t made_of(const struct pell_services *services, const struct pell_frame_shape *shape, const struct ts_knobs *knobs)
 {
     const struct pell_scene *scene = services->scene;
-    uint64_t print = pell_hash_bytes(0, knobs, sizeof(*knobs));
+    uint64_t hash = pell_hash_bytes(0, knobs, sizeof(*knobs));
 
-    print = pell_hash_word(print, (uint64_t) shape->width << 32 | (uint64_t) shape->height);
-    print = pell_hash_word(print, (uint64_t) services->settings->curvature);
-    print = pell_hash_word(print, (uint64_t) services->settings->opposed);
+    hash = pell_hash_word(hash, (uint64_t) shape->width << 32 | (uint64_t) shape->height);
+    hash = pell_hash_word(hash, (uint64_t) services->settings->curvature);
+    hash = pell_hash_word(hash, (uint64_t) services->settings->opposed);
     for (size_t i = 0; i < shape->num_materials; i++) {
         const struct pell_frame_material *m = &shape->materials[i];
-        print = pell_hash_bytes(print, &m->medium, sizeof(m->medium));
-        print = pell_hash_bytes(print, &m->gaussians, sizeof(m->gaussians));
-        print = pell_hash_bytes(print, m->profile, 3 * sizeof(*m->profile));
-        print = pell_hash_word(print, m->white);
+        hash = pell_hash_bytes(hash, &m->medium, sizeof(m->medium));
+        hash = pell_hash_bytes(hash, &m->gaussians, sizeof(m->gaussians));
+        hash = pell_hash_bytes(hash, m->profile, 3 * sizeof(*m->profile));
+        hash = pell_hash_word(hash, m->white);
     }
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_material *m = &scene->materials[scene->meshes[i].material];
-        print = pell_hash_word(print, (m->strength != 1.0f) | (m->strength_map.texture != 0) << 1);
+        hash = pell_hash_word(hash, (m->strength != 1.0f) | (m->strength_map.texture != 0) << 1);
     }
-    return print;
+    return hash;
 }
 
 /* Takes a kept state for a scene whose vertices have moved; NULL, and the kept state is destroyed, if it belongs to another scene. */
-static struct ts_state *take_kept(const struct pell_services *services, const struct pell_solids *solids, uint64_t print)
+static struct ts_state *take_kept(const struct pell_services *services, const struct pell_solids *solids, uint64_t hash)
 {
     struct ts_state *st = services->kept ? services->kept->state : NULL;
-    bool same = st && st->made_of == print && st->num_solids == solids->count;
+    bool same = st && st->made_of == hash && st->num_solids == solids->count;
 
     if (!st)
         return NULL;
     services->kept->state = NULL;
     for (size_t i = 0; same && i < solids->count; i++)
         same = st->solid[i].atlas
-                   ? st->solid[i].atlas->print == ts_atlas_print(services->scene, solids, i) && solids->solids[i].num_triangles > 0
+                   ? st->solid[i].atlas->hash == ts_atlas_hash(services->scene, solids, i) && solids->solids[i].num_triangles > 0
                    : solids->solids[i].num_triangles == 0;
     for (size_t i = 0; same && i < solids->count; i++)
         same = !st->solid[i].atlas || ts_atlas_update(st->solid[i].atlas, services->pool, services->scene);
@@ -110,14 +110,14 @@ enum pell_result ts_create(const struct pell_services *services, const struct pe
 {
     const double start = pell_seconds();
     struct pell_context *ctx = services->ctx;
-    const uint64_t print = made_of(services, shape, knobs);
+    const uint64_t hash = made_of(services, shape, knobs);
     struct pell_solids *solids;
     struct ts_state *st;
     enum pell_result res;
 
     *state = NULL;
     PELL_TRY(pell_services_solids(services, &solids));
-    if ((st = take_kept(services, solids, print)) != NULL) {
+    if ((st = take_kept(services, solids, hash)) != NULL) {
         *state = st;
         st->services = services;
         st->solids = solids;
@@ -138,7 +138,7 @@ enum pell_result ts_create(const struct pell_services *services, const struct pe
     st->knobs = *(const struct ts_knobs *) knobs;
     st->solids = solids;
     st->num_solids = solids->count;
-    st->made_of = print;
+    st->made_of = hash;
     st->num_profiles = shape->num_materials;
     st->solid = pell_calloc(ctx, st->solids->count + 1, sizeof(*st->solid));
     st->profiles = pell_calloc(ctx, shape->num_materials, sizeof(*st->profiles));
@@ -172,7 +172,7 @@ static void scale_lengths(struct ts_state *st, const struct ts_atlas *a, bool st
             for (int i = 0; i < 2 * TS_BLOCK; i++) {
                 const ptrdiff_t at = y * a->stride + b * TS_BLOCK + i / 2;
                 const int k = i % 2;
-                const float s = strength ? fmaxf(st->strength[at], STRENGTH_LEAST) : 1.0f;
+                const float s = strength ? fmaxf(st->strength[at], MIN_STRENGTH) : 1.0f;
                 const bool is = a->key[at] > 0.0f;
                 const float length = !is ? 0.0f : (st->knobs.stretch ? a->length[k][at] : (float) a->mm_per_texel) / s;
                 st->scaled[k][at] = length;
@@ -441,7 +441,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     if (is_transmitted && st->knobs.soften)
         PELL_TRY(ts_soften(st, solid));
     if (pell_services_observed(st->services, st->in))
-        PELL_TRY(st->run->look(&(struct ts_blurring) { .st = st, .solid = solid }, true));
+        PELL_TRY(st->run->inspect(&(struct ts_blurring) { .st = st, .solid = solid }, true));
     ts_show(st, &(struct ts_image) { "exitance",
                                      "W/m^2",
                                      "radiant exitance, all Gaussians and transmission",
@@ -476,7 +476,7 @@ static void warn_of_lights(struct ts_state *st)
  * map is completed, and from then on so are all others. */
 static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *in)
 {
-    const bool may = ts_need_may(st, in);
+    const bool may = ts_need_enabled(st, in);
     bool whole = true, in_part = false;
     enum pell_result res;
 
@@ -485,13 +485,14 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
     if (whole)
         return PELL_OK;
     if (st->knobs.cull && st->run->culls) {
-        ts_need_see(st, in);
+        ts_need_mark_visible(st, in);
         for (size_t i = 0; may && i < st->solids->count; i++) {
-            st->solid[i].partly = atomic_load(&st->solid[i].missing) && st->solid[i].made == TS_MADE_NOT && ts_need_pays(&st->solid[i]);
-            in_part |= st->solid[i].partly;
+            st->solid[i].make_in_part =
+                atomic_load(&st->solid[i].missing) && st->solid[i].made == TS_MADE_NOT && ts_need_pays(&st->solid[i]);
+            in_part |= st->solid[i].make_in_part;
         }
         if (in_part && in->num_samples > 1)
-            ts_need_look_ahead(st, in);
+            ts_need_mark_later(st, in);
         ts_note_time(st, "need", 0, 0, 0);
     }
     for (size_t i = 0; i < st->solids->count; i++) {
@@ -499,12 +500,12 @@ static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *
         const bool more = atomic_exchange(&solid->missing, false);
         if (!solid->atlas || solid->made == TS_MADE_WHOLE || (may && !more) || (solid->made == TS_MADE_IN_PART && !more))
             continue;
-        st->need.on = may && solid->made == TS_MADE_NOT && solid->partly;
+        st->need.on = may && solid->made == TS_MADE_NOT && solid->make_in_part;
         st->reused |= solid->made == TS_MADE_IN_PART;
         solid->made = TS_MADE_NOT;
         res = light_solid(st, i);
         if (res != PELL_OK) {
-            ts_need_forget(solid);
+            ts_need_discard(solid);
             goto fail;
         }
         solid->made = st->need.on ? TS_MADE_IN_PART : TS_MADE_WHOLE;
@@ -530,7 +531,7 @@ enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in)
     st->layout = 0.0;
     if (st->lit != in->lights_revision) {
         for (size_t i = 0; i < st->solids->count; i++)
-            ts_need_forget(&st->solid[i]);
+            ts_need_discard(&st->solid[i]);
         warn_of_lights(st);
         st->lit = in->lights_revision;
     }

@@ -45,15 +45,15 @@ static inline void fill_square(const struct filling *p, size_t square, int count
 
     for (int c = 0; c < count; c++)
         planes[c] = p->planes[c];
-    for (size_t i = a->first_border[square]; i < a->first_mended[square] && a->fills[i].far <= p->far; i++) {
+    for (size_t i = a->first_border[square]; i < a->first_with_parts[square] && a->fills[i].far <= p->far; i++) {
         for (int c = 0; c < count; c++) {
-            __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].from);
-            __builtin_prefetch(planes[c] + a->fills[i + TS_AHEAD].at, 1);
+            __builtin_prefetch(planes[c] + a->fills[i + TS_PREFETCH].from);
+            __builtin_prefetch(planes[c] + a->fills[i + TS_PREFETCH].at, 1);
         }
         if (!p->need || p->need[a->fills[i].at] >= p->stage)
             fill_border(a, &a->fills[i], planes, count);
     }
-    for (size_t i = a->first_mended[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
+    for (size_t i = a->first_with_parts[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
         if (!p->need || p->need[a->fills[i].at] >= p->stage)
             mend_border(a, &a->fills[i], planes, count);
 }

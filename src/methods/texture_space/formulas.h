@@ -16,11 +16,10 @@
 #define S2_MIN 0.36f
 #define S2_MIN_VARIANCE 0.347774418f /* variance of K, sampled at whole texels, at that width */
 #define ADD_LEAST 1e-4f              /* texels^2: a blur that adds less is skipped */
-#define TAPS_MOST 4096
+#define MAX_TAPS 4096
 
-#define SEVEN_SPAN                                                                                                                         \
-    0.99800f /* sqrt(0.996): standard deviation of seven taps that are one standard deviation apart, in standard
-                             * deviations */
+/* sqrt(0.996): standard deviation of seven taps that are one standard deviation apart, in standard deviations. */
+#define SEVEN_SPAN 0.99800f
 
 #define TS_TAPS 13   /* taps of kernel=jittered-13 */
 #define TS_LEVELS 32 /* maximum number of blurs in a chain, including those without weight */

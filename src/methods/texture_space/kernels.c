@@ -157,7 +157,7 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
     /* Taps may be 1.5 standard deviations of the previous blurs apart. */
     space = 1.5f * sqrtf(smooth);
     line.stride = stride = space >= 2.0f ? (space < 4096.0f ? (int) space : 4096) : 1;
-    count = reach < (float) (TAPS_MOST * stride) ? (int) (reach / (float) stride) : TAPS_MOST;
+    count = reach < (float) (MAX_TAPS * stride) ? (int) (reach / (float) stride) : MAX_TAPS;
     count = count > 0 ? count : 1;
     skews = axis == 1 && fabsf(cell->skew) * reach >= 0.5f; /* with less than half a texel to the side, taps follow the column */
     ask_for(w, index, y, axis, axis == 1 ? count * stride : 0, planes);

@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define SIZE_LEAST 32.0  /* texels, for small objects next to large ones */
+#define MIN_SIZE 32.0    /* texels, for small objects next to large ones */
 #define PIXEL_TEXELS 8.0 /* maximum number of texels per pixel, over the maps of all objects */
 #define TAPS_REACH 3.46  /* in standard deviations */
 #define COVERED 0.6
@@ -47,26 +47,26 @@ static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *
 {
     for (size_t i = 0; i < st->solids->count; i++) {
         const struct ts_atlas *a = st->solid[i].atlas;
-        const char *name = shape->materials[st->solids->solids[i].material].name, *wrong = a ? a->wrong : NULL;
+        const char *name = shape->materials[st->solids->solids[i].material].name, *defect = a ? a->defect : NULL;
         char more[64] = "";
         size_t others = 0;
 
-        if (!wrong)
+        if (!defect)
             continue;
         for (size_t j = i + 1; j < st->solids->count; j++)
-            if (st->solid[j].atlas && st->solid[j].atlas->wrong == wrong && st->solid[j].atlas->apart == a->apart &&
+            if (st->solid[j].atlas && st->solid[j].atlas->defect == defect && st->solid[j].atlas->charts_separated == a->charts_separated &&
                 st->solids->solids[j].material == st->solids->solids[i].material) {
-                st->solid[j].atlas->wrong = NULL;
+                st->solid[j].atlas->defect = NULL;
                 others++;
             }
         if (others)
             snprintf(more, sizeof(more), "; so are %zu other objects", others);
-        if (a->apart)
-            pell_info(st->ctx, name, "%s: %d charts moved apart%s", wrong, a->num_charts, more);
-        else if (a->without)
-            pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", wrong, a->num_charts, more);
+        if (a->charts_separated)
+            pell_info(st->ctx, name, "%s: %d charts moved apart%s", defect, a->num_charts, more);
+        else if (a->lacks_uv)
+            pell_info(st->ctx, name, "%s: laid out in %d planar charts%s", defect, a->num_charts, more);
         else
-            pell_warn(st->ctx, name, "charts=planar selects this layout explicitly", "%s: laid out in %d planar charts%s", wrong,
+            pell_warn(st->ctx, name, "charts=planar selects this layout explicitly", "%s: laid out in %d planar charts%s", defect,
                       a->num_charts, more);
     }
 }
@@ -74,7 +74,7 @@ static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *
 /* Side of the largest map. */
 static double size_of(const struct ts_state *st)
 {
-    return st->knobs.size == 0 ? TS_SIZE_MOST : fmax(st->knobs.size, TS_SIZE_LEAST);
+    return st->knobs.size == 0 ? TS_SIZE_MAX : fmax(st->knobs.size, TS_SIZE_MIN);
 }
 
 /* Scale of all maps' sides: together they have at most four times the texels of one map of side `size`, and fewer in small images, except
@@ -142,9 +142,9 @@ static bool find_sides(struct ts_state *st, const struct pell_frame *in)
         largest = fmax(largest, b->solids[i].area);
     factor = share_texels(st, &in->shape, largest);
     for (size_t i = 0; i < b->count; i++) {
-        const double share = largest > 0.0 ? factor * sqrt(b->solids[i].area / largest) : 0.0;
-        const double side = fmin(fmax(ceil(size_of(st) * share), SIZE_LEAST), size_of(st));
-        const int needed = (int) ceil(fmin(fmax(needed_side(st, i, in->view, side), SIZE_LEAST), side));
+        const double fraction = largest > 0.0 ? factor * sqrt(b->solids[i].area / largest) : 0.0;
+        const double side = fmin(fmax(ceil(size_of(st) * fraction), MIN_SIZE), size_of(st));
+        const int needed = (int) ceil(fmin(fmax(needed_side(st, i, in->view, side), MIN_SIZE), side));
         const int kept = keep_first(&st->solid[i], needed);
         same &= b->solids[i].num_triangles == 0 || st->solid[i].side == kept;
         st->solid[i].side = kept;

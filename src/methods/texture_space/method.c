@@ -74,7 +74,7 @@ static void paper(void *values)
     struct ts_knobs *k = values;
 
     k->as = TS_PAPER;
-    k->size = TS_SIZE_MOST;
+    k->size = TS_SIZE_MAX;
     k->kernel = TS_KERNEL_SEVEN;
     k->border = 0;
     k->first = TS_FIRST_UNBLURRED;

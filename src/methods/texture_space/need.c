@@ -14,9 +14,9 @@
 #include <string.h>
 
 enum { SEEN_NOT, SEEN_MISSING, SEEN_MADE };
-enum { AROUND = 4 };     /* texels: search radius of read_map.c */
-enum { SEEN_SHARE = 4 }; /* if more than 1/SEEN_SHARE of a solid is visible, culling costs more than it saves */
-enum { STRIP = 128 };    /* columns per task */
+enum { AROUND = 4 };            /* texels: search radius of read_map.c */
+enum { MAX_SEEN_FRACTION = 4 }; /* if more than 1/MAX_SEEN_FRACTION of a solid is visible, culling costs more than it saves */
+enum { STRIP = 128 };           /* columns per task */
 
 /* --- Texels read by pixels ------------------------------------------------------------------------------------------------------- */
 
@@ -36,12 +36,12 @@ static void see_point(struct ts_state *st, uint32_t mesh, uint32_t triangle, flo
     const int32_t number = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
     struct ts_solid *solid = number >= 0 ? &st->solid[number] : NULL;
     const struct ts_atlas *a = solid ? solid->atlas : NULL;
-    struct ts_place p;
+    struct ts_bilinear p;
     float sum = 0.0f;
 
     if (!a || solid->made == TS_MADE_WHOLE)
         return;
-    p = ts_atlas_place(a, a->first[mesh] + triangle, u, v);
+    p = ts_atlas_locate(a, a->first[mesh] + triangle, u, v);
     if (p.at < 0)
         return;
     for (int i = 0; i < 4; i++) {
@@ -108,20 +108,20 @@ static bool looks_ahead(const struct ts_state *st, const struct pell_frame *in)
     return (in->num_samples - 1) * pixels <= texels;
 }
 
-bool ts_need_may(const struct ts_state *st, const struct pell_frame *in)
+bool ts_need_enabled(const struct ts_state *st, const struct pell_frame *in)
 {
     return st->knobs.cull && st->run->culls && st->knobs.kernel == TS_KERNEL_DENSE && !st->reused && !st->services->observer &&
            (in->num_samples <= 1 || looks_ahead(st, in));
 }
 
-void ts_need_see(struct ts_state *st, const struct pell_frame *in)
+void ts_need_mark_visible(struct ts_state *st, const struct pell_frame *in)
 {
     struct seeing p = { .st = st, .in = in, .rect = in->rect };
 
     ts_rows(st, in->rect.y1 - in->rect.y0, see_rows, &p);
 }
 
-void ts_need_look_ahead(struct ts_state *st, const struct pell_frame *in)
+void ts_need_mark_later(struct ts_state *st, const struct pell_frame *in)
 {
     struct seeing p = { .st = st, .in = in, .rect = in->rect };
 
@@ -143,10 +143,10 @@ bool ts_need_pays(const struct ts_solid *solid)
 
     for (ptrdiff_t i = 0; i < a->height * a->stride; i++)
         count += a->source[i] != UINT32_MAX && atomic_load_explicit(&solid->seen[i], memory_order_relaxed) != SEEN_NOT;
-    return SEEN_SHARE * count < a->inner;
+    return MAX_SEEN_FRACTION * count < a->inner;
 }
 
-void ts_need_forget(struct ts_solid *solid)
+void ts_need_discard(struct ts_solid *solid)
 {
     solid->made = TS_MADE_NOT;
     atomic_store(&solid->missing, false);
@@ -160,7 +160,7 @@ void ts_need_forget(struct ts_solid *solid)
 static void need_sources(const struct ts_atlas *a, uint8_t *stage, uint8_t from, uint8_t value)
 {
     for (size_t s = 0; s < a->num_squares; s++) {
-        for (size_t i = a->first_border[s]; i < a->first_mended[s]; i++) {
+        for (size_t i = a->first_border[s]; i < a->first_with_parts[s]; i++) {
             const struct ts_fill *f = &a->fills[i];
             if (stage[f->at] < from)
                 continue;
@@ -169,7 +169,7 @@ static void need_sources(const struct ts_atlas *a, uint8_t *stage, uint8_t from,
                 *t = *t > value ? *t : value;
             }
         }
-        for (size_t i = a->first_mended[s]; i < a->first_border[s + 1]; i++) {
+        for (size_t i = a->first_with_parts[s]; i < a->first_border[s + 1]; i++) {
             const struct ts_fill *f = &a->fills[i];
             for (int k = 0; stage[f->at] >= from && k < f->parts; k++) {
                 uint8_t *t = &stage[a->parts[f->from + k].at];
@@ -334,7 +334,7 @@ static void set_stages(const struct ts_state *st, const struct ts_atlas *a, cons
         stage[i] = base[i] ? (uint8_t) TS_NEED_BEFORE(count) : 0;
 }
 
-static void need_place(const struct ts_atlas *a, const struct ts_place *p, uint8_t *stage, uint8_t value)
+static void need_place(const struct ts_atlas *a, const struct ts_bilinear *p, uint8_t *stage, uint8_t value)
 {
     for (int i = 0; p->at >= 0 && i < 4; i++) {
         const ptrdiff_t at = p->at + i % 2 + i / 2 * a->stride;
@@ -388,7 +388,7 @@ void ts_need_chain(struct ts_state *st, const struct ts_solid *solid, bool trans
             continue;
         need_place(a, &t->from, stage, (uint8_t) TS_NEED_BEFORE(count));
         if (t->part > 0.0f)
-            need_place(a, &t->also, stage, (uint8_t) TS_NEED_BEFORE(count));
+            need_place(a, &t->second, stage, (uint8_t) TS_NEED_BEFORE(count));
     }
     need_sources(a, stage, (uint8_t) TS_NEED_BEFORE(count), (uint8_t) TS_NEED_BEFORE(count));
     grow(st, a, blurs, count);

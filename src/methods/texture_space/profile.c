@@ -11,15 +11,14 @@
 
 #include <string.h>
 
-#define RATIO_MOST 4.0          /* of the variances of successive blurs: section 5.1 */
-#define TRANSMISSION_LEAST 1e-5 /* relative to the total: thicker parts transmit nothing */
-#define LEAST_RETURNED                                                                                                                     \
-    0.3                  /* relative to a half-space: where a sheet tapers, the map holds more light than its local thickness
-                                 * implies */
+#define MAX_RATIO 4.0         /* of the variances of successive blurs: section 5.1 */
+#define MIN_TRANSMISSION 1e-5 /* relative to the total: thicker parts transmit nothing */
+/* Relative to a half-space: where a sheet tapers, the map holds more light than its local thickness implies. */
+#define MIN_RETURNED 0.3
 #define TAPS_MIDDLE 0.15 /* fraction of the profile in the centre tap of thirteen, and together with the inner ring */
 #define TAPS_INNER 0.7
-#define SLAB_LEAST 0.1 /* mm, lower end of the thickness tables */
-#define SLAB_MOST 50.0
+#define MIN_SLAB 0.1 /* mm, lower end of the thickness tables */
+#define MAX_SLAB 50.0
 
 /* Normalises each channel's weights to 1. A channel without weights keeps its light in the narrowest Gaussian. */
 static void whiten(struct pell_gaussians *g)
@@ -62,7 +61,7 @@ static void make_chain(const struct pell_gaussians *g, double narrow, struct ts_
 
     for (int i = 0; i < g->count; i++) {
         const double before = i > 0 ? g->variance[i - 1] : fmin(narrow, g->variance[0]), ratio = g->variance[i] / before;
-        int steps = ratio > RATIO_MOST * 1.0001 ? (int) ceil(log(ratio) / log(RATIO_MOST) - 1e-9) : 1;
+        int steps = ratio > MAX_RATIO * 1.0001 ? (int) ceil(log(ratio) / log(MAX_RATIO) - 1e-9) : 1;
         steps = steps - 1 < room ? steps : room + 1;
         if (i == 0 && ratio > 1.0001 && steps <= room)
             put(p, before, NULL);
@@ -81,7 +80,7 @@ static double gaussian_transmission(const struct ts_profile *p, int channel, dou
     return sum;
 }
 
-/* Thickness where each channel transmits less than TRANSMISSION_LEAST of its total. */
+/* Thickness where each channel transmits less than MIN_TRANSMISSION of its total. */
 static double gaussian_end(const struct ts_profile *p)
 {
     double far = 0.0;
@@ -91,7 +90,7 @@ static double gaussian_end(const struct ts_profile *p)
         double low = 0.0, high = 6.0 * p->widest;
         for (int i = 0; total > 0.0 && i < 50; i++) {
             const double mid = 0.5 * (low + high);
-            if (gaussian_transmission(p, c, mid) > TRANSMISSION_LEAST * total)
+            if (gaussian_transmission(p, c, mid) > MIN_TRANSMISSION * total)
                 low = mid;
             else
                 high = mid;
@@ -103,7 +102,8 @@ static double gaussian_end(const struct ts_profile *p)
 
 /* Projects T(r; d) onto the chain's variances; preserves the total, and the second moment where the variances reach it. */
 static enum pell_result slab_row(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_profile *p, double d,
-                                 const struct pell_slab slab[3], struct pell_stack_sets *sets, void *workspace, float share[TS_LEVELS][3])
+                                 const struct pell_slab slab[3], struct pell_stack_sets *sets, void *workspace,
+                                 float fraction[TS_LEVELS][3])
 {
     double target[TS_LEVELS], out[TS_LEVELS];
     int level[TS_LEVELS], targets = 0;
@@ -125,7 +125,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
         pell_slab_medium(m, d, &medium);
         pell_stack_of_medium(&medium, d, &stack);
         for (int i = 0; i < p->count; i++)
-            share[i][c] = 0.0f;
+            fraction[i][c] = 0.0f;
         if (!(total > 0.0))
             continue;
         if (pell_stack_gaussians(&stack, c, NULL, workspace, pell_stack_workspace_size(NULL), sets) != PELL_OK)
@@ -134,7 +134,7 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
         for (int i = 0; i < targets; i++)
             sum += out[i] > 0.0 ? out[i] : 0.0;
         for (int i = 0; i < targets; i++)
-            share[level[i]][c] = sum > 0.0 && out[i] > 0.0 ? (float) (out[i] / sum * total) : 0.0f;
+            fraction[level[i]][c] = sum > 0.0 && out[i] > 0.0 ? (float) (out[i] / sum * total) : 0.0f;
     }
     return PELL_OK;
 }
@@ -152,7 +152,7 @@ static void leave_forward(const struct pell_medium *medium, struct ts_profile *p
         for (int c = 0; c < 3; c++) {
             const float rest = pell_forward_rest(&law, c, (float) (p->thickest * f * f), pell_forward_apart(&law, &diffuse, c));
             for (int i = 0; i < p->count; i++)
-                p->share[k][i][c] *= rest;
+                p->fraction[k][i][c] *= rest;
         }
     }
 }
@@ -165,33 +165,33 @@ static enum pell_result make_slabs(struct pell_context *ctx, const struct pell_f
     const size_t size = pell_stack_workspace_size(NULL);
     struct pell_stack_sets *sets = pell_alloc(ctx, sizeof(*sets));
     void *workspace = pell_alloc(ctx, size);
-    double low = SLAB_LEAST, high = SLAB_MOST;
+    double low = MIN_SLAB, high = MAX_SLAB;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    p->share = pell_calloc(ctx, TS_THICK, sizeof(*p->share));
-    if (!sets || !workspace || !p->share)
+    p->fraction = pell_calloc(ctx, TS_THICK, sizeof(*p->fraction));
+    if (!sets || !workspace || !p->fraction)
         goto fail;
     for (int i = 0; i < 40; i++) {
         const double mid = 0.5 * (low + high);
         double most = 0.0;
         for (int c = 0; c < 3; c++)
             most = fmax(most, pell_slab_at(&slab[c], mid).transmitted);
-        if (most > TRANSMISSION_LEAST)
+        if (most > MIN_TRANSMISSION)
             low = mid;
         else
             high = mid;
     }
     p->thickest = high;
     for (int k = 0; k < TS_THICK; k++) {
-        const double f = (double) k / (TS_THICK - 1), d = fmax(p->thickest * f * f, 1e-2 * SLAB_LEAST);
-        PELL_TRY(slab_row(ctx, m, p, d, slab, sets, workspace, p->share[k]));
+        const double f = (double) k / (TS_THICK - 1), d = fmax(p->thickest * f * f, 1e-2 * MIN_SLAB);
+        PELL_TRY(slab_row(ctx, m, p, d, slab, sets, workspace, p->fraction[k]));
         for (int c = 0; c < 3; c++) {
             const double total = m->white ? pell_profile_total(&m->profile[c]) : 1.0;
             const double half = pell_slab_at(&slab[c], (double) INFINITY).reflected;
             const double kept = half > 0.0 ? pell_slab_at(&slab[c], d).reflected / half : 1.0;
-            const double whole = total * (local ? fmax(kept, LEAST_RETURNED) : 1.0);
+            const double whole = total * (local ? fmax(kept, MIN_RETURNED) : 1.0);
             for (int i = 0; i < p->count; i++)
-                p->share[k][i][c] = total > 0.0 ? (float) ((double) p->share[k][i][c] / whole) : 0.0f;
+                p->fraction[k][i][c] = total > 0.0 ? (float) ((double) p->fraction[k][i][c] / whole) : 0.0f;
         }
     }
     p->slab = true;
@@ -228,13 +228,13 @@ static double mean_within(const struct ts_profile *p, int first, double r)
     return n > 0.0 ? sum / n : 1.0;
 }
 
-static double radius_of(const struct ts_profile *p, int first, double share)
+static double radius_of(const struct ts_profile *p, int first, double fraction)
 {
     double low = 0.0, high = 8.0 * p->widest;
 
     for (int i = 0; i < 50; i++) {
         const double mid = 0.5 * (low + high);
-        if (mean_within(p, first, mid) < share)
+        if (mean_within(p, first, mid) < fraction)
             low = mid;
         else
             high = mid;
@@ -259,8 +259,8 @@ static void make_taps(struct ts_profile *p, bool unblurred)
         const int count = ring == 0 ? 1 : 6;
         radius[ring + 1] = ring < 2 ? radius_of(p, first, limit[ring + 1]) : 1e3 * p->widest;
         for (int k = 0; k < count; k++, n++) {
-            const double part = (order[k] + 0.5) / 6.0, share = limit[ring] + part * (limit[ring + 1] - limit[ring]);
-            const double r = ring == 0 ? 0.0 : radius_of(p, first, share), phi = 2.0 * PELL_PI * (k + aside[n > 0 ? n - 1 : 0]) / 6.0;
+            const double part = (order[k] + 0.5) / 6.0, fraction = limit[ring] + part * (limit[ring + 1] - limit[ring]);
+            const double r = ring == 0 ? 0.0 : radius_of(p, first, fraction), phi = 2.0 * PELL_PI * (k + aside[n > 0 ? n - 1 : 0]) / 6.0;
             p->taps[n].x = (float) (r * cos(phi));
             p->taps[n].y = (float) (r * sin(phi));
             for (int c = 0; c < 3; c++)
@@ -289,7 +289,7 @@ enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_fra
     if (out->count == 0)
         return PELL_OK;
     if (out->added > 0)
-        pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, RATIO_MOST);
+        pell_debug(ctx, m->name, "%d blurs without weight keep the ratio of variances at most %g", out->added, MAX_RATIO);
     out->widest = sqrt(out->variance[out->count - 1]);
     out->thickest = gaussian_end(out);
     make_taps(out, knobs->first == TS_FIRST_UNBLURRED);
@@ -304,24 +304,24 @@ fail:
 
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p)
 {
-    pell_free(ctx, p->share);
-    p->share = NULL;
+    pell_free(ctx, p->fraction);
+    p->fraction = NULL;
 }
 
-void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3])
+void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float fraction[3])
 {
     const float v = (float) p->variance[i], e = d * d < 80.0f * v ? expf(-d * d / (2.0f * v)) : 0.0f;
 
     for (int c = 0; c < 3; c++)
-        share[c] = (float) p->weight[i][c] * e;
+        fraction[c] = (float) p->weight[i][c] * e;
     if (!p->slab)
         return;
     for (int c = 0; c < 3; c++)
-        share[c] *= 1.0f - opposed;
+        fraction[c] *= 1.0f - opposed;
     if (d < (float) p->thickest) {
         const float f = sqrtf(d / (float) p->thickest) * (TS_THICK - 1);
         const int row = f < (float) (TS_THICK - 2) ? (int) f : TS_THICK - 2;
         for (int c = 0; c < 3; c++)
-            share[c] += opposed * (p->share[row][i][c] + (f - (float) row) * (p->share[row + 1][i][c] - p->share[row][i][c]));
+            fraction[c] += opposed * (p->fraction[row][i][c] + (f - (float) row) * (p->fraction[row + 1][i][c] - p->fraction[row][i][c]));
     }
 }

@@ -38,10 +38,10 @@ struct ts_read_push {
 };
 
 /* See struct ts_transmitted_texel. */
-struct ts_through {
-    int32_t at, from, also; /* texels; the lower left ones of four */
-    float from_key, from_x, from_y, also_key, also_x, also_y;
-    float part, apart, m, opposed;
+struct ts_entry {
+    int32_t at, from, second; /* texels; the lower left ones of four */
+    float from_key, from_x, from_y, second_key, second_x, second_y;
+    float part, surface_distance, m, opposed;
     int32_t round;
     float left_r, left_g, left_b, strength;
 };

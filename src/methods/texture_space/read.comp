@@ -21,7 +21,7 @@ layout(push_constant) uniform Push { ts_read_push pc; };
 
 const uint NONE = 0xffffffffu;
 
-// struct ts_place: the lower left one of four texels, and the position between them.
+// struct ts_bilinear: the lower left one of four texels, and the position between them.
 struct Place {
     int x, y;
     float key;
@@ -79,7 +79,7 @@ void main()
 {
     const ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     const int at = pixel.y * pc.pitch + pixel.x;
-    Place place;
+    Place location;
 
     if (pixel.x >= pc.pitch || pixel.y >= pc.rows)
         return;
@@ -90,6 +90,6 @@ void main()
             result[at] = vec4(0.0);
         return;
     }
-    const vec3 left = find_place(first + points[at].y, uintBitsToFloat(points[at].zw), place) ? read_map(place) : vec3(0.0);
+    const vec3 left = find_place(first + points[at].y, uintBitsToFloat(points[at].zw), location) ? read_map(location) : vec3(0.0);
     result[at] = vec4(left + vec3(pc.unblurred_r, pc.unblurred_g, pc.unblurred_b) * light[at].rgb, 0.0);
 }

@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* If none of the four texels around is valid: the mean of the nearest valid ones, of the same chart or else of any. */
-static void look_around(const struct ts_atlas *a, const float *map, const struct ts_place *p, float rgb[3])
+static void look_around(const struct ts_atlas *a, const float *map, const struct ts_bilinear *p, float rgb[3])
 {
     const int px = (int) (p->at % a->stride), py = (int) (p->at / a->stride);
 
@@ -36,7 +36,7 @@ static void look_around(const struct ts_atlas *a, const float *map, const struct
 static void read_map(const struct ts_solid *solid, uint32_t triangle, float u, float v, float rgb[3])
 {
     const struct ts_atlas *a = solid->atlas;
-    const struct ts_place p = ts_atlas_place(a, triangle, u, v);
+    const struct ts_bilinear p = ts_atlas_locate(a, triangle, u, v);
     const float w[4] = { (1.0f - p.fx) * (1.0f - p.fy), p.fx * (1.0f - p.fy), (1.0f - p.fx) * p.fy, p.fx * p.fy };
     const float *t;
     float sum = 0.0f;

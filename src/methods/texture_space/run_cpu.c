@@ -63,14 +63,15 @@ static void thin_chunk(void *arg, int chunk, int worker)
         struct ts_transmitted_texel *t = &st->tsm.texels[i];
         const float alpha = p->now[3][t->at], strength = p->scaled ? st->strength[t->at] : 1.0f;
         /* The blurs weight A's light by exp(-s^2/(2 v)), s along the surface; a straight path has exp(-m^2/(2 v)). */
-        float near = linear ? fminf(t->apart / reach, 1.0f) : -expm1f(fmaxf(t->apart * t->apart - t->m * t->m, 0.0f) * falloff);
+        float near = linear ? fminf(t->surface_distance / reach, 1.0f)
+                            : -expm1f(fmaxf(t->surface_distance * t->surface_distance - t->m * t->m, 0.0f) * falloff);
         near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
-        t->share[0] = t->share[1] = t->share[2] = 0.0f;
+        t->fraction[0] = t->fraction[1] = t->fraction[2] = 0.0f;
         if (!(alpha > 0.0f) || !(strength > 0.0f) || (st->need.on && !st->need.behind[t->at]))
             continue;
-        ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->share);
+        ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->fraction);
         for (int c = 0; c < 3; c++)
-            t->share[c] *= near * t->left[c];
+            t->fraction[c] *= near * t->left[c];
     }
 }
 
@@ -86,17 +87,17 @@ static void add_transmission(void *arg, int chunk, int worker)
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
         const struct ts_transmitted_texel *t = &st->tsm.texels[i];
         float rgb[3];
-        if (!(t->share[0] > 0.0f || t->share[1] > 0.0f || t->share[2] > 0.0f))
+        if (!(t->fraction[0] > 0.0f || t->fraction[1] > 0.0f || t->fraction[2] > 0.0f))
             continue;
         ts_read(p->solid->atlas, &t->from, planes, 3, rgb);
         if (t->part > 0.0f) {
-            float also[3];
-            ts_read(p->solid->atlas, &t->also, planes, 3, also);
+            float second[3];
+            ts_read(p->solid->atlas, &t->second, planes, 3, second);
             for (int c = 0; c < 3; c++)
-                rgb[c] += t->part * (also[c] - rgb[c]);
+                rgb[c] += t->part * (second[c] - rgb[c]);
         }
         for (int c = 0; c < 3; c++)
-            out[c][t->at] += t->share[c] * rgb[c];
+            out[c][t->at] += t->fraction[c] * rgb[c];
     }
 }
 
@@ -149,12 +150,12 @@ static int chunks_of(const struct ts_state *st)
     return (int) ((st->tsm.count + CHUNK - 1) / CHUNK);
 }
 
-static void thin_out(struct ts_blurring *p)
+static void transmission_weights(struct ts_blurring *p)
 {
     pell_pool_run(p->st->pool, chunks_of(p->st), thin_chunk, p);
 }
 
-static void through(struct ts_blurring *p)
+static void transmit(struct ts_blurring *p)
 {
     pell_pool_run(p->st->pool, chunks_of(p->st), add_transmission, p);
 }
@@ -216,7 +217,7 @@ static void note(struct ts_state *st, const char *name, int64_t texels, int plan
     ts_note_time(st, name, texels, 4 * planes * texels, 0);
 }
 
-static enum pell_result look(struct ts_blurring *p, bool sum)
+static enum pell_result inspect(struct ts_blurring *p, bool sum)
 {
     (void) p;
     (void) sum;
@@ -273,13 +274,13 @@ const struct ts_runner ts_cpu_runner = {
     .begin = begin,
     .start = start,
     .fill = fill,
-    .thin_out = thin_out,
+    .transmission_weights = transmission_weights,
     .blur = blur,
     .scatter = scatter,
     .add = add,
-    .through = through,
+    .transmit = transmit,
     .note = note,
-    .look = look,
+    .inspect = inspect,
     .finish = finish,
     .store = store,
     .forget = forget,

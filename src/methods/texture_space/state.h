@@ -27,7 +27,7 @@ struct ts_solid {
     uint64_t version;                 /* changes with each map that is made; 0: none yet */
     _Atomic uint8_t *seen;            /* per texel, while the map is made in part: need.c */
     _Atomic bool missing;             /* pixels read texels that were not made */
-    bool partly;                      /* will be made in part */
+    bool make_in_part;                /* will be made in part */
     struct pell_vec3 middle;          /* centre of its bounds */
     float radius;                     /* half the diagonal of its bounds, mm */
 };
@@ -174,14 +174,14 @@ static inline bool ts_is_local(const struct ts_state *st)
 /* --- need.c ---------------------------------------------------------------------------------------------------------------------- */
 
 /* Whether maps may be made in part. */
-bool ts_need_may(const struct ts_state *st, const struct pell_frame *in);
+bool ts_need_enabled(const struct ts_state *st, const struct pell_frame *in);
 /* Marks the texels that pixels read; and those of later samples. */
-void ts_need_see(struct ts_state *st, const struct pell_frame *in);
-void ts_need_look_ahead(struct ts_state *st, const struct pell_frame *in);
+void ts_need_mark_visible(struct ts_state *st, const struct pell_frame *in);
+void ts_need_mark_later(struct ts_state *st, const struct pell_frame *in);
 /* Whether so little of a solid is marked that making its map in part saves time. */
 bool ts_need_pays(const struct ts_solid *solid);
 /* Discards the map of a solid. */
-void ts_need_forget(struct ts_solid *solid);
+void ts_need_discard(struct ts_solid *solid);
 /* Call before a solid is made in part: the marked texels become those that its map will hold. */
 void ts_need_begin(struct ts_state *st, struct ts_solid *solid);
 /* Marks the inputs of a chain of all blurs, with `transmission` also for the listed texels that receive light; and the inputs of
@@ -263,7 +263,7 @@ struct ts_runner {
     /* Fills borders of `now` within `far` texels of charts. */
     void (*fill)(struct ts_blurring *p, int planes, int far);
     /* Computes the transmission weights of the listed texels for p->level, from `now`'s alpha. */
-    void (*thin_out)(struct ts_blurring *p);
+    void (*transmission_weights)(struct ts_blurring *p);
     /* Blurs `now`, including borders up to `blurred` texels; adds the weighted result to the sum. */
     void (*blur)(struct ts_blurring *p, const struct ts_blur *blur, int blurred);
     /* Adds the jittered taps around each texel of `now` to the sum. */
@@ -271,11 +271,11 @@ struct ts_runner {
     /* Adds the weighted `now` to the sum. */
     void (*add)(struct ts_blurring *p, const double weight[3]);
     /* Adds `now` at the entry points of transmitted light, by the transmission weights. */
-    void (*through)(struct ts_blurring *p);
+    void (*transmit)(struct ts_blurring *p);
     /* Attributes the time since the last call to a pass of this name: texels, and planes of them that were read and written. */
     void (*note)(struct ts_state *st, const char *name, int64_t texels, int planes);
     /* Copies `now`, or the sum, to st->now or st->sum for inspection. */
-    enum pell_result (*look)(struct ts_blurring *p, bool sum);
+    enum pell_result (*inspect)(struct ts_blurring *p, bool sum);
     /* Ends the chain. */
     enum pell_result (*finish)(struct ts_blurring *p);
     /* Stores the sum as the solid's map. */

@@ -13,7 +13,7 @@
 #include <pellucid/method.h>
 
 enum ts_as { TS_BEST, TS_PAPER };
-enum { TS_SIZE_LEAST = 16, TS_SIZE_MOST = 1024 }; /* texels; the largest automatic size */
+enum { TS_SIZE_MIN = 16, TS_SIZE_MAX = 1024 }; /* texels; the largest automatic size */
 enum ts_charts { TS_CHARTS_AUTO, TS_CHARTS_UV, TS_CHARTS_PLANAR };
 enum ts_kernel { TS_KERNEL_DENSE, TS_KERNEL_SEVEN, TS_KERNEL_JITTERED };
 enum ts_first { TS_FIRST_BLURRED, TS_FIRST_UNBLURRED };
@@ -51,7 +51,7 @@ struct ts_triangle {
 };
 
 /* A bilinear lookup: four texels, given by the lower left one. */
-struct ts_place {
+struct ts_bilinear {
     int32_t at;   /* texel index; -1: none */
     float key;    /* of its chart */
     float fx, fy; /* [0, 1] */
@@ -72,7 +72,7 @@ struct ts_fill {
     uint8_t far, parts;
 };
 #define TS_WHOLE 65535.0f
-enum { TS_AHEAD = 12 }; /* prefetch distance; the list has as many entries of padding at its end */
+enum { TS_PREFETCH = 12 }; /* prefetch distance; the list has as many entries of padding at its end */
 
 /* A chart texel in the weighted sum of a border texel at a seam: of its own chart, or of the others around its location. */
 struct ts_part {
@@ -81,7 +81,7 @@ struct ts_part {
 };
 
 /* Orientation of a border texel in its source triangle: its steps along x and y, independent of the layout of the source chart. */
-struct ts_turn {
+struct ts_orientation {
     uint32_t triangle;
     int32_t at;
     float u[2], v[2]; /* barycentrics per texel along x, along y */
@@ -100,9 +100,9 @@ struct ts_atlas {
     float (*corners)[6];           /* per triangle: x, y of its corners, in texels; texel centres are at + 1/2 */
     int32_t *chart;                /* per triangle: 1, 2, ...; 0: no area */
     uint32_t *twin;                /* per half-edge 3 t + k, from corner k to the next: the opposite one, or UINT32_MAX */
-    bool apart;                    /* the mesh's charts, separated */
-    const char *wrong;             /* constant text: the defect of its texture coordinates; NULL: none, or charts=planar */
-    bool without;                  /* the mesh has no texture coordinates */
+    bool charts_separated;         /* the mesh's charts, separated */
+    const char *defect;            /* constant text: the defect of its texture coordinates; NULL: none, or charts=planar */
+    bool lacks_uv;                 /* the mesh has no texture coordinates */
     int num_charts;
     /* Texels: plane[y * stride + x], with TS_MARGIN empty texels on the left and right. */
     int width, height, blocks;
@@ -123,10 +123,10 @@ struct ts_atlas {
                                 * distance from charts */
     size_t num_borders;
     struct ts_part *parts;
-    struct ts_turn *turns; /* of borders, row by row */
-    size_t *first_turn;    /* per row, height + 1 entries */
-    size_t *first_border;  /* per square, plus the end of the last one */
-    size_t *first_mended;  /* per square: the first border with parts */
+    struct ts_orientation *turns; /* of borders, row by row */
+    size_t *first_turn;           /* per row, height + 1 entries */
+    size_t *first_border;         /* per square, plus the end of the last one */
+    size_t *first_with_parts;     /* per square: the first border with parts */
     size_t num_squares;
     size_t within[TS_FAR];      /* number of borders within this distance */
     struct ts_run *runs;        /* non-empty blocks, row by row */
@@ -135,7 +135,7 @@ struct ts_atlas {
     double mm_per_texel;        /* mean */
     double overlap, degenerate; /* fractions that may disqualify a layout */
     int border;                 /* texels */
-    uint64_t print;             /* hash of the triangles and texture coordinates, not of positions */
+    uint64_t hash;              /* hash of the triangles and texture coordinates, not of positions */
     uint64_t positions;         /* hash of the positions that lengths were measured at */
 };
 
@@ -150,16 +150,16 @@ struct ts_atlas_params {
 };
 
 /* Hash of a layout's inputs: equal hashes have equal layouts, at any vertex positions. */
-uint64_t ts_atlas_print(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid);
+uint64_t ts_atlas_hash(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid);
 /* Adapts the layout to a scene with the same hash: recomputes only what depends on positions, and nothing if these are equal. False, with
  * the atlas unchanged, if a triangle has lost or gained its area. */
 bool ts_atlas_update(struct ts_atlas *atlas, struct pell_pool *pool, const struct pell_scene *scene);
 PELL_NODISCARD enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_params *params, struct ts_atlas **out);
 void ts_atlas_destroy(struct ts_atlas **atlas);
 /* Bilinear lookup at a point of a triangle (index and barycentrics). */
-struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t triangle, float u, float v);
+struct ts_bilinear ts_atlas_locate(const struct ts_atlas *a, uint32_t triangle, float u, float v);
 /* Bilinear mean of those of the four texels that are in the lookup's chart; false: none is. `planes` begin at texel (0, 0). */
-static inline bool ts_read(const struct ts_atlas *a, const struct ts_place *p, const float *const *planes, int count, float *out)
+static inline bool ts_read(const struct ts_atlas *a, const struct ts_bilinear *p, const float *const *planes, int count, float *out)
 {
     const ptrdiff_t at[4] = { p->at, p->at + 1, p->at + a->stride, p->at + a->stride + 1 };
     const float w[4] = { (1.0f - p->fx) * (1.0f - p->fy), p->fx * (1.0f - p->fy), (1.0f - p->fx) * p->fy, p->fx * p->fy };
@@ -244,7 +244,7 @@ struct ts_profile {
     double thickest;             /* mm: thicker parts transmit nothing */
     bool slab;                   /* a table exists */
     /* Fraction of level i in the transmission through a slab d = thickest (row/(TS_THICK - 1))^2 mm thick. */
-    float (*share)[TS_LEVELS][3];
+    float (*fraction)[TS_LEVELS][3];
 };
 
 /* `local`: whether the maps exclude transmitted light (struct pell_points_params). `forward`: the engine adds what clear media pass
@@ -253,23 +253,23 @@ PELL_NODISCARD enum pell_result ts_profile_make(struct pell_context *ctx, const 
                                                 bool local, bool forward, struct ts_profile *out);
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
 /* Transmission of level `i` through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, at 0 none is transmitted. */
-void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float share[3]);
+void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float fraction[3]);
 
 /* --- translucent_shadow_map.c: entry points of transmitted light  */
 
 struct ts_transmitted_texel {
-    int32_t at;           /* the texel C */
-    struct ts_place from; /* A */
-    struct ts_place also; /* a second entry point, whose light has the weight `part`, [0, 1] */
+    int32_t at;                /* the texel C */
+    struct ts_bilinear from;   /* A */
+    struct ts_bilinear second; /* a second entry point, whose light has the weight `part`, [0, 1] */
     float part;
-    float m;     /* mm from C to A, straight */
-    float apart; /* mm from C to A along the surface in one chart, else straight, too */
+    float m;                /* mm from C to A, straight */
+    float surface_distance; /* mm from C to A along the surface in one chart, else straight, too */
     struct pell_vec3 normal;
-    float cosine;   /* between the normal at A and the direction of the ray */
-    float opposed;  /* how far the normals at A and C oppose, [0, 1] */
-    bool round;     /* `apart` is along the surface */
-    float left[3];  /* fraction that the engine does not add already, as diffusion in the solid */
-    float share[3]; /* transmission weight at the current level */
+    float cosine;      /* between the normal at A and the direction of the ray */
+    float opposed;     /* how far the normals at A and C oppose, [0, 1] */
+    bool round;        /* `surface_distance` is along the surface */
+    float left[3];     /* fraction that the engine does not add already, as diffusion in the solid */
+    float fraction[3]; /* transmission weight at the current level */
 };
 
 struct ts_tsm {

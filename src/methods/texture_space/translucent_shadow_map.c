@@ -8,8 +8,8 @@
 #include <string.h>
 
 enum { FACES = 4096 };
-#define WIDEST 1.2f /* tangent of half the field of view for a light among the objects */
-#define DARK 1e-4f  /* a normal whose cosine with the light is below -DARK faces away despite rounding errors */
+#define MAX_HALF_VIEW 1.2f    /* tangent of half the field of view for a light among the objects */
+#define MIN_AWAY_COSINE 1e-4f /* a normal whose cosine with the light is below -DARK faces away despite rounding errors */
 
 struct faces {
     const struct ts_tsm_params *p;
@@ -42,7 +42,7 @@ static uint8_t face(const struct ts_tsm_params *p, uint32_t t)
         if (!(vec3_dot(normal, n) > 0.0f))
             return TS_FACE_AWAY;
         for (int k = 0; k < 3; k++)
-            if (!(vec3_dot(normal, light[k]) < -DARK * vec3_length(normal)))
+            if (!(vec3_dot(normal, light[k]) < -MIN_AWAY_COSINE * vec3_length(normal)))
                 return TS_FACE_AWAY;
     }
     return TS_FACE_AWAY | TS_FACE_DARK;
@@ -70,7 +70,7 @@ void ts_tsm_face(const struct ts_tsm_params *params, struct ts_tsm *tsm)
 /* The light's view of the solid, in a square that just contains it; false: the view is degenerate. */
 static bool aim(const struct ts_tsm_params *p, struct pell_view *v)
 {
-    struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY }, middle, way;
+    struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY }, middle, dir;
     float radius, distance;
 
     for (size_t i = 0; i < p->atlas->scene->num_meshes; i++) {
@@ -92,11 +92,11 @@ static bool aim(const struct ts_tsm_params *p, struct pell_view *v)
         v->origin = vec3_mad(middle, -2.0f * radius, v->forward);
         v->focal_px = (float) p->size / (2.0f * radius);
     } else {
-        way = vec3_sub(middle, vec3_load(p->light->position));
-        distance = vec3_length(way);
+        dir = vec3_sub(middle, vec3_load(p->light->position));
+        distance = vec3_length(dir);
         v->origin = vec3_load(p->light->position);
-        v->forward = distance > 1e-6f * radius ? vec3_mul(way, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
-        v->focal_px = 0.5f * (float) p->size / tanf(distance > radius ? fminf(asinf(radius / distance), WIDEST) : WIDEST);
+        v->forward = distance > 1e-6f * radius ? vec3_mul(dir, 1.0f / distance) : vec3(0.0f, 0.0f, -1.0f);
+        v->focal_px = 0.5f * (float) p->size / tanf(distance > radius ? fminf(asinf(radius / distance), MAX_HALF_VIEW) : MAX_HALF_VIEW);
     }
     vec3_basis(v->forward, &v->right, &v->up);
     return v->focal_px > 0.0f && isfinite(v->focal_px);
@@ -106,12 +106,12 @@ static void map_row(void *arg, int y, int worker)
 {
     struct ts_task *t = arg;
     const struct ts_atlas *a = t->p->atlas;
-    _Alignas(64) int open[16];
+    _Alignas(64) int active[16];
     struct pell_ray_hit16 hit;
 
     (void) worker;
     for (int x = 0; x < t->view.width; x += 16) {
-        pell_view_look16(&t->view, t->p->services->rays, x, t->view.width, y, PELL_RAY_ALL, open, &hit);
+        pell_view_look16(&t->view, t->p->services->rays, x, t->view.width, y, PELL_RAY_ALL, active, &hit);
         for (int i = 0; i < 16 && x + i < t->view.width; i++) {
             const uint32_t mesh = hit.hit.mesh[i];
             struct ts_surface_point *out = &t->map[(size_t) y * (size_t) t->view.width + (size_t) (x + i)];
@@ -126,12 +126,12 @@ static void map_row(void *arg, int y, int worker)
 static void look_up(struct ts_task *t, ptrdiff_t at, int tile)
 {
     const struct pell_view *v = &t->view;
-    const struct ts_spot s = ts_spot_at(t->p->atlas, at);
+    const struct ts_shading_point s = ts_shading_point_at(t->p->atlas, at);
     const struct pell_vec3 to = vec3_sub(s.at, v->origin);
     const float depth = v->orthographic ? 1.0f : vec3_dot(to, v->forward);
     const struct ts_surface_point *m;
     struct pell_vec3 light;
-    struct ts_spot other;
+    struct ts_shading_point other;
     float far, px, py;
 
     if (!(depth > 0.0f))
@@ -144,11 +144,11 @@ static void look_up(struct ts_task *t, ptrdiff_t at, int tile)
     if (m->triangle == UINT32_MAX)
         return;
     light = ts_toward(t->p->light, s.at, s.geometric, &far);
-    other = ts_spot_of(t->p->atlas, *m);
+    other = ts_shading_point_of(t->p->atlas, *m);
     /* The visible surface may be this one, off by a pixel. */
     if (vec3_dot(vec3_sub(other.at, s.at), light) < 1.5f * depth / v->focal_px)
         return;
-    t->count[tile] += ts_pass_through(t, at, &s, *m, light, light, &t->found[t->first[tile] + t->count[tile]]);
+    t->count[tile] += ts_transmit(t, at, &s, *m, light, light, &t->found[t->first[tile] + t->count[tile]]);
 }
 
 static void run_tile(void *arg, int tile, int worker)
@@ -171,7 +171,7 @@ static void run_tile(void *arg, int tile, int worker)
         const int count = ts_block_texels(a, tile * TS_TILE, block, texels);
         for (int i = 0; t->map && i < count; i++) {
             const ptrdiff_t at = first + texels[i] / TS_BLOCK * a->stride + texels[i] % TS_BLOCK;
-            if (ts_asks(t, at))
+            if (ts_needs_ray(t, at))
                 look_up(t, at, tile);
         }
         if (!t->map)
@@ -239,7 +239,7 @@ enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *c
             return PELL_OK;
         t.map = out->map;
     } else {
-        pell_pool_run(pool, (int) ((known + TS_CHUNK - 1) / TS_CHUNK), ts_go_on, &t);
+        pell_pool_run(pool, (int) ((known + TS_CHUNK - 1) / TS_CHUNK), ts_trace_beyond_shadow, &t);
     }
     /* No texel is found twice, so the list has room for all. */
     for (int y = 0; y < tiles; y++) {
@@ -250,7 +250,7 @@ enum pell_result ts_tsm_light(const struct ts_tsm_params *params, const float *c
     gather_found(out, tiles, known);
     t.known = out->count;
     if (params->form == TS_TSM_RAY)
-        pell_pool_run(pool, (int) ((t.known + TS_CHUNK - 1) / TS_CHUNK), ts_approach, &t);
+        pell_pool_run(pool, (int) ((t.known + TS_CHUNK - 1) / TS_CHUNK), ts_trace_to_face, &t);
     *rays += atomic_load(&t.rays);
     return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }

@@ -4,18 +4,18 @@
  */
 #include "methods/texture_space/transmitted.h"
 
-#define AWAY 4.0f /* a face counts fully as a slab's if the light is at least 1/AWAY rad behind it */
+#define SLAB_ANGLES 4.0f /* a face counts fully as a slab's if the light is at least 1/AWAY rad behind it */
 
-struct ts_spot ts_flat_spot(const struct ts_atlas *a, struct ts_surface_point p)
+struct ts_shading_point ts_flat_point(const struct ts_atlas *a, struct ts_surface_point p)
 {
-    struct ts_spot s;
+    struct ts_shading_point s;
 
-    ts_point_of(a, p.triangle, p.u, p.v, &s.at, &s.geometric, &s.largest);
+    ts_point_of(a, p.triangle, p.u, p.v, &s.at, &s.geometric, &s.max_coordinate);
     s.normal = s.geometric;
     return s;
 }
 
-struct ts_spot ts_smooth_spot(const struct ts_atlas *a, struct ts_surface_point p, struct ts_spot s)
+struct ts_shading_point ts_smooth_point(const struct ts_atlas *a, struct ts_surface_point p, struct ts_shading_point s)
 {
     const struct pell_mesh *m = &a->scene->meshes[a->triangles[p.triangle].mesh];
     const uint32_t *index = m->index + 3 * (size_t) a->triangles[p.triangle].triangle;
@@ -28,9 +28,9 @@ struct ts_spot ts_smooth_spot(const struct ts_atlas *a, struct ts_surface_point 
     return s;
 }
 
-struct ts_spot ts_spot_of(const struct ts_atlas *a, struct ts_surface_point p)
+struct ts_shading_point ts_shading_point_of(const struct ts_atlas *a, struct ts_surface_point p)
 {
-    return ts_smooth_spot(a, p, ts_flat_spot(a, p));
+    return ts_smooth_point(a, p, ts_flat_point(a, p));
 }
 
 struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at)
@@ -38,12 +38,12 @@ struct ts_surface_point ts_point_at(const struct ts_atlas *a, ptrdiff_t at)
     return (struct ts_surface_point) { a->source[at], a->bary[0][at], a->bary[1][at] };
 }
 
-struct ts_spot ts_spot_at(const struct ts_atlas *a, ptrdiff_t at)
+struct ts_shading_point ts_shading_point_at(const struct ts_atlas *a, ptrdiff_t at)
 {
-    return ts_spot_of(a, ts_point_at(a, at));
+    return ts_shading_point_of(a, ts_point_at(a, at));
 }
 
-bool ts_asks(const struct ts_task *t, ptrdiff_t at)
+bool ts_needs_ray(const struct ts_task *t, ptrdiff_t at)
 {
     const bool away = t->faces[t->p->atlas->source[at]] & TS_FACE_AWAY;
 
@@ -53,31 +53,31 @@ bool ts_asks(const struct ts_task *t, ptrdiff_t at)
 }
 
 /* Thickness between two faces m apart, seen from C along the unit direction. */
-static float thickness_of(const struct ts_task *t, const struct ts_spot *a, const struct ts_spot *c, struct pell_vec3 way, float m,
-                          float *opposed)
+static float thickness_of(const struct ts_task *t, const struct ts_shading_point *a, const struct ts_shading_point *c, struct pell_vec3 dir,
+                          float m, float *opposed)
 {
-    const float away = fmaxf(-vec3_dot(c->normal, way), 0.0f);
+    const float away = fmaxf(-vec3_dot(c->normal, dir), 0.0f);
 
     *opposed = fmaxf(0.0f, -vec3_dot(a->normal, c->normal));
     if (t->p->printed) /* section 5.2: m lerped to m cos by the normals' cosine */
         return m + *opposed * (m * away - m);
     /* The faces of a slab are opposed: one faces the light, the other one faces away from it. */
-    *opposed *= fminf(away * AWAY, 1.0f);
+    *opposed *= fminf(away * SLAB_ANGLES, 1.0f);
     /* On a slab both cosines are equal; at an edge the face at the smaller angle gives the better estimate. */
-    return m + *opposed * (m * fminf(fmaxf(away, vec3_dot(a->normal, way)), 1.0f) - m);
+    return m + *opposed * (m * fminf(fmaxf(away, vec3_dot(a->normal, dir)), 1.0f) - m);
 }
 
-bool ts_pass_through(const struct ts_task *t, ptrdiff_t at, const struct ts_spot *c, struct ts_surface_point entry, struct pell_vec3 way,
-                     struct pell_vec3 light, struct ts_transmitted_texel *out)
+bool ts_transmit(const struct ts_task *t, ptrdiff_t at, const struct ts_shading_point *c, struct ts_surface_point entry,
+                 struct pell_vec3 dir, struct pell_vec3 light, struct ts_transmitted_texel *out)
 {
     const struct ts_atlas *a = t->p->atlas;
-    const struct ts_spot s = ts_spot_of(a, entry);
+    const struct ts_shading_point s = ts_shading_point_of(a, entry);
     const float m = vec3_length(vec3_sub(s.at, c->at));
     float opposed;
-    const float d = thickness_of(t, &s, c, way, m, &opposed);
+    const float d = thickness_of(t, &s, c, dir, m, &opposed);
 
     out->at = (int32_t) at;
-    out->from = ts_atlas_place(a, entry.triangle, entry.u, entry.v);
+    out->from = ts_atlas_locate(a, entry.triangle, entry.u, entry.v);
     if (out->from.at < 0 || !(vec3_dot(s.geometric, light) > 0.0f) || !((double) d < t->p->thickest))
         return false;
     if (out->from.key == a->key[at]) {
@@ -88,16 +88,16 @@ bool ts_pass_through(const struct ts_task *t, ptrdiff_t at, const struct ts_spot
         const ptrdiff_t there = a->key[from] == out->from.key ? from : at;
         const float lx = 0.5f * (length[0][at] + length[0][there]), ly = 0.5f * (length[1][at] + length[1][there]);
         const float along = (dx + 0.5f * (a->skew[at] + a->skew[there]) * dy) * lx;
-        out->apart = sqrtf(along * along + dy * ly * dy * ly);
+        out->surface_distance = sqrtf(along * along + dy * ly * dy * ly);
         out->round = true;
     } else {
-        out->apart = m;
+        out->surface_distance = m;
         out->round = false;
     }
     out->part = 0.0f;
     out->opposed = opposed;
     out->normal = s.normal;
-    out->cosine = vec3_dot(s.normal, way);
+    out->cosine = vec3_dot(s.normal, dir);
     out->m = m;
     t->alpha[at] = expf(-d / (float) t->p->falloff);
     return true;

@@ -71,8 +71,8 @@ static const struct {
     [STRETCH] = { "texture-space stretch", OF_TEXEL, 8, PELL_GPU_ON_DEVICE },
     [TABLE_UP] = { "texture-space slab, upload", OF_TABLE, 16, PELL_GPU_TO_DEVICE },
     [TABLE] = { "texture-space slab", OF_TABLE, 16, PELL_GPU_ON_DEVICE },
-    [TEXELS_UP] = { "texture-space transmission, upload", OF_LIST, (int) sizeof(struct ts_through), PELL_GPU_TO_DEVICE },
-    [TEXELS] = { "texture-space transmission", OF_LIST, (int) sizeof(struct ts_through), PELL_GPU_ON_DEVICE },
+    [TEXELS_UP] = { "texture-space transmission, upload", OF_LIST, (int) sizeof(struct ts_entry), PELL_GPU_TO_DEVICE },
+    [TEXELS] = { "texture-space transmission", OF_LIST, (int) sizeof(struct ts_entry), PELL_GPU_ON_DEVICE },
     [LIGHT_UP] = { "texture-space light, upload", OF_TEXEL, 16, PELL_GPU_TO_DEVICE },
     [NOW] = { "texture-space now", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
     [HALF] = { "texture-space half", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
@@ -83,8 +83,9 @@ static const struct {
     [RESULT] = { "texture-space map", OF_TEXEL, 16, PELL_GPU_FROM_DEVICE },
 };
 
-extern const struct pell_shader pell_texture_space_clear_shader, pell_texture_space_blur_shader, pell_texture_space_seven_shader,
-    pell_texture_space_fill_shader, pell_texture_space_add_shader, pell_texture_space_thin_shader, pell_texture_space_through_shader;
+extern const struct pell_shader pell_texture_space_clear_shader, pell_texture_space_blur_shader, pell_texture_space_seven_taps_shader,
+    pell_texture_space_fill_shader, pell_texture_space_add_shader, pell_texture_space_transmission_weights_shader,
+    pell_texture_space_transmit_shader;
 
 enum pass { CLEAR, ACROSS, DOWN, SEVEN_ACROSS, SEVEN_DOWN, FILL_NOW, FILL_SUM, ADD, THIN, THROUGH, THROUGH_SHARP, PASSES };
 
@@ -96,14 +97,14 @@ static const struct {
     [CLEAR] = { &pell_texture_space_clear_shader, { ALONG_X, SUM, BEHIND }, 0 },
     [ACROSS] = { &pell_texture_space_blur_shader, { ALONG_X, TILTS, CELLS, NOW, HALF, SUM }, 0 },
     [DOWN] = { &pell_texture_space_blur_shader, { ALONG_Y, TILTS, CELLS, HALF, NOW, SUM }, 1 },
-    [SEVEN_ACROSS] = { &pell_texture_space_seven_shader, { ALONG_X, NOW, STRETCH, HALF, WIDE, SUM }, 0 },
-    [SEVEN_DOWN] = { &pell_texture_space_seven_shader, { ALONG_X, HALF, WIDE, NOW, STRETCH, SUM }, 1 },
+    [SEVEN_ACROSS] = { &pell_texture_space_seven_taps_shader, { ALONG_X, NOW, STRETCH, HALF, WIDE, SUM }, 0 },
+    [SEVEN_DOWN] = { &pell_texture_space_seven_taps_shader, { ALONG_X, HALF, WIDE, NOW, STRETCH, SUM }, 1 },
     [FILL_NOW] = { &pell_texture_space_fill_shader, { FILLS, PARTS, NOW }, 0 },
     [FILL_SUM] = { &pell_texture_space_fill_shader, { FILLS, PARTS, SUM }, 0 },
     [ADD] = { &pell_texture_space_add_shader, { NOW, SUM }, 0 },
-    [THIN] = { &pell_texture_space_thin_shader, { TEXELS, NOW, TABLE, SHARE }, 0 },
-    [THROUGH] = { &pell_texture_space_through_shader, { TEXELS, SHARE, ALONG_X, NOW, BEHIND }, 0 },
-    [THROUGH_SHARP] = { &pell_texture_space_through_shader, { TEXELS, SHARE, ALONG_X, NOW, SUM }, 0 },
+    [THIN] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, SHARE }, 0 },
+    [THROUGH] = { &pell_texture_space_transmit_shader, { TEXELS, SHARE, ALONG_X, NOW, BEHIND }, 0 },
+    [THROUGH_SHARP] = { &pell_texture_space_transmit_shader, { TEXELS, SHARE, ALONG_X, NOW, SUM }, 0 },
 };
 
 struct ts_device {
@@ -383,7 +384,7 @@ static void pack_table(const struct ts_profile *profile, float *to)
     for (int row = 0; row < TS_THICK; row++)
         for (int level = 0; level < TS_LEVELS; level++)
             for (int c = 0; c < 4; c++)
-                *to++ = profile->slab && c < 3 && level < profile->count ? profile->share[row][level][c] : 0.0f;
+                *to++ = profile->slab && c < 3 && level < profile->count ? profile->fraction[row][level][c] : 0.0f;
 }
 
 /* Uploads the layout with its borders, and the profile. */
@@ -467,25 +468,25 @@ static void pack_texels(void *arg, int chunk, int worker)
     const struct packing *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_device *d = st->device;
-    struct ts_through *to = pell_gpu_buffer_host(d->buffers[TEXELS_UP]);
+    struct ts_entry *to = pell_gpu_buffer_host(d->buffers[TEXELS_UP]);
     const size_t end = chunk_end(st->tsm.count, chunk);
 
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
         const struct ts_transmitted_texel *t = &st->tsm.texels[i];
-        const struct ts_place also = t->part > 0.0f ? t->also : t->from;
-        to[i] = (struct ts_through) {
+        const struct ts_bilinear second = t->part > 0.0f ? t->second : t->from;
+        to[i] = (struct ts_entry) {
             .at = t->at,
             .from = t->from.at,
-            .also = also.at,
+            .second = second.at,
             .from_key = t->from.key,
             .from_x = t->from.fx,
             .from_y = t->from.fy,
-            .also_key = also.key,
-            .also_x = also.fx,
-            .also_y = also.fy,
+            .second_key = second.key,
+            .second_x = second.fx,
+            .second_y = second.fy,
             .part = t->part,
-            .apart = t->apart,
+            .surface_distance = t->surface_distance,
             .m = t->m,
             .opposed = t->opposed,
             .round = t->round,
@@ -524,7 +525,7 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
         upload(d, TEXELS_UP, count);
     if (st->work.planes == 6)
         upload(d, STRETCH_UP, a->size);
-    take_note(d, "upload", (int64_t) a->size, (int64_t) a->size * 32 + (int64_t) count * 2 * (int64_t) sizeof(struct ts_through));
+    take_note(d, "upload", (int64_t) a->size, (int64_t) a->size * 32 + (int64_t) count * 2 * (int64_t) sizeof(struct ts_entry));
     return PELL_OK;
 
 fail:
@@ -551,7 +552,7 @@ static void set_weight(struct ts_push *push, const double weight[3])
     push->weight_b = weight ? (float) weight[2] : 0.0f;
 }
 
-static void thin_out(struct ts_blurring *p)
+static void transmission_weights(struct ts_blurring *p)
 {
     struct ts_device *d = p->st->device;
     const struct ts_profile *profile = p->solid->profile;
@@ -563,7 +564,7 @@ static void thin_out(struct ts_blurring *p)
     run_entries(d, THIN, p->st->tsm.count);
 }
 
-static void through(struct ts_blurring *p)
+static void transmit(struct ts_blurring *p)
 {
     run_entries(p->st->device, p->st->knobs.soften ? THROUGH : THROUGH_SHARP, p->st->tsm.count);
 }
@@ -597,7 +598,7 @@ static void note(struct ts_state *st, const char *name, int64_t texels, int plan
     take_note(st->device, name, texels, texels * 64);
 }
 
-static enum pell_result look(struct ts_blurring *p, bool sum)
+static enum pell_result inspect(struct ts_blurring *p, bool sum)
 {
     struct ts_state *st = p->st;
     struct ts_device *d = st->device;
@@ -660,12 +661,12 @@ static const struct ts_runner vulkan_runner = {
     .begin = begin,
     .start = start,
     .fill = fill,
-    .thin_out = thin_out,
+    .transmission_weights = transmission_weights,
     .blur = blur,
     .add = add,
-    .through = through,
+    .transmit = transmit,
     .note = note,
-    .look = look,
+    .inspect = inspect,
     .finish = finish,
     .store = store,
     .forget = forget,

@@ -8,10 +8,10 @@
 #define LANES PELL_CONNECT_CHILDREN
 #define LEAF PELL_CONNECT_LEAF
 #define NOTHING PELL_CONNECT_NOTHING
-#define HALVINGS 6                /* maximum bisection depth of a triangle: 2^HALVINGS is PELL_CONNECT_PIECES */
-#define CUT 8.0                   /* longest side over height: more elongated triangles are subdivided */
-#define PIECES ((size_t) 1 << 17) /* per solid, or a sixteenth of its triangles if that is more */
-#define NORMAL_WEIGHT 0.125       /* relative weight of normals in splits of the hierarchy, in sizes of the solid */
+#define MAX_BISECTIONS 6              /* maximum bisection depth of a triangle: 2^MAX_BISECTIONS is PELL_CONNECT_PIECES */
+#define SLIVER_RATIO 8.0              /* longest side over height: more elongated triangles are subdivided */
+#define MAX_PIECES ((size_t) 1 << 17) /* per solid, or a sixteenth of its triangles if that is more */
+#define NORMAL_WEIGHT 0.125           /* relative weight of normals in splits of the hierarchy, in sizes of the solid */
 
 void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t triangle, bool flat, struct facet *f)
 {
@@ -213,8 +213,8 @@ static int halvings(const struct facet *f)
     const double longest2 = fmax(fmax(dvec3_dot(e, e), dvec3_dot(g, g)), dvec3_dot(h, h)), area2 = sqrt(dvec3_dot(n, n));
     int depth = 0;
 
-    if (longest2 > CUT * area2)
-        while (!f->planar && depth < HALVINGS && longest2 > ldexp(PELL_CONNECT_SLIVER * area2, depth))
+    if (longest2 > SLIVER_RATIO * area2)
+        while (!f->planar && depth < MAX_BISECTIONS && longest2 > ldexp(PELL_CONNECT_SLIVER * area2, depth))
             depth++;
     return depth;
 }
@@ -264,8 +264,8 @@ static void fill(const struct pell_connector *c, const struct pell_solid *solid,
 /* Limit of the bisections of slivers, which bounds the number of pieces; *pieces: their total. */
 static int plan_pieces(const struct pell_connector *c, const struct pell_solid *solid, size_t *pieces)
 {
-    const size_t n = solid->num_triangles, most = n + n / 16 < PIECES ? PIECES : n + n / 16 < LEAF ? n + n / 16 : LEAF - 1;
-    size_t wanted[HALVINGS + 1] = { 0 };
+    const size_t n = solid->num_triangles, most = n + n / 16 < MAX_PIECES ? MAX_PIECES : n + n / 16 < LEAF ? n + n / 16 : LEAF - 1;
+    size_t wanted[MAX_BISECTIONS + 1] = { 0 };
     int depth = 0;
 
     for (size_t i = 0; i < n && !pell_cancelled_at(c->ctx, i); i++) {
@@ -274,9 +274,9 @@ static int plan_pieces(const struct pell_connector *c, const struct pell_solid *
         wanted[halvings(&f)]++;
     }
     *pieces = n;
-    for (int d = 1; d <= HALVINGS; d++) { /* each triangle with more than d - 1 bisections doubles its 2^(d - 1) pieces */
+    for (int d = 1; d <= MAX_BISECTIONS; d++) { /* each triangle with more than d - 1 bisections doubles its 2^(d - 1) pieces */
         size_t more = 0;
-        for (int k = d; k <= HALVINGS; k++)
+        for (int k = d; k <= MAX_BISECTIONS; k++)
             more += wanted[k] << (d - 1);
         if (more == 0 || *pieces + more > most)
             break;
@@ -376,7 +376,7 @@ double pell_connector_distance(const struct pell_connector *connector, int solid
     int count = 0;
 
     if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || !(most > 0.0) ||
-        !is_place(from))
+        !is_point(from))
         return most;
     t = &connector->trees[solid];
     stack[count++] = 0;

@@ -7,20 +7,20 @@
 /* Bit mask of the children of a node where H may be along a normal. */
 INLINE uint32_t open_children(const struct pell_connect_node *n, const struct pell_connect_search *s)
 {
-    const float place = s->distant ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
+    const float light = s->distant ? 0.0f : 1.0f, side = s->eta > 1.0f ? -1.0f : 1.0f;
     uint32_t set = 0;
 
     for (int l = 0; l < PELL_CONNECT_CHILDREN; l += WIDTH) {
         const vf cx = load(n->x + l), cy = load(n->y + l), cz = load(n->z + l), r = load(n->radius + l);
         const vf vx = s->x[0] - cx, vy = s->x[1] - cy, vz = s->x[2] - cz;
-        const vf ux = s->place[0] - place * cx, uy = s->place[1] - place * cy, uz = s->place[2] - place * cz;
+        const vf ux = s->light[0] - light * cx, uy = s->light[1] - light * cy, uz = s->light[2] - light * cz;
         const vf v = root(vx * vx + vy * vy + vz * vz);
         const vi near = v - r <= s->reach;
         vi open;
         if (!any(near))
             continue;
         const vf u = root(ux * ux + uy * uy + uz * uz), iv = 1.0f / greater(v, all(1e-30f)), il = 1.0f / greater(u, all(1e-30f));
-        const vf sv = r * iv, sl = place * r * il;
+        const vf sv = r * iv, sl = light * r * il;
         /* 2 sin(a/2) <= s (1 + 0.42 s^2), s = sin(a) */
         const vf spread = s->eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 1e-6f;
         const vf hx = s->eta * vx * iv + ux * il, hy = s->eta * vy * iv + uy * il, hz = s->eta * vz * iv + uz * il;

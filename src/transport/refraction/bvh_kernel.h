@@ -30,9 +30,9 @@ struct pell_connect_node {
 /* The query, and the state of its traversal. */
 struct pell_connect_search {
     const struct pell_connect_node *nodes;
-    float x[3], place[3]; /* or a direction */
+    float x[3], light[3]; /* or a direction */
     float eta, grazing, reach;
-    bool distant; /* `place` is a direction */
+    bool distant; /* `light` is a direction */
     bool narrow;  /* the half vector exceeds rounding errors */
     int count;    /* stack size; initially 1, with node 0 */
     uint32_t stack[PELL_CONNECT_STACK];

@@ -64,7 +64,7 @@ static void find(struct query *q, const struct tree *t, const struct pell_connec
 {
     struct pell_connect_search s = { .nodes = t->nodes,
                                      .x = { (float) q->x.x, (float) q->x.y, (float) q->x.z },
-                                     .place = { (float) q->place.x, (float) q->place.y, (float) q->place.z },
+                                     .light = { (float) q->light.x, (float) q->light.y, (float) q->light.z },
                                      .eta = (float) q->eta,
                                      .grazing = (float) q->grazing,
                                      .reach = (float) q->reach * (1.0f + 1e-5f),
@@ -112,7 +112,7 @@ static unsigned free_paths(const struct pell_connector *c, const struct query *q
     for (int i = 0; i < count; i++) {
         const struct path *p = paths[i];
         const double in = e / fmax(p->facing_in, 0.05), out = e / fmax(p->facing_out, 0.01);
-        const struct pell_dvec3 to = p->outside_mm < INFINITY ? dvec3_sub(q->place, p->at) : p->outside;
+        const struct pell_dvec3 to = p->outside_mm < INFINITY ? dvec3_sub(q->light, p->at) : p->outside;
         const double unit = p->outside_mm < INFINITY ? 1.0 / p->outside_mm : 1.0;
         if (in < p->inside_mm) {
             valid[2 * i] = -1;
@@ -156,7 +156,7 @@ static void give(const struct query *q, const struct path *p, struct pell_connec
 static int straight(const struct pell_connector *c, int solid, const struct query *q, struct pell_connection *out, int64_t *rays)
 {
     _Alignas(64) int valid[16] = { -1 };
-    const struct pell_dvec3 to = q->distant ? q->place : dvec3_sub(q->place, q->x);
+    const struct pell_dvec3 to = q->distant ? q->light : dvec3_sub(q->light, q->x);
     const double whole = q->distant ? INFINITY : sqrt(dvec3_dot(to, to));
     struct pell_ray_hit16 r;
     struct facet f = { .planar = true };
@@ -223,16 +223,16 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
     q.grazing = sqrt(fabs(eta * eta - 1.0));
     q.reach = query->reach;
     q.x = dvec3_widen(query->x);
-    q.place = dvec3_widen(query->place);
+    q.light = dvec3_widen(query->light);
     q.distant = query->distant;
     q.count = 0;
-    if (!is_place(q.x) || !is_place(q.place))
+    if (!is_point(q.x) || !is_point(q.light))
         return 0;
     if (q.distant) {
-        const double length = sqrt(dvec3_dot(q.place, q.place));
+        const double length = sqrt(dvec3_dot(q.light, q.light));
         if (!(length > 0.0))
             return 0;
-        q.place = dvec3_mul(q.place, 1.0 / length);
+        q.light = dvec3_mul(q.light, 1.0 / length);
     }
     if (fabs(eta - 1.0) < NEAR_ONE) {
         given = straight(connector, solid, &q, out, &traced);

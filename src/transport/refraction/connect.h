@@ -45,8 +45,8 @@ struct pell_connection_query {
     int solid;
     double eta;             /* its index relative to outside */
     struct pell_vec3 x;     /* inside */
-    struct pell_vec3 place; /* outside: position of the light */
-    bool distant;           /* `place` is the unit direction towards it */
+    struct pell_vec3 light; /* outside: position of the light */
+    bool distant;           /* `light` is the unit direction towards it */
     double reach;           /* mm: maximum of inside_mm */
 };
 

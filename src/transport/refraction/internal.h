@@ -66,7 +66,7 @@ struct pell_connector {
 };
 
 /* Whether a number is finite and in the range that Embree accepts. */
-static inline bool is_place(struct pell_dvec3 a)
+static inline bool is_point(struct pell_dvec3 a)
 {
     return fabs(a.x) < FAR && fabs(a.y) < FAR && fabs(a.z) < FAR;
 }
@@ -91,8 +91,8 @@ struct path {
 struct query {
     double eta, grazing; /* grazing: the largest |k| */
     double reach;
-    struct pell_dvec3 x, place; /* or direction */
-    bool distant;               /* `place` is a direction */
+    struct pell_dvec3 x, light; /* or direction */
+    bool distant;               /* `light` is a direction */
     struct path paths[PELL_CONNECTIONS];
     int count;
 };

@@ -10,11 +10,11 @@
 #include "transport/refraction/internal.h"
 
 #define QUARTERS 4
-#define PARTS 4000        /* maximum number of subdivisions of a triangle before it is given up */
-#define DEPTH 20          /* maximum subdivision depth */
-#define NEARLY_LINEAR 0.4 /* size over the distance to x or the light: below it H x n is evaluated */
-#define BESIDE 1e-9       /* barycentric tolerance outside of a triangle, so that no root on a shared edge is missed */
-#define SAME 1e-6         /* relative to a triangle's size: closer roots of two triangles are duplicates on their common edge */
+#define MAX_PARTS 4000      /* maximum number of subdivisions of a triangle before it is given up */
+#define MAX_DEPTH 20        /* maximum subdivision depth */
+#define NEARLY_LINEAR 0.4   /* size over the distance to x or the light: below it H x n is evaluated */
+#define EDGE_TOLERANCE 1e-9 /* barycentric tolerance outside of a triangle, so that no root on a shared edge is missed */
+#define SAME_ROOT 1e-6      /* relative to a triangle's size: closer roots of two triangles are duplicates on their common edge */
 
 /* Keeps a path unless an adjacent triangle has found it already; if there are too many, keeps the nearest ones. */
 static void keep(struct query *q, const struct path *p)
@@ -25,7 +25,7 @@ static void keep(struct query *q, const struct path *p)
         return;
     for (int i = 0; i < q->count; i++) {
         const struct pell_dvec3 d = dvec3_sub(q->paths[i].at, p->at);
-        const double near = SAME * fmin(q->paths[i].size, p->size);
+        const double near = SAME_ROOT * fmin(q->paths[i].size, p->size);
         if (dvec3_dot(d, d) <= near * near)
             return;
     }
@@ -90,19 +90,19 @@ static void solve_planar(struct query *q, const struct facet *f)
         return;
     foot = dvec3_mad(q->x, below, n);
     if (q->distant) {
-        p.cos_o = dvec3_dot(q->place, n);
-        along = dvec3_mad(q->place, -p.cos_o, n);
+        p.cos_o = dvec3_dot(q->light, n);
+        along = dvec3_mad(q->light, -p.cos_o, n);
         apart = sqrt(dvec3_dot(along, along));
         s = apart / q->eta;
         if (!(p.cos_o > 0.0) || !(s < 1.0))
             return;
         s = below * s / sqrt(1.0 - s * s);
     } else {
-        const struct pell_dvec3 to = dvec3_sub(q->place, p0);
+        const struct pell_dvec3 to = dvec3_sub(q->light, p0);
         const double above = dvec3_dot(to, n);
         if (!(above > 0.0))
             return;
-        along = dvec3_sub(dvec3_mad(q->place, -above, n), foot);
+        along = dvec3_sub(dvec3_mad(q->light, -above, n), foot);
         apart = sqrt(dvec3_dot(along, along));
         s = planar_shift(q->eta, below, above, apart);
     }
@@ -110,19 +110,19 @@ static void solve_planar(struct query *q, const struct facet *f)
     d = dvec3_sub(p.at, p0);
     p.u = dvec3_dot(dvec3_cross(d, e2), n) * inverse;
     p.v = dvec3_dot(dvec3_cross(e1, d), n) * inverse;
-    if (!(p.u >= -BESIDE && p.v >= -BESIDE && p.u + p.v <= 1.0 + BESIDE))
+    if (!(p.u >= -EDGE_TOLERANCE && p.v >= -EDGE_TOLERANCE && p.u + p.v <= 1.0 + EDGE_TOLERANCE))
         return;
     p.inside_mm = sqrt(s * s + below * below);
     p.inside = dvec3_mul(dvec3_sub(p.at, q->x), 1.0 / p.inside_mm);
     cos_i = below / p.inside_mm;
     if (q->distant) {
-        p.outside = q->place;
+        p.outside = q->light;
         p.outside_mm = INFINITY;
         p.spread = p.cos_o / cos_i;
     } else {
         /* Spread in the plane of incidence and perpendicular to it. */
         double across, within;
-        out = dvec3_sub(q->place, p.at);
+        out = dvec3_sub(q->light, p.at);
         p.outside_mm = sqrt(dvec3_dot(out, out));
         p.outside = dvec3_mul(out, 1.0 / p.outside_mm);
         p.cos_o = dvec3_dot(p.outside, n);
@@ -145,7 +145,7 @@ struct curved {
     bool distant;
     double ex1, ex2, ey2;           /* p1 = (ex1, 0, 0), p2 = (ex2, ey2, 0) */
     struct pell_dvec3 axis[3];      /* of the frame, in world space */
-    struct pell_dvec3 p0, x, place; /* x and the light in the local frame */
+    struct pell_dvec3 p0, x, light; /* x and the light in the local frame */
     struct pell_dvec3 n, nu, nv;    /* normal = n + u nu + v nv, not unit */
     double area2;                   /* twice the area */
     double size, radius;            /* longest side; distance from the centroid to the farthest corner */
@@ -161,7 +161,7 @@ struct state {
     double r[2]; /* x and y of H x n */
 };
 
-static inline void look(const struct curved *c, double u, double v, struct state *s)
+static inline void evaluate(const struct curved *c, double u, double v, struct state *s)
 {
     const struct pell_dvec3 p = { u * c->ex1 + v * c->ex2, v * c->ey2, 0.0 }, a = dvec3_sub(c->x, p);
 
@@ -169,9 +169,9 @@ static inline void look(const struct curved *c, double u, double v, struct state
     s->v = dvec3_mul(a, s->inverse_v);
     if (c->distant) {
         s->inverse_l = 0.0;
-        s->l = c->place;
+        s->l = c->light;
     } else {
-        const struct pell_dvec3 b = dvec3_sub(c->place, p);
+        const struct pell_dvec3 b = dvec3_sub(c->light, p);
         s->inverse_l = 1.0 / sqrt(dvec3_dot(b, b));
         s->l = dvec3_mul(b, s->inverse_l);
     }
@@ -205,7 +205,7 @@ static void refine(struct curved *c, double u, double v)
     for (int i = 0; i < 24; i++) {
         struct state s;
         double ju[2], jv[2], det, du, dv, most;
-        look(c, u, v, &s);
+        evaluate(c, u, v, &s);
         det = jacobian(c, &s, ju, jv);
         du = (s.r[0] * jv[1] - s.r[1] * jv[0]) / det;
         dv = (ju[0] * s.r[1] - ju[1] * s.r[0]) / det;
@@ -222,10 +222,10 @@ static void refine(struct curved *c, double u, double v)
             return;
         if (most > 1e-13)
             continue;
-        if (!(u >= -BESIDE && v >= -BESIDE && u + v <= 1.0 + BESIDE))
+        if (!(u >= -EDGE_TOLERANCE && v >= -EDGE_TOLERANCE && u + v <= 1.0 + EDGE_TOLERANCE))
             return;
         for (int k = 0; k < c->roots; k++)
-            if (fabs(c->root[k][0] - u) + fabs(c->root[k][1] - v) < SAME)
+            if (fabs(c->root[k][0] - u) + fabs(c->root[k][1] - v) < SAME_ROOT)
                 return;
         if (c->roots < (int) PELL_COUNT(c->root)) {
             c->root[c->roots][0] = u;
@@ -243,14 +243,14 @@ struct part {
 
 /* Bounds of a curved triangle in single precision. */
 struct bounds {
-    float x[3], place[3], is_near, ex1, ex2, ey2, eta, sign, grazing, n[3], nu[3], nv[3];
+    float x[3], light[3], is_near, ex1, ex2, ey2, eta, sign, grazing, n[3], nu[3], nv[3];
 };
 
 static struct bounds bounds_of(const struct curved *c)
 {
     return (struct bounds) {
         .x = { (float) c->x.x, (float) c->x.y, (float) c->x.z },
-        .place = { (float) c->place.x, (float) c->place.y, (float) c->place.z },
+        .light = { (float) c->light.x, (float) c->light.y, (float) c->light.z },
         .is_near = c->distant ? 0.0f : 1.0f,
         .ex1 = (float) c->ex1,
         .ex2 = (float) c->ex2,
@@ -269,7 +269,7 @@ static struct bounds bounds_of(const struct curved *c)
 static inline int is_possible(const struct bounds *b, float u, float v, float radius, float turn, float *near)
 {
     const float px = u * b->ex1 + v * b->ex2, py = v * b->ey2, ax = b->x[0] - px, ay = b->x[1] - py, z = b->x[2];
-    const float bx = b->place[0] - b->is_near * px, by = b->place[1] - b->is_near * py, lz = b->place[2], eta = b->eta;
+    const float bx = b->light[0] - b->is_near * px, by = b->light[1] - b->is_near * py, lz = b->light[2], eta = b->eta;
     const float iv = 1.0f / sqrtf(ax * ax + ay * ay + z * z), il = 1.0f / sqrtf(bx * bx + by * by + lz * lz);
     const float sv = radius * iv, sl = b->is_near * radius * il;
     const float spread = eta * sv * (1.0f + 0.42f * sv * sv) + sl * (1.0f + 0.42f * sl * sl) + 2e-6f;
@@ -318,7 +318,7 @@ static enum verdict weigh(const struct curved *c, const struct part *part, doubl
     struct state s = { 0 };
 
     for (int k = 0; k < 6; k++) {
-        look(c, part->u + part->side * at[k][0], part->v + part->side * at[k][1], &s);
+        evaluate(c, part->u + part->side * at[k][0], part->v + part->side * at[k][1], &s);
         r[k][0] = s.r[0];
         r[k][1] = s.r[1];
     }
@@ -354,16 +354,16 @@ static enum verdict weigh(const struct curved *c, const struct part *part, doubl
 
 static void search(struct curved *c, const struct bounds *bounds)
 {
-    struct part stack[3 * DEPTH + 4];
-    int count = 0, looked = 0;
+    struct part stack[3 * MAX_DEPTH + 4];
+    int count = 0, evaluated = 0;
     struct state s;
 
-    look(c, 1.0 / 3.0, 1.0 / 3.0, &s);
+    evaluate(c, 1.0 / 3.0, 1.0 / 3.0, &s);
     stack[count++] = (struct part) { 0.0, 0.0, 1.0, c->size * fmax(s.inverse_v, s.inverse_l), 0 };
     while (count > 0) {
         const struct part p = stack[--count];
-        const bool last = p.depth == DEPTH || looked >= PARTS;
-        looked += 4;
+        const bool last = p.depth == MAX_DEPTH || evaluated >= MAX_PARTS;
+        evaluated += 4;
         if (p.near < NEARLY_LINEAR || last) {
             double start[2];
             const enum verdict verdict = weigh(c, &p, start);
@@ -405,7 +405,7 @@ static void keep_roots(struct query *q, const struct curved *c, const struct pie
         const struct pell_dvec3 at = { u * c->ex1 + v * c->ex2, v * c->ey2, 0.0 };
         double ju[2], jv[2], det, n, cos_i;
         struct state s;
-        look(c, u, v, &s);
+        evaluate(c, u, v, &s);
         det = fabs(jacobian(c, &s, ju, jv));
         n = sqrt(dvec3_dot(s.n, s.n));
         cos_i = -dvec3_dot(s.v, s.n) / n;
@@ -442,8 +442,8 @@ static bool make_curved(const struct query *q, const struct facet *f, const stru
     c->axis[0] = dvec3_mul(e1, 1.0 / length);
     c->axis[1] = dvec3_cross(c->axis[2], c->axis[0]);
     c->x = to_frame(c, dvec3_sub(q->x, p0));
-    c->place = to_frame(c, q->distant ? q->place : dvec3_sub(q->place, p0));
-    if (!(c->x.z < 0.0) || !(c->place.z > 0.0))
+    c->light = to_frame(c, q->distant ? q->light : dvec3_sub(q->light, p0));
+    if (!(c->x.z < 0.0) || !(c->light.z > 0.0))
         return false;
     c->ex1 = length;
     c->ex2 = dvec3_dot(e2, c->axis[0]);
@@ -522,7 +522,7 @@ static const struct piece whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.
 static void solve_sliver(struct query *q, const struct facet *f, const struct piece *of, const struct curved *c,
                          const struct bounds *bounds)
 {
-    struct piece stack[DEPTH + 2] = { whole };
+    struct piece stack[MAX_DEPTH + 2] = { whole };
     int count = 1;
 
     while (count > 0) {
@@ -531,7 +531,7 @@ static void solve_sliver(struct query *q, const struct facet *f, const struct pi
         float near;
         if (!is_possible(bounds, o.u, o.v, o.radius, o.turn, &near))
             continue;
-        if (p.depth < DEPTH && (double) o.longest2 > PELL_CONNECT_SLIVER * c->area2 / (double) (1u << p.depth) &&
+        if (p.depth < MAX_DEPTH && (double) o.longest2 > PELL_CONNECT_SLIVER * c->area2 / (double) (1u << p.depth) &&
             (double) (sqrtf(o.longest2) * near) >= NEARLY_LINEAR) {
             halve(&p, o.longest, stack + count);
             count += 2;

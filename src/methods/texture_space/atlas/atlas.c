@@ -6,13 +6,13 @@
 
 #include <string.h>
 
-#define OVERLAP_MOST 0.01    /* fraction of the texels that two triangles may claim in an accepted layout */
-#define DEGENERATE_MOST 0.02 /* fraction of the area whose triangles are degenerate in the layout */
-#define COVERED_MOST 4.0     /* how many times a layout may cover the map to be examined further */
+#define MAX_OVERLAP 0.01    /* fraction of the texels that two triangles may claim in an accepted layout */
+#define MAX_DEGENERATE 0.02 /* fraction of the area whose triangles are degenerate in the layout */
+#define MAX_COVERAGE 4.0    /* how many times a layout may cover the map to be examined further */
 #define OVERLAPS "its texture coordinates overlap"
-#define COVERED_LEAST 0.02 /* fraction of the layout's rectangle that is covered */
-#define APART_MOST 128     /* maximum number of charts that are separated */
-#define APART_LEAST 0.15   /* fraction of the map that separated charts must cover; planar charts do better */
+#define MIN_COVERAGE 0.02           /* fraction of the layout's rectangle that is covered */
+#define MAX_SEPARATED 128           /* maximum number of charts that are separated */
+#define MIN_SEPARATED_COVERAGE 0.15 /* fraction of the map that separated charts must cover; planar charts do better */
 
 void ts_atlas_destroy(struct ts_atlas **atlas)
 {
@@ -34,7 +34,7 @@ void ts_atlas_destroy(struct ts_atlas **atlas)
     pell_free(a->ctx, a->first_turn);
     pell_free(a->ctx, a->borders);
     pell_free(a->ctx, a->fills);
-    pell_free(a->ctx, a->first_mended);
+    pell_free(a->ctx, a->first_with_parts);
     pell_free(a->ctx, a->first_border);
     pell_free(a->ctx, a->parts);
     pell_free(a->ctx, a->runs);
@@ -98,7 +98,7 @@ fail:
 }
 
 /* Numbers the charts of the laid out corners and finds the texels they cover. `wrong`: the layout's defect, or NULL. */
-static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const char **wrong)
+static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const char **defect)
 {
     struct ts_atlas *a = b->a;
     double flat = 0.0;
@@ -114,13 +114,13 @@ static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const c
         return PELL_ERR_CANCELLED;
     a->degenerate = flat / b->total_area;
     a->overlap = b->claimed > 0 ? (double) b->twice / (double) b->claimed : 0.0;
-    *wrong = NULL;
-    if (a->degenerate > DEGENERATE_MOST)
-        *wrong = "part of it has no area in its texture coordinates";
-    else if (a->overlap > OVERLAP_MOST)
-        *wrong = OVERLAPS;
-    else if ((double) b->claimed < COVERED_LEAST * a->width * a->height)
-        *wrong = "its texture coordinates leave most of the map empty";
+    *defect = NULL;
+    if (a->degenerate > MAX_DEGENERATE)
+        *defect = "part of it has no area in its texture coordinates";
+    else if (a->overlap > MAX_OVERLAP)
+        *defect = OVERLAPS;
+    else if ((double) b->claimed < MIN_COVERAGE * a->width * a->height)
+        *defect = "its texture coordinates leave most of the map empty";
     return PELL_OK;
 
 fail:
@@ -138,25 +138,25 @@ static double covered(const struct ts_atlas_build *b)
 }
 
 /* Uses a set of texture coordinates unchanged. */
-static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t *order, const char **wrong)
+static enum pell_result lay_out_set(struct ts_atlas_build *b, int set, uint32_t *order, const char **defect)
 {
-    *wrong = ts_atlas_lay_out_file(b, set);
-    if (*wrong)
+    *defect = ts_atlas_lay_out_file(b, set);
+    if (*defect)
         return b->p->charts == TS_CHARTS_UV
-                   ? pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", *wrong)
+                   ? pell_error(b->ctx, PELL_ERR_INVALID, b->p->name, "let the method choose: charts=auto", "%s", *defect)
                    : PELL_OK;
-    if (covered(b) > COVERED_MOST * b->a->width * b->a->height) {
-        *wrong = OVERLAPS;
+    if (covered(b) > MAX_COVERAGE * b->a->width * b->a->height) {
+        *defect = OVERLAPS;
         return PELL_OK;
     }
-    return cover(b, order, wrong);
+    return cover(b, order, defect);
 }
 
 /* Uses the first set whose charts do not overlap, else the charts of the first set after separating them, else planar charts. */
 static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
 {
     struct ts_atlas *a = b->a;
-    const char *wrong = NULL, *still = NULL;
+    const char *defect = NULL, *still = NULL;
     enum pell_result res;
 
     for (int set = 0; set < PELL_UV_SETS && b->p->charts != TS_CHARTS_PLANAR; set++) {
@@ -166,25 +166,25 @@ static enum pell_result lay_out(struct ts_atlas_build *b, uint32_t *order)
         PELL_TRY(lay_out_set(b, set, order, &fault));
         if (!fault || b->p->charts == TS_CHARTS_UV)
             return PELL_OK;
-        wrong = set == 0 ? fault : wrong;
+        defect = set == 0 ? fault : defect;
     }
-    if (wrong && strcmp(wrong, OVERLAPS) == 0 && !ts_atlas_lay_out_file(b, 0)) {
+    if (defect && strcmp(defect, OVERLAPS) == 0 && !ts_atlas_lay_out_file(b, 0)) {
         ts_atlas_number_charts(b, order);
-        if (a->num_charts <= APART_MOST && !pell_cancelled(b->ctx)) {
-            PELL_TRY(ts_atlas_move_apart(b));
+        if (a->num_charts <= MAX_SEPARATED && !pell_cancelled(b->ctx)) {
+            PELL_TRY(ts_atlas_separate(b));
             still = OVERLAPS;
-            if (covered(b) >= APART_LEAST * a->width * a->height)
+            if (covered(b) >= MIN_SEPARATED_COVERAGE * a->width * a->height)
                 PELL_TRY(cover(b, order, &still));
             if (!still) {
-                a->apart = true;
-                a->wrong = wrong;
+                a->charts_separated = true;
+                a->defect = defect;
                 return PELL_OK;
             }
         }
     }
     PELL_TRY(ts_atlas_lay_out_planar(b, order));
-    a->wrong = wrong;
-    a->without = !a->scene->meshes[b->meshes[0]].uv[0];
+    a->defect = defect;
+    a->lacks_uv = !a->scene->meshes[b->meshes[0]].uv[0];
     PELL_TRY(ts_atlas_make_planes(b));
     ts_atlas_rasterize(b);
     return pell_cancelled(b->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -207,7 +207,7 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
     a->ctx = ctx;
     a->scene = params->scene;
     a->border = params->border;
-    a->print = ts_atlas_print(params->scene, params->solids, params->solid);
+    a->hash = ts_atlas_hash(params->scene, params->solids, params->solid);
     PELL_TRY(list_triangles(&b));
     a->positions = ts_atlas_positions(a);
     a->metric = pell_alloc_array(ctx, (size_t) a->num_triangles + 1, sizeof(*a->metric));
@@ -230,20 +230,20 @@ enum pell_result ts_atlas_make(struct pell_context *ctx, const struct ts_atlas_p
         res = PELL_ERR_NOMEM;
         goto fail;
     }
-    b.place = pell_alloc_array(ctx, a->size, sizeof(*b.place));
-    if (!b.place) {
+    b.texel_position = pell_alloc_array(ctx, a->size, sizeof(*b.texel_position));
+    if (!b.texel_position) {
         res = PELL_ERR_NOMEM;
         goto fail;
     }
     PELL_TRY(ts_atlas_find_borders(&b));
-    PELL_TRY(ts_atlas_mend_seams(&b));
+    PELL_TRY(ts_atlas_fix_seams(&b));
     ts_atlas_measure_far(a, far);
     PELL_TRY(ts_atlas_sort_borders(&b, far + TS_MARGIN));
     PELL_TRY(ts_atlas_find_runs(&b, far + TS_MARGIN));
     for (int y = 0; y < a->height; y++)
         for (ptrdiff_t at = y * a->stride; at < y * a->stride + a->width; at++)
             if (a->source[at] != NONE)
-                b.place[at] = spot_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
+                b.texel_position[at] = position_of(a, a->source[at], a->bary[0][at], a->bary[1][at]);
     if (a->scene->animated)
         ts_atlas_tilt_by_lengths(a, params->pool); /* so that a film's first frame is treated like the others */
     else
@@ -258,8 +258,8 @@ fail:
     pell_free(ctx, order);
     pell_free(ctx, far);
     pell_free(ctx, b.buried);
-    pell_free(ctx, b.place);
-    pell_free(ctx, b.border_place);
+    pell_free(ctx, b.texel_position);
+    pell_free(ctx, b.border_source);
     ts_atlas_destroy(&a);
     return res;
 }

@@ -13,7 +13,7 @@
 #define NEARBY 2           /* texels */
 
 /* Replaces a location outside of the chart by the chart's nearest texel; false: none is nearby. */
-static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, struct ts_border *border)
+static bool take_nearest(const struct ts_atlas *a, const struct ts_bilinear *p, struct ts_border *border)
 {
     const int px = (int) (p->at % a->stride), py = (int) (p->at / a->stride);
     float least = INFINITY;
@@ -33,7 +33,7 @@ static bool take_nearest(const struct ts_atlas *a, const struct ts_place *p, str
 
 /* The border texel `at` as a mean of chart texels around its location. A missing border would be a hole in a row of taps, so locations in
  * triangles narrower than a texel, which own none, use the nearest texel. */
-static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_place *p, struct ts_border *border)
+static bool take_border(const struct ts_atlas *a, ptrdiff_t at, const struct ts_bilinear *p, struct ts_border *border)
 {
     float sum = 0.0f;
 
@@ -191,7 +191,7 @@ static void put_part(struct ts_part *list, int32_t *count, ptrdiff_t at, float w
 
 /* Next to a seam, some of the four texels around a location are border texels themselves. Their own sources are across the seam; ignoring
  * them would move the location inward by up to half a texel. */
-enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b)
+enum pell_result ts_atlas_fix_seams(struct ts_atlas_build *b)
 {
     struct ts_atlas *a = b->a;
     int32_t *border_at = pell_alloc_array(b->ctx, a->size, sizeof(*border_at));
@@ -205,7 +205,7 @@ enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b)
         border_at[a->borders[i].at] = (int32_t) i;
     for (size_t i = 0; i < a->num_borders; i++) {
         struct ts_border *border = &a->borders[i];
-        const struct ts_place *p = &b->border_place[i];
+        const struct ts_bilinear *p = &b->border_source[i];
         struct ts_part list[4 + 3 * 4];
         int32_t parts = 0;
         bool mixed = false;
@@ -283,9 +283,9 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
     size_t next[TS_FAR] = { 0 };
 
     a->first_border = pell_calloc(b->ctx, squares + 2, sizeof(*a->first_border));
-    a->first_mended = pell_alloc_array(b->ctx, squares + 1, sizeof(*a->first_mended));
-    a->fills = pell_calloc(b->ctx, a->num_borders + TS_AHEAD, sizeof(*a->fills));
-    if (!sorted || !a->first_border || !a->first_mended || !a->fills) {
+    a->first_with_parts = pell_alloc_array(b->ctx, squares + 1, sizeof(*a->first_with_parts));
+    a->fills = pell_calloc(b->ctx, a->num_borders + TS_PREFETCH, sizeof(*a->fills));
+    if (!sorted || !a->first_border || !a->first_with_parts || !a->fills) {
         pell_free(b->ctx, sorted);
         return PELL_ERR_NOMEM;
     }
@@ -308,7 +308,7 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
             if ((sorted[i].parts > 0) == mended)
                 a->fills[a->first_border[square_of(a, &sorted[i]) + 1]++] = fill_of(&sorted[i]);
         for (size_t i = 0; i < squares && !mended; i++)
-            a->first_mended[i] = a->first_border[i + 1];
+            a->first_with_parts[i] = a->first_border[i + 1];
     }
     pell_free(b->ctx, sorted);
     pell_free(b->ctx, a->borders);
@@ -317,7 +317,7 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
 }
 
 /* Texels next to charts, each with its nearest edge. */
-struct beside {
+struct edge_search {
     struct ts_atlas_build *b;
     const uint32_t *edge;
     size_t *first; /* per row: index of its first border */
@@ -325,16 +325,16 @@ struct beside {
 };
 
 /* One-texel steps along x and y of a triangle, transported along a path to another triangle and expressed in its barycentrics. */
-static struct ts_turn turn_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f, struct pell_vec3 way, uint32_t to,
-                              struct pell_vec3 there)
+static struct ts_orientation orientation_of(const struct ts_atlas *a, uint32_t t, const struct ts_flat *f, struct pell_vec3 dir,
+                                            uint32_t to, struct pell_vec3 there)
 {
-    struct ts_turn turn = { .triangle = to };
+    struct ts_orientation turn = { .triangle = to };
     struct pell_vec3 p[3], q[3], along[2], across[2];
     double gram[3], det;
 
     corner_points(a, t, p);
     corner_points(a, to, q);
-    along[0] = vec3_normalize(way);
+    along[0] = vec3_normalize(dir);
     along[1] = vec3_normalize(there);
     across[0] = vec3_cross(vec3_normalize(pell_triangle_cross(p)), along[0]);
     across[1] = vec3_cross(vec3_normalize(pell_triangle_cross(q)), along[1]);
@@ -357,8 +357,8 @@ static struct ts_turn turn_of(const struct ts_atlas *a, uint32_t t, const struct
 }
 
 /* Locates a border texel by continuing over the surface beyond its edge. */
-static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_place *place,
-                       struct ts_turn *turn)
+static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struct ts_border *border, struct ts_bilinear *location,
+                       struct ts_orientation *turn)
 {
     struct ts_atlas *a = b->a;
     const ptrdiff_t at = y * a->stride + x;
@@ -366,7 +366,7 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
     const float *c = a->corners[t], *e0 = c + 2 * (h % 3), *e1 = c + 2 * ((h + 1) % 3);
     const float ex = e1[0] - e0[0], ey = e1[1] - e0[1], l2 = ex * ex + ey * ey;
     float s = l2 > 0.0f ? (((float) x + 0.5f - e0[0]) * ex + ((float) y + 0.5f - e0[1]) * ey) / l2 : 0.5f;
-    double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], way[2]; /* slightly inside */
+    double inner[3] = { 1e-3 / 3.0, 1e-3 / 3.0, 1e-3 / 3.0 }, from[2], dir[2]; /* slightly inside */
     struct pell_vec3 p[3], straight, there;
     struct ts_metric m;
     struct ts_flat f;
@@ -379,19 +379,19 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
     inner[(h + 1) % 3] += (1.0 - 1e-3) * (double) s;
     from[0] = inner[1];
     from[1] = inner[2];
-    way[0] = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5) - from[0];
-    way[1] = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5) - from[1];
+    dir[0] = f.u[0] + f.u[1] * (x + 0.5) + f.u[2] * (y + 0.5) - from[0];
+    dir[1] = f.v[0] + f.v[1] * (x + 0.5) + f.v[2] * (y + 0.5) - from[1];
     corner_points(a, t, p);
     m = ts_atlas_metric_of(a, t, &f);
-    straight = there = vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) way[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) way[1]));
+    straight = there = vec3_add(vec3_mul(vec3_sub(p[1], p[0]), (float) dir[0]), vec3_mul(vec3_sub(p[2], p[0]), (float) dir[1]));
     if (!ts_atlas_walk(b, &to, from, &there))
         return false;
-    *place = ts_atlas_place(a, to, (float) from[0], (float) from[1]);
-    if (!take_border(a, at, place, border))
+    *location = ts_atlas_locate(a, to, (float) from[0], (float) from[1]);
+    if (!take_border(a, at, location, border))
         return false;
-    b->place[at] = spot_of(a, to, (float) from[0], (float) from[1]);
+    b->texel_position[at] = position_of(a, to, (float) from[0], (float) from[1]);
     a->key[at] = (float) a->chart[t];
-    *turn = turn_of(a, t, &f, straight, to, there);
+    *turn = orientation_of(a, t, &f, straight, to, there);
     turn->at = (int32_t) at;
     ts_atlas_set_metric(a, at, &m);
     return true;
@@ -399,17 +399,17 @@ static bool cross_edge(struct ts_atlas_build *b, uint32_t h, int x, int y, struc
 
 static void cross_row(void *arg, int y, int worker)
 {
-    const struct beside *beside = arg;
-    struct ts_atlas_build *b = beside->b;
-    size_t next = beside->first[y];
+    const struct edge_search *edge_search = arg;
+    struct ts_atlas_build *b = edge_search->b;
+    size_t next = edge_search->first[y];
     (void) worker;
 
     for (int x = 0; x < b->a->width; x++) {
-        const uint32_t h = beside->edge[y * b->a->stride + x];
-        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_place[next], &b->turn[next]))
+        const uint32_t h = edge_search->edge[y * b->a->stride + x];
+        if (h != NONE && cross_edge(b, h, x, y, &b->a->borders[next], &b->border_source[next], &b->turn[next]))
             next++;
     }
-    beside->count[y] = (int) (next - beside->first[y]);
+    edge_search->count[y] = (int) (next - edge_search->first[y]);
 }
 
 enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
@@ -422,7 +422,7 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     struct segment *edges = NULL, *scratch = NULL;
     size_t count = 0, room = 0;
     struct nearest nearest = { .b = b, .distance2 = near, .edge = edge };
-    struct beside beside = { .b = b, .edge = edge };
+    struct edge_search edge_search = { .b = b, .edge = edge };
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!near || !edge)
@@ -449,32 +449,32 @@ enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b)
     if (pell_cancelled(b->ctx))
         goto fail;
     res = PELL_ERR_NOMEM;
-    beside.first = pell_alloc_array(b->ctx, (size_t) a->height, sizeof(*beside.first));
-    beside.count = pell_calloc(b->ctx, (size_t) a->height, sizeof(*beside.count));
-    if (!beside.first || !beside.count)
+    edge_search.first = pell_alloc_array(b->ctx, (size_t) a->height, sizeof(*edge_search.first));
+    edge_search.count = pell_calloc(b->ctx, (size_t) a->height, sizeof(*edge_search.count));
+    if (!edge_search.first || !edge_search.count)
         goto fail;
     for (int y = 0; y < a->height; y++) {
-        beside.first[y] = count;
+        edge_search.first[y] = count;
         for (int x = 0; x < a->width; x++)
             count += edge[y * a->stride + x] != NONE;
     }
     a->borders = pell_alloc_array(b->ctx, count + 1, sizeof(*a->borders));
-    b->border_place = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_place));
+    b->border_source = pell_alloc_array(b->ctx, count + 1, sizeof(*b->border_source));
     b->turn = pell_alloc_array(b->ctx, count + 1, sizeof(*b->turn));
     a->first_turn = pell_alloc_array(b->ctx, (size_t) a->height + 1, sizeof(*a->first_turn));
-    if (!a->borders || !b->border_place || !b->turn || !a->first_turn)
+    if (!a->borders || !b->border_source || !b->turn || !a->first_turn)
         goto fail;
     PELL_TRY(ts_atlas_unfold(b));
-    pell_pool_run(b->p->pool, a->height, cross_row, &beside);
+    pell_pool_run(b->p->pool, a->height, cross_row, &edge_search);
     res = PELL_ERR_CANCELLED;
     if (pell_cancelled(b->ctx))
         goto fail;
     for (int y = 0; y < a->height; y++) {
-        const size_t n = (size_t) beside.count[y];
-        memmove(a->borders + a->num_borders, a->borders + beside.first[y], n * sizeof(*a->borders));
+        const size_t n = (size_t) edge_search.count[y];
+        memmove(a->borders + a->num_borders, a->borders + edge_search.first[y], n * sizeof(*a->borders));
         a->first_turn[y] = a->num_borders;
-        memmove(b->turn + a->num_borders, b->turn + beside.first[y], n * sizeof(*b->turn));
-        memmove(b->border_place + a->num_borders, b->border_place + beside.first[y], n * sizeof(*b->border_place));
+        memmove(b->turn + a->num_borders, b->turn + edge_search.first[y], n * sizeof(*b->turn));
+        memmove(b->border_source + a->num_borders, b->border_source + edge_search.first[y], n * sizeof(*b->border_source));
         a->num_borders += n;
     }
     a->first_turn[a->height] = a->num_borders;
@@ -487,8 +487,8 @@ fail:
     b->hinge = NULL;
     pell_free(b->ctx, b->turn);
     b->turn = NULL;
-    pell_free(b->ctx, beside.first);
-    pell_free(b->ctx, beside.count);
+    pell_free(b->ctx, edge_search.first);
+    pell_free(b->ctx, edge_search.count);
     pell_free(b->ctx, near);
     pell_free(b->ctx, edge);
     pell_free(b->ctx, edges);

@@ -6,12 +6,12 @@
 
 #include <string.h>
 
-#define WELD_TEXELS 1e-2f /* corners closer than this are one vertex of the layout */
-#define CHART_COSINE 0.7  /* lower bound of the cosine between a planar chart's normals and its axis */
-#define CHART_LEAST 0.002 /* relative to the area: smaller charts are merged into adjacent ones */
-#define JOIN_COSINE 0.3f  /* lower bound of the cosine for merging */
-#define APART 4.0         /* texels between overlapping layers of a projection */
-#define COVER_MOST 2048   /* maximum resolution of the overlap test, texels per side */
+#define WELD_TEXELS 1e-2f    /* corners closer than this are one vertex of the layout */
+#define CHART_COSINE 0.7     /* lower bound of the cosine between a planar chart's normals and its axis */
+#define MIN_CHART_AREA 0.002 /* relative to the area: smaller charts are merged into adjacent ones */
+#define JOIN_COSINE 0.3f     /* lower bound of the cosine for merging */
+#define APART 4.0            /* texels between overlapping layers of a projection */
+#define MAX_COVER_SIZE 2048  /* maximum resolution of the overlap test, texels per side */
 #define ROUNDS_MOST 64
 
 bool ts_atlas_joined(const struct ts_atlas_build *b, uint32_t half)
@@ -116,7 +116,7 @@ struct cover {
 static enum pell_result make_cover(const struct ts_atlas_build *b, struct cover *g)
 {
     struct pell_vec3 low = { INFINITY, INFINITY, INFINITY }, high = { -INFINITY, -INFINITY, -INFINITY };
-    const double side = b->p->size < COVER_MOST ? b->p->size : COVER_MOST, most = 1.5 * COVERED_PLANAR * side * side;
+    const double side = b->p->size < MAX_COVER_SIZE ? b->p->size : MAX_COVER_SIZE, most = 1.5 * COVERED_PLANAR * side * side;
 
     for (g->mask = 1024; (double) g->mask < most;)
         g->mask *= 2;
@@ -262,13 +262,13 @@ static void connect_small(struct ts_atlas_build *b, struct cover *g, struct ts_f
         for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
             int32_t best = 0;
             float most = JOIN_COSINE;
-            if (!a->chart[t] || charts[a->chart[t] - 1].area >= CHART_LEAST * b->total_area)
+            if (!a->chart[t] || charts[a->chart[t] - 1].area >= MIN_CHART_AREA * b->total_area)
                 continue;
             for (uint32_t h = 3 * t; h < 3 * t + 3; h++) {
                 const uint32_t other = neighbour(b, h);
                 const int32_t number = other != NONE ? a->chart[other] : 0;
                 float cosine;
-                if (!number || charts[number - 1].area < CHART_LEAST * b->total_area)
+                if (!number || charts[number - 1].area < MIN_CHART_AREA * b->total_area)
                     continue;
                 cosine = vec3_dot(face_normal(b, t), charts[number - 1].axis);
                 if (cosine > most && !cover_triangle(b, g, t, &charts[number - 1], false)) {
@@ -337,7 +337,7 @@ fail:
     return res;
 }
 
-enum pell_result ts_atlas_move_apart(struct ts_atlas_build *b)
+enum pell_result ts_atlas_separate(struct ts_atlas_build *b)
 {
     struct ts_atlas *a = b->a;
     const size_t count = (size_t) a->num_charts;

@@ -6,17 +6,17 @@
 
 #include "base/pool.h"
 
-#define TAPS_SIGMAS 3   /* approximate width of a border in standard deviations */
-#define TILT_MOST 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
+#define TAPS_SIGMAS 3  /* approximate width of a border in standard deviations */
+#define MAX_TILT 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
 
 /* A step along x, or along the perpendicular line. */
-struct way {
+struct dir {
     struct pell_vec3 end;
     float length; /* mm */
 };
 
 /* Steps up to `steps` texels within a chart; false: no step is possible. */
-static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign, int steps, struct way *out)
+static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign, int steps, struct dir *out)
 {
     const struct ts_atlas *a = b->a;
     const ptrdiff_t from = y * a->stride + x;
@@ -25,17 +25,17 @@ static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign,
     int done = 0;
 
     out->length = 0.0f;
-    out->end = b->place[from];
+    out->end = b->texel_position[from];
     for (int j = 1; j <= steps; j++) {
         const int px = axis == 0 ? x + sign * j : x + (int) floorf(0.5f - skew * (float) (sign * j)), py = axis == 0 ? y : y + sign * j;
         const ptrdiff_t at = py * a->stride + px;
         if (px < 0 || py < 0 || px >= a->width || py >= a->height || a->key[at] != a->key[from])
             break;
-        if (vec3_length(vec3_sub(b->place[at], out->end)) > a->length[0][at] + a->length[1][at])
+        if (vec3_length(vec3_sub(b->texel_position[at], out->end)) > a->length[0][at] + a->length[1][at])
             break; /* two edges' borders touch */
         out->length += 0.5f * (last + a->length[axis][at]);
         last = a->length[axis][at];
-        out->end = b->place[at];
+        out->end = b->texel_position[at];
         done = j;
     }
     return 2 * done > steps;
@@ -44,20 +44,20 @@ static bool go(const struct ts_atlas_build *b, int x, int y, int axis, int sign,
 /* Second derivative of the position along a line of texels. */
 static struct pell_vec3 bend_of(const struct ts_atlas_build *b, int x, int y, int axis, int steps)
 {
-    const struct pell_vec3 at = b->place[y * b->a->stride + x];
-    struct way way[2];
+    const struct pell_vec3 at = b->texel_position[y * b->a->stride + x];
+    struct dir dir[2];
 
-    if (!go(b, x, y, axis, 1, steps, &way[0]) || !go(b, x, y, axis, -1, steps, &way[1]))
+    if (!go(b, x, y, axis, 1, steps, &dir[0]) || !go(b, x, y, axis, -1, steps, &dir[1]))
         return vec3(0.0f, 0.0f, 0.0f);
     return vec3_mul(
-        vec3_add(vec3_mul(vec3_sub(way[0].end, at), 1.0f / way[0].length), vec3_mul(vec3_sub(way[1].end, at), 1.0f / way[1].length)),
-        2.0f / (way[0].length + way[1].length));
+        vec3_add(vec3_mul(vec3_sub(dir[0].end, at), 1.0f / dir[0].length), vec3_mul(vec3_sub(dir[1].end, at), 1.0f / dir[1].length)),
+        2.0f / (dir[0].length + dir[1].length));
 }
 
 /* In texels. */
-static float tilt_of(struct pell_vec3 bend, struct pell_vec3 way, float length, float most)
+static float tilt_of(struct pell_vec3 bend, struct pell_vec3 dir, float length, float most)
 {
-    const float tilt = -0.5f * vec3_dot(bend, vec3_normalize(way)) * length;
+    const float tilt = -0.5f * vec3_dot(bend, vec3_normalize(dir)) * length;
 
     return tilt > -most ? tilt < most ? tilt : most : tilt < 0.0f ? -most : 0.0f; /* NaN becomes 0 */
 }
@@ -85,8 +85,8 @@ static void tilt_rows(void *arg, int band, int worker)
             along = vec3_mad(vec3_mul(e[0], (float) f.u[1]), (float) f.v[1], e[1]);
             down = vec3_mad(vec3_mul(e[0], (float) f.u[2]), (float) f.v[2], e[1]);
             down = vec3_mad(down, -a->skew[at], along);
-            a->tilt[0][at] = tilt_of(bend_of(b, x, y, 1, steps), along, a->length[0][at], TILT_MOST / (float) steps);
-            a->tilt[1][at] = tilt_of(bend_of(b, x, y, 0, steps), down, a->length[1][at], TILT_MOST / (float) steps);
+            a->tilt[0][at] = tilt_of(bend_of(b, x, y, 1, steps), along, a->length[0][at], MAX_TILT / (float) steps);
+            a->tilt[1][at] = tilt_of(bend_of(b, x, y, 0, steps), down, a->length[1][at], MAX_TILT / (float) steps);
         }
 }
 

@@ -27,11 +27,11 @@ struct ts_atlas_build {
     double *area;           /* per triangle, mm^2 */
     struct ts_hinge *hinge; /* per half-edge; for walks */
     double total_area;
-    bool *buried;                  /* per texel: removed from its chart; NULL: none */
-    struct pell_vec3 *place;       /* position of each texel, mm */
-    struct ts_place *border_place; /* where each border texel reads */
-    struct ts_turn *turn;          /* and its orientation there */
-    int64_t claimed, twice;        /* texels covered by at least one, and by several triangles */
+    bool *buried;                      /* per texel: removed from its chart; NULL: none */
+    struct pell_vec3 *texel_position;  /* position of each texel, mm */
+    struct ts_bilinear *border_source; /* where each border texel reads */
+    struct ts_orientation *turn;       /* and its orientation there */
+    int64_t claimed, twice;            /* texels covered by at least one, and by several triangles */
 };
 
 static inline void corner_points(const struct ts_atlas *a, uint32_t t, struct pell_vec3 p[3])
@@ -131,7 +131,7 @@ struct ts_metric {
     float length[2], skew;
 };
 
-static inline struct pell_vec3 spot_of(const struct ts_atlas *a, uint32_t triangle, float u, float v)
+static inline struct pell_vec3 position_of(const struct ts_atlas *a, uint32_t triangle, float u, float v)
 {
     struct pell_vec3 at, normal;
     float largest;
@@ -150,9 +150,9 @@ struct ts_hinge {
 
 /* Measures all triangles. Call before walks. */
 PELL_NODISCARD enum pell_result ts_atlas_unfold(struct ts_atlas_build *b);
-/* Walks straight over the surface from a point along `way` (mm, in the triangle's plane), turning around edges; `way` becomes the direction
+/* Walks straight over the surface from a point along `dir` (mm, in the triangle's plane), turning around edges; `dir` becomes the direction
  * at the end. False: the surface ends. */
-bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way);
+bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *dir);
 
 /* --- charts.c: segmentation into charts, and corner positions -------------------------------------------------------------------- */
 
@@ -162,7 +162,7 @@ bool ts_atlas_has_set(const struct ts_atlas_build *b, int set);
 const char *ts_atlas_lay_out_file(struct ts_atlas_build *b, int set);
 /* Separates charts that overlap in the mesh's texture coordinates, as mirrored halves, repeated tiles and objects with a common texture do,
  * and gives them equal texel density. They are numbered. */
-PELL_NODISCARD enum pell_result ts_atlas_move_apart(struct ts_atlas_build *b);
+PELL_NODISCARD enum pell_result ts_atlas_separate(struct ts_atlas_build *b);
 /* Grows planar charts over the surface, each projected along its axis. `order` has room for all triangles. */
 PELL_NODISCARD enum pell_result ts_atlas_lay_out_planar(struct ts_atlas_build *b, uint32_t *order);
 /* Numbers charts by connectivity in the layout. `todo` has room for all triangles. */
@@ -196,7 +196,7 @@ PELL_NODISCARD enum pell_result ts_atlas_drop_buried(struct ts_atlas_build *b);
 /* Finds, for each texel next to a chart, the nearest edge where the chart ends but the surface continues, and the surface point beyond
  * it. */
 PELL_NODISCARD enum pell_result ts_atlas_find_borders(struct ts_atlas_build *b);
-PELL_NODISCARD enum pell_result ts_atlas_mend_seams(struct ts_atlas_build *b);
+PELL_NODISCARD enum pell_result ts_atlas_fix_seams(struct ts_atlas_build *b);
 /* Distance of each texel from the inside of a chart, along the longer axis, below TS_FAR: a pass from either end of the map. */
 void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far);
 PELL_NODISCARD enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *far);

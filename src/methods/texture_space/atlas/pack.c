@@ -6,7 +6,7 @@
 
 #include <stdlib.h>
 
-#define SIZE_MOST 16384 /* texels per side */
+#define MAX_SIZE 16384 /* texels per side */
 
 static int by_height(const void *p, const void *q)
 {
@@ -54,7 +54,7 @@ enum pell_result ts_atlas_pack(struct ts_atlas_build *b, struct ts_flat_chart *c
 
     qsort(charts, count, sizeof(*charts), by_height);
     /* If they do not fit in the requested size, the size is doubled. */
-    for (; low == 0.0 && size <= SIZE_MOST; size *= 2) {
+    for (; low == 0.0 && size <= MAX_SIZE; size *= 2) {
         double top = 2.0 * size / sqrt(b->total_area);
         gutter = 2 * b->p->border;
         if (gutter * gutter * (double) count > 0.25 * (double) size * size)
@@ -71,7 +71,7 @@ enum pell_result ts_atlas_pack(struct ts_atlas_build *b, struct ts_flat_chart *c
     }
     if (!(low > 0.0) || !put_on_shelves(charts, count, low, gutter, a->width))
         return pell_error(b->ctx, PELL_ERR_UNSUPPORTED, b->p->name, "give it texture coordinates",
-                          "%zu charts do not fit in %d x %d texels", count, SIZE_MOST, SIZE_MOST);
+                          "%zu charts do not fit in %d x %d texels", count, MAX_SIZE, MAX_SIZE);
     qsort(charts, count, sizeof(*charts), by_number);
     *scale = low;
     return PELL_OK;

@@ -7,8 +7,8 @@
 #include <string.h>
 
 #define LEAN_MOST 8.0f
-#define LENGTH_LEAST 1e-9f /* mm per texel */
-#define LENGTH_MOST 1e9f
+#define MIN_LENGTH 1e-9f /* mm per texel */
+#define MAX_LENGTH 1e9f
 
 enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b)
 {
@@ -36,7 +36,7 @@ enum pell_result ts_atlas_make_planes(struct ts_atlas_build *b)
 
 struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, const double u[2], const double v[2])
 {
-    struct pell_vec3 p[3], e[2], way[2];
+    struct pell_vec3 p[3], e[2], dir[2];
     struct ts_metric m;
     float square;
 
@@ -44,13 +44,13 @@ struct ts_metric ts_atlas_metric_along(const struct ts_atlas *a, uint32_t t, con
     e[0] = vec3_sub(p[1], p[0]);
     e[1] = vec3_sub(p[2], p[0]);
     for (int i = 0; i < 2; i++)
-        way[i] = vec3_mad(vec3_mul(e[0], (float) u[i]), (float) v[i], e[1]);
-    square = vec3_dot(way[0], way[0]);
-    m.skew = square > 0.0f ? vec3_dot(way[0], way[1]) / square : 0.0f;
+        dir[i] = vec3_mad(vec3_mul(e[0], (float) u[i]), (float) v[i], e[1]);
+    square = vec3_dot(dir[0], dir[0]);
+    m.skew = square > 0.0f ? vec3_dot(dir[0], dir[1]) / square : 0.0f;
     if (!(fabsf(m.skew) < LEAN_MOST))
         m.skew = 0.0f;
-    m.length[0] = fminf(fmaxf(vec3_length(way[0]), LENGTH_LEAST), LENGTH_MOST);
-    m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(way[1], -m.skew, way[0])), LENGTH_LEAST), LENGTH_MOST);
+    m.length[0] = fminf(fmaxf(vec3_length(dir[0]), MIN_LENGTH), MAX_LENGTH);
+    m.length[1] = fminf(fmaxf(vec3_length(vec3_mad(dir[1], -m.skew, dir[0])), MIN_LENGTH), MAX_LENGTH);
     return m;
 }
 
@@ -121,14 +121,14 @@ void ts_atlas_rescue(struct ts_atlas_build *b)
     for (uint32_t t = 0; t < a->num_triangles && !pell_cancelled_at(b->ctx, t); t++) {
         const float *c = a->corners[t];
         const float x = (c[0] + c[2] + c[4]) / 3.0f, y = (c[1] + c[3] + c[5]) / 3.0f;
-        struct ts_place place;
+        struct ts_bilinear location;
         ptrdiff_t at;
         struct ts_flat f;
         struct ts_metric m = { .length = { (float) a->mm_per_texel, (float) a->mm_per_texel } };
         if (!a->chart[t] || !(x > 0.0f && y > 0.0f && x < (float) a->width && y < (float) a->height))
             continue;
-        place = ts_atlas_place(a, t, 1.0f / 3.0f, 1.0f / 3.0f);
-        if (ts_read(a, &place, NULL, 0, NULL))
+        location = ts_atlas_locate(a, t, 1.0f / 3.0f, 1.0f / 3.0f);
+        if (ts_read(a, &location, NULL, 0, NULL))
             continue;
         at = (ptrdiff_t) y * a->stride + (ptrdiff_t) x;
         if (a->source[at] != NONE)

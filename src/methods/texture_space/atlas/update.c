@@ -8,37 +8,37 @@
 #include "base/hash.h"
 #include "base/pool.h"
 
-#define TAPS_SIGMAS 3   /* approximate width of a border in standard deviations */
-#define TILT_MOST 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
+#define TAPS_SIGMAS 3  /* approximate width of a border in standard deviations */
+#define MAX_TILT 0.25f /* upper bound of the relative change of a tap's weight over one standard deviation */
 
-uint64_t ts_atlas_print(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid)
+uint64_t ts_atlas_hash(const struct pell_scene *scene, const struct pell_solids *solids, size_t solid)
 {
-    uint64_t print = 0;
+    uint64_t hash = 0;
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *m = &scene->meshes[i];
         if (solids->of_mesh[i] != (int32_t) solid)
             continue;
-        print = pell_hash_word(print, i);
-        print = pell_hash_bytes(print, m->index, 3 * sizeof(*m->index) * (size_t) m->num_triangles);
-        print = pell_hash_word(print, m->num_vertices);
+        hash = pell_hash_word(hash, i);
+        hash = pell_hash_bytes(hash, m->index, 3 * sizeof(*m->index) * (size_t) m->num_triangles);
+        hash = pell_hash_word(hash, m->num_vertices);
         for (int set = 0; set < PELL_UV_SETS; set++)
             if (m->uv[set])
-                print = pell_hash_bytes(print, m->uv[set], 2 * sizeof(*m->uv[set]) * (size_t) m->num_vertices);
+                hash = pell_hash_bytes(hash, m->uv[set], 2 * sizeof(*m->uv[set]) * (size_t) m->num_vertices);
     }
-    return print;
+    return hash;
 }
 
 uint64_t ts_atlas_positions(const struct ts_atlas *a)
 {
-    uint64_t print = 0;
+    uint64_t hash = 0;
 
     for (uint32_t t = 0; t < a->num_triangles; t++) { /* triangles of a mesh are consecutive */
         const struct pell_mesh *m = &a->scene->meshes[a->triangles[t].mesh];
         if (t == 0 || a->triangles[t].mesh != a->triangles[t - 1].mesh)
-            print = pell_hash_bytes(print, m->position, 3 * sizeof(*m->position) * (size_t) m->num_vertices);
+            hash = pell_hash_bytes(hash, m->position, 3 * sizeof(*m->position) * (size_t) m->num_vertices);
     }
-    return print;
+    return hash;
 }
 
 enum { TRIANGLES = 512 /* triangles per task */ };
@@ -64,7 +64,7 @@ static void measure_rows(void *arg, int band, int worker)
     (void) worker;
     for (int y = band * BAND; y < (band + 1) * BAND && y < a->height; y++) {
         for (size_t i = a->first_turn[y]; i < a->first_turn[y + 1]; i++) {
-            const struct ts_turn *turn = &a->turns[i];
+            const struct ts_orientation *turn = &a->turns[i];
             const double u[2] = { (double) turn->u[0], (double) turn->u[1] }, v[2] = { (double) turn->v[0], (double) turn->v[1] };
             const struct ts_metric m = ts_atlas_metric_along(a, turn->triangle, u, v);
             ts_atlas_set_metric(a, turn->at, &m);
@@ -101,7 +101,7 @@ static void tilt_rows(void *arg, int band, int worker)
 {
     struct ts_atlas *a = arg;
     const int steps = a->border > 2 * TAPS_SIGMAS ? a->border / TAPS_SIGMAS : 2;
-    const float most = TILT_MOST / (float) steps;
+    const float most = MAX_TILT / (float) steps;
 
     (void) worker;
     for (int y = band * BAND; y < (band + 1) * BAND && y < a->height; y++)

@@ -6,7 +6,7 @@
 
 #include "base/pool.h"
 
-#define STEPS_MOST 256 /* triangles per walk: without a limit a walk can circle a spike finer than a texel */
+#define MAX_STEPS 256 /* triangles per walk: without a limit a walk can circle a spike finer than a texel */
 
 enum { TRIANGLES = 1024 }; /* triangles per task */
 
@@ -67,7 +67,7 @@ static bool axes_of(const struct ts_atlas *a, uint32_t half, struct pell_vec3 ax
 }
 
 /* Unfolds each triangle into the plane of the one before, in the frame of the shared edge: x along the edge, y into the triangle. */
-bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *way)
+bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double bary[2], struct pell_vec3 *dir)
 {
     const struct ts_atlas *a = b->a;
     const struct ts_hinge *hinge = &b->hinge[3 * (size_t) *triangle];
@@ -77,9 +77,9 @@ bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double ba
 
     if (!axes_of(a, half, axis))
         return false;
-    dx = (double) vec3_dot(*way, axis[0]);
-    dy = (double) vec3_dot(*way, axis[1]);
-    for (int step = 0; step < STEPS_MOST; step++) {
+    dx = (double) vec3_dot(*dir, axis[0]);
+    dy = (double) vec3_dot(*dir, axis[1]);
+    for (int step = 0; step < MAX_STEPS; step++) {
         const double length = (double) hinge->length, cx = (double) hinge->x, cy = (double) hinge->y;
         const uint32_t base = half - half % 3;
         double s = 1.0, f = 0.0, out_length = 1.0, out_x = 0.0, out_y = 0.0;
@@ -110,7 +110,7 @@ bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double ba
                     bary[(half + k) % 3 - 1] = w[k];
             if (!axes_of(a, half, axis))
                 return false;
-            *way = vec3_mad(vec3_mul(axis[0], (float) dx), (float) dy, axis[1]);
+            *dir = vec3_mad(vec3_mul(axis[0], (float) dx), (float) dy, axis[1]);
             return true;
         }
         twin = a->twin[out];
@@ -133,15 +133,15 @@ bool ts_atlas_walk(const struct ts_atlas_build *b, uint32_t *triangle, double ba
     return false;
 }
 
-struct ts_place ts_atlas_place(const struct ts_atlas *a, uint32_t t, float u, float v)
+struct ts_bilinear ts_atlas_locate(const struct ts_atlas *a, uint32_t t, float u, float v)
 {
     const float *c = a->corners[t], w = 1.0f - u - v;
     const float x = w * c[0] + u * c[2] + v * c[4] - 0.5f, y = w * c[1] + u * c[3] + v * c[5] - 0.5f;
     const float fx = floorf(x), fy = floorf(y);
 
     if (!a->chart[t] || !(fx >= 0.0f && fy >= 0.0f && fx < (float) a->width && fy < (float) (a->height - 1)))
-        return (struct ts_place) { .at = -1 };
-    return (struct ts_place) {
+        return (struct ts_bilinear) { .at = -1 };
+    return (struct ts_bilinear) {
         .at = (int32_t) ((ptrdiff_t) fy * a->stride + (ptrdiff_t) fx),
         .key = (float) a->chart[t],
         .fx = x - fx,

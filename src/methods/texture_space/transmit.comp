@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// through.comp - adds a level's transmitted light, read at its entry points: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2; mirror of
+// transmit.comp - adds a level's transmitted light, read at its entry points: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2; mirror of
 // run_cpu.c. One invocation per texel of the list, which holds each texel once.
-//   in     0 texels   entry points of the light: struct ts_through
-//   in     1 share    weight of the light at the entry point
+//   in     0 texels   entry points of the light: struct ts_entry
+//   in     1 level_weight weight of the light at the entry point
 //   in     2 lines    chart (0: none), mm
 //   in     3 now      light, W/m^2; alpha
 //   in/out 4 behind   transmitted light, W/m^2
 layout(local_size_x = 64) in;
 #include "methods/texture_space/common.glsl"
-layout(set = 0, binding = 0) readonly buffer Texels { ts_through texels[]; };
-layout(set = 0, binding = 1) readonly buffer Share { vec4 share[]; };
+layout(set = 0, binding = 0) readonly buffer Texels { ts_entry texels[]; };
+layout(set = 0, binding = 1) readonly buffer LevelWeight { vec4 level_weight[]; };
 layout(set = 0, binding = 2) readonly buffer Lines { vec2 lines[]; };
 layout(set = 0, binding = 3) readonly buffer Now { vec4 now[]; };
 layout(set = 0, binding = 4) buffer Behind { vec4 behind[]; };
@@ -38,12 +38,12 @@ void main()
 
     if (e >= pc.count)
         return;
-    const vec3 part = share[e].rgb;
+    const vec3 part = level_weight[e].rgb;
     if (!(part.r > 0.0 || part.g > 0.0 || part.b > 0.0))
         return;
-    const ts_through t = texels[e];
+    const ts_entry t = texels[e];
     vec3 light = read_at(t.from, t.from_key, vec2(t.from_x, t.from_y));
     if (t.part > 0.0)
-        light += t.part * (read_at(t.also, t.also_key, vec2(t.also_x, t.also_y)) - light);
+        light += t.part * (read_at(t.second, t.second_key, vec2(t.second_x, t.second_y)) - light);
     behind[pc.origin + t.at].rgb += part * light;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// seven.comp - one of the two passes of a blur as published: d'Eon, Luebke and Enderton, EGSR 2007, section 4: seven taps one standard
+// seven_taps.comp - one of the two passes of a blur as published: d'Eon, Luebke and Enderton, EGSR 2007, section 4: seven taps one standard
 // deviation apart, spaced by the stretch, which is blurred as well; mirror of kernels.c. AXIS 0: along x; 1: along y, and added to the sum.
 //   in     0 lines    chart (0: none), mm
 //   in     1 from     light, W/m^2; alpha of the thickness

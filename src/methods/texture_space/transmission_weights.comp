@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// thin.comp - transmission weights of a chain level for each listed texel: d'Eon, Luebke and Enderton, EGSR 2007, section 5.2, equation
-// (16), or a slab's T(r; d) (README.md); mirror of run_cpu.c and ts_profile_transmission. One invocation per texel of the list.
-//   in  0 texels   entry points of the light: struct ts_through
+// transmission_weights.comp - transmission weights of a chain level for each listed texel: d'Eon, Luebke and Enderton, EGSR 2007,
+// section 5.2, equation (16), or a slab's T(r; d) (README.md); mirror of run_cpu.c and ts_profile_transmission. One invocation per texel of
+// the list.
+//   in  0 texels   entry points of the light: struct ts_entry
 //   in  1 now      light, W/m^2; alpha of the thickness before the level's blur
 //   in  2 table    weights of the levels in a slab's transmission (R, G, B), TS_LEVELS for each of TS_THICK thicknesses
-//   out 3 share    weight of the light at the entry point
+//   out 3 level_weight weight of the light at the entry point
 layout(local_size_x = 64) in;
 #include "methods/texture_space/common.glsl"
-layout(set = 0, binding = 0) readonly buffer Texels { ts_through texels[]; };
+layout(set = 0, binding = 0) readonly buffer Texels { ts_entry texels[]; };
 layout(set = 0, binding = 1) readonly buffer Now { vec4 now[]; };
 layout(set = 0, binding = 2) readonly buffer Table { vec4 table[]; };
-layout(set = 0, binding = 3) writeonly buffer Share { vec4 share[]; };
+layout(set = 0, binding = 3) writeonly buffer LevelWeight { vec4 level_weight[]; };
 
 // 1 - exp(-x), x >= 0.
 float rest_of(float x)
@@ -42,13 +43,14 @@ void main()
 
     if (e >= pc.count)
         return;
-    const ts_through t = texels[e];
+    const ts_entry t = texels[e];
     const float alpha = now[pc.origin + t.at].w;
     // The blurs weight A's light by exp(-s^2/(2 v)), s along the surface; a straight path has exp(-m^2/(2 v)).
-    float near = pc.linear != 0 ? min(t.apart / pc.reach, 1.0) : rest_of(max(t.apart * t.apart - t.m * t.m, 0.0) * 0.5 / pc.variance);
+    float near = pc.linear != 0 ? min(t.surface_distance / pc.reach, 1.0)
+                                : rest_of(max(t.surface_distance * t.surface_distance - t.m * t.m, 0.0) * 0.5 / pc.variance);
     near += t.round != 0 || pc.linear != 0 ? 0.0 : (1.0 - near) * t.opposed;
     vec3 part = vec3(0.0);
     if (alpha > 0.0 && t.strength > 0.0)
         part = transmission(max(-log(alpha), 0.0) * pc.widest / t.strength, t.opposed) * near * vec3(t.left_r, t.left_g, t.left_b);
-    share[e] = vec4(part, 0.0);
+    level_weight[e] = vec4(part, 0.0);
 }
