@@ -8,7 +8,7 @@ PELL_SIMD_TABLES(struct pell_raster_kernels, pell_raster_kernels);
 
 #define MAX_TRIANGLES (1u << 24)
 #define VERTICES 4096        /* per task */
-#define ENTRIES_A_TRIANGLE 2 /* mean number of tiles per triangle; scenes with many layers of depth are faster with a box hierarchy */
+#define ENTRIES_A_TRIANGLE 2 /* capacity of the lists: mean number of tiles per triangle */
 #define ENTRIES_A_TILE 16
 #define PER_PIXEL 1.5 /* triangles per pixel: with more, rays are faster */
 

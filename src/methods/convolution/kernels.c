@@ -410,7 +410,7 @@ INLINE vf exchange(struct spot a, struct spot b, float next)
 /* A vector of pixels. */
 struct spots {
     vi there;
-    vf depth, flux, coord; /* flux and place: by load_rest */
+    vf depth, flux, coord; /* flux and coord: by load_rest */
 };
 
 INLINE vf load_between(const float *row, int x, int x0, int x1)

@@ -146,7 +146,7 @@ struct conv_kernels {
     void (*cover)(const struct conv_depths *d, int y, int from, int to, bool by_depth, float *area, float *slant);
     /* Slants over a distance: at most a pixel's own, and equal to it where that distance is within the pixel. */
     void (*far)(const struct conv_depths *d, int y, int from, int to, uint16_t own, const float *slant, float *far);
-    /* Weights of entering and leaving light; undefined for other groups. `leaves` may be NULL. */
+    /* Weights of entering and leaving light; undefined for other groups. `exit_weight` may be NULL. */
     void (*compute_weights)(const struct conv_weights *w, const struct conv_row *s, float *const entry_weight[3],
                             float *const exit_weight[3]);
     /* Hidden light at coordinate q, and the pixel in front of it at p; distance < 0: there is none. `close`: on input its weight as if it

@@ -26,7 +26,7 @@ vec2 seen_at(ivec2 p)
     return vec2(float(m != 0u && pc.solids != 0 ? solids[i] : m), pc.orthographic != 0 ? safe : 1.0 / safe);
 }
 
-// Derivative of w from a pixel to the next along `way`: the mean of both sides, limited to twice the smaller one, so that a depth
+// Derivative of w from a pixel to the next along `step_dir`: the mean of both sides, limited to twice the smaller one, so that a depth
 // discontinuity is no slope; one-sided if only that side is on the same object.
 float rise(ivec2 p, ivec2 step_dir, vec2 own)
 {

@@ -144,11 +144,9 @@ struct pt_scene {
     double typical;  /* order of magnitude of visible radiance */
     double deadline; /* in pell_seconds() */
     double brightest;
-    bool light_paths, chains; /* for delta lights */
-    int light_rays;           /* per sample: more if reflected light hits other surfaces */
-    double
-        environment_fraction; /* fraction of the environment's light from next-event estimation: a uniform environment is also sampled well
-                               * by chance */
+    bool light_paths, chains;    /* for delta lights */
+    int light_rays;              /* per sample: more if reflected light hits other surfaces */
+    double environment_fraction; /* probability of next-event estimation for it: a uniform one is sampled well by chance */
     uint32_t seed;
     float unit; /* mm: several rounding errors of the largest coordinate of a solid */
 };

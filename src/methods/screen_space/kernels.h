@@ -18,7 +18,7 @@ enum { SCREEN_MIXED = 0xffff }; /* as a block's material: several materials */
 /* Summary of a block of 16 pixels in a row. Minima and maxima are over the pixels that can be blurred. */
 struct screen_cell {
     uint16_t owner;    /* material of all its translucent pixels, or SCREEN_MIXED */
-    uint8_t contents;  /* enum screen_live */
+    uint8_t contents;  /* enum screen_contents */
     uint8_t pixels;    /* number of pixels that can be blurred */
     float scale[2];    /* minimum, maximum */
     float to_px[2][2]; /* per axis: minimum, maximum */
@@ -73,7 +73,7 @@ enum screen_form {
     SCREEN_FORM_PAPER_SLOPE = 2,
 };
 
-struct screen_seen { /* gathered by screen_load in one row */
+struct screen_seen { /* gathered by screen_load_row in one row */
     float scale;     /* maximum, px^2 per mm^2 */
     int first, last; /* smallest and largest material, 0: none */
     int pixels;      /* number of translucent pixels */

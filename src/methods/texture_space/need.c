@@ -14,9 +14,9 @@
 #include <string.h>
 
 enum { SEEN_NOT, SEEN_MISSING, SEEN_MADE };
-enum { AROUND = 4 };            /* texels: search radius of read_map.c */
-enum { MAX_SEEN_FRACTION = 4 }; /* if more than 1/MAX_SEEN_FRACTION of a solid is visible, culling costs more than it saves */
-enum { STRIP = 128 };           /* columns per task */
+enum { AROUND = 4 };       /* texels: search radius of read_map.c */
+enum { SEEN_DIVISOR = 4 }; /* if more than 1/SEEN_DIVISOR of a solid is visible, culling costs more than it saves */
+enum { STRIP = 128 };      /* columns per task */
 
 /* --- Texels read by pixels ------------------------------------------------------------------------------------------------------- */
 
@@ -143,7 +143,7 @@ bool ts_need_pays(const struct ts_solid *solid)
 
     for (ptrdiff_t i = 0; i < a->height * a->stride; i++)
         count += a->source[i] != UINT32_MAX && atomic_load_explicit(&solid->seen[i], memory_order_relaxed) != SEEN_NOT;
-    return MAX_SEEN_FRACTION * count < a->inner;
+    return SEEN_DIVISOR * count < a->inner;
 }
 
 void ts_need_discard(struct ts_solid *solid)

@@ -248,7 +248,7 @@ static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *
     density[1] = lx > 0.0f ? 1.0f / sqrtf(ly * ly + skew * skew) : 0.0f;
 }
 
-/* Reach of transmitted light in standard deviations, with fade=linear. */
+/* Distance along the surface, in standard deviations, from which transmitted light has its full weight, with fade=linear. */
 #define TS_FADE_REACH 6.0f
 
 /* --- run_cpu.c, vulkan.c ---------------------------------------------------------------------------------------------------------- */

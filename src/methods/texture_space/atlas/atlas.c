@@ -97,7 +97,7 @@ fail:
     return res;
 }
 
-/* Numbers the charts of the laid out corners and finds the texels they cover. `wrong`: the layout's defect, or NULL. */
+/* Numbers the charts of the laid out corners and finds the texels they cover. `defect`: the layout's defect, or NULL. */
 static enum pell_result cover(struct ts_atlas_build *b, uint32_t *order, const char **defect)
 {
     struct ts_atlas *a = b->a;
