@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * indirect.c - `pellucid-bench truth-gap`: time of indirect light: links of a first frame by samples, moved lights by bounces, and the
- * stage "irradiance" of a frame that keeps both, beside the same without; and diffusion in solids (render/indirect/solid.c). */
+ * stage "irradiance" of a frame that keeps both, beside the same without; and diffusion in solids (render/indirect/diffusion.c). */
 #include "papers.h"
 
 #include <string.h>

@@ -258,15 +258,15 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
         .rays = e->rays,
         .tables = e->tables,
         .samples = frame->settings->indirect_samples,
-        .through = true,
-        .like = e->indirect,
+        .solids_only = true,
+        .samples_from = e->indirect,
     };
     const double start = pell_seconds();
     enum pell_result res = PELL_OK;
 
     if (e->curvature)
-        res = pell_media_through(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->solids,
-                                 &e->through);
+        res = pell_media_solids(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->solids,
+                                &e->through);
     e->whole = frame->plan && frame->plan->opposed;
     e->between = frame->plan && pell_plan_transmits(frame->plan);
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);

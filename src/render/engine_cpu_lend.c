@@ -46,38 +46,38 @@ static const struct pell_light_grid *cpu_light_grid(void *engine, size_t light)
     return e->lights ? pell_lights_grid(e->lights, light) : NULL;
 }
 
-static void ask_first(int count, int32_t ask[16])
+static void activate_first(int count, int32_t active[16])
 {
     for (int i = 0; i < 16; i++)
-        ask[i] = -(int32_t) (i < count);
+        active[i] = -(int32_t) (i < count);
 }
 
 static void cpu_transmitted(void *engine, const struct pell_points16 *points, int count, float share[3][16])
 {
     const struct pell_cpu *e = engine;
-    struct pell_indirect_insides inside = { .thick = { { 0.0f } } };
-    int32_t ask[16];
+    struct pell_indirect_insides inside = { .sum_weight = { { 0.0f } } };
+    int32_t active[16];
 
-    ask_first(count, ask);
+    activate_first(count, active);
     if (e->through && !e->whole)
-        pell_indirect_look(e->through, points, ask, &inside);
+        pell_indirect_lookup16(e->through, points, active, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++)
-            share[c][i] = (1.0f - inside.thick[c][i]) * (1.0f - inside.solved[c][i]);
+            share[c][i] = (1.0f - inside.sum_weight[c][i]) * (1.0f - inside.solved[c][i]);
 }
 
 static void cpu_returned(void *engine, const struct pell_points16 *points, int count, float share[3][16], float crossed[3][16])
 {
     const struct pell_cpu *e = engine;
-    struct pell_indirect_insides inside = { .thick = { { 0.0f } } };
+    struct pell_indirect_insides inside = { .sum_weight = { { 0.0f } } };
     struct pell_curvature_effects effects;
-    int32_t ask[16];
+    int32_t active[16];
 
-    ask_first(count, ask);
+    activate_first(count, active);
     if (e->curvature)
-        pell_curvature_effects_at(e->curvature, points, ask, &effects);
+        pell_curvature_effects_at(e->curvature, points, active, &effects);
     if (e->through)
-        pell_indirect_look(e->through, points, ask, &inside);
+        pell_indirect_lookup16(e->through, points, active, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++) {
             const float kept = 1.0f - inside.solved[c][i];

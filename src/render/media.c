@@ -1,5 +1,4 @@
-/* SPDX-License-Identifier: MIT
- * media.c - see media.h. */
+/* SPDX-License-Identifier: MIT media.c - see media.h. */
 #include "render/media.h"
 
 #include "base/base.h"
@@ -9,9 +8,9 @@
 
 #include <string.h>
 
-#define LEAST 1e-6f /* mm: thickness at which the tables of materials that transmit nothing end */
+#define MIN_THICKNESS 1e-6f /* mm: thickness at which the tables of materials without transmission end */
 
-/* NULL: it has no coefficients. */
+/* Returns NULL if material i has no coefficients. */
 static const struct pell_frame_material *medium_of(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i)
 {
     const struct pell_frame_material *f = m->frame_index[i + 1] ? &m->frame[m->frame_index[i + 1] - 1] : NULL;
@@ -38,32 +37,33 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
     return res;
 }
 
-/* Whether diffuse light lacks what is scattered forward. */
-static bool any_apart(const struct pell_opposed *law)
+/* Whether diffuse light excludes a part that is scattered forward. */
+static bool any_forward(const struct pell_opposed *law)
 {
     return pell_forward_share(fmaxf(fmaxf(law->kappa[0] * law->depth[0], law->kappa[1] * law->depth[1]), law->kappa[2] * law->depth[2])) >
            0.0f;
 }
 
-/* Whether material i lets light through, and by what law: out[i]. That of a material before it is taken if the medium is the same. */
-static bool find_law(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin, bool angles,
-                     struct pell_indirect_solid *out)
+/* Computes the transport of material i. Returns false if it transmits nothing. Copies the result of an earlier material with the same
+ * medium. */
+static bool find_transport(const struct pell_scene *scene, const struct pell_scene_materials *m, size_t i, bool thin_only, bool angles,
+                           struct pell_indirect_solid *out)
 {
-    const struct pell_frame_material *f = medium_of(scene, m, i), *before = NULL;
+    const struct pell_frame_material *f = medium_of(scene, m, i), *earlier = NULL;
     size_t k = 0;
 
-    if (!f || (thin && !(m->thickness[i] && m->thickness[i]->max_mm > LEAST)))
+    if (!f || (thin_only && !(m->thickness[i] && m->thickness[i]->max_mm > MIN_THICKNESS)))
         return false;
-    while (k < i && !(out[k].profile && (before = medium_of(scene, m, k)) && before->profile == f->profile && before->white == f->white &&
-                      memcmp(&before->medium, &f->medium, sizeof(f->medium)) == 0))
+    while (k < i && !(out[k].profile && (earlier = medium_of(scene, m, k)) && earlier->profile == f->profile &&
+                      earlier->white == f->white && memcmp(&earlier->medium, &f->medium, sizeof(f->medium)) == 0))
         k++;
     if (k < i) {
         out[i] = out[k];
         return true;
     }
-    if (!pell_opposed_make(&f->medium, &out[i].law))
+    if (!pell_opposed_make(&f->medium, &out[i].opposed))
         return false;
-    out[i].beams = pell_forward_make(&f->medium, &out[i].forward) && any_apart(&out[i].law);
+    out[i].beams = pell_forward_make(&f->medium, &out[i].forward) && any_forward(&out[i].opposed);
     out[i].profile = f->profile;
     out[i].refracted = pell_mean_refracted((float) (1.0 / (f->medium.eta * f->medium.eta)));
     for (int c = 0; c < 3; c++) {
@@ -75,35 +75,35 @@ static bool find_law(const struct pell_scene *scene, const struct pell_scene_mat
     return true;
 }
 
-enum pell_result pell_media_through(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
-                                    const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
-                                    struct pell_indirect **kept, struct pell_indirect **out)
+enum pell_result pell_media_solids(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
+                                   const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
+                                   struct pell_indirect **kept, struct pell_indirect **out)
 {
-    const bool thin = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), all = frame->plan && frame->plan->opposed;
+    const bool thin_only = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), whole = frame->plan && frame->plan->opposed;
     const size_t count = params->scene->num_materials;
     struct pell_indirect_solid *solid = NULL;
     bool any = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
-    if (!frame->settings->opposed || !(thin || all || (frame->plan && frame->plan->local)))
+    if (!frame->settings->opposed || !(thin_only || whole || (frame->plan && frame->plan->local)))
         return PELL_OK;
     solid = pell_calloc(ctx, count, sizeof(*solid));
     if (!solid)
         goto fail;
     for (size_t i = 0; i < count; i++)
-        any |= find_law(params->scene, frame->materials, i, thin, frame->settings->angles, solid);
+        any |= find_transport(params->scene, frame->materials, i, thin_only, frame->settings->angles, solid);
     for (size_t i = 0; i < count; i++) {
-        solid[i].all = all;
-        solid[i].around = frame->plan && frame->plan->around;
-        solid[i].between = pell_plan_transmits(frame->plan);
+        solid[i].whole = whole;
+        solid[i].along_surface = frame->plan && frame->plan->around;
+        solid[i].between_faces = pell_plan_transmits(frame->plan);
     }
     res = PELL_OK;
     if (!any)
         goto fail;
     if (!*kept)
         PELL_TRY(pell_indirect_create(ctx, pool, params, kept));
-    PELL_TRY(pell_indirect_send_through(*kept, pool, lights, solid));
+    PELL_TRY(pell_indirect_solve_solids(*kept, pool, lights, solid));
     *out = *kept;
 
 fail:

@@ -106,12 +106,12 @@ static void solve(struct fixture *f, double spacing)
                                           .thickness = f->thickness,
                                           .count = f->count,
                                           .profile = f->profile,
-                                          .law = &f->law,
+                                          .opposed = &f->law,
                                           .spacing = (float) spacing };
 
     for (size_t i = 0; i < f->count; i++)
         memcpy(f->source[i], f->place[i].power, sizeof(f->source[i]));
-    assert_int_equal(indirect_solid_solve(f->ctx, f->pool, &solid, f->light), PELL_OK);
+    assert_int_equal(indirect_diffusion_solve(f->ctx, f->pool, &solid, f->light), PELL_OK);
 }
 
 /* What a half-space returns of light that diffuses, and so of all what comes back where it entered. */
@@ -382,8 +382,8 @@ static void light_that_grazes_goes_on(void **state)
         const double x = (double) f->place[i].normal[2], out = comes_out(f, c, radius, Q, x);
         if (!(x > 0.1 && x < 0.95))
             continue;
-        REQUIRE_REL((double) f->light[i].all[c], out, 0.4);
-        ratio += (double) f->light[i].all[c] / out;
+        REQUIRE_REL((double) f->light[i].exitance[c], out, 0.4);
+        ratio += (double) f->light[i].exitance[c] / out;
         count += 1.0;
     }
     print_message("# %.3f of the series\n", ratio / count);
@@ -498,7 +498,7 @@ static void light_turns_corners_as_photons_do(void **state)
             const int band = (int) fmin(fmax((0.5 - (double) p->position[2] / BOX) * BANDS, 0.0), BANDS - 1.0);
             area[band] += p->normal[2] == 0.0f ? (double) p->area : 0.0;
             for (int c = 0; c < 3; c++)
-                found[c][band] += p->normal[2] == 0.0f ? (double) (p->area * f->light[i].all[c]) : 0.0;
+                found[c][band] += p->normal[2] == 0.0f ? (double) (p->area * f->light[i].exitance[c]) : 0.0;
         }
         for (int c = 0; c < 3; c++) {
             double mean = 0.0;
@@ -563,7 +563,7 @@ static void light_beside_an_edge_is_even(void **state)
             const double along = p->normal[0] != 0.0f ? (double) p->position[1] : (double) p->position[0];
             const double deep = 0.5 * size - (double) p->position[2];
             if (p->normal[2] == 0.0f && fabs(along) < 0.35 * size && deep < 2.0)
-                found[n++] = (struct beside_an_edge) { deep, (double) f->light[i].all[c] };
+                found[n++] = (struct beside_an_edge) { deep, (double) f->light[i].exitance[c] };
         }
         REQUIRE(n > 100);
         qsort(found, n, sizeof(found[0]), by_depth);

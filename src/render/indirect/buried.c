@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * buried.c - samples inside the solid are left out: visibility/buried.h.
+ * buried.c - removes samples that are inside a solid: visibility/buried.h.
  */
 #include "render/indirect/internal.h"
 
@@ -12,13 +12,13 @@
 
 struct buried {
     const struct pell_indirect *in;
-    bool *is;
+    bool *flags;
 };
 
-static void set_ray(struct pell_ray_hit16 *r, int i, const struct indirect_sample *s, float spacing, struct pell_vec3 from,
-                    struct pell_vec3 way)
+static void set_ray(struct pell_ray_hit16 *r, int i, const struct indirect_sample *s, float spacing, struct pell_vec3 offset_direction,
+                    struct pell_vec3 direction)
 {
-    pell_ray16_set(&r->ray, i, vec3_mad(s->position, indirect_clearance(s->position, spacing), from), way, INFINITY);
+    pell_ray16_set(&r->ray, i, vec3_mad(s->position, indirect_ray_offset(s->position, spacing), offset_direction), direction, INFINITY);
     r->hit.mesh[i] = PELL_NO_HIT;
 }
 
@@ -28,20 +28,20 @@ void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool
     memset(valid, 0, PACKET * sizeof(*valid));
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
         const struct indirect_sample *s = &in->samples[first + i];
-        const struct pell_vec3 way = vec3_mul(s->normal, inward ? -1.0f : 1.0f);
+        const struct pell_vec3 direction = vec3_mul(s->normal, inward ? -1.0f : 1.0f);
         valid[i] = in->p.scene->materials[s->material].opaque ? 0 : -1;
-        set_ray(r, (int) i, s, inward ? 0.0f : s->spacing, way, way);
+        set_ray(r, (int) i, s, inward ? 0.0f : s->spacing, direction, direction);
     }
     pell_rays_closest16(in->p.rays, valid, false, r);
 }
 
-static void look16(void *arg, int index, int worker)
+static void test16(void *arg, int index, int worker)
 {
     const struct buried *b = arg;
     const struct pell_indirect *in = b->in;
     const size_t first = (size_t) index * PACKET;
-    struct pell_buried_place places[PACKET] = { { .object = 0 } };
-    size_t of[PACKET];
+    struct pell_buried_place points[PACKET] = { { .object = 0 } };
+    size_t sample[PACKET];
     bool is[PACKET];
     int count = 0;
 
@@ -50,27 +50,27 @@ static void look16(void *arg, int index, int worker)
         const struct indirect_sample *s = &in->samples[i];
         if (in->p.scene->materials[s->material].opaque)
             continue;
-        places[count] = (struct pell_buried_place) { s->position, s->normal, indirect_clearance(s->position, s->spacing),
+        points[count] = (struct pell_buried_place) { s->position, s->normal, indirect_ray_offset(s->position, s->spacing),
                                                      in->p.scene->meshes[s->mesh].object };
-        of[count++] = i;
+        sample[count++] = i;
     }
-    pell_buried16(in->p.scene, in->p.rays, places, count, is);
+    pell_buried16(in->p.scene, in->p.rays, points, count, is);
     for (int i = 0; i < count; i++)
-        b->is[of[i]] = is[i];
+        b->flags[sample[i]] = is[i];
 }
 
 enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool)
 {
-    struct buried b = { in, pell_calloc(in->ctx, in->num_samples, sizeof(*b.is)) };
+    struct buried b = { in, pell_calloc(in->ctx, in->num_samples, sizeof(*b.flags)) };
     size_t kept = 0;
 
-    if (!b.is)
+    if (!b.flags)
         return PELL_ERR_NOMEM;
-    pell_pool_run(pool, (int) ((in->num_samples + PACKET - 1) / PACKET), look16, &b);
+    pell_pool_run(pool, (int) ((in->num_samples + PACKET - 1) / PACKET), test16, &b);
     for (size_t i = 0; i < in->num_samples; i++)
-        if (!b.is[i])
+        if (!b.flags[i])
             in->samples[kept++] = in->samples[i];
     in->num_samples = kept;
-    pell_free(in->ctx, b.is);
+    pell_free(in->ctx, b.flags);
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }

@@ -1,32 +1,32 @@
 /* SPDX-License-Identifier: MIT
  *
- * cells.c - triangles larger than the distance of samples are cut into cells, four for one; samples are spread over cells and triangles
- * by their area, one for each square of the spacing; and the cell around a point is found.
+ * cells.c - triangles larger than the distance of samples are subdivided into cells, four from one. Samples are distributed over cells and
+ * triangles by area, one per square of the spacing. The cell around a point can be found.
  */
 #include "render/indirect/internal.h"
 
 #include "scene/triangle.h"
 
-#define CUTS (1u << 17)            /* at most; what is left over stays whole */
-#define DEPTH 12                   /* cuts of a triangle at most */
-#define PLASTIC 0.7548776662466927 /* 1 over the root of x^3 = x + 1: fractions that go with those of the golden section */
-#define MORE 4.0                   /* times the samples that are asked for, at most */
+#define MAX_CUTS (1u << 17)        /* largest number; remaining triangles stay whole */
+#define MAX_DEPTH 12               /* largest depth of subdivision */
+#define PLASTIC 0.7548776662466927 /* 1 over the root of x^3 = x + 1: a second low-discrepancy sequence beside the golden section */
+#define MAX_RATIO 4.0              /* largest ratio of samples to the number requested */
 
 struct cutter {
     struct pell_indirect *in;
     struct indirect_spacing *spacing;
-    bool dry;     /* count alone */
-    double count; /* samples so far, not whole */
-    double first; /* whole samples before it */
+    bool count_only; /* only count */
+    double count;    /* running sum of areas, in samples, fractional */
+    double first;    /* samples placed so far */
     uint32_t mesh, triangle;
     struct pell_vec3 corner[3];
     int sides;
-    size_t cuts;
+    size_t num_cuts;
     size_t room_cells, room_extra, room_samples;
     enum pell_result res;
 };
 
-static struct pell_vec3 point_of(const struct cutter *c, const float at[2])
+static struct pell_vec3 position_at(const struct cutter *c, const float at[2])
 {
     const struct pell_vec3 *p = c->corner;
     return vec3_mad(vec3_mad(vec3_mul(p[0], 1.0f - at[0] - at[1]), at[0], p[1]), at[1], p[2]);
@@ -42,7 +42,7 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
 {
     struct pell_indirect *in = c->in;
     const struct pell_mesh *mesh = &in->p.scene->meshes[c->mesh];
-    const struct indirect_place place = indirect_place_at(mesh, c->triangle, u, v);
+    const struct indirect_point point = indirect_point_at(mesh, c->triangle, u, v);
     const struct pell_vec3 n = vec3_normalize(pell_triangle_cross(c->corner));
     const float side = back ? -1.0f : 1.0f;
 
@@ -53,31 +53,31 @@ static void add_sample(struct cutter *c, float u, float v, float spacing, bool b
             .triangle = c->triangle,
             .u = u,
             .v = v,
-            .position = place.position,
+            .position = point.position,
             .normal = vec3_mul(n, side),
-            .smooth = vec3_mul(vec3_normalize(place.normal), side),
+            .smooth = vec3_mul(vec3_normalize(point.normal), side),
             .spacing = spacing,
             .material = (uint32_t) mesh->material,
             .back = back,
         };
 }
 
-/* The samples of a piece of `area` mm^2. Each stands for a whole one of the running sum of areas, and lies in the middle of that; this
- * gives its place along the piece's first side, those across follow the golden section. In whole triangles of less than one sample the
- * place in the sum follows the golden section, and those across another number: rows of triangles may be as large as a few samples, and
- * middles would be at the same height in all of them. */
-static void spread_samples(struct cutter *c, const float corner[3][2], bool is_whole, double area, float spacing)
+/* Places the samples of a piece of `area` mm^2. Each sample represents one unit of the running sum of areas and is in the middle of its
+ * unit, which gives its position along the piece's first side; the position across follows the golden section. In undivided triangles of
+ * less than one sample, the position in the sum follows the golden section and the one across the second sequence: in rows of triangles
+ * of a few samples' size, middles would be at the same height in all triangles. */
+static void spread_samples(struct cutter *c, const float corner[3][2], bool is_root, double area, float spacing)
 {
-    const double before = c->count, share = area / ((double) spacing * (double) spacing), most = MORE * c->in->p.samples;
-    const bool alone = is_whole && share < 1.0;
+    const double before = c->count, wanted = area / ((double) spacing * (double) spacing), most = MAX_RATIO * c->in->p.samples;
+    const bool small = is_root && wanted < 1.0;
 
-    c->count = before + share;
-    while (!c->dry && c->res == PELL_OK && c->first < most) {
+    c->count = before + wanted;
+    while (!c->count_only && c->res == PELL_OK && c->first < most) {
         const double golden = PELL_GOLDEN_SECTION * c->first, plastic = PLASTIC * c->first, section = c->first + golden - floor(golden);
-        const double place = alone && section >= before ? section : fmax(c->first + 0.5, before);
-        const double f = fmin((place - before) / share, 1.0), g = alone ? plastic - floor(plastic) : golden - floor(golden);
+        const double point = small && section >= before ? section : fmax(c->first + 0.5, before);
+        const double f = fmin((point - before) / wanted, 1.0), g = small ? plastic - floor(plastic) : golden - floor(golden);
         float a, b, at[2];
-        if (!(place < c->count))
+        if (!(point < c->count))
             break;
         pell_triangle_point((float) f, (float) g, &a, &b);
         for (int k = 0; k < 2; k++)
@@ -99,8 +99,8 @@ static uint32_t add_knot(struct cutter *c, const float at[2])
     return (uint32_t) (in->num_mesh_knots + in->num_extra++);
 }
 
-/* The four parts of a triangle with these corners: at each of them, and between the middles of the sides that lie across from them. */
-static void quarter(const float corner[3][2], float part[4][3][2])
+/* The four parts of a triangle with these corners: one at each corner, and one between the midpoints of the opposite sides. */
+static void quarter(const float corner[3][2], float child_corner[4][3][2])
 {
     float middle[3][2];
 
@@ -109,39 +109,39 @@ static void quarter(const float corner[3][2], float part[4][3][2])
             middle[i][k] = 0.5f * (corner[(i + 1) % 3][k] + corner[(i + 2) % 3][k]);
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 2; k++) {
-            part[i][i][k] = corner[i][k];
-            part[i][(i + 1) % 3][k] = middle[(i + 2) % 3][k];
-            part[i][(i + 2) % 3][k] = middle[(i + 1) % 3][k];
-            part[3][i][k] = middle[i][k];
+            child_corner[i][i][k] = corner[i][k];
+            child_corner[i][(i + 1) % 3][k] = middle[(i + 2) % 3][k];
+            child_corner[i][(i + 2) % 3][k] = middle[(i + 1) % 3][k];
+            child_corner[3][i][k] = middle[i][k];
         }
 }
 
-/* Cuts a piece that is too large. `cell`: its number, or INDIRECT_NONE where it is the triangle itself, and has none yet; then a cell is
- * made for it if it is cut. Returns its number. */
-static uint32_t cut(struct cutter *c, const float corner[3][2], const uint32_t knot[3], uint32_t cell, int depth)
+/* Subdivides a piece that is too large. `cell`: its index, or INDIRECT_NONE if it is the undivided triangle, which gets a cell if it is
+ * subdivided. Returns its index. */
+static uint32_t subdivide(struct cutter *c, const float corner[3][2], const uint32_t knot[3], uint32_t cell, int depth)
 {
     const float centre[2] = { (corner[0][0] + corner[1][0] + corner[2][0]) / 3.0f, (corner[0][1] + corner[1][1] + corner[2][1]) / 3.0f };
-    const struct pell_vec3 p[3] = { point_of(c, corner[0]), point_of(c, corner[1]), point_of(c, corner[2]) };
-    const float spacing = indirect_spacing_at(c->spacing, point_of(c, centre));
+    const struct pell_vec3 p[3] = { position_at(c, corner[0]), position_at(c, corner[1]), position_at(c, corner[2]) };
+    const float spacing = indirect_spacing_at(c->spacing, position_at(c, centre));
     struct pell_indirect *in = c->in;
-    float longest = 0.0f, part[4][3][2];
+    float longest = 0.0f, child_corner[4][3][2];
     uint32_t middle[3] = { 0 }, child;
 
     for (int i = 0; i < 3; i++)
         longest = fmaxf(longest, vec3_length(vec3_sub(p[i], p[(i + 1) % 3])));
-    if (!(longest > 2.0f * spacing) || depth == DEPTH || c->cuts == CUTS || c->res != PELL_OK) {
+    if (!(longest > 2.0f * spacing) || depth == MAX_DEPTH || c->num_cuts == MAX_CUTS || c->res != PELL_OK) {
         spread_samples(c, corner, depth == 0, 0.5 * (double) vec3_length(pell_triangle_cross(p)), spacing);
         return cell;
     }
-    c->cuts++;
-    quarter(corner, part);
-    if (c->dry) {
+    c->num_cuts++;
+    quarter(corner, child_corner);
+    if (c->count_only) {
         for (int i = 0; i < 4; i++)
-            cut(c, part[i], knot, 0, depth + 1);
+            subdivide(c, child_corner[i], knot, 0, depth + 1);
         return cell;
     }
     for (int i = 0; i < 3; i++)
-        middle[i] = add_knot(c, part[3][i]);
+        middle[i] = add_knot(c, child_corner[3][i]);
     grow(c, (void **) &in->cells, in->num_cells + 5, &c->room_cells, sizeof(*in->cells));
     if (c->res != PELL_OK)
         return cell;
@@ -160,14 +160,14 @@ static uint32_t cut(struct cutter *c, const float corner[3][2], const uint32_t k
     in->cells[child + 3] = (struct indirect_cell) { 0, { middle[0], middle[1], middle[2] } };
     for (uint32_t i = 0; i < 4; i++) {
         const struct indirect_cell q = in->cells[child + i];
-        cut(c, part[i], q.knot, child + i, depth + 1);
+        subdivide(c, child_corner[i], q.knot, child + i, depth + 1);
     }
     return cell;
 }
 
-static void cut_mesh(struct cutter *c, uint32_t number)
+static void subdivide_mesh(struct cutter *c, uint32_t number)
 {
-    static const float whole[3][2] = { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } };
+    static const float unit_triangle[3][2] = { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } };
     struct pell_indirect *in = c->in;
     const struct pell_scene *scene = in->p.scene;
     const struct pell_mesh *mesh = &scene->meshes[number];
@@ -183,16 +183,16 @@ static void cut_mesh(struct cutter *c, uint32_t number)
         c->triangle = t;
         for (int i = 0; i < 3; i++)
             c->corner[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
-        if (!(vec3_length(pell_triangle_cross(c->corner)) > 0.0f)) /* its pieces may have an area, by rounding */
+        if (!(vec3_length(pell_triangle_cross(c->corner)) > 0.0f)) /* its pieces may have nonzero area, by rounding */
             continue;
-        cell = cut(c, whole, knot, INDIRECT_NONE, 0);
-        if (!c->dry)
+        cell = subdivide(c, unit_triangle, knot, INDIRECT_NONE, 0);
+        if (!c->count_only)
             in->roots[in->meshes[number].first_root + t] = cell;
     }
 }
 
-/* Samples of both passes: the first counts them, so that the second keeps to their number. */
-static double cut_all(struct cutter *c)
+/* Runs one pass. The first pass counts samples, so that the second keeps to the requested number. */
+static double subdivide_all(struct cutter *c)
 {
     const struct pell_scene *scene = c->in->p.scene;
     double all = 0.0;
@@ -201,7 +201,7 @@ static double cut_all(struct cutter *c)
         const double before = c->count;
         if (!indirect_shown(scene, &scene->meshes[i]))
             continue;
-        cut_mesh(c, i);
+        subdivide_mesh(c, i);
         all += (c->count - before) * c->sides;
         if (pell_cancelled(c->in->ctx))
             c->res = PELL_ERR_CANCELLED;
@@ -212,7 +212,7 @@ static double cut_all(struct cutter *c)
 enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing)
 {
     const struct pell_scene *scene = in->p.scene;
-    struct cutter c = { .in = in, .spacing = spacing, .dry = true, .res = PELL_OK };
+    struct cutter c = { .in = in, .spacing = spacing, .count_only = true, .res = PELL_OK };
     uint64_t knots = 0, roots = 0;
     double count;
 
@@ -231,15 +231,15 @@ enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_s
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < in->num_roots; i++)
         in->roots[i] = INDIRECT_NONE;
-    count = cut_all(&c);
+    count = subdivide_all(&c);
     if (c.res != PELL_OK)
         return c.res;
     if (count > 0.0)
         spacing->scale = (float) sqrt(count / in->p.samples);
-    c.dry = false;
+    c.count_only = false;
     c.count = 0.0;
-    c.cuts = 0;
-    cut_all(&c);
+    c.num_cuts = 0;
+    subdivide_all(&c);
     in->num_knots = in->num_mesh_knots + in->num_extra;
     in->num_values = in->num_knots + in->num_extra;
     for (size_t i = 0; i < scene->num_meshes; i++)

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: what samples receive and send on, bounce by bounce, and what points between them receive.
+ * cpu.c - the stage: light that samples receive and send on, bounce by bounce, and its interpolation to knots.
  */
 #include "render/indirect/internal.h"
 
 #include <string.h>
 
-#define CHUNK 256 /* samples or knots of a task */
+#define CHUNK 256 /* samples or knots per task */
 
 void pell_indirect_destroy(struct pell_indirect **indirect)
 {
@@ -14,7 +14,7 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
 
     if (!in)
         return;
-    if (!in->p.like) {
+    if (!in->p.samples_from) {
         pell_free(in->ctx, in->meshes);
         pell_free(in->ctx, in->roots);
         pell_free(in->ctx, in->cells);
@@ -23,16 +23,16 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
         pell_free(in->ctx, in->near);
     }
     pell_free(in->ctx, in->links);
-    pell_free(in->ctx, in->mirrored);
+    pell_free(in->ctx, in->specular_links);
     pell_free(in->ctx, in->reflected);
-    pell_free(in->ctx, in->before);
+    pell_free(in->ctx, in->previous);
     pell_free(in->ctx, in->area);
-    pell_free(in->ctx, in->enter);
+    pell_free(in->ctx, in->ray_transmittance);
     pell_free(in->ctx, in->direct);
     pell_free(in->ctx, in->albedo);
     pell_free(in->ctx, in->part);
-    pell_free(in->ctx, in->across);
-    pell_free(in->ctx, in->through);
+    pell_free(in->ctx, in->opposite);
+    pell_free(in->ctx, in->transmitted);
     pell_free(in->ctx, in->passed);
     pell_free(in->ctx, in->behind);
     pell_free(in->ctx, in->gathered);
@@ -40,13 +40,13 @@ void pell_indirect_destroy(struct pell_indirect **indirect)
     pell_free(in->ctx, in->value);
     pell_free(in->ctx, in->inside);
     pell_free(in->ctx, in->beam);
-    pell_free(in->ctx, in->ahead);
+    pell_free(in->ctx, in->forward);
     pell_free(in->ctx, in);
     *indirect = NULL;
 }
 
-/* Whether some ray of a sample met a surface that can light it. */
-static bool any_link(const struct pell_indirect *in)
+/* Whether any ray of a sample hit a surface that can light the sample. */
+static bool has_links(const struct pell_indirect *in)
 {
     for (size_t i = 0; i < in->num_samples * INDIRECT_RAYS; i++)
         if (in->links[i].factor)
@@ -97,15 +97,15 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->ctx = ctx;
     in->kernels = indirect_blend_kernels_tables[pell_simd_best()];
     in->p = *params;
-    if (params->like)
-        borrow_samples(in, params->like);
+    if (params->samples_from)
+        borrow_samples(in, params->samples_from);
     else
         PELL_TRY(make_samples(in, pool));
-    if (!params->through) {
-        PELL_TRY(indirect_mirror_make(in));
+    if (!params->solids_only) {
+        PELL_TRY(indirect_specular_make(in));
         PELL_TRY(indirect_links_make(in, pool));
     }
-    if (!params->through && !any_link(in)) {
+    if (!params->solids_only && !has_links(in)) {
         pell_indirect_destroy(out);
         return PELL_OK;
     }
@@ -114,13 +114,13 @@ enum pell_result pell_indirect_create(struct pell_context *ctx, struct pell_pool
     in->albedo = pell_alloc_array(ctx, in->num_samples, sizeof(*in->albedo));
     in->gathered = pell_alloc_array(ctx, in->num_samples, sizeof(*in->gathered));
     in->leaving = pell_alloc_array(ctx, in->num_samples, sizeof(*in->leaving));
-    if (params->through)
+    if (params->solids_only)
         in->inside = pell_calloc(ctx, in->num_values, sizeof(*in->inside));
     else
         in->value = pell_calloc(ctx, in->num_values, sizeof(*in->value));
     if (!in->direct || !in->albedo || !in->gathered || !in->leaving || (!in->inside && !in->value))
         goto fail;
-    res = params->through ? indirect_apart_make(in, pool) : indirect_across_make(in, pool);
+    res = params->solids_only ? indirect_parts_make(in, pool) : indirect_opposite_make(in, pool);
     if (res != PELL_OK)
         goto fail;
     return PELL_OK;
@@ -135,12 +135,12 @@ fail:
 struct solve {
     struct pell_indirect *in;
     const struct pell_indirect_lights *lights;
-    int bounce; /* from 0 */
+    int bounce; /* counted from 0 */
     const float (*total)[3];
 };
 
-/* Light that enters at 16 samples. Textures are filtered to the samples' distance. */
-static void light16(const struct solve *s, size_t first, size_t count)
+/* Direct light that enters at 16 samples. Textures are filtered to the distance of samples. */
+static void direct16(const struct solve *s, size_t first, size_t count)
 {
     struct pell_indirect *in = s->in;
     float irradiance[3][16], albedo[3][16], through[3][16], gain[3][16];
@@ -172,53 +172,53 @@ static void light16(const struct solve *s, size_t first, size_t count)
         for (int c = 0; c < 3; c++) {
             const float total = opaque ? 1.0f : s->total[material][c];
             float stays = gain[c][i], passes = through[c][i];
-            if (in->across && in->across[first + i] == INDIRECT_NONE) { /* it leaves somewhere */
+            if (in->opposite && in->opposite[first + i] == INDIRECT_NONE) { /* without an opposite sample it leaves here */
                 stays += passes;
                 passes = 0.0f;
             }
             in->direct[first + i][c] = total * stays * irradiance[c][i];
             in->albedo[first + i][c] = total * stays * albedo[c][i];
             in->leaving[first + i][c] = irradiance[c][i];
-            if (in->across) {
+            if (in->opposite) {
                 in->passed[first + i][c] = opaque ? 0.0f : total * passes;
-                in->through[first + i][c] = opaque ? passes : total * passes * albedo[c][i];
+                in->transmitted[first + i][c] = opaque ? passes : total * passes * albedo[c][i];
             }
         }
     }
 }
 
-static void light_chunk(void *arg, int index, int worker)
+static void direct_chunk(void *arg, int index, int worker)
 {
     const struct solve *s = arg;
     const size_t first = (size_t) index * CHUNK, end = first + CHUNK < s->in->num_samples ? first + CHUNK : s->in->num_samples;
 
     (void) worker;
     for (size_t i = first; i < end; i += 16)
-        light16(s, i, end - i < 16 ? end - i : 16);
+        direct16(s, i, end - i < 16 ? end - i : 16);
 }
 
-/* Direct light that leaves on the other side of a solid. Of sheets it is there. */
-static void pass_direct(struct pell_indirect *in)
+/* Adds direct light that leaves on the other side of a solid. For sheets it is included already. */
+static void transmit_direct(struct pell_indirect *in)
 {
-    for (size_t i = 0; in->across && i < in->num_samples; i++)
-        for (int c = 0; c < 3 && in->across[i] != INDIRECT_NONE; c++)
-            in->direct[i][c] += in->passed[i][c] * in->leaving[in->across[i]][c];
+    for (size_t i = 0; in->opposite && i < in->num_samples; i++)
+        for (int c = 0; c < 3 && in->opposite[i] != INDIRECT_NONE; c++)
+            in->direct[i][c] += in->passed[i][c] * in->leaving[in->opposite[i]][c];
 }
 
-/* What leaves the samples after n bounces. */
-static void send_on(struct pell_indirect *in, int n)
+/* Computes the exitance of samples after n bounces. */
+static void update_exitance(struct pell_indirect *in, int n)
 {
-    if (in->before && n > 0)
-        memcpy(in->before, in->leaving, in->num_samples * sizeof(*in->before));
+    if (in->previous && n > 0)
+        memcpy(in->previous, in->leaving, in->num_samples * sizeof(*in->previous));
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
             in->leaving[i][c] = in->direct[i][c] + (n > 0 ? in->albedo[i][c] * in->gathered[i][c] : 0.0f);
-    for (size_t i = 0; in->across && n > 0 && i < in->num_samples; i++)
-        for (int c = 0; c < 3 && in->across[i] != INDIRECT_NONE; c++)
-            in->leaving[i][c] += in->through[i][c] * in->gathered[in->across[i]][c];
+    for (size_t i = 0; in->opposite && n > 0 && i < in->num_samples; i++)
+        for (int c = 0; c < 3 && in->opposite[i] != INDIRECT_NONE; c++)
+            in->leaving[i][c] += in->transmitted[i][c] * in->gathered[in->opposite[i]][c];
 }
 
-/* A reflection is on a way of its own: light by it left one bounce earlier. */
+/* A reflection is part of the same bounce, so its light left the other sample one bounce earlier. */
 static void gather_chunk(void *arg, int index, int worker)
 {
     const struct solve *s = arg;
@@ -228,20 +228,21 @@ static void gather_chunk(void *arg, int index, int worker)
     (void) worker;
     for (size_t i = first; i < end; i++) {
         const struct indirect_link *links = &in->links[i * INDIRECT_RAYS];
-        const struct indirect_mirror *mirrored = in->mirrored && s->bounce > 0 ? &in->mirrored[i * INDIRECT_MIRRORED] : NULL;
-        const float *enter = in->enter[in->samples[i].material];
+        const struct indirect_specular_link *specular_links =
+            in->specular_links && s->bounce > 0 ? &in->specular_links[i * INDIRECT_SPECULAR_LINKS] : NULL;
+        const float *transmittance = in->ray_transmittance[in->samples[i].material];
         float sum[3] = { 0.0f, 0.0f, 0.0f };
         if (in->reflected)
             memcpy(sum, in->reflected[i], sizeof(sum));
         for (int k = 0; k < INDIRECT_RAYS; k++) {
-            const float w = enter[k] * (float) links[k].factor;
+            const float w = transmittance[k] * (float) links[k].factor;
             const float *light = in->leaving[links[k].sample];
             for (int c = 0; c < 3; c++)
                 sum[c] += w * light[c];
         }
-        for (int k = 0; mirrored && k < INDIRECT_MIRRORED; k++)
+        for (int k = 0; specular_links && k < INDIRECT_SPECULAR_LINKS; k++)
             for (int c = 0; c < 3; c++)
-                sum[c] += mirrored[k].factor * in->before[mirrored[k].sample][c];
+                sum[c] += specular_links[k].factor * in->previous[specular_links[k].sample][c];
         memcpy(in->gathered[i], sum, sizeof(sum));
     }
 }
@@ -257,11 +258,11 @@ static void knot_chunk(void *arg, int index, int worker)
         const struct indirect_near *near = &in->near[i];
         float sum[3] = { 0.0f, 0.0f, 0.0f }, behind[3] = { 0.0f, 0.0f, 0.0f };
         for (int k = 0; k < INDIRECT_NEAR && near->weight[k] > 0.0f; k++) {
-            const uint32_t sample = near->sample[k], across = in->across ? in->across[sample] : INDIRECT_NONE;
+            const uint32_t sample = near->sample[k], opposite = in->opposite ? in->opposite[sample] : INDIRECT_NONE;
             for (int c = 0; c < 3; c++) {
                 sum[c] += near->weight[k] * in->gathered[sample][c];
-                if (across != INDIRECT_NONE)
-                    behind[c] += near->weight[k] * in->passed[sample][c] * in->gathered[across][c];
+                if (opposite != INDIRECT_NONE)
+                    behind[c] += near->weight[k] * in->passed[sample][c] * in->gathered[opposite][c];
             }
         }
         memcpy(in->value[i], sum, sizeof(sum));
@@ -270,8 +271,8 @@ static void knot_chunk(void *arg, int index, int worker)
     }
 }
 
-/* W, all channels together, that translucent surfaces get. */
-static double arriving(const struct pell_indirect *in, const float (*light)[3])
+/* Power that arrives at translucent surfaces: W, sum of all channels. */
+static double arriving_power(const struct pell_indirect *in, const float (*light)[3])
 {
     double sum = 0.0;
 
@@ -297,21 +298,21 @@ enum pell_result pell_indirect_solve(struct pell_indirect *in, struct pell_pool 
                                      const float (*total)[3], int bounces)
 {
     struct solve s = { .in = in, .lights = lights, .total = total };
-    double straight, sent;
+    double direct_power, indirect_power;
     enum pell_result res;
 
-    pell_pool_run(pool, chunks_of(in->num_samples), light_chunk, &s);
+    pell_pool_run(pool, chunks_of(in->num_samples), direct_chunk, &s);
     if (pell_cancelled(in->ctx))
         return PELL_ERR_CANCELLED;
-    straight = arriving(in, in->leaving);
-    pass_direct(in);
-    PELL_TRY(indirect_mirror_light(in, pool));
+    direct_power = arriving_power(in, in->leaving);
+    transmit_direct(in);
+    PELL_TRY(indirect_specular_light(in, pool));
     for (s.bounce = 0; s.bounce < bounces; s.bounce++) {
-        send_on(in, s.bounce);
+        update_exitance(in, s.bounce);
         pell_pool_run(pool, chunks_of(in->num_samples), gather_chunk, &s);
     }
-    sent = bounces > 0 ? arriving(in, in->gathered) : 0.0;
-    in->diffuse = sent > 0.0 ? (float) (sent / (straight + sent)) : 0.0f;
+    indirect_power = bounces > 0 ? arriving_power(in, in->gathered) : 0.0;
+    in->diffuse = indirect_power > 0.0 ? (float) (indirect_power / (direct_power + indirect_power)) : 0.0f;
     pell_pool_run(pool, chunks_of(in->num_values), knot_chunk, &s);
     res = pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 

@@ -1,47 +1,49 @@
 /* SPDX-License-Identifier: MIT
  *
- * equation.c - see equation.h and solid.c. It is solved by GMRES (Y. Saad and M. H. Schultz, "GMRES", SIAM J. Sci. Stat. Comput. 7(3),
- * 1986). A place's share of its own light is what is missing: to the G of a disc as large as the places nearby, and to the solid angle of
- * a closed surface, by which dG/dn of even fluence sums to -1/2 where kappa is 0.
+ * equation.c - see equation.h and diffusion.c. Solved by GMRES (Y. Saad and M. H. Schultz, "GMRES", SIAM J. Sci. Stat. Comput. 7(3), 1986).
+ * The diagonal entry of a point completes the sums over the other elements: to the integral of G over a disc as large as the points nearby,
+ * and to the solid angle of a closed surface, for which dG/dn of uniform fluence sums to -1/2 where kappa is 0.
  */
 #include "render/indirect/equation.h"
-#include "render/indirect/beside.h"
+#include "render/indirect/edges.h"
 
 #include "base/base.h"
 #include "math/scalar.h"
 
 #include <string.h>
 
-enum { CHUNK = 32, STEPS = 60 };
-#define FACING 0.3f    /* least cosine of normals on one surface */
-#define SEEN_LOW 0.4f  /* cosine of normals from which on methods see faces together, */
-#define SEEN_HIGH 0.9f /* and from which on all of them; */
+enum { CHUNK = 32, MAX_STEPS = 60 };
+#define MIN_FACING 0.3f   /* least cosine of normals on one surface */
+#define VISIBLE_LOW 0.4f  /* cosine of normals from which methods start to see both faces, */
+#define VISIBLE_HIGH 0.9f /* and from which they see them fully; */
 #define AROUND_LOW -1.0f
-#define AROUND_HIGH 1.0f /* the same for methods that spread light along the surface */
-#define SPREAD 0.8f      /* of the squared radius of a place's area: nearer, it is not seen as a point */
-#define OWN 0.5f         /* of what a disc of its own area returns to a place: the least share, where a large place is beside it */
-#define TOLERANCE 1e-6   /* of the residual, over the right side, that is asked for; */
-#define ENOUGH 1e-4      /* and that will do after STEPS */
-#define TURNED 0.15f     /* dG/dn of a place at itself up to which the surface is taken to be closed, */
-#define OPEN 0.3f        /* and from which on it is not */
+#define AROUND_HIGH 1.0f /* the same for methods that gather along the surface */
+#define MIN_RADIUS2 0.8f /* of the squared radius of an element's area: least squared distance at which it is treated as a point */
+#define MIN_OWN                                                                                                                            \
+    0.5f                 /* least diagonal entry, as a fraction of the disc integral of the point's own area: for points next to a
+                              * large one */
+#define TOLERANCE 1e-6   /* requested residual, relative to the right-hand side, */
+#define ACCEPTED 1e-4    /* and the residual that is accepted after MAX_STEPS */
+#define CLOSED_MAX 0.15f /* missing solid angle (of 1/2) up to which the surface is taken to be closed, */
+#define OPEN_MIN 0.3f    /* and from which it is taken to be open */
 
 static uint32_t rows_of(const struct equation *e, int chunk, uint32_t *end)
 {
     const uint32_t first = (uint32_t) chunk * CHUNK;
 
-    *end = first + CHUNK < e->places->count ? first + CHUNK : e->places->count;
+    *end = first + CHUNK < e->points->count ? first + CHUNK : e->points->count;
     return first;
 }
 
 static void for_rows(struct equation *e, void (*work)(void *arg, int chunk, int worker), void *arg)
 {
-    pell_pool_run(e->pool, (int) ((e->places->count + CHUNK - 1) / CHUNK), work, arg);
+    pell_pool_run(e->pool, (int) ((e->points->count + CHUNK - 1) / CHUNK), work, arg);
 }
 
-/* --- Which patches a place sees ----------------------------------------------------------------------------------------------------- */
+/* --- Elements in a row ---------------------------------------------------------------------------------------------------------------- */
 
-/* Whether a cluster is seen as one from a place. */
-static bool is_far(const struct equation *e, const struct cluster *c, const struct place *x)
+/* Returns whether a cluster is far enough from a point to be one element. */
+static bool is_far(const struct equation *e, const struct cluster *c, const struct collocation_point *x)
 {
     const struct pell_vec3 d = vec3_sub(c->position, x->position);
     const float far = e->near + c->radius;
@@ -49,15 +51,15 @@ static bool is_far(const struct equation *e, const struct cluster *c, const stru
     return vec3_dot(d, d) > far * far;
 }
 
-/* A row's patches as runs, those of places and of clusters for themselves. */
+/* Elements of a row as runs, with those of points and of clusters kept separate. */
 struct runs {
-    struct equation_run open[2], *out; /* out: NULL, they are counted */
+    struct equation_run current[2], *out; /* out: NULL while runs are only counted */
     uint32_t count, entries;
 };
 
 static void add_run(struct runs *r, bool far, uint32_t first, uint32_t count)
 {
-    struct equation_run *o = &r->open[far];
+    struct equation_run *o = &r->current[far];
 
     r->entries += count;
     if (o->count && o->first + o->count == first) {
@@ -72,11 +74,11 @@ static void add_run(struct runs *r, bool far, uint32_t first, uint32_t count)
 
 static void find_runs(const struct equation *e, uint32_t row, struct runs *r)
 {
-    const struct places *p = e->places;
+    const struct collocation_points *p = e->points;
 
     for (uint32_t k = 0; k < p->num_clusters; k++) {
         const struct cluster *c = &p->cluster[k];
-        if (is_far(e, c, &p->place[row]))
+        if (is_far(e, c, &p->point[row]))
             add_run(r, true, p->count + k, 1);
         else
             add_run(r, false, c->first, c->end - c->first);
@@ -85,7 +87,7 @@ static void find_runs(const struct equation *e, uint32_t row, struct runs *r)
     add_run(r, true, 0, 0);
 }
 
-/* Counts the runs of rows, or once there is room for them puts them there. */
+/* Counts the runs of rows, or stores them once they are allocated. */
 static void find_chunk(void *arg, int chunk, int worker)
 {
     struct equation *e = arg;
@@ -115,64 +117,65 @@ static void set_patch(const struct equation *e, uint32_t i, struct pell_vec3 at,
     p->area[i] = area;
     for (int c = 0; c < 3; c++) {
         const struct equation_channel *q = &e->channel[c];
-        /* What vanishes as far above a ball as above a plane falls faster at its surface. */
-        if (q->is)
-            q->bend[i] = 1.0f / fminf(fmaxf(1.0f + q->s * curvature, 0.5f), 2.0f);
+        /* A fluence that vanishes at the same height above a ball as above a plane has a steeper slope at its surface. */
+        if (q->active)
+            q->curvature_factor[i] = 1.0f / fminf(fmaxf(1.0f + q->s * curvature, 0.5f), 2.0f);
     }
 }
 
 static void set_patches(const struct equation *e)
 {
-    const struct places *p = e->places;
+    const struct collocation_points *p = e->points;
 
     for (uint32_t i = 0; i < p->count; i++)
-        set_patch(e, i, p->place[i].position, p->place[i].normal, p->place[i].area, p->place[i].curvature);
+        set_patch(e, i, p->point[i].position, p->point[i].normal, p->point[i].area, p->point[i].curvature);
     for (uint32_t k = 0; k < p->num_clusters; k++)
         set_patch(e, p->count + k, p->cluster[k].position, p->cluster[k].normal, p->cluster[k].area, p->cluster[k].curvature);
 }
 
-/* Room for what patches and channels have. */
+/* Allocates the arrays of elements and channels. */
 static enum pell_result make_room(struct equation *e, size_t entries)
 {
-    const size_t n = e->places->count, patches = n + e->places->num_clusters;
+    const size_t n = e->points->count, patches = n + e->points->num_clusters;
     struct equation_patches *p = &e->patches;
-    float **const of_patches[] = { &p->x, &p->y, &p->z, &p->nx, &p->ny, &p->nz, &p->area, &p->wx, &p->wy, &p->wz };
-    const size_t channels = (size_t) e->channel[0].is + e->channel[1].is + e->channel[2].is;
-    float *value = e->values =
-        pell_alloc_array(e->ctx, PELL_COUNT(of_patches) * patches + channels * (3 * patches + entries), sizeof(*value));
-    double *number = e->numbers = pell_alloc_array(e->ctx, (STEPS + 1) * n + patches + channels * (4 * n + 3 * patches), sizeof(*number));
+    float **const element_arrays[] = { &p->x, &p->y, &p->z, &p->nx, &p->ny, &p->nz, &p->area, &p->wx, &p->wy, &p->wz };
+    const size_t channels = (size_t) e->channel[0].active + e->channel[1].active + e->channel[2].active;
+    float *floats = e->values =
+        pell_alloc_array(e->ctx, PELL_COUNT(element_arrays) * patches + channels * (3 * patches + entries), sizeof(*floats));
+    double *doubles = e->numbers =
+        pell_alloc_array(e->ctx, (MAX_STEPS + 1) * n + patches + channels * (4 * n + 3 * patches), sizeof(*doubles));
 
-    if (!value || !number)
+    if (!floats || !doubles)
         return PELL_ERR_NOMEM;
-    for (size_t i = 0; i < PELL_COUNT(of_patches); i++, value += patches)
-        *of_patches[i] = value;
-    e->basis = number;
-    e->all = e->basis + (STEPS + 1) * n;
-    number = e->all + patches;
+    for (size_t i = 0; i < PELL_COUNT(element_arrays); i++, floats += patches)
+        *element_arrays[i] = floats;
+    e->basis = doubles;
+    e->extended = e->basis + (MAX_STEPS + 1) * n;
+    doubles = e->extended + patches;
     for (int c = 0; c < 3; c++) {
         struct equation_channel *q = &e->channel[c];
-        if (!q->is)
+        if (!q->active)
             continue;
-        q->light = number;
+        q->light = doubles;
         q->source = q->light + patches;
-        q->once = q->source + patches;
-        q->right = q->once + patches;
-        q->phi = q->right + n;
-        q->sum = q->phi + n;
-        q->here = q->sum + n;
-        number = q->here + n;
-        q->bend = value;
-        q->deep[0] = q->bend + patches;
-        q->deep[1] = q->deep[0] + patches;
-        q->left = q->deep[1] + patches;
-        value = q->left + entries;
+        q->single = q->source + patches;
+        q->rhs = q->single + patches;
+        q->phi = q->rhs + n;
+        q->method_exitance = q->phi + n;
+        q->point_source = q->method_exitance + n;
+        doubles = q->point_source + n;
+        q->curvature_factor = floats;
+        q->source_depth[0] = q->curvature_factor + patches;
+        q->source_depth[1] = q->source_depth[0] + patches;
+        q->matrix = q->source_depth[1] + patches;
+        floats = q->matrix + entries;
     }
     return PELL_OK;
 }
 
 enum pell_result equation_make(struct equation *e)
 {
-    const uint32_t n = e->places->count;
+    const uint32_t n = e->points->count;
     size_t entries = 0, runs = 0;
     enum pell_result res;
 
@@ -208,189 +211,197 @@ void equation_finish(struct equation *e)
     pell_free(e->ctx, e->numbers);
 }
 
-/* --- Its entries ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Matrix entries ------------------------------------------------------------------------------------------------------------------- */
 
-/* What a row of a channel sums up. */
+/* Sums of a row of one channel. */
 struct row {
-    uint32_t place;
-    float inward; /* the way of its light along its inward normal */
-    float pull, below, own, near_pairs, pairs;
-    double right, sum;
+    uint32_t point;
+    float inward; /* component of its light's direction along the inward normal */
+    float single_layer, from_sources, own_sources, near_profile, profile;
+    double rhs, method_exitance;
 };
 
-/* Int exp(-kappa r)/(4 pi r) over a disc, from a place above its middle: (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance from
- * its plane, r' from its edge. */
-static float disc(float kappa, float area, float above)
+/* Int exp(-kappa r)/(4 pi r) over a disc, seen from a point on its axis: (exp(-kappa z) - exp(-kappa r'))/(2 kappa), z the distance to
+ * the plane of the disc, r' to its edge. */
+static float disc_integral(float kappa, float area, float above)
 {
     return (expf(-kappa * above) - expf(-kappa * sqrtf(area / PELL_PI_F + above * above))) / (2.0f * kappa);
 }
 
-/* G from sources right below a place this far away, as deep as those of place i. */
-static float shallow(const struct equation_channel *q, uint32_t i, float inward, float apart2)
+/* G from sources vertically below a point at this distance, as deep as those of point i. */
+static float source_kernel(const struct equation_channel *q, uint32_t i, float inward, float distance2)
 {
-    float sum = 0.0f;
+    float method_exitance = 0.0f;
 
     for (int k = 0; k < 2; k++) {
-        const float z = inward * q->deep[k][i], r = sqrtf(fmaxf(apart2 + z * z, q->least2[k]));
-        sum += q->share[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
+        const float z = inward * q->source_depth[k][i], r = sqrtf(fmaxf(distance2 + z * z, q->min_distance2[k]));
+        method_exitance += q->path_weight[k] * expf(-q->kappa * r) / (4.0f * PELL_PI_F * r);
     }
-    return sum;
+    return method_exitance;
 }
 
-/* What reaches a place from sources below discs around it. */
-static float shallow_disc(const struct equation_channel *q, uint32_t i, float inward, float area)
+/* Integral of G over sources below a disc around a point. */
+static float source_kernel_disc(const struct equation_channel *q, uint32_t i, float inward, float area)
 {
-    return q->share[0] * disc(q->kappa, area, inward * q->deep[0][i]) + q->share[1] * disc(q->kappa, area, inward * q->deep[1][i]);
+    return q->path_weight[0] * disc_integral(q->kappa, area, inward * q->source_depth[0][i]) +
+           q->path_weight[1] * disc_integral(q->kappa, area, inward * q->source_depth[1][i]);
 }
 
-/* Share of a face that a method spreads light to. */
-static float seen(const struct equation *e, float facing)
+/* Fraction of a face, by the cosine of the normals, that a method gathers from. */
+static float visible_fraction(const struct equation *e, float facing)
 {
-    return e->around ? ramp(AROUND_LOW, AROUND_HIGH, facing) : ramp(SEEN_LOW, SEEN_HIGH, facing);
+    return e->along_surface ? ramp(AROUND_LOW, AROUND_HIGH, facing) : ramp(VISIBLE_LOW, VISIBLE_HIGH, facing);
 }
 
-/* Square of the way along a surface over that of the chord, by the cosine of the angle t that it turns by: of an arc,
- * (t/2)^2/sin^2(t/2), as a series of sin^2(t/2). */
-static float along_surface(float facing)
+/* Squared distance along the surface over that along the chord, by the cosine of the angle t between the normals: for an arc,
+ * (t/2)^2/sin^2(t/2), as a series in sin^2(t/2). */
+static float arc_factor(float facing)
 {
     const float h = fminf(fmaxf(0.5f - 0.5f * facing, 0.0f), 1.0f);
 
     return 1.0f + h * (1.0f / 3.0f + h * (8.0f / 45.0f + h * (4.0f / 35.0f + h * (128.0f / 1575.0f + h * (128.0f / 2079.0f)))));
 }
 
-/* Adds a block's entries to the sums; `self`: the entry that is the place itself. */
+/* Adds a block's entries to the sums. `diagonal`: the entry of the point itself. */
 static void add_block(const struct equation *e, const struct equation_channel *q, const struct equation_block *b, uint32_t first,
-                      uint32_t count, uint32_t self, struct row *row)
+                      uint32_t count, uint32_t diagonal, struct row *row)
 {
     const double *light = q->light + first, *source = q->source + first;
 
     for (uint32_t i = 0; i < count; i++) {
-        const float share = seen(e, b->facing[i]), r2 = e->around ? b->r2[i] * along_surface(b->facing[i]) : b->r2[i];
-        float pair = 0.0f;
-        row->right += i == self ? 0.0 : (double) b->below[i] * source[i];
-        if (i == self) {
-            row->own = b->below[i];
+        const float path_weight = visible_fraction(e, b->facing[i]), r2 = e->along_surface ? b->r2[i] * arc_factor(b->facing[i]) : b->r2[i];
+        float term = 0.0f;
+        row->rhs += i == diagonal ? 0.0 : (double) b->from_sources[i] * source[i];
+        if (i == diagonal) {
+            row->own_sources = b->from_sources[i];
             continue;
         }
-        if (share > 0.0f) {
-            pair = share * radial_at(&q->radial, r2) * e->patches.area[first + i];
-            row->sum += (double) pair * light[i];
-            row->pairs += pair;
+        if (path_weight > 0.0f) {
+            term = path_weight * radial_at(&q->radial, r2) * e->patches.area[first + i];
+            row->method_exitance += (double) term * light[i];
+            row->profile += term;
         }
-        if (b->r2[i] < e->window2 && b->facing[i] > FACING) {
-            row->pull += b->pull[i];
-            row->below += e->patches.area[first + i] * shallow(q, row->place, row->inward, b->apart2[i]);
-            row->near_pairs += pair;
+        if (b->r2[i] < e->window2 && b->facing[i] > MIN_FACING) {
+            row->single_layer += b->single_layer[i];
+            row->from_sources += e->patches.area[first + i] * source_kernel(q, row->point, row->inward, b->distance2[i]);
+            row->near_profile += term;
         }
     }
 }
 
-/* Keeps the patches of a block that are near and look elsewhere. */
-static void add_beside(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t entry,
-                       struct beside *out)
+/* Collects the elements of a block that are near and face elsewhere. */
+static void add_edge_elements(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t entry,
+                              struct edges *out)
 {
-    const float reach = BESIDE_REACH * e->places->step;
+    const float reach = EDGE_REACH * e->points->step;
 
-    for (uint32_t i = 0; i < count && first < e->places->count && out->count < BESIDE_MOST; i++) {
-        const float t = 1.0f - b->apart2[i] / (reach * reach);
-        if (t > 0.0f && b->facing[i] <= FACING)
-            out->patch[out->count++] =
-                (struct beside_patch) { .patch = first + i, .entry = entry + i, .weight = t * t, .even = b->even[i] };
+    for (uint32_t i = 0; i < count && first < e->points->count && out->count < EDGE_MOST; i++) {
+        const float t = 1.0f - b->distance2[i] / (reach * reach);
+        if (t > 0.0f && b->facing[i] <= MIN_FACING)
+            out->elements[out->count++] =
+                (struct edge_element) { .element = first + i, .entry = entry + i, .weight = t * t, .double_layer0 = b->double_layer0[i] };
     }
 }
 
-/* What those of the block that begins at `first` have in a channel. */
-static void keep_beside(const struct equation_block *b, uint32_t first, int c, uint32_t before, struct beside *out)
+/* Stores the integrals of one channel with the collected elements of the block that begins at `first`. */
+static void keep_edge_values(const struct equation_block *b, uint32_t first, int c, uint32_t before, struct edges *out)
 {
     for (uint32_t i = before; i < out->count; i++) {
-        out->patch[i].pull[c] = b->pull[out->patch[i].patch - first];
-        out->patch[i].below[c] = b->below[out->patch[i].patch - first];
+        out->elements[i].single_layer[c] = b->single_layer[out->elements[i].element - first];
+        out->elements[i].from_sources[c] = b->from_sources[out->elements[i].element - first];
     }
 }
 
-/* The area around a place, and of it what methods see; and the integral of dG/dn where nothing is absorbed. */
-static void add_areas(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t self, float sum[3])
+/* Adds to sum[0] the area around a point, to sum[1] the part of it that methods see, to sum[2] the integral of dG/dn without absorption. */
+static void add_areas(const struct equation *e, const struct equation_block *b, uint32_t first, uint32_t count, uint32_t diagonal,
+                      float method_exitance[3])
 {
     for (uint32_t i = 0; i < count; i++) {
         const float area = e->patches.area[first + i];
-        if (i == self)
+        if (i == diagonal)
             continue;
-        sum[2] += b->even[i];
-        if (b->r2[i] < e->window2 && b->facing[i] > FACING) {
-            sum[0] += area;
-            sum[1] += seen(e, b->facing[i]) * area;
+        method_exitance[2] += b->double_layer0[i];
+        if (b->r2[i] < e->window2 && b->facing[i] > MIN_FACING) {
+            method_exitance[0] += area;
+            method_exitance[1] += visible_fraction(e, b->facing[i]) * area;
         }
     }
 }
 
-/* What a place has of its own light: what a disc of the places nearby has more than they have. */
-static void finish_row(const struct equation *e, struct equation_channel *q, uint32_t i, const struct row *row, const float sum[3],
-                       uint32_t self)
+/* Computes the diagonal entry of a point, which is what a disc of the nearby points exceeds their sum by, and its right-hand side. */
+static void finish_row(const struct equation *e, struct equation_channel *q, uint32_t i, const struct row *row,
+                       const float method_exitance[3], uint32_t diagonal)
 {
-    const float own = disc(q->kappa, e->patches.area[i], 0.0f);
-    const float pull = fmaxf(disc(q->kappa, sum[0], 0.0f) - row->pull, OWN * own);
-    const float straight = e->patches.area[i] * shallow(q, i, row->inward, 0.0f);
-    const float aside = fmaxf(1.0f - row->own / straight, 0.0f); /* of what starts below the place itself, as its way leads elsewhere */
-    const float below = shallow_disc(q, i, row->inward, sum[0]) - row->below - aside * shallow_disc(q, i, row->inward, e->patches.area[i]);
-    const float pair = fmaxf(q->window * sum[1] / (PELL_PI_F * e->window2) - row->near_pairs, 0.0f);
-    /* Methods that see a part of the profile take it for all. */
-    const float pairs = row->pairs + pair;
-    float angle = -0.5f - sum[2];
+    const float own_sources = disc_integral(q->kappa, e->patches.area[i], 0.0f);
+    const float single_layer = fmaxf(disc_integral(q->kappa, method_exitance[0], 0.0f) - row->single_layer, MIN_OWN * own_sources);
+    const float unobstructed = e->patches.area[i] * source_kernel(q, i, row->inward, 0.0f);
+    const float moved = fmaxf(1.0f - row->own_sources / unobstructed, 0.0f); /* fraction of the sources below the point that its oblique
+                                                                              * light moves elsewhere */
+    const float from_sources = source_kernel_disc(q, i, row->inward, method_exitance[0]) - row->from_sources -
+                               moved * source_kernel_disc(q, i, row->inward, e->patches.area[i]);
+    const float term = fmaxf(q->window_total * method_exitance[1] / (PELL_PI_F * e->window2) - row->near_profile, 0.0f);
+    /* Methods that see only a part of the profile normalize by that part. */
+    const float profile = row->profile + term;
+    float missing = -0.5f - method_exitance[2];
 
-    q->right[i] = (row->right + (double) fmaxf(below, 0.0f) * q->here[i]) * (double) (q->enters / q->s);
-    q->sum[i] = pairs > 0.0f ? (row->sum + (double) pair * q->light[i]) * (double) (q->total / pairs) : 0.0;
-    /* A closed surface of even fluence: dG/dn sums to -1/2. Where one is open, its own is that of a plane. */
-    angle = angle < 0.0f ? angle * (1.0f - ramp(TURNED, OPEN, -angle)) : fminf(angle, 0.5f);
-    q->left[self] = q->bend[i] * (0.5f + angle) + pull / q->s;
+    q->rhs[i] = (row->rhs + (double) fmaxf(from_sources, 0.0f) * q->point_source[i]) * (double) (q->source_scale / q->s);
+    q->method_exitance[i] = profile > 0.0f ? (row->method_exitance + (double) term * q->light[i]) * (double) (q->total / profile) : 0.0;
+    /* On a closed surface of uniform fluence dG/dn sums to -1/2. Where the surface is open, the diagonal is that of a plane. */
+    missing = missing < 0.0f ? missing * (1.0f - ramp(CLOSED_MAX, OPEN_MIN, -missing)) : fminf(missing, 0.5f);
+    q->matrix[diagonal] = q->curvature_factor[i] * (0.5f + missing) + single_layer / q->s;
 }
 
-/* Entries of i: kernels from place to place. */
+/* Computes the entries of row i. */
 static void fill_row(struct equation *e, uint32_t i)
 {
-    const struct place *x = &e->places->place[i];
-    const struct equation_from from = { x->position.x, x->position.y, x->position.z, x->normal.x,
-                                        x->normal.y,   x->normal.z,   e->least2,     SPREAD / PELL_PI_F };
+    const struct collocation_point *x = &e->points->point[i];
+    const struct equation_receiver receiver = { x->position.x, x->position.y, x->position.z,    x->normal.x,
+                                                x->normal.y,   x->normal.z,   e->min_distance2, MIN_RADIUS2 / PELL_PI_F };
     struct equation_block b;
-    struct row row[3] = { { .right = 0.0 } };
+    struct row row[3] = { { .rhs = 0.0 } };
     const float inward = -(x->normal.x * e->patches.wx[i] + x->normal.y * e->patches.wy[i] + x->normal.z * e->patches.wz[i]);
-    float sum[3] = { x->area, x->area, 0.0f };
-    double right[3] = { 0.0 };
-    struct beside beside;
-    uint32_t at = e->first_entry[i], self = at;
+    float method_exitance[3] = { x->area, x->area, 0.0f };
+    double rhs[3] = { 0.0 };
+    struct edges edges;
+    uint32_t at = e->first_entry[i], diagonal = at;
 
-    beside.count = 0;
+    edges.count = 0;
     for (int c = 0; c < 3; c++) {
-        row[c].place = i;
+        row[c].point = i;
         row[c].inward = inward;
     }
     for (uint32_t r = e->first_run[i]; r < e->first_run[i + 1]; r++)
         for (uint32_t k = 0, count; k < e->run[r].count; k += count, at += count) {
-            const uint32_t first = e->run[r].first + k, mine = i - first; /* no entry of the block where i is none */
-            const uint32_t before = beside.count;
+            const uint32_t first = e->run[r].first + k, own_entry = i - first; /* index in the block; beyond its end if point i is not in
+                                                                                * it */
+            const uint32_t before = edges.count;
             count = e->run[r].count - k < EQUATION_BLOCK ? e->run[r].count - k : EQUATION_BLOCK;
-            e->kernels->measure(&e->patches, first, count, &from, &b);
-            add_areas(e, &b, first, count, mine, sum);
-            add_beside(e, &b, first, count, at, &beside);
-            if (mine < count)
-                self = at + mine;
+            e->kernels->measure(&e->patches, first, count, &receiver, &b);
+            add_areas(e, &b, first, count, own_entry, method_exitance);
+            add_edge_elements(e, &b, first, count, at, &edges);
+            if (own_entry < count)
+                diagonal = at + own_entry;
             for (int c = 0; c < 3; c++) {
                 const struct equation_channel *q = &e->channel[c];
-                const struct equation_law law = {
-                    q->kappa, 1.0f / q->s, q->bend, { q->deep[0], q->deep[1] }, { q->share[0], q->share[1] }, { q->least2[0], q->least2[1] }
-                };
-                if (!q->is)
+                const struct equation_kernel_params params = { q->kappa,
+                                                               1.0f / q->s,
+                                                               q->curvature_factor,
+                                                               { q->source_depth[0], q->source_depth[1] },
+                                                               { q->path_weight[0], q->path_weight[1] },
+                                                               { q->min_distance2[0], q->min_distance2[1] } };
+                if (!q->active)
                     continue;
-                e->kernels->entries(&law, first, count, &b, q->left + at);
-                add_block(e, q, &b, first, count, mine, &row[c]);
-                keep_beside(&b, first, c, before, &beside);
+                e->kernels->fill(&params, first, count, &b, q->matrix + at);
+                add_block(e, q, &b, first, count, own_entry, &row[c]);
+                keep_edge_values(&b, first, c, before, &edges);
             }
         }
-    equation_beside(e, i, &beside, &sum[2], right);
+    equation_correct_edges(e, i, &edges, &method_exitance[2], rhs);
     for (int c = 0; c < 3; c++)
-        row[c].right += right[c];
+        row[c].rhs += rhs[c];
     for (int c = 0; c < 3; c++)
-        if (e->channel[c].is)
-            finish_row(e, &e->channel[c], i, &row[c], sum, self);
+        if (e->channel[c].active)
+            finish_row(e, &e->channel[c], i, &row[c], method_exitance, diagonal);
 }
 
 static void fill_chunk(void *arg, int chunk, int worker)
@@ -408,7 +419,7 @@ void equation_fill(struct equation *e)
     for_rows(e, fill_chunk, e);
 }
 
-/* --- Its solution --------------------------------------------------------------------------------------------------------------------- */
+/* --- Solution ------------------------------------------------------------------------------------------------------------------------- */
 
 struct product {
     const struct equation *e;
@@ -424,50 +435,50 @@ static void product_chunk(void *arg, int chunk, int worker)
 
     (void) worker;
     for (uint32_t i = rows_of(e, chunk, &end); i < end; i++) {
-        const float *left = p->channel->left + e->first_entry[i];
-        double sum = 0.0;
-        for (uint32_t r = e->first_run[i]; r < e->first_run[i + 1]; left += e->run[r++].count)
-            sum += e->kernels->product(left, e->all + e->run[r].first, e->run[r].count);
-        p->to[i] = sum;
+        const float *matrix = p->channel->matrix + e->first_entry[i];
+        double method_exitance = 0.0;
+        for (uint32_t r = e->first_run[i]; r < e->first_run[i + 1]; matrix += e->run[r++].count)
+            method_exitance += e->kernels->product(matrix, e->extended + e->run[r].first, e->run[r].count);
+        p->to[i] = method_exitance;
     }
 }
 
-void equation_extend(const struct equation *e, double *all)
+void equation_extend(const struct equation *e, double *extended)
 {
-    const struct places *p = e->places;
+    const struct collocation_points *p = e->points;
 
     for (uint32_t k = 0; k < p->num_clusters; k++) {
         const struct cluster *c = &p->cluster[k];
-        double sum = 0.0;
+        double method_exitance = 0.0;
         for (uint32_t j = c->first; j < c->end; j++)
-            sum += (double) p->place[j].area * all[j];
-        all[p->count + k] = c->area > 0.0f ? sum / (double) c->area : 0.0;
+            method_exitance += (double) p->point[j].area * extended[j];
+        extended[p->count + k] = c->area > 0.0f ? method_exitance / (double) c->area : 0.0;
     }
 }
 
-/* The left side of the equation. */
+/* Multiplies the matrix by `phi`. */
 static void multiply(struct equation *e, const struct equation_channel *channel, const double *phi, double *to)
 {
     struct product p = { e, channel, to };
 
-    memcpy(e->all, phi, e->places->count * sizeof(*phi));
-    equation_extend(e, e->all);
+    memcpy(e->extended, phi, e->points->count * sizeof(*phi));
+    equation_extend(e, e->extended);
     for_rows(e, product_chunk, &p);
 }
 
 static double dot(const double *a, const double *b, uint32_t n)
 {
-    double sum = 0.0;
+    double method_exitance = 0.0;
 
     for (uint32_t i = 0; i < n; i++)
-        sum += a[i] * b[i];
-    return sum;
+        method_exitance += a[i] * b[i];
+    return method_exitance;
 }
 
-/* The last of the basis against those before it: its part along each goes to h, its length behind them. */
+/* Orthogonalizes the last basis vector against those before it: its components go to h, its remaining length behind them. */
 static void orthogonalise(const struct equation *e, int last, double *h)
 {
-    const uint32_t n = e->places->count;
+    const uint32_t n = e->points->count;
     double *v = e->basis + (size_t) last * n;
 
     for (int k = 0; k < last; k++) {
@@ -481,7 +492,7 @@ static void orthogonalise(const struct equation *e, int last, double *h)
         v[i] /= h[last];
 }
 
-/* Turns the column h by the rotations so far and by one that makes its last entry 0, and the residual g with it. */
+/* Applies the Givens rotations so far to column h, and adds one that makes its last entry 0; rotates the residual g as well. */
 static void rotate(int step, double (*turn)[2], double *h, double *g)
 {
     double length;
@@ -501,21 +512,21 @@ static void rotate(int step, double (*turn)[2], double *h, double *g)
 
 bool equation_solve(struct equation *e, struct equation_channel *c)
 {
-    const uint32_t n = e->places->count;
-    double h[STEPS][STEPS + 1], turn[STEPS][2], g[STEPS + 1] = { 0.0 };
+    const uint32_t n = e->points->count;
+    double h[MAX_STEPS][MAX_STEPS + 1], turn[MAX_STEPS][2], g[MAX_STEPS + 1] = { 0.0 };
     double *v = e->basis, whole = 0.0;
     int steps = 0;
 
     multiply(e, c, c->phi, v);
     for (uint32_t i = 0; i < n; i++) {
-        v[i] = c->right[i] - v[i];
-        whole += c->right[i] * c->right[i];
+        v[i] = c->rhs[i] - v[i];
+        whole += c->rhs[i] * c->rhs[i];
     }
     g[0] = sqrt(dot(v, v, n));
     whole = sqrt(whole);
     for (uint32_t i = 0; i < n && g[0] > 0.0; i++)
         v[i] /= g[0];
-    while (steps < STEPS && fabs(g[steps]) > TOLERANCE * whole) {
+    while (steps < MAX_STEPS && fabs(g[steps]) > TOLERANCE * whole) {
         multiply(e, c, e->basis + (size_t) steps * n, e->basis + (size_t) (steps + 1) * n);
         orthogonalise(e, steps + 1, h[steps]);
         rotate(steps, turn, h[steps], g);
@@ -523,9 +534,9 @@ bool equation_solve(struct equation *e, struct equation_channel *c)
         if (pell_cancelled(e->ctx))
             return false;
     }
-    if (!(fabs(g[steps]) <= ENOUGH * whole))
+    if (!(fabs(g[steps]) <= ACCEPTED * whole))
         return false;
-    for (int k = steps; k-- > 0;) { /* the triangle h y = g; y takes the place of g */
+    for (int k = steps; k-- > 0;) { /* back substitution: h y = g; y replaces g */
         for (int j = k + 1; j < steps; j++)
             g[k] -= h[j][k] * g[j];
         g[k] = h[k][k] > 0.0 ? g[k] / h[k][k] : 0.0;

@@ -1,35 +1,37 @@
 /* SPDX-License-Identifier: MIT
  *
- * equation.h - the integral equation of solid.c for the fluence on a surface, by collocation at places. Far places are seen as clusters.
+ * equation.h - the boundary integral equation of diffusion.c for the fluence on a surface, solved by collocation. Far points are aggregated
+ * into clusters.
  */
 #ifndef INDIRECT_EQUATION_H
 #define INDIRECT_EQUATION_H
 
+#include "render/indirect/collocation.h"
 #include "render/indirect/equation_kernel.h"
-#include "render/indirect/places.h"
 #include "render/indirect/radial.h"
 
-/* Of red, green or blue. */
+/* One colour channel. */
 struct equation_channel {
-    bool is; /* it is solved */
+    bool active; /* the equation is solved for this channel */
     float kappa, s, depth;
-    float enters;        /* L */
-    float path[2];       /* mean free paths at which light that goes into the medium is taken to be scattered first, */
-    float share[2];      /* and how much of it; */
-    float least2[2];     /* mm^2: that places count as away from there at least, */
-    float blur2[2];      /* and what is not of a place */
-    float total, window; /* of the profile, and of what is inside the window */
+    float source_scale;        /* L of diffusion.c */
+    float path[2];             /* depths in mean free paths at which light is first scattered, */
+    float path_weight[2];      /* and the fraction of the light at each; */
+    float min_distance2[2];    /* mm^2: least squared distance of points from there, */
+    float blur2[2];            /* and the same without the term of the point's size */
+    float total, window_total; /* integral of the profile, and its part inside the window */
     struct radial radial;
     double *light,
-        *source,  /* of places and clusters, W/m^2: what enters, as a curved surface moves it; what goes into the depth, as it falls; */
-        *once;    /* and what of the light stands for single scattering */
-    double *here; /* of places: what goes into the depth, moved */
-    double *right, *phi, *sum; /* of places; sum: what a method finds */
-    float *left;               /* phi's factors, of entries */
-    float *bend, *deep[2];     /* of patches: see struct equation_law */
+        *source,          /* of points and clusters, W/m^2: light that enters, scaled by surface curvature; light that goes into the depth,
+                   * unscaled; */
+        *single;          /* and the part that accounts for single scattering */
+    double *point_source; /* of points: light that goes into the depth, scaled by curvature */
+    double *rhs, *phi, *method_exitance;       /* of points; method_exitance: what a method computes */
+    float *matrix;                             /* matrix entries: the factors of phi */
+    float *curvature_factor, *source_depth[2]; /* of elements: see struct equation_kernel_params */
 };
 
-/* Patches that follow each other. */
+/* A range of consecutive elements. */
 struct equation_run {
     uint32_t first, count;
 };
@@ -37,27 +39,27 @@ struct equation_run {
 struct equation {
     struct pell_context *ctx;
     struct pell_pool *pool;
-    const struct places *places;
+    const struct collocation_points *points;
     const struct equation_kernels *kernels;
-    float near, window2, least2;
-    bool around; /* a method sees all faces, along the surface */
+    float near, window2, min_distance2;
+    bool along_surface; /* the method gathers from all faces, by distance along the surface */
     struct equation_patches patches;
-    uint32_t *first_run, *first_entry; /* of places, and one more */
+    uint32_t *first_run, *first_entry; /* per point, plus one entry for the end */
     struct equation_run *run;
     struct equation_channel channel[3];
-    double *basis, *all;
-    float *values;   /* holds what patches and channels have of them, */
-    double *numbers; /* and of these */
+    double *basis, *extended;
+    float *values;   /* storage behind the float arrays of elements and channels, */
+    double *numbers; /* and behind the double arrays */
 };
 
-/* `places` are borrowed; channels whose `is` is set get their vectors. The caller sets the law, the light and phi. */
+/* `points` is borrowed. Allocates the vectors of active channels; the caller then sets kappa, s, the light and phi. */
 PELL_NODISCARD enum pell_result equation_make(struct equation *e);
 void equation_finish(struct equation *e);
-/* Puts the means of clusters behind the places. */
-void equation_extend(const struct equation *e, double *all);
-/* left, right and sum of every channel. */
+/* Appends the area-weighted means of clusters to the values of points. */
+void equation_extend(const struct equation *e, double *extended);
+/* Computes matrix, rhs and method_exitance of every active channel. */
 void equation_fill(struct equation *e);
-/* phi, from what it is set to. False where it does not converge. */
+/* Solves for phi, starting from its present value. Returns false if the iteration does not converge. */
 bool equation_solve(struct equation *e, struct equation_channel *channel);
 
 #endif

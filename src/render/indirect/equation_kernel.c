@@ -10,7 +10,7 @@
 
 #define EIGHTY 0x42a00000 /* the bits of 80 */
 
-/* exp(-x) for x >= 0, as pell_exp_minus; exp(-80) beyond 80. The lesser of two integers takes no branch, so that loops become vectors. */
+/* exp(-x) for x >= 0, as in pell_exp_minus; exp(-80) beyond 80. The integer minimum compiles without a branch, so that loops vectorize. */
 static inline float exp_minus(float x)
 {
     const int32_t bits = pell_float_bits(x);
@@ -22,7 +22,7 @@ static inline float exp_minus(float x)
     return e * pell_bits_float((whole + 127) << 23);
 }
 
-static void measure(const struct equation_patches *patches, uint32_t first, uint32_t count, const struct equation_from *from,
+static void measure(const struct equation_patches *patches, uint32_t first, uint32_t count, const struct equation_receiver *receiver,
                     struct equation_block *restrict b)
 {
     const float *x = patches->x + first, *y = patches->y + first, *z = patches->z + first, *area = patches->area + first;
@@ -30,54 +30,56 @@ static void measure(const struct equation_patches *patches, uint32_t first, uint
     const float *wx = patches->wx + first, *wy = patches->wy + first, *wz = patches->wz + first;
 
     for (uint32_t i = 0; i < count; i++) {
-        const float dx = x[i] - from->x, dy = y[i] - from->y, dz = z[i] - from->z;
-        const float apart2 = dx * dx + dy * dy + dz * dz, along = dx * nx[i] + dy * ny[i] + dz * nz[i];
-        const float wide2 = from->spread * area[i], least2 = wide2 > from->least2 ? wide2 : from->least2;
-        const float r2 = apart2 > least2 ? apart2 : least2, r = sqrtf(r2), inverse_r = 1.0f / r;
+        const float dx = x[i] - receiver->x, dy = y[i] - receiver->y, dz = z[i] - receiver->z;
+        const float distance2 = dx * dx + dy * dy + dz * dz, offset_normal = dx * nx[i] + dy * ny[i] + dz * nz[i];
+        const float area2 = receiver->spread * area[i], min_distance2 = area2 > receiver->min_distance2 ? area2 : receiver->min_distance2;
+        const float r2 = distance2 > min_distance2 ? distance2 : min_distance2, r = sqrtf(r2), inverse_r = 1.0f / r;
         const float source = area[i] * (1.0f / (4.0f * PELL_PI_F));
-        b->apart2[i] = apart2;
+        b->distance2[i] = distance2;
         b->r2[i] = r2;
         b->r[i] = r;
         b->inverse_r[i] = inverse_r;
-        b->facing[i] = from->nx * nx[i] + from->ny * ny[i] + from->nz * nz[i];
-        b->along[i] = along;
-        b->toward[i] = dx * wx[i] + dy * wy[i] + dz * wz[i];
-        b->way2[i] = wx[i] * wx[i] + wy[i] * wy[i] + wz[i] * wz[i];
+        b->facing[i] = receiver->nx * nx[i] + receiver->ny * ny[i] + receiver->nz * nz[i];
+        b->offset_normal[i] = offset_normal;
+        b->offset_direction[i] = dx * wx[i] + dy * wy[i] + dz * wz[i];
+        b->direction2[i] = wx[i] * wx[i] + wy[i] * wy[i] + wz[i] * wz[i];
         b->source[i] = source;
-        b->even[i] = -source * along * inverse_r * inverse_r * inverse_r;
+        b->double_layer0[i] = -source * offset_normal * inverse_r * inverse_r * inverse_r;
     }
 }
 
-static void entries(const struct equation_law *law, uint32_t first, uint32_t count, struct equation_block *restrict b, float *restrict left)
+static void fill(const struct equation_kernel_params *params, uint32_t first, uint32_t count, struct equation_block *restrict b,
+                 float *restrict matrix)
 {
-    const float kappa = law->kappa, inverse_s = law->inverse_s, *bend = law->bend + first;
-    const float *deep0 = law->deep[0] + first, *deep1 = law->deep[1] + first, share0 = law->share[0], share1 = law->share[1];
-    const float least0 = law->least2[0], least1 = law->least2[1];
+    const float kappa = params->kappa, inverse_s = params->inverse_s, *curvature_factor = params->curvature_factor + first;
+    const float *depth0 = params->source_depth[0] + first, *depth1 = params->source_depth[1] + first, weight0 = params->weight[0],
+                weight1 = params->weight[1];
+    const float min0 = params->min_distance2[0], min1 = params->min_distance2[1];
 
     for (uint32_t i = 0; i < count; i++) {
-        const float from0 = b->apart2[i] + deep0[i] * (deep0[i] * b->way2[i] + 2.0f * b->toward[i]);
-        const float from1 = b->apart2[i] + deep1[i] * (deep1[i] * b->way2[i] + 2.0f * b->toward[i]);
-        const float r0 = sqrtf(from0 > least0 ? from0 : least0), r1 = sqrtf(from1 > least1 ? from1 : least1);
-        const float pull = b->source[i] * b->inverse_r[i] * exp_minus(kappa * b->r[i]);
-        b->below[i] = b->source[i] * (share0 / r0 * exp_minus(kappa * r0) + share1 / r1 * exp_minus(kappa * r1));
-        b->pull[i] = pull;
-        left[i] = pull * (inverse_s - bend[i] * (kappa + b->inverse_r[i]) * b->along[i] * b->inverse_r[i]);
+        const float distance2_0 = b->distance2[i] + depth0[i] * (depth0[i] * b->direction2[i] + 2.0f * b->offset_direction[i]);
+        const float distance2_1 = b->distance2[i] + depth1[i] * (depth1[i] * b->direction2[i] + 2.0f * b->offset_direction[i]);
+        const float r0 = sqrtf(distance2_0 > min0 ? distance2_0 : min0), r1 = sqrtf(distance2_1 > min1 ? distance2_1 : min1);
+        const float single_layer = b->source[i] * b->inverse_r[i] * exp_minus(kappa * b->r[i]);
+        b->from_sources[i] = b->source[i] * (weight0 / r0 * exp_minus(kappa * r0) + weight1 / r1 * exp_minus(kappa * r1));
+        b->single_layer[i] = single_layer;
+        matrix[i] = single_layer * (inverse_s - curvature_factor[i] * (kappa + b->inverse_r[i]) * b->offset_normal[i] * b->inverse_r[i]);
     }
 }
 
-static double product(const float *restrict left, const double *restrict values, uint32_t count)
+static double product(const float *restrict matrix, const double *restrict values, uint32_t count)
 {
     double lane[LANES] = { 0.0 }, sum = 0.0;
     uint32_t i = 0;
 
     for (; i + LANES <= count; i += LANES)
         for (int k = 0; k < LANES; k++)
-            lane[k] += (double) left[i + (uint32_t) k] * values[i + (uint32_t) k];
+            lane[k] += (double) matrix[i + (uint32_t) k] * values[i + (uint32_t) k];
     for (; i < count; i++)
-        sum += (double) left[i] * values[i];
+        sum += (double) matrix[i] * values[i];
     for (int k = 0; k < LANES; k++)
         sum += lane[k];
     return sum;
 }
 
-const struct equation_kernels PELL_SIMD(equation_kernels) = { measure, entries, product };
+const struct equation_kernels PELL_SIMD(equation_kernels) = { measure, fill, product };

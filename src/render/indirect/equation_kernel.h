@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * equation_kernel.h - entries of a row of the equation in solid.c, and a row's product with a vector; built once per SIMD level.
+ * equation_kernel.h - matrix entries of one row of the boundary integral equation of diffusion.c, and the product of a row with a vector;
+ * compiled once per SIMD level.
  */
 #ifndef INDIRECT_EQUATION_KERNEL_H
 #define INDIRECT_EQUATION_KERNEL_H
@@ -11,50 +12,50 @@
 
 enum { EQUATION_BLOCK = 64 };
 
-/* What light leaves from or enters through: places, and behind them clusters. */
+/* Surface elements through which light enters and leaves: the collocation points, followed by the clusters. */
 struct equation_patches {
     float *x, *y, *z, *nx, *ny, *nz;
     float *area;
-    float *wx, *wy, *wz; /* mean direction in which light that enters goes on, not unit */
+    float *wx, *wy, *wz; /* mean direction of light after it enters, not unit */
 };
 
-/* What a row is of. */
-struct equation_from {
+/* The collocation point of a row. */
+struct equation_receiver {
     float x, y, z, nx, ny, nz;
-    float least2; /* squared distance that others are away at least, */
-    float spread; /* and of their area */
+    float min_distance2; /* least squared distance used for other elements, mm^2, */
+    float spread;        /* and its least ratio to their area */
 };
 
-/* A channel's law, see solid.c. `bend`: of patches, s of a plane over that of the curved surface. */
-struct equation_law {
+/* Parameters of a channel, see diffusion.c. `curvature_factor`: per element, s of a plane over s of the curved surface. */
+struct equation_kernel_params {
     float kappa, inverse_s;
-    const float *bend;
-    const float *deep[2]; /* mm from patches along their ways: two places at which that light is taken to start, */
-    float share[2];       /* and how much of it each is; */
-    float least2[2];      /* squared distance that they count as away at least */
+    const float *curvature_factor;
+    const float *source_depth[2]; /* mm from elements along their light's direction: two depths that represent the sources, */
+    float weight[2];              /* and the fraction of the light at each; */
+    float min_distance2[2];       /* least squared distance of these sources, mm^2 */
 };
 
-/* Patches of a row: first the same for all channels, then of one. */
+/* Geometry of a block of elements, shared by all channels, then integrals of one channel. */
 struct equation_block {
-    float apart2[EQUATION_BLOCK]; /* squared distance, */
-    float r2[EQUATION_BLOCK];     /* and as it counts */
+    float distance2[EQUATION_BLOCK]; /* squared distance, mm^2, */
+    float r2[EQUATION_BLOCK];        /* and the same, clamped from below */
     float r[EQUATION_BLOCK], inverse_r[EQUATION_BLOCK];
-    float facing[EQUATION_BLOCK]; /* cosine of the normals */
-    float along[EQUATION_BLOCK];  /* the way to the patch along its normal, */
-    float toward[EQUATION_BLOCK]; /* and along that of its light, */
-    float way2[EQUATION_BLOCK];   /* whose square that is */
-    float even[EQUATION_BLOCK];   /* the integral of dG/dn where nothing is absorbed */
-    float source[EQUATION_BLOCK]; /* area/4 pi */
-    float pull[EQUATION_BLOCK];   /* the integral of G, */
-    float below[EQUATION_BLOCK];  /* and of G from the light's sources */
+    float facing[EQUATION_BLOCK];           /* cosine between the normals */
+    float offset_normal[EQUATION_BLOCK];    /* offset to the element along its normal, mm, */
+    float offset_direction[EQUATION_BLOCK]; /* offset along its light's mean direction, */
+    float direction2[EQUATION_BLOCK];       /* and the squared length of that direction */
+    float double_layer0[EQUATION_BLOCK];    /* integral of dG/dn without absorption (double layer, kappa = 0) */
+    float source[EQUATION_BLOCK];           /* area/(4 pi) */
+    float single_layer[EQUATION_BLOCK];     /* integral of G (single layer), */
+    float from_sources[EQUATION_BLOCK];     /* and of G from the sources below the element */
 };
 
 struct equation_kernels {
-    void (*measure)(const struct equation_patches *patches, uint32_t first, uint32_t count, const struct equation_from *from,
+    void (*measure)(const struct equation_patches *patches, uint32_t first, uint32_t count, const struct equation_receiver *receiver,
                     struct equation_block *out);
-    /* left: phi's factors */
-    void (*entries)(const struct equation_law *law, uint32_t first, uint32_t count, struct equation_block *b, float *left);
-    double (*product)(const float *left, const double *values, uint32_t count);
+    /* Writes the factors of phi to `matrix`. */
+    void (*fill)(const struct equation_kernel_params *params, uint32_t first, uint32_t count, struct equation_block *b, float *matrix);
+    double (*product)(const float *matrix, const double *values, uint32_t count);
 };
 
 PELL_SIMD_TABLES(struct equation_kernels, equation_kernels);

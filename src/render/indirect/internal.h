@@ -1,62 +1,63 @@
 /* SPDX-License-Identifier: MIT
  *
- * internal.h - what the files of this stage share. Private to the folder.
+ * internal.h - declarations shared by the files of this stage. Private to the folder.
  */
 #ifndef RENDER_INDIRECT_INTERNAL_H
 #define RENDER_INDIRECT_INTERNAL_H
 
 #include "render/indirect/blend_kernel.h"
+#include "render/indirect/profile_sum.h"
 #include "render/indirect/stage.h"
-#include "render/indirect/whole.h"
 
 #include "math/sampling.h"
 #include "math/vec.h"
 #include "scene/material_maps.h"
 #include "transport/light_tree.h"
 
-#define INDIRECT_RAYS 96 /* of a sample */
+#define INDIRECT_RAYS 96 /* per sample */
 #define INDIRECT_NONE UINT32_MAX
-#define INDIRECT_CLEAR 1.0e-4f /* of the largest coordinate: how far from the surface rays start */
+#define INDIRECT_RAY_OFFSET 1.0e-4f /* of the largest coordinate: offset of ray origins from the surface */
 
-/* A place of a surface that gathers light, and that lights others. */
+/* A surface point that receives light and sends it on to others. */
 struct indirect_sample {
     uint32_t mesh, triangle;
     float u, v;                        /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
-    struct pell_vec3 position, normal; /* mm; of the triangle, on its side */
-    struct pell_vec3 smooth;           /* the vertices' normals, interpolated, on its side */
-    float spacing;                     /* mm to the next samples */
-    uint32_t material;                 /* of the scene */
+    struct pell_vec3 position, normal; /* mm; geometric normal, on the sample's side */
+    struct pell_vec3 smooth;           /* interpolated vertex normals, on the same side */
+    float spacing;                     /* distance between samples, mm */
+    uint32_t material;                 /* index in the scene */
     bool back;                         /* on the side from which the triangle's corners run clockwise */
 };
 
-/* A triangle that was cut into four, again and again. A leaf has no children. */
+/* A triangle that was subdivided recursively into four. A leaf has no children. */
 struct indirect_cell {
-    uint32_t child;   /* first of four: at corners 0, 1, 2, and the middle one. 0: none */
-    uint32_t knot[3]; /* at its corners */
+    uint32_t child;   /* first of four children: at corners 0, 1, 2, and the middle one. 0: leaf */
+    uint32_t knot[3]; /* knots at its corners */
 };
 
-/* A knot that is no vertex of a mesh. */
+/* A knot that is not a vertex of a mesh. */
 struct indirect_knot {
     uint32_t mesh, triangle;
     float u, v;
 };
 
 struct indirect_mesh {
-    uint32_t first_knot; /* of vertex 0 */
-    uint32_t first_back; /* the same of the back sides, where its material is opaque */
-    uint32_t first_root; /* roots[first_root + triangle]: cell of the triangle, or INDIRECT_NONE. INDIRECT_NONE: no triangle is cut */
+    uint32_t first_knot; /* knot of vertex 0 */
+    uint32_t first_back; /* value of vertex 0 on the back side, if the material is opaque */
+    uint32_t first_root; /* roots[first_root + triangle] is the cell of the triangle, or INDIRECT_NONE. INDIRECT_NONE: no triangle is
+                          * subdivided */
 };
 
-/* What light can go along: to which sample, and the exit factor there in steps of 1/INDIRECT_STEPS. */
+/* A light path to a sample, and the exit factor there in steps of 1/INDIRECT_STEPS. */
 #define INDIRECT_STEPS 180.0f
 #define INDIRECT_SAMPLES_MOST (1u << 24)
 struct indirect_link {
-    uint32_t sample : 24, factor : 8; /* factor 0: to nowhere */
+    uint32_t sample : 24, factor : 8; /* factor 0: no sample */
 };
 
-/* To which sample light comes by a reflection where a ray ends, and its share. */
-#define INDIRECT_MIRRORED 32
-struct indirect_mirror {
+/* A light path to a sample by a reflection where a ray ends, with its weight. */
+#define INDIRECT_SPECULAR_LINKS 32
+struct indirect_specular_link {
     uint32_t sample;
     float factor;
 };
@@ -65,22 +66,22 @@ struct indirect_mirror {
 #define INDIRECT_NEAR 10
 struct indirect_near {
     uint32_t sample[INDIRECT_NEAR];
-    float weight[INDIRECT_NEAR]; /* 0 behind the last */
+    float weight[INDIRECT_NEAR]; /* 0 after the last */
 };
 
-/* What solid.c finds at a place, of R, G and B. */
+/* Result of diffusion.c at a point, for R, G and B. */
 struct indirect_solid_light {
-    float solved[3]; /* [0, 1]: how far the rest holds */
-    float gain[3];   /* factor of what a method finds that spreads light by the profile, */
-    float light[3];  /* and what is added to it, W/m^2; */
-    float all[3];    /* and all that leaves, */
-    float deep[3];   /* and how much of what is scaled, or added, comes from the depth */
+    float solved[3];   /* [0, 1]: confidence of the values below */
+    float gain[3];     /* factor of entering light, or of the result of methods that integrate over the whole solid, */
+    float light[3];    /* and radiant exitance that is added, W/m^2; */
+    float exitance[3]; /* total radiant exitance, */
+    float deep[3];     /* and fraction of the scaled and added light that comes from the depth */
 };
 
-/* At a value, what points blend; two lines of a cache. */
+/* Values that points interpolate from knots; two cache lines. */
 #define INDIRECT_INSIDE 28
 union indirect_inside {
-    struct pell_indirect_inside of;
+    struct pell_indirect_inside value;
     float all[32];
 };
 _Static_assert(sizeof(struct pell_indirect_inside) <= INDIRECT_INSIDE * sizeof(float), "all of it");
@@ -103,39 +104,42 @@ struct pell_indirect {
 
     struct indirect_sample *samples;
     size_t num_samples;
-    struct indirect_link *links;      /* [sample][INDIRECT_RAYS] */
-    struct indirect_mirror *mirrored; /* [sample][INDIRECT_MIRRORED]; NULL: nothing is translucent */
-    float (*enter)[INDIRECT_RAYS];    /* per scene material: T of each ray's direction */
+    struct indirect_link *links;                   /* [sample][INDIRECT_RAYS] */
+    struct indirect_specular_link *specular_links; /* [sample][INDIRECT_MIRRORED]; NULL: nothing is translucent */
+    float (*ray_transmittance)[INDIRECT_RAYS];     /* per scene material: T of each ray's direction, over INDIRECT_RAYS INDIRECT_STEPS */
 
     struct indirect_near *near; /* of each value */
 
-    uint32_t *part; /* with p.through, of samples: the solid of its object (apart.c), or INDIRECT_NONE; NULL: each object is one */
+    uint32_t *part; /* with p.solids_only, per sample: the separate solid of its object (parts.c), or INDIRECT_NONE; NULL: each object is
+                     * one solid */
 
-    /* Of the lights. */
-    float (*direct)[3], (*albedo)[3]; /* of samples: light that enters; rho times the base colour */
-    uint32_t *across;    /* of samples: that on the other side of a sheet, or of the solid, or INDIRECT_NONE; NULL: nothing is either */
-    float (*through)[3]; /* of samples: the share of what meets the one across that leaves here. NULL as across */
-    float (*passed)[3];  /* the same of solids, without the albedo here */
+    /* Depends on the lights. */
+    float (*direct)[3], (*albedo)[3]; /* per sample: light that enters; rho times the base colour */
+    uint32_t *opposite;      /* per sample: the sample on the other side of a sheet, or of the solid, or INDIRECT_NONE. NULL: there are no
+                            * sheets or solids */
+    float (*transmitted)[3]; /* per sample: fraction of the light that arrives at the opposite sample and leaves here. NULL like opposite */
+    float (*passed)[3];      /* the same for solids, without the albedo here */
     float (*gathered)[3], (*leaving)[3];
-    float (*reflected)[3], (*before)[3]; /* light that enters after one reflection; what left a bounce ago. NULL as mirrored */
-    float (*area)[3];                    /* mm^2, of samples: of the light that lands around them */
-    float (*value)[4];                   /* of values, and 0; NULL: p.through */
-    float (*behind)[4];                  /* of values: light of solids' other sides that leaves here, without the albedo, and 0. NULL as
-                                          * across */
-    union indirect_inside *inside;       /* of values; NULL: not p.through */
-    struct pell_indirect_beam *beam;     /* of values; NULL: nothing is scattered forward */
-    struct pell_indirect_ahead *ahead;   /* per scene material; NULL as beam */
+    float (*reflected)[3], (*previous)[3]; /* light that enters after one reflection; light that left one bounce ago. NULL like
+                                            * specular_links */
+    float (*area)[3];                      /* mm^2, per sample: area over which photons that land around it are distributed */
+    float (*value)[4];                     /* per value, with a fourth component 0; NULL with p.solids_only */
+    float (*behind)[4];                    /* per value: light from the other side of a solid that leaves here, without the albedo, and 0.
+                                          * NULL like opposite */
+    union indirect_inside *inside;         /* per value; NULL without p.solids_only */
+    struct pell_indirect_beam *beam;       /* per value; NULL: no material scatters forward */
+    struct pell_indirect_forward *forward; /* per scene material; NULL like beam */
 };
 
-/* A barycentric point of a triangle and the interpolated normal of its vertices, not unit. */
-struct indirect_place {
+/* A point of a triangle, and the interpolated normal of its vertices, not unit. */
+struct indirect_point {
     struct pell_vec3 position, normal;
 };
-static inline struct indirect_place indirect_place_at(const struct pell_mesh *mesh, uint32_t triangle, float u, float v)
+static inline struct indirect_point indirect_point_at(const struct pell_mesh *mesh, uint32_t triangle, float u, float v)
 {
     const uint32_t *index = mesh->index + 3 * (size_t) triangle;
     const float w[3] = { 1.0f - u - v, u, v };
-    struct indirect_place p = { { 0.0f, 0.0f, 0.0f }, { 0.0f, 0.0f, 0.0f } };
+    struct indirect_point p = { { 0.0f, 0.0f, 0.0f }, { 0.0f, 0.0f, 0.0f } };
 
     for (int k = 0; k < 3; k++) {
         p.position = vec3_mad(p.position, w[k], vec3_load(mesh->position + 3 * (size_t) index[k]));
@@ -144,24 +148,24 @@ static inline struct indirect_place indirect_place_at(const struct pell_mesh *me
     return p;
 }
 
-/* Whether a mesh takes part. */
+/* Whether a mesh is visible to rays. */
 static inline bool indirect_shown(const struct pell_scene *scene, const struct pell_mesh *mesh)
 {
     bool cut;
     return mesh->num_triangles > 0 && pell_rays_show(scene, mesh, &cut);
 }
 
-/* How far from `p` rays start, mm. */
-static inline float indirect_clearance(struct pell_vec3 p, float spacing)
+/* Offset of ray origins at `p`, mm. */
+static inline float indirect_ray_offset(struct pell_vec3 p, float spacing)
 {
-    return INDIRECT_CLEAR * fmaxf(fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))), spacing);
+    return INDIRECT_RAY_OFFSET * fmaxf(fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z))), spacing);
 }
 
-/* --- spacing.c: how far samples lie apart ------------------------------------------------------------------------------------------- */
+/* --- spacing.c: distance between samples ---------------------------------------------------------------------------------------------- */
 
 #define INDIRECT_BOXES 64
 
-/* Boxes of objects, and the distance of samples on each. */
+/* Bounding boxes of objects, and the distance between samples on each. */
 struct indirect_spacing {
     struct indirect_box {
         struct pell_vec3 low, high;
@@ -172,14 +176,14 @@ struct indirect_spacing {
 };
 
 void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spacing *out);
-/* mm, > 0. As fine as the nearest object asks for, coarser the farther it is. */
+/* mm, > 0. The spacing of the nearest object, growing with the distance from it. */
 float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p);
 
-/* --- cells.c: large triangles cut into cells, samples and knots --------------------------------------------------------------------- */
+/* --- cells.c: subdivision of large triangles into cells; samples and knots ------------------------------------------------------------ */
 
-/* Fills meshes, roots, cells, extra and samples. The caller frees them with the rest. */
+/* Creates meshes, roots, cells, extra and samples. The caller frees them with the rest. */
 PELL_NODISCARD enum pell_result indirect_cells_make(struct pell_indirect *in, struct indirect_spacing *spacing);
-/* The knots around a point of a triangle, and the point's barycentric coordinates between them. */
+/* Finds the knots around a point of a triangle, and the point's barycentric coordinates between them. */
 static inline void indirect_find(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t knot[3],
                                  float weight[3])
 {
@@ -207,7 +211,7 @@ static inline void indirect_find(const struct pell_indirect *in, uint32_t mesh, 
     }
 }
 
-/* Number of a knot's value on one side of a mesh. */
+/* Index of a knot's value on one side of a mesh. */
 static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t mesh, uint32_t knot, bool back)
 {
     if (!back)
@@ -216,84 +220,86 @@ static inline size_t indirect_value_of(const struct pell_indirect *in, uint32_t 
                                      : in->num_knots + (knot - in->num_mesh_knots);
 }
 
-/* --- buried.c: samples inside the solid ----------------------------------------------------------------------------------------------- */
+/* --- buried.c: removal of samples inside solids --------------------------------------------------------------------------------------- */
 
-/* Rays from the translucent ones of the samples from `first` on, along or against their normals; valid: 0 of others. */
+/* Traces rays from the translucent ones of the 16 samples from `first` on, along or against their normals. valid: 0 for other samples. */
 void indirect_along_normals16(const struct pell_indirect *in, size_t first, bool inward, int valid[16], struct pell_ray_hit16 *r);
-/* Leaves them out. */
+/* Removes samples that are inside a solid. */
 PELL_NODISCARD enum pell_result indirect_drop_buried(struct pell_indirect *in, struct pell_pool *pool);
 
-/* --- near.c: the samples around each knot ------------------------------------------------------------------------------------------- */
+/* --- neighbours.c: the samples around each knot --------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *pool,
                                                    const struct indirect_spacing *spacing);
 
-/* --- mirror.c: light that is reflected without entering ------------------------------------------------------------------------------ */
+/* --- specular.c: light that is reflected without entering ----------------------------------------------------------------------------- */
 
-/* T of a direction, and its mean over a diffuse hemisphere. */
+/* Transmittance T in a direction, and its mean over a diffuse hemisphere. */
 float indirect_transmittance(const struct pell_indirect *in, uint32_t material, float mu, float *mean);
-/* Where light along w goes on from a surface of normal n, both unit, and the share that does: 0 at opaque surfaces, which send all back
- * evenly, and from inside. */
+/* Reflects light along w at a surface of normal n, both unit. Returns the reflected fraction: 0 at opaque surfaces, whose reflection is
+ * diffuse, and from inside. */
 float indirect_reflect(const struct pell_indirect *in, uint32_t material, struct pell_vec3 n, struct pell_vec3 w, uint32_t hash,
                        struct pell_vec3 *out);
-/* Makes room for it where something is translucent; then `reflected`, by the scene's lights. */
-PELL_NODISCARD enum pell_result indirect_mirror_make(struct pell_indirect *in);
-PELL_NODISCARD enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_pool *pool);
+/* Allocates the buffers if a material is translucent. indirect_specular_light computes `reflected` from the scene's lights. */
+PELL_NODISCARD enum pell_result indirect_specular_make(struct pell_indirect *in);
+PELL_NODISCARD enum pell_result indirect_specular_light(struct pell_indirect *in, struct pell_pool *pool);
 
-/* --- solid.c: diffusion in the solid that there is ---------------------------------------------------------------------------------- */
+/* --- diffusion.c: diffusion in the actual solid --------------------------------------------------------------------------------------- */
 
 /* Samples of one solid and material. */
 struct indirect_solid {
-    const struct pell_lit_place *samples; /* their power not scaled by curvature */
-    const float (*source)[3]; /* of their power, what goes into the depth: as it falls there, without what its angle returns more; */
-    const float (*once)[3];   /* and what stands for single scattering; NULL: nothing does */
-    const float *slope;       /* of R, G and B: that, see struct pell_indirect_solid */
-    const float *thickness;   /* mm below each; INFINITY: nothing is opposite */
+    const struct pell_lit_place *samples; /* power without the scale for curvature */
+    const float (*source)[3]; /* part of their power that goes into the depth: unscaled, and without the surplus that oblique incidence
+                               * returns; */
+    const float (*single)[3]; /* and the part that accounts for single scattering; NULL: none */
+    const float *slope;       /* that surplus for R, G and B, see struct pell_indirect_solid */
+    const float *thickness;   /* mm, below each sample; INFINITY: the solid has no opposite side there */
     size_t count;
-    const struct pell_profile *profile; /* of R, G and B */
-    const struct pell_opposed *law;     /* how light goes through */
-    const struct whole *whole;          /* what the method finds that asks the whole solid; NULL: it sees some faces */
-    bool around;                        /* without `whole`: or all, along the surface */
-    float spacing;                      /* mm between samples */
+    const struct pell_profile *profile;    /* for R, G and B */
+    const struct pell_opposed *opposed;    /* model of transmission between faces */
+    const struct profile_sum *profile_sum; /* result of methods that integrate over the whole solid; NULL: the method gathers
+                                                     * from visible faces, */
+    bool along_surface;                    /* or with along_surface from all faces, by distance along the surface */
+    float spacing;                         /* distance between samples, mm */
 };
-/* out[i] <- of sample i; solved 0 where the samples are too coarse for a channel's light. */
-PELL_NODISCARD enum pell_result indirect_solid_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
-                                                     struct indirect_solid_light *out);
+/* Writes out[i] for sample i; `solved` is 0 where the samples are too coarse for a channel's light. */
+PELL_NODISCARD enum pell_result indirect_diffusion_solve(struct pell_context *ctx, struct pell_pool *pool,
+                                                         const struct indirect_solid *solid, struct indirect_solid_light *out);
 
-/* --- forward.c: light that is scattered forward --------------------------------------------------------------------------------------- */
+/* --- forward.c: forward-scattered light ----------------------------------------------------------------------------------------------- */
 
 struct indirect_forward {
     const struct pell_indirect *in;
-    const struct pell_forward *law;
-    const uint32_t *list;   /* samples of one solid */
-    const float *thickness; /* mm, of all samples */
+    const struct pell_forward *model;
+    const uint32_t *list;   /* sample indices of one solid */
+    const float *thickness; /* mm, for all samples */
     size_t count;
 };
-/* Takes over `samples`, with what enters at those of the list. */
+/* Takes ownership of `samples`, which hold the light that enters at those of the list. */
 PELL_NODISCARD enum pell_result indirect_forward_send(struct pell_pool *pool, const struct indirect_forward *of,
                                                       struct pell_lit_place *samples, struct pell_indirect_beam *out);
 
-/* The sample nearest to a point of a triangle, of those around; INDIRECT_NONE where there is none. */
+/* Returns the sample nearest to a point of a triangle, among those around it, or INDIRECT_NONE. */
 uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,
                             struct pell_vec3 at);
 
-/* --- apart.c: solids of one object ---------------------------------------------------------------------------------------------------- */
+/* --- parts.c: separate solids of one object ------------------------------------------------------------------------------------------- */
 
-PELL_NODISCARD enum pell_result indirect_apart_make(struct pell_indirect *in, struct pell_pool *pool);
+PELL_NODISCARD enum pell_result indirect_parts_make(struct pell_indirect *in, struct pell_pool *pool);
 
-/* --- across.c: the samples on the other side ------------------------------------------------------------------------------------------ */
+/* --- opposite.c: samples on the other side -------------------------------------------------------------------------------------------- */
 
-PELL_NODISCARD enum pell_result indirect_across_make(struct pell_indirect *in, struct pell_pool *pool);
+PELL_NODISCARD enum pell_result indirect_opposite_make(struct pell_indirect *in, struct pell_pool *pool);
 
-/* --- links.c: what each sample sees -------------------------------------------------------------------------------------------------- */
+/* --- links.c: visibility between samples ---------------------------------------------------------------------------------------------- */
 
 PELL_NODISCARD enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool *pool);
 
-/* --- tilt.c ----------------------------------------------------------------------------------------------------------------- */
+/* --- tilt.c: directional distribution of light from the depth ------------------------------------------------------------------------- */
 
-/* Of a value, from the light in the depth at the samples around it. `aside`: [0, 1], the share of its growth, of squares, along the
- * surface. */
-void indirect_tilt(const struct pell_indirect *in, const struct indirect_near *near, const struct pell_opposed *law,
-                   const float (*light)[3], float tilt[3][3], float aside[3]);
+/* Finds the tilt at a value from the light in the depth at the samples around it. `along_surface`: [0, 1], fraction of the squared
+ * gradient that is along the surface. */
+void indirect_tilt(const struct pell_indirect *in, const struct indirect_near *near, const struct pell_opposed *opposed,
+                   const float (*light)[3], float tilt[3][3], float along_surface[3]);
 
 #endif

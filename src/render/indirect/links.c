@@ -1,30 +1,30 @@
 /* SPDX-License-Identifier: MIT
  *
- * links.c - what each sample sees: rays with the density cos/pi, the same in number and height at all samples, turned about the normal.
+ * links.c - visibility between samples: rays with the density cos/pi, the same pattern at all samples, rotated about the normal.
  */
 #include "render/indirect/internal.h"
 
 #include <string.h>
 
-#define CHUNK 64 /* samples of a task */
+#define CHUNK 64 /* samples per task */
 
 struct directions {
     struct pell_indirect *in;
     float x[INDIRECT_RAYS], y[INDIRECT_RAYS], z[INDIRECT_RAYS];
-    int order[INDIRECT_RAYS]; /* in which they are traced: those of a packet go much the same way */
+    int order[INDIRECT_RAYS]; /* order of tracing: rays of a packet have similar directions */
 };
 
-#define ACROSS 3 /* parts of the square along u and along v: a part is a packet */
-#define DOWN (INDIRECT_RAYS / 16 / ACROSS)
-_Static_assert(INDIRECT_RAYS % (16 * ACROSS) == 0, "the parts are packets");
+#define COLUMNS 3 /* cells of the unit square along u and v: a cell is a packet */
+#define ROWS (INDIRECT_RAYS / 16 / COLUMNS)
+_Static_assert(INDIRECT_RAYS % (16 * COLUMNS) == 0, "the parts are packets");
 
 static void make_directions(struct directions *d)
 {
     int count = 0;
 
-    for (uint32_t part = 0; part < ACROSS * DOWN; part++)
+    for (uint32_t cell = 0; cell < COLUMNS * ROWS; cell++)
         for (uint32_t i = 0; i < INDIRECT_RAYS; i++)
-            if (i * ACROSS / INDIRECT_RAYS == part / DOWN && (uint32_t) (pell_unit_float(pell_sobol0(i)) * DOWN) == part % DOWN)
+            if (i * COLUMNS / INDIRECT_RAYS == cell / ROWS && (uint32_t) (pell_unit_float(pell_sobol0(i)) * ROWS) == cell % ROWS)
                 d->order[count++] = (int) i;
     for (uint32_t i = 0; i < INDIRECT_RAYS; i++) {
         pell_disc_point(((float) i + 0.5f) / INDIRECT_RAYS, pell_unit_float(pell_sobol0(i)), &d->x[i], &d->y[i]);
@@ -53,9 +53,8 @@ uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint3
     return best;
 }
 
-/* Where a ray ends: the sample nearest to it of those around, INDIRECT_NONE where there is none, and what leaves there along the ray, over
- * the mean. */
-static uint32_t end_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float *leaves)
+/* Returns the sample nearest to the hit of a ray, or INDIRECT_NONE, and the exitance there along the ray, over the mean. */
+static uint32_t hit_sample(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i, float *exit_factor)
 {
     const struct pell_hit16 *h = &r->hit;
     const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
@@ -67,90 +66,91 @@ static uint32_t end_of(const struct pell_indirect *in, const struct pell_ray_hit
     if (h->mesh[i] == PELL_NO_HIT)
         return INDIRECT_NONE;
     material = (uint32_t) in->p.scene->meshes[h->mesh[i]].material;
-    if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* from inside a solid */
+    if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* hit from inside a solid */
         return INDIRECT_NONE;
-    *leaves = indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f);
+    *exit_factor = indirect_transmittance(in, material, fabsf(mu), &mean) / fmaxf(mean, 1e-3f);
     return indirect_sample_at(in, h->mesh[i], h->triangle[i], h->u[i], h->v[i], mu < 0.0f, at);
 }
 
-static struct indirect_link link_of(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i)
+static struct indirect_link make_link(const struct pell_indirect *in, const struct pell_ray_hit16 *r, int i)
 {
-    float leaves;
-    const uint32_t end = end_of(in, r, i, &leaves);
+    float exit_factor;
+    const uint32_t to = hit_sample(in, r, i, &exit_factor);
 
-    if (end == INDIRECT_NONE)
+    if (to == INDIRECT_NONE)
         return (struct indirect_link) { 0, 0 };
-    return (struct indirect_link) { end, (unsigned) fminf(leaves * INDIRECT_STEPS + 0.5f, 255.0f) };
+    return (struct indirect_link) { to, (unsigned) fminf(exit_factor * INDIRECT_STEPS + 0.5f, 255.0f) };
 }
 
-/* A sample's rays, reflected where they end. */
-struct reflected {
-    struct pell_vec3 from[INDIRECT_RAYS], along[INDIRECT_RAYS];
-    float weight[INDIRECT_RAYS], all; /* of what comes along it, as it enters at the sample; their sum */
+/* The rays of a sample, reflected where they end. */
+struct reflected_rays {
+    struct pell_vec3 from[INDIRECT_RAYS], direction[INDIRECT_RAYS];
+    float weight[INDIRECT_RAYS], total; /* weight of the light along each ray, as it enters the sample; sum of the weights */
 };
 
-static void reflect16(const struct pell_indirect *in, const struct pell_ray_hit16 *r, const float *enter, const int *number, uint32_t seed,
-                      struct reflected *out)
+static void reflect16(const struct pell_indirect *in, const struct pell_ray_hit16 *r, const float *transmittance, const int *ray_index,
+                      uint32_t seed, struct reflected_rays *out)
 {
     for (int i = 0; i < 16; i++) {
         const struct pell_hit16 *h = &r->hit;
         const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
-        const int k = number[i];
+        const int k = ray_index[i];
         struct pell_vec3 at, n;
         out->weight[k] = 0.0f;
-        out->from[k] = out->along[k] = vec3(0.0f, 0.0f, 0.0f);
+        out->from[k] = out->direction[k] = vec3(0.0f, 0.0f, 0.0f);
         if (h->mesh[i] == PELL_NO_HIT)
             continue;
         n = vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i]));
-        out->weight[k] = enter[k] * indirect_reflect(in, (uint32_t) in->p.scene->meshes[h->mesh[i]].material, n, d,
-                                                     pell_hash(seed + (uint32_t) k), &out->along[k]);
+        out->weight[k] = transmittance[k] * indirect_reflect(in, (uint32_t) in->p.scene->meshes[h->mesh[i]].material, n, d,
+                                                             pell_hash(seed + (uint32_t) k), &out->direction[k]);
         at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
-        out->from[k] = vec3_mad(at, indirect_clearance(at, 0.0f), n);
+        out->from[k] = vec3_mad(at, indirect_ray_offset(at, 0.0f), n);
     }
 }
 
-/* Some of the reflected rays, by their weights at even distances: each stands for the same share. */
-static void link_mirrored(const struct pell_indirect *in, const struct reflected *rays, uint32_t seed, struct indirect_mirror *links)
+/* Selects reflected rays by their weights (systematic sampling), so that each represents the same power. */
+static void make_specular_links(const struct pell_indirect *in, const struct reflected_rays *rays, uint32_t seed,
+                                struct indirect_specular_link *links)
 {
-    const float step = rays->all / INDIRECT_MIRRORED;
-    float below = 0.0f, mark = step * pell_unit_float(seed);
+    const float step = rays->total / INDIRECT_SPECULAR_LINKS;
+    float cumulative = 0.0f, threshold = step * pell_unit_float(seed);
     _Alignas(64) int valid[16];
     struct pell_ray_hit16 r;
 
-    memset(links, 0, INDIRECT_MIRRORED * sizeof(*links));
-    if (!(rays->all > 0.0f))
+    memset(links, 0, INDIRECT_SPECULAR_LINKS * sizeof(*links));
+    if (!(rays->total > 0.0f))
         return;
-    for (int first = 0, k = 0; first < INDIRECT_MIRRORED; first += 16) {
+    for (int first = 0, k = 0; first < INDIRECT_SPECULAR_LINKS; first += 16) {
         memset(&r, 0, sizeof(r));
         for (int i = 0; i < 16; i++) {
-            while (k < INDIRECT_RAYS - 1 && below + rays->weight[k] <= mark)
-                below += rays->weight[k++];
-            mark += step;
-            valid[i] = rays->weight[k] > 0.0f ? -1 : 0; /* 0: the last, by rounding */
-            pell_ray16_set(&r.ray, i, rays->from[k], rays->along[k], INFINITY);
+            while (k < INDIRECT_RAYS - 1 && cumulative + rays->weight[k] <= threshold)
+                cumulative += rays->weight[k++];
+            threshold += step;
+            valid[i] = rays->weight[k] > 0.0f ? -1 : 0; /* 0: the last one, by rounding */
+            pell_ray16_set(&r.ray, i, rays->from[k], rays->direction[k], INFINITY);
             r.hit.mesh[i] = PELL_NO_HIT;
         }
         pell_rays_closest16(in->p.rays, valid, false, &r);
         for (int i = 0; i < 16; i++) {
-            float leaves;
-            const uint32_t end = valid[i] ? end_of(in, &r, i, &leaves) : INDIRECT_NONE;
-            if (end != INDIRECT_NONE)
-                links[first + i] = (struct indirect_mirror) { end, step * leaves * INDIRECT_STEPS };
+            float exit_factor;
+            const uint32_t to = valid[i] ? hit_sample(in, &r, i, &exit_factor) : INDIRECT_NONE;
+            if (to != INDIRECT_NONE)
+                links[first + i] = (struct indirect_specular_link) { to, step * exit_factor * INDIRECT_STEPS };
         }
     }
 }
 
-static void link_sample(const struct directions *d, uint32_t number)
+static void link_sample(const struct directions *d, uint32_t sample_index)
 {
     struct pell_indirect *in = d->in;
-    const struct indirect_sample *s = &in->samples[number];
-    struct indirect_link *links = in->links + (size_t) number * INDIRECT_RAYS;
-    const uint32_t turned = pell_hash(in->p.seed + number * 0x9e3779b9u);
-    const float turn = 2.0f * PELL_PI_F * pell_unit_float(turned);
-    const float cosine = cosf(turn), sine = sinf(turn);
-    const struct pell_vec3 o = vec3_mad(s->position, indirect_clearance(s->position, s->spacing), s->normal);
+    const struct indirect_sample *s = &in->samples[sample_index];
+    struct indirect_link *links = in->links + (size_t) sample_index * INDIRECT_RAYS;
+    const uint32_t sample_seed = pell_hash(in->p.seed + sample_index * 0x9e3779b9u);
+    const float rotation = 2.0f * PELL_PI_F * pell_unit_float(sample_seed);
+    const float cosine = cosf(rotation), sine = sinf(rotation);
+    const struct pell_vec3 o = vec3_mad(s->position, indirect_ray_offset(s->position, s->spacing), s->normal);
     _Alignas(64) int valid[16];
-    struct reflected reflected;
+    struct reflected_rays reflected;
     struct pell_ray_hit16 r;
     struct pell_vec3 t, b;
 
@@ -167,16 +167,16 @@ static void link_sample(const struct directions *d, uint32_t number)
         }
         pell_rays_closest16(in->p.rays, valid, true, &r);
         for (int i = 0; i < 16; i++)
-            links[d->order[first + i]] = link_of(in, &r, i);
-        if (in->mirrored)
-            reflect16(in, &r, in->enter[s->material], d->order + first, turned, &reflected);
+            links[d->order[first + i]] = make_link(in, &r, i);
+        if (in->specular_links)
+            reflect16(in, &r, in->ray_transmittance[s->material], d->order + first, sample_seed, &reflected);
     }
-    if (!in->mirrored)
+    if (!in->specular_links)
         return;
-    reflected.all = 0.0f;
+    reflected.total = 0.0f;
     for (int k = 0; k < INDIRECT_RAYS; k++)
-        reflected.all += reflected.weight[k];
-    link_mirrored(in, &reflected, pell_hash(turned), in->mirrored + (size_t) number * INDIRECT_MIRRORED);
+        reflected.total += reflected.weight[k];
+    make_specular_links(in, &reflected, pell_hash(sample_seed), in->specular_links + (size_t) sample_index * INDIRECT_SPECULAR_LINKS);
 }
 
 static void link_chunk(void *arg, int index, int worker)
@@ -194,16 +194,17 @@ enum pell_result indirect_links_make(struct pell_indirect *in, struct pell_pool 
     struct directions d = { .in = in };
 
     in->links = pell_alloc_array(in->ctx, in->num_samples, INDIRECT_RAYS * sizeof(*in->links));
-    in->enter = pell_alloc_array(in->ctx, in->p.scene->num_materials, sizeof(*in->enter));
-    if (!in->links || !in->enter)
+    in->ray_transmittance = pell_alloc_array(in->ctx, in->p.scene->num_materials, sizeof(*in->ray_transmittance));
+    if (!in->links || !in->ray_transmittance)
         return PELL_ERR_NOMEM;
-    if (in->reflected && !(in->mirrored = pell_alloc_array(in->ctx, in->num_samples, INDIRECT_MIRRORED * sizeof(*in->mirrored))))
+    if (in->reflected &&
+        !(in->specular_links = pell_alloc_array(in->ctx, in->num_samples, INDIRECT_SPECULAR_LINKS * sizeof(*in->specular_links))))
         return PELL_ERR_NOMEM;
     make_directions(&d);
     for (size_t m = 0; m < in->p.scene->num_materials; m++)
         for (int k = 0; k < INDIRECT_RAYS; k++) {
             float mean;
-            in->enter[m][k] = indirect_transmittance(in, (uint32_t) m, d.z[k], &mean) / (INDIRECT_RAYS * INDIRECT_STEPS);
+            in->ray_transmittance[m][k] = indirect_transmittance(in, (uint32_t) m, d.z[k], &mean) / (INDIRECT_RAYS * INDIRECT_STEPS);
         }
     pell_pool_run(pool, (int) ((in->num_samples + CHUNK - 1) / CHUNK), link_chunk, &d);
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;

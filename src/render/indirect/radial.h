@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * radial.h - a profile over the squared distance, as a table over the bits of the float: 32 steps an octave.
+ * radial.h - a profile tabulated by squared distance: the index is made of the upper bits of the float, 32 steps per octave.
  */
 #ifndef INDIRECT_RADIAL_H
 #define INDIRECT_RADIAL_H
@@ -18,7 +18,7 @@ struct radial {
     uint32_t first;
 };
 
-/* From the distance `least`, mm, below which it falls nearly as little, to `most`, beyond which it is 0. */
+/* Tabulates distances from `least`, mm, below which the profile is nearly constant, to `most`, beyond which it is 0. */
 static inline void radial_make(struct radial *out, const struct pell_profile *profile, float least, float most)
 {
     const float least2 = least * least;
@@ -35,16 +35,16 @@ static inline void radial_make(struct radial *out, const struct pell_profile *pr
 
 static inline float radial_at(const struct radial *t, float r2)
 {
-    uint32_t bits, at;
+    uint32_t bits, cell;
     float f;
 
     memcpy(&bits, &r2, sizeof(bits));
-    at = bits >> RADIAL_BITS;
+    cell = bits >> RADIAL_BITS;
     f = (float) (bits & ((1u << RADIAL_BITS) - 1)) * (1.0f / (float) (1u << RADIAL_BITS));
-    if (at < t->first)
+    if (cell < t->first)
         return t->R[0];
-    at -= t->first;
-    return at + 1 < RADIAL_ROWS ? t->R[at] + f * (t->R[at + 1] - t->R[at]) : 0.0f;
+    cell -= t->first;
+    return cell + 1 < RADIAL_ROWS ? t->R[cell] + f * (t->R[cell + 1] - t->R[cell]) : 0.0f;
 }
 
 #endif

@@ -1,14 +1,15 @@
 /* SPDX-License-Identifier: MIT
- * slope.h - how steeply a value rises over a plane, from weighted places; and weights by which it counts as what it is at the origin. */
+ * slope.h - least-squares slope of a value over a plane from weighted points, and linear corrections of the weights that move their
+ * centroid to the origin. */
 #ifndef RENDER_INDIRECT_SLOPE_H
 #define RENDER_INDIRECT_SLOPE_H
 
 #include <math.h>
 #include <stdbool.h>
 
-#define SLOPE_LEVEL 0.05f /* of the spread of samples: more is added across, so that samples in a row do */
+#define SLOPE_LEVEL 0.05f /* regularization, of the variance of the positions: added in all directions so that collinear samples work */
 
-/* Weighted sums of a value over a plane. */
+/* Weighted moments of positions in a plane, and of a value there. */
 struct slope_sums {
     float one, x, y, value, xx, xy, yy, x_value, y_value;
 };
@@ -26,8 +27,8 @@ static inline void slope_add(struct slope_sums *l, float weight, float x, float 
     l->y_value += weight * y * value;
 }
 
-/* By least squares; false where there is none. */
-static inline bool slope_of(const struct slope_sums *l, float slope[2])
+/* Gradient of the value by least squares. Returns false if it is undetermined. */
+static inline bool slope_fit(const struct slope_sums *l, float slope[2])
 {
     const float spread = l->xx + l->yy - (l->x * l->x + l->y * l->y) / l->one;
     const float xx = l->xx - l->x * l->x / l->one + SLOPE_LEVEL * spread, yy = l->yy - l->y * l->y / l->one + SLOPE_LEVEL * spread;
@@ -41,8 +42,9 @@ static inline bool slope_of(const struct slope_sums *l, float slope[2])
     return true;
 }
 
-/* Weights times 1 + slope . (x, y) have their middle at the origin, as far as a slope of no more than `most` makes it so. */
-static inline void slope_centre(const struct slope_sums *l, float most, float slope[2])
+/* Finds `slope` so that the weights times 1 + slope . (x, y) have their centroid at the origin, or near it if its length would exceed
+ * `max_slope`. */
+static inline void slope_centre(const struct slope_sums *l, float max_slope, float slope[2])
 {
     const float level = SLOPE_LEVEL * (l->xx + l->yy), xx = l->xx + level, yy = l->yy + level, det = xx * yy - l->xy * l->xy;
     float length;
@@ -53,9 +55,9 @@ static inline void slope_centre(const struct slope_sums *l, float most, float sl
     slope[0] = (l->xy * l->y - yy * l->x) / det;
     slope[1] = (l->xy * l->x - xx * l->y) / det;
     length = sqrtf(slope[0] * slope[0] + slope[1] * slope[1]);
-    if (length > most) {
-        slope[0] *= most / length;
-        slope[1] *= most / length;
+    if (length > max_slope) {
+        slope[0] *= max_slope / length;
+        slope[1] *= max_slope / length;
     }
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * spacing.c - how far samples lie apart: a share of each object's size on it, and coarser with the distance from it on what is beside it,
- * so that a wide ground is fine where something stands and coarse elsewhere.
+ * spacing.c - distance between samples: a fraction of the object's size on the object, growing on other surfaces with the distance from it,
+ * so that a large ground is fine around objects and coarse elsewhere.
  */
 #include "render/indirect/internal.h"
 
@@ -9,10 +9,10 @@
 
 #include <float.h>
 
-#define PARTS 80.0f  /* of a box's diagonal: the spacing on it */
-#define GROWTH 0.15f /* of the spacing with the distance */
+#define SPACINGS 80.0f /* spacings per diagonal of the bounding box */
+#define GROWTH 0.15f   /* growth of the spacing per distance */
 
-static void widen(const struct pell_context *ctx, struct indirect_box *box, const struct pell_mesh *mesh)
+static void extend_box(const struct pell_context *ctx, struct indirect_box *box, const struct pell_mesh *mesh)
 {
     for (uint32_t i = 0; i < mesh->num_vertices && !pell_cancelled_at(ctx, i); i++) {
         const struct pell_vec3 p = vec3_load(mesh->position + 3 * (size_t) i);
@@ -21,7 +21,7 @@ static void widen(const struct pell_context *ctx, struct indirect_box *box, cons
     }
 }
 
-/* Of a place's coordinates, > 0: an object of that size is a point. */
+/* Rounding error of a point's coordinates, > 0: an object of that size is a point. */
 static float rounding(struct pell_vec3 p)
 {
     return fmaxf(2.0f * FLT_EPSILON * vec3_length(p), 1e-30f);
@@ -41,31 +41,30 @@ void indirect_spacing_make(const struct pell_scene *scene, struct indirect_spaci
             continue;
         while (k < out->count && object[k] != mesh->object)
             k++;
-        if (k == INDIRECT_BOXES) /* the last box is of all objects that have none */
+        if (k == INDIRECT_BOXES) /* the last box is shared by all further objects */
             k--;
         if (k == out->count) {
             object[k] = mesh->object;
             out->box[k] = (struct indirect_box) { vec3(INFINITY, INFINITY, INFINITY), vec3(-INFINITY, -INFINITY, -INFINITY), 0.0f };
             out->count++;
         }
-        widen(scene->ctx, &out->box[k], mesh);
+        extend_box(scene->ctx, &out->box[k], mesh);
     }
     for (int k = 0; k < out->count; k++)
-        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / PARTS,
+        out->box[k].spacing = fmaxf(vec3_length(vec3_sub(out->box[k].high, out->box[k].low)) / SPACINGS,
                                     fmaxf(rounding(out->box[k].low), rounding(out->box[k].high)));
 }
 
 float indirect_spacing_at(const struct indirect_spacing *s, struct pell_vec3 p)
 {
-    float least = INFINITY;
+    float minimum = INFINITY;
 
     for (int k = 0; k < s->count; k++) {
         const struct indirect_box *b = &s->box[k];
         const struct pell_vec3 d =
             vec3(larger(larger(b->low.x - p.x, p.x - b->high.x), 0.0f), larger(larger(b->low.y - p.y, p.y - b->high.y), 0.0f),
                  larger(larger(b->low.z - p.z, p.z - b->high.z), 0.0f));
-        least = smaller(least, b->spacing + GROWTH * vec3_length(d));
+        minimum = smaller(minimum, b->spacing + GROWTH * vec3_length(d));
     }
-    return fmaxf(least * s->scale,
-                 rounding(p)); /* samples nearer than that lie in the same places, and any number of them is around each */
+    return fmaxf(minimum * s->scale, rounding(p)); /* closer samples would coincide, and a knot could have any number of them around it */
 }

@@ -109,7 +109,7 @@ static void aim_at_middle(const struct job *job, const struct pell_light_data *d
 /* What is sent through solids. */
 static void send_through(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
 {
-    if (k->any_ahead)
+    if (k->any_forward)
         pell_transmit_forward(job, source, a, k);
     if (k->lanes.any_deep && !k->passed)
         pell_transmit_light(job, source, a, k);
@@ -132,7 +132,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
     const bool highlights = source->environment < 0 && !k->given && shows_highlights(job, k);
     struct pell_gloss gloss;
 
-    if (k->given && !k->any_ahead && (k->passed || !k->lanes.any_deep))
+    if (k->given && !k->any_forward && (k->passed || !k->lanes.any_deep))
         return;
     if (highlights)
         job->kernels->begin_highlights(data, &k->lanes, &gloss);
@@ -153,7 +153,7 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         } else if (pell_light_in_table(data) && !k->given) {
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         }
-        if (source->environment >= 0 && (k->any_ahead || k->lanes.any_deep))
+        if (source->environment >= 0 && (k->any_forward || k->lanes.any_deep))
             aim_at_middle(job, data, k);
         if (k->aim.any_back && turns && source->turns > 1)
             take_turn(job, source, k, turns);

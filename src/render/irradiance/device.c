@@ -60,12 +60,12 @@ static const struct pell_thickness_table *table_of(const struct pell_light_devic
 }
 
 /* Without what clear media pass forward, which has a direction. */
-static void slab_of_lights(const struct pell_thickness_table *t, const struct pell_indirect_ahead *ahead, float *out)
+static void slab_of_lights(const struct pell_thickness_table *t, const struct pell_indirect_forward *forward, float *out)
 {
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
         const float place = (float) i / (PELL_THICKNESS_STEPS - 1), d = t->max_mm * place * place;
         for (int c = 0; c < 3; c++)
-            out[3 * i + c] = t->slab[i][c] * (ahead ? pell_forward_rest(&ahead->law, c, d, ahead->apart[c]) : 1.0f);
+            out[3 * i + c] = t->slab[i][c] * (forward ? pell_forward_rest(&forward->model, c, d, forward->separation[c]) : 1.0f);
     }
 }
 
@@ -100,7 +100,7 @@ enum pell_result pell_light_device_set_thickness(struct pell_light_device *d, co
         memcpy(values, t->value, sizeof(t->value));
         memcpy(values + TABLE / 4, t->slab, sizeof(t->slab));
         memcpy(values + 2 * (TABLE / 4), t->spread, sizeof(t->spread));
-        slab_of_lights(t, p->through ? pell_indirect_ahead(p->through, i) : NULL, values + 3 * (TABLE / 4));
+        slab_of_lights(t, p->through ? pell_indirect_forward(p->through, i) : NULL, values + 3 * (TABLE / 4));
         values += TABLE;
     }
     d->thickness_new = true;

@@ -30,8 +30,8 @@ static void add_beams(const struct job *job, const struct pell_indirect_insides 
         const float v[3] = { l->vx[i], l->vy[i], l->vz[i] }, n[3] = { l->nx[i], l->ny[i], l->nz[i] };
         if (!(q->spacing[i] > 0.0f))
             continue;
-        k->ahead[i] = pell_indirect_ahead(job->p->through, k->material[i]);
-        k->any_ahead |= k->ahead[i] != NULL;
+        k->forward_model[i] = pell_indirect_forward(job->p->through, k->material[i]);
+        k->any_forward |= k->forward_model[i] != NULL;
         k->spacing[i] = q->spacing[i];
         pell_angle_inside(l->inverse_eta2[i], v, n, k->toward[i]);
         for (int c = 0; c < 3; c++)
@@ -47,16 +47,16 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
         translucent[i] = ~k->lanes.opaque[i];
         k->straight[i] = -1;
         k->flat[i] = 1.0f;
-        k->ahead[i] = NULL;
+        k->forward_model[i] = NULL;
     }
-    k->any_ahead = false;
+    k->any_forward = false;
     memset(k->forward, 0, sizeof(k->forward));
     if (job->p->curvature || job->p->through || job->p->indirect)
         pell_find_points(job, k);
     if (job->p->curvature) {
         struct pell_curvature_effects effects;
         pell_curvature_effects_at(job->p->curvature, &k->points, translucent, &effects);
-        job->inside->bend(job->p, &effects, &k->lanes, gains);
+        job->inside->apply_curvature(job->p, &effects, &k->lanes, gains);
         for (int i = 0; i < PELL_LANES; i++)
             k->flat[i] = pell_spread_part(effects.flat[i]);
     }
@@ -64,8 +64,8 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
         struct pell_indirect_insides found;
         for (int i = 0; i < PELL_LANES; i++)
             translucent[i] = k->behind ? 0 : translucent[i];
-        pell_indirect_look(job->p->through, &k->points, translucent, &found);
-        job->inside->look(job->p, &found, job->entering, &k->lanes, gains, inside, k->straight);
+        pell_indirect_lookup16(job->p->through, &k->points, translucent, &found);
+        job->inside->apply_solids(job->p, &found, job->entering, &k->lanes, gains, inside, k->straight);
         if (found.beams && !job->entering)
             add_beams(job, &found, k, inside);
     }
@@ -73,13 +73,13 @@ void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gain
 
 void pell_scale_lanes(const struct job *job, const struct pell_gains *gains, struct packet *k)
 {
-    job->inside->scale(gains, &k->sums);
+    job->inside->scale_sums(gains, &k->sums);
 }
 
 void pell_add_inside(const struct job *job, struct pell_inside *inside, struct packet *k)
 {
-    for (int c = 0; c < 3 && k->any_ahead; c++)
+    for (int c = 0; c < 3 && k->any_forward; c++)
         for (int i = 0; i < PELL_LANES; i++)
             inside->beam[c][i] += k->forward[c][i];
-    job->inside->add(inside, &k->sums);
+    job->inside->add_transmitted(inside, &k->sums);
 }

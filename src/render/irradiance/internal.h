@@ -36,13 +36,13 @@ struct packet {
     struct pell_points16 points; /* where curvature, or light inside of solids or from other surfaces, is looked for */
     _Alignas(64) int32_t index[16];
     uint32_t material[16];
-    int32_t straight[16];                        /* lanes for which transmitted light is sought straight through */
-    float flat[16];                              /* part of its way that straight light spreads by: pell_spread_part */
-    float ambient[16];                           /* visibility of the environment's smooth rest */
-    const struct pell_indirect_ahead *ahead[16]; /* NULL: the lane passes no light forward; */
-    float forward[3][16];                        /* what it passes that comes from near, */
-    float toward[16][3], spacing[16];            /* toward the refracted view; see struct pell_indirect_beam */
-    bool any_ahead;
+    int32_t straight[16];                                  /* lanes for which transmitted light is sought straight through */
+    float flat[16];                                        /* part of its way that straight light spreads by: pell_spread_part */
+    float ambient[16];                                     /* visibility of the environment's smooth rest */
+    const struct pell_indirect_forward *forward_model[16]; /* NULL: the lane passes no light forward; */
+    float forward[3][16];                                  /* what it passes that comes from near, */
+    float toward[16][3], spacing[16];                      /* toward the refracted view; see struct pell_indirect_beam */
+    bool any_forward;
     int count;
     int64_t held;                            /* the material whose traits all lanes have; -1: none */
     bool single;                             /* one material */

@@ -27,7 +27,7 @@ static struct traits material_traits(const struct job *job, size_t material)
         .model = t->model[material],
         .opaque = -(int32_t) m->opaque,
         .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
-        .clear = -(int32_t) (job->p->through && pell_indirect_ahead(job->p->through, material)),
+        .clear = -(int32_t) (job->p->through && pell_indirect_forward(job->p->through, material)),
         .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
         .apart = job->p->apart && !m->opaque ? &job->p->apart[material] : NULL,
         .fd = t->boundaries[t->boundary[material]].f0,

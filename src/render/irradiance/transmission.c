@@ -159,10 +159,10 @@ static void pass_thickness(const struct job *job, const struct packet *k, int i,
     const float counted = pell_thickness_counted(same, vec3_dot(*normal, vec3(l->vx[i], l->vy[i], l->vz[i])));
     const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = pell_thickness_opposed(same);
     const int j = pell_table_cell(place, PELL_THICKNESS_STEPS);
-    const struct pell_indirect_ahead *ahead = beams ? k->ahead[i] : NULL;
+    const struct pell_indirect_forward *forward = beams ? k->forward_model[i] : NULL;
 
     for (int c = 0; c < 3; c++) {
-        const float rest = ahead ? pell_forward_rest(&ahead->law, c, max0(d), ahead->apart[c]) : 1.0f;
+        const float rest = forward ? pell_forward_rest(&forward->model, c, max0(d), forward->separation[c]) : 1.0f;
         const float near = pell_lerp(t->value[j][c], rest * t->slab[j][c], opposed),
                     next = pell_lerp(t->value[j + 1][c], rest * t->slab[j + 1][c], opposed);
         rgb[c] = counted * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
@@ -301,7 +301,7 @@ void pell_transmit_forward(const struct job *job, const struct pell_light_source
     struct exits exits;
 
     for (int i = 0; i < PELL_LANES; i++) {
-        ask[i] = a->back[i] & -(int32_t) (k->ahead[i] != NULL);
+        ask[i] = a->back[i] & -(int32_t) (k->forward_model[i] != NULL);
         w[i] = vec3(-a->lx[i], -a->ly[i], -a->lz[i]);
     }
     for (int step = 0; step < 2; step++) {
@@ -323,21 +323,21 @@ void pell_transmit_forward(const struct job *job, const struct pell_light_source
     }
     see_light(job, source, a, k, &exits, visible);
     for (int i = 0; i < PELL_LANES; i++) {
-        const struct pell_indirect_ahead *ahead = k->ahead[i];
+        const struct pell_indirect_forward *forward = k->forward_model[i];
         struct pell_vec3 way;
         float m, in, facing, near;
         if (!visible[i])
             continue;
         way = vec3_sub(vec3(l->px[i], l->py[i], l->pz[i]), exits.point[i]);
         m = vec3_length(way);
-        near = 1.0f - pell_indirect_far(m, k->spacing[i]);
+        near = 1.0f - pell_indirect_far_weight(m, k->spacing[i]);
         in = near * let_in(job, source, a, k, &exits, i, m);
         facing = larger(-vec3_dot(exits.normal[i], way) / larger(m, 1e-20f), LEAST_FACING);
         for (int c = 0; c < 3 && in > 0.0f; c++) {
             float cosine;
-            const float left = pell_forward_broad(&ahead->law, c, m, &cosine);
+            const float left = pell_forward_broad(&forward->model, c, m, &cosine);
             const float toward = left > 0.0f ? pell_forward_phase(cosine, vec3_dot(w[i], vec3_load(k->toward[i]))) : 0.0f;
-            k->forward[c][i] += smaller(a->intensity[c][i] * in * ahead->share[c] * left * toward / facing, 1e25f);
+            k->forward[c][i] += smaller(a->intensity[c][i] * in * forward->exitance_scale[c] * left * toward / facing, 1e25f);
         }
     }
 }

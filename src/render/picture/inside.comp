@@ -3,7 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 // inside.comp - what the shape of the solid under a pixel, and the light inside of it, do to light that arrives, before it is found: how it
 // is shifted, and whether it is sought straight through. Mirror of irradiance/inside.c, curvature/cpu.c, and of pell_indirect_at and
-// pell_indirect_look.
+// pell_indirect_lookup16.
 //   in  0 hits      1 materials as the stage "irradiance" sees them   2 frame   3 meshes   4 corners
 //   in  5 shapes    words of pell_curvature_words
 //   in  6 solids    words of pell_indirect_words: light inside of solids

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * look.c - what points read at the knots around them, 16 at a time. */
+ * lookup.c - interpolation from knots to points, 16 at a time. */
 #include "render/indirect/internal.h"
 
 #include "render/angle.h"
@@ -10,52 +10,52 @@
 void pell_indirect_at(const struct pell_indirect *in, const struct pell_points16 *at, const int32_t *back, float rgb[4][16],
                       float behind[4][16])
 {
-    static const float dark[4] = { 0.0f };
+    static const float zero_row[4] = { 0.0f };
     const struct pell_scene *scene = in->p.scene;
-    struct indirect_rows here, across;
+    struct indirect_rows own_rows, behind_rows;
 
     for (int i = 0; i < 16; i++) {
         const uint32_t mesh = at->mesh[i];
         uint32_t knot[3] = { 0 };
         float weight[3] = { 0.0f };
-        const bool is = mesh < scene->num_meshes && at->triangle[i] < scene->meshes[mesh].num_triangles &&
-                        (!back[i] || scene->materials[scene->meshes[mesh].material].opaque);
-        if (is)
+        const bool valid = mesh < scene->num_meshes && at->triangle[i] < scene->meshes[mesh].num_triangles &&
+                           (!back[i] || scene->materials[scene->meshes[mesh].material].opaque);
+        if (valid)
             indirect_find(in, mesh, at->triangle[i], at->u[i], at->v[i], knot, weight);
         for (int k = 0; k < 3; k++) {
-            const size_t value = is ? indirect_value_of(in, mesh, knot[k], back[i]) : 0;
-            here.row[k][i] = is ? in->value[value] : dark;
-            across.row[k][i] = is && in->behind ? in->behind[value] : dark;
-            here.weight[k][i] = across.weight[k][i] = weight[k];
+            const size_t value = valid ? indirect_value_of(in, mesh, knot[k], back[i]) : 0;
+            own_rows.row[k][i] = valid ? in->value[value] : zero_row;
+            behind_rows.row[k][i] = valid && in->behind ? in->behind[value] : zero_row;
+            own_rows.weight[k][i] = behind_rows.weight[k][i] = weight[k];
         }
     }
-    in->kernels->blend(&here, 4, rgb);
+    in->kernels->blend(&own_rows, 4, rgb);
     if (behind && in->behind)
-        in->kernels->blend(&across, 4, behind);
+        in->kernels->blend(&behind_rows, 4, behind);
     else if (behind)
         memset(behind, 0, 4 * sizeof(*behind));
 }
 
-void pell_indirect_look(const struct pell_indirect *in, const struct pell_points16 *at, const int32_t *ask,
-                        struct pell_indirect_insides *out)
+void pell_indirect_lookup16(const struct pell_indirect *in, const struct pell_points16 *at, const int32_t *active,
+                            struct pell_indirect_insides *out)
 {
-    static const union indirect_inside nothing = { .all = { 0.0f } };
+    static const union indirect_inside zero = { .all = { 0.0f } };
     const struct pell_scene *scene = in->p.scene;
     struct indirect_rows rows, beams;
 
     for (int i = 0; i < 16; i++) {
         uint32_t knot[3] = { 0 };
         float weight[3] = { 0.0f };
-        const bool is = ask[i] && at->mesh[i] < scene->num_meshes && at->triangle[i] < scene->meshes[at->mesh[i]].num_triangles;
-        if (is)
+        const bool valid = active[i] && at->mesh[i] < scene->num_meshes && at->triangle[i] < scene->meshes[at->mesh[i]].num_triangles;
+        if (valid)
             indirect_find(in, at->mesh[i], at->triangle[i], at->u[i], at->v[i], knot, weight);
         for (int k = 0; k < 3; k++) {
-            rows.row[k][i] = is ? in->inside[knot[k]].all : nothing.all;
-            beams.row[k][i] = is && in->beam ? in->beam[knot[k]].light : nothing.all;
+            rows.row[k][i] = valid ? in->inside[knot[k]].all : zero.all;
+            beams.row[k][i] = valid && in->beam ? in->beam[knot[k]].light : zero.all;
             rows.weight[k][i] = beams.weight[k][i] = weight[k];
         }
     }
-    in->kernels->blend(&rows, INDIRECT_INSIDE, out->thick);
+    in->kernels->blend(&rows, INDIRECT_INSIDE, out->sum_weight);
     out->beams = in->beam != NULL;
     if (out->beams)
         in->kernels->blend(&beams, INDIRECT_BEAM, out->beam);
@@ -66,9 +66,9 @@ bool pell_indirect_has_beams(const struct pell_indirect *in)
     return in->beam != NULL;
 }
 
-const struct pell_indirect_ahead *pell_indirect_ahead(const struct pell_indirect *in, size_t material)
+const struct pell_indirect_forward *pell_indirect_forward(const struct pell_indirect *in, size_t material)
 {
-    return in->ahead && material < in->p.scene->num_materials && in->ahead[material].is ? &in->ahead[material] : NULL;
+    return in->forward && material < in->p.scene->num_materials && in->forward[material].active ? &in->forward[material] : NULL;
 }
 
 struct correct {
@@ -79,8 +79,8 @@ struct correct {
     float *const *exitance;
 };
 
-/* Factor of light from the depth that leaves toward the camera, as far as it is from there; q: of the pixel, number i of 16. */
-static float leaves(const struct correct *t, int x, int y, const struct pell_indirect_insides *q, int i, int c)
+/* Factor of light from the depth that leaves toward the camera; q: at the pixel, lane i of 16. */
+static float exit_factor(const struct correct *t, int x, int y, const struct pell_indirect_insides *q, int i, int c)
 {
     const struct pell_surface *s = t->surface;
     const ptrdiff_t at = y * s->stride + x;
@@ -97,32 +97,32 @@ static float leaves(const struct correct *t, int x, int y, const struct pell_ind
     return (1.0f + q->deep[c][i] * (pass - 1.0f)) * pell_tilted(a->inverse_eta2, vec3_dot(vec3_mad(v, -nv, n), tilt));
 }
 
-/* The 16 pixels from x0 on. */
+/* Corrects the 16 pixels from x0 on. */
 static void correct16(const struct correct *t, int x0, int y)
 {
     const struct pell_surface *s = t->surface;
     struct pell_indirect_insides q;
     struct pell_points16 hits;
-    _Alignas(64) int32_t ask[16];
+    _Alignas(64) int32_t active[16];
     int any = 0;
 
     for (int i = 0; i < 16; i++) {
         const ptrdiff_t at = y * s->stride + x0 + i;
         const uint16_t material = x0 + i < s->translucent.x1 ? s->material[at] : 0;
-        ask[i] = -(int32_t) (material && !t->in->p.scene->materials[material - 1].opaque);
-        any |= ask[i];
-        hits.mesh[i] = ask[i] ? s->mesh[at] : 0;
-        hits.triangle[i] = ask[i] ? s->triangle[at] : 0;
-        hits.u[i] = ask[i] ? s->barycentric[0][at] : 0.0f;
-        hits.v[i] = ask[i] ? s->barycentric[1][at] : 0.0f;
+        active[i] = -(int32_t) (material && !t->in->p.scene->materials[material - 1].opaque);
+        any |= active[i];
+        hits.mesh[i] = active[i] ? s->mesh[at] : 0;
+        hits.triangle[i] = active[i] ? s->triangle[at] : 0;
+        hits.u[i] = active[i] ? s->barycentric[0][at] : 0.0f;
+        hits.v[i] = active[i] ? s->barycentric[1][at] : 0.0f;
     }
     if (!any)
         return;
-    pell_indirect_look(t->in, &hits, ask, &q);
+    pell_indirect_lookup16(t->in, &hits, active, &q);
     for (int i = 0; i < 16; i++)
-        for (int c = 0; ask[i] && c < 3; c++)
+        for (int c = 0; active[i] && c < 3; c++)
             t->exitance[c][y * s->stride + x0 + i] *=
-                q.gain[c][i] * (t->angle ? leaves(t, x0 + i, y, &q, i, c) : 1.0f) + (1.0f - q.solved[c][i]);
+                q.gain[c][i] * (t->angle ? exit_factor(t, x0 + i, y, &q, i, c) : 1.0f) + (1.0f - q.solved[c][i]);
 }
 
 static void correct_row(void *arg, int index, int worker)

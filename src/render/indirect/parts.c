@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * apart.c - solids of one object that light inside doesn't go between: closed parts that no chord connects. A hollow's wall belongs to the
- * solid around it, and so do parts that are pushed into each other. Parts that are open are taken to be one.
+ * parts.c - separate solids of one object, between which no light passes inside: closed parts that no chord connects. The wall of a hollow
+ * belongs to the solid around it, and overlapping parts are one solid. Parts that are not closed are taken to be one solid.
  */
 #include "render/indirect/internal.h"
 
@@ -9,22 +9,22 @@
 
 #define PACKET 16
 
-struct apart {
+struct part_search {
     struct pell_indirect *in;
-    size_t *first;    /* of each mesh's triangles in `part`; SIZE_MAX: its object has one part */
-    uint32_t *part;   /* of triangles */
-    uint32_t *joined; /* of parts, as pell_union_root reads it */
+    size_t *first;    /* first triangle of each mesh in `part`; SIZE_MAX: its object has one part */
+    uint32_t *part;   /* per triangle */
+    uint32_t *joined; /* per part: union-find parent, for pell_union_root */
     size_t num_triangles, num_parts;
-    uint32_t *met; /* of samples: part where the ray inward ends, or INDIRECT_NONE */
+    uint32_t *hit_part; /* per sample: part that the inward ray hits, or INDIRECT_NONE */
 };
 
-static bool takes_part(const struct pell_scene *scene, const struct pell_mesh *mesh)
+static bool is_translucent(const struct pell_scene *scene, const struct pell_mesh *mesh)
 {
     return indirect_shown(scene, mesh) && !scene->materials[mesh->material].opaque;
 }
 
-/* False for most meshes: all triangles hang together by vertices that they share. */
-static enum pell_result may_be_many(struct pell_context *ctx, const struct pell_mesh *mesh, bool *many)
+/* Sets *many if the triangles are not all connected by shared vertices, which is rare. */
+static enum pell_result has_components(struct pell_context *ctx, const struct pell_mesh *mesh, bool *many)
 {
     uint32_t *parent = pell_alloc_array(ctx, mesh->num_vertices, sizeof(*parent)), root;
 
@@ -42,7 +42,7 @@ static enum pell_result may_be_many(struct pell_context *ctx, const struct pell_
     return PELL_OK;
 }
 
-static bool make_room(struct apart *a)
+static bool make_room(struct part_search *a)
 {
     const struct pell_scene *scene = a->in->p.scene;
     size_t triangles = 0;
@@ -50,12 +50,12 @@ static bool make_room(struct apart *a)
     for (size_t i = 0; i < scene->num_meshes; i++)
         triangles += scene->meshes[i].num_triangles;
     a->part = pell_alloc_array(a->in->ctx, triangles, sizeof(*a->part));
-    a->joined = pell_alloc_array(a->in->ctx, triangles, sizeof(*a->joined)); /* no more parts */
+    a->joined = pell_alloc_array(a->in->ctx, triangles, sizeof(*a->joined)); /* upper bound of the part_index of parts */
     return a->part && a->joined;
 }
 
-/* Numbers the parts of an object behind those of others; open ones are joined. */
-static enum pell_result add_parts(struct apart *a, const uint32_t *meshes, const struct pell_topology *t)
+/* Appends the parts of an object; those that are not closed are joined. */
+static enum pell_result add_parts(struct part_search *a, const uint32_t *meshes, const struct pell_topology *t)
 {
     struct pell_context *ctx = a->in->ctx;
     struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
@@ -70,12 +70,12 @@ static enum pell_result add_parts(struct apart *a, const uint32_t *meshes, const
     for (uint32_t i = 0; i < t->num_triangles; i++)
         a->part[a->num_triangles + i] = t->part[i] == UINT32_MAX ? INDIRECT_NONE : (uint32_t) a->num_parts + t->part[i];
     for (uint32_t i = 0; i < t->num_parts; i++) {
-        const uint32_t number = (uint32_t) a->num_parts + i;
-        a->joined[number] = number;
+        const uint32_t part_index = (uint32_t) a->num_parts + i;
+        a->joined[part_index] = part_index;
         if (!parts[i].closed && open == INDIRECT_NONE)
-            open = number;
+            open = part_index;
         if (!parts[i].closed)
-            pell_union_join(a->joined, open, number);
+            pell_union_join(a->joined, open, part_index);
     }
     a->num_triangles += t->num_triangles;
     a->num_parts += t->num_parts;
@@ -86,20 +86,20 @@ fail:
     return res;
 }
 
-static enum pell_result look_at_object(struct apart *a, const uint32_t *meshes, size_t count)
+static enum pell_result add_object(struct part_search *a, const uint32_t *meshes, size_t count)
 {
     const struct pell_scene *scene = a->in->p.scene;
     struct pell_topology t;
-    size_t shown = 0;
+    size_t meshes_shown = 0;
     bool many;
     enum pell_result res = PELL_OK;
 
     for (size_t m = 0; m < count; m++)
-        shown += takes_part(scene, &scene->meshes[meshes[m]]);
-    many = shown > 1;
+        meshes_shown += is_translucent(scene, &scene->meshes[meshes[m]]);
+    many = meshes_shown > 1;
     for (size_t m = 0; m < count && !many && res == PELL_OK; m++)
-        if (takes_part(scene, &scene->meshes[meshes[m]]))
-            res = may_be_many(a->in->ctx, &scene->meshes[meshes[m]], &many);
+        if (is_translucent(scene, &scene->meshes[meshes[m]]))
+            res = has_components(a->in->ctx, &scene->meshes[meshes[m]], &many);
     if (res != PELL_OK || !many)
         return res;
     res = pell_topology_make(&t, scene, meshes, count);
@@ -111,7 +111,7 @@ static enum pell_result look_at_object(struct apart *a, const uint32_t *meshes, 
     return res;
 }
 
-static enum pell_result look_at_objects(struct apart *a)
+static enum pell_result add_objects(struct part_search *a)
 {
     const struct pell_scene *scene = a->in->p.scene;
     uint32_t *order = pell_alloc_array(a->in->ctx, scene->num_meshes, 2 * sizeof(*order));
@@ -123,20 +123,20 @@ static enum pell_result look_at_objects(struct apart *a)
     for (size_t i = 0, end; i < scene->num_meshes && res == PELL_OK; i = end) {
         for (end = i + 1; end < scene->num_meshes && scene->meshes[order[end]].object == scene->meshes[order[i]].object; end++)
             ;
-        res = look_at_object(a, order + i, end - i);
+        res = add_object(a, order + i, end - i);
     }
     pell_free(a->in->ctx, order);
     return res;
 }
 
-static uint32_t part_at(const struct apart *a, uint32_t mesh, uint32_t triangle)
+static uint32_t part_at(const struct part_search *a, uint32_t mesh, uint32_t triangle)
 {
     return mesh < a->in->p.scene->num_meshes && a->first[mesh] != SIZE_MAX ? a->part[a->first[mesh] + triangle] : INDIRECT_NONE;
 }
 
-static void meet16(void *arg, int index, int worker)
+static void trace16(void *arg, int index, int worker)
 {
-    const struct apart *a = arg;
+    const struct part_search *a = arg;
     const struct pell_indirect *in = a->in;
     const struct pell_scene *scene = in->p.scene;
     const size_t first = (size_t) index * PACKET;
@@ -148,26 +148,26 @@ static void meet16(void *arg, int index, int worker)
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
         const struct pell_mesh *from = &scene->meshes[in->samples[first + i].mesh];
         const bool same = valid[i] && pell_hit16_meets(scene, &r, (int) i, from->object);
-        a->met[first + i] = same ? part_at(a, r.hit.mesh[i], r.hit.triangle[i]) : INDIRECT_NONE;
+        a->hit_part[first + i] = same ? part_at(a, r.hit.mesh[i], r.hit.triangle[i]) : INDIRECT_NONE;
     }
 }
 
-static enum pell_result join_by_chords(struct apart *a, struct pell_pool *pool)
+static enum pell_result join_by_chords(struct part_search *a, struct pell_pool *pool)
 {
     struct pell_indirect *in = a->in;
     const size_t n = in->num_samples;
 
-    a->met = pell_alloc_array(in->ctx, n, sizeof(*a->met));
+    a->hit_part = pell_alloc_array(in->ctx, n, sizeof(*a->hit_part));
     in->part = pell_alloc_array(in->ctx, n, sizeof(*in->part));
-    if (!a->met || !in->part)
+    if (!a->hit_part || !in->part)
         return PELL_ERR_NOMEM;
-    pell_pool_run(pool, (int) ((n + PACKET - 1) / PACKET), meet16, a);
+    pell_pool_run(pool, (int) ((n + PACKET - 1) / PACKET), trace16, a);
     if (pell_cancelled(in->ctx))
         return PELL_ERR_CANCELLED;
     for (size_t i = 0; i < n; i++) {
         in->part[i] = part_at(a, in->samples[i].mesh, in->samples[i].triangle);
-        if (in->part[i] != INDIRECT_NONE && a->met[i] != INDIRECT_NONE)
-            pell_union_join(a->joined, in->part[i], a->met[i]);
+        if (in->part[i] != INDIRECT_NONE && a->hit_part[i] != INDIRECT_NONE)
+            pell_union_join(a->joined, in->part[i], a->hit_part[i]);
     }
     for (size_t i = 0; i < n; i++)
         if (in->part[i] != INDIRECT_NONE)
@@ -175,23 +175,23 @@ static enum pell_result join_by_chords(struct apart *a, struct pell_pool *pool)
     return PELL_OK;
 }
 
-enum pell_result indirect_apart_make(struct pell_indirect *in, struct pell_pool *pool)
+enum pell_result indirect_parts_make(struct pell_indirect *in, struct pell_pool *pool)
 {
     struct pell_context *ctx = in->ctx;
     const size_t num_meshes = in->p.scene->num_meshes;
-    struct apart a = { .in = in, .first = pell_alloc_array(ctx, num_meshes, sizeof(*a.first)) };
+    struct part_search a = { .in = in, .first = pell_alloc_array(ctx, num_meshes, sizeof(*a.first)) };
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!a.first)
         return res;
     for (size_t i = 0; i < num_meshes; i++)
         a.first[i] = SIZE_MAX;
-    res = look_at_objects(&a);
+    res = add_objects(&a);
     if (res == PELL_OK && a.num_parts > 0)
         res = join_by_chords(&a, pool);
     pell_free(ctx, a.first);
     pell_free(ctx, a.part);
     pell_free(ctx, a.joined);
-    pell_free(ctx, a.met);
+    pell_free(ctx, a.hit_part);
     return res;
 }

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * across.c - the samples on the other side: of a sheet, whose sides have theirs at the same places, the front's first; of a solid, by a ray
- * along the inward normal, as the stage "curvature" measures how thin it is.
+ * opposite.c - the samples on the other side: of a sheet, whose two sides have samples at the same points, the front's first; of a solid,
+ * by a ray along the inward normal, as the stage "curvature" measures thickness.
  */
 #include "render/indirect/internal.h"
 
 #define PACKET 16
 
-/* Where the ray of a sample leaves the solid, on the same object and material; INDIRECT_NONE: not by its outer side. */
-static uint32_t exit_of(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
+/* Returns the sample where a ray leaves the solid, on the same object and material; INDIRECT_NONE if it does not exit there. */
+static uint32_t exit_sample(const struct pell_indirect *in, const struct indirect_sample *s, const struct pell_ray_hit16 *r, int i)
 {
     const struct pell_hit16 *h = &r->hit;
     const struct pell_scene *scene = in->p.scene;
@@ -20,7 +20,7 @@ static uint32_t exit_of(const struct pell_indirect *in, const struct indirect_sa
                               vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d));
 }
 
-static void across16(void *arg, int index, int worker)
+static void opposite16(void *arg, int index, int worker)
 {
     const struct pell_indirect *in = arg;
     const size_t first = (size_t) index * PACKET;
@@ -30,15 +30,15 @@ static void across16(void *arg, int index, int worker)
     (void) worker;
     indirect_along_normals16(in, first, true, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
-        const size_t k = first + i, other = in->samples[k].back ? k - 1 : k + 1;
+        const size_t k = first + i, twin = in->samples[k].back ? k - 1 : k + 1;
         if (valid[i])
-            in->across[k] = exit_of(in, &in->samples[k], &r, (int) i);
+            in->opposite[k] = exit_sample(in, &in->samples[k], &r, (int) i);
         else
-            in->across[k] = other < in->num_samples ? (uint32_t) other : INDIRECT_NONE;
+            in->opposite[k] = twin < in->num_samples ? (uint32_t) twin : INDIRECT_NONE;
     }
 }
 
-enum pell_result indirect_across_make(struct pell_indirect *in, struct pell_pool *pool)
+enum pell_result indirect_opposite_make(struct pell_indirect *in, struct pell_pool *pool)
 {
     const struct pell_scene *scene = in->p.scene;
     bool any = pell_scene_has_sheets(scene);
@@ -47,12 +47,12 @@ enum pell_result indirect_across_make(struct pell_indirect *in, struct pell_pool
         any |= !scene->materials[i].opaque;
     if (!any)
         return PELL_OK;
-    in->across = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->across));
-    in->through = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->through));
+    in->opposite = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->opposite));
+    in->transmitted = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->transmitted));
     in->passed = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->passed));
     in->behind = pell_calloc(in->ctx, in->num_values, sizeof(*in->behind));
-    if (!in->across || !in->through || !in->passed || !in->behind)
+    if (!in->opposite || !in->transmitted || !in->passed || !in->behind)
         return PELL_ERR_NOMEM;
-    pell_pool_run(pool, (int) ((in->num_samples + PACKET - 1) / PACKET), across16, in);
+    pell_pool_run(pool, (int) ((in->num_samples + PACKET - 1) / PACKET), opposite16, in);
     return pell_cancelled(in->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }

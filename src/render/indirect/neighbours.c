@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * near.c - the samples around each knot, and their weights. A sample counts where it is on the same material and side and faces much the
- * same way; it weighs less with its distance and its height over the knot's plane. Where samples lie is chance, and at an edge all lie on
- * one side: weights are sloped so that what rises over the surface counts as what it is at the knot.
+ * neighbours.c - the samples around each knot, and their weights. A sample counts if it is on the same material and side and has a similar
+ * normal; its weight falls with its distance and with its height over the knot's plane. Samples are placed at random, and at an edge all
+ * are on one side: the weights are corrected linearly, so that a quantity with a slope over the surface is interpolated correctly at the
+ * knot.
  */
 #include "render/indirect/internal.h"
 #include "render/indirect/slope.h"
@@ -11,48 +12,48 @@
 
 #include <string.h>
 
-#define REACH 2.6f  /* of the spacing: how far samples are looked for, at first */
-#define TRIES 4     /* the reach is doubled so often at most, until there is a sample */
-#define FACING 0.3f /* least cosine between the normals */
-#define SLOPED 0.9f /* of a weight: what a slope takes from it at most */
-#define CHUNK 1024  /* knots of a task */
-#define LEAF 8      /* samples of a leaf of the tree */
+#define REACH 2.6f      /* initial search radius, in spacings */
+#define MAX_TRIES 4     /* largest sample_index of times that the radius is doubled until there is a sample */
+#define MIN_FACING 0.3f /* least cosine between the normals */
+#define MAX_SLOPE 0.9f  /* largest relative change of a weight by the correction */
+#define CHUNK 1024      /* knots per task */
+#define LEAF 8          /* samples per leaf of the tree */
 
-/* k-d trees in an array, one for the samples of each key: samples[order[...]], the middle one of a range splits it (Bentley 1975). */
-struct trees {
-    uint32_t *order, *key; /* two words each: what the samples in order have in common */
-    uint8_t *axis;         /* of the range whose middle it is */
+/* k-d trees in an array, one for the samples of each key: samples[order[...]]; the median of a range splits it (Bentley 1975). */
+struct kd_trees {
+    uint32_t *order, *key; /* two words per sample, in order: the key that grouped samples share */
+    uint8_t *axis;         /* split axis of the range that has this median */
     size_t count;
 };
 
-/* What light tells samples apart by: those of a material and side, and of translucent objects beside that by the object. */
-enum together { MATERIALS, OBJECTS, TREES };
+/* How samples are grouped: by material and side, and for translucent objects also by object. */
+enum grouping { BY_MATERIAL, BY_OBJECT, GROUPINGS };
 
 struct search {
     struct pell_indirect *in;
     const struct indirect_spacing *spacing;
-    struct trees trees[TREES];
+    struct kd_trees kd_trees[GROUPINGS];
     bool back;
 };
 
-static float along(struct pell_vec3 p, int axis)
+static float coordinate(struct pell_vec3 p, int axis)
 {
     return axis == 0 ? p.x : axis == 1 ? p.y : p.z;
 }
 
-/* Puts the sample of rank `middle` of [low, high) in its place, smaller ones before it; equal ones by their numbers. */
+/* Quickselect: moves the sample of rank `middle` of [low, high) to its place, with smaller ones before it; ties are ordered by index. */
 static void split(const struct pell_indirect *in, uint32_t *order, uint32_t low, uint32_t high, uint32_t middle, int axis)
 {
     while (high - low > 1) {
         const uint32_t pivot = order[low + (high - low) / 2];
-        const float at = along(in->samples[pivot].position, axis);
+        const float at = coordinate(in->samples[pivot].position, axis);
         uint32_t i = low, j = high - 1;
         for (;;) {
-            while (along(in->samples[order[i]].position, axis) < at ||
-                   (along(in->samples[order[i]].position, axis) == at && order[i] < pivot))
+            while (coordinate(in->samples[order[i]].position, axis) < at ||
+                   (coordinate(in->samples[order[i]].position, axis) == at && order[i] < pivot))
                 i++;
-            while (along(in->samples[order[j]].position, axis) > at ||
-                   (along(in->samples[order[j]].position, axis) == at && order[j] > pivot))
+            while (coordinate(in->samples[order[j]].position, axis) > at ||
+                   (coordinate(in->samples[order[j]].position, axis) == at && order[j] > pivot))
                 j--;
             if (i >= j)
                 break;
@@ -60,7 +61,6 @@ static void split(const struct pell_indirect *in, uint32_t *order, uint32_t low,
             order[i] = order[j];
             order[j] = swap;
         }
-        /* The pivot is at i. */
         if (i == middle)
             return;
         if (i < middle)
@@ -70,7 +70,7 @@ static void split(const struct pell_indirect *in, uint32_t *order, uint32_t low,
     }
 }
 
-static void build(const struct pell_indirect *in, const struct trees *t, uint32_t low, uint32_t high)
+static void build(const struct pell_indirect *in, const struct kd_trees *t, uint32_t low, uint32_t high)
 {
     while (high - low > LEAF && !pell_cancelled(in->ctx)) {
         const uint32_t middle = low + (high - low) / 2;
@@ -88,10 +88,10 @@ static void build(const struct pell_indirect *in, const struct trees *t, uint32_
     }
 }
 
-static void set_key(enum together which, uint32_t material, bool back, int object, uint32_t key[2])
+static void set_key(enum grouping which, uint32_t material, bool back, int object, uint32_t key[2])
 {
     key[0] = 2 * material + (back ? 1 : 0);
-    key[1] = which == OBJECTS ? (uint32_t) object : 0;
+    key[1] = which == BY_OBJECT ? (uint32_t) object : 0;
 }
 
 static int compare_keys(const uint32_t a[2], const uint32_t b[2])
@@ -99,7 +99,7 @@ static int compare_keys(const uint32_t a[2], const uint32_t b[2])
     return a[0] != b[0] ? (a[0] < b[0] ? -1 : 1) : a[1] != b[1] ? (a[1] < b[1] ? -1 : 1) : 0;
 }
 
-static enum pell_result make_trees(const struct pell_indirect *in, enum together which, struct trees *t)
+static enum pell_result make_trees(const struct pell_indirect *in, enum grouping which, struct kd_trees *t)
 {
     const size_t n = in->num_samples;
     uint32_t *key = pell_alloc_array(in->ctx, n, 3 * sizeof(*key)), *sorted;
@@ -132,14 +132,14 @@ fail:
     return res;
 }
 
-/* The first whose key is not below, or with `beyond` above, this one. */
-static uint32_t bound(const struct trees *t, const uint32_t key[2], bool beyond)
+/* Returns the first index whose key is not less than `key`, or with `upper`, greater. */
+static uint32_t find_bound(const struct kd_trees *t, const uint32_t key[2], bool upper)
 {
     size_t low = 0, high = t->count;
 
     while (low < high) {
         const size_t middle = low + (high - low) / 2;
-        if (compare_keys(t->key + 2 * middle, key) < (beyond ? 1 : 0))
+        if (compare_keys(t->key + 2 * middle, key) < (upper ? 1 : 0))
             low = middle + 1;
         else
             high = middle;
@@ -147,7 +147,7 @@ static uint32_t bound(const struct trees *t, const uint32_t key[2], bool beyond)
     return (uint32_t) low;
 }
 
-/* What is looked for, and the best of it so far, heaviest first. */
+/* A query, and the best samples so far, heaviest first. */
 struct query {
     struct pell_vec3 position, normal;
     float reach, spacing;
@@ -155,15 +155,15 @@ struct query {
     int count;
 };
 
-static void consider(const struct pell_indirect *in, uint32_t number, struct query *q)
+static void add_candidate(const struct pell_indirect *in, uint32_t sample_index, struct query *q)
 {
-    const struct indirect_sample *s = &in->samples[number];
+    const struct indirect_sample *s = &in->samples[sample_index];
     const struct pell_vec3 d = vec3_sub(s->position, q->position);
     const float d2 = vec3_dot(d, d), facing = vec3_dot(s->smooth, q->normal), height = vec3_dot(d, q->normal) / q->spacing;
     float w = 1.0f - d2 / (q->reach * q->reach);
     int at;
 
-    if (!(w > 0.0f) || !(facing > FACING))
+    if (!(w > 0.0f) || !(facing > MIN_FACING))
         return;
     w = w * w * facing * facing / (1.0f + 4.0f * height * height);
     at = q->count < INDIRECT_NEAR ? q->count++ : INDIRECT_NEAR - 1;
@@ -173,19 +173,19 @@ static void consider(const struct pell_indirect *in, uint32_t number, struct que
         q->found.sample[at] = q->found.sample[at - 1];
         q->found.weight[at] = q->found.weight[at - 1];
     }
-    q->found.sample[at] = number;
+    q->found.sample[at] = sample_index;
     q->found.weight[at] = w;
 }
 
-static void look(const struct pell_indirect *in, const struct trees *t, uint32_t low, uint32_t high, struct query *q)
+static void search_tree(const struct pell_indirect *in, const struct kd_trees *t, uint32_t low, uint32_t high, struct query *q)
 {
     while (high - low > LEAF) {
         const uint32_t middle = low + (high - low) / 2;
         const int axis = t->axis[middle];
-        const float d = along(q->position, axis) - along(in->samples[t->order[middle]].position, axis);
+        const float d = coordinate(q->position, axis) - coordinate(in->samples[t->order[middle]].position, axis);
         if (fabsf(d) < q->reach) {
-            look(in, t, low, middle, q);
-            consider(in, t->order[middle], q);
+            search_tree(in, t, low, middle, q);
+            add_candidate(in, t->order[middle], q);
             low = middle + 1;
         } else if (d > 0.0f) {
             low = middle + 1;
@@ -194,27 +194,27 @@ static void look(const struct pell_indirect *in, const struct trees *t, uint32_t
         }
     }
     for (; low < high; low++)
-        consider(in, t->order[low], q);
+        add_candidate(in, t->order[low], q);
 }
 
-static void try_near(const struct search *s, enum together which, const struct indirect_sample *like, struct query *q)
+static void find_neighbours(const struct search *s, enum grouping which, const struct indirect_sample *key_sample, struct query *q)
 {
-    const struct trees *t = &s->trees[which];
+    const struct kd_trees *t = &s->kd_trees[which];
     uint32_t key[2], low, high;
 
-    set_key(which, like->material, like->back, s->in->p.scene->meshes[like->mesh].object, key);
-    low = bound(t, key, false);
-    high = bound(t, key, true);
+    set_key(which, key_sample->material, key_sample->back, s->in->p.scene->meshes[key_sample->mesh].object, key);
+    low = find_bound(t, key, false);
+    high = find_bound(t, key, true);
     q->reach = REACH * q->spacing;
-    for (int i = 0; i < TRIES && low < high && q->count == 0; i++) {
+    for (int i = 0; i < MAX_TRIES && low < high && q->count == 0; i++) {
         memset(&q->found, 0, sizeof(q->found));
-        look(s->in, t, low, high, q);
+        search_tree(s->in, t, low, high, q);
         q->reach *= 2.0f;
     }
 }
 
-/* Slopes the weights, so that their middle is at the knot as nearly as they stay positive. */
-static void centre(const struct pell_indirect *in, struct query *q)
+/* Corrects the weights linearly so that their centroid is at the knot, as far as they stay positive. */
+static void centre_weights(const struct pell_indirect *in, struct query *q)
 {
     struct slope_sums sums = { .one = 0.0f };
     struct pell_vec3 t, b;
@@ -227,34 +227,34 @@ static void centre(const struct pell_indirect *in, struct query *q)
         slope_add(&sums, q->found.weight[i], x, y, 0.0f);
         far2 = fmaxf(far2, x * x + y * y);
     }
-    slope_centre(&sums, SLOPED / sqrtf(fmaxf(far2, 1e-20f)), slope);
+    slope_centre(&sums, MAX_SLOPE / sqrtf(fmaxf(far2, 1e-20f)), slope);
     for (int i = 0; i < q->count; i++) {
         const struct pell_vec3 d = vec3_sub(in->samples[q->found.sample[i]].position, q->position);
         q->found.weight[i] *= 1.0f + slope[0] * vec3_dot(d, t) + slope[1] * vec3_dot(d, b);
     }
 }
 
-/* Knots of one mesh, `first` to `end` of its vertices, or of those that cells have. What lies in or close to a translucent object may be in
- * quite another light inside: it counts for those alone that are too small to have samples. */
-static void find_knot(const struct search *s, uint32_t mesh, struct indirect_place place, uint32_t knot)
+/* Finds the samples of a knot. Light inside a translucent object can differ from that on other surfaces in or near it, so an object uses
+ * its own samples, unless it is too small to have any. */
+static void find_knot(const struct search *s, uint32_t mesh, struct indirect_point point, uint32_t knot)
 {
     const struct pell_scene *scene = s->in->p.scene;
     const int material = scene->meshes[mesh].material;
-    const struct indirect_sample like = { .mesh = mesh, .material = (uint32_t) material, .back = s->back };
+    const struct indirect_sample key_sample = { .mesh = mesh, .material = (uint32_t) material, .back = s->back };
     struct query q = {
-        .position = place.position,
-        .normal = vec3_mul(vec3_normalize(place.normal), s->back ? -1.0f : 1.0f),
-        .spacing = indirect_spacing_at(s->spacing, place.position),
+        .position = point.position,
+        .normal = vec3_mul(vec3_normalize(point.normal), s->back ? -1.0f : 1.0f),
+        .spacing = indirect_spacing_at(s->spacing, point.position),
     };
     float sum = 0.0f;
 
     if (s->back && !scene->materials[material].opaque)
         return;
     if (!scene->materials[material].opaque)
-        try_near(s, OBJECTS, &like, &q);
+        find_neighbours(s, BY_OBJECT, &key_sample, &q);
     if (q.count == 0)
-        try_near(s, MATERIALS, &like, &q);
-    centre(s->in, &q);
+        find_neighbours(s, BY_MATERIAL, &key_sample, &q);
+    centre_weights(s->in, &q);
     for (int i = 0; i < q.count; i++)
         sum += q.found.weight[i];
     for (int i = 0; i < q.count; i++)
@@ -272,19 +272,19 @@ static void near_chunk(void *arg, int index, int worker)
 
     (void) worker;
     for (size_t k = first; k < end; k++) {
-        struct indirect_place place;
+        struct indirect_point point;
         if (k >= in->num_mesh_knots) {
             const struct indirect_knot *e = &in->extra[k - in->num_mesh_knots];
-            find_knot(s, e->mesh, indirect_place_at(&scene->meshes[e->mesh], e->triangle, e->u, e->v), (uint32_t) k);
+            find_knot(s, e->mesh, indirect_point_at(&scene->meshes[e->mesh], e->triangle, e->u, e->v), (uint32_t) k);
             continue;
         }
         while (k >= (size_t) in->meshes[mesh].first_knot + scene->meshes[mesh].num_vertices)
             mesh++;
         if (!indirect_shown(scene, &scene->meshes[mesh]))
             continue;
-        place.position = vec3_load(scene->meshes[mesh].position + 3 * (k - in->meshes[mesh].first_knot));
-        place.normal = vec3_load(scene->meshes[mesh].normal + 3 * (k - in->meshes[mesh].first_knot));
-        find_knot(s, (uint32_t) mesh, place, (uint32_t) k);
+        point.position = vec3_load(scene->meshes[mesh].position + 3 * (k - in->meshes[mesh].first_knot));
+        point.normal = vec3_load(scene->meshes[mesh].normal + 3 * (k - in->meshes[mesh].first_knot));
+        find_knot(s, (uint32_t) mesh, point, (uint32_t) k);
     }
 }
 
@@ -295,18 +295,18 @@ enum pell_result indirect_near_make(struct pell_indirect *in, struct pell_pool *
 
     if (!(in->near = pell_calloc(in->ctx, in->num_values, sizeof(*in->near))))
         return PELL_ERR_NOMEM;
-    for (int i = 0; i < TREES && res == PELL_OK; i++)
-        res = make_trees(in, (enum together) i, &s.trees[i]);
+    for (int i = 0; i < GROUPINGS && res == PELL_OK; i++)
+        res = make_trees(in, (enum grouping) i, &s.kd_trees[i]);
     for (int side = 0; side < 2 && res == PELL_OK; side++) {
         s.back = side == 1;
         pell_pool_run(pool, (int) ((in->num_knots + CHUNK - 1) / CHUNK), near_chunk, &s);
     }
     if (res == PELL_OK && pell_cancelled(in->ctx))
         res = PELL_ERR_CANCELLED;
-    for (int i = 0; i < TREES; i++) {
-        pell_free(in->ctx, s.trees[i].order);
-        pell_free(in->ctx, s.trees[i].key);
-        pell_free(in->ctx, s.trees[i].axis);
+    for (int i = 0; i < GROUPINGS; i++) {
+        pell_free(in->ctx, s.kd_trees[i].order);
+        pell_free(in->ctx, s.kd_trees[i].key);
+        pell_free(in->ctx, s.kd_trees[i].axis);
     }
     return res;
 }

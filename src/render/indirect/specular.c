@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * mirror.c - light that a translucent surface reflects without letting it in, and that enters where it lands: between folds as much as a
- * tenth of all light. Each sample sends what lights send to it on along reflected rays, as photons; what other samples sent is found
- * backward, by the links' rays reflected where they end (links.c). One reflection on each way.
+ * specular.c - light that a translucent surface reflects without letting it in, and that enters where it hits next: up to a tenth of all
+ * light between folds. Each sample reflects the light of the light sources as photons. Light that other samples sent is found backward, by
+ * the links' rays reflected where they end (links.c). There is one reflection per path segment.
  */
 #include "render/indirect/internal.h"
 
@@ -11,9 +11,11 @@
 
 #include <string.h>
 
-enum { CHUNK = 64, PHOTONS = 4 /* of a sample */, PARTS = 64 /* of a photon */ };
-#define COARSE 1.5f     /* distances of samples where a photon lands: one from samples farther apart is sent in parts */
-#define LEAST_AREA 0.5f /* of a sample's own: what even light brings to one may be less by chance, even nothing */
+enum { CHUNK = 64, PHOTONS = 4 /* per sample */, PARTS = 64 /* per photon */ };
+#define COARSE                                                                                                                             \
+    1.5f              /* ratio of the distance between samples at the source to that where a photon lands: coarser photons are
+                         * subdivided */
+#define MIN_AREA 0.5f /* of a sample's own area: a random pattern may assign less to a sample, even nothing */
 
 float indirect_transmittance(const struct pell_indirect *in, uint32_t material, float mu, float *mean)
 {
@@ -36,18 +38,18 @@ float indirect_transmittance(const struct pell_indirect *in, uint32_t material, 
     return pell_transmittance(rho, boundary->f0, scale, bias);
 }
 
-/* The normal that a ray along w is reflected about: n, or where the boundary is rough that of a facet, by GGX (Walter et al. 2007,
- * eq. 35). */
+/* The normal about which a ray along w is reflected: n, or at a rough boundary a facet's normal, sampled by GGX (Walter et al. 2007, eq.
+ * 35). */
 static struct pell_vec3 facet(const struct pell_indirect *in, uint32_t material, struct pell_vec3 n, struct pell_vec3 w, uint32_t hash)
 {
     const struct pell_surface_uniform u = pell_surface_uniform(&in->p.scene->materials[material]);
     const float width = in->p.smooth ? 0.0f : pell_lobe_width((int32_t) in->p.tables->model[material], u.roughness);
-    const float along = pell_unit_float(hash), turn = 2.0f * PELL_PI_F * pell_unit_float(pell_hash(hash));
+    const float along = pell_unit_float(hash), rotation = 2.0f * PELL_PI_F * pell_unit_float(pell_hash(hash));
     const float tangent2 = width * width * along / (1.0f - along), cosine = 1.0f / sqrtf(1.0f + tangent2), sine = cosine * sqrtf(tangent2);
     struct pell_vec3 t, b, m;
 
     vec3_basis(n, &t, &b);
-    m = vec3_mad(vec3_mad(vec3_mul(n, cosine), sine * cosf(turn), t), sine * sinf(turn), b);
+    m = vec3_mad(vec3_mad(vec3_mul(n, cosine), sine * cosf(rotation), t), sine * sinf(rotation), b);
     return vec3_dot(m, w) < 0.0f ? m : n;
 }
 
@@ -69,43 +71,43 @@ float indirect_reflect(const struct pell_indirect *in, uint32_t material, struct
 
 /* --- Photons ------------------------------------------------------------------------------------------------------------------------ */
 
-/* What one brings to where it lands. */
+/* A photon where it lands. */
 struct photon {
-    uint32_t mesh, triangle; /* PELL_NO_HIT: nowhere */
+    uint32_t mesh, triangle; /* PELL_NO_HIT: it hits nothing */
     float u, v;
     bool back;
     float power[3]; /* mm^2 W/m^2 */
 };
 
-struct shine {
+struct photon_pass {
     const struct pell_indirect *in;
     const struct pell_light_sampler *lights;
     struct photon *photons; /* [sample][PHOTONS] */
-    uint32_t *coarse;       /* those that land among samples much finer than the one that they are from, */
+    uint32_t *coarse;       /* photons that land among samples much finer than the one they are from */
     size_t num_coarse;
     struct photon *parts; /* [coarse][PARTS] */
 };
 
-/* Light of a photon where it meets a sample's surface: from the unit direction `v`, from `distance` away. */
+/* Light of a photon at its sample: arrives from the unit direction `v`, from `distance` away. */
 struct arrival {
     const struct indirect_sample *sample;
     struct pell_vec3 at, v;
     float distance, power[3];
 };
 
-/* A packet of photons on their way. */
-struct flight {
-    struct pell_ray16 shadow; /* to the light */
+/* A packet of photons. */
+struct photon_packet {
+    struct pell_ray16 shadow; /* shadow ray to the light */
     struct pell_ray_hit16 r;
-    float power[16][3]; /* at their start */
+    float power[16][3]; /* at the source sample */
 };
 
-/* What a place of a light sends to a sample, W/m^2, from the unit direction `v`. False: nothing. */
-static bool light_from(const struct shine *s, const struct indirect_sample *to, uint32_t number, struct pell_vec3 *v, float *distance,
-                       float irradiance[3])
+/* Samples a light: irradiance at a sample, W/m^2, from the unit direction `v`. Returns false if there is none. */
+static bool sample_light(const struct photon_pass *s, const struct indirect_sample *to, uint32_t photon_index, struct pell_vec3 *v,
+                         float *distance, float irradiance[3])
 {
-    const double u[3] = { pell_lattice(s->in->p.seed, 0, number), pell_lattice(s->in->p.seed, 1, number),
-                          pell_lattice(s->in->p.seed, 2, number) };
+    const double u[3] = { pell_lattice(s->in->p.seed, 0, photon_index), pell_lattice(s->in->p.seed, 1, photon_index),
+                          pell_lattice(s->in->p.seed, 2, photon_index) };
     struct pell_light_sample from;
     double scale = 1.0;
 
@@ -131,25 +133,25 @@ static bool light_from(const struct shine *s, const struct indirect_sample *to, 
     return irradiance[0] + irradiance[1] + irradiance[2] > 0.0f;
 }
 
-/* Sets photon i out, reflected. */
-static bool set_out(const struct shine *s, const struct arrival *from, uint32_t hash, struct flight *f, int i)
+/* Emits photon i with its direction after reflection. */
+static bool emit(const struct photon_pass *s, const struct arrival *from, uint32_t hash, struct photon_packet *f, int i)
 {
     const struct indirect_sample *q = from->sample;
     struct pell_vec3 w, o;
-    const float share = indirect_reflect(s->in, q->material, q->smooth, vec3_mul(from->v, -1.0f), hash, &w);
+    const float reflected_fraction = indirect_reflect(s->in, q->material, q->smooth, vec3_mul(from->v, -1.0f), hash, &w);
 
-    if (!(share > 0.0f) || !(vec3_dot(w, q->normal) > 0.0f))
+    if (!(reflected_fraction > 0.0f) || !(vec3_dot(w, q->normal) > 0.0f))
         return false;
     for (int c = 0; c < 3; c++)
-        f->power[i][c] = share * from->power[c];
-    o = vec3_mad(from->at, indirect_clearance(from->at, q->spacing), q->normal);
+        f->power[i][c] = reflected_fraction * from->power[c];
+    o = vec3_mad(from->at, indirect_ray_offset(from->at, q->spacing), q->normal);
     pell_ray16_set(&f->shadow, i, o, from->v, from->distance);
     pell_ray16_set(&f->r.ray, i, o, w, INFINITY);
     return true;
 }
 
-/* Where 16 photons land. */
-static void fly16(const struct shine *s, struct flight *f, int valid[16], struct photon *out)
+/* Traces 16 photons to where they land. */
+static void trace16(const struct photon_pass *s, struct photon_packet *f, int valid[16], struct photon *out)
 {
     const struct pell_indirect *in = s->in;
 
@@ -169,7 +171,7 @@ static void fly16(const struct shine *s, struct flight *f, int valid[16], struct
             continue;
         mu = -vec3_dot(vec3_normalize(vec3(h->ngx[i], h->ngy[i], h->ngz[i])), w);
         material = (uint32_t) in->p.scene->meshes[h->mesh[i]].material;
-        if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* from inside a solid */
+        if (mu <= 0.0f && !in->p.scene->materials[material].opaque) /* hit from inside a solid */
             continue;
         enter = indirect_transmittance(in, material, fabsf(mu), &mean);
         out[i] = (struct photon) { h->mesh[i], h->triangle[i], h->u[i], h->v[i], mu < 0.0f, { 0.0f } };
@@ -178,13 +180,13 @@ static void fly16(const struct shine *s, struct flight *f, int valid[16], struct
     }
 }
 
-/* False: no light comes to the photon's sample. */
-static bool photon_of(const struct shine *s, size_t number, size_t samples, struct arrival *from)
+/* Returns false if no light arrives at the photon's sample. */
+static bool make_photon(const struct photon_pass *s, size_t photon_index, size_t samples, struct arrival *from)
 {
-    const size_t sample = number / PHOTONS;
+    const size_t sample = photon_index / PHOTONS;
     const struct indirect_sample *q = sample < samples ? &s->in->samples[sample] : NULL;
 
-    if (!q || q->back || !light_from(s, q, (uint32_t) number, &from->v, &from->distance, from->power))
+    if (!q || q->back || !sample_light(s, q, (uint32_t) photon_index, &from->v, &from->distance, from->power))
         return false;
     from->sample = q;
     from->at = q->position;
@@ -193,70 +195,70 @@ static bool photon_of(const struct shine *s, size_t number, size_t samples, stru
     return true;
 }
 
-/* 16 photons of four samples. */
-static void send16(const struct shine *s, size_t first, size_t end)
+/* Emits 16 photons of four samples. */
+static void emit16(const struct photon_pass *s, size_t first, size_t end)
 {
     _Alignas(64) int valid[16] = { 0 };
-    struct flight f;
+    struct photon_packet f;
 
     memset(&f, 0, sizeof(f));
     for (int i = 0; i < 16; i++) {
-        const size_t number = first * PHOTONS + (size_t) i;
+        const size_t photon_index = first * PHOTONS + (size_t) i;
         struct arrival from;
-        if (photon_of(s, number, end, &from) && set_out(s, &from, pell_hash(s->in->p.seed ^ (uint32_t) number), &f, i))
+        if (make_photon(s, photon_index, end, &from) && emit(s, &from, pell_hash(s->in->p.seed ^ (uint32_t) photon_index), &f, i))
             valid[i] = -1;
     }
-    fly16(s, &f, valid, s->photons + first * PHOTONS);
+    trace16(s, &f, valid, s->photons + first * PHOTONS);
 }
 
-static void send_chunk(void *arg, int index, int worker)
+static void emit_chunk(void *arg, int index, int worker)
 {
-    const struct shine *s = arg;
+    const struct photon_pass *s = arg;
     const size_t first = (size_t) index * CHUNK, end = first + CHUNK < s->in->num_samples ? first + CHUNK : s->in->num_samples;
 
     (void) worker;
     for (size_t i = first; i < end; i += 16 / PHOTONS)
-        send16(s, i, end);
+        emit16(s, i, end);
 }
 
-/* A photon that would be a spot where it lands, sent in parts from all over the area that its sample stands for. */
-static void send_parts(void *arg, int index, int worker)
+/* Replaces a photon that would make a spot where it lands by parts that start all over the area of its sample. */
+static void emit_parts(void *arg, int index, int worker)
 {
-    const struct shine *s = arg;
-    const size_t number = s->coarse[index];
-    struct arrival whole;
+    const struct photon_pass *s = arg;
+    const size_t photon_index = s->coarse[index];
+    struct arrival coarse;
     struct pell_vec3 t, b;
 
     (void) worker;
-    if (!photon_of(s, number, s->in->num_samples, &whole))
+    if (!make_photon(s, photon_index, s->in->num_samples, &coarse))
         return;
-    vec3_basis(whole.sample->normal, &t, &b);
+    vec3_basis(coarse.sample->normal, &t, &b);
     for (int c = 0; c < 3; c++)
-        whole.power[c] /= PARTS;
+        coarse.power[c] /= PARTS;
     for (int first = 0; first < PARTS; first += 16) {
         _Alignas(64) int valid[16] = { 0 };
-        struct flight f;
+        struct photon_packet f;
         memset(&f, 0, sizeof(f));
         for (int i = 0; i < 16; i++) {
-            const uint32_t k = (uint32_t) (first + i), hash = pell_hash(s->in->p.seed ^ ((uint32_t) number * PARTS + k));
+            const uint32_t k = (uint32_t) (first + i), hash = pell_hash(s->in->p.seed ^ ((uint32_t) photon_index * PARTS + k));
             const float x = ((float) k + 0.5f) / PARTS - 0.5f, y = pell_unit_float(pell_sobol0(k)) - 0.5f;
-            const struct pell_vec3 aside = vec3_mul(vec3_mad(vec3_mul(t, x), y, b), whole.sample->spacing);
-            struct arrival from = whole;
-            from.at = vec3_add(whole.at, aside);
-            if (whole.distance < INFINITY) {
-                const struct pell_vec3 to = vec3_sub(vec3_mul(whole.v, whole.distance), aside);
+            const struct pell_vec3 aside = vec3_mul(vec3_mad(vec3_mul(t, x), y, b), coarse.sample->spacing);
+            struct arrival from = coarse;
+            from.at = vec3_add(coarse.at, aside);
+            if (coarse.distance < INFINITY) {
+                const struct pell_vec3 to = vec3_sub(vec3_mul(coarse.v, coarse.distance), aside);
                 from.distance = vec3_length(to);
                 from.v = vec3_mul(to, from.distance > 0.0f ? 1.0f / from.distance : 0.0f);
             }
-            if (set_out(s, &from, hash, &f, i))
+            if (emit(s, &from, hash, &f, i))
                 valid[i] = -1;
         }
-        fly16(s, &f, valid, s->parts + (size_t) index * PARTS + (size_t) first);
+        trace16(s, &f, valid, s->parts + (size_t) index * PARTS + (size_t) first);
     }
 }
 
-/* Finds the photons that land among much finer samples than theirs, and sends them in parts. */
-static enum pell_result send_coarse(struct shine *s, struct pell_pool *pool)
+/* Finds the photons that land among much finer samples, and replaces them by parts. */
+static enum pell_result subdivide_coarse(struct photon_pass *s, struct pell_pool *pool)
 {
     const struct pell_indirect *in = s->in;
     size_t room = 0;
@@ -283,15 +285,15 @@ static enum pell_result send_coarse(struct shine *s, struct pell_pool *pool)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < s->num_coarse * PARTS; i++)
         s->parts[i].mesh = PELL_NO_HIT;
-    pell_pool_run(pool, (int) s->num_coarse, send_parts, s);
+    pell_pool_run(pool, (int) s->num_coarse, emit_parts, s);
     return PELL_OK;
 
 fail:
     return res;
 }
 
-/* Shares what lands at a place among the samples around it. */
-static void land(const struct pell_indirect *in, const struct photon *p, float (*sum)[3])
+/* Distributes the power of a photon over the samples around it. */
+static void deposit(const struct pell_indirect *in, const struct photon *p, float (*sum)[3])
 {
     uint32_t knot[3];
     float weight[3];
@@ -305,8 +307,8 @@ static void land(const struct pell_indirect *in, const struct photon *p, float (
     }
 }
 
-/* The area that each sample stands for when light lands: what land() gives it of one that falls evenly. */
-static void even_light(struct pell_indirect *in)
+/* Measures the area over which each sample collects photons: what deposit() gives it of uniform light. */
+static void measure_areas(struct pell_indirect *in)
 {
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
@@ -315,11 +317,11 @@ static void even_light(struct pell_indirect *in)
         const struct indirect_sample *q = &in->samples[i];
         const float area = q->spacing * q->spacing;
         const struct photon p = { q->mesh, q->triangle, q->u, q->v, q->back, { area, area, area } };
-        land(in, &p, in->area);
+        deposit(in, &p, in->area);
     }
 }
 
-enum pell_result indirect_mirror_make(struct pell_indirect *in)
+enum pell_result indirect_specular_make(struct pell_indirect *in)
 {
     bool any = false;
 
@@ -328,18 +330,18 @@ enum pell_result indirect_mirror_make(struct pell_indirect *in)
     if (!any)
         return PELL_OK;
     in->reflected = pell_calloc(in->ctx, in->num_samples, sizeof(*in->reflected));
-    in->before = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->before));
+    in->previous = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->previous));
     in->area = pell_alloc_array(in->ctx, in->num_samples, sizeof(*in->area));
-    if (!in->reflected || !in->before || !in->area)
+    if (!in->reflected || !in->previous || !in->area)
         return PELL_ERR_NOMEM;
-    even_light(in);
+    measure_areas(in);
     return PELL_OK;
 }
 
-enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_pool *pool)
+enum pell_result indirect_specular_light(struct pell_indirect *in, struct pell_pool *pool)
 {
     const size_t groups = (in->num_samples + 16 / PHOTONS - 1) / (16 / PHOTONS);
-    struct shine s = { .in = in };
+    struct photon_pass s = { .in = in };
     struct pell_light_sampler *lights = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -349,18 +351,18 @@ enum pell_result indirect_mirror_light(struct pell_indirect *in, struct pell_poo
         goto fail;
     PELL_TRY(pell_light_sampler_create(in->ctx, in->p.scene, &lights));
     s.lights = lights;
-    pell_pool_run(pool, (int) ((in->num_samples + CHUNK - 1) / CHUNK), send_chunk, &s);
-    PELL_TRY(send_coarse(&s, pool));
+    pell_pool_run(pool, (int) ((in->num_samples + CHUNK - 1) / CHUNK), emit_chunk, &s);
+    PELL_TRY(subdivide_coarse(&s, pool));
     memset(in->reflected, 0, in->num_samples * sizeof(*in->reflected));
     for (size_t i = 0; i < in->num_samples * PHOTONS && !pell_cancelled_at(in->ctx, i); i++)
         if (s.photons[i].mesh != PELL_NO_HIT)
-            land(in, &s.photons[i], in->reflected);
+            deposit(in, &s.photons[i], in->reflected);
     for (size_t i = 0; i < s.num_coarse * PARTS && !pell_cancelled_at(in->ctx, i); i++)
         if (s.parts[i].mesh != PELL_NO_HIT)
-            land(in, &s.parts[i], in->reflected);
+            deposit(in, &s.parts[i], in->reflected);
     for (size_t i = 0; i < in->num_samples; i++)
         for (int c = 0; c < 3; c++)
-            in->reflected[i][c] /= fmaxf(in->area[i][c], LEAST_AREA * in->samples[i].spacing * in->samples[i].spacing);
+            in->reflected[i][c] /= fmaxf(in->area[i][c], MIN_AREA * in->samples[i].spacing * in->samples[i].spacing);
 
 fail:
     pell_light_sampler_destroy(&lights);

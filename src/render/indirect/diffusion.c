@@ -1,0 +1,485 @@
+/* SPDX-License-Identifier: MIT
+ *
+ * diffusion.c - diffusion in the actual solid, instead of a half-space under each point of its surface.
+ *
+ * Below a fold of a surface there is no half-space: light follows the medium around the air, so the distance across the air says too
+ * little. In a highly scattering medium the fluence phi obeys (nabla^2 - kappa^2) phi = -q inside and phi + s dphi/dn = 0 on the surface. q
+ * is the light that enters, where it is first scattered: t mean free paths z along its refracted direction w, with the density exp(-t).
+ * Green's third identity with G = exp(-kappa r)/(4 pi r) turns this into an integral equation on the surface (O. D. Kellogg, "Foundations
+ * of Potential Theory", 1929, chapter 8):
+ *
+ *     phi/2 + Int (G/s + dG/dn) phi = Int exp(-t) G(x, y + t z w) q          q = L E/s, so that phi is the radiant exitance
+ *
+ * kappa is the transport exponent, w the mean direction of the light at y, and s = tanh(kappa b)/kappa puts the plane where the fluence
+ * would vanish b above a flat surface. Over a ball that height is the same, so that s becomes s/(1 + s H), H the mean curvature. L makes a
+ * slab transmit light of normal incidence as the diffusion model of opposed.h does: L cosh(kappa b) Int exp(-t) sinh(kappa (t z + b)) =
+ * amount sinh(kappa (z + b)). A half-space returns L/(1 + s kappa) Int exp(-t (1 + kappa z m)), m = -n.w; the rest of the profile's total
+ * is light scattered a few times, and leaves where it entered.
+ *
+ * The equation is solved (equation.c) at collocation points for equal areas, 0.4 diffusion lengths 1/kappa apart, the same for all
+ * channels.
+ *
+ * A method finds M, the sum of the profile over the faces that it sees, normalized by the same sum under uniform light; or, if it
+ * integrates over the whole solid, the sum of profile_sum.h. Its detail is kept: entering light, or what the method finds, is scaled by
+ * phi/M. Light beyond the factor MAX_GAIN was transmitted, and is added without detail.
+ */
+#include "render/indirect/equation.h"
+#include "render/indirect/internal.h"
+#include "render/indirect/slope.h"
+
+#include "math/scalar.h"
+
+#include <string.h>
+
+enum { SAMPLES_PER_TASK = 256, MIN_POINTS = 800, MAX_POINTS = 4096, POINTS_PER_TASK = 64 };
+#define STEP 0.4f             /* distance of points, in diffusion lengths */
+#define MIN_STEP 1.2f         /* least distance of points over that of samples */
+#define CLUSTER_DISTANCE 6.0f /* steps: distance beyond which clusters replace points */
+#define METHOD_REACH 8.0f     /* diffusion lengths over which a method gathers light */
+#define RESOLVED 0.7f         /* value of STEP up to which a channel is resolved, */
+#define UNRESOLVED 1.2f       /* and from which it is not solved */
+#define TOTAL_MIN 0.02f       /* total of a profile below which light scatters too rarely for diffusion, */
+#define TOTAL_FULL 0.06f      /* and from which diffusion holds; */
+#define TOTAL_MAX 0.999       /* above this nothing is absorbed */
+#define MIN_DISTANCE 0.3f     /* steps: least distance assumed between points on opposite sides of a thin part */
+#define WINDOW 2.5f           /* steps: window in which the profile's sum is corrected */
+#define SMOOTH 1.6f           /* steps: interpolation radius, */
+#define MAX_OFFSET 1.5f       /* and largest distance of a sample from its point */
+#define MEAN_COSINE 0.93f     /* mean cosine of light that propagates inward, with its angular spread */
+#define MAX_GAIN 1.1f         /* largest factor of entering light, */
+#define MAX_GAIN_WHOLE 3.0f   /* and of the result of methods that integrate over the whole solid */
+#define THIN 2.0f             /* steps: thickness up to which a part is not solved, */
+#define THICK 4.0f            /* and from which it is */
+
+#define PATHS_MIN 4.0f  /* mean free paths: thickness up to which light is scattered too rarely, */
+#define PATHS_FULL 6.0f /* and from which diffusion holds */
+
+/* Mean free paths: blur of the two source depths, each of which represents a range of depths. */
+static const float blur[2] = { 0.6f, 1.2f };
+
+struct solid {
+    struct pell_context *ctx;
+    struct pell_pool *pool;
+    const struct indirect_solid *input;
+    struct collocation_points points;
+    struct equation equation;
+    float solved[3];                               /* per channel: confidence of the solution, [0, 1] */
+    uint32_t *first_neighbour, *neighbour_cluster; /* per cluster, plus one for the end: clusters from which its samples are interpolated */
+    struct indirect_solid_light *out;
+};
+
+/* --- Channels ------------------------------------------------------------------------------------------------------------------------- */
+
+/* Light in a medium is first scattered after t mean free paths with the density exp(-t). Two values of t and their weights represent it:
+ * Gauss-Laguerre nodes, but the farther one is moved so that the mean of exp(x t) is 1/(1 - x), the value for light that propagates
+ * straight down where phi grows by exp(x) per mean free path. */
+static void find_paths(float x, struct equation_channel *q)
+{
+    const double nearer = 2.0 - sqrt(2.0), right = 1.0 / (1.0 - (double) x);
+    double low = 2.0 + sqrt(2.0), high = 12.0;
+
+    for (int i = 0; i < 30; i++) {
+        const double farther = 0.5 * (low + high), path_weight = (1.0 - nearer) / (farther - nearer); /* mean of t is 1 */
+        *((1.0 - path_weight) * exp((double) x * nearer) + path_weight * exp((double) x * farther) < right ? &low : &high) = farther;
+    }
+    q->path[0] = (float) nearer;
+    q->path[1] = (float) low;
+    q->path_weight[1] = (float) ((1.0 - nearer) / (low - nearer));
+    q->path_weight[0] = 1.0f - q->path_weight[1];
+}
+
+/* Returns L so that slabs transmit light of normal incidence with `amount`, whose source is one mean free path deep. */
+static float source_scale_of(const struct pell_opposed *opposed, int c, const struct equation_channel *q)
+{
+    const float kappa = opposed->kappa[c], beyond = opposed->beyond[c];
+    float at = 0.0f;
+
+    for (int k = 0; k < 2; k++)
+        at += q->path_weight[k] * sinhf(kappa * (q->path[k] * opposed->depth[c] + beyond));
+    return opposed->amount[c] * sinhf(kappa * (opposed->depth[c] + beyond)) / (at * coshf(kappa * beyond));
+}
+
+/* Sets the coefficients of a channel, see the head of this file. */
+static void set_coefficients(const struct pell_opposed *opposed, int c, struct equation_channel *q)
+{
+    const float beyond = opposed->kappa[c] * opposed->beyond[c];
+
+    q->kappa = opposed->kappa[c];
+    q->s = tanhf(beyond) / q->kappa;
+    q->depth = opposed->depth[c];
+    find_paths(fminf(MEAN_COSINE * q->kappa * q->depth, 0.95f), q);
+    q->source_scale = source_scale_of(opposed, c, q);
+}
+
+/* Sets everything that depends on a channel's profile. */
+static void set_channel(struct solid *s, int c)
+{
+    const struct pell_profile *profile = &s->input->profile[c];
+    struct equation *e = &s->equation;
+    struct equation_channel *q = &e->channel[c];
+    const double total = pell_profile_total(profile);
+    const float step = s->points.step;
+
+    q->total = (float) total;
+    if (!(total > (double) TOTAL_MIN && total < TOTAL_MAX))
+        return;
+    set_coefficients(s->input->opposed, c, q);
+    for (int k = 0; k < 2; k++) {
+        q->blur2[k] = blur[k] * blur[k] * q->depth * q->depth;
+        q->min_distance2[k] = fmaxf(e->min_distance2, q->blur2[k]);
+    }
+    q->active = q->kappa > 0.0f && q->s > 0.0f && step * q->kappa <= UNRESOLVED;
+    if (!q->active)
+        return;
+    s->solved[c] = (1.0f - ramp(RESOLVED, UNRESOLVED, step * q->kappa)) * ramp(TOTAL_MIN, TOTAL_FULL, q->total);
+    q->window_total = (float) (total * pell_profile_cdf(profile, (double) (WINDOW * step)));
+    radial_make(&q->radial, profile, 0.1f * step, fmaxf(METHOD_REACH / q->kappa, e->near));
+}
+
+/* Returns the distance of points that resolves every channel, as far as MAX_POINTS allows. It is the same for all channels, so that
+ * colours do not shift where a part is too thin for the points. 0: no channel can be resolved. */
+static float choose_step(const struct indirect_solid *of)
+{
+    double area = 0.0, shortest = HUGE_VAL, longest = 0.0;
+    float step;
+
+    for (size_t i = 0; i < of->count; i++)
+        area += (double) of->samples[i].area;
+    for (int c = 0; c < 3; c++) {
+        const double total = pell_profile_total(&of->profile[c]);
+        if (!(total > (double) TOTAL_MIN && total < TOTAL_MAX) || !(of->opposed->kappa[c] > 0.0f))
+            continue;
+        shortest = fmin(shortest, 1.0 / (double) of->opposed->kappa[c]);
+        longest = fmax(longest, 1.0 / (double) of->opposed->kappa[c]);
+    }
+    if (!(longest > 0.0))
+        return 0.0f;
+    step = (float) sqrt(area / fmin(fmax(area / pow((double) STEP * shortest, 2.0), MIN_POINTS), MAX_POINTS));
+    step = fmaxf(step, MIN_STEP * of->spacing);
+    return (double) step < (double) UNRESOLVED * longest ? step : 0.0f;
+}
+
+/* Averages the entering light, and its components, over each point and cluster. */
+static void find_light(const struct solid *s, int c)
+{
+    const struct collocation_points *p = &s->points;
+    double *light = s->equation.channel[c].light, *source = s->equation.channel[c].source, *single = s->equation.channel[c].single;
+
+    memset(light, 0, p->count * sizeof(*light));
+    memset(source, 0, p->count * sizeof(*source));
+    memset(single, 0, p->count * sizeof(*single));
+    for (size_t i = 0; i < p->num_samples; i++)
+        if (p->point_of[i] != COLLOCATION_NONE) {
+            light[p->point_of[i]] += (double) p->sample[i].power[c];
+            source[p->point_of[i]] += (double) s->input->source[i][c];
+            single[p->point_of[i]] += s->input->single ? (double) s->input->single[i][c] : 0.0;
+        }
+    for (uint32_t i = 0; i < p->count; i++) {
+        const double per_area = p->point[i].area > 0.0f ? 1.0 / (double) p->point[i].area : 0.0;
+        light[i] *= per_area;
+        source[i] *= per_area;
+        single[i] *= per_area;
+    }
+    equation_extend(&s->equation, light);
+    equation_extend(&s->equation, source);
+    equation_extend(&s->equation, single);
+}
+
+/* Finds the mean light direction of each element and the depths of its sources along it, which are limited by the thickness. */
+static enum pell_result find_source_directions(struct solid *s)
+{
+    const struct collocation_points *p = &s->points;
+    const struct equation_patches *to = &s->equation.patches;
+    const uint32_t patches = p->count + p->num_clusters;
+    float *sum = pell_alloc_array(s->ctx, patches, 3 * sizeof(*sum)), *thickness = sum + patches, *weight = sum + 2 * patches;
+
+    if (!sum)
+        return PELL_ERR_NOMEM;
+    memset(sum, 0, patches * 3 * sizeof(*sum));
+    memset(to->wx, 0, patches * sizeof(*to->wx));
+    memset(to->wy, 0, patches * sizeof(*to->wy));
+    memset(to->wz, 0, patches * sizeof(*to->wz));
+    for (size_t i = 0; i < p->num_samples; i++) {
+        const struct pell_lit_place *q = &p->sample[i];
+        float light = 0.0f;
+        if (p->point_of[i] == COLLOCATION_NONE)
+            continue;
+        for (int c = 0; c < 3; c++)
+            light += s->input->source[i][c];
+        for (int k = 0; k < 2; k++) {
+            const uint32_t at = k == 0 ? p->point_of[i] : p->count + p->point[p->point_of[i]].cluster;
+            to->wx[at] += light * q->way[0];
+            to->wy[at] += light * q->way[1];
+            to->wz[at] += light * q->way[2];
+            sum[at] += light;
+            if (s->input->thickness[i] < INFINITY) {
+                thickness[at] += q->area * s->input->thickness[i];
+                weight[at] += q->area;
+            }
+        }
+    }
+    for (uint32_t i = 0; i < patches; i++) {
+        const struct pell_vec3 normal = i < p->count ? p->point[i].normal : vec3_normalize(p->cluster[i - p->count].normal);
+        const float scale = sum[i] > 0.0f ? 1.0f / sum[i] : 0.0f, thick = weight[i] > 0.0f ? thickness[i] / weight[i] : INFINITY;
+        float inward;
+        struct pell_vec3 way = vec3_mul(vec3(to->wx[i], to->wy[i], to->wz[i]), scale);
+        if (!(vec3_dot(way, way) > 1e-6f))
+            way = vec3_mul(normal, -1.0f);
+        to->wx[i] = way.x;
+        to->wy[i] = way.y;
+        to->wz[i] = way.z;
+        inward = -vec3_dot(way, normal);
+        for (int c = 0; c < 3; c++) {
+            struct equation_channel *q = &s->equation.channel[c];
+            if (!q->active)
+                continue;
+            if (i < p->count)
+                q->point_source[i] = (q->light[i] - q->single[i]) / (double) (1.0f + s->input->slope[c] * fmaxf(1.0f - inward, 0.0f));
+            for (int k = 0; k < 2; k++) {
+                const float within = 1.0f - expf(-thick / fmaxf(q->depth * inward, 1e-6f));
+                q->source_depth[k][i] = -q->depth * logf(1.0f - (1.0f - expf(-q->path[k])) * within);
+            }
+        }
+    }
+    pell_free(s->ctx, sum);
+    return PELL_OK;
+}
+
+/* Adds the part of the profile that diffusion lacks, and single scattering: both leave where the light entered. */
+static void add_local_part(const struct solid *s, float slope, struct equation_channel *q)
+{
+    const struct collocation_points *p = &s->points;
+    const struct equation_patches *way = &s->equation.patches;
+
+    for (uint32_t i = 0; i < p->count; i++) {
+        const struct pell_vec3 n = p->point[i].normal;
+        const float inward = -(way->wx[i] * n.x + way->wy[i] * n.y + way->wz[i] * n.z), depth = q->kappa * q->depth * inward;
+        const float diffuse = q->source_scale *
+                              (q->path_weight[0] * expf(-q->path[0] * depth) + q->path_weight[1] * expf(-q->path[1] * depth)) /
+                              (1.0f + q->kappa * q->s);
+        q->phi[i] += (double) (q->total - diffuse) * q->light[i] + (double) (diffuse * slope * (1.0f - inward)) * q->source[i] +
+                     (double) diffuse * q->single[i];
+    }
+}
+
+/* --- Interpolation to samples --------------------------------------------------------------------------------------------------------- */
+
+/* Returns whether samples of one cluster may be interpolated from the points of the other. */
+static bool are_neighbours(const struct solid *s, const struct cluster *a, const struct cluster *b)
+{
+    const struct pell_vec3 d = vec3_sub(a->position, b->position);
+    const float within = a->radius + b->radius + (SMOOTH + MAX_OFFSET) * s->points.step;
+
+    return vec3_dot(d, d) <= within * within;
+}
+
+static enum pell_result find_neighbours(struct solid *s)
+{
+    const struct collocation_points *p = &s->points;
+    size_t count = 0;
+
+    if (!(s->first_neighbour = pell_alloc_array(s->ctx, (size_t) p->num_clusters + 1, sizeof(*s->first_neighbour))))
+        return PELL_ERR_NOMEM;
+    for (int fill = 0; fill < 2; fill++) {
+        count = 0;
+        for (uint32_t k = 0; k < p->num_clusters && !pell_cancelled(s->ctx); k++) {
+            s->first_neighbour[k] = (uint32_t) count;
+            for (uint32_t j = 0; j < p->num_clusters; j++)
+                if (are_neighbours(s, &p->cluster[k], &p->cluster[j])) {
+                    if (fill)
+                        s->neighbour_cluster[count] = j;
+                    count++;
+                }
+        }
+        s->first_neighbour[p->num_clusters] = (uint32_t) count;
+        if (!fill && !(s->neighbour_cluster = pell_alloc_array(s->ctx, count, sizeof(*s->neighbour_cluster))))
+            return PELL_ERR_NOMEM;
+    }
+    return pell_cancelled(s->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+}
+
+/* Weighted sums over points, and first moments in the sample's tangent plane. */
+struct moments {
+    struct pell_vec3 t, b; /* tangents */
+    struct slope_sums at;
+    float phi[3][3], sum[3][3];
+};
+
+static inline void add_moments(float sum[3], float w, float x, float y, float value)
+{
+    sum[0] += w * value;
+    sum[1] += w * x * value;
+    sum[2] += w * y * value;
+}
+
+/* Sum with linearly corrected weights. */
+static inline float weighted_sum(const float sum[3], const float slope[2])
+{
+    return sum[0] + slope[0] * sum[1] + slope[1] * sum[2];
+}
+
+/* Adds the points of a cluster to the moments at a sample. */
+static void add_cluster(const struct solid *s, const struct cluster *cluster, struct pell_vec3 at, struct pell_vec3 normal,
+                        struct moments *a)
+{
+    const float radius2 = SMOOTH * SMOOTH * s->points.step * s->points.step;
+
+    for (uint32_t j = cluster->first; j < cluster->end; j++) {
+        const struct collocation_point *p = &s->points.point[j];
+        const struct pell_vec3 d = vec3_sub(p->position, at);
+        const float t = fmaxf(1.0f - vec3_dot(d, d) / radius2, 0.0f), w = t * t * fmaxf(vec3_dot(p->normal, normal), 0.0f);
+        const float x = vec3_dot(d, a->t), y = vec3_dot(d, a->b);
+        if (!(w > 0.0f))
+            continue;
+        slope_add(&a->at, w, x, y, 0.0f);
+        for (int c = 0; c < 3; c++) {
+            const struct equation_channel *q = &s->equation.channel[c];
+            if (!q->active)
+                continue;
+            add_moments(a->phi[c], w, x, y, (float) q->phi[j]);
+            add_moments(a->sum[c], w, x, y, (float) q->method_exitance[j]);
+        }
+    }
+}
+
+/* Fraction of a sample's exitance that a half-space would not return of the local light. */
+static float depth_fraction(const struct solid *s, size_t i, int c, float exitance)
+{
+    const struct pell_lit_place *p = &s->points.sample[i];
+
+    return exitance > 0.0f && p->area > 0.0f ? fmaxf(1.0f - s->equation.channel[c].total * p->power[c] / (p->area * exitance), 0.0f) : 0.0f;
+}
+
+/* Interpolates a sample from the nearby points, with weights centred on it as in neighbours.c. */
+static void interpolate_sample(const struct solid *s, size_t i)
+{
+    const struct collocation_points *p = &s->points;
+    const struct pell_vec3 at = vec3_load(p->sample[i].position), normal = vec3_load(p->sample[i].normal);
+    const uint32_t own_cluster = p->point[p->point_of[i]].cluster;
+    const float max_gain = s->input->profile_sum ? MAX_GAIN_WHOLE : MAX_GAIN;
+    struct moments a = { .at = { .one = 0.0f } };
+    float slope[2], weight;
+
+    vec3_basis(normal, &a.t, &a.b);
+    for (uint32_t k = s->first_neighbour[own_cluster]; k < s->first_neighbour[own_cluster + 1]; k++) {
+        const struct cluster *c = &p->cluster[s->neighbour_cluster[k]];
+        const struct pell_vec3 far = vec3_sub(c->position, at);
+        const float within = c->radius + SMOOTH * p->step;
+        if (vec3_dot(far, far) <= within * within)
+            add_cluster(s, c, at, normal, &a);
+    }
+    slope_centre(&a.at, 1.0f / (SMOOTH * p->step), slope);
+    weight = a.at.one + slope[0] * a.at.x + slope[1] * a.at.y;
+    for (int c = 0; c < 3 && weight > 0.0f; c++) {
+        const float phi = fmaxf(weighted_sum(a.phi[c], slope), 0.0f), sum = weighted_sum(a.sum[c], slope);
+        const float gain = sum > 0.0f ? fminf(phi / sum, max_gain) : max_gain;
+        struct indirect_solid_light *out = &s->out[i];
+        if (!s->equation.channel[c].active)
+            continue;
+        out->solved[c] = s->solved[c] * ramp(THIN, THICK, s->input->thickness[i] / p->step) *
+                         ramp(PATHS_MIN, PATHS_FULL, s->input->thickness[i] / s->input->opposed->depth[c]);
+        out->gain[c] = gain;
+        out->light[c] = fmaxf(phi - gain * sum, 0.0f) / weight;
+        out->exitance[c] = phi / weight;
+        out->deep[c] = s->input->profile_sum ? depth_fraction(s, i, c, out->exitance[c]) : 1.0f;
+    }
+}
+
+static void interpolate_chunk(void *arg, int chunk, int worker)
+{
+    const struct solid *s = arg;
+    const size_t first = (size_t) chunk * SAMPLES_PER_TASK;
+
+    (void) worker;
+    for (size_t i = first; i < first + SAMPLES_PER_TASK && i < s->points.num_samples; i++)
+        if (s->points.point_of[i] != COLLOCATION_NONE)
+            interpolate_sample(s, i);
+}
+
+/* --- Solid ---------------------------------------------------------------------------------------------------------------------------- */
+
+/* Computes the result of a method that integrates over the whole solid. */
+static void method_chunk(void *arg, int chunk, int worker)
+{
+    const struct solid *s = arg;
+    const uint32_t first = (uint32_t) chunk * POINTS_PER_TASK;
+
+    (void) worker;
+    for (uint32_t i = first; i < first + POINTS_PER_TASK && i < s->points.count; i++) {
+        float position[3], normal[3], result[3];
+        vec3_store(s->points.point[i].position, position);
+        vec3_store(s->points.point[i].normal, normal);
+        indirect_profile_sum_at(s->input->profile_sum, position, normal, result);
+        for (int c = 0; c < 3; c++)
+            if (s->equation.channel[c].active)
+                s->equation.channel[c].method_exitance[i] = (double) result[c];
+    }
+}
+
+/* Solves for phi of each channel; those that do not converge are deactivated. */
+static void solve_channels(struct solid *s)
+{
+    struct equation *e = &s->equation;
+    const uint32_t n = s->points.count;
+
+    equation_fill(e);
+    if (s->input->profile_sum)
+        pell_pool_run(s->pool, (int) ((n + POINTS_PER_TASK - 1) / POINTS_PER_TASK), method_chunk, s);
+    for (int c = 0; c < 3; c++) {
+        struct equation_channel *q = &e->channel[c];
+        if (!q->active)
+            continue;
+        memcpy(q->phi, q->method_exitance, n * sizeof(*q->phi));
+        q->active = equation_solve(e, q);
+        if (q->active)
+            add_local_part(s, s->input->slope[c], q);
+    }
+}
+
+enum pell_result indirect_diffusion_solve(struct pell_context *ctx, struct pell_pool *pool, const struct indirect_solid *solid,
+                                          struct indirect_solid_light *out)
+{
+    const float step = choose_step(solid);
+    struct solid *s;
+    enum pell_result res = PELL_ERR_NOMEM;
+
+    memset(out, 0, solid->count * sizeof(*out));
+    if (!(step > 0.0f))
+        return PELL_OK;
+    if (!(s = pell_calloc(ctx, 1, sizeof(*s))))
+        return PELL_ERR_NOMEM;
+    s->ctx = ctx;
+    s->pool = pool;
+    s->input = solid;
+    s->out = out;
+    s->equation.ctx = ctx;
+    s->equation.pool = pool;
+    s->equation.points = &s->points;
+    s->equation.along_surface = solid->along_surface;
+    s->equation.near = CLUSTER_DISTANCE * step;
+    s->equation.window2 = WINDOW * WINDOW * step * step;
+    s->equation.min_distance2 = MIN_DISTANCE * MIN_DISTANCE * step * step;
+    PELL_TRY(indirect_collocation_create(ctx, pool, solid->samples, solid->count, &s->points));
+    PELL_TRY(indirect_collocation_choose(&s->points, step));
+    for (int c = 0; c < 3; c++)
+        set_channel(s, c);
+    if (s->equation.channel[0].active || s->equation.channel[1].active || s->equation.channel[2].active) {
+        PELL_TRY(equation_make(&s->equation));
+        PELL_TRY(find_neighbours(s));
+        for (int c = 0; c < 3; c++)
+            if (s->equation.channel[c].active)
+                find_light(s, c);
+        PELL_TRY(find_source_directions(s));
+        solve_channels(s);
+        pell_pool_run(pool, (int) ((solid->count + SAMPLES_PER_TASK - 1) / SAMPLES_PER_TASK), interpolate_chunk, s);
+    }
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
+
+fail:
+    equation_finish(&s->equation);
+    indirect_collocation_finish(&s->points);
+    pell_free(ctx, s->first_neighbour);
+    pell_free(ctx, s->neighbour_cluster);
+    pell_free(ctx, s);
+    return res;
+}
