@@ -146,7 +146,7 @@ static void lobes_of_two_boundaries_have_their_density(void **state)
 
     for (size_t k = 0; k < PELL_COUNT(wide); k++)
         for (size_t i = 0; i < PELL_COUNT(places); i++) {
-            const struct unscattered_lobe lobe = { .wide = 0.1f, .last = wide[k] };
+            const struct unscattered_lobe lobe = { .earlier = 0.1f, .last = wide[k] };
             const double x = (double) (places[i] * (0.1f + wide[k])), far = 1.0 + x * x;
             double found = 0.0, expected = 0.0, most = 0.0;
             for (uint32_t b = 0; b < UNSCATTERED_BUNDLES; b++) {
@@ -180,13 +180,13 @@ static void drawn_facets_and_the_rest_are_the_whole_lobe(void **state)
     double mean[2] = { 0.0 }, squares = 0.0, found[PELL_COUNT(places)] = { 0.0 };
     (void) state;
 
-    unscattered_drawn(&rest);
+    unscattered_narrow(&rest);
     for (uint32_t i = 0; i < SIDE * SIDE; i++) {
-        struct unscattered_draw draw = { .x = SIDE + i % SIDE, .y = i / SIDE, .seed = 7 };
+        struct unscattered_random draw = { .x = SIDE + i % SIDE, .y = i / SIDE, .seed = 7 };
         const struct pell_vec3 f = unscattered_facet(&draw, alpha, vec3(0, 0, 1), vec3(0, 0, -1));
         const double x = (double) (f.x / f.z), y = (double) (f.y / f.z);
         REQUIRE_REL(vec3_length(f), 1.0, 1e-5);
-        REQUIRE(hypot(x, y) < 1.001 * (double) (UNSCATTERED_CORE * alpha));
+        REQUIRE(hypot(x, y) < 1.001 * (double) (UNSCATTERED_DISC * alpha));
         mean[0] += x / (SIDE * SIDE);
         mean[1] += y / (SIDE * SIDE);
         squares += (x * x + y * y) / (SIDE * SIDE);
@@ -194,7 +194,7 @@ static void drawn_facets_and_the_rest_are_the_whole_lobe(void **state)
             found[k] += (double) unscattered_density(&rest, none, (float) x - places[k] * alpha, (float) y) / (SIDE * SIDE);
     }
     REQUIRE(hypot(mean[0], mean[1]) < 0.01 * (double) alpha);
-    REQUIRE_REL(squares, 0.5 * (double) (UNSCATTERED_CORE * UNSCATTERED_CORE * alpha * alpha), 0.01);
+    REQUIRE_REL(squares, 0.5 * (double) (UNSCATTERED_DISC * UNSCATTERED_DISC * alpha * alpha), 0.01);
     for (size_t k = 0; k < PELL_COUNT(places); k++) {
         const double m2 = (double) (places[k] * places[k]), expected = 1.0 / (PELL_PI * (double) (alpha * alpha) * (1.0 + m2) * (1.0 + m2));
         print_message("# at %g: %.3f of it\n", (double) places[k], found[k] / expected);
@@ -207,7 +207,7 @@ static void ways_come_out_by_degrees_around_the_critical_angle(void **state)
 {
     enum { SIDE = 32, SLOPES = 400 };
     const float n1 = 1.4f, n2 = 1.2f, roughness = 0.5f;
-    const double slope = (double) (UNSCATTERED_CORE * roughness * roughness), critical = asin((double) (n2 / n1));
+    const double slope = (double) (UNSCATTERED_DISC * roughness * roughness), critical = asin((double) (n2 / n1));
     const struct pell_unscattered_params p = { .smooth = false };
     (void) state;
 
@@ -215,14 +215,14 @@ static void ways_come_out_by_degrees_around_the_critical_angle(void **state)
         const double angle = critical + 0.05 * k, sine = sin(angle), cosine = cos(angle);
         double found = 0.0, expected = 0.0, all = 0.0;
         for (uint32_t i = 0; i < SIDE * SIDE; i++) {
-            const struct unscattered_face f = { .n = vec3(0, 0, 1), .ng = vec3(0, 0, 1), .roughness = roughness, .n1 = n1, .n2 = n2 };
-            struct unscattered_way w = { .along = vec3((float) sine, 0, (float) -cosine), .weight = { 1, 1, 1 } };
+            const struct unscattered_hit f = { .n = vec3(0, 0, 1), .ng = vec3(0, 0, 1), .roughness = roughness, .n1 = n1, .n2 = n2 };
+            struct unscattered_path w = { .direction = vec3((float) sine, 0, (float) -cosine), .weight = { 1, 1, 1 } };
             bool out;
-            w.draw = (struct unscattered_draw) { .x = i % SIDE, .y = i / SIDE, .seed = 3 };
-            out = unscattered_pass(&p, &f, &w);
+            w.random = (struct unscattered_random) { .x = i % SIDE, .y = i / SIDE, .seed = 3 };
+            out = unscattered_cross(&p, &f, &w);
             found += out ? 1.0 / (SIDE * SIDE) : 0.0;
-            REQUIRE(out ? w.along.z < 0.0f : w.along.z > 0.0f);
-            REQUIRE(w.lobe.drawn > 0.0f || out);
+            REQUIRE(out ? w.direction.z < 0.0f : w.direction.z > 0.0f);
+            REQUIRE(w.lobe.sampled > 0.0f || out);
         }
         for (int i = 0; i < SLOPES * SLOPES; i++) {
             const double x = (2.0 * (i % SLOPES) + 1.0) / SLOPES - 1.0, y = (2.0 * (int) (i / SLOPES) + 1.0) / SLOPES - 1.0;

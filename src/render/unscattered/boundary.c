@@ -2,10 +2,10 @@
  * boundary.c - see boundary.h. */
 #include "render/unscattered/boundary.h"
 
-#define SMOOTHEST 0.05f /* roughness below which a boundary is smooth, as that of path-trace */
+#define SMOOTHEST 0.05f /* roughness below which a boundary is smooth, as in path-trace */
 
-/* From the open or to it, at that cosine there: T as light that scatters has it. */
-static float transmittance(const struct pell_unscattered_params *p, const struct unscattered_face *f, float outside)
+/* Transmittance between outside and a medium, at this cosine outside: T of scattered light. */
+static float transmittance(const struct pell_unscattered_params *p, const struct unscattered_hit *f, float outside)
 {
     const struct pell_specular_tables *t = p->tables;
     const struct pell_boundary_table *boundary = &t->boundaries[t->boundary[f->material]];
@@ -19,80 +19,65 @@ static float transmittance(const struct pell_unscattered_params *p, const struct
     return pell_transmittance(f->rho_s, boundary->f0, scale, bias);
 }
 
-/* At cosines before and behind it. */
-static float passes(const struct pell_unscattered_params *p, const struct unscattered_face *f, float c, float c2)
+/* Transmitted fraction at the cosines c before and c2 behind the boundary. */
+static float transmitted_fraction(const struct pell_unscattered_params *p, const struct unscattered_hit *f, float c, float c2)
 {
     if (f->n1 == 1.0f || f->n2 == 1.0f)
         return transmittance(p, f, f->n1 == 1.0f ? c : c2);
     return 1.0f - pell_refract(f->n2 / f->n1, c).reflectance;
 }
 
-static void leave(const struct unscattered_face *f, struct pell_vec3 along, float side, struct unscattered_way *w)
+/* Continues the path in this direction on one side of the boundary: 1: where it came from, -1: behind it. */
+static void set_direction(const struct unscattered_hit *f, struct pell_vec3 direction, float side, struct unscattered_path *w)
 {
-    const float c = side * vec3_dot(along, f->ng);
+    const float c = side * vec3_dot(direction, f->ng);
 
-    /* Interpolated normals may send it to the wrong side. */
-    w->along = vec3_normalize(c > 0.0f ? along : vec3_mad(along, -2.0f * side * c, f->ng));
-    w->side = vec3_mul(f->ng, side);
-    w->at = vec3_mad(f->at, f->unit, w->side);
+    /* Interpolated normals may point the direction to the wrong side. */
+    w->direction = vec3_normalize(c > 0.0f ? direction : vec3_mad(direction, -2.0f * side * c, f->ng));
+    w->normal = vec3_mul(f->ng, side);
+    w->position = vec3_mad(f->position, f->offset, w->normal);
 }
 
-/* A cosine behind the boundary; 0: nothing passes. */
-static float behind(const struct unscattered_face *f, float c)
+static float cosine_before(const struct unscattered_path *w, struct pell_vec3 normal)
+{
+    return fminf(fmaxf(-vec3_dot(w->direction, normal), 1e-4f), 1.0f);
+}
+
+/* Cosine behind the boundary, from c before it; 0: total internal reflection. */
+static float cosine_behind(const struct unscattered_hit *f, float c)
 {
     const float r = f->n1 / f->n2, sin2 = r * r * (1.0f - c * c);
 
     return sin2 < 1.0f ? sqrtf(1.0f - sin2) : 0.0f;
 }
 
-/* By one of its facets: into a solid all of the way; out of it whether it goes on, and which way where it would not by n. */
-static bool pass_facet(const struct pell_unscattered_params *p, const struct unscattered_face *f, float alpha, struct pell_vec3 n,
-                       struct unscattered_way *w)
+/* A sampled facet sets the whole direction of a path into a solid. On the way out it decides whether the path exits, and in which direction
+ * only where the mean normal n reflects totally. */
+bool unscattered_cross(const struct pell_unscattered_params *p, const struct unscattered_hit *f, struct unscattered_path *w)
 {
-    const struct pell_vec3 facet = unscattered_facet(&w->draw, alpha, n, w->along);
-    const float r = f->n1 / f->n2, by_n = fminf(fmaxf(-vec3_dot(w->along, n), 1e-4f), 1.0f),
-                by_facet = fminf(fmaxf(-vec3_dot(w->along, facet), 1e-4f), 1.0f), behind_n = behind(f, by_n),
-                behind_facet = behind(f, by_facet);
-    const bool in = f->n1 < f->n2, all = in || !(behind_n > 0.0f);
-    const float c = all ? by_facet : by_n, c2 = all ? behind_facet : behind_n;
-    float passed;
+    const float alpha = p->smooth || f->roughness < SMOOTHEST ? 0.0f : f->roughness * f->roughness, r = f->n1 / f->n2;
+    const struct pell_vec3 n = -vec3_dot(w->direction, f->n) > 1e-4f ? f->n : f->ng;
+    const bool sampled = alpha * fabsf(f->n1 - f->n2) > UNSCATTERED_MIN_WIDTH * f->n2, entering = f->n1 < f->n2;
+    const struct pell_vec3 facet = sampled ? unscattered_facet(&w->random, alpha, n, w->direction) : n;
+    const float c_n = cosine_before(w, n), c_facet = cosine_before(w, facet);
+    const float c2_n = cosine_behind(f, c_n), c2_facet = cosine_behind(f, c_facet);
+    const bool by_facet = entering || !(c2_n > 0.0f);
+    const float c = by_facet ? c_facet : c_n, c2 = by_facet ? c2_facet : c2_n;
+    float transmitted;
 
-    if (!(behind_facet > 0.0f)) {
+    if (!(c2_facet > 0.0f)) {
         unscattered_reflect(&w->lobe, alpha);
-        unscattered_drawn(&w->lobe);
-        leave(f, vec3_mad(w->along, 2.0f * by_facet, facet), 1.0f, w);
+        if (sampled)
+            unscattered_narrow(&w->lobe);
+        set_direction(f, vec3_mad(w->direction, 2.0f * c_facet, facet), 1.0f, w);
         return false;
     }
-    passed = in ? passes(p, f, by_n, behind_n) : passes(p, f, by_facet, behind_facet);
+    transmitted = entering ? transmitted_fraction(p, f, c_n, c2_n) : transmitted_fraction(p, f, c_facet, c2_facet);
     for (int k = 0; k < 3; k++)
-        w->weight[k] *= passed;
+        w->weight[k] *= transmitted;
     unscattered_refract(&w->lobe, alpha, f->n1, f->n2, c, c2);
-    if (in)
-        unscattered_drawn(&w->lobe);
-    leave(f, vec3_mad(vec3_mul(w->along, r), r * c - c2, all ? facet : n), -1.0f, w);
-    return true;
-}
-
-bool unscattered_pass(const struct pell_unscattered_params *p, const struct unscattered_face *f, struct unscattered_way *w)
-{
-    const float alpha = p->smooth || f->roughness < SMOOTHEST ? 0.0f : f->roughness * f->roughness;
-    const float facing = -vec3_dot(w->along, f->n);
-    const struct pell_vec3 n = facing > 1e-4f ? f->n : f->ng;
-    const float c = fminf(fmaxf(-vec3_dot(w->along, n), 1e-4f), 1.0f), r = f->n1 / f->n2, sin2 = r * r * (1.0f - c * c);
-    float c2, passed;
-
-    if (alpha * fabsf(f->n1 - f->n2) > UNSCATTERED_DRAWN * f->n2)
-        return pass_facet(p, f, alpha, n, w);
-    if (sin2 >= 1.0f) {
-        unscattered_reflect(&w->lobe, alpha);
-        leave(f, vec3_mad(w->along, 2.0f * c, n), 1.0f, w);
-        return false;
-    }
-    c2 = sqrtf(1.0f - sin2);
-    passed = passes(p, f, c, c2);
-    for (int k = 0; k < 3; k++)
-        w->weight[k] *= passed;
-    unscattered_refract(&w->lobe, alpha, f->n1, f->n2, c, c2);
-    leave(f, vec3_mad(vec3_mul(w->along, r), r * c - c2, n), -1.0f, w);
+    if (sampled && entering)
+        unscattered_narrow(&w->lobe);
+    set_direction(f, vec3_mad(vec3_mul(w->direction, r), r * c - c2, by_facet ? facet : n), -1.0f, w);
     return true;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cpu.c - see stage.h: one way through each pixel, sixteen side by side. */
+ * cpu.c - see stage.h: one path through each pixel, in packets of sixteen. */
 #include "render/unscattered/boundary.h"
 
 #include "math/scalar.h"
@@ -12,31 +12,31 @@
 
 #define LANES 16
 #define TILE 4
-#define SURFACES 16            /* that a way meets, at most */
-#define FAINT (1.0f / 2048.0f) /* share of what is behind below which a way ends */
-#define PER_PIXEL 0.5f         /* radius of what a pixel sees over how far ways of pixels beside each other are apart; */
-#define ELSEWHERE 0.7f         /* those come out elsewhere, at most; */
-#define STRAY 0.03f            /* wider, they come out as by chance; */
-#define SHARP 0.004f           /* narrower, they are one */
-#define OFFSET 6e-6f           /* of the largest coordinate and the distance: how far from a surface rays start, as those of "irradiance" */
+#define MAX_SURFACES 16             /* largest number of surfaces on a path */
+#define MIN_WEIGHT (1.0f / 2048.0f) /* least weight of a path */
+#define FOOTPRINT 0.5f              /* footprint of a pixel over the angle between the paths of adjacent pixels; */
+#define MAX_APART 0.7f              /* largest angle, assumed where an adjacent path exits elsewhere; */
+#define INCOHERENT_WIDTH 0.03f      /* width above which a path counts as incoherent; */
+#define MIN_FOOTPRINT 0.004f        /* width below which the footprint is ignored */
+#define RAY_OFFSET 6e-6f            /* of the largest coordinate and the distance: offset of ray origins, as in stage "irradiance" */
 
 struct job {
     const struct pell_unscattered *u;
     const struct pell_unscattered_params *p;
-    int columns; /* of tiles */
-    _Atomic bool stray;
+    int columns; /* in tiles */
+    _Atomic bool incoherent;
     _Atomic int64_t rays;
 };
 
-/* The ways of a tile. */
+/* The paths of a tile. */
 struct packet {
-    struct unscattered_way way[LANES];
-    _Alignas(64) int32_t open[LANES]; /* -1: it goes on */
-    bool began[LANES];                /* a way goes on behind the pixel's surface; */
-    bool stray[LANES];                /* it comes out far from those beside it, or not at all */
-    uint32_t number[LANES];           /* of its pixel */
+    struct unscattered_path path[LANES];
+    _Alignas(64) int32_t active[LANES]; /* -1: the path continues */
+    bool entered[LANES];                /* the path entered the pixel's surface; */
+    bool incoherent[LANES];             /* it exits far from adjacent paths, or not at all */
+    uint32_t seed[LANES];               /* of the pixel */
     float rgb[3][LANES];
-    float spacing; /* mm between pixels */
+    float spacing; /* distance between pixels, mm */
     int64_t rays;
 };
 
@@ -45,23 +45,23 @@ static float largest(struct pell_vec3 p)
     return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
 }
 
-static bool is_faint(const struct unscattered_way *w)
+static bool is_faint(const struct unscattered_path *w)
 {
-    return !(fmaxf(w->weight[0], fmaxf(w->weight[1], w->weight[2])) > FAINT);
+    return !(fmaxf(w->weight[0], fmaxf(w->weight[1], w->weight[2])) > MIN_WEIGHT);
 }
 
-static const struct unscattered_medium *medium_in(const struct job *job, const struct unscattered_way *w)
+static const struct unscattered_medium *current_medium(const struct job *job, const struct unscattered_path *w)
 {
-    return &job->u->media[w->in[w->count - 1].material];
+    return &job->u->media[w->medium_stack[w->nesting - 1].material];
 }
 
-static float index_in(const struct job *job, const struct unscattered_way *w)
+static float current_eta(const struct job *job, const struct unscattered_path *w)
 {
-    return w->count > 0 ? medium_in(job, w)->eta : 1.0f;
+    return w->nesting > 0 ? current_medium(job, w)->eta : 1.0f;
 }
 
-/* A boundary's facets and highlight, as far as maps don't say another thing. */
-static void set_finish(const struct pell_material *m, struct unscattered_face *f)
+/* Sets a boundary's roughness and specular reflectance, ignoring maps. */
+static void set_roughness(const struct pell_material *m, struct unscattered_hit *f)
 {
     const struct pell_surface_uniform e = pell_surface_uniform(m);
 
@@ -69,56 +69,56 @@ static void set_finish(const struct pell_material *m, struct unscattered_face *f
     f->rho_s = (e.specular[0] + e.specular[1] + e.specular[2]) * (1.0f / 3.0f);
 }
 
-/* The way goes into the solid of an object and material, if that has a medium. */
-static bool enter(const struct job *job, struct unscattered_face *f, int object, struct unscattered_way *w)
+/* Refracts the path into the solid of an object and material. Returns false if that has no medium. */
+static bool enter(const struct job *job, struct unscattered_hit *f, int object, struct unscattered_path *w)
 {
-    const float before = index_in(job, w);
+    const float before = current_eta(job, w);
 
-    if (w->count == UNSCATTERED_NEST || !job->u->media[f->material].is)
+    if (w->nesting == UNSCATTERED_MAX_NESTING || !job->u->media[f->material].is)
         return false;
     f->n1 = before;
     f->n2 = job->u->media[f->material].eta;
-    if (unscattered_pass(job->p, f, w))
-        w->in[w->count++] = (struct unscattered_place) { object, f->material, 0 };
+    if (unscattered_cross(job->p, f, w))
+        w->medium_stack[w->nesting++] = (struct unscattered_solid) { object, f->material, 0 };
     return true;
 }
 
 /* --- Pixels ------------------------------------------------------------------------------------------------------------------------- */
 
-/* The surface that a pixel sees. */
-static void begin(const struct job *job, struct packet *k, int i, int x, int y)
+/* Starts a path at the visible surface of a pixel. */
+static void start_path(const struct job *job, struct packet *k, int i, int x, int y)
 {
     const struct pell_unscattered_params *p = job->p;
     const struct pell_surface *s = p->surface;
     const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
     const int material = (int) s->material[at] - 1;
     const struct pell_material *m = &p->scene->materials[material];
-    struct unscattered_way *w = &k->way[i];
-    struct unscattered_face f = { .material = material };
-    struct pell_vec3 start, toward;
+    struct unscattered_path *w = &k->path[i];
+    struct unscattered_hit f = { .material = material };
+    struct pell_vec3 start, ray_direction;
 
-    pell_view_ray(p->view, (float) x, (float) y, &start, &toward);
-    f.at = vec3_mad(start, s->depth[at], toward);
+    pell_view_ray(p->view, (float) x, (float) y, &start, &ray_direction);
+    f.position = vec3_mad(start, s->depth[at], ray_direction);
     f.n = vec3(s->ns[0][at], s->ns[1][at], s->ns[2][at]);
     f.ng = vec3(s->ng[0][at], s->ng[1][at], s->ng[2][at]);
-    f.unit = OFFSET * (largest(f.at) + s->depth[at]);
-    set_finish(m, &f);
+    f.offset = RAY_OFFSET * (largest(f.position) + s->depth[at]);
+    set_roughness(m, &f);
     if (!pell_surface_is_uniform(m)) {
         f.roughness = s->roughness[at];
         f.rho_s = (s->specular[0][at] + s->specular[1][at] + s->specular[2][at]) * (1.0f / 3.0f);
     }
-    k->number[i] = pell_hash((uint32_t) x ^ pell_hash((uint32_t) y ^ pell_hash(p->sample)));
-    *w = (struct unscattered_way) { .along = vec3_normalize(toward), .weight = { 1.0f, 1.0f, 1.0f }, .bounces = p->bounces };
-    w->bundle = k->number[i] % UNSCATTERED_BUNDLES;
-    w->draw = (struct unscattered_draw) { .x = (uint32_t) x, .y = (uint32_t) y, .seed = pell_hash(p->sample) };
+    k->seed[i] = pell_hash((uint32_t) x ^ pell_hash((uint32_t) y ^ pell_hash(p->sample)));
+    *w = (struct unscattered_path) { .direction = vec3_normalize(ray_direction), .weight = { 1.0f, 1.0f, 1.0f }, .bounces = p->bounces };
+    w->bundle = k->seed[i] % UNSCATTERED_BUNDLES;
+    w->random = (struct unscattered_random) { .x = (uint32_t) x, .y = (uint32_t) y, .seed = pell_hash(p->sample) };
     k->spacing = p->view->orthographic ? 1.0f / p->view->focal_px : s->depth[at] / p->view->focal_px;
-    k->open[i] = enter(job, &f, p->scene->meshes[s->mesh[at]].object, w) && w->count > 0 ? -1 : 0;
+    k->active[i] = enter(job, &f, p->scene->meshes[s->mesh[at]].object, w) && w->nesting > 0 ? -1 : 0;
 }
 
 /* --- Surfaces ------------------------------------------------------------------------------------------------------------------------- */
 
-/* What was hit by lane i; *outer: from outside, by the order of its corners. */
-static struct unscattered_face face_of(const struct job *job, const struct pell_ray_hit16 *r, int i, bool *outer)
+/* Loads the hit of lane i. *outer: from outside, by the order of the triangle's corners. */
+static struct unscattered_hit load_hit(const struct job *job, const struct pell_ray_hit16 *r, int i, bool *outer)
 {
     const struct pell_scene *scene = job->p->scene;
     const struct pell_mesh *mesh = &scene->meshes[r->hit.mesh[i]];
@@ -126,7 +126,7 @@ static struct unscattered_face face_of(const struct job *job, const struct pell_
     const struct pell_vec3 ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
     const float w[3] = { 1.0f - r->hit.u[i] - r->hit.v[i], r->hit.u[i], r->hit.v[i] };
     const struct pell_material *m = &scene->materials[mesh->material];
-    struct unscattered_face f = { .material = mesh->material };
+    struct unscattered_hit f = { .material = mesh->material };
     struct pell_vec3 n = { 0 };
     float side;
 
@@ -134,11 +134,11 @@ static struct unscattered_face face_of(const struct job *job, const struct pell_
     side = *outer ? 1.0f : -1.0f;
     for (int k = 0; mesh->normal && k < 3; k++)
         n = vec3_mad(n, w[k], vec3_load(mesh->normal + 3 * (size_t) mesh->index[3 * (size_t) r->hit.triangle[i] + (size_t) k]));
-    f.at = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
+    f.position = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
     f.ng = vec3_mul(ng, side);
     f.n = vec3_dot(n, ng) > 0.0f ? vec3_mul(vec3_normalize(n), side) : f.ng;
-    f.unit = OFFSET * (largest(f.at) + r->ray.tfar[i]);
-    set_finish(m, &f);
+    f.offset = RAY_OFFSET * (largest(f.position) + r->ray.tfar[i]);
+    set_roughness(m, &f);
     if (m->roughness_map.texture) {
         float texel[4];
         pell_texel_at(&m->roughness_map, mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], texel);
@@ -147,45 +147,45 @@ static struct unscattered_face face_of(const struct job *job, const struct pell_
     return f;
 }
 
-/* A surface met inside a solid. False: the way ends there. */
-static bool meet_inside(const struct job *job, const struct pell_ray_hit16 *r, int i, struct unscattered_way *w)
+/* Handles a hit inside a solid. Returns false if the path ends there. */
+static bool hit_inside(const struct job *job, const struct pell_ray_hit16 *r, int i, struct unscattered_path *w)
 {
-    const struct unscattered_medium *m = medium_in(job, w);
-    struct unscattered_place *in = &w->in[w->count - 1];
+    const struct unscattered_medium *m = current_medium(job, w);
+    struct unscattered_solid *solid = &w->medium_stack[w->nesting - 1];
     const int object = job->p->scene->meshes[r->hit.mesh[i]].object;
-    struct unscattered_place left = *in;
-    struct unscattered_face f;
+    struct unscattered_solid left = *solid;
+    struct unscattered_hit f;
     bool outer;
 
-    w->thickness += m->clearest * r->ray.tfar[i];
+    w->optical_thickness += m->min_sigma_t * r->ray.tfar[i];
     for (int c = 0; c < 3; c++)
         w->weight[c] *= expf(-m->sigma_t[c] * r->ray.tfar[i]);
-    f = face_of(job, r, i, &outer);
+    f = load_hit(job, r, i, &outer);
     if (job->p->scene->materials[f.material].opaque || is_faint(w))
         return false;
-    if (object != in->object)
+    if (object != solid->object)
         return outer && enter(job, &f, object, w);
-    if (outer || in->shells > 0) { /* a part of the same object inside it is no boundary */
-        in->shells += outer ? 1 : -1;
-        w->at = vec3_mad(f.at, -f.unit, f.ng);
+    if (outer || solid->inner_surfaces > 0) { /* a part of the same object inside it is no boundary */
+        solid->inner_surfaces += outer ? 1 : -1;
+        w->position = vec3_mad(f.position, -f.offset, f.ng);
         return true;
     }
     f.n1 = m->eta;
-    w->count--;
-    f.n2 = index_in(job, w);
-    if (!unscattered_pass(job->p, &f, w))
-        w->in[w->count++] = left;
+    w->nesting--;
+    f.n2 = current_eta(job, w);
+    if (!unscattered_cross(job->p, &f, w))
+        w->medium_stack[w->nesting++] = left;
     return true;
 }
 
-/* --- The open ----------------------------------------------------------------------------------------------------------------------- */
+/* --- Outside -------------------------------------------------------------------------------------------------------------------------- */
 
-/* What surfaces behind reflect: `hit` says of which lanes. */
-static void add_surfaces(const struct job *job, struct packet *k, const struct pell_ray_hit16 *r, const bool hit[LANES])
+/* Adds the light that surfaces in the background reflect, for lanes with `hit`. */
+static void add_surface_light(const struct job *job, struct packet *k, const struct pell_ray_hit16 *r, const bool hit[LANES])
 {
     const struct pell_unscattered_params *p = job->p;
     const struct pell_points_params what = { .mix = -1.0f, .spacing = k->spacing, .first = p->sample, .samples = 1 };
-    struct pell_surface_points in = { r->hit.mesh, r->hit.triangle, r->hit.u, r->hit.v, k->number, NULL, NULL };
+    struct pell_surface_points in = { r->hit.mesh, r->hit.triangle, r->hit.u, r->hit.v, k->seed, NULL, NULL };
     float light[3][LANES];
     const struct pell_surface_light out = { .irradiance = { light[0], light[1], light[2] } };
     uint32_t mesh[LANES];
@@ -206,14 +206,14 @@ static void add_surfaces(const struct job *job, struct packet *k, const struct p
         const bool opaque = p->scene->materials[material].opaque;
         for (int c = 0; hit[i] && c < 3; c++)
             k->rgb[c][i] +=
-                smaller(k->way[i].weight[c] * light[c][i] * (opaque ? 1.0f : p->total[material][c]) * (1.0f / PELL_PI_F), 1e25f);
+                smaller(k->path[i].weight[c] * light[c][i] * (opaque ? 1.0f : p->total[material][c]) * (1.0f / PELL_PI_F), 1e25f);
     }
 }
 
-/* How far apart the ways of a pixel and of those beside it are, as what a pixel sees. Bumps send ways from place to place: one of each
- * pixel alone would show lights behind them as specks. 0 where nothing is beside it; where others have come out elsewhere, or not yet, as
- * far as such ways are apart. The median, so that one edge beside it does not count. */
-static float width_of_pixel(const struct packet *k, int i, const bool was_open[LANES])
+/* Returns the footprint of a pixel: the angle between its path and adjacent ones. Bumps send paths to unrelated directions: with one
+ * path per pixel, lights behind them would show as specks. 0 where no path is adjacent; MAX_APART for adjacent paths that exit elsewhere
+ * or not yet. The median is used, so that a single edge does not count. */
+static float footprint(const struct packet *k, int i, const bool outside[LANES])
 {
     const int x = i % TILE, y = i / TILE;
     float apart[4];
@@ -223,131 +223,131 @@ static float width_of_pixel(const struct packet *k, int i, const bool was_open[L
         const int dx = side < 2 ? 2 * side - 1 : 0, dy = side < 2 ? 0 : 2 * side - 5, j = i + dx + TILE * dy;
         float far;
         int at = count;
-        if (x + dx < 0 || x + dx >= TILE || y + dy < 0 || y + dy >= TILE || !k->began[j])
+        if (x + dx < 0 || x + dx >= TILE || y + dy < 0 || y + dy >= TILE || !k->entered[j])
             continue;
-        far = was_open[j] ? fminf(vec3_length(vec3_sub(k->way[i].along, k->way[j].along)), ELSEWHERE) : ELSEWHERE;
+        far = outside[j] ? fminf(vec3_length(vec3_sub(k->path[i].direction, k->path[j].direction)), MAX_APART) : MAX_APART;
         for (; at > 0 && apart[at - 1] > far; at--)
             apart[at] = apart[at - 1];
         apart[at] = far;
         count++;
     }
-    return count > 0 ? PER_PIXEL * apart[(count - 1) / 2] : 0.0f;
+    return count > 0 ? FOOTPRINT * apart[(count - 1) / 2] : 0.0f;
 }
 
-/* Ways in the open: lights, then the surface that each meets. */
-static void see(const struct job *job, struct packet *k, const struct pell_ray_hit16 *r, const bool was_open[LANES])
+/* Adds the lights seen along paths outside, then the surface that each path hits. */
+static void shade_outside(const struct job *job, struct packet *k, const struct pell_ray_hit16 *r, const bool outside[LANES])
 {
     const struct pell_scene *scene = job->p->scene;
     bool hit[LANES] = { false };
 
     for (int i = 0; i < LANES; i++) {
-        const bool met = r->hit.mesh[i] < scene->num_meshes;
-        const float drawn = k->way[i].lobe.drawn, apart = was_open[i] ? width_of_pixel(k, i, was_open) : 0.0f;
-        const float width = sqrtf(fmaxf(apart * apart - drawn * drawn, 0.0f));
-        struct unscattered_way w = k->way[i];
+        const bool hit_any = r->hit.mesh[i] < scene->num_meshes;
+        const float sampled = k->path[i].lobe.sampled, apart = outside[i] ? footprint(k, i, outside) : 0.0f;
+        const float width = sqrtf(fmaxf(apart * apart - sampled * sampled, 0.0f));
+        struct unscattered_path w = k->path[i];
         float rgb[3] = { 0 };
-        if (!was_open[i])
+        if (!outside[i])
             continue;
-        k->stray[i] = width > STRAY || drawn > 0.0f;
-        if (width > SHARP)
+        k->incoherent[i] = width > INCOHERENT_WIDTH || sampled > 0.0f;
+        if (width > MIN_FOOTPRINT)
             w.lobe.pixel = width;
-        k->rays += unscattered_see_lights(job->u, job->p, &w, met ? r->ray.tfar[i] : INFINITY, rgb);
+        k->rays += unscattered_add_lights(job->u, job->p, &w, hit_any ? r->ray.tfar[i] : INFINITY, rgb);
         for (int c = 0; c < 3; c++)
             k->rgb[c][i] += rgb[c];
-        hit[i] = met && k->way[i].bounces-- > 0;
+        hit[i] = hit_any && k->path[i].bounces-- > 0;
     }
-    add_surfaces(job, k, r, hit);
+    add_surface_light(job, k, r, hit);
     for (int i = 0; i < LANES; i++) {
-        struct unscattered_face f;
+        struct unscattered_hit f;
         bool outer;
-        if (!was_open[i])
+        if (!outside[i])
             continue;
-        k->open[i] = 0;
+        k->active[i] = 0;
         if (!hit[i] || scene->materials[scene->meshes[r->hit.mesh[i]].material].opaque)
             continue;
-        f = face_of(job, r, i, &outer);
-        if (outer && job->u->media[f.material].thin && enter(job, &f, scene->meshes[r->hit.mesh[i]].object, &k->way[i]))
-            k->open[i] = -(int32_t) !is_faint(&k->way[i]);
+        f = load_hit(job, r, i, &outer);
+        if (outer && job->u->media[f.material].thin && enter(job, &f, scene->meshes[r->hit.mesh[i]].object, &k->path[i]))
+            k->active[i] = -(int32_t) !is_faint(&k->path[i]);
     }
 }
 
-/* --- All of it ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Tiles ---------------------------------------------------------------------------------------------------------------------------- */
 
-static void follow(const struct job *job, struct packet *k)
+static void trace_paths(const struct job *job, struct packet *k)
 {
     struct pell_ray_hit16 r;
 
-    for (int step = 0; step < SURFACES; step++) {
-        bool was_open[LANES], any = false;
+    for (int step = 0; step < MAX_SURFACES; step++) {
+        bool outside[LANES], any = false;
         for (int i = 0; i < LANES; i++) {
-            const struct unscattered_way *w = &k->way[i];
+            const struct unscattered_path *w = &k->path[i];
             float reach = 0.0f;
-            was_open[i] = k->open[i] && w->count == 0;
-            if (k->open[i])
-                reach = was_open[i] ? INFINITY : (UNSCATTERED_THICKEST - w->thickness) / medium_in(job, w)->clearest;
-            pell_ray16_set(&r.ray, i, w->at, w->along, reach);
+            outside[i] = k->active[i] && w->nesting == 0;
+            if (k->active[i])
+                reach = outside[i] ? INFINITY : (UNSCATTERED_MAX_THICKNESS - w->optical_thickness) / current_medium(job, w)->min_sigma_t;
+            pell_ray16_set(&r.ray, i, w->position, w->direction, reach);
             r.hit.mesh[i] = r.hit.instance[i] = PELL_NO_HIT;
-            any |= k->open[i] != 0;
-            k->rays += k->open[i] != 0;
+            any |= k->active[i] != 0;
+            k->rays += k->active[i] != 0;
         }
         if (!any)
             return;
-        pell_rays_closest16(job->p->rays, k->open, true, &r);
+        pell_rays_closest16(job->p->rays, k->active, true, &r);
         for (int i = 0; i < LANES; i++)
-            if (k->open[i] && !was_open[i])
-                k->open[i] = -(int32_t) (r.hit.mesh[i] < job->p->scene->num_meshes && meet_inside(job, &r, i, &k->way[i]));
-        see(job, k, &r, was_open);
+            if (k->active[i] && !outside[i])
+                k->active[i] = -(int32_t) (r.hit.mesh[i] < job->p->scene->num_meshes && hit_inside(job, &r, i, &k->path[i]));
+        shade_outside(job, k, &r, outside);
     }
 }
 
-/* Where most ways of a tile are stray, all are. Returns whether any is. */
-static bool mark_stray(struct packet *k)
+/* Marks all paths of a tile as incoherent if most are. Returns whether any is. */
+static bool mark_incoherent(struct packet *k)
 {
-    int began = 0, stray = 0;
+    int entered = 0, incoherent = 0;
 
     for (int i = 0; i < LANES; i++) {
-        began += k->began[i];
-        stray += k->stray[i];
+        entered += k->entered[i];
+        incoherent += k->incoherent[i];
     }
-    if (2 * stray > began)
-        memcpy(k->stray, k->began, sizeof(k->stray));
-    return stray > 0;
+    if (2 * incoherent > entered)
+        memcpy(k->incoherent, k->entered, sizeof(k->incoherent));
+    return incoherent > 0;
 }
 
-static void tile(struct job *job, struct packet *k, int x0, int y0)
+static void render_tile(struct job *job, struct packet *k, int x0, int y0)
 {
     const struct pell_unscattered_params *p = job->p;
     const struct pell_surface *s = p->surface;
     const struct pell_rect r = s->translucent;
-    bool any = false, stray = false;
+    bool any = false, incoherent = false;
 
     for (int i = 0; i < LANES; i++) {
         const int x = x0 + i % TILE, y = y0 + i / TILE;
         const bool in = x >= r.x0 && x < r.x1 && y >= r.y0 && y < r.y1;
         const uint16_t material = in ? s->material[(ptrdiff_t) y * s->stride + x] : 0;
-        k->open[i] = 0;
-        k->began[i] = k->stray[i] = false;
+        k->active[i] = 0;
+        k->entered[i] = k->incoherent[i] = false;
         k->rgb[0][i] = k->rgb[1][i] = k->rgb[2][i] = 0.0f;
         if (material && job->u->media[material - 1].thin) {
-            begin(job, k, i, x, y);
-            k->began[i] = k->stray[i] = k->open[i] != 0;
-            any |= k->open[i] != 0;
+            start_path(job, k, i, x, y);
+            k->entered[i] = k->incoherent[i] = k->active[i] != 0;
+            any |= k->active[i] != 0;
         }
     }
     if (any) {
-        follow(job, k);
-        stray = mark_stray(k);
+        trace_paths(job, k);
+        incoherent = mark_incoherent(k);
     }
     for (int i = 0; i < LANES; i++) {
         const int x = x0 + i % TILE, y = y0 + i / TILE;
         for (int c = 0; c < 3 && x >= r.x0 && x < r.x1 && y >= r.y0 && y < r.y1; c++)
-            p->light[c][(ptrdiff_t) y * s->stride + x] = k->stray[i] ? -fmaxf(k->rgb[c][i], UNSCATTERED_STRAY) : k->rgb[c][i];
+            p->light[c][(ptrdiff_t) y * s->stride + x] = k->incoherent[i] ? -fmaxf(k->rgb[c][i], UNSCATTERED_INCOHERENT) : k->rgb[c][i];
     }
-    if (stray)
-        job->stray = true;
+    if (incoherent)
+        job->incoherent = true;
 }
 
-static void tile_row(void *arg, int index, int worker)
+static void render_row(void *arg, int index, int worker)
 {
     struct job *job = arg;
     const struct pell_rect r = job->p->surface->translucent;
@@ -357,7 +357,7 @@ static void tile_row(void *arg, int index, int worker)
     (void) worker;
     memset(&k, 0, sizeof(k));
     for (int column = 0; column < job->columns; column++)
-        tile(job, &k, (r.x0 / TILE + column) * TILE, y0);
+        render_tile(job, &k, (r.x0 / TILE + column) * TILE, y0);
     atomic_fetch_add(&job->rays, k.rays);
 }
 
@@ -369,8 +369,8 @@ int64_t pell_unscattered_render(struct pell_pool *pool, const struct pell_unscat
 
     if (r.x1 <= r.x0)
         return 0;
-    pell_pool_run(pool, (r.y1 + TILE - 1) / TILE - r.y0 / TILE, tile_row, &job);
-    if (job.stray)
-        unscattered_share_stray(pool, params);
+    pell_pool_run(pool, (r.y1 + TILE - 1) / TILE - r.y0 / TILE, render_row, &job);
+    if (job.incoherent)
+        unscattered_blur_incoherent(pool, params);
     return job.rays;
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * internal.h - what the files of the stage share. Private to the folder. */
+ * internal.h - declarations shared by the files of the stage. Private to the folder. */
 #ifndef RENDER_UNSCATTERED_INTERNAL_H
 #define RENDER_UNSCATTERED_INTERNAL_H
 
@@ -9,15 +9,15 @@
 
 #include "lights/lights.h"
 
-#define UNSCATTERED_THICKEST 8.0f /* optical thickness of the clearest channel, beyond which nothing is left */
-#define UNSCATTERED_NEST 4        /* solids in solids */
+#define UNSCATTERED_MAX_THICKNESS 8.0f /* optical thickness of the clearest channel beyond which no light is left */
+#define UNSCATTERED_MAX_NESTING 4      /* nested solids */
 
 struct unscattered_medium {
-    bool is;          /* light is followed through it: it has coefficients, and */
-    bool thin;        /* its parts are thin enough where they are seen */
-    float eta;        /* over that of the open */
-    float sigma_t[3]; /* 1/mm */
-    float clearest;   /* least of them */
+    bool is;           /* light is traced through it: it has coefficients */
+    bool thin;         /* its parts are thin enough where they are visible */
+    float eta;         /* relative to outside */
+    float sigma_t[3];  /* 1/mm */
+    float min_sigma_t; /* of the clearest channel */
 };
 
 struct pell_unscattered {
@@ -26,32 +26,32 @@ struct pell_unscattered {
     float bundles[UNSCATTERED_BUNDLES][4][UNSCATTERED_BUNDLE];
 };
 
-/* A solid that a way is in. */
-struct unscattered_place {
+/* A solid that contains the path. */
+struct unscattered_solid {
     int object, material;
-    int shells; /* of the same object, inside it, that it has entered */
+    int inner_surfaces; /* surfaces of the same object inside it that the path has entered */
 };
 
-struct unscattered_way {
-    struct pell_vec3 at, along; /* where rays start, just beyond the last surface; unit */
-    struct pell_vec3 side;      /* geometric normal of that, on this side */
+struct unscattered_path {
+    struct pell_vec3 position, direction; /* origin of the next ray, just beyond the last surface; unit */
+    struct pell_vec3 normal;              /* geometric normal of the last surface, on this side */
     float weight[3];
     struct unscattered_lobe lobe;
-    struct unscattered_place in[UNSCATTERED_NEST];
-    int count;       /* of `in`; 0: in the open */
-    int bounces;     /* left */
-    float thickness; /* optical, of the clearest channels */
+    struct unscattered_solid medium_stack[UNSCATTERED_MAX_NESTING];
+    int nesting;             /* solids in medium_stack; 0: outside */
+    int bounces;             /* bounces left */
+    float optical_thickness; /* so far, of the clearest channels */
     uint32_t bundle;
-    struct unscattered_draw draw;
+    struct unscattered_random random;
 };
 
-/* lights.c. Adds to `rgb` what lights show along a way in the open up to `reach` mm, INFINITY where nothing is in the way. Returns the
+/* lights.c. Adds to `rgb` the radiance of lights seen along a path outside, up to `reach` mm, INFINITY where nothing is hit. Returns the
  * number of rays. */
-int64_t unscattered_see_lights(const struct pell_unscattered *u, const struct pell_unscattered_params *p, const struct unscattered_way *w,
+int64_t unscattered_add_lights(const struct pell_unscattered *u, const struct pell_unscattered_params *p, const struct unscattered_path *w,
                                float reach, float rgb[3]);
 
-#define UNSCATTERED_STRAY 1e-30f /* in place of 0, which has no sign */
-/* stray.c. Values of pixels whose ways are stray come below 0, and are given the mean of those around them. */
-void unscattered_share_stray(struct pell_pool *pool, const struct pell_unscattered_params *p);
+#define UNSCATTERED_INCOHERENT 1e-30f /* replaces 0, which has no sign */
+/* incoherent.c. Pixels with incoherent paths are marked by negative values, and get the mean of those around them. */
+void unscattered_blur_incoherent(struct pell_pool *pool, const struct pell_unscattered_params *p);
 
 #endif

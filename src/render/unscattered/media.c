@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * media.c - which media let light through unscattered, and whether their parts are thin enough for it to count. */
+ * media.c - finds the media that transmit unscattered light, and whether their parts are thin enough for it to matter. */
 #include "render/unscattered/internal.h"
 
 #include "base/base.h"
@@ -7,10 +7,10 @@
 
 #include <string.h>
 
-#define THIN 6.0f      /* optical thickness of the clearest channel up to which a part is thin */
-#define SHARE 0.01f    /* of the surface, that is over thin parts */
-#define PLACES 1024    /* of a material, evenly over its area */
-#define OFFSET 2.4e-5f /* of the largest coordinate: from a surface to where a ray begins */
+#define MAX_THICKNESS 6.0f /* optical thickness of the clearest channel up to which a part is thin */
+#define MIN_FRACTION 0.01f /* least fraction of the surface that is above thin parts */
+#define PROBES 1024        /* per material, uniformly over its area */
+#define RAY_OFFSET 2.4e-5f /* of the largest coordinate: offset of ray origins */
 
 static bool make_medium(const struct pell_material *m, const struct pell_frame_material *f, struct unscattered_medium *out)
 {
@@ -18,49 +18,49 @@ static bool make_medium(const struct pell_material *m, const struct pell_frame_m
 
     if (!pell_scatters_by_medium(m, f) || m->num_layers > 0 || m->color_from == PELL_COLOR_FROM_TEXTURE || !pell_medium_valid(medium, NULL))
         return false;
-    *out = (struct unscattered_medium) { .is = true, .eta = (float) medium->eta, .clearest = INFINITY };
+    *out = (struct unscattered_medium) { .is = true, .eta = (float) medium->eta, .min_sigma_t = INFINITY };
     for (int c = 0; c < 3; c++) {
         out->sigma_t[c] = (float) (medium->sigma_a[c] + medium->sigma_s_reduced[c] / (1.0 - medium->g[c]));
-        out->clearest = fminf(out->clearest, out->sigma_t[c]);
+        out->min_sigma_t = fminf(out->min_sigma_t, out->sigma_t[c]);
     }
     return true;
 }
 
-/* --- How thin its parts are ---------------------------------------------------------------------------------------------------------- */
+/* --- Thickness ------------------------------------------------------------------------------------------------------------------------ */
 
 struct probe {
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     struct pell_ray_hit16 r;
-    int object[PELL_PACKET], count; /* of the packet */
+    int object[PELL_PACKET], count; /* in the packet */
     float reach;                    /* mm */
     int thin, all;
 };
 
 static void trace(struct probe *p)
 {
-    _Alignas(64) int ask[PELL_PACKET];
+    _Alignas(64) int active[PELL_PACKET];
 
     for (int i = 0; i < PELL_PACKET; i++) {
-        ask[i] = i < p->count ? -1 : 0;
+        active[i] = i < p->count ? -1 : 0;
         p->r.hit.mesh[i] = p->r.hit.instance[i] = PELL_NO_HIT;
     }
-    pell_rays_closest16(p->rays, ask, false, &p->r);
+    pell_rays_closest16(p->rays, active, false, &p->r);
     for (int i = 0; i < p->count; i++)
         p->thin += pell_hit16_inside(p->scene, &p->r, i, p->object[i]);
     p->all += p->count;
     p->count = 0;
 }
 
-static void ask(struct probe *p, const struct pell_mesh *mesh, uint32_t triangle, uint32_t number)
+static void add_probe(struct probe *p, const struct pell_mesh *mesh, uint32_t triangle, uint32_t index)
 {
-    const float u = pell_unit_float(pell_hash(2 * number)), v = pell_unit_float(pell_hash(2 * number + 1)), root = sqrtf(u);
+    const float u = pell_unit_float(pell_hash(2 * index)), v = pell_unit_float(pell_hash(2 * index + 1)), root = sqrtf(u);
     struct pell_vec3 corner[3], n, at;
 
     pell_triangle_corners(mesh, triangle, corner);
     n = vec3_normalize(pell_triangle_cross(corner));
     at = vec3_mad(vec3_mad(vec3_mul(corner[0], 1.0f - root), root * (1.0f - v), corner[1]), root * v, corner[2]);
-    at = vec3_mad(at, -OFFSET * fmaxf(fabsf(at.x), fmaxf(fabsf(at.y), fabsf(at.z))), n);
+    at = vec3_mad(at, -RAY_OFFSET * fmaxf(fabsf(at.x), fmaxf(fabsf(at.y), fabsf(at.z))), n);
     p->object[p->count] = mesh->object;
     pell_ray16_set(&p->r.ray, p->count++, at, vec3_mul(n, -1.0f), p->reach);
     if (p->count == PELL_PACKET)
@@ -75,24 +75,24 @@ static double area_of(const struct pell_mesh *mesh, uint32_t triangle)
     return 0.5 * (double) vec3_length(pell_triangle_cross(corner));
 }
 
-/* Places of a material, evenly over the area of its triangles, and rays inward from them. */
-static bool is_thin(const struct pell_scene *scene, const struct pell_rays *rays, size_t material, float clearest)
+/* Probes a material by inward rays from points distributed uniformly over the area of its triangles. */
+static bool is_thin(const struct pell_scene *scene, const struct pell_rays *rays, size_t material, float min_sigma_t)
 {
-    struct probe p = { .scene = scene, .rays = rays, .reach = THIN / clearest };
+    struct probe p = { .scene = scene, .rays = rays, .reach = MAX_THICKNESS / min_sigma_t };
     double area = 0.0, next, sum = 0.0;
-    uint32_t number = 0;
+    uint32_t index = 0;
 
     for (size_t i = 0; i < scene->num_meshes; i++)
         for (uint32_t t = 0; (size_t) scene->meshes[i].material == material && t < scene->meshes[i].num_triangles; t++)
             area += area_of(&scene->meshes[i], t);
-    next = 0.5 * area / PLACES;
+    next = 0.5 * area / PROBES;
     for (size_t i = 0; i < scene->num_meshes && area > 0.0; i++)
         for (uint32_t t = 0; (size_t) scene->meshes[i].material == material && t < scene->meshes[i].num_triangles; t++)
-            for (sum += area_of(&scene->meshes[i], t); sum > next && number < PLACES; next += area / PLACES)
-                ask(&p, &scene->meshes[i], t, number++);
+            for (sum += area_of(&scene->meshes[i], t); sum > next && index < PROBES; next += area / PROBES)
+                add_probe(&p, &scene->meshes[i], t, index++);
     if (p.count > 0)
         trace(&p);
-    return p.all > 0 && (float) p.thin >= SHARE * (float) p.all;
+    return p.all > 0 && (float) p.thin >= MIN_FRACTION * (float) p.all;
 }
 
 enum pell_result pell_unscattered_create(struct pell_context *ctx, const struct pell_scene *scene, const struct pell_rays *rays,
@@ -113,7 +113,7 @@ enum pell_result pell_unscattered_create(struct pell_context *ctx, const struct 
     for (size_t i = 0; i < scene->num_materials; i++) {
         const size_t at = frame_index[i + 1];
         if (at > 0 && make_medium(&scene->materials[i], &materials[at - 1], &u->media[i]))
-            any |= u->media[i].thin = is_thin(scene, rays, i, u->media[i].clearest);
+            any |= u->media[i].thin = is_thin(scene, rays, i, u->media[i].min_sigma_t);
     }
     for (uint32_t i = 0; i < UNSCATTERED_BUNDLES; i++)
         unscattered_bundle_make(i, u->bundles[i]);

@@ -1,30 +1,30 @@
 /* SPDX-License-Identifier: MIT
  *
- * stage.h - stage "unscattered": light that passes thin parts of translucent media, or weak media, without being scattered. It goes along
- * one way through each pixel,
+ * stage.h - stage "unscattered": light that passes thin parts of translucent media, or weak media, without being scattered. It follows one
+ * path through each pixel,
  *
- *     L = Prod T exp(-sigma_t d) L'       T: what each boundary lets through, d: of each part in a medium, sigma_t: not reduced
+ *     L = Prod T exp(-sigma_t d) L'       T: transmittance of each boundary, d: length in each medium, sigma_t: not reduced
  *
- * refracted at each boundary by interpolated normals, and reflected inside where none of it can leave. L' is what is behind: lights with a
- * face, environments, and what surfaces there reflect, as diffuse surfaces with the light that enters them. Rough boundaries make a lobe of
- * the way (lobe.h), which faces of lights are seen through, and lights without extent by its density; where a way goes, and whether it
- * comes out, is drawn from the middle of that (facets.h). L is radiance over the square of the index, so that indices cancel from the open
- * to the open.
+ * refracted at each boundary by interpolated normals, and reflected inside where refraction is impossible. L' is the background: area
+ * lights, environments, and light reflected by surfaces there, which are taken to be diffuse. Rough boundaries spread the path into a lobe
+ * (lobe.h), which is used to see area lights, and to see point lights by its density; the direction of the path, and whether it exits, is
+ * sampled from the middle of the lobe (facets.h). L is radiance over the square of the index, so that indices cancel between outside and
+ * outside.
  *
- * Faces and environments are seen as wide as pixels are apart there; where these come out far from each other, as by chance or because
- * that was drawn, they share what they see (stray.c).
+ * Area lights and environments are filtered by the footprint of pixels; where adjacent paths exit far from each other, by chance or because
+ * facets were sampled, pixels share their values (incoherent.c).
  *
- * What a slab transmits (pellucid/layers.h), and what is scattered forward (optics/medium/forward.h), holds none of this.
+ * The transmittance of a slab (pellucid/layers.h) and forward-scattered light (optics/medium/forward.h) include none of this light.
  *
- * Left out: what boundaries reflect beside what they let through, opaque things inside solids, media without coefficients, layers and
- * colours of textures, and light that is focused on what is behind.
+ * Left out: reflection at boundaries that also transmit, opaque objects inside solids, media without coefficients, layers and textured
+ * colours, and caustics on the background.
  */
 #ifndef PELL_UNSCATTERED_H
 #define PELL_UNSCATTERED_H
 
 #include "render/indirect/stage.h"
 
-/* The media that have it. */
+/* The media that transmit unscattered light. */
 struct pell_unscattered;
 
 /* *out is NULL where no material's parts are thin enough. PELL_ERR_NOMEM. */
@@ -39,16 +39,16 @@ struct pell_unscattered_params {
     const struct pell_lights *lights;
     const struct pell_specular_tables *tables;
     const struct pell_view *view;
-    const struct pell_surface *surface; /* with its meshes */
-    struct pell_indirect_lights behind; /* light that enters surfaces behind */
+    const struct pell_surface *surface; /* with mesh ids */
+    struct pell_indirect_lights behind; /* light that enters surfaces in the background */
     const float (*total)[3];            /* per scene material: total reflectance of its profile */
-    bool smooth;                        /* boundaries */
-    int bounces;                        /* how often a way through the open meets a surface */
+    bool smooth;                        /* smooth boundaries */
+    int bounces;                        /* largest number of surfaces that a path may hit outside */
     uint32_t sample;
     float *light[3]; /* W/(m^2 sr), written at the translucent pixels of the surface */
 };
 
-/* Returns the number of rays. Allocates nothing; the same bits for any number of threads. */
+/* Returns the number of rays. Allocates nothing; the result does not depend on the number of threads, to the bit. */
 int64_t pell_unscattered_render(struct pell_pool *pool, const struct pell_unscattered *unscattered,
                                 const struct pell_unscattered_params *params);
 
