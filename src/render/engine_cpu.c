@@ -145,7 +145,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
             pell_planes_want(&w, e->room, 3);
     }
     if (pell_cpu_spreads(frame))
-        pell_planes_want(&w, &e->lighting.way, 1);
+        pell_planes_want(&w, &e->lighting.path, 1);
     pell_planes_want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];

@@ -44,7 +44,7 @@ void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample
         .material = e->surface.material,
         .thickness = sample->frame->materials->thickness,
         .depth = e->surface.depth,
-        .way = e->lighting.way,
+        .path = e->lighting.path,
         .depth_mm = view->orthographic ? 0.0f : 1.0f / view->focal_px,
         .fixed_mm = view->orthographic ? 1.0f / view->focal_px : 0.0f,
     };

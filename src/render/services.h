@@ -65,11 +65,11 @@ struct pell_surface_light {
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
     float *crossed[3];           /* with `gain`: of what goes between faces through a flat thin part, the share that a slab lets through */
-    float *aside[3]; /* W/m^2, of the irradiance: what is not scattered where it enters, but beside it on a curved surface; then also */
-    float *once[3];  /* what stands for the single scattering of diffuse light, */
-    float *way[3];   /* the mean refracted direction of the rest, not unit, */
-    float *diffuse;  /* and how much of that has no direction, [0, 1] */
-    bool *there;     /* false: no point, or one where the material is cut out by its alpha */
+    float *aside[3];     /* W/m^2, of the irradiance: what is not scattered where it enters, but beside it on a curved surface; then also */
+    float *once[3];      /* what stands for the single scattering of diffuse light, */
+    float *direction[3]; /* the mean refracted direction of the rest, not unit, */
+    float *diffuse;      /* and how much of that has no direction, [0, 1] */
+    bool *there;         /* false: no point, or one where the material is cut out by its alpha */
 };
 
 #define PELL_LIGHT_INDIRECT ((uint64_t) 1 << 63)

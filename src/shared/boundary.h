@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * boundary.h - what a dielectric boundary reflects, lets in and lets out, per pixel.
+ * boundary.h - reflection and transmission of a dielectric boundary, per pixel.
  *
  * Fresnel's equations: Born and Wolf, "Principles of Optics", 1.5.2. Schlick 1994, "An Inexpensive BRDF Model for Physically-based
  * Rendering".
- * Under a rough specular layer light enters, and leaves, by T(mu) = 1 - rho_s albedo(mu), rho_s the layer's weight and albedo the lobe's
+ *
+ * Below a rough specular layer light enters and leaves by T(mu) = 1 - rho_s albedo(mu), rho_s the layer's weight and albedo the lobe's
  * directional albedo F0 scale(mu) + bias(mu).
  */
 #ifndef PELL_SHARED_BOUNDARY_H
@@ -42,21 +43,21 @@ PELL_SHARED float pell_schlick(float f0, float cos_h)
     return f0 + (1.0f - f0) * pell_schlick_weight(cos_h);
 }
 
-/* T of a direction, from the entries of the albedo table. */
+/* T of a direction, from the values of the albedo table. */
 PELL_SHARED float pell_transmittance(float rho_s, float f0, float scale, float bias)
 {
     return 1.0f - rho_s * pell_saturate(f0 * scale + bias);
 }
 
-/* Radiant exitance to radiance: T / (pi n), n = 1 - rho_s mean the mean of T over a diffuse hemisphere where the exit is normalised
- * (`normalized` = 1), and 1 where it is as published (`normalized` = 0). A boundary that lets nothing out has the factor 0. */
+/* Factor from radiant exitance to radiance: T / (pi n). n = 1 - rho_s mean is the mean of T over a diffuse hemisphere if the exit is
+ * normalized (`normalized` = 1), and 1 as published (`normalized` = 0). A boundary that transmits nothing has the factor 0. */
 PELL_SHARED float pell_exit_factor(float rho_s, float albedo, float mean, float normalized)
 {
     const float a = albedo < 1.0f ? albedo : 1.0f, n = 1.0f - normalized * rho_s * (mean < 1.0f ? mean : 1.0f);
     return (1.0f - rho_s * a) / (PELL_PI_F * (n > 1e-6f ? n : 1e30f));
 }
 
-/* The same of a smooth boundary with Fresnel's transmittance F_t(mu), and n its mean or 1. */
+/* The same for a smooth boundary with Fresnel's transmittance F_t(mu), and n its mean or 1. */
 PELL_SHARED float pell_smooth_exit_factor(float transmittance, float n)
 {
     return transmittance / (PELL_PI_F * n);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * camera.h - from pixels to the plane one millimetre before the camera, and normals that the viewer sees. Pixel (x, y) has its centre at
- * (x + 1/2, y + 1/2), y down; a sample lies (shift_x, shift_y) beside it. */
+ * camera.h - mapping of pixels to the plane one millimetre in front of the camera, and visible normals. Pixel (x, y) has its centre at (x +
+ * 1/2, y + 1/2), y down; a sample is offset by (shift_x, shift_y). */
 #ifndef PELL_SHARED_CAMERA_H
 #define PELL_SHARED_CAMERA_H
 
 #include "shared/language.h"
 
-/* What a pixel's cosines to the geometric normal and to the viewer are kept above. */
+/* Lower limit of a pixel's cosines to the geometric normal and to the viewer. */
 #define PELL_BEND 0.01f
 
 /* To the right of the axis. */
@@ -21,8 +21,8 @@ PELL_SHARED float pell_camera_up(float y, float shift_y, float height, float foc
     return (0.5f * height - y - 0.5f - shift_y) / focal_px;
 }
 
-/* What of a direction is added to a normal at this cosine to it, so that the viewer sees the normal: the projection onto the half-space
- * where he does. */
+/* Multiple of a direction that is added to a normal with this cosine to it, so that the normal is visible: a projection onto the visible
+ * half-space. */
 PELL_SHARED float pell_bend_missing(float cosine)
 {
     const float missing = PELL_BEND - cosine;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * color_share.h - the share of a texture's colour where light enters: base^m; 1 - m is left for where it leaves. */
+ * color_share.h - the part of a texture's colour that is applied where light enters: base^m; the exponent 1 - m is left for where it
+ * leaves. */
 #ifndef PELL_SHARED_COLOR_SHARE_H
 #define PELL_SHARED_COLOR_SHARE_H
 

@@ -1,23 +1,23 @@
 /* SPDX-License-Identifier: MIT
- * curvature.h - what the shape of a translucent solid does to light that enters it (render/curvature/stage.h, render/irradiance/inside.c):
- * how tables are read, and what is made of their entries. */
+ * curvature.h - effect of the shape of a translucent solid on light that enters it (render/curvature/stage.h, render/irradiance/inside.c):
+ * lookup of the tables, and use of their entries. */
 #ifndef PELL_SHARED_CURVATURE_H
 #define PELL_SHARED_CURVATURE_H
 
 #include "shared/hash.h"
 
-#define PELL_CURVATURE_GAINS 257  /* of a material's tables: over curvatures from -limit to limit, and over thinness */
-#define PELL_CURVATURE_SHIFT 0.3f /* the most, so that no light from straight above turns negative */
+#define PELL_CURVATURE_GAINS 257  /* entries of a material's tables: over curvatures from -limit to limit, and over thinness */
+#define PELL_CURVATURE_SHIFT 0.3f /* upper limit, so that light from straight above does not become negative */
 #define PELL_CURVATURE_SIDE 1024  /* nodes along an axis of a grid */
 
-/* Where a value lies in such a table. */
+/* Clamps a position in such a table. */
 PELL_SHARED float pell_curvature_place(float x)
 {
     const float above = x > 0.0f ? x : 0.0f, most = PELL_TO_FLOAT(PELL_CURVATURE_GAINS) - 1.001f;
     return above < most ? above : most;
 }
 
-/* Of a curvature, and of a thinness; `limit` and `step` are the material's. */
+/* Position of a curvature, and of a thinness; `limit` and `step` are the material's. */
 PELL_SHARED float pell_curvature_bent_place(float mean, float limit)
 {
     return pell_curvature_place((mean / limit + 1.0f) * (0.5f * PELL_TO_FLOAT(PELL_CURVATURE_GAINS - 1)));
@@ -28,7 +28,7 @@ PELL_SHARED float pell_curvature_thin_place(float thinness, float step)
     return pell_curvature_place(thinness * step / (1.0f + thinness * step) * PELL_TO_FLOAT(PELL_CURVATURE_GAINS - 1));
 }
 
-/* What a shape has that a ball of its curvature would not have. */
+/* Thinness in excess of that of a ball with the same curvature. */
 PELL_SHARED float pell_curvature_beyond(float mean, float thinness)
 {
     return thinness - (mean > 0.0f ? 0.5f * mean : 0.0f);
@@ -41,7 +41,7 @@ PELL_SHARED float pell_curvature_sheet(float beyond, float thinness)
     return sheet > 0.0f ? sheet : 0.0f;
 }
 
-/* How near what a part as thin returns is to a ball's, and not to a slab's: a cylinder has 0.7. */
+/* How close the exitance of a thin part is to a ball's, as opposed to a slab's: 0.7 for a cylinder. */
 PELL_SHARED float pell_curvature_round(float mean, float thinness)
 {
     const float x = mean > 0.0f ? 0.5f * mean / thinness : 0.0f, round = x < 1.0f ? x : 1.0f;
@@ -54,15 +54,15 @@ PELL_SHARED float pell_curvature_shift(float mean, float path)
     return above < PELL_CURVATURE_SHIFT ? above : PELL_CURVATURE_SHIFT;
 }
 
-/* What a ball returns of even light by single scattering, over a half-space: 1/(1 - mean free path over radius), within 5 % for radii of 5
- * and more mean free paths. `shift`: refracted, as above. */
+/* Single scattering that a ball returns of uniform light, over that of a half-space: 1/(1 - mean free path over radius), within 5 % for
+ * radii of 5 and more mean free paths. `shift`: refracted, as above. */
 PELL_SHARED float pell_curvature_once(float shift, float inverse_eta2)
 {
     const float inverse_eta = sqrtf(inverse_eta2), bend = inverse_eta > 0.0f ? shift / inverse_eta : 0.0f;
     return 1.0f / (1.0f - (bend < 0.25f ? bend : 0.25f));
 }
 
-/* Where the search for a node begins, in a table of the places of a grid's nodes. */
+/* First slot of the search for a node in a hash table of a grid's nodes. */
 PELL_SHARED uint32_t pell_curvature_slot(uint32_t part, uint32_t place)
 {
     return pell_hash(place ^ pell_hash(part));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * environment.h - where a direction lies in the tables and pictures of an environment (lights/lights.h). */
+ * environment.h - positions of directions in the tables and images of an environment (lights/lights.h). */
 #ifndef PELL_SHARED_ENVIRONMENT_H
 #define PELL_SHARED_ENVIRONMENT_H
 
@@ -11,8 +11,8 @@
 #define PELL_ENV_NODES 129   /* a side of the octahedral table over the normal */
 #define PELL_ENV_ROUGHNESS 8 /* roughness levels of the table */
 
-/* Of a unit normal in the octahedral table, from 0 to PELL_ENV_NODES - 1: poles at +-y; the lower half is folded over the diagonals, so
- * that the border meets itself. */
+/* Position of a unit normal in the octahedral table, from 0 to PELL_ENV_NODES - 1: poles at +-y; the lower half is folded over the
+ * diagonals, so that the border meets itself. */
 PELL_SHARED PELL_STRUCT(pell_place2) pell_octahedral_place(float x, float y, float z)
 {
     const float sum = fabsf(x) + fabsf(y) + fabsf(z), inv = sum > 0.0f ? 1.0f / sum : 0.0f;
@@ -26,7 +26,7 @@ PELL_SHARED PELL_STRUCT(pell_place2) pell_octahedral_place(float x, float y, flo
     return p;
 }
 
-/* Of a unit direction in a latitude-longitude picture: x = 1/2 at -z, growing toward +x; y = 0 at +y. */
+/* Position of a unit direction in a latitude-longitude image: x = 1/2 at -z, increasing toward +x; y = 0 at +y. */
 PELL_SHARED PELL_STRUCT(pell_place2) pell_panorama_place(float x, float y, float z)
 {
     PELL_STRUCT(pell_place2) p;

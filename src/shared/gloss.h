@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * gloss.h - highlights of lights with a face, by points of the face and by directions of the lobe together (multiple importance sampling by
- * the balance heuristic, Veach and Guibas 1995, "Optimally Combining Sampling Techniques for Monte Carlo Rendering"): points of a face are
- * few in a narrow lobe, and directions of a wide lobe seldom meet a small face.
+ * gloss.h - highlights of area lights by multiple importance sampling of points on the light and of directions of the lobe (balance
+ * heuristic, Veach and Guibas 1995, "Optimally Combining Sampling Techniques for Monte Carlo Rendering"): few points of a light are inside
+ * a narrow lobe, and directions of a wide lobe rarely hit a small light.
  */
 #ifndef PELL_SHARED_GLOSS_H
 #define PELL_SHARED_GLOSS_H
 
 #include "shared/language.h"
 
-/* Points of the part of a face that a sample stands for, at which a highlight is taken: rays cost more than lobes. */
+/* Points per light sample at which a highlight is evaluated: rays cost more than lobes. */
 #define PELL_GLOSS_POINTS 8
 
 /* A half vector about +z. */
@@ -17,8 +17,8 @@ struct pell_half_vector {
     float x, y, z;
 };
 
-/* Of the density D(h) cos(h) of GGX (Walter et al. 2007, equations 35 and 36), from a uniform point of the unit disc. It has the longest
- * tail of all lobes of specular.h, so that the others are drawn by it, too. */
+/* Samples the density D(h) cos(h) of GGX (Walter et al. 2007, equations 35 and 36) from a uniform point of the unit disc. It has the
+ * longest tail of all lobes of specular.h, so it serves the others, too. */
 PELL_SHARED PELL_STRUCT(pell_half_vector) pell_half_vector_at(float width2, float x, float y)
 {
     const float r2 = x * x + y * y, rest = 1.0f - r2 > 1e-5f ? 1.0f - r2 : 1e-5f, sum = rest + width2 * r2;
@@ -31,21 +31,22 @@ PELL_SHARED PELL_STRUCT(pell_half_vector) pell_half_vector_at(float width2, floa
     return h;
 }
 
-/* The density of directions l that such half vectors give, 1/sr; terms as of pell_lobe_ggx. */
+/* Density of the directions l reflected about such half vectors, 1/sr; arguments as for pell_lobe_ggx. */
 PELL_SHARED float pell_half_vector_density(float width2, float sin2, float nh, float hh)
 {
     const float d = sin2 + nh * nh * width2;
     return width2 * (0.5f / PELL_PI_F) * hh * nh / (d * d + 1e-30f);
 }
 
-/* How many directions, where the light has so many samples of its face. */
+/* Number of directions for a light with so many samples of its area. */
 PELL_SHARED int32_t pell_gloss_directions(int32_t samples)
 {
     return samples < 2 ? 4 : samples > 16 ? 32 : 2 * samples;
 }
 
-/* Points of the face per sr, over the number of directions: a point counts odds / (odds + density), a direction density / (odds + density).
- * 0: points alone, as the lobe is wide beside the light. `angle`: sr of the light, which need not be exact, but the same for both. */
+/* Points on the light per sr, over the number of directions: the MIS weight is odds / (odds + density) for points, density / (odds +
+ * density) for directions. 0: only points, since the lobe is wide compared to the light. `angle`: solid angle of the light, sr, which
+ * need not be exact, but the same for both. */
 PELL_SHARED float pell_gloss_odds(float angle, float width2, float nv, int32_t points, int32_t directions)
 {
     const float lobe = 4.0f * PELL_PI_F * width2 * (nv > 0.1f ? nv : 0.1f); /* 1 over the largest density, about */

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * hash.h - 32 bits for patterns of samples.
+ * hash.h - a 32-bit hash for sample patterns.
  */
 #ifndef PELL_SHARED_HASH_H
 #define PELL_SHARED_HASH_H
 
 #include "shared/language.h"
 
-/* All bits depend on all: neighbouring numbers become unlike ones (C. Wellons 2018, "Prospecting for Hash Functions"). */
+/* Every output bit depends on all input bits (C. Wellons 2018, "Prospecting for Hash Functions"). */
 PELL_SHARED uint32_t pell_hash(uint32_t x)
 {
     x ^= x >> 16;

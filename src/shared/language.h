@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * language.h - the words in which the headers of src/shared are written, which compile as C11 and as GLSL 4.60 for Vulkan 1.3.
+ * language.h - the common subset of C11 and GLSL 4.60 (Vulkan 1.3) in which the headers of src/shared are written.
  *
- * Rules    No pointers, arrays as arguments, casts, doubles or loops over tables: a table's reader fetches the entries, and a function
- *          here says which entries and how they are weighted. Functions of C keep their names of C (sqrtf). What GLSL reserves (half,
- *          smooth, sample, shared, flat, filter, input, output, in, out, buffer) names nothing.
- * Vectors  In C the functions are made for loops over floats, which the compiler turns into vectors: they select and never branch. Formulas
- *          that kernels also evaluate on explicit vectors (math/lanes.h) are macros, which take any type that has arithmetic.
+ * Rules    No pointers, array arguments, casts, doubles or loops over tables: the caller of a table fetches the entries, and a function
+ *          here returns which entries and how they are weighted. C functions keep their C names (sqrtf). Words reserved in GLSL (half,
+ *          smooth, sample, shared, flat, filter, input, output, in, out, buffer) are not used as names.
+ * Vectors  In C the functions are made for loops over floats, which the compiler vectorizes: they select and never branch. Formulas
+ *          that kernels also evaluate on explicit vectors (math/lanes.h) are macros, which take any arithmetic type.
  *          A value whose products must not be contracted is PELL_PRECISE: in C nothing is (-ffp-contract=off).
  * Bits     C gives the same bits at all levels of base/simd.h. GLSL rounds as Vulkan allows (division and root within 2.5 ulp).
  */

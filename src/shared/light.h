@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * light.h - how lights fall off, and how their light meets a surface. Names follow KHR_lights_punctual.
+ * light.h - falloff of lights, and the soft terminator. Names follow KHR_lights_punctual.
  */
 #ifndef PELL_SHARED_LIGHT_H
 #define PELL_SHARED_LIGHT_H
 
 #include "shared/language.h"
 
-/* What a light's range leaves at a squared distance, mm^2: clamp(1 - (d/range)^4, 0, 1); inv_range = 0: no range. */
+/* Window of a light's range at a squared distance, mm^2: clamp(1 - (d/range)^4, 0, 1); inv_range = 0: no range. */
 PELL_SHARED float pell_light_window(float d2, float inv_range)
 {
     const float q = d2 * inv_range * inv_range, window = 1.0f - q * q;
@@ -21,15 +21,15 @@ PELL_SHARED float pell_light_falloff(float distance, float scale, float inv_rang
     return scale / (d2 > 1e-6f ? d2 : 1e-6f) * pell_light_window(d2, inv_range);
 }
 
-/* A spot's share in a direction at that cosine from its axis. */
+/* A spot light's factor in a direction with this cosine to its axis. */
 PELL_SHARED float pell_light_cone(float cosine, float spot_scale, float spot_offset)
 {
     const float s = pell_saturate(cosine * spot_scale + spot_offset);
     return s * s;
 }
 
-/* x times -G^3 + G^2 + G, G = min(1, ng.l / (n.l n.ng)): light goes out smoothly where the geometric normal turns away, and nothing changes
- * where the normals agree (Chiang, Li and Burley 2019, "Taming the Shadow Terminator"). */
+/* x times -G^3 + G^2 + G, G = min(1, ng.l / (n.l n.ng)): light fades out smoothly where the geometric normal turns away, and is
+ * unchanged where the normals agree (Chiang, Li and Burley 2019, "Taming the Shadow Terminator"). */
 PELL_SHARED float pell_soft_terminator(float x, float g)
 {
     return x * g * (1.0f + g - g * g);

@@ -11,7 +11,7 @@
 
 #include "shared/language.h"
 
-/* The models, by the numbers of enum pell_specular_model. */
+/* The models, with the values of enum pell_specular_model. */
 #define PELL_LOBE_GGX 0
 #define PELL_LOBE_KELEMEN 1
 #define PELL_LOBE_PHONG 2

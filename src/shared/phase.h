@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * phase.h - phase functions of pellucid/phase.h from coefficients that were made once per medium, in 1/sr. c is the cosine between both
- * directions as they point away from the place of scattering: -1 is straight on.
+ * phase.h - phase functions of pellucid/phase.h from coefficients that are computed once per medium, in 1/sr. c is the cosine between both
+ * directions as they point away from the scattering point: -1 is forward.
  *
- * Henyey and Greenstein 1941, "Diffuse radiation in the Galaxy"; Blasi, Le Saec and Schlick 1993, "A Rendering Algorithm for
- * Discrete Volume Density Objects"; Bohren and Huffman, "Absorption and Scattering of Light by Small Particles", 5 (Rayleigh).
+ * Henyey and Greenstein 1941, "Diffuse radiation in the Galaxy"; Blasi, Le Saec and Schlick 1993, "A Rendering Algorithm for Discrete
+ * Volume Density Objects"; Bohren and Huffman, "Absorption and Scattering of Light by Small Particles", 5 (Rayleigh).
  */
 #ifndef PELL_SHARED_PHASE_H
 #define PELL_SHARED_PHASE_H
@@ -18,11 +18,11 @@
 #define PELL_PHASE_TERMS_TWO_LOBE 4          /* two of Henyey and Greenstein, weights in n */
 
 struct pell_phase_terms {
-    int shape; /* PELL_PHASE_TERMS_ISOTROPIC and on */
+    int shape; /* PELL_PHASE_TERMS_ISOTROPIC etc. */
     float n[2], a[2], b[2];
 };
 
-/* Of any type with arithmetic: x = a + b c > 0 and its root; x = 1 + b c; c. */
+/* For any arithmetic type: x = a + b c > 0 and its root; x = 1 + b c; c. */
 #define PELL_PHASE_HENYEY_GREENSTEIN(n, x, root_x) ((n) / ((x) * (root_x)))
 #define PELL_PHASE_SCHLICK_OF(n, x) ((n) / ((x) * (x)))
 #define PELL_PHASE_RAYLEIGH_OF(n, c) ((n) * (1.0f + (c) * (c)))
@@ -46,8 +46,8 @@ PELL_SHARED float pell_phase_evaluate(PELL_STRUCT(pell_phase_terms) f, float c)
     return f.n[0];
 }
 
-/* Henyey and Greenstein's from g itself, without preparation: base = (1 - g)^2 + 2 g (1 - m), m = -c the forward cosine, where g = 0 and
- * directions next to straight on keep their digits. */
+/* Henyey-Greenstein from g itself, without preparation: base = (1 - g)^2 + 2 g (1 - m), m = -c the forward cosine, accurate at g = 0 and
+ * for nearly forward directions. */
 #define PELL_PHASE_HG_BASE(g, m) ((1.0f - (g)) * (1.0f - (g)) + 2.0f * (g) * (1.0f - (m)))
 #define PELL_PHASE_HG_VALUE(g, base, root_base) ((1.0f - (g) * (g)) / (4.0f * PELL_PI_F * (base) * (root_base)))
 

@@ -13,13 +13,13 @@ struct pell_place2 {
     float x, y;
 };
 
-/* 32 bits as a number in [0, 1). */
+/* Maps 32 bits to [0, 1). */
 PELL_SHARED float pell_unit_float(uint32_t x)
 {
     return PELL_TO_FLOAT(PELL_TO_INT(x >> 8)) * (1.0f / 16777216.0f);
 }
 
-/* Bits in reverse: van der Corput's radical inverse in base 2, which is the first dimension of Sobol's sequence (Sobol 1967, "On the
+/* Bit reversal: van der Corput's radical inverse in base 2, which is the first dimension of Sobol's sequence (Sobol 1967, "On the
  * Distribution of Points in a Cube and the Approximate Evaluation of Integrals"). */
 PELL_SHARED uint32_t pell_sobol0(uint32_t i)
 {
@@ -58,10 +58,10 @@ PELL_SHARED PELL_STRUCT(pell_place2) pell_disc_at(float u, float v)
     return p;
 }
 
-/* Place of pixel (x, y) of a block of 32 x 32 on a curve that visits quadrants of quadrants (Morton 1966), in an order drawn by hash for
- * each of them: below 1024. Pixels that take consecutive runs of a (0, 2)-sequence along it share out the square with their neighbours at
- * every scale, so that what is left of their errors is of high frequency (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte
- * Carlo Sampling Error via Hierarchical Ordering of Pixels"). */
+/* Index of pixel (x, y) of a block of 32 x 32 on a hierarchical Z curve (Morton 1966), with the order of each quadrant chosen by hash:
+ * below 1024. Pixels that take consecutive runs of a (0, 2)-sequence along the curve stratify the square with their neighbours at every
+ * scale, so that their remaining error has high frequencies (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo
+ * Sampling Error via Hierarchical Ordering of Pixels"). */
 #define PELL_CURVE_LEVELS 5
 PELL_SHARED uint32_t pell_pixel_curve(uint32_t x, uint32_t y, uint32_t seed)
 {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * texture.h - which texels of which levels of a picture a look-up reads (render/surface/sample16.h), and what becomes of a normal map's
- * bumps that are smaller than a pixel (render/surface/hits16.h). */
+ * texture.h - texels and mipmap levels of a texture lookup (render/surface/sample16.h), and roughness from the bumps of a normal map that
+ * are smaller than a pixel (render/surface/hits16.h). */
 #ifndef PELL_SHARED_TEXTURE_H
 #define PELL_SHARED_TEXTURE_H
 
@@ -12,13 +12,13 @@
 
 #define PELL_BUMPS_ROUNDED 0.004f /* what eight bits leave of 1 - length^2 of a mean normal */
 
-/* Neighbouring texels along one axis, and the fraction between them. */
+/* Two adjacent texels along one axis, and the fraction between them. */
 struct pell_texels {
     int32_t a, b;
     float f;
 };
 
-/* Levels between which a look-up blends; blend 0: `lower` alone. */
+/* Levels between which a lookup blends; blend 0: `lower` alone. */
 struct pell_mip_levels {
     int32_t lower, upper;
     float blend;
@@ -50,7 +50,7 @@ PELL_SHARED PELL_STRUCT(pell_texels) pell_texels_of(int32_t wrap, float at, int3
     return t;
 }
 
-/* log2 of positive numbers, wrong by 0.005 at most: the exponent, and a parabola through the mantissa in [1, 2). */
+/* log2 of positive numbers, with an error of at most 0.005: the exponent, and a parabola through the mantissa in [1, 2). */
 PELL_SHARED float pell_rough_log2(float x)
 {
     const int32_t bits = pell_float_bits(x);
@@ -58,8 +58,8 @@ PELL_SHARED float pell_rough_log2(float x)
     return PELL_TO_FLOAT((bits >> 23) - 127) + ((-0.34484843f * m + 2.02466578f) * m - 1.67487759f);
 }
 
-/* Of a pixel that covers so many texels of the full size, >= 1. Between two levels the blend runs over half of the way only (fractions 1/4
- * to 3/4). */
+/* Levels for a pixel that covers so many texels of the full size, >= 1. Between two levels the blend covers only half of the range
+ * (fractions 1/4 to 3/4). */
 PELL_SHARED PELL_STRUCT(pell_mip_levels) pell_mip_levels_of(float texels, float last)
 {
     const float raw = 0.5f * pell_rough_log2(texels), low = raw > 0.0f ? raw : 0.0f, lod = low < last ? low : last;
@@ -73,9 +73,9 @@ PELL_SHARED PELL_STRUCT(pell_mip_levels) pell_mip_levels_of(float texels, float 
     return m;
 }
 
-/* How much the normals differ whose mean has this square of its length where a map is shrunk: as of a von Mises and Fisher distribution
- * of this mean length r, whose slopes have the variance (1 - r^2)/(r (3 - r^2)) (Toksvig 2005, "Mipmapping Normal Maps", has (1 - r)/r, the
- * same to the first order). `texels`: that a pixel covers. */
+/* Slope variance of normals whose filtered mean has this squared length: as of a von Mises-Fisher distribution with this mean length r,
+ * whose slopes have the variance (1 - r^2)/(r (3 - r^2)) (Toksvig 2005, "Mipmapping Normal Maps", has (1 - r)/r, the same to first
+ * order). `texels`: covered by a pixel. */
 PELL_SHARED float pell_bumps(float length2, float texels, float scale)
 {
     const float missing = 1.0f - length2 - PELL_BUMPS_ROUNDED, least = length2 > 0.01f ? length2 : 0.01f;
@@ -83,15 +83,15 @@ PELL_SHARED float pell_bumps(float length2, float texels, float scale)
     return missing > 0.0f ? shrunk * (scale * scale) * missing / (sqrtf(least) * (3.0f - least)) : 0.0f;
 }
 
-/* The same of a smooth surface whose normal turns by this square along the two axes of a pixel, which has places of variance `spread` along
- * each. At most what widens a mirror's lobe to that of a roughness of 0.45: pixels of silhouettes hold normals of all directions. */
+/* The same for a smooth surface whose normal turns by this square along the two axes of a pixel, with a footprint of variance `spread`
+ * along each. Limited to the lobe of a roughness of 0.45: pixels of silhouettes contain normals of all directions. */
 PELL_SHARED float pell_turned(float square, float spread)
 {
     const float variance = spread * square;
     return variance > 0.0f ? variance < 0.02f ? variance : 0.02f : 0.0f;
 }
 
-/* A lobe over such bumps is the lobe of all their normals: as wide as both. Twice the variance of slopes is the square of alpha (Beckmann's
+/* Roughness of a lobe over such bumps: the squared widths add. Twice the variance of slopes is the square of alpha (Beckmann's
  * distribution). `whole`: alpha is the roughness, not its square. */
 PELL_SHARED float pell_bumpy_roughness(float roughness, float bumps, int32_t whole)
 {

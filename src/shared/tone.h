@@ -12,24 +12,24 @@
 
 #include "shared/language.h"
 
-/* Luminance of linear Rec.709 colours; any type with arithmetic. */
+/* Luminance of linear Rec.709 colours; for any arithmetic type. */
 #define PELL_LUMINANCE_R 0.2126f
 #define PELL_LUMINANCE_G 0.7152f
 #define PELL_LUMINANCE_B 0.0722f
 #define PELL_LUMINANCE(r, g, b) (PELL_LUMINANCE_R * (r) + PELL_LUMINANCE_G * (g) + PELL_LUMINANCE_B * (b))
 
-/* What a colour is multiplied by: exposure L_d / L for its exposed luminance L >= 0. curve = 1: Reinhard, white_scale = 1 / white^2;
- * curve = 0: linear, white_scale = 0. Any type with arithmetic. */
+/* Factor of a colour: exposure L_d / L for its exposed luminance L >= 0. curve = 1: Reinhard, white_scale = 1 / white^2; curve = 0:
+ * linear, white_scale = 0. For any arithmetic type. */
 #define PELL_TONE_SCALE(exposure, l, curve, white_scale) ((exposure) * (1.0f + (l) * (white_scale)) / (1.0f + (l) * (curve)))
 
-/* L of Reinhard's curve that is shown as L_d: the positive root of L (1 + L / white^2) = L_d (1 + L). */
+/* Inverse of Reinhard's curve: the L that is shown as L_d, the positive root of L (1 + L / white^2) = L_d (1 + L). */
 PELL_SHARED float pell_tone_before(float shown, float white_scale)
 {
     const float b = 1.0f - shown;
     return 2.0f * shown / (b + sqrtf(b * b + 4.0f * white_scale * shown));
 }
 
-/* Rows of the matrices around the filmic curve; each sums to 1 within 1e-5, so that grey stays grey. Any type with arithmetic. */
+/* Rows of the matrices around the filmic curve; each sums to 1 within 1e-5, so that grey stays grey. For any arithmetic type. */
 #define PELL_FILMIC_TO_R(r, g, b) (0.59719f * (r) + 0.35458f * (g) + 0.04823f * (b))
 #define PELL_FILMIC_TO_G(r, g, b) (0.07600f * (r) + 0.90834f * (g) + 0.01566f * (b))
 #define PELL_FILMIC_TO_B(r, g, b) (0.02840f * (r) + 0.13383f * (g) + 0.83777f * (b))
@@ -37,12 +37,12 @@ PELL_SHARED float pell_tone_before(float shown, float white_scale)
 #define PELL_FILMIC_FROM_G(r, g, b) (-0.10208f * (r) + 1.10813f * (g) -0.00605f * (b))
 #define PELL_FILMIC_FROM_B(r, g, b) (-0.00327f * (r) -0.07276f * (g) + 1.07602f * (b))
 
-/* What exposed light is multiplied by first, so that 0.18 stays 0.18. */
+/* Scale of exposed light before the curve, so that 0.18 stays 0.18. */
 #define PELL_FILMIC_SCALE 1.461930f
-#define PELL_FILMIC_MOST 1e6f /* of the curve's light: more is cut to it, white long before, so that no square overflows */
+#define PELL_FILMIC_MOST 1e6f /* largest input of the curve: white long before, so that squares do not overflow */
 #define PELL_FILMIC_CURVE(x) (((x) * ((x) + 0.0245786f) - 0.000090537f) / ((x) * (0.983729f * (x) + 0.4329510f) + 0.238081f))
 
-/* What becomes y in [0, 1] by PELL_FILMIC_CURVE. */
+/* Inverse of PELL_FILMIC_CURVE for y in [0, 1]. */
 PELL_SHARED float pell_filmic_before(float y)
 {
     const float a = 1.0f - 0.983729f * y, b = 0.0245786f - 0.4329510f * y, c = -0.000090537f - 0.238081f * y;

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * triangle_ray.h - where a ray meets a triangle, so that no ray slips between triangles that share an edge: S. Woop, C. Benthin and
- * I. Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013; and a box, which no rounding lets a ray miss.
+ * triangle_ray.h - watertight ray-triangle intersection, so that no ray slips between triangles that share an edge: S. Woop, C. Benthin and
+ * I. Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013; and a conservative ray-box test.
  *
- * Both triangles at an edge see the same numbers of its ends: they are turned by the ray alone, and no product is contracted
- * (PELL_PRECISE). An edge that the ray meets to the last bit belongs to both.
+ * Both triangles at an edge compute the same values for its ends: these are transformed by the ray alone, and no product is contracted
+ * (PELL_PRECISE). An edge that the ray hits exactly belongs to both.
  *
- * Units    of the ray: t counts in its direction, which need not be unit.
+ * Units    of the ray: t is in units of its direction, which need not be unit.
  */
 #ifndef PELL_SHARED_TRIANGLE_RAY_H
 #define PELL_SHARED_TRIANGLE_RAY_H
@@ -18,7 +18,7 @@ PELL_SHARED float pell_component(float x, float y, float z, int32_t k)
     return k == 0 ? x : k == 1 ? y : z;
 }
 
-/* A ray turned so that it goes along z: its longest axis, the two others in an order that keeps triangles' sides, and what shears it. */
+/* Transformation of a ray to the z axis: its longest axis, the two others in an order that keeps the winding, and the shear. */
 struct pell_ray_turn {
     int32_t kx, ky, kz;
     float sx, sy, sz;
@@ -45,7 +45,7 @@ struct pell_ray_point {
     float x, y, z;
 };
 
-/* A corner, less the ray's origin. */
+/* A corner relative to the ray's origin. */
 PELL_SHARED PELL_STRUCT(pell_ray_point) pell_ray_see(PELL_STRUCT(pell_ray_turn) turn, float x, float y, float z)
 {
     const float along = pell_component(x, y, z, turn.kz);
@@ -58,12 +58,12 @@ PELL_SHARED PELL_STRUCT(pell_ray_point) pell_ray_see(PELL_STRUCT(pell_ray_turn) 
 }
 
 struct pell_ray_meeting {
-    float t;    /* negative: they do not meet */
+    float t;    /* negative: no hit */
     float u, v; /* barycentric: (1 - u - v) a + u b + v c */
-    float side; /* > 0 where the corners run counterclockwise, seen from the origin */
+    float side; /* > 0 if the corners run counterclockwise, seen from the origin */
 };
 
-/* t anywhere: what the ray's ends leave is the caller's. */
+/* Intersects the whole line: the caller checks the ray's interval. */
 PELL_SHARED PELL_STRUCT(pell_ray_meeting)
     pell_ray_meet(PELL_STRUCT(pell_ray_point) a, PELL_STRUCT(pell_ray_point) b, PELL_STRUCT(pell_ray_point) c)
 {
@@ -82,13 +82,13 @@ PELL_SHARED PELL_STRUCT(pell_ray_meeting)
     return m;
 }
 
-/* 1/d for boxes: of 0 a number so large that only the sides of a box matter. */
+/* 1/d for boxes: for 0 a number so large that only the sides of a box matter. */
 PELL_SHARED float pell_ray_inverse(float d)
 {
     return d > 1e-30f || d < -1e-30f ? 1.0f / d : d < 0.0f ? -1e30f : 1e30f;
 }
 
-/* Where a ray enters and leaves a pair of planes, lo and hi less its origin. */
+/* Interval of a ray between a pair of planes, lo and hi relative to its origin. */
 #define PELL_SLAB_NEAR(lo, hi, inverse) ((inverse) < 0.0f ? (hi) * (inverse) : (lo) * (inverse))
 #define PELL_SLAB_FAR(lo, hi, inverse) ((inverse) < 0.0f ? (lo) * (inverse) : (hi) * (inverse))
 #define PELL_SLAB_WIDER 1.000002f /* more than what the quotients lose, each within 2.5 ulp */

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * wide_light.h - samples of a rectangle that takes much of what a point sees: spread over its face they would be rare where it is near,
- * and bright. Its spherical rectangle (C. Urena, M. Fajardo and A. King, "An Area-Preserving Parametrization for Spherical Rectangles",
- * Computer Graphics Forum 32(4), 2013): the point is the origin, the rectangle from (x0, y0) to (x1, y1) in the plane at -h.
+ * wide_light.h - solid-angle sampling of rectangular lights that fill much of a point's view: samples by area would be rare and bright
+ * where the light is near. Spherical rectangle of C. Urena, M. Fajardo and A. King, "An Area-Preserving Parametrization for Spherical
+ * Rectangles", Computer Graphics Forum 32(4), 2013: the point is the origin, the rectangle extends from (x0, y0) to (x1, y1) in the plane
+ * at -h.
  */
 #ifndef PELL_SHARED_WIDE_LIGHT_H
 #define PELL_SHARED_WIDE_LIGHT_H
@@ -12,7 +13,7 @@
 #include "shared/elementary.glsl"
 #endif
 
-/* Area of a light over the square of its distance from which on it is wide. */
+/* Area of a light over its squared distance from which it is wide. */
 #define PELL_WIDE_LIGHT 2.0f
 
 struct pell_wide {
@@ -25,7 +26,7 @@ PELL_SHARED float pell_clamp1(float x)
     return x < -1.0f ? -1.0f : x > 1.0f ? 1.0f : x;
 }
 
-/* The light's centre is at (x, y) and its half extents are given, mm; h > 0. */
+/* The light's centre is at (x, y), with these half extents, mm; h > 0. */
 PELL_SHARED PELL_STRUCT(pell_wide) pell_wide_make(float x, float y, float half_x, float half_y, float h)
 {
     const float x0 = x - half_x, x1 = x + half_x, y0 = y - half_y, y1 = y + half_y;
@@ -48,7 +49,7 @@ PELL_SHARED PELL_STRUCT(pell_wide) pell_wide_make(float x, float y, float half_x
     return w;
 }
 
-/* Where a sample lies on the light, of its half extents. */
+/* Position of a sample on the light, in half extents. */
 PELL_SHARED PELL_STRUCT(pell_place2) pell_wide_place(PELL_STRUCT(pell_wide) w, float u, float v)
 {
     const float turn = u * w.angle + w.g, f = (cosf(turn) * w.b0 - w.b1) / sinf(turn);

@@ -196,7 +196,7 @@ static void planes_of(struct pell_lighting *l, float **planes[PLANES])
         planes[9 + c] = &l->hidden[c];
         planes[12 + c] = &l->lost[c];
     }
-    planes[3 * SUMS] = &l->way;
+    planes[3 * SUMS] = &l->path;
 }
 
 static void set(struct device *d, const struct rig *r)
@@ -211,7 +211,7 @@ static void set(struct device *d, const struct rig *r)
 static struct pell_lighting render_on(struct device *d, const struct rig *r, struct pell_pool *pool)
 {
     struct pell_irradiance_params p = rig_params(r);
-    struct pell_lighting l = { .way = NULL };
+    struct pell_lighting l = { .path = NULL };
     float **planes[PLANES];
 
     planes_of(&l, planes);
@@ -469,7 +469,7 @@ static void light_passes_as_on_the_cpu(void **state)
         gpu = render_on(&d, &r, r.pool);
         REQUIRE(gpu.through_rays > 300);
         compare(&r, &gpu, kind_names[kind]);
-        compare_ways(&r, r.light.way, gpu.way);
+        compare_ways(&r, r.light.path, gpu.path);
         for (size_t i = 0; i < (size_t) r.surface.stride * 40; i++)
             sum += (double) r.light.transmitted[0][i];
         REQUIRE(sum > 0.0);
@@ -586,7 +586,7 @@ static void calls_that_fail_are_reported(void **state)
 {
     struct device d;
     struct rig r;
-    struct pell_lighting l = { .way = NULL };
+    struct pell_lighting l = { .path = NULL };
     float **planes[PLANES];
     int failed = 0;
     (void) state;

@@ -52,7 +52,7 @@ static struct sheet *sheet_of(double variance, int threads)
                                          .material = s->material,
                                          .thickness = s->tables,
                                          .depth = s->depth,
-                                         .way = s->way,
+                                         .path = s->way,
                                          .fixed_mm = FLAT,
                                          .lit = { s->lit, s->lit + sizeof(s->lit) / 2 } };
     for (int c = 0; c < 3; c++) {

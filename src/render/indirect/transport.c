@@ -123,7 +123,7 @@ static void enter16(const struct transport *s, size_t first, size_t count)
                                             .crossed = { crossed[0], crossed[1], crossed[2] },
                                             .aside = { aside[0], aside[1], aside[2] },
                                             .once = { single[0], single[1], single[2] },
-                                            .way = { way[0], way[1], way[2] },
+                                            .direction = { way[0], way[1], way[2] },
                                             .diffuse = diffuse,
                                             .curvature = curvature,
                                             .thinness = thinness,

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: tiles of pixels, packed into packets of 16 that the surface covers, over all lights and samples.
- * Shadows of point and spot lights use the light's grid (visibility/light_grid.h), if it has one and the pixels are neighbours;
- * otherwise rays.
+ * cpu.c - the stage: tiles of pixels, packed into packets of 16 covered pixels, over all lights and samples. Shadows of point and spot
+ * lights use the light's grid (visibility/light_grid.h), if it has one and the pixels are neighbours; otherwise rays.
  */
 #include "render/irradiance/internal.h"
 
@@ -19,19 +18,19 @@
 #define TILE_W 32
 #define TILE_H 16
 #define PLANES 6
-#define LINE 16                                /* floats of a cache line; a tile has as many lines of a plane as packets */
-#define PACKETS (TILE_W * TILE_H / PELL_LANES) /* of a tile */
-#define BLOCK 4                                /* packets are made of blocks of 4 x 4 pixels: the most coherent rays */
+#define LINE 16                                /* floats per cache line; a tile has as many lines per plane as packets */
+#define PACKETS (TILE_W * TILE_H / PELL_LANES) /* per tile */
+#define BLOCK 4                                /* packets are blocks of 4 x 4 pixels, whose rays are most coherent */
 
 /* --- Packets of pixels ---------------------------------------------------------------------------------------------------------- */
 
-/* The covered pixels of a tile, with their materials + 1. Behind the last packet's the first of its pixels is repeated. */
+/* The covered pixels of a tile, with their materials + 1. After the last packet the first of its pixels is repeated. */
 struct pixels {
     _Alignas(64) uint16_t at[TILE_W * TILE_H + PELL_LANES], material[TILE_W * TILE_H + PELL_LANES];
     int count;
 };
 
-/* Fills the packet from a tile's pixels; lanes over `count` repeat the first one. */
+/* Fills the packet from a tile's pixels; lanes beyond `count` repeat the first one. */
 static void fill_packet(const struct job *job, struct packet *k, int x0, int y0, const struct pixels *pixels, int first)
 {
     const int32_t stride = (int32_t) job->p->surface->stride;
@@ -50,7 +49,7 @@ static void fill_packet(const struct job *job, struct packet *k, int x0, int y0,
 
 /* --- Lights -------------------------------------------------------------------------------------------------------------------- */
 
-/* The projected image's colour on the way to each lane. */
+/* Multiplies by the projected image's colour toward each lane. */
 static void project_image(const struct pell_light_source *source, struct packet *k)
 {
     struct pell_aim *a = &k->aim;
@@ -68,15 +67,15 @@ static void project_image(const struct pell_light_source *source, struct packet 
     }
 }
 
-/* Of lights that take turns (struct pell_light_source.turns), what each lane sees of the one whose turn it is there. */
+/* For lights that take turns (struct pell_light_source.turns): the sample of each lane's current light. */
 struct turns {
     struct pell_aim aim;
     const struct pell_light_source *first;
 };
 
-/* The four pixels of a square take different lights, and each takes all in turn, so that the mean over the multisamples is that of all
- * lights at all of them. */
-static void take_turn(const struct job *job, const struct pell_light_source *source, const struct packet *k, struct turns *t)
+/* The four pixels of a quad use different lights, and each uses all in turn, so that the mean over the multisamples is that of all
+ * lights at all pixels. */
+static void record_turn(const struct job *job, const struct pell_light_source *source, const struct packet *k, struct turns *t)
 {
     const struct pell_aim *a = &k->aim;
     const uint32_t mask = (uint32_t) source->turns - 1u, turn = (uint32_t) source->turn;
@@ -97,7 +96,7 @@ static void take_turn(const struct job *job, const struct pell_light_source *sou
     t->first = source;
 }
 
-/* What is sent through solids goes by the middle of an environment's light: the smooth rest there is the table less that. */
+/* Transmission uses the centre of an environment's light: the smooth part there is the table minus that light. */
 static void aim_at_middle(const struct job *job, const struct pell_light_data *data, struct packet *k)
 {
     struct pell_light_data middle = *data;
@@ -106,8 +105,8 @@ static void aim_at_middle(const struct job *job, const struct pell_light_data *d
     job->kernels->aim(&middle, &k->lanes, 0, 0, &k->aim);
 }
 
-/* What is sent through solids. */
-static void send_through(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
+/* Adds the transmission of a light. */
+static void transmit(const struct job *job, const struct pell_light_source *source, struct pell_aim *a, struct packet *k)
 {
     if (k->any_forward)
         pell_transmit_forward(job, source, a, k);
@@ -115,24 +114,24 @@ static void send_through(const struct job *job, const struct pell_light_source *
         pell_transmit_light(job, source, a, k);
 }
 
-/* The same of those. */
+/* Adds the transmission of lights that took turns. */
 static void end_turns(const struct job *job, struct packet *k, struct turns *t)
 {
     if (t->aim.any_back)
-        send_through(job, t->first, &t->aim, k);
+        transmit(job, t->first, &t->aim, k);
     memset(t->aim.back, 0, sizeof(t->aim.back));
     t->aim.any_back = 0;
 }
 
-/* All samples of a light; what enters from the front goes to `front`. Where the device has found that, what is transmitted may be left. */
-static void shine(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front,
-                  struct turns *turns)
+/* Adds all samples of a light; light that enters from the front goes to `front`. If the device computed that, transmission may remain. */
+static void add_light(const struct job *job, const struct pell_light_source *source, struct packet *k, struct pell_sums *front,
+                      struct turns *turns)
 {
     const struct pell_light_data *data = &job->lights->data[source - job->lights->sources];
-    const bool highlights = source->environment < 0 && !k->given && shows_highlights(job, k);
+    const bool highlights = source->environment < 0 && !k->lit_by_device && shows_highlights(job, k);
     struct pell_gloss gloss;
 
-    if (k->given && !k->any_forward && (k->passed || !k->lanes.any_deep))
+    if (k->lit_by_device && !k->any_forward && (k->passed || !k->lanes.any_deep))
         return;
     if (highlights)
         job->kernels->begin_highlights(data, &k->lanes, &gloss);
@@ -144,21 +143,21 @@ static void shine(const struct job *job, const struct pell_light_source *source,
         job->kernels->aim(data, &k->lanes, pell_sobol0(n), pell_sobol1(n), &k->aim);
         if (source->image)
             project_image(source, k);
-        if (k->aim.any_front && !k->given) {
-            if (!pell_ask_light_grid(source, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
+        if (k->aim.any_front && !k->lit_by_device) {
+            if (!pell_query_light_grid(source, k, k->aim.front, k->lanes.ox, k->lanes.oy, k->lanes.oz, visible)) {
                 job->kernels->shadow_rays(data, &k->lanes, &k->aim, &rays);
                 pell_trace_occlusion(job, k, k->aim.front, true, &rays, visible);
             }
             job->kernels->front(data, &job->tables, &k->lanes, &k->aim, visible, highlights ? &gloss : NULL, front);
-        } else if (pell_light_in_table(data) && !k->given) {
+        } else if (pell_light_in_table(data) && !k->lit_by_device) {
             job->kernels->unshadowed(&job->tables, &k->lanes, &k->aim, front);
         }
         if (source->environment >= 0 && (k->any_forward || k->lanes.any_deep))
             aim_at_middle(job, data, k);
         if (k->aim.any_back && turns && source->turns > 1)
-            take_turn(job, source, k, turns);
+            record_turn(job, source, k, turns);
         else if (k->aim.any_back)
-            send_through(job, source, &k->aim, k);
+            transmit(job, source, &k->aim, k);
     }
     if (highlights)
         job->kernels->end_highlights(data, &k->lanes, job->p->sample, &gloss, front);
@@ -166,8 +165,8 @@ static void shine(const struct job *job, const struct pell_light_source *source,
 
 /* --- Environments ------------------------------------------------------------------------------------------------------------- */
 
-/* Its lights. Where only what enters is asked for, points are no pixels, and lights have no turns. */
-static void shine_environment(const struct job *job, size_t environment, struct packet *k, struct pell_sums *sums)
+/* Adds the lights of an environment. Without highlights, points are not pixels, and lights do not take turns. */
+static void add_environment_lights(const struct job *job, size_t environment, struct packet *k, struct pell_sums *sums)
 {
     const struct pell_lights *lights = job->lights;
     struct turns turns;
@@ -177,7 +176,7 @@ static void shine_environment(const struct job *job, size_t environment, struct 
         const struct pell_light_source *source = &lights->sources[j];
         if (source->environment != (int) environment)
             continue;
-        shine(job, source, k, sums, job->entering ? NULL : &turns);
+        add_light(job, source, k, sums, job->entering ? NULL : &turns);
         if (source->turns > 1 && source->turn == source->turns - 1)
             end_turns(job, k, &turns);
     }
@@ -201,24 +200,25 @@ static void add_reflection(const struct job *job, struct packet *k, const struct
     }
 }
 
-static void add_ways(const struct pell_sums *from, struct packet *k)
+static void add_directions(const struct pell_sums *from, struct packet *k)
 {
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < k->count; i++) {
             k->sums.aside[c][i] += from->aside[c][i];
-            k->sums.way_in[c][i] += from->way_in[c][i];
+            k->sums.direction_in[c][i] += from->direction_in[c][i];
         }
     for (int i = 0; i < k->count; i++)
         k->sums.known[i] += from->known[i];
 }
 
-/* Diffuse light is returned with all that is scattered once, as more that enters (pell_angle.enter_mean): how much more. */
-static float once_as_more(const struct pell_lanes *l, int c, int i)
+/* Diffuse light is returned including its single scattering, as a surplus of entering light (pell_angle.enter_mean). Returns that
+ * surplus. */
+static float single_surplus(const struct pell_lanes *l, int c, int i)
 {
     return l->enter_mean[c][i] - l->enter_base[c][i] - l->enter_slope[c][i] * (1.0f - pell_mean_refracted(l->inverse_eta2[i]));
 }
 
-static void environments(const struct job *job, struct packet *k)
+static void add_environments(const struct job *job, struct packet *k)
 {
     const struct pell_lights *lights = job->lights;
     const struct pell_lanes *l = &k->lanes;
@@ -230,27 +230,27 @@ static void environments(const struct job *job, struct packet *k)
         sky.origin[0][i] = l->ox[i];
         sky.origin[1][i] = l->oy[i];
         sky.origin[2][i] = l->oz[i];
-        sky.normal[0][i] = l->gx[i]; /* geometric: on a convex mesh all of the environment is seen, however coarse it is */
+        sky.normal[0][i] = l->gx[i]; /* geometric: on a convex mesh the whole environment is visible, however coarse it is */
         sky.normal[1][i] = l->gy[i];
         sky.normal[2][i] = l->gz[i];
     }
     if (job->entering && job->p->ambient && !k->behind)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
-    else if (!k->given)
+    else if (!k->lit_by_device)
         pell_ambient_visibility(job, k, l->valid, PELL_AMBIENT_SALT, &sky, k->ambient);
     for (size_t e = 0; e < lights->num_environments; e++) {
         struct pell_sums sums = { 0 };
         if (!pell_light_counts(job, lights->environments[e].light))
             continue;
-        if (k->given)
-            pell_take_environment(job, k, e, &sums);
-        shine_environment(job, e, k, &sums);
+        if (k->lit_by_device)
+            pell_read_environment(job, k, e, &sums);
+        add_environment_lights(job, e, k, &sums);
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < k->count; i++)
                 k->sums.single[c][i] += sums.single[c][i];
-        if (l->any_way)
-            add_ways(&sums, k);
+        if (l->any_direction)
+            add_directions(&sums, k);
         for (int i = 0; i < k->count; i++) {
             const struct pell_env_query query = lane_query(job, k, i);
             float rgb[3];
@@ -258,23 +258,23 @@ static void environments(const struct job *job, struct packet *k)
             for (int c = 0; c < 3; c++) {
                 const float rest = k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]);
                 k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + l->enter_mean[c][i] * rest);
-                if (l->any_way)
-                    k->sums.once[c][i] += once_as_more(l, c, i) * rest;
+                if (l->any_direction)
+                    k->sums.once[c][i] += single_surplus(l, c, i) * rest;
             }
         }
         if (shows_highlights(job, k))
             add_reflection(job, k, &lights->environments[e]);
     }
     if (l->any_deep && k->passed)
-        pell_take_environment_transmitted(job, k);
+        pell_read_environment_transmitted(job, k);
     else if (l->any_deep)
         pell_transmit_environment(job, k);
 }
 
 /* --- Indirect light ----------------------------------------------------------------------------------------------------------- */
 
-/* Whether a lane is seen from the side from which the corners of its triangle run clockwise. */
-static bool sees_back(const struct job *job, const struct packet *k, int i)
+/* Whether a lane is viewed from the side from which the corners of its triangle run clockwise. */
+static bool is_back(const struct job *job, const struct packet *k, int i)
 {
     const struct pell_mesh *mesh = &job->p->scene->meshes[k->points.mesh[i]];
     struct pell_vec3 corner[3];
@@ -285,19 +285,19 @@ static bool sees_back(const struct job *job, const struct packet *k, int i)
 
 static void add_indirect(const struct job *job, struct packet *k)
 {
-    const bool passed = job->p->passed && !job->entering && !k->behind;
+    const bool transmits = job->p->passed && !job->entering && !k->behind;
     _Alignas(64) float rgb[4][PELL_LANES], behind[4][PELL_LANES];
     int32_t back[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++)
-        back[i] = k->lanes.opaque[i] && sees_back(job, k, i);
-    pell_indirect_at(job->p->indirect, &k->points, back, rgb, passed ? behind : NULL);
+        back[i] = k->lanes.opaque[i] && is_back(job, k, i);
+    pell_indirect_at(job->p->indirect, &k->points, back, rgb, transmits ? behind : NULL);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++) {
             k->sums.irradiance[c][i] += rgb[c][i] * k->lanes.enter_mean[c][i];
-            if (k->lanes.any_way)
-                k->sums.once[c][i] += rgb[c][i] * once_as_more(&k->lanes, c, i);
-            if (passed)
+            if (k->lanes.any_direction)
+                k->sums.once[c][i] += rgb[c][i] * single_surplus(&k->lanes, c, i);
+            if (transmits)
                 k->sums.transmitted[c][i] += behind[c][i];
         }
 }
@@ -309,15 +309,15 @@ static void shade_side(const struct job *job, struct packet *k)
     struct pell_gains gains;
     struct pell_inside inside;
 
-    pell_prepare_side(job, k, &gains, &inside);
-    if (k->given)
-        pell_take_lights(job, k);
+    pell_prepare_inside(job, k, &gains, &inside);
+    if (k->lit_by_device)
+        pell_read_lights(job, k);
     if (k->passed && k->lanes.any_deep)
-        pell_take_transmitted(job, k);
+        pell_read_transmitted(job, k);
     for (size_t j = 0; j < job->lights->num_sources; j++)
         if (job->lights->sources[j].environment < 0 && pell_light_counts(job, job->lights->sources[j].light))
-            shine(job, &job->lights->sources[j], k, &k->sums, NULL);
-    environments(job, k);
+            add_light(job, &job->lights->sources[j], k, &k->sums, NULL);
+    add_environments(job, k);
     if (job->p->indirect && (job->p->lights == 0 || (job->p->lights & PELL_LIGHT_INDIRECT)))
         add_indirect(job, k);
     if (job->p->curvature)
@@ -326,8 +326,8 @@ static void shade_side(const struct job *job, struct packet *k)
         pell_add_inside(job, &inside, k);
 }
 
-/* What the far side of thin sheets receives is transmitted. */
-static void shade_behind(const struct job *job, struct packet *k)
+/* Computes the light that the far side of thin sheets receives, which is transmitted. */
+static void shade_far_side(const struct job *job, struct packet *k)
 {
     struct packet b = *k;
     const struct pell_lanes *l = &b.lanes;
@@ -343,8 +343,8 @@ static void shade_behind(const struct job *job, struct packet *k)
             k->sums.transmitted[c][i] = l->valid[i] ? b.sums.irradiance[c][i] : k->sums.transmitted[c][i];
 }
 
-/* Of what emits, and is mirrored, no share is known. */
-static void leave_out_emissive(const struct job *job, struct packet *k)
+/* Marks emissive pixels: their specular light includes emission, so no shadowed fraction is known. */
+static void exclude_emissive(const struct job *job, struct packet *k)
 {
     float *const *emissive = job->p->surface->emissive;
 
@@ -359,21 +359,21 @@ static void shade_packet(const struct job *job, struct packet *k)
 {
     shade_side(job, k);
     if (job->p->shared && job->p->surface->any_emissive)
-        leave_out_emissive(job, k);
+        exclude_emissive(job, k);
     if (k->lanes.any_thin)
-        shade_behind(job, k);
+        shade_far_side(job, k);
 }
 
-/* First the blocks that are covered as a whole, each a packet, then the pixels of the others. Their materials are kept beside them: to read
- * the plane again one by one would wait for all that the packet before has written. */
+/* Lists fully covered blocks first, each a packet, then the pixels of other blocks. Their materials are stored with them: reading the
+ * plane again one by one would wait for the writes of the previous packet. */
 static void list_pixels(const struct job *job, int x0, int y0, struct pixels *list)
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_rect r = s->covered;
-    uint16_t at[TILE_W * TILE_H + 1], material[TILE_W * TILE_H + 1]; /* one more: the place behind the last is written, too */
+    uint16_t at[TILE_W * TILE_H + 1], material[TILE_W * TILE_H + 1]; /* one more: the element after the last is written, too */
     int n = 0, m = 0;
 
-    /* Nothing is covered beside the rectangle, but rows under it may not exist. */
+    /* Nothing is covered outside the rectangle, but rows below it may not exist. */
     for (int by = y0; by < y0 + TILE_H && by < r.y1; by += BLOCK)
         for (int bx = x0; bx < x0 + TILE_W && bx < r.x1; bx += BLOCK) {
             const uint16_t *block = s->material + (ptrdiff_t) by * s->stride + bx;
@@ -409,14 +409,14 @@ static void list_pixels(const struct job *job, int x0, int y0, struct pixels *li
     }
 }
 
-/* What a tile's pixels receive, before it goes to the planes in whole cache lines. Writing each packet directly to the planes would take
- * longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
+/* The light of a tile's pixels, before it is copied to the planes in whole cache lines. Writing each packet directly to the planes would
+ * take longer than its arithmetic, because it touches a quarter of a cache line in every plane and row. */
 struct tile {
     _Alignas(64) float planes[PLANES][3][TILE_H * TILE_W]; /* irradiance, through, specular, single, hidden, lost */
-    float way[TILE_H * TILE_W];
+    float path[TILE_H * TILE_W];
 };
 
-/* Copies a tile to the planes. Pixels that nothing covers get 0. */
+/* Copies a tile to the planes. Uncovered pixels get 0. */
 static void flush_tile(const struct job *job, int x0, int y0, const struct tile *tile)
 {
     const ptrdiff_t stride = job->p->surface->stride;
@@ -425,9 +425,9 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
                                            job->out->single,     job->out->hidden,      job->out->lost };
     const bool wanted[PLANES] = { true, true, true, job->p->apart, job->p->shared, job->p->shared };
 
-    for (int y = 0; job->out->way && y < rows; y++)
+    for (int y = 0; job->out->path && y < rows; y++)
         for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
-            memcpy(job->out->way + (y0 + y) * stride + x0 + x, tile->way + y * TILE_W + x, LINE * sizeof(float));
+            memcpy(job->out->path + (y0 + y) * stride + x0 + x, tile->path + y * TILE_W + x, LINE * sizeof(float));
     for (int k = 0; k < PLANES; k++)
         for (int c = 0; c < 3 && wanted[k]; c++)
             for (int y = 0; y < rows; y++)
@@ -435,8 +435,8 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
                     memcpy(planes[k][c] + (y0 + y) * stride + x0 + x, tile->planes[k][c] + y * TILE_W + x, LINE * sizeof(float));
 }
 
-/* Asks for a 32nd of the cache lines that this tile goes to, and of those that the next one comes from. There are more streams than
- * processors follow by themselves, and a packet's rays leave time for it. */
+/* Prefetches 1/32 of the cache lines that this tile is written to, and of those that the next one is read from. There are more streams
+ * than hardware prefetchers follow, and a packet's rays leave time for it. */
 PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int part)
 {
     const struct pell_surface *s = job->p->surface;
@@ -469,7 +469,7 @@ static void send_tile(void *arg, int number, int worker)
     struct packet k;
 
     (void) worker;
-    k.held = -1;
+    k.cached_material = -1;
     k.behind = false;
     list_pixels(job, x0, y0, &list);
     for (int first = 0; first < list.count; first += PELL_LANES) {
@@ -490,9 +490,9 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
 
     (void) worker;
     k.rays = k.device_rays = k.through_rays = 0;
-    k.held = -1;
+    k.cached_material = -1;
     k.behind = false;
-    k.given = job->slots != NULL;
+    k.lit_by_device = job->slots != NULL;
     k.passed = job->passed;
     list_pixels(job, x0, y0, &list);
     if (list.count == 0)
@@ -505,14 +505,14 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         out.hidden[c] = job->p->shared ? tile.planes[4][c] : NULL;
         out.lost[c] = tile.planes[5][c];
     }
-    out.way = job->out->way ? tile.way : NULL;
+    out.path = job->out->path ? tile.path : NULL;
     if (list.count < TILE_W * TILE_H)
         memset(&tile, 0, sizeof(tile));
     for (int first = 0; first < list.count; first += PELL_LANES) {
         _Alignas(64) int32_t place[PELL_LANES];
         fetch(job, x0, y0, first / PELL_LANES);
         fill_packet(job, &k, x0, y0, &list, first);
-        if (k.given)
+        if (k.lit_by_device)
             k.slot = job->slots[number * PACKETS + first / PELL_LANES];
         shade_packet(job, &k);
         for (int i = 0; i < PELL_LANES; i++)
@@ -525,7 +525,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     atomic_fetch_add_explicit(&job->through_rays, k.through_rays, memory_order_relaxed);
 }
 
-static struct job job_of(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
+static struct job make_job(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
 {
     const struct pell_specular_tables *t = params->tables;
 
@@ -540,22 +540,22 @@ static struct job job_of(const struct pell_lights *lights, const struct pell_irr
     };
 }
 
-static struct job job_of_points(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
+static struct job make_points_job(const struct pell_lights *lights, const struct pell_irradiance_params *params, struct pell_lighting *out)
 {
-    struct job job = job_of(lights, params, out);
+    struct job job = make_job(lights, params, out);
 
     job.entering = true;
     return job;
 }
 
-/* False where there is no point. */
+/* Returns false if there is no point. */
 static bool fill_points(const struct job *job, struct packet *k, const struct pell_lit_place *at)
 {
     const uint16_t *material = job->p->surface->material;
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
 
     k->rays = k->device_rays = k->through_rays = 0;
-    k->held = -1;
+    k->cached_material = -1;
     k->behind = false;
     k->count = 0;
     for (int i = 0; i < PELL_LANES; i++) {
@@ -567,7 +567,7 @@ static bool fill_points(const struct job *job, struct packet *k, const struct pe
     }
     if (k->count == 0)
         return false;
-    for (int i = k->count; i < PELL_LANES; i++) { /* lanes over repeat the first one */
+    for (int i = k->count; i < PELL_LANES; i++) { /* further lanes repeat the first one */
         x[i] = x[0];
         k->material[i] = k->material[0];
         k->index[i] = k->index[0];
@@ -579,7 +579,7 @@ static bool fill_points(const struct job *job, struct packet *k, const struct pe
 uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pell_irradiance_params *params,
                               const struct pell_lit_place *at, int samples)
 {
-    const struct job job = job_of_points(lights, params, NULL);
+    const struct job job = make_points_job(lights, params, NULL);
     struct packet k;
 
     return fill_points(&job, &k, at) ? pell_send_packet(&job, &k, samples) : 0;
@@ -588,14 +588,14 @@ uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pel
 void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_lit_place *at,
                         struct pell_lighting *out, float albedo[3][PELL_LANES])
 {
-    const struct job job = job_of_points(lights, params, out);
+    const struct job job = make_points_job(lights, params, out);
     struct packet k;
 
     if (!fill_points(&job, &k, at))
         return;
-    k.given = params->device != NULL;
-    k.passed = false; /* and nothing is transmitted to points */
-    k.slot = k.given ? at->slot + at->sample * pell_packet_points(&k) : 0;
+    k.lit_by_device = params->device != NULL;
+    k.passed = false; /* and points receive no transmission */
+    k.slot = k.lit_by_device ? at->slot + at->sample * pell_packet_points(&k) : 0;
     shade_packet(&job, &k);
     job.kernels->store(&job.tables, &k.lanes, &k.sums, k.index, k.count, out);
     for (int c = 0; c < 3; c++)
@@ -605,7 +605,7 @@ void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irra
     out->device_rays = k.device_rays;
 }
 
-/* Direct light and what is transmitted on the device, in batches of tiles; the rest here. */
+/* Computes direct light and transmission on the device, in batches of tiles; the rest here. */
 static enum pell_result render_on_device(struct pell_pool *pool, struct job *job, int tiles)
 {
     struct pell_light_device *d = job->p->device;
@@ -632,14 +632,14 @@ enum pell_result pell_irradiance_render(struct pell_pool *pool, struct pell_ligh
                                         struct pell_lighting *out)
 {
     const struct pell_rect covered = params->surface->covered;
-    struct job job = job_of(lights, params, out);
+    struct job job = make_job(lights, params, out);
     enum pell_result res = PELL_OK;
     int tiles;
 
     out->shadow_rays = out->device_rays = out->through_rays = 0;
     if (covered.x0 >= covered.x1 || covered.y0 >= covered.y1)
         return PELL_OK;
-    /* Tiles lie on multiples of their size, so that packets don't depend on what else is in the picture. */
+    /* Tiles are at multiples of their size, so that packets do not depend on other content of the image. */
     job.rect = (struct pell_rect) { covered.x0 / TILE_W * TILE_W, covered.y0 / TILE_H * TILE_H, covered.x1, covered.y1 };
     job.columns = (job.rect.x1 - job.rect.x0 + TILE_W - 1) / TILE_W;
     tiles = job.columns * ((job.rect.y1 - job.rect.y0 + TILE_H - 1) / TILE_H);

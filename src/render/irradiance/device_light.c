@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: MIT
- * given.c - points to the device and their light back (device.h). */
+ * device_light.c - sends points to the device and reads their light (device.h). */
 #include "render/irradiance/device.h"
 #include "render/irradiance/internal.h"
 
 #include <string.h>
 
-/* Writes 16 points; lanes that hold none are written as none. */
+/* Writes 16 points; lanes without a point get no material. */
 static void write_points(const struct job *job, const struct packet *k, uint32_t number, struct pell_lit_point *out)
 {
     const struct pell_lanes *l = &k->lanes;
-    const bool asks = pell_any_environment(job) && (k->behind || !(job->entering && job->p->ambient));
+    const bool needs_ambient = pell_any_environment(job) && (k->behind || !(job->entering && job->p->ambient));
 
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_lit_point point = {
@@ -24,7 +24,7 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .curve = l->curve[i],
             .first = l->first[i],
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
-            .flags = (asks ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u) |
+            .flags = (needs_ambient ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u) |
                      (job->entering ? 0u : PELL_LIT_SEEN) | ~l->apart,
             .number = number,
             .turned = l->turned[i],
@@ -35,19 +35,19 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
 
 uint32_t pell_send_packet(const struct job *job, struct packet *k, int samples)
 {
-    const uint32_t each = pell_packet_points(k), first = pell_light_device_claim(job->p->device, each * (uint32_t) samples);
+    const uint32_t per_sample = pell_packet_points(k), first = pell_light_device_claim(job->p->device, per_sample * (uint32_t) samples);
     struct pell_lit_point *points = pell_light_device_points(job->p->device) + first;
     struct pell_inside inside;
     struct pell_gains gains;
 
-    pell_prepare_side(job, k, &gains, &inside); /* for the lanes' shift, and which of them light goes straight through to */
+    pell_prepare_inside(job, k, &gains, &inside); /* for the lanes' shift, and the lanes with straight transmission */
     for (int n = 0; n < samples; n++)
-        write_points(job, k, job->p->sample + (uint32_t) n, points + (uint32_t) n * each);
-    if (each > PELL_LANES) {
+        write_points(job, k, job->p->sample + (uint32_t) n, points + (uint32_t) n * per_sample);
+    if (per_sample > PELL_LANES) {
         struct packet b = *k;
         pell_turn_packet(&b);
         for (int n = 0; n < samples; n++)
-            write_points(job, &b, job->p->sample + (uint32_t) n, points + (uint32_t) n * each + PELL_LANES);
+            write_points(job, &b, job->p->sample + (uint32_t) n, points + (uint32_t) n * per_sample + PELL_LANES);
     }
     return first;
 }
@@ -66,34 +66,34 @@ static void add_rgb(const uint32_t *word, int i, float sum[3][PELL_LANES])
         sum[c][i] += as_float(word[c]);
 }
 
-/* A point's words, from number `at` on. */
-static const uint32_t *words(const struct job *job, const struct packet *k, int i, size_t at)
+/* Returns a point's words, from four-word group `at` on. */
+static const uint32_t *words_at(const struct job *job, const struct packet *k, int i, size_t at)
 {
     return pell_light_device_result(job->p->device, k->slot + (size_t) i) + 4 * at;
 }
 
-void pell_take_lights(const struct job *job, struct packet *k)
+void pell_read_lights(const struct job *job, struct packet *k)
 {
     for (int i = 0; i < k->count; i++) {
         size_t at = 1;
         if (!k->lanes.valid[i])
             continue;
-        add_rgb(words(job, k, i, 0), i, k->sums.irradiance);
-        k->device_rays += words(job, k, i, 0)[3];
+        add_rgb(words_at(job, k, i, 0), i, k->sums.irradiance);
+        k->device_rays += words_at(job, k, i, 0)[3];
         if (!job->entering) {
             if (shows_highlights(job, k)) {
-                add_rgb(words(job, k, i, at), i, k->sums.specular);
-                add_rgb(words(job, k, i, at + 1), i, k->sums.hidden);
-                add_rgb(words(job, k, i, at + 2), i, k->sums.lost);
+                add_rgb(words_at(job, k, i, at), i, k->sums.specular);
+                add_rgb(words_at(job, k, i, at + 1), i, k->sums.hidden);
+                add_rgb(words_at(job, k, i, at + 2), i, k->sums.lost);
             }
             at += PELL_LIT_HIGHLIGHT_WORDS;
         }
         if (job->p->apart)
-            add_rgb(words(job, k, i, at), i, k->sums.single);
+            add_rgb(words_at(job, k, i, at), i, k->sums.single);
     }
 }
 
-void pell_take_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
+void pell_read_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
 {
     const size_t at = 1 + PELL_LIT_HIGHLIGHT_WORDS * (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
     const bool known = job->entering && job->p->ambient && !k->behind;
@@ -102,37 +102,37 @@ void pell_take_environment(const struct job *job, struct packet *k, size_t e, st
         k->ambient[i] = known ? k->ambient[i] : 0.0f;
         if (!k->lanes.valid[i])
             continue;
-        add_rgb(words(job, k, i, at), i, sums->irradiance);
-        add_rgb(words(job, k, i, at + 1), i, sums->unshadowed);
+        add_rgb(words_at(job, k, i, at), i, sums->irradiance);
+        add_rgb(words_at(job, k, i, at + 1), i, sums->unshadowed);
         if (!known)
-            k->ambient[i] = (float) words(job, k, i, at)[3] / (float) job->lights->ambient_samples;
+            k->ambient[i] = (float) words_at(job, k, i, at)[3] / (float) job->lights->ambient_samples;
     }
 }
 
-/* Whether the device has looked for light straight through the solid there. */
-static bool is_straight(const struct packet *k, int i)
+/* Whether the device computed straight transmission at lane i. */
+static bool has_straight(const struct packet *k, int i)
 {
     return !k->behind && k->lanes.valid[i] & k->lanes.deep[i] & k->straight[i];
 }
 
-void pell_take_transmitted(const struct job *job, struct packet *k)
+void pell_read_transmitted(const struct job *job, struct packet *k)
 {
     for (int i = 0; i < k->count; i++) {
         const uint32_t *w = pell_light_device_through(job->p->device, k->slot + (size_t) i);
-        if (!is_straight(k, i))
+        if (!has_straight(k, i))
             continue;
         add_rgb(w, i, k->sums.transmitted);
         k->sums.straight[i] += as_float(w[0]) + as_float(w[1]) + as_float(w[2]);
-        k->sums.way[i] += k->flat[i] * as_float(w[3]);
+        k->sums.path[i] += k->flat[i] * as_float(w[3]);
         k->through_rays += w[11];
     }
 }
 
-bool pell_take_exit(const struct job *job, const struct packet *k, int i, float share[3], float *m, struct pell_vec3 *normal)
+bool pell_read_exit(const struct job *job, const struct packet *k, int i, float share[3], float *m, struct pell_vec3 *normal)
 {
     const uint32_t *w = pell_light_device_through(job->p->device, k->slot + (size_t) i);
 
-    if (!is_straight(k, i))
+    if (!has_straight(k, i))
         return false;
     for (int c = 0; c < 3; c++)
         share[c] = as_float(w[4 + c]);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * inside.c - what the shape of a solid and the light inside of it do to the light of a packet: factors of what enters, and what is
- * transmitted. */
+ * inside.c - effects of a solid's shape, and of the light inside it, on the light of a packet: gains of entering light, and transmission.
+ *
+ */
 #include "render/irradiance/internal.h"
 
 #include "shared/spread.h"
@@ -21,7 +22,7 @@ void pell_find_points(const struct job *job, struct packet *k)
     }
 }
 
-/* What is scattered forward, toward the camera; and which lanes look for what comes from near. */
+/* Adds forward-scattered light toward the camera, and marks the lanes that look for forward-scattered light from nearby. */
 static void add_beams(const struct job *job, const struct pell_indirect_insides *q, struct packet *k, struct pell_inside *inside)
 {
     const struct pell_lanes *l = &k->lanes;
@@ -39,7 +40,7 @@ static void add_beams(const struct job *job, const struct pell_indirect_insides 
     }
 }
 
-void pell_prepare_side(const struct job *job, struct packet *k, struct pell_gains *gains, struct pell_inside *inside)
+void pell_prepare_inside(const struct job *job, struct packet *k, struct pell_gains *gains, struct pell_inside *inside)
 {
     _Alignas(64) int32_t translucent[PELL_LANES];
 

@@ -113,7 +113,7 @@ static void add_transmitted(const struct pell_inside *restrict in, struct pell_s
     for (int i = 0; i < N; i++) {
         const float left = all[i] > 0.0f ? kept[i] / all[i] : 0.0f;
         sums->straight[i] *= left;
-        sums->way[i] *= left;
+        sums->path[i] *= left;
     }
 }
 

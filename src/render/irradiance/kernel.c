@@ -1,10 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernel.c - see shade.h. Compiled once per SIMD level; plain loops over 16 lanes.
+ * kernel.c - see kernel.h. Compiled once per SIMD level; plain loops over 16 lanes.
  *
- *     E += L_i T(n.w) max(n.w, 0) V,  T = 1 - rho_s albedo_f or F_t            (methods.md)
- *     soft terminator: G = min(1, ng.l / (n.l n.ng)),  factor -G^3 + G^2 + G   (Chiang, Li and Burley 2019, "Taming the Shadow
- *     Terminator"): light goes out smoothly where the geometric normal turns away, and nothing changes where the normals agree
+ *     E += L_i T(n.w) max(n.w, 0) V,  T = 1 - rho_s albedo_f or F_t
+ *     soft terminator: G = min(1, ng.l / (n.l n.ng)),  factor -G^3 + G^2 + G   (Chiang, Li and Burley 2019, "Taming the Shadow Terminator")
+ *
+ * The soft terminator fades light out smoothly where the geometric normal turns away, and changes nothing where the normals agree.
  */
 #include "render/irradiance/lanes.h"
 
@@ -27,7 +28,8 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
         a->gl[i] = gl;
         a->nl[i] = nl;
         a->front[i] = lit & -(int32_t) pell_lane_fronts(p, i, gl) & -(int32_t) (nl > 0.0f);
-        a->back[i] = lit & (p->deep[i] | p->clear[i]) & ~a->front[i]; /* triangle, or normal alone: near the terminator they differ */
+        a->back[i] = lit & (p->deep[i] | p->clear[i]) & ~a->front[i]; /* by the triangle or the normal alone: near the terminator they
+                                                                       * differ */
         front |= a->front[i];
         back |= a->back[i];
     }
@@ -35,7 +37,7 @@ static void finish_aim(const struct pell_lanes *restrict p, struct pell_aim *res
     a->any_back = back != 0;
 }
 
-/* A direction of those that a light of an environment stands for: `direction` is what the samples of its rectangle have in the mean. */
+/* Samples a direction of an environment's light: `direction` is the mean of the samples of its rectangle. */
 static void aim_around(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
                        struct pell_aim *restrict a)
 {
@@ -74,9 +76,9 @@ static void aim_directional(const struct pell_light_data *restrict light, const 
     }
 }
 
-/* The far ends, from the middle of the light or from samples over its face. */
-static void place_samples(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
-                          struct pell_aim *restrict a)
+/* Sets the sample positions: the centre of the light, or samples over an area light. */
+static void place_on_light(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t u0, uint32_t u1,
+                           struct pell_aim *restrict a)
 {
     const bool disc = light->type == PELL_LIGHT_DATA_DISC;
 
@@ -103,15 +105,15 @@ static void place_samples(const struct pell_light_data *restrict light, const st
     }
 }
 
-/* The light as a point sees it, `to` the middle of it; `half`: its half extents. False where it is small from there, behind, or the point
- * is in its plane. */
+/* The light as seen from a point, `to` its centre; `half`: its half extents. Returns false if it is small from there, faces away, or the
+ * point is in its plane. */
 static bool make_wide(const struct pell_light_data *light, const float half[2], struct pell_vec3 to, struct pell_wide *w)
 {
     const float half_x = half[0], half_y = half[1], area = 4.0f * half_x * half_y;
     const float h = -(to.x * light->direction.x + to.y * light->direction.y + to.z * light->direction.z);
     float x, y, outside_x, outside_y;
 
-    if (!(h > 0.0f) || area < PELL_WIDE_LIGHT * h * h) /* most lights, at once */
+    if (!(h > 0.0f) || area < PELL_WIDE_LIGHT * h * h) /* early out for most lights */
         return false;
     x = (to.x * light->right.x + to.y * light->right.y + to.z * light->right.z) / half_x;
     y = (to.x * light->up.x + to.y * light->up.y + to.z * light->up.z) / half_y;
@@ -123,8 +125,8 @@ static bool make_wide(const struct pell_light_data *light, const float half[2], 
     return w->angle > 1e-3f;
 }
 
-/* Samples of a wide light over the solid angle that it takes; wide[i]: sr that a sample stands for, 0: over its face, -1: no light there.
- * Of a disc those of the square around it count that lie in it. */
+/* Samples a wide light by solid angle; wide[i]: solid angle of the sample, sr, 0: sample by area, -1: no light there. For a disc,
+ * samples of the bounding square that are outside the disc are dropped. */
 static void place_wide_samples(const struct pell_light_data *light, const struct pell_lanes *p, struct pell_aim *a, float wide[N])
 {
     const float half[2] = { vec3_length(vec3(light->right.x, light->right.y, light->right.z)),
@@ -166,7 +168,7 @@ static void aim(const struct pell_light_data *restrict light, const struct pell_
         finish_aim(p, a);
         return;
     }
-    place_samples(light, p, u0, u1, a);
+    place_on_light(light, p, u0, u1, a);
     if (flat)
         place_wide_samples(light, p, a, wide);
     for (int i = 0; i < N; i++) {
@@ -179,7 +181,7 @@ static void aim(const struct pell_light_data *restrict light, const struct pell_
         a->falloff[i] = pell_light_falloff(length, light->position.w, light->direction.w);
     }
     for (int i = 0; i < N; i++) {
-        /* the cosine at the light: of its face, or against the axis of a spot */
+        /* cosine at the light: to the normal of an area light, or to the axis of a spot */
         const float back = -(d.x * a->lx[i] + d.y * a->ly[i] + d.z * a->lz[i]), cosine = back > 0.0f ? back : 0.0f;
         const float spot = pell_light_cone(back, light->spot_scale, light->spot_offset), w = flat ? cosine : cone > 0.0f ? spot : 1.0f;
         for (int c = 0; c < 3; c++)
@@ -223,7 +225,7 @@ static void shadow_rays(const struct pell_light_data *light, const struct pell_l
         }
 }
 
-/* T(n.l) for each lane: places in the tables, then what lies there, then the arithmetic, so that first and last are vectors. */
+/* T(n.l) per lane: table positions, then table values, then the arithmetic, so that the first and last loops are vectorized. */
 static void transmittance(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const float *restrict mu,
                           float *restrict out)
 {
@@ -256,7 +258,7 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
         }
 }
 
-/* What is scattered once right below the surface, as it arrives there again. */
+/* Adds light that is scattered once right below the surface, as it arrives there again. */
 static void add_single(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
                        const float *restrict transmitted, struct pell_sums *restrict sums)
 {
@@ -277,9 +279,9 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
         }
 }
 
-/* Where what enters goes on to, and what the curvature of the surface has moved there. */
-static void add_way(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
-                    const float *restrict transmitted, const float *restrict off, struct pell_sums *restrict sums)
+/* Adds the refracted directions of entering light, and the part that the curvature of the surface moves there. */
+static void add_direction(const struct pell_lanes *restrict p, const struct pell_aim *restrict a, const float *restrict facing,
+                          const float *restrict transmitted, const float *restrict off, struct pell_sums *restrict sums)
 {
     _Alignas(64) float enters[N] = { 0.0f };
 
@@ -295,9 +297,9 @@ static void add_way(const struct pell_lanes *restrict p, const struct pell_aim *
     for (int i = 0; i < N; i++) {
         const float nl = a->nl[i] > 0.0f ? a->nl[i] : 0.0f, rest = 1.0f - (1.0f - nl * nl) * p->inverse_eta2[i];
         const float inverse_eta = sqrtf(p->inverse_eta2[i]), deep = nl * inverse_eta - sqrtf(rest > 0.0f ? rest : 0.0f);
-        sums->way_in[0][i] += enters[i] * (deep * p->nx[i] - inverse_eta * a->lx[i]);
-        sums->way_in[1][i] += enters[i] * (deep * p->ny[i] - inverse_eta * a->ly[i]);
-        sums->way_in[2][i] += enters[i] * (deep * p->nz[i] - inverse_eta * a->lz[i]);
+        sums->direction_in[0][i] += enters[i] * (deep * p->nx[i] - inverse_eta * a->lx[i]);
+        sums->direction_in[1][i] += enters[i] * (deep * p->ny[i] - inverse_eta * a->ly[i]);
+        sums->direction_in[2][i] += enters[i] * (deep * p->nz[i] - inverse_eta * a->lz[i]);
         sums->known[i] += enters[i];
     }
 }
@@ -337,8 +339,8 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
         }
     if (pell_light_in_table(light))
         add_unshadowed(a, transmitted, sums);
-    if (p->any_way)
-        add_way(p, a, facing, transmitted, off, sums);
+    if (p->any_direction)
+        add_direction(p, a, facing, transmitted, off, sums);
     if (p->any_single)
         add_single(p, a, facing, transmitted, sums);
     if (gloss)
@@ -363,8 +365,8 @@ static void unshadowed(const struct pell_shade_tables *t, const struct pell_lane
 
 /* --- Loading ------------------------------------------------------------------------------------------------------------------ */
 
-/* Most packets are 4 x 4 pixels: four rows of four floats of a plane. Returns the distance of the rows, or 0. */
-static inline ptrdiff_t square(const int32_t *restrict index)
+/* Most packets are 4 x 4 pixels: four rows of four floats of a plane. Returns the stride of the rows, or 0. */
+static inline ptrdiff_t row_stride(const int32_t *restrict index)
 {
     const int32_t stride = index[4] - index[0];
     int32_t differ = 0;
@@ -386,8 +388,8 @@ static inline void gather(const float *restrict plane, const int32_t *restrict i
         out[i] = plane[index[i]];
 }
 
-static void load_place(const struct pell_lane_input *input, const float *restrict depth, const int32_t *restrict x,
-                       const int32_t *restrict y, struct pell_lanes *restrict p)
+static void load_pixels(const struct pell_lane_input *input, const float *restrict depth, const int32_t *restrict x,
+                        const int32_t *restrict y, struct pell_lanes *restrict p)
 {
     const struct pell_view v = *input->view;
     const uint32_t seed = pell_hash(input->seed);
@@ -395,7 +397,7 @@ static void load_place(const struct pell_lane_input *input, const float *restric
     const float cx = (0.5f + v.shift_x - 0.5f * (float) v.width) * inv, cy = (0.5f * (float) v.height - 0.5f - v.shift_y) * inv;
 
     for (int i = 0; i < N; i++) {
-        /* pell_view_ray: a perspective ray spreads with depth, an orthographic one starts beside the camera */
+        /* as in pell_view_ray: a perspective ray spreads with depth, an orthographic one starts next to the camera */
         const float sx = (float) x[i] * inv + cx, sy = cy - (float) y[i] * inv, spread = ortho + (1.0f - ortho) * depth[i];
         const float dx = (1.0f - ortho) * sx, dy = (1.0f - ortho) * sy;
         const float wx = v.forward.x + dx * v.right.x + dy * v.up.x, wy = v.forward.y + dx * v.right.y + dy * v.up.y;
@@ -410,7 +412,7 @@ static void load_place(const struct pell_lane_input *input, const float *restric
         p->vx[i] = wx * length;
         p->vy[i] = wy * length;
         p->vz[i] = wz * length;
-        /* some 50 units in the last place of what the point was made of */
+        /* about 50 units in the last place of the largest coordinate */
         p->epsilon[i] = 6e-6f * ((axy > az ? axy : az) + depth[i]);
     }
     for (int i = 0; i < N; i++) {
@@ -423,7 +425,7 @@ static void load_place(const struct pell_lane_input *input, const float *restric
     }
 }
 
-/* The same for points that the camera does not see. */
+/* The same for points that are not seen by the camera. */
 static void load_points(const struct pell_lane_input *input, const float *restrict depth, const int32_t *restrict index,
                         const int32_t *restrict x, const int32_t *restrict y, struct pell_lanes *restrict p)
 {
@@ -467,8 +469,8 @@ static void load_material(const float base[3][N], const float *restrict metallic
         }
 }
 
-/* What the planes would say of this material. */
-static void load_plain(const struct pell_material *m, struct pell_lanes *restrict p)
+/* Sets the values that the planes would have for this material. */
+static void load_uniform(const struct pell_material *m, struct pell_lanes *restrict p)
 {
     const struct pell_surface_uniform e = pell_surface_uniform(m);
 
@@ -482,8 +484,9 @@ static void load_plain(const struct pell_material *m, struct pell_lanes *restric
         }
 }
 
-/* The same for single lanes. */
-static void load_some(const struct pell_material *const *some, float base[3][N], float *restrict metallic, struct pell_lanes *restrict p)
+/* The same for individual lanes. */
+static void load_uniform_lanes(const struct pell_material *const *some, float base[3][N], float *restrict metallic,
+                               struct pell_lanes *restrict p)
 {
     for (int i = 0; some && i < N; i++) {
         struct pell_surface_uniform e;
@@ -503,7 +506,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
                  struct pell_lanes *restrict p, struct pell_sums *restrict sums)
 {
     const struct pell_surface *s = input->surface;
-    const ptrdiff_t rows = square(index);
+    const ptrdiff_t rows = row_stride(index);
     _Alignas(64) float depth[N], metallic[N], base[3][N];
 
     for (int c = 0; c < 3; c++)
@@ -511,10 +514,10 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
             sums->irradiance[c][i] = sums->specular[c][i] = sums->transmitted[c][i] = sums->unshadowed[c][i] = sums->single[c][i] =
                 sums->hidden[c][i] = sums->lost[c][i] = 0.0f;
     memset(sums->straight, 0, sizeof(sums->straight));
-    memset(sums->way, 0, sizeof(sums->way));
+    memset(sums->path, 0, sizeof(sums->path));
     memset(sums->aside, 0, sizeof(sums->aside));
     memset(sums->once, 0, sizeof(sums->once));
-    memset(sums->way_in, 0, sizeof(sums->way_in));
+    memset(sums->direction_in, 0, sizeof(sums->direction_in));
     memset(sums->known, 0, sizeof(sums->known));
     gather(s->depth, index, rows, depth);
     gather(s->ng[0], index, rows, p->gx);
@@ -529,7 +532,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     else
         memset(p->turned, 0, sizeof(p->turned));
     if (input->plain) {
-        load_plain(input->plain, p);
+        load_uniform(input->plain, p);
     } else {
         gather(s->roughness, index, rows, p->roughness);
         gather(s->metallic, index, rows, metallic);
@@ -537,13 +540,13 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
             gather(s->base[c], index, rows, base[c]);
             gather(s->specular[c], index, rows, p->tint[c]);
         }
-        load_some(input->some, base, metallic, p);
+        load_uniform_lanes(input->some, base, metallic, p);
         load_material((const float(*)[N]) base, metallic, p);
     }
     if (input->place)
         load_points(input, depth, index, x, y, p);
     else
-        load_place(input, depth, x, y, p);
+        load_pixels(input, depth, x, y, p);
     for (int i = 0; i < N; i++)
         pell_lane_pattern(p, i, input->light_bits, 0, p->pattern[0] + i, p->pattern[1] + i);
     p->light_bits = input->light_bits;
@@ -572,11 +575,11 @@ static inline void scatter(const float *restrict in, const int32_t *restrict ind
         plane[index[i]] = in[i];
 }
 
-/* The mean direction in which light goes on, that of light from everywhere where no direction is known. */
-static void store_way(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index, int count,
-                      ptrdiff_t rows, struct pell_lighting *out)
+/* Stores the mean direction of entering light; diffuse light stands in where no direction is known. */
+static void store_direction(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index,
+                            int count, ptrdiff_t rows, struct pell_lighting *out)
 {
-    _Alignas(64) float inward[N], whole[N], way[N], part[N], diffuse[N];
+    _Alignas(64) float inward[N], whole[N], direction[N], part[N], diffuse[N];
 
     for (int i = 0; i < N; i++) {
         float all = 0.0f;
@@ -590,8 +593,8 @@ static void store_way(const struct pell_lanes *restrict p, const struct pell_sum
     for (int c = 0; c < 3; c++) {
         const float *normal = c == 0 ? p->nx : c == 1 ? p->ny : p->nz;
         for (int i = 0; i < N; i++)
-            way[i] = sums->way_in[c][i] * whole[i] - inward[i] * normal[i];
-        scatter(way, index, count, rows, out->way_in[c]);
+            direction[i] = sums->direction_in[c][i] * whole[i] - inward[i] * normal[i];
+        scatter(direction, index, count, rows, out->direction_in[c]);
         for (int i = 0; i < N; i++)
             part[i] = sums->aside[c][i] * p->albedo[c][i];
         scatter(part, index, count, rows, out->aside[c]);
@@ -604,8 +607,8 @@ static void store_way(const struct pell_lanes *restrict p, const struct pell_sum
 static void store(const struct pell_shade_tables *t, const struct pell_lanes *restrict p, const struct pell_sums *restrict sums,
                   const int32_t *restrict index, int count, struct pell_lighting *out)
 {
-    const ptrdiff_t rows = count == N ? square(index) : 0;
-    _Alignas(64) float irradiance[N], transmitted[N], single[N], lost[N], way[N], leaves[N] = { 0 };
+    const ptrdiff_t rows = count == N ? row_stride(index) : 0;
+    _Alignas(64) float irradiance[N], transmitted[N], single[N], lost[N], path[N], leaves[N] = { 0 };
 
     if (p->any_single) {
         transmittance(t, p, p->nv, leaves);
@@ -631,14 +634,14 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
             scatter(lost, index, count, rows, out->lost[c]);
         }
     }
-    if (p->any_way)
-        store_way(p, sums, index, count, rows, out);
-    if (out->way) {
+    if (p->any_direction)
+        store_direction(p, sums, index, count, rows, out);
+    if (out->path) {
         for (int i = 0; i < N; i++) {
             const float all = sums->transmitted[0][i] + sums->transmitted[1][i] + sums->transmitted[2][i];
-            way[i] = pell_spread_pack_sums(sums->way[i], sums->straight[i], all);
+            path[i] = pell_spread_pack_sums(sums->path[i], sums->straight[i], all);
         }
-        scatter(way, index, count, rows, out->way);
+        scatter(path, index, count, rows, out->path);
     }
 }
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * lanes.h - what the kernel files of this folder share. For kernel files alone: they are compiled once per level of base/simd.h.
+ * lanes.h - shared by the kernel files of this folder, which are compiled once per level of base/simd.h. Only for kernel files.
  */
 #ifndef PELL_IRRADIANCE_LANES_H
 #define PELL_IRRADIANCE_LANES_H
@@ -15,16 +15,16 @@
 
 #define N PELL_LANES
 #define BIG 1e25f   /* upper limit of an irradiance, so that sums over many lights stay finite */
-#define TINY 1e-12f /* mm^2; squared distances shorter than this count as this: a light in the surface */
+#define TINY 1e-12f /* mm^2; lower limit of squared distances: a light in the surface */
 
-/* Whether what lies at a cosine from the triangle's normal may light it. A lifted point lies on the smooth surface: its own triangle does
- * not decide what faces the light. */
+/* Whether light at this cosine to the triangle's normal may reach a lane. A lane with a terminator offset is on the smooth surface, so
+ * its triangle does not decide. */
 static inline bool pell_lane_fronts(const struct pell_lanes *p, int i, float gl)
 {
     return gl > 0.0f || p->terminator_offset[i] > TERMINATOR_LIFTED * p->epsilon[i];
 }
 
-/* How much of a lane faces a light at n.l = nl, softly at the terminator. */
+/* Cosine n.l = nl with a soft terminator. */
 static inline float pell_lane_facing(const struct pell_lanes *p, int i, float nl, float gl)
 {
     const float ratio = gl / (nl * p->gn[i]);

@@ -5,8 +5,8 @@
 
 #include <string.h>
 
-/* What a lane takes from its material. */
-struct traits {
+/* Values of a lane that depend on its material. */
+struct material_values {
     int32_t albedo_at, boundary_at, smooth, model, opaque, deep, clear;
     const struct pell_angle *angle;
     const struct pell_single_apart *apart;
@@ -14,13 +14,13 @@ struct traits {
     bool textured;
 };
 
-static struct traits material_traits(const struct job *job, size_t material)
+static struct material_values values_of(const struct job *job, size_t material)
 {
     const struct pell_specular_tables *t = job->p->tables;
     const struct pell_material *m = &job->p->scene->materials[material];
     const struct pell_thickness_table *thickness = job->p->thickness && !m->opaque ? job->p->thickness[material] : NULL;
 
-    return (struct traits) {
+    return (struct material_values) {
         .albedo_at = (int32_t) t->model[material] * PELL_ALBEDO_MU * PELL_ALBEDO_ROUGHNESS * 2,
         .boundary_at = (int32_t) ((size_t) t->boundary[material] * (sizeof(*t->boundaries) / sizeof(float))),
         .smooth = -(int32_t) (job->p->smooth && !m->opaque),
@@ -48,7 +48,7 @@ static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angl
     }
 }
 
-static void set_apart(struct pell_lanes *l, int i, const struct pell_single_apart *apart)
+static void set_single(struct pell_lanes *l, int i, const struct pell_single_apart *apart)
 {
     l->single_eta2[i] = apart ? apart->inverse_eta2 : 0.0f;
     for (int c = 0; c < 3; c++) {
@@ -58,27 +58,27 @@ static void set_apart(struct pell_lanes *l, int i, const struct pell_single_apar
     }
 }
 
-/* Fills what lanes take from their materials. If all lanes have the material of the previous packet, the values are still loaded, except
- * those that the roughness modified. */
+/* Fills the lanes' material values. If all lanes have the material of the previous packet, the values are still loaded, except those
+ * that the roughness modified. */
 static void set_materials(const struct job *job, struct packet *k)
 {
     struct pell_lanes *l = &k->lanes;
-    struct traits t = material_traits(job, k->material[0]);
+    struct material_values t = values_of(job, k->material[0]);
 
-    if (k->single && k->held == (int64_t) k->material[0]) {
+    if (k->single && k->cached_material == (int64_t) k->material[0]) {
         for (int i = 0; i < PELL_LANES; i++)
             l->albedo_at[i] = t.albedo_at;
         return;
     }
-    k->held = k->single ? (int64_t) k->material[0] : -1;
+    k->cached_material = k->single ? (int64_t) k->material[0] : -1;
     l->any_smooth = l->any_deep = l->any_single = 0;
-    l->any_way = job->p->ways;
+    l->any_direction = job->p->directions;
     l->models = 0;
     memset(l->shift, 0, sizeof(l->shift));
     k->textured = false;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!k->single)
-            t = material_traits(job, k->material[i]);
+            t = values_of(job, k->material[i]);
         l->albedo_at[i] = t.albedo_at;
         l->boundary_at[i] = t.boundary_at;
         l->fd[i] = t.fd;
@@ -92,7 +92,7 @@ static void set_materials(const struct job *job, struct packet *k)
         l->models |= 1u << t.model;
         l->any_deep |= t.deep;
         set_angle(l, i, t.angle, !job->entering);
-        set_apart(l, i, t.apart);
+        set_single(l, i, t.apart);
     }
 }
 
@@ -111,8 +111,8 @@ static void color_entering(const struct job *job, struct packet *k)
     }
 }
 
-/* Of thin sheets a share passes. */
-static void part_sheets(const struct job *job, struct packet *k)
+/* Splits the colour of thin sheets into reflection and transmission. */
+static void split_sheets(const struct job *job, struct packet *k)
 {
     const struct pell_surface *s = job->p->surface;
     struct pell_lanes *l = &k->lanes;
@@ -135,7 +135,7 @@ static void part_sheets(const struct job *job, struct packet *k)
 void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *place)
 {
     const struct pell_surface *s = job->p->surface;
-    const struct pell_material *some[PELL_LANES];
+    const struct pell_material *uniform[PELL_LANES];
     struct pell_lane_input input = {
         .view = job->p->view, .surface = s, .seed = job->p->seed, .light_bits = job->lights->light_bits, .place = place
     };
@@ -154,14 +154,14 @@ void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x,
     } else if (s->omit_uniform) {
         for (int i = 0; i < PELL_LANES; i++) {
             const struct pell_material *m = &job->p->scene->materials[k->material[i]];
-            some[i] = pell_surface_is_plain(m) ? m : NULL;
+            uniform[i] = pell_surface_is_plain(m) ? m : NULL;
         }
-        input.some = some;
+        input.some = uniform;
     }
     job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
-    k->lanes.apart = job->entering ? UINT32_MAX : ~job->lights->together; /* points that are no pixels have other numbers of samples */
+    k->lanes.apart = job->entering ? UINT32_MAX : ~job->lights->together; /* points that are not pixels have other sample counts */
     color_entering(job, k);
-    part_sheets(job, k);
+    split_sheets(job, k);
     if (s->any_emissive)
         for (int c = 0; c < 3; c++)
             for (int i = 0; i < k->count; i++)

@@ -1,20 +1,21 @@
 /* SPDX-License-Identifier: MIT
  *
- * transmission.c - light that is transmitted through thin parts: for a point C that a light is behind of, a ray from just inside C toward
- * the light leaves the solid at A, m = |A - C|. The thickness is
+ * transmission.c - transmission through thin parts: for a point C that a light is behind of, a ray from just inside C toward the light
+ * leaves the solid at A, m = |A - C|. The thickness is
  *
  *     d = lerp(m, m cos, max(0, -n_A.n_C)),   cos = -n_C.l     (held over half of -ng.l: a normal map can't make a slab thin)
  *
- * and table(d) E(A) is transmitted, by the slab's table as far as the faces oppose (struct pell_thickness_table). Where A faces the
- * same way as C the light that enters at A is already part of the irradiance near C, which the method spreads along the surface;
- * counting it again would draw a bright line just behind the terminator. So the light is scaled by 1 - max(0, n_A.n_C): 1 for every
- * slab, wedge and ear, 0 where both ends meet at the terminator. Methods that transmit so spread what the camera sees: where A faces away
- * from it, beyond the rim of what is lit from behind, nothing else brings its light to C, and all of it counts.
- * n_A is the interpolated normal, T at A takes C's roughness and specular strength, and albedo is C's.
+ * and table(d) E(A) is transmitted, by the slab's table to the degree that the faces oppose (struct pell_thickness_table). Where A faces
+ * the same way as C, the light that enters at A is already part of the irradiance near C, which the method spreads along the surface;
+ * counting it again would draw a bright line just behind the terminator. So the light is scaled by 1 - max(0, n_A.n_C): 1 for every slab,
+ * wedge and ear, 0 where both ends meet at the terminator. Methods that add transmission in this way spread only visible light: where A
+ * faces away from the camera, beyond the rim of a backlit part, nothing else carries its light to C, and all of it counts. n_A is the
+ * interpolated normal, T at A uses C's roughness and specular strength, and albedo is C's.
  *
- * Clear media pass light forward (optics/medium/forward.h): that has a direction, w, refracted at A, and leaves by where it is seen from.
- * What comes from near, where sums over samples are too coarse, is a broad beam's, looked for along the way between w and the refracted
- * view, which is that of light that is scattered half way. Such a way is found in two steps, since w depends on A. T keeps the rest.
+ * Clear media scatter forward (optics/medium/forward.h): this light has a direction w, refracted at A, and its exit depends on the view.
+ * The part from nearby, where sums over samples are too coarse, is that of a broad beam, found along the direction halfway between w and
+ * the refracted view, which is that of light scattered half way. This direction is found in two steps, since w depends on A. T has the
+ * rest.
  */
 #include "render/irradiance/internal.h"
 
@@ -25,24 +26,25 @@
 #include <float.h>
 #include <string.h>
 
-#define STEPS 5           /* surfaces that a ray may meet on its way out: two shells of the same object inside it */
-#define LEAST_FACING 0.2f /* cosine between a way through and the normals at its ends */
+#define STEPS 5           /* surfaces that a ray may cross on its way out: two shells of the same object inside it */
+#define LEAST_FACING 0.2f /* cosine between a path through the solid and the normals at its ends */
 
-/* Where rays that went into a solid leave it. */
+/* Exit points of rays inside a solid. */
 struct exits {
     _Alignas(64) int32_t found[PELL_LANES];
     struct pell_vec3 point[PELL_LANES]; /* A, mm */
     struct pell_vec3 geometric[PELL_LANES], normal[PELL_LANES];
-    float terminator_offset[PELL_LANES]; /* of the smooth surface over the triangle, mm */
+    float terminator_offset[PELL_LANES]; /* of the smooth surface above the triangle, mm */
 };
 
-/* Where rays into the solid start: just under the triangle. */
-static struct pell_vec3 inside(const struct pell_lanes *l, int i)
+/* Origin of rays into the solid: just below the triangle. */
+static struct pell_vec3 origin_inside(const struct pell_lanes *l, int i)
 {
     return vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), -l->epsilon[i], vec3(l->gx[i], l->gy[i], l->gz[i]));
 }
 
-/* Of a hit: its interpolated normal, and how far the smooth surface lies above the triangle there, as in struct pell_surface.lift. */
+/* Interpolated normal of a hit, and the height of the smooth surface above the triangle there, as in struct
+ * pell_surface.terminator_offset. */
 static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u, float v, struct pell_vec3 geometric,
                         struct pell_vec3 *normal, float *terminator_offset)
 {
@@ -70,18 +72,18 @@ static void hit_surface(const struct pell_mesh *mesh, uint32_t triangle, float u
     }
 }
 
-/* The object of the surface under each lane of `mask`, of which it is not `known`: what a short ray from above it meets. */
+/* Finds the object of the surface below each lane of `mask` that is not yet `known`, by a short ray from above it. */
 static void find_objects(const struct job *job, struct packet *k, const int32_t *mask, int32_t *known, int *object)
 {
     const struct pell_lanes *l = &k->lanes;
-    _Alignas(64) int32_t ask[PELL_LANES];
+    _Alignas(64) int32_t active[PELL_LANES];
     struct pell_ray_hit16 probe;
 
     for (int i = 0; i < PELL_LANES; i++) {
-        ask[i] = mask[i] & ~known[i];
-        known[i] |= ask[i];
+        active[i] = mask[i] & ~known[i];
+        known[i] |= active[i];
     }
-    if (count_lanes(ask) == 0)
+    if (count_lanes(active) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         const float e = 4.0f * l->epsilon[i];
@@ -89,20 +91,20 @@ static void find_objects(const struct job *job, struct packet *k, const int32_t 
         pell_ray16_set(&probe.ray, i, vec3_mad(vec3(l->px[i], l->py[i], l->pz[i]), e, g), vec3_mul(g, -1.0f), 2.0f * e);
         probe.hit.mesh[i] = probe.hit.instance[i] = PELL_NO_HIT;
     }
-    pell_rays_closest16(job->p->rays, ask, true, &probe);
-    k->rays += count_lanes(ask);
+    pell_rays_closest16(job->p->rays, active, true, &probe);
+    k->rays += count_lanes(active);
     for (int i = 0; i < PELL_LANES; i++)
-        if (ask[i])
+        if (active[i])
             object[i] = probe.hit.mesh[i] < job->p->scene->num_meshes ? job->p->scene->meshes[probe.hit.mesh[i]].object : INT32_MIN;
 }
 
-/* Follows the rays of `r` (of lanes `mask`) to where they leave the solid that they are in. Something opaque or another solid in the
- * way: not found. `depth`: how many shells of the same object inside it a ray is in (they are passed: what was entered is left again
- * first), -1: it has yet to enter the solid. `source`: that the rays run to; NULL: they run inward from the surface. */
+/* Traces the rays of `r` (lanes of `mask`) to where they leave the solid that they are in. Opaque objects or other solids in between:
+ * not found. `depth`: number of shells of the same object inside it that a ray is in (they are crossed), -1: the ray has yet to enter
+ * the solid. `source`: the light that rays run to; NULL: they run inward from the surface. */
 static void find_exits(const struct job *job, struct packet *k, const int32_t *mask, const struct pell_light_source *source,
                        struct pell_ray_hit16 *r, int *depth, struct exits *out)
 {
-    const bool coherent = !source || source->samples == 1; /* samples of a large light go apart */
+    const bool coherent = !source || source->samples == 1; /* samples of a large light diverge */
     const struct pell_scene *scene = job->p->scene;
     _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES], known[PELL_LANES] = { 0 };
     float limit[PELL_LANES];
@@ -150,9 +152,9 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
     }
 }
 
-/* Share of E(A) that gets through to lane i; `same` is n_A.n_C; `beams`: without what has a direction. */
-static void pass_thickness(const struct job *job, const struct packet *k, int i, float d, const struct pell_vec3 *normal, float same,
-                           bool beams, float rgb[3])
+/* Fraction of E(A) transmitted to lane i; `same` is n_A.n_C; `beams`: without forward-scattered light. */
+static void transmitted_fraction(const struct job *job, const struct packet *k, int i, float d, const struct pell_vec3 *normal, float same,
+                                 bool beams, float rgb[3])
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
@@ -169,7 +171,7 @@ static void pass_thickness(const struct job *job, const struct packet *k, int i,
     }
 }
 
-/* T of lane i's surface toward a cosine. */
+/* T of lane i's surface at this cosine. */
 static float transmittance(const struct job *job, const struct pell_lanes *l, int i, float mu)
 {
     float scale, bias;
@@ -180,19 +182,19 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
     return pell_transmittance(l->rho[i], l->fd[i], scale, bias);
 }
 
-/* What gets through to lane i, of which it is known how far it went. In round parts light spreads around all of it, which is no matter of a
- * slab. */
+/* Adds transmitted light of known path length to lane i. In round parts light spreads around the whole part, which a slab does not
+ * describe. */
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
         const float leaves = light[c] * pell_thickness_leaves(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
         k->sums.transmitted[c][i] += leaves;
         k->sums.straight[i] += leaves;
-        k->sums.way[i] += d * k->flat[i] * leaves;
+        k->sums.path[i] += d * k->flat[i] * leaves;
     }
 }
 
-/* Falloff where the light enters, `m` mm nearer to it than lane i. Samples of a wide light stand for solid angles, and have none. */
+/* Falloff where the light enters, `m` mm nearer to it than lane i. Samples of a wide light represent solid angles, and have no falloff. */
 static float falloff_at(const struct pell_light_source *source, const struct pell_aim *a, int i, float m)
 {
     const bool wide = a->falloff[i] != pell_light_falloff(a->distance[i], source->scale, source->inv_range);
@@ -200,9 +202,9 @@ static float falloff_at(const struct pell_light_source *source, const struct pel
     return wide ? a->falloff[i] : pell_light_falloff(larger(a->distance[i] - m, 1e-3f), source->scale, source->inv_range);
 }
 
-/* Where the lanes' exits see the light. */
-static void see_light(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k,
-                      const struct exits *exits, int32_t *visible)
+/* Finds the lanes whose exits see the light. */
+static void trace_to_light(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k,
+                           const struct exits *exits, int32_t *visible)
 {
     const struct pell_lanes *l = &k->lanes;
     const bool far = source->type == PELL_LIGHT_DIRECTIONAL;
@@ -214,17 +216,17 @@ static void see_light(const struct job *job, const struct pell_light_source *sou
             o = vec3_mad(exits->point[i], exits->terminator_offset[i] + l->epsilon[i], exits->geometric[i]);
         pell_ray16_set(&rays, i, o, far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3_sub(s, o), far ? FLT_MAX : 0.9999f);
     }
-    if (!pell_ask_light_grid(source, k, exits->found, rays.ox, rays.oy, rays.oz, visible))
+    if (!pell_query_light_grid(source, k, exits->found, rays.ox, rays.oy, rays.oz, visible))
         pell_trace_occlusion(job, k, exits->found, true, &rays, visible);
 }
 
-/* What lane i's exit lets in of the light's intensity, m mm from the lane. */
-static float let_in(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, const struct packet *k,
-                    const struct exits *exits, int i, float m)
+/* Fraction of the light's intensity that enters at lane i's exit, m mm from the lane. */
+static float entering_light(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, const struct packet *k,
+                            const struct exits *exits, int i, float m)
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_vec3 to = vec3(a->lx[i], a->ly[i], a->lz[i]);
-    const bool lifted = exits->terminator_offset[i] > TERMINATOR_LIFTED * l->epsilon[i]; /* the triangle does not decide what faces it */
+    const bool lifted = exits->terminator_offset[i] > TERMINATOR_LIFTED * l->epsilon[i]; /* the triangle does not decide the facing */
     const float mu = vec3_dot(exits->normal[i], to), facing = vec3_dot(exits->geometric[i], to);
     float g;
 
@@ -247,11 +249,11 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
 
     for (int i = 0; i < PELL_LANES; i++)
         a->back[i] &= k->straight[i] & l->deep[i];
-    if (count_lanes(a->back) == 0) /* what goes through was solved everywhere */
+    if (count_lanes(a->back) == 0) /* light inside the solid was solved everywhere */
         return;
     for (int i = 0; i < PELL_LANES; i++) {
-        const bool out = a->gl[i] > 0.0f; /* the way begins in air: where it enters the solid is passed */
-        const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : inside(l, i);
+        const bool out = a->gl[i] > 0.0f; /* the ray starts in air and crosses the entry surface */
+        const struct pell_vec3 o = out ? vec3(l->ox[i], l->oy[i], l->oz[i]) : origin_inside(l, i);
         const struct pell_vec3 d = far ? vec3(a->lx[i], a->ly[i], a->lz[i]) : vec3(a->sx[i] - o.x, a->sy[i] - o.y, a->sz[i] - o.z);
         const float reach = a->back[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f;
         float limit;
@@ -263,76 +265,77 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
     find_exits(job, k, a->back, source, &r, depth, &exits);
     if (count_lanes(exits.found) == 0)
         return;
-    see_light(job, source, a, k, &exits, visible);
+    trace_to_light(job, source, a, k, &exits, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         float share[3], m, d, w, same;
         if (!visible[i])
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        w = let_in(job, source, a, k, &exits, i, m);
+        w = entering_light(job, source, a, k, &exits, i, m);
         if (!(w > 0.0f))
             continue;
         same = vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i]));
         d = pell_thickness_of(m, cosine[i], same);
-        pass_thickness(job, k, i, d, &exits.normal[i], same, true, share);
+        transmitted_fraction(job, k, i, d, &exits.normal[i], same, true, share);
         for (int c = 0; c < 3; c++)
             share[c] = smaller(a->intensity[c][i] * w * share[c], 1e25f);
         add_transmitted(k, i, share, d);
     }
 }
 
-/* The way out of the solid between that of light, w, and that toward the camera, as far as light comes from near. False: there is none. */
+/* Aims between the light's direction w and the direction toward the camera, to find exits of nearby light. Returns false if there is no
+ * such direction. */
 static bool aim_between(struct packet *k, int i, struct pell_vec3 w, struct pell_ray_hit16 *r)
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_vec3 v = vec3_load(k->toward[i]), u = vec3_normalize(vec3_add(w, v)), g = vec3(l->gx[i], l->gy[i], l->gz[i]);
     const bool is = vec3_dot(w, v) > 0.0f && vec3_dot(u, g) > LEAST_FACING;
 
-    pell_ray16_set(&r->ray, i, inside(l, i), vec3_mul(is ? u : g, -1.0f), is ? PELL_INDIRECT_BEYOND * k->spacing[i] : 0.0f);
+    pell_ray16_set(&r->ray, i, origin_inside(l, i), vec3_mul(is ? u : g, -1.0f), is ? PELL_INDIRECT_BEYOND * k->spacing[i] : 0.0f);
     return is;
 }
 
 void pell_transmit_forward(const struct job *job, const struct pell_light_source *source, const struct pell_aim *a, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
-    _Alignas(64) int32_t visible[PELL_LANES], ask[PELL_LANES];
+    _Alignas(64) int32_t visible[PELL_LANES], active[PELL_LANES];
     struct pell_vec3 w[PELL_LANES];
     struct pell_ray_hit16 r;
     struct exits exits;
 
     for (int i = 0; i < PELL_LANES; i++) {
-        ask[i] = a->back[i] & -(int32_t) (k->forward_model[i] != NULL);
+        active[i] = a->back[i] & -(int32_t) (k->forward_model[i] != NULL);
         w[i] = vec3(-a->lx[i], -a->ly[i], -a->lz[i]);
     }
     for (int step = 0; step < 2; step++) {
         int depth[PELL_LANES] = { 0 };
         for (int i = 0; i < PELL_LANES; i++)
-            ask[i] &= -(int32_t) aim_between(k, i, w[i], &r);
-        find_exits(job, k, ask, NULL, &r, depth, &exits);
+            active[i] &= -(int32_t) aim_between(k, i, w[i], &r);
+        find_exits(job, k, active, NULL, &r, depth, &exits);
         if (count_lanes(exits.found) == 0)
             return;
         for (int i = 0; i < PELL_LANES; i++) {
             const float to[3] = { a->lx[i], a->ly[i], a->lz[i] }, n[3] = { exits.normal[i].x, exits.normal[i].y, exits.normal[i].z };
             float out[3];
-            ask[i] = exits.found[i];
-            if (!ask[i])
+            active[i] = exits.found[i];
+            if (!active[i])
                 continue;
             pell_angle_inside(l->inverse_eta2[i], to, n, out);
             w[i] = vec3_mul(vec3_load(out), -1.0f);
         }
     }
-    see_light(job, source, a, k, &exits, visible);
+    trace_to_light(job, source, a, k, &exits, visible);
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_indirect_forward *forward = k->forward_model[i];
-        struct pell_vec3 way;
+        struct pell_vec3 path;
         float m, in, facing, near;
         if (!visible[i])
             continue;
-        way = vec3_sub(vec3(l->px[i], l->py[i], l->pz[i]), exits.point[i]);
-        m = vec3_length(way);
+        path = vec3_sub(vec3(l->px[i], l->py[i], l->pz[i]), exits.point[i]);
+        m = vec3_length(path);
         near = 1.0f - pell_indirect_far_weight(m, k->spacing[i]);
-        in = near * let_in(job, source, a, k, &exits, i, m);
-        facing = larger(-vec3_dot(exits.normal[i], way) / larger(m, 1e-20f), LEAST_FACING);
+        in = near * entering_light(job, source, a, k, &exits, i, m);
+        facing = larger(-vec3_dot(exits.normal[i], path) / larger(m, 1e-20f), LEAST_FACING);
         for (int c = 0; c < 3 && in > 0.0f; c++) {
             float cosine;
             const float left = pell_forward_broad(&forward->model, c, m, &cosine);
@@ -342,8 +345,8 @@ void pell_transmit_forward(const struct job *job, const struct pell_light_source
     }
 }
 
-/* The smooth rest at a normal: the table without the environment's broad lights. */
-static void smooth_rest(const struct job *job, const struct packet *k, int i, int index, struct pell_vec3 n, float rgb[3])
+/* The environment's smooth part at a normal: the table without the environment's broad lights. */
+static void smooth_environment(const struct job *job, const struct packet *k, int i, int index, struct pell_vec3 n, float rgb[3])
 {
     const struct pell_env_query query = lane_query(job, k, i);
 
@@ -361,19 +364,19 @@ static void smooth_rest(const struct job *job, const struct packet *k, int i, in
         rgb[c] = max0(rgb[c]);
 }
 
-/* What the environments' smooth rest sends to lane i: a share of what enters at the normal n, `m` mm away. */
-static void add_rest(const struct job *job, struct packet *k, int i, struct pell_vec3 n, const float share[3], float m)
+/* Adds the environments' smooth part to lane i: a fraction of the light that enters at the normal n, `m` mm away. */
+static void add_smooth_environment(const struct job *job, struct packet *k, int i, struct pell_vec3 n, const float share[3], float m)
 {
     for (size_t e = 0; e < job->lights->num_environments; e++) {
         float rest[3];
-        smooth_rest(job, k, i, (int) e, n, rest);
+        smooth_environment(job, k, i, (int) e, n, rest);
         for (int c = 0; c < 3; c++)
             rest[c] *= share[c];
         add_transmitted(k, i, rest, m);
     }
 }
 
-/* The smooth remainder's transmission through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
+/* Transmission of the smooth part through thin parts: a ray along the inward normal finds A, ambient visibility there its shadow. */
 void pell_transmit_environment(const struct job *job, struct packet *k)
 {
     const struct pell_lanes *l = &k->lanes;
@@ -389,7 +392,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
         const struct pell_vec3 g = vec3(l->gx[i], l->gy[i], l->gz[i]), n = vec3(l->nx[i], l->ny[i], l->nz[i]);
-        pell_ray16_set(&r.ray, i, inside(l, i), vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
+        pell_ray16_set(&r.ray, i, origin_inside(l, i), vec3_mul(vec3_dot(g, n) > 0.5f ? n : g, -1.0f),
                        l->valid[i] & l->deep[i] ? job->p->thickness[k->material[i]]->max_mm : 0.0f);
     }
     memcpy(k->aim.back, exits.found, sizeof(exits.found));
@@ -397,7 +400,7 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     if (count_lanes(exits.found) == 0)
         return;
     for (int i = 0; i < PELL_LANES; i++) {
-        struct pell_vec3 o = inside(l, i), n = vec3(0.0f, 0.0f, 1.0f);
+        struct pell_vec3 o = origin_inside(l, i), n = vec3(0.0f, 0.0f, 1.0f);
         if (exits.found[i]) {
             n = exits.geometric[i];
             o = vec3_mad(exits.point[i], exits.terminator_offset[i] + l->epsilon[i], n);
@@ -415,19 +418,19 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
         if (!exits.found[i] || !(visible[i] > 0.0f))
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        pass_thickness(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), false, share);
+        transmitted_fraction(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), false, share);
         for (int c = 0; c < 3; c++)
             share[c] *= visible[i];
-        add_rest(job, k, i, exits.normal[i], share, m);
+        add_smooth_environment(job, k, i, exits.normal[i], share, m);
     }
 }
 
-void pell_take_environment_transmitted(const struct job *job, struct packet *k)
+void pell_read_environment_transmitted(const struct job *job, struct packet *k)
 {
     for (int i = 0; i < k->count; i++) {
         struct pell_vec3 normal;
         float share[3], m;
-        if (pell_take_exit(job, k, i, share, &m, &normal))
-            add_rest(job, k, i, normal, share, m);
+        if (pell_read_exit(job, k, i, share, &m, &normal))
+            add_smooth_environment(job, k, i, normal, share, m);
     }
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// finish.comp - what has arrived at the pixels of a batch, as methods and the composite take it. Mirror of what cpu.c, given.c and inside.c
-// of irradiance/ do with light that was found on the device, and of what composite/kernel.c makes of the surface.
+// finish.comp - combines the light that arrives at the pixels of a batch, as methods and the composite need it. Mirror of cpu.c,
+// device_light.c and inside.c of irradiance/ for light that was computed on the device, and of composite/kernel.c for the surface.
 //   in  0 points    in 1 results   in 2 hits   in 3 insides, of the batch
 //   in  4 materials as the stage "irradiance" sees them
 //   in  5 seen      materials as the stage "surface" does
