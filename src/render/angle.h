@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
+ * angle.h - angular dependence of the light that a translucent medium returns, since profiles assume normal incidence: a factor base +
+ * slope (1 - m), m the refracted cosine, for light that enters and for light that leaves (pell_half_space_angle_of in pellucid/profile.h).
  *
- * angle.h - how what a translucent medium returns depends on the angle of the light: profiles are of light at right angles. A factor
- * base + slope (1 - m), m the cosine behind the boundary, for light that enters and for light that leaves
- * (pell_half_space_angle_of in pellucid/profile.h).
  */
 #ifndef PELL_ANGLE_H
 #define PELL_ANGLE_H
@@ -12,12 +11,12 @@
 #include <math.h>
 
 struct pell_angle {
-    float inverse_eta2; /* 1/eta^2; 0: no refraction, and no factor: all bases are 1, all slopes 0 */
+    float inverse_eta2; /* 1/eta^2; 0: no refraction and no factor: all bases are 1, all slopes 0 */
     float enter_base[3], enter_slope[3];
-    float enter_mean[3];                 /* of light that is diffuse */
+    float enter_mean[3];                 /* for diffuse light */
     float leave_base[3], leave_slope[3]; /* mean over diffuse light: 1 */
-    float pass_base[3], pass_slope[3]; /* what light that was transmitted leaves by in place of that, over it (optics/medium/passing.h), */
-    float pass_thick[3];               /* 1/mm: over the thickness that it takes for that; thinner parts less so */
+    float pass_base[3], pass_slope[3];   /* factor for transmitted light, over the factor above (optics/medium/passing.h), */
+    float pass_thick[3];                 /* 1/mm: inverse of the thickness from which it applies in full */
 };
 
 /* The refracted direction toward the camera: v, and n the normal, both unit. */
@@ -30,7 +29,7 @@ static inline void pell_angle_inside(float inverse_eta2, const float v[3], const
         inside[k] = scale * (v[k] - nv * n[k]) + m * n[k];
 }
 
-/* The mean cosine behind the boundary of light from everywhere, by its flux. */
+/* Mean refracted cosine of diffuse light, by its flux. */
 static inline float pell_mean_refracted(float inverse_eta2)
 {
     const float rest = 1.0f - inverse_eta2;

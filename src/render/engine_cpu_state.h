@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * engine_cpu_state.h - what the files of the engine share. Private to them. */
+ *
+ * engine_cpu_state.h - state shared by the files of the CPU engine. Private to them.
+ */
 #ifndef PELL_ENGINE_CPU_STATE_H
 #define PELL_ENGINE_CPU_STATE_H
 
@@ -31,23 +33,23 @@ struct pell_cpu {
     struct pell_compositor *compositor;
 
     struct pell_lights *lights;
-    struct pell_light_device *device;             /* of the engine vulkan, which keeps it; NULL: the cpu finds direct light */
+    struct pell_light_device *device;             /* owned by the engine vulkan; NULL: the CPU computes direct light */
     const struct pell_scene_materials *materials; /* borrowed: the renderer's own */
-    const struct pell_settings *settings;         /* of the lights; borrowed: the renderer's own */
+    const struct pell_settings *settings;         /* for the lights; borrowed: owned by the renderer */
 
     struct pell_contact *contact;     /* NULL: no contact shadow */
     struct pell_curvature *curvature; /* NULL: off, or nothing is curved */
 
-    struct pell_indirect *indirect;       /* NULL: no surface lights another, or no bounces are asked for */
-    struct pell_indirect *solids;         /* samples of solids, made when they are first needed */
-    struct pell_indirect *through;        /* those, with what goes through them; NULL: nothing does */
-    bool whole;                           /* `through` is for a method that asks the whole solid */
-    bool between;                         /* `through` has what goes between faces */
-    struct pell_unscattered *unscattered; /* NULL: off, nothing is thin enough, or the method has it itself */
+    struct pell_indirect *indirect;       /* NULL: no surface lights another, or no bounces are requested */
+    struct pell_indirect *solids;         /* samples of solids, created on first use */
+    struct pell_indirect *through;        /* the same, with light transport through solids; NULL: none */
+    bool whole;                           /* `through` is for a method that integrates over the whole solid */
+    bool between;                         /* `through` includes transport between faces */
+    struct pell_unscattered *unscattered; /* NULL: off, nothing is thin enough, or the method includes it */
     bool lit;                             /* the indirect light is up to date with the lights */
 
     struct pell_raster *raster; /* NULL: camera visibility is ray traced */
-    bool rastered;              /* the raster was built, or found not to be possible */
+    bool rastered;              /* the raster was built, or found to be impossible */
 
     /* Of the size. */
     bool sized;
@@ -55,42 +57,42 @@ struct pell_cpu {
     int num_blocks;
     struct pell_surface surface;
     struct pell_lighting lighting;
-    float *room[3]; /* of the stage "highlights", without a method's light */
+    float *room[3]; /* for the stage "highlights", without a method's light */
     uint8_t *spread_lit, *hidden_lit;
     struct pell_accumulator sum;
-    float *display[3]; /* until the end of the frame room of stages: "highlights", then "spread", then what "unscattered" finds */
-    float *plane[PELL_PLANES][3];   /* of the frame, that no stage keeps: 4 bytes a pixel */
-    float *glow[PELL_BLOOM_PLANES]; /* there once bloom was asked for */
-    float *open[PELL_DOF_PLANES];   /* there once depth of field was asked for */
+    float *display[3]; /* scratch of stages until the end of the frame: "highlights", "spread", then the result of "unscattered" */
+    float *plane[PELL_PLANES][3];   /* scratch of the frame: 4 bytes per pixel */
+    float *glow[PELL_BLOOM_PLANES]; /* created once bloom is requested */
+    float *open[PELL_DOF_PLANES];   /* created once depth of field is requested */
     float *open_tiles;
     float widest_disc;                    /* of the frame's samples, px */
-    struct pell_post_device *post_device; /* of the engine vulkan, which keeps it; NULL: the cpu does it */
-    bool lens_pending;                    /* the sum of depth of field is still there, */
-    float lens_scale;                     /* and is to be multiplied by this */
-    struct pell_picture_device *picture;  /* of the engine vulkan, which keeps it */
-    bool pictured;                        /* the sum of the samples is still there */
-    uint32_t known;                       /* counts the changes of curvature, indirect light and light inside of solids */
-    double *rows;                         /* 4 a row for post, then 2 a row for the meter */
+    struct pell_post_device *post_device; /* owned by the engine vulkan; NULL: done on the CPU */
+    bool lens_pending;                    /* the sum of depth of field is still on the device, */
+    float lens_scale;                     /* with this pending factor */
+    struct pell_picture_device *picture;  /* owned by the engine vulkan */
+    bool pictured;                        /* the sum of the samples is still on the device */
+    uint32_t known;                       /* counts changes of curvature, indirect light and light inside solids */
+    double *rows;                         /* 4 per row for post, then 2 per row for the meter */
 
-    struct pell_composite_params composite; /* of the sample that is made */
+    struct pell_composite_params composite; /* of the current sample */
     struct pell_post_result post;
 };
 
 /* --- engine_cpu.c: what samples are made by ------------------------------------------------------------------------------------------- */
 
 struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, const struct pell_engine_sample *sample);
-/* Without what a method gives. `light`: of the same sample. */
+/* Without the method's result. `light`: of the same sample. */
 struct pell_composite_params pell_cpu_sample_composite(const struct pell_cpu *e, const struct pell_engine_sample *sample,
                                                        const struct pell_irradiance_params *light);
-/* Whether what went straight through thin parts is spread sideways. */
+/* Whether straight transmission through thin parts is spread sideways. */
 bool pell_cpu_spreads(const struct pell_engine_frame *frame);
 
-/* --- engine_cpu_lend.c: what methods are lent ---------------------------------------------------------------------------------------- */
+/* --- engine_cpu_lend.c: services for methods ------------------------------------------------------------------------------------------ */
 
-/* Of a frame's light, all that does not depend on the sample. `apart`: what is scattered once is added by itself. Not so where indirect
- * light is still to be found: of all light that surfaces reflect. */
+/* Parameters of a frame's light that do not depend on the sample. `apart`: single scattering is added separately, except where indirect
+ * light is still to be computed, which uses all light that surfaces reflect. */
 struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool apart);
-/* The same of points. */
+/* The same for points. */
 struct pell_irradiance_params pell_cpu_points_light(const struct pell_cpu *e, const struct pell_points_params *params);
 /* pell_services.light_points */
 int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
@@ -102,12 +104,12 @@ void pell_cpu_lend(void *engine, struct pell_services *services);
 
 /* After the irradiance, with lighting.hidden. */
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);
-/* Light that was not scattered, for the composite. */
+/* Unscattered light, for the composite. */
 void pell_cpu_see_through(struct pell_cpu *e, const struct pell_engine_sample *sample);
-/* What went straight through thin parts, before the method. `key`: the frame's plane `material`. */
+/* Spreads straight transmission, before the method. `key`: the frame's plane `material`. */
 void pell_cpu_spread(struct pell_cpu *e, const struct pell_engine_sample *sample, const uint16_t *key);
 
-/* --- engine_cpu_end.c: what comes after the composite --------------------------------------------------------------------------------- */
+/* --- engine_cpu_end.c: stages after the composite ------------------------------------------------------------------------------------- */
 
 /* The composite of one sample, blurred by its part of the lens. */
 enum pell_result pell_cpu_composite_through_lens(struct pell_cpu *e, const struct pell_engine_sample *sample);

@@ -1,11 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * services.h - what a method is lent when it is created, for as long as its pass lives. Facts of one frame come in struct pell_frame.
+ * services.h - services that a method gets when it is created, valid as long as its pass lives. Data of one frame comes in struct
+ * pell_frame.
  *
- * On a caller's planes there are threads, a Vulkan device and nothing else: `scene` and all that follows it are NULL. A method with
- * PELL_NEED_SCENE is never created there.
+ * With a caller's planes there are only threads and a Vulkan device: `scene` and all members after it are NULL. A method with
+ * PELL_NEED_SCENE is never created in that case.
  *
- * Threads    everything here may be used from many threads at once, from inside the pool's tasks, too.
+ * Threads    everything here may be used from many threads at once, including from the pool's tasks.
  */
 #ifndef PELL_SERVICES_H
 #define PELL_SERVICES_H
@@ -24,19 +25,19 @@ struct pell_light_grid;
 struct pell_points16;
 struct pell_share;
 
-/* Pixels from row to row of a picture's planes on a Vulkan device. */
+/* Row pitch, in pixels, of an image's planes on a Vulkan device. */
 static inline int pell_gpu_pitch(int width)
 {
     return (width + 15) / 16 * 16;
 }
 
-/* Buffers of a frame there, as pellucid/vulkan.h has them; then those that some methods of a renderer read, too, 16 bytes a pixel, with no
- * meaning where the material is 0: bits of mesh, triangle and barycentric coordinates; base colour. */
+/* Buffers of a frame there, as in pellucid/vulkan.h; then those that some methods of a renderer also read, 16 bytes per pixel, undefined
+ * where the material is 0: bits of mesh, triangle and barycentric coordinates; base colour. */
 enum pell_gpu_plane {
     PELL_GPU_PLANE_LIGHT,
     PELL_GPU_PLANE_SURFACE,
     PELL_GPU_PLANE_RESULT,
-    PELL_GPU_PLANES_GIVEN, /* by a program with a device of its own */
+    PELL_GPU_PLANES_GIVEN, /* provided by a program with its own device */
     PELL_GPU_PLANE_HIT = PELL_GPU_PLANES_GIVEN,
     PELL_GPU_PLANE_BASE,
     PELL_GPU_PLANES
@@ -46,30 +47,30 @@ enum pell_gpu_plane {
 struct pell_surface_points {
     const uint32_t *mesh, *triangle; /* mesh PELL_NO_HIT: no point */
     const float *u, *v;              /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
-    const uint32_t *number;          /* names the patterns in which lights with extent are sampled: points of one number share them */
-    const float *ambient; /* visibility of the environment's smooth rest, where the caller knows it better; NULL: found by rays */
-    const bool *back;     /* of the side from which the triangle's corners run clockwise; NULL: of none */
+    const uint32_t *number;          /* seeds of the sample patterns of area lights: points with equal numbers share them */
+    const float *ambient;            /* visibility of the environment's smooth part, if the caller knows it better; NULL: found by rays */
+    const bool *back;                /* true: the side from which the triangle's corners run clockwise; NULL: no point is on that side */
 };
 
-/* What light does at them: arrays of n, the caller's. All but `irradiance` may be NULL. */
+/* Light at these points: arrays of n, owned by the caller. All but `irradiance` may be NULL. */
 struct pell_surface_light {
-    float *irradiance[3];        /* W/m^2, entered, with albedo^m; of the outer side, or the back. Of a thin sheet what leaves there,
-                                  * whichever side it came from */
+    float *irradiance[3];        /* W/m^2, light that enters, times albedo^m; for the outer side, or the back. For a thin sheet the light
+                                  * that leaves there, whichever side it came from */
     float *position[3];          /* mm */
     float *normal[3];            /* geometric, unit, outward by the order of the triangle's corners */
-    float *albedo[3];            /* albedo^m: what the irradiance is multiplied by */
-    float *transmission[3];      /* of a thin sheet: share of what meets the other side; with `gain` and params.local of a flat thin
-                                  * part of a solid, too, over what a half-space returns; `gain` has what passes round parts then. 0
-                                  * elsewhere */
-    float *strength;             /* of scattering, [0, 1]; 1 where no point is */
+    float *albedo[3];            /* albedo^m: factor of the irradiance */
+    float *transmission[3];      /* for a thin sheet: fraction of the light on the other side that is transmitted. With `gain` and
+                                  * params.local also for a flat thin part of a solid, over what a half-space returns; `gain` then
+                                  * includes light that passes around round parts. 0 elsewhere */
+    float *strength;             /* scattering strength, [0, 1]; 1 where there is no point */
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
-    float *gain[3];              /* what curvature scales light by; 1 where it is not measured */
-    float *crossed[3];           /* with `gain`: of what goes between faces through a flat thin part, the share that a slab lets through */
-    float *aside[3];     /* W/m^2, of the irradiance: what is not scattered where it enters, but beside it on a curved surface; then also */
-    float *once[3];      /* what stands for the single scattering of diffuse light, */
-    float *direction[3]; /* the mean refracted direction of the rest, not unit, */
-    float *diffuse;      /* and how much of that has no direction, [0, 1] */
-    bool *there;         /* false: no point, or one where the material is cut out by its alpha */
+    float *gain[3];              /* factor by curvature; 1 where it is not measured */
+    float *crossed[3];           /* with `gain`: ratio of a slab's transmission to the transport between faces, in a flat thin part */
+    float *aside[3];             /* W/m^2: part of the irradiance that a curved surface moves away from where it enters; requests also */
+    float *once[3];              /* the part that accounts for the single scattering of diffuse light, */
+    float *direction[3];         /* the mean refracted direction of the rest, not unit, */
+    float *diffuse;              /* and the diffuse fraction of the rest, [0, 1] */
+    bool *there;                 /* false: no point, or its material is cut out there by alpha */
 };
 
 #define PELL_LIGHT_INDIRECT ((uint64_t) 1 << 63)
@@ -79,37 +80,37 @@ static inline uint64_t pell_light_bit(size_t light)
     return (uint64_t) 1 << (light < 62 ? light : 62);
 }
 
-/* What holds for all points of a call. */
+/* Parameters of all points of a call. */
 struct pell_points_params {
-    uint64_t
-        lights;     /* bit pell_light_bit(i) of each light i of the scene that counts, and PELL_LIGHT_INDIRECT for light that left a surface
-                      * before; 0: all. Their sums are all light */
-    float mix;      /* as in struct pell_plan */
-    float spacing;  /* mm between points, > 0: textures are filtered to it */
-    uint32_t first; /* number of the multisample, of `samples` whose mean is taken */
+    uint64_t lights; /* bit pell_light_bit(i) for each requested light i of the scene, and PELL_LIGHT_INDIRECT for indirect light; 0: all.
+                     * The results of disjoint sets add up */
+    float mix;       /* as in struct pell_plan */
+    float spacing;   /* distance between points, mm, > 0: textures are filtered to it */
+    uint32_t first;  /* index of the first of `samples` multisamples, whose mean is returned */
     int samples;
-    bool opposed; /* for methods that turn the profile between faces at an angle (optics/medium/opposed.h) */
-    bool local;   /* for methods that spread light around where it enters, and add what thin parts let through by a slab's T */
-    bool flat;    /* not scaled by `gain` */
+    bool opposed; /* for methods that correct the profile between faces at an angle (optics/medium/opposed.h) */
+    bool local;   /* for methods that spread light around its entry, and add transmission through thin parts by a slab's T */
+    bool flat;    /* without the factor `gain` */
 };
 
-/* Direct light at many points on the engine's device: what light_points gives, in batches. Calls are made in this order; `send` and `take`
- * by many threads at once. */
+/* Direct light at many points on the engine's device, in batches, with the results of light_points. Calls are made in this order; `send`
+ * and `take` may be called by many threads at once. */
 struct pell_light_batches {
-    /* Points that a batch has room for; 0: there is no device, or it does not light this scene. */
+    /* Capacity of a batch, in points; 0: there is no device, or it cannot light this scene. */
     size_t (*room)(void *engine);
-    /* An empty batch. Returns numbers for the caller's use, one for each 16 points of the room. */
+    /* Begins an empty batch. Returns an array for the caller's use, with one number per 16 points of the capacity. */
     uint32_t *(*begin)(void *engine);
-    /* Adds n points, at most 16, which take params->samples times pell_services_batch_points() of the room. Returns their number. */
+    /* Adds at most 16 points, which use params->samples times pell_services_batch_points() of the capacity. Returns their slot. */
     uint32_t (*send)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n);
-    /* Finds their direct light; the batch's `lights` and `mix` are those of `params`. Seconds by the device's clock; bytes that moved. */
+    /* Computes direct light; the batch's `lights` and `mix` are those of `params`. Returns seconds by the device's clock, and bytes
+     * transferred. */
     enum pell_result (*run)(void *engine, const struct pell_points_params *params, double *seconds, int64_t *bytes);
-    /* The light of points that were sent as this number, as light_points gives it. Returns the number of rays. */
+    /* Reads the light of the points in this slot, as light_points would compute it. Returns the number of rays. */
     int64_t (*take)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n, uint32_t number,
                     const struct pell_surface_light *out);
 };
 
-/* What a method keeps beyond its pass, for the next one of a renderer: a scene that moves is a new scene each frame, with the same
+/* State that a method keeps after its pass, for the next one of a renderer: a moving scene is a new scene in each frame, with the same
  * triangles. Whoever takes `state` sets it to NULL. */
 struct pell_kept {
     void *state; /* NULL: nothing */
@@ -120,16 +121,17 @@ struct pell_services {
     struct pell_context *ctx;
     struct pell_pool *pool;
     struct pell_gpu *gpu;                  /* NULL: not the engine vulkan */
-    struct pell_gpu_buffer *const *planes; /* enum pell_gpu_plane: where the method reads and writes there; NULL: planes of the host */
+    struct pell_gpu_buffer *const *planes; /* enum pell_gpu_plane: planes that the method reads and writes there; NULL: planes in host
+                                            * memory */
     const struct pell_scene *scene;
     const struct pell_rays *rays;
     const uint16_t *frame_index; /* per scene material + 1: the frame's material + 1, or 0 */
     const struct pell_frame_material *materials;
-    const struct pell_settings *settings;     /* of the frame that is made: where a pass outlives a change they change under it */
+    const struct pell_settings *settings;     /* of the current frame: updated in place if a pass outlives a change */
     const struct pell_checkpoint *checkpoint; /* NULL: none */
     struct pell_share *share;                 /* NULL: this process renders the frame alone */
     struct pell_kept *kept;                   /* NULL: nothing can be kept */
-    const struct pell_observer *observer;     /* NULL: nobody asks for intermediate images */
+    const struct pell_observer *observer;     /* NULL: intermediate images are not requested */
     void *engine;                             /* passed to the functions below, which the engine fills in */
     int64_t (*light_points)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n,
                             const struct pell_surface_light *out);
@@ -139,7 +141,7 @@ struct pell_services {
     void (*returned)(void *engine, const struct pell_points16 *points, int count, float share[3][16], float crossed[3][16]);
 };
 
-/* Light that enters at n points, as the stage "irradiance" finds it at pixels: the same lights, tables and formulas. Runs on the calling
+/* Computes light that enters at n points, like the stage "irradiance" at pixels: same lights, tables and formulas. Runs on the calling
  * thread and allocates nothing. Returns the number of rays traced. */
 static inline int64_t pell_services_light_points(const struct pell_services *s, const struct pell_points_params *params,
                                                  const struct pell_surface_points *in, size_t n, const struct pell_surface_light *out)
@@ -147,13 +149,13 @@ static inline int64_t pell_services_light_points(const struct pell_services *s, 
     return s->light_points(s->engine, params, in, n, out);
 }
 
-/* Room of a batch that 16 points take for each multisample: sheets have two sides. */
+/* Capacity that 16 points use per multisample: sheets have two sides. */
 static inline size_t pell_services_batch_points(const struct pell_services *s)
 {
     return pell_scene_has_sheets(s->scene) ? 32 : 16;
 }
 
-/* Points that are found 16 at a time, as rays are, and their light. */
+/* Points in packets of 16, like rays, and their light. */
 struct pell_points16 {
     uint32_t mesh[16], triangle[16];
     float u[16], v[16];
@@ -165,7 +167,7 @@ struct pell_points16_light {
     bool there[16];
 };
 
-/* The surface at `count` pixels of a frame that has its hits; `number` is left. */
+/* Loads the surface points of `count` pixels of a frame that has its hits, except `number`. */
 static inline void pell_points16_of_pixels(const struct pell_frame *in, const ptrdiff_t *at, int count, struct pell_points16 *p)
 {
     for (int i = 0; i < count; i++) {
@@ -193,7 +195,7 @@ static inline struct pell_surface_light pell_points16_out(struct pell_points16_l
     };
 }
 
-/* Light of the first `count` of them. */
+/* Computes the light of the first `count` points. */
 static inline int64_t pell_services_light16(const struct pell_services *s, const struct pell_points_params *params,
                                             const struct pell_points16 *p, const float *ambient, int count,
                                             struct pell_points16_light *light)
@@ -204,7 +206,7 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
     return pell_services_light_points(s, params, &in, (size_t) count, &out);
 }
 
-/* Share of what a slab transmits that a method adds at the first `count` of the points, [0, 1], if it transmits by its plan: 0 where the
+/* Fraction of a slab's transmission that a method adds at the first `count` points, [0, 1], if it transmits by its plan: 0 where the
  * engine knows the light in the solid and adds it, 1 where it does not. */
 static inline void pell_services_transmitted(const struct pell_services *s, const struct pell_points16 *points, int count,
                                              float share[3][16])
@@ -212,16 +214,15 @@ static inline void pell_services_transmitted(const struct pell_services *s, cons
     s->transmitted(s->engine, points, count, share);
 }
 
-/* For a method that adds what goes between faces at an angle, at those of the points that are on a flat thin part: what a profile returns
- * there over what it returns of a half-space, and what gets through over what would by optics/medium/opposed.h. 1 elsewhere, and where
- * diffusion in the solid was solved. */
+/* For a method that adds transport between faces at an angle, at points on a flat thin part: the return of a profile there over that of
+ * a half-space, and the transmission over that of optics/medium/opposed.h. 1 elsewhere, and where diffusion in the solid was solved. */
 static inline void pell_services_returned(const struct pell_services *s, const struct pell_points16 *points, int count, float share[3][16],
                                           float crossed[3][16])
 {
     s->returned(s->engine, points, count, share, crossed);
 }
 
-/* What light number `light` of the scene sees (visibility/light_grid.h), during a frame; NULL: it has none, ask the rays. */
+/* Light grid of light `light` of the scene (visibility/light_grid.h), during a frame; NULL: none, use rays. */
 static inline const struct pell_light_grid *pell_services_light_grid(const struct pell_services *s, size_t light)
 {
     return s->light_grid(s->engine, light);
@@ -233,13 +234,13 @@ static inline PELL_NODISCARD enum pell_result pell_services_solids(const struct 
     return pell_solids_create(s->ctx, s->scene, s->frame_index, s->materials, out);
 }
 
-/* Whether intermediate images of this sample are asked for. */
+/* Whether intermediate images of this sample are requested. */
 static inline bool pell_services_observed(const struct pell_services *s, const struct pell_frame *in)
 {
     return s->observer && in->first;
 }
 
-/* The 32 bits that struct pell_frame.seed has. */
+/* The 32-bit seed in struct pell_frame.seed. */
 static inline uint32_t pell_settings_seed(const struct pell_settings *settings)
 {
     const uint64_t seed = (uint64_t) settings->seed;
