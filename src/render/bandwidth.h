@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * bandwidth.h - what the bytes of a stage would take to copy on this machine, which its time is judged by.
- */
+ * bandwidth.h - the time to copy a stage's bytes on this machine, as a baseline for its time. */
 #ifndef PELL_BANDWIDTH_H
 #define PELL_BANDWIDTH_H
 
@@ -19,13 +17,13 @@ struct pell_bandwidth {
     double seconds[PELL_BANDWIDTH_RUNS]; /* of the last rounds */
 };
 
-/* Room to copy four planes of the picture's size (a blur's key and light) to and fro. */
+/* Buffers for four planes of the image's size (a blur's key and light). */
 PELL_NODISCARD enum pell_result pell_bandwidth_plan(struct pell_context *ctx, struct pell_bandwidth *c, int width, int height);
 void pell_bandwidth_finish(struct pell_context *ctx, struct pell_bandwidth *c);
 
-/* After a frame: sets bandwidth_ms of its stages. The pool's threads copy to and fro, and the way back counts: what it reads was last
- * touched a pass ago, as it is between stages, so it is in the outer caches or in memory according to the size of the picture. The median
- * of the last frames, so that one that was lucky does not count, nor one that was disturbed. */
+/* After a frame: sets bandwidth_ms of its stages. The pool's threads copy forth and back, and the copy back is timed: its input was last
+ * touched one pass ago, as between stages, so it is in the outer caches or in memory depending on the image size. The median of the last
+ * frames is used, which is robust to outliers. */
 void pell_bandwidth_measure(struct pell_pool *pool, struct pell_bandwidth *c, struct pell_stage_time *stages, size_t num_stages);
 
 #endif

@@ -21,9 +21,9 @@ struct pell_view {
 
 struct pell_view pell_view_make(const struct pell_camera *camera, int width, int height, float shift_x, float shift_y);
 
-/* A thin lens in the camera's plane. A picture through it is the mean of pictures through points of it (Haeberli and Akeley 1990), each the
- * picture of a pinhole there whose pixels meet in the plane in focus: what lies at depth z is spread over a disc that is
- * 2 radius focal_px |1/z - 1/focus| pixels across. Each of n points stands for the n-th part of the lens about it: render/post/dof.h. */
+/* A thin lens in the camera's plane. Its image is the mean of pinhole images from points of the lens (Haeberli and Akeley 1990), whose
+ * pixels coincide in the plane in focus: content at depth z is spread over a disc 2 radius focal_px |1/z - 1/focus| pixels across. Each
+ * of n points represents 1/n of the lens around it: render/post/dof.h. */
 struct pell_lens {
     float radius; /* mm; 0: a pinhole */
     float focus;  /* mm from the camera along its axis */
@@ -48,16 +48,16 @@ static inline void pell_view_ray(const struct pell_view *v, float x, float y, st
     }
 }
 
-/* What the rays of 16 pixels of row y from x on meet of what `mask` names (PELL_RAY_ALL); open[i] is -1 for those before `end`, and 0. Both
- * are aligned to 64 bytes. */
+/* Closest hits, among the objects in `mask` (PELL_RAY_ALL), of the rays of 16 pixels of row y from x on; open[i] is -1 for pixels before
+ * `end`, else 0. Both are aligned to 64 bytes. */
 void pell_view_look16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int open[16],
                       struct pell_ray_hit16 *hit);
 
-/* The rectangle of pixels, with a border of one, that the box may cover, clipped to the picture; the whole picture where the box reaches
+/* Bounds, with a border of one pixel, of the pixels that the box may cover, clipped to the image; the whole image if the box reaches
  * behind the camera. */
 struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_min[3], const float bounds_max[3]);
 
-/* Grows `a` until `b` lies in it, too; those without a pixel add nothing. */
+/* Extends `a` to include `b`; empty rectangles add nothing. */
 static inline void pell_rect_unite(struct pell_rect *a, const struct pell_rect *b)
 {
     if (b->x0 >= b->x1)

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * engine_cpu.c - the stages on the processor: planes of floats in host memory, rays by the ray library. */
+ *
+ * engine_cpu.c - the stages on the CPU: planes of floats in host memory, rays by the ray library.
+ */
 #include "render/engine_cpu_state.h"
 #include "render/highlights/stage.h"
 #include "render/layers.h"
@@ -8,7 +10,7 @@
 
 #include <string.h>
 
-#define HIGHLIGHTS_SAMPLES 256 /* of a light, from which on shadows of highlights are clean enough by themselves */
+#define HIGHLIGHTS_SAMPLES 256 /* samples of a light from which shadows of highlights need no filtering */
 
 static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *pool, struct pell_gpu *gpu, void **engine)
 {
@@ -23,7 +25,7 @@ static enum pell_result cpu_open(struct pell_context *ctx, struct pell_pool *poo
     return PELL_OK;
 }
 
-/* --- What outlives a frame ------------------------------------------------------------------------------------------------------- */
+/* --- Persistent resources ------------------------------------------------------------------------------------------------------------- */
 
 static void drop_scene(struct pell_cpu *e)
 {
@@ -87,7 +89,7 @@ static enum pell_result allocate(struct pell_cpu *e, const struct pell_settings 
     return res;
 }
 
-/* Whether the frame has a plane that is none of a stage's own. */
+/* Whether the frame has a plane that belongs to no stage. */
 static bool is_asked(int plane, const struct pell_engine_frame *frame)
 {
     const struct pell_plane_info *p = pell_plane_at(plane);
@@ -110,7 +112,7 @@ bool pell_cpu_spreads(const struct pell_engine_frame *frame)
     return frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION) && frame->plan->spreads;
 }
 
-/* Whether highlights have shadows with noise. */
+/* Whether shadows of highlights are noisy. */
 static bool shares_highlights(const struct pell_engine_frame *frame)
 {
     bool any = false;
@@ -120,7 +122,7 @@ static bool shares_highlights(const struct pell_engine_frame *frame)
     return any && frame->settings->light_samples < HIGHLIGHTS_SAMPLES;
 }
 
-/* Those that every frame of the size has, at first; then those that the method and the settings ask for. */
+/* Allocates first the planes of every frame of this size; then those that the method and the settings require. */
 static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
@@ -180,7 +182,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     e->sum.meter = e->rows + (size_t) s->height * 4;
     e->surface.mips = e->mips;
     e->surface.omit_uniform = true;
-    /* It keeps what its rays hit for methods that ask, and the mesh where that says which object it is. */
+    /* Keeps the hits for methods that need them, and the mesh where it identifies the object. */
     e->surface.mesh = hits || apart ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL;
     e->surface.triangle = hits ? (uint32_t *) e->plane[PELL_PLANE_TRIANGLE][0] : NULL;
     e->surface.barycentric[0] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][0] : NULL;
@@ -273,7 +275,7 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
     return res;
 }
 
-/* Of methods that give what leaves the surface: others give pictures, which have it, or are of another light alone. */
+/* Only for methods whose result is exitance: others return images, which include it, or only other light. */
 static enum pell_result make_unscattered(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const double start = pell_seconds();
@@ -335,7 +337,7 @@ static void cpu_drop(void *engine, enum pell_engine_resource resource)
     case PELL_ENGINE_LIGHTS: pell_lights_destroy(&e->lights); break;
     case PELL_ENGINE_CONTACT: pell_contact_destroy(&e->contact); break;
     case PELL_ENGINE_CURVATURE: pell_curvature_destroy(&e->curvature); break;
-    case PELL_ENGINE_LINKS:                /* depend on the surfaces, as solids do */
+    case PELL_ENGINE_LINKS:                /* depends on the surfaces, like solids */
         pell_indirect_destroy(&e->solids); /* it may borrow from the links */
         pell_indirect_destroy(&e->indirect);
         break;
@@ -374,7 +376,7 @@ static enum pell_result cpu_surface(void *engine, const struct pell_engine_sampl
     return PELL_OK;
 }
 
-/* What the device did of the stage. Returns its seconds. */
+/* Notes the part of the stage that ran on the device. Returns its seconds. */
 static double note_device(struct pell_cpu *e, struct pell_stage_notes *notes)
 {
     const char *why = e->device ? pell_light_device_refuses(e->device) : NULL, *also;

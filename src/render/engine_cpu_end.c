@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * engine_cpu_end.c - what follows the composite: depth of field sample by sample, then the end of a frame. */
+ * engine_cpu_end.c - stages after the composite: depth of field per sample, then the end of a frame. */
 #include "render/denoise/stage.h"
 #include "render/engine_cpu_state.h"
 
-/* Rows of what the device did. Their names are `of` and what follows. */
+/* Timings of work on the device, in rows whose names begin with `of`. */
 struct device_rows {
     const char *pack, *upload, *run, *download, *unpack;
 };

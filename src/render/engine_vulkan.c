@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * engine_vulkan.c - the engine vulkan: samples are made on a Vulkan device as a whole (picture/device.h), where it has all that they need;
- * else methods run there, direct light and what is transmitted are found there, and depth of field and bloom made, and all other stages of
- * the frame are the cpu engine's. */
+ *
+ * engine_vulkan.c - the engine vulkan: whole samples are rendered on a Vulkan device (picture/device.h) if it has all they need; otherwise
+ * methods, direct light, transmission, depth of field and bloom run there, and all other stages on the CPU engine.
+ */
 #include "render/engine_cpu_state.h"
 
 static const struct pell_method_engine *vulkan_method(const struct pell_method *method)

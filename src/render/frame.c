@@ -10,7 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#define F_NUMBER 2.8 /* of a camera that does not say */
+#define F_NUMBER 2.8 /* for a camera that does not specify it */
 
 static bool finite3(const float v[3])
 {
@@ -197,7 +197,7 @@ static enum pell_result render_samples(struct pell_renderer *r, const struct pel
         pell_interruptible(r->ctx, 1);
     for (int i = 0; res == PELL_OK && i < msaa; i++) {
         res = render_sample(r, frame, i);
-        /* The method may take a sample for too incomplete to count. */
+        /* The method may reject a sample as too incomplete. */
         if (may_end && !pell_cancelled(r->ctx) &&
             (res == PELL_OK ? pell_context_interrupted(r->ctx) : res == PELL_ERR_CANCELLED && i > 0)) {
             *partial = pell_context_interrupted(r->ctx);
@@ -213,12 +213,12 @@ static enum pell_result render_samples(struct pell_renderer *r, const struct pel
     return res;
 }
 
-/* Holds every pixel that any sample of the frame may cover. */
+/* Bounds of the pixels that any sample of the frame may cover. */
 static struct pell_rect find_covered(const struct pell_renderer *r, const struct pell_settings *s, const struct pell_view *view)
 {
     const struct pell_scene *scene = r->scene;
     const struct pell_rect all = { 0, 0, s->width, s->height };
-    /* Layers are cleared by the composite alone, so that it goes over all of the picture for them. */
+    /* Layers are cleared by the composite alone, so with layers it covers the whole image. */
     struct pell_rect covered = scene->ground_mesh >= 0 || s->layers ? all : pell_view_rect(view, scene->bounds_min, scene->bounds_max);
 
     for (int i = 0; r->lens.radius > 0.0f && i < s->msaa; i++) {
@@ -246,8 +246,8 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   pell_counted(result->invalid, "pixel was not finite and was", "pixels were not finite and were").str);
 }
 
-/* Parts of the lens whose discs are cut do not meet: each shows a copy of its own of what is out of focus. From the lens' edge nearer
- * things may be seen than from where few samples look: with as many as are named here no more are asked for. */
+/* Parts of the lens whose discs are clipped do not overlap: each shows its own copy of out-of-focus content. From the edge of the lens,
+ * nearer objects may be visible than from where most samples are; no more samples than this are added for that. */
 static void warn_of_copies(const struct pell_renderer *r, const struct pell_settings *s, const struct pell_engine_result *result)
 {
     const double n = (double) s->msaa, ratio = (double) result->widest_disc / PELL_DOF_MOST;

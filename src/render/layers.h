@@ -10,7 +10,7 @@
 enum pell_output_layer_when {
     PELL_LAYER_ALWAYS,
     PELL_LAYER_ASKED,  /* pell_settings.layers */
-    PELL_LAYER_SINGLE, /* and the method gives what was scattered once apart */
+    PELL_LAYER_SINGLE, /* and the method returns single scattering separately */
     PELL_LAYER_NOISE,  /* and the method knows its standard error */
 };
 
@@ -26,7 +26,7 @@ struct pell_output_layer {
 enum { PELL_OUTPUT_LAYERS = 12, PELL_LAYER_CHANNELS = 3 * PELL_OUTPUT_LAYERS };
 extern const struct pell_output_layer pell_output_layers[PELL_OUTPUT_LAYERS];
 
-/* Whether a result has the layer. `single`: what scattered once is apart; `noisy`: the method knows its standard error. */
+/* Whether a result has the layer. `single`: single scattering is separate; `noisy`: the method knows its standard error. */
 static inline bool pell_output_layer_given(const struct pell_output_layer *l, const struct pell_settings *settings, bool single, bool noisy)
 {
     switch (l->when) {

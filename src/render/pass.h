@@ -7,7 +7,7 @@
 
 #include "render/engine.h"
 
-/* As pell_pass_create, with what the services lend. The engine has the method; knobs and materials are in range. `services` is copied. */
+/* As pell_pass_create, with `services`, which is copied. The engine implements the method; knobs and materials are in range. */
 PELL_NODISCARD enum pell_result pell_pass_make(const struct pell_engine_interface *engine, const struct pell_services *services,
                                                const struct pell_method *method, const void *knobs, const struct pell_frame_shape *shape,
                                                struct pell_pass **out);

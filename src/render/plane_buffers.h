@@ -13,8 +13,9 @@ static inline ptrdiff_t pell_plane_stride(int width)
     return ((ptrdiff_t) width + 15) / 16 * 16;
 }
 
-/* Allocates `count` planes of stride x height floats in one zeroed block, which planes[0] owns (pell_free), and sets planes[i]. Each starts
- * three cache lines further on than the size asks for: planes that begin at one place of a page would share the same few cache sets. */
+/* Allocates `count` planes of stride x height floats in one zeroed block, which planes[0] owns (pell_free), and sets planes[i]. Each
+ * starts three cache lines further on than its size requires: planes that begin at the same offset in a page would share the same few
+ * cache sets. */
 static inline PELL_NODISCARD enum pell_result pell_planes_allocate(struct pell_context *ctx, int width, int height, float **const *planes,
                                                                    size_t count)
 {

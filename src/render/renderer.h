@@ -1,13 +1,11 @@
 /* SPDX-License-Identifier: MIT
- *
- * renderer.h - what benches and tests ask of a renderer beyond render.h.
- */
+ * renderer.h - functions of a renderer for benches and tests, in addition to render.h. */
 #ifndef PELL_RENDERER_H
 #define PELL_RENDERER_H
 
 #include "render/services.h"
 
-#define PELL_MSAA_MOST 64 /* multisamples of a picture */
+#define PELL_MSAA_MOST 64 /* multisamples of an image */
 
 /* What its method is lent; holds while the scene is set. */
 const struct pell_services *pell_renderer_services(const struct pell_renderer *r);
@@ -17,10 +15,10 @@ const struct pell_pass *pell_renderer_pass(const struct pell_renderer *r);
 /* From the next frame on: measure after each how fast this machine copies (milliseconds), for pell_stage_time.bandwidth_ms. */
 void pell_renderer_measure_copies(struct pell_renderer *r, bool wanted);
 
-/* Of the cpu engine. Traces the last frame's rays from the camera once more and does nothing with them (see pell_surface_trace_bare); 0
- * before the first frame. */
+/* CPU engine only. Traces the last frame's camera rays again and ignores the hits (see pell_surface_trace_bare); 0 before the first
+ * frame. */
 double pell_renderer_trace_bare(struct pell_renderer *r);
-/* Of the cpu engine. See pell_rays_record: of the renderer's scene. */
+/* CPU engine only. See pell_rays_record: for the renderer's scene. */
 void pell_renderer_record_rays(struct pell_renderer *r, struct pell_ray_record *record);
 
 #endif

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * resources.c - what a renderer keeps from frame to frame: one table says what each part depends on, and is all that drops and makes
- * them. */
+ * resources.c - resources that a renderer keeps from frame to frame: one table lists the dependencies of each, and drives dropping and
+ * creation. */
 #include "render/renderer_state.h"
 
 #include "optics/medium/passing.h"
@@ -87,7 +87,7 @@ static enum pell_result make_materials(struct pell_renderer *r)
         f->gaussians = m->gaussians;
         f->profile = m->profile;
         if (m->profile)
-            f->gaussians.count = 0; /* the profile, not its coefficients or a published set, is what scatters */
+            f->gaussians.count = 0; /* scattering is defined by the profile, not by coefficients or a published set */
         f->white = m->color_from == PELL_COLOR_FROM_TEXTURE;
         f->strength = fmaxf(m->strength, 1.0f / 1024.0f);
         f->name = m->preset && m->preset[0] ? m->preset : m->name;
@@ -109,7 +109,7 @@ static enum pell_profile_model model_of(const struct pell_material *m, int setti
     return setting > 0 ? (enum pell_profile_model)(setting - 1) : m->model;
 }
 
-/* Materials with one profile share it and what follows from it: the profile is large, and some models take their time. */
+/* Materials with equal profiles share them and derived data: profiles are large, and some models are slow. */
 static bool same_profile(const struct pell_material *a, const struct pell_material *b, int setting)
 {
     return !b->opaque && !a->profile && !b->profile && a->gaussians.count == 0 && b->gaussians.count == 0 &&
@@ -127,10 +127,10 @@ static void drop_profiles(struct pell_renderer *r)
     r->profiles_of = NULL;
 }
 
-#define DARK 0.02   /* total of a profile up to which light that gets through is scattered too seldom for that, */
-#define BRIGHT 0.06 /* and from which on it is not */
+#define DARK 0.02   /* total of a profile below which transmitted light is scattered too rarely for this, */
+#define BRIGHT 0.06 /* and from which it applies */
 
-/* Factors that are lines over 1 - m, over one another, as a line. */
+/* Ratio of two factors that are linear in 1 - m, as a linear factor. */
 static void set_pass(const struct pell_medium *medium, double total, int c, struct pell_angle *out)
 {
     const struct pell_half_space_angle a = pell_passing_angle(medium, c);
@@ -145,7 +145,7 @@ static void set_pass(const struct pell_medium *medium, double total, int c, stru
     out->pass_thick[c] = (float) ((medium->sigma_a[c] + medium->sigma_s_reduced[c]) / PELL_PASSING_THICK);
 }
 
-/* A profile that is made white keeps its total of diffuse light; one of a medium keeps that of light at right angles. */
+/* A profile that is made white keeps its total under diffuse light; a medium's profile keeps its total at normal incidence. */
 static void fill_angle(const struct pell_frame_material *m, bool is_medium, struct pell_angle *out)
 {
     const double eta = (double) m->medium.eta;
@@ -170,8 +170,8 @@ static const struct pell_angle no_angle = {
     .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .leave_base = { 1, 1, 1 }, .pass_base = { 1, 1, 1 }
 };
 
-/* Takes single scattering out of a medium's profile, for the frames that add it by itself: `whole` and `rest` are the profiles of all light
- * and of what is left. Diffuse light, which has no direction, keeps all of it: it enters by as much more. */
+/* Removes single scattering from a medium's profile, for frames that add it separately: `whole` and `rest` are the profiles of all light
+ * and of the remainder. Diffuse light, which has no direction, keeps all of it, as a larger entering factor. */
 static void set_apart(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *rest, bool angles,
                       struct pell_single_apart *apart, const struct pell_angle *angle, struct pell_angle *out)
 {
@@ -203,7 +203,7 @@ static void set_apart(const struct pell_material *m, const struct pell_profile *
     }
 }
 
-/* The profiles of a medium's light that was scattered more than once, after those of all light; false where its model does not know. */
+/* Makes the profiles of a medium's multiply scattered light, after those of all light; returns false if its model cannot. */
 static bool make_rest(const struct pell_renderer *r, const struct pell_material *m, enum pell_profile_model model, struct pell_profile *out)
 {
     const struct pell_profile_params params = { .without_single = true };
@@ -216,7 +216,7 @@ static bool make_rest(const struct pell_renderer *r, const struct pell_material 
     return true;
 }
 
-/* Gives the frame's materials their profiles, and further objects of a material the same. */
+/* Assigns profiles to the frame's materials, including copies for further objects of a material. */
 static void hand_out_profiles(struct pell_renderer *r, bool apart)
 {
     struct pell_scene_materials *m = &r->materials;
@@ -228,7 +228,7 @@ static void hand_out_profiles(struct pell_renderer *r, bool apart)
             m->frame[m->of_mesh[i] - 1].profile = m->frame[m->frame_index[r->scene->meshes[i].material + 1] - 1].profile;
 }
 
-/* Gives every translucent material its profile, and says how much light each reflects. */
+/* Assigns profiles to all translucent materials, and reports how much light each reflects. */
 static enum pell_result make_profiles(struct pell_renderer *r)
 {
     const struct pell_scene *scene = r->scene;
@@ -295,7 +295,7 @@ fail:
     return res;
 }
 
-/* --- What the engine keeps ---------------------------------------------------------------------------------------------------------- */
+/* --- Engine resources ----------------------------------------------------------------------------------------------------------------- */
 
 static enum pell_result make_in_engine(struct pell_renderer *r, enum pell_engine_resource resource, const struct pell_plan *plan)
 {
@@ -443,7 +443,7 @@ struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const
     };
 }
 
-/* Whether the method leaves single scattering to the stages: it gives what leaves the surface, not pictures, and has none of its own. */
+/* Whether the method leaves single scattering to the stages: its result is exitance, not an image, and excludes single scattering. */
 static bool adds_single(const struct pell_renderer *r)
 {
     struct pell_plan plan = { .quantity = PELL_QUANTITY_RADIANCE };
@@ -486,7 +486,7 @@ static void drop_pass(struct pell_renderer *r)
     pell_pass_destroy(&r->pass);
 }
 
-/* A method that looks at the scene keeps what its lights lit, unless it says that it lights it anew. */
+/* A method that reads the scene keeps its lighting, unless it declares that it recomputes it. */
 static unsigned pass_depends(const struct pell_renderer *r)
 {
     const struct pell_plan *plan = r->pass ? pell_pass_plan(r->pass) : NULL;
@@ -494,13 +494,13 @@ static unsigned pass_depends(const struct pell_renderer *r)
     return plan && (plan->needs & PELL_NEED_SCENE) && !plan->survives_light_change ? PELL_INPUT_LIGHTS | PELL_INPUT_BOUNCES : 0;
 }
 
-/* --- What depends on what ----------------------------------------------------------------------------------------------------------- */
+/* --- Dependencies --------------------------------------------------------------------------------------------------------------------- */
 
 /* Each may use those above it, and is dropped before them. */
 static const struct resource {
-    unsigned depends;                                  /* on these of enum pell_input, */
+    unsigned depends;                                  /* depends on these of enum pell_input, */
     unsigned (*more)(const struct pell_renderer *r);   /* and on these; NULL: no more */
-    enum pell_result (*make)(struct pell_renderer *r); /* leaves nothing behind where it fails */
+    enum pell_result (*make)(struct pell_renderer *r); /* leaves nothing behind on failure */
     void (*drop)(struct pell_renderer *r);
 } resources[] = {
     { PELL_INPUT_SCENE, NULL, make_materials, drop_materials },
@@ -519,7 +519,7 @@ static const struct resource {
       make_through, drop_through },
     { PELL_INPUT_SCENE | PELL_INPUT_METHOD | PELL_INPUT_CHECKPOINT | PELL_INPUT_PROFILE, NULL, make_unscattered, drop_unscattered },
 };
-enum { OF_SCENE = 2 /* the first that depend on the scene alone */ };
+enum { OF_SCENE = 2 /* the first ones, which depend on the scene alone */ };
 
 void pell_renderer_invalidate(struct pell_renderer *r, unsigned inputs)
 {

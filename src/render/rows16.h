@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * rows16.h - rows of numbers that 16 points read at places of their own, four numbers of each row at a time, turned into 16 lanes of each
- * number. For kernel files alone.
- */
+ * rows16.h - rows of values that 16 points read at their own addresses, four values of each row at a time, transposed into 16 lanes per
+ * value. For kernel files only. */
 #ifndef PELL_ROWS16_H
 #define PELL_ROWS16_H
 
@@ -10,7 +8,7 @@
 
 #define ROWS 16
 
-/* Four numbers of the rows first + j, first + j + 4, ... beside each other, as many as a vector holds. */
+/* Four values of the rows first + j, first + j + 4, ... side by side, as many as fit a vector. */
 INLINE vf quads(const float *const row[ROWS], int first, int j, int k)
 {
     const float *const *r = row + first + j;

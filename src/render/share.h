@@ -18,7 +18,7 @@ struct pell_share {
     void (*begin)(void *user);
     /* `count` further items for this rank, and the number of the first. */
     int64_t (*take)(void *user, int64_t count);
-    /* Numbers that take() gives from here on are too large, for all ranks. */
+    /* Indices from take() from here on are too large, for all ranks. */
     void (*stop)(void *user);
     /* Collective: whether it is true of any rank. */
     bool (*any)(void *user, bool mine);

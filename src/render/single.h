@@ -1,14 +1,12 @@
 /* SPDX-License-Identifier: MIT
- *
- * single.h - what the stage "irradiance" needs of a medium to add light that is scattered once by itself (shared/single.h). The profile
- * then holds what is scattered more often.
- */
+ * single.h - parameters of a medium for the stage "irradiance" to add single scattering separately (shared/single.h). The profile then
+ * contains multiple scattering only. */
 #ifndef PELL_SINGLE_H
 #define PELL_SINGLE_H
 
 struct pell_single_apart {
     float inverse_eta2; /* 1/eta^2 */
-    float albedo[3];    /* of a collision; 0: the material has no part of it */
+    float albedo[3];    /* single-scattering albedo; 0: the material has no separate single scattering */
     float g[3];
 };
 

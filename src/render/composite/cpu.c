@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cpu.c - see composite.h. Spec: methods.md, "Every diffusion method answers the same question". */
+ * cpu.c - see stage.h. */
 #include "render/composite/kernel.h"
 
 #include "render/layers.h"
@@ -94,7 +94,7 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
     }
 }
 
-/* Where the plane was asked for. */
+/* If the plane was requested. */
 static void put(float *plane, size_t at, int count, const float *values, float weight, bool first)
 {
     if (plane)
@@ -111,8 +111,8 @@ static void clear(const struct pell_accumulator *out, size_t at, int count)
     }
 }
 
-/* Where the object is translucent, and the noise. It is known of the exitance; what the camera sees of it is scaled as the light itself is.
- * Samples are independent, so that the variance of their mean is the sum of theirs, each by its weight squared. */
+/* The translucent fraction, and the noise. Noise is known for the exitance; its visible part is scaled like the light itself. Samples
+ * are independent, so the variance of their mean is the sum of theirs, each times its squared weight. */
 static void put_noise(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
 {
     const struct pell_composite_params *p = t->p;
@@ -133,7 +133,7 @@ static void put_noise(const struct task *t, size_t at, int count, const struct p
     }
 }
 
-/* What a surface makes of white light: the colour of a medium's profile, and of textures where they count. */
+/* Albedo of a surface: the colour of a medium's profile, and of textures where they apply. */
 static float albedo_of(const struct task *t, int c, size_t at)
 {
     const struct pell_composite_material *m = &t->c->materials[t->p->surface->material[at] - 1];
@@ -142,7 +142,7 @@ static float albedo_of(const struct task *t, int c, size_t at)
     return m->total[c] * (plain ? 1.0f : t->p->surface->base[c][at]);
 }
 
-/* The layers that are copies of planes of the frame, masked by what is covered. */
+/* Copies planes of the frame to layers, masked by coverage. */
 static void put_layers(const struct task *t, size_t at, int count, const struct pell_composite_lanes *l)
 {
     const struct pell_composite_params *p = t->p;
@@ -169,8 +169,8 @@ static void put_layers(const struct task *t, size_t at, int count, const struct 
     }
 }
 
-/* Adds what is found apart: what the surface reflects to the specular part, what was scattered once to `single`, what was not scattered to
- * what is transmitted. */
+/* Adds separately computed light: reflection to the specular part, single scattering to `single`, unscattered light to the transmitted
+ * part. */
 static void take_parts(const struct task *t, size_t at, int count, struct pell_composite_lanes *l, float single[3][LANES])
 {
     const struct pell_composite_params *p = t->p;
@@ -190,7 +190,7 @@ static void take_parts(const struct task *t, size_t at, int count, struct pell_c
     }
 }
 
-/* Asks for what a block of pixels at `at` reads and writes. Rows are too short for the processor to foresee their next lines. */
+/* Prefetches the data that a block of pixels at `at` reads and writes. Rows are too short for hardware prefetching of their next lines. */
 PELL_FETCHING_INLINE void fetch(const struct task *t, size_t at)
 {
     const struct pell_composite_params *p = t->p;

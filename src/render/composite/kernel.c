@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * kernel.c - see lanes.h; compiled once per SIMD level. */
+ * kernel.c - see kernel.h; compiled once per SIMD level. */
 #include "render/composite/kernel.h"
 
 #include "shared/boundary.h"
@@ -9,15 +9,15 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
-/* What lanes have of their materials: of one material for all in a `full` block, which is what most blocks are. */
+/* Material values of lanes; a `full` block has one material in all lanes, which is the common case. */
 struct owners {
-    const struct pell_composite_material *one;      /* of all lanes where `full` */
+    const struct pell_composite_material *one;      /* for all lanes if `full` */
     const struct pell_composite_material *m[LANES]; /* else */
 };
 
 #define OF(field) (full ? o->one->field : o->m[i]->field)
 
-/* base^e for e in [0, 1]; the general power only where some material asks for it. */
+/* base^e for e in [0, 1]; the general power only if a material needs it. */
 INLINE void power(const struct pell_composite_row *row, const float *restrict base, const float *restrict e, bool full, float *restrict out)
 {
     if (!row->any_texture || (full && e[0] <= 0.0f)) {
@@ -34,7 +34,7 @@ INLINE void power(const struct pell_composite_row *row, const float *restrict ba
             out[i] = base[i] > 0.0f ? powf(base[i], e[i]) : 0.0f;
 }
 
-/* mu = n . w_o of each lane. */
+/* mu = n . w_o per lane. */
 INLINE void view_cosines(const struct pell_composite_row *row, int x, size_t at, float *restrict mu)
 {
     const struct pell_view v = *row->p->view;
@@ -70,7 +70,7 @@ static void make_cut(const struct pell_composite_row *row, const struct pell_com
     cut->mean = m->f0 * (n[0] + g * (n[2] - n[0])) + n[1] + g * (n[3] - n[1]);
 }
 
-/* Directional albedo toward mu, albedo[0], and its mean, albedo[1], of each lane. */
+/* Directional albedo at mu, albedo[0], and its mean, albedo[1], per lane. */
 INLINE void albedos(const struct pell_composite_row *row, const struct owners *o, const float *restrict mu, const float *restrict roughness,
                     bool full, bool uniform, struct pell_composite_cut *restrict cut, float (*restrict albedo)[LANES])
 {
@@ -124,7 +124,7 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
     const float *restrict rough = s->roughness + at;
     float albedo[2][LANES], rho_s[LANES], roughness[LANES];
 
-    /* Planes may hold anything where a material is even: what they hold is read, and not taken. */
+    /* Planes are undefined where a material is uniform: their values are read, but not used. */
     for (int i = 0; !uniform && i < LANES; i++)
         roughness[i] = OF(uniform) ? OF(roughness) : rough[i];
     albedos(row, o, mu, roughness, full, uniform, cut, albedo);
@@ -137,7 +137,7 @@ INLINE void exit_factors(const struct pell_composite_row *row, const struct owne
             factor[i] = pell_smooth_exit_factor(pell_boundary_lookup(OF(boundary), mu[i]), published ? 1.0f : OF(boundary_mean));
 }
 
-/* A block; `on` is 1 where a lane is covered. */
+/* Composites a block; `on` is 1 where a lane is covered. */
 INLINE void shade_block(const struct pell_composite_row *row, int x, const struct owners *o, const float *restrict on, bool full,
                         bool uniform, struct pell_composite_cut *restrict cut, struct pell_composite_lanes *restrict result)
 {
@@ -148,7 +148,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
     const bool radiance = p->radiance;
     float mu[LANES], factor[LANES], out_exponent[LANES], in_exponent[LANES], scatters[LANES], metal[LANES], finished[LANES], shines[LANES];
     float behind[LANES], sheet[LANES], off[LANES];
-    float arriving[LANES]; /* results are local until they are whole: nothing else can point at them */
+    float arriving[LANES]; /* results are local until complete: no aliasing */
 
     for (int i = 0; i < LANES; i++) {
         out_exponent[i] = OF(out_exponent);
@@ -185,7 +185,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
         for (int i = 0; i < LANES; i++) {
             const float angle = OF(leave_base[c]) + OF(leave_slope[c]) * off[i];
             const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
-            /* All is read, then chosen: what is off may be no number and must not be multiplied away. */
+            /* All values are loaded, then selected: inactive ones may be NaN and must not be multiplied. */
             const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
             const float front = k * (scatters[i] > 0.0f ? moved : still), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
             const float met = luminance[c] * OF(metered[c]) * all / (a > 0.02f ? a : 0.02f);
@@ -206,7 +206,7 @@ static bool shade(const struct pell_composite_row *row, int x, struct pell_compo
 {
     const struct pell_surface *s = row->p->surface;
     const uint16_t *restrict material =
-        s->material + (ptrdiff_t) row->y * s->stride + x; /* rows are whole blocks; none beside the picture is covered */
+        s->material + (ptrdiff_t) row->y * s->stride + x; /* rows are whole blocks; nothing outside the image is covered */
     struct owners o;
     float on[LANES];
     unsigned any = 0, differ = 0;

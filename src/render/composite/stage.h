@@ -12,14 +12,14 @@
 
 #include "render/irradiance/stage.h"
 
-/* What a sample's pixels are added to; all but color, alpha and meter may be NULL. `weight` of each sample is 1 / number of samples. */
+/* Accumulated planes; all but color, alpha and meter may be NULL. `weight` of each sample is 1 / number of samples. */
 struct pell_accumulator {
     float *color[3], *alpha;
     float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3], *albedo[3];
-    float *depth;       /* of the first sample that hit something */
-    float *variance[3]; /* of the mean over the samples, of the scattered light in `multiple`; 0 where there is no noise */
-    float *translucent; /* share of the samples on a translucent material, with whatever method */
-    double *meter;      /* per row: summed luminance of the irradiance that arrives, without albedo, and the number of pixels it is of */
+    float *depth;       /* of the first sample with a hit */
+    float *variance[3]; /* of the mean over the samples, for the scattered light in `multiple`; 0 without noise */
+    float *translucent; /* fraction of the samples on a translucent material, with any method */
+    double *meter;      /* per row: sum of the luminance of arriving irradiance, without albedo, and its number of pixels */
 };
 
 struct pell_composite_params {
@@ -30,21 +30,21 @@ struct pell_composite_params {
     const struct pell_lighting *lighting;
     const float *const *exitance; /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
     bool radiance;
-    bool excludes_surface_reflection;              /* `radiance` is of what entered alone: the specular lobe is added to it */
-    const float *const *single, *const *reflected; /* parts that `exitance` does not hold (struct pell_frame_light); NULL: none */
-    const float *const *unscattered;               /* radiance of what passed without being scattered; NULL: none */
+    bool excludes_surface_reflection;              /* `radiance` is only of light that entered: the specular lobe is added to it */
+    const float *const *single, *const *reflected; /* parts not included in `exitance` (struct pell_frame_light); NULL: none */
+    const float *const *unscattered;               /* unscattered radiance; NULL: none */
     const float *const *standard_error;            /* standard error of `exitance`, in its unit; NULL: none */
     const struct pell_angle *angle;                /* per scene material; NULL: no factors */
     const float (*total)[3];                       /* per scene material: total reflectance of its profile, for pixels without scattering */
     float mix;                                     /* plan's; negative: each material's own */
-    float diffuse;                                 /* of the light, the share that has no direction (pell_lights_diffuse) */
+    float diffuse;                                 /* diffuse fraction of the light (pell_lights_diffuse) */
     bool smooth, published;
-    struct pell_rect rect; /* holds every pixel that any sample may cover; the accumulator is written there and nowhere else */
+    struct pell_rect rect; /* bounds of the pixels that any sample may cover; the accumulator is only written there */
     float weight;
     bool first; /* overwrite the accumulator instead of adding to it */
 };
 
-/* Holds what a composite needs of each material, so that a frame allocates nothing. */
+/* Scratch for the composite's materials, so that a frame allocates nothing. */
 struct pell_compositor;
 PELL_NODISCARD enum pell_result pell_compositor_create(struct pell_context *ctx, size_t num_materials, struct pell_compositor **out);
 void pell_compositor_destroy(struct pell_compositor **compositor);
@@ -53,7 +53,7 @@ void pell_compositor_destroy(struct pell_compositor **compositor);
 void pell_composite_render(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
                            const struct pell_accumulator *out);
 
-/* The picture without scattering, at covered pixels: what a method with PELL_NEED_SHADED blurs. Takes `exitance` as NULL. */
+/* Shades covered pixels without scattering: the plane that a method with PELL_NEED_SHADED blurs. `exitance` must be NULL. */
 void pell_composite_shaded(struct pell_pool *pool, struct pell_compositor *c, const struct pell_composite_params *params,
                            float *const shaded[3]);
 

@@ -4,12 +4,12 @@
 
 #include "math/sampling.h"
 
-#define DARKEST 0.8f /* of the background's light is gone where the whole sky is hidden */
-#define MARGIN 1.2f  /* heights of the objects' bounds, but at most their radius: how far beside them the shadow goes */
-#define FADES 0.4f   /* of the margin: from here on it fades out */
-#define LIFT 1e-3f   /* radii: how far below the objects the plane lies, so that what stands on it hides it */
+#define DARKEST 0.8f /* fraction of the background's light that is removed where the whole sky is hidden */
+#define MARGIN 1.2f  /* in heights of the objects' bounds, at most their radius: reach of the shadow around them */
+#define FADES 0.4f   /* of the margin: start of the fade-out */
+#define LIFT 1e-3f   /* radii: distance of the plane below the objects, so that objects standing on it occlude it */
 
-enum { CELLS = 8192, MOST_IN_ROW = 2048, RAYS = 64 }; /* cells: about as many, and about square */
+enum { CELLS = 8192, MOST_IN_ROW = 2048, RAYS = 64 }; /* approximate number of cells, about square */
 
 struct contact_side {
     float center, half; /* mm, of the grid */
@@ -21,17 +21,17 @@ struct pell_contact {
     const struct pell_rays *rays;
     float level, margin;         /* mm */
     struct contact_side side[2]; /* along x and z */
-    struct pell_vec3 sky[RAYS];  /* directions upwards, by the cosine */
-    float *hidden;               /* share of the sky, faded, in rows along x */
+    struct pell_vec3 sky[RAYS];  /* upward directions, cosine-distributed */
+    float *hidden;               /* hidden fraction of the sky, faded, in rows along x */
 };
 
-/* Where point i of the grid is, from its center. */
+/* Position of grid point i relative to the center. */
 static float place(const struct contact_side *s, int i)
 {
     return s->half * (2.0f * (float) i / (float) s->cells - 1.0f);
 }
 
-/* How far a place is beside the objects' bounds. */
+/* Distance of a point outside the objects' bounds. */
 static float beside(const struct pell_contact *k, const struct contact_side *s, float at)
 {
     return fmaxf(fabsf(at) - s->half + k->margin, 0.0f);
@@ -80,7 +80,7 @@ static void lay_out(struct pell_contact *k, const float *low, const float *high)
     cell = 2.0f * sqrtf(k->side[0].half * k->side[1].half / (float) CELLS);
     for (int i = 0; i < 2; i++)
         k->side[i].cells = (int) fminf(fmaxf(ceilf(2.0f * k->side[i].half / cell), 1.0f), (float) MOST_IN_ROW);
-    for (int i = 0; i < RAYS; i++) { /* by their turn about the vertical: those of a packet go about the same way */
+    for (int i = 0; i < RAYS; i++) { /* ordered by azimuth: rays of a packet have similar directions */
         struct pell_vec3 d;
         double p[2];
         int at = i;
@@ -137,7 +137,7 @@ struct pell_rect pell_contact_rect(const struct pell_contact *k, const struct pe
     return pell_view_rect(view, low, high);
 }
 
-/* The cell that holds a place along a side, and how far into it. */
+/* The cell of a position along a side, and the fraction in it. */
 static int cell_at(const struct contact_side *s, float at, float *into)
 {
     const float u = 0.5f * (at / s->half + 1.0f) * (float) s->cells;
@@ -157,7 +157,7 @@ float pell_contact_shade(const struct pell_contact *k, struct pell_vec3 start, s
     float u, v, near, far;
 
     if (!(direction.y < 0.0f && t > 0.0f && fabsf(x) < s[0].half && fabsf(z) < s[1].half))
-        return 1.0f; /* from below the plane is not there */
+        return 1.0f; /* from below, the plane is invisible */
     h = k->hidden + cell_at(&s[0], x, &u);
     h += row * (size_t) cell_at(&s[1], z, &v);
     near = h[0] + u * (h[1] - h[0]);

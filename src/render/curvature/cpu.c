@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - the stage: patches of one object and material, the shape at their vertices, and what follows from it for light.
+ * cpu.c - the stage: patches of one object and material, the shape at their vertices, and its effect on light.
  */
 #include "render/curvature/internal.h"
 #include "render/curvature/kernel.h"
@@ -18,16 +18,16 @@
 #include <string.h>
 
 #define GAINS PELL_CURVATURE_GAINS
-#define DARKEST 1e-7     /* returned by a half-space: less is rounding */
-#define MOST_BENT 2.0    /* curvature times mean free path: where tables end */
-#define LEAST_BENT -0.3  /* the same of hollows that are smaller */
-#define MOST_CROSSED 2.0 /* where next to nothing gets through, one law may have many times the other's */
-#define THICK 2e-3f      /* of what a half-space returns: parts are thin that let more through */
-#define THINNEST 1e-3    /* of the distance of averaging: thinner slabs count as this */
-#define CELLS_MOST 256   /* along an object's longest side */
-#define CHUNK 4096       /* vertices of a task */
+#define MIN_RETURN 1e-7       /* least return of a half-space above rounding errors */
+#define MAX_BEND 2.0          /* curvature times mean free path: end of the tables */
+#define MIN_BEND -0.3         /* the same for concave parts */
+#define MAX_CROSSED 2.0       /* limit where almost nothing is transmitted and the models differ by large factors */
+#define MIN_TRANSMITTED 2e-3f /* of a half-space's return: parts that transmit more are thin */
+#define MIN_THICKNESS 1e-3    /* of the averaging distance: lower limit of the thickness of slabs */
+#define MAX_CELLS 256         /* largest number along an object's longest side */
+#define CHUNK 4096            /* vertices per task */
 #define NO_PATCH UINT32_MAX
-#define SHARE 0.95 /* of a profile: what lies inside the distance over which curvature is averaged */
+#define PROFILE_FRACTION 0.95 /* fraction of a profile inside the averaging distance of curvature */
 
 struct pell_curvature {
     struct pell_context *ctx;
@@ -60,7 +60,7 @@ void pell_curvature_destroy(struct pell_curvature **curvature)
     *curvature = NULL;
 }
 
-/* Radius inside which there is this share of the profile, mm. */
+/* Radius that contains this fraction of the profile, mm. */
 static double radius_of(const struct pell_profile *profile, double share)
 {
     double low = -12.0, high = 12.0;
@@ -75,30 +75,30 @@ static double radius_of(const struct pell_profile *profile, double share)
     return exp(low);
 }
 
-/* even[c]: what a half-space returns of even light. */
+/* even[c]: return of a half-space under uniform light. */
 static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double even[3], struct curvature_law *law)
 {
     for (int c = 0; c < 3; c++) {
         struct pell_slab slab;
         const double all = pell_slab_make(medium, c, &slab) ? pell_slab_at(&slab, (double) INFINITY).reflected : 0.0;
-        const double half = all > DARKEST ? all : 0.0;
+        const double half = all > MIN_RETURN ? all : 0.0;
         struct pell_slab scattered = slab;
         const double mean = pell_half_space_angle_of(half, medium->eta).mean;
         const double apart = (double) pell_forward_share(opposed->kappa[c] * opposed->depth[c]);
         even[c] = half * mean;
         scattered.sigma_t = scattered.sigma_t_reduced;
         for (int i = 0; i < GAINS; i++) {
-            const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / fmax(x, 1e-12), THINNEST);
+            const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / fmax(x, 1e-12), MIN_THICKNESS);
             const struct pell_slab_light light = pell_slab_at(&slab, d);
             const double T = light.transmitted - apart * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
             const bool thin = i > 0 && half > 0.0;
             law->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
             law->through[i][c] = thin ? (float) (T / half) : 0.0f;
-            law->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MOST_CROSSED) : 1.0f;
+            law->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MAX_CROSSED) : 1.0f;
             law->ball[i][c] = thin ? (float) (pell_small_ball(medium, c, d) / even[c] + (1.0 - 1.0 / mean) * T / half) : 1.0f;
             law->small[i][c] = thin ? (float) pell_small_share(medium, c, d) : 0.0f;
             law->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
-            if (law->through[i][c] + law->forward[i][c] > THICK)
+            if (law->through[i][c] + law->forward[i][c] > MIN_TRANSMITTED)
                 law->farthest = fmaxf(law->farthest, (float) d);
         }
     }
@@ -131,7 +131,7 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
         total[c] = pell_profile_total(&m->profile[c]);
         if (!(total[c] > 0.0))
             continue;
-        sum += total[c] * radius_of(&m->profile[c], SHARE);
+        sum += total[c] * radius_of(&m->profile[c], PROFILE_FRACTION);
         weight += total[c];
         thickest = fmax(thickest, m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c]);
     }
@@ -139,7 +139,7 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
         return;
     law->there = true;
     law->step = (float) (sum / weight);
-    law->limit = (float) (MOST_BENT * thickest);
+    law->limit = (float) (MAX_BEND * thickest);
     for (int c = 0; c < 3; c++)
         law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
     if (!pell_opposed_make(m->medium, &opposed))
@@ -147,7 +147,7 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
     make_thin(m->medium, &opposed, even, law);
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++) {
-            const double curvature = fmax((double) law->limit * (2.0 * i / (GAINS - 1) - 1.0), LEAST_BENT * thickest);
+            const double curvature = fmax((double) law->limit * (2.0 * i / (GAINS - 1) - 1.0), MIN_BEND * thickest);
             make_bent(m, &opposed, c, curvature, even[c], &law->bent[i]);
         }
 }
@@ -156,7 +156,7 @@ struct laws {
     const struct pell_context *ctx;
     const struct pell_curvature_medium *media;
     struct curvature_law *law;
-    size_t *first; /* per material: the first that is the same to light */
+    size_t *first; /* per material: the first material with the same medium */
 };
 
 /* Equal media share their profile (resources.c). */
@@ -174,7 +174,7 @@ static void law_of(void *arg, int index, int worker)
         make_law(&t->media[index], &t->law[index]);
 }
 
-/* The laws of all materials: made once for those that are the same. */
+/* Computes the tables of all materials, once for equal media. */
 static enum pell_result make_laws(struct pell_curvature *k, struct pell_pool *pool, const struct pell_curvature_medium *media)
 {
     const size_t count = k->scene->num_materials;
@@ -203,7 +203,7 @@ static enum pell_result make_laws(struct pell_curvature *k, struct pell_pool *po
     return PELL_OK;
 }
 
-/* The patches of an object, its meshes sorted into them. */
+/* Creates the patches of an object, and assigns its meshes. */
 static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *meshes, size_t count, size_t *first)
 {
     const struct pell_scene *scene = k->scene;
@@ -231,7 +231,7 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
             k->patch[k->num_patches++] = (struct curvature_patch) {
                 .material = material,
                 .low = low,
-                .step = fmaxf(k->law[material].step, size / CELLS_MOST),
+                .step = fmaxf(k->law[material].step, size / MAX_CELLS),
                 .farthest = k->law[material].farthest,
             };
         }
@@ -312,7 +312,7 @@ static float longest_side(const struct pell_mesh *mesh, uint32_t triangle)
     return larger(larger(vec3_length(vec3_sub(p[1], p[0])), vec3_length(vec3_sub(p[2], p[0]))), vec3_length(vec3_sub(p[2], p[1])));
 }
 
-/* Where none is, pixels need not ask. */
+/* Whether some triangle is longer than the step; otherwise pixels can interpolate vertices. */
 static bool is_coarse(const struct pell_context *ctx, const struct pell_mesh *mesh, float step)
 {
     for (uint32_t i = 0; i < mesh->num_triangles; i++)
@@ -365,24 +365,24 @@ fail:
     return res;
 }
 
-struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, uint32_t number, uint32_t triangle, float u, float v)
+struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, uint32_t mesh_index, uint32_t triangle, float u, float v)
 {
-    const struct pell_mesh *mesh = &k->scene->meshes[number < k->scene->num_meshes ? number : 0];
+    const struct pell_mesh *mesh = &k->scene->meshes[mesh_index < k->scene->num_meshes ? mesh_index : 0];
     const struct pell_curvature_shape *value;
     const uint32_t *index;
     uint32_t patch;
     struct pell_curvature_shape shape = { 0.0f, 0.0f };
 
-    if (number >= k->scene->num_meshes || triangle >= mesh->num_triangles || (patch = k->patch_of[number]) == NO_PATCH)
+    if (mesh_index >= k->scene->num_meshes || triangle >= mesh->num_triangles || (patch = k->patch_of[mesh_index]) == NO_PATCH)
         return shape;
     index = mesh->index + 3 * (size_t) triangle;
-    if (k->coarse[number] && longest_side(mesh, triangle) > k->patch[patch].step) {
+    if (k->coarse[mesh_index] && longest_side(mesh, triangle) > k->patch[patch].step) {
         struct pell_vec3 p[3];
         for (int i = 0; i < 3; i++)
             p[i] = vec3_load(mesh->position + 3 * (size_t) index[i]);
         return curvature_grid_at(&k->grid, &k->patch[patch], patch, vec3_mad(vec3_mad(vec3_mul(p[0], 1.0f - u - v), u, p[1]), v, p[2]));
     }
-    value = k->value[number];
+    value = k->value[mesh_index];
     for (int i = 0; i < 3; i++) {
         const float w = i == 0 ? 1.0f - u - v : i == 1 ? u : v;
         shape.mean += w * value[index[i]].mean;
@@ -391,7 +391,7 @@ struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *k, ui
     return shape;
 }
 
-/* At 16 points of one mesh none of whose triangles is coarse. */
+/* Interpolates at 16 points of one mesh without coarse triangles. */
 static void interpolate(const struct pell_mesh *mesh, const struct pell_curvature_shape *value, const struct pell_points16 *at,
                         struct curvature_shapes *s)
 {
@@ -405,14 +405,14 @@ static void interpolate(const struct pell_mesh *mesh, const struct pell_curvatur
     }
 }
 
-void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell_points16 *at, const int32_t *ask,
+void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell_points16 *at, const int32_t *active,
                                struct pell_curvature_effects *out)
 {
     struct curvature_shapes s;
     uint32_t differ = 0;
 
     for (int i = 0; i < 16; i++)
-        differ |= (at->mesh[i] ^ at->mesh[0]) | (uint32_t) ~ask[i];
+        differ |= (at->mesh[i] ^ at->mesh[0]) | (uint32_t) ~active[i];
     if (!differ && at->mesh[0] < k->scene->num_meshes && k->value[at->mesh[0]] && !k->coarse[at->mesh[0]]) {
         interpolate(&k->scene->meshes[at->mesh[0]], k->value[at->mesh[0]], at, &s);
         for (int i = 0; i < 16; i++)
@@ -422,7 +422,7 @@ void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell
     }
     for (int i = 0; i < 16; i++) {
         struct pell_curvature_shape shape = { 0.0f, 0.0f };
-        const bool is = ask[i] && at->mesh[i] < k->scene->num_meshes;
+        const bool is = active[i] && at->mesh[i] < k->scene->num_meshes;
         if (is)
             shape = pell_curvature_at(k, at->mesh[i], at->triangle[i], at->u[i], at->v[i]);
         s.mean[i] = shape.mean;
@@ -437,7 +437,7 @@ void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell
 _Static_assert(sizeof(struct curvature_bent) == 12 * sizeof(float) && sizeof(struct pell_curvature_shape) == 2 * sizeof(float),
                "as stage.h says");
 
-/* Words that follow each other; `out` NULL: they are counted. */
+/* Sequential output of words; `out` NULL: they are only counted. */
 struct words {
     uint32_t *out;
     size_t count;
@@ -462,7 +462,7 @@ static void put_law(struct words *w, const struct curvature_law *law)
     put(w, law->small, sizeof(law->small) / sizeof(float));
 }
 
-/* Of a mesh's triangles: whether each is longer than the patch's step. */
+/* Writes for each triangle of a mesh whether it is longer than the patch's step. */
 static void put_long(struct words *w, const struct pell_mesh *mesh, float step)
 {
     for (uint32_t t = 0; t < mesh->num_triangles; t++) {
@@ -497,7 +497,7 @@ size_t pell_curvature_words(const struct pell_curvature *k, uint32_t *out)
             at[2] = k->coarse[i] ? (uint32_t) w.count : PELL_CURVATURE_NONE;
             if (k->coarse[i])
                 put_long(&w, mesh, k->patch[patch].step);
-            at[3] = (uint32_t) w.count; /* meshes of one material are few */
+            at[3] = (uint32_t) w.count; /* repeated per mesh: few meshes share a material */
             put_law(&w, &k->law[mesh->material]);
         }
         if (out)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * grid.c - area, curvature and thinness of an object's surface, summed over a grid that has nodes only where the surface is.
+ * grid.c - area, curvature and thinness of an object's surface, summed over a sparse grid with nodes only near the surface.
  */
 #include "render/curvature/internal.h"
 
@@ -11,10 +11,10 @@
 
 #define PIECES_MOST 512 /* along a side of a triangle */
 #define PIECES_BATCH 4096
-#define PIECE 0.5f               /* of a cell: longer edges and triangles are cut into pieces */
-#define SIDE PELL_CURVATURE_SIDE /* a grid's step makes a quarter of them the most */
+#define PIECE 0.5f               /* of a cell: longer edges and triangles are split */
+#define SIDE PELL_CURVATURE_SIDE /* the grid's step limits pieces to a quarter of them */
 #define LEAST_ROOM 4096
-#define CREASE (PELL_PI / 3.0) /* as for normals that a file does not have */
+#define CREASE (PELL_PI / 3.0) /* as for normals that are missing in a file */
 
 static uint64_t key_of(size_t number, const int at[3])
 {
@@ -23,7 +23,7 @@ static uint64_t key_of(size_t number, const int at[3])
 
 static struct curvature_node *find(struct curvature_node *node, size_t room, uint64_t key)
 {
-    /* A product with the golden section scatters keys. */
+    /* Multiplicative hashing with the golden section. */
     size_t i = (size_t) (key * 0x9e3779b97f4a7c15u >> 20) & (room - 1);
 
     while (node[i].key && node[i].key != key)
@@ -47,7 +47,7 @@ static enum pell_result widen(struct curvature_grid *g)
     return PELL_OK;
 }
 
-/* The node before a point, and how far on it lies. */
+/* The node below a point, and the fraction to the next. */
 static void place(const struct curvature_patch *patch, struct pell_vec3 p, int at[3], float part[3])
 {
     const float x[3] = { (p.x - patch->low.x) / patch->step, (p.y - patch->low.y) / patch->step, (p.z - patch->low.z) / patch->step };
@@ -130,9 +130,9 @@ void curvature_grid_write(const struct curvature_grid *g, uint32_t *out)
     }
 }
 
-/* --- What an object adds ---------------------------------------------------------------------------------------------------------- */
+/* --- Contributions of an object ------------------------------------------------------------------------------------------------------- */
 
-/* Pieces of triangles that wait for their thinness. */
+/* Batch of pieces of triangles whose thinness is to be found. */
 struct batch {
     struct curvature_grid *grid;
     const struct curvature_patch *patch;
@@ -165,7 +165,7 @@ static enum pell_result add_triangle(struct batch *batch, const struct pell_vec3
     const float third = 1.0f / (3.0f * (float) n);
     enum pell_result res;
 
-    /* The middles of n^2 equal triangles: those that point as the whole does, and those between. */
+    /* Centroids of n^2 congruent triangles: first those oriented like the whole, then those between. */
     for (int i = 0; i < n; i++)
         for (int j = 0; j < 2 * (n - i) - 1; j++) {
             const float u = (float) (3 * i + 1 + (j & 1)) * third, v = (float) (3 * (j / 2) + 1 + (j & 1)) * third;
@@ -202,7 +202,7 @@ static enum pell_result add_edge(struct curvature_grid *g, const struct curvatur
     return PELL_OK;
 }
 
-/* An edge between two faces that are turned the same way. Of borders, and where more faces meet, nothing can be said. */
+/* Adds an edge between two consistently oriented faces. Borders, and edges of more faces, have no curvature. */
 struct edge {
     struct pell_vec3 from, along;
     double angle;
@@ -220,7 +220,8 @@ static bool edge_of(const struct pell_topology *t, const float *const *at, uint3
     return out->angle != 0.0;
 }
 
-/* Mean length of the edges that are no creases, by how much they turn: the mesh knows nothing finer. 0 where all is flat or creased. */
+/* Mean length of the edges that are no creases, weighted by their angle: the resolution of the mesh. 0 where everything is flat or
+ * creased. */
 static float smooth_length(const struct pell_topology *t, const float *const *at)
 {
     double sum = 0.0, weight = 0.0;
@@ -242,7 +243,7 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
 {
     const struct pell_topology *t = object->topology;
     const struct pell_scene *scene = object->scene;
-    const float **at = pell_alloc_array(g->ctx, t->num_positions, sizeof(*at)); /* of each position: the last vertex there */
+    const float **at = pell_alloc_array(g->ctx, t->num_positions, sizeof(*at)); /* per position: the last vertex there */
     struct batch batch = { g, patch, number, object, pell_alloc(g->ctx, PIECES_BATCH * sizeof(*batch.piece)), 0 };
     enum pell_result res = PELL_ERR_NOMEM;
     struct edge e;
@@ -252,7 +253,7 @@ enum pell_result curvature_measure(struct curvature_grid *g, struct curvature_pa
     for (size_t m = 0; m < t->num_meshes; m++)
         for (uint32_t v = 0; v < scene->meshes[t->mesh[m]].num_vertices && !pell_cancelled_at(g->ctx, v); v++)
             at[t->weld[t->first_vertex[m] + v]] = scene->meshes[t->mesh[m]].position + 3 * (size_t) v;
-    if (pell_cancelled(g->ctx)) { /* some places may not be known */
+    if (pell_cancelled(g->ctx)) { /* some positions may be missing */
         res = PELL_ERR_CANCELLED;
         goto fail;
     }

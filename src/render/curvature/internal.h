@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * internal.h - what the files of this stage share. Private to the folder.
+ * internal.h - declarations shared by the files of this stage. Private to the folder.
  */
 #ifndef RENDER_CURVATURE_INTERNAL_H
 #define RENDER_CURVATURE_INTERNAL_H
@@ -14,30 +14,30 @@ struct curvature_patch {
     uint32_t material;
     struct pell_vec3 low; /* corner of the object's box */
     float step;           /* mm: side of a cell of the grid */
-    float farthest;       /* mm: beyond it nothing is thin */
+    float farthest;       /* mm: largest thickness of thin parts */
 };
 
-/* What pieces of the surface add up to. */
+/* Sums over pieces of the surface. */
 struct curvature_sum {
     double area; /* mm^2 */
-    double turn; /* of edges: length times dihedral angle, mm */
+    double turn; /* over edges: length times dihedral angle, mm */
     double thin; /* area times thinness, mm */
 };
 
 /* Sums around a node of a patch's grid. */
 struct curvature_node {
-    uint64_t key; /* of patch and place, + 1; 0: free */
+    uint64_t key; /* patch and position, + 1; 0: free */
     struct curvature_sum sum;
 };
 
-/* Nodes by their keys: open addressing. */
+/* Hash table of nodes by key, with open addressing. */
 struct curvature_grid {
     struct pell_context *ctx;
     struct curvature_node *node;
     size_t room, count; /* room: a power of two */
 };
 
-/* Adds to the eight nodes around a point, by their nearness. */
+/* Adds to the eight nodes around a point, with trilinear weights. */
 PELL_NODISCARD enum pell_result curvature_grid_add(struct curvature_grid *grid, const struct curvature_patch *patch, size_t number,
                                                    struct pell_vec3 at, const struct curvature_sum *piece);
 struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *grid, const struct curvature_patch *patch, size_t number,
@@ -50,15 +50,14 @@ struct curvature_object {
     const struct pell_rays *rays; /* NULL: nothing is thin */
     const struct pell_scene *scene;
     const struct pell_topology *topology;
-    int id; /* of its meshes: struct pell_mesh.object */
+    int id; /* as in struct pell_mesh.object */
 };
 
-/* Adds all of an object's triangles and edges. Widens the patch's step first, to the length of the edges that stand for a smooth
- * surface. */
+/* Adds all triangles and edges of an object. First widens the patch's step to the length of the edges that represent a smooth surface. */
 PELL_NODISCARD enum pell_result curvature_measure(struct curvature_grid *grid, struct curvature_patch *patch, size_t number,
                                                   const struct curvature_object *object);
 
-/* The nodes as pell_curvature_words has them. */
+/* Writes the nodes in the format of pell_curvature_words. */
 void curvature_grid_write(const struct curvature_grid *grid, uint32_t *out);
 
 /* --- thin.c ----------------------------------------------------------------------------------------------------------------------- */
@@ -70,8 +69,8 @@ struct curvature_piece {
     float thinness;              /* 1/mm */
 };
 
-/* Fills in the pieces' thinness: n_A.(-n)/d, where the ray along -n leaves the object at A after d mm, at most the patch's
- * `farthest`, with nothing else on the way, else 0. All are of one object and material. */
+/* Sets the pieces' thinness: n_A.(-n)/d, where the ray along -n leaves the object at A after d mm, at most the patch's `farthest`, with
+ * nothing in between, else 0. All pieces are of one object and material. */
 void curvature_find_thin(const struct curvature_object *object, const struct curvature_patch *patch, struct curvature_piece *piece,
                          size_t count);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * kernel.c - see kernel.h: places in the tables, what lies there, and the arithmetic, each of 16 lanes. */
+ * kernel.c - see kernel.h: table positions, table values and arithmetic, each over 16 lanes. */
 #include "render/curvature/kernel.h"
 
 #include "math/scalar.h"
@@ -12,13 +12,13 @@
 #define N 16
 enum { BENT = sizeof(struct curvature_bent) / sizeof(float), SLAB = 4 };
 
-/* What the laws say of each lane's shape. `slab`: 1 where nothing is thin, and the others 0. */
+/* Table values of each lane's shape. `slab`: 1 where nothing is thin, and the others 0. */
 struct looked {
     _Alignas(64) float bent[BENT][N]; /* struct curvature_bent */
     float slab[SLAB][N], through[SLAB][N], forward[SLAB][N], crossed[SLAB][N], sheet[SLAB][N], ball[SLAB][N], small[SLAB][N];
 };
 
-/* Places in a table: cells, and how far on to the next. */
+/* Positions in a table: cells and fractions. */
 static void split(const float *at, int32_t *cell, float *rest)
 {
     for (int i = 0; i < N; i += WIDTH) {
@@ -46,7 +46,7 @@ static void look_up_bent(const struct curvature_shapes *restrict s, struct looke
     rows_between(row, rest, BENT, l->bent);
 }
 
-/* Where slabs as thin as `thinness` says are in the tables of them. */
+/* Positions of slabs of this thinness in their tables. */
 struct place {
     const float *thinness;
     _Alignas(64) int32_t cell[N];

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * stage.h - stage "curvature": by how much more a convex, and less a hollow, surface of a translucent object returns than its profile says
- * (pell_curvature_gain in pellucid/profile.h). Light that enters is scaled by it.
+ * stage.h - stage "curvature": factor by which a convex surface of a translucent object returns more light than its profile says, and a
+ * concave one less (pell_curvature_gain in pellucid/profile.h). Entering light is scaled by it.
  *
- * Mean curvature is a measure of the mesh, half of the sum of length times dihedral angle over its edges (Cohen-Steiner and Morvan 2003),
- * per area, both averaged over the distance that light goes in the material: bumps that light blurs away count for nothing. A vertex keeps
- * its value; triangles that are larger than the distance ask at each point.
+ * Mean curvature is measured on the mesh as half of the sum of length times dihedral angle over its edges (Cohen-Steiner and Morvan 2003),
+ * per area, both averaged over the distance that light travels in the material, so that bumps smaller than the blur have no effect.
+ * Vertices store their value; triangles larger than that distance are evaluated at each point.
  */
 #ifndef PELL_CURVATURE_H
 #define PELL_CURVATURE_H
@@ -17,8 +17,9 @@
 
 struct pell_curvature;
 
-/* `media`: per scene material, of R, G and B, and their profiles; NULL where there is no gain. *out is NULL where no material has one, or
- * nothing is curved. Borrows `scene`; `rays` of it find thin parts, NULL: nothing is thin. The same bits for any number of threads. */
+/* `media`: per scene material, for R, G and B, with their profiles; NULL where there is no gain. *out is NULL where no material has a
+ * gain, or nothing is curved. Borrows `scene`; its `rays` find thin parts, NULL: nothing is thin. The result does not depend on the
+ * number of threads, to the bit. */
 struct pell_curvature_medium {
     const struct pell_medium *medium;
     const struct pell_profile *profile;
@@ -28,30 +29,29 @@ PELL_NODISCARD enum pell_result pell_curvature_create(struct pell_context *ctx, 
                                                       struct pell_curvature **out);
 void pell_curvature_destroy(struct pell_curvature **curvature);
 
-/* The shape around a point of a triangle; 0 for opaque materials, and where there is no such triangle. */
+/* Shape around a point of a triangle; 0 for opaque materials and invalid triangles. */
 struct pell_curvature_shape {
     float mean;     /* curvature, 1/mm, positive where it is convex */
-    float thinness; /* 1/mm: over the thickness under the point, times how far the faces oppose; over a ball half its curvature */
+    float thinness; /* 1/mm: degree to which the faces oppose, over the thickness under the point; for a ball half its curvature */
 };
 struct pell_curvature_shape pell_curvature_at(const struct pell_curvature *curvature, uint32_t mesh, uint32_t triangle, float u, float v);
 
-/* What it does to light that enters at 16 points. `gain`: factor of all of it, for methods that look for light at every distance through
- * the solid. `local`: the same for methods that spread all light around the place where it enters and add what thin parts let through by a
- * slab's T: what a ball of this curvature returns in all, times what a slab does that is thinner than the ball, less that T. Under even
- * light both add up to exact diffusion in a ball and in a slab. `opposed`: `gain` for methods that turn the profile between faces at an
- * angle (optics/medium/opposed.h), `opposed_local`: `local` for those that add what goes from face to face. `shift`: light that falls
- * along the cosine mu is scattered first one mean free path on along its refracted direction, beside the place where it enters. On a
- * curved surface more of it arrives where it grazes than where it falls steeply: in place of mu enters mu + shift (1 - 3 mu^2), which
- * over a ball is as much. `sheet` and `round`: the slab's T that `local` is less by, over what a half-space returns, as far as the part is
- * flat, and as far as it is round. `returned`: of what a half-space returns, the share that leaves on the same side of a part
- * that is flat and thin; 1 of others. `crossed`: of what goes through such a part by optics/medium/opposed.h, the share that a slab lets
- * through; 1 of others. */
+/* Effects of the shape on light that enters at 16 points. gain: factor for methods that gather light at every distance through the
+ * solid. local: the same for methods that spread all light around its entry and add transmission through thin parts by a slab's T: the
+ * total return of a ball of this curvature, times that of a slab thinner than the ball, minus T. Under uniform light the sum is exact
+ * diffusion in a ball and in a slab. opposed: `gain` for methods that correct the profile between faces at an angle
+ * (optics/medium/opposed.h). opposed_local: `local` for methods that add transport between faces. shift: light that arrives at the
+ * cosine mu is first scattered one mean free path further along its refracted direction, away from its entry. On a curved surface this
+ * moves light from steep to grazing incidence: mu becomes mu + shift (1 - 3 mu^2), which over a ball has the same sum. sheet and round:
+ * the part of a slab's T by which `local` is smaller, over the return of a half-space, to the degree that the part is flat, and round.
+ * returned: fraction of a half-space's return that leaves on the same side of a flat thin part; 1 for other parts. crossed: ratio of a
+ * slab's transmission to that of optics/medium/opposed.h in such a part; 1 for other parts. */
 struct pell_curvature_effects {
     _Alignas(64) float gain[3][16], local[3][16], opposed[3][16],
         opposed_local[3][16], shift[3][16], sheet[3][16], round[3][16], returned[3][16], crossed[3][16];
     float flat[16]; /* 1: a sheet; 0: as round as a ball or a cylinder, or not thin */
 };
-/* At points of triangles: mesh, triangle, u and v of `at`. Nothing happens to light where `ask` is 0. */
+/* Computes the effects at points of triangles: mesh, triangle, u and v of `at`. No effect where `ask` is 0. */
 void pell_curvature_effects_at(const struct pell_curvature *curvature, const struct pell_points16 *at, const int32_t *ask,
                                struct pell_curvature_effects *out);
 

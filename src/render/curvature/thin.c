@@ -9,8 +9,8 @@
 #include <string.h>
 
 #define LANES 16
-#define OFFSET 2.4e-5f /* of the largest coordinate: from a surface to where a ray begins */
-#define INSIDE_MOST 8  /* surfaces that a ray meets: parts of the object inside it are no end of it */
+#define OFFSET 2.4e-5f /* of the largest coordinate: offset of ray origins */
+#define INSIDE_MOST 8  /* surfaces that a ray may cross: inner parts of the object do not end it */
 
 struct thin_job {
     const struct curvature_object *object;
@@ -25,8 +25,8 @@ static float largest(struct pell_vec3 p)
     return fmaxf(fabsf(p.x), fmaxf(fabsf(p.y), fabsf(p.z)));
 }
 
-/* How thin the object is below a piece, where a ray from it has met a surface; false: the ray goes on, into or out of a part that lies
- * inside. `inside`: of how many such parts it is. */
+/* Sets the thinness below a piece from the hit of its ray; returns false if the ray continues, into or out of an inner part. `inside`:
+ * number of inner parts that contain the ray. */
 static bool measure(const struct thin_job *job, struct curvature_piece *piece, const struct pell_ray_hit16 *r, int i, int *inside)
 {
     const struct pell_scene *scene = job->object->scene;
@@ -48,7 +48,7 @@ static bool measure(const struct thin_job *job, struct curvature_piece *piece, c
     return true;
 }
 
-/* Pieces that lie inside another part of the object are no surface: on their outer side is an inner one. */
+/* Pieces inside another part of the object are not surface: their outer side faces an inner side. */
 static void drop_buried(const struct thin_job *job, struct curvature_piece *piece, size_t count)
 {
     struct pell_ray_hit16 r;

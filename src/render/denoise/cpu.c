@@ -7,11 +7,11 @@
 #include <math.h>
 #include <string.h>
 
-/* Differences that halve a weight or so. */
+/* Feature differences that halve a weight, approximately. */
 #define NORMAL_STEP 0.4f
 #define ALBEDO_STEP 0.06f
 #define DEPTH_STEP 0.004f /* of the depth itself */
-#define OUTLIER 1.5f      /* times the second of the pixels around */
+#define OUTLIER 1.5f      /* factor over the second largest of the pixels around */
 #define RESOLVED 2.0f     /* standard deviations */
 
 struct task {
@@ -31,7 +31,7 @@ static float *of(const struct pell_denoise_params *p, float *plane, int x, int y
     return plane + (ptrdiff_t) y * p->stride + x;
 }
 
-/* Variances are as noisy as the picture, and more; a pixel that no light has found yet states none: the mean of those around. */
+/* Variances are at least as noisy as the image, and a pixel without light so far reports none: uses the mean of the neighbourhood. */
 static float mean_variance(const struct pell_denoise_params *p, int c, int x, int y)
 {
     float sum = 0.0f, count = 0.0f;
@@ -70,8 +70,8 @@ static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x,
         t->total[to_y][to_x] = *of(p, p->scratch[3], x, y);
 }
 
-/* What pixels have that are outliers: they exceed all but one of the pixels around them by far, and are as uncertain as that. Features are
- * not asked: where they differ from pixel to pixel the filter would find no others to share it with. */
+/* Excess of outliers: pixels that exceed all but one of the pixels around them by far, with an equally large uncertainty. Features are
+ * ignored: where they differ from pixel to pixel, the filter would find no others to share the light with. */
 static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int left, int top)
 {
     const struct pell_denoise_params *p = k->p;
@@ -96,10 +96,10 @@ static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int
             }
 }
 
-/* Gives what outliers have too much to the pixels around them, by how much of these is translucent: no light is lost. */
+/* Distributes the excess of outliers to the pixels around them, by their translucent fraction: no light is lost. */
 static void share_outliers(struct pell_denoise_tile *t)
 {
-    float around[WIDE][WIDE] = { { 0.0f } }; /* shares of the pixels around */
+    float around[WIDE][WIDE] = { { 0.0f } }; /* fractions of the pixels around */
 
     for (int y = 1; y < WIDE - 1; y++)
         for (int x = 1; x < WIDE - 1; x++)
@@ -122,7 +122,7 @@ static void share_outliers(struct pell_denoise_tile *t)
             }
 }
 
-/* How fast depth changes from a pixel to its neighbours, the less steep side of each axis: an edge is not a slope. */
+/* Depth gradient of a pixel to its neighbours, the flatter side of each axis: an edge is not a slope. */
 static void find_slopes(struct pell_denoise_tile *t)
 {
     for (int y = 1; y < WIDE - 1; y++)

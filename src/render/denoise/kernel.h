@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * kernel.h - the inner loops over a tile, built once per SIMD level; only cpu.c includes it.
- */
+ * kernel.h - the inner loops over a tile; only cpu.c includes it. kernel.c is compiled once per SIMD level. */
 #ifndef PELL_DENOISE_KERNEL_H
 #define PELL_DENOISE_KERNEL_H
 
@@ -15,26 +13,26 @@
 #define WIDE (TILE + 2 * BORDER)       /* a tile and its border */
 #define CLOSE 0.7f                     /* k: standard deviations of a difference of patches */
 
-/* Features of a pixel, each divided by the difference that halves a weight or so; depth, of which the logarithm is taken, may differ by
- * more where it is steep. */
+/* Features of a pixel, each divided by the difference that halves a weight; depth, as its logarithm, may differ by more where it is
+ * steep. */
 enum { NORMAL, ALBEDO = 3, DEPTH = 6, FEATURES };
 
 struct pell_denoise_tile {
-    float light[3][WIDE][WIDE], variance[3][WIDE][WIDE]; /* scattered light of what is translucent in a pixel, as if that filled it */
-    float share[WIDE][WIDE];                             /* of the pixel that is translucent */
+    float light[3][WIDE][WIDE], variance[3][WIDE][WIDE]; /* scattered light of the translucent part of a pixel, as if it filled the pixel */
+    float share[WIDE][WIDE];                             /* translucent fraction of the pixel */
     float feature[FEATURES][WIDE][WIDE];
     float steep[WIDE][WIDE];     /* change of DEPTH from a pixel to the next */
-    float valid[WIDE][WIDE];     /* 1 where the pixel is in the picture and its share is not 0, so that it has noise, else 0 */
+    float valid[WIDE][WIDE];     /* 1 where the pixel is in the image and its fraction is not 0, so that it has noise, else 0 */
     float total[WIDE][WIDE];     /* W; of the second pass */
-    float excess[3][WIDE][WIDE]; /* light that a pixel has more than those around let expect */
-    float gained[3][TILE][TILE]; /* of that, from others and to them, of the whole pixel */
+    float excess[3][WIDE][WIDE]; /* excess over the light expected from the neighbourhood */
+    float gained[3][TILE][TILE]; /* excess light received from others and given to them, of the whole pixel */
     float moved[3][TILE][TILE], sum[TILE][TILE];
 };
 
 struct pell_denoise_kernels {
-    /* Of the tile's own pixels: sum = W. */
+    /* For the tile's own pixels: sum = W. */
     void (*weigh)(struct pell_denoise_tile *tile);
-    /* moved = what p' has more than p, of the whole pixel. */
+    /* moved = p' - p, of the whole pixel. */
     void (*move)(struct pell_denoise_tile *tile);
 };
 

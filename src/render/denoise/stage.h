@@ -26,15 +26,15 @@
 
 struct pell_denoise_params {
     ptrdiff_t stride;
-    struct pell_rect rect;              /* of the composite: read and written there alone */
-    const struct pell_accumulator *sum; /* color is replaced; what else is there is read */
-    bool traced;                        /* what the surface reflects has noise, too */
+    struct pell_rect rect;              /* of the composite: only read and written there */
+    const struct pell_accumulator *sum; /* color is replaced; the other planes are read */
+    bool traced;                        /* reflected light has noise as well */
     float *scratch[PELL_DENOISE_PLANES];
 };
 
-/* Whether anything is known of the noise: of a single sample nothing is. */
+/* Whether the noise is known: not for a single sample. */
 bool pell_denoise_knows(const struct pell_denoise_params *params);
-/* Allocates nothing; the same bits for any number of threads. */
+/* Allocates nothing. The result does not depend on the number of threads, to the bit. */
 void pell_denoise_render(struct pell_pool *pool, const struct pell_denoise_params *params);
 
 #endif

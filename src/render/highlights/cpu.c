@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cpu.c - see stage.h. Blocks of a row around which nothing is hidden are left as they are. */
+ * cpu.c - see stage.h. Blocks of a row without hidden light within reach are skipped. */
 #include "render/highlights/stage.h"
 
 #include "shared/highlights.h"
@@ -9,7 +9,7 @@
 #include <string.h>
 
 enum {
-    BAND = 8, /* rows that a thread takes at a time */
+    BAND = 8, /* rows per task */
     REACH = PELL_HIGHLIGHTS_REACH
 };
 
@@ -47,7 +47,7 @@ static void find(struct job *job, int y, int x0, int x1)
     *lit(job, y, x0) = any > 0.0f;
 }
 
-/* Whether something is hidden in reach of the block at x. */
+/* Whether there is hidden light within reach of the block at x. */
 static bool any_hidden(const struct job *job, int y, int x)
 {
     const struct pell_rect *r = &job->p->rect;

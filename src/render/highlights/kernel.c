@@ -5,7 +5,7 @@
 #include "math/lanes.h"
 #include "shared/highlights.h"
 
-/* What the pixels of the block take of the one that a tap is at. */
+/* Weights of the tap's pixel for the pixels of the block. */
 static void weigh(const struct pell_highlights_block *restrict b, const struct pell_highlights_tap *tap, float *restrict w)
 {
     const ptrdiff_t offset = tap->offset;
@@ -19,7 +19,7 @@ static void weigh(const struct pell_highlights_block *restrict b, const struct p
         const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset];
         const float alike = pell_highlights_alike(turn, fabsf(beyond[i] - depth[i]), depth[i] * depth_mm + fixed_mm);
         const float near = material[i] == other[i] && hidden[i] >= 0.0f ? weight : 0.0f;
-        w[i] = near > 0.0f && alike > 0.0f ? near * alike : 0.0f; /* pixels that show nothing may hold anything, NaN, too */
+        w[i] = near > 0.0f && alike > 0.0f ? near * alike : 0.0f; /* uncovered pixels may hold any value, including NaN */
     }
 }
 
@@ -46,7 +46,7 @@ INLINE void add_taps(struct pell_highlights_block *restrict b, const struct pell
     store(b->next_all[c] + i, next_all);
 }
 
-/* The same at one pixel, where some taps may be beside the picture. */
+/* The same at one pixel, where some taps may be outside the image. */
 static void add_here(struct pell_highlights_block *restrict b, const struct pell_highlights_tap *taps, int count,
                      float (*restrict w)[PELL_HIGHLIGHTS_BLOCK], int c, int i)
 {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// boundary.glsl - what the boundary of a material lets in and out, from the tables. A file that includes it declares the buffers
-// `pell_lit_material materials[]` and `float tables[]`.
+// boundary.glsl - transmittance of a material's boundary, from the tables. A file that includes it declares the buffers `pell_lit_material
+// materials[]` and `float tables[]`.
 #include "shared/boundary.h"
 #include "shared/table.h"
 
 const int ALBEDO_MU = PELL_LIT_ALBEDO_MU, ALBEDO_ROUGHNESS = PELL_LIT_ALBEDO_ROUGHNESS, BOUNDARY_MU = PELL_LIT_BOUNDARY_MU;
 
-// Where the lobe of a roughness is in the tables.
+// Position of a roughness in the tables.
 struct Lobe {
     uint material;
     int at;
@@ -21,7 +21,7 @@ Lobe lobe_of(uint material, float roughness)
     return Lobe(material, materials[material].model * ALBEDO_MU * ALBEDO_ROUGHNESS * 2 + 2 * k, y - float(k));
 }
 
-// Scale and bias of the directional albedo toward a cosine.
+// Scale and bias of the directional albedo at a cosine.
 vec2 albedo_at(Lobe lobe, float mu)
 {
     const float place = pell_cosine_place(pell_saturate(mu), ALBEDO_MU);

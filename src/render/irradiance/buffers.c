@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * buffers.c - what a device keeps for direct light: scene, lights, tables, and the room of a batch. */
+ * buffers.c - data for direct light on a device: scene, lights, tables, and the buffers of a batch. */
 #include "render/irradiance/device_state.h"
 
 #include "image/color.h"
@@ -27,7 +27,7 @@ void light_device_drop_room(struct pell_light_device *d)
     d->room = d->room_words = 0;
 }
 
-/* A buffer on the device that holds `size` bytes of `data`. */
+/* Creates a buffer on the device with `size` bytes of `data`. */
 static enum pell_result send(struct pell_light_device *d, enum pell_light_buffer which, const void *data, size_t size, const char *name)
 {
     const size_t most = size > 0 ? size : WORD;
@@ -49,7 +49,7 @@ fail:
     return res;
 }
 
-/* --- What is kept: scene, lights, room ---------------------------------------------------------------------------------------------- */
+/* --- Persistent data: scene, lights, batch buffers ------------------------------------------------------------------------------------ */
 
 void pell_light_device_drop_scene(struct pell_light_device *d)
 {
@@ -65,7 +65,7 @@ void pell_light_device_drop_scene(struct pell_light_device *d)
     d->scene_why = NULL;
 }
 
-/* What transmission reads of the meshes, where a buffer holds it. */
+/* Mesh data for transmission, if a buffer holds it. */
 static enum pell_result send_meshes(struct pell_light_device *d, const struct pell_scene *scene)
 {
     struct pell_lit_mesh *meshes = pell_calloc(d->ctx, scene->num_meshes + 1, sizeof(*meshes));
@@ -150,7 +150,7 @@ void pell_light_device_drop_lights(struct pell_light_device *d)
     d->lights_why = NULL;
 }
 
-/* Whether no light before has its image. */
+/* Whether no earlier light has the same image. */
 static bool is_first(const struct pell_lights *lights, size_t light)
 {
     for (size_t i = 0; i < light; i++)
@@ -159,7 +159,7 @@ static bool is_first(const struct pell_lights *lights, size_t light)
     return lights->sources[light].image != NULL;
 }
 
-/* Number of the image among those of the lights before. */
+/* Index of the image among those of earlier lights. */
 static size_t image_number(const struct pell_lights *lights, size_t light)
 {
     const struct pell_texture *image = lights->sources[light].image;
@@ -251,7 +251,7 @@ static enum pell_result send_tables(struct pell_light_device *d, const struct pe
     return res;
 }
 
-/* What is looked up in environments, where a buffer holds it. */
+/* Environment lookup tables, if a buffer holds them. */
 static enum pell_result send_sky(struct pell_light_device *d, const struct pell_lights *lights)
 {
     const size_t words = pell_lights_environment_words(lights, NULL);

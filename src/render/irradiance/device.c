@@ -59,7 +59,7 @@ static const struct pell_thickness_table *table_of(const struct pell_light_devic
     return t && t->max_mm > 0.0f ? t : NULL;
 }
 
-/* Without what clear media pass forward, which has a direction. */
+/* Writes a slab's table without the forward-scattered light of clear media, which is directional. */
 static void slab_of_lights(const struct pell_thickness_table *t, const struct pell_indirect_forward *forward, float *out)
 {
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
@@ -209,8 +209,8 @@ static bool is_asked(const struct pell_irradiance_params *p, int light)
     return p->lights == 0 || (p->lights & pell_light_bit((size_t) light));
 }
 
-/* Which samples of which lights a pass takes at once, from where the slice before ended; `most` of them, or more of a single light's than
- * that by turns. False: there are none left. */
+/* Selects the samples and lights of the next slice; `most` of them, or more of a single light, continued over slices. Returns false if
+ * none are left. */
 static bool next_slice(const struct pell_light_device *d, const struct pell_irradiance_params *p, uint32_t most, struct pell_lit_push *push)
 {
     const uint32_t lights = (uint32_t) d->lights->num_sources;
@@ -238,7 +238,7 @@ static bool next_slice(const struct pell_light_device *d, const struct pell_irra
     return true;
 }
 
-/* A pass in slices. */
+/* Records a pass in slices. */
 static void run_pass(struct pell_light_device *d, const struct pell_irradiance_params *p, struct pell_gpu_commands *commands,
                      struct pell_gpu_pass *pass, uint32_t most, struct pell_lit_push push)
 {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// direct.comp - direct light at points, a point an invocation: a slice of the samples of all lights, each with its ray. Mirror of cpu.c,
-// kernel.c, gloss.c and shadow.c, by the formulas of src/shared. See buffers.glsl.
+// direct.comp - direct light at points, one point per invocation: a slice of the samples of all lights, each with its shadow ray. Mirror of
+// cpu.c, kernel.c, gloss.c and shadow.c, with the formulas of src/shared. See buffers.glsl.
 layout(local_size_x = 64) in;
 #include "render/irradiance/buffers.glsl"
 #include "visibility/wide_bvh.glsl"
@@ -10,7 +10,7 @@ layout(local_size_x = 64) in;
 #include "render/irradiance/gloss.glsl"
 #include "render/irradiance/lit_rays.glsl"
 
-// What a point receives; `rays`: sent for it.
+// Light at a point; `rays`: traced for it.
 struct Sums {
     vec3 irradiance, specular, hidden, lost, single, unshadowed;
     uint rays;
@@ -26,7 +26,7 @@ void add(uint at, vec3 rgb, uint word)
     give(at, uintBitsToFloat(results[at].rgb) + rgb, results[at].a + word);
 }
 
-// What the slices before found of the light's highlight.
+// State of the light's highlight from earlier slices.
 void resume(uint at, inout Shine highlight)
 {
     const uvec4 open = results[at], hidden = results[at + 1u];
@@ -38,7 +38,7 @@ void resume(uint at, inout Shine highlight)
     highlight.whole = uintBitsToFloat(results[at + 2u].rgb);
 }
 
-// The slice's samples of a light. `state`: in the results.
+// Adds the slice's samples of a light. `state`: in the results.
 void shine(pell_light_data light, Point p, uint state, inout Sums sums)
 {
     const bool highlights = p.highlights && light.environment < 0;
@@ -74,7 +74,7 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
         end_highlight(light, p, highlight, sums.specular, sums.hidden);
 }
 
-// Of the lights of environment e, to its words; of those that are of none to the first.
+// Adds the lights of environment e to its words; lights of no environment to the first words.
 void add_entered(uint first, uint env, int e, inout Sums sums)
 {
     add(e < 0 ? first : env + 2u * uint(e), sums.irradiance, 0u);

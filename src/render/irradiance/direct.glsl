@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// direct.glsl - for direct.comp and transmission.comp: a point, one sample of a light seen from it, and what arrives. Mirror of kernel.c.
+// direct.glsl - for direct.comp and transmission.comp: a point, one sample of a light seen from it, and the light that arrives. Mirror of
+// kernel.c.
 #include "render/irradiance/boundary.glsl"
 #include "shared/hash.h"
 #include "shared/light.h"
@@ -13,12 +14,12 @@ const float BIG = 1e25;           // upper limit of an irradiance
 const float TINY = 1e-12;
 const float TERMINATOR_LIFTED = 1.0 / 64.0;
 
-// What rays and most formulas read; the rest is read where it is used, which leaves registers to the rays.
+// Values used by rays and most formulas; others are read where they are used, which saves registers while tracing.
 struct Point {
     vec3 place, origin, geometric, normal;
     float gn, rho;
     Lobe lobe;
-    uint at, material; // in points, in materials
+    uint at, material; // indices in points and materials
     bool lifted, single, highlights;
     uvec2 pattern;
     uint number; // of the multisample
@@ -64,15 +65,15 @@ float transmittance(Point p, float mu)
 
 struct Aim {
     vec3 direction; // unit, to the light
-    vec3 end;       // the far end; directional: unused
+    vec3 end;       // sample position; unused for directional lights
     vec3 intensity; // irradiance on a facing surface = intensity falloff
     float falloff, spread, gl, nl;
-    float distance; // mm; directional: unused
-    bool wide;      // its samples stand for solid angles
-    uvec2 at; // of rect and disc, of the face: fractions of 2^32
+    float distance; // mm; unused for directional lights
+    bool wide;      // samples are by solid angle
+    uvec2 at; // for rect and disc lights: position on the light, as fractions of 2^32
 };
 
-// Two unit vectors at right angles to a normal and to each other: vec3_basis of math/vec.h.
+// Orthonormal basis around a normal: vec3_basis of math/vec.h.
 void basis_of(vec3 n, out vec3 t, out vec3 b)
 {
     const float side = floatBitsToInt(n.z) < 0 ? -1.0 : 1.0, a = -1.0 / (side + n.z), c = n.x * n.y * a;
@@ -90,14 +91,14 @@ vec3 on_face(pell_light_data light, float x, float y)
     return light.position.xyz + x * light.right.xyz + y * light.up.xyz;
 }
 
-// The place of two fractions of the rectangle around a middle.
+// Position of two fractions in the rectangle around a centre.
 vec3 on_rectangle(vec3 middle, pell_light_data light, uvec2 at)
 {
     const vec2 place = 2.0 * vec2(pell_unit_float(at.x), pell_unit_float(at.y)) - 1.0;
     return middle + place.x * light.right.xyz + place.y * light.up.xyz;
 }
 
-// The place of two fractions of the face.
+// Position of two fractions on the light.
 vec3 face_at(pell_light_data light, uvec2 at)
 {
     if (light.type == PELL_LIGHT_DATA_DISC) {
@@ -107,8 +108,7 @@ vec3 face_at(pell_light_data light, uvec2 at)
     return on_rectangle(light.position.xyz, light, at);
 }
 
-// The sample of a light that is wide from there, over the solid angle that it takes: sr that it stands for; 0: over its face, which
-// remains; -1: no light there.
+// Solid-angle sample of a wide light: solid angle of the sample, sr; 0: sample by area, which is left unchanged; -1: no light there.
 float place_wide(pell_light_data light, vec3 place, inout uvec2 face, inout vec3 end)
 {
     const bool disc = light.type == PELL_LIGHT_DATA_DISC;
@@ -179,7 +179,7 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
 
 // --- A projected image ---------------------------------------------------------------------------------------------------------------
 
-// Clamped at the borders, as pell_image_sample.
+// Clamped at the borders, as in pell_image_sample.
 vec3 image_at(uvec4 image, ivec2 at)
 {
     const ivec2 inside = clamp(at, ivec2(0), ivec2(image.yz) - 1);
@@ -198,7 +198,7 @@ vec3 image_sample(uvec4 image, float u, float v)
            (1.0 - f.x) * f.y * image_at(image, k + ivec2(0, 1)) + f.x * f.y * image_at(image, k + ivec2(1, 1));
 }
 
-// The image's colour on the way to the point, as pell_light_source_image. Whether there is light.
+// Colour of the projected image toward the point, as in pell_light_source_image. Returns whether there is light.
 bool project_image(pell_light_data light, Point p, inout Aim a)
 {
     const vec3 right = light.right.xyz, up = light.up.xyz;
@@ -208,7 +208,7 @@ bool project_image(pell_light_data light, Point p, inout Aim a)
         return true;
     if (is_flat(light)) {
         const vec3 d = a.end - light.position.xyz;
-        x = -0.5 * dot(d, right) / dot(right, right); // unmirrored from the front
+        x = -0.5 * dot(d, right) / dot(right, right); // not mirrored when seen from the front
         y = 0.5 * dot(d, up) / dot(up, up);
     } else if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
         const vec3 d = p.place - light.position.xyz;
@@ -227,9 +227,9 @@ bool project_image(pell_light_data light, Point p, inout Aim a)
     return a.intensity.r + a.intensity.g + a.intensity.b > 0.0;
 }
 
-// --- What arrives --------------------------------------------------------------------------------------------------------------------
+/* --- Arriving light ------------------------------------------------------------------------------------------------------------------- */
 
-// What is scattered once right below the surface, as it arrives there again.
+// Light that is scattered once right below the surface, as it arrives there again.
 vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
 {
     const vec3 view = points[p.at].view.xyz;
@@ -246,7 +246,7 @@ vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
     return sum;
 }
 
-// How much of it faces a light, softly at the terminator: cosines with the triangle's normal and with the smooth one.
+// Cosine with a soft terminator, from the cosines with the triangle's normal and with the smooth one.
 float facing_at(Point p, float gl, float mu)
 {
     const float ratio = gl / (mu * p.gn), g = ratio < 1.0 && !p.lifted ? ratio : 1.0;
@@ -254,7 +254,7 @@ float facing_at(Point p, float gl, float mu)
     return pell_soft_terminator(mu, g);
 }
 
-// Light that nothing is in the way of, to the front.
+// Adds unoccluded light to the front.
 void add_front(Point p, Aim a, inout vec3 irradiance, inout vec3 single)
 {
     const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu), transmitted = transmittance(p, mu);

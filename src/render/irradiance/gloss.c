@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * gloss.c - highlights: what of a light with a face, or of a point, the surface mirrors. Compiled once per SIMD level; plain loops over 16
- * lanes. Points of the face that rays are sent to say how much of the highlight is hidden; how bright it would be they say together with
- * directions of the lobe, which need no rays.
+ * gloss.c - highlights of area and point lights. Compiled once per SIMD level; plain loops over 16 lanes. The points on a light that shadow
+ * rays are sent to tell the occluded fraction of the highlight; its unoccluded radiance is found from these points together with directions
+ * of the lobe, which need no rays.
  */
 #include "render/irradiance/lanes.h"
 
@@ -22,7 +22,7 @@ static float face_area(const struct pell_light_data *light)
 
 #define HAS(lanes, MODEL) ((lanes)->models & 1u << PELL_SPECULAR_##MODEL)
 
-/* The lobe toward a direction, by lane, Schlick's weight there, and the density with which directions are drawn there. */
+/* Lobe value, Schlick's weight and sampling density of a direction, by lane. */
 static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N], const float *restrict spread, float *restrict shape,
                        float *restrict fresnel, float *restrict density)
 {
@@ -39,9 +39,9 @@ static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N],
         nv[i] = p->nv[i] > 1e-4f ? p->nv[i] : 1e-4f;
         nh[i] = nl[i] + nv[i];
         vh = 0.5f * sqrtf(hh[i]); /* h.v of the unit half vector: (1 + l.v)/|h| = |h|/2 */
-        /* Few samples of a large light in a narrow lobe would be noise: each stands for a patch of solid angle w, of w/(4 h.v) among the
-         * half vectors, and the lobe is widened by that patch: a square's variance along a side is a 12th of its area, and a lobe's is
-         * half the square of its width. */
+        /* A few samples of a large light in a narrow lobe would be noisy: each represents a patch of solid angle w, or w/(4 h.v) among
+         * the half vectors, and the lobe is widened by that patch: the variance of a square along a side is 1/12 of its area, and that
+         * of a lobe half of its squared width. */
         width2[i] = p->width2[i] + spread[i] * (1.0f / 24.0f) / vh;
         fresnel[i] = pell_schlick_weight(vh);
         density[i] = pell_half_vector_density(p->width2[i], sin2[i], nh[i], hh[i]);
@@ -67,8 +67,8 @@ static void shape_lobe(const struct pell_lanes *restrict p, const float l[3][N],
         }
 }
 
-/* Directions from the points to places `j` of the sample's cell of the light's face. The cell is what the frame's samples share out: of all
- * that have the same leading digits. */
+/* Directions from the points to positions `j` of the sample's cell on the light. The cell is a subdivision of the frame's samples: all
+ * with the same leading digits. */
 static void aim_within(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const struct pell_aim *restrict a,
                        uint32_t j, float l[3][N], float *restrict cosine)
 {
@@ -92,10 +92,9 @@ static void aim_within(const struct pell_light_data *restrict light, const struc
     }
 }
 
-/* --- By points of the face ------------------------------------------------------------------------------------------------------ */
+/* --- Sampling points of the light ----------------------------------------------------------------------------------------------------- */
 
-/* The samples' rays are too few for a narrow lobe; the part of the face that each stands for is looked at more closely. `facing`:
- * whether or not something is in the way. */
+/* The shadow rays are too few for a narrow lobe, so each sample's cell is evaluated at more points. `facing`: without occlusion. */
 void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p,
                                    const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
                                    const int32_t *restrict visible, struct pell_gloss *restrict gloss)
@@ -138,9 +137,9 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
         }
 }
 
-/* --- By directions of the lobe -------------------------------------------------------------------------------------------------- */
+/* --- Sampling directions of the lobe -------------------------------------------------------------------------------------------------- */
 
-/* Number `n` of the lobe's directions. */
+/* Direction `n` of the lobe. */
 static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
 {
     const uint32_t u = pell_sobol0(n), v = pell_sobol1(n);
@@ -149,7 +148,7 @@ static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
         const float nx = p->nx[i], ny = p->ny[i], nz = p->nz[i], nv = nx * p->vx[i] + ny * p->vy[i] + nz * p->vz[i];
         const float ax = p->vx[i] - nv * nx, ay = p->vy[i] - nv * ny, az = p->vz[i] - nv * nz, aslant = ax * ax + ay * ay + az * az;
         const float inv = aslant > 1e-8f ? 1.0f / sqrtf(aslant) : 0.0f, side = copysignf(1.0f, nz), d = -1.0f / (side + nz);
-        /* in the plane of incidence, so that a scene that is turned has the same directions; straight on vec3_basis's */
+        /* relative to the plane of incidence, so that a rotated scene has the same directions; vec3_basis at normal incidence */
         const float tx = inv > 0.0f ? ax * inv : 1.0f + side * nx * nx * d, ty = inv > 0.0f ? ay * inv : side * nx * ny * d;
         const float tz = inv > 0.0f ? az * inv : -side * nx;
         const struct pell_place2 at = pell_disc_at(pell_unit_float(u ^ p->pattern[0][i]), pell_unit_float(v ^ p->pattern[1][i]));
@@ -164,7 +163,7 @@ static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
     }
 }
 
-/* What of the light is in a direction: the window of its range, 0 beside the face and behind it. */
+/* Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it. */
 static void meet(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const float l[3][N],
                  float *restrict there)
 {
@@ -183,7 +182,7 @@ static void meet(const struct pell_light_data *restrict light, const struct pell
     }
 }
 
-/* Adds to the whole highlight what `count` directions from number `first` on find. */
+/* Adds `count` directions of the lobe from `first` on to the unoccluded highlight. */
 static void mirror(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, uint32_t first, int count,
                    struct pell_gloss *restrict gloss)
 {

@@ -3,15 +3,15 @@
 #include "shared/gloss.h"
 #include "shared/sampling.h"
 
-// What a highlight is made of.
+// Terms of a highlight.
 struct Gloss {
     vec3 view, tint, f0;
     float nv, width2;
     int model;
 };
 
-// The highlight of one light: by points of its face that rays reach, and that they do not; by those and directions of the lobe together,
-// nothing in the way. Points that rays reach, and that face the surface.
+// The highlight of one light: by visible and by occluded points on the light; by points and directions of the lobe together, without
+// occlusion. Number of visible points, and of points that face the surface.
 struct Shine {
     vec3 open, hidden, whole;
     float odds; // pell_gloss_odds
@@ -38,8 +38,7 @@ float face_area(pell_light_data light)
     return (light.type == PELL_LIGHT_DATA_DISC ? PELL_PI_F : 4.0) * sqrt(square);
 }
 
-// The lobe toward a direction, Schlick's weight there, and the density with which directions are drawn there: x, y, z. It is widened by the
-// solid angle that a sample stands for (gloss.c).
+// Lobe value, Schlick's weight and sampling density of a direction: x, y, z. The lobe is widened by the solid angle of a sample (gloss.c).
 vec3 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
 {
     const vec3 h = l + gloss.view, c = cross(normal, h);
@@ -67,7 +66,7 @@ Shine begin_highlight(pell_light_data light, Point p)
     return shine;
 }
 
-// The part of the face that a sample stands for is looked at more closely than by its ray.
+// Evaluates a sample's cell at more points than its shadow ray.
 void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine shine)
 {
     const int places = is_flat(light) ? PELL_GLOSS_POINTS : 1;
@@ -103,7 +102,7 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine
     shine.whole += min(w * (gloss.f0 * part.x + (1.0 - gloss.f0) * part.y), vec3(BIG));
 }
 
-// What of the light is in a direction: the window of its range, 0 beside the face and behind it.
+// Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it.
 float meet(pell_light_data light, vec3 place, vec3 l)
 {
     const vec3 to = place - light.position.xyz, r = light.right.xyz, s = light.up.xyz;
@@ -115,7 +114,7 @@ float meet(pell_light_data light, vec3 place, vec3 l)
     return height > 0.0 && fall > 1e-12 && most <= 1.0 ? pell_light_window(far * far, light.direction.w) : 0.0;
 }
 
-// What directions of the lobe find of it.
+// Adds directions of the lobe.
 vec3 mirrored(pell_light_data light, Point p, float odds)
 {
     const int count = pell_gloss_directions(light.samples);
@@ -127,7 +126,7 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
     vec2 sum = vec2(0.0); // even, grazing
 
     basis_of(n, t, b);
-    if (square > 1e-8) { // in the plane of incidence, so that a scene that is turned has the same directions
+    if (square > 1e-8) { // relative to the plane of incidence, so that a rotated scene has the same directions
         t = aslant * (1.0 / sqrt(square));
         b = cross(n, t);
     }
@@ -148,7 +147,7 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
     return min(radiance * gloss.tint * (gloss.f0 * sum.x + (1.0 - gloss.f0) * sum.y), vec3(BIG));
 }
 
-// All samples of the light are in `shine`.
+// Adds the highlight once all samples of the light are in `shine`.
 void end_highlight(pell_light_data light, Point p, Shine shine, inout vec3 specular, inout vec3 hidden)
 {
     if (shine.odds > 0.0) {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// lit_rays.glsl - for direct.comp and transmission.comp: which lights count, and what lies between a place and the light. Mirror of
+// lit_rays.glsl - for direct.comp and transmission.comp: selection of lights, and occlusion between a point and a light. Mirror of
 // shadow.c.
 #include "shared/sampling.h"
 
 const uint RAY_ALL = 3u; // PELL_RAY_ALL
 
-// Whether nothing is in the way.
+// Whether the ray is unoccluded.
 bool is_open(vec3 origin, vec3 direction, float far)
 {
     Hit hit;
@@ -18,7 +18,7 @@ bool counts(int light)
     return (pc.low | pc.high) == 0u || (word >> (bit & 31u) & 1u) != 0u;
 }
 
-// How many of the slice's cosine-distributed directions about n see nothing; `number`: of the multisample.
+// Number of the slice's cosine-distributed directions about n that hit nothing; `number`: index of the multisample.
 uint count_open(vec3 origin, vec3 n, uint number, uvec2 pattern)
 {
     vec3 t, b;

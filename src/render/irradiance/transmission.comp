@@ -24,15 +24,15 @@ const int SLAB = 1, SLAB_OF_LIGHTS = 3; // tables of a material
 const int STEPS = 5; // of transmission.c
 const int NO_OBJECT = -0x7fffffff - 1;
 
-// Where a way into the solid comes out.
+// Exit of a ray inside the solid.
 struct Exit {
     vec3 place, geometric, normal;
-    float terminator_offset; // mm, of the smooth surface over the triangle
+    float terminator_offset; // mm, of the smooth surface above the triangle
 };
 
 struct Through {
     vec3 light;
-    float way; // of `light`, all channels together, times mm
+    float way; // path length of `light` in mm, times the sum of channels
     uint rays;
 };
 
@@ -47,7 +47,7 @@ vec3 normal_of(pell_lit_mesh mesh, uint corner)
     return uintBitsToFloat(uvec3(corners[at], corners[at + 1u], corners[at + 2u]));
 }
 
-// The interpolated normal, and how far the smooth surface lies above the triangle.
+// The interpolated normal, and the height of the smooth surface above the triangle.
 void look(Hit hit, inout Exit exit)
 {
     const pell_lit_mesh mesh = meshes[hit.mesh];
@@ -90,7 +90,7 @@ bool is_part(int object, int material)
     return false;
 }
 
-// Of the surface at the point: what a short ray from above it meets.
+// Object of the surface at the point: the hit of a short ray from above it.
 int find_object(Point p, inout uint rays)
 {
     const float e = 4.0 * points[p.at].place.w;
@@ -100,8 +100,8 @@ int find_object(Point p, inout uint rays)
     return trace_ray(Ray(p.place + e * p.geometric, 0.0, -p.geometric, 2.0 * e, RAY_ALL), false, hit) ? meshes[hit.mesh].object : NO_OBJECT;
 }
 
-// Follows a ray to where it leaves the solid that it is in. Something opaque or another solid in the way: false. `depth`: how many shells
-// of the same object inside it the ray is in, -1: it has yet to enter the solid.
+// Traces a ray to where it leaves the solid that it is in. Returns false if an opaque object or another solid is in between. `depth`:
+// number of shells of the same object inside it that the ray is in, -1: it has yet to enter the solid.
 bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
 {
     const float limit = ray.far;
@@ -134,7 +134,7 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
     return false;
 }
 
-// The share of light that is there at `exit` and gets through, by the table `slabs`; `d`: the thickness, mm.
+// Transmitted fraction of the light at `exit`, by the table `slabs`; `d`: the thickness, mm.
 vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
 {
     const float counted = pell_thickness_counted(same, dot(exit.normal, points[p.at].view.xyz)), opposed = pell_thickness_opposed(same);
@@ -151,7 +151,7 @@ vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
     return share;
 }
 
-// By what light leaves that went so far, over what light leaves by that was scattered near the surface (render/angle.h).
+// Factor of transmitted light over that of light scattered near the surface (render/angle.h).
 vec3 leaves_by(Point p, float d)
 {
     const pell_lit_material m = materials[p.material];
@@ -168,7 +168,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
 {
     const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL, outside = a.gl > 0.0; // the way begins in air
     const float epsilon = points[p.at].place.w, cosine = pell_thickness_cosine(a.nl, a.gl);
-    const float limit = materials[p.material].thickest / cosine; // d >= m cos: nothing is transmitted beyond
+    const float limit = materials[p.material].thickest / cosine; // d >= m cos: no transmission beyond
     const vec3 origin = outside ? p.origin : p.place - epsilon * p.geometric;
     Ray ray = Ray(origin, 0.0, away ? a.direction : a.end - origin, away ? limit : min(0.9999, limit / a.distance), RAY_ALL);
     Exit exit;
@@ -179,7 +179,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
     sums.rays++;
     if (!is_open(beyond, away ? a.direction : a.end - beyond, away ? FAR : 0.9999))
         return;
-    const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide what faces the light
+    const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide the facing
     const float m = length(exit.place - p.place), same = dot(exit.normal, p.normal);
     const float mu = dot(exit.normal, a.direction), facing = dot(exit.geometric, a.direction);
     if (!(mu > 0.0) || !(facing > 0.0 || lifted))
@@ -196,14 +196,14 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
     sums.way += d * (leaves.r + leaves.g + leaves.b);
 }
 
-// The slice's samples of a light. Lights that take turns: only in its turn, and then for all of them.
+// Adds the slice's samples of a light. Lights that take turns: only in their turn, and then for all of them.
 void shine_through(pell_light_data light, Point p, inout Through sums)
 {
     const uint turns = max(light.flags >> PELL_LIT_TURNS_AT & 255u, 1u), turn = light.flags >> PELL_LIT_TURN_AT & 255u;
 
     if (((points[p.at].curve + p.number) & (turns - 1u)) != turn)
         return;
-    light.environment = -1; // by its middle: aim_at_middle of cpu.c
+    light.environment = -1; // through its centre: aim_at_middle of cpu.c
     for (int s = int(pc.first); s < min(int(pc.last), light.samples); s++) {
         const uint n = p.number * uint(light.samples) + uint(s);
         Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
@@ -216,8 +216,7 @@ void shine_through(pell_light_data light, Point p, inout Through sums)
     }
 }
 
-// What the slice's directions see of the environment straight through: the share of its smooth rest at `exit` that gets through. How far
-// away that is, mm.
+// Straight transmission of the environment's smooth part in the slice: the transmitted fraction at `exit`, and its distance, mm.
 float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
 {
     const vec3 inward = dot(p.geometric, p.normal) > 0.5 ? p.normal : p.geometric;
@@ -226,7 +225,7 @@ float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
 
     share = vec3(0.0);
     if (!find_exit(p, Ray(origin, 0.0, -inward, materials[p.material].thickest, RAY_ALL), 0, to_exit, exit)) {
-        rays += pc.sky == 0u ? to_exit : 0u; // each slice sends them; they count once
+        rays += pc.sky == 0u ? to_exit : 0u; // each slice traces them, but they are counted once
         return 0.0;
     }
     const vec3 beyond = exit.place + (exit.terminator_offset + points[p.at].place.w) * exit.geometric;

@@ -71,7 +71,7 @@ static const struct {
     [NO_SURFACE] = { "picture surface", PELL_GPU_ON_DEVICE, 8, PIXEL, 0 },
 };
 
-/* Of the scene's meshes: first words of four UV sets, tangents and colours, or PELL_MIPS_NONE; 2 words unused; then those. */
+/* Per mesh of the scene: first words of four UV sets, tangents and colours, or PELL_MIPS_NONE; 2 words unused; then those data. */
 static size_t attribute_words(const struct pell_scene *scene, uint32_t *out)
 {
     size_t at = 8 * scene->num_meshes;
@@ -224,7 +224,7 @@ static bool is_used(const struct pell_picture_sample *s, enum picture_pass pass)
     }
 }
 
-/* Makes a pass anew where one of its buffers is another than it was made with. */
+/* Recreates a pass if one of its buffers was replaced. */
 static enum pell_result make_pass(struct pell_picture_device *d, enum picture_pass pass)
 {
     const struct pell_shader *shader = pass_rows[pass].shader;

@@ -21,31 +21,31 @@ struct pell_picture_device;
 PELL_NODISCARD enum pell_result pell_picture_device_create(struct pell_context *ctx, struct pell_gpu *gpu,
                                                            struct pell_picture_device **out);
 void pell_picture_device_destroy(struct pell_picture_device **device);
-/* Frees what is kept of a size and a scene. */
+/* Frees data that depends on a size and a scene. */
 void pell_picture_device_drop(struct pell_picture_device *d);
 
 struct pell_picture_sample {
     const struct pell_engine_sample *sample;
     struct pell_light_device *light;                 /* has the scene and its lights */
     const struct pell_irradiance_params *irradiance; /* of the sample, */
-    const struct pell_composite_params *composite;   /* and of its composite, without what a method gives */
+    const struct pell_composite_params *composite;   /* and of its composite, without the method's result */
     struct pell_pass *pass;                          /* NULL: nothing scatters */
-    bool spreads;                                    /* what goes straight through is spread */
+    bool spreads;                                    /* straight transmission is spread */
     bool unscattered;                                /* light passes thin parts without being scattered */
-    struct pell_post_device *lens;                   /* makes depth of field of it; NULL: there is none */
+    struct pell_post_device *lens;                   /* applies depth of field; NULL: none */
     int rays;                                        /* of a pixel, for each light */
-    uint32_t version;                                /* counts the changes of what `irradiance` knows of solids */
+    uint32_t version;                                /* counts changes of the solids' data in `irradiance` */
 };
 
-/* Why the cpu makes these samples, as the name of a row of times says it; NULL: the device does. A constant. */
+/* Returns why the CPU renders these samples, as named in a row of the timings; NULL: the device does. A constant. */
 const char *pell_picture_device_refuses(const struct pell_picture_device *d, const struct pell_picture_sample *s);
 
-/* Adds a sample to the picture, the first one in place of what was there. Notes the times of its passes. */
+/* Adds a sample to the image; the first one overwrites it. Notes the times of its passes. */
 PELL_NODISCARD enum pell_result pell_picture_device_sample(struct pell_picture_device *d, const struct pell_picture_sample *s,
                                                            struct pell_engine_seen *seen);
 
-/* The sum of the samples, into the planes of `out` inside the rectangle: color, alpha, and what is metered; with depth of field that alone,
- * the sum being the lens'. */
+/* Reads the sum of the samples into the planes of `out` inside the rectangle: color, alpha and meter; with depth of field only the
+ * meter, since the lens has the sum. */
 PELL_NODISCARD enum pell_result pell_picture_device_take(struct pell_picture_device *d, struct pell_pool *pool,
                                                          struct pell_stage_notes *notes, const struct pell_accumulator *out,
                                                          ptrdiff_t stride, const struct pell_rect *rect, bool lens);

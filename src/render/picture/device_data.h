@@ -16,25 +16,25 @@
 #define PELL_PICTURE_GROUP 64
 
 /* Of a frame. */
-/* Those of PELL_LIT_TOGETHER are handed on to points. */
-#define PELL_PICTURE_PUBLISHED 1u  /* the exit factor is not normalised */
-#define PELL_PICTURE_STRENGTH 2u   /* the method reads the strength of scattering */
-#define PELL_PICTURE_SINGLE 4u     /* what is scattered once is apart */
+/* The flags of PELL_LIT_TOGETHER are passed on to points. */
+#define PELL_PICTURE_PUBLISHED 1u  /* the exit factor is not normalized */
+#define PELL_PICTURE_STRENGTH 2u   /* the method reads the scattering strength */
+#define PELL_PICTURE_SINGLE 4u     /* single scattering is separate */
 #define PELL_PICTURE_SHARED 8u     /* shadows of highlights are shared */
-#define PELL_PICTURE_THROUGH 16u   /* light is transmitted straight */
+#define PELL_PICTURE_THROUGH 16u   /* there is straight transmission */
 #define PELL_PICTURE_FIRST 32u     /* the frame's first sample */
 #define PELL_PICTURE_SKY 64u       /* there are environments */
 #define PELL_PICTURE_SCATTERS 128u /* a method gives light */
-#define PELL_PICTURE_SPREADS 256u  /* what went straight is spread */
-#define PELL_PICTURE_INSIDES 512u  /* something is known of the solids around points */
+#define PELL_PICTURE_SPREADS 256u  /* straight transmission is spread */
+#define PELL_PICTURE_INSIDES 512u  /* light inside the solids around points is known */
 #define PELL_PICTURE_ORTHOGRAPHIC 1024u
 #define PELL_PICTURE_MAPPED 2048u  /* some material has maps, or some mesh colours */
-#define PELL_PICTURE_HITS 4096u    /* the method reads where pixels are on the surface, */
-#define PELL_PICTURE_LENS 16384u   /* depth of field is made of the sample */
-#define PELL_PICTURE_SHEETS 32768u /* some material is a thin sheet: a batch has the far sides of its points behind them */
+#define PELL_PICTURE_HITS 4096u    /* the method reads surface positions, */
+#define PELL_PICTURE_LENS 16384u   /* depth of field is applied to the sample */
+#define PELL_PICTURE_SHEETS 32768u /* some material is a thin sheet: a batch is followed by the far sides of its points */
 #define PELL_PICTURE_BASES 8192u   /* or their base colours */
 
-/* Of what is known of the solids around points: struct pell_irradiance_params. */
+/* Flags of the data of solids around points: struct pell_irradiance_params. */
 #define PELL_KNOWN_SHAPE 1u   /* curvature */
 #define PELL_KNOWN_LOCAL 2u   /* by which light is scaled, */
 #define PELL_KNOWN_OPPOSED 4u /* or so */
@@ -45,15 +45,15 @@
 
 /* Of a material. */
 #define PELL_PICTURE_OPAQUE 1u
-#define PELL_PICTURE_TEXTURED 2u /* translucent, and its colour is that of a texture */
+#define PELL_PICTURE_TEXTURED 2u /* translucent, with a textured colour */
 #define PELL_PICTURE_SMOOTH 4u   /* light leaves through a smooth boundary */
-#define PELL_PICTURE_WHOLE 8u    /* the square of its lobe's width is that of the roughness, not its fourth power */
+#define PELL_PICTURE_WHOLE 8u    /* the squared lobe width is that of the roughness, not its fourth power */
 
 /* Of a sample. */
 struct pell_picture_frame {
     PELL_VEC4 origin, forward, right, up;  /* of struct pell_view; w: focal_px; rays of a pixel for each light; shift_x; shift_y */
     int32_t width, height, pitch, columns; /* px; of tiles */
-    int32_t x0, y0, x1, y1;                /* of the picture, that may be covered */
+    int32_t x0, y0, x1, y1;                /* of the image, may be covered */
     uint32_t flags, seed, sample_number;
     float weight;
     int32_t mean_at;          /* the lobes' mean albedos, in floats of the tables */
@@ -63,7 +63,7 @@ struct pell_picture_frame {
     uint32_t unused0, unused1, unused2;
 };
 
-/* Of a material of the scene. */
+/* A material of the scene. */
 struct pell_picture_material {
     PELL_VEC4 base;        /* w: strength */
     PELL_VEC4 specular;    /* w: roughness */
@@ -72,37 +72,37 @@ struct pell_picture_material {
     PELL_VEC4 leave_base;  /* see render/angle.h; w: exponent of the base colour that leaves */
     PELL_VEC4 leave_slope; /* w: mean transmittance of its smooth boundary */
     PELL_VEC4 enter_mean;  /* w: 1 over the square of its index, for light that leaves */
-    PELL_VEC4 sheet;       /* what a thin sheet lets through; w: how much of it; 0: it is none */
+    PELL_VEC4 sheet;       /* transmission of a thin sheet; w: its fraction; 0: not a thin sheet */
     uint32_t flags;
     float normal_scale;
-    float diffuse; /* of the light, the share that has no direction */
+    float diffuse; /* diffuse fraction of the light */
     uint32_t unused0;
 };
 
 /* What a pixel sees. */
 struct pell_picture_hit {
-    PELL_VEC4 albedo;   /* of the colour that enters; w: depth */
-    PELL_VEC4 leaves;   /* of the colour that leaves; w: strength */
-    PELL_VEC4 emissive; /* w: bits of what the method calls its material */
-    PELL_VEC4 sheet;    /* of a thin sheet the share that passes; w: the share that is reflected, of all else 1 */
+    PELL_VEC4 albedo;   /* colour factor of entering light; w: depth */
+    PELL_VEC4 leaves;   /* colour factor of leaving light; w: strength */
+    PELL_VEC4 emissive; /* w: bits of the method's material */
+    PELL_VEC4 sheet;    /* for a thin sheet, transmitted fraction; w: reflected fraction, 1 for other surfaces */
     uint32_t mesh, triangle;
     float u, v;
 };
 
-/* What the shape of the solid and the light inside of it do to the light of a pixel: irradiance/inside.c. */
+/* Effects of a solid's shape, and of the light inside it, on the light of a pixel: irradiance/inside.c. */
 struct pell_picture_inside {
-    PELL_VEC4 all, once; /* factors of what enters; w of all: share of the variance of a slab with which straight light spreads */
+    PELL_VEC4 all, once; /* factors of entering light; w of all: fraction of a slab's variance by which straight light spreads */
     PELL_VEC4 thick, through, solved, light;
-    PELL_VEC4 indirect, behind; /* light that surfaces send each other */
+    PELL_VEC4 indirect, behind; /* indirect light */
 };
 
 /* What is shown of a pixel. */
 struct pell_picture_shown {
     PELL_VEC4 factor;   /* of light that leaves; w: bits of the scene's material + 1, or 0 */
-    PELL_VEC4 specular; /* w: luminance of what arrives, without albedo */
+    PELL_VEC4 specular; /* w: luminance of arriving light, without albedo */
 };
 
-/* What stages that look around a pixel read. */
+/* Data for stages that read neighbouring pixels. */
 struct pell_picture_around {
     PELL_VEC4 hidden; /* of struct pell_lighting; w: bits of numbers of rays */
     PELL_VEC4 lost;   /* the same; w unused */
@@ -112,11 +112,11 @@ struct pell_picture_around {
 
 /* Of a row. */
 struct pell_picture_row {
-    float met, covered;                   /* over all samples: luminance that arrives, and pixels that it is of */
+    float met, covered;                   /* over all samples: arriving luminance, and its number of pixels */
     uint32_t pixels, translucent, x0, x1; /* of the last sample: pixels; those of translucent materials, and where they lie */
     uint32_t rays, through;
     float depth, strength; /* of the pixel that a method's widths are largest at; depth 0: none */
-    float finest, widest;  /* where light went straight: mm of a pixel, and mm^2 of variance; widest < 0: nowhere */
+    float finest, widest;  /* bounds of straight transmission: mm of a pixel, and mm^2 of variance; widest < 0: none */
     uint32_t straight0, straight1, seen0, seen1;
 };
 
@@ -124,7 +124,7 @@ struct pell_picture_row {
 struct pell_picture_push {
     uint32_t first, count;     /* its tiles */
     uint32_t results, through; /* of a point, in words of 16 bytes: how many, and where those of transmission are */
-    uint32_t behind;           /* where far sides begin, in points; 0: there are none */
+    uint32_t behind;           /* offset of far sides, in points; 0: none */
 };
 
 /* Of the composite: where a sample goes for depth of field (post/device.h). */

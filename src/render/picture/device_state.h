@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * device_state.h - what the files of device.h share. Private to them. */
+ * device_state.h - state shared by the files of device.h. Private to them. */
 #ifndef PELL_PICTURE_DEVICE_STATE_H
 #define PELL_PICTURE_DEVICE_STATE_H
 
@@ -7,7 +7,7 @@
 #include "render/picture/device_data.h"
 
 enum picture_buffer {
-    EMPTY, /* in place of what a frame has no need of */
+    EMPTY, /* stands in for buffers that a frame does not need */
     MATERIALS,
     MATERIALS_UP,
     KEYS,
@@ -21,19 +21,19 @@ enum picture_buffer {
     THROUGH,
     SINGLE,
     HIGHLIGHTS,
-    ENTERED, /* light before its shadows are shared */
+    ENTERED, /* light before shadows of highlights are filtered */
     SPREAD_SUM,
     SPREAD_HALF,
     SUM,
     SUM_DOWN,
     ROWS,
     ROWS_DOWN,
-    SHAPES, /* words of what is known of solids */
+    SHAPES, /* words of the data of solids */
     SOLIDS,
     BETWEEN,
     ATTRIBUTES, /* words of vertices, and of maps */
     MAPS,
-    NO_LIGHT, /* planes of a method, where there is none */
+    NO_LIGHT, /* planes of a method, if there is none */
     NO_SURFACE,
     BUFFERS,
     LIGHT = BUFFERS, /* the method's */
@@ -80,18 +80,18 @@ struct pell_picture_device {
     uint64_t bound[PASSES][PELL_GPU_BINDINGS]; /* numbers of the buffers that they were made with */
     int width, height;
     size_t room;      /* points of a batch */
-    uint32_t version; /* of what is known of solids, as it was sent, */
+    uint32_t version; /* of the data of solids, as uploaded, */
     bool sent;        /* if it was */
 };
 
 /* --- buffers.c --------------------------------------------------------------------------------------------------------------------- */
 
-/* Makes those that the sample needs, as large as it needs them. */
+/* Creates the buffers that the sample needs, large enough for it. */
 PELL_NODISCARD enum pell_result picture_prepare(struct pell_picture_device *d, const struct pell_picture_sample *s);
 /* Bytes of the largest buffer that a sample needs. */
 uint64_t picture_largest(const struct pell_picture_sample *s);
 
-/* --- content.c: what a sample sends -------------------------------------------------------------------------------------------------- */
+/* --- content.c: data that a sample uploads -------------------------------------------------------------------------------------------- */
 
 /* Writes materials, keys and the frame. */
 void picture_fill(const struct pell_picture_device *d, const struct pell_picture_sample *s);
@@ -99,12 +99,12 @@ void picture_fill(const struct pell_picture_device *d, const struct pell_picture
 bool picture_is_mapped(const struct pell_scene *scene);
 /* Flags of the frame. */
 uint32_t picture_flags(const struct pell_picture_sample *s);
-/* What is known of solids: PELL_KNOWN_... */
+/* Available data of solids: PELL_KNOWN_... */
 uint32_t picture_known(const struct pell_picture_sample *s);
 
-/* --- blurs.c: light that went straight ----------------------------------------------------------------------------------------------- */
+/* --- blurs.c: straight transmission --------------------------------------------------------------------------------------------------- */
 
-/* Records the blurs that the rows ask for; `translucent`: where such pixels are. */
+/* Records the blurs that the rows require; `translucent`: bounds of such pixels. */
 void picture_spread(struct pell_picture_device *d, const struct pell_picture_sample *s, struct pell_rect translucent);
 
 /* How many tiles hold so many pixels. */

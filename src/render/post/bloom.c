@@ -29,7 +29,7 @@ static double resampling_variance(int f)
     return 2.0 * tent;
 }
 
-/* The variance that taps of a Gaussian at whole pixels have is that of the Gaussian but for tiny ones; those are what they are. */
+/* The variance of a Gaussian sampled at whole pixels equals that of the Gaussian, except for tiny ones, which are corrected. */
 static void plan(struct pell_blur *b, double sigma, int width, int height)
 {
     const int smaller = width < height ? width : height;
@@ -54,7 +54,7 @@ static void plan(struct pell_blur *b, double sigma, int width, int height)
         b->tap[i] = (float) ((double) b->tap[i] / sum);
 }
 
-/* What falls to each point of the wide grid: first down the columns, then along the row, in place. */
+/* Downsamples to the points of the wide grid, in place: first along columns, then along rows. */
 static void shrink(void *arg, int band, int worker)
 {
     const struct task *t = arg;
@@ -79,7 +79,7 @@ static void shrink(void *arg, int band, int worker)
             float sum = 0.0f;
             for (int k = from; k < to; k++)
                 sum += b->share[k - from] * out[inside ? x * f + k : pell_mirror(x * f + k, p->width)];
-            out[x] = sum; /* what it has read lies from x on, but for x = 0 */
+            out[x] = sum; /* it writes behind what it has read, except at x = 0 */
         }
     }
 }
@@ -139,7 +139,7 @@ static void blur_columns(void *arg, int band, int worker)
     }
 }
 
-/* Adds `weight` times a row of the picture that the points of the wide grid make. */
+/* Adds `weight` times a row interpolated from the points of the wide grid. */
 static void add(const struct pell_blur *b, const float *low, const struct pell_bloom_params *p, int y, float weight, float *restrict out)
 {
     const int f = b->factor, cell = pell_grid_cell(y, f);
@@ -158,7 +158,7 @@ static void add(const struct pell_blur *b, const float *low, const struct pell_b
     }
 }
 
-/* Adds a share of both Gaussians to what is left of the picture. */
+/* Adds a fraction of both Gaussians to the attenuated image. */
 static void mix(void *arg, int band, int worker)
 {
     const struct task *t = arg;

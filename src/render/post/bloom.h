@@ -20,7 +20,7 @@
 
 #include <stddef.h>
 
-#define PELL_BLOOM_PLANES 3 /* of scratch, of the picture's size each */
+#define PELL_BLOOM_PLANES 3 /* scratch planes, of the image's size each */
 
 #define PELL_BLUR_RADIUS 18 /* taps to each side: four times the widest Gaussian at a smaller size */
 #define PELL_BLUR_MOST 1024 /* of a factor: standard deviations up to 4096 px */
@@ -32,14 +32,14 @@ struct pell_bloom_params {
     float sigma; /* px, >= 0 */
 };
 
-/* How one of the two Gaussians is made. */
+/* Parameters of one of the two Gaussians. */
 struct pell_blur {
     int factor;        /* f, a power of two */
     int width, height; /* of the smaller size */
     int radius;
     float tap[PELL_BLUR_RADIUS + 1];
     int first, last;                 /* pixels whose light a point takes: f i + first to f i + last - 1, */
-    float share[2 * PELL_BLUR_MOST]; /* and how much of it each way; 1 where f is 1 */
+    float share[2 * PELL_BLUR_MOST]; /* and its weight on each side; 1 where f is 1 */
 };
 
 void pell_bloom_plan(const struct pell_bloom_params *params, struct pell_blur blurs[2]);

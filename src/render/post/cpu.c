@@ -12,8 +12,8 @@
 #define ENVIRONMENT_WHITE 16.0f /* an environment behind the object may be brighter than the object by far */
 #define LARGEST_WHITE 1e12f     /* of the setting */
 #define METER_FACTOR 3.0        /* at most this times the key's exposure */
-#define ASIDE 0.06f             /* what the pixel filter takes of each neighbour along an axis */
-#define BRIGHT 0.01             /* share of the covered pixels that the default white leaves above it */
+#define ASIDE 0.06f             /* weight of each neighbour along an axis in the pixel filter */
+#define BRIGHT 0.01             /* fraction of the covered pixels that the default white leaves above it */
 
 enum { SUM_LOG, COUNT, MAXIMUM, INVALID, PER_ROW };
 enum { MOST_LOOKED_AT = 1 << 16, BIN_SHIFT = 19, BINS = 1 << (31 - BIN_SHIFT) }; /* 16 bins of luminance an octave */
@@ -26,9 +26,9 @@ struct task {
     const struct pell_post_kernels *kernels;
     float exposure, white, white_scale; /* 1 / white^2 */
     bool curve;
-    struct pell_rect varied;          /* where what is behind differs from pixel to pixel */
+    struct pell_rect varied;          /* per-pixel background */
     struct pell_rect filtered;        /* of the pixel filter */
-    struct pell_post_tone tone, over; /* over one colour; what lies over the background already */
+    struct pell_post_tone tone, over; /* over a single colour; already composited */
 };
 
 static void measure_row(void *arg, int index, int worker)
@@ -57,7 +57,7 @@ static float bin_edge(uint32_t bin)
     return edge;
 }
 
-/* Luminance that a share BRIGHT of the covered pixels exceeds, of those on an even grid; 0 if nothing is covered. */
+/* Luminance that the fraction BRIGHT of the covered pixels exceeds, estimated on a regular grid; 0 if nothing is covered. */
 static float bright_luminance(const struct task *t)
 {
     const struct pell_rect r = t->p->rect;
@@ -87,7 +87,7 @@ static float bright_luminance(const struct task *t)
     return low + (high - low) * ((float) above - (float) BRIGHT * (float) all) / (float) counts[bin];
 }
 
-/* Radiance that a colour, as it is to be shown by the filmic curve, stands for: inverses of its parts, in turn. */
+/* Radiance that the filmic curve shows as this colour: inverses of its parts, in reverse order. */
 static void unexpose_filmic(const struct task *t, const float shown[3], float rgb[3])
 {
     static const float from[3][3] = { { 0.64303825f, 0.31118675f, 0.04577546f },
@@ -104,7 +104,7 @@ static void unexpose_filmic(const struct task *t, const float shown[3], float rg
         rgb[c] = fmaxf(to[c][0] * before[0] + to[c][1] * before[1] + to[c][2] * before[2], 0.0f) / (PELL_FILMIC_SCALE * t->exposure);
 }
 
-/* The same by the curve that was asked for. */
+/* The same for the selected curve. */
 static void unexpose(const struct task *t, const float shown[3], float rgb[3])
 {
     const float l = pell_luminance(shown), before = t->curve ? pell_tone_before(l, t->white_scale) : l;
@@ -125,7 +125,7 @@ static bool environment_in(const struct task *t, const struct pell_view *view, i
     return pell_lights_background(t->p->lights, vec3_normalize(direction), rgb);
 }
 
-/* What the lens sees of it. */
+/* The lens's image of it. */
 static bool environment(const struct task *t, int x, int y, float rgb[3])
 {
     const int n = t->p->lens->radius > 0.0f ? t->p->settings->msaa : 1;
@@ -151,7 +151,7 @@ static void background(const struct task *t, int x, int y, float rgb[3])
     const struct pell_scene *scene = t->p->scene;
     float shown[4];
 
-    if (scene->background == PELL_BACKGROUND_COLOR) { /* with a contact shadow, or nobody would ask */
+    if (scene->background == PELL_BACKGROUND_COLOR) { /* only called with a contact shadow */
         struct pell_vec3 start, direction;
         float shade;
         pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
@@ -182,8 +182,8 @@ static void show(const struct task *t, const float rgb[3], float shown[3])
                        (float *const[]) { &shown[0], &shown[1], &shown[2] });
 }
 
-/* A pixel that is covered in part. What covers it and what is behind it are shown each by itself: the curve comes before the average, or
- * a rim far brighter than white would be white as soon as it touches the pixel. */
+/* A partially covered pixel. Its foreground and background are tone mapped separately, then averaged: otherwise a rim far brighter than
+ * white would be white as soon as it touches the pixel. */
 static void blend(const struct task *t, ptrdiff_t at, const float behind[3])
 {
     const float a = t->alpha[at];
@@ -208,7 +208,7 @@ static void finish_pixels(const struct task *t, const struct pell_post_tone *ton
         t->kernels->finish(tone, count, color, t->alpha + at, display);
 }
 
-/* Pixels x0 to x1 of a row before what differs from pixel to pixel. */
+/* Composites pixels x0 to x1 of a row over a background that varies per pixel. */
 static void finish_varied(const struct task *t, int y, int x0, int x1)
 {
     const ptrdiff_t row = y * t->p->stride;
@@ -309,7 +309,7 @@ static enum pell_result bloom(struct pell_pool *pool, const struct task *t, stru
 
 /* --- The pixel filter ------------------------------------------------------------------------------------------------------------ */
 
-/* A row of what is shown to scratch, filtered along itself. */
+/* Filters a displayed row along itself into scratch. */
 static void filter_across(void *arg, int index, int worker)
 {
     const struct task *t = arg;
@@ -331,7 +331,7 @@ static void filter_across(void *arg, int index, int worker)
     }
 }
 
-/* A row of scratch to what is shown, filtered with those above and below. */
+/* Filters a row of scratch with those above and below into the displayed image. */
 static void filter_down(void *arg, int index, int worker)
 {
     const struct task *t = arg;
@@ -346,8 +346,8 @@ static void filter_down(void *arg, int index, int worker)
     }
 }
 
-/* Over what is covered and a pixel around it: beyond there is one colour. Where there isn't, over everything, or what is behind would be
- * sharper beside the object than over there. Colours behind an alpha are no light that could be blended. */
+/* Filters covered pixels and a border of one: beyond there is a single colour. Otherwise filters everything, or the background would be
+ * sharper next to the object than elsewhere. Colours under an alpha channel are not light that could be blended. */
 static void filter_pixels(struct pell_pool *pool, struct task *t)
 {
     const struct pell_post_params *p = t->p;
@@ -397,7 +397,7 @@ static void prepare_background(struct task *t)
     t->tone.lay = !transparent && scene->background != PELL_BACKGROUND_ENVIRONMENT && !scene->background_image;
     if (!t->tone.lay)
         return;
-    t->tone.straight = 0.0f; /* what covers a pixel is shown by itself */
+    t->tone.straight = 0.0f; /* foreground and background are tone mapped separately */
     unexpose(t, scene->background_color, t->tone.behind);
     show(t, t->tone.behind, t->tone.shown);
 }

@@ -22,7 +22,7 @@ struct pell_gpu_buffer;
 struct pell_gpu_commands;
 struct pell_post_device;
 
-/* Of one call: seconds of the cpu, which copies planes, and by the device's clock; bytes that moved. */
+/* Timings of one call: seconds on the CPU, which copies planes, and by the device's clock; bytes transferred. */
 struct pell_post_device_times {
     double pack, upload, run, download, unpack;
     int64_t bytes_up, bytes_run, bytes_down; /* up and down: over the bus */
@@ -44,8 +44,8 @@ const char *pell_post_device_refuses_bloom(const struct pell_post_device *device
 PELL_NODISCARD enum pell_result pell_post_device_lens(struct pell_post_device *device, struct pell_pool *pool,
                                                       const struct pell_dof_params *params, float *const in[4],
                                                       struct pell_post_device_times *times);
-/* The same of a sample that is on the device: where its planes are written (R, G, B, alpha, and inverse depth, 1/mm, 0 where nothing is
- * seen; from row y0 of the picture on, inside the rectangle alone), and the passes, which are recorded into a list behind that. */
+/* The same for a sample that is on the device: where its planes are written (R, G, B, alpha, and inverse depth, 1/mm, 0 for no hit; from
+ * row y0 of the image on, only inside the rectangle), and the passes, which are recorded into a list after that. */
 struct pell_post_lens_planes {
     struct pell_gpu_buffer *buffer;
     uint32_t plane, stride; /* floats */
@@ -55,11 +55,12 @@ struct pell_post_lens_planes pell_post_device_lens_planes(const struct pell_post
 void pell_post_device_record_lens(struct pell_post_device *device, const struct pell_dof_params *params,
                                   struct pell_gpu_commands *commands);
 
-/* The sum, times `scale`, inside the rectangle of the last sample. *widest as pell_dof_render gives it, of all samples. */
+/* Reads the sum, times `scale`, inside the rectangle of the last sample. *widest as from pell_dof_render, over all samples. */
 PELL_NODISCARD enum pell_result pell_post_device_take_lens(struct pell_post_device *device, struct pell_pool *pool, float scale,
                                                            float *const out[4], float *widest, struct pell_post_device_times *times);
 
-/* pell_bloom_render of `count` planes, then what is shown of the first three: `tone` lays over nothing. With four, the last is alpha. */
+/* pell_bloom_render of `count` planes, then the displayed values of the first three: `tone` composites over nothing. With four, the last
+ * is alpha. */
 PELL_NODISCARD enum pell_result pell_post_device_bloom(struct pell_post_device *device, struct pell_pool *pool,
                                                        const struct pell_bloom_params *params, const struct pell_post_tone *tone,
                                                        float *const *planes, size_t count, float *const display[3],

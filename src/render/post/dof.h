@@ -24,19 +24,19 @@
 
 struct pell_dof_params {
     const struct pell_surface *surface; /* its depth and material */
-    struct pell_rect rect;              /* of the composite: read and written there alone */
+    struct pell_rect rect;              /* of the composite: only read and written there */
     float scale;                        /* px mm: radius of the part of the lens x focal_px */
     float focus;                        /* mm */
-    bool first;                         /* write, instead of adding to what is there */
+    bool first;                         /* overwrite instead of adding */
 };
 
-/* Adds the blurred planes 0 to 3 of `scratch`, which are premultiplied by the last of them, to `out`. `tiles` is room for a float for each
- * 16 x 16 pixels of the picture. Allocates nothing; the same bits for any number of threads. Returns the radius of the widest disc that is
- * seen, px, as it would be were none cut. */
+/* Adds the blurred planes 0 to 3 of `scratch`, which are premultiplied by the last of them, to `out`. `tiles` has a float per 16 x 16
+ * pixels of the image. Allocates nothing. The result does not depend on the number of threads, to the bit. Returns the radius of the
+ * widest visible disc, px, before clipping. */
 float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *params, float *const scratch[PELL_DOF_PLANES], float *tiles,
                       float *const out[4]);
 
-/* What a whole pixel weighs of a disc, so that discs sum to one: by radius, PELL_LENS_STEPS a pixel. */
+/* Normalization of a disc, so that discs sum to one: by radius, PELL_LENS_STEPS entries per pixel. */
 void pell_dof_table(float table[PELL_LENS_TABLE]);
 
 /* Floats of `tiles`. */

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Of covered pixels, a row's: those that are covered by more than half and not black count. */
+/* Statistics of a row: pixels that are more than half covered and not black. */
 struct pell_post_measure {
     double sum_log; /* of their luminances */
     double count, maximum, invalid;
@@ -20,17 +20,17 @@ struct pell_post_tone {
     float exposure, straight; /* colours are divided by alphas over this */
     float curve, white_scale;
     bool filmic;               /* in their place */
-    bool lay;                  /* colours are to be laid over `behind` */
-    float behind[3], shown[3]; /* and what is shown of it where nothing else is */
+    bool lay;                  /* colours are composited over `behind` */
+    float behind[3], shown[3]; /* and its displayed colour where nothing else is visible */
 };
 
 struct pell_post_kernels {
-    /* Mends what is not a number, and alphas that are 1 but for rounding. */
+    /* Replaces NaN, and rounds alphas that are 1 except for rounding. */
     void (*measure)(int count, float *const color[3], float *alpha, struct pell_post_measure *out);
     void (*finish)(const struct pell_post_tone *tone, int count, float *const color[3], const float *alpha, float *const display[3]);
-    /* Pixels that nothing covers. */
+    /* Uncovered pixels. */
     void (*empty)(const struct pell_post_tone *tone, int count, float *const color[3], float *alpha, float *const display[3]);
-    /* Means of pixels and their two neighbours, which weigh `aside` each. `out` is none of the others. */
+    /* Means of pixels and their two neighbours, which have the weight `aside` each. `out` aliases none of the others. */
     void (*blend)(int count, float aside, const float *before, const float *here, const float *after, float *out);
 };
 

@@ -25,33 +25,33 @@
 
 struct pell_post_params {
     const struct pell_scene *scene;
-    const struct pell_view *view;       /* unshifted, through the middle of the lens */
-    const struct pell_lens *lens;       /* that the picture was made through */
+    const struct pell_view *view;       /* unshifted, through the centre of the lens */
+    const struct pell_lens *lens;       /* with which the image was rendered */
     const struct pell_lights *lights;   /* for an environment as background */
     const struct pell_contact *contact; /* NULL: no contact shadow */
     const struct pell_settings *settings;
     int width, height;
-    struct pell_rect rect; /* of the composite: outside it color and alpha hold nothing and become the background */
+    struct pell_rect rect; /* of the composite: outside it color and alpha are undefined and become the background */
     ptrdiff_t stride;
-    const double *meter;             /* of the composite: 2 numbers a row */
+    const double *meter;             /* of the composite: 2 values per row */
     double *rows;                    /* scratch: 4 numbers a row */
     float *const *glow;              /* scratch: PELL_BLOOM_PLANES planes; not read without bloom, or with a device */
     float *const *unfiltered;        /* scratch: 3 planes */
-    struct pell_post_device *device; /* for bloom, with room for it; NULL: the cpu */
+    struct pell_post_device *device; /* for bloom, with room for it; NULL: the CPU */
 };
 
 struct pell_post_result {
     float exposure, white;
     int64_t invalid;
-    bool covered, any_light;                 /* something is in view; light arrives at it */
+    bool covered, any_light;                 /* something is visible; light arrives at it */
     double bloom;                            /* seconds of it */
     struct pell_post_device_times on_device; /* where there is one */
 };
 
-/* `color` comes in premultiplied by `alpha` and goes out over the background (linear, without exposure), with bloom; `display` gets the
- * shown picture. Exposure and white are those of the picture without bloom. Where the background is transparent bloom spreads alpha as it
- * does light, so the picture may be laid over any even background afterwards. Allocates nothing; the same bits for any number of
- * threads. Fails with a device only. */
+/* `color` is premultiplied by `alpha` on input, and composited over the background (linear, without exposure), with bloom, on output;
+ * `display` gets the displayed image. Exposure and white are those of the image without bloom. With a transparent background bloom also
+ * spreads alpha, so that the image may be composited over any uniform background later. Allocates nothing. The result does not depend on
+ * the number of threads, to the bit. Fails only with a device. */
 PELL_NODISCARD enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3],
                                                  float *alpha, float *const display[3], struct pell_post_result *result);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * cpu.c - stage "surface": planes, and bands of packets handed to the pool. What happens to a packet is in packet.c. */
+ * cpu.c - stage "surface": planes, and bands of packets for the pool. Packets are processed in kernel.c. */
 #include "base/base.h"
 #include "render/surface/kernel.h"
 
@@ -51,8 +51,8 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
                           "a picture of %d x %d pixels; at least 1 x 1 and at most %lld pixels are allowed", width, height,
                           (long long) pell_context_limits(ctx)->image_pixels);
     stride = ((size_t) width + 15) / 16 * 16;
-    /* Planes of one size would start at the same place of a page, and a pixel's 20 values would fall into the same few cache sets:
-     * each plane starts three lines further on. */
+    /* Planes of one size would start at the same offset in a page, and a pixel's 20 values would fall into the same few cache sets: each
+     * plane starts three cache lines further on. */
     if (__builtin_mul_overflow(stride, (size_t) height, &pixels) || __builtin_add_overflow(pixels, 48, &pixels) ||
         __builtin_mul_overflow(pixels, (PLANES + 2) * sizeof(float), &bytes))
         return pell_error(ctx, PELL_ERR_NOMEM, NULL, NULL, "a picture of %d x %d pixels can't be allocated", width, height);
@@ -110,7 +110,7 @@ static void tile_task(void *arg, int index, int worker)
     scratch->kernels->tile(job, index);
 }
 
-/* Whether the surface's raster is there and willing. */
+/* Whether the surface's raster exists and can be used. */
 static bool draw(struct pell_pool *pool, const struct surface_job *job)
 {
     const struct pell_view *v = job->view;
@@ -144,7 +144,7 @@ static struct surface_job make_job(const struct pell_rays *rays, const struct pe
         .scene = scene,
         .view = view,
         .out = surface,
-        /* The bounds leave the made ground out. */
+        /* The bounds exclude the generated ground. */
         .rect = scene->ground_mesh < 0 ? pell_view_rect(view, scene->bounds_min, scene->bounds_max)
                                        : (struct pell_rect) { 0, 0, view->width, view->height },
         .bands = scratch->bands,

@@ -32,7 +32,7 @@ struct vec16 {
 struct hits {
     const struct pell_mesh *mesh;
     const struct pell_material *material;
-    const struct pyramid *const *pyramids; /* by map; NULL: no mips were made */
+    const struct pyramid *const *pyramids; /* per map; NULL: no mipmaps */
     const struct surface_decode *decode;
     uint32_t lanes; /* bit i: lane i is one of these */
     int16lanes on;  /* the same, -1 or 0 */
@@ -181,7 +181,7 @@ static void geometric_normals(const struct pell_hit16 *hit, struct hits *h, stru
     }
 }
 
-/* How much the normals differ of which a normal map has the mean. */
+/* Slope variance of the normals whose mean a normal map stores. */
 static void measure_bumps(struct hits *h, const float16 *restrict rgba)
 {
     const struct pell_texture_map *map = &h->material->normal_map;
@@ -276,7 +276,7 @@ static void terminator_offsets(const struct hits *h, const struct vec16 v[restri
     for (int k = 0; k < 3; k++) {
         const float *w = k == 0 ? h->w0 : k == 1 ? h->w1 : h->w2;
         for (int i = 0; i < LANES; i++) {
-            const float side = dot(&v[k], n, i) < 0.0f ? -1.0f : 1.0f; /* seen from within, the normals are turned */
+            const float side = dot(&v[k], n, i) < 0.0f ? -1.0f : 1.0f; /* seen from inside, the normals are inverted */
             const float under =
                 side * ((p[k].x[i] - at.x[i]) * v[k].x[i] + (p[k].y[i] - at.y[i]) * v[k].y[i] + (p[k].z[i] - at.z[i]) * v[k].z[i]);
             const float share = side * w[i] * fabsf(under);
@@ -398,7 +398,7 @@ static void colour(struct hits *h, enum pell_map map, float16 *restrict out)
             multiply(out[c], rgba[c]);
 }
 
-/* What a thin sheet reflects and lets through of diffuse light; all that is no sheet reflects all of it. */
+/* Reflected and transmitted fraction of diffuse light at a thin sheet; other surfaces reflect all of it. */
 static void shade_sheet(struct hits *h, struct shaded *restrict s)
 {
     const struct pell_material *m = h->material;
@@ -441,7 +441,7 @@ static void shade_material(struct hits *h, const struct pell_surface *out, struc
         multiply(s->base[1], color.y);
         multiply(s->base[2], color.z);
     }
-    /* glTF packs both into one picture: one look-up. */
+    /* glTF packs both into one image: one lookup */
     if (m->metallic > 0.0f && same_look_up(&m->roughness_map, &m->metallic_map)) {
         const int r = m->roughness_map.channel & 3, k = m->metallic_map.channel & 3;
         if (look_up(h, PELL_MAP_ROUGHNESS, 1u << r | 1u << k, rgba)) {

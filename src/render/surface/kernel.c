@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * kernel.c - 16 rays from the camera, and what their hits look like (hits16.h); compiled once per SIMD level.
  *
- * Lanes of a packet that hit one mesh are worked on together, nearly always all of them; the other lanes run along on data of the first
- * and are not stored. */
+ * kernel.c - 16 rays from the camera, and the surface at their hits (hits16.h); compiled once per SIMD level. Lanes of a packet that hit
+ * one mesh are processed together, nearly always all of them; the other lanes compute with data of the first and are not stored.
+ */
 #include "render/surface/hits16.h"
 
 #include <limits.h>
@@ -10,7 +10,7 @@
 
 /* --- A packet ----------------------------------------------------------------------------------------------------------------- */
 
-/* What follows from the rays and where they ended. */
+/* Computes the surface from the rays and their hits. */
 static void prepare(const struct pell_ray_hit16 *restrict p, struct hits *restrict h)
 {
     for (int i = 0; i < LANES; i++)
@@ -127,7 +127,7 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
 
 #define LINE 16 /* floats of a cache line */
 
-/* Asks for the cache lines of a row that `store` writes. There are more than processors foresee by themselves. */
+/* Prefetches the cache lines of a row that `store` writes. There are more than hardware prefetchers follow. */
 PELL_FETCHING_INLINE void fetch(const struct pell_surface *out, int x, int y)
 {
     const ptrdiff_t at = (ptrdiff_t) y * out->stride + x;
@@ -221,13 +221,13 @@ static void aim(const struct pell_view *view, int x, int y, struct pell_ray16 *r
     }
 }
 
-/* -1 where a lane's pixel is of the picture, else 0. */
+/* -1 where a lane's pixel is inside the image, else 0. */
 static inline int within(const struct pell_view *view, int x, int y, int i)
 {
     return x + i % SURFACE_PACKET_SIDE < view->width && y + i / SURFACE_PACKET_SIDE < view->height ? -1 : 0;
 }
 
-/* How many pixels from a to b there are in packets that touch `from` to `to`. */
+/* Number of pixels from a to b in packets that overlap `from` to `to`. */
 static int of_packets(int a, int b, int from, int to)
 {
     const int low = from & ~(SURFACE_PACKET_SIDE - 1), high = (to + SURFACE_PACKET_SIDE - 1) & ~(SURFACE_PACKET_SIDE - 1);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * kernel.h - what surface.c and the kernels of packet.c share. */
+ * kernel.h - shared by cpu.c and kernel.c. */
 #ifndef PELL_SURFACE_PACKET_H
 #define PELL_SURFACE_PACKET_H
 
@@ -10,7 +10,7 @@
 #define SURFACE_PACKET_SIDE 4
 #define SURFACE_BAND_ROWS 8
 
-/* What a band of rows saw, or a tile of the raster. Summed in order, but sums and extremes of integers don't depend on it. */
+/* Statistics of a band of rows, or of a tile of the raster. Sums and extremes of integers, which do not depend on the order. */
 struct surface_band {
     _Alignas(64) struct pell_rect covered, translucent; /* empty: x0 > x1 */
     int64_t covered_pixels, translucent_pixels, rays;
@@ -30,8 +30,8 @@ struct surface_job {
 struct pell_surface_kernels {
     void (*band)(const struct surface_job *job, int band);
     void (*tile)(const struct surface_job *job, int tile); /* of job->out->raster */
-    /* What 16 hits look like (bits of `hits`: which), into the pixels of job->out, which is 4 x 4 with a stride of 4. The viewer is where
-     * packet->ray comes from. */
+    /* Computes the surface at 16 hits (bits of `hits`: valid ones) into the pixels of job->out, which is 4 x 4 with a stride of 4. The
+     * viewer is at the origin of packet->ray. */
     void (*look)(const struct surface_job *job, const struct pell_ray_hit16 *packet, uint32_t hits);
 };
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * mipmaps.h - what mips.c and packet.c share. */
+ * mipmaps.h - shared by mipmaps.c and kernel.c. */
 #ifndef PELL_SURFACE_MIPS_H
 #define PELL_SURFACE_MIPS_H
 
@@ -22,7 +22,7 @@ struct pyramid {
 
 struct pell_mips {
     struct pell_context *ctx;
-    struct pyramid *pyramids; /* one a picture that a material of the scene reads */
+    struct pyramid *pyramids; /* one per image that a material of the scene reads */
     size_t num_pyramids;
     bool any_thin;                /* some material of the scene is a thin sheet */
     const struct pyramid **slots; /* [material * PELL_MAPS + map], NULL where there is no map */

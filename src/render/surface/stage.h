@@ -1,9 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * stage.h - stage "surface": what each pixel sees, one sample a pixel.
- *
- * Planes of floats as in struct pell_frame: pixel (x, y) at [y * stride + x], rows 64-byte aligned. Where `material` is 0 nothing was
- * hit and the other planes hold anything.
+ * stage.h - stage "surface": the visible surface of each pixel, one sample per pixel. Planes of floats as in struct pell_frame: pixel (x,
+ * y) at [y * stride + x], rows 64-byte aligned. Where `material` is 0 nothing was hit and the other planes are undefined.
  */
 #ifndef PELL_SURFACE_H
 #define PELL_SURFACE_H
@@ -13,8 +11,7 @@
 
 #include <pellucid/render.h>
 
-/* What is made once a scene: the pictures of its textures at smaller sizes, so that far surfaces don't alias, and whether it has thin
- * sheets. */
+/* Data created once per scene: mipmaps of its textures, so that far surfaces do not alias, and whether it has thin sheets. */
 struct pell_mips;
 
 PELL_NODISCARD enum pell_result pell_mips_create(struct pell_context *ctx, const struct pell_scene *scene, struct pell_pool *pool,
@@ -33,46 +30,46 @@ size_t pell_mips_words(const struct pell_mips *mips, const struct pell_scene *sc
 struct pell_surface {
     int width, height;
     ptrdiff_t stride;
-    const struct pell_mips *mips; /* borrowed: the caller sets it after pell_surface_allocate; NULL: textures alias where they shrink */
-    struct pell_raster *raster;   /* likewise: of the scene and this size; NULL: what pixels see is asked of rays */
+    const struct pell_mips *mips; /* borrowed: set by the caller after pell_surface_allocate; NULL: minified textures alias */
+    struct pell_raster *raster;   /* likewise: for the scene and this size; NULL: camera visibility is ray traced */
     uint16_t *material;           /* scene material + 1; 0: nothing. A scene of more than 65534 materials is refused */
     float *depth;                 /* mm along the view axis */
     float *ng[3];                 /* geometric normal, unit, on the side of the viewer */
     float *ns[3];             /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
     float *base[3];           /* base colour, linear: factor x map x vertex colour */
-    float *roughness;         /* perceptual, [0.03, 1]; the bumps of a normal map that are smaller than a pixel counted in */
-    float *turned;            /* variance of the slopes that shading normals have inside of a pixel; written where `spread` > 0 */
-    float spread;             /* the caller's: variance along an axis, square pixels, of the places that a sample stands for; 0: none */
+    float *roughness;         /* perceptual, [0.03, 1]; includes the bumps of a normal map that are smaller than a pixel */
+    float *turned;            /* slope variance of shading normals inside a pixel; written where `spread` > 0 */
+    float spread;             /* set by the caller: footprint of a sample as variance along an axis, square pixels; 0: none */
     float *metallic;          /* [0, 1] */
     float *specular[3];       /* rho_s x map x tint: scales the specular lobe */
     float *strength;          /* of scattering, [0, 1] */
-    bool omit_uniform;        /* the caller's: leave base, roughness, metallic and specular unwritten where pell_surface_is_plain says it
-                                  * all */
-    float *terminator_offset; /* mm along ng from the triangle to the smooth surface that its normals suggest: where shadow rays
-                                       * start */
+    bool omit_uniform;        /* set by the caller: do not write base, roughness, metallic and specular where pell_surface_is_plain gives
+                               * them all */
+    float *terminator_offset; /* mm along ng from the triangle to the smooth surface that its normals suggest: origin of shadow rays */
     float *emissive[3];       /* radiance; written where `any_emissive` */
-    float *transmission[3];   /* of thin sheets: share of the diffuse light that passes, by its colour, without metal; 0 elsewhere */
-    float *reflection;        /* the share that does not pass, 1 elsewhere. Both are written where `any_thin` */
-    uint32_t *mesh, *triangle; /* of the scene, that was hit. The caller's planes, set after pell_surface_allocate; NULL: not asked for */
-    float *barycentric[2];     /* with `triangle`: u, v as in struct pell_hit16 */
-    bool any_emissive;         /* some material of the scene emits */
-    bool any_thin;             /* some material of the scene is a thin sheet */
-    struct pell_rect covered;  /* holds every pixel that hit something */
-    struct pell_rect translucent; /* holds every pixel whose material is not opaque */
+    float *transmission[3];   /* for thin sheets: transmitted fraction of diffuse light, with its colour, without metal; 0 elsewhere */
+    float *reflection;        /* the remaining fraction, 1 elsewhere. Both are written where `any_thin` */
+    uint32_t *mesh, *triangle;    /* hit mesh and triangle of the scene. The caller's planes, set after pell_surface_allocate; NULL: not
+                                * required */
+    float *barycentric[2];        /* with `triangle`: u, v as in struct pell_hit16 */
+    bool any_emissive;            /* some material of the scene emits */
+    bool any_thin;                /* some material of the scene is a thin sheet */
+    struct pell_rect covered;     /* bounds of the pixels with a hit */
+    struct pell_rect translucent; /* bounds of the pixels with translucent materials */
     int64_t covered_pixels, translucent_pixels;
-    int64_t rays;  /* traced, or drawn in their place: pixels that were looked through */
+    int64_t rays;  /* traced, or rasterized instead: pixels that were sampled */
     void *scratch; /* private: per task, made in pell_surface_allocate so that a frame allocates nothing */
 };
 
-/* Whether roughness, metallic and specular are the same wherever a material is seen, as in pell_surface_uniform: who finds a whole block of
- * it can leave five planes unread. Bumps that are smaller than a pixel make lobes wider. */
+/* Whether roughness, metallic and specular are the same wherever a material is visible, as in pell_surface_uniform: a block of one such
+ * material needs not read five planes. Bumps that are smaller than a pixel make lobes wider. */
 static inline bool pell_surface_is_uniform(const struct pell_material *m)
 {
     return !m->normal_map.texture && !m->roughness_map.texture && !m->metallic_map.texture && !m->rho_s_map.texture &&
            !m->specular_color_map.texture;
 }
 
-/* Even, and of no colour or metal of its own: light that enters and leaves meets nothing of the four that the material does not say. */
+/* Uniform, without colour or metal of its own: light that enters and leaves depends on none of the four planes. */
 static inline bool pell_surface_is_plain(const struct pell_material *m)
 {
     return !m->opaque && m->metallic == 0.0f && m->color_from != PELL_COLOR_FROM_TEXTURE && pell_surface_is_uniform(m);
@@ -95,8 +92,8 @@ static inline struct pell_surface_uniform pell_surface_uniform(const struct pell
     };
 }
 
-/* What `spread` is of a sample: docs/adr/0060. Seen through a lens each part of the picture comes from few samples, and a highlight that is
- * narrower than a pixel of theirs would become beads. Without a lens lobes stay what they are: wider ones lose light at silhouettes. */
+/* Value of `spread` for a sample: docs/adr/0060. With a lens each part of the image comes from few samples, and a highlight narrower
+ * than their pixels would become beads. Without a lens lobes are unchanged: wider ones lose light at silhouettes. */
 static inline float pell_surface_spread(const struct pell_settings *s)
 {
     return s->dof ? 0.05f : 0.0f;
@@ -105,7 +102,7 @@ static inline float pell_surface_spread(const struct pell_settings *s)
 PELL_NODISCARD enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int height, struct pell_surface *surface);
 void pell_surface_finish(struct pell_context *ctx, struct pell_surface *surface);
 
-/* Fills the planes; allocates nothing; the same bits for any number of threads. */
+/* Fills the planes. Allocates nothing. The result does not depend on the number of threads, to the bit. */
 PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                                     const struct pell_view *view, struct pell_surface *surface);
 
@@ -116,8 +113,8 @@ PELL_NODISCARD enum pell_result pell_surface_render(struct pell_pool *pool, cons
 void pell_surface_look(const struct pell_surface *like, const struct pell_scene *scene, float spacing, const struct pell_ray_hit16 *packet,
                        uint32_t hits, struct pell_surface *out);
 
-/* Traces a ray for each pixel that the stage looks through and looks at no hit: what is left is the ray library, to compare the stage with.
- * Leaves the planes alone. Returns seconds. */
+/* Traces a ray for each pixel that the stage samples and ignores the hits: the cost of the ray library alone, for comparison. Does not
+ * write the planes. Returns seconds. */
 double pell_surface_trace_bare(struct pell_pool *pool, const struct pell_rays *rays, const struct pell_scene *scene,
                                const struct pell_view *view, struct pell_surface *surface);
 
