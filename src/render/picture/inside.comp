@@ -102,7 +102,7 @@ Shape shape_at(uint i, out uint law)
     return shape;
 }
 
-// struct pell_curvature_effect, as far as it is asked for
+// struct pell_curvature_effects, as far as it is asked for
 struct Effect {
     vec3 gain, local, opposed, opposed_local, shift;
     float flat_share;
