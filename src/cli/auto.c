@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * auto.c - `render --max-error`: the cheapest method whose error on this scene is below a bound. What an error depends on - mean free paths
- * against size and pixels, curvature, thin parts, folds, lights - a small image of the scene has in it: methods are tried on one against
- * path-trace, in the order of their cost, until one is good enough. */
+ * auto.c - `render --max-error`: the cheapest method whose error on this scene is below a bound. A small image of the scene shows all that
+ * the error depends on (mean free paths relative to object size and pixels, curvature, thin parts, folds, lights): methods are compared
+ * with path-trace on one, in the order of their cost, until one is accurate enough. */
 #include "cli/auto.h"
 
 #include <pellucid/compare.h>
@@ -10,14 +10,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define DEFAULT "8%"   /* of -m auto */
-#define PIXELS 16000.0 /* of the small image: errors per pixel grow with what it resolves */
-#define RESOLVED 0.25  /* of the bound's square, as the standard error of an error's: then the truth has samples enough */
+#define DEFAULT "8%"   /* default bound of -m auto */
+#define PIXELS 16000.0 /* size of the small image: errors per pixel grow with resolution */
+/* fraction of the squared bound: once the standard error of an estimated error is below it, the reference has enough samples */
+#define RESOLVED 0.25
 
-/* Of path-trace, in both halves of the truth: as many as resolve the bound. */
+/* Sample counts of path-trace for both halves of the reference, in increasing order: the first that resolves the bound is used. */
 static const char *const samples[] = { "32", "64", "128", "256" };
 
-/* In the order of their cost. */
+/* Candidate methods in the order of their cost. */
 static const struct {
     const char *label, *method; /* method NULL: no scattering */
     const char *knob, *value;
@@ -33,16 +34,16 @@ static const struct {
 
 /* A method's relative error on the small image. */
 struct measured {
-    double error, noise; /* its standard error */
-    double square_noise; /* the standard error of its square */
+    double error, noise; /* standard error of `error` */
+    double square_noise; /* standard error of the squared error */
 };
 
 struct trial {
     struct cli *cli;
     struct session *session;
-    struct pell_settings settings; /* of the small image */
+    struct pell_settings settings; /* settings of the small image */
     size_t pixels;
-    float *planes; /* both halves of the reference, then the method's: three each; then the mask */
+    float *planes; /* both halves of the reference, then the method's image: three planes each; then the mask */
     json_t *tried;
 };
 
@@ -51,7 +52,7 @@ static float *plane(const struct trial *t, size_t number)
     return t->planes + number * t->pixels;
 }
 
-/* Light that left translucent pixels, into three planes. */
+/* Copies the light that left translucent pixels into three planes. */
 static void take_light(const struct trial *t, const struct pell_render_result *p, float *to)
 {
     static const char *const names[3] = { "R", "G", "B" };
@@ -80,7 +81,7 @@ static bool take_mask(const struct trial *t, const struct pell_render_result *p)
     return any;
 }
 
-/* The values are the caller's to free. */
+/* Makes the knob values of a method; the caller frees them. */
 static enum pell_result make_values(const struct trial *t, const struct pell_method *m, const char *knob, const char *value, void **values)
 {
     const struct pell_setting set = { knob, value, "--max-error" };
@@ -89,7 +90,7 @@ static enum pell_result make_values(const struct trial *t, const struct pell_met
     return *values ? pell_method_configure(t->cli->ctx, m, &set, knob ? 1 : 0, *values) : PELL_ERR_NOMEM;
 }
 
-/* `tells`: what is said meanwhile. */
+/* Renders the small image. `tells`: which messages are printed meanwhile. */
 static enum pell_result render_small(struct trial *t, const struct pell_method *m, const void *values, int tells,
                                      struct pell_render_result *image)
 {
@@ -105,7 +106,7 @@ static enum pell_result render_small(struct trial *t, const struct pell_method *
     return res == PELL_OK && image->partial ? PELL_ERR_CANCELLED : res;
 }
 
-/* Both halves of path-trace. */
+/* Renders both halves of the path-traced reference. */
 static enum pell_result render_truth(struct trial *t, const char *count)
 {
     const struct pell_method *m = pell_method_find(t->cli->ctx, "--max-error", "path-trace");
@@ -133,7 +134,7 @@ fail:
     return res;
 }
 
-/* Of the method's planes. */
+/* Measures the error of the method's planes. */
 static enum pell_result measure(const struct trial *t, struct measured *out)
 {
     struct pell_compare_params params;
@@ -153,7 +154,7 @@ static enum pell_result measure(const struct trial *t, struct measured *out)
     res = pell_compare(t->cli->ctx, &in, &params, &result);
     if (res == PELL_OK) {
         const double square = result.masked.rel_mse;
-        out->error = isfinite(square) ? sqrt(fmax(square, 0.0)) : 0.0; /* all is black: as good as any */
+        out->error = isfinite(square) ? sqrt(fmax(square, 0.0)) : 0.0; /* a black image: no error can be distinguished */
         out->square_noise = result.masked.rel_mse_error;
         out->noise = out->square_noise / (2.0 * fmax(out->error, sqrt(fabs(out->square_noise))));
     }
@@ -183,7 +184,7 @@ static void shrink(struct trial *t)
     t->settings.layers = true;
 }
 
-/* A method and its values become the session's. */
+/* Makes a method and its knob values those of the session. */
 static enum exit_code take(struct cli *cli, struct session *s, const struct pell_method *m, void *values)
 {
     free(s->knobs);
@@ -192,8 +193,8 @@ static enum exit_code take(struct cli *cli, struct session *s, const struct pell
     return session_settings(cli, s->scene, m, values, &s->settings);
 }
 
-/* With as many samples as tell an error at the bound from one well below it, by `none`: the better a method is, the less noise its error
- * has. Leaves the light of `none` as the method's. */
+/* Renders the reference with enough samples to distinguish an error at the bound from one well below it, judged by the error of `none`: the
+ * better a method is, the less noise its error has. Leaves the image of `none` in the method's planes. */
 static enum pell_result find_truth(struct trial *t, double bound)
 {
     struct pell_render_result image;
@@ -212,7 +213,7 @@ fail:
     return res;
 }
 
-/* After find_truth. *method path-trace, *error 0: none is near enough. */
+/* Tries the methods; call after find_truth. *method path-trace, *error 0: no method meets the bound. */
 static enum pell_result try_all(struct trial *t, double bound, const struct pell_method **method, void **values, double *error)
 {
     enum pell_result res = PELL_OK;
@@ -226,7 +227,7 @@ static enum pell_result try_all(struct trial *t, double bound, const struct pell
         if (m) {
             PELL_TRY(make_values(t, m, candidates[i].knob, candidates[i].value, values));
             res = render_small(t, m, *values, CLI_TELLS_NOTHING, &image);
-            if (res == PELL_ERR_UNSUPPORTED || res == PELL_ERR_INVALID) { /* not this scene */
+            if (res == PELL_ERR_UNSUPPORTED || res == PELL_ERR_INVALID) { /* the method does not support this scene */
                 free(*values);
                 *values = NULL;
                 continue;

@@ -6,7 +6,7 @@
 #include "cli/cli.h"
 
 /* Gives an open session the cheapest method whose error against path-trace, on a small image of its scene, is at most cli->max_error (NULL:
- * 8 %), and says so in one line; path-trace where none is. *answer: what was tried, for the answer as JSON. */
+ * 8 %), and reports it in one line; path-trace if no method is within the bound. *answer: the methods tried, for the JSON answer. */
 enum exit_code auto_choose(struct cli *cli, struct session *s, json_t **answer);
 
 #endif

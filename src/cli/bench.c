@@ -93,7 +93,7 @@ void bench_print(const struct rows *rows, unsigned columns, const char *items)
     for (size_t i = 0; i < rows->count; i++) {
         const struct row *r = &rows->items[i];
         char text[5][32] = { "" };
-        const bool memory = r->ms == 0.0 && r->bytes; /* the row is of megabytes, as its name says */
+        const bool memory = r->ms == 0.0 && r->bytes; /* the row measures megabytes, as its name says */
         snprintf(text[0], sizeof(text[0]), "%.*f", memory ? 1 : r->ms < 1.0 ? 4 : 2, memory ? (double) r->bytes / 1048576.0 : r->ms);
         if (r->pixels) {
             snprintf(text[1], sizeof(text[1]), "%lld", (long long) r->pixels);

@@ -2,7 +2,7 @@
  *
  * dump.h - `render --dump FOLDER`: the intermediate images of a frame, each an EXR file, with an index.
  *
- * Ownership  dump_close takes away what was not committed; it takes what is half-made.
+ * Ownership  dump_close removes what was not committed; it accepts a half-built object.
  */
 #ifndef PELL_CLI_DUMP_H
 #define PELL_CLI_DUMP_H
@@ -15,9 +15,9 @@ struct dump {
     json_t *index;
 };
 
-/* Observes the renderer of the session until dump_close. Nothing without --dump. */
+/* Observes the renderer of the session until dump_close. Does nothing without --dump. */
 enum exit_code dump_open(struct cli *cli, struct session *s, struct dump *d);
-/* Makes the folder appear. */
+/* Moves the finished folder to its final name. */
 enum exit_code dump_commit(struct cli *cli, const struct session *s, struct dump *d);
 void dump_close(struct session *s, struct dump *d);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * folder.c - a folder of results that appears whole or not at all: files are written beside it, or in it under a name that starts
- * with a dot, and moved when the last one is there. */
+ * folder.c - a folder of results that appears whole or not at all: files are written next to it, or in it under a name that starts with a
+ * dot, and moved once the last one is complete. */
 #include "cli/folder.h"
 
 #include "base/file.h"
@@ -66,7 +66,7 @@ enum pell_result folder_commit(struct output_folder *f)
         pell_file_in_flight(f->ctx, -1);
         return PELL_OK;
     }
-    if (!f->there && mkdir(f->path, 0777) != 0 && errno != EEXIST) /* somebody made it meanwhile: that is as good */
+    if (!f->there && mkdir(f->path, 0777) != 0 && errno != EEXIST) /* another process created it meanwhile: equally good */
         return pell_error(f->ctx, PELL_ERR_IO, f->path, NULL, "can't be made");
     for (size_t i = 0; i < f->count; i++) {
         snprintf(from, sizeof(from), "%s/%s", f->partial, f->files[i]);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * help.c - what a program says of itself: --help, and `help NAME` for a command, a topic, an option, a method, a knob or a material. */
+ * help.c - the texts of --help, and of `help NAME` for a command, a topic, an option, a method, a knob or a material. */
 #include "cli/cli.h"
 
 #include <pellucid/material.h>
@@ -7,7 +7,7 @@
 
 #include <string.h>
 
-#define COLUMN 22 /* where texts beside names begin */
+#define COLUMN 22 /* column where the texts next to names begin */
 
 static void add_topics(struct pell_text *text)
 {
@@ -58,7 +58,7 @@ const struct command *cli_find_command(const struct program *program, const char
     return NULL;
 }
 
-/* By its name, another name, or that of one of its rows: "NO_COLOR", "relative error". */
+/* Finds a topic by its name, another name, or the name of one of its rows: "NO_COLOR", "relative error". */
 static const struct topic *find_topic(const char *name)
 {
     struct pell_text word = { .length = 0 };
@@ -109,7 +109,7 @@ static void print_topics(const struct program *program)
     cli_wrap(stdout, 0, 0, text);
 }
 
-/* An option, however it is written, of each command that has it. `gap`: an empty line before it. */
+/* Prints an option, with or without dashes, for each command that has it. `gap`: an empty line before it. */
 static bool print_option(const struct program *program, const char *name, bool gap)
 {
     bool found = false;
@@ -128,7 +128,7 @@ static bool print_option(const struct program *program, const char *name, bool g
     return found;
 }
 
-/* The knobs of that name, each with its method. */
+/* Prints the knobs of that name, each with its method. */
 static bool print_knobs(const char *name, bool gap)
 {
     const struct pell_method *m;
@@ -198,7 +198,7 @@ enum exit_code cli_help(struct cli *cli, const char **words, int count, bool *do
     struct pell_text about = { .length = 0 };
     bool known, any = false;
 
-    for (int i = 0; i < count; i++) /* "relative error" is a name, quoted or not */
+    for (int i = 0; i < count; i++) /* "relative error" is one name, quoted or not */
         if (strcmp(words[i], "--json") != 0) {
             pell_text_add(&about, "%s%s", any ? " " : "", words[i]);
             any = true;

@@ -15,7 +15,7 @@
 
 #define MOST_COLUMNS 96
 #define LEAST_COLUMNS 40
-#define LEAST_TEXT 36 /* columns; where fewer are left beside a head, the text stands below it */
+#define LEAST_TEXT 36 /* columns; if fewer are left next to a head, the text begins below it */
 #define BELOW 8
 
 const char *cli_style(const struct cli *cli, const FILE *file, int style)
@@ -32,7 +32,7 @@ const char *cli_style(const struct cli *cli, const FILE *file, int style)
     }
 }
 
-/* Columns of `length` bytes of UTF-8; wide characters count as one. */
+/* Columns that `length` bytes of UTF-8 take; wide characters count as one. */
 static int columns(const char *text, size_t length)
 {
     int n = 0;
@@ -41,7 +41,7 @@ static int columns(const char *text, size_t length)
     return n;
 }
 
-/* 0: the file is no terminal. */
+/* Width of the terminal; 0: the file is no terminal. */
 static int terminal_columns(FILE *file)
 {
     struct winsize size;
@@ -71,7 +71,7 @@ void cli_row(FILE *file, const char *head, int column, const char *text)
 void cli_wrap(FILE *file, int column, int indent, const char *text)
 {
     const int most = cli_columns(file);
-    bool fresh = column <= indent; /* nothing stands on the line yet */
+    bool fresh = column <= indent; /* nothing has been printed on the line yet */
 
     for (;;) {
         const size_t length = strcspn(text, " \n");
@@ -110,7 +110,7 @@ void cli_wrap(FILE *file, int column, int indent, const char *text)
     fputc('\n', file);
 }
 
-/* One command that is too long for its line: it goes on after a backslash, and a comment after another #. */
+/* Breaks a command that is too long for its line: it continues after a backslash, a comment after another #. */
 static void break_shell_line(FILE *file, const char *line, size_t length, int most)
 {
     const char *const end = line + length;
@@ -121,7 +121,7 @@ static void break_shell_line(FILE *file, const char *line, size_t length, int mo
         const size_t blanks = strspn(line, " ");
         const char *word = line + blanks;
         const size_t bytes = strcspn(word, " \n");
-        const bool begins = !comment && word[0] == '#'; /* a comment stays whole if it can */
+        const bool begins = !comment && word[0] == '#'; /* a comment stays in one piece if it can */
         const int width = begins ? columns(word, (size_t) (end - word)) : columns(word, bytes);
         const int tail = comment || begins || word + bytes >= end ? 0 : 2;
         if (bytes == 0)
@@ -174,7 +174,7 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
     if (level > cli->log_level || (cli->quiet && level != PELL_LOG_ERROR))
         return;
     if (cli->json && (level == PELL_LOG_INFO || (level == PELL_LOG_ERROR && !cli->answered)))
-        return; /* an error is the object on stdout, unless that has gone out */
+        return; /* the error becomes the JSON object on stdout, unless one has been written */
     cli_progress_end(cli);
     if (names[level][0]) {
         fprintf(stderr, "%s%s:%s", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
@@ -186,7 +186,7 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
         fprintf(stderr, "%s%s%s:%s", column ? " " : "", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
         column += columns(where, strlen(where)) + 1 + (column > 0);
     }
-    if (!cli->tty) { /* a line for each, to search in */
+    if (!cli->tty) { /* one line for each, so that the output can be searched */
         fprintf(stderr, "%s%s\n", column ? " " : "", what);
         if (hint[0])
             fprintf(stderr, "  %s\n", hint);
@@ -205,7 +205,7 @@ void cli_collect(struct cli *cli)
     cli->collected = json_array();
 }
 
-/* No answer will tell what was collected. */
+/* Prints the collected warnings if no answer will hold them. */
 static void print_collected(struct cli *cli)
 {
     json_t *collected = cli->collected, *m;
@@ -223,7 +223,7 @@ void cli_message(void *user, const struct pell_message *m)
     struct cli *cli = user;
     char where[sizeof(cli->error.where)], what[sizeof(cli->error.what)], hint[sizeof(cli->error.hint)];
 
-    /* Names in files and arguments may hold anything, also what would steer a terminal. */
+    /* Names in files and arguments may hold anything, including escape sequences for the terminal. */
     pell_printable(m->where, where, sizeof(where));
     pell_printable(m->what, what, sizeof(what));
     pell_printable(m->hint, hint, sizeof(hint));
@@ -236,7 +236,7 @@ void cli_message(void *user, const struct pell_message *m)
         memcpy(cli->error.what, what, sizeof(what));
         memcpy(cli->error.hint, hint, sizeof(hint));
     } else if (m->level == PELL_LOG_ERROR && m->code == PELL_ERR_NOMEM && cli->error.code == PELL_ERR_NOMEM) {
-        return; /* several arrays are asked for before the first that is missing is looked at */
+        return; /* several arrays are allocated before the first missing one is noticed */
     }
     if (m->level == PELL_LOG_WARNING && cli->warnings) {
         char text[sizeof(where) + sizeof(what) + 2];
@@ -249,7 +249,7 @@ void cli_message(void *user, const struct pell_message *m)
         return;
     }
     if (strcmp(where, STDOUT_NAME) == 0 && cli_reader_left())
-        return; /* `| head` has seen enough */
+        return; /* `| head` has closed the pipe */
     if (m->level == PELL_LOG_ERROR)
         print_collected(cli);
     print_message(cli, m->level, where, what, hint);
@@ -275,8 +275,8 @@ enum exit_code cli_spare_input(struct cli *cli, const char *option, const char *
     return cli_usage(cli, option, "give it another name", "\"%s\" is one of the files that were read", path);
 }
 
-/* Whose fault an invalid value is: the command line's where an option holds it, or where the hint names an option that is missing; else
- * it stands in a file. */
+/* Whether an invalid value is the command line's fault: it came from an option, or the hint names a missing option; otherwise it is in a
+ * file. */
 static bool users_fault(const struct cli *cli)
 {
     return cli->error.where[0] == '-' || strncmp(cli->error.hint, "--", 2) == 0;
@@ -311,7 +311,7 @@ void cli_progress(void *user, const char *task, double fraction)
 
     if ((cli->quiet || cli->json) && !form_json)
         return;
-    if (whole < cli->progress.fraction) { /* another task, some of which may have been done by an earlier run */
+    if (whole < cli->progress.fraction) { /* another task, part of which an earlier run may have done */
         cli->progress.begin = now;
         cli->progress.from = whole;
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * mpi.c - `pellucid-mpi`: `pellucid render` by all ranks of an MPI job. The only file that knows MPI; the thread that renders calls it.
+ * mpi.c - `pellucid-mpi`: `pellucid render` by all ranks of an MPI job. The only file that uses MPI; the rendering thread calls it.
  */
 #include "cli/mpi_bench.h"
 
@@ -11,15 +11,15 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { COUNTERS = 64, TAG = 1 }; /* of pieces of work; one is used at a time, and the one half a turn ahead is cleared */
+enum { COUNTERS = 64, TAG = 1 }; /* counters of work items; one is used at a time, and the one half a cycle ahead is cleared */
 
 #define OVER (INT64_MAX / 4)
-#define PART ((size_t) 1 << 30) /* bytes of a message, whose number is an int */
+#define PART ((size_t) 1 << 30) /* bytes of one message, whose count is an int */
 
 struct ranks {
     MPI_Comm comm;
     MPI_Win window;
-    int64_t *counters; /* of rank 0 */
+    int64_t *counters; /* on rank 0 */
     int now;
 };
 
@@ -133,7 +133,7 @@ int main(int argc, char **argv)
     MPI_Barrier(ranks.comm);
     MPI_Win_lock_all(0, ranks.window);
     code = cli_main(&program, argc, argv);
-    if (code != EXIT_OK && !share.finished) { /* the others wait for this one; what is wrong with all, rank 0 says */
+    if (code != EXIT_OK && !share.finished) { /* the other ranks wait for this one; errors common to all are reported by rank 0 */
         if (share.rank > 0)
             sleep(1);
         MPI_Abort(ranks.comm, code);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * mpi_bench.c - `pellucid-mpi bench`: what a shared run is made of, measured by the ranks that there are, and the time that follows from
- * it for more of them.
+ * mpi_bench.c - `pellucid-mpi bench`: the costs of a shared run, measured with the ranks present, and the time predicted for more ranks.
  */
 #include "cli/mpi_bench.h"
 
@@ -15,17 +14,17 @@
 
 enum { TAKES = 2000, TILE_PIXELS = PT_TILE * PT_TILE, SEND = 64 << 20, MOST_RANKS = 10000 };
 
-/* Seconds. */
+/* Costs in seconds. */
 struct costs {
-    double load;      /* reading the scene and readying the renderer */
-    double take;      /* an item from the counter */
-    double broadcast; /* a byte, per step of a binary tree */
-    double reduce;    /* a byte of a film, per step of a binary tree */
-    double film;      /* bytes of a film of the picture's size */
-    double work;      /* of one thread, for a sample of all pixels of the picture */
-    double samples;   /* of a pixel */
-    double films;     /* of the multisample */
-    double threads;   /* of a rank */
+    double load;      /* reading the scene and creating the renderer */
+    double take;      /* taking a work item from the counter */
+    double broadcast; /* broadcasting a byte, per step of a binary tree */
+    double reduce;    /* reducing a byte of a film, per step of a binary tree */
+    double film;      /* size of a film of the image, bytes */
+    double work;      /* one thread tracing one sample of all pixels */
+    double samples;   /* samples per pixel */
+    double films;     /* films of the multisample antialiasing */
+    double threads;   /* threads per rank */
 };
 
 static double steps(double ranks)
@@ -33,8 +32,8 @@ static double steps(double ranks)
     return ranks > 1.0 ? ceil(log2(ranks)) : 0.0;
 }
 
-/* Of a run after the launcher's own start: loading, samples shared by all threads, the tail of the last blocks (1/8 s of each film at
- * most), a reduction a film. */
+/* Predicted time of a run after the launcher has started it: loading, samples shared by all threads, the tail of the last blocks (1/8 s of
+ * each film at most), one reduction per film. */
 static double run_seconds(const struct costs *c, double ranks)
 {
     const double samples = c->work * c->samples / (ranks * c->threads), tail = fmin(0.125 * c->films, 0.5 * samples);

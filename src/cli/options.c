@@ -32,12 +32,12 @@ static const struct pell_knob number_knobs[] = {
 enum kind { HELP, VERSION, FLAG, TEXT, LEVEL, KNOB, LIMIT, NUMBER, SETTING, COMMON, INNER };
 
 struct option {
-    unsigned groups; /* any of them */
+    unsigned groups; /* the option belongs to any of these groups */
     char letter;
     const char *name, *argument, *help;
     enum kind kind;
-    size_t offset;                /* FLAG, TEXT: of the field in struct cli */
-    const struct pell_knob *knob; /* NUMBER, SETTING: its row, which has the help, too */
+    size_t offset;                /* FLAG, TEXT: offset of the field in struct cli */
+    const struct pell_knob *knob; /* NUMBER, SETTING: its knob, which also has the help */
 };
 
 #define AT(field) offsetof(struct cli, field)
@@ -241,7 +241,7 @@ static const char *argument_of(const struct pell_knob *k)
     return k->type == PELL_KNOB_ENUM ? "NAME" : k->type == PELL_KNOB_BOOL ? ON_OFF : "N";
 }
 
-/* The options that a command takes: the rows of its groups, then the knobs of the picture or of comparing. */
+/* The options that a command takes: the rows of its groups, then the knobs of the image or of comparing. */
 static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
 {
     size_t n = 0;
@@ -257,7 +257,7 @@ static size_t list_options(unsigned groups, struct option list[MAX_OPTIONS])
             !((groups & OPTIONS_COMPARE) && pell_knob_find(pell_compare_knobs(), k->name)))
             list[n++] = (struct option) { OPTIONS_PICTURE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
     for (const struct pell_knob *k = pell_compare_knobs(); (groups & OPTIONS_COMPARE) && k->name && n < MAX_OPTIONS; k++)
-        if (strcmp(k->name, "threads") != 0) /* of the engine's options */
+        if (strcmp(k->name, "threads") != 0) /* it is one of the engine's options */
             list[n++] = (struct option) { OPTIONS_COMPARE, 0, k->name, argument_of(k), NULL, SETTING, 0, k };
     return n;
 }
@@ -465,7 +465,7 @@ bool cli_given(const struct cli *cli, const char *option)
     return false;
 }
 
-/* `ctx` only reports. */
+/* Parses one option's value. `ctx` is used for reporting only. */
 static enum exit_code take(struct cli *cli, struct pell_context *ctx, const struct option *o, char *text)
 {
     char where[64];
@@ -534,7 +534,7 @@ static void add_word(char *line, size_t size, size_t *n, const char *word, size_
     line[*n] = '\0';
 }
 
-/* The command line as a shell would take it, for metadata. A path of this machine says nothing to others: its name alone is kept. */
+/* Records the command line in shell syntax, for metadata. Of a path on this machine only the file name is kept. */
 static void keep_command_line(struct cli *cli, int argc, const char **argv)
 {
     static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./:=,+-@%#";

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * parts.c - which part of a picture or of a sequence a run makes, and the files that hold such parts. */
+ * parts.c - which part of an image or of a sequence a run renders, and the files that hold such parts. */
 #include "cli/cli.h"
 
 #include "base/file.h"
@@ -13,7 +13,7 @@
 
 #define NOTE 60000 /* bytes */
 
-/* A whole number up to `end`, which *text is moved to. */
+/* Parses a whole number up to the character `end`; *text is moved to it. */
 static bool whole_number(const char **text, char end, int *value)
 {
     const char *stop = strchr(*text, end);
@@ -48,7 +48,7 @@ enum exit_code cli_range(struct cli *cli, const char *option, const char *text, 
     }
     if (a >= b)
         return cli_usage(cli, option, NULL, "\"%s\" is empty: B must be above A", text);
-    if (total > 0 && b >= total && b < total + unit) /* the last round may be longer than was asked for */
+    if (total > 0 && b >= total && b < total + unit) /* the last batch may be longer than requested */
         b = (total + unit - 1) / unit * unit;
     if (total > 0 && b > (total + unit - 1) / unit * unit)
         return cli_usage(cli, option, NULL, "\"%s\" ends beyond %d", text, total);
@@ -84,7 +84,7 @@ enum exit_code cli_part(struct cli *cli, const struct session *s, struct pell_ch
     enum exit_code code = EXIT_OK;
 
     if (samples == 0 && !cli_given(cli, stops[0]) && !cli_given(cli, stops[1]))
-        samples = 64; /* as the method has it */
+        samples = 64; /* the method's default */
     if (cli->part.samples && cli_given(cli, stops[1]))
         return cli_usage(cli, "--sample-range", NULL, "the error is that of the whole image: a part does not go with --target-error");
     if (cli->part.tiles && cli_given(cli, stops[1]))
@@ -120,7 +120,7 @@ enum exit_code cli_lock(struct cli *cli, const char *path, int *lock)
         int n;
 
         if (fd < 0)
-            return EXIT_OK; /* the folder is closed to us: writing the checkpoint says so */
+            return EXIT_OK; /* the folder is not writable: writing the checkpoint reports it */
         if (fcntl(fd, F_SETLK, &all) != 0) {
             const int code = errno;
             const ssize_t size = read(fd, who, sizeof(who) - 1);
@@ -134,13 +134,13 @@ enum exit_code cli_lock(struct cli *cli, const char *path, int *lock)
                                               pell_printable(who, shown, sizeof(shown))));
         }
         if (fstat(fd, &mine) != 0 || stat(name, &there) != 0 || mine.st_ino != there.st_ino || mine.st_dev != there.st_dev) {
-            close(fd); /* it was removed by the run before, between the two calls */
+            close(fd); /* the previous run removed it between the two calls */
             continue;
         }
         gethostname(who, 64);
         n = snprintf(who + strlen(who), 40, " process %ld", (long) getpid());
         if (n > 0 && (ftruncate(fd, 0) != 0 || pwrite(fd, who, strlen(who), 0) < 0))
-            errno = 0; /* the name is a help, no more */
+            errno = 0; /* the name only helps the message */
         *lock = fd;
         return EXIT_OK;
     }

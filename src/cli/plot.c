@@ -15,7 +15,7 @@
 #define FONT "DejaVu Sans"
 
 enum { MAX_TICKS = 64, PNG_SCALE = 2 };
-#define FAR_OUT 1e4 /* px, beyond any page */
+#define FAR_OUT 1e4 /* px, outside any page */
 #define AREA_ALPHA 0.6
 enum align { LEFT, CENTRE, RIGHT };
 
@@ -31,7 +31,7 @@ struct box {
 
 struct tick {
     double value;
-    char text[24]; /* "" for a small one */
+    char text[24]; /* "": a small tick without a number */
 };
 
 /* --- Text --------------------------------------------------------------------------------------------------------------------- */
@@ -55,7 +55,7 @@ static void draw_text(cairo_t *cr, double x, double y, enum align align, const c
     cairo_show_text(cr, text);
 }
 
-/* Breaks the lines of `text` that are wider than `width`: behind a middle dot where there is one, else at a blank. */
+/* Breaks lines of `text` that are wider than `width`: after a middle dot if there is one, else at a space. */
 static void fold(cairo_t *cr, const char *text, double width, struct pell_text *out)
 {
     static const char dot[] = " \u00b7 ";
@@ -65,12 +65,12 @@ static void fold(cairo_t *cr, const char *text, double width, struct pell_text *
     while (*text) {
         const size_t rest = strcspn(text, "\n"), blank = strcspn(text, " \n");
         const char *next = strstr(text, dot);
-        size_t n = next && next < text + rest ? (size_t) (next - text) : rest; /* a part that stays together */
+        size_t n = next && next < text + rest ? (size_t) (next - text) : rest; /* words between dots stay together */
         char part[512];
 
         snprintf(part, sizeof(part), "%.*s", (int) n, text);
         if (text_width(cr, part) > width) {
-            n = blank > 0 ? blank : 1; /* too wide by itself: word by word */
+            n = blank > 0 ? blank : 1; /* too wide even alone: break between words */
             snprintf(part, sizeof(part), "%.*s", (int) n, text);
         }
         const size_t before = line.length;
@@ -96,7 +96,7 @@ static void fold(cairo_t *cr, const char *text, double width, struct pell_text *
     }
 }
 
-/* Lines of `text` from y downward; returns the y of the next one. */
+/* Draws lines of `text` from y downward; returns the y of the next one. */
 static double draw_lines(cairo_t *cr, double x, double y, double step, const char *text)
 {
     char line[512];
@@ -182,7 +182,7 @@ static size_t ticks_of_step(const struct plot_axis *a, double step, struct tick 
     return n;
 }
 
-/* Steps of 1, 2 or 5 times a power of ten, about one in 55 px, but three ticks at least. */
+/* Tick steps of 1, 2 or 5 times a power of ten, about one in 55 px, but three ticks at least. */
 static size_t linear_ticks(const struct plot_axis *a, double length, struct tick ticks[MAX_TICKS])
 {
     static const double steps[] = { 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1 };
@@ -202,7 +202,7 @@ static size_t make_ticks(const struct plot_axis *a, double length, struct tick t
     return a->log ? log_ticks(a, ticks) : linear_ticks(a, length, ticks);
 }
 
-/* Where a value stands on an axis, 0 at its minimum, 1 at its maximum; not finite where it can't. */
+/* Position of a value on an axis, 0 at its minimum, 1 at its maximum; not finite if the axis can't show it. */
 static double place(const struct plot_axis *a, double value)
 {
     if (!a->log)
@@ -306,7 +306,7 @@ static void draw_points(cairo_t *cr, const struct box *b, const struct plot_pane
     }
 }
 
-/* The pieces of the area between y and its base where both are finite. */
+/* Fills the pieces of the area between y and its base where both are finite. */
 static void draw_area(cairo_t *cr, const struct box *b, const struct plot_panel *p, const struct plot_curve *c)
 {
     set_color(cr, c->color, AREA_ALPHA);
@@ -325,7 +325,7 @@ static void draw_area(cairo_t *cr, const struct box *b, const struct plot_panel 
 
 static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel *p, const struct plot_curve *c)
 {
-    bool down = false; /* the pen */
+    bool down = false; /* the pen is down */
 
     if (c->line == PLOT_POINTS) {
         draw_points(cr, b, p, c);
@@ -336,7 +336,7 @@ static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel
     set_line(cr, c->line);
     set_color(cr, c->color, 1.0);
     for (size_t i = 0; i < c->count; i++) {
-        const bool under = p->y.log && c->y[i] <= 0.0; /* at minus infinity: the line goes through the axis' edge */
+        const bool under = p->y.log && c->y[i] <= 0.0; /* at minus infinity: the line leaves through the edge of the axis */
         const double x = x_of(b, p, c->x[i]), y = under ? FAR_OUT : fmin(fmax(y_of(b, p, c->y[i]), -FAR_OUT), FAR_OUT);
         const bool visible = isfinite(x) && isfinite(c->y[i]);
         if (visible && down)
@@ -349,7 +349,7 @@ static void draw_curve(cairo_t *cr, const struct box *b, const struct plot_panel
     cairo_set_dash(cr, NULL, 0, 0.0);
 }
 
-/* How much of the curves runs through a box. */
+/* Length of the curves inside a box. */
 static size_t crowd(const struct box *b, const struct plot_panel *p, const struct box *at)
 {
     size_t n = 0;
@@ -378,7 +378,7 @@ static void draw_legend(cairo_t *cr, const struct box *b, const struct plot_pane
     if (rows == 0)
         return;
     width += sample + 3.0 * margin;
-    /* The corner with the least of the curves in it; below left first, where a falling curve leaves room. */
+    /* The corner that the curves cross least; the lower left first, where a falling curve leaves room. */
     for (int corner = 0; corner < 4; corner++) {
         const double h = (double) rows * step + margin;
         const struct box at = { corner & 1 ? b->x + b->w - width - 10.0 : b->x + 10.0, corner & 2 ? b->y + 10.0 : b->y + b->h - h - 10.0,
@@ -436,7 +436,7 @@ static void draw_panel(cairo_t *cr, const struct box *b, const struct plot_panel
 
 /* --- The page ----------------------------------------------------------------------------------------------------------------- */
 
-/* Room for the widest number of a column's y axes. */
+/* Width of the widest number on a column's y axes. */
 static double number_room(cairo_t *cr, const struct plot *plot, int column, double height)
 {
     struct tick ticks[MAX_TICKS];
@@ -536,7 +536,7 @@ enum pell_result plot_write(struct pell_context *ctx, const char *path, const st
     surface = png   ? cairo_image_surface_create(CAIRO_FORMAT_RGB24, (int) plot->width * PNG_SCALE, (int) plot->height * PNG_SCALE)
               : pdf ? cairo_pdf_surface_create_for_stream(keep, &bytes, plot->width, plot->height)
                     : cairo_svg_surface_create_for_stream(keep, &bytes, plot->width, plot->height);
-    if (pdf) /* the same plot is the same file */
+    if (pdf) /* the same plot gives the same bytes */
         cairo_pdf_surface_set_metadata(surface, CAIRO_PDF_METADATA_CREATE_DATE, "2000-01-01T00:00:00Z");
     cr = cairo_create(surface);
     if (png)
@@ -550,7 +550,7 @@ enum pell_result plot_write(struct pell_context *ctx, const char *path, const st
     if (status == CAIRO_STATUS_SUCCESS)
         status = cairo_surface_status(surface);
     cairo_surface_destroy(surface);
-    cairo_debug_reset_static_data(); /* fonts, which both libraries would keep until the process ends */
+    cairo_debug_reset_static_data(); /* frees fonts, which both libraries would keep until the process ends */
     FcFini();
     if (status == CAIRO_STATUS_SUCCESS)
         res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : pell_file_write(ctx, path, bytes.data, bytes.size);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * program.c - how a command of a program is found and run: --help, signals, messages, exit codes. */
+ * program.c - finds and runs a command of a program: --help, signals, messages, exit codes. */
 #include "cli/cli.h"
 
 #include "render/share.h"
@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* --help, --version and their like. EXIT_OK and *done, or the command's row. */
+/* Handles --help, --version and the like. EXIT_OK and *done, or the command's row. */
 static enum exit_code choose_command(struct cli *cli, int argc, const char **argv, bool *done)
 {
     const char *first = argc > 1 ? argv[1] : "";
@@ -41,7 +41,7 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     if (code == EXIT_OK && !done)
         code = cli_parse(cli, argc - 1, argv + 1, &done);
     if (cli->program->share && cli->program->share->rank > 0) {
-        cli->quiet = true; /* rank 0 speaks for all, except of errors */
+        cli->quiet = true; /* rank 0 prints for all ranks, except errors */
         cli->json = cli->stats = false;
         free(cli->progress_form);
         cli->progress_form = NULL;
@@ -53,7 +53,7 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
         &(struct pell_context_params) {
             .log = cli_message,
             .log_user = cli,
-            .log_level = cli->log_level > PELL_LOG_WARNING ? cli->log_level : PELL_LOG_WARNING, /* for the answer in JSON */
+            .log_level = cli->log_level > PELL_LOG_WARNING ? cli->log_level : PELL_LOG_WARNING, /* for the JSON answer */
             .progress = cli_progress,
             .progress_user = cli,
             .limits = &cli->limits,
@@ -69,8 +69,8 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     return code;
 }
 
-/* The kernel makes the stack's pages when they are first touched, and ends the process by a signal where it has no memory for them. Touched
- * now, they are there when memory is short: then an allocation fails, which is an error like others. */
+/* The kernel maps stack pages when they are first touched, and kills the process if it has no memory for them. Touching them now makes sure
+ * that they exist when memory is short: then an allocation fails, which is an ordinary error. */
 static __attribute__((noinline)) void touch_stack(void)
 {
     volatile char pages[1 << 20];
@@ -87,7 +87,7 @@ int cli_main(const struct program *program, int argc, char **argv)
     enum exit_code code;
 
     touch_stack();
-    signal(SIGPIPE, SIG_IGN); /* a write that fails says so */
+    signal(SIGPIPE, SIG_IGN); /* a failing write reports the error */
     signal(SIGXFSZ, SIG_IGN);
     cli.tty = isatty(STDERR_FILENO) == 1;
     cli.color_err = color && cli.tty;
@@ -97,14 +97,14 @@ int cli_main(const struct program *program, int argc, char **argv)
     code = run(&cli, argc, (const char **) argv);
     if (code == EXIT_INTERRUPTED)
         code = cli_interrupted(&cli);
-    if (code == EXIT_MEMORY && !cli.error.there) /* where no context was there to say so */
+    if (code == EXIT_MEMORY && !cli.error.there) /* no context existed that could have reported it */
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_NOMEM, program->name, "there is not enough memory", "" });
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);
     if (code == EXIT_INTERRUPTED || code == EXIT_RESUMABLE)
         cli_say_interrupted(&cli, code);
     if ((fflush(stdout) != 0 || ferror(stdout)) && code == EXIT_OK) {
-        cli.answered = true; /* nothing more can go there */
+        cli.answered = true; /* nothing more can be written there */
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_IO, STDOUT_NAME, "the answer can't be written", "" });
         code = EXIT_FAILED;
     }

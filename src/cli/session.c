@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * session.c - what render, compare and bench share: a scene, its options, a renderer, pictures in files. */
+ * session.c - what render, compare and bench share: a scene, its options, a renderer, image files. */
 #include "cli/cli.h"
 
 #include "base/file.h"
@@ -10,11 +10,11 @@
 #include <string.h>
 #include <time.h>
 
-#define EXR_ONLY 6 /* attributes: the machine's and the costly ones come last */
+#define EXR_ONLY 6 /* attributes written to EXR only: the machine's and the costly ones, at the end of the list */
 
 const char *const cli_subsurface_layers[3] = { "diffuse.single", "diffuse.multiple", "transmission" };
 
-/* What methods share under one name, and the knobs that it stands for, of which a method has one at most. */
+/* Options that methods share under one name, and the knobs that each may set, of which a method has at most one. */
 static const struct {
     const char *option, *knobs[2], *what;
 } common_options[] = {
@@ -63,16 +63,15 @@ enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char 
                       pell_error(cli->ctx, PELL_ERR_INVALID, where, "1% or 0.5%", "\"%s\" is no percentage above 0 and up to 100", text));
 }
 
-/* The knob of a method that common option `i` stands for, or NULL. */
+/* The knob of a method that common option `i` sets, or NULL. */
 static const struct pell_knob *common_knob(const struct pell_method *method, size_t i)
 {
     const struct pell_knob *knob = NULL;
 
     for (int n = 0; n < 2 && !knob && common_options[i].knobs[n]; n++)
         knob = pell_knob_find(method->knobs, common_options[i].knobs[n]);
-    return knob && (strcmp(common_options[i].option, "target-error") != 0 || strcmp(knob->unit, "1") == 0) /* an error of another kind */
-               ? knob
-               : NULL;
+    /* in these methods it bounds another kind of error */
+    return knob && (strcmp(common_options[i].option, "target-error") != 0 || strcmp(knob->unit, "1") == 0) ? knob : NULL;
 }
 
 /* "image-space, layered, path-trace have one". */
@@ -86,7 +85,7 @@ static void list_owners(size_t i, struct pell_text *text)
     pell_text_add(text, count > 1 ? " have one" : " has one");
 }
 
-/* Sets the knobs that common options stand for. */
+/* Sets the knobs that common options map to. */
 static enum exit_code apply_common(struct cli *cli, const struct pell_method *method, const struct settings_list *common, void *values)
 {
     enum exit_code code = EXIT_OK;
@@ -121,7 +120,7 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
     return code;
 }
 
-/* Options of the scene file go first, so that the command line's win. */
+/* Options of the scene file are added first, so that those of the command line override them. */
 static enum exit_code merge_scene_options(const struct pell_scene *scene, struct settings_list *settings, struct settings_list *knobs,
                                           struct settings_list *common, struct pell_setting *method)
 {
@@ -140,7 +139,7 @@ static enum exit_code merge_scene_options(const struct pell_scene *scene, struct
     return EXIT_OK;
 }
 
-/* *knobs stays NULL for method none. */
+/* For method none, knobs stays NULL. */
 static enum exit_code choose_method(struct cli *cli, const struct pell_setting *method, const struct settings_list *given,
                                     const struct settings_list *common, const struct pell_method **out, void **knobs)
 {
@@ -164,7 +163,7 @@ static enum exit_code choose_method(struct cli *cli, const struct pell_setting *
     return code == EXIT_OK ? apply_common(cli, *out, common, *knobs) : code;
 }
 
-/* Over the defaults for a method. */
+/* Applies settings over a method's defaults. */
 static enum exit_code apply_settings(struct cli *cli, const struct settings_list *given, const struct pell_method *method,
                                      const void *knobs, struct pell_settings *settings)
 {
@@ -177,7 +176,7 @@ static enum exit_code apply_settings(struct cli *cli, const struct settings_list
     return cli_failed(cli, res);
 }
 
-/* The method where no scene file has a say, else NULL. */
+/* The method if no scene file can change it, else NULL. */
 static const char *certain_method(const struct cli *cli)
 {
     static const char *const meshes[] = { "gltf", "glb", "obj", "ply", "stl" };
@@ -188,7 +187,7 @@ static const char *certain_method(const struct cli *cli)
     return cli->method;
 }
 
-/* A name that no method has for a knob may be an option. */
+/* Checks knob names: one that no method has may be a misplaced option. */
 static enum exit_code check_knob_names(struct cli *cli)
 {
     const struct program own = { .commands = cli->command, .num_commands = 1 };
@@ -217,7 +216,7 @@ static enum exit_code check_knob_names(struct cli *cli)
     return EXIT_OK;
 }
 
-/* Whatever is wrong with the command line is said before a large scene is read. */
+/* Reports all errors of the command line before a large scene is read. */
 static enum exit_code check_command_line(struct cli *cli)
 {
     const struct pell_setting method = { "method", certain_method(cli), "--method" };
@@ -273,7 +272,7 @@ void cli_device_name(char *name, size_t size)
         fclose(file);
 }
 
-/* Framing needs the picture's shape before the scene is read; 0: the scene file's own. */
+/* The aspect ratio, which framing needs before the scene is read; 0: given by the scene file. */
 static enum exit_code aspect_of(struct cli *cli, float *aspect)
 {
     struct pell_settings shape;
@@ -320,7 +319,7 @@ enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params)
     return aspect_of(cli, &params->aspect);
 }
 
-/* `time` NULL: the command line's. */
+/* `time` NULL: the time on the command line. */
 static enum exit_code load(struct cli *cli, const char *path, const double *time, struct session *s)
 {
     const double start = pell_seconds();
@@ -338,7 +337,7 @@ static enum exit_code load(struct cli *cli, const char *path, const double *time
     return code;
 }
 
-/* The scene file's options, then the command line's, which win. */
+/* Applies the scene file's options, then those of the command line, which override them. */
 static enum exit_code configure(struct cli *cli, struct session *s)
 {
     struct settings_list settings = { 0 }, knobs = { 0 }, common = { 0 };
@@ -346,7 +345,7 @@ static enum exit_code configure(struct cli *cli, struct session *s)
     enum exit_code code = merge_scene_options(s->scene, &settings, &knobs, &common, &method);
 
     if (code == EXIT_OK && cli->method) {
-        if (strcmp(cli->method, method.value) != 0) { /* they belong to the scene file's own method */
+        if (strcmp(cli->method, method.value) != 0) { /* the file's knobs are for its own method */
             cli_free_settings(&knobs);
             cli_free_settings(&common);
         }
@@ -403,7 +402,7 @@ enum exit_code session_open(struct cli *cli, const char *path, struct session *s
     return session_open_at(cli, path, NULL, s);
 }
 
-/* The program's folder among the user's caches: "$XDG_CACHE_HOME/pellucid" or "~/.cache/pellucid"; NULL: there is none. */
+/* The program's folder in the user's cache: "$XDG_CACHE_HOME/pellucid" or "~/.cache/pellucid"; NULL: the environment names none. */
 static const char *cache_folder(char *path, size_t size)
 {
     const char *caches = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
@@ -420,7 +419,7 @@ const char *cli_shaders(void)
     return folder && *folder ? folder : NULL;
 }
 
-/* All but the renderer. */
+/* Reads the scene and the settings; creates no renderer. */
 static enum exit_code read_at(struct cli *cli, const char *path, const double *time, struct session *s)
 {
     char cache[1024];
@@ -466,7 +465,7 @@ enum exit_code session_move(struct cli *cli, const char *path, double time, stru
     enum pell_result res;
     enum exit_code code;
 
-    if (!s->scene->animated) /* nothing moves */
+    if (!s->scene->animated) /* a static scene */
         return EXIT_OK;
     res = pell_renderer_set_scene(s->renderer, NULL);
     pell_scene_destroy(&s->scene);
@@ -525,7 +524,7 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
         { "A", p->alpha, p->stride, false },
     };
     char seed[32], exposure[40], seconds[32], loading[32], scene[24], materials[24], device[160], knobs[2048], settings[1024];
-    /* The same command gives the same bytes of PNG: times and the machine are for EXR alone. */
+    /* The same command gives the same bytes of PNG: times and the machine are written to EXR alone. */
     const struct pell_attribute attributes[] = {
         { "pellucid.version", pell_version_string() },
         { "pellucid.command", cli->command_line },
@@ -544,7 +543,7 @@ enum pell_result session_write(struct cli *cli, const struct session *s, const s
     };
 
     cli_format_knobs(pell_settings_knobs(), &s->settings, NULL, settings, sizeof(settings));
-    snprintf(knobs, sizeof(knobs), "none"); /* PNG knows no empty text */
+    snprintf(knobs, sizeof(knobs), "none"); /* PNG has no empty texts */
     if (s->method)
         cli_format_knobs(s->method->knobs, s->knobs, NULL, knobs, sizeof(knobs));
     cli_device_name(device, sizeof(device));

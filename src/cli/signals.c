@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * signals.c - what Ctrl-C and SIGTERM do: ask the work to end, and end the process where that takes long. */
+ * signals.c - handling of Ctrl-C and SIGTERM: cancel the work, and end the process if that takes long. */
 #include "cli/cli.h"
 
 #include "base/file.h"
@@ -10,22 +10,22 @@
 #include <time.h>
 #include <unistd.h>
 
-/* The work looks whether it was cancelled some hundred times a second; what does not are libraries: a ray structure of 16 million triangles
- * takes seconds, of which Embree asks in few moments. */
+/* Our own code checks for cancellation some hundred times a second. Libraries do not: building a ray tracing structure of 16 million
+ * triangles takes seconds, in which Embree polls only a few times. */
 #define LATE_NS 300000000L  /* after the signal */
-#define AGAIN_NS 100000000L /* where files were in flight then */
+#define AGAIN_NS 100000000L /* retry interval if files were being written then */
 
-static struct cli *volatile interrupted; /* whose command runs; NULL: none does */
+static struct cli *volatile interrupted; /* the command that is running; NULL: none */
 static volatile sig_atomic_t interruptions, terminated;
 static atomic_flag told = ATOMIC_FLAG_INIT;
 static timer_t timer;
 static bool timer_there;
 
-/* Functions that signal handlers call may only call what POSIX lists for them (2.4.3). */
+/* Signal handlers may only call the functions that POSIX lists as async-signal-safe (2.4.3). */
 static void put(int to, const char *text)
 {
     if (write(to, text, strlen(text)) < 0)
-        return; /* nobody is there to be told */
+        return; /* there is no reader */
 }
 
 static void put_count(int to, unsigned count)
@@ -62,7 +62,7 @@ void cli_say_interrupted(const struct cli *cli, enum exit_code code)
     }
 }
 
-/* As cli_print_json_error has it. */
+/* The same text as cli_print_json_error writes. */
 static const char cancelled_json[] = "{\n  \"error\": {\n    \"code\": \"cancelled\",\n    \"where\": \"\",\n"
                                      "    \"what\": \"stopped before it was done\",\n    \"hint\": \"\"\n  }\n}\n";
 
@@ -102,7 +102,7 @@ bool cli_terminated(void)
     return terminated;
 }
 
-/* Signals that the caller wants ignored (nohup, a job in the background) stay ignored. */
+/* Signals that the caller ignores (nohup, a background job) stay ignored. */
 static void catch_signal(int number)
 {
     struct sigaction action = { .sa_handler = on_signal }, old;
@@ -116,7 +116,7 @@ void cli_signals_begin(struct cli *cli)
     struct sigevent event = { .sigev_notify = SIGEV_SIGNAL, .sigev_signo = SIGALRM };
 
     interrupted = cli;
-    /* Of several processes none leaves the others: they end together. */
+    /* A rank of several must not leave the others waiting: they end together. */
     if (!cli->program->share && sigaction(SIGALRM, &late, NULL) == 0)
         timer_there = timer_create(CLOCK_MONOTONIC, &event, &timer) == 0;
     catch_signal(SIGINT);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * topics.c - what `help` knows beside commands and options. The man pages say the same. */
+ * topics.c - the topics of `help` besides commands and options. The man pages say the same. */
 #include "cli/cli.h"
 
 static const struct topic_row exit_codes[] = {

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * bake_align.c - one order of layers for all texels, and their depths. A layer that a texel does not have lies there without thickness, as
- * deep as at the nearest texel that has it, so that maps can be filtered across its edge. */
+ * bake_align.c - one order of layers for all texels, and their depths. A layer that is absent at a texel gets zero thickness there, at the
+ * depth of the nearest texel that has it, so that maps can be filtered across its edge. */
 #include "cli/commands/bake.h"
 
 #include <math.h>
@@ -8,13 +8,13 @@
 
 #define NOWHERE UINT32_MAX
 
-/* Adds to `layer` what it lacks for the texel's stretches to be in it in their order; false: too many. */
+/* Adds to `layer` what it lacks to contain the texel's stretches in their order; false: too many layers. */
 static bool merge(struct bake *b, const struct bake_texel *t)
 {
     uint8_t longest[PELL_LAYERS_MOST + 1][BAKE_STRETCHES + 1] = { { 0 } }, out[PELL_LAYERS_MOST + BAKE_STRETCHES];
     int i = b->num_layers, j = t->count, n = 0;
 
-    for (int p = 1; p <= i; p++) /* the longest sequence that is in both */
+    for (int p = 1; p <= i; p++) /* the longest common subsequence */
         for (int q = 1; q <= j; q++) {
             const uint8_t a = longest[p - 1][q], c = longest[p][q - 1];
             longest[p][q] = b->layer[p - 1] == t->what[q - 1] ? (uint8_t) (longest[p - 1][q - 1] + 1) : a > c ? a : c;
@@ -60,7 +60,7 @@ static enum pell_result order_layers(struct bake *b)
     return PELL_OK;
 }
 
-/* from[i] = the nearest texel that has something, of those that are NOWHERE: two sweeps over the map, within some texels of right. */
+/* from[i] = the nearest texel with data, for those marked NOWHERE: two sweeps over the map, accurate to some texels. */
 static void spread(const struct bake *b, uint32_t *from)
 {
     const int size = b->size;
@@ -94,7 +94,7 @@ static void spread(const struct bake *b, uint32_t *from)
             }
 }
 
-/* Bottoms of the layers that a texel has; the others end where the one above them does. */
+/* Sets the bottoms of the layers that a texel has; the others end where the layer above ends. */
 static void place(struct bake *b, size_t at, size_t n)
 {
     const struct bake_texel *t = &b->texels[at];
@@ -108,7 +108,8 @@ static void place(struct bake *b, size_t at, size_t n)
     }
 }
 
-/* Layer k, between two of one kind, of a texel that has neither it nor the one below it: it lies where the nearest texel has its middle. */
+/* Places layer k, between two layers of one kind, at a texel that has neither it nor the one below: at the depth of its middle at the
+ * nearest texel that has it. */
 static void part(struct bake *b, int k, const uint32_t *from, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -149,7 +150,7 @@ enum pell_result bake_align(struct bake *b)
         spread(b, from);
         part(b, k, from, n);
     }
-    for (size_t i = 0; i < n; i++) /* what no surface shows is as the nearest that one does */
+    for (size_t i = 0; i < n; i++) /* uncovered texels copy the nearest covered one */
         from[i] = b->texels[i].count > 0 ? (uint32_t) i : NOWHERE;
     spread(b, from);
     for (int k = 0; k + 1 < b->num_layers; k++)

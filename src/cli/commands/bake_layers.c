@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Coefficients of table 1 of the paper: of the body, the first inner mesh, the others; 1/mm. */
+/* Coefficients of table 1 of the paper: the outer object, the first inner mesh, the others; 1/mm. */
 static const struct {
     double sigma_s[3], sigma_t[3], k;
 } optics[] = {
@@ -95,7 +95,7 @@ fail:
 
 /* --- What is written ------------------------------------------------------------------------------------------------------------ */
 
-/* Four layers a picture, in mm. */
+/* Writes four layers per image, in mm. */
 static enum pell_result write_maps(const struct bake *b, struct output_folder *f)
 {
     static const char *const names[] = { "R", "G", "B", "A" };
@@ -148,7 +148,7 @@ static json_t *make_layers(const struct bake *b)
     return list;
 }
 
-/* `to` as seen from the folder `from`, both without links; false: too long. */
+/* `to` relative to the folder `from`, both without symbolic links; false: too long. */
 static bool relative(const char *from, const char *to, char *out, size_t size)
 {
     size_t common = 0, n = 0;
@@ -166,7 +166,7 @@ static bool relative(const char *from, const char *to, char *out, size_t size)
     return (size_t) snprintf(out + n, size - n, "%s", to + common) < size - n;
 }
 
-/* The mesh, from the folder that is to be. */
+/* The path of the mesh relative to the output folder, which may not exist yet. */
 static bool mesh_path(const char *folder, const char *mesh, char *out, size_t size)
 {
     char around[4300], whole[8600];

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * bake_rays.c - rays from the texels of a surface through the solids in it. */
+ * bake_rays.c - rays from the texels of a surface through the solids inside. */
 #include "cli/commands/bake.h"
 
 #include <math.h>
 #include <string.h>
 
 #define NO_TRIANGLE UINT32_MAX
-#define CLEAR 1e-5f /* of the surface's size: how far past a hit a ray goes on */
+#define CLEAR 1e-5f /* fraction of the surface's size by which a ray's origin is moved past a hit */
 
-/* Which triangle shows a texel. */
+/* The triangle that covers a texel. */
 struct shown {
     uint32_t mesh, triangle;
 };
@@ -36,7 +36,7 @@ static void corners_of(const struct pell_mesh *m, uint32_t triangle, double uv[3
             uv[k][d] = (double) m->uv[0][2 * (size_t) m->index[3 * (size_t) triangle + (size_t) k] + (size_t) d];
 }
 
-/* Barycentrics of a place in the map; false: outside. */
+/* Barycentric coordinates of a point in the map; false: outside. */
 static bool inside(const double uv[3][2], double x, double y, float *u, float *v)
 {
     const double ax = uv[1][0] - uv[0][0], ay = uv[1][1] - uv[0][1], bx = uv[2][0] - uv[0][0], by = uv[2][1] - uv[0][1];
@@ -45,7 +45,7 @@ static bool inside(const double uv[3][2], double x, double y, float *u, float *v
 
     *u = (float) s;
     *v = (float) t;
-    return s >= -1e-9 && t >= -1e-9 && s + t <= 1.0 + 2e-9; /* false for a triangle without area */
+    return s >= -1e-9 && t >= -1e-9 && s + t <= 1.0 + 2e-9; /* false for a degenerate triangle */
 }
 
 static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t triangle, struct shown *shown)
@@ -106,14 +106,14 @@ fail:
 
 /* --- A ray ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Where a ray goes into a solid and out of it. */
+/* Where a ray enters and exits a solid. */
 struct pairs {
     float in[BAKE_PAIRS], out[BAKE_PAIRS];
     int count;
     bool more;
 };
 
-/* The next surface of the solid at `from` or beyond, seen from the side that is asked for; INFINITY: none. */
+/* The next surface of the solid at `from` or beyond, with the requested orientation; INFINITY: none. */
 static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 way, float from, float clear, bool leaving)
 {
     struct pell_ray ray = { { p.x, p.y, p.z }, from, { way.x, way.y, way.z }, INFINITY, PELL_RAY_ALL };
@@ -150,7 +150,7 @@ static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pe
     }
 }
 
-/* The stretches of a ray: the last of the inner meshes that a place is in has it. */
+/* Splits a ray into stretches; where inner meshes overlap, the last one counts. */
 static void cut_ray(const struct bake *b, const struct pairs *pairs, float end, struct bake_texel *t, bool *more)
 {
     float at = 0.0f;
@@ -183,7 +183,7 @@ struct rows {
     struct bake *b;
     const struct shown *shown;
     float clear;
-    int64_t (*counts)[2]; /* of workers: cut, open */
+    int64_t (*counts)[2]; /* per worker: cut, open */
 };
 
 static void measure_row(void *arg, int row, int worker)

@@ -40,7 +40,7 @@ static enum pell_result warm_frames(struct cli *cli, struct session *s, struct p
     return res;
 }
 
-/* The stage "surface" against its rays alone, one sample a pixel. */
+/* Times the stage "surface" relative to its rays alone, one sample per pixel. */
 static enum pell_result bare_rays(struct session *s, struct rows *rows, int repeats)
 {
     double *times = calloc((size_t) repeats, sizeof(*times)), bare;
@@ -61,7 +61,7 @@ static enum pell_result bare_rays(struct session *s, struct rows *rows, int repe
     return PELL_OK;
 }
 
-/* The same frame by another number of threads, in the same run. */
+/* Times the same frame with one thread, in the same run. */
 static enum pell_result one_thread(struct cli *cli, struct session *s, int repeats, double *ms)
 {
     struct pell_device *device = NULL;
@@ -84,7 +84,7 @@ static enum pell_result one_thread(struct cli *cli, struct session *s, int repea
     return res;
 }
 
-/* Moves the camera back so that the middle of the bounds is `times` as far. */
+/* Moves the camera back to `times` its distance from the centre of the bounds. */
 static void recede(const struct pell_scene *scene, const struct pell_camera *from, float times, struct pell_camera *to)
 {
     const struct pell_vec3 middle = vec3_mul(vec3_add(vec3_load(scene->bounds_min), vec3_load(scene->bounds_max)), 0.5f);
@@ -135,7 +135,7 @@ fail:
     return res;
 }
 
-/* The folder of bench scenes: where it was built, or where it is installed. False: there is none. */
+/* The folder of bench scenes, in the build or installed. False: not found. */
 static bool find_folder(char *folder, size_t size)
 {
     static const char *const places[] = { "bench", "../bench", "../../bench", "../share/pellucid/bench" };
@@ -153,7 +153,7 @@ static bool find_folder(char *folder, size_t size)
     return false;
 }
 
-/* A name of the program `pellucid-bench`, which had its benches here once. */
+/* Whether a name is a bench of the program `pellucid-bench`, which this command once had. */
 static bool is_of_papers(const char *name)
 {
     static const char *const names[] = { "profiles", "truth",  "mertens",    "munoz-2",         "munoz-3",
@@ -197,7 +197,7 @@ static enum exit_code unknown_bench(struct cli *cli, const char *what, const cha
                      what);
 }
 
-/* "screen-space" -> that scene of the bench folder; what has a '/' or a '.' is a path. */
+/* "screen-space" -> that scene of the bench folder; a name with a '/' or a '.' is a path. */
 static enum exit_code find_scene(struct cli *cli, const char *what, char *path, size_t size)
 {
     char folder[3000] = "";
@@ -213,7 +213,7 @@ static enum exit_code find_scene(struct cli *cli, const char *what, char *path, 
     return unknown_bench(cli, what, folder);
 }
 
-/* Part of the picture that the scene's objects cover. */
+/* Fraction of the image that the scene's objects cover. */
 static double covered(const struct session *s, const struct rows *rows)
 {
     for (size_t i = 0; i < rows->count; i++)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * check.c - `pellucid check`: what a scene holds, and every problem. */
+ * check.c - `pellucid check`: a summary of a scene and every problem in it. */
 #include "cli/commands/check_layers.h"
 #include "scene/layers.h"
 #include "scene/material_maps.h"
@@ -16,7 +16,7 @@ static json_t *bounds_json(const struct pell_scene_report *r)
                      r->bounds_max[2]);
 }
 
-/* What methods of diffusion show of a material with layers. */
+/* What diffusion methods render for a material with layers. */
 static const char *shown_of_layers(const struct pell_material *m)
 {
     return m->preset && m->preset[0] ? m->preset
@@ -130,13 +130,13 @@ static enum exit_code answer_json(struct cli *cli, const struct pell_scene *scen
     return cli_print_json(cli, answer);
 }
 
-/* Names in files may hold anything. */
+/* Makes a name printable: names in files may hold anything. */
 static const char *shown(const char *name, char buffer[96])
 {
     return name && name[0] ? pell_printable(name, buffer, 96) : "(no name)";
 }
 
-/* The notes are about materials: how far light goes in each, and where its colour is from. */
+/* The notes describe materials: mean free paths, and the origin of the colour. */
 static void print_problems(const struct cli *cli, const struct pell_scene_report *r, bool notes)
 {
     json_t *m;
@@ -212,7 +212,7 @@ static void print_more(size_t count, size_t shown)
         printf("  and %zu more: --json lists them all, the limit \"warnings\" says how many stand here\n", count - shown);
 }
 
-/* What was drawn, for those who read. */
+/* Prints a line about the plot that was drawn. */
 static void print_section(const struct cli *cli, const json_t *section)
 {
     json_t *layers = json_object_get(section, "layers"), *layer;

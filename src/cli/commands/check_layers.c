@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * check_layers.c - `pellucid check --cross-section`: what lies below a line of the surface, layer by layer, as a plot. */
+ * check_layers.c - `pellucid check --cross-section`: plots the layers below a line on the surface. */
 #include "cli/commands/check_layers.h"
 
 #include "cli/plot.h"
@@ -12,11 +12,11 @@
 #include <string.h>
 
 enum { SAMPLES = 1201, MAX_CURVES = PELL_LAYERS_MOST + 3 };
-#define EVEN_LENGTH 10.0 /* mm, of the picture of layers that are the same everywhere */
+#define UNIFORM_LENGTH 10.0 /* mm, length of the plot for layers of uniform depth */
 
-/* Where the line meets the surface. */
+/* A sample of the line on the surface. */
 struct place {
-    const struct pell_mesh *mesh; /* NULL: nowhere */
+    const struct pell_mesh *mesh; /* NULL: not on the surface */
     uint32_t triangle;
     float u, v; /* barycentric */
     bool mirrored;
@@ -29,11 +29,11 @@ struct section {
     const struct pell_material *material;
     struct pell_medium_layers medium_layers;
     double line[4]; /* texture coordinates */
-    int uv;         /* the set that it runs in */
+    int uv;         /* index of the UV set of the line */
     double down_to; /* mm, 0: to be found */
     struct place places[SAMPLES];
-    double x[SAMPLES], across[SAMPLES];            /* mm along the surface; to the other side of the solid. Not finite: there is none */
-    double bottoms[PELL_LAYERS_MOST + 2][SAMPLES]; /* the surface, then the bottoms of the layers, then the end of the picture */
+    double x[SAMPLES], across[SAMPLES];            /* mm along the surface; mm to the opposite side of the solid. Not finite: none */
+    double bottoms[PELL_LAYERS_MOST + 2][SAMPLES]; /* the surface, then the bottoms of the layers, then the lower end of the plot */
 };
 
 /* --- What is asked for -------------------------------------------------------------------------------------------------------- */
@@ -46,7 +46,7 @@ static bool painted(const struct pell_material *m)
     return false;
 }
 
-/* The one that is named; else the first with painted layers, else with layers, else that lets light in. */
+/* The named material; else the first with texture-mapped layers, else with layers, else translucent. */
 static const struct pell_material *choose_material(const struct pell_scene *scene, const char *name)
 {
     const struct pell_material *best = NULL;
@@ -133,8 +133,8 @@ static void set_place(const struct pell_mesh *mesh, uint32_t triangle, const dou
     };
 }
 
-/* The samples of the line that lie in a triangle of the unfolded surface. Of several places with the same texture coordinates the first
- * one counts that is not mirrored, else the first. */
+/* Assigns the samples of the line that lie in a triangle of the UV map. If several points have the same texture coordinates, the first that
+ * is not mirrored counts, else the first. */
 static void cut_triangle(struct section *s, const struct pell_mesh *mesh, uint32_t triangle)
 {
     const uint32_t *corner = mesh->index + 3 * (size_t) triangle;
@@ -158,7 +158,7 @@ static void cut_triangle(struct section *s, const struct pell_mesh *mesh, uint32
         else if (b < 0.0)
             high = fmin(high, -a / b);
     }
-    if (!(low <= high)) /* it may be far outside [0, 1], then */
+    if (!(low <= high)) /* low may be far outside [0, 1] then */
         return;
     for (int i = (int) ceil(low * (SAMPLES - 1)); i <= (int) floor(high * (SAMPLES - 1)); i++) {
         struct place *at = &s->places[i];
@@ -170,7 +170,7 @@ static void cut_triangle(struct section *s, const struct pell_mesh *mesh, uint32
             const double *p = t[(k + 1) % 3], *q = t[(k + 2) % 3];
             w[k] = fmin(fmax(((q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])) / area, 0.0), 1.0);
         }
-        set_place(mesh, triangle, w, area > 0.0, at); /* v runs down: an unmirrored triangle is clockwise there */
+        set_place(mesh, triangle, w, area > 0.0, at); /* v points down: an unmirrored triangle is clockwise there */
     }
 }
 
@@ -188,7 +188,7 @@ static void cut_surface(struct section *s)
     }
 }
 
-/* How far it is straight down to the other side of the solid, or to another surface. */
+/* Traces along the inward normal to the opposite side of the solid, or to another surface. */
 static enum pell_result look_through(struct section *s)
 {
     struct pell_pool *pool = NULL;
@@ -220,7 +220,7 @@ fail:
     return res;
 }
 
-/* Lengths along the surface and the depths there. A jump from one part of the unfolded surface to another breaks the curves. */
+/* Measures lengths along the surface and the depths there. A jump between charts of the UV map breaks the curves. */
 static int measure(struct section *s)
 {
     const struct place *last = NULL;
@@ -250,18 +250,18 @@ static int measure(struct section *s)
     return found;
 }
 
-/* Layers that are the same everywhere need no surface. */
+/* Uniform layers need no surface. */
 static void measure_uniform(struct section *s)
 {
     for (int i = 0; i < SAMPLES; i++) {
-        s->x[i] = EVEN_LENGTH * i / (SAMPLES - 1);
+        s->x[i] = UNIFORM_LENGTH * i / (SAMPLES - 1);
         s->across[i] = (double) NAN;
         for (int k = 0; k < s->medium_layers.count; k++)
             s->bottoms[k + 1][i] = s->medium_layers.item[k].depth;
     }
 }
 
-/* How deep there is something to see: the deepest bottom, no deeper than the solid; where there is no bottom, five mean free paths more. */
+/* The depth range of the plot: the deepest bottom, no deeper than the solid; a layer without a bottom gets five more mean free paths. */
 static double choose_depth(const struct section *s)
 {
     const struct pell_layer_medium *lowest = &s->medium_layers.item[s->medium_layers.count - 1];
@@ -312,7 +312,7 @@ static void clip_to(struct section *s, double bottom)
     }
 }
 
-/* Whether a layer, or what is below them all, is thick enough anywhere to be seen. */
+/* Whether a layer, or the medium below all layers, is thick enough anywhere to be visible. */
 static bool visible(const struct section *s, int layer, double bottom)
 {
     for (int i = 0; i < SAMPLES; i++)
@@ -384,7 +384,7 @@ static void add_answer(const struct section *s, double length, json_t **answer)
                 n++;
             }
         json_t *layer = json_pack("{s:o}", "name", cli_text(name_of(s, k - 1, name)));
-        if (n > 0 && isfinite(sum)) /* without a bottom there are no depths to tell */
+        if (n > 0 && isfinite(sum)) /* without a bottom there are no depths to report */
             json_object_set_new(layer, "depth_mm", json_pack("{s:f,s:f,s:f}", "min", low, "mean", sum / n, "max", high));
         json_array_append_new(layers, layer);
     }
@@ -394,7 +394,7 @@ static void add_answer(const struct section *s, double length, json_t **answer)
 
 static enum exit_code cut(struct section *s, json_t **answer)
 {
-    double length = EVEN_LENGTH;
+    double length = UNIFORM_LENGTH;
     enum pell_result res = PELL_OK;
     enum exit_code code = read_options(s);
 

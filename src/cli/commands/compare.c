@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * compare.c - `pellucid compare`: two pictures, or methods on one scene against a reference; which of the two is asked for. */
+ * compare.c - `pellucid compare`: compares two images, or methods on one scene with a reference; decides between the two. */
 #include "cli/compare/compare.h"
 
 #include "base/file.h"
@@ -10,7 +10,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* Options that one kind of comparison takes and the other does not. */
+/* Options that only one kind of comparison takes. */
 static const char *const of_pictures[] = { "--layer", "--mask", "--half" };
 static const char *const of_scenes[] = { "--methods",
                                          "--reference",
@@ -50,7 +50,7 @@ static bool is_picture(const char *path)
     return false;
 }
 
-/* A knob of rendering that says nothing of two pictures that are there already. */
+/* A rendering option that has no meaning for existing images. */
 static const struct pell_setting *picture_setting(const struct cli *cli)
 {
     for (size_t i = 0; i < cli->settings.count; i++) {
@@ -63,7 +63,7 @@ static const struct pell_setting *picture_setting(const struct cli *cli)
     return NULL;
 }
 
-/* One scene of a list, into a folder of its name in the output folder. The knobs go back to `cli`, for the next. */
+/* Compares one scene of a list, into a folder of its name in the output folder. The knobs return to `cli`, for the next. */
 static enum exit_code compare_listed(struct cli *cli, char *path, const char *folder)
 {
     const char *name = pell_path_name(path), *dot = strrchr(name, '.');
@@ -90,7 +90,7 @@ static enum exit_code compare_listed(struct cli *cli, char *path, const char *fo
     return code;
 }
 
-/* A text file names a scene a line; --scene-range takes some of them, so that jobs share the list. */
+/* Compares the scenes that a text file names, one per line; --scene-range selects some of them, so that jobs share the list. */
 static enum exit_code compare_list(struct cli *cli)
 {
     const char *folder = cli->output;
@@ -145,7 +145,7 @@ enum exit_code command_compare(struct cli *cli)
         return compare_list(cli);
     if (cli->part.scenes)
         return cli_usage(cli, "--scene-range", NULL, "goes with a list of scenes (.txt)");
-    if (!scene) /* which needs no device */
+    if (!scene) /* comparing images needs no device */
         pell_simd_check(cli->ctx);
     return scene ? compare_scene(cli) : compare_pictures(cli);
 }

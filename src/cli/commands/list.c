@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * list.c - `pellucid methods`, `info`: what there is. */
+ * list.c - `pellucid methods`, `info`: lists what is available. */
 #include "cli/profile/profile.h"
 #include "cli/profile/stack.h"
 
@@ -30,13 +30,13 @@ static const char *engine_names(const struct pell_method *m)
     return m->cpu && m->vulkan ? "cpu,vulkan" : m->cpu ? "cpu" : "vulkan";
 }
 
-/* What a method runs on: planes of the caller, or a whole scene. `with`: the setting of one knob that makes planes enough. */
+/* What a method needs: the caller's planes, or a whole scene. `with`: the knob setting under which planes are enough. */
 struct runs_on {
     const char *name; /* "planes", "scene" */
-    char with[80];    /* "" where there is none, or none is needed */
+    char with[80];    /* "" if no setting is needed, or none exists */
 };
 
-/* Whether planes are enough with one knob set, all others at their defaults. */
+/* Whether planes are enough with one knob set and all others at their defaults. */
 static bool runs_on_planes_with(const struct cli *cli, const struct pell_method *m, const char *setting)
 {
     void *knobs;
@@ -76,7 +76,7 @@ static json_t *ignored_by(const struct pell_method *m)
     return list;
 }
 
-/* A method's knobs by default and as in its paper; NULL without memory. */
+/* A method's knobs by default and as in its paper; NULL if out of memory. */
 struct forms {
     void *best, *paper;
 };
@@ -118,7 +118,7 @@ static json_t *knob_default(const struct pell_knob *k)
     }
 }
 
-/* What as=paper changes it to, as it is typed; NULL: nothing. */
+/* The value that as=paper sets, in the syntax of --set; NULL: unchanged. */
 static const char *knob_paper(const struct pell_knob *k, const struct forms *f, char *text, size_t size)
 {
     char usual[128];
@@ -245,7 +245,7 @@ static bool runs_on_vulkan(void)
     return false;
 }
 
-/* What -m none does: no row of the registry. */
+/* Text for -m none, which is not in the registry. */
 static const char none_text[] = "no scattering: Lambertian of the same colour";
 
 static void print_method_row(const char *name, const char *kind, int width, const char *engines, const char *on, const char *title)
@@ -253,7 +253,7 @@ static void print_method_row(const char *name, const char *kind, int width, cons
     char head[128];
     const int column = 1 + snprintf(head, sizeof(head), "%-14s %-9s %-*s %-6s", name, kind, width, engines, on);
 
-    if (column + strlen(title) <= 100 && cli_columns(stdout) == 96) /* a line for each, to search in */
+    if (column + strlen(title) <= 100 && cli_columns(stdout) == 96) /* one line for each, so that the output can be searched */
         printf("%s %s\n", head, title);
     else
         cli_row(stdout, head, column, title);
@@ -318,7 +318,7 @@ static const char *const read_formats[] = { "png", "jpeg", "hdr", "exr", "pfm", 
 
 enum { MAX_FORMATS = 16 };
 
-/* All that are written, NULL-terminated. */
+/* All write formats, NULL-terminated. */
 static void write_formats(const char *names[MAX_FORMATS + 1])
 {
     const size_t count = pell_write_format_count();
@@ -395,8 +395,8 @@ static const char *model_name(size_t i)
     return row ? row->name : NULL;
 }
 
-/* Names that an option's value may be, by the option, or "compare/OPTION" where `compare` has others: of tables, for the completions of
- * shells. */
+/* The names that an option accepts, by the option, or "compare/OPTION" where `compare` accepts others: taken from tables, for shell
+ * completion. */
 static json_t *choices_json(const char *const *formats)
 {
     static const struct {

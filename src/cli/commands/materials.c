@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * materials.c - `pellucid materials`: what is built in, and everything known about one of them, or about a material file. */
+ * materials.c - `pellucid materials`: lists built-in materials, and describes one of them or a material file. */
 #include "cli/cli.h"
 
 #include "image/color.h"
@@ -17,10 +17,10 @@ static const char *const kinds[] = { "medium", "gaussians", "layers" };
 static const char *const kind_titles[] = { "Media", "Published profiles, normalised to white", "Layers" };
 static const char *const phases[] = { "hg", "schlick", "rayleigh", "two-lobe" };
 
-/* What follows from a medium, per channel. */
+/* Quantities derived from a medium, per channel. */
 struct derived {
     double sigma_s[3], albedo[3], albedo_reduced[3], free_path[3], mfp[3], dmfp[3], total[3];
-    bool directed; /* some g is not 0: sigma_s is more than the reduced coefficient again */
+    bool directed; /* some g is not 0: sigma_s is listed besides the reduced coefficient */
 };
 
 static struct derived derive(const struct pell_medium *m)
@@ -40,7 +40,7 @@ static struct derived derive(const struct pell_medium *m)
     return d;
 }
 
-/* The colour that a white light makes of it: the diffuse reflectance, or of a white profile the base colour. */
+/* The colour under white light: the diffuse reflectance or, for a white profile, the base colour. */
 static void color_of(const struct pell_material_entry *e, double color[3])
 {
     for (int c = 0; c < 3; c++)
@@ -251,7 +251,7 @@ static void print_line(const struct cli *cli, const struct pell_material_entry *
     putchar('\n');
 }
 
-/* A kind's entries, one family after the other, artistic ones last. */
+/* Prints a kind's entries, family by family, artistic ones last. */
 static void print_kind(const struct cli *cli, enum pell_material_kind kind)
 {
     const size_t count = pell_material_count();

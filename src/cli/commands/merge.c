@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * merge.c - `pellucid merge`: the picture of parts that other runs made. The first part says of which scene and with which options; the
- * rest is `render`, which makes no sample. */
+ * merge.c - `pellucid merge`: combines parts that other runs rendered into one image. The first part holds the scene and the options; then
+ * `render` runs without taking samples. */
 #include "cli/cli.h"
 
 #include "base/file.h"
@@ -9,7 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* The words of the render that made a part, from its note: an array that ends with NULL, the caller's (json_decref of *note). */
+/* The command line of the render that made a part, from its note: an array that ends with NULL; the caller releases it (json_decref of
+ * *note). */
 static enum exit_code read_words(struct cli *cli, const char *path, json_t **note, const char ***words, int *count)
 {
     uint8_t *data;
@@ -47,7 +48,7 @@ static void move_list(struct settings_list *to, struct settings_list *from)
     *from = (struct settings_list) { 0 };
 }
 
-/* Takes over what says which picture it is. */
+/* Moves the options that define the image. */
 static void move_scene(struct cli *to, struct cli *from)
 {
     char **const texts[][2] = { { &to->method, &from->method },

@@ -31,7 +31,7 @@ static enum exit_code unknown_model(struct cli *cli, const char *option, const c
     return cli_usage(cli, option, hint.str, "there is no profile model \"%s\"", name);
 }
 
-/* Three channels of a medium under a model. */
+/* Makes the profiles of a medium's three channels by a model. */
 static enum exit_code make_model(struct cli *cli, const struct profile_job *job, enum pell_profile_model model, struct candidate *out)
 {
     out->name = pell_profile_model_at(model)->name;
@@ -74,7 +74,7 @@ static enum exit_code make_others(struct cli *cli, struct profile_job *job)
         return EXIT_MEMORY;
     for (int i = 0; strcmp(text, "all") == 0 && i < PELL_PROFILE_MODELS && code == EXIT_OK; i++) {
         struct pell_profile *probe = pell_profile_model_at((size_t) i) ? malloc(sizeof(*probe)) : NULL;
-        /* Of all, those that can say something about this medium and boundary. */
+        /* With "all", only models that support this medium and boundary. */
         if (probe && pell_profile_make((enum pell_profile_model) i, &job->medium, 0, &job->params, probe) != PELL_ERR_UNSUPPORTED)
             code = compare_with(cli, job, (enum pell_profile_model) i);
         free(probe);
@@ -92,7 +92,7 @@ static enum exit_code make_others(struct cli *cli, struct profile_job *job)
     return code;
 }
 
-/* --solver, for what has no layers. */
+/* Refuses --solver for materials without layers. */
 static enum exit_code refuse_solver(struct cli *cli, const struct profile_job *job)
 {
     if (!cli->profile.solver)
@@ -209,7 +209,7 @@ static enum exit_code open_profile(struct cli *cli, struct profile_job *job)
 
 /* --- Radii -------------------------------------------------------------------------------------------------------------------- */
 
-/* 1, 2 or 5 times a power of ten, at most (or at least) `value`. */
+/* Rounds to 1, 2 or 5 times a power of ten, at most (or at least) `value`. */
 static double round_nicely(double value, bool up)
 {
     static const double steps[] = { 1.0, 2.0, 5.0, 10.0 };
@@ -224,8 +224,8 @@ static double round_nicely(double value, bool up)
     return value;
 }
 
-/* Where the light is: all but a thousandth inside of `from` in any channel, and all but half a thousandth outside of `to`. Beyond that
- * R falls as exp(-sigma_tr r) or faster, but for white. */
+/* The radii that hold the light: all but a thousandth beyond `from` in any channel, and all but half a thousandth within `to`. Farther out,
+ * R falls as exp(-sigma_tr r) or faster, except for white materials. */
 static void find_light(struct profile_job *job)
 {
     double low = INFINITY, high = 0.0;
@@ -469,7 +469,7 @@ static void print_others(const struct cli *cli, const struct profile_job *job)
 
 #define TRANSMITTED "                        T(r), 1/mm^2"
 
-/* T(r) of a slab, where the first table has no room for it. */
+/* Prints T(r) of a slab if the first table has no room for it. */
 static void print_transmitted(const struct profile_job *job)
 {
     printf("\n  %-26s %35s\n", "r, mm", "T(r), 1/mm^2");
@@ -481,7 +481,8 @@ static void print_transmitted(const struct profile_job *job)
     }
 }
 
-/* Gaussians fall faster than profiles do: the table is far off where there may be little light, which the error of a fit counts. */
+/* Gaussians fall faster than profiles do: the table shows large relative errors where there may be little light, which the fit's error
+ * accounts for. */
 static void explain_far_errors(const struct profile_job *job)
 {
     double from = 0.0, share = 0.0;
@@ -554,7 +555,7 @@ static enum exit_code answer_table(struct cli *cli, const struct profile_job *jo
     return EXIT_OK;
 }
 
-/* Options that would do nothing beside others: refused, so that nobody believes they did. */
+/* Refuses options that would have no effect in combination with others, so that they are not silently ignored. */
 static enum exit_code refuse_idle(struct cli *cli)
 {
     const bool csv = cli->profile.csv, code = cli->profile.export != NULL;
@@ -587,7 +588,7 @@ static enum exit_code refuse_idle(struct cli *cli)
     return EXIT_OK;
 }
 
-/* What can't go together, before any work. */
+/* Refuses conflicting options before any work. */
 static enum exit_code check_options(struct cli *cli)
 {
     const bool text = cli->profile.csv || cli->profile.export;
@@ -630,7 +631,7 @@ enum exit_code command_profile(struct cli *cli)
     if (code == EXIT_OK && cli->output && !cli->profile.csv && !cli->profile.export)
         code = profile_plot(cli, &job);
     if (code == EXIT_OK && !(cli->output && (cli->profile.csv || cli->profile.export)))
-        cli_answer_begins(); /* a plot is written by now */
+        cli_answer_begins(); /* a plot has been written by now */
     if (code == EXIT_OK)
         code = cli->json             ? answer_json(cli, &job)
                : cli->profile.csv    ? answer_csv(cli, &job)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * render.c - `pellucid render`: a picture, a turntable of them, or the frames of an animation. */
+ * render.c - `pellucid render`: renders an image, a turntable, or the frames of an animation. */
 #include "cli/auto.h"
 #include "cli/dump.h"
 
@@ -18,19 +18,19 @@ struct job {
     struct session session;
     char output[4096];
     const char *format;
-    uint64_t scene_hash, materials_hash; /* 0 unless the format keeps them */
-    struct pell_render_result image;     /* the last one */
-    json_t *images;                      /* of a turntable or of frames: their names */
-    bool chooses;                        /* its method by --max-error */
-    json_t *chosen;                      /* how it came to that; or NULL */
+    uint64_t scene_hash, materials_hash; /* 0 unless the format stores them */
+    struct pell_render_result image;     /* the last image */
+    json_t *images;                      /* for a turntable or frames: the file names */
+    bool chooses;                        /* the method is chosen by --max-error */
+    json_t *chosen;                      /* how the method was chosen; or NULL */
     struct {
         double from, step;
         int count; /* 0: none */
     } frames;
-    int first, end;  /* of the sequence, whose images are made */
-    bool no_picture; /* a part goes into its checkpoint alone */
-    char *note;      /* of the checkpoint */
-    int lock;        /* on it */
+    int first, end;  /* the images of the sequence to render */
+    bool no_picture; /* a part is written to its checkpoint alone */
+    char *note;      /* note of the checkpoint */
+    int lock;        /* lock on the checkpoint */
 };
 
 /* --- Where the picture goes --------------------------------------------------------------------------------------------------- */
@@ -107,7 +107,7 @@ static bool one_file(const char *a, const char *b)
     return strcmp(a, b) == 0 || (stat(a, &x) == 0 && stat(b, &y) == 0 && x.st_dev == y.st_dev && x.st_ino == y.st_ino);
 }
 
-/* What can be known before the work: writing itself decides. */
+/* Checks what can be known before rendering whether the file can be written; writing itself decides. */
 static enum exit_code check_writable(struct cli *cli, const char *option, const char *path)
 {
     const char *name = pell_path_name(path);
@@ -200,7 +200,7 @@ static enum exit_code render_one(struct cli *cli, struct job *job, const char *p
 
 /* --- Turntable ---------------------------------------------------------------------------------------------------------------- */
 
-/* Turns the camera about the vertical axis through the middle of the bounds. */
+/* Rotates the camera about the vertical axis through the centre of the bounds. */
 static void turn_camera(const struct pell_scene *scene, const struct pell_camera *from, double angle, struct pell_camera *to)
 {
     const double c = cos(angle), s = sin(angle);
@@ -213,7 +213,7 @@ static void turn_camera(const struct pell_scene *scene, const struct pell_camera
     vec3_store(mat4_direction(&turn, vec3_load(from->up)), to->up);
 }
 
-/* Which images of a sequence of `count` are made. */
+/* Chooses which images of a sequence of `count` are rendered. */
 static enum exit_code choose_sequence(struct cli *cli, struct job *job)
 {
     const int count = cli->numbers.turntable > 0 ? cli->numbers.turntable : job->frames.count;
@@ -226,7 +226,7 @@ static enum exit_code choose_sequence(struct cli *cli, struct job *job)
     return cli_range(cli, "--frame-range", cli->part.frames, count, 1, &job->first, &job->end);
 }
 
-/* Metered on the first image of a sequence and kept, or the images would flicker. */
+/* Exposure is metered on the first image of a sequence and kept, or the images would flicker. */
 static void keep_tone(struct job *job)
 {
     struct pell_settings *settings = &job->session.settings;
@@ -238,11 +238,11 @@ static void keep_tone(struct job *job)
         settings->white = job->image.white;
 }
 
-/* All images have the exposure of the first of the sequence, and what the method keeps of it, also where another run makes that. */
+/* All images have the exposure of the first of the sequence, and what the method caches from it, even if another run renders that. */
 static enum exit_code begin_sequence(struct cli *cli, struct job *job)
 {
     const struct session *s = &job->session;
-    const bool exposure = !(s->settings.exposure > 0.0f); /* backdrops follow it in linear pictures, too */
+    const bool exposure = !(s->settings.exposure > 0.0f); /* backdrops depend on it in linear images, too */
     const bool kept = job->frames.count > 0 && s->scene->animated && s->method && s->method->keeps_first;
     enum pell_result res;
 
@@ -292,7 +292,7 @@ static void hash_scene(struct job *job)
     job->materials_hash = pell_scene_hash_materials(job->session.scene);
 }
 
-/* The session holds the first. */
+/* Renders the frames; the session holds the first scene. */
 static enum exit_code render_frames(struct cli *cli, struct job *job)
 {
     char path[sizeof(job->output) + 16];
@@ -354,7 +354,7 @@ static enum exit_code set_merge(struct cli *cli, struct job *job)
     return code == EXIT_OK ? cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint)) : code;
 }
 
-/* Rank 0 writes the picture, and only path-trace can be shared. */
+/* Rank 0 writes the image, and only path-trace can be shared between ranks. */
 static enum exit_code set_share(struct cli *cli, struct job *job)
 {
     struct pell_share *share = cli->program->share;
@@ -491,7 +491,7 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = dump_open(cli, &job.session, &dump);
     if (code == EXIT_OK) {
-        /* What denoising is guided by are layers. */
+        /* The denoiser's guide images are layers. */
         job.session.settings.layers = cli->dump || strcmp(job.format, "exr") == 0 || job.session.settings.denoise;
         hash_scene(&job);
         code = cli_failed(cli, pell_renderer_check_assumptions(job.session.renderer, &job.session.settings));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * answer.c - numbers of a comparison: as JSON, as maps, as a picture of 32 bit errors. */
+ * answer.c - results of a comparison: as JSON, as maps, as an image of 32-bit errors. */
 #include "cli/compare/compare.h"
 
 #include "base/file.h"
@@ -34,7 +34,7 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
     struct pell_compare_input in = *input;
     enum pell_result res;
 
-    in.figures_only |= !cli->output; /* nobody looks at maps */
+    in.figures_only |= !cli->output; /* maps are not needed */
     res = pell_compare_by_rows(cli->ctx, &in, rows, params, out);
     if (res != PELL_OK)
         return res;
@@ -65,7 +65,7 @@ static json_t *mse_json(double mse, double error)
     return pell_metric_resolved(mse, error) ? compare_number(mse) : json_null();
 }
 
-/* What noise hides, with the estimates that it hides: null where nothing is hidden. */
+/* The metrics that noise hides, with their estimates: null where nothing is hidden. */
 static json_t *not_resolved(const struct pell_metrics *m)
 {
     const double least = sqrt(PELL_RESOLVED * m->rel_mse_error);

@@ -1,15 +1,14 @@
 /* SPDX-License-Identifier: MIT
- * decompose.c - an error in its parts: what a method does wrong with light that comes straight from lights, and what is missing or wrong of
- * the light that surfaces send each other.
+ * decompose.c - splits an error into two parts: the error for direct illumination, and the error for interreflection between surfaces.
  *
  *     A_n - B_n = (A_0 - B_0) + ((A_n - A_0) - (B_n - B_0))
  *
- * A is the method, B the truth, n the bounces that each has, 0 none. Biases add up. Squares do not where both parts are wrong at the same
- * places: all are given over the same B_n.
+ * A is the method, B the reference, n the number of bounces, 0 none. Biases add up. Squares do not where both parts err at the same pixels.
+ * All are relative to the same B_n.
  *
- * B_n and B_0 are of one seed, in which the light of B_0 is a part of that of B_n, so that their difference has only its own noise: about
- * the variance of B_n less that of B_0 (a bunny in milk, in marble: 0.94, 1.01 of what six seeds show). References that come as two halves
- * do so with and without bounces, and say themselves what their noise is. */
+ * B_n and B_0 use one seed, with which the light of B_0 is contained in that of B_n, so that their difference has only its own noise: about
+ * the variance of B_n less that of B_0 (a bunny of milk, of marble: 0.94, 1.01 of what six seeds show). References that are rendered as two
+ * halves are so with and without bounces, and give their own noise estimate. */
 #include "cli/compare/compare.h"
 
 #include "compare/errors.h"
@@ -24,7 +23,7 @@ static void subtract(const float *a, const float *b, size_t count, float *differ
         difference[i] = a[i] - b[i];
 }
 
-/* What bounces add to both images, in nine planes. */
+/* Computes the light that bounces add to both images, in nine planes. */
 static void take_bounces(const struct decompose_input *in, float *planes, struct pell_compare_part *part)
 {
     const size_t count = (size_t) in->whole.width * (size_t) in->whole.height;
@@ -48,7 +47,7 @@ static void take_bounces(const struct decompose_input *in, float *planes, struct
     }
 }
 
-/* The share of bounces in the reference's light of the pixels that count. */
+/* Computes the fraction of bounces in the reference's light over the masked pixels. */
 static void share_of(const struct decompose_input *in, const struct pell_compare_part *bounces, double share[3])
 {
     const size_t count = (size_t) in->whole.width * (size_t) in->whole.height;

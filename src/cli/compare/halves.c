@@ -16,7 +16,7 @@ int halves_of(const struct run *run)
 
     if (k)
         memcpy(&half, (const char *) run->values + k->offset, sizeof(half));
-    return half == 0 ? 2 : 1; /* one half that was asked for is an image like others */
+    return half == 0 ? 2 : 1; /* a single half requested by the user is an ordinary image */
 }
 
 void halves_choose(const struct pell_method *method, void *values, int half)
@@ -27,7 +27,7 @@ void halves_choose(const struct pell_method *method, void *values, int half)
         memcpy((char *) values + k->offset, &half, sizeof(half));
 }
 
-/* What the renderer holds until its next image. */
+/* Copies what the renderer owns until its next image. */
 static enum pell_result keep(struct cli *cli, const struct pell_render_result *p, struct halves *h)
 {
     const size_t all = (size_t) p->width * (size_t) p->height;
@@ -51,7 +51,7 @@ static enum pell_result keep(struct cli *cli, const struct pell_render_result *p
     return PELL_OK;
 }
 
-/* Means of the values, a quarter of the sum of the variances, sums of the costs. */
+/* Joins two halves: means of the values, a quarter of the sum of the variances, sums of the costs. */
 static void join(struct pell_render_result *p, struct halves *h)
 {
     const size_t all = (size_t) p->width * (size_t) p->height;
@@ -66,7 +66,7 @@ static void join(struct pell_render_result *p, struct halves *h)
     }
     for (size_t i = 0; i < p->num_stages; i++)
         for (size_t k = 0; k < h->first.num_stages; k++)
-            if (strcmp(h->names[k], p->stages[i].name) == 0) { /* the second does nothing anew that the renderer keeps */
+            if (strcmp(h->names[k], p->stages[i].name) == 0) { /* stages that the renderer caches are missing in the second image */
                 struct pell_stage_time *t = &h->stages[k];
                 t->ms += p->stages[i].ms;
                 t->pixels += p->stages[i].pixels;

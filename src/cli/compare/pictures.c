@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pictures.c - `pellucid compare A B`: how far picture A is from its reference B, wherever they come from. */
+ * pictures.c - `pellucid compare A B`: the error of image A against its reference B, whatever program made them. */
 #include "cli/compare/sources.h"
 
 #include "base/file.h"
@@ -10,12 +10,12 @@
 struct task {
     struct sources s;
     struct pell_compare_params params;
-    struct pell_comparison result, whole; /* `whole`: of all light, where that is another picture */
+    struct pell_comparison result, whole; /* `whole`: comparison of all light, if the layer compared is only a part of it */
 };
 
 /* --- Comparing ---------------------------------------------------------------------------------------------------------------- */
 
-/* The command line's, else the exposure that the reference was rendered with, so that what is judged is what its PNG shows. */
+/* The command line's exposure, else the one that the reference was rendered with, so that the comparison judges what its PNG shows. */
 static void take_exposure(struct task *t)
 {
     const struct pell_layers *l = &t->s.reference.rows->layers;
@@ -35,7 +35,7 @@ static enum pell_result compare_light(struct cli *cli, struct task *t, bool all_
     return compare_run(cli, t->s.test.path, t->s.reference.path, &in, &rows, &t->params, out);
 }
 
-/* Maps and the report need all of the pictures; figures do not. */
+/* Maps and the report need the whole images in memory; metrics alone do not. */
 static enum pell_result compare(struct cli *cli, struct task *t)
 {
     struct sources *s = &t->s;
@@ -110,7 +110,7 @@ static double resolved(double mse, double error)
     return pell_metric_resolved(mse, error) ? mse : (double) NAN;
 }
 
-/* The noise that was taken off, and what is left of it as standard errors; "+-" before what it is of. */
+/* The noise that was subtracted, and the remaining uncertainty as standard errors; "+-" precedes the metric. */
 static void noise_rows(bool both, const struct pell_metrics *m, const struct pell_metrics *w)
 {
     char name[40];
@@ -182,7 +182,7 @@ static void answer_text(const struct cli *cli, const struct task *t)
 
 /* --- The folder --------------------------------------------------------------------------------------------------------------- */
 
-/* The reference as it is compared with: the mean of its halves. */
+/* The reference as used for comparison: the mean of its halves. */
 static enum pell_result report_reference(struct cli *cli, struct report *report, const struct pell_compare_input *in, json_t **id)
 {
     const size_t all = (size_t) in->width * (size_t) in->height;
@@ -221,7 +221,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
 
     PELL_TRY(report_open(cli->ctx, t->s.reference.width, t->s.reference.height, &report));
     for (int whole = masked ? 0 : 1; whole < 2; whole++) {
-        const bool again = whole && masked && !two; /* the same pixels, other means */
+        const bool again = whole && masked && !two; /* the same pixels with other means */
         struct pell_compare_input in = sources_input(&t->s, whole, 0);
         const struct pell_comparison *r = whole && two ? &t->whole : &t->result;
         const char *view = whole ? "whole" : "part", *from = again ? "part" : view;

@@ -1,19 +1,20 @@
 /* SPDX-License-Identifier: MIT
- * runs.c - what `pellucid compare INPUT` renders: methods and references by name, each with knobs of its own ("screen-space:as=paper"). */
+ * runs.c - the renderings of `pellucid compare INPUT`: methods and references by name, each with its own knobs
+ * ("screen-space:as=paper"). */
 #include "cli/compare/compare.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #define DEFAULT_REFERENCE "hierarchical"
-#define TRUTH "path-trace" /* which alone can leave out light between surfaces */
+#define TRUTH "path-trace" /* the only method that can leave out light between surfaces */
 
 static const struct pell_knob *find_knob(const struct pell_method *method, const char *name)
 {
     return method ? pell_knob_find(method->knobs, name) : NULL;
 }
 
-/* Two labels may give one name of a file. */
+/* Makes a unique file name: two labels may give the same one. */
 static void name_file(struct run_list *runs, struct run *run)
 {
     size_t n = 0;
@@ -24,7 +25,7 @@ static void name_file(struct run_list *runs, struct run *run)
     for (size_t i = 0, number = 2; i < runs->count; i++)
         if (&runs->list[i] != run && strcmp(runs->list[i].file, run->file) == 0) {
             snprintf(run->file + n, sizeof(run->file) - n, "-%zu", number++);
-            i = (size_t) -1; /* again from the first */
+            i = (size_t) -1; /* restart from the first run */
         }
 }
 
@@ -65,7 +66,7 @@ static enum exit_code add_run(struct cli *cli, struct run_list *runs, const char
     return EXIT_OK;
 }
 
-/* "all", or names with commas between. */
+/* "all", or names separated by commas. */
 static enum exit_code add_list(struct cli *cli, struct run_list *runs, const char *where, const char *list)
 {
     enum exit_code code = EXIT_OK;
@@ -88,7 +89,7 @@ static enum exit_code add_list(struct cli *cli, struct run_list *runs, const cha
     return code;
 }
 
-/* A knob of --set is for the methods that have it; references take theirs in --reference. */
+/* A knob of --set applies to the methods that have it; references get theirs in --reference. */
 static enum exit_code check_set(struct cli *cli, const struct run_list *runs)
 {
     for (size_t k = 0; k < runs->set.count; k++) {
@@ -119,7 +120,7 @@ static enum exit_code check_set(struct cli *cli, const struct run_list *runs)
     return EXIT_OK;
 }
 
-/* The scene file's knobs where they are of this method, then --set, then the label's, which win. `scene` may be NULL. */
+/* Applies the scene file's knobs if they are for this method, then --set, then the label's, which override. `scene` may be NULL. */
 static enum exit_code configure(struct cli *cli, const struct run_list *runs, const struct pell_scene *scene, struct run *run)
 {
     const bool reference = run < runs->list + runs->num_references;
@@ -160,7 +161,7 @@ enum exit_code runs_choose(struct cli *cli, struct run_list *runs)
                                    : cli->compare.decompose ? TRUTH
                                                             : DEFAULT_REFERENCE);
 
-    runs->set = cli->knobs; /* they are of several methods: the session's own must not see them */
+    runs->set = cli->knobs; /* they belong to several methods: the session's own must not see them */
     cli->knobs = (struct settings_list) { 0 };
     runs->num_references = runs->count;
     if (code == EXIT_OK && runs->num_references > MAX_REFERENCES)
@@ -178,7 +179,7 @@ enum exit_code runs_choose(struct cli *cli, struct run_list *runs)
     return code;
 }
 
-/* Of `all`, what does not run here. */
+/* Removes runs of `all` that this session does not support. */
 static void leave_out(struct run_list *runs, const struct session *s)
 {
     size_t kept = 0;
@@ -205,7 +206,7 @@ enum exit_code runs_open(struct cli *cli, struct run_list *runs, const struct se
         if (code == EXIT_OK)
             code = session_settings(cli, s->scene, run->method, run->values, &run->settings);
         run->settings.layers = true;
-        run->settings.denoise = false; /* a scene file may ask: what is measured is as the method made it */
+        run->settings.denoise = false; /* a scene file may enable it: measurements use the method's unfiltered image */
         if (code == EXIT_OK && run->method && !session_runs(s, run->method))
             code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_DEVICE, run->label, NULL, "has no engine %s", engine));
     }

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * scene.c - `pellucid compare INPUT`: methods on one scene against a reference, with one exposure for all.
+ * scene.c - `pellucid compare INPUT`: compares methods on one scene with a reference, with one exposure for all.
  *
- * The reference is rendered first and kept; then each method is rendered, measured, written and forgotten. A second reference is what the
- * first one is measured against: the error of the model that both the methods and the first reference compute, apart from theirs. */
+ * The reference is rendered first and kept; then each method is rendered, measured, written and forgotten. A second reference
+ * measures the first one: it gives the error of the model that the methods and the first reference share, separately from their own. */
 #include "cli/compare/compare.h"
 
 #include "base/file.h"
@@ -11,17 +11,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LOUD 0.1 /* noise of a reference that is warned of */
+#define LOUD 0.1 /* relative noise of a reference above which a warning is printed */
 
 enum { PART, WHOLE, VIEWS }; /* the subsurface light of translucent pixels; all light of all pixels */
 static const char *const view_names[VIEWS] = { "part", "whole" };
 
-/* What a picture is compared by, rows without padding. */
+/* The light that an image is compared by, rows without padding. */
 struct light {
     float *planes; /* owns the others */
     float *rgb[VIEWS][3];
     float *variance[3]; /* NULL: not known */
-    struct light *half; /* NULL, or two: `rgb` is their mean */
+    struct light *half; /* NULL, or two halves: `rgb` is their mean */
 };
 
 struct job {
@@ -35,8 +35,8 @@ struct job {
     float *mask;
     int64_t translucent;
     struct light references[MAX_REFERENCES];
-    struct light straight;            /* --decompose: of the last reference, without bounces */
-    float *masked;                    /* all light of translucent pixels of the references, 3 planes each: made for methods that mix */
+    struct light straight;            /* --decompose: light of the last reference without bounces */
+    float *masked;                    /* all light of the references' translucent pixels, 3 planes each: for methods that mix */
     double rel_noise[MAX_REFERENCES]; /* NAN: not known */
     double interreflection[3];
     json_t *methods, *views, *model_error, *shown_as;
@@ -45,7 +45,7 @@ struct job {
 
 /* --- Light -------------------------------------------------------------------------------------------------------------------- */
 
-/* Adds a channel of the picture (NULL: nothing) to a plane without padding, where the mask (NULL: everywhere) is. */
+/* Adds a channel of the image (NULL: nothing) to a plane without padding, where the mask (NULL: everywhere) is set. */
 static void add_plane(const struct job *job, const struct pell_channel *from, const float *mask, float *to)
 {
     for (int y = 0; from && y < job->height; y++)
@@ -56,7 +56,7 @@ static void add_plane(const struct job *job, const struct pell_channel *from, co
         }
 }
 
-/* The pixels that count are those of the first reference. */
+/* Makes the mask from the first reference. */
 static enum exit_code make_mask(struct cli *cli, struct job *job, const struct pell_render_result *p)
 {
     const size_t all = (size_t) job->width * (size_t) job->height;
@@ -115,7 +115,7 @@ static void drop_light(struct cli *cli, struct light *l)
     *l = (struct light) { NULL };
 }
 
-/* All light of a reference's translucent pixels, for methods that mix. */
+/* Stores all light of a reference's translucent pixels, for methods that give a finished image only. */
 static enum pell_result masked_light(struct cli *cli, struct job *job, size_t reference, const float *rgb[3])
 {
     const size_t all = (size_t) job->width * (size_t) job->height;
@@ -144,7 +144,7 @@ static json_t *child(json_t *object, const char *name)
     return found;
 }
 
-/* Methods whose output has surface reflection in it are compared by all light of the translucent pixels. */
+/* Methods whose output includes surface reflection are compared by all light of the translucent pixels. */
 static struct pell_compare_input choose_planes(const struct job *job, const struct run *run, const struct light *l, const struct light *r,
                                                int view)
 {
@@ -163,7 +163,7 @@ static struct pell_compare_input choose_planes(const struct job *job, const stru
     return in;
 }
 
-/* What was measured goes under `key` ("metrics", "total") of the report's picture, and into `answer`. */
+/* Puts the metrics under `key` ("metrics", "total") of the report's image, and into `answer`. */
 static enum pell_result measure(struct cli *cli, struct job *job, struct run *run, const struct light *l, size_t reference, const char *key,
                                 json_t *answer)
 {
@@ -250,12 +250,12 @@ static enum pell_result write_run(struct cli *cli, struct job *job, struct run *
     return session_write(cli, &as, p, path, "exr", job->scene_hash, job->materials_hash);
 }
 
-/* Of the first image: its size, pixels and exposure are those of all. */
+/* Takes size, pixels and exposure of all images from the first one. */
 static enum pell_result begin_images(struct cli *cli, struct job *job, const struct pell_render_result *image)
 {
     job->width = image->width;
     job->height = image->height;
-    job->session.settings.exposure = image->exposure; /* what it was given, or metered */
+    job->session.settings.exposure = image->exposure; /* the exposure given, or metered */
     job->params.exposure = image->exposure * exp2f(job->session.settings.stops);
     for (size_t i = 0; i < job->runs.count; i++)
         job->runs.list[i].settings.exposure = image->exposure;
@@ -264,13 +264,13 @@ static enum pell_result begin_images(struct cli *cli, struct job *job, const str
     return cli->output ? report_open(cli->ctx, job->width, job->height, &job->report) : PELL_OK;
 }
 
-/* References that can be are rendered as two halves. */
+/* References that support it are rendered as two halves. */
 static int images_of(const struct job *job, const struct run *run)
 {
     return run < job->runs.list + job->runs.num_references ? halves_of(run) : 1;
 }
 
-/* One image, or two halves of one, whose light goes to l->half. */
+/* Renders one image, or two halves of one, whose light goes to l->half. */
 static enum pell_result render_image(struct cli *cli, struct job *job, struct run *run, struct light *l, struct halves *h,
                                      struct pell_render_result *image)
 {
@@ -282,13 +282,13 @@ static enum pell_result render_image(struct cli *cli, struct job *job, struct ru
         return PELL_ERR_NOMEM;
     for (int i = 0; i < count; i++) {
         cli->progress.part = job->rendered++;
-        cli->progress.fraction = 2.0; /* another task: the speed of the one before says nothing of it */
+        cli->progress.fraction = 2.0; /* another task: the previous task's speed does not apply */
         if (count == 2)
             halves_choose(run->method, run->values, i + 1);
         PELL_TRY(pell_renderer_set_method(s->renderer, run->method, run->values));
         PELL_TRY(pell_renderer_render(s->renderer, &run->settings, image));
         cli_progress_end(cli);
-        if (image->partial) { /* ended early: half of a comparison is none */
+        if (image->partial) { /* ended early: an incomplete image is not compared */
             res = PELL_ERR_CANCELLED;
             goto fail;
         }
@@ -306,7 +306,7 @@ fail:
     return res;
 }
 
-/* Of a reference: kept in `l`; else measured, and forgotten by the caller. */
+/* Renders a run. A reference is kept in `l`; any other is measured, and released by the caller. */
 static enum pell_result render(struct cli *cli, struct job *job, struct run *run, struct light *l)
 {
     struct pell_render_result image;
@@ -348,7 +348,7 @@ static enum pell_result join_halves(struct cli *cli, const struct job *job, stru
     return PELL_OK;
 }
 
-/* The same without bounces: neither measured nor written. With the random numbers of what it is a part of: as halves where that is. */
+/* Renders the same without bounces; not measured, not written. Uses the random numbers of the full image, and halves if that has them. */
 static enum pell_result render_straight(struct cli *cli, struct job *job, const struct run *run, struct light *l)
 {
     const int count = images_of(job, run);
@@ -387,7 +387,7 @@ fail:
     return res;
 }
 
-/* What a run has with and without bounces, against the last reference. */
+/* Decomposes a run's error with and without bounces, against the last reference. */
 static enum pell_result decompose(struct cli *cli, struct job *job, struct run *run, const struct light *l, json_t *answer)
 {
     const struct light *truth = &job->references[job->runs.num_references - 1];
@@ -406,7 +406,7 @@ static enum pell_result decompose(struct cli *cli, struct job *job, struct run *
     memcpy(in.straight.half, without.half, sizeof(without.half));
     memcpy(in.straight.variance, without.variance, sizeof(without.variance));
     PELL_TRY(decompose_error(cli, pell_device_threads(job->session.device), &in, &parts));
-    if (!run->mixes || job->interreflection[1] == 0.0) /* of the subsurface light where some method has it by itself */
+    if (!run->mixes || job->interreflection[1] == 0.0) /* the subsurface light if some method outputs it separately */
         memcpy(job->interreflection, parts.interreflection, sizeof(parts.interreflection));
     json_object_set_new(answer, "parts", decompose_json(&parts));
 fail:
@@ -446,7 +446,7 @@ static enum pell_result render_all(struct cli *cli, struct job *job)
             if (cli->compare.decompose)
                 PELL_TRY(decompose(cli, job, run, l, run->answer));
             json_array_append(job->methods, run->answer);
-        } else if (i == 1) { /* the first against the second: what the model that both share can't do */
+        } else if (i == 1) { /* the error of the model that methods and the first reference share */
             job->model_error = json_pack("{s:o,s:o}", "name", cli_text(job->runs.list[0].label), "against", cli_text(run->label));
             PELL_TRY(measure(cli, job, &job->runs.list[0], &job->references[0], 1, "model", job->model_error));
         }
@@ -517,7 +517,7 @@ static enum pell_result write_report(struct cli *cli, struct job *job)
     return res;
 }
 
-/* Below a table, where a noisy reference is behind it. `key`: where a method's numbers are, NULL: beside its name. */
+/* Prints the noise below a table if the reference is noisy. `key`: the member with a method's metrics, NULL: next to its name. */
 static void print_noise(const struct cli *cli, const struct job *job, const char *key, const json_t *first)
 {
     char name[64];
@@ -600,14 +600,14 @@ static void warn_of_noise(struct cli *cli, const struct job *job)
 
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
 
-/* What only comparing knows is taken out of the settings before the renderer sees them; the exposure is of both. */
+/* Removes settings that only comparing uses before the renderer sees them; exposure is used by both. */
 static void split_settings(struct cli *cli)
 {
     size_t kept = 0;
 
     for (size_t i = 0; i < cli->settings.count; i++) {
         struct pell_setting *s = &cli->settings.items[i];
-        /* Pictures are written without a curve, and comparing knows more of them. */
+        /* Images are written without a tone curve, and comparing accepts more curves. */
         if (pell_knob_find(pell_settings_knobs(), s->name) && strcmp(s->name, "tonemap") != 0) {
             cli->settings.items[kept++] = *s;
             continue;

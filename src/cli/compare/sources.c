@@ -35,7 +35,7 @@ static void list_layers(const struct pell_layers *layers, struct pell_text *text
     }
 }
 
-/* rgb is -1 where there is none. */
+/* Finds a layer; rgb is -1 if it is missing. */
 static bool find_layer(const struct source *s, const char *layer, int rgb[3])
 {
     static const char *const sets[][3] = { { "R", "G", "B" }, { "r", "g", "b" }, { "X", "Y", "Z" },
@@ -83,7 +83,7 @@ static enum pell_result choose_layer(const struct sources *all, struct source *s
                       beauty ? "R, G, B" : all->layer, names.str);
 }
 
-/* What the command line says; else the subsurface light where both pictures tell it apart. */
+/* Names the compared layer: the command line's; else the subsurface light if both images have it separately. */
 static void name_layer(struct sources *s)
 {
     const char *asked = s->cli->compare.layer;
@@ -127,7 +127,7 @@ static enum pell_result same_size(struct cli *cli, const char *path, int width, 
                       reference->path, reference->width, reference->height);
 }
 
-/* The first channel of a picture, all of its rows. */
+/* Reads the first channel of an image, all of its rows. */
 static enum pell_result read_mask(struct sources *s, const char *path)
 {
     struct pell_context *ctx = s->cli->ctx;
@@ -202,7 +202,7 @@ fail:
 
 /* --- What is known -------------------------------------------------------------------------------------------------------------- */
 
-/* A method's standard error is of the light that it made: that is in these layers. */
+/* A method's standard error covers the light that the method made, which these layers hold. */
 static bool knows_standard_error(const struct sources *all, const struct source *s)
 {
     return s->rows && s->variance[0] >= 0 && s->variance[1] >= 0 && s->variance[2] >= 0 &&
@@ -292,8 +292,8 @@ fail:
     return res;
 }
 
-/* Light that went through a material: scattered once, many times, or from behind; of pixels where `where` (NULL: everywhere) is. Rows from
- * `begin` of the band. */
+/* Sums light that was scattered inside a material - once, many times, or transmitted - over pixels where `where` (NULL: everywhere) is set.
+ * Rows from `begin` of the band. */
 static void add_subsurface(const struct sources *all, struct source *s, const float *where, int begin)
 {
     const size_t band = (size_t) all->capacity * (size_t) s->width, width = (size_t) s->width;
@@ -342,7 +342,7 @@ static enum pell_result read_rows(struct sources *all, struct source *s, int beg
     return res;
 }
 
-/* Moves the band on so that it begins with row `first`; returns how many of its rows are kept. */
+/* Moves the band so that it begins with row `first`; returns how many of its rows are kept. */
 static int move_band(struct sources *s, int first)
 {
     const int end = s->first + s->count, kept = first >= s->first && first < end ? end - first : 0;

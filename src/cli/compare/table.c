@@ -47,7 +47,7 @@ void table_noise_row(const char *name, const json_t *m)
 
     printf("%-24s", pell_printable(name, shown, 25));
     if (mean > 0.0)
-        printf(" %7.2f %%", 100.0 * 0.5 * error / sqrt(mean)); /* of the root */
+        printf(" %7.2f %%", 100.0 * 0.5 * error / sqrt(mean)); /* half the relative error of the square: that of the root */
     else
         printf(" %9s", "-");
     for (size_t c = 0; c < 3; c++)

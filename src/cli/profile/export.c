@@ -11,16 +11,16 @@ enum { TABLE = 64 };
 enum language { C, GLSL, HLSL, JSON, LANGUAGES };
 const char *const profile_language_names[LANGUAGES + 1] = { "c", "glsl", "hlsl", "json", NULL };
 
-#define SEEN 0.05 /* error of a separable kernel that is reported */
+#define SEEN 0.05 /* error above which a separable kernel is reported as inaccurate */
 
-/* What an export holds. */
+/* The contents of an export. */
 struct kernel {
     const struct profile_fit *fit;  /* NULL: none */
-    struct pell_kernel_chain chain; /* count 0: each channel has variances of its own */
+    struct pell_kernel_chain chain; /* count 0: each channel has its own variances */
     struct pell_separable separable;
-    double r_max; /* of the table, mm */
+    double r_max; /* last radius of the table, mm */
     double table[TABLE][3];
-    double share[3]; /* of the light that the table holds */
+    double share[3]; /* fraction of the light that the table covers */
 };
 
 static enum language find_language(const char *name)
@@ -75,7 +75,7 @@ static void identify(const char *name, char id[64])
         const char c = *name;
         const bool fits = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9');
         if (c == '.')
-            break; /* the ending of a file */
+            break; /* a file extension */
         if (fits)
             id[n++] = c;
         else if (n && id[n - 1] != '_')
@@ -86,7 +86,7 @@ static void identify(const char *name, char id[64])
     id[n] = '\0';
 }
 
-/* A number that is one of type float in all three. */
+/* Formats a number so that it is of type float in all three languages. */
 static const char *number(double value, char text[40])
 {
     pell_format_number(value == 0.0 ? 0.0 : (float) value, true, text, 36); /* no -0 */
@@ -95,7 +95,7 @@ static const char *number(double value, char text[40])
     return text;
 }
 
-/* How a constant begins, with its type. In C what is not used brings no warning: the code is pasted whole. */
+/* Begins a constant with its type. In C, unused constants cause no warning: the code is pasted whole. */
 static void add_constant(struct profile_text *t, enum language l, const char *id, const char *type)
 {
     if (l == C)
@@ -158,7 +158,7 @@ static void add_comment(struct profile_text *t, enum language l, const char *tex
 
 static void fit_arrays(const struct profile_fit *fit, double variance[][3], double weight[][3])
 {
-    /* A channel with fewer Gaussians is filled up with weights of 0. */
+    /* A channel with fewer Gaussians is padded with weights of 0. */
     for (int i = 0; i < fit->k; i++)
         for (int c = 0; c < 3; c++) {
             const struct pell_gaussians *g = &fit->sum[c];
@@ -205,14 +205,14 @@ static void add_fit(struct profile_text *t, enum language l, const char *id, con
     add_vectors(t, l, id, "blur_total", (const double(*)[3]) k->chain.total, 1);
 }
 
-/* The weights of all terms after each other. */
+/* Writes the weights of all terms one after the other. */
 static void list_weights(const struct pell_separable *s, double weight[][3])
 {
     for (int k = 0; k < s->rank; k++)
         memcpy(weight[k * s->taps], s->weight[k][0], (size_t) s->taps * sizeof(*weight));
 }
 
-/* A pass; for kernels of several terms with an argument, `term`. */
+/* Adds a blur pass; for kernels of several terms it has an argument `term`. */
 static void add_blur(struct profile_text *t, enum language l, const char *id, bool terms)
 {
     const char *const last = terms ? ", int term" : "";

@@ -14,7 +14,7 @@ enum { QUADRATURE = 2048 };
 
 void profile_add(struct profile_text *text, const char *fmt, ...)
 {
-    const size_t room = 512; /* more than one call adds */
+    const size_t room = 512; /* upper bound on what one call adds */
     va_list args;
 
     if (text->capacity - text->length < room && !text->failed) {
@@ -42,8 +42,8 @@ enum exit_code profile_write(struct cli *cli, struct profile_text *text)
     return code;
 }
 
-/* Trapezia in log r, from where 1/1000 of the light is inside: profiles with single scattering rise as 1/r, and the integral of r R^2
- * diverges towards 0 (pell_fit_profile does the same). */
+/* Trapezoidal rule in log r, from the radius that encloses 1/1000 of the light: profiles with single scattering rise as 1/r, and the
+ * integral of r R^2 diverges towards 0 (pell_fit_profile does the same). */
 double profile_distance(const struct pell_profile *R, const struct pell_profile *M)
 {
     const double low = pell_profile_sample(M, 1e-3), high = 10.0 * pell_profile_sample(M, 0.9999);
@@ -85,7 +85,7 @@ enum exit_code profile_refuse_medium_options(struct cli *cli, const struct profi
 {
     const struct {
         const char *option, *text;
-        bool layers; /* allowed for them */
+        bool layers; /* the option is allowed for layers */
     } given[] = { { "--model", cli->profile.model, false },
                   { "--compare", cli->profile.compare, false },
                   { "--eta", cli->profile.eta, false },
@@ -101,7 +101,7 @@ enum exit_code profile_refuse_medium_options(struct cli *cli, const struct profi
 
 /* --- Fits --------------------------------------------------------------------------------------------------------------------- */
 
-/* Shared variances, taken apart by channel. */
+/* Splits shared variances into sums per channel. */
 static enum pell_result fit_shared(const struct profile_job *job, const struct pell_fit_params *params, struct profile_fit *fit)
 {
     struct pell_fit_report report;

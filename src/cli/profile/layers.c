@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * layers.c - what has layers, for `pellucid profile`: a stack from a file, or skin, by three solvers. */
+ * layers.c - layered materials for `pellucid profile`: a stack from a file, or skin, by three solvers. */
 #include "cli/profile/profile.h"
 #include "cli/profile/stack.h"
 
@@ -13,7 +13,7 @@
 
 enum { SKIN_FIELDS = 6 };
 
-/* -1 and a message if there is none of that name. */
+/* Returns -1 and reports an error if there is no solver of that name. */
 static int find_solver(struct cli *cli, const char *name)
 {
     struct pell_text hint = { .length = 0 };
@@ -27,7 +27,7 @@ static int find_solver(struct cli *cli, const char *name)
     return -1;
 }
 
-/* Answers the three questions by --solver, or by all solvers, the first of which the others are compared with. */
+/* Solves the three problems (one per channel) by --solver, or by all solvers, the first of which the others are compared with. */
 static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct stack_question questions[3])
 {
     const char *name = cli->profile.solver ? cli->profile.solver : stack_solver_names[0];
@@ -46,7 +46,7 @@ static enum exit_code solve_all(struct cli *cli, struct profile_job *job, struct
         for (int c = 0; c < 3 && code == EXIT_OK; c++) {
             unsigned said = 0;
             questions[c].solver = (enum stack_solver) s;
-            /* A layer that begins inside has no boundary of its own. */
+            /* A stack that begins inside has no boundary of its own. */
             questions[c].roughness = questions[c].eta_above == 0.0 ? job->params.roughness : 0.0;
             code = cli_failed(cli, stack_solve(cli->ctx, &questions[c], &k->R[c], job->slab ? &k->T[c] : NULL, &said));
             flags |= said;
@@ -94,7 +94,7 @@ enum exit_code profile_open_stack_file(struct cli *cli, struct profile_job *job)
 
 /* --- Skin ----------------------------------------------------------------------------------------------------------------------- */
 
-/* NAME=VALUE,NAME=VALUE over the defaults. */
+/* Parses NAME=VALUE,NAME=VALUE over the defaults. */
 static enum exit_code read_skin(struct cli *cli, struct pell_skin *skin)
 {
     const struct {
@@ -146,7 +146,7 @@ static enum exit_code read_skin(struct cli *cli, struct pell_skin *skin)
     return EXIT_OK;
 }
 
-/* One wavelength: all channels are its. */
+/* One wavelength: all channels have the same coefficients. */
 static void set_layer(struct pell_material_layers *layers, int i, const struct pell_skin_coefficients *k, double eta, double thickness)
 {
     struct pell_material_layer *layer = &layers->item[i];
@@ -179,7 +179,7 @@ static enum exit_code read_wavelength(struct cli *cli, double *nm)
     return EXIT_OK;
 }
 
-/* Figure 12 of d'Eon et al. 2007: what the epidermis, the dermis and both reflect at one wavelength. */
+/* Figure 12 of d'Eon et al. 2007: the reflectance of the epidermis, the dermis and both at one wavelength. */
 static enum exit_code open_wavelength(struct cli *cli, struct profile_job *job, const struct pell_skin *skin)
 {
     static const char *const names[3] = { "epidermis", "dermis", "skin" };
@@ -200,7 +200,7 @@ static enum exit_code open_wavelength(struct cli *cli, struct profile_job *job, 
     set_layer(&alone[1], 0, &dermis, skin->eta, INFINITY);
     set_layer(&both, 0, &epidermis, skin->eta, skin->epidermis_mm);
     set_layer(&both, 1, &dermis, skin->eta, INFINITY);
-    /* Each alone has the neighbour that it has in the stack: between them no index changes. */
+    /* A layer on its own has the same neighbouring indices as in the stack, where the index does not change between layers. */
     return solve_all(cli, job,
                      (struct stack_question[3]) { { .where = job->name, .layers = &alone[0], .eta_below = skin->eta },
                                                   { .where = job->name, .layers = &alone[1], .eta_above = skin->eta },

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * plot.c - the plots of `pellucid profile`: R(r) over two logarithmic axes, or 2 pi r R(r) over linear ones, above what the fits
- * or the other models differ by. One panel holds the three channels; with several fits or models each channel has its own. */
+ * plot.c - the plots of `pellucid profile`: R(r) over two logarithmic axes, or 2 pi r R(r) over linear ones, above a row that shows the
+ * differences of the fits or the other models. One panel holds the three channels; with several fits or models each channel has its own. */
 #include "cli/plot.h"
 #include "cli/profile/profile.h"
 
@@ -11,25 +11,25 @@
 #include <string.h>
 
 enum { SAMPLES = 241, MAX_CURVES = 24 };
-#define RANGE 1e-7 /* of the largest value: what a logarithmic axis shows */
+#define RANGE 1e-7 /* fraction of the largest value down to which a logarithmic axis extends */
 
 static const enum plot_color channel_colors[3] = { PLOT_RED, PLOT_GREEN, PLOT_BLUE };
 
-/* Curves of a plot with the numbers they are made of. */
+/* The curves of a plot with their samples. */
 struct sheet {
     const struct profile_job *job;
     bool weighted;
     double from, to;
-    double least; /* value that a logarithmic axis shows */
+    double least; /* least value on a logarithmic axis */
     double x[SAMPLES];
-    struct plot_curve curves[6][MAX_CURVES]; /* of the panels, row after row */
+    struct plot_curve curves[6][MAX_CURVES]; /* curves of the panels, in row order */
     struct plot_panel panels[6];
     double *values[3 * 6 * MAX_CURVES]; /* owned */
     size_t num_values;
     char labels[PROFILE_FITS][64], difference_label[80];
 };
 
-/* What a curve is of: a profile, or a sum of Gaussians. */
+/* What a curve shows: a profile, or a sum of Gaussians. */
 struct subject {
     const struct pell_profile *profile;
     const struct pell_gaussians *gaussians;
@@ -40,7 +40,7 @@ static double value_of(const struct subject *s, double r)
     return s->profile ? pell_profile_eval(s->profile, r) : pell_gaussians_eval(s->gaussians, 0, r);
 }
 
-/* SAMPLES numbers that live as long as the sheet; NULL without memory. */
+/* SAMPLES numbers that live as long as the sheet; NULL if out of memory. */
 static double *new_values(struct sheet *sheet)
 {
     double *v = calloc(SAMPLES, sizeof(*v));
@@ -63,7 +63,7 @@ static struct plot_curve *add_curve(struct sheet *sheet, int panel, const char *
     return c;
 }
 
-/* Where a sample is taken: at its x, but for r = 0, where r R of models that rise as 1/r is 0 times infinity and its limit is not 0. */
+/* Radius of a sample: its x, except at r = 0, where r R of models that rise as 1/r is 0 times infinity although its limit is not 0. */
 static double radius_of(const struct sheet *sheet, int i)
 {
     return sheet->weighted && i == 0 ? 1e-2 * sheet->x[1] : sheet->x[i];
@@ -80,8 +80,8 @@ static bool add_value(struct sheet *sheet, int panel, const struct subject *s, c
     return c != NULL;
 }
 
-/* How far `s` is from `base`: its difference where curves are weighted, in percent of the base where they are not, as far
- * as the base is drawn. */
+/* Adds the difference of `s` from `base`: absolute where curves are weighted by 2 pi r, else in percent of the base, as far as the base is
+ * drawn. */
 static bool add_difference(struct sheet *sheet, int panel, const struct subject *s, const struct subject *base, const char *label,
                            enum plot_color color, enum plot_line line)
 {
@@ -96,7 +96,7 @@ static bool add_difference(struct sheet *sheet, int panel, const struct subject 
 
 /* --- Axes --------------------------------------------------------------------------------------------------------------------- */
 
-/* RANGE of the largest value, or less, so that of models that rise as 1/r the fall-off is seen, too. */
+/* The lower end of the axis: RANGE of the largest value, or less, so that the fall-off of models that rise as 1/r is visible, too. */
 static void choose_least(struct sheet *sheet)
 {
     const struct pell_profile *R = sheet->job->profile->R;
@@ -130,7 +130,7 @@ static void choose_x(struct sheet *sheet)
     choose_least(sheet);
 }
 
-/* The least and the largest of a row's curves. */
+/* The least and the largest value of a row's curves. */
 static void extent_of(const struct sheet *sheet, int first, int count, double *low, double *high)
 {
     *low = INFINITY;
@@ -163,7 +163,7 @@ static struct plot_axis value_axis(const struct sheet *sheet, int columns)
     return (struct plot_axis) { plain, true, low, high };
 }
 
-/* Differences are drawn where light is: what the outermost hundredths of it do must not squeeze the rest. */
+/* The difference axis covers the radii where most of the light is: the outermost hundredths must not compress the rest. */
 static struct plot_axis difference_axis(const struct sheet *sheet, int columns, bool models)
 {
     double high = 0.0, least = models ? 1e-3 : 0.1;
@@ -214,7 +214,7 @@ static bool fill_one(struct sheet *sheet)
     return good;
 }
 
-/* The number of an array that is nearest to `value`. */
+/* The index of the element of an array that is nearest to `value`. */
 static int nearest(const double *list, int count, double value)
 {
     int best = 0;
@@ -224,8 +224,8 @@ static int nearest(const double *list, int count, double value)
     return best;
 }
 
-/* What photons counted is drawn as points at the radii where they were counted, with one standard error of the nearest entry of their
- * table as bars. Light that was scattered once has none: it is a closed form. */
+/* Draws Monte Carlo results as points at the radii of their histogram, with one standard error of the nearest table entry as bars. Single
+ * scattering has no bars: it is a closed form. */
 static bool add_photons(struct sheet *sheet, int c, const struct candidate *one)
 {
     const struct pell_photon_table *t = &pell_photon_table_data;
@@ -256,7 +256,7 @@ static bool add_photons(struct sheet *sheet, int c, const struct candidate *one)
     return true;
 }
 
-/* Each channel in its panel: the profile, other models and fits; below, how far each is from the reference. */
+/* Each channel in its panel: the profile, other models and fits; below, their differences from the reference. */
 static bool fill_column(struct sheet *sheet, int c)
 {
     static const enum plot_color colors[] = { PLOT_RED, PLOT_BLUE, PLOT_GREEN, PLOT_PURPLE, PLOT_ORANGE, PLOT_SKY };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * stack.c - stacks of layers by three solvers, as profiles between nodes. */
+ * stack.c - profiles of layer stacks by three solvers, interpolated between nodes. */
 #include "cli/profile/stack.h"
 
 #include <pellucid/layers.h>

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * stack.h - a stack of layers as profiles, by any of the solvers. */
+ * stack.h - profiles of a layer stack, by any of the solvers. */
 #ifndef PELL_CLI_PROFILE_STACK_H
 #define PELL_CLI_PROFILE_STACK_H
 
@@ -18,18 +18,18 @@ enum stack_solver {
 
 extern const char *const stack_solver_names[]; /* "hankel", "gaussian", "analytic", NULL */
 
-/* The flags of pellucid/layers.h in words, or NULL. */
+/* Describes the flags of pellucid/layers.h, or NULL. */
 const char *stack_warning(unsigned flags);
 
 struct stack_question {
     const char *where; /* for messages */
     const struct pell_material_layers *layers;
-    double eta_above, eta_below, roughness; /* of the boundary on top; an index of 0 stands for 1 */
+    double eta_above, eta_below, roughness; /* of the top boundary; an index of 0 means 1 */
     enum stack_solver solver;
     int channel;
 };
 
-/* R, and T of a stack with a bottom (T may be NULL). Errors are logged. */
+/* Computes R and, for a stack with a bottom, T (may be NULL). Errors are logged. */
 PELL_NODISCARD enum pell_result stack_solve(struct pell_context *ctx, const struct stack_question *q, struct pell_profile *R,
                                             struct pell_profile *T, unsigned *flags);
 

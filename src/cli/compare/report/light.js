@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Light out of the page: numbers as text, pictures as halves, the curve to the screen.
+// Data of the page: numbers as text, images as half floats, and the tone curve for display.
 'use strict';
 
-// What compare_report.c wrote: names are texts of anybody's making and go into the page as text only.
+// The data that report.c wrote: names are arbitrary texts and go into the page as text only.
 const data = JSON.parse(document.getElementById('data').textContent);
 const by = (id) => document.getElementById(id);
 const pictures = data.pictures,
@@ -59,7 +59,7 @@ const count = (n) => String(n).replace(/\B(?=(\d{3})+$)/g, ' ');
 
 // --- Pictures: from the page to light -------------------------------------------------------------------------------------------
 
-const floats = new Float32Array(65536); // of each half
+const floats = new Float32Array(65536); // value of each half float
 for (let i = 0; i < 65536; i++) {
   const e = (i >> 10) & 31,
     m = i & 1023;
@@ -87,7 +87,7 @@ function once(id, unpack) {
   return unpacked.get(id);
 }
 
-// Each row holds differences; its first pixel is told from the row above.
+// Undoes the row differences; the first pixel of a row is relative to the row above.
 function undo(out, step) {
   for (let y = 0, at = 0; y < HEIGHT; y++) {
     let last = y ? out[at - WIDTH] : 0;
@@ -109,7 +109,7 @@ const map = (id) => once(id, (raw) => undo(new Uint8Array(WIDTH * HEIGHT), (i) =
 
 const luminance = (p, i) => 0.2126 * floats[p[0][i]] + 0.7152 * floats[p[1][i]] + 0.0722 * floats[p[2][i]];
 
-// Light times the exposure through the curve that FLIP was measured with: see pell_compare.
+// Applies exposure and the tone curve that FLIP was measured with: see pell_compare.
 function paint(view, planes, stops, out) {
   const e = view.exposure * 2 ** stops,
     ws = 1 / (view.white * view.white),
@@ -144,7 +144,7 @@ function colors(text) {
 }
 const ramps = { signed: colors(data.colors.signed), flip: colors(data.colors.flip) };
 
-// Pixels that don't count stay as dark as the stage.
+// Pixels outside the mask stay as dark as the background.
 function paintMap(values, ramp, scale, shift, mask, out) {
   for (let i = 0, at = 0; i < values.length; i++, at += 4) {
     const on = !mask || mask[i] > 127,

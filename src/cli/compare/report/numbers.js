@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The table, what its numbers mean, and the times.
+// The table of metrics, their explanations, and the times.
 
 // --- Numbers --------------------------------------------------------------------------------------------------------------------
 
@@ -173,7 +173,7 @@ function sortBy(column) {
   by('sorted').textContent = `Sorted by ${column.head}, ${order.down ? 'largest' : 'smallest'} first`;
 }
 
-// Where noise hides the error of a method, FLIP ranks.
+// If noise hides the error of a method, the table is ranked by FLIP.
 const hidden = () => methods.some((p) => unresolved(metricsOf(p)));
 const rank = (m) => (hidden() ? m.flip : rms(m)) ?? Infinity;
 const nearest = () => methods.reduce((a, b) => (rank(metricsOf(b)) < rank(metricsOf(a)) ? b : a));
@@ -199,7 +199,7 @@ function summary() {
   );
 }
 
-// Errors of the model, apart from those of the methods.
+// Errors of the model, separate from those of the methods.
 function model() {
   if (!truth || !reference.model) return;
   const id = views[0].id,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What stands around them; and the start of it all.
+// The text around images and tables, and the start of the page.
 
 // --- The rest -------------------------------------------------------------------------------------------------------------------
 
@@ -87,7 +87,7 @@ function theme() {
   try {
     chosen = localStorage.getItem(store);
   } catch {
-    /* a browser may keep nothing of files */
+    /* the browser may refuse storage for local files */
   }
   const now = () => chosen || (dark.matches ? 'dark' : 'light');
   const show = () => {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The pictures: what is shown, how it is drawn and moved.
+// The image viewer: what is shown, how it is drawn and moved.
 
 // --- What is shown --------------------------------------------------------------------------------------------------------------
 
@@ -30,7 +30,7 @@ const stage = by('stage'),
 const shown = [null, null].map(() => ({ canvas: document.createElement('canvas'), key: '', planes: null }));
 const error = { canvas: document.createElement('canvas'), key: '', values: null, mask: null };
 const isMap = () => state.mode === 'signed' || state.mode === 'flip';
-// FLIP is measured against a reference: where right is none, against the first.
+// FLIP is measured against a reference: if the right image is none, against the first reference.
 const against = () => (state.mode === 'flip' && pictures[state.right].role === 'method' ? reference : pictures[state.right]);
 const flipOf = (p, r) =>
   p.flip && (data.kind === 'scene' ? p.flip[r.name] && p.flip[r.name][views[state.view].id] : p.flip[views[state.view].id]);
@@ -44,7 +44,7 @@ function image(target, fill) {
   c.putImageData(pixels, 0, 0);
 }
 
-// The smallest range that holds 99 of 100 pixels.
+// The smallest range that contains 99 of 100 pixels.
 function choose(values, mask, ranges) {
   const found = [];
   const step = Math.max(1, Math.floor(values.length / 40000));
@@ -84,7 +84,7 @@ async function prepareMap(view, planes) {
   error.range = range;
 }
 
-// Everything that is missing is made, then drawn; what was asked for meanwhile is made next.
+// Computes everything that is missing, then draws; requests made meanwhile are handled next.
 let busy = false,
   again = false;
 async function refresh() {
@@ -138,7 +138,7 @@ function panes() {
 const fitScale = () => Math.min(panes()[0].w / WIDTH, panes()[0].h / HEIGHT);
 const scaleOf = () => state.scale || fitScale();
 
-// Where the picture's corner lies on the canvas: whole pixels, so that a scale of one is exact.
+// Position of the image's corner on the canvas: whole pixels, so that a scale of one is exact.
 function corner(pane) {
   const s = scaleOf();
   return [Math.round(pane.x + pane.w / 2 - state.x * s), Math.round(pane.y + pane.h / 2 - state.y * s)];
@@ -252,7 +252,7 @@ function bound() {
   state.y = Math.max(0, Math.min(HEIGHT, state.y));
 }
 
-// The next level up or down; `at` (canvas pixels) stays where it is.
+// The next zoom level up or down; the point `at` (canvas pixels) stays fixed.
 function zoom(direction, at) {
   const fit = fitScale(),
     now = scaleOf();
@@ -426,7 +426,7 @@ function ranges() {
   by('range').value = state.range[state.mode] || '';
 }
 
-// The words around the pictures.
+// The text around the images.
 function describe() {
   const view = views[state.view],
     left = pictures[state.left].name,
