@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * check.c - what a scene holds and what is wrong with it: closedness, orientation, scale, media, textures. */
+ * check.c - a scene's contents and problems: closed meshes, orientation, scale, media, textures. */
 #include "scene/mesh/topology.h"
 
 #include <stdio.h>
@@ -25,14 +25,15 @@ enum kind {
     KINDS
 };
 
-#define HOLLOW_THICKNESS 1e-7 /* of an object's extent: thinner, it has none */
+#define HOLLOW_THICKNESS 1e-7 /* objects thinner than this fraction of their extent count as hollow */
 
-/* What an object has in common with its copies, but not with them alone; sums are made where triangles are as many as another's. */
+/* Properties that coincident copies of an object share (but not only they); the sums are computed only for objects with equal triangle
+ * counts. */
 struct likeness {
     int64_t triangles;
-    double sum[3], square; /* of the corners' places, in their order */
+    double sum[3], square; /* sums over the corners' positions, in their order */
     size_t object;
-    const uint32_t *meshes; /* of the object, indices into the scene */
+    const uint32_t *meshes; /* meshes of the object, indices into the scene */
     size_t num_meshes;
 };
 
@@ -43,10 +44,10 @@ struct check {
     struct likeness *likeness; /* per object of the report */
     size_t capacity;
     int64_t found[KINDS];
-    enum pell_severity severity[KINDS]; /* the worst of those that are only counted */
+    enum pell_severity severity[KINDS]; /* the worst severity of the problems that are only counted */
 };
 
-/* What the problems of a kind are about, where only their number is reported. */
+/* Subjects of the problems of a kind, for when only their number is reported. */
 static const char *const kinds[KINDS] = {
     [OPEN] = "objects that are open",
     [NONMANIFOLD] = "objects with edges of more than two triangles",
@@ -61,7 +62,7 @@ static const char *const kinds[KINDS] = {
     [THIN] = "objects that are thinner than light goes between two scattering events",
     [NO_SCATTERING] = "materials that only absorb",
     [MEDIUM] = "translucent materials",
-    [NONE_TRANSLUCENT] = "", /* at most one of those, and of SIZE */
+    [NONE_TRANSLUCENT] = "", /* at most one problem of this kind, and of SIZE */
     [SIZE] = "",
 };
 
@@ -82,7 +83,7 @@ static enum pell_result add_problem(struct check *k, enum pell_severity severity
     return p->where && p->what ? PELL_OK : PELL_ERR_NOMEM;
 }
 
-/* Adds a problem; what is more than the limit of one kind is only counted. */
+/* Adds a problem; those beyond the limit of a kind are only counted. */
 static PELL_PRINTF(5, 6) enum pell_result
     add(struct check *k, enum kind kind, enum pell_severity severity, const char *where, const char *fmt, ...)
 {
@@ -134,7 +135,7 @@ static void measure(const struct pell_topology *t, const struct pell_part *parts
     for (uint32_t i = 0; i < t->num_triangles && !pell_cancelled_at(t->ctx, i); i++)
         area += (double) vec3_length(vec3_load(t->face + 3 * (size_t) i));
     o->area_mm2 = 0.5 * area * t->scale * t->scale;
-    if (pell_object_is_hollow(o)) /* rounding alone */
+    if (pell_object_is_hollow(o)) /* rounding errors alone */
         o->volume_mm3 = 0.0;
     o->outward = o->closed && o->volume_mm3 > 0.0;
     o->thickness_mm = o->outward && o->area_mm2 > 0.0 ? 2.0 * o->volume_mm3 / o->area_mm2 : 0.0;
@@ -212,8 +213,7 @@ fail:
     return res;
 }
 
-/* Whether the first camera is inside: the solid angle that a closed surface takes is a whole sphere from there and none from
- * outside. */
+/* Whether the first camera is inside: a closed surface subtends a full sphere from a point inside and nothing from outside. */
 static bool holds_camera(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
 {
     const float *at = scene->num_cameras > 0 ? scene->cameras[0].position : NULL;
@@ -266,10 +266,10 @@ static int by_likeness_then_order(const void *a, const void *b)
 struct corners {
     const struct pell_scene *scene;
     const struct likeness *of;
-    size_t mesh, corner; /* the next one */
+    size_t mesh, corner; /* the next corner */
 };
 
-/* Place of the next corner; NULL: that was the last. */
+/* Position of the next corner; NULL: no more corners. */
 static const float *next_corner(struct corners *k)
 {
     while (k->mesh < k->of->num_meshes) {
@@ -295,7 +295,7 @@ static bool coincide(const struct pell_scene *scene, const struct likeness *a, c
     }
 }
 
-/* An object that was exported twice blocks its own light at once. Copies list their triangles in one order. */
+/* An object that was exported twice blocks its own light immediately. Copies list their triangles in one order. */
 static enum pell_result find_coincident(struct check *k)
 {
     struct pell_object_report *objects = k->report->objects;

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
- * complete.c - from "what the file says" to "what a renderer may trust": every index and value checked, bounds, orientation, normals,
- * tangents, and the defaults for what is missing. */
+ * complete.c - turns the contents of a file into a scene that a renderer may trust: checks every index and value, computes bounds,
+ * orientation, normals and tangents, and adds defaults for missing parts. */
 #include "scene/layers.h"
 #include "scene/mesh/topology.h"
 
 #include <float.h>
 #include <string.h>
 
-#define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay far inside a float's range */
-#define SMALLEST_PICTURE 1e-6f   /* mm, of what an orthographic camera sees: a nanometre */
-#define SMALLEST 5e-4f           /* mm, of a scene: half a micrometre */
-#define COARSEST 1e-3f           /* of the scene's extent: the largest step of coordinates that keeps a shape */
-#define NO_LENGTH 1e-30f         /* directions of less have none: their inverse would overflow */
+#define LARGEST_COORDINATE 1e12f /* mm: a million kilometres; squares stay well within a float's range */
+#define SMALLEST_PICTURE 1e-6f   /* mm, extent of an orthographic view: a nanometre */
+#define SMALLEST 5e-4f           /* mm, extent of a scene: half a micrometre */
+#define COARSEST 1e-3f           /* of the scene's extent: the largest spacing of floats that still represents the shape */
+#define NO_LENGTH 1e-30f         /* shorter vectors have no direction: their inverse length would overflow */
 
 static bool in_range(double value, double min, double max)
 {
@@ -31,7 +31,7 @@ static enum pell_result bad_value(struct pell_scene *scene, const char *kind, co
 
 /* --- Meshes ------------------------------------------------------------------------------------------------------------------- */
 
-/* Not-finite values of an array that can do without them become 0. Returns their number. */
+/* Sets not-finite values of an optional array to 0. Returns their number. */
 static size_t clear_bad(const struct pell_context *ctx, float *values, size_t count)
 {
     size_t bad = 0;
@@ -44,7 +44,7 @@ static size_t clear_bad(const struct pell_context *ctx, float *values, size_t co
     return bad;
 }
 
-/* Unit normals; what can't be made one becomes zero, for pell_make_normals. Returns how many are not finite. */
+/* Normalises normals; those that can't be become zero, for pell_make_normals. Returns how many are not finite. */
 static size_t clean_normals(const struct pell_context *ctx, struct pell_mesh *mesh)
 {
     size_t bad = 0;
@@ -205,7 +205,7 @@ static enum pell_result check_map(struct pell_scene *scene, const struct pell_ma
     return PELL_OK;
 }
 
-/* Floats of a texture to [0, most]. */
+/* Clamps the floats of a texture to [0, most]. */
 static void limit_texture(const struct pell_scene *scene, const struct pell_texture *texture, float most, const char *what)
 {
     const struct pell_image *image = texture ? &texture->image : NULL;
@@ -223,7 +223,7 @@ static void limit_texture(const struct pell_scene *scene, const struct pell_text
                   pell_counted(outside, "value is", "values are").str, (double) most, (double) first);
 }
 
-/* A file's layers have been looked at where they were read. */
+/* Checks layers made by the caller; a file's layers were checked when they were read. */
 static enum pell_result check_layers(struct pell_scene *scene, const struct pell_material *m)
 {
     struct pell_layer_measure measure[PELL_LAYERS_MOST];
@@ -281,13 +281,13 @@ static enum pell_result check_material(struct pell_scene *scene, const struct pe
     for (enum pell_map i = 0; res == PELL_OK && i < PELL_MAPS; i++) {
         res = check_map(scene, m, pell_material_map(m, i));
         if (res == PELL_OK)
-            /* Maps hold reflectances, shares and directions, but for that of light that is emitted. */
+            /* Maps hold reflectances, fractions and directions, except the map of emission. */
             limit_texture(scene, pell_material_map(m, i)->texture, i == PELL_MAP_EMISSIVE ? 1e12f : 1.0f, "a material's map");
     }
     return res == PELL_OK ? check_layers(scene, m) : res;
 }
 
-/* Makes a direction a unit vector; false if it has none. */
+/* Makes a direction a unit vector; false if its length is zero. */
 static bool make_unit(float *v)
 {
     const float largest = fmaxf(fabsf(v[0]), fmaxf(fabsf(v[1]), fabsf(v[2])));
@@ -399,7 +399,7 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
     for (size_t i = 0; i < PELL_COUNT(turn) && res == PELL_OK; i++) {
         bool turned = false;
         res = turn[i](scene, &t, where.str, &turned);
-        /* Turning swaps corners: half-edges and face normals must be made again. */
+        /* Flipping triangles swaps corners: half-edges and face normals must be recomputed. */
         if (res == PELL_OK && turned) {
             pell_topology_finish(&t);
             res = pell_topology_make(&t, scene, meshes, count);
@@ -458,7 +458,7 @@ static enum pell_result complete_tangents(struct pell_scene *scene)
 
 enum pell_result pell_scene_default_material(struct pell_scene *scene, bool quiet)
 {
-    bool missing = scene->num_materials == 0, colored = scene->num_meshes > 0; /* at the vertices of all of them */
+    bool missing = scene->num_materials == 0, colored = scene->num_meshes > 0; /* at the vertices of all meshes */
     struct pell_material *m;
     size_t index = 0;
     enum pell_result res;
@@ -523,7 +523,7 @@ enum pell_result pell_scene_check_view(struct pell_scene *scene)
     return res;
 }
 
-/* What a file may leave out: camera, lights, a place to stand on. */
+/* Adds what a file may leave out: camera, lights, a ground. */
 static enum pell_result complete_view(struct pell_scene *scene, const struct pell_load_params *params, const struct pell_extras *extras)
 {
     const struct pell_surroundings *around = &extras->surroundings;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * hash.c - a scene's content as 64 bits, for metadata: names and places of files don't count. */
+ * hash.c - a 64-bit hash of a scene's content, for metadata: names and paths of files don't count. */
 #include "base/hash.h"
 #include "scene/import.h"
 

@@ -12,13 +12,13 @@
 #include "math/vec.h"
 #include "scene/material_maps.h"
 
-/* Which moment of a file's animation is drawn. */
+/* The time of a file's animation to load. */
 struct pell_moment {
     bool timed;            /* false: the file's rest pose */
     double time;           /* seconds */
     const char *animation; /* name or number; NULL: the first */
-    const char *where;     /* that chose the animation, for messages */
-    enum pell_result code; /* of one that is not there; 0: PELL_ERR_INVALID */
+    const char *where;     /* what chose the animation, for messages */
+    enum pell_result code; /* error code if that animation does not exist; 0: PELL_ERR_INVALID */
 };
 
 struct pell_loader;
@@ -31,37 +31,37 @@ struct pell_import {
     const char *root;         /* folder that external files must lie under */
     bool allow_outside;
     bool replaces_materials; /* the caller's material takes the place of the file's */
-    bool needed;             /* who asks for a picture refuses one that can't be used */
+    bool needed;             /* the caller needs the image: an unusable one is refused */
     struct pell_moment moment;
     double default_mm_per_unit; /* set by the importer: glTF 1000; 0: the format has no unit */
     size_t animations;          /* set by the importer: how many the file has */
 };
 
-/* `data` has a NUL behind its `size` bytes. */
+/* `data` has a NUL after its `size` bytes. */
 PELL_NODISCARD enum pell_result pell_import_gltf(struct pell_import *import, const uint8_t *data, size_t size); /* .gltf and .glb */
 PELL_NODISCARD enum pell_result pell_import_obj(struct pell_import *import, const uint8_t *data, size_t size);
 PELL_NODISCARD enum pell_result pell_import_ply(struct pell_import *import, const uint8_t *data, size_t size);
 PELL_NODISCARD enum pell_result pell_import_stl(struct pell_import *import, const uint8_t *data, size_t size);
-/* Its size is what the number of triangles in it says. */
+/* Whether the file size matches the number of triangles in its header. */
 bool pell_stl_is_binary(const uint8_t *data, size_t size);
 
-/* Loads an external picture as a texture of the scene; the same (file, role) is read once. A broken or missing picture is a warning that
- * names it, and *texture = NULL with PELL_OK; only NOMEM and CANCELLED fail. */
+/* Loads an external image as a texture of the scene; the same (file, role) is read once. A broken or missing image is a warning that names
+ * it, and *texture = NULL with PELL_OK; only NOMEM and CANCELLED fail. */
 PELL_NODISCARD enum pell_result pell_import_texture(struct pell_import *import, const char *where, const char *reference,
                                                     enum pell_image_role role, struct pell_texture **texture);
 /* The same from bytes (data URIs, GLB buffer views); `name` is for messages. */
 PELL_NODISCARD enum pell_result pell_import_texture_bytes(struct pell_import *import, const char *where, const char *name, const void *data,
                                                           size_t size, enum pell_image_role role, struct pell_texture **texture);
 
-/* The texture itself if its sampler is the one asked for or nobody has asked yet, else one that shares its pixels. */
+/* The texture itself if its sampler is the requested one or not set yet, else one that shares its pixels. */
 PELL_NODISCARD enum pell_result pell_texture_sampler(struct pell_scene *scene, struct pell_texture *texture, enum pell_wrap wrap_u,
                                                      enum pell_wrap wrap_v, bool nearest, struct pell_texture **out);
 
-/* A map of nothing: identity matrix, UV set 0, channel 0. */
+/* A map without a texture: identity matrix, UV set 0, channel 0. */
 struct pell_texture_map pell_texture_map_none(void);
 
-/* Applies a matrix to meshes, lights and cameras (positions, normals, tangents; winding is turned where it mirrors), and divides the
- * media's coefficients by `unit_scale`, lengths of lights by the same rule. */
+/* Applies a matrix to meshes, lights and cameras (positions, normals, tangents; winding is flipped if it mirrors), divides the media's
+ * coefficients by `unit_scale`, and scales the lengths of lights accordingly. */
 PELL_NODISCARD enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pell_mat4 *matrix, double unit_scale);
 
 #endif

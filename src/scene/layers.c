@@ -10,8 +10,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#define LOOK_UPS ((int64_t) 1 << 24) /* to measure a material; of larger maps every second, third, ... texel */
-#define OTHER 1e3                    /* 1/mm: extinction of the medium that stands for what is below the layers */
+#define LOOK_UPS ((int64_t) 1 << 24) /* limit on look-ups to measure a material; of larger maps every second, third, ... texel is used */
+#define OTHER 1e3                    /* 1/mm: extinction of the medium that represents the substrate below the layers */
 
 void pell_layer_texel(const struct pell_texture_map *map, float u, float v, float rgba[4])
 {
@@ -152,14 +152,14 @@ static int64_t texels_of(const struct pell_texture_map *map)
     return (int64_t) map->texture->image.width * map->texture->image.height;
 }
 
-/* Texels of the same places of the mesh. */
+/* Whether two maps have texels at the same points of the mesh. */
 static bool same_grid(const struct pell_texture_map *a, const struct pell_texture_map *b)
 {
     return a->texture->image.width == b->texture->image.width && a->texture->image.height == b->texture->image.height &&
            memcmp(a->matrix, b->matrix, sizeof(a->matrix)) == 0;
 }
 
-/* Where on the mesh a map's own coordinates are; as they are where the map is flat. */
+/* Texture coordinates of the mesh for a map's own coordinates; unchanged if the map's matrix is singular. */
 static void invert(const struct pell_texture_map *map, double s, double t, float *u, float *v)
 {
     const float *m = map->matrix;
@@ -204,7 +204,7 @@ static void measure(const struct pell_material *m, const bool *with, const struc
                     }
                     d *= pell_layer_share(rgba[map->channel], layer->depth_inverse);
                 }
-                out[i].crossings += d < above - 1e-5f * above - 1e-6f; /* not by rounding */
+                out[i].crossings += d < above - 1e-5f * above - 1e-6f; /* more than rounding */
                 above = d > above ? d : above;
                 out[i].min = fmin(out[i].min, (double) above);
                 out[i].max = fmax(out[i].max, (double) above);
@@ -249,7 +249,7 @@ int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_lay
 
 /* --- What they reflect -------------------------------------------------------------------------------------------------------- */
 
-/* Coefficients that the solvers of diffusion take: a clear layer absorbs a little. */
+/* Coefficients that diffusion solvers accept: a clear layer gets a little absorption. */
 static void take(const struct pell_medium *from, double eta, double thickness, struct pell_medium_layer *to)
 {
     for (int c = 0; c < 3; c++) {
@@ -269,7 +269,7 @@ static bool same_medium(const struct pell_medium_layer *a, const struct pell_med
            memcmp(a->sigma_s_reduced, b->sigma_s_reduced, sizeof(a->sigma_s_reduced)) == 0;
 }
 
-/* Makes one of the two neighbours whose sum is thinnest; both have bottoms. */
+/* Merges the two neighbours whose sum is thinnest; both have bottoms. */
 static void merge_thinnest(struct pell_medium_layer *layer, int count)
 {
     struct pell_medium_layer *a = layer, *b;
@@ -289,7 +289,7 @@ static void merge_thinnest(struct pell_medium_layer *layer, int count)
     memmove(b, b + 1, (size_t) (layer + count - (b + 1)) * sizeof(*b));
 }
 
-/* What lies below layers that end, as a half-space of the same index. */
+/* The substrate below layers that end, as a half-space of the same index. */
 static void bottom(const struct pell_material *m, struct pell_medium_layer *out)
 {
     struct pell_medium medium = { 0 };
@@ -303,7 +303,7 @@ static void bottom(const struct pell_material *m, struct pell_medium_layer *out)
     take(&medium, m->medium.eta, (double) INFINITY, out);
 }
 
-/* Weighed by thickness; of endless layers the last alone. */
+/* Mean weighted by thickness; for infinite layers the last alone. */
 static void mean_medium(const struct pell_medium_layer *layer, int count, struct pell_medium *out)
 {
     double sum = 0.0;
@@ -323,7 +323,7 @@ static void mean_medium(const struct pell_medium_layer *layer, int count, struct
     }
 }
 
-/* `endless`: the last of them has no bottom; else what lies below is another. */
+/* `endless`: the last layer has no bottom; else a substrate lies below. */
 static void make_stack(const struct pell_material *m, const double *bottoms, struct pell_stack *out, bool *endless)
 {
     struct pell_medium_layer layer[PELL_LAYERS_MOST + 1];
@@ -337,7 +337,8 @@ static void make_stack(const struct pell_material *m, const double *bottoms, str
         if (!*endless && !(thickness >= PELL_THICKNESS_MIN))
             continue;
         take(&m->layers[i].medium, m->medium.eta, *endless ? (double) INFINITY : fmin(thickness, PELL_THICKNESS_MAX), &layer[count++]);
-        if (count > 1 && same_medium(&layer[count - 2], &layer[count - 1])) { /* no boundary: thin layers have no answer of their own */
+        /* merge layers of one medium: thin layers can't be solved on their own */
+        if (count > 1 && same_medium(&layer[count - 2], &layer[count - 1])) {
             layer[count - 2].thickness += layer[count - 1].thickness;
             if (!*endless)
                 layer[count - 2].thickness = fmin(layer[count - 2].thickness, PELL_THICKNESS_MAX);

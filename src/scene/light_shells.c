@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * light_shells.c - meshes that are the shells of lights, such as bulbs: they emit, and a point or spot light is inside them. The light
- * stands for what the shell emits, so that the shell must not hold it back.
+ * represents the shell's emission, so that the shell must not block it.
  */
 #include "scene/scene.h"
 
@@ -33,7 +33,7 @@ double pell_mesh_solid_angle(const struct pell_context *ctx, const struct pell_m
     return sum;
 }
 
-/* Whether a mesh is around a point: most of what is seen from there. */
+/* Whether a mesh encloses a point: it subtends most of the sphere from there. */
 static bool holds(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3])
 {
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };

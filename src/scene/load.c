@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * load.c - reads any scene, a mesh file or a scene file, and applies what the caller wants otherwise. */
+ * load.c - reads any scene, a mesh file or a scene file, and applies the caller's overrides. */
 #include "base/file.h"
 #include "scene/scene.h"
 
 #include <string.h>
 
-#define LYING 1.2f /* times as deep as high and wide */
+#define LYING 1.2f /* ratio of depth to height and to width above which an object seems to lie on its back */
 
 static enum pell_result apply_material(struct pell_scene *scene, const char *text)
 {
@@ -41,14 +41,14 @@ static void report(const struct pell_scene *scene)
                   "no material is translucent, so nothing scatters below a surface");
 }
 
-/* Turns a mesh file whose z axis points upwards. */
+/* Rotates a mesh file whose z axis points upwards. */
 static enum pell_result stand_up(struct pell_scene *scene)
 {
     const struct pell_mat4 matrix = { { 1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1 } };
     return pell_scene_transform(scene, &matrix, 1.0);
 }
 
-/* A figure that is deeper than it is high and wide may have been made with the z axis upwards. */
+/* Warns: an object deeper than high and wide may have been modelled with the z axis upwards. */
 static void hint_at_up(const struct pell_scene *scene, const struct pell_load_params *params)
 {
     const struct pell_vec3 size = vec3_sub(vec3_load(scene->bounds_max), vec3_load(scene->bounds_min));
@@ -57,7 +57,7 @@ static void hint_at_up(const struct pell_scene *scene, const struct pell_load_pa
         pell_info(scene->ctx, scene->path, "is longest along z: if the object lies on its back, --up z turns it");
 }
 
-/* A time without an animation is allowed, as a sequence may be of objects that stand still. A name without an animation is an error. */
+/* A time without an animation is allowed, as a sequence may show static objects. A name without an animation is an error. */
 static enum pell_result check_animated(const struct pell_scene *scene, const struct pell_load_params *params)
 {
     char shown[96];

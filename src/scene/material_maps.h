@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * material_maps.h - the texture maps of a material, by number: what is done to each of them goes through this list. */
+ * material_maps.h - the texture maps of a material, by index: code that processes all maps goes through this list. */
 #ifndef PELL_MATERIAL_MAPS_H
 #define PELL_MATERIAL_MAPS_H
 
@@ -8,7 +8,7 @@
 #include <math.h>
 #include <string.h>
 
-#define PELL_DEFAULT_MATERIAL "default" /* of meshes for which the file names none */
+#define PELL_DEFAULT_MATERIAL "default" /* of meshes without a material in the file */
 
 enum pell_map {
     PELL_MAP_BASE,
@@ -40,19 +40,19 @@ static inline const struct pell_texture_map *pell_material_map(const struct pell
     }
 }
 
-/* The same, to be changed. */
+/* The same, mutable. */
 static inline struct pell_texture_map *pell_material_map_of(struct pell_material *m, enum pell_map map)
 {
     return (struct pell_texture_map *) pell_material_map(m, map);
 }
 
-/* For messages: what the loader made where the file names none is known by its preset. */
+/* Name for messages: the default material that the loader made is called by its preset. */
 static inline const char *pell_material_shown_name(const struct pell_material *m)
 {
     return m->preset && m->preset[0] && strcmp(m->name, PELL_DEFAULT_MATERIAL) == 0 ? m->preset : m->name;
 }
 
-/* A sheet that lets light through: both of its sides are lit. */
+/* A thin sheet that transmits light: both of its sides are illuminated. */
 static inline bool pell_material_is_thin(const struct pell_material *m)
 {
     return m->opaque && m->diffuse_transmission > 0.0f;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * mesh_file.c - reads one mesh file: tells formats apart, turns units into mm, merges what was read into a scene.
+ * mesh_file.c - reads one mesh file: detects its format, converts units into mm, merges the result into a scene.
  */
 #include "base/file.h"
 #include "scene/scene.h"
@@ -9,7 +9,7 @@
 #include <string.h>
 #include <strings.h>
 
-#define MM_MIN 1e-9 /* of one unit, and of a size */
+#define MM_MIN 1e-9 /* least value of one unit, and of a size */
 #define MM_MAX 1e12
 
 static bool contains(const uint8_t *data, size_t size, const char *text)
@@ -30,7 +30,7 @@ static bool is_space(uint8_t c)
     return c == ' ' || c == '\t' || c == '\r' || c == '\n';
 }
 
-/* Does the first line that is no comment begin like one of an OBJ file? */
+/* Whether the first line that is no comment begins like a line of an OBJ file. */
 static bool looks_like_obj(const uint8_t *p, const uint8_t *end)
 {
     static const char *const words[] = { "v", "vt", "vn", "vp", "f", "o", "g", "s", "mtllib", "usemtl", "l", "p" };
@@ -92,7 +92,7 @@ enum pell_scene_format pell_scene_tell_format(const char *path, const uint8_t *d
     return pell_path_has_extension(path, "json") ? PELL_SCENE_SCENE : PELL_SCENE_UNKNOWN;
 }
 
-/* Says what an unknown file probably is. */
+/* Refuses an unknown file, and reports its probable format. */
 static enum pell_result refuse(struct pell_context *ctx, const char *path, const uint8_t *data, size_t size)
 {
     /* clang-format off */
@@ -184,7 +184,7 @@ static enum pell_result find_unit(const struct pell_import *import, const struct
     return PELL_OK;
 }
 
-/* Meshes that the file does not name have the file's name, and the number of their object where there are several. */
+/* Unnamed meshes get the file's name, and the index of their object if there are several. */
 static enum pell_result name_meshes(struct pell_import *import)
 {
     struct pell_scene *scene = import->scene;
@@ -216,7 +216,7 @@ static enum pell_result name_meshes(struct pell_import *import)
     return PELL_OK;
 }
 
-/* Zero: pell_make_normals makes them. */
+/* Sets normals to zero: pell_make_normals computes them. */
 static void forget_normals(struct pell_scene *scene)
 {
     for (size_t i = 0; i < scene->num_meshes; i++)

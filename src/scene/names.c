@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * names.c - an open hash table of names. Numbers depend on the order of entering alone; the hash is seeded with an address, so that no
- * file can be made whose names collide on purpose. */
+ * names.c - an open-addressing hash table of names. Ids depend on the order of insertion alone; the hash is seeded with an address, so that
+ * no file can be made whose names collide on purpose. */
 #include "scene/names.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * names.h - a map from names to numbers, for names that files make up. */
+ * names.h - a map from arbitrary names in files to ids. */
 #ifndef PELL_NAMES_H
 #define PELL_NAMES_H
 
@@ -18,7 +18,7 @@ struct pell_names {
     size_t num_slots;
 };
 
-/* The number of a name, counted from 0 in order of first appearance; *fresh says whether it is new. */
+/* The id of a name, counted from 0 in order of first insertion; *fresh: the name is new. */
 PELL_NODISCARD enum pell_result pell_names_enter(struct pell_names *names, const char *text, size_t length, uint32_t *number, bool *fresh);
 void pell_names_finish(struct pell_names *names);
 

@@ -25,7 +25,7 @@ static enum pell_result ends_early(struct ply *p, const char *kind, int64_t row)
                       "the file ends here, before all rows that it announces");
 }
 
-/* The next value of the text body, which may stand on any line. */
+/* Reads the next value of the text body, which may be on any line. */
 static bool read_word(struct ply *p, double *value)
 {
     float f;
@@ -51,7 +51,7 @@ static bool read_word(struct ply *p, double *value)
     length = pell_lex_word(&p->lex, &word);
     if (pell_parse_number(word, length, value))
         return true;
-    /* What other programs write for 0/0 and 1/0. Positions that are so are refused later, by their vertex. */
+    /* Spellings of 0/0 and 1/0 by other programs. Such positions are refused later, by their vertex. */
     if (length && length < 12) {
         char copy[12];
         for (size_t i = 0; i < length; i++)
@@ -120,7 +120,7 @@ static enum pell_result read_failed(struct ply *p, const char *kind, int64_t row
                       pell_printable(copy, shown, sizeof(shown)), kind, (long long) row);
 }
 
-/* Reads a list's length; what is skipped may be as long as the file. */
+/* Reads a list's length; a skipped list may be as long as the file. */
 static enum pell_result read_length(struct ply *p, const struct property *q, const char *kind, int64_t row, int64_t *length)
 {
     const int64_t left =
@@ -188,7 +188,7 @@ static enum pell_result make_room(struct ply *p, const struct element *e)
     return PELL_OK;
 }
 
-/* Whole numbers are display values (sRGB) scaled to their largest; floats are linear. */
+/* Integers are sRGB values scaled to their largest; floats are linear. */
 static float color_value(double value, enum type type, bool alpha)
 {
     const double scale = type == T_UINT8 ? 255.0 : type == T_UINT16 ? 65535.0 : 1.0;
@@ -290,7 +290,7 @@ fail:
     return res;
 }
 
-/* Strips one after another, parted by -1; every other triangle of a strip runs the other way. */
+/* Adds strips separated by -1; every other triangle of a strip has the opposite winding. */
 static enum pell_result add_strips(struct ply *p, size_t count)
 {
     enum pell_result res = PELL_OK;
@@ -307,7 +307,7 @@ static enum pell_result add_strips(struct ply *p, size_t count)
     return res;
 }
 
-/* Reads the list into p->list; references must be to vertices, or -1 in strips. */
+/* Reads the list into p->list; elements must be vertex indices, or -1 in strips. */
 static enum pell_result read_list(struct ply *p, const struct property *q, const char *kind, int64_t row, size_t *count)
 {
     int64_t length;
@@ -388,7 +388,7 @@ static enum pell_result read_solid(struct ply *p)
     for (size_t i = 0; i < p->num_elements && res == PELL_OK; i++) {
         const struct element *e = &p->elements[i];
         if (e->num_properties == 0)
-            continue; /* rows that take no bytes: there may be any number of them */
+            continue; /* rows of zero bytes: there may be any number of them */
         if (e->kind == K_VERTEX)
             res = read_vertices(p, e);
         else if (e->kind == K_OTHER)

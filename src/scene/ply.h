@@ -13,7 +13,7 @@ enum type { T_INT8, T_UINT8, T_INT16, T_UINT16, T_INT32, T_UINT32, T_FLOAT, T_DO
 
 static const size_t type_sizes[] = { 1, 1, 2, 2, 4, 4, 4, 8 };
 
-/* What a vertex property is for. */
+/* The role of a vertex property. */
 enum role { R_X, R_Y, R_Z, R_NX, R_NY, R_NZ, R_U, R_V, R_RED, R_GREEN, R_BLUE, R_ALPHA, R_FACE, R_STRIP, R_NONE };
 
 enum { MAX_ELEMENTS = 64, MAX_PROPERTIES = 256 };
@@ -27,7 +27,7 @@ enum kind { K_VERTEX, K_FACE, K_STRIPS, K_OTHER };
 
 struct element {
     enum kind kind;
-    char name[64]; /* as it may be shown */
+    char name[64]; /* as printed in messages */
     int64_t count;
     size_t first_property, num_properties;
 };
@@ -49,7 +49,7 @@ struct ply {
     int64_t *list;
     size_t cap_list;
     struct pell_polygon polygon;
-    int64_t thin; /* faces of fewer than three corners */
+    int64_t thin; /* faces with fewer than three corners */
 };
 
 static inline const char *where_line(const struct ply *p, struct pell_text *text)
@@ -61,7 +61,7 @@ static inline const char *where_line(const struct ply *p, struct pell_text *text
 
 /* Fills elements and properties; p->at is then the body's first byte. */
 PELL_NODISCARD enum pell_result pell_ply_read_header(struct ply *p);
-/* All counts against the file's size; positions must be there. */
+/* Checks all counts against the file's size; positions must be present. */
 PELL_NODISCARD enum pell_result pell_ply_check_header(struct ply *p);
 
 #endif

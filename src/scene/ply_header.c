@@ -14,7 +14,7 @@ static const struct {
     { "int32", T_INT32 }, { "uint32", T_UINT32 }, { "float32", T_FLOAT }, { "float64", T_DOUBLE },
 };
 
-/* A word of the header as it may be shown; `shown` has 64 bytes and is returned. */
+/* A printable copy of a word of the header; `shown` has 64 bytes and is returned. */
 static const char *show_word(const char *word, size_t length, char *shown)
 {
     char copy[64] = "";
@@ -204,7 +204,7 @@ static int64_t least_row(const struct ply *p, const struct element *e)
     return bytes;
 }
 
-/* All counts against the file's size; positions must be there. */
+/* Checks all counts against the file's size; positions must be present. */
 enum pell_result pell_ply_check_header(struct ply *p)
 {
     const int64_t left = (int64_t) ((const uint8_t *) p->lex.end - p->at) + !p->binary; /* the last line may lack its end */

@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#define MODEL PELL_PROFILE_MONTE_CARLO /* of profiles; nearest to path-trace over materials, shapes and lights: docs/adr/0018 */
+#define MODEL PELL_PROFILE_MONTE_CARLO /* model of profiles; closest to path-trace over materials, shapes and lights: docs/adr/0018 */
 
 enum { MESHES, MATERIALS, TEXTURES, LIGHTS, CAMERAS, OPTIONS };
 
@@ -94,7 +94,7 @@ void pell_scene_destroy(struct pell_scene **scene)
 
 /* --- Adding ------------------------------------------------------------------------------------------------------------------- */
 
-/* Room for one more zeroed element of `size` bytes in *array, and a copy of its name. */
+/* Makes room for one more zeroed element of `size` bytes in *array, with a copy of its name. */
 static enum pell_result add(struct pell_scene *scene, int kind, const char *kinds, void **array, size_t count, size_t size,
                             const char *name, char **copy)
 {
@@ -233,7 +233,7 @@ enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *nam
     return o->value && o->where ? PELL_OK : PELL_ERR_NOMEM;
 }
 
-/* Says so where it is not. */
+/* Reports an index that is out of range. */
 static bool is_there(const struct pell_scene *scene, const char *where, const char *kind, size_t index, size_t count)
 {
     if (index >= count)
@@ -261,7 +261,7 @@ enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint3
         return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"triangles\" can be raised",
                           "%lld triangles; %lld are allowed", (long long) all_triangles, (long long) limits->triangles);
 
-    /* One vertex more than there are: ray packets read positions 16 bytes at a time. */
+    /* One more vertex than used: ray packets read positions 16 bytes at a time. */
     m->position = pell_calloc(scene->ctx, (size_t) vertices + 1, 3 * sizeof(float));
     m->normal = pell_calloc(scene->ctx, vertices, 3 * sizeof(float));
     m->index = pell_calloc(scene->ctx, triangles, 3 * sizeof(uint32_t));
@@ -475,7 +475,7 @@ static void turn(const struct pell_mat4 *matrix, float *v, bool normal)
     const struct pell_vec3 old = vec3_load(v), d = vec3_normalize(normal ? mat4_normal(matrix, old) : mat4_direction(matrix, old));
     const float l2 = vec3_dot(d, d);
 
-    /* A flat matrix can lose a direction: then the old one is as good as any. */
+    /* A singular matrix can collapse a direction: then the old one is kept. */
     if (l2 > 0.5f && l2 < 2.0f)
         vec3_store(d, v);
 }
@@ -485,7 +485,7 @@ static void move(const struct pell_mat4 *matrix, float *p)
     vec3_store(mat4_point(matrix, vec3_load(p)), p);
 }
 
-/* Makes `up` a unit vector at right angles to `forward`. */
+/* Makes `up` a unit vector perpendicular to `forward`. */
 void pell_scene_square(const float *forward, float *up)
 {
     const struct pell_vec3 f = vec3_load(forward), u = vec3_load(up);
@@ -504,7 +504,7 @@ static void transform_mesh(struct pell_mesh *mesh, const struct pell_mat4 *matri
     struct pell_mat4 unit = *matrix;
     double largest = 0.0;
 
-    /* Cofactors are squares of scales: mm per unit to the third and back stay in the range of floats only when scaled to one first. */
+    /* Cofactors are squares of scales: mm per unit cubed and its inverse fit into floats only if scaled to one first. */
     for (int i = 0; i < 12; i++)
         largest = fmax(largest, i % 4 < 3 ? fabs(matrix->m[i]) : 0.0);
     for (int i = 0; i < 12; i++)
@@ -558,7 +558,7 @@ enum pell_result pell_scene_transform(struct pell_scene *scene, const struct pel
         c->ortho_height *= k;
         c->focus *= k;
     }
-    /* Built-in entries are in mm already; an opaque material's medium is not used and stays marble's. */
+    /* Built-in entries are in mm already; an opaque material's medium is not used and remains marble's. */
     for (size_t i = 0; i < scene->num_materials; i++) {
         struct pell_material *m = &scene->materials[i];
         if (m->preset || m->opaque)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * stl.c - STL, binary and text: triangles alone. Corners at the same place become one vertex, so that surfaces are closed; the normals of
- * the file, one a triangle and often zero, are not used. */
+ * stl.c - STL, binary and text: triangles only. Corners at the same position become one vertex, so that surfaces are closed; the normals of
+ * the file, one per triangle and often zero, are not used. */
 #include "scene/obj/lex.h"
 #include "scene/scene.h"
 
@@ -12,11 +12,11 @@ enum { HEADER = 84, RECORD = 50, PROBES = 64 };
 struct stl {
     struct pell_import *import;
     struct pell_context *ctx;
-    float *position; /* of vertices */
+    float *position; /* of the vertices */
     size_t num_vertices, cap_vertices;
     uint32_t *corners;
     size_t num_corners, cap_corners;
-    uint32_t *slots; /* vertex + 1 by its place */
+    uint32_t *slots; /* vertex + 1, hashed by position */
     size_t num_slots;
 };
 
@@ -44,8 +44,8 @@ static size_t slot_of(const struct stl *s, const float p[3])
     return (size_t) (h >> 32) & (s->num_slots - 1);
 }
 
-/* The slot of this place: of its vertex, or a free one. NULL where there is none near: the corner becomes a vertex of its own, which is
- * right, too, and keeps the time bounded. */
+/* The slot of this position: its vertex, or a free slot. NULL if none is near: the corner becomes a separate vertex, which is also correct,
+ * and bounds the time. */
 static uint32_t *find(const struct stl *s, const float p[3])
 {
     for (size_t i = 0, k = slot_of(s, p); i < PROBES; i++, k = (k + 1) & (s->num_slots - 1))
@@ -165,13 +165,13 @@ static enum pell_result read_vertex(struct stl *s, struct pell_lex *l)
     return add_corner(s, p);
 }
 
-/* Some programs write them in capitals. */
+/* Case-insensitive: some programs write keywords in capitals. */
 static bool is_word(const char *word, size_t length, const char *name)
 {
     return length == strlen(name) && strncasecmp(word, name, length) == 0;
 }
 
-/* Of words only those that say something are read: "vertex", and where a facet begins and ends. */
+/* Only the keywords that carry information are read: "vertex", and the begin and end of facets. */
 static enum pell_result read_text(struct stl *s, const uint8_t *data, size_t size)
 {
     struct pell_lex l = { (const char *) data, (const char *) data + size, 1 };

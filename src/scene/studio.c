@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * studio.c - what a scene gets that says nothing of its own: a camera that frames it, the lights of a studio,
- * a floor with a sweep. */
+ * studio.c - defaults for a scene without camera or lights: a camera that frames it, the lights of a studio, a floor with a curved
+ * backdrop. */
 #include "base/base.h"
 #include "scene/scene.h"
 
 #include <string.h>
 
-#define FRAMED 0.8f /* share of the picture that the bounds fill */
+#define FRAMED 0.8f /* fraction of the image that the bounds fill */
 #define FRAME_FOV_DEG 20.0f
 #define DEFAULT_ASPECT (16.0f / 9.0f)
 
@@ -35,7 +35,7 @@ enum pell_result pell_scene_frame(struct pell_scene *scene, float aspect)
     if (!(aspect > 0.0f) || !isfinite(aspect))
         aspect = DEFAULT_ASPECT;
     PELL_TRY(pell_scene_add_camera(scene, "default", &index));
-    /* The box is seen straight on: its front face is what fills the picture. */
+    /* The box is seen frontally: its front face fills the image. */
     distance = fmaxf(half.y / slope, half.x / (slope * aspect));
     distance = fmaxf(distance, 0.05f * radius_of(scene));
     position.z += half.z + distance;
@@ -50,8 +50,8 @@ fail:
     return res;
 }
 
-/* Irradiance of a facing point on the axis of a square of unit radiance: half side over distance = x (four times the corner formula of
- * a parallel rectangle, e.g. Howell's catalogue of configuration factors, A-3). */
+/* Irradiance on the axis of a square of unit radiance, facing it: half side over distance = x (four times the corner formula of a parallel
+ * rectangle, e.g. Howell's catalogue of configuration factors, A-3). */
 static float square_irradiance(float x)
 {
     const float root = sqrtf(1.0f + x * x);
@@ -86,8 +86,8 @@ fail:
 enum tint { WHITE, WARM, COOL };
 static const float tints[][3] = { [WHITE] = { 1.0f, 1.0f, 1.0f }, [WARM] = { 1.0f, 0.97f, 0.92f }, [COOL] = { 0.92f, 0.96f, 1.0f } };
 
-/* Places are to the right, up and towards the camera; distances and sides in radii of the object, so that the irradiance at its centre is
- * the same for any size. */
+/* Positions are to the right, up and towards the camera; distances and sides in radii of the object, so that the irradiance at its centre
+ * is the same for any size. */
 static const struct soft {
     const char *name;
     float toward[3], distance, side, irradiance;
@@ -174,7 +174,7 @@ static void list_names(struct pell_text *hint, const char *const *names, size_t 
     pell_text_add(hint, "%s", more);
 }
 
-/* The index of `text`, or an error that lists the names; `more`: what is allowed beside them, "" if nothing. */
+/* The index of `text`, or an error that lists the names; `more`: further allowed values, "" if none. */
 static enum pell_result choose(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                const char *const *names, size_t count, const char *more, int *index)
 {
@@ -259,7 +259,7 @@ fail:
     return res;
 }
 
-/* Least and largest of the objects' vertices along an axis. */
+/* Minimum and maximum of the objects' vertices along an axis. */
 static void extent_along(const struct pell_scene *scene, struct pell_vec3 axis, float *least, float *largest)
 {
     *least = INFINITY;
@@ -303,7 +303,7 @@ enum pell_result pell_scene_frame_from(struct pell_scene *scene, const struct pe
         res = PELL_ERR_CANCELLED;
         goto fail;
     }
-    distance = fmaxf(distance, 0.5f * (high[2] - low[2]) + 0.05f * radius_of(scene)); /* a needle that points at the camera */
+    distance = fmaxf(distance, 0.5f * (high[2] - low[2]) + 0.05f * radius_of(scene)); /* a thin object that points at the camera */
     c = &scene->cameras[index];
     vec3_store(vec3_mad(center, distance, toward), c->position);
     vec3_store(vec3_mul(toward, -1.0f), c->forward);
@@ -321,7 +321,7 @@ fail:
 /* --- Ground ------------------------------------------------------------------------------------------------------------------- */
 
 enum { ARC = 48, RUNG = ARC + 3 }; /* points of the profile: floor's front, the arc's ARC + 1, the wall's top */
-enum { AROUND = 128 };             /* corners of a table */
+enum { AROUND = 128 };             /* corners of the round table */
 
 static enum pell_result ground_material(struct pell_scene *scene, int *material)
 {
@@ -345,8 +345,8 @@ fail:
     return res;
 }
 
-/* In radii: the floor begins 30 in front of the object, the arc of radius 6 begins 7 behind it (behind the studio's lights), the wall ends
- * at 60, and all is 120 wide. */
+/* In radii of the object: the floor begins 30 in front of it, the arc of radius 6 begins 7 behind it (behind the studio's lights), the wall
+ * ends at 60, and all is 120 wide. */
 static enum pell_result add_sweep(struct pell_scene *scene, size_t index)
 {
     const float r = radius_of(scene), bend = 6.0f * r, back = 7.0f * r;
@@ -385,7 +385,7 @@ fail:
     return res;
 }
 
-/* In radii: a round table of 3. A sweep would hide the environment, and what it lights from behind. */
+/* In radii of the object: a round table of radius 3. A backdrop would hide the environment and block its light. */
 static enum pell_result add_table(struct pell_scene *scene, size_t index)
 {
     const float r = 3.0f * radius_of(scene);

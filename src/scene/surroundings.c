@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * surroundings.c - the environment and the background that load parameters give, over those of the file. */
+ * surroundings.c - the environment and the background of the load parameters, which override those of the file. */
 #include "base/base.h"
 #include "image/color.h"
 #include "scene/scene.h"
@@ -12,7 +12,7 @@
 static const struct named_background {
     const char *name;
     enum pell_background kind;
-    uint8_t srgb; /* of all channels */
+    uint8_t srgb; /* value of all channels */
 } backgrounds[] = {
     { "environment", PELL_BACKGROUND_ENVIRONMENT, 0 },
     { "transparent", PELL_BACKGROUND_TRANSPARENT, 0 },

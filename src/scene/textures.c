@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * textures.c - textures of a scene that is being read: each picture is read once, found by its name and role.
+ * textures.c - textures of a scene that is being read: each image is read once, found by its name and role.
  */
 #include "scene/scene.h"
 
@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-/* Names can be chosen so that they collide: a texture that finds no slot near its own is not found again, which costs time only. */
+/* Names can be chosen so that they collide: a texture that finds no slot near its own is not found again, which only costs time. */
 #define PROBES 64
 
 /* FNV-1a, never 0. */
@@ -102,7 +102,7 @@ static void left_out(struct pell_import *import, const char *where, const char *
               pell_printable(reference, shown, sizeof(shown)));
 }
 
-/* Pictures that can't be read stay in the scene without pixels, so that each is tried once; pell_scene_drop_textures removes them. */
+/* Images that can't be read stay in the scene without pixels, so that each is tried once; pell_scene_drop_textures removes them. */
 enum pell_result pell_import_texture(struct pell_import *import, const char *where, const char *reference, enum pell_image_role role,
                                      struct pell_texture **texture)
 {

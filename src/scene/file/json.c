@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * json.c - places, typed getters and errors over jansson; see json.h. */
+ * json.c - JSON pointers, typed getters and errors over jansson; see json.h. */
 #include "scene/file/json.h"
 
 #include <inttypes.h>
@@ -8,13 +8,14 @@
 #include <stdio.h>
 #include <string.h>
 
-/* What jansson 2.14 asks for, roughly, per value of each kind: enough to refuse a small file with a huge tree before it is built. */
+/* Approximate memory that jansson 2.14 allocates per value of each kind: enough to refuse a small file with a huge tree before it is
+ * built. */
 #define BYTES_PER_OBJECT 320
 #define BYTES_PER_ARRAY 128
 #define BYTES_PER_VALUE 48
 #define BYTES_PER_KEY 96
 
-/* From an opening quote to the closing one. memchr, as data URIs make strings of megabytes. */
+/* Skips from an opening quote to the closing one. Uses memchr, as data URIs make strings of megabytes. */
 static size_t skip_string(const char *text, size_t size, size_t open)
 {
     const char *from = text + open + 1, *end = text + size, *quote;
@@ -30,7 +31,7 @@ static size_t skip_string(const char *text, size_t size, size_t open)
     return size;
 }
 
-/* One pass over the text outside of strings: nesting and the size of the tree. Text that is not JSON may pass; the parser refuses it. */
+/* Scans the text once, outside of strings, for nesting and the size of the tree. Text that is not JSON may pass; the parser refuses it. */
 static enum pell_result scan(const struct pell_json_file *file, const char *text, size_t size)
 {
     const struct pell_limits *limits = pell_context_limits(file->ctx);
@@ -122,7 +123,7 @@ size_t pell_json_count(const struct pell_json *array)
 
 const char *pell_json_where(const struct pell_json *at, struct pell_text *text)
 {
-    enum { LEVELS = 24 }; /* more are cut at the front: the end says where */
+    enum { LEVELS = 24 }; /* longer paths are cut at the front: the end is more specific */
     const struct pell_json *level[LEVELS];
     int count = 0;
 
@@ -268,7 +269,7 @@ enum pell_result pell_json_to_int(const struct pell_json *at, int64_t min, int64
         const double real = json_real_value(at->value);
         if (real != floor(real))
             return pell_json_wrong_type(at, "a whole number");
-        if (fabs(real) > 9007199254740992.0) /* 2^53: beyond it a double is no exact count */
+        if (fabs(real) > 9007199254740992.0) /* 2^53: larger doubles do not represent every integer */
             return out_of_range(at, (double) min, (double) max);
         x = (int64_t) real;
     } else {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * layers.c - "layers" of a scene file's material: coefficients, phase functions, painted depths. */
+ * layers.c - "layers" of a scene file's material: coefficients, phase functions, depth maps. */
 #include "scene/layers.h"
 #include "scene/file/scene_file.h"
 
@@ -12,17 +12,17 @@ const char *const pell_layer_keys[PELL_LAYER_KEYS] = { "name", "sigma_a", "sigma
 
 #define DEPTHS_MOST ((PELL_LAYERS_MOST + 3) / 4)
 
-/* What stands beside "layers" and holds for all of them. */
+/* The keys next to "layers" that apply to all of them. */
 struct painted {
-    struct pell_json depths; /* pictures, a layer each channel */
-    size_t count;            /* of them */
+    struct pell_json depths; /* images, one layer per channel */
+    size_t count;            /* number of images */
     double scale;            /* mm; 0: not given */
     int inverse;
 };
 
 /* --- Media -------------------------------------------------------------------------------------------------------------------- */
 
-/* "g" is one number or three; of two lobes two. */
+/* "g" is one number or three; for two lobes, two. */
 static enum pell_result read_phase(const struct pell_json *at, struct pell_scene_layer *layer)
 {
     static const char *const phases[] = { "hg", "schlick", "rayleigh", "two-lobe" }; /* in the order of enum pell_phase_kind */
@@ -58,7 +58,7 @@ fail:
     return res;
 }
 
-/* Two of sigma_a, sigma_s and sigma_t. */
+/* Reads two of sigma_a, sigma_s and sigma_t. */
 static enum pell_result read_sigmas(const struct pell_json *at, struct pell_medium *m)
 {
     const struct pell_json t = pell_json_get(at, "sigma_t");
@@ -94,7 +94,7 @@ fail:
 
 /* --- Depths ------------------------------------------------------------------------------------------------------------------- */
 
-/* A number with letters right behind it is a length; with a '#' or '/', or a dot before the letters ("01.png"), it is a picture's name. */
+/* A number followed directly by letters is a length; with a '#' or '/', or a dot before the letters ("01.png"), it is an image's name. */
 static bool is_length(const char *text)
 {
     size_t end = strlen(text);
@@ -104,7 +104,7 @@ static bool is_length(const char *text)
     return strspn(text, "+-.0123456789") > 0 && !strpbrk(text, "#/\\") && (end == 0 || text[end - 1] != '.');
 }
 
-/* "file.png#r": a picture's channel as it is in the file, floats too. "baseColor.a": of a texture of the material. */
+/* "file.png#r": an image's channel without colour conversion, floats too. "baseColor.a": a channel of one of the material's textures. */
 static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_json *at, const char *text, const struct pell_material *m,
                                  int channel, struct pell_texture_map *map)
 {
@@ -255,7 +255,7 @@ fail:
     return res;
 }
 
-/* Layers that the same text gave another material: "*" is for all of them. */
+/* Copies layers that the same text gave another material: "*" applies to all materials. */
 static enum pell_result copy_layers(struct pell_scene_reader *r, const struct pell_material *from, struct pell_material *to)
 {
     for (int i = 0; i < to->num_layers; i++) {

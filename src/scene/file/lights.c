@@ -64,7 +64,7 @@ fail:
     return res;
 }
 
-/* All but environments. */
+/* Reads any light but an environment. */
 static enum pell_result read_source(struct pell_scene_reader *r, const struct pell_json *at, struct pell_light *l)
 {
     const bool area = l->type == PELL_LIGHT_RECT || l->type == PELL_LIGHT_DISC;
@@ -109,7 +109,7 @@ fail:
     return res;
 }
 
-/* true: the soft lights; or a studio's name, unless the caller gives one. */
+/* true: the soft lights; or a studio's name, overridden by the caller's. */
 static enum pell_result read_studio(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
 {
     const struct pell_json value = pell_json_get(at, "studio");

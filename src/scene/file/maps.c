@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * maps.c - texture maps of a material by the names that scene files have for them.
+ * maps.c - texture maps of a material by their names in scene files.
  */
 #include "scene/file/scene_file.h"
 
@@ -36,7 +36,7 @@ enum pell_result pell_scene_channel_of(const struct pell_json *at, const char *t
 
     *length = strlen(text);
     *channel = 0;
-    if (!hash || strchr(hash, '.')) /* a '#' of the file's name */
+    if (!hash || strchr(hash, '.')) /* the '#' belongs to the file's name */
         return PELL_OK;
     *channel = pell_scene_channel_called(hash + 1);
     if (*channel < 0)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * material_file.c - material files, and coefficients from the colour that an object shall have. */
+ * material_file.c - material files, and coefficients from a target colour. */
 #include "base/file.h"
 #include "scene/file/json.h"
 #include "scene/file/scene_file.h"
@@ -96,7 +96,7 @@ fail:
 
 /* --- Solutions ---------------------------------------------------------------------------------------------------------------- */
 
-/* Coefficients of its own or another's, at the concentration that is asked for. */
+/* Reads its own or another material's coefficients, at the requested concentration. */
 static enum pell_result read_solution(const struct pell_json *root, struct pell_material_entry *e)
 {
     const struct pell_json at = pell_json_get(root, "concentration");
@@ -143,7 +143,7 @@ fail:
 
 /* --- Sums of Gaussians -------------------------------------------------------------------------------------------------------- */
 
-/* `scale`: weights are brought to a sum of 1 per channel; else the sum is the total reflectance, at most 1. */
+/* `scale`: weights are scaled to a sum of 1 per channel; else the sum is the total reflectance, at most 1. */
 static enum pell_result read_sum(const struct pell_json *root, bool scale, struct pell_gaussians *g)
 {
     struct pell_json variances, weights;
@@ -305,7 +305,7 @@ static struct pell_json layer_at(const struct pell_json *where, int i)
     return i >= 0 && json_is_array(where->value) ? pell_json_at(where, (size_t) i) : *where;
 }
 
-/* Says why a stack has no answer. */
+/* Reports why a stack can't be solved. */
 static enum pell_result refuse_stack(const struct pell_json *where, const struct pell_material_layers *layers)
 {
     static const char *const or_give = "or give variances and weights";
@@ -328,7 +328,7 @@ static enum pell_result refuse_stack(const struct pell_json *where, const struct
     return pell_json_error(where, PELL_ERR_FORMAT, or_give, "sends no light back that a sum of Gaussians could stand for");
 }
 
-/* A stack and what it reflects: as the file says, else solved here. */
+/* Reads a stack and its reflectance: from the file, else solved here. */
 static enum pell_result read_layers(const struct pell_json *root, struct pell_material_entry *e)
 {
     const struct pell_json where = pell_json_get(root, has(root, "skin") ? "skin" : "layers");
@@ -364,7 +364,7 @@ fail:
 
 /* --- A file ------------------------------------------------------------------------------------------------------------------- */
 
-/* What a kind must not have. */
+/* Refuses keys that a kind must not have. */
 static enum pell_result refuse(const struct pell_json *root, const char *const *keys, const char *why)
 {
     for (; *keys; keys++) {
@@ -480,7 +480,7 @@ enum pell_result pell_material_read(struct pell_context *ctx, const char *path, 
     PELL_TRY(pell_json_is_object(&root));
     PELL_TRY(read_entry(&root, entry));
     PELL_TRY(pell_json_string(&root, "name", &texts[0]));
-    PELL_TRY(pell_json_string(&root, "$schema", &schema)); /* for editors */
+    PELL_TRY(pell_json_string(&root, "$schema", &schema)); /* used by editors only */
     PELL_TRY(pell_json_string(&root, "title", &texts[1]));
     PELL_TRY(pell_json_string(&root, "family", &texts[2]));
     PELL_TRY(pell_json_string(&root, "note", &texts[3]));

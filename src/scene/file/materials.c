@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * materials.c - the materials of a scene file, laid over those of the mesh files. */
+ * materials.c - the materials of a scene file, which override those of the mesh files. */
 #include "scene/file/profile_table.h"
 #include "scene/file/scene_file.h"
 #include "scene/layers.h"
@@ -66,7 +66,7 @@ fail:
 
 /* --- Maps --------------------------------------------------------------------------------------------------------------------- */
 
-/* "file.png" or "file.png#g". A broken picture leaves the map as it was. */
+/* "file.png" or "file.png#g". A broken image leaves the map unchanged. */
 static enum pell_result read_map(struct pell_scene_reader *r, const struct pell_json *at, enum pell_image_role role,
                                  struct pell_texture_map *map)
 {
@@ -116,7 +116,7 @@ fail:
     return res;
 }
 
-/* A number, a channel of one of the material's textures ("baseColor.a"), or of a picture ("mask.png#r"). */
+/* A number, a channel of one of the material's textures ("baseColor.a"), or of an image ("mask.png#r"). */
 static enum pell_result read_strength(struct pell_scene_reader *r, const struct pell_json *parent, struct pell_material *m)
 {
     const struct pell_json at = pell_json_get(parent, "strength");
@@ -156,20 +156,20 @@ static void forget_preset(struct pell_scene_reader *r, struct pell_material *m)
     pell_scene_layers_finish(r->ctx, m);
 }
 
-/* Is there a length that makes a colour into a medium? NULL: none. */
+/* The key of the length that turns a colour into a medium; NULL: none. */
 static const char *length_key(const struct pell_json *at)
 {
     return pell_json_has(at, "mean_free_path") ? "mean_free_path" : pell_json_has(at, "radius") ? "radius" : NULL;
 }
 
-/* Something of an entry that says what diffuse light does: a profile of its own layers it has only without. */
+/* Whether the object defines diffuse scattering: only otherwise does the material use the profile of its own layers. */
 static bool has_diffusion(const struct pell_json *at)
 {
     return pell_json_has(at, "preset") || pell_json_has(at, "skin") || pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") ||
            pell_json_has(at, "sigma_s_reduced") || length_key(at);
 }
 
-/* A text for all channels, or three texts: lengths without a unit are what goes wrong most. */
+/* A text for all channels, or three texts: lengths without a unit are the most common mistake. */
 static enum pell_result read_lengths(const struct pell_json *parent, const char *key, double *mm)
 {
     const struct pell_json at = pell_json_get(parent, key);
@@ -209,7 +209,7 @@ static enum pell_result read_reflectance(const struct pell_json *at, const char 
     return res;
 }
 
-/* "color" with a length: the medium that has this colour by the material's model of the profile. */
+/* "color" with a length: the medium whose diffuse reflectance, by the material's profile model, is this colour. */
 static enum pell_result read_look(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
 {
     const char *key = length_key(at), *kinds[PELL_SCATTER_RADII];
@@ -245,7 +245,7 @@ fail:
     return res;
 }
 
-/* The surface's own colour. */
+/* The colour of the surface. */
 static enum pell_result read_color(const struct pell_json *at, struct pell_material *m)
 {
     const struct pell_json place = pell_json_get(at, "color");
@@ -268,7 +268,7 @@ fail:
     return res;
 }
 
-/* A table of a user: r_mm, R, G, B a line. */
+/* A user's table, with r_mm, R, G, B per line. */
 static enum pell_result read_table(struct pell_scene_reader *r, const struct pell_json *at, const char *name, struct pell_material *m)
 {
     struct pell_text where;
@@ -328,7 +328,7 @@ fail:
     return res;
 }
 
-/* The keys that say what lies below the surface: one of them is allowed. */
+/* The keys that define the medium: only one of them is allowed. */
 static enum pell_result one_medium(const struct pell_json *at)
 {
     const char *const given[] = {
@@ -351,7 +351,7 @@ static enum pell_result read_optics(struct pell_scene_reader *r, const struct pe
     const struct pell_json preset = pell_json_get(at, "preset");
     const bool medium = pell_json_has(at, "sigma_a") || pell_json_has(at, "sigma_s") || pell_json_has(at, "sigma_s_reduced");
     struct pell_material_entry entry = { 0 };
-    char *owned = NULL; /* the entry's texts */
+    char *owned = NULL; /* texts of the entry */
     const char *name;
     enum pell_result res;
 
@@ -412,7 +412,7 @@ fail:
     return res;
 }
 
-/* A thin sheet. Its transmitted colour is that of the surface unless it has one of its own. */
+/* A thin sheet. Its transmitted colour is that of the surface unless given separately. */
 static enum pell_result read_sheet(const struct pell_json *at, struct pell_material *m)
 {
     const struct pell_json place = pell_json_get(at, "diffuse_transmission");
@@ -455,7 +455,7 @@ enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pe
     m->color_from = color_from ? PELL_COLOR_FROM_TEXTURE : PELL_COLOR_FROM_PROFILE;
     PELL_TRY(read_textures(r, at, m));
     if (m->base_color_map.texture && m->base_color_map.texture != before)
-        m->base_color[0] = m->base_color[1] = m->base_color[2] = 1.0f; /* a picture given here is the colour, not a tint of it */
+        m->base_color[0] = m->base_color[1] = m->base_color[2] = 1.0f; /* an image given here is the colour, not multiplied by one */
     PELL_TRY(read_color(at, m));
     PELL_TRY(pell_scene_read_layers(r, at, !has_diffusion(at) && !m->profile, material));
     m = &r->scene->materials[material];
@@ -473,7 +473,7 @@ fail:
 
 /* --- By name ------------------------------------------------------------------------------------------------------------------ */
 
-/* Names are looked through for as many warnings as are printed: a file may have a million of both. */
+/* Searches for names only for as many warnings as are printed: a file may have a million of both. */
 static enum pell_result warn_no_match(struct pell_scene_reader *r, const struct pell_json *at, const char *name, int unknown)
 {
     enum { MOST = 4096 };
@@ -493,11 +493,11 @@ static enum pell_result warn_no_match(struct pell_scene_reader *r, const struct 
     return PELL_OK;
 }
 
-/* The scene's materials by name: those of one name are a list. */
+/* The scene's materials by name: materials of one name form a list. */
 struct by_name {
     struct pell_names names;
     uint32_t *first, *next; /* material + 1 */
-    int unknown;            /* names that no material has, so far */
+    int unknown;            /* number of names without a material, so far */
 };
 
 static enum pell_result index_names(struct pell_scene_reader *r, struct by_name *b)
@@ -535,7 +535,7 @@ static enum pell_result overlay_named(struct pell_scene_reader *r, const struct 
 
     PELL_TRY(pell_names_enter(&b->names, name, strlen(name), &number, &fresh));
     if (fresh || number >= known) {
-        PELL_TRY(pell_json_only(&at, pell_material_keys, PELL_MATERIAL_KEYS)); /* what is not used must be right all the same */
+        PELL_TRY(pell_json_only(&at, pell_material_keys, PELL_MATERIAL_KEYS)); /* unused ones must be valid, too */
         return warn_no_match(r, &at, name, ++b->unknown);
     }
     for (uint32_t i = b->first[number]; i; i = b->next[i - 1])

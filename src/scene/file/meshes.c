@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * meshes.c - "mesh" and "meshes" of a scene file: their files, scale, place, normals, material, and the objects that they are of. */
+ * meshes.c - "mesh" and "meshes" of a scene file: their files, scale, placement, normals, material, and the objects that they belong to. */
 #include "scene/file/scene_file.h"
 
 #include <string.h>
@@ -7,7 +7,7 @@
 const char *const pell_mesh_keys[PELL_MESH_KEYS] = { "path",  "unit",     "size",   "translate", "rotate_deg",
                                                      "scale", "material", "object", "normals" };
 
-/* "unit" and "size" of an object; the caller's, if there are, stand above those of the file's top level. */
+/* "unit" and "size" of an object; the caller's override those of the file's top level. */
 static enum pell_result read_scale(const struct pell_json *at, struct pell_scale *scale)
 {
     const struct pell_json unit = pell_json_get(at, "unit"), size = pell_json_get(at, "size");
@@ -27,7 +27,7 @@ fail:
     return res;
 }
 
-/* The load parameters stand above it. */
+/* Load parameters override it. */
 static enum pell_result read_normals(const struct pell_json *at, struct pell_loader *loader)
 {
     const struct pell_json normals = pell_json_get(at, "normals");
@@ -86,7 +86,7 @@ fail:
     return res;
 }
 
-/* "material" of a mesh: one of this file's materials, else a built-in one or a material file. */
+/* "material" of a mesh: a material of this file, else a built-in one or a material file. */
 static enum pell_result set_mesh_material(struct pell_scene_reader *r, const struct pell_json *at, struct pell_scene *scene)
 {
     const struct pell_json root = pell_json_root(&r->file), materials = pell_json_get(&root, "materials");
@@ -98,7 +98,7 @@ static enum pell_result set_mesh_material(struct pell_scene_reader *r, const str
     PELL_TRY(pell_json_to_string(at, &name));
     if (materials.value && strcmp(name, "*") != 0 && pell_json_has(&materials, name)) {
         PELL_TRY(pell_scene_add_material(scene, name, &index));
-        PELL_TRY(pell_material_apply(scene, index, scene->path, "marble")); /* what the overlay leaves unsaid */
+        PELL_TRY(pell_material_apply(scene, index, scene->path, "marble")); /* what the overlay does not set */
         for (size_t i = 0; i < scene->num_meshes; i++)
             scene->meshes[i].material = (int) index;
         return PELL_OK;
@@ -115,10 +115,10 @@ fail:
 
 struct defined {
     const struct pell_scene_reader *reader;
-    bool all; /* by the mesh's own "material" */
+    bool all; /* overridden by the mesh's own "material" */
 };
 
-/* What "materials" says of a mesh file's. */
+/* Whether "materials" defines a mesh file's material. */
 static bool defines_material(const void *of, const char *name)
 {
     const struct defined *d = of;
@@ -127,8 +127,8 @@ static bool defines_material(const void *of, const char *name)
     return d->all || (materials.value && (pell_json_has(&materials, "*") || pell_json_has(&materials, name)));
 }
 
-/* Whether materials of two mesh files are one: they have one name, which "materials" of the scene file goes by; or one built-in entry, and
- * nothing beside it. */
+/* Whether materials of two mesh files are one: they have the same name, which "materials" of the scene file refers to, or are the same
+ * built-in entry without changes. */
 static bool is_same_material(const struct pell_material *a, const struct pell_material *b)
 {
     bool painted = false;
@@ -140,8 +140,8 @@ static bool is_same_material(const struct pell_material *a, const struct pell_ma
     return strcmp(a->name, b->name) == 0 || (a->preset && !painted);
 }
 
-/* "object" of the meshes from `first` on: with those of earlier entries that have the same name they are one object, in which each material
- * is there once, as light scatters from mesh to mesh of one material. */
+/* "object" of the meshes from `first` on: joins them with those of earlier entries that have the same name into one object, in which each
+ * material exists once, as light scatters from mesh to mesh of one material. */
 static enum pell_result join_object(struct pell_scene_reader *r, const struct pell_json *at, size_t first)
 {
     const struct pell_scene *s = r->scene;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * profile_table.c - radial profiles from comma-separated values: `r_mm,R,G,B`, or `r_mm,R` for all three channels. Empty lines and those
- * that begin with '#' are passed over. A line of names may come first: then columns are found by their names, whatever their order, and
- * those of other profiles (`tr_R`, `dipole_G`: a name, '_' and a channel's) are passed over. */
+ * that begin with '#' are skipped. A line of names may come first: then columns are found by their names, whatever their order, and those
+ * of other profiles (`tr_R`, `dipole_G`: a name, '_' and a channel) are skipped. */
 #include "scene/file/profile_table.h"
 
 #include <stdio.h>
@@ -11,20 +11,20 @@ enum { MAX_ROWS = 1 << 16, COLUMNS = 4, CELLS = 128, SKIP = -1 };
 #define RADIUS_LAST_MIN 1e-6 /* mm; the shortest mean free path of a medium (PELL_SIGMA_MAX) */
 
 static const char *const column_names[COLUMNS] = { "r_mm", "R", "G", "B" };
-static const char *const skin_names[COLUMNS] = { "r_mm", "epidermis", "dermis", "skin" }; /* what `profile --wavelength` writes */
+static const char *const skin_names[COLUMNS] = { "r_mm", "epidermis", "dermis", "skin" }; /* written by `profile --wavelength` */
 #define ALLOWED "r_mm, R, G and B; NAME_R, NAME_G, NAME_B of other profiles are passed over"
 
 struct table {
     struct pell_context *ctx;
     const char *path;
     const char *at, *end;
-    int64_t line;         /* of `at`, counted from 1 */
-    int columns;          /* of the profile that are there: 2 or 4 */
-    int cells;            /* of every line; 0: none was read */
-    int column_of[CELLS]; /* of a line's cells, or SKIP */
+    int64_t line;         /* line number of `at`, counted from 1 */
+    int columns;          /* columns of the profile that are present: 2 or 4 */
+    int cells;            /* cells per line; 0: no line was read */
+    int column_of[CELLS]; /* column of each cell of a line, or SKIP */
     size_t count, capacity;
     double (*rows)[COLUMNS];
-    int64_t *lines; /* where each row stands */
+    int64_t *lines; /* line number of each row */
     size_t lines_capacity;
 };
 
@@ -42,7 +42,7 @@ static enum pell_result refuse(const struct table *t, int64_t line, const char *
     return pell_error(t->ctx, PELL_ERR_FORMAT, where.str, hint, "%s", what);
 }
 
-/* Without the blanks at either end. */
+/* Trims blanks at both ends. */
 static size_t trim(const char **text, size_t length)
 {
     while (length && (**text == ' ' || **text == '\t')) {
@@ -74,7 +74,7 @@ static enum pell_result keep_row(struct table *t, const double row[COLUMNS])
     return PELL_OK;
 }
 
-/* The next cell of a line, without blanks, in *word; its size. *text becomes what is behind the comma, or NULL. */
+/* The next cell of a line, without blanks, in *word; returns its size. *text is moved past the comma, or to NULL. */
 static size_t next_cell(const char **text, const char *end, const char **word)
 {
     const char *comma = memchr(*text, ',', (size_t) (end - *text));
@@ -85,7 +85,7 @@ static size_t next_cell(const char **text, const char *end, const char **word)
     return trim(word, size);
 }
 
-/* The column that a name stands for, SKIP for another profile's; COLUMNS for none. */
+/* The column of a name, SKIP for another profile's; COLUMNS if unknown. */
 static int column_named(const char *word, size_t size)
 {
     for (int k = 0; k < COLUMNS; k++)
@@ -158,7 +158,7 @@ static enum pell_result take_order(struct table *t, const char *text, size_t len
     return PELL_OK;
 }
 
-/* One line that holds something. */
+/* Reads one line with content. */
 static enum pell_result read_row(struct table *t, const char *text, size_t length)
 {
     double row[COLUMNS] = { 0 };

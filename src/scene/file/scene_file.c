@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * scene_file.c - Pellucid's own scene file: JSON that names meshes and says what glTF can't (data/scene.schema.json).
+ * scene_file.c - Pellucid's own scene file: JSON that names meshes and adds what glTF can't express (data/scene.schema.json).
  *
- * Numbers of positions and lengths are in units of the mesh; texts carry their unit. Materials are overlaid in scene_material.c. */
+ * Numbers of positions and lengths are in units of the mesh; texts include their unit. Materials are overridden in file/materials.c. */
 #include "scene/file/scene_file.h"
 
 #include "scene/material_maps.h"
@@ -17,7 +17,7 @@ KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time",
 KEYS(camera_keys, "from", "to", "up", "fov_deg", "ortho_height", "focus", "f_number");
 KEYS(side_keys, "side");
 KEYS(background_keys, "color", "image", "ground");
-KEYS(render_keys, "method", "width", "height", "knobs"); /* and any other option of the command line: who renders knows them */
+KEYS(render_keys, "method", "width", "height", "knobs"); /* and any other option of the command line: checked by whoever renders */
 
 #define ROW(object, keys)                                                                                                                  \
     {                                                                                                                                      \
@@ -42,7 +42,7 @@ const struct pell_scene_keys pell_scene_keys[] = {
 
 /* --- Camera ------------------------------------------------------------------------------------------------------------------- */
 
-/* "side": the camera frames the objects, once all are known. The caller's camera stands above it. */
+/* "side": the camera frames the objects, once all are known. The caller's camera overrides it. */
 static enum pell_result read_side(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
 {
     const struct pell_json side = pell_json_get(at, "side");
@@ -152,7 +152,7 @@ static enum pell_result read_background(struct pell_scene_reader *r, const struc
     if (pell_json_has(&at, "ground")) {
         if (ground->value)
             return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "ground stands here and beside background; one is allowed");
-        r->background = at; /* keeps the place of `ground` alive */
+        r->background = at; /* `ground` keeps a pointer to it */
         *ground = pell_json_get(&r->background, "ground");
     }
     return PELL_OK;
@@ -161,7 +161,7 @@ fail:
     return res;
 }
 
-/* true, a material's name, or a material of its own. */
+/* true, a material's name, or an inline material. */
 static enum pell_result read_ground(struct pell_scene_reader *r, const struct pell_json *at, struct pell_extras *extras)
 {
     struct pell_material_entry entry = { 0 };
@@ -307,7 +307,7 @@ static enum pell_result check_moment(const struct pell_scene_reader *r, const st
     return pell_json_error(&animation, PELL_ERR_FORMAT, NULL, "no mesh file has an animation");
 }
 
-/* When all is read. */
+/* Checks times once everything is read. */
 static void check_time(const struct pell_scene_reader *r, const struct pell_json *root)
 {
     const struct pell_json time = pell_json_get(root, "time"), rate = pell_json_get(root, "image_rate");
@@ -328,7 +328,7 @@ static bool is_among(const char *key, const struct pell_scene_keys *keys)
     return false;
 }
 
-/* Keys at the top that belong into one of its objects. */
+/* Refuses keys at the top that belong into one of its objects. */
 static enum pell_result refuse_misplaced(const struct pell_json *root)
 {
     for (const struct pell_scene_keys *of = &pell_scene_keys[1]; of->object; of++)
@@ -413,7 +413,7 @@ fail:
 
 /* --- Camera and lights of a complete scene ------------------------------------------------------------------------------------- */
 
-/* A light's picture stays the one that it has. */
+/* Removes image keys: a light keeps its image. */
 static void drop_pictures(json_t *lights)
 {
     json_t *light;
@@ -424,7 +424,7 @@ static void drop_pictures(json_t *lights)
         if (json_object_get(light, "image") && !json_object_get(light, "color"))
             json_object_set_new(light, "color", json_pack("[i,i,i]", 1, 1, 1));
         if (json_object_get(light, "project") && !json_object_get(light, "to"))
-            json_object_set_new(light, "to", json_pack("[i,i,i]", 0, 0, 0)); /* which is where it aims without */
+            json_object_set_new(light, "to", json_pack("[i,i,i]", 0, 0, 0)); /* the default target */
         json_object_del(light, "image");
         json_object_del(light, "project");
     }
@@ -477,7 +477,7 @@ enum pell_result pell_scene_read_view(struct pell_scene *scene, const char *path
     PELL_TRY(read_camera(&r, &root, &extras));
     if (extras.view.from)
         PELL_TRY(pell_scene_frame_from(scene, &extras.view, 0.0f));
-    if (scene->num_cameras > cameras) /* it took the first one's place, and that one the last */
+    if (scene->num_cameras > cameras) /* it replaced the first camera, which moved to the end */
         pell_free(r.ctx, scene->cameras[--scene->num_cameras].name);
     PELL_TRY(reread_lights(&r, &root));
     PELL_TRY(pell_scene_check_view(scene));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * scene_file.h - what the two halves of the scene-file reader share. */
+ * scene_file.h - what the files of the scene-file reader share. */
 #ifndef PELL_SCENE_FILE_H
 #define PELL_SCENE_FILE_H
 
@@ -14,35 +14,35 @@ struct pell_scene_reader {
     struct pell_context *ctx;
     const struct pell_loader *loader;
     struct pell_json_file file;
-    struct pell_scene *scene;  /* what has been read so far, in mm */
-    struct pell_import import; /* for pictures */
-    const char *granted;       /* of the loader */
+    struct pell_scene *scene;  /* contents read so far, in mm */
+    struct pell_import import; /* for images */
+    const char *granted;       /* see struct pell_loader */
     struct pell_scale scale;   /* of the top level */
-    struct pell_names objects; /* those that "object" of meshes names */
+    struct pell_names objects; /* names given by "object" of meshes */
     size_t *first_of_object, object_capacity;
     struct pell_moment moment;
     struct pell_text moment_where;
-    double image_rate;           /* of sequences of pictures, 1/s */
-    bool sequences;              /* the scene has some */
-    char animation[24];          /* a number, as text */
+    double image_rate;           /* of image sequences, 1/s */
+    bool sequences;              /* the scene has image sequences */
+    char animation[24];          /* an index, as text */
     double unit;                 /* mm per mesh unit, for positions */
-    struct pell_json background; /* parent of a ground that stands in it */
-    const json_t *layers;        /* read last, and of which material; NULL: others read them anew */
+    struct pell_json background; /* parent of a ground nested in it */
+    const json_t *layers;        /* layers read last, and their material; NULL: others must read them again */
     size_t layers_of;
 };
 
 /* --- scene_value.c ------------------------------------------------------------------------------------------------------------ */
 
 bool pell_json_has(const struct pell_json *at, const char *key);
-/* A text with a unit ("70mm"). Positions may be 0 and negative. */
+/* Parses a text with a unit ("70mm"). Positions may be 0 and negative. */
 PELL_NODISCARD enum pell_result pell_scene_text_length(const struct pell_json *at, bool any_sign, double *mm);
-/* A picture that the scene file names: missing is an error, broken a warning and NULL. */
+/* Loads an image that the scene file names: missing is an error, broken a warning and NULL. */
 PELL_NODISCARD enum pell_result pell_scene_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
                                                    enum pell_image_role role, struct pell_texture **texture);
-/* The same where nothing can stand in the picture's place: broken is an error, too. */
+/* The same where no fallback exists: a broken image is an error, too. */
 PELL_NODISCARD enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const struct pell_json *at, const char *reference,
                                                         enum pell_image_role role, struct pell_texture **texture);
-/* That of a key, if it is there. */
+/* The same for a key, if present. */
 PELL_NODISCARD enum pell_result pell_scene_need_picture_at(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,
                                                            struct pell_texture **texture);
 /* Getters as in json.h. A length above 0 and a position are numbers times `unit` (mm), or texts with a unit; a colour is three numbers or
@@ -51,7 +51,7 @@ PELL_NODISCARD enum pell_result pell_scene_length(const struct pell_json *parent
 PELL_NODISCARD enum pell_result pell_scene_position(const struct pell_json *parent, const char *key, double unit, double *mm);
 PELL_NODISCARD enum pell_result pell_scene_rgb(const struct pell_json *parent, const char *key, double max, float *rgb);
 PELL_NODISCARD enum pell_result pell_scene_direction(const struct pell_json *parent, const char *key, float *direction);
-/* The direction from `at` towards `to`, which key "to" of the parent has given, and which must be another place. */
+/* The direction from `at` towards the point `to`, which key "to" of the parent has given; the two must differ. */
 PELL_NODISCARD enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key, const double *at, const double *to,
                                                float *direction);
 
@@ -76,13 +76,13 @@ PELL_NODISCARD enum pell_result pell_scene_meshes(struct pell_scene_reader *r, c
 enum { PELL_TEXTURE_KEYS = 8 };
 extern const char *const pell_texture_keys[PELL_TEXTURE_KEYS];
 
-/* The map of one of these keys; NULL: no such key. */
+/* The map of one of these keys; NULL: unknown key. */
 struct pell_texture_map *pell_scene_map_called(struct pell_material *m, const char *name);
-/* 0 to 3 of "r", "g", "b", "a"; -1: none of them. */
+/* 0 to 3 for "r", "g", "b", "a"; -1: none of them. */
 int pell_scene_channel_called(const char *name);
-/* How much of "file.png#r" is the file's name, and its channel; 0 where it names none. */
+/* Splits "file.png#r": the length of the file's name, and its channel; 0 if there is none. */
 PELL_NODISCARD enum pell_result pell_scene_channel_of(const struct pell_json *at, const char *text, size_t *length, int *channel);
-/* "baseColor.a": a channel of one of the material's textures, which may have none. False: the text is something else. */
+/* "baseColor.a": a channel of one of the material's textures, which may be unset. False: the text is something else. */
 bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map);
 
 /* --- scene_material.c --------------------------------------------------------------------------------------------------------- */
@@ -95,7 +95,7 @@ extern const char *const pell_specular_keys[PELL_SPECULAR_KEYS];
 /* A built-in entry, or one from a material file below the scene's folder; entry->name is owned by the caller. */
 PELL_NODISCARD enum pell_result pell_scene_material_entry(struct pell_scene_reader *r, const struct pell_json *at, const char *name,
                                                           struct pell_material_entry *entry);
-/* Changes a material as the object says. */
+/* Changes a material according to the object. */
 PELL_NODISCARD enum pell_result pell_scene_overlay(struct pell_scene_reader *r, const struct pell_json *at, size_t material);
 /* "materials" of the root. */
 PELL_NODISCARD enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struct pell_json *root);
@@ -105,7 +105,7 @@ PELL_NODISCARD enum pell_result pell_scene_overlay_all(struct pell_scene_reader 
 enum { PELL_LAYER_KEYS = 10 };
 extern const char *const pell_layer_keys[PELL_LAYER_KEYS];
 
-/* "layers" of a material, and what stands beside it for all of them. `own`: the material has no other profile, and shows theirs. */
+/* "layers" of a material, and the keys next to it that apply to all of them. `own`: the material has no other profile, and uses theirs. */
 PELL_NODISCARD enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struct pell_json *at, bool own, size_t material);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * values.c - values of a scene file: lengths, positions, colours, directions, pictures. */
+ * values.c - values of a scene file: lengths, positions, colours, directions, images. */
 #include "scene/file/scene_file.h"
 
 #include <math.h>
@@ -29,7 +29,7 @@ enum pell_result pell_scene_text_length(const struct pell_json *at, bool any_sig
     digits = text + (any_sign && *text == '-');
     for (unit = digits; *unit && strchr("+.0123456789", *unit); unit++)
         ;
-    /* Nothing is a length as positions go; the unit must be one all the same. */
+    /* Zero is valid as a position; it still needs a valid unit. */
     if (any_sign && pell_parse_number(digits, (size_t) (unit - digits), &number) && number == 0.0) {
         pell_text_add(&one, "1%s", unit);
         res = pell_parse_length(at->file->ctx, pell_json_where(at, &where), one.str, mm);
@@ -128,7 +128,7 @@ fail:
     return res;
 }
 
-/* From `at` towards `to`, which must be another place. */
+/* From `at` towards `to`, which must differ. */
 enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key, const double *at, const double *to, float *direction)
 {
     const struct pell_json place = pell_json_get(parent, key);
@@ -148,7 +148,7 @@ enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key,
     return PELL_OK;
 }
 
-/* "%d", or "%01d" to "%09d": the next of them in `text`, its length and digits. NULL: none. */
+/* Finds the next "%d", or "%01d" to "%09d", in `text`, its length and digits. NULL: none. */
 static const char *find_number(const char *text, size_t *length, int *digits)
 {
     for (const char *p = strchr(text, '%'); p; p = strchr(p + 1, '%')) {
@@ -161,7 +161,7 @@ static const char *find_number(const char *text, size_t *length, int *digits)
     return NULL;
 }
 
-/* "veins_%04d.png" is a picture of a sequence: the one of the scene's time. Any other name is itself. */
+/* "veins_%04d.png" is an image of a sequence: the one at the scene's time. Any other name is unchanged. */
 static enum pell_result find_in_sequence(struct pell_scene_reader *r, const struct pell_json *at, const char **reference, char *name,
                                          size_t size)
 {

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * animation.c - one animation of glTF 2.0 (section 3.11 and appendix C of the specification) at one time: which one, its samplers and
- * channels, and the poses that they give to nodes.
+ * animation.c - one animation of glTF 2.0 (section 3.11 and appendix C of the specification) at one time: selects it, reads its samplers
+ * and channels, and computes the poses of nodes.
  *
- * Before its first key and after its last a sampler holds what it has there; nothing is repeated. Accessors become floats once, however
+ * Before its first key and after its last a sampler holds that key's value; nothing is repeated. Accessors become floats once, however
  * many samplers share them. */
 #include "scene/gltf/gltf.h"
 
@@ -16,7 +16,7 @@ static const char *const paths[] = { "translation", "rotation", "scale", "weight
 
 enum { STEP, LINEAR, CUBICSPLINE };
 
-/* `width` numbers a key: in CUBICSPLINE three times, in-tangent, value, out-tangent. */
+/* `width` numbers per key: CUBICSPLINE has three times as many: in-tangent, value, out-tangent. */
 struct sampler {
     const float *time, *value;
     uint32_t count;
@@ -94,7 +94,7 @@ fail:
     return res;
 }
 
-/* A sampler whose values are of `components` each, and, for morph targets, `targets` of them a key. */
+/* A sampler whose values have `components` each, and, for morph targets, `targets` of them per key. */
 static enum pell_result read_sampler(struct gltf *g, const struct pell_json *channel, int path, size_t targets, struct sampler *s)
 {
     static const char *const interpolations[] = { "STEP", "LINEAR", "CUBICSPLINE" };
@@ -131,13 +131,13 @@ fail:
     return res;
 }
 
-/* From p to q, unit quaternions, the short way round, at the same speed all along: appendix C.4. */
+/* Spherical interpolation from p to q, unit quaternions, along the shorter arc: appendix C.4. */
 static void slerp(const double *p, const double *q, double along, double *out)
 {
     const double dot = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3], c = fmin(fabs(dot), 1.0), angle = acos(c);
     double a = 1.0 - along, b = along;
 
-    if (angle > 1e-6) { /* below that the straight way is as good */
+    if (angle > 1e-6) { /* linear interpolation is as good below that */
         a = sin(a * angle) / sin(angle);
         b = sin(b * angle) / sin(angle);
     }
@@ -160,7 +160,7 @@ static uint32_t find_key(const struct sampler *s, double time)
     return low;
 }
 
-/* The value at a time; quaternions may come out of any length. */
+/* The value at a time; quaternions may have any length. */
 static void sample(const struct sampler *s, bool rotation, double time, double *out)
 {
     const uint32_t key = find_key(s, time);
@@ -191,7 +191,7 @@ static void sample(const struct sampler *s, bool rotation, double time, double *
         if (gltf_normalize_quaternion(p, &l) && gltf_normalize_quaternion(q, &l))
             slerp(p, q, t, out);
         else
-            memset(out, 0, 4 * sizeof(*out)); /* who asked refuses it */
+            memset(out, 0, 4 * sizeof(*out)); /* the caller refuses it */
     } else {
         for (size_t i = 0; i < n; i++)
             out[i] = (1.0 - t) * (double) here[i] + t * (double) next[i];
@@ -229,7 +229,7 @@ static enum pell_result read_channel(struct gltf *g, int32_t index)
         return pell_json_error(&path_at, PELL_ERR_FORMAT, NULL, "the animation moves the %s of node %" PRId64 " already, allowed: once",
                                paths[path], node);
     pose->moved[path] = true;
-    if (path == GLTF_WEIGHTS) { /* how many there are, who draws the mesh knows */
+    if (path == GLTF_WEIGHTS) { /* their number is known when the mesh is placed */
         struct pell_json sampler;
         pose->weights = index;
         PELL_TRY(find_sampler(g, &at, &sampler));

@@ -20,7 +20,7 @@ static int hex(char c)
     return c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
 }
 
-/* "%20" -> ' '; a '%' that is not followed by two digits stands for itself. Returns the length. */
+/* "%20" -> ' '; a '%' that is not followed by two digits is kept. Returns the length. */
 static size_t percent_decode(const char *text, size_t length, uint8_t *out)
 {
     size_t n = 0;
@@ -56,7 +56,7 @@ static void base64_table(uint8_t table[256])
         table[(uint8_t) digits[i]] = (uint8_t) i;
 }
 
-/* RFC 4648 section 4, padding optional; false for a foreign character, padding in the middle or a length that no bytes have. */
+/* RFC 4648 section 4, padding optional; false for an invalid character, padding in the middle or an impossible length. */
 static bool base64_decode(const char *text, size_t length, uint8_t *out, size_t *size)
 {
     uint8_t table[256];
@@ -221,7 +221,7 @@ fail:
     return res;
 }
 
-/* `length`: what the view says that there is. */
+/* `length`: the length given by the view. */
 static enum pell_result packed_view(struct gltf *g, const struct pell_json *at, const struct pell_json *meshopt, struct gltf_buffer *view,
                                     int64_t length, struct gltf_bytes *out, uint32_t *stride)
 {
@@ -308,7 +308,7 @@ fail:
     return res;
 }
 
-/* Elements of `element` bytes at `stride` from `offset` on: do all lie inside the view? */
+/* Checks that elements of `element` bytes at `stride` from `offset` on all lie inside the view. */
 static enum pell_result check_range(const struct pell_json *at, const struct gltf_bytes *view, int64_t offset, uint32_t count,
                                     uint32_t stride, uint32_t element)
 {

@@ -56,17 +56,17 @@ const char *gltf_name(const struct pell_json *element, const char *kind, char *b
 /* --- Extensions ------------------------------------------------------------------------------------------------------------- */
 
 enum treatment {
-    READ,       /* wholly */
+    READ,       /* fully read */
     READ_DRAFT, /* read, mentioned once as experimental */
-    LEFT_OUT,   /* changes the look only: one warning, also where it is required */
-    REFUSED,    /* refused where required; else a warning where something uses it */
+    LEFT_OUT,   /* affects the look only: one warning, also if required */
+    REFUSED,    /* refused if required; else a warning if used */
 };
 
 /* The only list of extensions. Bits of gltf.extensions_said count its rows. */
 static const struct {
     const char *name;
     enum treatment treatment;
-    const char *what, *hint; /* `what` ends a sentence that begins with the name */
+    const char *what, *hint; /* `what` completes a sentence that begins with the name */
 } known[] = {
     { "KHR_lights_punctual", READ, NULL, NULL },
     { "KHR_materials_diffuse_transmission", READ, NULL, NULL },
@@ -75,11 +75,11 @@ static const struct {
     { "KHR_materials_pbrSpecularGlossiness", READ, NULL, NULL },
     { "KHR_materials_specular", READ, NULL, NULL },
     { "KHR_materials_volume", READ, NULL, NULL },
-    { "KHR_materials_transmission", READ, NULL, NULL }, /* each material that uses it is warned of */
+    { "KHR_materials_transmission", READ, NULL, NULL }, /* each material that uses it gets a warning */
     { "KHR_mesh_quantization", READ, NULL, NULL },
     { "KHR_node_visibility", READ, NULL, NULL },
     { "KHR_texture_transform", READ, NULL, NULL },
-    { "KHR_xmp_json_ld", READ, NULL, NULL }, /* facts about the file */
+    { "KHR_xmp_json_ld", READ, NULL, NULL }, /* metadata of the file */
     { "EXT_mesh_gpu_instancing", READ, NULL, NULL },
     { "EXT_meshopt_compression", READ, NULL, NULL },
     { "KHR_materials_volume_scatter", READ_DRAFT, "is a draft: its meaning may change (experimental)", NULL },
@@ -120,7 +120,7 @@ void gltf_mention(struct gltf *g, const struct pell_json *at, const char *extens
 
     if (row < 0 || !known[row].what || (g->extensions_said >> row & 1))
         return;
-    if (known[row].treatment == READ_DRAFT && g->import->replaces_materials) /* drafts are of what is replaced */
+    if (known[row].treatment == READ_DRAFT && g->import->replaces_materials) /* drafts concern the replaced material */
         return;
     g->extensions_said |= (uint64_t) 1 << row;
     gltf_warn(g, GLTF_WARN_EXTENSION, at, known[row].hint, "%s %s%s", known[row].name, known[row].what,

@@ -4,19 +4,19 @@
  *
  *     gltf/read.c      containers (.gltf, .glb), the version, the order of objects
  *     gltf.c           warnings, extensions, indices
- *     gltf/transform.c matrices of nodes
+ *     gltf/transform.c node transforms
  *     gltf/vertices.c  arrays of vertices
  *     gltf_buffer.c    data URIs, buffers, buffer views, accessors
  *     gltf/meshopt.c   compressed buffer views
  *     gltf_mesh.c      primitives -> meshes of the scene
  *     gltf_morph.c     morph targets
  *     gltf_skin.c      skins
- *     gltf_animation.c where an animation puts the nodes at a time
+ *     gltf_animation.c poses of the nodes at a time of an animation
  *     gltf_node.c      the hierarchy, instances, cameras, lights
  *     gltf_material.c  materials and media
  *     gltf_texture.c   images, samplers, texture transforms
  *
- * Everything is read when it is first used, so what a scene does not use costs nothing and can't fail. Each accessor, mesh and material is
+ * Everything is read when it is first used, so unused parts of a file cost nothing and can't fail. Each accessor, mesh and material is
  * looked up in the JSON once, however often it is drawn. No JSON is touched per vertex.
  */
 #ifndef PELL_GLTF_H
@@ -33,7 +33,7 @@ enum gltf_warning {
     GLTF_WARN_PRIMITIVE,
     GLTF_WARN_VALUE,
     GLTF_WARN_MATERIAL,
-    GLTF_WARN_INTERIOR, /* what lies below a boundary: not said where the caller's material replaces it */
+    GLTF_WARN_INTERIOR, /* problem of the medium: suppressed if the caller's material replaces it */
     GLTF_WARN_TEXTURE,
     GLTF_WARNINGS
 };
@@ -82,17 +82,17 @@ struct gltf_accessor {
 
 #define GLTF_JOINT_SETS 2 /* of four joints each */
 
-/* What a morph target adds to, as indices of accessors; -1: none. */
+/* A morph target, as indices of accessors; -1: none. */
 struct gltf_target {
     int64_t position, normal, tangent;
 };
 
-/* One primitive's indices of accessors and so on; -1: none. */
+/* One primitive's indices of accessors and materials; -1: none. */
 struct gltf_primitive {
     int mode;
     int64_t position, normal, tangent, color, uv[PELL_UV_SETS], indices, material;
     int64_t joints[GLTF_JOINT_SETS], weights[GLTF_JOINT_SETS];
-    struct gltf_target *targets; /* as many as the mesh says */
+    struct gltf_target *targets; /* as many as the mesh declares */
     bool drawn;
 };
 
@@ -102,40 +102,40 @@ struct gltf_mesh {
     bool ready;
 };
 
-/* A node's place in the tree and in the world. */
+/* A node's position in the hierarchy and in the world. */
 struct gltf_node {
-    struct pell_mat4 world; /* where `placed` */
+    struct pell_mat4 world; /* valid if `placed` */
     int32_t parent;         /* -1: none */
-    int32_t below;          /* of a walk upwards: where it came from */
+    int32_t below;          /* during a walk upwards: the node it came from */
     bool placed;
 };
 
 enum { GLTF_TRANSLATION, GLTF_ROTATION, GLTF_SCALE, GLTF_WEIGHTS, GLTF_PATHS };
 
-/* What the animation says of a node; the rest is the node's own. */
+/* A node's animated values; unset ones are the node's own. */
 struct gltf_pose {
     bool moved[GLTF_PATHS];
     double value[GLTF_WEIGHTS][4]; /* translation, unit quaternion, scale */
-    int32_t weights;               /* the channel of GLTF_WEIGHTS */
+    int32_t weights;               /* index of the channel of GLTF_WEIGHTS */
 };
 
 /* An accessor of an animation as floats. */
 struct gltf_track {
     float *value;
-    bool ordered; /* known to be times: increasing, none negative */
+    bool ordered; /* checked as times: increasing, none negative */
 };
 
-/* Matrices from a mesh as it is bound to its place in the world. */
+/* Matrices from a mesh's bind pose to the world. */
 struct gltf_skin {
-    struct pell_mat4 *matrix; /* joint's place x inverse bind matrix */
+    struct pell_mat4 *matrix; /* joint's world matrix x inverse bind matrix */
     uint32_t num_joints;
-    bool ready, flat; /* flat: nothing of it has an area */
+    bool ready, flat; /* flat: all matrices are singular */
 };
 
-/* Where and how a mesh is drawn. */
+/* The transform of a drawn mesh. */
 struct gltf_placing {
     const struct pell_json *node;  /* NULL: a file without nodes */
-    const struct pell_mat4 *world; /* not asked where there is a skin */
+    const struct pell_mat4 *world; /* unused with a skin */
     const struct gltf_skin *skin;  /* NULL: rigid */
 };
 
@@ -152,7 +152,7 @@ struct gltf {
 
     struct gltf_bytes bin; /* of a GLB; data NULL: none */
     struct gltf_buffer *buffer;
-    struct gltf_buffer *view; /* those that were compressed */
+    struct gltf_buffer *view; /* decompressed ones */
     struct gltf_accessor *accessor;
     struct gltf_mesh *mesh;
     struct gltf_node *node;
@@ -160,11 +160,11 @@ struct gltf {
     struct gltf_track *track; /* per accessor, where an animation plays */
     struct gltf_pose *pose;   /* per node; NULL: the file's rest pose */
     double time;
-    int64_t deformed;  /* vertices that morph targets and skins have moved, each time counted */
+    int64_t deformed;  /* vertices moved by morph targets and skins, counted each time */
     int64_t *material; /* index into the scene's, -1: not read yet */
 
     int next_object;
-    int64_t visits; /* nodes drawn so far, instances counted each */
+    int64_t visits; /* nodes drawn so far, counting each instance */
     int warned[GLTF_WARNINGS];
     bool said[GLTF_ONCES];
     uint64_t extensions_said; /* bits by row of the table in gltf.c */
@@ -172,14 +172,14 @@ struct gltf {
 
 /* --- gltf.c ----------------------------------------------------------------------------------------------------------------- */
 
-/* The command that makes a file without an extension that is not read; NULL: there is none. */
+/* The command that converts a file to avoid an unsupported extension; NULL: none. */
 const char *gltf_fix(const char *extension);
 
 void gltf_warn(struct gltf *g, enum gltf_warning kind, const struct pell_json *at, const char *hint, const char *fmt, ...)
     PELL_PRINTF(5, 6);
 /* True the first time. */
 bool gltf_once(struct gltf *g, enum gltf_once what);
-/* Warns once a file of an extension that is met at `at` and is not, or not fully, drawn. */
+/* Warns once per file of an extension that is used at `at` and not, or not fully, supported. */
 void gltf_mention(struct gltf *g, const struct pell_json *at, const char *extension);
 /* object.extensions.NAME, with NULL value if it is not there. *extensions must outlive *out. */
 PELL_NODISCARD enum pell_result gltf_extension(const struct pell_json *object, const char *name, struct pell_json *extensions,
@@ -188,9 +188,9 @@ PELL_NODISCARD enum pell_result gltf_extension(const struct pell_json *object, c
 PELL_NODISCARD enum pell_result gltf_index(const struct pell_json *parent, const char *key, const struct pell_json *array, int64_t *index);
 /* The name of an element, or `kind` and its number; returns `buffer`. */
 const char *gltf_name(const struct pell_json *element, const char *kind, char *buffer, size_t size);
-/* Refuses a file that requires an extension that is not read, and warns of those that change the look. */
+/* Refuses a file that requires an unsupported extension, and warns of those that affect the look. */
 PELL_NODISCARD enum pell_result gltf_check_required(struct gltf *g);
-/* Says how many warnings of each kind were not printed. */
+/* Reports how many warnings of each kind were not printed. */
 void gltf_count_warnings(struct gltf *g);
 
 /* --- gltf/meshopt.c --- */
@@ -198,26 +198,27 @@ void gltf_count_warnings(struct gltf *g);
 /* A buffer view's EXT_meshopt_compression at `at`, checked. */
 struct gltf_packed {
     int64_t buffer, offset, length, stride, count; /* bytes; of elements */
-    int mode, filter;                              /* numbers in lists of meshopt.c; mode 0: vertices */
+    int mode, filter;                              /* indices into lists of meshopt.c; mode 0: vertices */
 };
 PELL_NODISCARD enum pell_result gltf_meshopt_read(struct gltf *g, const struct pell_json *at, struct gltf_packed *p);
-/* Unpacks it into `view`, which keeps the bytes also on failure. */
+/* Decompresses it into `view`, which owns the bytes also on failure. */
 PELL_NODISCARD enum pell_result gltf_meshopt_decode(struct gltf *g, const struct pell_json *at, const struct gltf_packed *p,
                                                     struct gltf_bytes buffer, struct gltf_buffer *view);
 
 /* --- gltf_buffer.c ---------------------------------------------------------------------------------------------------------- */
 
-/* What is wrong with a data URI, or NULL. *bytes is owned by the caller; NULL without memory (and *problem is NULL, too). */
+/* Decodes a data URI. Returns the problem with it, or NULL. *bytes is owned by the caller; NULL if out of memory (and *problem is NULL,
+ * too). */
 PELL_NODISCARD enum pell_result gltf_data_uri(struct pell_context *ctx, const char *uri, uint8_t **bytes, size_t *size,
                                               const char **problem);
 bool gltf_is_data_uri(const char *uri);
-/* Percent-decodes into a new string. What is wrong with a URI that can't be a file beside this one is *problem, else NULL. */
+/* Percent-decodes into a new string. *problem: why the URI can't be a file next to this one, else NULL. */
 PELL_NODISCARD enum pell_result gltf_file_uri(struct pell_context *ctx, const char *uri, char **reference, const char **problem);
 
 /* The bytes of the buffer view that parent.key names; the key must be there. */
 PELL_NODISCARD enum pell_result gltf_view(struct gltf *g, const struct pell_json *parent, const char *key, struct gltf_bytes *out,
                                           uint32_t *stride);
-/* `at` is where the number stands, for messages that speak of the use, not of the accessor. */
+/* `at` is where the index was given, so that messages name the use, not the accessor. */
 PELL_NODISCARD enum pell_result gltf_accessor(struct gltf *g, int64_t index, const struct gltf_accessor **out);
 /* Writes count x components floats: integers as normalised if `normalize` or if the accessor says so. */
 void gltf_read_floats(const struct gltf_accessor *a, bool normalize, float *out);
@@ -234,28 +235,28 @@ PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, co
 
 /* --- gltf_morph.c ----------------------------------------------------------------------------------------------------------- */
 
-/* Reads primitive.targets, of which each primitive of a mesh must have as many; *count -1: not known yet. */
+/* Reads primitive.targets; all primitives of a mesh must have the same number; *count -1: not known yet. */
 PELL_NODISCARD enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *primitive, struct gltf_primitive *p,
                                                    int64_t *count);
 /* The weights of `count` targets: the animation's, else the node's, else the mesh's. *weights is owned by the caller, NULL if all are 0. */
 PELL_NODISCARD enum pell_result gltf_morph_weights(struct gltf *g, const struct pell_json *mesh, const struct pell_json *node, size_t count,
                                                    double **weights);
-/* Adds the targets to a mesh that is as the file has it. Normals and tangents that the targets leave behind are emptied. */
+/* Adds the targets to a mesh as stored in the file. Normals and tangents that the targets do not update are zeroed. */
 PELL_NODISCARD enum pell_result gltf_morph(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
                                            const double *weights, size_t count, struct pell_mesh *mesh);
 
 /* --- gltf_skin.c ------------------------------------------------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result gltf_skin(struct gltf *g, int64_t index, const struct gltf_skin **out);
-/* Brings a mesh that is as the file has it, morphed or not, into the world. */
+/* Transforms a mesh as stored in the file, morphed or not, to world space. */
 PELL_NODISCARD enum pell_result gltf_skin_mesh(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
                                                const struct gltf_skin *skin, struct pell_mesh *mesh);
 
 /* --- gltf_animation.c ------------------------------------------------------------------------------------------------------- */
 
-/* Fills g->pose with where the chosen animation puts the nodes at the time that the importer was given. */
+/* Fills g->pose with the poses of the nodes at the time that the importer was given. */
 PELL_NODISCARD enum pell_result gltf_animate(struct gltf *g);
-/* The weights of a mesh's morph targets that channel `channel` gives. */
+/* The morph target weights of channel `channel`. */
 PELL_NODISCARD enum pell_result gltf_animated_weights(struct gltf *g, int32_t channel, size_t count, double *weights);
 
 /* --- gltf_node.c ------------------------------------------------------------------------------------------------------------ */
@@ -266,21 +267,21 @@ PELL_NODISCARD enum pell_result gltf_read_scene(struct gltf *g);
 
 /* Translation, unit quaternion (x, y, z, w), scale: T R S. */
 struct pell_mat4 gltf_compose(const double t[3], const double q[4], const double s[3]);
-/* The matrix from a node's space to the world's, of any node; made once. */
+/* The matrix from a node's space to the world's, for any node; computed once. */
 PELL_NODISCARD enum pell_result gltf_node_world(struct gltf *g, int64_t node, const struct pell_mat4 **out);
-/* False where all is pulled into a line or a point: scale 0 is a common way to hide objects. */
+/* False if the matrix collapses everything into a line or a point: scale 0 is a common way to hide objects. */
 bool gltf_has_area(const struct pell_mat4 *world);
-/* False where a quaternion has no direction. */
+/* False for a quaternion of zero length. */
 bool gltf_normalize_quaternion(double q[4], double *length);
 
 /* --- gltf/vertices.c -------------------------------------------------------------------------------------------------------- */
 
 /* The index of the first float that is infinite or NaN, or `count`. */
 size_t gltf_first_not_finite(const float *x, size_t count);
-/* Turns and normalises vectors of `size` floats; those without a direction (zero, not finite, lost in a flat transform) become zero.
- * Returns how many. `matrix` NULL: no turn. */
+/* Transforms and normalises vectors of `size` floats; those without a direction (zero, not finite, collapsed by a singular transform)
+ * become zero. Returns how many. `matrix` NULL: no transform. */
 size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p, size_t count, size_t size);
-/* Counts work that the sizes of what is drawn don't bound, before it is done. */
+/* Accounts for work that the size of the scene doesn't bound, before it is done. */
 PELL_NODISCARD enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices);
 
 /* --- gltf_material.c -------------------------------------------------------------------------------------------------------- */
@@ -295,7 +296,7 @@ PELL_NODISCARD enum pell_result gltf_factors(struct gltf *g, const struct pell_j
 
 /* --- gltf_texture.c --------------------------------------------------------------------------------------------------------- */
 
-/* The textureInfo parent.key. Leaves *map as it is if the key is not there or the picture can't be used (a warning names it). */
+/* The textureInfo parent.key. Leaves *map unchanged if the key is absent or the image can't be used (a warning names it). */
 PELL_NODISCARD enum pell_result gltf_texture_map(struct gltf *g, const struct pell_json *parent, const char *key, enum pell_image_role role,
                                                  int channel, struct pell_texture_map *map);
 

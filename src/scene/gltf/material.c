@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * material.c - materials of glTF 2.0 (section 3.9 of the specification) and the extensions that speak of translucency.
+ * material.c - materials of glTF 2.0 (section 3.9 of the specification) and the extensions for translucency.
  *
- * Translucent is what lets light in and says so: KHR_materials_diffuse_transmission with a factor above 0 and a KHR_materials_volume that
+ * Translucent materials have KHR_materials_diffuse_transmission with a factor above 0 and a KHR_materials_volume that
  * has a thickness, or a scattering volume (drafts KHR_materials_volume_scatter, KHR_materials_scatter). Diffuse transmission without a
- * volume is a thin sheet. All else is opaque; clear transmission is drawn as opaque with a warning.
+ * volume is a thin sheet. All others are opaque; clear transmission is drawn as opaque with a warning.
  *
  * The medium, per unit of the file:
  *
@@ -11,13 +11,14 @@
  *     albedo  = van de Hulst's map (pellucid/inversion.h) of multiscatterColor and g = scatterAnisotropy
  *     sigma_s = albedo sigma_t,  sigma_s' = (1 - g) sigma_s
  *
- * Where a file lets light in but says nothing of scattering, or of the distance, it cannot be inferred: the medium takes the extinction of
+ * If a file gives a translucent material no scattering, or no distance, it cannot be inferred: the medium takes the extinction of
  * marble (Jensen et al. 2001) for one unit = 1 m, and the albedo of the surface's own colour; a warning says so.
  *
- * Whether a volume has a thickness tells solids from sheets; how much is not used: it is for renderers that do not see the other side.
+ * A nonzero volume thickness distinguishes solids from sheets; its value is not used: it is for renderers that do not trace to the other
+ * side.
  *
- * Colour: a base colour texture, else a diffuse transmission colour texture, means that the look is painted: colour comes from it with
- * a mix of 0.5, and the medium gives the spread of light alone. Without one the medium's own colour is what is seen. */
+ * Colour: a base colour texture, else a diffuse transmission colour texture, gives the colour, with a mix of 0.5, and the medium only
+ * spreads the light. Without one the colour is the medium's own. */
 #include "scene/gltf/gltf.h"
 
 #include <pellucid/inversion.h>
@@ -66,9 +67,9 @@ enum pell_result gltf_factor(struct gltf *g, const struct pell_json *parent, con
 
 /* --- The medium ------------------------------------------------------------------------------------------------------------- */
 
-/* What the translucency extensions say. */
+/* The values of the translucency extensions. */
 struct translucency {
-    struct pell_json volume, diffuse, scatter, transmission; /* NULL values: not there */
+    struct pell_json volume, diffuse, scatter, transmission; /* NULL values: absent */
     struct pell_json extensions[4];
     const char *scatter_name;
     float diffuse_factor, transmission_factor;
@@ -136,14 +137,14 @@ fail:
     return res;
 }
 
-/* Single-scattering albedo that gives a multi-scatter colour m. m = 1 would scatter for ever: a thousandth is kept back. */
+/* Single-scattering albedo that gives a multi-scatter colour m. m = 1 would never be absorbed: it is limited to 0.999. */
 static double albedo_of_color(double m, double g)
 {
     return pell_albedo_of_reduced(pell_albedo_map_invert(PELL_ALBEDO_VAN_DE_HULST, fmin(fmax(m, 0.0), 0.999), 1.0), g);
 }
 
-/* Extinction per unit of the file; where the file gives none, that of `marble`, the medium of every new material, in 1/mm. An attenuation
- * colour of 1 would be empty space, of 0 a wall: both are brought near to what the other channels say. */
+/* Extinction per unit of the file; by default that of `marble`, the medium of every new material, in 1/mm. An attenuation colour of 1 would
+ * be empty space, of 0 opaque: both are moved close to the values of the other channels. */
 static void extinction(const struct translucency *t, bool given, const struct pell_medium *marble, double sigma_t[3])
 {
     double least = 1e-2; /* a mean free path of 100 m */
@@ -205,7 +206,7 @@ fail:
     return res;
 }
 
-/* Diffuse transmission without a volume: the base colour is reflected, light that passes has the extension's colour. */
+/* Diffuse transmission without a volume: the base colour is reflected, transmitted light has the extension's colour. */
 static enum pell_result read_sheet(struct gltf *g, const struct translucency *t, struct pell_material *m)
 {
     enum pell_result res;
@@ -230,7 +231,7 @@ static enum pell_result read_interior(struct gltf *g, const struct pell_json *at
 
     PELL_TRY(read_ior(g, at, m));
     PELL_TRY(read_translucency(g, at, &t));
-    /* A scattering volume alone is meant to be seen; one behind a diffuse transmission of 0 is shut off. */
+    /* A scattering volume alone is visible; behind a diffuse transmission of 0 it is not. */
     lets_in = t.diffuse_factor > 0.0f || (t.scatter.value && (!t.diffuse.value || t.transmission_factor > 0.0f));
     if (!lets_in) {
         if (t.transmission_factor > 0.0f)
@@ -294,7 +295,7 @@ fail:
     return res;
 }
 
-/* One number a pixel: 1 - factor x alpha, rounded to the nearest of 255 steps. */
+/* One value per pixel: 1 - factor x alpha, rounded to the nearest of 255 steps. */
 static void roughness_of(const struct pell_image *from, float factor, uint8_t *to)
 {
     const size_t pixels = (size_t) from->width * (size_t) from->height, channels = (size_t) from->channels;
@@ -309,14 +310,14 @@ static void roughness_of(const struct pell_image *from, float factor, uint8_t *t
     }
 }
 
-/* The alpha of `map` is glossiness: makes a texture of roughness, looked up in the same way. */
+/* The alpha of `map` is glossiness: makes a texture of roughness, with the same sampler. */
 static enum pell_result invert_glossiness(struct gltf *g, const struct pell_texture_map *map, float factor, struct pell_material *m)
 {
     const struct pell_image *image = &map->texture->image;
     struct pell_texture *texture;
     enum pell_result res;
 
-    if (image->channels % 2 != 0) { /* no alpha is alpha 1 */
+    if (image->channels % 2 != 0) { /* without an alpha channel, alpha is 1 */
         m->roughness = 1.0f - factor;
         return PELL_OK;
     }
@@ -336,9 +337,9 @@ fail:
     return res;
 }
 
-/* KHR_materials_pbrSpecularGlossiness, in place of metal and roughness. As a dielectric of index 1.5, whose reflectance at right angles is
- * tinted to the specular colour: diffuse is the base colour, which Fresnel's reflectance darkens as the extension's 1 - max(specular)
- * does; roughness is 1 - glossiness. *given: the material has it. */
+/* KHR_materials_pbrSpecularGlossiness, in place of metallic-roughness. It becomes a dielectric of index 1.5, whose reflectance at normal
+ * incidence is tinted to the specular colour: diffuse is the base colour, which Fresnel's reflectance darkens as the extension's 1 -
+ * max(specular) does; roughness is 1 - glossiness. *given: the material has it. */
 static enum pell_result read_specular_glossiness(struct gltf *g, const struct pell_json *at, struct pell_material *m, bool *given)
 {
     const float f0 = 0.04f; /* ((1.5 - 1)/(1.5 + 1))^2 */
@@ -429,7 +430,7 @@ fail:
 static enum pell_result read_surface(struct gltf *g, const struct pell_json *at, struct pell_material *m)
 {
     struct pell_json normal;
-    bool old; /* specular and glossiness */
+    bool old; /* specular-glossiness */
     enum pell_result res;
 
     PELL_TRY(read_specular_glossiness(g, at, m, &old));
@@ -448,7 +449,7 @@ fail:
     return res;
 }
 
-/* Names the extensions of a material that are not drawn, also where the file forgot to list them as used. */
+/* Reports unsupported extensions of a material, also if the file does not list them as used. */
 static enum pell_result mention_extensions(struct gltf *g, const struct pell_json *at)
 {
     /* clang-format off */

@@ -2,9 +2,9 @@
  * mesh.c - primitives of glTF 2.0 (section 3.7.2 of the specification) as meshes of the scene: attributes, triangles of lists,
  * strips and fans, and their placing in the world.
  *
- * A mesh is read as the file has it, morphed (gltf_morph.c), then placed by its node, or by the joints of its skin (gltf_skin.c).
+ * A mesh is read, morphed (morph.c), then transformed by its node, or by the joints of its skin (skin.c).
  *
- * A transform that mirrors turns the order of each triangle's corners, so that all are counter-clockwise from outside, and the sign of
+ * A transform that mirrors reverses the order of each triangle's corners, so that all are counter-clockwise from outside, and the sign of
  * the bitangent. Where a primitive has no normals, pell_scene_complete makes them, smooth but for creases: the specification asks for
  * flat ones, which would cut a translucent surface into facets. */
 #include "scene/gltf/gltf.h"
@@ -119,7 +119,7 @@ static enum pell_result parse_mesh(struct gltf *g, const struct pell_json *at, s
     }
     for (size_t i = 0; i < count; i++) {
         const struct pell_json primitive = pell_json_at(&primitives, i);
-        mesh->num_primitives = i + 1; /* that may own something */
+        mesh->num_primitives = i + 1; /* counted before it owns anything */
         PELL_TRY(parse_primitive(g, &primitive, &mesh->primitives[i], &targets));
     }
     mesh->num_primitives = count;
@@ -151,7 +151,7 @@ static void transform_positions(const struct pell_mat4 *matrix, float *p, size_t
     }
 }
 
-/* Positions are out of the range of floats as they are read, or once they are placed. */
+/* Checks that positions are finite as read and after the transform. */
 static enum pell_result check_positions(const struct pell_json *at, const struct pell_mesh *mesh)
 {
     const size_t n = 3 * (size_t) mesh->num_vertices, bad = gltf_first_not_finite(mesh->position, n);
@@ -248,7 +248,7 @@ fail:
 
 /* --- Triangles -------------------------------------------------------------------------------------------------------------- */
 
-/* The corners of a strip or fan as triangles without those that repeat a corner, which only join strips. Into `out`, unless NULL. */
+/* Triangulates a strip or fan, without triangles that repeat a corner, which only join strips. Writes to `out`, unless NULL. */
 static uint32_t expand(int mode, const uint32_t *corner, uint32_t count, uint32_t *out)
 {
     uint32_t triangles = 0;
@@ -288,7 +288,7 @@ static enum pell_result check_indices(const struct pell_json *at, const uint32_t
 
 /* --- Placing ---------------------------------------------------------------------------------------------------------------- */
 
-/* Everything that is known before the mesh is allocated. `corner` is the decoded strip or fan, NULL for lists. */
+/* What is known before the mesh is allocated. `corner` is the decoded strip or fan, NULL for lists. */
 struct shape {
     const struct gltf_accessor *position, *indices;
     uint32_t *corner;
@@ -335,7 +335,7 @@ fail:
     return res;
 }
 
-/* Each array of a large mesh takes a moment: asked between them. */
+/* Checks for cancellation between the arrays of a large mesh. */
 static enum pell_result go_on(const struct gltf *g)
 {
     return pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -391,7 +391,7 @@ fail:
     return res;
 }
 
-/* Says which UV sets a material's maps ask for in vain. */
+/* Warns of UV sets that a material's maps need and the mesh lacks. */
 static void check_uv_sets(struct gltf *g, const struct pell_json *at, const struct pell_mesh *mesh)
 {
     const struct pell_material *m = &g->scene->materials[mesh->material];
@@ -406,7 +406,7 @@ static void check_uv_sets(struct gltf *g, const struct pell_json *at, const stru
     }
 }
 
-/* Brings a mesh from its node's space into the world; `world` NULL: it is there. */
+/* Transforms a mesh from its node's space to the world; `world` NULL: it is in world space. */
 static void place(const struct pell_mat4 *world, struct pell_mesh *mesh)
 {
     const bool mirrored = world && mat4_determinant3(world) < 0.0;
@@ -422,7 +422,7 @@ static void place(const struct pell_mat4 *world, struct pell_mesh *mesh)
         mesh->tangent[4 * i + 3] = -mesh->tangent[4 * i + 3];
 }
 
-/* Makes vectors units, in the world; what has none is emptied, to be made anew. */
+/* Transforms and normalises vectors; if some have no direction the array is dropped, to be recomputed. */
 static void turn(struct gltf *g, const struct pell_json *at, const struct pell_mat4 *world, bool normals, struct pell_mesh *mesh)
 {
     size_t bad = 0;
@@ -451,7 +451,7 @@ static bool any_normal(const struct pell_mesh *mesh)
     return false;
 }
 
-/* The vertices as the file has them, morphed, and placed. */
+/* Reads, morphs and transforms the vertices. */
 static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at, const struct gltf_primitive *p, const struct shape *shape,
                                       const struct gltf_placing *placing, const double *weights, size_t targets, struct pell_mesh *mesh)
 {

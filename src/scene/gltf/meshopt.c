@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * meshopt.c - buffer views of EXT_meshopt_compression, decoded by libmeshoptimizer: the one file that knows it. Its decoders take hostile
- * bytes, but trust sizes and counts, which are checked here. */
+ * meshopt.c - buffer views of EXT_meshopt_compression, decoded by libmeshoptimizer: the only file that uses it. Its decoders are safe for
+ * hostile bytes, but trust sizes and counts, which are checked here. */
 #include "scene/gltf/gltf.h"
 
 #include <inttypes.h>
@@ -28,7 +28,8 @@ static enum pell_result check_stride(const struct pell_json *at, const struct gl
     return PELL_OK;
 }
 
-/* At best 256 values of a byte take 4 bytes, a triangle or an index one: more than that is not in the data, and takes no memory. */
+/* At best 256 values of a byte take 4 bytes, a triangle or an index one: a larger count can't be in the data, and must not allocate
+ * memory. */
 static enum pell_result check_promise(const struct pell_json *at, const struct gltf_packed *p)
 {
     const int64_t least = p->mode == ATTRIBUTES ? p->count / 256 * p->stride * 4 : p->mode == TRIANGLES ? p->count / 3 : p->count;

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  * morph.c - morph targets of glTF 2.0 (section 3.7.2.2 of the specification): attribute + sum of weight x delta.
  *
- * Where a target moves the surface but says nothing of its normals, the specification keeps those of the base, which would light the new
- * shape like the old one. Here they are made anew (pell_scene_complete), and so are tangents. */
+ * If a target moves the surface without changing its normals, the specification keeps those of the base, which would shade the new shape
+ * like the old one. Here they are recomputed (pell_scene_complete), and so are tangents. */
 #include "scene/gltf/gltf.h"
 
 #include <inttypes.h>
 #include <string.h>
 
-/* A target's accessor against the primitive's, also where its weight is 0 and none of it is read. */
+/* Checks a target's accessor against the primitive's, also if its weight is 0 and none of it is read. */
 static enum pell_result check_target(struct gltf *g, const struct pell_json *target, const char *key, int64_t index, int64_t position)
 {
     const struct pell_json at = pell_json_get(target, key);
@@ -73,7 +73,7 @@ enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *prim
     return PELL_OK;
 
 fail:
-    pell_free(g->ctx, p->targets); /* half of them would be taken for all */
+    pell_free(g->ctx, p->targets); /* a partial list would be taken for the whole */
     p->targets = NULL;
     return res;
 }
@@ -123,7 +123,7 @@ fail:
     return res;
 }
 
-/* out += weight x deltas, xyz each. `scratch` is room for 3 floats a vertex. */
+/* out += weight x deltas, xyz each. `scratch` has room for 3 floats per vertex. */
 static enum pell_result add(struct gltf *g, const struct pell_json *target, const char *key, int64_t index, double weight, uint32_t count,
                             float *scratch, float *out)
 {

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  * node.c - the node hierarchy of glTF 2.0 (section 3.5 of the specification), instances, cameras (3.10) and KHR_lights_punctual.
  *
- * Nodes form strict trees: a node with two parents, a cycle, or a scene that names a node twice is refused, so a file can't grow by being
- * walked. The walk keeps its own stack.
+ * Nodes form strict trees: a node with two parents, a cycle, or a scene that names a node twice is refused, so traversal can't multiply a
+ * file's size. The traversal has its own stack.
  *
- * KHR_lights_punctual is photometric (candela, lux). Its numbers are taken for radiometric ones, W/sr and W/m^2, as most renderers do:
- * a scene without physical exposure looks the same either way, and a luminous efficacy would have to be made up. */
+ * KHR_lights_punctual is photometric (candela, lux). Its values are interpreted as radiometric, W/sr and W/m^2, as most renderers do: a
+ * scene without physical exposure looks the same either way, and a luminous efficacy would have to be invented. */
 #include "scene/gltf/gltf.h"
 
 #include <inttypes.h>
@@ -13,7 +13,7 @@
 
 /* --- The tree --------------------------------------------------------------------------------------------------------------- */
 
-/* Fills in the parents and refuses second ones and cycles. `mark` is room for a number a node. */
+/* Fills in the parents and refuses second ones and cycles. `mark` has room for one number per node. */
 static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *mark)
 {
     enum pell_result res;
@@ -36,7 +36,7 @@ static enum pell_result find_parents(struct gltf *g, size_t count, int32_t *mark
             g->node[child].parent = (int32_t) i;
         }
     }
-    /* With one parent each, walking up from a node ends at a root or comes back to a node of the same walk. */
+    /* With one parent each, walking up from a node ends at a root or returns to a node of the same walk. */
     memset(mark, 0, count * sizeof(*mark));
     for (size_t i = 0; i < count; i++) {
         const int32_t walk = (int32_t) i + 1;
@@ -58,7 +58,7 @@ fail:
 
 /* --- Cameras and lights ----------------------------------------------------------------------------------------------------- */
 
-/* A unit vector along a column of the matrix, or the fallback where that is lost. */
+/* A unit vector along a column of the matrix, or the fallback if that column is zero. */
 static struct pell_vec3 axis(const struct pell_mat4 *world, int column, float sign, struct pell_vec3 fallback)
 {
     const double *c = world->m + 4 * column, l = sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2]);
@@ -67,7 +67,7 @@ static struct pell_vec3 axis(const struct pell_mat4 *world, int column, float si
     return vec3((float) (sign * c[0] / l), (float) (sign * c[1] / l), (float) (sign * c[2] / l));
 }
 
-/* Both look along -z of their node with +y up. False where the position leaves the range of floats. */
+/* Cameras and lights look along -z of their node with +y up. False if the position exceeds the range of floats. */
 static bool place(const struct pell_mat4 *world, float *position, float *forward, float *up)
 {
     const struct pell_vec3 f = axis(world, 2, -1.0f, vec3(0, 0, -1)), y = axis(world, 1, 1.0f, vec3(0, 1, 0));
@@ -183,7 +183,7 @@ static enum pell_result visit(struct gltf *g, const struct pell_json *at)
     return PELL_OK;
 }
 
-/* One attribute of EXT_mesh_gpu_instancing as floats, owned by the caller; NULL where it is not there. *count 0: not known yet. */
+/* One attribute of EXT_mesh_gpu_instancing as floats, owned by the caller; NULL if absent. *count 0: not known yet. */
 static enum pell_result instance_attribute(struct gltf *g, const struct pell_json *attributes, const char *key, int components,
                                            uint32_t *count, float **out)
 {
@@ -253,7 +253,7 @@ fail:
     return res;
 }
 
-/* What depends on one node. */
+/* Reads the contents of one node. */
 static enum pell_result read_node(struct gltf *g, const struct pell_json *node, const struct pell_mat4 *world)
 {
     struct pell_json extensions, light_at, instancing;
@@ -294,19 +294,19 @@ fail:
     return res;
 }
 
-/* One level of the walk. */
+/* One level of the traversal. */
 struct level {
     int64_t node;
     size_t next; /* child to visit next */
 };
 
 struct tree {
-    int32_t *seen; /* the walk that reached a node last */
+    int32_t *seen; /* the last traversal that reached a node */
     int32_t walk;  /* counts from 1 */
     struct level *stack;
 };
 
-/* Enters a node; *enter is false where it is switched off (KHR_node_visibility). */
+/* Enters a node; *enter is false if it is invisible (KHR_node_visibility). */
 static enum pell_result enter_node(struct gltf *g, const struct pell_json *node, struct tree *tree, struct level *level, bool *enter)
 {
     struct pell_json extensions, visibility;
@@ -404,7 +404,7 @@ static enum pell_result walk_roots(struct gltf *g, struct tree *tree)
     return res;
 }
 
-/* A file of meshes without nodes is a library; each is drawn where it is. */
+/* A file of meshes without nodes is a library; each mesh is drawn without a transform. */
 static enum pell_result place_all_meshes(struct gltf *g)
 {
     const struct pell_mat4 identity = mat4_identity();
@@ -422,7 +422,7 @@ static enum pell_result place_all_meshes(struct gltf *g)
     return res;
 }
 
-/* The scene that "scene" names, else the first. If that draws nothing, the first that does: exporters leave empty ones in front. */
+/* The scene that "scene" names, else the first. If that is empty, the first that is not: exporters put empty ones in front. */
 static enum pell_result walk_scenes(struct gltf *g, struct tree *tree)
 {
     const size_t count = pell_json_count(&g->scenes);

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
- * skin.c - skins of glTF 2.0 (section 3.7.3 of the specification): linear blend skinning. A vertex goes where the mean of its joints'
- * matrices, weighted, takes it; the place of the mesh's own node plays no part. */
+ * skin.c - skins of glTF 2.0 (section 3.7.3 of the specification): linear blend skinning. A vertex is transformed by the weighted mean of
+ * its joints' matrices; the transform of the mesh's own node is ignored. */
 #include "scene/gltf/gltf.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-#define WEIGHT_TOLERANCE 0.01 /* of a sum; eight weights of a byte each are out by as much */
+#define WEIGHT_TOLERANCE 0.01 /* error of a sum of weights; eight weights of a byte each are off by as much */
 
 /* --- Joints ----------------------------------------------------------------------------------------------------------------- */
 
-/* The inverse bind matrices of a skin, `count` of them; those that are not there are identities. */
+/* The `count` inverse bind matrices of a skin; absent ones are identities. */
 static enum pell_result read_inverses(struct gltf *g, const struct pell_json *skin, uint32_t count, struct pell_mat4 *out)
 {
     const struct pell_json at = pell_json_get(skin, "inverseBindMatrices");
@@ -33,7 +33,7 @@ static enum pell_result read_inverses(struct gltf *g, const struct pell_json *sk
     if (a->count < count)
         return pell_json_error(&at, PELL_ERR_FORMAT, NULL, "accessor %" PRId64 " has %" PRIu32 " matrices for %" PRIu32 " joints", index,
                                a->count, count);
-    PELL_TRY(gltf_deform(g, &at, a->count)); /* a sparse accessor may be far longer than its file */
+    PELL_TRY(gltf_deform(g, &at, a->count)); /* a sparse accessor may be far larger than its file */
     m = pell_alloc_array(g->ctx, a->count, 16 * sizeof(*m));
     if (!m)
         return PELL_ERR_NOMEM;
@@ -67,7 +67,7 @@ static enum pell_result read_skin(struct gltf *g, int64_t index, struct gltf_ski
     PELL_TRY(pell_json_is_object(&at));
     PELL_TRY(pell_json_require(&at, "joints"));
     PELL_TRY(pell_json_array(&at, "joints", 1, (size_t) g->limits->nodes, &joints));
-    PELL_TRY(gltf_index(&at, "skeleton", &g->nodes, &skeleton)); /* a hint to who searches for the joints' common root */
+    PELL_TRY(gltf_index(&at, "skeleton", &g->nodes, &skeleton)); /* only a hint to find the joints' common root */
     s->num_joints = (uint32_t) pell_json_count(&joints);
     if (!s->matrix)
         s->matrix = pell_alloc_array(g->ctx, s->num_joints, sizeof(*s->matrix));
@@ -108,11 +108,11 @@ enum pell_result gltf_skin(struct gltf *g, int64_t index, const struct gltf_skin
 
 /* --- Vertices --------------------------------------------------------------------------------------------------------------- */
 
-/* Joints and weights, four a vertex and set, as the file has them. */
+/* Joints and weights, four per vertex and set, as in the file. */
 struct binding {
     float *joint[GLTF_JOINT_SETS], *weight[GLTF_JOINT_SETS];
     int sets;
-    size_t uneven, loose; /* vertices whose weights are not of sum 1; have none at all */
+    size_t uneven, loose; /* vertices whose weights do not sum to 1; that have no weights */
 };
 
 static enum pell_result read_binding(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p, uint32_t vertices,
@@ -156,7 +156,7 @@ fail:
     return res;
 }
 
-/* The mean of a vertex' joints. Joints without weight are not looked at: exporters leave anything there. */
+/* The weighted mean of a vertex' joints. Joints without weight are ignored: exporters leave arbitrary indices there. */
 static enum pell_result blend(const struct pell_json *primitive, const struct gltf_skin *skin, struct binding *b, size_t vertex,
                               struct pell_mat4 *out)
 {
@@ -194,7 +194,7 @@ static enum pell_result blend(const struct pell_json *primitive, const struct gl
     return PELL_OK;
 }
 
-/* Where the joints mirror, corners turn, so that triangles stay counter-clockwise from outside. */
+/* Reverses triangles if the joints mirror, so that they stay counter-clockwise from outside. */
 static void turn_corners(const uint8_t *mirrored, struct pell_mesh *mesh)
 {
     for (size_t i = 0; i < mesh->num_triangles; i++) {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * texture.c - textures, samplers and images of glTF 2.0 (sections 3.8 and 5.18 to 5.31 of the specification), KHR_texture_transform.
  *
- * A picture that can't be had is a warning that names it; a file that breaks glTF's structure is refused. */
+ * An image that can't be loaded is a warning that names it; a file that violates glTF's structure is refused. */
 #include "scene/gltf/gltf.h"
 
 #include <inttypes.h>
@@ -47,7 +47,7 @@ fail:
     return res;
 }
 
-/* The image of a texture, or -1: its own, else one that an extension names and this build can't be sure to read. */
+/* The image of a texture, or -1: its own, else one from an extension that this build may not be able to read. */
 static enum pell_result find_image(struct gltf *g, const struct pell_json *texture, int64_t *image)
 {
     static const char *const formats[] = { "KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds" };
@@ -130,7 +130,7 @@ fail:
     return res;
 }
 
-/* uv' = T R S uv; a positive rotation is counter-clockwise as seen in a picture whose v runs down. */
+/* uv' = T R S uv; a positive rotation is counter-clockwise as seen in an image whose v points down. */
 static enum pell_result read_transform(const struct pell_json *info, struct pell_texture_map *map, int64_t *uv)
 {
     double offset[2] = { 0, 0 }, scale[2] = { 1, 1 }, rotation = 0, c, s;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * transform.c - matrices of nodes: local ones, and from a node's space to the world's.
+ * transform.c - node transforms: local, and from a node's space to the world's.
  */
 #include "scene/gltf/gltf.h"
 
@@ -47,10 +47,10 @@ bool gltf_normalize_quaternion(double q[4], double *length)
     return true;
 }
 
-/* `pose` NULL, or what it does not move: as the node has it. */
+/* `pose` NULL, or unanimated parts: the node's own values. */
 static enum pell_result local_matrix(struct gltf *g, const struct pell_json *node, const struct gltf_pose *pose, struct pell_mat4 *out)
 {
-    const double most = 1e30; /* products stay finite in doubles */
+    const double most = 1e30; /* products are finite in doubles */
     const struct pell_json matrix_at = pell_json_get(node, "matrix"), rotation_at = pell_json_get(node, "rotation");
     double t[3] = { 0, 0, 0 }, q[4] = { 0, 0, 0, 1 }, s[3] = { 1, 1, 1 }, length;
     enum pell_result res;
@@ -91,7 +91,7 @@ enum pell_result gltf_node_world(struct gltf *g, int64_t index, const struct pel
     int32_t at = (int32_t) index, below = -1;
     enum pell_result res;
 
-    /* up to what is known, then down the same way: trees are as deep as they like */
+    /* up to a known matrix, then down the same path: trees may be of any depth */
     for (; at >= 0 && !g->node[at].placed; at = g->node[at].parent) {
         g->node[at].below = below;
         below = at;

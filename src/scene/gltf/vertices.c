@@ -8,9 +8,10 @@
 #include <math.h>
 #include <string.h>
 
-#define DEFORMED_FACTOR 16 /* times the limit of vertices: how many may be moved, counting each target and each set of joints */
+/* limit on moved vertices, counting each target and each set of joints, as a multiple of the limit of vertices */
+#define DEFORMED_FACTOR 16
 
-/* Looks at bits first, which vectorises. */
+/* Tests bit patterns first, which vectorises. */
 size_t gltf_first_not_finite(const float *x, size_t count)
 {
     enum { BLOCK = 1024 };

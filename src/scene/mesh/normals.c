@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  * normals.c - vertex normals where a file has none: face normals weighted by area and angle over equal positions.
  *
- * The corners around a position fall into groups: two faces that share an edge are in one where they meet at less than 60 degrees.
- * A cube keeps its flat faces, a scan or a sphere becomes smooth, however the file has split or shared its vertices. */
+ * The corners around a position are grouped: two faces that share an edge are in one group if they meet at less than 60 degrees.
+ * A cube keeps its flat faces, a scan or a sphere becomes smooth, however the file splits or shares its vertices. */
 #include "scene/mesh/topology.h"
 
 #include <string.h>
@@ -10,14 +10,14 @@
 #define COS_CREASE 0.5f
 #define COS_SAME 0.9999f /* 0.8 degrees */
 #define COS_BENT 0.9994f /* 2 degrees */
-#define FACETED 0.9      /* of an object's triangles, whose normals are their own */
-#define FEWEST_ROUND 60  /* edges; most low polyhedra are meant to be flat */
-#define COPY 0x80000000u /* marks the number of a copy among vertex indices, which are below 2^31 */
+#define FACETED 0.9      /* fraction of an object's triangles that have their own normals */
+#define FEWEST_ROUND 60  /* edges; most low polyhedra are meant to have flat faces */
+#define COPY 0x80000000u /* marks the index of a copy among vertex indices, which are below 2^31 */
 
 struct normals {
     struct pell_scene *scene;
     const struct pell_topology *t;
-    uint32_t *group; /* per corner (half-edge that starts there): union-find, then the group's number; UINT32_MAX: degenerate triangle */
+    uint32_t *group; /* per corner (half-edge that starts there): union-find, then the group's id; UINT32_MAX: degenerate triangle */
     uint32_t num_groups;
     float *sum; /* xyz per group, unit after `add_up` */
 };
@@ -83,7 +83,7 @@ static void add_up(struct normals *n)
         }
     }
     for (uint32_t g = 0; g < n->num_groups && !pell_cancelled_at(n->scene->ctx, g); g++) {
-        /* Long, thin objects have tiny cross products: bring them to one before squaring. */
+        /* Long, thin objects have tiny cross products: scale them to one before squaring. */
         float *s = n->sum + 3 * (size_t) g;
         const float largest = fmaxf(fabsf(s[0]), fmaxf(fabsf(s[1]), fabsf(s[2])));
         vec3_store(largest > 1e-30f ? vec3_normalize(vec3_mul(vec3_load(s), 1.0f / largest)) : vec3(0, 0, 1), s);
@@ -117,7 +117,7 @@ static enum pell_result sort_corners(struct normals *n, uint32_t **sorted, uint3
     return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
 
-/* The indices as they were before copies got numbers. */
+/* Restores the indices before copies were numbered. */
 static void take_back(struct normals *n, const uint32_t *from)
 {
     const struct pell_topology *t = n->t;
@@ -130,8 +130,8 @@ static void take_back(struct normals *n, const uint32_t *from)
     }
 }
 
-/* Meshes without normals: a vertex per group that it is in; the first keeps its number, others are copies at the mesh's end. `wanted`
- * marks the object's meshes. */
+/* Meshes without normals: one vertex per group; the first group keeps the vertex, the others get copies at the mesh's end. `wanted` marks
+ * the object's meshes. */
 static enum pell_result assign(struct normals *n, const bool *wanted)
 {
     const struct pell_topology *t = n->t;
@@ -141,7 +141,7 @@ static enum pell_result assign(struct normals *n, const bool *wanted)
     float *normal = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
 
-    stamp = pell_calloc(ctx, t->num_vertices, sizeof(*stamp)); /* group + 1 that the vertex was last seen in; 0: never */
+    stamp = pell_calloc(ctx, t->num_vertices, sizeof(*stamp)); /* group + 1 in which the vertex was last seen; 0: never */
     slot = pell_alloc_array(ctx, t->num_vertices, sizeof(*slot));
     mesh_of = pell_alloc_array(ctx, t->num_triangles, sizeof(*mesh_of));
     first_copy = pell_calloc(ctx, t->num_meshes + 1, sizeof(*first_copy));
@@ -181,7 +181,7 @@ static enum pell_result assign(struct normals *n, const bool *wanted)
     }
     memset(stamp, 0, t->num_vertices * sizeof(*stamp));
 
-    /* Second pass: hand out numbers and write normals. `first_copy` runs ahead as they are taken. */
+    /* Second pass: assign copies and write normals. `first_copy` advances with each. */
     for (uint32_t i = 0; i < count; i++) {
         const uint32_t m = mesh_of[sorted[i] / 3], group = n->group[sorted[i]];
         struct pell_mesh *mesh = &n->scene->meshes[t->mesh[m]];
@@ -238,7 +238,7 @@ static bool is_zero(const float *v)
     return v[0] == 0.0f && v[1] == 0.0f && v[2] == 0.0f;
 }
 
-/* Single vertices that lack a normal get that of the first group they are in; what only degenerate triangles use gets any. */
+/* Vertices without a normal get that of the first of their groups; those that only degenerate triangles use get an arbitrary one. */
 static void fill_gaps(struct normals *n)
 {
     const struct pell_topology *t = n->t;
@@ -257,7 +257,7 @@ static void fill_gaps(struct normals *n)
     }
 }
 
-/* Whether the three normals of a triangle are its own. */
+/* Whether the three normals of a triangle are the face normal. */
 static bool is_flat(const struct pell_scene *scene, const struct pell_topology *t, size_t m, uint32_t i)
 {
     const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];

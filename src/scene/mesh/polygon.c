@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * polygon.c - polygons into triangles, by clipping ears in the plane of the polygon's area vector (Newell's method). */
+ * polygon.c - triangulates polygons by ear clipping in the plane of the polygon's area vector (Newell's method). */
 #include "scene/mesh/polygon.h"
 
 #include <math.h>
 
-/* Point-in-ear tests that the polygons of a file may cost in all, so that giant ones can't stop the reader. */
+/* Limit on the point-in-ear tests for all polygons of a file, so that giant ones can't stall the reader. */
 #define TESTS_MOST ((int64_t) 200000000)
 
 enum pell_result pell_polygon_reserve(struct pell_polygon *p, size_t corners)
@@ -66,7 +66,8 @@ static double area(const double *flat, uint32_t a, uint32_t b, uint32_t c)
     return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
 }
 
-/* Drops the axis along which the area vector is longest, so that the polygon runs counter-clockwise. False if it has no area. */
+/* Projects along the axis of the largest component of the area vector, so that the polygon runs counter-clockwise. False if it has no
+ * area. */
 static bool flatten(struct pell_polygon *p, size_t count)
 {
     double n[3] = { 0 };
@@ -98,7 +99,7 @@ static bool same_point(const double *flat, uint32_t a, uint32_t b)
     return flat[2 * (size_t) a] == flat[2 * (size_t) b] && flat[2 * (size_t) a + 1] == flat[2 * (size_t) b + 1];
 }
 
-/* Is the corner convex, and does no other corner lie in its triangle? */
+/* Whether the corner is convex, and no other corner lies in its triangle. */
 static bool is_ear(const struct pell_polygon *p, uint32_t b, int64_t *tests)
 {
     const uint32_t a = p->previous[b], c = p->next[b];
@@ -130,7 +131,7 @@ static bool is_convex(const struct pell_polygon *p, size_t count)
 {
     double turn = 0.0;
 
-    /* All corners turn left, and the outline goes round once: then its exterior angles sum to one turn. */
+    /* Convex if all corners turn left and the outline goes round once: then its exterior angles sum to one turn. */
     for (size_t i = 0; i < count; i++) {
         const double *a = p->flat + 2 * i, *b = p->flat + 2 * ((i + 1) % count), *c = p->flat + 2 * ((i + 2) % count);
         const double ux = b[0] - a[0], uy = b[1] - a[1], vx = c[0] - b[0], vy = c[1] - b[1], cross = ux * vy - uy * vx;
@@ -175,7 +176,7 @@ bool pell_polygon_cut(struct pell_polygon *p, size_t count)
         emit(p, &done, p->previous[corner], corner, p->next[corner]);
         p->next[p->previous[corner]] = p->next[corner];
         p->previous[p->next[corner]] = p->previous[corner];
-        /* Going on behind the neighbour spreads the triangles instead of making a fan of slivers. */
+        /* Continuing after the neighbour spreads the triangles instead of making a fan of slivers. */
         corner = p->next[p->next[corner]];
         left--;
         stuck = 0;

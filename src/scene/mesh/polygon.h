@@ -5,11 +5,11 @@
 
 #include "base/base.h"
 
-/* Room that grows with the largest polygon. Zeroed at first; emptied with pell_polygon_finish. */
+/* Buffers that grow with the largest polygon. Zero-initialise; release with pell_polygon_finish. */
 struct pell_polygon {
     struct pell_context *ctx;
     float *point;       /* xyz of each corner: fill this */
-    uint32_t *triangle; /* count - 2 triples of corner numbers: the result */
+    uint32_t *triangle; /* count - 2 triples of corner indices: the result */
     double *flat;
     uint32_t *next, *previous;
     size_t capacity;
@@ -17,8 +17,8 @@ struct pell_polygon {
 };
 
 PELL_NODISCARD enum pell_result pell_polygon_reserve(struct pell_polygon *polygon, size_t corners);
-/* Triangles of the polygon point[0..count), count >= 3, in its winding. A quad is cut along its shorter diagonal, what is not convex by
- * clipping ears. False: what was left is a fan, since the polygon crosses itself or is too large for this; its shape may be wrong. */
+/* Triangulates the polygon point[0..count), count >= 3, in its winding. A quad is split along its shorter diagonal, a non-convex polygon by
+ * ear clipping. False: the rest was made a fan, since the polygon crosses itself or is too large; its shape may be wrong. */
 bool pell_polygon_cut(struct pell_polygon *polygon, size_t count);
 void pell_polygon_finish(struct pell_polygon *polygon);
 

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * repeated.c - triangles that lie exactly where another of their mesh lies, wound and textured the same way: modellers leave them behind. A
- * ray meets all of them at once, and an edge that they share seems to have more than two triangles.
+ * repeated.c - duplicate triangles: those that coincide with another of their mesh, with the same winding and texture coordinates.
+ * Modelling tools leave them behind. A ray hits all of them at once, and an edge that they share seems to have more than two triangles.
  *
- * Corners of such triangles are the same three positions in the same turn, so the half-edges from their lowest position are of one edge,
- * and behind one another in the sorted list. In a list of one edge, the third corner tells them apart.
+ * Such triangles have the same three positions in the same cyclic order, so the half-edges from their lowest position belong to one edge,
+ * and are adjacent in the sorted list. In the list of one edge, the third corner distinguishes them.
  */
 #include "scene/mesh/topology.h"
 
@@ -34,7 +34,7 @@ static size_t mesh_of(const struct pell_topology *t, uint32_t triangle)
     return low;
 }
 
-/* Whether two triangles of the same corners, from these half-edges on, are of one mesh and look the same. */
+/* Whether two triangles with the same corners, starting at these half-edges, belong to one mesh and look the same. */
 static bool alike(const struct pell_topology *t, const struct pell_scene *scene, uint32_t a, uint32_t b)
 {
     const size_t m = mesh_of(t, a / 3);
@@ -68,7 +68,8 @@ static void drop_marked(struct pell_scene *scene, const struct pell_topology *t,
 
 enum pell_result pell_drop_repeated(struct pell_scene *scene, const struct pell_topology *t, uint32_t *dropped)
 {
-    uint32_t *seen = pell_calloc(t->ctx, t->num_positions, sizeof(*seen)); /* by third corner: 1 + place in the list of the last triangle */
+    /* by third corner: 1 + position in the list of the last triangle */
+    uint32_t *seen = pell_calloc(t->ctx, t->num_positions, sizeof(*seen));
     bool *repeats = pell_calloc(t->ctx, t->num_triangles, sizeof(*repeats));
     enum pell_result res = PELL_ERR_NOMEM;
 

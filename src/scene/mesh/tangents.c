@@ -98,7 +98,7 @@ static void write_tangent(float *to, const float *sum, const float *normal, floa
     to[3] = w;
 }
 
-/* Which side each vertex is on (2: none) and, where it is on both, the number of its copy, counted from 1. Returns the count of copies. */
+/* The side of each vertex (2: none) and, if it needs both, the index of its copy, counted from 1. Returns the number of copies. */
 static uint32_t find_splits(const struct pell_context *ctx, const struct pell_mesh *mesh, int uv, uint8_t *side, uint32_t *copy)
 {
     uint32_t copies = 0;
@@ -123,7 +123,7 @@ enum pell_result pell_make_tangents(struct pell_scene *scene, size_t index, int 
     struct pell_mesh *mesh = &scene->meshes[index];
     const uint32_t count = mesh->num_vertices;
     uint32_t *twin = pell_alloc_array(ctx, count, sizeof(*twin)), *copy = pell_calloc(ctx, count, sizeof(*copy)), *from = NULL, copies;
-    uint8_t *side = pell_alloc(ctx, count); /* of the vertex itself; its copy, if it has one, is on the other */
+    uint8_t *side = pell_alloc(ctx, count); /* side of the vertex itself; its copy, if any, has the other */
     float *sum = pell_calloc(ctx, count, 6 * sizeof(*sum)), *tangent;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -153,7 +153,7 @@ enum pell_result pell_make_tangents(struct pell_scene *scene, size_t index, int 
         }
     }
     if (copies) {
-        /* A triangle's gradient is the same for a vertex and its copy, so indices may change as we go. */
+        /* A triangle's gradient is the same for a vertex and its copy, so indices may change during the loop. */
         res = pell_mesh_duplicate(scene, index, from, copies);
         for (uint32_t i = 0; res == PELL_OK && i < mesh->num_triangles; i++) {
             const int s = gradient_of(mesh, uv, i).side;

@@ -8,7 +8,7 @@
 
 struct sort {
     struct pell_context *ctx;
-    const uint32_t *keys; /* the first word of each, or a later one */
+    const uint32_t *keys; /* the first word of each key, or a later one */
     size_t stride;
     uint32_t count;
 };
@@ -112,7 +112,7 @@ fail:
     return res;
 }
 
-/* An object of many millions of triangles takes seconds: between its steps. */
+/* Checks for cancellation between steps: an object of many millions of triangles takes seconds. */
 static enum pell_result not_cancelled(struct pell_context *ctx)
 {
     return pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK;
@@ -140,7 +140,7 @@ static enum pell_result weld(struct pell_topology *t, const struct pell_scene *s
     sorted = pell_sort_keys(t->ctx, keys, 3, order, scratch, t->num_vertices);
     PELL_TRY(not_cancelled(t->ctx));
 
-    /* The sort is stable: the first of a run is its first vertex. It stands for all of them, then gets its number. */
+    /* The sort is stable: the first of a run is its first vertex. It represents all of them, then gets its index. */
     for (uint32_t i = 0, first = 0; i < t->num_vertices; i++) {
         if (pell_cancelled_at(t->ctx, i)) {
             res = PELL_ERR_CANCELLED;
@@ -406,7 +406,7 @@ void pell_topology_parts(const struct pell_topology *t, const struct pell_scene 
             }
         }
     }
-    /* Divergence theorem; tetrahedra are taken to a corner of the part's box, so that parts far from the origin lose no digits. */
+    /* Divergence theorem; the tetrahedra share a corner of the part's box, so that parts far from the origin lose no precision. */
     for (size_t m = 0; m < t->num_meshes; m++) {
         const struct pell_mesh *mesh = &scene->meshes[t->mesh[m]];
         for (uint32_t i = 0; i < mesh->num_triangles && !pell_cancelled_at(t->ctx, i); i++) {

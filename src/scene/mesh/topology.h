@@ -14,17 +14,17 @@ struct pell_topology {
     struct pell_context *ctx;
     size_t num_meshes;
     const uint32_t *mesh;   /* the object's meshes, as indices into the scene; borrowed */
-    uint32_t *first_vertex; /* of each mesh, num_meshes + 1: vertices and triangles are numbered through the object */
+    uint32_t *first_vertex; /* first vertex of each mesh, num_meshes + 1: vertices and triangles are numbered through the object */
     uint32_t *first_triangle;
     uint32_t num_vertices, num_triangles, num_positions;
-    uint32_t *weld;   /* per vertex: number of its position, in order of first appearance */
-    uint32_t *corner; /* per half-edge 3 t + k: the position that it starts from; it ends at the next corner's */
+    uint32_t *weld;   /* per vertex: index of its position, in order of first appearance */
+    uint32_t *corner; /* per half-edge 3 t + k: the position where it starts; it ends at the next corner's */
     float *face;      /* per triangle: the cross product of two edges (normal times twice the area) over `scale`^2; 0 if degenerate */
     double scale;     /* largest extent of the object */
-    uint32_t *half;   /* half-edges of the triangles that are not degenerate, sorted so that those of an edge are neighbours */
+    uint32_t *half;   /* half-edges of the non-degenerate triangles, sorted so that those of an edge are adjacent */
     uint32_t num_halves;
     uint32_t num_degenerate;
-    uint32_t *part; /* per triangle: number of the connected part; UINT32_MAX if degenerate */
+    uint32_t *part; /* per triangle: id of the connected part; UINT32_MAX if degenerate */
     uint32_t num_parts;
 };
 
@@ -52,30 +52,29 @@ uint32_t pell_topology_edge(const struct pell_topology *topology, uint32_t first
 
 /* Per connected part. */
 struct pell_part {
-    bool closed;   /* every edge is passed as often one way as the other */
+    bool closed;   /* every edge is traversed equally often in both directions */
     double volume; /* enclosed, signed: positive where normals point outward; in the meshes' units */
     double min[3], max[3];
 };
-/* `parts` has num_parts elements; not complete where the work was cancelled. */
+/* `parts` has num_parts elements; incomplete if the work was cancelled. */
 void pell_topology_parts(const struct pell_topology *topology, const struct pell_scene *scene, struct pell_part *parts);
 
-/* Turns triangles that face against their neighbours (winding.c), and closed surfaces that face inward; `where`: for messages. Where *any
- * is true, the topology is no longer theirs. */
+/* Flips triangles whose orientation disagrees with their neighbours (winding.c), and closed surfaces that face inward; `where`: for
+ * messages. If *any is true, the topology is no longer valid. */
 PELL_NODISCARD enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
                                                   bool *any);
 PELL_NODISCARD enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_topology *topology, const char *where,
                                                   bool *any);
 
-/* Takes triangles out of the meshes that lie where another of the same mesh lies, wound and textured the same way (repeated.c). Where
- * *dropped is not 0, the topology is no longer theirs. */
+/* Removes duplicate triangles of the same mesh, with equal winding and texture coordinates (repeated.c). If *dropped is not 0, the topology
+ * is no longer valid. */
 PELL_NODISCARD enum pell_result pell_drop_repeated(struct pell_scene *scene, const struct pell_topology *topology, uint32_t *dropped);
 
 /* Fills `order` with 0..count-1 sorted by keys of `words` words each (most significant first), stable. Returns the array that holds the
  * result: `order` or `scratch`, which has the same size; unsorted where the work was cancelled. */
 uint32_t *pell_sort_keys(struct pell_context *ctx, const uint32_t *keys, size_t words, uint32_t *order, uint32_t *scratch, uint32_t count);
 
-/* Numbers of `count` items in the order of their codes, those of one code in their own order; the caller's. `items` is handed to
- * `code_at`. */
+/* Indices of `count` items in the order of their codes, ties in their own order; the caller frees them. `items` is passed to `code_at`. */
 PELL_NODISCARD enum pell_result pell_order_by_code(struct pell_context *ctx, size_t count,
                                                    uint64_t (*code_at)(const void *items, size_t index), const void *items,
                                                    uint32_t **order);
@@ -83,7 +82,7 @@ PELL_NODISCARD enum pell_result pell_order_by_code(struct pell_context *ctx, siz
 /* The scene's meshes sorted by (object, index): an object is a run. `order` has num_meshes elements. */
 void pell_scene_objects(const struct pell_scene *scene, uint32_t *order, uint32_t *scratch);
 
-/* Union-find over numbers that are their own parents at first. The lower number becomes the root: sets are numbered in the file's order. */
+/* Union-find over ids that are their own parents at first. The lower id becomes the root: sets are numbered in the file's order. */
 uint32_t pell_union_root(uint32_t *parent, uint32_t i);
 void pell_union_join(uint32_t *parent, uint32_t a, uint32_t b);
 

@@ -1,21 +1,21 @@
 /* SPDX-License-Identifier: MIT
- * winding.c - triangles that face the way their neighbours do, and surfaces that face outward: what files get wrong. */
+ * winding.c - makes the orientation of triangles consistent with their neighbours, and surfaces face outward, where files are wrong. */
 #include "scene/mesh/topology.h"
 
 #include "math/vec.h"
 
 #include <string.h>
 
-#define GAP 1e-3 /* of its area: sum of an open surface's faces as vectors up to which it is nearly closed */
+#define GAP 1e-3 /* fraction of its area: the vector sum of an open surface's faces up to which it is nearly closed */
 
 /* --- Triangles among their neighbours ------------------------------------------------------------------------------------------------ */
 
-/* Sets of triangles that edges of two triangles join. */
+/* Sets of triangles connected by edges that exactly two triangles share. */
 struct sets {
     uint32_t *parent;
-    bool *odd;     /* against the parent */
-    bool *twisted; /* of roots: a surface of one side, as a Moebius strip */
-    double *score; /* of roots, what speaks for its own side */
+    bool *odd;     /* orientation opposite to the parent */
+    bool *twisted; /* for roots: a one-sided surface such as a Moebius strip */
+    double *score; /* for roots: the weight in favour of their own orientation */
 };
 
 static uint32_t find_root(const struct sets *s, uint32_t i, bool *odd)
@@ -53,7 +53,7 @@ static void join(const struct sets *s, uint32_t a, uint32_t b, bool against)
     s->twisted[low] |= s->twisted[high];
 }
 
-/* How well a triangle agrees with the file's normals, summed over corners; 0 where there are none. */
+/* Agreement of a triangle with the file's normals, summed over corners; 0 without normals. */
 static double agreement_of(const struct pell_mesh *mesh, const float *face, const uint32_t *corner)
 {
     double sum = 0.0;
@@ -63,7 +63,7 @@ static double agreement_of(const struct pell_mesh *mesh, const float *face, cons
     return sum;
 }
 
-/* The same, or its area where there are none. */
+/* The same, or the triangle's area without normals. */
 static double score_of(const struct pell_mesh *mesh, const float *face, const uint32_t *corner)
 {
     for (int k = 0; k < 3; k++) {
@@ -90,8 +90,8 @@ static void turn_vertex(struct pell_mesh *mesh, uint32_t vertex)
         mesh->tangent[4 * (size_t) vertex + 3] *= -1.0f;
 }
 
-/* Turns those of a mesh. Normals that agreed with the wrong winding are wrong, too, where no other triangle has them. `wrong`: of the
- * mesh's vertices, false. */
+/* Flips the marked triangles of a mesh. Normals that agreed with the wrong winding are wrong, too, unless another triangle uses them.
+ * `wrong`: per vertex of the mesh, false. */
 static void turn_marked(struct pell_mesh *mesh, const float *face, const bool *turn, bool *wrong)
 {
     for (size_t i = 0; i < mesh->num_triangles; i++)
@@ -119,7 +119,7 @@ static bool any_against(const struct pell_topology *t)
     return false;
 }
 
-/* Marks what is to be turned: of each set the side that less speaks for. Returns how many. */
+/* Marks the triangles to flip: of each set the orientation with less weight. Returns how many. */
 static uint32_t mark(const struct pell_scene *scene, const struct pell_topology *t, const struct sets *s, bool *turn)
 {
     uint32_t count = 0;
@@ -168,7 +168,7 @@ enum pell_result pell_even_winding(struct pell_scene *scene, const struct pell_t
     if (!s.parent || !s.odd || !s.twisted || !s.score || !turn || !wrong)
         goto fail;
     count = mark(scene, t, &s, turn);
-    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* what is turned is turned as a whole */
+    res = pell_cancelled(ctx) ? PELL_ERR_CANCELLED : PELL_OK; /* flipping is all or nothing */
     for (size_t i = 0; i < n && res == PELL_OK; i++)
         if (s.twisted[i] && s.parent[i] == i) {
             pell_warn(ctx, where, NULL, "a surface is one-sided, like a Moebius strip: its triangles can't be oriented consistently");
@@ -202,7 +202,7 @@ static bool inside(const struct pell_part *a, const struct pell_part *b)
     return true;
 }
 
-/* Whether a part is around a point. */
+/* Whether a part encloses a point. */
 static bool goes_around(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part, const float at[3])
 {
     double sum = 0.0;
@@ -216,7 +216,7 @@ static bool goes_around(const struct pell_scene *scene, const struct pell_topolo
     return fabs(sum) > 2.0 * PELL_PI;
 }
 
-/* A corner of a part; NULL: it has none. */
+/* A corner of a part; NULL: no corner. */
 static const float *corner_of(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part)
 {
     for (size_t m = 0; m < t->num_meshes; m++) {
@@ -228,8 +228,8 @@ static const float *corner_of(const struct pell_scene *scene, const struct pell_
     return NULL;
 }
 
-/* True for a closed part that faces inward. One that lies in another's box may be the wall of a hollow, which is right as it is. To stay
- * fast on files of very many parts, only the largest ones are taken for possible hosts. */
+/* True for a closed part that faces inward. A part inside another's box may be the wall of a cavity, which is correct. For speed on files
+ * of very many parts, only the largest ones are considered as hosts. */
 static void find_inverted(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts, bool *inverted)
 {
     enum { HOSTS = 64, LOOKS = 64 };
@@ -251,7 +251,7 @@ static void find_inverted(const struct pell_scene *scene, const struct pell_topo
         for (size_t k = 0; k < num_hosts && inverted[i]; k++)
             inverted[i] = hosts[k] == i || !inside(&parts[i], &parts[hosts[k]]);
     }
-    /* The wall of a hollow in what is inside out faces outward, and is turned with it. */
+    /* The wall of a cavity in an inside-out part faces outward, and is flipped with it. */
     for (uint32_t i = 0; i < t->num_parts; i++)
         for (size_t k = 0; k < num_hosts && !inverted[i] && parts[i].closed && parts[i].volume > least; k++)
             if (inverted[hosts[k]] && inside(&parts[i], &parts[hosts[k]]) && looks++ < LOOKS) {
@@ -260,8 +260,8 @@ static void find_inverted(const struct pell_scene *scene, const struct pell_topo
             }
 }
 
-/* True where the object's open parts are one surface that is closed but for seams, as of corners that were rounded apart, and faces inward.
- * Faces of a closed surface sum to 0 as vectors, and its volume is the same from everywhere. */
+/* True if the object's open parts form one surface that is closed but for seams, such as corners that were rounded differently, and faces
+ * inward. The face vectors of a closed surface sum to 0, and its volume does not depend on the origin. */
 static bool open_is_inverted(const struct pell_topology *t, const struct pell_part *parts)
 {
     const double unit = 0.5 * t->scale * t->scale, least = 1e-9 * t->scale * t->scale * t->scale;
@@ -273,7 +273,7 @@ static bool open_is_inverted(const struct pell_topology *t, const struct pell_pa
         if (!part || part->closed)
             continue;
         area += unit * (double) vec3_length(vec3_load(face));
-        for (int c = 0; c < 3; c++) { /* volumes are taken from a corner of each part's box */
+        for (int c = 0; c < 3; c++) { /* volumes are relative to a corner of each part's box */
             sum[c] += unit * (double) face[c];
             volume += unit * (double) face[c] * (part->min[c] - parts[0].min[c]) / 3.0;
         }
@@ -331,7 +331,7 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
     if (!agreement || !turned)
         goto fail;
     add_agreement(scene, t, agreement);
-    if (pell_cancelled(ctx)) { /* what is turned is turned as a whole */
+    if (pell_cancelled(ctx)) { /* flipping is all or nothing */
         res = PELL_ERR_CANCELLED;
         goto fail;
     }

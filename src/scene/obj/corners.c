@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * corners.c - numbers for the different corners of one mesh, by a hash table.
+ * corners.c - indices for the distinct corners of one mesh, by a hash table.
  */
 #include "scene/obj/corners.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * lex.h - words and numbers of text formats, fast: the scanner of the OBJ, MTL and ASCII PLY readers. The text ends with a NUL. */
+ * lex.h - a fast scanner of words and numbers for the OBJ, MTL and ASCII PLY readers. The text ends with a NUL. */
 #ifndef PELL_LEX_H
 #define PELL_LEX_H
 
@@ -19,7 +19,7 @@ static inline bool pell_lex_eol(const struct pell_lex *l)
     return l->at >= l->end || *l->at == '\n' || *l->at == '\r';
 }
 
-/* Skips blanks, and line ends behind a backslash. */
+/* Skips blanks, and line ends after a backslash. */
 static inline void pell_lex_blank(struct pell_lex *l)
 {
     for (;;) {
@@ -36,7 +36,7 @@ static inline void pell_lex_blank(struct pell_lex *l)
     }
 }
 
-/* To the start of the next line; "\n", "\r\n" and "\r" end one. */
+/* Moves to the start of the next line; "\n", "\r\n" and "\r" end one. */
 static inline void pell_lex_next_line(struct pell_lex *l)
 {
     for (;;) {
@@ -55,7 +55,7 @@ static inline void pell_lex_next_line(struct pell_lex *l)
     l->line++;
 }
 
-/* The word at the cursor, which moves behind it; length 0 at the end of the line. */
+/* The word at the cursor, which moves past it; length 0 at the end of the line. */
 static inline size_t pell_lex_word(struct pell_lex *l, const char **word)
 {
     pell_lex_blank(l);
@@ -88,8 +88,8 @@ static inline size_t pell_lex_rest(struct pell_lex *l, const char **text)
     return (size_t) (end - *text);
 }
 
-/* A number that fits a float. Most have few digits: they are put together as a whole number and scaled once, which is exact; the
- * others go to pell_parse_number. False and the cursor unmoved if the word is no such number. */
+/* A number that fits a float. Most have few digits: they are accumulated as an integer and scaled once, which is exact; the others go to
+ * pell_parse_number. False and the cursor unmoved if the word is no such number. */
 static inline bool pell_lex_float(struct pell_lex *l, float *value)
 {
     static const double powers[] = { 1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
@@ -146,7 +146,7 @@ static inline bool pell_lex_float(struct pell_lex *l, float *value)
     return false;
 }
 
-/* A whole number of at most 18 digits; stops at the first character that is none. */
+/* An integer of at most 18 digits; stops at the first other character. */
 static inline bool pell_lex_integer(struct pell_lex *l, int64_t *value)
 {
     const char *p = l->at;

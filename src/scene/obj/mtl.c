@@ -49,7 +49,7 @@ struct reader {
     const char *folder; /* of the library below the OBJ file's, ends in '/' or is empty */
     struct pell_material *m;
     char *alpha_map; /* map_d of the current material, owned */
-    char *color_map; /* map_Kd of it */
+    char *color_map; /* map_Kd of the current material, owned */
     bool height_warned, alpha_warned;
 };
 
@@ -60,7 +60,7 @@ static const char *where(const struct reader *r, struct pell_text *text)
     return text->str;
 }
 
-/* Up to three numbers in [min, max]; one stands for all. What is no number is a warning, and the values stay. */
+/* Reads up to three numbers in [min, max]; a single one is used for all. Invalid ones cause a warning, and the values stay. */
 static void read_numbers(struct reader *r, const char *key, int count, float min, float max, float *out)
 {
     struct pell_text text;
@@ -102,7 +102,7 @@ static void read_options(struct reader *r, struct map_options *o)
 {
     static const struct {
         const char *name;
-        int numbers, words; /* at most that many numbers, then exactly so many words */
+        int numbers, words; /* takes at most that many numbers, then exactly so many words */
     } options[] = { { "-s", 3, 0 },     { "-o", 3, 0 },       { "-t", 3, 0 },      { "-mm", 2, 0 },        { "-bm", 1, 0 },
                     { "-boost", 1, 0 }, { "-texres", 1, 0 },  { "-blendu", 0, 1 }, { "-blendv", 0, 1 },    { "-cc", 0, 1 },
                     { "-clamp", 0, 1 }, { "-imfchan", 0, 1 }, { "-type", 0, 1 },   { "-colorspace", 0, 1 } };
@@ -169,7 +169,7 @@ static enum pell_result read_map(struct reader *r, enum pell_image_role role, st
         PELL_TRY(pell_texture_sampler(import->scene, texture, wrap, wrap, false, &texture));
         *map = pell_texture_map_none();
         map->texture = texture;
-        /* v runs up in the library, down here. */
+        /* v points up in the library, down here. */
         map->matrix[0] = o.scale[0];
         map->matrix[2] = o.offset[0];
         map->matrix[4] = o.scale[1];
@@ -186,7 +186,7 @@ fail:
     return res;
 }
 
-/* A material has been read: its opacity map can be used only where it is the alpha of its colour map. */
+/* Ends a material: its opacity map can be used only if it is the alpha of its colour map. */
 static void end_material(struct reader *r)
 {
     struct pell_context *ctx = r->mtl->import->ctx;

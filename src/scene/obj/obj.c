@@ -20,12 +20,12 @@ struct run {
 
 struct part {
     uint32_t object, material;
-    uint32_t name; /* number among the names, or UINT32_MAX */
+    uint32_t name; /* index among the names, or UINT32_MAX */
     uint32_t first_run, last_run;
     size_t triangles;
 };
 
-/* The mesh that faces with a material go to now. */
+/* The mesh that receives faces with a material. */
 struct target {
     uint32_t object, part;
 };
@@ -45,10 +45,10 @@ struct obj {
     size_t num_runs, cap_runs;
     struct part *parts;
     size_t num_parts, cap_parts;
-    struct target *targets; /* per material, [0] for none */
+    struct target *targets; /* per material, [0] for faces without one */
     size_t num_targets, cap_targets;
-    uint32_t object, name, group, material, part; /* of the next face; part UINT32_MAX: not known */
-    int64_t lines, points, surfaces, thin;        /* left out */
+    uint32_t object, name, group, material, part; /* state for the next face; part UINT32_MAX: not known */
+    int64_t lines, points, surfaces, thin;        /* counts of skipped elements */
 };
 
 static const char *where(const struct obj *o, struct pell_text *text)
@@ -236,7 +236,7 @@ fail:
     }
 }
 
-/* The part of the current object and material. */
+/* Finds the part of the current object and material. */
 static enum pell_result find_part(struct obj *o)
 {
     const size_t slot = o->material == NO_MATERIAL ? 0 : (size_t) o->material + 1;
@@ -460,7 +460,7 @@ static enum pell_result read_line(struct obj *o)
     } else if (IS("mtllib")) {
         return read_libraries(o);
     } else if (IS("fo")) {
-        return read_face(o); /* an old word for f */
+        return read_face(o); /* an obsolete synonym of f */
     } else if (IS("curv") || IS("curv2") || IS("surf")) {
         o->surfaces++;
     }
@@ -514,7 +514,7 @@ static enum pell_result build_part(struct obj *o, const struct part *part, struc
         for (size_t i = 3 * o->runs[r].first; i < 3 * (o->runs[r].first + o->runs[r].count); i++) {
             uint32_t number;
             PELL_TRY(pell_obj_number_corner(n, &o->corners[i], &number));
-            o->corners[i].v = number; /* from here on the corner is its vertex of the mesh */
+            o->corners[i].v = number; /* from here on the corner holds its vertex index in the mesh */
         }
     PELL_TRY(pell_scene_add_mesh(scene, part->name != UINT32_MAX ? o->names.names[part->name].text : "", &index));
     scene->meshes[index].object = (int) part->object;
@@ -546,7 +546,7 @@ static enum pell_result build(struct obj *o)
             res = PELL_ERR_CANCELLED;
             goto fail;
         }
-        /* A table that one large mesh left behind would be cleared for every small one. */
+        /* Otherwise a table left by one large mesh would be cleared for every small one. */
         if (n.num_slots > 4096 && n.num_slots > 64 * o->parts[i].triangles) {
             pell_free(o->ctx, n.slots);
             n.slots = NULL;
@@ -563,7 +563,7 @@ fail:
     return res;
 }
 
-/* Whether someone else says what the material is. */
+/* Whether the scene file or the caller defines the material. */
 static bool is_defined_elsewhere(const struct pell_import *import, const char *name)
 {
     const struct pell_loader *l = import->loader;
