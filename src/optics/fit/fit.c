@@ -7,12 +7,12 @@
  * profile's total unless that is free), and the residuals' derivative takes this into account: variable projection, Golub and Pereyra
  * 1973, "The differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate".
  *
- * Two ways to the same cost. pell_fit_project works on the nodes by orthogonal factors and keeps all digits. The rough one works on
- * inner products, Int r G_i G_j dr = 1/(4 pi^2 (v_i + v_j)), in a tenth of the time; rounding leaves it about 1e-14 of Int r R^2 dr, so it
- * searches, and finishes where the error is above 0.1 %.
+ * The same cost is computed in two ways. pell_fit_project works on the nodes by orthogonal factors and keeps all digits. The rough
+ * evaluation works on inner products, Int r G_i G_j dr = 1/(4 pi^2 (v_i + v_j)), in a tenth of the time; its rounding error is about 1e-14
+ * of Int r R^2 dr, so it is used for the search, and for the last steps if the error is above 0.1 %.
  *
- * Starts: of one dipole, the optimum as a function of its two parameters (starts.h). Else the optima of one Gaussian less plus one
- * more, put where a scan over its variance finds the cost smallest.
+ * Initial values: for one dipole, the optimum as a function of its two parameters (starts.h). Else the optima with one Gaussian less, plus
+ * one whose variance is found by a scan for the smallest cost.
  */
 #include <pellucid/gaussians.h>
 
@@ -62,7 +62,7 @@ static bool params_valid(const struct pell_fit_params *params)
            (params->r_max_mm == 0.0 || params->r_max_mm >= 1e-12);
 }
 
-/* A free fit may lose light, but not make any: its weights at these variances sum to 1 at most. */
+/* A free fit may lose light, but not create any: its weights at these variances sum to 1 at most. */
 static void keep_energy(struct pell_fit_work *w, struct pell_fit_target *t, const double *total, const struct pell_fit_point *best)
 {
     if (!t->free_energy)
@@ -73,7 +73,7 @@ static void keep_energy(struct pell_fit_work *w, struct pell_fit_target *t, cons
     pell_fit_project(w, best->x);
 }
 
-/* Writes what `w` holds; channel c of the target is channel order[c], whose weights sum to total[c] unless they are free. */
+/* Writes the result in `w`; channel c of the target is channel order[c], whose weights sum to total[c] unless they are free. */
 static void deliver(const struct pell_fit_work *w, const int *order, const double *total, struct pell_gaussians *out,
                     struct pell_fit_report *report)
 {
@@ -140,7 +140,7 @@ enum pell_result pell_fit_dipole_searched(const struct pell_dipole *dipole, cons
     return fit_dipole(dipole, params, false, out, report);
 }
 
-/* Channels in an order of their own, so that swapping them swaps weights bit by bit. Black ones take no part. */
+/* Sorts channels into a canonical order, so that swapping them swaps weights bit by bit. Black ones are skipped. */
 static void fit_dipole_channels(const struct pell_dipole dipoles[3], const struct pell_fit_params *params, struct pell_gaussians *out,
                                 struct pell_fit_report *report)
 {
@@ -180,7 +180,7 @@ enum pell_result pell_fit_medium(const struct pell_medium *medium, const struct 
 
 /* --- Any profile --------------------------------------------------------------------------------------------------------------- */
 
-/* An order of profiles that does not depend on where they stand. */
+/* A canonical order of profiles, independent of their positions. */
 static bool before(const struct pell_profile *a, const struct pell_profile *b)
 {
     const double middle_a = pell_profile_sample(a, 0.5), middle_b = pell_profile_sample(b, 0.5);
@@ -197,7 +197,7 @@ static bool before(const struct pell_profile *a, const struct pell_profile *b)
     return false;
 }
 
-/* The dipole that a profile is; false if it is another model. */
+/* The dipole parameters of a profile; false if it is another model. */
 static bool dipole_of(const struct pell_profile *p, struct pell_dipole *d)
 {
     if (p->kind != PELL_PROFILE_KIND_POLES || p->parameter[PAIR_B] != 0.0)
@@ -209,7 +209,7 @@ static bool dipole_of(const struct pell_profile *p, struct pell_dipole *d)
     return dipole_valid(d);
 }
 
-/* `live` have light, and stand in an order of their own: channel c of the fit is channel order[c]. */
+/* `live`: profiles with light, in a canonical order: channel c of the fit is channel order[c]. */
 static enum pell_result search_profiles(const struct pell_profile *const *live, int count, const int *order,
                                         const struct pell_fit_params *params, struct pell_gaussians *out, struct pell_fit_report *report)
 {

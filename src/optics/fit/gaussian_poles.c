@@ -25,7 +25,7 @@ static bool pole_valid(double z, double sigma_tr)
 
 static const double spread[4] = { 0.2304, 0.7225, 2.6569, 13.6 }; /* variances over z^2/(1 + x) */
 
-/* The paper's weights, of sum about 1; (1 - exp(-a x))/x stays exact at 0. */
+/* The printed weights, of sum about 1; (1 - exp(-a x))/x is exact at 0. */
 static void weights_printed(double x, double u[4])
 {
     const double e1 = x > 0.0 ? -expm1(-0.7452 * x) / x : 0.7452;
@@ -125,9 +125,9 @@ enum pell_result pell_dipole_appendix_a(const struct pell_dipole *dipole, enum p
 
 /* --- The exact mixture --------------------------------------------------------------------------------------------------------- */
 
-/* Ends of a trapezoidal sum in log v with that step. Between nodes it errs by about exp(-pi^2/step), as everything is analytic for
- * |Im log v| < pi/2; what is cut off errs by about exp(-(x v - 1)^2/(2 v)) and, without absorption, by v^-1. The numbers that balance
- * the three were measured for x from 0 to 100 and 2 to 64 nodes. */
+/* End points of a trapezoidal sum in log v with that step. Its error is about exp(-pi^2/step), as everything is analytic for |Im log v| <
+ * pi/2; the truncation error is about exp(-(x v - 1)^2/(2 v)) and, without absorption, v^-1. The constants that balance the three were
+ * measured for x from 0 to 100 and 2 to 64 nodes. */
 static void ends(double x, double step, double *low, double *high)
 {
     const double level = PELL_PI * PELL_PI / step, far = fmax(0.5, 0.88 * level - 2.3);
@@ -165,7 +165,7 @@ enum pell_result pell_pole_gaussians(double z_mm, double sigma_tr, double *varia
         weight[i] = step * exp(-0.5 * off * off / v) / sqrt(2.0 * PELL_PI * v); /* over exp(-x)/2 */
         sum += weight[i];
     }
-    if (sum < 1.0) /* what lies beyond the last belongs to the last */
+    if (sum < 1.0) /* the remainder beyond the last node is added to the last */
         weight[count - 1] += 1.0 - sum;
     for (size_t i = 0; i < count; i++)
         weight[i] *= sign * total / fmax(sum, 1.0);

@@ -84,7 +84,7 @@ enum pell_result pell_gaussian_set_targets(const double *variance, const double 
         target[0] = moment / sum;
         return PELL_OK;
     }
-    if (!(high > low)) /* one variance: keep them rising, it is the first */
+    if (!(high > low)) /* one variance: keep them increasing, it is the first */
         high = 2.0 * low;
     for (size_t i = 0; i < targets; i++) {
         const double t = (double) i / (double) (targets - 1);

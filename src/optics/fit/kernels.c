@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.c - loops over the nodes of a fit that become vectors. */
+ * kernels.c - loops over the nodes of a fit, written to be vectorised. */
 #include "optics/fit/kernels.h"
 
 #include "base/simd.h"

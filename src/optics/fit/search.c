@@ -11,8 +11,8 @@
 #include <string.h>
 
 #define SCAN 32    /* variances tried for a new Gaussian */
-#define STARTS 3   /* of them improved by Levenberg-Marquardt */
-#define KEEP 2     /* optima that live on to the next count */
+#define STARTS 3   /* of these, improved by Levenberg-Marquardt */
+#define KEEP 2     /* optima kept for the next count */
 #define ROUGH 1e-9 /* a channel's cost above which the rough evaluation is accurate enough to search */
 #define FINE 1e-6  /* and for the last steps */
 
@@ -45,7 +45,7 @@ static void limit(struct pell_fit_work *w, int c, struct pell_nnls *p)
     p->sum = sum;
 }
 
-/* Makes `w` hold the best weights and residuals for the log variances `x`. */
+/* Evaluates the best weights and residuals for the log variances `x`. */
 void pell_fit_project(struct pell_fit_work *w, const double *x)
 {
     const struct pell_fit_target *t = w->t;
@@ -151,7 +151,7 @@ int pell_fit_residuals(void *arg, int m, int n, const double *x, double *fvec, d
 
 /* --- The rough way ------------------------------------------------------------------------------------------------------------- */
 
-/* Int r G_i G_j dr, and by the order given its derivatives after log v_i, and after both. */
+/* Int r G_i G_j dr, or, by `order`, its derivatives with respect to log v_i, and to both. */
 static double inner(const struct pell_fit_work *w, int order, int i, int j)
 {
     if (!w->t->closed) {
@@ -173,8 +173,8 @@ static void forward(const struct pell_fit_work *w, const double *rhs, double *y)
     }
 }
 
-/* Makes `w` hold the weights and the cost for `x` by inner products; Gaussians before `first` are those of the last call. `known`, if not
- * NULL, are the inner products of the last one with the channels. */
+/* Evaluates the weights and the cost for `x` by inner products; Gaussians before `first` are those of the last call. `known`, if not NULL,
+ * are the inner products of the last one with the channels. */
 static void evaluate(struct pell_fit_work *w, const double *x, int first, const double known[3])
 {
     const struct pell_fit_target *t = w->t;
@@ -275,7 +275,7 @@ static void curvature(struct pell_fit_work *w, double gradient[FIT_COUNT_MAX], d
     }
 }
 
-/* From them n + 1 residuals f and the rows of their derivative: matrix = C C^T, C f = gradient, |f|^2 = cost. */
+/* Condenses these into n + 1 residuals f and the rows of their derivative: matrix = C C^T, C f = gradient, |f|^2 = cost. */
 static void condense(struct pell_fit_work *w)
 {
     double gradient[FIT_COUNT_MAX], rest = w->cost;
@@ -299,7 +299,7 @@ static void condense(struct pell_fit_work *w)
     w->curved = true;
 }
 
-/* cminpack's callback for these. */
+/* cminpack's callback for the condensed residuals. */
 static int rough_residuals(void *arg, int m, int n, const double *x, double *fvec, double *fjac, int ldfjac, int flag)
 {
     struct pell_fit_work *w = arg;
@@ -369,7 +369,7 @@ void pell_fit_descend(struct pell_fit_work *w, struct pell_fit_point *p, double 
     at(w, p);
 }
 
-/* Puts `p` into a list of the best, which is in order of cost; optima that are the same are kept once. */
+/* Inserts `p` into a list of the best, sorted by cost; equal optima are kept once. */
 static int keep(struct pell_fit_point *list, int count, int max, const struct pell_fit_point *p, int dims)
 {
     int at = count;
@@ -395,7 +395,7 @@ static int keep(struct pell_fit_point *list, int count, int max, const struct pe
     return count;
 }
 
-/* Starts for one Gaussian more than `from` has: local minima of the cost over the new variance. */
+/* Starts with one Gaussian more than `from`: local minima of the cost over the new variance. */
 static int scan(struct pell_fit_work *w, double grid[SCAN][3], const struct pell_fit_point *from, struct pell_fit_point *starts, int count)
 {
     struct pell_fit_point tried[SCAN];
@@ -437,7 +437,7 @@ void pell_fit_finish(struct pell_fit_work *w, int count, struct pell_fit_point *
 void pell_fit_search(struct pell_fit_work *w, int count, struct pell_fit_point *best)
 {
     struct pell_fit_point optima[KEEP];
-    double grid[SCAN][3] = { { 0.0 } }; /* the channels' inner products with a Gaussian of each variance that is tried */
+    double grid[SCAN][3] = { { 0.0 } }; /* the channels' inner products with a Gaussian of each variance tried */
     int kept = 1;
 
     for (int i = 0; i < SCAN && w->t->closed; i++) {

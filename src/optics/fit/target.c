@@ -14,12 +14,12 @@
 #include <string.h>
 
 #define STEP 0.125      /* of log r */
-#define STEP_ERROR 0.08 /* for an error alone */
+#define STEP_ERROR 0.08 /* step when only the error is computed */
 #define STEP_ENDS 0.04  /* where the integrals end at r_max: Gregory's weights err by its sixth power */
-#define INSIDE 1e-3     /* share of the light inside the radius where nodes and variances begin to matter */
-#define CENTRE 0.05     /* a profile without bound at r = 0 is weighted by r^2/(r^2 + q^2), q the radius with this share inside */
+#define INSIDE 1e-3     /* fraction of the light inside the radius where nodes and variances begin to matter */
+#define CENTRE 0.05     /* a profile that is unbounded at r = 0 is weighted by r^2/(r^2 + q^2), q the radius with this fraction inside */
 
-/* Nodes from a to b in the unit, and their weights; `taper` is q or 0. */
+/* Places nodes from a to b in the unit, with their weights; `taper` is q or 0. */
 static void place(struct pell_fit_target *t, double a, double b, double step, bool ends, double taper)
 {
     static const double gregory[5] = { 95.0 / 288.0, 317.0 / 240.0, 23.0 / 30.0, 793.0 / 720.0, 157.0 / 160.0 };
@@ -68,8 +68,8 @@ static double outer_radius(const struct pell_dipole *d)
     return d->sigma_tr * far > 24.0 ? fmin(far, 24.0 / d->sigma_tr + 2.0 * d->zv) : far;
 }
 
-/* Keeps 40 bits. The same medium in another unit differs in the last bits, and a long search would enlarge that: rounded, it is the
- * same problem, and its variances come out the same but for the unit. */
+/* Keeps 40 bits. The same medium in another unit differs in the last bits, and a long search would amplify that: rounded, it is the same
+ * problem, with the same variances up to the unit. */
 static double rounded(double x)
 {
     int exponent;

@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * gaussians.c - stacks by the algebra of Gaussians, d'Eon, Luebke, Enderton 2007, section 4: each response is a polynomial of one
- * narrow Gaussian (eqs. (14), (15)), convolutions are products, and the series over bounces between layers (eqs. (3), (4)) ends by the
- * Kubelka-Munk total (eq. (13)). Powers beyond the first block are kept in octaves: what falls between two powers goes to both, with
- * energy and second moment kept. */
+ * gaussians.c - solves stacks with Gaussians as basis functions, d'Eon, Luebke, Enderton 2007, section 4: each response is a polynomial of
+ * one narrow Gaussian (eqs. (14), (15)), convolutions are products, and the series over bounces between layers (eqs. (3), (4)) ends by the
+ * Kubelka-Munk total (eq. (13)). Powers beyond the first block are kept in octaves: a value between two powers is distributed to both,
+ * preserving energy and second moment. */
 #include "optics/layers/kernels.h"
 
 #include "base/simd.h"
@@ -17,7 +17,7 @@
 
 PELL_SIMD_TABLES(struct pell_layers_kernels, pell_layers_kernels);
 
-#define SHARPER 16.0 /* d'Eon's bound min(l, d - l)^2/4 allows one Gaussian for the narrowest source; smaller by this factor */
+#define SHARPER 16.0 /* d'Eon's bound min(l, d - l)^2/4 allows one Gaussian for the narrowest source; ours is smaller by this factor */
 
 struct algebra {
     const struct pell_layers_kernels *kernels;
@@ -46,7 +46,7 @@ size_t pell_stack_workspace_size(const struct pell_stack_gaussians_params *param
     return block >= 8 && block <= PELL_STACK_BLOCK_MAX ? POLYNOMIALS * elements(block) * sizeof(double) : 0;
 }
 
-/* Weights of the trapezoidal rule on the axis; where the step doubles, Euler and Maclaurin's term in the derivative, by differences. */
+/* Weights of the trapezoidal rule on the axis; where the step doubles, with the Euler-Maclaurin correction, by finite differences. */
 static void make_axis(struct algebra *g)
 {
     const int m = g->block, half = m / 2;
@@ -68,14 +68,14 @@ static void make_axis(struct algebra *g)
     }
 }
 
-/* Fewest octaves that hold all but 1e-9 of what the slabs can show. */
+/* The fewest octaves that hold all but 1e-9 of the slabs' response. */
 static int octaves_for(const struct pell_slabs *slabs, double narrow, int block)
 {
     double longest = 0.0;
     for (int i = 0; i < slabs->count; i++) {
         const struct pell_multipole_slab *y = &slabs->slab[i];
         const double L = y->d + y->zb[0] + y->zb[1];
-        /* exp(-(sigma^2 + (pi/L)^2) v/2) = 1e-12; powers of it, as layers are passed often, have longer tails */
+        /* exp(-(sigma^2 + (pi/L)^2) v/2) = 1e-12; its powers, as light crosses layers repeatedly, have longer tails */
         const double rate = 0.5 * (y->sigma_tr * y->sigma_tr + (isinf(L) ? 0.0 : PELL_PI * PELL_PI / (L * L)));
         longest = fmax(longest, rate > 0.0 ? 28.0 / rate : INFINITY);
     }
@@ -104,12 +104,12 @@ static void settle(const struct algebra *g, double *w, double total)
     }
     for (int i = 0; i < g->count; i++) {
         w[i] *= total / sum;
-        if (fabs(w[i]) < 1e-14 * total) /* rounding's range, and no denormals in products */
+        if (fabs(w[i]) < 1e-14 * total) /* below rounding errors; also avoids denormals in products */
             w[i] = 0.0;
     }
 }
 
-/* Makes weights non-negative, their sum kept; returns the sum of the removed negative ones relative to the positive. */
+/* Clips weights to >= 0 and keeps their sum; returns the sum of the removed negative ones relative to the positive. */
 static double clip(double *w, int n)
 {
     const double total = sum_of(w, n);
@@ -135,7 +135,7 @@ static double norm(const double *w, int n)
     return sum;
 }
 
-/* Poles at the depths of one response, by the exact mixture. */
+/* Adds the poles of one response, by the exact mixture. */
 static void by_mixture(struct algebra *g, const struct pell_multipole_slab *y, double depth, double zb, double L, double *w)
 {
     struct pell_mixture m = { .albedo = y->albedo, .sigma2 = y->sigma_tr * y->sigma_tr, .a = { depth, depth + 2.0 * zb }, .L = L };
@@ -150,7 +150,7 @@ static void by_mixture(struct algebra *g, const struct pell_multipole_slab *y, d
         w[i] *= g->step[i];
 }
 
-/* A Gaussian of the given variance on the axis. */
+/* Adds a Gaussian of the given variance on the axis. */
 static void deposit(const struct algebra *g, double variance, double weight, double *w)
 {
     int low = 0, high = g->count - 1;
@@ -196,7 +196,7 @@ static void by_appendix_a(const struct algebra *g, const struct pell_multipole_s
     }
 }
 
-/* Polynomials of a slab, one per part. */
+/* Computes the polynomials of a slab, one per part. */
 static void make_slab(struct algebra *g, const struct pell_multipole_slab *y, bool analytic, double *const out[4])
 {
     const struct pell_response total = pell_slab_response(y, 0.0);
@@ -229,7 +229,8 @@ static void make_slab(struct algebra *g, const struct pell_multipole_slab *y, bo
         else
             by_mixture(g, y, depth, far, L, out[t]);
         if (depth <= 0.0) {
-            /* The factor exp(-depth kappa) that grows: light goes straight through, as many as at s = 0; the rest are images. */
+            /* The growing factor exp(-depth kappa): that fraction of light is transmitted unscattered, with its value at s = 0; the rest
+             * are images. */
             const double straight = fmin(total.t[side], 0.5 * y->albedo * exp(-depth * y->sigma_tr) * y->scale[side]);
             settle(g, out[t], total.t[side] - straight);
             out[t][0] += straight;
@@ -273,7 +274,7 @@ static void swap(double **a, double **b)
     *b = t;
 }
 
-/* Whether |A^ B^| < 1 at all frequencies (d'Eon et al. print the condition on profiles; it is one on their transforms). */
+/* Whether |A^ B^| < 1 at all frequencies (d'Eon et al. state the condition for profiles; it applies to their transforms). */
 static bool converges(const struct algebra *g, const double *a, const double *b)
 {
     const double bound = norm(a, g->count) * norm(b, g->count);
@@ -297,7 +298,7 @@ static bool converges(const struct algebra *g, const double *a, const double *b)
     return true;
 }
 
-/* g->sum := g->upper on g->sum. */
+/* g->sum := g->upper on top of g->sum. */
 static void combine(struct algebra *g, bool reflectance_only)
 {
     void (*multiply)(int, int, const double *, const double *, double *restrict) = g->kernels->multiply;
@@ -305,12 +306,12 @@ static void combine(struct algebra *g, bool reflectance_only)
     double **a = g->upper, **b = g->sum;
     enum { RP = PELL_STACK_R_PLUS, TP = PELL_STACK_T_PLUS, RM = PELL_STACK_R_MINUS, TM = PELL_STACK_T_MINUS };
 
-    /* Weights of both signs bounce as well as others while the series converges; else they become non-negative. */
+    /* Weights of both signs are fine while the series converges; otherwise they are clipped to >= 0. */
     if (!converges(g, b[RP], a[RM])) {
         clip(b[RP], n);
         clip(a[RM], n);
     }
-    multiply(m, p, b[RP], a[RM], g->x); /* one bounce between the two */
+    multiply(m, p, b[RP], a[RM], g->x); /* one reflection between the two */
     if (reflectance_only) {
         multiply(m, p, a[TP], a[TM], g->y);
         multiply(m, p, g->y, b[RP], g->z);
@@ -377,7 +378,7 @@ enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channe
     out->terms = g.terms;
     out->flags = slabs.flags;
     out->clipped = 0.0;
-    /* A delta can't be drawn: it takes the narrow Gaussian's width. */
+    /* A delta can't be evaluated: it gets the narrow Gaussian's width. */
     out->count = g.count - 1;
     memcpy(out->variance, g.variance + 1, (size_t) out->count * sizeof(double));
     for (int part = 0; part < PELL_STACK_PARTS; part++) {
@@ -399,7 +400,7 @@ static bool usable(const struct pell_stack_sets *s, enum pell_stack_part part)
     return (int) part >= 0 && part < PELL_STACK_PARTS && s->count >= 1 && s->count <= PELL_STACK_SET_MAX;
 }
 
-/* Variance below which lies the given share of a set's light; of its size where weights have both signs and their sum goes up and down. */
+/* Variance below which the given fraction of a set's light lies; of its magnitude if weights of both signs make the sum non-monotonic. */
 static double quantile(const struct pell_stack_sets *s, enum pell_stack_part part, double share)
 {
     const double *w = s->weight[part], total = norm(w, s->count);
@@ -430,7 +431,7 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
                 sum += w[i] * exp(-x) / (2.0 * PELL_PI * s->variance[i]);
         }
         out->r[count] = r;
-        out->value[count++] = fmax(0.0, sum); /* signed weights may leave less than nothing far out */
+        out->value[count++] = fmax(0.0, sum); /* signed weights may sum to a negative value far out */
     }
     pell_profile_nodes_make(out, count, PELL_NODES_LOG, -1.0);
     if (out->total > 0.0)
@@ -440,9 +441,10 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
     return PELL_OK;
 }
 
-#define MOMENT_WEIGHT 1e3 /* of the second moment's equation beside those of the norm; the rest of its error is moved out at the end */
+/* weight of the second moment's equation relative to those of the norm; the remaining error is corrected at the end */
+#define MOMENT_WEIGHT 1e3
 
-/* Moves what the second moment still lacks between the two positive weights that lie farthest apart; their sum stays. */
+/* Corrects the second moment by moving weight between the two positive weights that are farthest apart; their sum is unchanged. */
 static void settle_moment(const double *target, int count, double moment, double *weight)
 {
     int first = -1, last = -1;
@@ -464,8 +466,8 @@ static void settle_moment(const double *target, int count, double moment, double
 }
 
 /* Least squares of a set by Gaussians of given variances in the norm of error (10), Int r (.)^2 dr: weights >= 0 with the set's total and
- * second moment. Returns what of the set's squared norm they hold, so that more is better. With b the inner products of set and Gaussians
- * and H those of the Gaussians, |set - w|^2 = |set|^2 - 2 w b + w H w; H = C C^T makes that a small least-squares problem. */
+ * second moment. Returns the part of the set's squared norm that they capture (larger is better). With b the inner products of set and
+ * Gaussians and H those of the Gaussians, |set - w|^2 = |set|^2 - 2 w b + w H w; H = C C^T makes that a small least-squares problem. */
 static double project(const double *variance, const double *w, int n, const double *target, int count, double weight[PELL_GAUSSIANS_MAX])
 {
     const double total = sum_of(w, n);
@@ -474,7 +476,7 @@ static double project(const double *variance, const double *w, int n, const doub
     double H[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX], C[PELL_GAUSSIANS_MAX][PELL_GAUSSIANS_MAX] = { { 0 } };
     double b[PELL_GAUSSIANS_MAX], row[PELL_GAUSSIANS_MAX], held = 0.0;
 
-    /* Half the second moment. Signed weights may have none above 0, and then no weights >= 0 keep it. */
+    /* Half the second moment. Signed weights may have none above 0, which weights >= 0 can't match. */
     const double moment = 0.5 * pell_gaussian_set_moment(variance, w, (size_t) n);
     /* All scaled by the variances, so that H's diagonal is 1/2. The moment's equation has the size of the set's norm. */
     const double size = moment > 0.0 ? MOMENT_WEIGHT * total / sqrt(moment / total) : 0.0;
@@ -539,7 +541,7 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
             low[k] = fmin(low[k], quantile(channel[c], part, low_shares[k]));
             high[k] = fmax(high[k], quantile(channel[c], part, high_shares[k]));
         }
-        if (light[c]) { /* the mean variance lies between the first and the last, or no weights >= 0 have it */
+        if (light[c]) { /* the mean variance must lie between the first and the last, or no weights >= 0 have it */
             const double moment = pell_gaussian_set_moment(channel[c]->variance, w, (size_t) channel[c]->count);
             const double mean = moment > 0.0 ? 0.5 * moment / total : quantile(channel[c], part, 0.5);
             narrow = fmin(narrow, 0.8 * mean);

@@ -124,7 +124,7 @@ static bool empty(const double *a, int n)
     return true;
 }
 
-/* Halves the resolution: an odd element goes to its neighbours by halves, so that sum and first moment stay. */
+/* Halves the resolution: an odd element is split between its neighbours, so that sum and first moment are preserved. */
 LANES_INLINE void halve(double *a, int m)
 {
     double to[PELL_STACK_BLOCK_MAX / 2 + 1];
@@ -153,7 +153,7 @@ LANES_INLINE void multiply_by(const int m, int octaves, const double *a, const d
         memcpy(A + first, pa, (size_t) (m + 1 - first) * sizeof(*A));
         memcpy(B + first, pb, (size_t) (m + 1 - first) * sizeof(*B));
         memset(product, 0, (size_t) (2 * m + 2) * sizeof(*product));
-        /* Pairs of which at least one is of this octave; pairs of lower ones are done. */
+        /* Pairs of which at least one is in this octave; pairs of lower ones are done. */
         if (p == 0 || !empty(pa, m + 1 - first))
             for (int i = first; i <= m; i++)
                 if (A[i] != 0.0)
@@ -164,7 +164,7 @@ LANES_INLINE void multiply_by(const int m, int octaves, const double *a, const d
                     axpy(product + i + half + 1, B + half + 1, A[i], half);
         for (int j = first; j <= m; j++)
             to[j - first] = product[j] + carry[j];
-        /* What is beyond goes on to the next octave's grid, whose element m/2 is this one's m. */
+        /* The overflow moves to the next octave's grid, whose element m/2 is this one's m. */
         to[m - first] += 0.5 * product[m + 1];
         for (int j = half + 1; j <= m; j++)
             carry[j] = product[2 * j] + 0.5 * (product[2 * j - 1] + product[2 * j + 1]);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.h - the loops of the stack solvers; layers_kernels.c is compiled once per level of base/simd.h. Internal.
+ * kernels.h - the loops of the stack solvers; kernels.c is compiled once per level of base/simd.h. Internal.
  *
  * A polynomial of the narrow Gaussian G(v) is an array: element j <= m is the weight of G(j v); then, for each octave p = 1, 2, ..., m/2
  * elements are the weights of G(j 2^p v), j = m/2 + 1 .. m. Element 0 is a delta.
@@ -25,7 +25,8 @@ struct pell_layers_kernels {
     /* a := slab a on b, pointwise. */
     void (*add)(int n, double *const a[4], double *const b[4]);
     void (*mixture)(const struct pell_mixture *m, const double *variance, int n, double *restrict w);
-    /* out = a b, all of `octaves` octaves; what is beyond the last element goes to it. Sums and first moments are kept up to that. */
+    /* out = a b, all of `octaves` octaves; products beyond the last element are added to it. Sums and first moments are exact up to
+     * that. */
     void (*multiply)(int m, int octaves, const double *a, const double *b, double *restrict out);
 };
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * layers.c - stacks by the Hankel solver: closed forms at logarithmic frequencies, one transform back (d'Eon et al. 2007, eqs. (3) to (5);
- * Donner and Jensen 2005, section 3). */
+ * layers.c - solves stacks by the Hankel transform: closed forms at logarithmic frequencies, one inverse transform (d'Eon et al. 2007, eqs.
+ * (3) to (5); Donner and Jensen 2005, section 3). */
 #include "optics/layers/kernels.h"
 
 #include "base/simd.h"
@@ -17,7 +17,7 @@ PELL_SIMD_TABLES(struct pell_layers_kernels, pell_layers_kernels);
 #define STEP 0.2     /* of log s: exp(-pi^2/(2 STEP)) = 2e-11 */
 #define OVERSAMPLE 4 /* radii per frequency: the step of eight-point interpolation */
 #define TOP 45.0     /* R^ falls as exp(-reach s): nothing is left at s = TOP/reach */
-#define NEAR 0.02    /* below this share of the reach R(r) is its Taylor series */
+#define NEAR 0.02    /* below this fraction of the reach R(r) is its Taylor series */
 #define FIRST 0.002  /* a profile's first node: R is constant inside it */
 
 /* 2 pi R(r_j) on a logarithmic grid, and R^'s moments for r -> 0. */
@@ -60,7 +60,7 @@ static void solve(const struct pell_slabs *slabs, const bool wanted[PELL_STACK_P
     out->step = STEP / OVERSAMPLE;
     out->log_r0 = log(0.5 * NEAR * reach);
     out->near = NEAR * reach;
-    const double low = 1e-5 / scale; /* below it the transform is let go to 0, smoothly: its light is spread over 1e5 lengths */
+    const double low = 1e-5 / scale; /* below it the transform is faded to 0: its light is spread over 1e5 lengths */
     for (int part = 0; part < PELL_STACK_PARTS; part++) {
         if (!wanted[part])
             continue;
@@ -77,7 +77,7 @@ static void solve(const struct pell_slabs *slabs, const bool wanted[PELL_STACK_P
             }
         }
         pell_hankel_apply(&plan, f, out->value[part]);
-        /* The period's images of r -> 0, at r exp(-n STEP) and beyond, add a constant. */
+        /* The period's aliases of r -> 0, at r exp(-n STEP) and beyond, add a constant. */
         const double image = out->moment[part][0] / expm1(n * STEP);
         for (int j = 0; j < out->count; j++)
             out->value[part][j] = out->value[part][j] * exp(-out->log_r0 - out->step * j) / (2.0 * PELL_PI) - image;
@@ -156,7 +156,7 @@ enum pell_result pell_stack_profile(const struct pell_stack *stack, int channel,
     wanted[part] = true;
     solve(&slabs, wanted, &spectrum);
 
-    /* Nodes to where the light that lies near a radius, r^2 R, is nothing, or the transform's error is all there is. */
+    /* Nodes extend to where r^2 R, the light near a radius, vanishes, or only the transform's error is left. */
     const double *value = spectrum.value[part], noise = 4e-12 * spectrum.moment[part][0];
     double peak = 0.0;
     int last = 0;
@@ -175,7 +175,7 @@ enum pell_result pell_stack_profile(const struct pell_stack *stack, int channel,
         out->r[j] = first * exp(step * j);
         out->value[j] = fmax(0.0, at(&spectrum, part, out->r[j]));
     }
-    double sigma = -1.0; /* what lies beyond the last node: a half-space's far field */
+    double sigma = -1.0; /* beyond the last node: a half-space's far field */
     if (isinf(slabs.slab[slabs.count - 1].d))
         sigma = slabs.slab[slabs.count - 1].sigma_tr;
     pell_profile_nodes_make(out, PELL_PROFILE_NODES, PELL_NODES_LOG, sigma);

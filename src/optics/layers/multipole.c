@@ -94,13 +94,13 @@ static double boundary(const struct pell_stack *s, int i, int side)
     return pell_boundary_A(relative_eta(s, i, side), s->fresnel, s->roughness[i + side]);
 }
 
-/* T^ of light of a side falls (or grows) as exp(-gap s). */
+/* T^ of light entering on a side falls (or grows) as exp(-gap s). */
 static double gap_of(const struct pell_multipole_slab *y, int side)
 {
     return y->clear[side] ? 0.0 : y->d - y->l;
 }
 
-/* Limits of thin layers, and how fast the transforms of the whole fall. */
+/* Checks the limits of thin layers, and finds how fast the transforms of the stack fall. */
 static void judge(struct pell_slabs *p)
 {
     double thickness = 0.0;
@@ -110,7 +110,7 @@ static void judge(struct pell_slabs *p)
         thickness += p->slab[i].d;
     p->reach_r = p->reach_t = INFINITY;
     for (int side = 0; side < (isinf(thickness) ? 1 : 2); side++) {
-        double there = 0.0, there_and_back = 0.0; /* through the layers passed so far */
+        double there = 0.0, there_and_back = 0.0; /* over the layers so far */
         for (int k = 0; k < p->count; k++) {
             const struct pell_multipole_slab *y = &p->slab[side ? p->count - 1 - k : k];
             if (!y->clear[side]) {
@@ -122,7 +122,7 @@ static void judge(struct pell_slabs *p)
         }
         p->reach_t = fmin(p->reach_t, there);
     }
-    /* Factors that grow must stay numbers at the highest frequency, 45 over the shorter reach, however much others fall there. */
+    /* Growing factors must not overflow at the highest frequency, 45 over the shorter reach, however much others fall there. */
     double growth = 0.0;
     int growing = 0;
     for (int i = 0; i < p->count; i++)
@@ -178,7 +178,7 @@ enum pell_result pell_slabs_prepare(const struct pell_stack *s, int channel, str
         out->shortest = fmin(out->shortest, y->l);
         out->scale += fmin(y->d, 1.0 / y->sigma_tr) + y->l + y->zb[0] + y->zb[1];
         if (isinf(y->d)) {
-            if (!(y->sigma_tr * y->l > 1e-4)) /* what does not absorb has no longest length: R falls as r^-3 */
+            if (!(y->sigma_tr * y->l > 1e-4)) /* without absorption there is no longest length: R falls as r^-3 */
                 out->scale = fmax(out->scale, 1e4 * y->l);
             else
                 out->scale = fmax(out->scale, 1.0 / y->sigma_tr);
@@ -326,7 +326,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
         dipoles_max < 1 || dipoles_max > 100001)
         return PELL_ERR_INVALID;
     const struct pell_multipole_slab *y = &p.slab[0];
-    if (y->l >= y->d) /* a pole on the far side itself has no value there */
+    if (y->l >= y->d) /* a pole on the far side itself diverges there */
         return PELL_ERR_UNSUPPORTED;
     const int side = part == PELL_STACK_R_MINUS || part == PELL_STACK_T_MINUS;
     const bool transmittance = part == PELL_STACK_T_PLUS || part == PELL_STACK_T_MINUS;
@@ -349,7 +349,7 @@ enum pell_result pell_slab_poles(const struct pell_stack *stack, int channel, en
                                   : pell_pole_value(zr, y->sigma_tr, r_mm) - pell_pole_value(zv, y->sigma_tr, r_mm);
         }
         sum += pair;
-        /* Pairs fall as n^-3 at worst, beyond where they still see r: what follows is less than n/2 of the last. */
+        /* Pairs fall as n^-3 at worst, once n is large compared with r: the remainder is less than n/2 of the last. */
         const bool far = n > 0 && n * period > fabs(r_mm);
         if ((far && fabs(pair) * fmax(1.0, 0.5 * n) <= tolerance * fabs(sum)) || 2 * n + 3 > dipoles_max)
             break;

@@ -9,18 +9,18 @@
 
 #include <pellucid/layers.h>
 
-/* A side is how light enters: 0 from above (+), 1 from below (-). */
+/* Sides are where light enters: 0 from above (+), 1 from below (-). */
 struct pell_multipole_slab {
     double albedo;           /* alpha' */
     double sigma_tr;         /* 1/mm */
     double l;                /* reduced mean free path, mm */
     double d;                /* mm, INFINITY: half-space */
     double zb[2];            /* extrapolation distance at [0] top, [1] bottom */
-    bool clear[2];           /* PELL_STACK_CLEAR for light of that side */
-    double transmittance[2]; /* of a clear side: its transmittance at every frequency */
-    double scale[2];         /* of all light of that side; below 1 where a thin slab's closed form is over 1 in all */
-    double growth_max;       /* bound of (l - d) kappa, so that products over a stack stay numbers where other factors are 0 */
-    bool straight;           /* PELL_STACK_WIDENED: the factor of T^ that grows, exp((l - d) kappa), is held at its value for s = 0 */
+    bool clear[2];           /* PELL_STACK_CLEAR for light entering on that side */
+    double transmittance[2]; /* for a clear side: its transmittance at every frequency */
+    double scale[2];         /* for all light entering on that side; below 1 if a thin slab's closed form exceeds 1 in total */
+    double growth_max;       /* bound of (l - d) kappa, so that products over a stack stay finite where other factors are 0 */
+    bool straight;           /* PELL_STACK_WIDENED: the growing factor of T^, exp((l - d) kappa), is clamped to its value at s = 0 */
 };
 
 struct pell_slabs {
@@ -28,10 +28,10 @@ struct pell_slabs {
     struct pell_multipole_slab slab[PELL_LAYERS_MAX];
     unsigned flags;
     double reach_r;  /* R^ falls at least as exp(-reach_r s), mm */
-    double reach_t;  /* T^ as exp(-reach_t s); where WIDENED asks for it, `widen` included */
+    double reach_t;  /* T^ as exp(-reach_t s); if WIDENED, includes `widen` */
     double widen;    /* T^ is to be multiplied by exp(-widen (kappa_0 - sigma_tr_0)), mm */
-    double scale;    /* the longest length that profiles show, mm */
-    double shortest; /* the shortest of l, and d - l, over layers, mm: what the narrow Gaussian resolves */
+    double scale;    /* the longest length of the profiles, mm */
+    double shortest; /* the shortest of l, and d - l, over layers, mm: the narrow Gaussian resolves it */
 };
 
 struct pell_response {

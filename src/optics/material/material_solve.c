@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * material_solve.c - what a layered material reflects, as a few Gaussians. */
+ * material_solve.c - the reflectance profile of a layered material, as a few Gaussians. */
 #include <pellucid/layers.h>
 #include <pellucid/material.h>
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * materials.c - looking up built-in materials, and changing them: concentration, layers. */
+ * materials.c - looks up built-in materials, and changes them: concentration, layers. */
 #include "optics/material/materials.h"
 
 #include <pellucid/layers.h>

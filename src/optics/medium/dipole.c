@@ -16,7 +16,7 @@ struct pell_dipole pell_dipole_make(double sigma_a, double sigma_s_reduced, doub
     d.A = pell_boundary_A(eta, model, 0.0);
     d.sigma_t_reduced = sigma_a + sigma_s_reduced;
     if (!(d.sigma_t_reduced > 0.0))
-        return d; /* nothing there: a profile of 0 */
+        return d; /* no scattering: a profile of 0 */
     d.albedo_reduced = sigma_s_reduced / d.sigma_t_reduced;
     d.sigma_tr = sqrt(3.0 * sigma_a * d.sigma_t_reduced);
     d.zr = 1.0 / d.sigma_t_reduced;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * dipole.h - what the dipole, the multipole and pairs of poles have in common: one pole, and the boundary it is mirrored at.
+ * dipole.h - shared by the dipole, the multipole and pairs of poles: one pole, and the boundary it is mirrored at.
  *
  * Units      mm, 1/mm.
  * Threads    pure and safe.
@@ -20,14 +20,14 @@ static inline double pell_pole_value(double z, double sigma_tr, double r)
     return z * (1.0 + sigma_tr * d) * exp(-sigma_tr * d) / (d * d * d);
 }
 
-/* What of it lies inside r, over 2 pi: exp(-s z) - (z/d) exp(-s d), z > 0, so that nothing cancels at small r. */
+/* Integral of the pole inside r, over 2 pi: exp(-s z) - (z/d) exp(-s d), z > 0, without cancellation at small r. */
 static inline double pell_pole_inside(double z, double sigma_tr, double r)
 {
     const double d = sqrt(r * r + z * z), step = r * r / (d + z); /* d - z */
     return exp(-sigma_tr * z) * (step / d - z / d * expm1(-sigma_tr * step));
 }
 
-/* A = (1 + Fdr)/(1 - Fdr) of a boundary: of `model` where it is smooth; a rough one is exact whatever the model. */
+/* A = (1 + Fdr)/(1 - Fdr) of a boundary: by `model` if it is smooth; a rough one is always exact. */
 static inline double pell_boundary_A(double eta, enum pell_fresnel_model model, double roughness)
 {
     const double fdr = roughness > 0.0 ? pell_fresnel_diffuse_rough(eta, roughness) : pell_fresnel_diffuse(eta, model);

@@ -8,9 +8,9 @@
 
 #define MOMENTS 200 /* enough for the exponential of g = 0.98 */
 
-/* The exponential by which a beam falls in the depth. Moments of its radiance obey k ((l + 1) psi_(l+1) + l psi_(l-1)) = (2 l + 1) h psi_l,
- * h = sigma_a + sigma_s (1 - g^l) (Case and Zweifel 1967), so that 1/k is the largest eigenvalue of a symmetric matrix with two diagonals:
- * the least x for which no pivot of x - matrix is negative. */
+/* The decay rate of a beam with depth. Moments of its radiance obey k ((l + 1) psi_(l+1) + l psi_(l-1)) = (2 l + 1) h psi_l, h = sigma_a +
+ * sigma_s (1 - g^l) (Case and Zweifel 1967), so that 1/k is the largest eigenvalue of a symmetric matrix with two diagonals: the least x
+ * for which no pivot of x - matrix is negative. */
 static double beam_exponent(double sigma_a, double sigma_s, double g)
 {
     double square[MOMENTS], before = sigma_a, power = g, low = 0.0, high = 1.0 / sigma_a;
@@ -33,7 +33,7 @@ static double beam_exponent(double sigma_a, double sigma_s, double g)
     return 1.0 / high;
 }
 
-/* What broad beams leave of a slab's T, light at right angles. */
+/* The fraction of a slab's T, at normal incidence, that broad beams do not account for. */
 static void make_rest(const struct pell_medium *medium, struct pell_forward *f)
 {
     const double enters = 1.0 - pell_fresnel(medium->eta, 1.0);
@@ -63,7 +63,7 @@ bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *ou
     *out = (struct pell_forward) { .leaves = 0.0f };
     if (!pell_medium_valid(medium, NULL))
         return false;
-    /* pi/eta^2 times the share of light from everywhere that enters; by reciprocity */
+    /* pi/eta^2 times the fraction of uniform light that enters; by reciprocity */
     out->leaves = (float) (PELL_PI * (1.0 - pell_fresnel_diffuse(medium->eta, PELL_FRESNEL_EXACT)));
     for (int c = 0; c < 3; c++) {
         const double a = medium->sigma_a[c], reduced = medium->sigma_s_reduced[c], g = medium->g[c], sigma_s = reduced / (1.0 - g);

@@ -1,31 +1,31 @@
 /* SPDX-License-Identifier: MIT
  *
- * forward.h - light that is scattered forward on its way through a solid, from where it enters to where it leaves.
+ * forward.h - light that is scattered forward while crossing a solid, from the point where it enters to where it exits.
  *
- * Similarity takes the share exp(-sigma_t' r) of a beam for light that is not scattered at all. If the phase function is Henyey and
- * Greenstein's, all of it but exp(-sigma_t r) was scattered, by small angles. Where little is scattered for what is absorbed this is most
- * of what goes through a solid, and the only part of it that diffusion does not have.
+ * Similarity theory treats the fraction exp(-sigma_t' r) of a beam as unscattered. With a Henyey-Greenstein phase function, all of it
+ * except exp(-sigma_t r) was scattered, by small angles. If scattering is weak relative to absorption, this is most of the light that a
+ * solid transmits, and the only part that diffusion misses.
  *
- * Light that goes r along a beam turns by a mean cosine exp(-t), t = sigma_s' r, and lies about its axis by that of exp(-t/3). Ways that
- * turn are longer and lose more: the beam is weaker by x/sinh(x) and narrower by 3 (x - tanh(x))/x^3, x = r sqrt(sigma_a sigma_s'), if
- * angles are small (a random walk that is killed by its square is an oscillator). The exponential that it tends to is known for any angle,
- * so x is r (kappa - sigma_a). Hence, w the direction in which W enter, v the way to a place,
+ * After a distance r along a beam, the direction has the mean cosine exp(-t), t = sigma_s' r, and the position, seen from the origin, that
+ * of exp(-t/3). Paths that turn are longer and lose more: the beam is weaker by x/sinh(x) and narrower by 3 (x - tanh(x))/x^3, x = r
+ * sqrt(sigma_a sigma_s'), if angles are small (a random walk with a quadratic killing rate is an oscillator). The decay rate in the limit
+ * is known for any angle, so x is r (kappa - sigma_a). Hence, w the direction in which the power W enters, v the vector to a point,
  *
  *     K(r) = min(exp(-sigma_t' r), exp(-sigma_a r) x/sinh(x)) - exp(-sigma_t r)
  *     flux across v per area = W K(r) p(w.v/r; exp(-t (x - tanh(x))/x^3))/r^2
  *
- * and there it goes on about v by p(; exp(-t/4)), so that what leaves depends on where it is seen from. p is Henyey and Greenstein's
- * function, whose moments exp(-l t) a beam has, with a peak that is no narrower than samples of a surface are apart, and none of it at
- * right angles and beyond: what turns as far is the diffuse light's.
+ * and there it continues about v by p(; exp(-t/4)), so that the exitant light depends on the view direction. p is Henyey and Greenstein's
+ * function, whose moments exp(-l t) a beam has, with a peak no narrower than the spacing of surface samples, and zero from 90 degrees on:
+ * light that turns that far belongs to the diffuse part.
  *
- * A broad beam, wider than it spreads, has radiance in place of flux. It is weaker by 1/cosh(x) and turns by t tanh(x)/x, since its ways
- * may end anywhere. What was scattered has the mean cosine g1 of all that goes on, less what was not:
+ * A beam wider than its spread has radiance in place of flux. It is weaker by 1/cosh(x) and turns by t tanh(x)/x, since its paths may end
+ * anywhere. The scattered part has the mean cosine g1, that of all light minus the unscattered part:
  *
  *     radiance = E (exp(-sigma_a r)/cosh(x) - exp(-sigma_t r)) p(c; g1)/n
  *     g1 = (exp(-t tanh(x)/x) - exp(-s))/(1 - exp(-s)),   s = sigma_s r
  *
- * c the cosine to the beam, E its irradiance where it enters and n the cosine to the normal there; p whole. Up to a mean free path this is
- * all that goes through a slab: no share of it leaves to all sides.
+ * c the cosine to the beam, E its irradiance where it enters and n the cosine to the normal there; p whole. Up to one mean free path this
+ * is all the light that a slab transmits: no fraction of it exits diffusely.
  */
 #ifndef PELL_FORWARD_H
 #define PELL_FORWARD_H
@@ -37,42 +37,44 @@
 
 #include <math.h>
 
-#define PELL_FORWARD_NARROW 0.8f    /* mean cosine from which on a lobe has a peak beside its tail */
-#define PELL_FORWARD_EXIT 0.25f     /* of t */
+#define PELL_FORWARD_NARROW 0.8f    /* mean cosine above which a lobe has a peak in addition to its tail */
+#define PELL_FORWARD_EXIT 0.25f     /* fraction of t that turns exitant light about v */
 #define PELL_FORWARD_ASIDE 0.7f     /* cosine below which a lobe fades, to 0 at right angles */
-#define PELL_FORWARD_NONE 0.6f      /* exponential of diffuse light up to which there is none, */
-#define PELL_FORWARD_ALL 0.95f      /* and from which on all */
-#define PELL_FORWARD_FAR 25.0f      /* optical thickness: beyond, nothing is left */
-#define PELL_FORWARD_SHARPEST 50.0f /* peak of light that leaves */
-enum { PELL_FORWARD_STEPS = 40 };   /* of a table by thickness */
+#define PELL_FORWARD_NONE 0.6f      /* decay rate of diffuse light up to which forward scattering is not added, */
+#define PELL_FORWARD_ALL 0.95f      /* and above which it is fully added */
+#define PELL_FORWARD_FAR 25.0f      /* optical thickness beyond which nothing is transmitted */
+#define PELL_FORWARD_SHARPEST 50.0f /* largest peak of exitant light */
+enum { PELL_FORWARD_STEPS = 40 };   /* entries of a table by thickness */
 
 struct pell_forward {
     float reduced[3];     /* 1/mm: sigma_t', */
-    float unscattered[3]; /* sigma_t; 0: the channel scatters none forward, */
+    float unscattered[3]; /* sigma_t; 0: no forward scattering in this channel, */
     float lost[3];        /* sigma_a, */
     float turned[3];      /* sigma_s', */
-    float spread[3];      /* and kappa - sigma_a, kappa the exponential by which beams fall in the depth */
-    float leaves;         /* what leaves has the radiance inside over eta^2; exitance of even light that has as much, over that inside */
-    float thickest;       /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick: */
-    float rest[PELL_FORWARD_STEPS][3]; /* of what they transmit, the share that is no broad beam's, and leaves to all sides */
+    float spread[3];      /* and kappa - sigma_a, kappa the decay rate of beams with depth */
+    /* exitance of uniform light over that of the same radiance inside; the radiance outside is that inside over eta^2 */
+    float leaves;
+    float thickest;                    /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick: */
+    float rest[PELL_FORWARD_STEPS][3]; /* of the light they transmit, the fraction not in broad beams, which exits diffusely */
 };
 
-/* False where no channel scatters forward. */
+/* False if no channel scatters forward. */
 bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *out);
 
-/* How far it is apart from diffuse light, by the exponential of that in mean free paths: where much is scattered diffusion has it all. */
+/* How far forward-scattered light is separate from diffuse light, by the decay rate in mean free paths: with strong scattering diffusion
+ * covers all of it. */
 static inline float pell_forward_share(float exponent)
 {
     return smooth_ramp(PELL_FORWARD_NONE, PELL_FORWARD_ALL, exponent);
 }
 
-/* The same of a channel, by the law of its diffuse light. */
+/* The same for a channel, by the decay rate of its diffuse light. */
 static inline float pell_forward_apart(const struct pell_forward *f, const struct pell_opposed *diffuse, int k)
 {
     return f->unscattered[k] > 0.0f ? pell_forward_share(diffuse->kappa[k] * diffuse->depth[k]) : 0.0f;
 }
 
-/* Henyey and Greenstein's function of the cosine c, 1/sr. */
+/* Henyey-Greenstein phase function of the cosine c, 1/sr. */
 static inline float pell_forward_phase(float g, float c)
 {
     const float base = 1.0f + g * (g - 2.0f * c);
@@ -80,7 +82,7 @@ static inline float pell_forward_phase(float g, float c)
     return (1.0f - g * g) / (12.5663706f * base * sqrtf(base));
 }
 
-/* p of the mean cosine g at the cosine c, 1/sr. The peak is in proportion to exp(peak c). */
+/* p with the mean cosine g at the cosine c, 1/sr. The peak is proportional to exp(peak c). */
 static inline float pell_forward_lobe_within(float narrow, float g, float peak, float c)
 {
     const float wide = g < narrow ? g : narrow, tail = (1.0f - g * g) / (1.0f - wide * wide);
@@ -90,14 +92,14 @@ static inline float pell_forward_lobe_within(float narrow, float g, float peak, 
     return fade * (tail * pell_forward_phase(wide, c) + sharp);
 }
 
-/* The same where tails alone spread what is scattered. */
+/* The same if scattered light has a tail only. */
 static inline float pell_forward_lobe(float g, float peak, float c)
 {
     return pell_forward_lobe_within(PELL_FORWARD_NARROW, g, peak, c);
 }
 
-/* flux: 1/mm^2, across the way over squared distance `d2` to a place at the cosine c to a beam, whose light starts within the mean cosine
- * `wide` of it; cosine: mean of what goes on there, to the way. */
+/* flux: 1/mm^2, perpendicular to the vector of squared length `d2` to a point at the cosine c to a beam, whose light starts within the mean
+ * cosine `wide` of it; cosine: mean of the directions there, relative to the vector. */
 static inline void pell_forward_at(const struct pell_forward *f, float d2, float c, float wide, float peak, float flux[3], float cosine[3])
 {
     const float r2 = d2 > 1e-20f ? d2 : 1e-20f, r = sqrtf(r2);
@@ -122,7 +124,7 @@ static inline void pell_forward_at(const struct pell_forward *f, float d2, float
     }
 }
 
-/* What is left of a broad beam after r mm and was scattered, and the mean cosine of its directions. */
+/* The scattered part of a broad beam after r mm, and the mean cosine of its directions. */
 static inline float pell_forward_broad(const struct pell_forward *f, int k, float r, float *cosine)
 {
     const float x = f->spread[k] * r, e = expf(-x), e2 = e * e, s = (f->unscattered[k] - f->lost[k]) * r, straight = expf(-s);
@@ -133,7 +135,7 @@ static inline float pell_forward_broad(const struct pell_forward *f, int k, floa
     return f->unscattered[k] > 0.0f && left > 0.0f ? left : 0.0f;
 }
 
-/* The share of a slab's T that leaves to all sides; `apart`: how far broad beams are apart from it. */
+/* The fraction of a slab's T that exits diffusely; `apart`: how far broad beams are separate from it. */
 static inline float pell_forward_rest(const struct pell_forward *f, int k, float d, float apart)
 {
     const float place = sqrtf(d / f->thickest) * (PELL_FORWARD_STEPS - 1);
@@ -143,8 +145,8 @@ static inline float pell_forward_rest(const struct pell_forward *f, int k, float
     return 1.0f - apart * (1.0f - rest);
 }
 
-/* p toward `inside`, unit, of light whose mean direction is `mean`, as long as its mean cosine, and which was `turned` by that mean cosine
- * from ways that come from elsewhere: Henyey and Greenstein's peak is no narrower than those are apart. */
+/* p towards the unit vector `inside`, for light whose mean direction is `mean`, of the length of its mean cosine; `turned`: mean cosine of
+ * the angle to neighbouring paths, which limits how narrow the Henyey-Greenstein peak is. */
 static inline float pell_forward_toward(const float mean[3], float turned, const float inside[3])
 {
     const float g = sqrtf(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);

@@ -25,7 +25,7 @@ static double weighted_reflectance(double mu, const void *eta)
     return 2.0 * mu * pell_fresnel(*(const double *) eta, mu);
 }
 
-/* Light from the thinner side, n > 1: 2 Int_0^1 F mu dmu. The closed form cancels near n = 1, where the integral is quick. */
+/* Light from the optically thinner side, n > 1: 2 Int_0^1 F mu dmu. The closed form cancels near n = 1, where the integral is quick. */
 static double outside(double n)
 {
     if (n < 1.05)
@@ -35,10 +35,10 @@ static double outside(double n)
            2.0 * n2 * n * (n2 + 2.0 * n - 1.0) / (p * (n4 - 1.0)) + 8.0 * n4 * (n4 + 1.0) / (p * (n4 - 1.0) * (n4 - 1.0)) * log(n);
 }
 
-/* Beyond a ratio of 3 the polynomials leave what was fitted, and from 3.8 on they exceed 1: they stay what they are at 3. */
+/* Beyond a ratio of 3 the polynomials leave the fitted range, and from 3.8 on they exceed 1: they are constant beyond 3. */
 static double polynomial(double ratio, enum pell_fresnel_model model)
 {
-    const double eta = ratio > 3.0 ? 3.0 : ratio < 1.0 / 3.0 ? 1.0 / 3.0 : ratio; /* NaN stays */
+    const double eta = ratio > 3.0 ? 3.0 : ratio < 1.0 / 3.0 ? 1.0 / 3.0 : ratio; /* NaN is kept */
 
     if (eta < 1.0)
         return -0.4399 + 0.7099 / eta - 0.3319 / (eta * eta) + 0.0636 / (eta * eta * eta);

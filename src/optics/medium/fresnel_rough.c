@@ -109,7 +109,7 @@ static double chebyshev(const double *c, int count, double t)
     return c[0] + t * b1 - b2;
 }
 
-/* Light from the thinner side, n in [1, PELL_ETA_MAX]. */
+/* Light from the optically thinner side, n in [1, PELL_ETA_MAX]. */
 static double outside(double n, double roughness)
 {
     const double x = sqrt((n - 1.0) / (PELL_ETA_MAX - 1.0)), smooth = pell_fresnel_diffuse(1.0 / n, PELL_FRESNEL_EXACT);

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * half_space.c - how much light a half-space with a boundary gives back, by transport and not by diffusion.
+ * half_space.c - the albedo of a half-space with a boundary, by radiative transfer and not by diffusion.
  *
- * Without a boundary, Chandrasekhar 1960, "Radiative Transfer", III: light that falls along mu' with unit irradiance leaves as
+ * Without a boundary, Chandrasekhar 1960, "Radiative Transfer", III: light incident along mu' with unit irradiance exits as
  * S(mu, mu') = alpha/(4 pi) H(mu) H(mu')/(mu + mu'), where 1/H(mu) = sqrt(1 - alpha) + alpha/2 Int_0^1 mu' H(mu')/(mu + mu') dmu'.
- * The boundary sends the share F(mu) of the light u(mu) that reaches it back in, so that
+ * The boundary reflects the fraction F(mu) of the light u(mu) that reaches it, so that
  *
  *     u(mu) = S(mu, 1) + 2 pi Int_0^1 S(mu, mu') mu' F(mu') u(mu') dmu'        total = 2 pi Int_0^1 mu (1 - F) u dmu
  *
- * Light that enters along another cosine mu_0 has S(mu, mu_0) in the place of S(mu, 1).
+ * For light that enters along another cosine mu_0, S(mu, mu_0) replaces S(mu, 1).
  *
  * Both are solved at Gauss-Legendre nodes, split at the critical angle. H uses the same nodes as u, which makes a medium without absorption
  * return 1 whatever the number of nodes. */
@@ -21,7 +21,7 @@
 
 enum { GAUSS = 12, MOST = 2 * GAUSS, ANGLES = 8 };
 
-/* x^2 draws nodes towards the lower end, where H and F have roots. */
+/* x^2 concentrates nodes at the lower end, where H and F behave like square roots. */
 static int place(double eta, double mu[MOST], double weight[MOST])
 {
     const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.0;
@@ -47,7 +47,7 @@ static double inverse_h(double at, double alpha, double root, const double *mu, 
     return root + 0.5 * alpha * sum;
 }
 
-/* Gaussian elimination with pivots; the answer replaces b. */
+/* Gaussian elimination with pivoting; the solution replaces b. */
 static void solve(double m[MOST][MOST], double *b, int n)
 {
     for (int k = 0; k < n; k++) {
@@ -76,7 +76,7 @@ static void solve(double m[MOST][MOST], double *b, int n)
     }
 }
 
-/* Cosine behind the boundary of light that comes in along mu; 0 where none does. */
+/* Cosine inside the boundary for light incident along mu; 0 for total reflection. */
 static double refracted(double eta, double mu)
 {
     const double square = 1.0 - (1.0 - mu * mu) / (eta * eta);
@@ -110,7 +110,7 @@ static void make(double albedo, double absorbed, double eta, struct half_space *
     }
 }
 
-/* Share of the light that entered along the cosine `inside` which leaves. */
+/* Fraction of the light that entered along the cosine `inside` that exits. */
 static double returned(const struct half_space *s, double inside)
 {
     const double down = 1.0 / inverse_h(inside, s->albedo, s->root, s->mu, s->weight, s->h, s->n), k = 0.25 * s->albedo / PELL_PI;
@@ -153,8 +153,8 @@ double pell_half_space_albedo_at(double albedo, double eta, double mu)
     return returned(&s, refracted(eta, mu));
 }
 
-/* The medium that returns `total` of the light at right angles: what absorbs, by its logarithm; the more of it, the less returns. False
- * position, Illinois (Dowell and Jarratt 1971, "A Modified Regula Falsi Method"). */
+/* The medium whose total reflectance at normal incidence is `total`: solved for the logarithm of its absorption, in which the reflectance
+ * decreases. False position, Illinois (Dowell and Jarratt 1971, "A Modified Regula Falsi Method"). */
 static void make_of_total(double total, double eta, struct half_space *s)
 {
     double at[2] = { log(1e-12), 0.0 }, over[2] = { 1.0 - total, -total };
@@ -176,7 +176,7 @@ static void make_of_total(double total, double eta, struct half_space *s)
     }
 }
 
-/* Nodes over the directions that enter: what falls of even light along each. */
+/* Nodes over the directions that enter, with the fraction of uniform light incident along each. */
 struct angles {
     double inside[ANGLES], weight[ANGLES], entered, off;
 };
@@ -195,7 +195,7 @@ static void place_angles(double eta, struct angles *a)
     }
 }
 
-/* The least squares slope of values that are 0 at right angles. */
+/* The least squares slope of values that are 0 at normal incidence. */
 static double slope_of(const struct angles *a, const double over[ANGLES])
 {
     double product = 0.0, square = 0.0;

@@ -30,7 +30,8 @@ double pell_albedo_reduced_of(double albedo, double g)
 
 /* --- A function that falls ------------------------------------------------------------------------------------------------------- */
 
-/* All inversions are over x = sqrt(1 - alpha') in [0, 1], in which totals of half-spaces are smooth and fall (1 - c x next to white). */
+/* All inversions are over x = sqrt(1 - alpha') in [0, 1], in which totals of half-spaces are smooth and decreasing (1 - c x next to
+ * white). */
 typedef enum pell_result (*falling)(double x, const void *arg, double *out);
 
 /* x with f(x) = target, f(0) = top >= target >= f(1) = bottom: regula falsi after Anderson and Bjorck 1973, with a bisection after every
@@ -104,7 +105,7 @@ const struct pell_albedo_map_row *pell_albedo_map_at(size_t index)
  * print: files of other programs were made with these. */
 static const double hulst[5] = { 4.09712, 4.20863, 9.59217, 41.6808, 17.7126 };
 
-/* Its inverse, a quadratic equation whose leading coefficient all but vanishes. */
+/* Its inverse, a quadratic equation whose leading coefficient nearly vanishes. */
 static double hulst_color(double s)
 {
     const double d = hulst[0] - s, a = hulst[1] * hulst[1] - hulst[4], b = 2.0 * hulst[1] * d - hulst[3], c = d * d - hulst[2];
@@ -198,7 +199,7 @@ struct query {
     double g, eta;
 };
 
-/* Of a medium whose reduced mean free path is 1 mm, by what it absorbs and scatters. */
+/* The profile of a medium whose reduced mean free path is 1 mm, from its absorption and scattering. */
 static enum pell_result make_profile(const struct query *q, double absorbed, double scattered, struct pell_profile *out)
 {
     const double a = absorbed, s = scattered;
@@ -226,7 +227,7 @@ static enum pell_result invert_model(const struct query *q, double color, double
         res = total_of(1.0, q, &bottom);
     if (res != PELL_OK)
         return res;
-    /* the last digits of a total are its quadrature's: a colour within them is the largest */
+    /* the last digits of a total are quadrature errors: a colour within them is the largest */
     if (!pell_in_range(field, color, 0.0, top + 1e-9, fault)) {
         if (fault)
             fault->max = top;
@@ -301,7 +302,7 @@ static bool look_valid(const struct pell_color_and_radius *look, struct pell_med
     return true;
 }
 
-/* The mean radius of a profile in reduced mean free paths; 1 where there is none. */
+/* The mean radius of a profile in reduced mean free paths; 1 for a profile without light. */
 static double mean_radius_of(const struct query *q, double albedo_reduced)
 {
     struct pell_profile profile;
@@ -311,7 +312,7 @@ static double mean_radius_of(const struct query *q, double albedo_reduced)
     return pell_profile_mean_radius(&profile);
 }
 
-/* sigma_t' times the radius: what the radius stands for in reduced mean free paths. */
+/* sigma_t' times the radius: the radius parameter in reduced mean free paths. */
 static double reduced_per_radius(const struct pell_color_and_radius *look, int c, const struct query *q, double albedo_reduced)
 {
     const double A = look->color[c], g = look->g[c], rest = 1.0 - albedo_reduced;
@@ -332,7 +333,7 @@ static double reduced_per_radius(const struct pell_color_and_radius *look, int c
     }
 }
 
-/* One channel of the medium from its albedo. */
+/* Sets one channel of the medium from its albedo. */
 static bool set_channel(const struct pell_color_and_radius *look, int c, const struct query *q, double albedo_reduced,
                         struct pell_medium *out, struct pell_medium_fault *fault)
 {

@@ -7,10 +7,10 @@
 
 #define STEPS 256
 #define SLAB_STEPS 48
-#define DEEP 10.0 /* optical thickness of the slab that says how much: thick enough for the exponential alone */
+#define DEEP 10.0 /* optical thickness of the slab that calibrates the amount: only the exponential matters there */
 
-/* The exponential by which light falls in the depth of a medium that scatters isotropically, in its mean free paths (Case and Zweifel
- * 1967): 1 = albedo artanh(kappa)/kappa. */
+/* The decay rate with depth in a medium that scatters isotropically, per mean free path (Case and Zweifel 1967): 1 = albedo
+ * artanh(kappa)/kappa. */
 static double depth_exponent(double albedo)
 {
     double low = 0.0, high = 1.0;
@@ -25,7 +25,7 @@ static double depth_exponent(double albedo)
     return 0.5 * (low + high);
 }
 
-/* Two places on a ball or a hollow, d mm apart. */
+/* Two points on a sphere or spherical cavity, d mm apart. */
 static struct pell_opposed_pair on_sphere(double curvature, double radius, double d)
 {
     const float side = (float) (copysign(0.5, curvature) * d * d / radius);
@@ -34,7 +34,7 @@ static struct pell_opposed_pair on_sphere(double curvature, double radius, doubl
                                         (float) copysign(1.0 / radius, curvature) };
 }
 
-/* Of balls as they are; of hollows no less than diffusion's. */
+/* The radius: for spheres unchanged; for cavities at least the diffusion limit. */
 static double radius_of(const struct pell_opposed *o, int channel, double curvature)
 {
     const double nearest = (double) PELL_OPPOSED_NEAREST * ((double) o->depth[channel] + (double) o->beyond[channel]);
@@ -57,7 +57,7 @@ double pell_opposed_across(const struct pell_opposed *o, int channel, double cur
     return sum;
 }
 
-/* Over the tangent of the angle from the normal, whose square is x^2/(1 - x)^2. */
+/* Integrates over the tangent of the angle from the normal, whose square is x^2/(1 - x)^2. */
 double pell_opposed_slab(const struct pell_opposed *o, int channel, double d)
 {
     double sum = 0.0;
@@ -104,7 +104,7 @@ bool pell_opposed_make(const struct pell_medium *medium, struct pell_opposed *ou
             *out = (struct pell_opposed) { { 0.0f } };
             return false;
         }
-        slab.sigma_t = slab.sigma_t_reduced; /* what similarity takes for unscattered goes straight on (forward.h) and is no source */
+        slab.sigma_t = slab.sigma_t_reduced; /* light that similarity treats as unscattered passes through (forward.h) and is no source */
         kappa = fmax(depth_exponent(albedo), 1e-6);
         beyond = 2.0 / 3.0 * pell_boundary_A(medium->eta, PELL_FRESNEL_EXACT, 0.0);
         transmitted = pell_slab_at(&slab, DEEP / sigma_t).transmitted;

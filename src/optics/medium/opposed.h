@@ -1,22 +1,22 @@
 /* SPDX-License-Identifier: MIT
  *
- * opposed.h - how much light goes from where it enters a solid to where it leaves, between faces at an angle to each other.
+ * opposed.h - light transport between faces of a solid at an angle to each other, from the point of entry to the point of exit.
  *
- * A profile is that of a half-space: between x and y, whose normals are one, it falls over the chord d as (1 + s) exp(-s)/d^3, s = kappa d.
- * Between other faces the pair of sources that stands for light entering at y (one below the plane there, its image above) is seen from
- * another side. With both planes moved out by the extrapolation distance, and far from them, the flux through the plane at x is
+ * A profile assumes a half-space: between x and y with equal normals it falls with the chord d as (1 + s) exp(-s)/d^3, s = kappa d.
+ * Between other faces the pair of sources that represents light entering at y (one below the plane there, its image above) is seen from
+ * another side. With both planes moved outwards by the extrapolation distance, and far from them, the flux through the plane at x is
  *
  *     F = a b (3 + 3 s + s^2)/(1 + s) + n_x.n_y,      a = -n_y.(x - y)/d,  b = n_x.(x - y)/d
  *
  * times that of a half-space. The image of both in the plane at x doubles it, which is exact at an edge of right angles and the first term
- * of a slab's sum, and too much where light is lost through the sides. What is left of the doubling was fitted to exact diffusion in slabs,
- * cylinders and balls of 0.1 to 8 diffusion lengths (Decision 35), by the mean curvature H:
+ * of a slab's sum, and too large where light is lost through the sides. The remaining factor was fitted to exact diffusion in slabs,
+ * cylinders and spheres of 0.1 to 8 diffusion lengths (Decision 35), by the mean curvature H:
  *
  *     C = (2 + 0.6 exp(-s))/(1 + (H d)^1.5 (exp(-s)/2 + 1/(1 + (s/4.8)^2)))
  *
- * A slab by transport says how much light there is. Faces that look the same way keep the profile; between 0 and 90 degrees both are
- * blended. Over a hollow the chord goes through air. There is (pi/(pi + t))^2 cos^2(t/2) of the profile over the chord, t the angle between
- * the normals, which is the flux around an edge of the angle pi + t (conformal map of a plane wedge).
+ * The amount of light is calibrated by radiative transfer in a slab. Faces of equal orientation keep the profile; between 0 and 90 degrees
+ * both are blended. Across a concavity the chord passes through air. The flux is (pi/(pi + t))^2 cos^2(t/2) of the profile over the chord,
+ * t the angle between the normals, which is the flux around an edge of the angle pi + t (conformal map of a plane wedge).
  */
 #ifndef PELL_OPPOSED_H
 #define PELL_OPPOSED_H
@@ -25,38 +25,39 @@
 
 #include <math.h>
 
-#define PELL_OPPOSED_SEEN 0.45f    /* cosine from which on faces are seen together, */
+#define PELL_OPPOSED_SEEN 0.45f    /* cosine above which faces are mutually visible, */
 #define PELL_OPPOSED_HIDDEN -0.15f /* and below which they are not */
 #define PELL_OPPOSED_NEAREST                                                                                                               \
-    2.0f /* solids of less radius, in `beyond` + `depth`, count as bent like those: diffusion says nothing of them */
+    2.0f /* solids of smaller radius, in `beyond` + `depth`, are treated as having this radius: diffusion does not apply to them */
 
 struct pell_opposed {
-    float kappa[3];  /* 1/mm: of the exponential that light in the depth falls by, by transport */
-    float beyond[3]; /* mm from the surface to where the light is taken to be 0 */
-    float depth[3];  /* mm below it, of the source that light which enters is taken for */
-    float amount[3]; /* of light in that source. 0: the profile stays */
+    float kappa[3];  /* 1/mm: decay rate of light with depth, by radiative transfer */
+    float beyond[3]; /* mm: extrapolation distance from the surface, where the fluence is taken to be 0 */
+    float depth[3];  /* mm: depth of the source that represents light which enters */
+    float amount[3]; /* power of that source. 0: the profile is used unchanged */
 };
 
-/* False, and all 0, where the medium does not say. */
+/* False, and all 0, if it can't be computed for the medium. */
 bool pell_opposed_make(const struct pell_medium *medium, struct pell_opposed *out);
 
-/* pell_curvature_gain for profiles that pell_opposed_apply turns: exact diffusion in a ball or around a hollow over what they return there.
- * `gain` is what pell_curvature_gain says. */
+/* pell_curvature_gain for profiles that pell_opposed_apply modifies: exact diffusion in a sphere or around a cavity, over the total of the
+ * modified profile there. `gain` is the value of pell_curvature_gain. */
 double pell_opposed_gain(const struct pell_opposed *o, int channel, const struct pell_profile *profile, double curvature, double gain);
-/* What goes through a ball by pell_opposed_split of even light, over the light that enters; 0 where `curvature` is not positive. */
+/* Transmittance of a sphere under uniform light by pell_opposed_split, over the light that enters; 0 if `curvature` is not positive. */
 double pell_opposed_across(const struct pell_opposed *o, int channel, double curvature);
 
-/* What goes through a slab d mm thick by pell_opposed_split, over the light that enters. */
+/* Transmittance of a slab d mm thick by pell_opposed_split, over the light that enters. */
 double pell_opposed_slab(const struct pell_opposed *o, int channel, double d);
 
-/* Two places and v = x - y from where light enters to where it leaves, mm. */
+/* Two points and v = x - y from entry to exit, mm. */
 struct pell_opposed_pair {
     float distance2, from, to, facing; /* v.v, n_y.v, n_x.v, n_x.n_y */
     float curvature;                   /* mean, 1/mm */
-    float along, turned, aside2;       /* t.v, t.n_x, t.t; t: part along the surface of the refracted direction in which light enters. 0: at
-                                        * right angles */
-    float area; /* mm^2, that it enters over; 0: a point. The source counts as no nearer to x than half as far as that is wide, or as the
-                 * source is deep: where a free path is as long as a part is thick, sources of some samples lie at others */
+    /* t.v, t.n_x, t.t; t: tangential part of the refracted direction in which light enters. 0: normal incidence */
+    float along, turned, aside2;
+    /* mm^2: area over which it enters; 0: a point. The source counts as no closer to x than half the width of the area, or than its depth:
+     * where a mean free path is as long as a part is thick, sources of some samples coincide with others */
+    float area;
 };
 
 /* (1 + s) exp(-s)/(4 pi d^3) at a squared distance. */
@@ -67,7 +68,7 @@ static inline float pell_opposed_pull(float kappa, float d2)
     return (1.0f + s) * expf(-s) / (12.5663706f * d * d * d);
 }
 
-/* pell_opposed_split of these channels; 0 of others. */
+/* pell_opposed_split for these channels; 0 for others. */
 static inline float pell_opposed_split_of(const struct pell_opposed *o, const struct pell_opposed_pair *p, const bool is[3],
                                           float through[3])
 {
@@ -79,7 +80,7 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
     through[0] = through[1] = through[2] = 0.0f;
     if (!(weight > 1e-3f))
         return 1.0f;
-    /* 1: the chord is in the solid, 0: in air */
+    /* 1: the chord is inside the solid, 0: in air */
     solid = 0.5f + 2.5f * over / sqrtf(p->distance2 > 1e-20f ? p->distance2 : 1e-20f);
     solid = solid < 0.0f ? 0.0f : solid > 1.0f ? 1.0f : solid;
     solid *= solid * (3.0f - 2.0f * solid);
@@ -106,8 +107,8 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
     return 1.0f - weight + weight * (1.0f - solid) * open;
 }
 
-/* What goes from one place to the other through the solid, 1/mm^2, beside what a profile spreads; returns how much of the profile over the
- * distance is left beside it. */
+/* Transport between the two points through the solid, 1/mm^2, in addition to a profile; returns the remaining weight of the profile over
+ * the distance. */
 static inline float pell_opposed_split(const struct pell_opposed *o, const struct pell_opposed_pair *p, float through[3])
 {
     static const bool all[3] = { true, true, true };
@@ -115,8 +116,8 @@ static inline float pell_opposed_split(const struct pell_opposed *o, const struc
     return pell_opposed_split_of(o, p, all, through);
 }
 
-/* Share of pell_opposed_split that is added to a method that spreads light along all the faces that it sees, whatever their angle: faces
- * up to about 90 degrees apart are mostly seen together, and what goes between them would count twice. */
+/* Weight of pell_opposed_split for a method that spreads light between all faces that it sees, whatever their angle: faces up to about 90
+ * degrees apart are mostly visible together, and transport between them would count twice. */
 static inline float pell_opposed_unseen(float facing)
 {
     const float t = (PELL_OPPOSED_SEEN - facing) / (PELL_OPPOSED_SEEN - PELL_OPPOSED_HIDDEN), x = t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t;
@@ -124,7 +125,7 @@ static inline float pell_opposed_unseen(float facing)
     return x * x * (3.0f - 2.0f * x);
 }
 
-/* R: of the profile over the distance, 1/mm^2; what is found comes in its place. */
+/* R: the profile over the distance, 1/mm^2; replaced by the result. */
 static inline void pell_opposed_apply(const struct pell_opposed *o, const struct pell_opposed_pair *p, const float scale[3], float R[3])
 {
     float through[3];

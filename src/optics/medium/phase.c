@@ -9,8 +9,8 @@
  *     Henyey-Greenstein  1 - m = 2 (1 - g)^2 (1 - xi)(1 + g xi) / D^2      1 + m = 2 (1 + g)^2 xi (1 - g (1 - xi)) / D^2
  *     Schlick            1 - m = 2 (1 - k)(1 - xi) / D                     1 + m = 2 (1 + k) xi / D
  *
- * which are the textbooks' with the division by g done by hand: g = 0 is no special case, and angles next to straight on keep their
- * digits where g is next to 1. */
+ * which are the textbook forms with the division by g carried out: g = 0 is no special case, and angles close to 0 keep their precision for
+ * g close to 1. */
 #include <pellucid/phase.h>
 
 #include "math/vec.h"
@@ -35,7 +35,7 @@ static double clamp(double x, double min, double max)
     return fmin(fmax(x, min), max);
 }
 
-/* (1 - g)^2 + 2 g (1 + c), from whichever end of the range cancels nothing. */
+/* (1 - g)^2 + 2 g (1 + c), evaluated without cancellation. */
 static double henyey_base(double g, double c)
 {
     return g >= 0.0 ? (1.0 - g) * (1.0 - g) + 2.0 * g * (1.0 + c) : (1.0 + g) * (1.0 + g) - 2.0 * g * (1.0 - c);
@@ -50,7 +50,7 @@ static double henyey_value(double g, double c)
 static double henyey_cdf(double g, double c)
 {
     const double q = sqrt(henyey_base(g, c));
-    return fmin(1.0, (1.0 - g) * (1.0 - c) / (q * (1.0 + g + q))); /* rounding may lift it above */
+    return fmin(1.0, (1.0 - g) * (1.0 - c) / (q * (1.0 + g + q))); /* rounding may exceed 1 */
 }
 
 static double schlick_base(double k, double c)
@@ -105,7 +105,7 @@ double pell_phase_mean_cosine(const struct pell_phase *p)
     }
 }
 
-/* 1 + cos_theta and 1 - cos_theta, so that the sine of an angle next to straight on is exact, too. */
+/* 1 + cos_theta and 1 - cos_theta, so that the sine of a small angle is exact, too. */
 struct sides {
     double plus, minus;
 };
@@ -146,7 +146,7 @@ double pell_phase_sample(const struct pell_phase *p, double xi1, double xi2, con
     const struct sides s = sample(p, clamp(xi1, 0.0, 1.0));
     const double c = s.plus < s.minus ? s.plus - 1.0 : 1.0 - s.minus, sine = sqrt(s.plus * s.minus);
     const double turn = 2.0 * PELL_PI * clamp(xi2, 0.0, 1.0), x = sine * cos(turn), y = sine * sin(turn);
-    /* two axes at right angles to w_i, after Duff et al. 2017, "Building an Orthonormal Basis, Revisited" */
+    /* two vectors perpendicular to w_i, after Duff et al. 2017, "Building an Orthonormal Basis, Revisited" */
     const double sign = copysign(1.0, w_i[2]), a = -1.0 / (sign + w_i[2]), b = w_i[0] * w_i[1] * a;
     const double t[3] = { 1.0 + sign * w_i[0] * w_i[0] * a, sign * b, -sign * w_i[0] }, u[3] = { b, sign + w_i[1] * w_i[1] * a, -w_i[1] };
 

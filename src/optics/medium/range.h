@@ -9,7 +9,7 @@
 
 #include <pellucid/medium.h>
 
-/* False, with the fault (may be NULL) filled in, unless min <= value <= max, which NaN never is. */
+/* False, with the fault (may be NULL) filled in, unless min <= value <= max; NaN is always out of range. */
 static inline bool pell_in_range(const char *field, double value, double min, double max, struct pell_medium_fault *fault)
 {
     if (value >= min && value <= max)

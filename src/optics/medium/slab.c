@@ -1,16 +1,15 @@
 /* SPDX-License-Identifier: MIT
  *
- * slab.c - how much light a slab with a boundary on each side reflects and transmits, by transport and not by diffusion.
+ * slab.c - reflectance and transmittance of a slab with a boundary on each side, by radiative transfer and not by diffusion.
  *
- * Adding-doubling (van de Hulst 1980, "Multiple Light Scattering"): R and T are matrices over directions, whose entry ij is the flux that
- * leaves along mu_i of the flux that enters along mu_j. Two equal layers on each other have
+ * Adding-doubling (van de Hulst 1980, "Multiple Light Scattering"): R and T are matrices over directions, whose entry ij is the flux
+ * exiting along mu_i per flux entering along mu_j. Two equal layers combine to
  *
  *     T' = T (1 - R R)^-1 T        R' = R + T R (1 - R R)^-1 T
  *
- * The thinnest layer scatters once, in closed form; what it would scatter again is added as a geometric series, so that a medium without
- * absorption loses nothing. Light that is never scattered is known in closed form, and is taken off last. Boundaries reflect each
- * direction by Fresnel's F (Prahl, van Gemert and Welch 1993). Layers of different media are added one below the other, and the stack so
- * far to its mirror image.
+ * The thinnest layer scatters once, in closed form; higher orders are added as a geometric series, so that a medium without absorption
+ * loses nothing. Unscattered light is known in closed form, and is subtracted last. Boundaries reflect each direction by Fresnel's F
+ * (Prahl, van Gemert and Welch 1993). Layers of different media are added from top to bottom, and the resulting half to its mirror image.
  */
 #include "math/quadrature.h"
 #include "math/vec.h"
@@ -28,10 +27,10 @@
 
 enum {
     GAUSS = 8,        /* nodes on each side of the critical angle */
-    MOST = 2 * GAUSS, /* and the direction at right angles is one more */
+    MOST = 2 * GAUSS, /* and the normal direction is one more */
     NORMAL = MOST,
     SIDE = MOST + 1,
-    EARLIER = 8, /* octaves that are doubled before the first entry */
+    EARLIER = 8, /* doublings before the first entry */
     PER_OCTAVE = 2,
 };
 
@@ -42,13 +41,13 @@ struct directions {
 typedef double matrix[SIDE][SIDE];
 
 struct layer {
-    double thickness; /* optical */
-    matrix R, T;      /* T without light that is not scattered */
+    double thickness; /* optical thickness */
+    matrix R, T;      /* T without unscattered light */
 };
 
 static void place(double eta, struct directions *d)
 {
-    const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.5; /* without one, any other split will do */
+    const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.5; /* without one, any other split is fine */
     double x[GAUSS], w[GAUSS];
     int n = 0;
 
@@ -60,7 +59,7 @@ static void place(double eta, struct directions *d)
             d->weight[n] = length * w[i];
         }
     }
-    d->mu[NORMAL] = 1.0; /* enters, and nothing is scattered exactly there */
+    d->mu[NORMAL] = 1.0; /* light enters along the normal, where no light is scattered to exactly */
     d->weight[NORMAL] = 0.0;
     for (int i = 0; i < SIDE; i++)
         d->fresnel[i] = pell_fresnel(1.0 / eta, d->mu[i]);
@@ -96,7 +95,7 @@ static void multiply(const matrix a, const matrix b, matrix out)
                 out[i][j] += a[i][k] * b[k][j];
 }
 
-/* (1 - m)^-1 b replaces b; m is destroyed. Columns of m sum to less than one, so that the diagonal is a good pivot. */
+/* (1 - m)^-1 b replaces b; m is destroyed. Column sums of m are below one, so that the diagonal is a good pivot. */
 static void solve(matrix m, matrix b)
 {
     for (int i = 0; i < SIDE; i++)
@@ -124,7 +123,8 @@ static void add_straight(const struct directions *d, double thickness, double si
         T[i][i] += sign * exp(-thickness / d->mu[i]);
 }
 
-/* `R` is from above, of what is below, and may be `R_above`; `down` arrives there, and what comes up again is added to `R_above`. */
+/* `R` is the reflectance, from above, of the layers below, and may be `R_above`; `down` arrives there, and reflected light is added to
+ * `R_above`. */
 static void between_layers(const matrix R_below, const matrix R, const matrix down_through, const matrix up_through, matrix down,
                            matrix R_above)
 {
@@ -152,13 +152,13 @@ static void twice(const struct directions *d, struct layer *l)
     add_straight(d, l->thickness, -1.0, l->T);
 }
 
-/* Layers of several media: what comes from above, and from below. T without light that is not scattered. */
+/* Layers of several media, for light from above and from below. T without unscattered light. */
 struct half {
     double thickness; /* optical */
     matrix R, T, R_below, T_below;
 };
 
-/* A layer below all others. */
+/* Adds a layer below all others. */
 static void add_below(const struct directions *d, const struct layer *l, struct half *h)
 {
     matrix through, down, up, R;
@@ -179,7 +179,7 @@ static void add_below(const struct directions *d, const struct layer *l, struct 
     add_straight(d, h->thickness, -1.0, h->T_below);
 }
 
-/* The layers from above, and the same from below. */
+/* Swaps the layers from above and from below. */
 static void mirror(const struct directions *d, const struct half *h, struct layer *out)
 {
     matrix through, back, down;
@@ -195,7 +195,7 @@ static void mirror(const struct directions *d, const struct half *h, struct laye
     add_straight(d, out->thickness, -1.0, out->T);
 }
 
-/* The lower boundary is added: `down` arrives at it and `up` at the upper one, of light that starts below the upper one. */
+/* Adds the lower boundary: `down` arrives at it and `up` at the upper one, for light that starts below the upper one. */
 static void add_lower(const struct directions *d, const struct layer *l, matrix up, matrix down)
 {
     matrix m;
@@ -215,7 +215,7 @@ static void add_lower(const struct directions *d, const struct layer *l, matrix 
             up[i][j] += l->R[i][j];
 }
 
-/* Share of the light that entered along the normal which crosses without being scattered; *again: which the second boundary returns. */
+/* Fraction of the light that entered along the normal that crosses unscattered; *again: the fraction that the second boundary reflects. */
 static double straight(double thickness, double boundary, double *again)
 {
     const double e = exp(-thickness), crossed = (1.0 - boundary) * e / (1.0 - boundary * boundary * e * e);
@@ -224,7 +224,7 @@ static double straight(double thickness, double boundary, double *again)
     return crossed;
 }
 
-/* Of light along the normal that has entered. */
+/* For light along the normal that has entered. */
 static void between_boundaries(const struct directions *d, const struct layer *l, double *reflected, double *transmitted)
 {
     matrix up, down, m, entering = { { 0.0 } };
@@ -300,7 +300,7 @@ bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct p
 {
     struct directions d;
     struct half above = { .thickness = 0.0 };
-    double top = 0.0, optical = 0.0; /* of the layer that is cut; the sum of sigma_t over those above it */
+    double top = 0.0, optical = 0.0; /* of the layer being split; the sum of sigma_t over those above it */
     int next = 0;
 
     *out = (struct pell_slab) { 0.0 };
@@ -342,7 +342,7 @@ bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct p
     return true;
 }
 
-/* By reciprocity it is the same for light that enters, and for light that leaves. */
+/* By reciprocity it is the same for light that enters and light that exits. */
 struct pell_half_space_angle pell_passing_angle(const struct pell_medium *medium, int channel)
 {
     struct pell_half_space_angle out = { 0.0, 1.0 };
@@ -402,14 +402,14 @@ struct pell_slab_light pell_slab_at(const struct pell_slab *s, double d)
     struct pell_slab_light out;
     double again, again_reduced;
 
-    if (thickness < THINNEST) { /* scattered once, in proportion to the thickness */
+    if (thickness < THINNEST) { /* single scattering, proportional to the thickness */
         out.reflected = exp(s->reflected[0]) * thickness / THINNEST;
         out.transmitted = exp(s->transmitted[0]) * thickness / THINNEST;
     } else if (thickness < thickest) {
         const double x = PER_OCTAVE * log2(thickness / THINNEST);
         out.reflected = exp(between(s->reflected, x));
         out.transmitted = exp(between(s->transmitted, x));
-    } else { /* nothing is left but where nearly nothing absorbs: there T falls as 1/d */
+    } else { /* nothing is transmitted except with almost no absorption: there T falls as 1/d */
         out.reflected = exp(s->reflected[last]);
         out.transmitted = exp(s->transmitted[last]) * thickest / thickness;
     }
@@ -439,8 +439,8 @@ static double x_tanh(double x)
     return x * tanh(x);
 }
 
-/* A wave of frequency k decays with kappa = sqrt(sigma_tr^2 + k^2), and of a source at z0 = 1/sigma_t' between extrapolated boundaries z_b
- * outside of the slab sinh(kappa (z0 + z_b)) cosh(kappa z_b)/sinh(kappa (d + 2 z_b)) leaves on the far side. The variance along an axis is
+/* A wave of frequency k decays with kappa = sqrt(sigma_tr^2 + k^2); for a source at z0 = 1/sigma_t' between extrapolated boundaries z_b
+ * outside of the slab, sinh(kappa (z0 + z_b)) cosh(kappa z_b)/sinh(kappa (d + 2 z_b)) exits on the far side. The variance along an axis is
  * -d/d(k^2) of twice its logarithm at k = 0. */
 double pell_slab_spread(const struct pell_medium *m, int channel, double d)
 {

@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-#define LEAST 0.05 /* mean free paths: below, differences of exponentials are lost, and all is in proportion */
+#define LEAST 0.05 /* mean free paths: below, differences of exponentials cancel, and results are extrapolated in proportion */
 
 /* (1 + x) exp(-x). */
 static double fallen(double x)

@@ -21,7 +21,7 @@
 /* A product rule over the unit square: Gauss and Legendre's over the radius, midpoints over half the turn (the integrand is even). */
 #define RADII 24
 #define TURNS_GGX 32
-#define TURNS 64 /* of the others: their integrands have a kink where light grazes */
+#define TURNS 64 /* for the other models: their integrands have a kink at grazing angles */
 #define POINTS (RADII * TURNS)
 
 struct rule {
@@ -39,7 +39,7 @@ static double blinn_exponent(double alpha)
     return 2.0 / (alpha * alpha) - 2.0;
 }
 
-/* 8 pi of it normalises Blinn's lobe. */
+/* normalisation of Blinn's lobe over 8 pi */
 static double blinn_factor(double n)
 {
     return (n + 2.0) * (n + 4.0) / (exp2(-0.5 * n) + n);
@@ -56,7 +56,7 @@ double pell_specular_value(enum pell_specular_model model, double roughness, dou
     const double r = fmin(fmax(roughness, (double) PELL_ROUGHNESS_MIN), 1.0), nl = dot(n, l), nv = dot(n, v), nh = nl + nv;
     const double h[3] = { l[0] + v[0], l[1] + v[1], l[2] + v[2] }, hh = dot(h, h);
     const double cross[3] = { n[1] * h[2] - n[2] * h[1], n[2] * h[0] - n[0] * h[2], n[0] * h[1] - n[1] * h[0] };
-    const double sin2 = dot(cross, cross); /* not from nh: narrow lobes would drown in the rounding of 1 - cos^2 */
+    const double sin2 = dot(cross, cross); /* not from nh: narrow lobes would be lost in the rounding of 1 - cos^2 */
 
     if (!(nl > 0.0) || !(nv > 0.0) || !(hh > 0.0))
         return 0.0;
@@ -83,8 +83,8 @@ double pell_specular_value(enum pell_specular_model model, double roughness, dou
     }
 }
 
-/* Unit vectors (a, b, c) round (0, 0, 1), rotationally even; tan2(rest) gives tan^2 of the angle that all but `rest` of them are within,
- * and `rest` = (1 - x)^2 takes the end of its logarithm out of the rule. */
+/* Unit vectors (a, b, c) around (0, 0, 1), with uniform azimuth; tan2(rest) gives tan^2 of the angle that encloses all but `rest` of them,
+ * and `rest` = (1 - x)^2 removes the logarithmic end point from the rule. */
 static void round_rule(double (*tan2)(double width, double rest), float width, struct rule *rule)
 {
     double x[RADII], w[RADII];
@@ -131,7 +131,7 @@ static void kelemen_albedo(const struct rule *rule, float m, float mu, float *sc
     *bias = b;
 }
 
-/* cos^n: within an angle t lies 1 - cos^(n+1) t. */
+/* cos^n: the fraction within an angle t is 1 - cos^(n+1) t. */
 static double phong_tan2(double alpha, double rest)
 {
     return expm1(-2.0 * log(rest) / (phong_exponent(alpha) + 1.0));
@@ -142,7 +142,7 @@ static void phong_rule(float alpha, struct rule *rule)
     round_rule(phong_tan2, alpha, rule);
 }
 
-/* The rule's vectors lie round r = (-s, 0, mu); along it v has 2 mu^2 - 1, beside it 2 s mu. */
+/* The rule's vectors are around r = (-s, 0, mu); v has the component 2 mu^2 - 1 along it, and 2 s mu perpendicular to it. */
 static void phong_albedo(const struct rule *rule, float alpha, float mu, float *scale, float *bias)
 {
     const float n = (float) phong_exponent((double) alpha), factor = (n + 2.0f) / (n + 1.0f), s = sqrtf(1.0f - mu * mu);
@@ -195,7 +195,7 @@ static void ggx_rule(float alpha, struct rule *rule)
     pell_gauss_legendre(RADII, x, w);
     for (int i = 0; i < RADII; i++)
         for (int j = 0; j < TURNS_GGX; j++) {
-            /* radius 1 - (1 - x)^2 gathers points at the rim, where normals turn away */
+            /* radius 1 - (1 - x)^2 concentrates points at the rim, where normals are grazing */
             const double phi = PELL_PI * (j + 0.5) / TURNS_GGX - 0.5 * PELL_PI, r = 1.0 - (1.0 - x[i]) * (1.0 - x[i]);
             const int k = i * TURNS_GGX + j;
             rule->a[k] = (float) (r * cos(phi));
@@ -229,7 +229,7 @@ static void ggx_albedo(const struct rule *rule, float alpha, float mu, float *sc
     *bias = b;
 }
 
-/* What a table needs of a lobe. `width`: of pell_lobe_width; a rule holds for all mu, and for all widths where `fixed`. */
+/* Data needed to tabulate a lobe. `width`: from pell_lobe_width; a rule holds for all mu, and for all widths if `fixed`. */
 static const struct lobe {
     const char *name;
     bool fixed;
@@ -247,8 +247,8 @@ const char *pell_specular_name(enum pell_specular_model model)
     return lobes[pell_specular_known(model)].name;
 }
 
-/* 2 Int albedo mu dmu of what the look-up interpolates: over t = sqrt(mu) it is piecewise linear, and mu dmu = 2 t^3 dt. Sums to 1
- * for an albedo of 1. */
+/* 2 Int albedo mu dmu of the interpolated table: it is piecewise linear over t = sqrt(mu), and mu dmu = 2 t^3 dt. The weights sum to 1 for
+ * an albedo of 1. */
 static float interpolated_mean(const float *first, size_t step)
 {
     double sum = 0.0;

@@ -53,7 +53,7 @@ _Static_assert((int) PELL_SPECULAR_GGX == PELL_LOBE_GGX && (int) PELL_SPECULAR_K
                    (int) PELL_SPECULAR_PHONG == PELL_LOBE_PHONG && (int) PELL_SPECULAR_BLINN_PHONG == PELL_LOBE_BLINN_PHONG,
                "shared/lobe.h numbers the models alike");
 
-/* A model that there is. */
+/* Replaces unknown models by a default. */
 static inline enum pell_specular_model pell_specular_known(enum pell_specular_model model)
 {
     return (unsigned) model < PELL_SPECULAR_MODELS ? model : PELL_SPECULAR_GGX;

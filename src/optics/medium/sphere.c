@@ -1,20 +1,21 @@
 /* SPDX-License-Identifier: MIT
  *
- * sphere.c - how much more, or less, a curved surface returns than a plane one, by diffusion in a ball or around a hollow.
+ * sphere.c - ratio of the reflectance of a curved surface to that of a plane one, by diffusion in a sphere or around a spherical cavity.
  *
- * A source at depth z0 = 1/sigma_t' is spread evenly under the sphere of radius a; fluence is 0 at the distance zb = 2 A D over it (Jensen
- * et al. 2001). With u = r phi the diffusion equation is u'' = sigma_tr^2 u, so that in a ball, R = a + zb, and around a hollow
+ * A source at depth z0 = 1/sigma_t' is distributed uniformly below the sphere of radius a; fluence is 0 at the distance zb = 2 A D above it
+ * (Jensen et al. 2001). With u = r phi the diffusion equation is u'' = sigma_tr^2 u, so that in a sphere, R = a + zb, and around a cavity,
+ * the fractions
  *
  *     ball     sinh(sigma_tr (a - z0))/sinh(sigma_tr R) (a cosh(sigma_tr zb) + sinh(sigma_tr zb)/sigma_tr)/(a - z0)
  *     hollow   exp(-sigma_tr (z0 + zb)) (a cosh(sigma_tr zb) - sinh(sigma_tr zb)/sigma_tr)/(a + z0)
  *
- * of the light leave; of a half-space exp(-sigma_tr (z0 + zb)) cosh(sigma_tr zb). On a sphere the area within a chord r is pi r^2, as on a
- * plane, but no chord is longer than 2 a: a profile over straight distances adds up to its share inside 2 a. */
+ * of the light exit; for a half-space exp(-sigma_tr (z0 + zb)) cosh(sigma_tr zb). On a sphere the area within a chord r is pi r^2, as on a
+ * plane, but no chord is longer than 2 a: a profile over chord lengths integrates to its fraction inside 2 a. */
 #include "optics/medium/dipole.h"
 
 #include <pellucid/profile.h>
 
-#define NEAREST 2.0 /* least radius, in z0 + zb: what is smaller is no ball to diffusion, and seldom one at all */
+#define NEAREST 2.0 /* least radius, in z0 + zb: diffusion does not apply to smaller spheres */
 
 double pell_curvature_gain(const struct pell_medium *medium, int channel, const struct pell_profile *profile, double curvature)
 {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * photon.c - the walk. Weights and roulette as in Wang, Jacques and Zheng, "MCML", Computer Methods and Programs in Biomedicine 47
- * (1995); Henyey and Greenstein, Astrophysical Journal 93 (1941). */
+ * photon.c - photon random walks. Weights and roulette as in Wang, Jacques and Zheng, "MCML", Computer Methods and Programs in Biomedicine
+ * 47 (1995); Henyey and Greenstein, Astrophysical Journal 93 (1941). */
 #include "optics/photon/photon.h"
 
 #include <pellucid/medium.h>
@@ -11,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-#define WEIGHT_MIN 1e-4 /* below it a photon in absorbing layers plays roulette */
+#define WEIGHT_MIN 1e-4 /* below it, photons in absorbing layers are subject to Russian roulette */
 #define WEIGHT_ODDS 0.1
 #define ROULETTE_GROWTH 4
 
@@ -53,7 +53,7 @@ static inline uint64_t next(struct stream *r)
     return result;
 }
 
-/* (0, 1): the middle of one of 2^52 cells, so neither end occurs. */
+/* (0, 1): the centre of one of 2^52 cells, so neither end occurs. */
 static inline double uniform(struct stream *r)
 {
     return ((double) (next(r) >> 12) + 0.5) * 0x1p-52;
@@ -84,7 +84,7 @@ struct photon {
     double u, v, w; /* direction; w > 0 goes down */
 };
 
-/* Turns the direction by the angle with this cosine about a uniform azimuth. The azimuth is that of a point drawn in the unit disc,
+/* Rotates the direction by the angle with this cosine about a uniform azimuth. The azimuth is that of a point drawn in the unit disc,
  * doubled, which needs no trigonometry (von Neumann 1951). */
 static inline void turn(struct stream *r, struct photon *p, double cosine)
 {
@@ -103,14 +103,14 @@ static inline void turn(struct stream *r, struct photon *p, double cosine)
     const double u = p->u * cosine + (1.0 + sign * p->u * p->u * q) * cx + m * cy;
     const double v = p->v * cosine + sign * m * cx + (sign + p->v * p->v * q) * cy;
     const double w = p->w * cosine - sign * p->u * cx - p->v * cy;
-    /* One step of Newton's method for 1/sqrt keeps the length at 1 over any number of turns. */
+    /* One step of Newton's method for 1/sqrt keeps the length at 1 over any number of rotations. */
     const double n = 1.5 - 0.5 * (u * u + v * v + w * w);
     p->u = u * n;
     p->v = v * n;
     p->w = w * n;
 }
 
-/* A direction of the whole sphere. */
+/* Draws a direction uniformly over the sphere. */
 static inline void turn_anyhow(struct stream *r, struct photon *p)
 {
     double a, b, s;
@@ -134,7 +134,7 @@ static inline void scatter(struct stream *r, struct photon *p, double g)
     }
     const double xi = 2.0 * uniform(r) - 1.0;
     double cosine;
-    if (fabs(g) < 1e-3) { /* the closed form cancels: two terms of its series in g */
+    if (fabs(g) < 1e-3) { /* the closed form cancels: two terms of its series in g are used */
         cosine = xi + 1.5 * g * (1.0 - xi * xi);
     } else {
         const double q = (1.0 - g * g) / (1.0 + g * xi);
@@ -143,7 +143,7 @@ static inline void scatter(struct stream *r, struct photon *p, double g)
     turn(r, p, fmin(fmax(cosine, -1.0), 1.0));
 }
 
-/* Whether the photon goes through a boundary into an index n2; its direction is then the refracted one, else the reflected. */
+/* Whether the photon crosses a boundary into an index n2; its direction is then refracted, else reflected. */
 static inline bool passes(struct stream *r, struct photon *p, double n1, double n2)
 {
     if (n1 == n2)
@@ -159,11 +159,11 @@ static inline bool passes(struct stream *r, struct photon *p, double n1, double 
     return true;
 }
 
-struct slice { /* a layer as the walk needs it */
+struct slice { /* a layer as the random walk needs it */
     double top, bottom, sigma_t, inverse, albedo, g, n;
 };
 
-/* One photon from the upper face; true if it leaves, with *e filled but for the index. */
+/* Traces one photon from the upper face; true if it exits, with *e filled except for the index. */
 static bool walk(const struct pell_photon_stack *s, const struct slice *slices, struct stream *r, pell_photon_leave touch, void *user,
                  struct pell_photon_exit *e, struct pell_photon_sums *sums)
 {
@@ -190,8 +190,8 @@ static bool walk(const struct pell_photon_stack *s, const struct slice *slices, 
     }
 
     for (;;) {
-        double depth = free_flight(r); /* optical, of this flight */
-        for (;;) {                     /* layers of this flight */
+        double depth = free_flight(r); /* remaining optical depth of this flight */
+        for (;;) {                     /* layers crossed by this flight */
             const struct slice *l = &slices[layer];
             const double face = p.w < 0.0 ? l->top : l->bottom;
             const double step = depth * l->inverse; /* infinite in a layer without collisions */
@@ -202,7 +202,7 @@ static bool walk(const struct pell_photon_stack *s, const struct slice *slices, 
                 p.z = z;
                 break;
             }
-            /* A flight along the face of a clear layer never ends; nor does one that is reflected for ever. */
+            /* A flight parallel to a clear layer never ends; nor does one that is reflected for ever. */
             const double length = (face - p.z) / p.w;
             if (!(length >= 0.0 && length < HUGE_VAL) || ++crossings > 64u * PELL_PHOTON_COLLISIONS_MAX) {
                 sums->lost += weight;
@@ -242,7 +242,7 @@ static bool walk(const struct pell_photon_stack *s, const struct slice *slices, 
                 if (weight == 0.0)
                     return false;
                 if (uniform(r) >= WEIGHT_ODDS) {
-                    sums->absorbed[layer] += weight; /* what roulette takes here it gives back there: see below */
+                    sums->absorbed[layer] += weight; /* compensates Russian roulette: see below */
                     return false;
                 }
                 sums->absorbed[layer] -= weight * (1.0 / WEIGHT_ODDS - 1.0);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * single.c - light that is scattered exactly once on its way, in closed form up to one integral; and how the far field decays. */
+ * single.c - single scattering, in closed form up to one integral; and the decay of the far field. */
 #include "optics/photon/table.h"
 
 #include <pellucid/profile.h>
@@ -8,18 +8,18 @@
 #include "math/quadrature.h"
 #include "math/vec.h"
 
-/* Henyey and Greenstein's phase function, 1/sr, for the turn into a direction that rises with cosine mu: its angle has cosine -mu. */
+/* Henyey-Greenstein phase function, 1/sr, for scattering into a direction that rises with cosine mu: its scattering angle has cosine
+ * -mu. */
 static double back(double g, double mu)
 {
     const double d = 1.0 + g * g + 2.0 * g * mu;
     return (1.0 - g * g) / (4.0 * PELL_PI * d * sqrt(d));
 }
 
-/* A photon that collides at depth z and leaves at r rises with mu = z/sqrt(z^2 + r^2). With mu = sin t
- *     R(tau) = 1/tau Int sin t p(-sin t) (1 - F(sin t)) exp(-tau (1 + sin t)/cos t) dt     in units of sigma_t^2,
- *     total  = Int 2 pi p(-mu) mu/(1 + mu) (1 - F(mu)) dmu
- * over t from total reflection to pi/2: t = t0 + (pi/2 - t0) s^2, as the transmittance starts as a square root, in panels that close in
- * on the end, where a phase function that turns back has its peak. */
+/* A photon that collides at depth z and exits at r rises with mu = z/sqrt(z^2 + r^2). With mu = sin t R(tau) = 1/tau Int sin t p(-sin t) (1
+ * - F(sin t)) exp(-tau (1 + sin t)/cos t) dt     in units of sigma_t^2, total  = Int 2 pi p(-mu) mu/(1 + mu) (1 - F(mu)) dmu over t from
+ * total reflection to pi/2: t = t0 + (pi/2 - t0) s^2, as the transmittance starts as a square root, in panels that shrink towards the end,
+ * where a backscattering phase function has its peak. */
 void pell_single_make(double g, double eta, struct pell_single *out)
 {
     enum { PANELS = 4, PER_PANEL = PELL_SINGLE_ANGLES / PANELS };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * table.c - between the nodes of the table: cubics with the slopes of parabolas in sqrt(1 - alpha'), ln(1 - g) and ln(eta). */
+ * table.c - interpolation of the table: cubics with the slopes of parabolas in sqrt(1 - alpha'), ln(1 - g) and ln(eta). */
 #include "optics/photon/table.h"
 
 /* The cubic on [x1, x2] with the slopes that parabolas through three neighbours have at its ends; it is linear in the values, so it is
@@ -62,7 +62,7 @@ void pell_multiple(double albedo_reduced, double g, double eta, double y[PELL_TA
             }
         }
     }
-    /* At alpha' = 1 all comes back: what interpolation in g and eta misses there is known, and taken as its share elsewhere. */
+    /* At alpha' = 1 all light returns: the error of interpolation in g and eta is known there, and corrected in proportion elsewhere. */
     white -= log(1.0 - pell_single_total(in_g, in_eta));
     *total = exp(sum - white * (1.0 - sqrt(fmin(fmax(1.0 - albedo_reduced, 0.0), 1.0))));
 }

@@ -7,12 +7,12 @@
  *     c1 = 2 Int F mu dmu     c2 = 3 Int F mu^2 dmu     A = (1 + c2)/(1 - c1)     C_phi = (1 - c1)/4     C_E = (1 - c2)/2
  *     R = alpha'^2/(4 pi) (C_phi/D (exp(-s dr)/dr - exp(-s dv)/dv) + C_E (pole of zr + pole of zv)),  s = sigma_tr
  *
- * F is met from inside. A rough boundary changes c1 to what it reflects, and c2 in proportion. Without absorption the total is 1 for any c1
- * and c2. Light scattered once is not in it: alpha' stands squared.
+ * F is the reflectance from inside. A rough boundary replaces c1 by its own, and scales c2 in proportion. Without absorption the total is 1
+ * for any c1 and c2. It has no single scattering: alpha' is squared.
  *
- * Light scattered once is added as in single.c, with the medium's own sigma_s, sigma_t and phase function. What it is of, at an albedo of
- * 1, does not collide again: R counts by 1 - that. So the total without absorption is still 1, for any g; at g = 0 totals are within 4 % of
- * photons, where the sum of both would be up to 18 % too much. */
+ * Single scattering is added as in single.c, with the medium's own sigma_s, sigma_t and phase function. Its total at an albedo of 1 is the
+ * fraction of light that does not collide again: R is weighted by one minus that. So the total without absorption is still 1, for any g; at
+ * g = 0 totals are within 4 % of the Monte Carlo results, where the plain sum would be up to 18 % too large. */
 #include "math/quadrature.h"
 #include "math/vec.h"
 #include "optics/photon/table.h"
@@ -31,7 +31,7 @@ struct moment {
     double eta, critical;
 };
 
-/* mu = critical + (1 - critical) t^2: F has a root's slope at the critical angle. */
+/* mu = critical + (1 - critical) t^2: F behaves like a square root at the critical angle. */
 static double second_moment(double t, const void *arg)
 {
     const struct moment *m = arg;
@@ -57,7 +57,7 @@ enum pell_result pell_profile_boundary_make(double eta, const struct pell_profil
     return PELL_OK;
 }
 
-/* *out: the rest and light scattered once. */
+/* out: multiple and single scattering. */
 static void add_single(const struct pell_medium *medium, int channel, const struct pell_profile *rest, const struct pell_single *single,
                        struct pell_profile *out)
 {

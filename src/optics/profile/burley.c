@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * burley.c - normalised diffusion, Christensen and Burley 2015, "Approximate Reflectance Profiles for Efficient Subsurface
- * Scattering": R(r) = total (exp(-r/d) + exp(-r/(3 d)))/(8 pi d r), a quarter of the light in the narrow exponential and three in the
- * wide one. Its transform is that of exp(-x/d)/x, 2 pi / sqrt(1/d^2 + s^2). */
+ * Scattering": R(r) = total (exp(-r/d) + exp(-r/(3 d)))/(8 pi d r), a quarter of the light in the narrow exponential and three quarters in
+ * the wide one. Its transform is that of exp(-x/d)/x, 2 pi / sqrt(1/d^2 + s^2). */
 #include "math/vec.h"
 #include "optics/profile/lanes.h"
 #include "optics/profile/shape.h"

@@ -30,8 +30,8 @@ enum pell_result pell_kernel_gaussian_taps(double variance_mm2, int count, doubl
 {
     if (count < 3 || count > PELL_KERNEL_TAPS_MAX || count % 2 == 0 || !(variance_mm2 >= 1e-200) || !(variance_mm2 <= 1e200))
         return PELL_ERR_INVALID;
-    /* What is cut off and what lies between the taps balance where the reach is sqrt(2 pi half); less, as images hold few frequencies
-     * that the gaps miss. The width then makes up for what is cut off. */
+    /* Truncation and spacing errors balance at a reach of sqrt(2 pi half); it is less here, as images have little energy at the frequencies
+     * that the gaps miss. The width then compensates for the truncation. */
     const int half = count / 2;
     const double step = 0.62 * sqrt(2.0 * PELL_PI * half) / half;
     double narrow = 0.05, wide = 100.0;
@@ -77,14 +77,14 @@ enum pell_result pell_kernel_chain_make(const struct pell_gaussians *g, struct p
 
 /* --- Separable kernels --------------------------------------------------------------------------------------------------------- */
 
-#define CELLS 96 /* of half an axis, edges at the cubes of equal steps */
-#define BLOCK 6  /* vectors that are iterated for the first three */
+#define CELLS 96 /* per half axis; edges at the cubes of equal steps */
+#define BLOCK 6  /* vectors iterated to find the first three */
 
 /* R over the quadrant, times the roots of the cells' areas: a symmetric matrix whose eigenvectors are the factors. */
 struct quadrant {
     double edge[CELLS + 1], width[CELLS];
     double m[CELLS][CELLS];
-    double square; /* of all elements */
+    double square; /* sum of the squares of all elements */
     double light;  /* in the square of four quadrants */
 };
 
@@ -136,7 +136,7 @@ static void orthonormalise(double v[BLOCK][CELLS])
     }
 }
 
-/* Jacobi's rotations of a small symmetric matrix; columns of `vector` become its eigenvectors. */
+/* Jacobi rotations of a small symmetric matrix; columns of `vector` become its eigenvectors. */
 static void jacobi(double m[BLOCK][BLOCK], double vector[BLOCK][BLOCK])
 {
     for (int i = 0; i < BLOCK; i++)
@@ -164,7 +164,7 @@ static void jacobi(double m[BLOCK][BLOCK], double vector[BLOCK][BLOCK])
             }
 }
 
-/* The eigenvectors of the `rank` eigenvalues that are largest in size, by iterating a block of vectors. */
+/* The eigenvectors of the `rank` eigenvalues of largest magnitude, by block power iteration. */
 static void principal(const struct quadrant *q, int rank, double value[PELL_KERNEL_RANK_MAX], double vector[PELL_KERNEL_RANK_MAX][CELLS])
 {
     double v[BLOCK][CELLS], w[BLOCK][CELLS], small[BLOCK][BLOCK], turn[BLOCK][BLOCK];
@@ -192,7 +192,7 @@ static void principal(const struct quadrant *q, int rank, double value[PELL_KERN
     jacobi(small, turn);
     for (int k = 0; k < rank; k++) {
         int best = k;
-        for (int a = 0; a < BLOCK; a++) { /* the k-th in size: as many are larger as come before */
+        for (int a = 0; a < BLOCK; a++) { /* find the k-th in magnitude by counting larger ones */
             int larger = 0;
             for (int b = 0; b < BLOCK; b++)
                 larger += fabs(small[b][b]) > fabs(small[a][a]) || (fabs(small[b][b]) == fabs(small[a][a]) && b < a);
@@ -294,7 +294,7 @@ invalid:
 
 /* --- Lookup tables ------------------------------------------------------------------------------------------------------------- */
 
-/* Light between two radii; differences of the share inside lose their digits far out, where R is smooth. */
+/* Light between two radii; differences of the fraction inside lose precision far out, where R is smooth. */
 static double ring(const struct pell_profile *p, double inner, double outer)
 {
     const double share = pell_profile_cdf(p, outer) - pell_profile_cdf(p, inner);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * kernels.c - loops over radii that become vectors. Radii are copied in blocks, so that r and R may be the same array. */
+ * kernels.c - loops over radii, written to be vectorised. Radii are copied in blocks, so that r and R may be the same array. */
 #include "optics/profile/kernels.h"
 
 #include "base/simd.h"
@@ -54,7 +54,7 @@ static void gaussians(const struct pell_profile *p, const double *r, double *res
     }
 }
 
-/* Searches of a block go side by side, as each waits for memory at every step. */
+/* Interleaves the searches of a block, as each waits for memory at every step. */
 static void nodes(const struct pell_profile *p, const double *r, double *restrict R, size_t count)
 {
     const double first = p->r[0], last = p->r[p->count - 1];
@@ -97,7 +97,7 @@ static void beam_multiple(const struct pell_beam *beam, double r, double *restri
     }
 }
 
-/* Depths count from where light begins to get out, r sqrt(eta^2 - 1). */
+/* Depths begin at the critical angle, r sqrt(eta^2 - 1), where light can exit. */
 static void beam_single(const struct pell_beam *beam, double r, double *restrict term, int count)
 {
     const double eta = 1.0 / beam->eta, g = beam->g;

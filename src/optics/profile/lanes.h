@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * lanes.h - R(r) of each kind at one radius, of nothing but additions, multiplications, divisions, roots and selections, so that
- * a loop over radii becomes vectors of any width and all builds give the same bits.
+ * lanes.h - R(r) of each kind at one radius, using only additions, multiplications, divisions, roots and selections, so that a loop over
+ * radii vectorises at any width and all builds give the same bits.
  *
- * Radii are |r|, at most 1e150; NaN counts as that. exp and expm1 come with a relative error below 4e-16, and are 0 and -1 where the
+ * Radii are |r|, at most 1e150; NaN is treated as 1e150. exp and expm1 come with a relative error below 4e-16, and are 0 and -1 where the
  * argument is under -708.
  */
 #ifndef PELL_PROFILE_LANES_H
@@ -74,7 +74,7 @@ LANES_INLINE double lanes_absorbed(double x)
 /* a (z_r (1 + s d_r) exp(-s d_r)/d_r^3 + the same of z_v) + b (exp(-s d_r)/d_r - exp(-s d_v)/d_v), 0 < z_r < z_v. */
 enum { PAIR_SIGMA, PAIR_ZR, PAIR_ZV, PAIR_A, PAIR_B };
 
-/* The flux is written as a share of the real pole's, with d_v - d_r = (z_v^2 - z_r^2)/(d_v + d_r), so that nothing cancels far out. */
+/* The flux is written relative to the real pole's, with d_v - d_r = (z_v^2 - z_r^2)/(d_v + d_r), to avoid cancellation far out. */
 LANES_INLINE double lanes_pair(const double *p, double r_mm)
 {
     const double s = p[PAIR_SIGMA], zr = p[PAIR_ZR], zv = p[PAIR_ZV], r = lanes_radius(r_mm), r2 = r * r;
@@ -88,8 +88,8 @@ LANES_INLINE double lanes_pair(const double *p, double r_mm)
 
 /* --- Normalised diffusion ------------------------------------------------------------------------------------------------------- */
 
-/* total (exp(-r/d) + exp(-r/(3 d)))/(8 pi d r): parameters 1/d and total/(8 pi d). It has no value at 0; radii under 1e-6 d count as
- * that, which moves 5e-7 of the light. */
+/* total (exp(-r/d) + exp(-r/(3 d)))/(8 pi d r): parameters 1/d and total/(8 pi d). It is singular at 0; radii are at least 1e-6 d, which
+ * moves 5e-7 of the light. */
 enum { BURLEY_INVERSE, BURLEY_SCALE, BURLEY_NEAR };
 
 LANES_INLINE double lanes_burley(const double *p, double r_mm)
@@ -116,7 +116,7 @@ LANES_INLINE double lanes_gaussians(const double *p, int count, double r_mm)
 /* Beyond the last node: parameters q and s of q (1 + s r) exp(-s r)/r^3, the far field of any diffusion; q = 0 for none. */
 enum { NODES_TAIL, NODES_SIGMA };
 
-/* The last node at or before x, of all but the last one; radii behind the last node are infinite. */
+/* The last node at or before x, excluding the last node; unused radii after the last node are infinite. */
 LANES_INLINE int64_t lanes_find(const struct pell_profile *p, double x)
 {
     const int64_t end = p->count - 2;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * profile_monte_carlo.c - the profile of a half-space under a beam at right angles as photons find it: what was scattered once by an
- * integral (photon_single.c), what was scattered more often from the table (photon_table.h), the far field by diffusion with the
- * decay of transport. */
+ * profile_monte_carlo.c - the profile of a half-space under a beam at right angles by Monte Carlo: single scattering by an integral
+ * (photon/single.c), multiple scattering from a table of simulated photons (photon/table.h), the far field by diffusion with the decay of
+ * transport. */
 #include <pellucid/inversion.h>
 
 #include "math/vec.h"
@@ -12,7 +12,7 @@
 
 #define PER_DECADE 20
 #define FIRST 1e-4 /* the first radius, in reduced mean free paths: 2e-4 of the light at most falls within */
-#define DARK 45.0  /* kappa r beyond which there is nothing */
+#define DARK 45.0  /* kappa r beyond which R is 0 */
 
 /* y(x) of the table: cubics with central slopes; below the first radius its power of r, between those of R ~ 1/r and R constant. */
 static double between(const double y[PELL_TABLE_R], double x)
@@ -33,7 +33,7 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     const double sigma_t_reduced = medium->sigma_a[channel] + medium->sigma_s_reduced[channel], g = medium->g[channel];
     const double albedo_reduced = medium->sigma_s_reduced[channel] / sigma_t_reduced, eta = medium->eta;
     const double g_in = fmin(fmax(g, pell_photon_table_data.g[0]), pell_photon_table_data.g[PELL_TABLE_G - 1]);
-    /* Single scattering with the medium's own g, the rest with that of the table's range. */
+    /* Single scattering with the medium's own g, the rest with g clamped to the table's range. */
     const double once = pell_albedo_of_reduced(albedo_reduced, g), per_reduced = 1.0 / (1.0 - once * g);
     const double twice = pell_albedo_of_reduced(albedo_reduced, g_in);
     const double kappa = pell_transport_kappa(twice, g_in) / (1.0 - twice * g_in);
@@ -43,7 +43,7 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     int count = 0;
 
     if (params->A > 0.0 || params->roughness > 0.0 || params->fresnel != PELL_FRESNEL_EXACT)
-        return PELL_ERR_UNSUPPORTED; /* photons have met a smooth boundary */
+        return PELL_ERR_UNSUPPORTED; /* the table was simulated with a smooth boundary */
     if (once == 0.0)
         return PELL_OK;
     pell_multiple(albedo_reduced, g_in, eta, y, &multiple);

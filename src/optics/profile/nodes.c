@@ -53,7 +53,7 @@ static double log_slope(const struct pell_profile *p, int i)
     return polynomial_slope(x, y, count, i - from) * p->value[i] / p->r[i];
 }
 
-/* A slope that keeps the cubic between its neighbours' values on both sides: 0 at extrema, within three times either secant. */
+/* Limits a slope so that the cubic stays between its neighbours' values on both sides: 0 at extrema, within three times either secant. */
 static double limited(const double *r, const double *value, size_t count, size_t i, double slope)
 {
     const double before = i > 0 ? (value[i] - value[i - 1]) / (r[i] - r[i - 1]) : (value[1] - value[0]) / (r[1] - r[0]);
@@ -80,7 +80,7 @@ double pell_nodes_cubic_flux(double r0, double h, double v0, double v1, double m
     return 2.0 * PELL_PI * x * (r0 * zeroth + x * first);
 }
 
-/* From node i to x behind it. */
+/* Flux from node i to x after it. */
 static double flux_from_node(const struct pell_profile *p, int i, double x)
 {
     const double h = p->r[i + 1] - p->r[i];
@@ -97,7 +97,7 @@ static double tail_outside(const struct pell_profile *p, double r)
     return p->parameter[NODES_TAIL] > 0.0 ? 2.0 * PELL_PI * p->parameter[NODES_TAIL] * exp(-p->parameter[NODES_SIGMA] * r) / r : 0.0;
 }
 
-/* q of a last value v at r: through logarithms, as exp(s r) may overflow where v is next to nothing. */
+/* q from a last value v at r: by logarithms, as exp(s r) may overflow if v is tiny. */
 static double tail_factor(double v, double r, double s)
 {
     const double l = v > 0.0 ? log(v) + 3.0 * log(r) + s * r - log1p(s * r) : -INFINITY;
@@ -120,7 +120,7 @@ void pell_profile_nodes_make(struct pell_profile *p, int count, enum pell_nodes_
     p->inside[0] = PELL_PI * p->r[0] * p->r[0] * p->value[0];
     for (int i = 0; i + 1 < count; i++)
         p->inside[i + 1] = p->inside[i] + fmax(0.0, flux_from_node(p, i, p->r[i + 1] - p->r[i]));
-    for (int i = count; i < PELL_PROFILE_NODES; i++) /* what searches run into */
+    for (int i = count; i < PELL_PROFILE_NODES; i++) /* sentinels for searches */
         p->r[i] = INFINITY;
     p->parameter[NODES_TAIL] = tail_sigma_tr >= 0.0 ? tail_factor(p->value[count - 1], last, tail_sigma_tr) : 0.0;
     p->parameter[NODES_SIGMA] = tail_sigma_tr >= 0.0 ? tail_sigma_tr : 0.0;
@@ -161,7 +161,7 @@ static double outside(const struct pell_profile *p, double r)
 
 static double scale(const struct pell_profile *p)
 {
-    int low = 0; /* a radius with half of the light, for it is known */
+    int low = 0; /* a radius that encloses half of the light, whose flux is known */
     for (int half = PELL_PROFILE_NODES / 2; half > 0; half /= 2)
         if (low + half < p->count && p->inside[low + half] <= 0.5 * p->total)
             low += half;
@@ -178,7 +178,7 @@ static double eval(const struct pell_profile *p, double r)
     return r > p->r[p->count - 1] ? lanes_tail(p, r) : lanes_nodes(p, r);
 }
 
-/* Int r R J0(s r) dr over a piece without a node inside and no longer than half a period, by eight points. */
+/* Int r R J0(s r) dr over an interval without a node inside and at most half a period long, by eight points. */
 static double piece(const struct pell_profile *p, double s, double a, double b)
 {
     const double middle = 0.5 * (a + b), half = 0.5 * (b - a);
@@ -204,16 +204,16 @@ static double eval_slope(const struct pell_profile *p, double r)
     return (m0 + t * (2.0 * (3.0 * rise - 2.0 * m0 - m1) + t * 3.0 * (m0 + m1 - 2.0 * rise))) / h;
 }
 
-#define PHASES 600.0 /* s r up to which waves are summed one by one */
+#define PHASES 600.0 /* s r up to which oscillations are integrated one by one */
 
-/* Waves are summed up to s r = PHASES; what is beyond comes by parts, (1/s)(-r R J1) + (1/s^2)(-r R' J0), with an error of (s r)^-3. */
+/* Oscillations are integrated up to s r = PHASES; the remainder by parts, (1/s)(-r R J1) + (1/s^2)(-r R' J0), with an error of (s r)^-3. */
 static double transform(const struct pell_profile *p, double s)
 {
     const double last = p->r[p->count - 1], sigma = p->parameter[NODES_SIGMA];
     const double first = s * p->r[0];
     double end = PHASES / s, at = p->r[0], sum;
 
-    if (!(s > 1e-290)) /* 0, or with too few digits for s r */
+    if (!(s > 1e-290)) /* 0, or too few digits for s r */
         return p->total;
     /* The disc of constant R inside the first node. */
     sum = first > 0.0 ? p->value[0] * p->r[0] * j1(first) / s : 0.0;

@@ -1,14 +1,14 @@
 /* SPDX-License-Identifier: MIT
  *
- * nodes.h - profiles that are only known as numbers: monotone cubics between nodes. */
+ * nodes.h - tabulated profiles: monotone cubics between nodes. */
 #ifndef PELL_PROFILE_NODES_H
 #define PELL_PROFILE_NODES_H
 
 #include <pellucid/profile.h>
 
-/* How slopes at nodes come from their neighbours' values. */
+/* How slopes at nodes are computed from their neighbours' values. */
 enum pell_nodes_slopes {
-    PELL_NODES_LINEAR, /* a parabola in (r, R): for tables of anybody */
+    PELL_NODES_LINEAR, /* a parabola in (r, R): for arbitrary tables */
     PELL_NODES_LOG,    /* a quartic in (log r, log R), where all five values are positive: for smooth models over many decades */
     PELL_NODES_GIVEN,  /* out->slope holds them */
 };

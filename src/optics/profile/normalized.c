@@ -5,10 +5,11 @@
  *
  *     R(r) = total (exp(-r/d) + exp(-r/(3 d)))/(8 pi d r)     d = l/(1.85 - A + 7 |A - 0.8|^3)
  *
- * The paper's media have no boundary that reflects, and one albedo A. Here A, which makes the shape, is the albedo of the same medium
- * without a boundary, and the total is that of the medium with its boundary, both by transport: the energy is right for any index, and the
- * shape is nearer to photons than with A = total (skin1 R: 18 % of the light in the wrong place, not 32 %). The paper's other forms of the
- * scale, 1.9 - A + 3.5 (A - 0.8)^2 (l, diffuse light) and 3.5 + 100 (A - 0.33)^4 (diffuse mean free path), answer other questions. */
+ * The paper's media have no boundary that reflects, and one albedo A. Here A, which determines the shape, is the albedo of the same medium
+ * without a boundary, and the total is that of the medium with its boundary, both by radiative transfer: the energy is right for any index,
+ * and the shape is closer to the Monte Carlo profile than with A = total (skin1 R: 18 % of the light at wrong radii, not 32 %). The paper's
+ * other forms of the scale, 1.9 - A + 3.5 (A - 0.8)^2 (l, diffuse light) and 3.5 + 100 (A - 0.33)^4 (diffuse mean free path), are for other
+ * parametrisations. */
 #include "optics/profile/shape.h"
 
 #include <math.h>

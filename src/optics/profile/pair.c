@@ -6,7 +6,7 @@
  *     z (1 + sigma d) exp(-sigma d)/d^3    outside r: 2 pi (z/d) exp(-sigma d)        transform: 2 pi exp(-kappa z)
  *     exp(-sigma d)/d                      outside r: 2 pi exp(-sigma d)/sigma        transform: 2 pi exp(-kappa z)/kappa
  *
- * The second diverges without absorption; only differences of two are in use, and they are finite. */
+ * The second diverges without absorption; only differences of two are used, and they are finite. */
 #include "math/vec.h"
 #include "optics/medium/dipole.h"
 #include "optics/profile/lanes.h"

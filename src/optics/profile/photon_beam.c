@@ -2,18 +2,18 @@
  *
  * photon_beam.c - photon beam diffusion at right angles to the surface, Habel, Christensen, Jarosz 2013, "Photon Beam Diffusion: A
  * Hybrid Monte Carlo Method for Subsurface Scattering": the improved dipole integrated over all depths at which the refracted beam
- * scatters, and light scattered exactly once. In mean free paths 1/sigma_t', with dr^2 = r^2 + z^2, dv^2 = r^2 + (z + 4 A D)^2,
+ * scatters, plus single scattering. In mean free paths 1/sigma_t', with dr^2 = r^2 + z^2, dv^2 = r^2 + (z + 4 A D)^2,
  *
  *     R_m(r) = alpha'^2 Int_0^inf exp(-z) (1 - exp(-2 (dr + z))) (C_phi/D (exp(-s dr)/dr - exp(-s dv)/dv)
  *              + C_E (pole of z + pole of zv))/(4 pi) dz
  *     R_1(r) = sigma_s Int exp(-sigma_t (z + dr)) p(-z/dr) (1 - F(z/dr)) z/dr^3 dz
  *
  * kappa = 1 - exp(-2 (dr + z)) is the paper's empirical weight near the beam, D Grosjean's, C_phi, C_E and A as in d'Eon 2012. The paper
- * takes 3 to 5 samples of the depth, exponential and equiangular; here the integral is done, so the model's own total shows: kappa takes
- * away the same for every g, light scattered once adds what depends on it. Beside photons it is 2 to 14 % too much at g = 0 (eta 1 to
- * 1.5), right at g = 0.3 to 7 %, up to 26 % too much at g = -0.5 and 4 to 35 % too little at g = 0.9.
+ * takes 3 to 5 samples of the depth, exponential and equiangular; here the integral is evaluated, so the model's own total is visible:
+ * kappa removes the same for every g, while single scattering depends on g. Compared with Monte Carlo the total is 2 to 14 % too large at g
+ * = 0 (eta 1 to 1.5), within 7 % at g = 0.3, up to 26 % too large at g = -0.5 and 4 to 35 % too small at g = 0.9.
  *
- * p is Henyey and Greenstein's; R_1 has sigma_s and sigma_t, not the reduced ones, and F stops light beyond the critical angle.
+ * p is Henyey and Greenstein's; R_1 uses sigma_s and sigma_t, not the reduced ones, and F reflects all light beyond the critical angle.
  *
  * Integrals are trapezoidal sums in log z: the integrands' nearest singularities, z = +-i r, lie a quarter turn away, which makes the
  * error exp(-pi^2/step), under 1e-10. */
@@ -25,19 +25,19 @@
 #include <math.h>
 
 #define STEP 0.4
-#define NEAREST 1e-9  /* of the scale of an integrand, where its sum begins */
+#define NEAREST 1e-9  /* relative to an integrand's scale, where its sum begins */
 #define FARTHEST 45.0 /* optical depth where it ends */
 #define NODES 400
 #define FIRST 1e-6 /* radius of the first node, in the shorter of the mean free paths */
 
-/* How many depths are needed where the integrand's scale is `scale`. */
+/* Number of depths needed for an integrand with the scale `scale`. */
 static int depths(double scale)
 {
     const int count = (int) ceil(log(FARTHEST / (NEAREST * fmin(scale, 1.0))) / STEP);
     return count < PELL_BEAM_DEPTHS ? count : PELL_BEAM_DEPTHS;
 }
 
-/* Shallow terms, the smallest, first. */
+/* Sums from the shallowest terms, the smallest. */
 static double sum_up(const double *term, int count)
 {
     double sum = 0.0;
@@ -104,8 +104,8 @@ static enum pell_result make(const struct pell_medium *medium, int channel, cons
     for (int i = 0; i < NODES; i++)
         out->value[i] += lone[i];
     pell_profile_nodes_make(out, NODES, PELL_NODES_LOG, beam.sigma_tr);
-    /* Near alpha' = 1 the model gives back up to 1.09 of what enters, by its kappa and not by an error of the sums; a profile may not: the
-     * light scattered more than once, which is what kappa guesses, makes room for the light scattered once, which is exact. */
+    /* Near alpha' = 1 the model returns up to 1.09 of the incident light, because of its kappa and not by an error of the sums; a profile
+     * may not: multiple scattering, which kappa approximates, is reduced in favour of single scattering, which is exact. */
     const double once = out->total - manifold, keep = out->total > 1.0 ? (1.0 - once) / manifold : 1.0;
     for (int i = 0; i < NODES; i++) {
         out->r[i] /= sigma_t;

@@ -90,7 +90,7 @@ void pell_profile_eval_many(const struct pell_profile *p, const double *r_mm, do
     if (!(p->total > 0.0)) {
         for (size_t i = 0; i < count; i++)
             R[i] = 0.0;
-    } else if (count < 8) { /* no more than finding the level takes */
+    } else if (count < 8) { /* no more than finding the level costs */
         for (size_t i = 0; i < count; i++)
             R[i] = pell_profile_eval(p, r_mm[i]);
     } else {
@@ -134,8 +134,8 @@ double pell_profile_transform(const struct pell_profile *p, double s)
 
 /* --- Sampling -------------------------------------------------------------------------------------------------------------------- */
 
-/* Solves inside(r) = xi total, or outside(r) = (1 - xi) total for the outer half, by Newton's method on their logarithms over log r
- * (both are nearly straight at the ends: powers of r), within a bracket that every step narrows. */
+/* Solves inside(r) = xi total, or outside(r) = (1 - xi) total for the outer half, by Newton's method on their logarithms over log r (both
+ * are nearly straight at the ends: powers of r), within a bracket that shrinks with every step. */
 double pell_profile_sample(const struct pell_profile *p, double xi)
 {
     const struct pell_profile_shape *shape = shape_of(p);
@@ -151,7 +151,7 @@ double pell_profile_sample(const struct pell_profile *p, double xi)
         const double flux = outer ? shape->outside(p, r) : shape->inside(p, r);
         const double density = 2.0 * PELL_PI * r * r * pell_profile_eval(p, r);
         const double miss = flux > 0.0 ? log(target / flux) : INFINITY;
-        const bool close = fabs(miss) < 1e-8; /* Newton's next step is all that is left, or rounding of the flux */
+        const bool close = fabs(miss) < 1e-8; /* only one more Newton step is needed, or rounding of the flux limits accuracy */
         double next = -1.0;
 
         if ((miss > 0.0) != outer)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * sampling.c - importance sampling: the dipole's radius in closed form but for one root, Mertens et al. 2003, "Efficient Rendering of Local
- * Subsurface Scattering", section 4, and inverse distributions over the albedo. */
+ * sampling.c - importance sampling: the dipole's radius in closed form except for one root, Mertens et al. 2003, "Efficient Rendering of
+ * Local Subsurface Scattering", section 4, and inverse distributions over the albedo. */
 #include <pellucid/sampling.h>
 
 #include "math/vec.h"
@@ -21,7 +21,7 @@ double pell_pole_sample(double z_mm, double sigma_tr, double xi)
     const double x = sigma_tr * z_mm, target = -log1p(-unit(xi));
     double y = target;
 
-    /* With y = log u: x expm1(y) + y = target, rising and convex, so that Newton's method from the right goes straight to the root. */
+    /* With y = log u: x expm1(y) + y = target, increasing and convex, so that Newton's method from the right converges monotonically. */
     if (x > 0.0) {
         y = fmin(y, log1p(target / x));
         for (int i = 0; i < 60; i++) {
@@ -61,7 +61,7 @@ double pell_dipole_pdf(const struct pell_dipole *d, double r_mm)
     const double dr = sqrt(r * r + d->zr * d->zr), dv = sqrt(r * r + d->zv * d->zv);
     if (!(d->albedo_reduced > 0.0) || !(r_mm == r_mm))
         return 0.0;
-    /* Both over exp(-s zr), as the total of a strong absorber is too small to divide by; d - z without cancellation. */
+    /* Both over exp(-s zr), as the total of a strong absorber underflows; d - z without cancellation. */
     const double real = d->zr * (1.0 + s * dr) * exp(-s * r * r / (dr + d->zr)) / (dr * dr * dr);
     const double virtual = d->zv * (1.0 + s * dv) * exp(-s * (d->zv - d->zr + r * r / (dv + d->zv))) / (dv * dv * dv);
     return (real + virtual) / (2.0 * PELL_PI * (1.0 + exp(-s * (d->zv - d->zr))));
@@ -70,7 +70,7 @@ double pell_dipole_pdf(const struct pell_dipole *d, double r_mm)
 /* --- Tables ---------------------------------------------------------------------------------------------------------------------- */
 
 #define COLUMN_STEP (2.0 * PELL_SAMPLING_REACH / (PELL_SAMPLING_QUANTILES - 1))
-#define DARKEST 1e-9 /* the albedo that stands for 0, where a profile has no light to distribute */
+#define DARKEST 1e-9 /* the albedo used in place of 0, at which a profile has no light to distribute */
 
 enum pell_result pell_sampling_table_make(enum pell_profile_model model, double eta, double g, const struct pell_profile_params *params,
                                           struct pell_sampling_table *out)
@@ -92,7 +92,7 @@ enum pell_result pell_sampling_table_make(enum pell_profile_model model, double 
             out->log_r[i][j] = log(r);
             out->slope[i][j] = xi * rest / (2.0 * PELL_PI * r * r * pell_profile_pdf(&p, r)); /* dlog r/dt = dxi/dt / (dxi/dlog r) */
         }
-        /* Monotone: slopes within three times the secants beside them, as mixtures of rows are then, too. */
+        /* Monotone: slopes within three times the adjacent secants, which then also holds for mixtures of rows. */
         for (int j = 0; j < PELL_SAMPLING_QUANTILES; j++) {
             const int before = j > 0 ? j - 1 : j, after = j + 1 < PELL_SAMPLING_QUANTILES ? j : j - 1;
             const double left = (out->log_r[i][before + 1] - out->log_r[i][before]) / COLUMN_STEP;
@@ -104,7 +104,7 @@ enum pell_result pell_sampling_table_make(enum pell_profile_model model, double 
     return PELL_OK;
 }
 
-/* Rows on both sides of an albedo, and the share of the second. */
+/* Rows on both sides of an albedo, and the weight of the second. */
 static int rows_of(double albedo, double *share)
 {
     const double a = albedo > 0.0 ? fmin(albedo, 1.0) : 0.0;

@@ -15,10 +15,10 @@ static enum pell_result refuse(struct pell_profile_fault *fault, size_t row, con
     return PELL_ERR_INVALID;
 }
 
-/* Walks over a table's cubics, in rising radius only. */
+/* Integrates over a table's cubics, in increasing radius only. */
 struct walk {
     const double *r, *R;
-    size_t count, row; /* the cubic in use is that behind `row` */
+    size_t count, row; /* the current cubic begins at `row` */
     double slope[2];
 };
 
@@ -34,14 +34,14 @@ static void walk_on(struct walk *w)
     w->slope[1] = pell_nodes_slope(w->r, w->R, w->count, w->row + 1);
 }
 
-/* Flux from the running row up to x <= the next row's radius. */
+/* Flux from the current row up to x <= the next row's radius. */
 static double walk_flux(const struct walk *w, double x)
 {
     const double r0 = w->r[w->row], h = w->r[w->row + 1] - r0;
     return pell_nodes_cubic_flux(r0, h, w->R[w->row], w->R[w->row + 1], h * w->slope[0], h * w->slope[1], x - r0);
 }
 
-/* Flux of the table between two radii, the first no less than any asked for before. */
+/* Flux of the table between two radii, the first no less than in earlier calls. */
 static double walk_between(struct walk *w, double from, double to)
 {
     double sum;
@@ -55,7 +55,7 @@ static double walk_between(struct walk *w, double from, double to)
     return fmax(0.0, sum + walk_flux(w, to));
 }
 
-/* Nodes of a table with more rows than nodes: at rows, as dense as rows, light and log r are, a third of each. */
+/* Chooses nodes for a table with more rows than nodes: at rows, by equal parts of the density of rows, of light and of log r. */
 static int choose_nodes(const double *r, const double *R, size_t count, double total, double *node)
 {
     const double first = r[0] > 0.0 ? r[0] : r[1], logs = log(r[count - 1] / first);
@@ -76,8 +76,8 @@ static int choose_nodes(const double *r, const double *R, size_t count, double t
 
 #define ROUNDS 12
 
-/* Each node gets the mean of the table from halfway to the node before until halfway to the node behind; then values are changed until
- * the cubics' flux over these pieces is the table's. */
+/* Each node gets the mean of the table between the midpoints to its neighbours; then values are corrected until the cubics' flux over these
+ * intervals equals the table's. */
 static void merge(const double *r, const double *R, size_t count, double total, struct pell_profile *out)
 {
     double wanted[PELL_PROFILE_NODES];
