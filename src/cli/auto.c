@@ -90,19 +90,19 @@ static enum pell_result make_values(const struct trial *t, const struct pell_met
     return *values ? pell_method_configure(t->cli->ctx, m, &set, knob ? 1 : 0, *values) : PELL_ERR_NOMEM;
 }
 
-/* Renders the small image. `tells`: which messages are printed meanwhile. */
-static enum pell_result render_small(struct trial *t, const struct pell_method *m, const void *values, int tells,
+/* Renders the small image. `logs`: which messages are printed meanwhile. */
+static enum pell_result render_small(struct trial *t, const struct pell_method *m, const void *values, int logs,
                                      struct pell_render_result *image)
 {
     struct cli *cli = t->cli;
     enum pell_result res;
 
-    cli->tells = tells;
+    cli->logs = logs;
     res = pell_renderer_set_method(t->session->renderer, m, values);
     if (res == PELL_OK)
         res = pell_renderer_render(t->session->renderer, &t->settings, image);
     cli_progress_end(cli);
-    cli->tells = CLI_TELLS_ALL;
+    cli->logs = CLI_LOGS_ALL;
     return res == PELL_OK && image->partial ? PELL_ERR_CANCELLED : res;
 }
 
@@ -121,7 +121,7 @@ static enum pell_result render_truth(struct trial *t, const char *count)
         free(values);
         PELL_TRY(make_values(t, m, "samples", count, &values));
         PELL_TRY(pell_method_knobs_set_text(t->cli->ctx, m, values, "half", half ? "2" : "1"));
-        PELL_TRY(render_small(t, m, values, CLI_TELLS_ERRORS, &image));
+        PELL_TRY(render_small(t, m, values, CLI_LOGS_ERRORS, &image));
         take_light(t, &image, plane(t, half ? 3 : 0));
         if (!take_mask(t, &image)) {
             res = pell_error(t->cli->ctx, PELL_ERR_INVALID, t->session->scene->path, "give it a --material, or name a method with -m",
@@ -185,7 +185,7 @@ static void shrink(struct trial *t)
 }
 
 /* Makes a method and its knob values those of the session. */
-static enum exit_code take(struct cli *cli, struct session *s, const struct pell_method *m, void *values)
+static enum exit_code use_method(struct cli *cli, struct session *s, const struct pell_method *m, void *values)
 {
     free(s->knobs);
     s->method = m;
@@ -201,7 +201,7 @@ static enum pell_result find_truth(struct trial *t, double bound)
     struct measured none;
     enum pell_result res;
 
-    PELL_TRY(render_small(t, NULL, NULL, CLI_TELLS_ERRORS, &image));
+    PELL_TRY(render_small(t, NULL, NULL, CLI_LOGS_ERRORS, &image));
     take_light(t, &image, plane(t, 6));
     for (size_t i = 0; i < PELL_COUNT(samples); i++) {
         PELL_TRY(render_truth(t, samples[i]));
@@ -226,7 +226,7 @@ static enum pell_result try_all(struct trial *t, double bound, const struct pell
             continue;
         if (m) {
             PELL_TRY(make_values(t, m, candidates[i].knob, candidates[i].value, values));
-            res = render_small(t, m, *values, CLI_TELLS_NOTHING, &image);
+            res = render_small(t, m, *values, CLI_LOGS_NOTHING, &image);
             if (res == PELL_ERR_UNSUPPORTED || res == PELL_ERR_INVALID) { /* the method does not support this scene */
                 free(*values);
                 *values = NULL;
@@ -255,7 +255,7 @@ fail:
     return res;
 }
 
-static void say(const struct trial *t, const struct pell_method *m, double bound, double error)
+static void report_choice(const struct trial *t, const struct pell_method *m, double bound, double error)
 {
     struct pell_text line = { .length = 0 };
     const size_t count = json_array_size(t->tried);
@@ -296,8 +296,8 @@ enum exit_code auto_choose(struct cli *cli, struct session *s, json_t **answer)
         code = cli_failed(cli, res);
     }
     if (code == EXIT_OK) {
-        say(&t, method, bound, error);
-        code = take(cli, s, method, values);
+        report_choice(&t, method, bound, error);
+        code = use_method(cli, s, method, values);
         if (code == EXIT_OK)
             code = cli_failed(cli, pell_renderer_set_method(s->renderer, s->method, s->knobs));
         *answer =

@@ -125,13 +125,13 @@ struct cli {
         int threads, turntable, repeats, points, taps, rank, port, map_size;
     } numbers;
     enum pell_log_level log_level;
-    enum { CLI_TELLS_ALL, CLI_TELLS_ERRORS, CLI_TELLS_NOTHING } tells; /* whatever log_level is: used while something is only tried */
-    struct settings_list knobs;                                        /* --set NAME=VALUE */
-    struct settings_list settings;                                     /* --width 640: rows of pell_settings_knobs() */
-    struct settings_list common; /* --samples 64: options that each method maps to one of its own knobs */
-    struct pell_limits limits;   /* --limit NAME=VALUE */
-    char command_line[2048];     /* for metadata, without folders of this machine */
-    const char **words;          /* the original command line, borrowed */
+    enum { CLI_LOGS_ALL, CLI_LOGS_ERRORS, CLI_LOGS_NOTHING } logs; /* whatever log_level is: used while something is only tried */
+    struct settings_list knobs;                                    /* --set NAME=VALUE */
+    struct settings_list settings;                                 /* --width 640: rows of pell_settings_knobs() */
+    struct settings_list common;                                   /* --samples 64: options that each method maps to one of its own knobs */
+    struct pell_limits limits;                                     /* --limit NAME=VALUE */
+    char command_line[2048];                                       /* for metadata, without folders of this machine */
+    const char **words;                                            /* the original command line, borrowed */
     int num_words;
     bool of_a_file;        /* parsed from a checkpoint, not from the command line: prints nothing */
     const char *given[96]; /* names of the options on the command line, "taps" */

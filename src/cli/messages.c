@@ -227,7 +227,7 @@ void cli_message(void *user, const struct pell_message *m)
     pell_printable(m->where, where, sizeof(where));
     pell_printable(m->what, what, sizeof(what));
     pell_printable(m->hint, hint, sizeof(hint));
-    if (cli->tells == CLI_TELLS_NOTHING || (cli->tells == CLI_TELLS_ERRORS && m->level != PELL_LOG_ERROR))
+    if (cli->logs == CLI_LOGS_NOTHING || (cli->logs == CLI_LOGS_ERRORS && m->level != PELL_LOG_ERROR))
         return;
     if (m->level == PELL_LOG_ERROR && !cli->error.there) {
         cli->error.there = true;

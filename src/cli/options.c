@@ -466,7 +466,7 @@ bool cli_given(const struct cli *cli, const char *option)
 }
 
 /* Parses one option's value. `ctx` is used for reporting only. */
-static enum exit_code take(struct cli *cli, struct pell_context *ctx, const struct option *o, char *text)
+static enum exit_code set_option(struct cli *cli, struct pell_context *ctx, const struct option *o, char *text)
 {
     char where[64];
     const char *value = NULL;
@@ -606,7 +606,7 @@ static enum exit_code take_all(struct cli *cli, poptContext popt, const struct o
         if (text && is_option(text, list, n))
             code = refuse_option(cli, &list[got - 1], text);
         else
-            code = take(cli, ctx, &list[got - 1], text ? text : (char[]) { "" });
+            code = set_option(cli, ctx, &list[got - 1], text ? text : (char[]) { "" });
         free(text);
         *done = list[got - 1].kind == HELP || list[got - 1].kind == VERSION;
         if (list[got - 1].kind == VERSION)

@@ -203,7 +203,7 @@ static size_t make_ticks(const struct plot_axis *a, double length, struct tick t
 }
 
 /* Position of a value on an axis, 0 at its minimum, 1 at its maximum; not finite if the axis can't show it. */
-static double place(const struct plot_axis *a, double value)
+static double axis_position(const struct plot_axis *a, double value)
 {
     if (!a->log)
         return (value - a->min) / (a->max - a->min);
@@ -212,12 +212,12 @@ static double place(const struct plot_axis *a, double value)
 
 static double x_of(const struct box *b, const struct plot_panel *p, double value)
 {
-    return b->x + b->w * place(&p->x, value);
+    return b->x + b->w * axis_position(&p->x, value);
 }
 
 static double y_of(const struct box *b, const struct plot_panel *p, double value)
 {
-    const double share = place(&p->y, value);
+    const double share = axis_position(&p->y, value);
     return b->y + b->h * (p->y.down ? share : 1.0 - share);
 }
 

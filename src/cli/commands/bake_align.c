@@ -95,7 +95,7 @@ static void spread(const struct bake *b, uint32_t *from)
 }
 
 /* Sets the bottoms of the layers that a texel has; the others end where the layer above ends. */
-static void place(struct bake *b, size_t at, size_t n)
+static void set_bottoms(struct bake *b, size_t at, size_t n)
 {
     const struct bake_texel *t = &b->texels[at];
     float above = 0.0f;
@@ -110,7 +110,7 @@ static void place(struct bake *b, size_t at, size_t n)
 
 /* Places layer k, between two layers of one kind, at a texel that has neither it nor the one below: at the depth of its middle at the
  * nearest texel that has it. */
-static void part(struct bake *b, int k, const uint32_t *from, size_t n)
+static void place_absent_layer(struct bake *b, int k, const uint32_t *from, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         float *above = &b->bottom[(size_t) (k - 1) * n + i], *here = &b->bottom[(size_t) k * n + i];
@@ -141,14 +141,14 @@ enum pell_result bake_align(struct bake *b)
     if (!b->bottom)
         goto fail;
     for (size_t i = 0; i < n; i++)
-        place(b, i, n);
+        set_bottoms(b, i, n);
     for (int k = 1; k + 1 < b->num_layers; k++) {
         if (b->layer[k - 1] != b->layer[k + 1])
             continue;
         for (size_t i = 0; i < n; i++)
             from[i] = b->bottom[(size_t) k * n + i] > b->bottom[(size_t) (k - 1) * n + i] ? (uint32_t) i : NOWHERE;
         spread(b, from);
-        part(b, k, from, n);
+        place_absent_layer(b, k, from, n);
     }
     for (size_t i = 0; i < n; i++) /* uncovered texels copy the nearest covered one */
         from[i] = b->texels[i].count > 0 ? (uint32_t) i : NOWHERE;

@@ -9,7 +9,7 @@
 #define CLEAR 1e-5f /* fraction of the surface's size by which a ray's origin is moved past a hit */
 
 /* The triangle that covers a texel. */
-struct shown {
+struct texel_cover {
     uint32_t mesh, triangle;
 };
 
@@ -48,7 +48,7 @@ static bool inside(const double uv[3][2], double x, double y, float *u, float *v
     return s >= -1e-9 && t >= -1e-9 && s + t <= 1.0 + 2e-9; /* false for a degenerate triangle */
 }
 
-static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t triangle, struct shown *shown)
+static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t triangle, struct texel_cover *shown)
 {
     const struct pell_mesh *m = &b->outer.scene->meshes[mesh];
     double uv[3][2], low[2] = { INFINITY, INFINITY }, high[2] = { -INFINITY, -INFINITY };
@@ -69,18 +69,18 @@ static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t tr
     }
     for (int y = first[1]; y <= last[1]; y++)
         for (int x = first[0]; x <= last[0]; x++) {
-            struct shown *s = &shown[(size_t) y * (size_t) b->size + (size_t) x];
+            struct texel_cover *s = &shown[(size_t) y * (size_t) b->size + (size_t) x];
             float u, v;
             if (!inside((const double(*)[2]) uv, (x + 0.5) / b->size, (y + 0.5) / b->size, &u, &v))
                 continue;
             b->shared += s->triangle != NO_TRIANGLE && fminf(fminf(u, v), 1.0f - u - v) > 1e-3f;
             b->shown += s->triangle == NO_TRIANGLE;
-            *s = (struct shown) { mesh, triangle };
+            *s = (struct texel_cover) { mesh, triangle };
         }
     return PELL_OK;
 }
 
-static enum pell_result show_all(struct bake *b, struct shown *shown)
+static enum pell_result show_all(struct bake *b, struct texel_cover *shown)
 {
     const struct pell_scene *scene = b->outer.scene;
     enum pell_result res = PELL_OK;
@@ -181,7 +181,7 @@ static void cut_ray(const struct bake *b, const struct pairs *pairs, float end, 
 
 struct rows {
     struct bake *b;
-    const struct shown *shown;
+    const struct texel_cover *shown;
     float clear;
     int64_t (*counts)[2]; /* per worker: cut, open */
 };
@@ -193,7 +193,7 @@ static void measure_row(void *arg, int row, int worker)
 
     for (int x = 0; x < b->size && !pell_cancelled(b->ctx); x++) {
         const size_t at = (size_t) row * (size_t) b->size + (size_t) x;
-        const struct shown *s = &r->shown[at];
+        const struct texel_cover *s = &r->shown[at];
         struct pairs pairs[BAKE_INNER];
         struct pell_vec3 c[3], n[3], p, way;
         const struct pell_mesh *m;
@@ -230,7 +230,7 @@ enum pell_result bake_measure(struct bake *b)
 {
     const size_t n = (size_t) b->size * (size_t) b->size;
     const struct pell_scene *scene = b->outer.scene;
-    struct shown *shown = pell_alloc_array(b->ctx, n, sizeof(*shown));
+    struct texel_cover *shown = pell_alloc_array(b->ctx, n, sizeof(*shown));
     struct rows rows = { .b = b, .shown = shown };
     enum pell_result res = PELL_ERR_NOMEM;
 

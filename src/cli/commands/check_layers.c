@@ -15,7 +15,7 @@ enum { SAMPLES = 1201, MAX_CURVES = PELL_LAYERS_MOST + 3 };
 #define UNIFORM_LENGTH 10.0 /* mm, length of the plot for layers of uniform depth */
 
 /* A sample of the line on the surface. */
-struct place {
+struct surface_sample {
     const struct pell_mesh *mesh; /* NULL: not on the surface */
     uint32_t triangle;
     float u, v; /* barycentric */
@@ -31,7 +31,7 @@ struct section {
     double line[4]; /* texture coordinates */
     int uv;         /* index of the UV set of the line */
     double down_to; /* mm, 0: to be found */
-    struct place places[SAMPLES];
+    struct surface_sample samples[SAMPLES];
     double x[SAMPLES], across[SAMPLES];            /* mm along the surface; mm to the opposite side of the solid. Not finite: none */
     double bottoms[PELL_LAYERS_MOST + 2][SAMPLES]; /* the surface, then the bottoms of the layers, then the lower end of the plot */
 };
@@ -105,7 +105,7 @@ static enum exit_code read_options(struct section *s)
 
 /* --- Along the line ----------------------------------------------------------------------------------------------------------- */
 
-static void set_place(const struct pell_mesh *mesh, uint32_t triangle, const double w[3], bool mirrored, struct place *out)
+static void set_sample(const struct pell_mesh *mesh, uint32_t triangle, const double w[3], bool mirrored, struct surface_sample *out)
 {
     const uint32_t *corner = mesh->index + 3 * (size_t) triangle;
     double p[3][3];
@@ -120,7 +120,7 @@ static void set_place(const struct pell_mesh *mesh, uint32_t triangle, const dou
 
     if (!(length > 0.0))
         return;
-    *out = (struct place) {
+    *out = (struct surface_sample) {
         .mesh = mesh,
         .triangle = triangle,
         .u = (float) w[1],
@@ -161,7 +161,7 @@ static void cut_triangle(struct section *s, const struct pell_mesh *mesh, uint32
     if (!(low <= high)) /* low may be far outside [0, 1] then */
         return;
     for (int i = (int) ceil(low * (SAMPLES - 1)); i <= (int) floor(high * (SAMPLES - 1)); i++) {
-        struct place *at = &s->places[i];
+        struct surface_sample *at = &s->samples[i];
         const double f = (double) i / (SAMPLES - 1), u = s->line[0] + f * du, v = s->line[1] + f * dv;
         double w[3];
         if (at->mesh && (!at->mirrored || area > 0.0))
@@ -170,7 +170,7 @@ static void cut_triangle(struct section *s, const struct pell_mesh *mesh, uint32
             const double *p = t[(k + 1) % 3], *q = t[(k + 2) % 3];
             w[k] = fmin(fmax(((q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])) / area, 0.0), 1.0);
         }
-        set_place(mesh, triangle, w, area > 0.0, at); /* v points down: an unmirrored triangle is clockwise there */
+        set_sample(mesh, triangle, w, area > 0.0, at); /* v points down: an unmirrored triangle is clockwise there */
     }
 }
 
@@ -189,7 +189,7 @@ static void cut_surface(struct section *s)
 }
 
 /* Traces along the inward normal to the opposite side of the solid, or to another surface. */
-static enum pell_result look_through(struct section *s)
+static enum pell_result trace_inward(struct section *s)
 {
     struct pell_pool *pool = NULL;
     struct pell_rays *rays = NULL;
@@ -198,7 +198,7 @@ static enum pell_result look_through(struct section *s)
     PELL_TRY(pell_pool_create(s->cli->ctx, 1, &pool));
     PELL_TRY(pell_rays_create(s->cli->ctx, s->scene, pool, &rays));
     for (int i = 0; i < SAMPLES; i++) {
-        const struct place *at = &s->places[i];
+        const struct surface_sample *at = &s->samples[i];
         struct pell_ray ray = { .tnear = 1e-4f, .tfar = INFINITY, .mask = PELL_RAY_ALL };
         struct pell_hit hit;
         const float p[3] = { at->position.x, at->position.y, at->position.z }, n[3] = { at->normal.x, at->normal.y, at->normal.z };
@@ -223,13 +223,13 @@ fail:
 /* Measures lengths along the surface and the depths there. A jump between charts of the UV map breaks the curves. */
 static int measure(struct section *s)
 {
-    const struct place *last = NULL;
+    const struct surface_sample *last = NULL;
     float depth[PELL_LAYERS_MOST];
     double step = 0.0, x = 0.0;
     int found = 0;
 
     for (int i = 0; i < SAMPLES; i++) {
-        const struct place *at = &s->places[i];
+        const struct surface_sample *at = &s->samples[i];
         bool broken = !at->mesh;
         if (at->mesh && last) {
             const double gone = hypot(hypot((double) (at->position.x - last->position.x), (double) (at->position.y - last->position.y)),
@@ -409,7 +409,7 @@ static enum exit_code cut(struct section *s, json_t **answer)
                                                  s->line[1], s->line[2], s->line[3]));
         for (int i = 0; i < SAMPLES; i++)
             length = isnan(s->x[i]) ? length : fmax(length, s->x[i]);
-        res = look_through(s);
+        res = trace_inward(s);
     } else {
         measure_uniform(s);
     }

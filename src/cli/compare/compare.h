@@ -101,9 +101,9 @@ PELL_NODISCARD enum pell_result compare_write_json(struct cli *cli, const json_t
 enum { DECOMPOSE_METHOD, DECOMPOSE_INTERREFLECTION, DECOMPOSE_TOTAL, DECOMPOSE_PARTS };
 
 struct decompose_input {
-    struct pell_compare_input whole;   /* both images with interreflection, planes without padding */
-    struct pell_compare_part straight; /* their light without interreflection */
-    struct pell_metrics total;         /* metrics of the masked pixels of `whole` */
+    struct pell_compare_input whole; /* both images with interreflection, planes without padding */
+    struct pell_compare_part direct; /* their light without interreflection */
+    struct pell_metrics total;       /* metrics of the masked pixels of `whole` */
 };
 
 struct decomposition {

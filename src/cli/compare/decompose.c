@@ -31,15 +31,15 @@ static void take_bounces(const struct decompose_input *in, float *planes, struct
     *part = (struct pell_compare_part) { .test = { NULL } };
     for (size_t c = 0; c < 3; c++) {
         float *test = planes + c * count, *reference = test + 3 * count, *other = reference + 3 * count;
-        subtract(in->whole.test[c], in->straight.test[c], count, test);
-        subtract(in->whole.reference[c], in->straight.reference[c], count, reference);
+        subtract(in->whole.test[c], in->direct.test[c], count, test);
+        subtract(in->whole.reference[c], in->direct.reference[c], count, reference);
         part->test[c] = test;
         part->reference[c] = reference;
-        if (in->straight.half[0]) {
-            subtract(in->whole.half[c], in->straight.half[c], count, other);
+        if (in->direct.half[0]) {
+            subtract(in->whole.half[c], in->direct.half[c], count, other);
             part->half[c] = other;
-        } else if (in->straight.variance[0]) {
-            subtract(in->whole.variance[c], in->straight.variance[c], count, other);
+        } else if (in->direct.variance[0]) {
+            subtract(in->whole.variance[c], in->direct.variance[c], count, other);
             for (size_t i = 0; i < count; i++)
                 other[i] = fmaxf(other[i], 0.0f);
             part->variance[c] = other;
@@ -79,7 +79,7 @@ enum pell_result decompose_error(struct cli *cli, int threads, const struct deco
     share_of(in, &bounces, out->interreflection);
     for (int k = 0; k < DECOMPOSE_PARTS; k++)
         out->part[k] = in->total;
-    PELL_TRY(pell_errors_of_part(cli->ctx, threads, &in->whole, &in->straight, &out->part[DECOMPOSE_METHOD]));
+    PELL_TRY(pell_errors_of_part(cli->ctx, threads, &in->whole, &in->direct, &out->part[DECOMPOSE_METHOD]));
     PELL_TRY(pell_errors_of_part(cli->ctx, threads, &in->whole, &bounces, &out->part[DECOMPOSE_INTERREFLECTION]));
 fail:
     pell_free(cli->ctx, planes);

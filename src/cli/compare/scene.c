@@ -35,7 +35,7 @@ struct job {
     float *mask;
     int64_t translucent;
     struct light references[MAX_REFERENCES];
-    struct light straight;            /* --decompose: light of the last reference without bounces */
+    struct light direct;              /* --decompose: light of the last reference without bounces */
     float *masked;                    /* all light of the references' translucent pixels, 3 planes each: for methods that mix */
     double rel_noise[MAX_REFERENCES]; /* NAN: not known */
     double interreflection[3];
@@ -349,7 +349,7 @@ static enum pell_result join_halves(struct cli *cli, const struct job *job, stru
 }
 
 /* Renders the same without bounces; not measured, not written. Uses the random numbers of the full image, and halves if that has them. */
-static enum pell_result render_straight(struct cli *cli, struct job *job, const struct run *run, struct light *l)
+static enum pell_result render_direct(struct cli *cli, struct job *job, const struct run *run, struct light *l)
 {
     const int count = images_of(job, run);
     struct session *s = &job->session;
@@ -394,23 +394,23 @@ static enum pell_result decompose(struct cli *cli, struct job *job, struct run *
     struct pell_compare_input without;
     struct decompose_input in;
     struct decomposition parts;
-    struct light straight = { NULL };
+    struct light direct = { NULL };
     enum pell_result res;
 
-    PELL_TRY(render_straight(cli, job, run, &straight));
+    PELL_TRY(render_direct(cli, job, run, &direct));
     in.total = run->measured;
     in.whole = choose_planes(job, run, l, truth, PART);
-    without = choose_planes(job, run, &straight, &job->straight, PART);
-    memcpy(in.straight.test, without.test, sizeof(without.test));
-    memcpy(in.straight.reference, without.reference, sizeof(without.reference));
-    memcpy(in.straight.half, without.half, sizeof(without.half));
-    memcpy(in.straight.variance, without.variance, sizeof(without.variance));
+    without = choose_planes(job, run, &direct, &job->direct, PART);
+    memcpy(in.direct.test, without.test, sizeof(without.test));
+    memcpy(in.direct.reference, without.reference, sizeof(without.reference));
+    memcpy(in.direct.half, without.half, sizeof(without.half));
+    memcpy(in.direct.variance, without.variance, sizeof(without.variance));
     PELL_TRY(decompose_error(cli, pell_device_threads(job->session.device), &in, &parts));
     if (!run->mixes || job->interreflection[1] == 0.0) /* the subsurface light if some method outputs it separately */
         memcpy(job->interreflection, parts.interreflection, sizeof(parts.interreflection));
     json_object_set_new(answer, "parts", decompose_json(&parts));
 fail:
-    drop_light(cli, &straight);
+    drop_light(cli, &direct);
     return res;
 }
 
@@ -451,7 +451,7 @@ static enum pell_result render_all(struct cli *cli, struct job *job)
             PELL_TRY(measure(cli, job, &job->runs.list[0], &job->references[0], 1, "model", job->model_error));
         }
         if (cli->compare.decompose && i == last) {
-            PELL_TRY(render_straight(cli, job, run, &job->straight));
+            PELL_TRY(render_direct(cli, job, run, &job->direct));
             if (last > 0)
                 PELL_TRY(decompose(cli, job, &job->runs.list[0], &job->references[0], job->model_error));
         }
@@ -650,7 +650,7 @@ static void finish(struct cli *cli, struct job *job)
     runs_finish(&job->runs);
     for (size_t i = 0; i < MAX_REFERENCES; i++)
         drop_light(cli, &job->references[i]);
-    drop_light(cli, &job->straight);
+    drop_light(cli, &job->direct);
     pell_free(cli->ctx, job->mask);
     pell_free(cli->ctx, job->masked);
     json_decref(job->methods);

@@ -20,8 +20,8 @@ const COLUMNS = [
     meter: true,
     term: 'Error',
     text:
-      'Root of the mean squared relative error of pixels and channels: the typical distance of a pixel from the reference. ' +
-      'The noise of the reference is taken off where it is known, and ± is the standard error that it leaves. 0 is best.',
+      'Root mean square of the relative error over pixels and channels: the typical error of a pixel. ' +
+      'The noise of the reference is subtracted if it is known, and ± is the remaining standard error. 0 is best.',
   },
   {
     id: 'total',
@@ -33,7 +33,7 @@ const COLUMNS = [
     hidden: (p) => unresolved(metricsOf(p, 'total')),
     meter: true,
     term: 'With the model',
-    text: 'The same against the second reference, which does not share the approximations of the first: all of the error.',
+    text: 'The same against the second reference, which does not share the approximations of the first: the total error.',
   },
   {
     id: 'bias',
@@ -46,7 +46,7 @@ const COLUMNS = [
       }),
     term: 'Bias',
     text:
-      'How much too bright (+) or too dark (−) the whole is, for red, green and blue: errors that don’t cancel. 0 is best; ' +
+      'How much too bright (+) or too dark (−) the image is on average, for red, green and blue. 0 is best; ' +
       'sorted by the largest of the three.',
   },
   {
@@ -55,7 +55,7 @@ const COLUMNS = [
     value: (p) => metricsOf(p).mae,
     show: number,
     term: 'MAE',
-    text: 'The mean absolute difference, in the picture’s own unit of light. Bright pixels weigh most. 0 is best.',
+    text: 'The mean absolute difference, in the unit of the image. Bright pixels dominate. 0 is best.',
   },
   {
     id: 'ssim',
@@ -64,7 +64,7 @@ const COLUMNS = [
     show: (v) => (finite(v) ? v.toFixed(4) : '–'),
     high: true,
     term: 'SSIM',
-    text: 'Structural similarity (Wang et al. 2004) of what is shown: whether edges and shading sit in the same places. 1 is best.',
+    text: 'Structural similarity (Wang et al. 2004) of the displayed images: whether edges and shading agree. 1 is best.',
   },
   {
     id: 'flip',
@@ -74,8 +74,8 @@ const COLUMNS = [
     meter: true,
     term: 'FLIP',
     text:
-      'The difference that people see when two pictures alternate on a screen (Andersson et al. 2020), a mean over pixels. 0 is best, ' +
-      '1 is as different as can be.',
+      'The difference perceived when two images alternate on a screen (Andersson et al. 2020), mean over pixels. 0 is best, ' +
+      '1 is the largest difference.',
   },
   {
     id: 'flip_hdr',
@@ -86,8 +86,8 @@ const COLUMNS = [
     meter: true,
     term: 'HDR-FLIP',
     text:
-      'The largest FLIP over all exposures at which the reference can be looked at (Andersson et al. 2021): errors in ' +
-      'lights and shadows count, too. 0 is best.',
+      'The largest FLIP over all exposures suitable for the reference (Andersson et al. 2021): errors in ' +
+      'highlights and shadows count, too. 0 is best.',
   },
   {
     id: 'seconds',
@@ -96,7 +96,7 @@ const COLUMNS = [
     value: (p) => p.seconds,
     show: seconds,
     term: 'Time',
-    text: 'From the scene in memory to the finished picture, with all threads. What is prepared once is in it.',
+    text: 'From the scene in memory to the finished image, with all threads. Includes preparation that is done once per scene.',
   },
   {
     id: 'cost',
@@ -105,7 +105,7 @@ const COLUMNS = [
     value: (p) => p.cpu_seconds,
     show: seconds,
     term: 'Cost',
-    text: 'Processor time of one picture, over all threads: what it costs to compute, however many threads share it.',
+    text: 'Processor time of one image, summed over all threads: independent of the number of threads.',
   },
 ].filter((c) => !c.only || c.only());
 const order = { column: COLUMNS[1], down: false };
@@ -162,7 +162,7 @@ function table() {
   );
   by('numbers-text').textContent =
     `${views[state.view].title}: ${count(views[state.view].pixels)} pixels, against ${reference.name}. ` +
-    (views.length > 1 ? 'Choose the light above the pictures.' : '');
+    (views.length > 1 ? 'Choose the light above the images.' : '');
 }
 
 function sortBy(column) {
@@ -187,13 +187,13 @@ function summary() {
     ...[
       methods.length > 1 ? `Of ${methods.length} methods, ` : '',
       make('strong', { text: best.name }),
-      methods.length > 1 ? ` comes nearest to ${reference.name}` : ` against ${reference.name}`,
-      `, ${what}: pixels are off by `,
+      methods.length > 1 ? ` is closest to ${reference.name}` : ` against ${reference.name}`,
+      `, ${what}: the relative error is `,
       make('strong', { text: unresolved(m) ? 'less than the noise' : percent(rms(m)) }),
-      `, in the mean by ${percent(bias, true)} in the worst channel, and FLIP is `,
+      `, the bias ${percent(bias, true)} in the worst channel, and FLIP `,
       make('strong', { text: number(m.flip) }),
       '.',
-      hidden() ? ` The noise of ${reference.name} hides errors: FLIP, which includes it, ranks here. Give it more samples.` : '',
+      hidden() ? ` The noise of ${reference.name} hides errors: methods are ranked by FLIP, which includes it. Use more samples.` : '',
       finite(best.seconds) ? ` It took ${seconds(best.seconds)}; ${reference.name} took ${seconds(reference.seconds)}.` : '',
     ],
   );
@@ -210,9 +210,9 @@ function model() {
     make('p', {
       class: 'prose',
       text:
-        `The first number is what the shortcuts of ${best.name} cost. The second is how far ${reference.name} itself is from ` +
+        `The first number is the error of the approximations of ${best.name}. The second is the error of ${reference.name} against ` +
         `${truth.name}: ` +
-        'the error of the model that both compute, where the second reference does without it. The third is all of the error.',
+        'the error of the model that both use and the second reference does not. The third is the total error.',
     }),
     make(
       'div',
@@ -233,8 +233,8 @@ function numbers() {
     noise = data.kind === 'scene' ? reference.rel_noise : data.rel_noise;
   notes.push(
     finite(noise)
-      ? `Noise of ${reference.name}: ${percent(noise)}, taken off the error; the other numbers still hold what it adds to them.`
-      : `${reference.name} does not tell its own noise: nothing is taken off.`,
+      ? `Noise of ${reference.name}: ${percent(noise)}, subtracted from the error; the other metrics include it.`
+      : `${reference.name} has no noise estimate: nothing is subtracted.`,
   );
   for (const p of methods) {
     const m = metricsOf(p),
@@ -249,11 +249,11 @@ function numbers() {
       );
     }
   }
-  if (truth && finite(truth.rel_noise)) notes.push(`Noise of ${truth.name}: ${percent(truth.rel_noise)}, taken off as well.`);
+  if (truth && finite(truth.rel_noise)) notes.push(`Noise of ${truth.name}: ${percent(truth.rel_noise)}, subtracted as well.`);
   for (const p of methods)
     if (p.mixes)
       notes.push(
-        `${p.name} gives finished pictures, in which subsurface light and reflections can’t be told apart: under “${views[0].title}” ` +
+        `${p.name} gives finished images, in which subsurface light and reflections can’t be separated: under “${views[0].title}” ` +
           'all light of its pixels is compared with all light of the reference’s.',
       );
   by('notes').textContent = notes.join(' ');
@@ -288,8 +288,8 @@ function time() {
   const most = Math.max(...timed.map(total)),
     color = (name) => PALETTE[names.indexOf(name) % PALETTE.length];
   by('time-text').textContent =
-    `Where the time of one picture goes, on ${data.device} with ${data.threads} threads. The scene took ` +
-    `${seconds(data.load_seconds)} to load. Samples that belong to the scene are made in the stage “prepare”.`;
+    `Time of the stages of one image, on ${data.device} with ${data.threads} threads. The scene took ` +
+    `${seconds(data.load_seconds)} to load. Samples that depend on the scene only are made in the stage “prepare”.`;
   by('bars').replaceChildren(
     ...timed.map((p) => {
       const stages = p.stages.slice().sort((a, b) => b.ms - a.ms),

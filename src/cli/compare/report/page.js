@@ -27,12 +27,12 @@ function made() {
   by('copy').addEventListener('click', copy);
   const view = views[0],
     rows = [
-      ['Picture', `${size.width} × ${size.height}`],
+      ['Image', `${size.width} × ${size.height}`],
       ['Material', data.material],
       ['Settings', data.settings],
       ['Exposure', data.display ? null : `${number(view.exposure, 6)}, the same for all`],
-      ['Relative errors', `are blind below ${number(view.floor)} (floor)`],
-      ['Eye', `${number(view.ppd)} pixels per degree`],
+      ['Relative errors', `ignore light below ${number(view.floor)} (floor)`],
+      ['Viewing', `${number(view.ppd)} pixels per degree`],
       ['Device', data.device && `${data.device}, ${data.threads} threads`],
       [
         'HDR-FLIP',
@@ -43,7 +43,7 @@ function made() {
       ['Program', `pellucid ${data.version}`],
     ];
   by('settings').replaceChildren(...rows.filter(([, v]) => v).flatMap(([k, v]) => [make('dt', { text: k }), make('dd', { text: v })]));
-  const roles = { reference: 'Reference', truth: 'Reference of the reference', method: 'Method' };
+  const roles = { reference: 'Reference', truth: 'Second reference', method: 'Method' };
   const cards = pictures.filter((p) => p.cite);
   by('credits').hidden = by('nav-credits').hidden = !cards.length;
   by('cards').replaceChildren(
@@ -62,7 +62,7 @@ function made() {
     ),
   );
   by('footer').textContent =
-    `Made by pellucid ${data.version}. This file holds all it needs; nothing is fetched. ` +
+    `Made by pellucid ${data.version}. This file is self-contained; nothing is fetched. ` +
     'SSIM: Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 13(4), 2004. FLIP: Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, ' +
     'Fairchild, HPG 2020; HDR-FLIP: Andersson, Nilsson, Shirley, Akenine-Möller, EGSR 2021. ' +
     'Colours: magma by Smith and van der Walt; blue to red by Moreland, ISVC 2009.';

@@ -216,7 +216,7 @@ function readout() {
     view = views[state.view],
     planes = shown.map((s) => s.planes);
   if (!p || !planes[0] || !planes[1]) {
-    by('readout').textContent = 'Point at a pixel to read its light.\n ';
+    by('readout').textContent = 'Point at a pixel to read its values.\n ';
     return;
   }
   const i = p.y * WIDTH + p.x,
@@ -446,22 +446,22 @@ function describe() {
   by('shown').textContent =
     `${view.text} ` +
     (data.display
-      ? 'The numbers are what a display shows.'
-      : `Shown times ${number(view.exposure)} through the curve ${view.tonemap}` +
+      ? 'Values are display values.'
+      : `Displayed with exposure ${number(view.exposure)} and the tone curve ${view.tonemap}` +
         `${view.tonemap === 'reinhard' ? ` with white at ${number(view.white)}` : ''}: ` +
-        `the exposure of ${reference.name}, for all pictures.`) +
+        `the exposure of ${reference.name}, for all images.`) +
     (size.factor > 1
-      ? ` Pictures are reduced here to 1/${size.factor} of ${size.width} × ${size.height}; numbers are of the full size.`
+      ? ` Images are reduced here to 1/${size.factor} of ${size.width} × ${size.height}; metrics are of the full size.`
       : '');
   if (isMap()) {
     const show = (v) => (mode === 'signed' ? `${v > 0 ? '+' : ''}${trim(100 * v)} %` : trim(v));
     by('ticks').replaceChildren(...[0, 1, 2, 3, 4].map((k) => make('span', { text: show(low + ((range - low) * k) / 4) })));
     by('bar-text').textContent =
       mode === 'signed'
-        ? `Luminance of ${left}, relative to ${right}: blue is too dark, red too bright, grey alike. ` +
-          'What is beyond the ends has their colour.'
-        : `What is seen when ${left} and ${right} alternate on a screen: 0 is alike, 1 as different as can be.` +
-          (flipOf(pictures[state.left], against()) ? '' : ' The two are one picture, or were not measured against each other.');
+        ? `Luminance of ${left}, relative to ${right}: blue is too dark, red too bright, grey equal. ` +
+          'Values beyond the ends have their colour.'
+        : `The perceived difference when ${left} and ${right} alternate on a screen: 0 is equal, 1 the largest.` +
+          (flipOf(pictures[state.left], against()) ? '' : ' The two are one image, or were not compared with each other.');
     image256(ramps[mode]);
   }
   stage.setAttribute('aria-label', isMap() ? by('tag-left').textContent : `${left} on the left, ${right} on the right`);
