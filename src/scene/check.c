@@ -214,7 +214,7 @@ fail:
 }
 
 /* Whether the first camera is inside: a closed surface subtends a full sphere from a point inside and nothing from outside. */
-static bool holds_camera(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
+static bool encloses_camera(const struct pell_scene *scene, const struct pell_topology *t, const struct pell_part *parts)
 {
     const float *at = scene->num_cameras > 0 ? scene->cameras[0].position : NULL;
     bool within = false;
@@ -352,7 +352,7 @@ static enum pell_result check_object(struct check *k, const uint32_t *meshes, si
         pell_topology_parts(&t, k->scene, parts);
         measure(&t, parts, o);
         o->faceted = pell_is_faceted(k->scene, &t);
-        o->holds_camera = o->closed && holds_camera(k->scene, &t, parts);
+        o->holds_camera = o->closed && encloses_camera(k->scene, &t, parts);
         k->report->triangles += o->triangles;
         res = pell_cancelled(k->ctx) ? PELL_ERR_CANCELLED : judge(k, &t, o);
     } else {

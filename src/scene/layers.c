@@ -250,7 +250,7 @@ int64_t pell_scene_layers_measure(const struct pell_material *m, struct pell_lay
 /* --- What they reflect -------------------------------------------------------------------------------------------------------- */
 
 /* Coefficients that diffusion solvers accept: a clear layer gets a little absorption. */
-static void take(const struct pell_medium *from, double eta, double thickness, struct pell_medium_layer *to)
+static void set_stack_layer(const struct pell_medium *from, double eta, double thickness, struct pell_medium_layer *to)
 {
     for (int c = 0; c < 3; c++) {
         to->sigma_a[c] = from->sigma_a[c];
@@ -300,7 +300,7 @@ static void bottom(const struct pell_material *m, struct pell_medium_layer *out)
         medium.sigma_s_reduced[c] = OTHER * albedo;
         medium.sigma_a[c] = OTHER * (1.0 - albedo);
     }
-    take(&medium, m->medium.eta, (double) INFINITY, out);
+    set_stack_layer(&medium, m->medium.eta, (double) INFINITY, out);
 }
 
 /* Mean weighted by thickness; for infinite layers the last alone. */
@@ -336,7 +336,8 @@ static void make_stack(const struct pell_material *m, const double *bottoms, str
         *endless = bottoms[i] == (double) INFINITY || (i + 1 == m->num_layers && m->substrate == PELL_SUBSTRATE_LAST);
         if (!*endless && !(thickness >= PELL_THICKNESS_MIN))
             continue;
-        take(&m->layers[i].medium, m->medium.eta, *endless ? (double) INFINITY : fmin(thickness, PELL_THICKNESS_MAX), &layer[count++]);
+        set_stack_layer(&m->layers[i].medium, m->medium.eta, *endless ? (double) INFINITY : fmin(thickness, PELL_THICKNESS_MAX),
+                        &layer[count++]);
         /* merge layers of one medium: thin layers can't be solved on their own */
         if (count > 1 && same_medium(&layer[count - 2], &layer[count - 1])) {
             layer[count - 2].thickness += layer[count - 1].thickness;

@@ -34,7 +34,7 @@ double pell_mesh_solid_angle(const struct pell_context *ctx, const struct pell_m
 }
 
 /* Whether a mesh encloses a point: it subtends most of the sphere from there. */
-static bool holds(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3])
+static bool encloses(const struct pell_context *ctx, const struct pell_mesh *m, const float p[3])
 {
     float low[3] = { INFINITY, INFINITY, INFINITY }, high[3] = { -INFINITY, -INFINITY, -INFINITY };
 
@@ -57,7 +57,7 @@ void pell_scene_find_light_shells(struct pell_scene *scene)
             continue;
         for (size_t k = 0; k < scene->num_lights && !m->light_shell; k++) {
             const struct pell_light *l = &scene->lights[k];
-            m->light_shell = (l->type == PELL_LIGHT_POINT || l->type == PELL_LIGHT_SPOT) && holds(scene->ctx, m, l->position);
+            m->light_shell = (l->type == PELL_LIGHT_POINT || l->type == PELL_LIGHT_SPOT) && encloses(scene->ctx, m, l->position);
         }
     }
 }

@@ -42,7 +42,7 @@ static void report(const struct pell_scene *scene)
 }
 
 /* Rotates a mesh file whose z axis points upwards. */
-static enum pell_result stand_up(struct pell_scene *scene)
+static enum pell_result rotate_z_up(struct pell_scene *scene)
 {
     const struct pell_mat4 matrix = { { 1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1 } };
     return pell_scene_transform(scene, &matrix, 1.0);
@@ -104,7 +104,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
         pell_load_moment(params, &moment);
         PELL_TRY(pell_load_mesh(loader, path, data, size, &scale, &moment, &scene));
         if (extras.view.z_up)
-            PELL_TRY(stand_up(scene));
+            PELL_TRY(rotate_z_up(scene));
     }
     PELL_TRY(check_animated(scene, params));
     scene->from_file = true;

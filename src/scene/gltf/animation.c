@@ -296,7 +296,7 @@ static enum pell_result choose(struct gltf *g, size_t *index)
 }
 
 /* From the first to the last key of the animation, as far as its channels have been read. */
-static void say(struct gltf *g, const struct pell_json *animation)
+static void log_time_range(struct gltf *g, const struct pell_json *animation)
 {
     struct pell_text where;
     char name[96];
@@ -341,7 +341,7 @@ enum pell_result gltf_animate(struct gltf *g)
         return PELL_ERR_NOMEM;
     for (size_t i = 0; i < pell_json_count(&g->animation_channels); i++)
         PELL_TRY(read_channel(g, (int32_t) i));
-    say(g, &g->animation);
+    log_time_range(g, &g->animation);
     return PELL_OK;
 
 fail:

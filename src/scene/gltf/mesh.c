@@ -336,7 +336,7 @@ fail:
 }
 
 /* Checks for cancellation between the arrays of a large mesh. */
-static enum pell_result go_on(const struct gltf *g)
+static enum pell_result check_cancelled(const struct gltf *g)
 {
     return pell_cancelled(g->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 }
@@ -407,7 +407,7 @@ static void check_uv_sets(struct gltf *g, const struct pell_json *at, const stru
 }
 
 /* Transforms a mesh from its node's space to the world; `world` NULL: it is in world space. */
-static void place(const struct pell_mat4 *world, struct pell_mesh *mesh)
+static void transform_mesh(const struct pell_mat4 *world, struct pell_mesh *mesh)
 {
     const bool mirrored = world && mat4_determinant3(world) < 0.0;
 
@@ -423,7 +423,8 @@ static void place(const struct pell_mat4 *world, struct pell_mesh *mesh)
 }
 
 /* Transforms and normalises vectors; if some have no direction the array is dropped, to be recomputed. */
-static void turn(struct gltf *g, const struct pell_json *at, const struct pell_mat4 *world, bool normals, struct pell_mesh *mesh)
+static void transform_vectors(struct gltf *g, const struct pell_json *at, const struct pell_mat4 *world, bool normals,
+                              struct pell_mesh *mesh)
 {
     size_t bad = 0;
 
@@ -461,7 +462,7 @@ static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at
 
     gltf_read_floats(shape->position, false, mesh->position);
     PELL_TRY(check_positions(at, mesh));
-    PELL_TRY(go_on(g));
+    PELL_TRY(check_cancelled(g));
     PELL_TRY(read_normals(g, at, p, mesh));
     PELL_TRY(read_uvs(g, at, p, mesh));
     /* "when normals are not specified, the provided tangents (if present) must be ignored" */
@@ -471,16 +472,16 @@ static enum pell_result fill_vertices(struct gltf *g, const struct pell_json *at
         mesh->tangent[4 * i + 3] = mesh->tangent[4 * i + 3] < 0.0f ? -1.0f : 1.0f;
     if (p->color >= 0)
         PELL_TRY(read_colors(g, at, p, mesh));
-    PELL_TRY(go_on(g));
+    PELL_TRY(check_cancelled(g));
     if (weights)
         PELL_TRY(gltf_morph(g, at, p, weights, targets, mesh));
     if (placing->skin)
         PELL_TRY(gltf_skin_mesh(g, at, p, placing->skin, mesh));
     else
-        place(world, mesh);
-    PELL_TRY(go_on(g));
+        transform_mesh(world, mesh);
+    PELL_TRY(check_cancelled(g));
     PELL_TRY(check_positions(at, mesh));
-    turn(g, at, world, p->normal >= 0 && (!weights || any_normal(mesh)), mesh);
+    transform_vectors(g, at, world, p->normal >= 0 && (!weights || any_normal(mesh)), mesh);
     return PELL_OK;
 
 fail:
@@ -512,7 +513,7 @@ static enum pell_result place_primitive(struct gltf *g, const struct pell_json *
     mesh->object = g->next_object;
     mesh->material = material;
     PELL_TRY(fill_indices(g, at, p, &shape, mesh));
-    PELL_TRY(go_on(g));
+    PELL_TRY(check_cancelled(g));
     PELL_TRY(fill_vertices(g, at, p, &shape, placing, weights, targets, mesh));
     if (material >= 0)
         check_uv_sets(g, at, mesh);

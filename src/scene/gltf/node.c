@@ -68,7 +68,7 @@ static struct pell_vec3 axis(const struct pell_mat4 *world, int column, float si
 }
 
 /* Cameras and lights look along -z of their node with +y up. False if the position exceeds the range of floats. */
-static bool place(const struct pell_mat4 *world, float *position, float *forward, float *up)
+static bool view_frame(const struct pell_mat4 *world, float *position, float *forward, float *up)
 {
     const struct pell_vec3 f = axis(world, 2, -1.0f, vec3(0, 0, -1)), y = axis(world, 1, 1.0f, vec3(0, 1, 0));
     struct pell_vec3 t, b, u = vec3_mad(y, -vec3_dot(y, f), f);
@@ -116,7 +116,7 @@ static enum pell_result add_camera(struct gltf *g, const struct pell_json *node,
                                                                     : gltf_name(node, "camera node", name, sizeof(name)),
                                    &index));
     c = &g->scene->cameras[index];
-    if (!place(world, c->position, c->forward, c->up))
+    if (!view_frame(world, c->position, c->forward, c->up))
         return out_of_range(node);
     c->fov = type ? 0.0f : (float) value;
     c->ortho_height = type ? (float) (2.0 * value) : 0.0f;
@@ -158,7 +158,7 @@ static enum pell_result add_light(struct gltf *g, const struct pell_json *node, 
     PELL_TRY(pell_scene_add_light(g->scene, gltf_name(&at, "light", name, sizeof(name)), &index));
     l = &g->scene->lights[index];
     l->type = ours[type];
-    if (!place(world, l->position, l->direction, l->up))
+    if (!view_frame(world, l->position, l->direction, l->up))
         return out_of_range(node);
     for (int c = 0; c < 3; c++)
         l->power[c] = color[c] * intensity;

@@ -203,7 +203,7 @@ static bool inside(const struct pell_part *a, const struct pell_part *b)
 }
 
 /* Whether a part encloses a point. */
-static bool goes_around(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part, const float at[3])
+static bool encloses_point(const struct pell_scene *scene, const struct pell_topology *t, uint32_t part, const float at[3])
 {
     double sum = 0.0;
 
@@ -256,7 +256,7 @@ static void find_inverted(const struct pell_scene *scene, const struct pell_topo
         for (size_t k = 0; k < num_hosts && !inverted[i] && parts[i].closed && parts[i].volume > least; k++)
             if (inverted[hosts[k]] && inside(&parts[i], &parts[hosts[k]]) && looks++ < LOOKS) {
                 const float *corner = corner_of(scene, t, i);
-                inverted[i] = corner && goes_around(scene, t, hosts[k], corner);
+                inverted[i] = corner && encloses_point(scene, t, hosts[k], corner);
             }
 }
 
