@@ -20,7 +20,7 @@
 #define CENTRE 0.05     /* a profile that is unbounded at r = 0 is weighted by r^2/(r^2 + q^2), q the radius with this fraction inside */
 
 /* Places nodes from a to b in the unit, with their weights; `taper` is q or 0. */
-static void place(struct pell_fit_target *t, double a, double b, double step, bool ends, double taper)
+static void place_nodes(struct pell_fit_target *t, double a, double b, double step, bool ends, double taper)
 {
     static const double gregory[5] = { 95.0 / 288.0, 317.0 / 240.0, 23.0 / 30.0, 793.0 / 720.0, 157.0 / 160.0 };
     const double range = log(b / a);
@@ -103,7 +103,7 @@ void pell_fit_target_dipoles(const struct pell_dipole *dipoles, int channels, co
         outer = end;
     t->low = log(0.01);
     t->high = 2.0 * log(outer) - 1.0;
-    place(t, fmin(3e-3, 1e-3 * outer), outer, ends ? STEP_ENDS : STEP, ends, 0.0);
+    place_nodes(t, fmin(3e-3, 1e-3 * outer), outer, ends ? STEP_ENDS : STEP, ends, 0.0);
     if (t->high < t->low + 2.0)
         t->high = t->low + 2.0;
     for (int c = 0; c < channels; c++) {
@@ -162,7 +162,7 @@ bool pell_fit_target_profiles(const struct pell_profile *const *profiles, int ch
         inner = 0.2 * centre;
     t->low = 2.0 * log(fmin(inner, outer));
     t->high = fmax(2.0 * log(outer) - 1.0, t->low + 2.0);
-    place(t, fmin(0.05 * inner, 1e-3 * outer), outer, ends ? STEP_ENDS : step > 0.0 ? step : STEP, ends, unbounded ? centre : 0.0);
+    place_nodes(t, fmin(0.05 * inner, 1e-3 * outer), outer, ends ? STEP_ENDS : step > 0.0 ? step : STEP, ends, unbounded ? centre : 0.0);
     for (int c = 0; c < channels; c++) {
         double r[FIT_NODES];
         for (int i = 0; i < t->nodes; i++)

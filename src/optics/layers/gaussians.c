@@ -94,7 +94,7 @@ static double sum_of(const double *w, int n)
 }
 
 /* Scales weights to a given sum. */
-static void settle(const struct algebra *g, double *w, double total)
+static void scale_to_sum(const struct algebra *g, double *w, double total)
 {
     const double sum = sum_of(w, g->count);
     if (!(sum > 0.0)) {
@@ -216,7 +216,7 @@ static void make_slab(struct algebra *g, const struct pell_multipole_slab *y, bo
             by_appendix_a(g, y, y->l, y->zb[side], L, out[r]);
         else
             by_mixture(g, y, y->l, y->zb[side], L, out[r]);
-        settle(g, out[r], total.r[side]);
+        scale_to_sum(g, out[r], total.r[side]);
         if (isinf(y->d))
             continue;
         const double depth = y->d - y->l, far = y->zb[1 - side];
@@ -232,10 +232,10 @@ static void make_slab(struct algebra *g, const struct pell_multipole_slab *y, bo
             /* The growing factor exp(-depth kappa): that fraction of light is transmitted unscattered, with its value at s = 0; the rest
              * are images. */
             const double straight = fmin(total.t[side], 0.5 * y->albedo * exp(-depth * y->sigma_tr) * y->scale[side]);
-            settle(g, out[t], total.t[side] - straight);
+            scale_to_sum(g, out[t], total.t[side] - straight);
             out[t][0] += straight;
         } else {
-            settle(g, out[t], total.t[side]);
+            scale_to_sum(g, out[t], total.t[side]);
         }
     }
 }
@@ -445,7 +445,7 @@ enum pell_result pell_stack_sets_profile(const struct pell_stack_sets *s, enum p
 #define MOMENT_WEIGHT 1e3
 
 /* Corrects the second moment by moving weight between the two positive weights that are farthest apart; their sum is unchanged. */
-static void settle_moment(const double *target, int count, double moment, double *weight)
+static void correct_moment(const double *target, int count, double moment, double *weight)
 {
     int first = -1, last = -1;
     double has = 0.0;
@@ -505,7 +505,7 @@ static double project(const double *variance, const double *w, int n, const doub
     pell_nnls_solve(&problem, &solution);
     memcpy(weight, solution.w, (size_t) count * sizeof(*weight));
     if (moment > 0.0)
-        settle_moment(target, count, moment, weight);
+        correct_moment(target, count, moment, weight);
     for (int i = 0; i < count; i++) {
         const double u = weight[i] / sqrt(target[i]);
         held += 2.0 * u * b[i];

@@ -101,7 +101,7 @@ static double gap_of(const struct pell_multipole_slab *y, int side)
 }
 
 /* Checks the limits of thin layers, and finds how fast the transforms of the stack fall. */
-static void judge(struct pell_slabs *p)
+static void find_limits(struct pell_slabs *p)
 {
     double thickness = 0.0;
     bool grows = false;
@@ -202,7 +202,7 @@ enum pell_result pell_slabs_prepare(const struct pell_stack *s, int channel, str
                 y->scale[side] = 1.0 / fmax(1.0, all.r[side] + all.t[side]);
         }
     }
-    judge(out);
+    find_limits(out);
     return PELL_OK;
 }
 

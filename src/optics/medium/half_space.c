@@ -22,7 +22,7 @@
 enum { GAUSS = 12, MOST = 2 * GAUSS, ANGLES = 8 };
 
 /* x^2 concentrates nodes at the lower end, where H and F behave like square roots. */
-static int place(double eta, double mu[MOST], double weight[MOST])
+static int place_nodes(double eta, double mu[MOST], double weight[MOST])
 {
     const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.0;
     double x[GAUSS], w[GAUSS];
@@ -91,7 +91,7 @@ struct half_space {
 
 static void make(double albedo, double absorbed, double eta, struct half_space *s)
 {
-    s->n = place(eta, s->mu, s->weight);
+    s->n = place_nodes(eta, s->mu, s->weight);
     s->albedo = albedo;
     s->root = sqrt(absorbed);
     s->eta = eta;

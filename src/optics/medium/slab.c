@@ -45,7 +45,7 @@ struct layer {
     matrix R, T;      /* T without unscattered light */
 };
 
-static void place(double eta, struct directions *d)
+static void place_directions(double eta, struct directions *d)
 {
     const double critical = eta > 1.0 ? sqrt((eta - 1.0) * (eta + 1.0)) / eta : 0.5; /* without one, any other split is fine */
     double x[GAUSS], w[GAUSS];
@@ -261,7 +261,7 @@ bool pell_slab_make(const struct pell_medium *medium, int channel, struct pell_s
     out->sigma_t = medium->sigma_a[channel] + medium->sigma_s_reduced[channel] / (1.0 - medium->g[channel]);
     out->boundary = pell_fresnel(1.0 / medium->eta, 1.0);
     albedo = medium->sigma_s_reduced[channel] / out->sigma_t_reduced;
-    place(medium->eta, &d);
+    place_directions(medium->eta, &d);
     for (int part = 0; part < PER_OCTAVE && albedo > 0.0; part++) {
         l.thickness = THINNEST * exp2((double) part / PER_OCTAVE - EARLIER);
         scatter_once(&d, albedo, &l);
@@ -311,7 +311,7 @@ bool pell_slab_make_layers(const struct pell_stack *stack, int channel, struct p
     out->layered = true;
     for (int i = 0; i < stack->count; i++)
         out->sigma_t_reduced = fmax(out->sigma_t_reduced, reduced(&stack->layer[i], channel));
-    place(stack->layer[0].eta, &d);
+    place_directions(stack->layer[0].eta, &d);
     out->boundary = d.fresnel[NORMAL];
     for (int i = 0; i < PELL_SLAB_STEPS; i++) {
         const double half = 0.5 * THINNEST * exp2((double) i / PER_OCTAVE) / out->sigma_t_reduced;
@@ -355,7 +355,7 @@ struct pell_half_space_angle pell_passing_angle(const struct pell_medium *medium
 
     if (!(albedo > 0.0) || !pell_medium_valid(medium, NULL))
         return out;
-    place(medium->eta, &d);
+    place_directions(medium->eta, &d);
     make_layer(&d, albedo, PELL_PASSING_THICK, &l);
     add_lower(&d, &l, up, down);
     for (int i = 0; i < SIDE; i++) {
