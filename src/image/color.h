@@ -14,7 +14,7 @@
 extern const float pell_srgb_u8[256];    /* exact to the float: decode(i/255) */
 extern const float pell_srgb_fine[4098]; /* decode(i/4096) */
 
-/* decode(value/65535) by linear interpolation; wrong by less than 1/10 of a 16 bit step. */
+/* decode(value/65535) by linear interpolation; the error is below 1/10 of a 16-bit step. */
 static inline float pell_srgb_decode_u16(uint16_t value)
 {
     const float x = (float) value * (4096.0f / 65535.0f);
@@ -31,8 +31,8 @@ static inline float pell_luminance(const float rgb[3])
 /* One texel as linear RGBA: grey is copied to R, G, B; missing alpha is 1. x, y must be inside. */
 void pell_image_texel(const struct pell_image *image, int x, int y, float rgba[4]);
 
-/* Bilinear (or nearest) look-up at (u, v), v down, texel centres at (i + 1/2)/size; any u, v (not finite: as 0). The filter works on
- * linear values; straight alpha is filtered by itself. */
+/* Bilinear (or nearest) look-up at (u, v), v down, texel centres at (i + 1/2)/size; any u, v (not finite: treated as 0). Filtering is done
+ * on linear values; straight alpha is filtered separately. */
 void pell_image_sample(const struct pell_image *image, enum pell_wrap wrap_u, enum pell_wrap wrap_v, bool nearest, float u, float v,
                        float rgba[4]);
 

@@ -37,8 +37,8 @@ enum pell_result pell_exr_describe(struct exr_file *f, int index, struct exr_par
 /* Rows of a chunk. */
 int64_t pell_exr_chunk_rows(const struct exr_part *p);
 
-/* dest[c] + step ((y - first) width + x) <- channel c, for `count` rows of the display window from row `first`. What lies outside the data
- * window is left as it is. dest[c] NULL: not wanted. */
+/* dest[c] + step ((y - first) width + x) <- channel c, for `count` rows of the display window from row `first`. Pixels outside the data
+ * window are not written. dest[c] NULL: not needed. */
 enum pell_result pell_exr_read_rows(struct exr_file *f, const struct exr_part *p, int first, int count, float *const *dest, size_t step);
 
 #endif

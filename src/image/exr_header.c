@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * exr_header.c - walks over the attributes of an OpenEXR file before the library reads them: the library goes on with values of its own
- * where the size of one is wrong. */
+ * exr_header.c - checks the attributes of an OpenEXR file before the library reads them: the library continues with default values if the
+ * size of one is wrong. */
 #include "image/formats.h"
 
 #include <string.h>
@@ -18,7 +18,7 @@ static enum pell_result wrong(const struct walk *w, const char *what)
     return pell_error(w->ctx, PELL_ERR_FORMAT, w->src->name, "the file is damaged: write it again", "OpenEXR: byte %zu: %s", w->at, what);
 }
 
-/* A text that a zero ends goes to `text`; false where there is none. */
+/* Reads a zero-terminated text into `text`; false if it is not terminated. */
 static bool read_text(struct walk *w, char text[NAME_MOST + 1])
 {
     const size_t got = pell_source_at(w->src, w->at, text, NAME_MOST + 1);
@@ -28,7 +28,7 @@ static bool read_text(struct walk *w, char text[NAME_MOST + 1])
     return end;
 }
 
-/* One attribute; *last: in place of one stood the end of the header. */
+/* Reads one attribute; *last: it was the end of the header instead. */
 static enum pell_result read_attribute(struct walk *w, bool *last)
 {
     const size_t first = w->at;
@@ -63,9 +63,9 @@ enum pell_result pell_exr_check_header(struct pell_context *ctx, const struct pe
     uint8_t b[8];
 
     if (pell_source_at(src, 0, b, sizeof(b)) < sizeof(b))
-        return PELL_OK; /* the library says it */
+        return PELL_OK; /* the library reports the error */
     parts = (b[5] & (FLAG_PARTS >> 8)) != 0;
-    /* Each part's header ends with an empty name; behind the last one of several parts stands another. */
+    /* Each part's header ends with an empty name; another one follows the last of several parts. */
     do {
         res = read_attribute(&w, &last);
         if (res != PELL_OK || (last && (!parts || first)))

@@ -56,9 +56,9 @@ static enum pell_result read_attributes(struct exr_file *f, struct pell_layers *
 
 struct reader {
     struct exr_file file;
-    struct exr_part *parts; /* whose channels follow each other in the layers */
+    struct exr_part *parts; /* parts whose channels are concatenated in the layers */
     size_t count;
-    float **dest; /* of the part with the most channels */
+    float **dest; /* destinations, for the part with the most channels */
 };
 
 static enum pell_result name_channels(struct exr_file *f, const struct exr_part *p, const char *prefix, struct pell_layers *out,

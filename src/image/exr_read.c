@@ -2,7 +2,7 @@
  * exr_read.c - OpenEXR through the C library OpenEXRCore: scan lines and tiles, half, float and uint, all compressions but DWA.
  *
  * The library's allocator takes no user pointer, so its own buffers come from the C library; their sizes are checked against the
- * memory limit first. A file's associated (premultiplied) alpha becomes straight for pictures of role COLOR. */
+ * memory limit first. A file's associated (premultiplied) alpha becomes straight for images of role COLOR. */
 #include "image/exr.h"
 
 #include <math.h>
@@ -46,7 +46,7 @@ enum pell_result pell_exr_failed(struct exr_file *f, const char *what, exr_resul
                       f->message[0] ? f->message : exr_get_default_error_message(err));
 }
 
-/* A chunk that unpacks to fewer bytes than it should must not show what was in memory before. */
+/* Zero-initialised: a chunk that unpacks to fewer bytes than expected must not expose old memory. */
 static void *zeroed(size_t size)
 {
     return calloc(1, size);
@@ -114,7 +114,7 @@ static enum pell_result check_channels(struct exr_file *f, const exr_attr_chlist
     return PELL_OK;
 }
 
-/* Size of a chunk, and what decoding it takes. */
+/* Checks the size of a chunk, and the memory needed to decode it. */
 static enum pell_result check_chunks(struct exr_file *f, struct exr_part *p)
 {
     const uint64_t channels = (uint64_t) p->channels->num_channels;
@@ -128,7 +128,7 @@ static enum pell_result check_chunks(struct exr_file *f, struct exr_part *p)
         if (p->tile_width < 1 || p->tile_height < 1)
             return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL, "OpenEXR: tiles of %d x %d pixels, must be 1 x 1 or more",
                               p->tile_width, p->tile_height);
-        /* a tile may be larger than the picture: the part outside is not stored */
+        /* a tile may be larger than the image: the part outside is not stored */
         width = (uint64_t) (p->tile_width < p->data_width ? p->tile_width : p->data_width);
         height = (uint64_t) (p->tile_height < p->data_height ? p->tile_height : p->data_height);
     } else {
@@ -148,12 +148,12 @@ static enum pell_result check_chunks(struct exr_file *f, struct exr_part *p)
     if (width > INT32_MAX / 4 || height > INT32_MAX || width * height > (uint64_t) INT64_MAX / 64 / channels)
         return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, NULL, "OpenEXR: a chunk of %llu x %llu pixels is too large",
                           (unsigned long long) width, (unsigned long long) height);
-    /* ours, the unpacked one and two for scratch */
+    /* our buffer, the unpacked one and two for scratch */
     return pell_image_check_memory(f->ctx, f->src->name, 4 * 4 * width * height * channels);
 }
 
-/* Windows that the file's bytes can't fill. ZIP, which packs best, makes at most 1032 bytes of one; what lies outside of the data window
- * takes memory and time, but no bytes. */
+/* Limits windows by the file's size. ZIP, the best compression, expands by at most 1032; pixels outside of the data window take memory and
+ * time, but no bytes. */
 #define UNPACKED_MOST 1100
 #define EMPTY_PIXELS ((int64_t) 1 << 24)
 #define EMPTY_FACTOR 64
@@ -228,8 +228,8 @@ struct reader {
     bool started;
     uint32_t *planes;
     int64_t width, height; /* of one plane */
-    int first, count;      /* rows of the display window that are wanted */
-    float *const *dest;    /* per channel of the part, from row `first`; NULL: not wanted */
+    int first, count;      /* requested rows of the display window */
+    float *const *dest;    /* per channel of the part, from row `first`; NULL: not needed */
     size_t step;
 };
 
@@ -259,7 +259,7 @@ static void copy_chunk(const struct reader *r, int64_t x, int64_t y, int64_t wid
     }
 }
 
-/* `x`, `y`: where the chunk lies in the display window. */
+/* `x`, `y`: position of the chunk in the display window. */
 static enum pell_result read_chunk(struct reader *r, const exr_chunk_info_t *chunk, int64_t x, int64_t y)
 {
     const struct exr_part *p = r->p;
@@ -295,11 +295,11 @@ static enum pell_result read_chunk(struct reader *r, const exr_chunk_info_t *chu
     copy_chunk(r, x, y, chunk->width, chunk->height);
     return PELL_OK;
 failed:
-    r->started = true; /* initialised in part: must be destroyed */
+    r->started = true; /* partially initialised: must be destroyed */
     return pell_exr_failed(f, "pixels", err);
 }
 
-/* The first row of the data window that rows of a chunk of `lines` begin with and that reaches what is wanted. */
+/* The first row of the data window at which a chunk of `lines` rows begins that overlaps the requested rows. */
 static int64_t first_chunk(const struct reader *r, int64_t lines)
 {
     const int64_t above = r->first - r->p->data_y;
@@ -368,7 +368,7 @@ int64_t pell_exr_chunk_rows(const struct exr_part *p)
     return !p->tiled ? p->lines : p->tile_height < p->data_height ? p->tile_height : p->data_height;
 }
 
-/* --- As a picture ------------------------------------------------------------------------------------------------------------- */
+/* --- As an image ------------------------------------------------------------------------------------------------------------- */
 
 /* The channel called `prefix` (its first `length` bytes) + `name`, or -1. */
 static int find_channel(const exr_attr_chlist_t *list, const char *prefix, size_t length, const char *name)
@@ -391,7 +391,8 @@ static bool pick_rgb(const exr_attr_chlist_t *list, const char *prefix, size_t l
     return pick[0] >= 0 && pick[1] >= 0 && pick[2] >= 0;
 }
 
-/* R, G, B (and A); else Y (and A); else the first layer that has R, G and B; else an only channel. How good: 3, 2, 1; 0 is nothing. */
+/* Chooses R, G, B (and A); else Y (and A); else the first layer that has R, G and B; else a single channel. Returns a rating: 3, 2, 1; 0:
+ * none. */
 static int pick_channels(const exr_attr_chlist_t *list, int pick[4], int *count)
 {
     if (pick_rgb(list, "", 0, pick, count))
@@ -411,7 +412,7 @@ static int pick_channels(const exr_attr_chlist_t *list, int pick[4], int *count)
     return list->num_channels == 1 ? 1 : 0;
 }
 
-/* The best part for a picture. */
+/* The best part to read as an image. */
 static enum pell_result choose_part(struct exr_file *f, int *index, int pick[4], int *count)
 {
     int parts = 0, best = 0, first = -1;
@@ -473,7 +474,7 @@ static void make_straight(struct pell_image *image)
         const float alpha = p[n - 1];
         for (int c = 0; c < n - 1 && alpha > 0 && alpha < 1; c++) {
             const float v = p[c] / alpha;
-            p[c] = isfinite(v) ? v : p[c]; /* light without coverage stays as it is */
+            p[c] = isfinite(v) ? v : p[c]; /* light with zero alpha is kept */
         }
     }
 }

@@ -7,7 +7,7 @@
 
 #include <openexr.h>
 
-#define ZIP_LEVEL 4 /* half the time of 6 for some per cent more bytes */
+#define ZIP_LEVEL 4 /* half the time of 6 for a few per cent more bytes */
 #define NAME_MAX_LENGTH 255
 
 struct exr_writer {
@@ -15,10 +15,10 @@ struct exr_writer {
     exr_context_t exr;
     exr_encode_pipeline_t pipe;
     bool started;
-    const struct pell_channel **sorted; /* as EXR wants them: by name */
-    float *rows;                        /* one chunk: plane by plane */
+    const struct pell_channel **sorted; /* sorted by name, as EXR requires */
+    float *rows;                        /* one chunk, planes one after the other */
     int lines;
-    exr_result_t (*compress)(exr_encode_pipeline_t *pipe); /* the library's */
+    exr_result_t (*compress)(exr_encode_pipeline_t *pipe); /* the library's function */
     char message[200];
 };
 
@@ -50,7 +50,7 @@ static void keep_error(exr_const_context_t exr, exr_result_t code, const char *t
 
 static enum pell_result exr_failed(struct exr_writer *e, const char *what, exr_result_t err)
 {
-    if (err == EXR_ERR_WRITE_IO || err == EXR_ERR_OUT_OF_MEMORY) /* the file grows in memory only */
+    if (err == EXR_ERR_WRITE_IO || err == EXR_ERR_OUT_OF_MEMORY) /* the file is written to memory only */
         return PELL_ERR_NOMEM;
     return pell_error(e->w->ctx, PELL_ERR_INVALID, e->w->name, NULL, "OpenEXR: %s: %s", what,
                       e->message[0] ? e->message : exr_get_default_error_message(err));
@@ -61,7 +61,7 @@ static int by_name(const void *a, const void *b)
     return strcmp((*(const struct pell_channel *const *) a)->name, (*(const struct pell_channel *const *) b)->name);
 }
 
-/* Sorts the channels and refuses names that a file can't hold. */
+/* Sorts the channels and refuses names that EXR does not allow. */
 static enum pell_result sort_channels(struct exr_writer *e)
 {
     const struct pell_write_params *p = e->w->params;
@@ -120,7 +120,7 @@ static enum pell_result write_header(struct exr_writer *e)
     return PELL_OK;
 }
 
-/* Rows y .. y + height - 1 of all channels, finite, and within the range of half where they are stored so. */
+/* Rows y .. y + height - 1 of all channels, finite, and clamped to the range of half if stored as half. */
 static void fill_chunk(struct exr_writer *e, int y, int height)
 {
     const struct pell_write_params *p = e->w->params;
@@ -140,8 +140,8 @@ static void fill_chunk(struct exr_writer *e, int y, int height)
         }
 }
 
-/* OpenEXRCore up to 3.4.7 (its issue 2306) keeps zlib's bytes when there are exactly as many as of the pixels, but every reader takes
- * a chunk of that size for bare pixels: so make it so. */
+/* OpenEXRCore up to 3.4.7 (its issue 2306) stores zlib's bytes if there are exactly as many as of the pixels, but every reader takes a
+ * chunk of that size for uncompressed pixels: so store those. */
 static exr_result_t compress(exr_encode_pipeline_t *pipe)
 {
     const struct exr_writer *e = pipe->encoding_user_data;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * hdr.c - Radiance pictures (G. Ward, "Real Pixels", Graphics Gems II, 1991): RGBE, flat, old and new run lengths, the eight orders of
+ * hdr.c - Radiance HDR images (G. Ward, "Real Pixels", Graphics Gems II, 1991): RGBE, flat, old and new run lengths, the eight orders of
  * rows and columns, EXPOSURE and COLORCORR. A pixel is mantissa 2^(exponent - 136); 0 stays 0. */
 #include "image/rows.h"
 
@@ -13,10 +13,10 @@ struct reader {
     struct pell_context *ctx;
     const struct pell_source *src;
     size_t at;
-    float scale[3]; /* what the pixels are multiplied with, from EXPOSURE and COLORCORR */
-    bool flip[2];   /* of the major and the minor axis */
+    float scale[3]; /* factors of the pixels, from EXPOSURE and COLORCORR */
+    bool flip[2];   /* whether the major and the minor axis are reversed */
     bool columns;   /* scanlines are columns: X is the major axis */
-    int length[2];  /* scanlines, and pixels of one */
+    int length[2];  /* number of scanlines, and pixels per scanline */
 };
 
 static enum pell_result damaged(struct reader *r, const char *what)
@@ -43,7 +43,7 @@ static bool next_line(struct reader *r, char line[HEADER_LINE + 1])
     return false;
 }
 
-/* Up to 3 numbers, apart by blanks; returns how many, -1 where something is not a number. */
+/* Parses up to 3 numbers separated by blanks; returns how many, -1 if one is invalid. */
 static int numbers(const char *text, double out[3])
 {
     int count = 0;
@@ -83,7 +83,7 @@ static enum pell_result header(struct reader *r)
                 return pell_error(r->ctx, PELL_ERR_UNSUPPORTED, r->src->name, NULL,
                                   "Radiance HDR: FORMAT is \"%s\", must be 32-bit_rle_rgbe", pell_printable(format, shown, sizeof(shown)));
         } else if (strncmp(line, "EXPOSURE=", 9) == 0 || strncmp(line, "COLORCORR=", 10) == 0) {
-            /* Both say what the pixels were multiplied with, and accumulate. */
+            /* Both give factors that the pixels were multiplied by, and accumulate. */
             const bool exposure = line[0] == 'E';
             const int count = numbers(line + (exposure ? 9 : 10), v);
             if (count != (exposure ? 1 : 3))
@@ -134,7 +134,7 @@ static enum pell_result resolution(struct reader *r)
     res = pell_image_check_size(r->ctx, r->src->name, r->length[!r->columns], r->length[r->columns]);
     if (res != PELL_OK)
         return res;
-    /* The densest coding is 4 bytes for 16,843,008 pixels of one scanline, so no less than 4 bytes a scanline. */
+    /* The densest coding is 4 bytes for 16,843,008 pixels of one scanline, so at least 4 bytes per scanline. */
     if ((size_t) r->length[0] > (r->src->size - r->at) / 4)
         return damaged(r, "fewer bytes follow than the scanlines need");
     return PELL_OK;
@@ -143,7 +143,7 @@ bad:
                       pell_printable(line, shown, sizeof(shown)));
 }
 
-/* Flat pixels, of which (1, 1, 1, n) repeats the one before n times; several in a row are digits of base 256. */
+/* Flat pixels, of which (1, 1, 1, n) repeats the previous one n times; consecutive repeats are digits of base 256. */
 static enum pell_result old_scanline(struct reader *r, uint8_t *rgbe)
 {
     const size_t length = (size_t) r->length[1];
@@ -231,8 +231,8 @@ static inline float decoded(const struct reader *r, const uint8_t *rgbe, int c, 
     return (float) rgbe[c] * power[rgbe[3]] * r->scale[c];
 }
 
-/* Puts scanline `i` where it belongs in the picture, as floats. */
-static void place(const struct reader *r, int i, const uint8_t *rgbe, const float power[256], struct pell_image *image)
+/* Stores scanline `i` at its position in the image, as floats. */
+static void store_scanline(const struct reader *r, int i, const uint8_t *rgbe, const float power[256], struct pell_image *image)
 {
     const int major = r->flip[0] ? r->length[0] - 1 - i : i;
     float *out = image->pixels;
@@ -264,7 +264,7 @@ enum pell_result pell_hdr_decode(struct pell_context *ctx, const struct pell_sou
     }
     for (int i = 0; i < r.length[0]; i++) {
         PELL_TRY(scanline(&r, rgbe));
-        place(&r, i, rgbe, power, image);
+        store_scanline(&r, i, rgbe, power, image);
     }
     pell_image_make_finite(ctx, src->name, image->pixels, 3 * (size_t) image->width * (size_t) image->height);
 fail:
@@ -275,11 +275,11 @@ fail:
 /* --- Row by row --------------------------------------------------------------------------------------------------------------- */
 
 struct row_reader {
-    struct pell_source src; /* all bytes: they are packed, and read one by one */
+    struct pell_source src; /* all bytes: they are compressed, and read sequentially */
     uint8_t *data, *rgbe;
     struct reader reader;
-    size_t begin;   /* of the pixels */
-    int next, seen; /* row that comes next; rows whose values were counted */
+    size_t begin;   /* first byte of the pixels */
+    int next, seen; /* next row; rows whose values were counted */
     struct pell_not_finite bad;
     float power[256];
 };
@@ -311,7 +311,7 @@ static enum pell_result hdr_read_rows(struct pell_rows *rows, int first, int cou
     }
     return PELL_OK;
 fail:
-    h->next = INT32_MAX; /* whatever comes begins anew */
+    h->next = INT32_MAX; /* force a restart */
     return res;
 }
 
@@ -384,7 +384,7 @@ static void to_rgbe(struct pell_writer *w, const float rgb[3], uint8_t rgbe[4])
     rgbe[3] = (uint8_t) (exponent + 128);
 }
 
-/* One component of a scanline in runs: repeats of 4 and more, else up to 128 bytes as they are. `out` has room for 2 * n. */
+/* Run-length encodes one component of a scanline: repeats of 4 and more, else up to 128 literal bytes. `out` has room for 2 * n. */
 static size_t encode_runs(const uint8_t *in, size_t n, uint8_t *out)
 {
     size_t x = 0, size = 0;

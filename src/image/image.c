@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * image.c - pictures in memory. */
+ * image.c - images in memory. */
 #include "image/formats.h"
 
 #include "base/file.h"

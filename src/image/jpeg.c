@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * jpeg.c - baseline and progressive JPEG (ITU-T T.81) of 8 bits through libjpeg-turbo. Whatever libjpeg calls a warning means that pixels
- * were made up, so it is an error here. */
+ * jpeg.c - baseline and progressive JPEG (ITU-T T.81) of 8 bits through libjpeg-turbo. A libjpeg warning means that pixels were invented,
+ * so it is an error here. */
 #include "image/formats.h"
 
 #include <string.h>
 
 #include <turbojpeg.h>
 
-/* Real progressive files have about ten scans; thousands over a large picture would take hours. */
+/* Real progressive files have about ten scans; thousands over a large image would take hours. */
 #define SCANS_MAX 500
 
 struct frame {
@@ -34,7 +34,7 @@ static bool frame_header(const uint8_t *segment, size_t length, int marker, stru
     return true;
 }
 
-/* Walks over all markers of the file. False, with the place, if the structure is broken before the first scan. */
+/* Scans all markers of the file. False, with the position, if the structure is broken before the first scan. */
 static bool scan_markers(const struct pell_source *src, struct frame *f, size_t *at)
 {
     const uint8_t *d = src->data;
@@ -48,7 +48,7 @@ static bool scan_markers(const struct pell_source *src, struct frame *f, size_t 
 
         *at = i;
         if (d[i] != 0xff || marker == 0 || marker == 0xff || (marker >= 0xd0 && marker <= 0xd7)) {
-            /* entropy-coded data, stuffing, fill or restart: on to the next 0xff that is not where we stand */
+            /* entropy-coded data, stuffing, fill or restart: skip to the next 0xff */
             if (d[i] != 0xff && f->scans == 0)
                 return false;
             next = memchr(d + i + 1, 0xff, src->size - i - 1);
@@ -104,7 +104,7 @@ static enum pell_result check_frame(struct pell_context *ctx, const struct pell_
     return pell_image_check_memory(ctx, src->name, pixels * planes * (f->scans > 1 ? 3 : 1));
 }
 
-/* CMYK to RGB without a profile, in place from 4 to 3 bytes a pixel: paper white times what each ink and black let through. */
+/* CMYK to RGB without a profile, in place from 4 to 3 bytes per pixel: white times the transmittance of each ink and black. */
 static void cmyk_to_rgb(uint8_t *pixels, const uint8_t *cmyk, size_t count, bool inverted)
 {
     const unsigned flip = inverted ? 0 : 255;

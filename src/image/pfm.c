@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pfm.c - portable float map: "PF" or "Pf", width height, a scale whose sign says the byte order, rows from the bottom up. */
+ * pfm.c - portable float map: "PF" or "Pf", width height, a scale whose sign gives the byte order, rows from the bottom up. */
 #include "image/rows.h"
 
 #include <stdio.h>
@@ -10,7 +10,7 @@ static bool blank(uint8_t c)
     return c == ' ' || c == '\t' || c == '\r' || c == '\n';
 }
 
-/* The next word of the header, of at most 31 characters; moves *at behind it. NULL if there is none. */
+/* The next word of the header, of at most 31 characters; moves *at past it. NULL if there is none. */
 static const char *word(const struct pell_source *src, size_t *at, char buffer[32])
 {
     size_t length = 0;
@@ -30,10 +30,10 @@ struct header {
     int channels;
     int64_t width, height;
     double scale;
-    size_t at; /* of the pixels */
+    size_t at; /* first byte of the pixels */
 };
 
-/* What is missing or no number; NULL: nothing. */
+/* Returns the name of a missing or invalid field; NULL: the header is valid. */
 static const char *read_header(const struct pell_source *src, struct header *h)
 {
     static const char *const names[2] = { "width", "height" };
@@ -47,7 +47,7 @@ static const char *read_header(const struct pell_source *src, struct header *h)
             return names[i];
     if (!word(src, &at, buffer) || !pell_parse_number(buffer, strlen(buffer), &h->scale) || h->scale == 0 || at == src->size)
         return "scale (not 0)";
-    h->at = at + 1; /* exactly one blank ends the header, "\r\n" apart */
+    h->at = at + 1; /* exactly one blank ends the header, or "\r\n" */
     if (src->data[at] == '\r' && h->at < src->size && src->data[h->at] == '\n')
         h->at++;
     h->width = size[0];
@@ -55,7 +55,7 @@ static const char *read_header(const struct pell_source *src, struct header *h)
     return NULL;
 }
 
-/* The size and the bytes for it; `size`: of the file. */
+/* Checks the image size and the number of bytes; `size`: of the file. */
 static enum pell_result check_header(struct pell_context *ctx, const struct pell_source *src, size_t size, const struct header *h)
 {
     const enum pell_result res = pell_image_check_size(ctx, src->name, h->width, h->height);
@@ -152,7 +152,7 @@ enum pell_result pell_pfm_rows(struct pell_rows *rows)
     const struct pell_source begin = { .name = rows->src.name, .data = head, .size = pell_source_at(&rows->src, 0, head, sizeof(head)) };
 
     if (read_header(&begin, &header))
-        return PELL_OK; /* a header that is long, or damaged: the whole file tells */
+        return PELL_OK; /* a long or damaged header: decoding the whole file reports it */
     rows->state = r = pell_calloc(rows->ctx, 1, sizeof(*r));
     if (!r)
         return PELL_ERR_NOMEM;

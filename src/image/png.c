@@ -8,25 +8,25 @@
 
 #include <spng.h>
 
-/* Zlib expands by at most 1032 : 1, so a small file can't be a large picture. */
+/* Zlib expands by at most 1032 : 1, so a small file can't be a large image. */
 #define DEFLATE_MAX 1032
 
-#define CHUNK_CACHE ((size_t) 64 << 20) /* of text and profiles, which are skipped; at least the largest chunk */
+#define CHUNK_CACHE ((size_t) 64 << 20) /* for text and profiles, which are skipped; at least the largest chunk */
 
 static enum pell_result png_error(struct pell_context *ctx, const char *name, const char *what, int err)
 {
-    if (err == SPNG_IO_ERROR) /* a writer that could not grow has said so */
+    if (err == SPNG_IO_ERROR) /* a writer that could not grow has reported it */
         return PELL_ERR_NOMEM;
     return pell_error(ctx, err == SPNG_EMEM ? PELL_ERR_NOMEM : PELL_ERR_FORMAT, name,
                       err == SPNG_EMEM ? NULL : "the file is damaged: write it again", "PNG: %s: %s", what, spng_strerror(err));
 }
 
-/* A file that is open, its header checked, and the layout of its pixels. */
+/* An open file with a checked header, and the layout of its pixels. */
 struct png {
     struct pell_context *ctx;
     const struct pell_source *src;
     spng_ctx *spng;
-    uint64_t at; /* of a file that is read in pieces */
+    uint64_t at; /* read position, for a file that is read in pieces */
     struct spng_ihdr ihdr;
     bool trns;
     int channels, format;
@@ -48,7 +48,7 @@ static int64_t number_at(const uint8_t *p)
     return (int64_t) p[0] << 24 | p[1] << 16 | p[2] << 8 | p[3];
 }
 
-/* What the file holds -> the narrowest layout that holds it, and how spng is asked for it. */
+/* Chooses the narrowest layout for the file's pixels, and the matching spng format. */
 static void choose_layout(const struct spng_ihdr *ihdr, bool trns, int *channels, int *fmt)
 {
     const bool wide = ihdr->bit_depth == 16;
@@ -89,7 +89,7 @@ static enum pell_result png_open(struct png *png)
     png->spng = spng_ctx_new(0);
     if (!png->spng)
         return pell_error(ctx, PELL_ERR_NOMEM, src->name, NULL, "out of memory: PNG reader");
-    /* The size is checked by ourselves, from the bytes, with a message that says the limit. No chunk can be longer than the file. */
+    /* We check the size ourselves, from the bytes, with a message that gives the limit. No chunk can be longer than the file. */
     if (pell_source_at(src, 0, head, sizeof(head)) == sizeof(head) && memcmp(head + 12, "IHDR", 4) == 0)
         PELL_TRY(pell_image_check_size(ctx, src->name, number_at(head + 16), number_at(head + 20)));
     if ((err = spng_set_image_limits(png->spng, INT32_MAX, INT32_MAX)) ||
@@ -116,7 +116,7 @@ fail:
     return res;
 }
 
-/* The checksum of the last data chunk is only looked at when the reader goes past it. */
+/* spng checks the checksum of the last data chunk only when the reader continues past it. */
 static enum pell_result png_end(struct png *png)
 {
     const int err = spng_decode_chunks(png->spng);
@@ -144,7 +144,7 @@ fail:
 
 struct row_reader {
     struct png png;
-    int next; /* row that comes next */
+    int next; /* next row */
     uint8_t *row;
     float *line;
 };
@@ -194,7 +194,7 @@ static enum pell_result png_read_rows(struct pell_rows *rows, int first, int cou
     }
     return PELL_OK;
 fail:
-    r->next = INT32_MAX; /* whatever comes begins anew */
+    r->next = INT32_MAX; /* force a restart */
     return res;
 }
 
@@ -240,9 +240,9 @@ fail:
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------ */
 
-/* Linear interpolation of the sRGB curve in steps of 1/64 of a power of two: wrong by at most 8e-6, which is 1/500 of an 8 bit step. */
+/* Linear interpolation of the sRGB curve in steps of 1/64 of a power of two: the error is at most 8e-6, which is 1/500 of an 8-bit step. */
 #define STEPS 64
-#define LOWEST (-9) /* 2^-9 is below the junction with the straight piece */
+#define LOWEST (-9) /* 2^-9 is below the start of the linear segment */
 struct curve {
     float at[-LOWEST * STEPS + 2];
 };
@@ -274,8 +274,8 @@ static double encode16(float x)
     return x >= 1.0f ? 1.0 : 1.055 * pow((double) x, 1 / 2.4) - 0.055;
 }
 
-/* The 8 x 8 ordered dither of Bayer (1973) as an offset of under half a step, mean 0: bit-reversed interleave of x ^ y and y. A value
- * that is a whole step stays what it is. */
+/* The 8 x 8 ordered dither of Bayer (1973) as an offset of less than half a step, mean 0: bit-reversed interleave of x ^ y and y. A value
+ * exactly on a step is unchanged. */
 static void make_dither(float dither[8][8])
 {
     for (int y = 0; y < 8; y++)
@@ -371,7 +371,7 @@ enum pell_result pell_png_encode(struct pell_writer *w)
     PELL_TRY(set_text(w, png, text));
     make_curve(&curve);
     make_dither(dither);
-    /* Level 4 with the two cheap filters: half the time of the defaults for a file some per cent larger. */
+    /* Level 4 with the two cheap filters: half the time of the defaults for a file a few per cent larger. */
     if ((err = spng_set_png_stream(png, write_bytes, w)) || (err = spng_set_option(png, SPNG_IMG_COMPRESSION_LEVEL, 4)) ||
         (err = spng_set_option(png, SPNG_FILTER_CHOICE, SPNG_FILTER_CHOICE_SUB | SPNG_FILTER_CHOICE_UP)) ||
         (err = spng_set_ihdr(png, &ihdr)) || (err = spng_set_srgb(png, 0)) ||

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * read.c - reads an image of any format, which its content tells.
+ * read.c - reads an image of any format, detected from its content.
  */
 #include "image/formats.h"
 
@@ -10,11 +10,14 @@
 
 struct format {
     const char *title;
-    size_t offset, length; /* of the mark */
+    size_t offset, length; /* position of the signature */
     const char *mark;
-    enum pell_result (*decode)(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image); /* NULL: not read, */
-    const char *fix;                                                                                               /* but converted so */
-    enum pell_result (*rows)(struct pell_rows *rows);                                                              /* NULL: not in pieces */
+    /* NULL: not supported, */
+    enum pell_result (*decode)(struct pell_context *ctx, const struct pell_source *src, struct pell_image *image);
+    /* but can be converted by this command */
+    const char *fix;
+    /* NULL: can't be read in pieces */
+    enum pell_result (*rows)(struct pell_rows *rows);
 };
 
 /* clang-format off */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * rows.c - see rows.h: which files are read in pieces, and those that are not. */
+ * rows.c - see rows.h: dispatches to the formats that can be read in pieces, and decodes the others when opened. */
 #include "image/rows.h"
 
 #include <string.h>

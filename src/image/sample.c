@@ -8,7 +8,7 @@
 #define INV255 (1.0f / 255.0f)
 #define INV65535 (1.0f / 65535.0f)
 
-/* Spreads 1 to 4 channels over RGBA. */
+/* Expands 1 to 4 channels to RGBA. */
 static inline void spread(int channels, const float v[4], float rgba[4])
 {
     switch (channels) {
@@ -70,7 +70,7 @@ void pell_image_texel(const struct pell_image *image, int x, int y, float rgba[4
     spread(image->channels, v, rgba);
 }
 
-/* A texel index next to [0, size) or [0, 2 size) (mirror), as coordinate() leaves it, folded into [0, size). */
+/* Folds a texel index in the range that coordinate() returns into [0, size). */
 static inline int fold(enum pell_wrap wrap, int i, int size)
 {
     if (i >= 0 && i < size)
@@ -94,10 +94,10 @@ static inline int floor_int(float x)
     return i - ((float) i > x);
 }
 
-/* u as a texel coordinate in a small range that wraps to the same texels. */
+/* u as a texel coordinate in a small range, equivalent under wrapping. */
 static inline float coordinate(enum pell_wrap wrap, float u, int size)
 {
-    if (!(fabsf(u) < 16777216.0f)) /* no fraction is left, and the conversion to int must be safe */
+    if (!(fabsf(u) < 16777216.0f)) /* it has no fractional bits, and the conversion to int must be safe */
         u = wrap == PELL_WRAP_CLAMP ? (u > 0 ? 1.0f : 0.0f) : 0.0f;
     if (wrap == PELL_WRAP_REPEAT)
         u -= floorf(u);

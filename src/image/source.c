@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * source.c - what readers of files in memory and in pieces share. */
+ * source.c - reads from files in memory and from files read in pieces. */
 #include "image/rows.h"
 
 #include <string.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * write.c - writes a picture in the format that its name asks for; the file grows in memory and then replaces the old one. */
+ * write.c - writes an image in the format of its file extension; the file is built in memory and then replaces the old one. */
 #include "image/formats.h"
 
 #include "base/file.h"

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * writer.c - the bytes of a file that is being written, and rows of pixels for it.
+ * writer.c - the growing buffer of a file being written, and access to rows of pixels.
  */
 #include "image/formats.h"
 
