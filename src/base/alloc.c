@@ -11,7 +11,7 @@
 #include <sys/mman.h>
 #endif
 
-/* Stands before every block. It is 64 bytes long, so that the block behind it stays aligned to 64. */
+/* Header of every block. It is 64 bytes long, so that the block after it is aligned to 64. */
 struct header {
     size_t size;
     size_t mapped; /* length of the mapping that begins at `pages` and holds this block; 0: the block is from the allocator */
@@ -19,9 +19,9 @@ struct header {
     char pad[64 - 2 * sizeof(size_t) - sizeof(void *)];
 };
 
-/* Large blocks are mapped directly, unless the caller has an allocator of its own. Mapped pages are zero already, so large planes need no
- * memset, and the threads that use them first share the page faults. Huge pages, where available, save TLB misses. Not under the address
- * sanitizer, which checks blocks of its own allocator only. */
+/* Large blocks are mapped directly, unless the caller provides an allocator. Mapped pages are zero already, so large planes need no memset,
+ * and the threads that first use them share the page faults. Huge pages, where available, save TLB misses. Not with the address sanitizer,
+ * which checks only blocks of its own allocator. */
 #if defined(__SANITIZE_ADDRESS__)
 #define ADDRESS_SANITIZER 1
 #elif defined(__has_feature)
@@ -45,7 +45,7 @@ static struct header *map(const struct pell_context *ctx, size_t size)
     if (pages == MAP_FAILED)
         return NULL;
     h = (struct header *) (((uintptr_t) pages + HUGE_PAGE - 1) & ~(uintptr_t) (HUGE_PAGE - 1));
-    madvise(h, bytes - (size_t) ((char *) h - (char *) pages), MADV_HUGEPAGE); /* may fail: the system decides */
+    madvise(h, bytes - (size_t) ((char *) h - (char *) pages), MADV_HUGEPAGE); /* may fail: huge pages are optional */
     h->mapped = bytes;
     h->pages = pages;
     return h;

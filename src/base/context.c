@@ -59,7 +59,7 @@ static void libc_free(void *user, void *ptr)
     free(ptr);
 }
 
-/* A program of another version has its own idea of the parameters' layout: only what comes first is read. */
+/* A program built against another version has another layout of the parameters: only the first members are read. */
 static enum pell_result other_version(int headers, const struct pell_context_params *params)
 {
     char what[160];
@@ -159,7 +159,7 @@ void pell_interruptible(struct pell_context *ctx, int change)
 {
     unsigned partial = atomic_load(&ctx->partial), next;
 
-    do /* the first of several forgets what those before were asked */
+    do /* the first of several sections clears an earlier request to end */
         next = (change > 0 && partial < 2 ? 0 : partial) + 2 * (unsigned) change;
     while (!atomic_compare_exchange_weak(&ctx->partial, &partial, next));
 }

@@ -16,22 +16,23 @@ struct pell_context {
     pell_progress_fn progress;
     void *progress_user;
     struct pell_allocator allocator;
-    bool plain; /* it is the C library's */
+    bool plain; /* the allocator is the C library's */
     struct pell_limits limits;
     pthread_mutex_t log_lock;
     _Atomic size_t used;
     _Atomic uint64_t allocations;
     atomic_bool cancelled;
-    _Atomic unsigned writes;  /* files that were replaced or made */
-    _Atomic unsigned partial; /* pell_interruptible: twice the stretches that run, + 1 where they, or the last of them, were asked to end */
-    _Atomic int in_flight;    /* pell_file_in_flight */
-    _Atomic int softened;     /* pell_log_downgrade */
-    /* How often each warning came, by its format; guarded by log_lock. Kinds beyond the table are not counted. */
+    _Atomic unsigned writes; /* number of files replaced or created */
+    /* pell_interruptible: twice the number of active sections, + 1 if they, or the last of them, were asked to end */
+    _Atomic unsigned partial;
+    _Atomic int in_flight; /* pell_file_in_flight */
+    _Atomic int softened;  /* pell_log_downgrade */
+    /* Number of times each warning was given, by its format; guarded by log_lock. Kinds beyond the table are not counted. */
     struct {
         const char *format;
         int count;
     } warned[PELL_WARNING_KINDS];
-    /* Files that were read: a hash table, at most half full, of devices and numbers, 0 and 0 where free; guarded by log_lock. */
+    /* Files that were read: a hash table, at most half full, of devices and inodes, 0 and 0 if free; guarded by log_lock. */
     struct pell_file_id {
         uint64_t device, number;
     } * files;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * file.c - whole files in and out, and the only place that decides which files a scene may refer to. */
+ * file.c - reads and writes whole files; the only code that decides which files a scene may refer to. */
 #define _XOPEN_SOURCE 700 /* realpath */
 #include "base/file.h"
 #include "base/context.h"
@@ -17,13 +17,9 @@
 #include <unistd.h>
 
 enum { SHOWN = 256, CHUNK = 16 << 20, SYNC = 2 * CHUNK };
-enum {
-    STALE_SECONDS = 3600,
-    STALE_LOOK = 65536,
-    STALE_WRITES = 4
-}; /* entries of a folder that are looked at; by a context's first writes */
+enum { STALE_SECONDS = 3600, STALE_LOOK = 65536, STALE_WRITES = 4 }; /* folder entries that are checked, by the first writes of a context */
 
-/* strerror is not thread-safe, and speaks the locale's language. */
+/* strerror is not thread-safe, and depends on the locale. */
 static const char *reason(int code)
 {
     switch (code) {
@@ -64,7 +60,7 @@ static const char *kind(mode_t mode)
                                             : "of an unknown kind";
 }
 
-/* Reads up to `size` bytes; *got says how many there were. 0, or the errno; ECANCELED of a long file when the context was cancelled. */
+/* Reads up to `size` bytes; *got is the number read. Returns 0, or the errno; ECANCELED for a long file when the context was cancelled. */
 static int read_all(const struct pell_context *ctx, int fd, uint8_t *data, size_t size, size_t *got)
 {
     *got = 0;
@@ -147,7 +143,7 @@ enum pell_result pell_file_open(struct pell_context *ctx, const char *path, stru
 
     *file = (struct pell_file) { .handle = -1 };
     pell_printable(path, shown, sizeof(shown));
-    /* O_NONBLOCK: open would wait for ever on a pipe without a writer. It has no effect on regular files. */
+    /* O_NONBLOCK: open would block on a pipe without a writer. It has no effect on regular files. */
     do
         file->handle = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
     while (file->handle < 0 && errno == EINTR);
@@ -210,7 +206,7 @@ enum pell_result pell_file_read(struct pell_context *ctx, const char *path, uint
         res = PELL_ERR_NOMEM;
         goto fail;
     }
-    /* Ask for one byte too many, to detect a file that grew since fstat. */
+    /* Requests one byte too many, to detect a file that grew since fstat. */
     code = read_all(ctx, file.handle, bytes, file.size + 1, &got);
     if (code) {
         res = code == ECANCELED ? PELL_ERR_CANCELLED : failed(ctx, path, "can't be read", code);
@@ -232,13 +228,14 @@ fail:
     return res;
 }
 
-/* Some file systems can't be asked for that. */
+/* Some file systems do not support it. */
 static int to_disk(int fd)
 {
     return fsync(fd) == 0 || errno == EINVAL || errno == ENOTSUP || errno == EINTR ? 0 : errno;
 }
 
-/* 0, or the errno; ECANCELED when the context was cancelled meanwhile. `sync`: to the disk, in pieces, since nothing ends an fsync. */
+/* Returns 0, or the errno; ECANCELED if the context was cancelled meanwhile. `sync`: syncs to disk, in pieces, since nothing interrupts an
+ * fsync. */
 static int write_all(struct pell_context *ctx, int fd, const uint8_t *data, size_t size, bool sync)
 {
     size_t waiting = 0;
@@ -298,7 +295,7 @@ static int open_temporary(const char *path, char *temporary)
     return fd;
 }
 
-/* The number of the process in a name of open_temporary; 0: it is none of those. */
+/* The process id in a name made by open_temporary; 0: another name. */
 static pid_t process_of(const char *name)
 {
     static const char prefix[] = ".pellucid-", digits[] = "0123456789abcdef";
@@ -314,7 +311,7 @@ static pid_t process_of(const char *name)
     return strcmp(at, ".tmp") == 0 ? (pid_t) number : 0;
 }
 
-/* Removes temporary files of processes that ended before they could: in this folder, the user's, an hour old, of no process that runs. */
+/* Removes temporary files left by processes that were killed: in this folder, the user's, an hour old, of no running process. */
 static void remove_stale(const char *path)
 {
     const size_t length = (size_t) (pell_path_name(path) - path);
@@ -339,7 +336,7 @@ static void remove_stale(const char *path)
         closedir(dir);
 }
 
-/* Replaces the regular file `path`, or makes it. `old` describes what is there, or is NULL. */
+/* Replaces the regular file `path`, or creates it. `old` describes the existing file, or is NULL. */
 static enum pell_result replace_file(struct pell_context *ctx, const char *path, const struct stat *old, const void *data, size_t size)
 {
     char *temporary = pell_alloc(ctx, strlen(path) + 64);
@@ -360,7 +357,7 @@ static enum pell_result replace_file(struct pell_context *ctx, const char *path,
     }
     if (old && fchmod(fd, old->st_mode & 0777) != 0)
         code = errno;
-    /* To the disk: what a power cut leaves behind the rename is the whole file. */
+    /* Sync to disk: then a power failure after the rename leaves the complete file. */
     if (!code)
         code = write_all(ctx, fd, data, size, true);
     if (close(fd) != 0 && !code && errno != EINTR)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * hash.h - 64 bits that stand for content: metadata, checkpoint files; 32 bits for patterns of samples. No defence against an adversary.
+ * hash.h - 64-bit hashes of content, for metadata and checkpoint files; 32-bit hashes for sample patterns. Not cryptographic.
  */
 #ifndef PELL_HASH_H
 #define PELL_HASH_H
@@ -18,7 +18,7 @@ static inline uint64_t pell_hash_word(uint64_t hash, uint64_t word)
     return hash ^ hash >> 32;
 }
 
-/* The size counts, too. */
+/* The size is hashed, too. */
 static inline uint64_t pell_hash_bytes(uint64_t hash, const void *data, size_t size)
 {
     const char *bytes = (const char *) data;
@@ -34,7 +34,7 @@ static inline uint64_t pell_hash_bytes(uint64_t hash, const void *data, size_t s
     return pell_hash_word(hash, word);
 }
 
-/* By value, so that -0 is 0. */
+/* Hashes the value, so that -0 equals 0. */
 static inline uint64_t pell_hash_number(uint64_t hash, double value)
 {
     value += 0.0;

@@ -105,7 +105,7 @@ static bool parse_bool(const char *text, bool *value)
     return false;
 }
 
-/* Whole numbers may be written as any number that is whole: "1e6". */
+/* Integers may be written as any number with an integral value: "1e6". */
 static bool parse_whole(const char *text, int64_t *value)
 {
     double v;
@@ -147,7 +147,7 @@ static bool parse_rgb(const char *text, double rgb[3])
     return n != 2;
 }
 
-/* What a number or a text stands for must be in the row's range; `text` is how the caller wrote it. */
+/* Checks that an integer or the value of a text is in the row's range; `text` is the caller's spelling. */
 static enum pell_result store_whole(struct pell_context *ctx, const struct pell_knob *knob, const char *where, const char *text,
                                     void *values, int64_t whole)
 {
@@ -303,7 +303,7 @@ static bool value_valid(const struct pell_knob *knob, const void *values)
 
     switch (knob->type) {
     case PELL_KNOB_NONE: break;
-    case PELL_KNOB_BOOL: return *(const unsigned char *) f <= 1; /* as a byte: reading a bool that is neither is undefined */
+    case PELL_KNOB_BOOL: return *(const unsigned char *) f <= 1; /* as a byte: reading a bool that is neither 0 nor 1 is undefined */
     case PELL_KNOB_INT: return in_range(knob, *(const int *) f);
     case PELL_KNOB_INT64: return *(const int64_t *) f >= knob->min && *(const int64_t *) f <= knob->max;
     case PELL_KNOB_FLOAT: return float_in_range(knob, *(const float *) f);

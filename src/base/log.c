@@ -11,7 +11,7 @@ bool pell_cancelled(const struct pell_context *ctx)
     return atomic_load_explicit(&ctx->cancelled, memory_order_relaxed);
 }
 
-/* True if this kind of warning has been given as often as the limit allows. *first: for the first time. */
+/* True if the limit of this kind of warning is reached. *first: when it is reached for the first time. */
 static bool enough(struct pell_context *ctx, const char *format, bool *first)
 {
     for (int i = 0; i < PELL_WARNING_KINDS; i++) {

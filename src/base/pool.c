@@ -31,7 +31,7 @@ struct pell_pool {
     atomic_int next;
 };
 
-/* Flushes denormals to zero: they cost hundreds of cycles each in the tails of exponentials. Returns the state before. */
+/* Flushes denormals to zero: in the tails of exponentials each costs hundreds of cycles. Returns the previous state. */
 static unsigned flush_denormals(void)
 {
 #if defined(__x86_64__)

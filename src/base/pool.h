@@ -20,8 +20,8 @@ PELL_NODISCARD enum pell_result pell_pool_create(struct pell_context *ctx, int t
 void pell_pool_destroy(struct pell_pool **pool);
 int pell_pool_threads(const struct pell_pool *pool);
 
-/* Calls task(arg, index, worker) for each index in [0, count) and returns when all are done; worker in [0, threads). Allocates
- * nothing. Once the context is cancelled no further index is handed out (the caller asks pell_cancelled). */
+/* Calls task(arg, index, worker) for each index in [0, count) and returns when all are done; worker in [0, threads). Allocates nothing.
+ * Once the context is cancelled no further index is handed out (the caller checks pell_cancelled). */
 void pell_pool_run(struct pell_pool *pool, int count, void (*task)(void *arg, int index, int worker), void *arg);
 
 #endif

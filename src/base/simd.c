@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * simd.c - what this machine can do, from single features: clang 14 has no test for a whole level. */
+ * simd.c - detects this machine's SIMD level from single features: clang 14 has no test for a whole level. */
 #include "base/simd.h"
 
 #include "base/base.h"

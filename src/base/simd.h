@@ -14,7 +14,7 @@
 struct pell_context;
 
 enum pell_simd_level {
-    PELL_SIMD_BASE = 0, /* portable C, and the lowest of the architecture */
+    PELL_SIMD_BASE = 0, /* portable C, and the baseline of the architecture */
     PELL_SIMD_V2,       /* x86-64-v2: SSE4.2 */
     PELL_SIMD_V3,       /* x86-64-v3: AVX2, FMA */
     PELL_SIMD_V4,       /* x86-64-v4: AVX-512 F, BW, CD, DQ, VL */
@@ -24,16 +24,16 @@ enum pell_simd_level {
 /* The best level of this machine that was built. Thread-safe. The environment variable PELL_SIMD (base, v2, v3, v4) lowers it. */
 enum pell_simd_level pell_simd_best(void);
 const char *pell_simd_name(enum pell_simd_level level);
-/* Warns where PELL_SIMD names no level; it is ignored then. */
+/* Warns if PELL_SIMD names no level; it is then ignored. */
 void pell_simd_check(struct pell_context *ctx);
 
 #define PELL_SIMD_JOIN_(a, b) a##_##b
 #define PELL_SIMD_JOIN(a, b) PELL_SIMD_JOIN_(a, b)
 #define PELL_SIMD(name) PELL_SIMD_JOIN(name, PELL_SIMD_NAME)
 
-/* Asks for the cache line of `p`, to be written: the line becomes this core's alone, which a plain prefetch does not see to. Functions that
- * do are marked PELL_FETCHING; those that do nothing else PELL_FETCHING_INLINE, or calls of them would be left out as having no effect.
- * All processors of x86-64 know the instruction; some ignore it. */
+/* Prefetches the cache line of `p` for writing: the line becomes exclusive to this core, which a plain prefetch does not do. Functions that
+ * use it are marked PELL_FETCHING; those that do nothing else PELL_FETCHING_INLINE, or their calls would be removed as having no effect.
+ * All x86-64 processors know the instruction; some ignore it. */
 #if defined(__x86_64__)
 #define PELL_FETCHING __attribute__((target("prfchw")))
 #else

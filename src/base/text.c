@@ -26,7 +26,7 @@ void pell_text_add(struct pell_text *text, const char *fmt, ...)
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */
-enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* least free bytes in which another name is added to a list */
+enum { LIST_ENDS = 3 * NAME_MAX_BYTES + 32 };  /* least free bytes required to add another name to a list */
 
 char pell_lower(char c)
 {
@@ -78,7 +78,7 @@ static const char *nearest(const char *name, const char *const *candidates, size
 {
     const size_t length = strlen(name);
     const char *best = NULL;
-    /* One edit, and one more for every five letters. Names of one or two letters get no suggestion: an edit makes another name. */
+    /* One edit, and one more for every five letters. Names of one or two letters get no suggestion: one edit makes another name. */
     int least = (length < 3 ? 0 : 1) + (int) length / 5 + 1;
 
     for (size_t i = 0; i < count; i++) {
@@ -95,7 +95,7 @@ static const char *nearest(const char *name, const char *const *candidates, size
     return best;
 }
 
-/* Names that have `piece` in them ("milk" of "wholemilk" is far in edits but just as likely meant), the shortest first. */
+/* Names that contain `piece` ("milk" of "wholemilk" is far in edits but just as likely meant), the shortest first. */
 static size_t with_piece(const char *piece, const char *const *candidates, size_t count, const char *found[PIECES_MOST])
 {
     size_t n = 0;
@@ -166,7 +166,8 @@ struct pell_counted pell_counted(long long count, const char *one, const char *m
 
 /* --- Safe printing ------------------------------------------------------------------------------------------------------------ */
 
-/* Bytes of the UTF-8 character at `s` if it is whole, shortest and fit to print, else 0. The NUL that ends `s` stops the look-ahead. */
+/* Bytes of the UTF-8 character at `s` if it is complete, in shortest form and printable, else 0. The NUL that ends `s` stops the
+ * look-ahead. */
 static size_t printable_bytes(const unsigned char *s)
 {
     uint32_t c;
@@ -202,7 +203,7 @@ static size_t printable_bytes(const unsigned char *s)
 const char *pell_printable(const char *text, char *buffer, size_t size)
 {
     const unsigned char *s = (const unsigned char *) (text ? text : "");
-    size_t length = 0, cut = 0; /* `cut`: how much stays when "..." must fit behind it */
+    size_t length = 0, cut = 0; /* `cut`: bytes that fit with "..." after them */
 
     if (size == 0)
         return "";
@@ -242,7 +243,7 @@ struct decimal {
     char digits[DIGITS + 32]; /* without leading zeros; room for an exponent */
     size_t count;
     uint64_t value;   /* of the digits while they are 19 or fewer */
-    int64_t exponent; /* of ten, that scales the digits read as a whole number */
+    int64_t exponent; /* exponent of ten that scales the digits read as an integer */
     bool negative;
 };
 
@@ -257,7 +258,7 @@ static void add_digit(struct decimal *d, char c, bool fraction)
         d->exponent -= fraction;
     } else {
         if (c != '0')
-            d->digits[DIGITS - 1] |= 1; /* a digit other than 0 was dropped: the number is no exact half */
+            d->digits[DIGITS - 1] |= 1; /* a digit other than 0 was dropped: the number is no exact tie */
         d->exponent += !fraction;
     }
 }
@@ -295,7 +296,7 @@ static bool scan_decimal(const char *s, const char *end, struct decimal *d)
     return s == end;
 }
 
-/* The digits go to strtod as a whole number with an exponent: without a decimal point no locale can matter. */
+/* Passes the digits to strtod as an integer with an exponent: without a decimal point the locale is irrelevant. */
 bool pell_parse_number(const char *text, size_t length, double *value)
 {
     static const double powers[] = { 1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
@@ -308,7 +309,7 @@ bool pell_parse_number(const char *text, size_t length, double *value)
     if (d.count == 0) {
         v = 0.0;
     } else if (FLT_EVAL_METHOD == 0 && d.count <= 19 && d.value < (UINT64_C(1) << 53) && d.exponent >= -22 && d.exponent <= 22) {
-        /* Both factors are exact, so one operation rounds once, and right (Clinger 1990). */
+        /* Both factors are exact, so one operation rounds correctly (Clinger 1990). */
         v = d.exponent < 0 ? (double) d.value / powers[-d.exponent] : (double) d.value * powers[d.exponent];
     } else {
         const int64_t e = d.exponent < -100000 ? -100000 : d.exponent > 100000 ? 100000 : d.exponent;
@@ -351,7 +352,7 @@ const char *pell_format_number(double value, bool single, char *buffer, size_t s
         snprintf(text, sizeof(text), "%.*g", digits, value);
         if (!isfinite(value))
             break;
-        /* The locale's decimal point may be anything, of any length. */
+        /* The locale's decimal point may be any text, of any length. */
         length = 0;
         for (const char *s = text; *s; s++) {
             if (is_digit(*s) || *s == '-' || *s == '+' || *s == 'e') {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * version.c - which version runs, and which programs it serves. */
+ * version.c - the library's version, and compatibility with programs built against others. */
 #include <pellucid/version.h>
 
 int pell_version_number(void)
