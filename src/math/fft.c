@@ -23,7 +23,7 @@ int pell_fft_good(int n, int multiple)
     }
 }
 
-/* Factors, those that make the most of a pass first. Returns their number; 0 for 1. */
+/* Factors n, starting with the radices that are most efficient. Returns their number; 0 for 1. */
 static int factor(int n, int *radix)
 {
     static const int fast[] = { 8, 4, 5, 3, 2 };
@@ -126,7 +126,7 @@ void pell_fft_transpose(const struct pell_fft *plan, const float *in, ptrdiff_t 
 
 /* --- Rows ---------------------------------------------------------------------------------------------------------------------------- */
 
-/* 16 columns of up to 16 rows as lanes of 16 elements; those of no image are 0. */
+/* Loads 16 columns of up to 16 rows as lanes of 16 elements; absent rows are 0. */
 static void load_tile(const struct pell_fft *plan, const float *from, ptrdiff_t stride, int rows, float *to)
 {
     _Alignas(64) float tile[256];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * fft_kernels.c - the inner loops of fft.h; compiled once per level of base/simd.h. All levels give the same bits: lanes never meet.
+ * fft_kernels.c - the inner loops of fft.h; compiled once per level of base/simd.h. All levels give the same bits: lanes never interact.
  */
 #include "math/fft_kernels.h"
 

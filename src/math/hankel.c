@@ -88,7 +88,7 @@ void pell_hankel_apply(const struct pell_hankel *plan, const double *f, double *
         im[i] = 0.0;
     }
     fft(plan, re, im, n, -1.0);
-    /* Only frequencies >= 0 are kept, twice: the real part of the inverse is the result. */
+    /* Only frequencies >= 0 are kept, doubled: the real part of the inverse is the result. */
     for (int m = 0; m <= n / 2; m++) {
         const double scale = (m == 0 || m == n / 2 ? 1.0 : 2.0) / n;
         const double a = re[m] * plan->re[m] - im[m] * plan->im[m], b = re[m] * plan->im[m] + im[m] * plan->re[m];

@@ -24,9 +24,9 @@ struct pell_hankel {
 /* count a power of 2 in 8..PELL_HANKEL_MAX, oversample 1, 2 or 4, step > 0; s0_r0 = s_0 r_0 > 0. */
 void pell_hankel_init(struct pell_hankel *plan, int count, int oversample, double step, double s0_r0);
 
-/* out[j] = r_j Int_0^inf F(s) J0(s r_j) s ds from f[i] = s_i F(s_i), which must vanish at both ends: exact for what is band-limited in
- * log s, so the error falls as exp(-pi^2/(2 step)) for F analytic where |arg s| < pi/2; plus exp(-count step) from the period.
- * Needs 32 KiB of stack. */
+/* out[j] = r_j Int_0^inf F(s) J0(s r_j) s ds from f[i] = s_i F(s_i), which must vanish at both ends: exact for functions band-limited in
+ * log s, so the error falls as exp(-pi^2/(2 step)) for F analytic where |arg s| < pi/2; plus exp(-count step) from the period. Needs 32 KiB
+ * of stack. */
 void pell_hankel_apply(const struct pell_hankel *plan, const double *f, double *out);
 
 #endif

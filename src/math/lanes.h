@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
  * lanes.h - vectors as wide as the machine's registers, for kernel files, which are compiled once per level of base/simd.h. Included by
- * nothing else: the names are short, and what they are depends on the level.
+ * nothing else: the names are short, and their definitions depend on the level.
  *
- * Vectors are the compiler's generic ones. They have no square root, no test of a mask, and no minimum that becomes one instruction (a
- * tap of a blur takes a fifth less time with it): those are the machine's own, and their portable twins give the same bits.
+ * Vectors are the compiler's generic ones. They have no square root, no mask test, and no minimum that compiles to one instruction (which
+ * saves a fifth of the time of a blur tap): those use intrinsics, and their portable counterparts give the same bits.
  */
 #ifndef PELL_LANES_H
 #define PELL_LANES_H
@@ -56,8 +56,8 @@ INLINE vf magnitude(vf a)
     return (vf) ((vi) a & 0x7fffffff);
 }
 
-/* root(v); lesser(a, b) and greater(a, b), which give b where one is no number; any(mask): whether a lane of it is set;
- * members(mask): bit l is that of lane l. */
+/* root(v); lesser(a, b) and greater(a, b), which return b if either is NaN; any(mask): whether any lane is set; members(mask): bit l is
+ * lane l of the mask. */
 #if defined(__AVX512F__)
 typedef __m512 machine;
 #define MACHINE(op) (vf) _mm512_##op##_ps
@@ -113,7 +113,8 @@ INLINE uint32_t members(vi mask)
 #define greater(a, b) (MACHINE(max)((machine) (a), (machine) (b)))
 #endif
 
-/* Number k of each of four rows of 16 bytes becomes number k, 0 to 3, of row k: transposed; of longer rows each 16 bytes for themselves. */
+/* Transposes 4 x 4: element k of each of four rows of 16 bytes becomes element k, 0 to 3, of row k; longer rows are transposed per 16
+ * bytes. */
 INLINE void turn4(const vf from[4], vf to[4])
 {
 #if defined(__SSE2__)
@@ -130,7 +131,7 @@ INLINE void turn4(const vf from[4], vf to[4])
 #endif
 }
 
-/* Number k[l] of a table of 32, aligned to 64 bytes, in lane l. */
+/* Element k[l] of a table of 32, aligned to 64 bytes, in lane l. */
 INLINE vf pick32(const float *table, vi k)
 {
 #if defined(__AVX512F__)

@@ -22,8 +22,8 @@ static double dot(const double *a, const double *b, int n)
     return sum;
 }
 
-/* Orthogonalises the directions of the free set `mask` (Gram-Schmidt, twice where much cancels: "twice is
- * enough"). Dependent ones leave the set. */
+/* Orthogonalises the directions of the free set `mask` (Gram-Schmidt, twice if much cancels: "twice is enough"). Dependent ones are removed
+ * from the set. */
 static void factor(const struct pell_nnls *p, unsigned mask, struct pell_nnls_solution *s)
 {
     const int n = p->count;
@@ -93,7 +93,7 @@ static double objective(const struct pell_nnls *p, const double *w, double *resi
     return dot(residual, residual, p->count);
 }
 
-/* A feasible start: nothing, or all of the sum in the best single column. */
+/* A feasible start: all zero, or the whole sum in the best single column. */
 static unsigned start(const struct pell_nnls *p, double *w)
 {
     double residual[PELL_NNLS_MAX], best = INFINITY;
@@ -115,7 +115,7 @@ static unsigned start(const struct pell_nnls *p, double *w)
     return 1u << at;
 }
 
-/* The weight held at 0 whose rise lowers the objective fastest, relative to its column; -1 if none does. */
+/* The weight held at 0 whose increase lowers the objective fastest, relative to its column; -1 if none does. */
 static int entering(const struct pell_nnls *p, unsigned mask, unsigned barred, const double *w)
 {
     double residual[PELL_NNLS_MAX], level = 0.0, steepest = 0.0;
@@ -188,7 +188,7 @@ void pell_nnls_solve(const struct pell_nnls *p, struct pell_nnls_solution *s)
                 break;
             s->w[blocking] = 0.0;
             mask &= ~(1u << blocking);
-            if (blocking == enter) /* rounding: the weight that just entered is the blocking one; the loop would not end */
+            if (blocking == enter) /* rounding: the entering weight is the blocking one; the loop would not end */
                 barred |= 1u << enter;
         }
     }

@@ -2,7 +2,7 @@
  *
  * quadrature.h - integration of a function of one variable: adaptive, and by the nodes of a rule.
  *
- * Errors     none: the estimate of the error is returned, the caller judges it.
+ * Errors     none: an error estimate is returned for the caller to check.
  * Threads    safe; allocates nothing.
  */
 #ifndef PELL_QUADRATURE_H

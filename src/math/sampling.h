@@ -10,7 +10,7 @@
 #include "math/vec.h"
 #include "shared/sampling.h"
 
-/* --- Numbers of 32 bits; what shaders need of them is in shared/sampling.h -------------------------------------------------------- */
+/* --- 32-bit random numbers; those that shaders need are in shared/sampling.h -------------------------------------------------------- */
 
 static inline double pell_unit_double(uint32_t x)
 {
@@ -31,7 +31,7 @@ static inline uint32_t pell_owen_scramble(uint32_t x, uint32_t seed)
     return pell_sobol0(x);
 }
 
-/* Number `index` of a rank-1 lattice in dimension `d`, [0, 1): multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1: Roberts
+/* Point `index` of a rank-1 lattice in dimension `d`, [0, 1): multiples of the powers of 1/1.2207440846 (the root of x^4 = x + 1: Roberts
  * 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"), shifted at random by the seed (Cranley and Patterson 1976). */
 static inline double pell_lattice(uint32_t seed, uint32_t d, uint32_t index)
 {
@@ -41,11 +41,11 @@ static inline double pell_lattice(uint32_t seed, uint32_t d, uint32_t index)
 
 /* --- The golden section ----------------------------------------------------------------------------------------------------------- */
 
-#define PELL_GOLDEN_SECTION 0.6180339887498949 /* (sqrt(5) - 1)/2, the number that fractions approach worst */
-#define PELL_GOLDEN_TURN 0.3819660112501051    /* 1 less it: the golden angle in turns */
+#define PELL_GOLDEN_SECTION 0.6180339887498949 /* (sqrt(5) - 1)/2, the number worst approximated by fractions */
+#define PELL_GOLDEN_TURN 0.3819660112501051    /* one minus the golden section: the golden angle in turns */
 
 /* Position of sample i of n in a pixel, [-1/2, 1/2]: one sample in each of n columns and n rows, the rows in the order of the golden
- * section's multiples (4 are the rotated grid). Their mean is the centre, so the image stays where it is however many there are. */
+ * section's multiples (4 are the rotated grid). Their mean is the centre, so the image does not shift with their number. */
 static inline void pell_golden_grid(int i, int n, float *x, float *y)
 {
     const double golden = PELL_GOLDEN_SECTION, here = golden * (i + 1) - floor(golden * (i + 1));
@@ -57,8 +57,8 @@ static inline void pell_golden_grid(int i, int n, float *x, float *y)
     *y = ((float) rank + 0.5f) / (float) n - 0.5f;
 }
 
-/* Point i of n in the unit disc: a sunflower's seeds (Vogel 1979, "A Better Way to Construct the Sunflower Head"), about their mean. The
- * mean square of their radii is that of the disc, 1/2, less that of the n-th part of it. */
+/* Point i of n in the unit disc: a sunflower pattern (Vogel 1979, "A Better Way to Construct the Sunflower Head"), relative to its mean.
+ * The mean square of their radii is that of the disc, 1/2, less that of its n-th part. */
 static inline void pell_sunflower_point(int i, int n, double point[2])
 {
     const double golden = PELL_PI * (3.0 - sqrt(5.0));

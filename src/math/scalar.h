@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * scalar.h - ramps; and the larger and the smaller of two numbers, as one instruction: fmaxf and fminf are calls, since they mind NaN.
- * Where one is no number both give the second. LARGER and SMALLER take any type and evaluate what they give twice.
+ * scalar.h - ramps; and the larger and the smaller of two numbers, as one instruction: fmaxf and fminf are function calls, since they
+ * handle NaN. If one is NaN both return the second. LARGER and SMALLER take any type and evaluate their result twice.
  */
 #ifndef PELL_SCALAR_H
 #define PELL_SCALAR_H
@@ -19,7 +19,7 @@ static inline float smaller(float a, float b)
     return SMALLER(a, b);
 }
 
-/* From 0 at `low` to 1 at `high` and beyond: straight, and with even ends. */
+/* Ramps from 0 at `low` to 1 at `high`, clamped: linear, and smooth at both ends. */
 static inline float ramp(float low, float high, float x)
 {
     return smaller(larger((x - low) / (high - low), 0.0f), 1.0f);

@@ -11,7 +11,7 @@
 
 #include <math.h>
 
-/* exp(x^2) erfc(x) for x >= 0, relative error below 1e-12: where the tail of erfc underflows or exp overflows, the asymptotic series. */
+/* exp(x^2) erfc(x) for x >= 0, relative error below 1e-12: the asymptotic series is used where erfc underflows or exp overflows. */
 static inline double pell_erfcx(double x)
 {
     if (x < 25.0)

@@ -74,15 +74,15 @@ static inline float vec3_length(struct pell_vec3 a)
     return sqrtf(vec3_dot(a, a));
 }
 
-/* The zero vector stays zero. */
+/* The zero vector is unchanged. */
 static inline struct pell_vec3 vec3_normalize(struct pell_vec3 a)
 {
     const float l = vec3_length(a);
     return l > 0.0f ? vec3_mul(a, 1.0f / l) : a;
 }
 
-/* Two unit vectors at right angles to the unit vector n and to each other (Duff et al. 2017, "Building an Orthonormal Basis,
- * Revisited"); t x b = n. */
+/* Two unit vectors perpendicular to the unit vector n and to each other (Duff et al. 2017, "Building an Orthonormal Basis, Revisited"); t x
+ * b = n. */
 static inline void vec3_basis(struct pell_vec3 n, struct pell_vec3 *t, struct pell_vec3 *b)
 {
     const float s = copysignf(1.0f, n.z), a = -1.0f / (s + n.z), c = n.x * n.y * a;
@@ -142,7 +142,7 @@ static inline struct pell_dvec3 dvec3_cross(struct pell_dvec3 a, struct pell_dve
     return dvec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
 }
 
-/* The zero vector stays zero. */
+/* The zero vector is unchanged. */
 static inline struct pell_dvec3 dvec3_normalize(struct pell_dvec3 a)
 {
     const double l = sqrt(dvec3_dot(a, a));
@@ -188,7 +188,7 @@ static inline struct pell_vec3 mat4_direction(const struct pell_mat4 *a, struct 
                 (float) (a->m[2] * p.x + a->m[6] * p.y + a->m[10] * p.z));
 }
 
-/* Determinant of the upper left 3x3: negative where the matrix mirrors. */
+/* Determinant of the upper left 3x3: negative if the matrix mirrors. */
 static inline double mat4_determinant3(const struct pell_mat4 *a)
 {
     const double *m = a->m;
