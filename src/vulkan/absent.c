@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * absent.c - devices.h and gpu.h where the build found no headers of Vulkan or no glslc: there is no device. */
+ * absent.c - stubs of devices.h and gpu.h if the build found no Vulkan headers or no glslc: there is no device. */
 #include "vulkan/devices.h"
 #include "vulkan/gpu.h"
 
@@ -24,7 +24,7 @@ enum pell_result pell_gpu_borrow(struct pell_context *ctx, const struct pell_gpu
     return pell_error(ctx, PELL_ERR_DEVICE, "vulkan pass", NULL, "no Vulkan device: this build has the engine cpu only");
 }
 
-/* Nothing below is called, as there is no device. */
+/* Never called, as there is no device. */
 
 enum pell_result pell_gpu_buffer_borrow(struct pell_gpu *gpu, uint64_t handle, uint64_t size, const char *name,
                                         struct pell_gpu_buffer **out)

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * cache.c - what the driver has compiled, in a file from run to run. A file that is not wholly what was written for this very device and
- * driver is left unread, as drivers trust what they are handed; writing it is never worth an error.
+ * cache.c - stores the driver's pipeline cache in a file between runs. A file that was not written completely for this exact device and
+ * driver is ignored, as drivers trust the data; failing to write it is never an error.
  */
 #include "vulkan/core.h"
 
@@ -15,13 +15,13 @@
 
 #define MOST_BYTES ((size_t) 64 << 20)
 
-enum { VERSION = 1, DRIVERS_HEADER = 32 /* bytes that Vulkan lays down: size, version, vendor, device, UUID */ };
+enum { VERSION = 1, DRIVERS_HEADER = 32 /* bytes defined by Vulkan: size, version, vendor, device, UUID */ };
 
 struct header {
     char magic[8];
     uint32_t version, vendor, device, driver;
     uint8_t uuid[VK_UUID_SIZE];
-    uint64_t size, hash; /* of what follows */
+    uint64_t size, hash; /* of the data that follows */
 };
 
 static struct header header_of(const struct pell_gpu *gpu, const void *data, size_t size)
@@ -37,7 +37,7 @@ static struct header header_of(const struct pell_gpu *gpu, const void *data, siz
     return h;
 }
 
-/* Whether the driver's own header is this device's. */
+/* Whether the driver's own header matches this device. */
 static bool is_drivers(const struct header *h, const uint8_t *data, size_t size)
 {
     uint32_t words[4];
@@ -49,7 +49,7 @@ static bool is_drivers(const struct header *h, const uint8_t *data, size_t size)
            words[3] == h->device && memcmp(data + sizeof(words), h->uuid, sizeof(h->uuid)) == 0;
 }
 
-/* The file of the device in the folder; false: its name is too long. */
+/* The cache file of the device in the folder; false: its name is too long. */
 static bool name_file(struct pell_gpu *gpu, const char *folder)
 {
     const struct header h = header_of(gpu, NULL, 0);
@@ -59,7 +59,7 @@ static bool name_file(struct pell_gpu *gpu, const char *folder)
     return length > 0 && (size_t) length < sizeof(gpu->cache_path);
 }
 
-/* Whether the file is wholly what this device and driver would write. */
+/* Whether the file is complete and was written for this device and driver. */
 static bool is_ours(const struct pell_gpu *gpu, const uint8_t *file, size_t size)
 {
     struct header found, wanted;
@@ -71,7 +71,7 @@ static bool is_ours(const struct pell_gpu *gpu, const uint8_t *file, size_t size
     return memcmp(&found, &wanted, sizeof(found)) == 0 && is_drivers(&wanted, file + sizeof(found), size - sizeof(found));
 }
 
-/* The file, the caller's, or NULL where nothing in it is of use. */
+/* Reads the file, which the caller frees; NULL if it is unusable. */
 static enum pell_result read_file(struct pell_gpu *gpu, uint8_t **file, size_t *size)
 {
     struct stat st;
@@ -115,7 +115,7 @@ fail:
     return res;
 }
 
-/* Whether a file can be put there without a word; makes the last folder of the path. */
+/* Whether a file can be written there without errors; makes the last folder of the path. */
 static bool is_writable(const char *path)
 {
     const char *name = pell_path_name(path);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * calls.c - calls of Vulkan: which of them a test lets fail, what a failure is reported as, and names of what they make. */
+ * calls.c - Vulkan calls: failure injection for tests, error reporting, and debug names of objects. */
 #include "vulkan/core.h"
 
 bool pell_vk_fails(struct pell_gpu *gpu)
@@ -21,7 +21,7 @@ void pell_vk_name(struct pell_gpu *gpu, VkObjectType type, uint64_t handle, cons
     };
 
     if (gpu->vk.SetDebugUtilsObjectNameEXT)
-        gpu->vk.SetDebugUtilsObjectNameEXT(gpu->device, &info); /* a name that is missing harms nothing */
+        gpu->vk.SetDebugUtilsObjectNameEXT(gpu->device, &info); /* a missing name does no harm */
 }
 
 uint64_t pell_gpu_fail_at(struct pell_gpu *gpu, uint64_t n)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * choose.c - which Vulkan device is taken: hardware before software. Needs no Vulkan. */
+ * choose.c - selects a Vulkan device: hardware before software. Needs no Vulkan. */
 #include "vulkan/devices.h"
 
 const char *pell_vulkan_kind_name(enum pell_vulkan_kind kind)

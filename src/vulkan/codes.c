@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * codes.c - the files of a folder of shaders, each read when it has changed, and kept for all passes of its name: those that are made
- * later, too. A file that may not stand in for the built-in shader (spirv.h) is warned of once, and what was read before stays.
+ * codes.c - the files of a folder of shaders, each reloaded when it has changed, and shared by all passes of its name, present and future.
+ * A file that can't replace the built-in shader (spirv.h) causes one warning, and the previous code is kept.
  */
 #include "vulkan/core.h"
 #include "vulkan/spirv.h"
@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-/* What the file holds, the caller's; NULL: it is of no use. `*looked`: that is known of it; else it could not be read now. */
+/* Reads the file, which the caller frees; NULL: unusable. `*looked`: the file could be examined; else it could not be read now. */
 static uint32_t *read_words(struct pell_gpu *gpu, const struct pell_shader *like, const char *path, const struct stat *st, size_t *size,
                             bool *looked)
 {
@@ -44,8 +44,8 @@ static bool is_same(const struct stat *a, const struct stat *b)
            a->st_ino == b->st_ino;
 }
 
-/* Looks at the file, and reads it where it has changed. */
-static void look(struct pell_gpu *gpu, struct pell_vk_code *code, const char *path)
+/* Checks the file, and reloads it if it has changed. */
+static void reload_if_changed(struct pell_gpu *gpu, struct pell_vk_code *code, const char *path)
 {
     struct stat st;
     uint32_t *words;
@@ -62,7 +62,7 @@ static void look(struct pell_gpu *gpu, struct pell_vk_code *code, const char *pa
     if (is_same(&st, &code->seen))
         return;
     words = read_words(gpu, code->like, path, &st, &size, &looked);
-    if (looked) /* as it was before it was read: what was written since is read by the next look */
+    if (looked) /* the state before reading: later writes are found by the next check */
         code->seen = st;
     if (!words)
         return;
@@ -89,7 +89,7 @@ struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_sha
         if (access(path, F_OK) != 0)
             pell_debug(gpu->ctx, path, "is not there: the built-in shader is in use");
     }
-    look(gpu, code, path);
+    reload_if_changed(gpu, code, path);
     return code;
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * commands.c - lists of commands: barriers from what passes declare, marks with times, one submission and its end. */
+ * commands.c - command lists: barriers derived from the accesses that passes declare, timed marks, one submission and waiting for it. */
 #include "vulkan/core.h"
 
 #define SECOND UINT64_C(1000000000) /* in the semaphores' ns */
@@ -10,11 +10,11 @@ struct pell_gpu_commands {
     VkCommandBuffer buffer;
     VkSemaphore done; /* a timeline: reaches `submitted` */
     uint64_t submitted;
-    VkQueryPool queries; /* a time for each mark, and for the end */
+    VkQueryPool queries; /* a timestamp for each mark, and for the end */
     const char *names[PELL_GPU_MARKS];
     struct pell_gpu_time times[PELL_GPU_MARKS];
     size_t num_marks, num_times;
-    VkBufferMemoryBarrier2 barriers[PELL_GPU_BINDINGS]; /* that the next command waits for */
+    VkBufferMemoryBarrier2 barriers[PELL_GPU_BINDINGS]; /* barriers before the next command */
     uint32_t num_barriers;
 };
 
@@ -36,7 +36,7 @@ static void add_barrier(struct pell_gpu_commands *c, const struct pell_gpu_buffe
     };
 }
 
-/* The next command reads or writes the buffer. `reads` and `writes` are its accesses, 0 where it does not. */
+/* Records that the next command accesses the buffer. `reads` and `writes` are its accesses, 0 for none. */
 static void use(struct pell_gpu_commands *c, struct pell_gpu_buffer *b, VkPipelineStageFlags2 stage, VkAccessFlags2 reads,
                 VkAccessFlags2 writes)
 {
@@ -89,7 +89,7 @@ fail:
 
 void pell_gpu_begin_in(struct pell_gpu_commands *c, struct VkCommandBuffer_T *command_buffer)
 {
-    /* The command buffer may be submitted again: what it did before comes first. */
+    /* The command buffer may be submitted again: its earlier execution comes first. */
     const VkPipelineStageFlags2 stages = VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_2_COPY_BIT;
     const VkMemoryBarrier2 barrier = { .sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER_2,
                                        .srcStageMask = stages,
@@ -143,7 +143,7 @@ void pell_gpu_copy_part(struct pell_gpu_commands *c, struct pell_gpu_buffer *fro
     use(c, to, VK_PIPELINE_STAGE_2_COPY_BIT, 0, VK_ACCESS_2_TRANSFER_WRITE_BIT);
     flush(c);
     c->gpu->vk.CmdCopyBuffer(c->buffer, from->handle, to->handle, 1, &region);
-    if (to->host) { /* the host reads it once the list is done */
+    if (to->host) { /* the host reads it after the list is done */
         use(c, to, VK_PIPELINE_STAGE_2_HOST_BIT, VK_ACCESS_2_HOST_READ_BIT, 0);
         flush(c);
     }
@@ -311,12 +311,12 @@ void pell_gpu_commands_destroy(struct pell_gpu_commands **commands)
     *commands = NULL;
     gpu = c->gpu;
     if (c->submitted > 0)
-        (void) wait_for(c); /* a lost device was logged where it was found, and runs nothing any more */
+        (void) wait_for(c); /* a lost device has been logged, and executes nothing any more */
     if (c->queries)
         gpu->vk.DestroyQueryPool(gpu->device, c->queries, NULL);
     if (c->done)
         gpu->vk.DestroySemaphore(gpu->device, c->done, NULL);
     if (c->pool)
-        gpu->vk.DestroyCommandPool(gpu->device, c->pool, NULL); /* and its buffer */
+        gpu->vk.DestroyCommandPool(gpu->device, c->pool, NULL); /* frees its command buffer, too */
     pell_free(gpu->ctx, c);
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * core.h - the device behind gpu.h and its functions. For the files of this room alone.
+ * core.h - the device behind gpu.h and its functions. Internal to src/vulkan.
  */
 #ifndef PELL_VULKAN_CORE_H
 #define PELL_VULKAN_CORE_H
@@ -58,7 +58,7 @@
     F(UpdateDescriptorSets)                                                                                                                \
     F(WaitSemaphores)
 
-/* NULL where the loader has no VK_EXT_debug_utils. */
+/* NULL if the loader lacks VK_EXT_debug_utils. */
 #define PELL_VK_LABEL_FUNCTIONS(F)                                                                                                         \
     F(CmdBeginDebugUtilsLabelEXT)                                                                                                          \
     F(CmdEndDebugUtilsLabelEXT)                                                                                                            \
@@ -76,37 +76,37 @@ struct pell_gpu {
     VkDevice device;
     uint32_t family;
     VkQueue queue;
-    uint64_t time_mask; /* of the bits that the queue's timestamps have; 0: it has none */
+    uint64_t time_mask; /* valid bits of the queue's timestamps; 0: it has none */
     struct {
         PELL_VK_DEVICE_FUNCTIONS(PELL_VK_MEMBER)
         PELL_VK_LABEL_FUNCTIONS(PELL_VK_MEMBER)
     } vk;
-    VkPipelineCache cache; /* none: VK_NULL_HANDLE */
+    VkPipelineCache cache; /* VK_NULL_HANDLE: none */
     char cache_path[1024];
-    uint64_t cache_hash;        /* of what was read */
+    uint64_t cache_hash;        /* hash of the data read */
     _Atomic bool cache_used;    /* pipelines were made */
-    char shaders[1024];         /* a folder whose files replace built-in shaders; "": none */
-    struct pell_vk_code *codes; /* what its files hold */
+    char shaders[1024];         /* folder whose files replace built-in shaders; "": none */
+    struct pell_vk_code *codes; /* loaded files of that folder */
     bool borrowed;              /* instance and device are the caller's */
-    bool locks;                 /* those that follow are made */
+    bool locks;                 /* objects created from now on are locked */
     pthread_mutex_t queue_lock;
     pthread_mutex_t memory_lock;
     pthread_mutex_t codes_lock;
     pthread_mutex_t programs_lock;
-    struct pell_vk_program *programs; /* until the end: who makes passes again need not wait for the compiler */
+    struct pell_vk_program *programs; /* kept until the end: recreating passes need not wait for the compiler */
     struct pell_vk_block *blocks;
     uint64_t memory_used;
     _Atomic uint64_t calls;
-    _Atomic uint64_t buffers; /* that were made */
+    _Atomic uint64_t buffers; /* number of buffers created */
     _Atomic uint64_t fail_at; /* 0: none */
     _Atomic bool fail_lost;   /* for tests: that call fails as if the device were lost */
 };
 
 /* --- calls.c --- */
 
-/* Counts a call that can fail; whether it is the one to fail. */
+/* Counts a call that can fail; returns whether to inject a failure. */
 bool pell_vk_fails(struct pell_gpu *gpu);
-/* What that one fails with. */
+/* The result of an injected failure. */
 static inline VkResult pell_vk_injected(struct pell_gpu *gpu)
 {
     return atomic_load(&gpu->fail_lost) ? VK_ERROR_DEVICE_LOST : VK_ERROR_OUT_OF_DEVICE_MEMORY;
@@ -116,12 +116,12 @@ enum pell_result pell_vk_check(struct pell_gpu *gpu, const char *call, VkResult 
 /* Names an object in captures and messages. */
 void pell_vk_name(struct pell_gpu *gpu, VkObjectType type, uint64_t handle, const char *name);
 
-/* A call of a device's function that returns a VkResult, `args` in parentheses: an enum pell_result. */
+/* Calls a device function that returns a VkResult, `args` in parentheses; yields an enum pell_result. */
 #define PELL_VK(gpu, name, args) pell_vk_check(gpu, "vk" #name, pell_vk_fails(gpu) ? pell_vk_injected(gpu) : (gpu)->vk.name args)
 
 /* --- cache.c --- */
 
-/* The cache of pipelines in a folder, NULL: none; and its end, which writes what is new. */
+/* Opens the pipeline cache in a folder, NULL: none; and closes it, which writes new data. */
 PELL_NODISCARD enum pell_result pell_vk_cache_open(struct pell_gpu *gpu, const char *folder);
 void pell_vk_cache_close(struct pell_gpu *gpu);
 
@@ -132,12 +132,12 @@ struct pell_gpu_buffer {
     VkBuffer handle;
     uint64_t size;
     const char *name;
-    uint64_t number;             /* of all that the gpu had */
+    uint64_t number;             /* unique among all buffers of the gpu so far */
     struct pell_vk_chunk *chunk; /* its memory */
     char *host;                  /* NULL: on the device */
     bool borrowed;
-    /* What has been recorded, for the barriers that follow from it. */
-    VkPipelineStageFlags2 write_stage, read_stages, seen_by; /* of the last write, of reads since, and whose barriers were made since */
+    /* Recorded accesses, from which barriers are derived. */
+    VkPipelineStageFlags2 write_stage, read_stages, seen_by; /* of the last write, of reads since, and stages synchronised with it since */
     VkAccessFlags2 write_access;
 };
 
@@ -147,17 +147,17 @@ struct pell_gpu_pass {
     struct pell_gpu *gpu;
     const struct pell_shader *shader;
     struct pell_gpu_buffer *buffers[PELL_GPU_BINDINGS]; /* borrowed */
-    const struct pell_vk_program *program;              /* the gpu's */
-    VkPipeline pipeline;                                /* that is bound: the program's, */
-    struct pell_vk_replaced *replaced;                  /* or the last of these, with a folder of shaders */
-    uint32_t version;                                   /* of the code that it has; 0: the built-in one */
+    const struct pell_vk_program *program;              /* owned by the gpu */
+    VkPipeline pipeline;                                /* pipeline to bind: the program's, */
+    struct pell_vk_replaced *replaced;                  /* or the last of these, if shaders are replaced */
+    uint32_t version;                                   /* version of its code; 0: the built-in one */
     VkDescriptorPool pool;
     VkDescriptorSet set;
 };
 
 /* --- pipeline.c --- */
 
-/* A shader with values of its constants, compiled; all passes of a gpu that run it share it. */
+/* A compiled shader with values of its constants; shared by all passes of a gpu that use it. */
 struct pell_vk_program {
     struct pell_vk_program *next;
     const struct pell_shader *shader;
@@ -171,31 +171,31 @@ struct pell_vk_program {
 PELL_NODISCARD enum pell_result pell_vk_program_of(struct pell_gpu *gpu, const struct pell_shader *shader, const uint32_t *constants,
                                                    size_t num_constants, const struct pell_vk_program **out);
 void pell_vk_programs_destroy(struct pell_gpu *gpu);
-/* The program's pipeline with this code; the caller's. */
+/* Makes the program's pipeline with this code; owned by the caller. */
 VkResult pell_vk_pipeline(struct pell_gpu *gpu, const struct pell_vk_program *program, const uint32_t *words, size_t size, VkPipeline *out);
 
 /* --- codes.c --- */
 
-/* What the file of a name holds, for all passes of that shader, those that are made later, too. */
+/* The contents of a shader file, shared by all passes of that shader, present and future. */
 struct pell_vk_code {
     struct pell_vk_code *next;
     const struct pell_shader *like;
-    struct stat seen; /* the file as it was looked at; all 0: it was not there */
-    uint32_t *words;  /* of the last one that may be used; NULL: none */
+    struct stat seen; /* file status at the last check; all 0: it did not exist */
+    uint32_t *words;  /* the last usable code; NULL: none */
     size_t size;
-    uint32_t version; /* counts those, and its end */
-    uint32_t warned;  /* the last one of which it was said that the driver does not take it */
+    uint32_t version; /* counts changes of the code, including its removal */
+    uint32_t warned;  /* the last version for which a warning was given that the driver rejects it */
 };
 
 #define PELL_VK_SHADER_HINT "the shader before it stays in use"
 
-/* What the file at the path holds for a shader, looked at now; NULL: no memory. Under codes_lock. */
+/* The contents of the file at the path for a shader, checked now; NULL: out of memory. Called under codes_lock. */
 struct pell_vk_code *pell_vk_code_of(struct pell_gpu *gpu, const struct pell_shader *like, const char *path);
 void pell_vk_codes_destroy(struct pell_gpu *gpu);
 
 /* --- replace.c --- */
 
-/* Takes over what the folder of shaders has for the pass, if that has changed; and frees what was taken. */
+/* Switches the pass to the code of the folder of shaders, if that has changed. */
 void pell_vk_replace(struct pell_gpu_pass *pass);
 void pell_vk_replaced_destroy(struct pell_gpu_pass *pass);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * devices.c - asks Vulkan for devices and for what they lack. */
+ * devices.c - enumerates Vulkan devices and their missing features. */
 #include "vulkan/instance.h"
 
 enum { MAX_FAMILIES = 64 };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * instance.c - opens the Vulkan loader and an instance, with the validation layer where it is asked for. */
+ * instance.c - opens the Vulkan loader and an instance, with the validation layer if requested. */
 #define _GNU_SOURCE /* dl_iterate_phdr */
 #include "vulkan/instance.h"
 
@@ -38,7 +38,7 @@ enum pell_result pell_vk_failed(struct pell_context *ctx, const char *call, VkRe
                       result_name(result), (int) result);
 }
 
-/* Called by the layer, maybe from a driver's thread. */
+/* Called by the layer, possibly from a driver's thread. */
 static VKAPI_ATTR VkBool32 VKAPI_CALL take_message(VkDebugUtilsMessageSeverityFlagBitsEXT severity, VkDebugUtilsMessageTypeFlagsEXT types,
                                                    const VkDebugUtilsMessengerCallbackDataEXT *data, void *user)
 {
@@ -48,7 +48,7 @@ static VKAPI_ATTR VkBool32 VKAPI_CALL take_message(VkDebugUtilsMessageSeverityFl
     return VK_FALSE;
 }
 
-/* Whether the loader is there and knows instances above 1.0; if not, *why says so. */
+/* Whether the loader exists and supports instances above 1.0; if not, *why gives the reason. */
 static bool open_loader(struct pell_vk_instance *v, const char **why)
 {
     PFN_vkEnumerateInstanceVersion get_version;
@@ -100,8 +100,9 @@ static bool has_layer(const struct pell_vk_instance *v)
 
 /* --- Drivers stay loaded ----------------------------------------------------------------------------------------------------------- */
 
-/* The loader unloads drivers with the last instance. Each time that NVIDIA's is loaded again it takes static thread storage that the C
- * library does not get back: after some 30 instances there is none left, and no driver. So what an instance has loaded stays. */
+/* The loader unloads drivers with the last instance. Each time that NVIDIA's is reloaded it takes static thread storage that the C library
+ * never gets back: after some 30 instances none is left, and the driver fails to load. So libraries that an instance has loaded stay
+ * loaded. */
 
 enum { LIBRARIES_MOST = 1024, NEW_MOST = 128, PATH_MOST = 256 };
 
@@ -152,7 +153,7 @@ static void keep_loaded(const struct libraries *before)
 
 /* --- Instances ---------------------------------------------------------------------------------------------------------------------- */
 
-/* VK_ERROR_INCOMPATIBLE_DRIVER, with nothing made, where there is no driver. */
+/* Returns VK_ERROR_INCOMPATIBLE_DRIVER, with nothing created, if there is no driver. */
 static VkResult create_instance(struct pell_context *ctx, struct pell_vk_instance *v, bool validate)
 {
     static const char *const layers[] = { LAYER };

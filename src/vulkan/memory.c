@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * memory.c - buffers, and the blocks of device memory that they are parts of: drivers allow few allocations, and each is slow. */
+ * memory.c - buffers, and the blocks of device memory that they are sub-allocated from: drivers allow few allocations, and each is slow. */
 #include "vulkan/core.h"
 
-/* As much as there is already, between these. */
+/* A new block is as large as all existing ones, clamped to this range. */
 #define BLOCK_LEAST (UINT64_C(2) << 20)
 #define BLOCK_MOST (UINT64_C(64) << 20)
 
-/* Part of a block: its chunks follow each other without gaps, and no two free ones are neighbours. */
+/* A region of a block: chunks are contiguous, and no two free ones are adjacent. */
 struct pell_vk_chunk {
     struct pell_vk_block *block;
     struct pell_vk_chunk *next, *before;
@@ -18,7 +18,7 @@ struct pell_vk_block {
     struct pell_vk_block *next;
     VkDeviceMemory memory;
     uint32_t type;
-    char *host; /* where it is mapped, or NULL */
+    char *host; /* mapped address, or NULL */
     struct pell_vk_chunk *chunks;
 };
 
@@ -60,7 +60,7 @@ fail:
     return res;
 }
 
-/* Cuts what is behind `size` off as a chunk of its own. */
+/* Splits the remainder after `size` into a separate chunk. */
 static bool split(struct pell_gpu *gpu, struct pell_vk_chunk *c, uint64_t size)
 {
     struct pell_vk_chunk *rest = pell_zalloc(gpu->ctx, sizeof(*rest));
@@ -75,7 +75,7 @@ static bool split(struct pell_gpu *gpu, struct pell_vk_chunk *c, uint64_t size)
     return true;
 }
 
-/* The second becomes part of the first. */
+/* Merges the second into the first. */
 static void join(struct pell_gpu *gpu, struct pell_vk_chunk *c, struct pell_vk_chunk *next)
 {
     c->size += next->size;
@@ -113,7 +113,7 @@ static uint64_t block_size(const struct pell_gpu *gpu, uint64_t size)
     return size > block ? size : block;
 }
 
-/* The first place in the block that holds `size` aligned bytes. */
+/* The first offset in the block that holds `size` aligned bytes. */
 static struct pell_vk_chunk *fit(const struct pell_vk_block *block, uint64_t size, uint64_t align, uint64_t *offset)
 {
     for (struct pell_vk_chunk *c = block->chunks; c; c = c->next) {
@@ -154,7 +154,7 @@ static enum pell_result allocate(struct pell_gpu *gpu, uint32_t type, uint64_t s
 
 fail:
     if (c)
-        release(gpu, c); /* free as it is: it joins its neighbours, and an empty block goes */
+        release(gpu, c); /* still unused: it merges with its neighbours, and an empty block is freed */
     return res;
 }
 

@@ -27,7 +27,7 @@ static bool holds(const char *text, const char *piece)
     return false;
 }
 
-/* What of the list `wanted` names; -1, logged: nothing that can be taken. */
+/* The device of the list that `wanted` names; -1, logged: none usable. */
 static int choose(struct pell_context *ctx, const struct pell_vulkan_devices *devices, const char *wanted)
 {
     struct pell_text list = { .length = 0 };
@@ -58,7 +58,7 @@ static int choose(struct pell_context *ctx, const struct pell_vulkan_devices *de
     return found;
 }
 
-/* A family that computes, without graphics where there is one: such queues are free of a desktop's frames. */
+/* Chooses a queue family that computes, without graphics if possible: such queues are free of a desktop's frames. */
 static void choose_family(struct pell_gpu *gpu)
 {
     VkQueueFamilyProperties families[MAX_FAMILIES];
@@ -140,7 +140,7 @@ static enum pell_result make_locks(struct pell_gpu *gpu)
     return gpu->locks ? PELL_OK : pell_error(gpu->ctx, PELL_ERR_NOMEM, "vulkan", NULL, "the system makes no more locks");
 }
 
-/* What is known of the device that was chosen. */
+/* Reads the properties of the chosen device. */
 static void describe(struct pell_gpu *gpu)
 {
     VkPhysicalDeviceProperties properties;

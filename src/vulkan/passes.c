@@ -80,7 +80,7 @@ void pell_gpu_pass_destroy(struct pell_gpu_pass **pass)
     *pass = NULL;
     gpu = p->gpu;
     if (p->pool)
-        gpu->vk.DestroyDescriptorPool(gpu->device, p->pool, NULL); /* and its set */
+        gpu->vk.DestroyDescriptorPool(gpu->device, p->pool, NULL); /* frees its set, too */
     pell_vk_replaced_destroy(p);
     pell_free(gpu->ctx, p);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pipeline.c - compute shaders, compiled: programs that passes share, and pipelines of other code in their place. */
+ * pipeline.c - compiled compute shaders: programs that passes share, and pipelines of replacement code. */
 #define _GNU_SOURCE /* MAP_ANONYMOUS */
 #include "vulkan/core.h"
 
@@ -69,7 +69,7 @@ fail:
     return res;
 }
 
-/* A driver that compiles for the CPU can end the process where its memory ends: it is asked for first. */
+/* A driver that compiles on the CPU can end the process if it runs out of memory: check for enough first. */
 static enum pell_result need_memory(struct pell_gpu *gpu)
 {
     void *room = mmap(NULL, COMPILER_MEMORY, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);

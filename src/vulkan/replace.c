@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * replace.c - shaders from a folder in place of the built-in ones: FOLDER/NAME.spv of the shader NAME, looked at when a pass runs. Where
- * the driver does not take it the pass goes on with what it had; where the file is gone, with the built-in shader.
+ * replace.c - shaders from a folder that replace the built-in ones: FOLDER/NAME.spv for the shader NAME, checked when a pass runs. If the
+ * driver rejects it, the pass keeps its previous code; if the file is removed, it returns to the built-in shader.
  */
 #include "vulkan/core.h"
 
@@ -12,8 +12,8 @@ struct pell_vk_replaced {
     VkPipeline pipeline;
 };
 
-/* Makes the code that of the pass. Pipelines before it may be in lists that are not done, and go with the pass. */
-static void take(struct pell_gpu_pass *p, struct pell_vk_code *code, const char *path)
+/* Switches the pass to the code. Earlier pipelines may be in lists that are not finished, and are freed with the pass. */
+static void switch_code(struct pell_gpu_pass *p, struct pell_vk_code *code, const char *path)
 {
     struct pell_vk_replaced *made;
 
@@ -30,7 +30,7 @@ static void take(struct pell_gpu_pass *p, struct pell_vk_code *code, const char 
         p->replaced = made;
         p->pipeline = made->pipeline;
     } else {
-        if (code->warned != code->version) /* other passes of the shader have said it, then */
+        if (code->warned != code->version) /* otherwise other passes of the shader have reported it */
             pell_warn(p->gpu->ctx, path, PELL_VK_SHADER_HINT, "the driver does not take it");
         code->warned = code->version;
         pell_free(p->gpu->ctx, made);
@@ -48,7 +48,7 @@ void pell_vk_replace(struct pell_gpu_pass *p)
     pthread_mutex_lock(&p->gpu->codes_lock);
     code = pell_vk_code_of(p->gpu, p->shader, path);
     if (code && code->version != p->version)
-        take(p, code, path);
+        switch_code(p, code, path);
     pthread_mutex_unlock(&p->gpu->codes_lock);
 }
 

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * spirv.c - see spirv.h. One pass over the instructions (SPIR-V 1.6, 2.3 and 3): decorations come before types, types before what uses
- * them, so that sizes are known when they are asked for.
+ * spirv.c - see spirv.h. One pass over the instructions (SPIR-V 1.6, 2.3 and 3): decorations come before types, types before their uses, so
+ * that sizes are known when they are needed.
  */
 #include "vulkan/spirv.h"
 
@@ -13,7 +13,7 @@ enum {
     MEMBERS_MOST = 1 << 12, /* decorations of members of structs */
     STRUCTS_MOST = 1 << 10,
     BLOCK_MOST = 64,        /* members of a buffer's block */
-    SHARED_MOST = 16 << 10, /* bytes that a workgroup shares: what every device has */
+    SHARED_MOST = 16 << 10, /* bytes of shared memory of a workgroup: guaranteed on every device */
     OWN_MOST = 32 << 10,    /* bytes of an invocation's own variables */
     NO_BINDING = 0xffffffff
 };
@@ -60,14 +60,14 @@ enum decoration {
 enum storage { INPUT = 1, WORKGROUP = 4, PRIVATE = 6, IN_FUNCTION = 7, PUSH_CONSTANT = 9, STORAGE_BUFFER = 12 };
 enum { MATRIX = 0, SHADER = 1, LOGICAL = 0, GLSL450 = 1, COMPUTE = 5, LOCAL_SIZE = 17, WORKGROUP_SIZE = 25, LOCAL_SIZE_ID = 38 };
 
-/* Of an id: what it was declared as. */
+/* Declaration of an id. */
 struct id {
-    uint16_t kind; /* enum opcode; 0: nothing that counts */
+    uint16_t kind; /* enum opcode; 0: irrelevant */
     bool non_writable, non_readable;
     uint32_t size;  /* of a type, bytes; 0xffffffff: that or more */
-    uint32_t value; /* of a constant; of a pointer the type that it points to; of a struct how many members it has */
+    uint32_t value; /* a constant's value; the type a pointer points to; the number of members of a struct */
     uint32_t set, binding;
-    uint32_t stride; /* of the elements of an array */
+    uint32_t stride; /* array stride */
 };
 
 struct member {
@@ -81,10 +81,10 @@ struct module {
     struct id *ids;
     uint32_t num_ids, num_members, num_structs;
     struct member *members;
-    uint32_t entries, entry, last, functions; /* the entry's function; the last instruction; functions that have begun and not ended */
+    uint32_t entries, entry, last, functions; /* the entry's function; the last instruction; functions begun and not ended */
     uint32_t local[3], push_size, shared, own;
-    uint32_t built_in; /* the constant that is the workgroup's size in place of `local`; 0: none */
-    uint32_t bindings; /* bits of those that are there */
+    uint32_t built_in; /* the constant that overrides the workgroup size `local`; 0: none */
+    uint32_t bindings; /* bit mask of declared bindings */
     bool modelled, local_known, local_by_id, built_in_known, pushes;
 };
 
@@ -131,7 +131,7 @@ static uint32_t struct_size(const struct module *m, uint32_t type, const uint32_
     return size > end ? size : end;
 }
 
-/* Whether all members of a block are decorated so. */
+/* Whether all members of a block have this decoration. */
 static bool members_are(const struct module *m, uint32_t type, enum decoration what)
 {
     uint64_t found = 0; /* bits of members */
@@ -142,9 +142,10 @@ static bool members_are(const struct module *m, uint32_t type, enum decoration w
     return m->ids[type].value > 0 && m->ids[type].value <= BLOCK_MOST && found == UINT64_MAX >> (BLOCK_MOST - m->ids[type].value);
 }
 
-/* --- Declarations: each says what is wrong, or NULL ---------------------------------------------------------------------------------- */
+/* --- Declarations: each returns an error text, or NULL
+ * ---------------------------------------------------------------------------------- */
 
-static const char *take_buffer(struct module *m, const struct id *variable, uint32_t type)
+static const char *parse_buffer(struct module *m, const struct id *variable, uint32_t type)
 {
     int access;
 
@@ -160,7 +161,7 @@ static const char *take_buffer(struct module *m, const struct id *variable, uint
     return access & ~m->like->access[variable->binding] ? "reads or writes a buffer that the built-in shader does not" : NULL;
 }
 
-static const char *take_variable(struct module *m, const uint32_t *a)
+static const char *parse_variable(struct module *m, const uint32_t *a)
 {
     const struct id *pointer = id_of(m, a[0]), *variable = id_of(m, a[1]);
 
@@ -181,13 +182,13 @@ static const char *take_variable(struct module *m, const uint32_t *a)
             return "has other push constants than the built-in shader";
         m->pushes = true;
         return NULL;
-    case STORAGE_BUFFER: return take_buffer(m, variable, pointer->value);
+    case STORAGE_BUFFER: return parse_buffer(m, variable, pointer->value);
     default: return "has variables other than buffers and push constants";
     }
 }
 
-/* `n` words behind the first. */
-static const char *take_type(struct module *m, uint32_t op, const uint32_t *a, size_t n)
+/* `n` words after the first. */
+static const char *parse_type(struct module *m, uint32_t op, const uint32_t *a, size_t n)
 {
     struct id *type = id_of(m, a[0]);
     const struct id *length = op == TYPE_ARRAY && n > 2 ? id_of(m, a[2]) : NULL;
@@ -201,7 +202,7 @@ static const char *take_type(struct module *m, uint32_t op, const uint32_t *a, s
     case TYPE_BOOL: type->size = 4; break;
     case TYPE_VECTOR:
     case TYPE_MATRIX: type->size = n > 2 ? times(size_of(m, a[1]), a[2]) : 0; break;
-    case TYPE_ARRAY: /* of a specialisation constant: no length is known */
+    case TYPE_ARRAY: /* sized by a specialisation constant: the length is unknown */
         type->size = size_of(m, a[1]) > type->stride ? size_of(m, a[1]) : type->stride;
         type->size = length && length->kind == CONSTANT ? times(type->size, length->value) : UINT32_MAX;
         break;
@@ -217,7 +218,7 @@ static const char *take_type(struct module *m, uint32_t op, const uint32_t *a, s
     return NULL;
 }
 
-static const char *take_decoration(struct module *m, const uint32_t *a, size_t n)
+static const char *parse_decoration(struct module *m, const uint32_t *a, size_t n)
 {
     struct id *id = id_of(m, a[0]);
 
@@ -243,7 +244,7 @@ static const char *take_decoration(struct module *m, const uint32_t *a, size_t n
     return NULL;
 }
 
-static const char *take_member(struct module *m, const uint32_t *a, size_t n)
+static const char *parse_member(struct module *m, const uint32_t *a, size_t n)
 {
     if (a[2] != OFFSET && a[2] != MATRIX_STRIDE && a[2] != NON_READABLE && a[2] != NON_WRITABLE)
         return NULL;
@@ -253,7 +254,7 @@ static const char *take_member(struct module *m, const uint32_t *a, size_t n)
     return NULL;
 }
 
-static const char *take_mode(struct module *m, const uint32_t *a, size_t n, bool by_id)
+static const char *parse_mode(struct module *m, const uint32_t *a, size_t n, bool by_id)
 {
     if (n < 5 || a[1] != (by_id ? LOCAL_SIZE_ID : LOCAL_SIZE))
         return NULL;
@@ -265,8 +266,8 @@ static const char *take_mode(struct module *m, const uint32_t *a, size_t n, bool
     return NULL;
 }
 
-/* A constant that is decorated as the workgroup's size counts in place of what the entry says. */
-static const char *take_composite(struct module *m, const uint32_t *a, size_t n)
+/* A constant decorated as the workgroup size overrides that of the entry point. */
+static const char *parse_composite(struct module *m, const uint32_t *a, size_t n)
 {
     if (a[1] != m->built_in || m->built_in == 0)
         return NULL;
@@ -278,8 +279,8 @@ static const char *take_composite(struct module *m, const uint32_t *a, size_t n)
     return m->built_in_known ? NULL : "has another workgroup than the built-in shader";
 }
 
-/* An instruction of `n` words behind the first. */
-static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t n)
+/* An instruction of `n` words after the first. */
+static const char *parse_instruction(struct module *m, uint32_t op, const uint32_t *a, size_t n)
 {
     static const uint8_t least[EXECUTION_MODE_ID + 1] = {
         [EXTENSION] = 1,       [EXT_INST_IMPORT] = 2,   [MEMORY_MODEL] = 2,       [ENTRY_POINT] = 3,        [EXECUTION_MODE] = 2,
@@ -303,10 +304,10 @@ static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t
         m->entries++;
         m->entry = a[1];
         return m->entries == 1 && a[0] == COMPUTE && is_text(a + 2, n - 2, "main") ? NULL : "is no compute shader with the one entry main";
-    case EXECUTION_MODE: return take_mode(m, a, n, false);
-    case EXECUTION_MODE_ID: return take_mode(m, a, n, true);
-    case DECORATE: return take_decoration(m, a, n);
-    case MEMBER_DECORATE: return take_member(m, a, n);
+    case EXECUTION_MODE: return parse_mode(m, a, n, false);
+    case EXECUTION_MODE_ID: return parse_mode(m, a, n, true);
+    case DECORATE: return parse_decoration(m, a, n);
+    case MEMBER_DECORATE: return parse_member(m, a, n);
     case TYPE_BOOL:
     case TYPE_INT:
     case TYPE_FLOAT:
@@ -315,7 +316,7 @@ static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t
     case TYPE_ARRAY:
     case TYPE_RUNTIME_ARRAY:
     case TYPE_STRUCT:
-    case TYPE_POINTER: return take_type(m, op, a, n);
+    case TYPE_POINTER: return parse_type(m, op, a, n);
     case CONSTANT:
         id = id_of(m, a[1]);
         if (!id || id->kind)
@@ -323,11 +324,11 @@ static const char *take(struct module *m, uint32_t op, const uint32_t *a, size_t
         id->kind = CONSTANT;
         id->value = a[2];
         return NULL;
-    case CONSTANT_COMPOSITE: return take_composite(m, a, n);
+    case CONSTANT_COMPOSITE: return parse_composite(m, a, n);
     case DECORATION_GROUP:
     case GROUP_MEMBER_DECORATE - 1:
     case GROUP_MEMBER_DECORATE: return "decorates groups";
-    case VARIABLE: return take_variable(m, a);
+    case VARIABLE: return parse_variable(m, a);
     case FUNCTION:
         id = id_of(m, a[1]);
         if (!id || id->kind || m->functions++ > 0)
@@ -361,7 +362,7 @@ static const char *check_all(struct module *m)
         const uint32_t length = m->words[at] >> 16, op = m->words[at] & 0xffffu;
         if (length == 0 || length > m->count - at)
             return "is cut off within an instruction";
-        why = take(m, op, m->words + at + 1, length - 1);
+        why = parse_instruction(m, op, m->words + at + 1, length - 1);
         m->last = op;
         at += length;
     }
