@@ -10,7 +10,7 @@
 
 /* --- magma -------------------------------------------------------------------------------------------------------------------- */
 
-/* Every 15th of its 256 colours; between them cubics through four neighbours are within 1.5/255. */
+/* Every 15th of its 256 colours; cubic interpolation through four neighbours is accurate to 1.5/255. */
 static const double magma[18][3] = {
     { 0.001462, 0.000466, 0.013866 }, { 0.035520, 0.028397, 0.125209 }, { 0.102815, 0.063010, 0.257854 }, { 0.191460, 0.064818, 0.396152 },
     { 0.291366, 0.064553, 0.475462 }, { 0.384299, 0.097855, 0.501002 }, { 0.475780, 0.134577, 0.507921 }, { 0.569172, 0.167454, 0.504105 },
@@ -56,7 +56,7 @@ static void to_msh(const double srgb[3], double msh[3])
     for (int c = 0; c < 3; c++)
         linear[c] = srgb[c] > 0.04045 ? pow((srgb[c] + 0.055) / 1.055, 2.4) : srgb[c] / 12.92;
     for (int i = 0; i < 3; i++)
-        f[i] = cbrt((m[i][0] * linear[0] + m[i][1] * linear[1] + m[i][2] * linear[2]) / white[i]); /* none is dark */
+        f[i] = cbrt((m[i][0] * linear[0] + m[i][1] * linear[1] + m[i][2] * linear[2]) / white[i]); /* no colour is dark */
     lab[0] = 116.0 * f[1] - 16.0;
     lab[1] = 500.0 * (f[0] - f[1]);
     lab[2] = 200.0 * (f[1] - f[2]);
@@ -82,7 +82,7 @@ static void from_msh(const double msh[3], float srgb[3])
     }
 }
 
-/* From the middle to one end, straight in polar L*a*b*, with the hue turned on the way to grey so that steps look equal. */
+/* From the centre to one end, straight in polar L*a*b*, with the hue rotated towards grey so that steps look uniform. */
 void pell_color_diverging(float value, float srgb[3])
 {
     static const double ends[2][3] = { { 0.230, 0.299, 0.754 }, { 0.706, 0.016, 0.150 } };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * compare.c - see pellucid/compare.h: a survey of the reference, errors (errors.c), then FLIP and SSIM over tiles. Sums of rows and tiles
- * are added in their order, so that results do not depend on the timing of threads. */
+ * compare.c - see pellucid/compare.h: a pass over the reference for exposure, errors (errors.c), then FLIP and SSIM over tiles. Sums of
+ * rows and tiles are added in a fixed order, so that results do not depend on the timing of threads. */
 #include "compare/rows.h"
 
 #include "compare/errors.h"
@@ -10,9 +10,9 @@
 #include <math.h>
 #include <string.h>
 
-#define KEY 0.18         /* of a middle grey (Reinhard et al. 2002), as `render` meters */
-#define BRIGHTEST 1e15   /* what pictures are cut at where products of them could overflow */
-#define EXPOSURES_MAX 64 /* of HDR-FLIP; a wider range gets wider steps */
+#define KEY 0.18         /* luminance of middle grey (Reinhard et al. 2002), as in the metering of `render` */
+#define BRIGHTEST 1e15   /* images are clamped to this if products could overflow */
+#define EXPOSURES_MAX 64 /* of HDR-FLIP; a wider range uses larger steps */
 #define BAND_PIXELS (1 << 19)
 
 static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
@@ -43,19 +43,19 @@ const struct pell_knob *pell_compare_knobs(void)
     return compare_knobs;
 }
 
-/* Of one row. */
+/* Results of one row. */
 struct survey {
     int64_t bad_test, bad_reference, bad_variance, pixels[PELL_REGIONS], metered;
     double luminance[PELL_REGIONS]; /* sums of |Y| */
-    double log_sum, brightest;      /* over what is metered */
+    double log_sum, brightest;      /* over metered pixels */
 };
 
 struct tile_sums {
     double flip, flip_hdr, ssim[4], inner_ssim[4];
-    int64_t pixels, inner; /* inner: whose window lies inside */
+    int64_t pixels, inner; /* inner: pixels whose window lies inside the image */
 };
 
-/* Of a tile: four of SSIM, FLIP, HDR-FLIP. */
+/* Maps of a tile: four of SSIM, FLIP, HDR-FLIP. */
 enum { MAP_SSIM, MAP_FLIP = 4, MAP_FLIP_HDR, TILE_MAPS };
 
 struct job {
@@ -63,7 +63,7 @@ struct job {
     struct pell_pool *pool;
     const struct pell_compare_rows *rows; /* NULL: all rows are in memory */
     struct pell_compare_input in;
-    int first;  /* row that the planes of `in` begin with */
+    int first;  /* first row of the planes of `in` */
     int y0, y1; /* the band */
     const struct pell_compare_params *params;
     struct pell_comparison *out;
@@ -74,9 +74,9 @@ struct job {
     struct pell_tone tone;
     double hdr_step;
     int pad, across, down, first_tile;
-    size_t light_floats; /* of one padded plane */
-    float *luminance;    /* of the reference in the band; NaN where a pixel is bad */
-    struct order *order; /* of all luminances; NULL for display images */
+    size_t light_floats; /* size of one padded plane */
+    float *luminance;    /* luminance of the reference in the band; NaN for a bad pixel */
+    struct order *order; /* order statistics of all luminances; NULL for display images */
     struct survey *surveys;
     struct tile_sums *tile_sums; /* [tile][region] */
     float **workspaces;          /* of the workers: six planes, the scratch, TILE_MAPS maps */
@@ -84,7 +84,7 @@ struct job {
 
 /* --- The survey --------------------------------------------------------------------------------------------------------------- */
 
-/* Luminance of the reference; NaN where a pixel is bad. */
+/* Luminance of the reference; NaN for a bad pixel. */
 static float luminance_of(const struct pell_pixel *p)
 {
     const double l = pell_luminance_of(p->reference);
@@ -138,7 +138,7 @@ static void luminance_row(void *arg, int number, int worker)
     }
 }
 
-/* Makes the band from row `y0` readable, with `reach` rows around, and sets job->y0 and y1. */
+/* Makes the band from row `y0` available, with `reach` rows around it, and sets job->y0 and y1. */
 static enum pell_result take_band(struct job *job, int y0, int reach)
 {
     const int height = job->in.height, band = pell_compare_band(job->in.width);
@@ -156,15 +156,15 @@ static enum pell_result take_band(struct job *job, int y0, int reach)
     return job->rows->move(job->rows->user, low, high - low, &job->in);
 }
 
-/* --- Exposures of HDR-FLIP: the median of all luminances, found by their digits, so that none need to be kept ----------------------- */
+/* --- Exposures of HDR-FLIP: the median of all luminances by a radix search, so that none need to be stored ----------------------- */
 
 enum { DIGITS = 1 << 16 };
 
-/* Of ranks among all values: the middle ones of all, and of those that are no black. */
+/* Ranks among all values: the middle ones of all, and of the non-black ones. */
 struct rank {
-    uint64_t rank;  /* from 0; among those with the same upper digit once that is known */
+    uint64_t rank;  /* from 0; among values with the same upper digit once that is known */
     uint32_t upper; /* digit */
-    int first;      /* rank with the same upper digit, whose counts of lower ones are used */
+    int first;      /* first rank with the same upper digit; they share counts of lower digits */
     float value;
 };
 
@@ -174,7 +174,7 @@ struct order {
     struct rank ranks[4];
 };
 
-/* Numbers in the order of floats. */
+/* Maps floats to integers of the same order. */
 static uint32_t digits_of(float v)
 {
     uint32_t bits;
@@ -214,7 +214,7 @@ static void count_lower(struct order *o, const float *l, size_t count)
     }
 }
 
-/* The digit of rank *rank, which becomes the rank among the numbers with that digit. */
+/* The digit of rank *rank, which becomes the rank among the values with that digit. */
 static uint32_t find_digit(const uint64_t *counts, uint64_t *rank)
 {
     uint32_t digit = 0;
@@ -224,7 +224,7 @@ static uint32_t find_digit(const uint64_t *counts, uint64_t *rank)
     return digit;
 }
 
-/* Ranks 0 and 1: the middle two of all, or twice the middle one; 2 and 3: of what is brighter than black. */
+/* Ranks 0 and 1: the middle two of all, or twice the middle one; 2 and 3: of the non-black ones. */
 static void find_upper(struct order *o)
 {
     const uint64_t dark = o->finite - o->bright;
@@ -260,7 +260,7 @@ static enum pell_result find_exposures(struct job *job)
     enum pell_result res;
     double middle;
 
-    if (!(o->largest > 1e-30f)) { /* nothing to expose for: one exposure as it is */
+    if (!(o->largest > 1e-30f)) { /* a black image: one exposure of 0 stops */
         out->hdr_exposures = 1;
         return PELL_OK;
     }
@@ -286,7 +286,7 @@ static enum pell_result find_exposures(struct job *job)
     return PELL_OK;
 }
 
-/* How linear pictures are shown. */
+/* Chooses the tone mapping of linear images. */
 static void choose_tone(struct job *job, const struct survey *all)
 {
     const struct pell_compare_params *p = job->params;
@@ -350,7 +350,7 @@ static float cut(double v)
     return (float) (v < BRIGHTEST ? v > -BRIGHTEST ? v : -BRIGHTEST : BRIGHTEST);
 }
 
-/* The pixels of a tile and of its padding; beyond the picture's edge those of the edge. */
+/* Loads the pixels of a tile and of its padding; beyond the image's edge the edge pixels are repeated. */
 static void load_tile(const struct job *job, const struct pell_tile *tile, int x0, int y0, float *planes)
 {
     const struct pell_compare_input *in = &job->in;

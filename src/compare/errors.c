@@ -1,21 +1,21 @@
 /* SPDX-License-Identifier: MIT
- * errors.c - mean errors under noise, as docs/adr/0015-errors-under-noise.md derives them: products of halves, a denominator that does not
- * see the pixel's own noise, standard errors, and the Z-test. Rows and bands are added in their order, so that results do not
+ * errors.c - mean errors under noise, as derived in docs/adr/0015-errors-under-noise.md: products of halves, a denominator that is
+ * independent of the pixel's own noise, standard errors, and the Z-test. Rows and bands are added in a fixed order, so that results do not
  * depend on the timing of threads. */
 #include "compare/errors.h"
 
 #include <string.h>
 
-#define RELATIVE_MAX 1e6f /* of the map, where the reference is black */
+#define RELATIVE_MAX 1e6f /* bound of the map where the reference is black */
 
 enum {
     SCALES = 4,
-    REACH = PELL_ERRORS_REACH, /* pixels to each side, of the widest window */
+    REACH = PELL_ERRORS_REACH, /* half width of the widest window, pixels */
     BLOCK = PELL_ERRORS_BAND,  /* pixels along a side of a block of the Z-test */
-    BLOCK_PIXELS = 64,         /* with noise: blocks with fewer are not tested */
+    BLOCK_PIXELS = 64,         /* noisy pixels: blocks with fewer are not tested */
     PLANES = 7,                /* reference and variance of three channels, and the number of pixels */
-    SIDES = 2,                 /* of the mask's border */
-    TESTS_OF_BLOCKS = 6,       /* for each channel the sum of squares and the largest */
+    SIDES = 2,                 /* inside and outside of the mask */
+    TESTS_OF_BLOCKS = 6,       /* for each channel the sum of squares and the maximum */
     TESTS_OF_MEANS = 3,
 };
 
@@ -23,43 +23,43 @@ static const int reach_of[SCALES] = { 1, 2, 4, REACH };
 
 #define SMOOTH 0.02 /* relative variance of the smoothed reference below which no wider window is tried */
 
-/* Of one row. */
+/* Sums of one row. */
 struct sums {
     double square, relative, noise, relative_noise, absolute, difference[3], reference[3], test[3];
-    double spread[3];                            /* variance of the sum of d, both images' */
+    double spread[3];                            /* variance of the sum of d, from both images */
     double square_spread[3], relative_spread[3]; /* see add_spread */
 };
 
-/* Of the Z-test's pixels. */
+/* Sums over the Z-test's pixels. */
 struct block {
     double difference[3], variance[3], square[3]; /* square: of variances */
     int64_t pixels;
 };
 
-/* Of one band of blocks. */
+/* Results of one band of blocks. */
 struct band {
     struct block all;
     int64_t values, beyond, blocks;
-    double squares[3], largest[3]; /* of the blocks' z */
+    double squares[3], largest[3]; /* of the blocks' z-values */
 };
 
 struct pell_errors {
     struct pell_context *ctx;
     struct pell_pool *pool;
     const struct pell_compare_input *in;
-    const struct pell_compare_part *part; /* NULL: errors are of the whole */
+    const struct pell_compare_part *part; /* NULL: errors of all the light */
     struct pell_comparison *out;
-    int first;          /* row that the planes begin with */
-    int y0;             /* first row of the band that is added */
+    int first;          /* first row of the planes */
+    int y0;             /* first row of the current band */
     bool noisy;         /* the variance of the reference is known */
     struct sums *sums;  /* [row][region] */
     struct band *bands; /* [band][region] */
-    double **work;      /* of the workers: sums of columns, bases, their variances */
+    double **work;      /* per worker: sums of columns, bases, their variances */
 };
 
 /* --- The denominator ------------------------------------------------------------------------------------------------------------ */
 
-/* The reference as its neighbours have it, and the variance of that. */
+/* The reference smoothed over neighbouring pixels, and its variance. */
 struct base {
     double value[3], variance[3];
     bool chosen;
@@ -87,8 +87,8 @@ static void add_columns(const struct pell_errors *job, int y, double *columns)
     }
 }
 
-/* The mean of the pixels on the same side of the mask around a pixel, without its own: what is divided by has none of its noise. Where
- * there is no noise at all it is the pixel itself. */
+/* The mean of the pixels around a pixel on the same side of the mask, excluding the pixel: the denominator is independent of its noise.
+ * Without any noise it is the pixel itself. */
 static void choose_base(const struct pell_errors *job, const struct pell_pixel *p, size_t x, const double *columns, int scale, double e,
                         struct base *b)
 {
@@ -119,7 +119,7 @@ static void find_bases(const struct pell_errors *job, int y, double *columns, st
     const struct pell_compare_input *in = job->in;
     const size_t w = (size_t) in->width;
     bool open = job->noisy;
-    int done = -1; /* rows on each side that the columns hold */
+    int done = -1; /* rows on each side that the columns contain */
 
     for (size_t x = 0; x < w; x++) {
         struct pell_pixel p;
@@ -154,7 +154,7 @@ static void find_bases(const struct pell_errors *job, int y, double *columns, st
     }
 }
 
-/* 1/(b^2 + e^2) for the b that `value` estimates with `variance`: the mean of the reciprocal is too large by f''/2 x variance. */
+/* 1/(b^2 + e^2) for the b that `value` estimates with `variance`, corrected for the bias f''/2 x variance of the reciprocal. */
 static double weight(double value, double variance, double floor)
 {
     const double below = value * value + floor * floor;
@@ -175,15 +175,15 @@ static void read_error(const struct pell_errors *job, size_t at, struct pell_pix
         p->difference[c] = part->test[c][at] - 0.5 * (b1 + b2);
         p->half[c] = 0.5 * (b1 - b2);
         p->variance[c] = part->half[0] ? p->half[c] * p->half[c] : part->variance[0] ? (double) part->variance[c][at] : 0.0;
-        p->told[c] = p->test_told[c] = 0.0;
+        p->reported[c] = p->test_reported[c] = 0.0;
     }
 }
 
 /* --- Sums over rows ------------------------------------------------------------------------------------------------------------- */
 
-/* Variance of Sum w (d^2 - v) over the channels of a pixel, which may share their noise. Of halves: 4 (Sum w d h)^2 with the h of a
- * neighbour, so that it depends on no higher moment of the noise. Of a variance alone, for normal noise: 4 (Sum w d s)^2 - 2 (Sum w v)^2 in
- * sums, and at least that of channels that share nothing. */
+/* Variance of Sum w (d^2 - v) over the channels of a pixel, which may share their noise. With halves: 4 (Sum w d h)^2 with the h of a
+ * neighbour, so that it depends on no higher moment of the noise. With a variance alone, for normal noise: 4 (Sum w d s)^2 - 2 (Sum w v)^2
+ * in sums, and at least that of independent channels. */
 static void add_spread(const struct pell_errors *job, const struct pell_pixel *p, const double half[3], const double w[3], double spread[3])
 {
     double linear = 0.0, noise = 0.0;
@@ -198,7 +198,8 @@ static void add_spread(const struct pell_errors *job, const struct pell_pixel *p
     spread[1] += 2.0 * noise * noise;
 }
 
-/* Half the difference of the halves of the next pixel in the row, on the same side of the mask; else of the one before, or of its own. */
+/* Half the difference of the halves of the next pixel in the row, on the same side of the mask; else of the previous one, or of the pixel
+ * itself. */
 static void read_neighbor(const struct pell_errors *job, int x, int y, const struct pell_pixel *own, double half[3])
 {
     const struct pell_compare_input *in = job->in;
@@ -235,7 +236,7 @@ static void add_pixel(const struct pell_errors *job, const struct pell_pixel *p,
         s->difference[c] += d;
         s->reference[c] += p->reference[c];
         s->test[c] += p->test[c];
-        s->spread[c] += p->variance[c] + p->test_told[c];
+        s->spread[c] += p->variance[c] + p->test_reported[c];
     }
     if (job->noisy) {
         add_spread(job, p, half, ones, s->square_spread);
@@ -317,7 +318,8 @@ static void finish_sums(const struct pell_errors *job, int region, struct pell_m
         if (job->noisy) {
             m->bias_error[c] = sqrt(all.spread[c]) / (double) m->pixels;
             const double slope =
-                job->part ? 1.0 : fabs(all.test[c] / all.reference[c]); /* the noise of a part is nearly independent of the whole's */
+                /* the noise of a part is nearly independent of the noise of the whole */
+                job->part ? 1.0 : fabs(all.test[c] / all.reference[c]);
             m->rel_bias_error[c] = all.reference[c] != 0.0 ? sqrt(all.spread[c]) * slope / fabs(all.reference[c]) : 0.0;
         }
     }
@@ -329,8 +331,9 @@ static void finish_sums(const struct pell_errors *job, int region, struct pell_m
 
 /* --- The Z-test ------------------------------------------------------------------------------------------------------------------- */
 
-/* A quotient whose variance was estimated with few degrees of freedom, as the standard normal number that is as probable (D. L. Wallace,
- * "Bounds on Normal Approximations to Student's and the Chi-Square Distributions", 1959, to first order). Of halves each square has one. */
+/* Converts a quotient whose variance was estimated with few degrees of freedom to the standard normal number of the same probability (D. L.
+ * Wallace, "Bounds on Normal Approximations to Student's and the Chi-Square Distributions", 1959, to first order). With halves each square
+ * has one degree. */
 static double z_of(const struct pell_errors *job, const struct block *b, int c)
 {
     const double t = b->difference[c] / sqrt(b->variance[c]);
@@ -345,7 +348,7 @@ static void add_tested(const struct pell_errors *job, const struct pell_pixel *p
     bool any = false;
 
     for (int c = 0; c < 3; c++) {
-        const double d = p->difference[c], v = p->variance[c] + p->test_told[c], told = p->told[c] + p->test_told[c];
+        const double d = p->difference[c], v = p->variance[c] + p->test_reported[c], told = p->reported[c] + p->test_reported[c];
         if (job->in->variance[0] && told > 0.0) {
             band->values++;
             band->beyond += d * d > 9.0 * told;
@@ -404,13 +407,13 @@ static void test_band(void *arg, int number, int worker)
     }
 }
 
-/* Probability that |z| or more comes by chance. */
+/* Probability of |z| or more under the null hypothesis. */
 static double chance_of(double z)
 {
     return erfc(fabs(z) * 0.70710678118654752);
 }
 
-/* Of a sum of `count` squares: E. B. Wilson and M. M. Hilferty, "The Distribution of Chi-Square", PNAS 17, 1931. */
+/* The same for a sum of `count` squares: E. B. Wilson and M. M. Hilferty, "The Distribution of Chi-Square", PNAS 17, 1931. */
 static double chance_of_squares(double sum, double count)
 {
     const double spread = 2.0 / (9.0 * count), z = (cbrt(sum / count) - (1.0 - spread)) / sqrt(spread);
@@ -457,7 +460,7 @@ static void finish_test(const struct pell_errors *job, int region, struct pell_a
 
 /* --- All of it ------------------------------------------------------------------------------------------------------------------ */
 
-/* Room for all rows; `job` is released by `end`, also on failure. */
+/* Allocates for all rows; `job` is released by `end`, also on failure. */
 static enum pell_result begin(struct pell_errors *job)
 {
     const struct pell_compare_input *in = job->in;

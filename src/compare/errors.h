@@ -14,11 +14,11 @@
 enum { PELL_MASKED, PELL_WHOLE, PELL_REGIONS };
 
 struct pell_pixel {
-    double test[3], reference[3]; /* reference: the mean of its halves */
-    double difference[3];         /* test - reference */
-    double half[3];               /* half the difference of the halves; its square is an estimate of `variance` */
-    double variance[3];           /* of the reference, as it is taken off errors; 0: not known */
-    double told[3], test_told[3]; /* variances as their estimators tell them; 0: not known */
+    double test[3], reference[3];         /* reference: the mean of its halves */
+    double difference[3];                 /* test - reference */
+    double half[3];                       /* half the difference of the halves; its square is an estimate of `variance` */
+    double variance[3];                   /* variance of the reference, as subtracted from errors; 0: not known */
+    double reported[3], test_reported[3]; /* variances reported by the renderers; 0: not known */
     bool bad_test, bad_reference;
     bool bad_variance; /* the only flaw of the reference */
 };
@@ -28,10 +28,10 @@ static inline bool pell_bad_variance(double v)
     return !isfinite(v) || v < 0.0;
 }
 
-/* What is not finite becomes the reference's, or 0. */
+/* Replaces values that are not finite by the reference's, or 0. */
 static inline void pell_pixel_read(const struct pell_compare_input *in, size_t at, struct pell_pixel *p)
 {
-    bool finite = true, told = true;
+    bool finite = true, valid = true;
 
     p->bad_test = false;
     for (int c = 0; c < 3; c++) {
@@ -39,19 +39,19 @@ static inline void pell_pixel_read(const struct pell_compare_input *in, size_t a
         p->test[c] = in->test[c][at];
         p->reference[c] = 0.5 * (b1 + b2);
         p->half[c] = 0.5 * (b1 - b2);
-        p->told[c] = in->variance[0] ? in->variance[c][at] : 0.0;
-        p->test_told[c] = in->test_variance[0] ? in->test_variance[c][at] : 0.0;
-        p->variance[c] = in->half[0] ? p->half[c] * p->half[c] : p->told[c];
-        p->bad_test |= !isfinite(p->test[c]) || pell_bad_variance(p->test_told[c]);
+        p->reported[c] = in->variance[0] ? in->variance[c][at] : 0.0;
+        p->test_reported[c] = in->test_variance[0] ? in->test_variance[c][at] : 0.0;
+        p->variance[c] = in->half[0] ? p->half[c] * p->half[c] : p->reported[c];
+        p->bad_test |= !isfinite(p->test[c]) || pell_bad_variance(p->test_reported[c]);
         finite = finite && isfinite(p->reference[c]);
-        told = told && !pell_bad_variance(p->told[c]);
+        valid = valid && !pell_bad_variance(p->reported[c]);
     }
-    p->bad_reference = !finite || !told;
-    p->bad_variance = finite && !told;
+    p->bad_reference = !finite || !valid;
+    p->bad_variance = finite && !valid;
     for (int c = 0; c < 3 && (p->bad_test || p->bad_reference); c++) {
         p->reference[c] = p->bad_reference ? 0.0 : p->reference[c];
         p->test[c] = p->reference[c];
-        p->half[c] = p->variance[c] = p->told[c] = p->test_told[c] = 0.0;
+        p->half[c] = p->variance[c] = p->reported[c] = p->test_reported[c] = 0.0;
     }
     for (int c = 0; c < 3; c++)
         p->difference[c] = p->test[c] - p->reference[c];
@@ -62,7 +62,7 @@ static inline double pell_luminance_of(const double rgb[3])
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
-/* Where a pixel lies in planes that begin with row `first`. */
+/* Index of a pixel in planes that begin with row `first`. */
 static inline size_t pell_pixel_at(const struct pell_compare_input *in, int first, int x, int y)
 {
     return (size_t) (y - first) * (size_t) in->stride + (size_t) x;
@@ -73,7 +73,7 @@ static inline bool pell_inside(const struct pell_compare_input *in, size_t at)
     return !in->mask || in->mask[at] > 0.5f;
 }
 
-/* Rows above and below a row that its errors depend on, and rows that go together. */
+/* Rows above and below a row that its errors depend on, and rows per band. */
 #define PELL_ERRORS_REACH 8
 #define PELL_ERRORS_BAND 16
 

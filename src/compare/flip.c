@@ -5,8 +5,8 @@
  *
  * Contrast sensitivity, as filters over degrees x: a1 sqrt(pi/b1) exp(-pi^2 x^2/b1) + a2 sqrt(pi/b2) exp(-pi^2 x^2/b2), with
  *     achromatic a1 = 1, b1 = 0.0047;  red-green a1 = 1, b1 = 0.0053;  blue-yellow 34.1, 0.04 and 13.5, 0.025,
- * sampled at pixels and divided by their sum. All reach to three standard deviations of the widest; what the narrow two would have
- * beyond six of their own is under 1e-7 of their weight, and left out.
+ * sampled at pixels and divided by their sum. All have a radius of three standard deviations of the widest; the narrow two are truncated at
+ * six of their own, which omits less than 1e-7 of their weight.
  */
 #include "compare/tile.h"
 
@@ -49,7 +49,7 @@ static void hunt(const double rgb[3], double lab[3])
     lab[2] = 0.01 * lab[0] * 200.0 * (f[1] - f[2]);
 }
 
-/* exp(-x^2/(2 sd^2)) at pixels: half of it, divided by the whole's sum, which is returned. */
+/* exp(-x^2/(2 sd^2)) at pixels: half of the filter, divided by the sum of the whole, which is returned. */
 static double gaussian(double sd, int radius, float *half)
 {
     double sum = 1.0, v[PELL_FLIP_RADIUS_MAX + 1];

@@ -65,7 +65,7 @@ INLINE float power_of(float x, float e)
     return x > 1e-30f ? v : 0.0f;
 }
 
-/* Two steps of Halley's rule from a guess that is right to 4 %; x > 1e-30. */
+/* Two Halley iterations from a guess accurate to 4 %; x > 1e-30. */
 INLINE float cube_root_of(float x)
 {
     int32_t bits;
@@ -114,7 +114,8 @@ static void cube_root_all(const float *x, float *out, int count)
 /* --- Sums along a line -------------------------------------------------------------------------------------------------------- */
 
 /* out[x] = sum of weight[k] (in[x - k step] + in[x + k step]): along a row for step 1, down a column for the length of a row. */
-static void even(const float *restrict in, ptrdiff_t step, const float *restrict weight, int radius, float *restrict out, int count)
+static void sum_symmetric(const float *restrict in, ptrdiff_t step, const float *restrict weight, int radius, float *restrict out,
+                          int count)
 {
     for (int x0 = 0; x0 < count; x0 += BLOCK) {
         const float *middle = in + x0;
@@ -131,7 +132,8 @@ static void even(const float *restrict in, ptrdiff_t step, const float *restrict
 }
 
 /* The same of weight[k] (in[x - k step] - in[x + k step]). */
-static void odd(const float *restrict in, ptrdiff_t step, const float *restrict weight, int radius, float *restrict out, int count)
+static void sum_antisymmetric(const float *restrict in, ptrdiff_t step, const float *restrict weight, int radius, float *restrict out,
+                              int count)
 {
     for (int x0 = 0; x0 < count; x0 += BLOCK) {
         const float *middle = in + x0;
@@ -145,7 +147,7 @@ static void odd(const float *restrict in, ptrdiff_t step, const float *restrict 
     }
 }
 
-/* Pixels of a row that are worked on: whole blocks. */
+/* Row length processed: whole blocks. */
 static int blocks(const struct pell_tile *tile)
 {
     return (tile->width + BLOCK - 1) / BLOCK * BLOCK;
@@ -153,7 +155,7 @@ static int blocks(const struct pell_tile *tile)
 
 /* --- What is shown ------------------------------------------------------------------------------------------------------------ */
 
-/* In [0, 1], linear. */
+/* Tone-maps to [0, 1], linear. */
 static void show(const struct pell_tone *tone, const float *const light[3], size_t count, float *restrict r, float *restrict g,
                  float *restrict b)
 {
@@ -182,7 +184,7 @@ static void show(const struct pell_tone *tone, const float *const light[3], size
 /* --- FLIP --------------------------------------------------------------------------------------------------------------------- */
 
 /* In place: R, G, B to y, x - y, y - z. */
-static void oppose(const struct pell_flip_filters *f, size_t count, float *restrict r, float *restrict g, float *restrict b)
+static void to_opponent_colors(const struct pell_flip_filters *f, size_t count, float *restrict r, float *restrict g, float *restrict b)
 {
     const float *m = f->to_xyz;
 
@@ -195,7 +197,7 @@ static void oppose(const struct pell_flip_filters *f, size_t count, float *restr
     }
 }
 
-/* What the eye makes of a picture: L, a, b after Hunt, and the strength of edges and of points. */
+/* Perceptual features of an image: L, a, b after Hunt, and the strength of edges and of points. */
 enum { EYE_L, EYE_A, EYE_B, EYE_EDGE, EYE_POINT, EYE_PLANES };
 /* Filtered along rows. */
 enum { ROW_Y, ROW_RG, ROW_BY0, ROW_BY1, ROW_SMOOTH, ROW_EDGE, ROW_POINT, ROW_PLANES };
@@ -209,13 +211,13 @@ static void filter_rows(const struct pell_tile *t, const struct pell_flip_filter
         const size_t at = (size_t) i * (size_t) t->row + (size_t) t->pad;
         const float *y = opponent[0] + at, *rg = opponent[1] + at, *by = opponent[2] + at;
         float *out = rows + (size_t) i * W;
-        even(y, 1, f->achromatic, f->achromatic_radius, out + ROW_Y * plane, n);
-        even(rg, 1, f->red_green, f->red_green_radius, out + ROW_RG * plane, n);
-        even(by, 1, f->blue_yellow[0], f->blue_yellow_radius, out + ROW_BY0 * plane, n);
-        even(by, 1, f->blue_yellow[1], f->blue_yellow_radius, out + ROW_BY1 * plane, n);
-        even(y, 1, f->smooth, f->feature_radius, out + ROW_SMOOTH * plane, n);
-        odd(y, 1, f->edge, f->feature_radius, out + ROW_EDGE * plane, n);
-        even(y, 1, f->point, f->feature_radius, out + ROW_POINT * plane, n);
+        sum_symmetric(y, 1, f->achromatic, f->achromatic_radius, out + ROW_Y * plane, n);
+        sum_symmetric(rg, 1, f->red_green, f->red_green_radius, out + ROW_RG * plane, n);
+        sum_symmetric(by, 1, f->blue_yellow[0], f->blue_yellow_radius, out + ROW_BY0 * plane, n);
+        sum_symmetric(by, 1, f->blue_yellow[1], f->blue_yellow_radius, out + ROW_BY1 * plane, n);
+        sum_symmetric(y, 1, f->smooth, f->feature_radius, out + ROW_SMOOTH * plane, n);
+        sum_antisymmetric(y, 1, f->edge, f->feature_radius, out + ROW_EDGE * plane, n);
+        sum_symmetric(y, 1, f->point, f->feature_radius, out + ROW_POINT * plane, n);
     }
 }
 
@@ -248,22 +250,22 @@ static void see(const struct pell_tile *t, const struct pell_flip_filters *f, co
     const int n = blocks(t);
 
     show(tone, t->light[which], padded, opponent[0], opponent[1], opponent[2]);
-    oppose(f, padded, opponent[0], opponent[1], opponent[2]);
+    to_opponent_colors(f, padded, opponent[0], opponent[1], opponent[2]);
     filter_rows(t, f, opponent, rows);
     for (int i = 0; i < t->height; i++) {
         const float *in = rows + (size_t) (i + t->pad) * W;
         float line[4][W], *out = eye + (size_t) i * W;
 
-        even(in + ROW_Y * plane, W, f->achromatic, f->achromatic_radius, line[0], n);
-        even(in + ROW_RG * plane, W, f->red_green, f->red_green_radius, line[1], n);
-        even(in + ROW_BY0 * plane, W, f->blue_yellow[0], f->blue_yellow_radius, line[2], n);
-        even(in + ROW_BY1 * plane, W, f->blue_yellow[1], f->blue_yellow_radius, line[3], n);
+        sum_symmetric(in + ROW_Y * plane, W, f->achromatic, f->achromatic_radius, line[0], n);
+        sum_symmetric(in + ROW_RG * plane, W, f->red_green, f->red_green_radius, line[1], n);
+        sum_symmetric(in + ROW_BY0 * plane, W, f->blue_yellow[0], f->blue_yellow_radius, line[2], n);
+        sum_symmetric(in + ROW_BY1 * plane, W, f->blue_yellow[1], f->blue_yellow_radius, line[3], n);
         uniform(f, line, out, n);
 
-        even(in + ROW_EDGE * plane, W, f->smooth, f->feature_radius, line[0], n);
-        odd(in + ROW_SMOOTH * plane, W, f->edge, f->feature_radius, line[1], n);
-        even(in + ROW_POINT * plane, W, f->smooth, f->feature_radius, line[2], n);
-        even(in + ROW_SMOOTH * plane, W, f->point, f->feature_radius, line[3], n);
+        sum_symmetric(in + ROW_EDGE * plane, W, f->smooth, f->feature_radius, line[0], n);
+        sum_antisymmetric(in + ROW_SMOOTH * plane, W, f->edge, f->feature_radius, line[1], n);
+        sum_symmetric(in + ROW_POINT * plane, W, f->smooth, f->feature_radius, line[2], n);
+        sum_symmetric(in + ROW_SMOOTH * plane, W, f->point, f->feature_radius, line[3], n);
         for (int x = 0; x < n; x++) {
             out[EYE_EDGE * W * H + x] = sqrtf(line[0][x] * line[0][x] + line[1][x] * line[1][x]);
             out[EYE_POINT * W * H + x] = sqrtf(line[2][x] * line[2][x] + line[3][x] * line[3][x]);
@@ -306,8 +308,8 @@ static void moments(const float *restrict a, const float *restrict b, size_t cou
     }
 }
 
-/* `line`: the windowed means of a, b, a^2, b^2, a b. The moments of bright flat areas cancel to rounding, which may leave a covariance that
- * no two signals of these variances have: it is kept within Cauchy's and Schwarz's bound, so that the index stays within -1 to 1. */
+/* `line`: the windowed means of a, b, a^2, b^2, a b. The moments of bright flat areas cancel down to rounding, which may yield a covariance
+ * impossible for these variances: it is clamped by the Cauchy-Schwarz inequality, so that the index stays within -1 to 1. */
 static void similarity(const float line[5][W], float *restrict out, int count)
 {
     const float c1 = 0.01f * 0.01f, c2 = 0.03f * 0.03f;
@@ -330,12 +332,12 @@ static void compare_channel(const struct pell_tile *t, const float *window, floa
     moments(planes, planes + padded, padded, planes + 2 * padded, planes + 3 * padded, planes + 4 * padded);
     for (int m = 0; m < 5; m++)
         for (int i = t->pad - PELL_SSIM_RADIUS; i < t->pad + t->height + PELL_SSIM_RADIUS; i++)
-            even(planes + (size_t) m * padded + (size_t) i * (size_t) t->row + (size_t) t->pad, 1, window, PELL_SSIM_RADIUS,
-                 rows + (size_t) m * plane + (size_t) i * W, n);
+            sum_symmetric(planes + (size_t) m * padded + (size_t) i * (size_t) t->row + (size_t) t->pad, 1, window, PELL_SSIM_RADIUS,
+                          rows + (size_t) m * plane + (size_t) i * W, n);
     for (int i = 0; i < t->height; i++) {
         float line[5][W];
         for (int m = 0; m < 5; m++)
-            even(rows + (size_t) m * plane + (size_t) (i + t->pad) * W, W, window, PELL_SSIM_RADIUS, line[m], n);
+            sum_symmetric(rows + (size_t) m * plane + (size_t) (i + t->pad) * W, W, window, PELL_SSIM_RADIUS, line[m], n);
         similarity((const float(*)[W]) line, map + i * W, n);
     }
 }
@@ -363,5 +365,5 @@ static void ssim(const struct pell_tile *t, const float *window, const struct pe
     }
 }
 
-extern const struct pell_tile_kernels PELL_SIMD(pell_tile); /* it may be one that tile.h does not name */
+extern const struct pell_tile_kernels PELL_SIMD(pell_tile); /* may be declared nowhere else, as tile.h does not know all levels */
 const struct pell_tile_kernels PELL_SIMD(pell_tile) = { flip, ssim, power_all, cube_root_all };

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * tile.h - FLIP and SSIM of a tile of two pictures; tile.c is compiled once per SIMD level (base/simd.h).
+ * tile.h - FLIP and SSIM of a tile of two images; tile.c is compiled once per SIMD level (base/simd.h).
  *
  * A tile is padded on all sides by the radius of the filters, so that a tile's pixels depend on nothing but their neighbourhood: tiles
  * may be done in any order. Rows of filtered tiles are PELL_TILE_WIDTH floats, whatever the tile's width.
  *
- * FLIP works on y = Y/Y_n, x - y and y - z of XYZ over the white: Y C_x C_z without their constant factors, which linear filters do not
- * see. A filter over two dimensions is a sum of products of two over one: exact for Gaussians and their derivatives.
+ * FLIP works on y = Y/Y_n, x - y and y - z of XYZ over the white: Y C_x C_z without their constant factors, which commute with linear
+ * filters. A filter over two dimensions is a sum of products of two over one: exact for Gaussians and their derivatives.
  *
  * Threads    each caller has a scratch of its own.
  */
@@ -31,17 +31,17 @@ struct pell_flip_filters {
     float edge[PELL_FLIP_RADIUS_MAX + 1];     /* its derivative: -edge[k] at +k, */
     float point[PELL_FLIP_RADIUS_MAX + 1];    /* its second derivative */
     float to_xyz[9], from_xyz[9];             /* linear Rec.709 and XYZ over the white, row by row */
-    float scale, low_slope, high_slope, knee; /* from HyAB^0.7 to [0, 1]: two lines that meet at `knee`; `scale` is their end */
+    float scale, low_slope, high_slope, knee; /* from HyAB^0.7 to [0, 1]: two lines that join at `knee`; `scale` is their end */
 };
 
-/* How a linear picture is shown. */
+/* Tone mapping of linear images. */
 struct pell_tone {
     int curve;                   /* enum pell_compare_tonemap */
     float exposure, white_scale; /* 1/white^2 */
 };
 
 struct pell_tile {
-    int width, height;        /* of the picture's part: at most PELL_TILE_WIDTH x PELL_TILE_HEIGHT */
+    int width, height;        /* size of the tile: at most PELL_TILE_WIDTH x PELL_TILE_HEIGHT */
     int pad, row;             /* padding on every side; floats per padded row */
     int rows;                 /* padded rows */
     const float *light[2][3]; /* linear, finite, row x rows: the test's, then the reference's */
@@ -49,7 +49,7 @@ struct pell_tile {
 };
 
 struct pell_tile_kernels {
-    /* One error per pixel, in rows of PELL_TILE_WIDTH; only the tile's width x height are meant. */
+    /* One error per pixel, in rows of PELL_TILE_WIDTH; only the tile's width x height are valid. */
     void (*flip)(const struct pell_tile *tile, const struct pell_flip_filters *filters, const struct pell_tone *tone, float *error);
     /* SSIM of the luma, then of R, G, B. */
     void (*ssim)(const struct pell_tile *tile, const float *window, const struct pell_tone *tone, float *map[4]);
@@ -71,7 +71,7 @@ void pell_flip_prepare(double ppd, struct pell_flip_filters *filters);
 /* log2 of the exposures of HDR-FLIP for a reference whose largest and median luminance these are (both above 0). */
 void pell_flip_exposures(double largest, double median, double *start, double *stop, int *count);
 
-/* exp2(x) and the ACES curve (Narkowicz 2015, with its factor 0.6 before it taken back): for any finite x >= 0. */
+/* exp2(x) and the ACES curve (Narkowicz 2015, with its factor of 0.6 undone): for any finite x >= 0. */
 double pell_aces(double x);
 
 /* Half of the window of SSIM: PELL_SSIM_RADIUS + 1 weights. */
