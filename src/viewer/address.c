@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * address.c - who may talk to the viewer. */
+ * address.c - access control of the viewer. */
 #include "viewer/address.h"
 
 #include <arpa/inet.h>
@@ -24,7 +24,7 @@ bool viewer_token_make(char token[VIEWER_TOKEN + 1])
     return true;
 }
 
-/* Writes all of it, or leaves nothing. 0, or errno. */
+/* Writes the whole token, or leaves no file. Returns 0, or errno. */
 static int write_token(const char *path, const char *token)
 {
     char line[VIEWER_TOKEN + 2];
@@ -81,7 +81,7 @@ bool viewer_token_equal(const char *token, const char *given)
     return differ == 0;
 }
 
-/* "[::1]:80" -> "::1"; false: it is too long, or no host. */
+/* "[::1]:80" -> "::1"; false if it is too long, or no host. */
 static bool host_name(const char *host, char *name, size_t size)
 {
     const char *end = host[0] == '[' ? strchr(host, ']') : host + strcspn(host, ":");

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * address.h - who may talk to the viewer: names of hosts, origins, the token.
+ * address.h - access control of the viewer: host names, origins, the token.
  */
 #ifndef PELL_VIEWER_ADDRESS_H
 #define PELL_VIEWER_ADDRESS_H
@@ -12,20 +12,20 @@
 
 #define VIEWER_TOKEN 32 /* hexadecimal digits */
 
-/* Random; false where the system gives no random bytes. */
+/* Makes a random token; false if the system gives no random bytes. */
 bool viewer_token_make(char token[VIEWER_TOKEN + 1]);
-/* The token that a file keeps; where there is no file, a new token and a file of it, which its owner alone may read. */
+/* Reads the token from a file; if the file does not exist, makes a new token and writes it, readable by the owner only. */
 PELL_NODISCARD enum pell_result viewer_token_keep(struct pell_context *ctx, const char *path, char token[VIEWER_TOKEN + 1]);
-/* In a time that does not depend on where they differ. */
+/* Constant-time comparison. */
 bool viewer_token_equal(const char *token, const char *given);
 
-/* Whether a request's Host names this machine: loopback, or the address that is listened at, or, where that is all of them, an address in
- * numbers. Names that others may point here are refused. The port may be another one: of a tunnel. */
+/* Whether a request's Host names this machine: loopback, or the listening address, or, when listening on all addresses, any numeric
+ * address. Other names are refused, as others may point them here. The port may differ, as in a tunnel. */
 bool viewer_host_allowed(const char *host, const char *listening);
-/* Whether a page of `origin` may connect: the one that this Host served. None ("") is a program, not a page. */
+/* Whether a page of `origin` may connect: only the one that this Host served. "": a program, not a page. */
 bool viewer_origin_allowed(const char *origin, const char *host);
 
-/* Whether something can listen there: 0, or errno. *port 0 becomes one that is free. */
+/* Checks that the server can listen there: 0, or errno. *port 0 is replaced by a free one. */
 int viewer_probe(const char *address, int *port);
 bool viewer_is_loopback(const char *address);
 

@@ -12,9 +12,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* --- What a page begins with ---------------------------------------------------------------------------------------------------------- */
+/* --- Initial state of a page ---------------------------------------------------------------------------------------------------------- */
 
-/* Those that differ from `usual`, as texts. */
+/* Settings that differ from `usual`, as texts. */
 static json_t *differences(const struct pell_knob *knobs, const void *values, const void *usual)
 {
     json_t *o = json_object();
@@ -73,14 +73,14 @@ static char *make_hello(struct cli *cli, const struct session *s)
 
 /* --- The command ---------------------------------------------------------------------------------------------------------------------- */
 
-/* What both contexts log for the terminal is in what a page shows, too; the terminal stays quiet but for the start. */
+/* Log messages of both contexts are shown in the page, too; the terminal shows only those of the start. */
 static void ignore(void *user, const struct pell_message *message)
 {
     (void) user;
     (void) message;
 }
 
-/* Ctrl-C is the main thread's: others must not get it, or it would not wake the server. */
+/* Only the main thread may receive Ctrl-C, or it would not wake the server. */
 static void block_signals(bool block)
 {
     sigset_t set;
@@ -138,11 +138,11 @@ enum exit_code command_view(struct cli *cli)
     struct viewer v;
     char *hello = NULL;
     int port = cli->numbers.port;
-    enum exit_code code = viewer_find_port(cli, listening(cli), &port); /* before what may take long */
+    enum exit_code code = viewer_find_port(cli, listening(cli), &port); /* before slow work */
 
     if (code != EXIT_OK)
         return code;
-    code = session_read(cli, path, &session); /* what is wrong at the start is said in the terminal */
+    code = session_read(cli, path, &session); /* errors at the start are printed in the terminal */
     if (code == EXIT_OK && !(hello = make_hello(cli, &session)))
         code = EXIT_MEMORY;
     session_close(&session);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * document.c - the scene that is shown, as a scene file. */
+ * document.c - the displayed scene, as a scene file. */
 #include "viewer/document.h"
 
 #include "base/file.h"
@@ -13,7 +13,7 @@
 
 /* --- Values ----------------------------------------------------------------------------------------------------------------------- */
 
-/* A float as the shortest decimal that reads back as it. */
+/* The shortest decimal that reads back as the same float. */
 static json_t *number(float x)
 {
     char text[40];
@@ -48,7 +48,7 @@ static json_t *position(const float *v)
     return a;
 }
 
-/* A place `distance` mm along a direction. */
+/* A point `distance` mm along a direction. */
 static json_t *target(const float *from, const float *direction, float distance)
 {
     float to[3];
@@ -58,7 +58,7 @@ static json_t *target(const float *from, const float *direction, float distance)
     return position(to);
 }
 
-/* How far the middle of the bounds lies along a direction; at least a little. */
+/* Distance of the centre of the bounds along a direction, at least a small one. */
 static float distance_to_middle(const struct pell_scene *scene, const float *from, const float *direction)
 {
     float along = 0.0f, extent = 0.0f;
@@ -106,7 +106,7 @@ static void set_shape(json_t *o, const struct pell_light *l)
     }
 }
 
-/* What the file says of a light (`said`, or NULL), with lengths in mm. */
+/* A light's JSON from the file (`said`, or NULL), with lengths in mm. */
 static json_t *light_json(const struct pell_scene *scene, const struct pell_light *l, const json_t *said)
 {
     json_t *o = said ? json_deep_copy(said) : json_object();
@@ -150,7 +150,7 @@ enum pell_result viewer_document_note(struct viewer_document *d, const struct pe
     d->studio = false;
     if (scene->ground_mesh >= 0 && !json_object_get(d->base, "ground") &&
         !json_object_get(json_object_get(d->base, "background"), "ground"))
-        json_object_set_new(d->base, "ground", json_true()); /* also where its lights are listed one by one */
+        json_object_set_new(d->base, "ground", json_true()); /* also if its lights are listed one by one */
     for (size_t i = 0; i < scene->num_lights; i++) {
         const struct pell_light *l = &scene->lights[i];
         const json_t *one = listed ? json_array_get(said, i) : NULL;
@@ -196,7 +196,7 @@ fail:
     return res;
 }
 
-/* --environment as a light. A file below the input's folder is named from there, as in a scene file that is written by hand. */
+/* Adds --environment as a light. A file below the input's folder is named relative to it, as in a hand-written scene file. */
 static enum pell_result light_with(struct viewer_document *d, const char *input, const struct pell_load_params *params)
 {
     const double scale = params->environment_scale > 0.0 ? params->environment_scale : 1.0;
@@ -227,8 +227,8 @@ fail:
     return res;
 }
 
-/* What the command line says of sides, lights and background, as the scene file would. All of it has been looked at by who loaded the
- * scene for the command line. */
+/* Adds the command line's sides, lights and background in the form of a scene file. They were validated when the scene was loaded for the
+ * command line. */
 static enum pell_result surround(struct viewer_document *d, const char *input, const struct pell_load_params *params)
 {
     const json_t *background = json_object_get(d->base, "background");
@@ -305,9 +305,9 @@ void viewer_document_close(struct viewer_document *d)
     *d = (struct viewer_document) { .ctx = NULL };
 }
 
-/* --- With what a page says ------------------------------------------------------------------------------------------------------------ */
+/* --- With a page's changes ------------------------------------------------------------------------------------------------------------ */
 
-/* The camera that frames the object depends on the picture's shape. */
+/* The camera that frames the object depends on the image's aspect ratio. */
 static json_t *size_of(const struct viewer_message *view)
 {
     struct pell_settings settings;
@@ -330,7 +330,7 @@ json_t *viewer_document_merge(const struct viewer_document *d, const struct view
     if (!o)
         return NULL;
     json_object_set_new(o, "render", size_of(view));
-    if (!lights && view->camera && d->studio) /* they stay where they are while the camera moves */
+    if (!lights && view->camera && d->studio) /* they are fixed while the camera moves */
         lights = d->lights;
     if (view->camera)
         json_object_set(o, "camera", view->camera);

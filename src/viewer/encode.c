@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * encode.c - pictures as bytes for the page: JPEG while it moves, PNG when it is still. */
+ * encode.c - encodes images for the page: JPEG while it moves, PNG when it is static. */
 #include "viewer/encode.h"
 
 #include "image/formats.h"
@@ -10,7 +10,7 @@
 #include <string.h>
 #include <turbojpeg.h>
 
-#define STEPS 4096 /* of the table; a step is below a quarter of one of the 255 everywhere but in the darkest few */
+#define STEPS 4096 /* size of the table; a step is below a quarter of one of the 255 except for the darkest few */
 
 static void make_table(uint8_t table[STEPS + 1], bool encoded)
 {

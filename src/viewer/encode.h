@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
- * encode.h - pictures as bytes for the page.
+ * encode.h - encodes images for the page.
  *
- * Ownership  *bytes is the caller's, by free().
+ * Ownership  the caller frees *bytes by free().
  * Errors     logged; *bytes is NULL on failure.
  */
 #ifndef PELL_VIEWER_ENCODE_H
@@ -22,13 +22,13 @@ struct viewer_picture {
 
 PELL_NODISCARD enum pell_result viewer_encode_jpeg(struct pell_context *ctx, const struct viewer_picture *p, int quality, uint8_t **bytes,
                                                    size_t *size);
-/* The pixels of `pellucid render -o x.png`. */
+/* Encodes the same pixels as `pellucid render -o x.png`. */
 PELL_NODISCARD enum pell_result viewer_encode_png(struct pell_context *ctx, const struct viewer_picture *p, uint8_t **bytes, size_t *size);
-/* All channels of a result, linear. */
+/* Encodes all channels of a result, linear. */
 PELL_NODISCARD enum pell_result viewer_encode_exr(struct pell_context *ctx, const struct pell_render_result *image, uint8_t **bytes,
                                                   size_t *size);
-/* Display light of linear radiance, as the renderer's last stage makes it: `settings` say exposure, white
- * and curve. Planes without padding; `out` may be `in`. */
+/* Applies the renderer's display transform to linear radiance: exposure, white and curve from `settings`. Planes without padding; `out` may
+ * be `in`. */
 void viewer_tone(const struct pell_settings *settings, const float *const in[3], float *const out[3], size_t count);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * message.c - reads what a page asks for. */
+ * message.c - parses requests of a page. */
 #include "viewer/message.h"
 
 #include <string.h>
@@ -23,7 +23,7 @@ static const struct {
 static const char *const state_keys[] = { "method", "knobs", "settings", "camera", "lights", "materials", "time", "other", "truth" };
 static const char *const look_keys[] = { "method", "knobs" };
 
-/* An object of texts. */
+/* Reads an object of texts. */
 static enum pell_result read_settings(const struct pell_json *parent, const char *key, const char *where, struct pell_setting *list,
                                       size_t *count)
 {

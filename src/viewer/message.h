@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
  *
- * message.h - what a page may ask of the viewer. Its bytes come from outside: everything is checked here, but what the scene reader and the
- * tables of knobs check anyway.
+ * message.h - requests of a page to the viewer. They are untrusted: everything is checked here, except what the scene reader and the tables
+ * of knobs check anyway.
  *
- *     {"type": "view", "id": 7, "moving": true, "state": STATE}   draw this; a newer one takes its place
- *     {"type": "ack", "serial": 12}                               the picture of that number is on the screen
+ *     {"type": "view", "id": 7, "moving": true, "state": STATE}   render this; a newer one replaces it
+ *     {"type": "ack", "serial": 12}                               the image of that number is displayed
  *     {"type": "save", "id": 8, "format": "scene" | "exr" | "report"}   the last view as a file
- *     {"type": "pick", "id": 9, "x": 0.5, "y": 0.5}               what is seen there, as shares of the picture's size
+ *     {"type": "pick", "id": 9, "x": 0.5, "y": 0.5}               query the visible point, in fractions of the image size
  *     {"type": "profile", "id": 10, "medium": {"sigma_a": ...}}   R(r) of coefficients, with a fit of so many "gaussians"; with
  *                                                                 "export": "glsl" the code of it as a file
  *     {"type": "profile", "id": 11, "material": {"skin": ...}}    R(r) and the layers of a composition of skin
@@ -31,7 +31,7 @@ enum viewer_message_type { VIEWER_VIEW, VIEWER_ACK, VIEWER_SAVE, VIEWER_PICK, VI
 enum viewer_format { VIEWER_SCENE, VIEWER_EXR, VIEWER_REPORT };
 extern const char *const viewer_format_names[];
 
-/* A method as a page names it; texts live in the message. "none" is no method. */
+/* A method as named by a page; texts belong to the message. "none" is no method. */
 struct viewer_look {
     const char *method;
     struct pell_setting knobs[VIEWER_SETTINGS_MOST];
@@ -41,23 +41,23 @@ struct viewer_look {
 struct viewer_message {
     struct pell_json_file file; /* holds the tree */
     enum viewer_message_type type;
-    int64_t id; /* of an ack: the picture's number */
+    int64_t id; /* for an ack: the image's number */
 
     bool moving;
     struct viewer_look look, other; /* other.method NULL: none */
     struct pell_setting settings[VIEWER_SETTINGS_MOST];
     size_t num_settings;
-    json_t *camera, *lights, *materials; /* borrowed from the tree; NULL: as in the file */
+    json_t *camera, *lights, *materials; /* borrowed from the tree; NULL: unchanged */
     bool timed;
     double time;       /* seconds */
-    const char *truth; /* NULL: no reference is asked for */
+    const char *truth; /* NULL: no reference requested */
 
-    enum viewer_format format; /* of a save */
-    double x, y;               /* of a pick, [0, 1] */
-    json_t *medium;            /* of a profile: coefficients as in a scene file; borrowed from the tree. NULL: */
+    enum viewer_format format; /* for a save */
+    double x, y;               /* for a pick, [0, 1] */
+    json_t *medium;            /* for a profile: coefficients as in a scene file; borrowed from the tree. NULL: */
     json_t *material;          /* "skin" as in a scene file; borrowed, too */
     int gaussians;             /* [1, PELL_GAUSSIANS_MAX] */
-    const char *export;        /* a language; NULL: numbers */
+    const char *export;        /* language of the exported code; NULL: numbers */
 };
 
 /* PELL_ERR_FORMAT or PELL_ERR_INVALID, logged; *out is NULL on failure. */

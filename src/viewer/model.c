@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * model.c - the scene that is loaded, and renderers over it. */
+ * model.c - the loaded scene, and its renderers. */
 #include "viewer/model.h"
 
 #include "cli/cli.h"
@@ -61,13 +61,13 @@ static void replace(char **to, char **from)
 
 /* --- The scene ------------------------------------------------------------------------------------------------------------------------ */
 
-/* A part of the document as text; "null": as in the file. NULL without memory. */
+/* A part of the document as text; "null": unchanged. NULL if out of memory. */
 static char *text_of(const json_t *part)
 {
     return part ? json_dumps(part, JSON_COMPACT | JSON_SORT_KEYS) : strdup("null");
 }
 
-/* The lights that a document lists because a page moved them, or because the camera that they depend on has moved. */
+/* The lights of a document that a page moved, or that depend on a camera that has moved. */
 static json_t *lights_of(const struct viewer_model *m, const json_t *document, const struct viewer_message *view)
 {
     return view->lights || (view->camera && m->document.studio) ? json_object_get(document, "lights") : NULL;
@@ -95,7 +95,7 @@ fail:
     return res;
 }
 
-/* Moves camera and lights of the loaded scene. */
+/* Updates camera and lights of the loaded scene. */
 static enum pell_result move(struct viewer_model *m, json_t *camera, json_t *lights)
 {
     json_t *o = json_object();
@@ -118,7 +118,7 @@ static enum pell_result load_or_move(struct viewer_model *m, const struct viewer
 {
     const struct viewer_sight *old = &m->sight;
     const bool back = (!view->camera && !same(old->camera, "null")) || (strcmp(new->lights, "null") == 0 && !same(old->lights, "null"));
-    const bool grounded = exact && m->scene && m->scene->ground_mesh >= 0; /* the ground lies where the first camera needs it */
+    const bool grounded = exact && m->scene && m->scene->ground_mesh >= 0; /* the ground depends on the first camera */
     enum pell_result res = PELL_OK;
 
     if (!m->scene || m->stale || !same(new->structure, old->structure) || back || (grounded && !same(new->camera, m->loaded_camera))) {
@@ -134,7 +134,7 @@ static enum pell_result load_or_move(struct viewer_model *m, const struct viewer
     if (same(new->camera, old->camera) && same(new->lights, old->lights))
         return PELL_OK;
     res = move(m, view->camera, lights_of(m, document, view));
-    if (res != PELL_OK) { /* some lights may be gone */
+    if (res != PELL_OK) { /* some lights may have been removed */
         free(m->sight.structure);
         m->sight.structure = NULL;
         return res;
@@ -187,7 +187,7 @@ static char *look_text(const struct viewer_look *look)
     return text;
 }
 
-/* Gives the slot the look's method, if it has another. */
+/* Switches the slot to the look's method, if it has another. */
 static enum pell_result choose(struct viewer_model *m, enum viewer_slot slot, const struct viewer_look *look)
 {
     const char *name = look->method ? look->method : "screen-space";
@@ -255,10 +255,10 @@ static void hurry(const struct viewer_haste *haste, struct pell_settings *s)
     s->indirect_samples = least(s->indirect_samples, 2048);
 }
 
-/* Exposure and white are metered once for a scene and its lights: pictures of it do not flicker, and methods compare. */
+/* Exposure and white are metered once for a scene and its lights, so that its images do not flicker, and methods can be compared. */
 static char *meter_text(const struct viewer_model *m, bool lights_moved)
 {
-    /* The default lights are the same ones where they are listed because the camera has moved. */
+    /* Default lights count as unchanged if they are only listed because the camera has moved. */
     const char *structure = m->sight.structure ? m->sight.structure : "", *lights = lights_moved ? m->sight.lights : "";
     const size_t size = strlen(structure) + strlen(lights) + 1;
     char *text = malloc(size);
@@ -347,7 +347,7 @@ json_t *viewer_model_saved(const struct viewer_model *m, const struct viewer_mes
     return o;
 }
 
-/* Top to bottom; the depth is from the surface to the bottom of a layer, null where there is none. */
+/* Layers from top to bottom; the depth is from the surface to the bottom of a layer, null for an infinite one. */
 static json_t *layers_json(const struct pell_material *m)
 {
     json_t *layers = json_array();

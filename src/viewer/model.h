@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
  *
- * model.h - the scene that is loaded, and renderers over it. A slot is a renderer with a method of its own: the one for moving pictures
- * keeps what it has prepared while another makes the still one.
+ * model.h - the loaded scene, and its renderers. A slot is a renderer with its own method: the slot for moving images keeps its prepared
+ * data while another slot renders the static image.
  *
- * Threads    everything belongs to the thread that renders.
+ * Threads    everything belongs to the render thread.
  */
 #ifndef PELL_VIEWER_MODEL_H
 #define PELL_VIEWER_MODEL_H
@@ -20,49 +20,52 @@ struct viewer_model {
     bool stale; /* the files have changed */
     struct viewer_sight {
         char *structure, *camera, *lights;
-    } sight;             /* what the scene is made of, its camera and its lights as texts of malloc; "null": as in the file */
-    char *loaded_camera; /* that it was loaded with */
-    uint64_t loads;      /* how often a scene was loaded */
+    } sight;             /* the scene's structure, camera and lights as texts allocated by malloc; "null": unchanged */
+    char *loaded_camera; /* the camera at loading */
+    uint64_t loads;      /* number of times a scene was loaded */
     struct {
         struct pell_renderer *renderer;
-        uint64_t loads; /* of the scene that it has */
+        uint64_t loads; /* value of model.loads for the renderer's scene */
         const struct pell_method *method;
         void *knobs;
         char *look; /* method and knobs as text */
     } slots[VIEWER_SLOTS];
-    float exposure, white; /* metered, with `metered` the text of what it was metered on; 0: not yet */
+    float exposure, white; /* metered values, with `metered` the key they are valid for; 0: not yet */
     char *metered;
 };
 
-/* Takes the document; the scene is loaded by viewer_model_apply. */
+/* Takes ownership of the document; the scene is loaded by viewer_model_apply. */
 PELL_NODISCARD enum pell_result viewer_model_open(struct pell_context *ctx, struct pell_device *device, struct viewer_document *document,
                                                   struct viewer_model *out);
 void viewer_model_close(struct viewer_model *m);
 
-/* Makes the scene what the page says. `exact`: also what the camera's place changes besides the view. On failure the last scene stays. */
+/* Updates the scene to the page's state. `exact`: also those parts that depend on the camera's position besides the view. On failure the
+ * last scene is kept. */
 PELL_NODISCARD enum pell_result viewer_model_apply(struct viewer_model *m, const struct viewer_message *view, bool exact);
 
-/* What differs from the settings of the page in a picture that must come soon. */
+/* Changes to the page's settings for an image that must be fast. */
 struct viewer_haste {
-    double scale; /* of width and height, (0, 1] */
+    double scale; /* factor of width and height, (0, 1] */
     bool quick;   /* one multisample, few rays */
     int64_t seed_offset;
     bool layers;
 };
 
-/* Renders a look of the page. `image` is valid until the slot's next picture. */
+/* Renders a look of the page. `image` is valid until the slot's next image. */
 PELL_NODISCARD enum pell_result viewer_model_render(struct viewer_model *m, enum viewer_slot slot, const struct viewer_message *view,
                                                     const struct viewer_look *look, const struct viewer_haste *haste,
                                                     struct pell_settings *settings, struct pell_render_result *image);
-/* The method of a slot's last picture; NULL: none. */
+/* The method of a slot's last image; NULL: none. */
 const struct pell_method *viewer_model_method(const struct viewer_model *m, enum viewer_slot slot);
 
-/* What is seen at a place of the picture, as JSON; NULL without memory. After viewer_model_apply and a picture of the slot LIVE_A. */
+/* The surface visible at a position in the image, as JSON; NULL if out of memory. After viewer_model_apply and an image of the slot
+ * LIVE_A. */
 json_t *viewer_model_pick(const struct viewer_model *m, const struct viewer_message *pick);
 
-/* The document with method, knobs and settings, which `pellucid render` draws as the slot's last picture; NULL without memory. */
+/* The document with method, knobs and settings, which `pellucid render` renders identically to the slot's last image; NULL if out of
+ * memory. */
 json_t *viewer_model_saved(const struct viewer_model *m, const struct viewer_message *view);
-/* What a page needs to know of the scene; NULL without memory. */
+/* Facts about the scene for a page; NULL if out of memory. */
 json_t *viewer_model_facts(const struct viewer_model *m);
 
 #endif

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pick.c - what is seen at a place of the picture: the point, its object and material, and the R(r) that spreads light about it. */
+ * pick.c - the surface visible at a position in the image: the point, its object and material, and the profile R(r) there. */
 #include "viewer/model.h"
 
 #include "cli/cli.h"
@@ -18,7 +18,7 @@ static json_t *three(const float *v)
     return json_pack("[f,f,f]", (double) v[0], (double) v[1], (double) v[2]);
 }
 
-/* R(r) of the three channels over radii that are evenly spaced in log r and hold 99.9 % of the light. */
+/* R(r) of the three channels over radii spaced uniformly in log r that hold 99.9 % of the light. */
 static json_t *profile_json(const struct pell_frame_material *m)
 {
     json_t *radii = json_array(), *channels = json_array(), *totals = json_array(), *mean = json_array();

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * profile.c - the profile bench: R(r) of coefficients that a page tries out, by every model, with totals, free paths and a fit. */
+ * profile.c - the profile bench: R(r) of coefficients edited in a page, by every model, with totals, mean free paths and a fit. */
 #include "viewer/profile.h"
 
 #include "cli/cli.h"
@@ -14,14 +14,14 @@
 
 #define RADII 48
 #define THICKNESSES 33
-#define TAPS 25 /* of the separable kernel in exported code: --taps of `pellucid profile` */
+#define TAPS 25 /* size of the separable kernel in exported code: --taps of `pellucid profile` */
 
 static json_t *finite(double x)
 {
     return isfinite(x) ? json_real(x) : json_null();
 }
 
-/* Radii that are evenly spaced in log r and hold 99.9 % of the light of the widest channel. */
+/* Radii spaced uniformly in log r that hold 99.9 % of the light of the widest channel. */
 static void choose_radii(const struct pell_profile *p, double r[RADII])
 {
     double far = 1e-6;
@@ -95,7 +95,7 @@ static json_t *models_json(const struct pell_medium *medium, struct pell_profile
     return models;
 }
 
-/* Share of the light that a slab transmits over its thickness, from a tenth of the shortest free path to where 1e-4 are left. */
+/* Fraction of the light that a slab transmits over its thickness, from a tenth of the shortest mean free path to where 1e-4 is left. */
 static json_t *slab_json(const struct pell_medium *medium)
 {
     struct pell_slab slab[3];
@@ -127,7 +127,7 @@ static json_t *slab_json(const struct pell_medium *medium)
     return json_pack("{s:o,s:o}", "thickness_mm", cli_numbers(thickness, THICKNESSES), "T", channels);
 }
 
-/* What a message's coefficients are. */
+/* Reads a message's coefficients. */
 static enum pell_result read_medium(struct pell_context *ctx, const struct viewer_message *m, struct pell_medium *medium)
 {
     const struct pell_json_file file = { .ctx = ctx, .path = "coefficients", .root = m->medium };
@@ -150,7 +150,7 @@ static json_t *stack_json(const struct pell_material_layers *layers)
     return list;
 }
 
-/* The composition of skin: its layers, and the profile that they have together. */
+/* The composition of skin: its layers, and their combined profile. */
 static json_t *skin_profile(struct pell_context *ctx, const struct viewer_message *m)
 {
     const struct pell_json_file file = { .ctx = ctx, .path = "material", .root = m->material };

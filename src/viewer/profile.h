@@ -7,10 +7,10 @@
 
 #include "viewer/message.h"
 
-/* R(r) of a message's coefficients by every model, as JSON; NULL without memory, or, logged, for coefficients that are no medium. */
+/* R(r) of a message's coefficients by every model, as JSON; NULL if out of memory, or, logged, for invalid coefficients. */
 json_t *viewer_profile(struct pell_context *ctx, const struct viewer_message *message);
-/* Their fit, kernel and table as code of message->export ("c", "glsl", "hlsl", "json"), as `pellucid profile --export` writes it: a file of
- * malloc. What is wrong is logged. */
+/* Their fit, kernel and table as code in message->export ("c", "glsl", "hlsl", "json"), as `pellucid profile --export` writes it: a file
+ * allocated by malloc. Errors are logged. */
 PELL_NODISCARD enum pell_result viewer_profile_code(struct pell_context *ctx, const struct viewer_message *message, uint8_t **file,
                                                     size_t *size);
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * server.c - the page's files over HTTP, and its messages over a WebSocket, by libwebsockets on the main thread. */
+ * server.c - serves the page's files over HTTP, and its messages over a WebSocket, by libwebsockets on the main thread. */
 #include "viewer/address.h"
 #include "viewer/viewer.h"
 
@@ -17,8 +17,8 @@
 #include <unistd.h>
 
 #define ALONE_SECONDS 600.0 /* after the last page has been closed */
-#define SETTLE_US 150000    /* a program that writes a file may write more of them */
-#define TICK_US 250000      /* Ctrl-C is noticed by then */
+#define SETTLE_US 150000    /* a program that writes a file may write others right after */
+#define TICK_US 250000      /* longest delay until Ctrl-C is noticed */
 #define WATCHED_MOST 256    /* folders */
 #define WATCHED_DEPTH 4     /* of folders below that of the input */
 
@@ -35,7 +35,7 @@ struct server {
     lws_sorted_usec_list_t tick, settle;
     int pages;
     bool visited;
-    double alone; /* since when no page has been open */
+    double alone; /* time since which no page has been open */
 };
 
 /* One page's connection. */
@@ -46,7 +46,7 @@ struct connection {
     const char *goodbye;
 };
 
-/* One file on its way. */
+/* One file being sent. */
 struct request {
     const struct viewer_file *file;
     size_t sent;
@@ -57,7 +57,7 @@ static struct server *server_of(struct lws *wsi)
     return lws_context_user(lws_get_context(wsi));
 }
 
-/* --- Who asks ------------------------------------------------------------------------------------------------------------------------- */
+/* --- Access ------------------------------------------------------------------------------------------------------------------------- */
 
 static const char *header(struct lws *wsi, enum lws_token_indexes which, char *text, int size)
 {
@@ -297,7 +297,7 @@ static int on_files(struct lws *wsi, enum lws_callback_reasons reason, void *use
     return 0;
 }
 
-/* Watches a folder and what lies below it, but for hidden ones; `*left` more. */
+/* Watches a folder and its subfolders, except hidden ones; `*left`: how many more may be watched. */
 static void watch_folder(int fd, const char *path, int deeper, int *left)
 {
     DIR *folder;
@@ -344,7 +344,7 @@ static const struct lws_protocols protocols[] = {
     { NULL, NULL, 0, 0, 0, NULL, 0 },
 };
 
-/* Any thread. */
+/* Called from any thread. */
 static void notify(struct viewer *v)
 {
     lws_cancel_service(v->server);
@@ -363,7 +363,7 @@ static void silence(int level, const char *line)
     (void) line;
 }
 
-/* Runs a program that opens an address, if there is one, and forgets it. */
+/* Starts a program that opens an address, if there is one, without waiting for it. */
 static void open_browser(const char *address)
 {
     const char *named = getenv("BROWSER"), *display = getenv("DISPLAY"), *wayland = getenv("WAYLAND_DISPLAY");

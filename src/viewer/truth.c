@@ -13,7 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PIXELS (640.0 * 360.0) /* of the pictures that are compared, at most */
+#define PIXELS (640.0 * 360.0) /* limit on the size of compared images */
 #define BATCHES_MOST 1024
 #define NOISE_ENOUGH 0.002
 #define REPORT_EVERY 2.0 /* seconds */
@@ -23,13 +23,13 @@ struct viewer_truth {
     uint64_t page;
     const struct viewer_message *view;
     struct viewer_look look; /* of the reference */
-    bool random;             /* it is drawn many times */
+    bool random;             /* it is rendered many times */
     double scale;
     int width, height;
     size_t count;
     float *test[2][3], *mask, *mean[3], *variance[3], *display[3];
     double *sum[3], *squares[3];
-    int tests, batches; /* pictures so far */
+    int tests, batches; /* images so far */
     struct pell_settings settings;
     float exposure;
     double noise, reported;
@@ -106,7 +106,7 @@ static void copy_plane(const struct viewer_truth *t, const float *from, ptrdiff_
         memcpy(to + (size_t) y * (size_t) t->width, from + (ptrdiff_t) y * stride, (size_t) t->width * sizeof(float));
 }
 
-/* The picture of A, or of B, that is compared. */
+/* Renders image A, or B, for comparison. */
 static enum pell_result draw_test(struct viewer_truth *t, struct viewer_model *m)
 {
     static const char *const names[3] = { "R", "G", "B" };
@@ -189,7 +189,7 @@ fail:
     return res;
 }
 
-/* --- What the page is sent ----------------------------------------------------------------------------------------------------------- */
+/* --- Messages to the page ----------------------------------------------------------------------------------------------------------- */
 
 static json_t *finite(double x)
 {
@@ -217,7 +217,7 @@ static enum pell_result send_planes(struct viewer_truth *t, enum viewer_picture_
     return res;
 }
 
-/* Signed relative error: blue too dark, red too bright. */
+/* Signed relative error: blue is too dark, red too bright. */
 static enum pell_result send_error(struct viewer_truth *t, const struct pell_comparison *x, bool other)
 {
     for (size_t i = 0; i < t->count; i++) {
@@ -229,7 +229,7 @@ static enum pell_result send_error(struct viewer_truth *t, const struct pell_com
     return send_planes(t, other ? VIEWER_PICTURE_ERROR_B : VIEWER_PICTURE_ERROR_A, true);
 }
 
-/* One of the tests against the mean of the references. */
+/* Compares one of the test images with the mean of the references. */
 static enum pell_result compare_test(struct viewer_truth *t, struct viewer_model *m, int test, struct pell_compare_input *input,
                                      struct pell_compare_params *params, struct pell_comparison *out)
 {
@@ -312,7 +312,7 @@ static json_t *report_look(const struct viewer_look *look, const char *role)
     return json_pack("{s:o,s:s,s:{},s:{},s:{}}", "name", cli_text(name), "role", role, "data", "flip", "metrics");
 }
 
-/* Adds a test's picture, FLIP and numbers; the first one says how all are looked at. */
+/* Adds a test's image, FLIP and metrics; the first one defines how all are displayed. */
 static enum pell_result report_test(struct viewer_truth *t, struct viewer_model *m, int test, struct report *report, json_t *views,
                                     json_t *pictures)
 {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * viewer.c - what waits for pages, between the server and the thread that renders. */
+ * viewer.c - queues of the pages, between the server and the render thread. */
 #include "viewer/viewer.h"
 
 #include <stdlib.h>
@@ -75,7 +75,7 @@ struct viewer_page *viewer_page_open(struct viewer *v)
     return page;
 }
 
-/* With the lock. */
+/* Called with the lock held. */
 static void wake_worker(struct viewer *v)
 {
     if (v->refining)
@@ -103,7 +103,7 @@ bool viewer_page_ready(const struct viewer_page *page)
     return page->num_under_way < VIEWER_UNDER_WAY;
 }
 
-/* Pictures come in order: an older one is on the screen, too, or was. */
+/* Images arrive in order: older ones are acknowledged, too. */
 static void acknowledge(struct viewer_page *page, int64_t serial)
 {
     int left = 0;
@@ -176,7 +176,7 @@ static struct viewer_news *make_news(const char *head, const uint8_t *file, size
     return n;
 }
 
-/* With the lock. */
+/* Called with the lock held. */
 static struct viewer_news *enter(struct viewer_page *page, struct viewer_news *n)
 {
     struct viewer_news *old = NULL;
@@ -186,7 +186,7 @@ static struct viewer_news *enter(struct viewer_page *page, struct viewer_news *n
         page->pictures[n->kind] = n;
         return old;
     }
-    if (page->num_news == VIEWER_NEWS_MOST) { /* nobody reads them */
+    if (page->num_news == VIEWER_NEWS_MOST) { /* the page does not read them */
         old = page->news;
         page->news = old->next;
         if (page->news_end == &old->next)

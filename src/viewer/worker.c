@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * worker.c - the thread that renders: the newest view of each page at once, at a size that comes in time; then, while nothing moves, the
- * same view as `pellucid render` would draw it, and behind it a reference that accumulates. */
+ * worker.c - the render thread: renders the newest view of each page immediately, at a size that meets the time target; then, while nothing
+ * moves, the same view in the quality of `pellucid render`, and after that an accumulating reference. */
 #include "viewer/encode.h"
 #include "viewer/model.h"
 #include "viewer/profile.h"
@@ -12,30 +12,30 @@
 #include <string.h>
 
 #define TARGET_SECONDS 0.045 /* for rendering and encoding a moving image, of the 80 ms from input to photon */
-#define SCALE_LEAST 0.25     /* of moving pictures */
+#define SCALE_LEAST 0.25     /* of moving images */
 #define SCALE_LEAST_SLOW 0.15
-#define NEWS_EVERY 0.2 /* seconds between two words of progress */
+#define NEWS_EVERY 0.2 /* seconds between two progress messages */
 
 enum step { STEP_PREVIEW_A, STEP_PREVIEW_B, STEP_STILL_A, STEP_STILL_B, STEP_TRUTH, STEP_DONE };
 
-/* What the worker keeps of a page. */
+/* The worker's state for a page. */
 struct pane {
     uint64_t number;
-    struct viewer_message *view; /* the last one */
+    struct viewer_message *view; /* the last view */
     enum step step;
-    double scale;   /* of moving pictures */
-    int timed;      /* of them, so many of this scale */
-    double seconds; /* of one, smoothed */
+    double scale;   /* of moving images */
+    int timed;      /* number of images timed at this scale */
+    double seconds; /* time of one, smoothed */
     char *look;     /* methods for which `scale` was measured */
     struct viewer_truth *truth;
-    uint64_t knows; /* model.loads of the scene that the page has facts of */
+    uint64_t knows; /* model.loads of the scene whose facts the page has received */
 };
 
 struct viewer_worker {
     struct viewer *v;
     struct viewer_model model;
     struct pane panes[VIEWER_PAGES];
-    uint64_t turn; /* page that was served last */
+    uint64_t turn; /* the page served last */
     pthread_t thread;
     bool started;
 };
@@ -88,14 +88,14 @@ static const struct pell_method *method_called(const char *name)
     return NULL;
 }
 
-/* A reference takes its time: a newer view cuts it short. */
+/* A reference is slow: a newer view interrupts it. */
 static bool is_slow(const struct viewer_look *look)
 {
     const struct pell_method *method = method_called(look->method);
     return method && method->kind == PELL_KIND_REFERENCE;
 }
 
-/* One sample a pixel of what is sampled until it is good. */
+/* One sample per pixel for progressive methods. */
 static struct viewer_look hurried(const struct viewer_look *look)
 {
     const struct pell_method *method = method_called(look->method);
@@ -146,8 +146,8 @@ fail:
     return res;
 }
 
-/* The size at which moving pictures come in time, from the mean of some of one size: the first of a size prepares, and others' work on the
- * machine makes a single one late. */
+/* Adapts the size of moving images to the time target, by the mean of several of one size: the first includes preparation, and other load
+ * on the machine makes single ones late. */
 static void adapt(struct pane *p, double seconds)
 {
     const double least = is_slow(&p->view->look) ? SCALE_LEAST_SLOW : SCALE_LEAST;
@@ -166,7 +166,7 @@ static void adapt(struct pane *p, double seconds)
     }
 }
 
-/* A slow method begins small. */
+/* A slow method starts at a small size. */
 static void choose_scale(struct pane *p)
 {
     const char *method = p->view->look.method, *other = p->view->other.method;
@@ -199,7 +199,7 @@ static enum pell_result draw_moving(struct viewer_worker *w, struct pane *p)
 
 /* --- Work ----------------------------------------------------------------------------------------------------------------------------- */
 
-/* Tells the page of a scene that was loaded. */
+/* Sends the facts of a loaded scene to the page. */
 static void announce(struct viewer_worker *w, struct pane *p)
 {
     if (p->knows == w->model.loads)
@@ -233,7 +233,7 @@ static void take_view(struct viewer_worker *w, struct pane *p, struct viewer_mes
         failed(w, p, res);
 }
 
-/* Whether a picture of one multisample comes much sooner than the still one. */
+/* Whether an image with one multisample is much faster than the final one. */
 static bool worth_preview(const struct viewer_worker *w, bool other)
 {
     const struct pell_method *method = viewer_model_method(&w->model, other ? VIEWER_LIVE_B : VIEWER_LIVE_A);
@@ -258,7 +258,7 @@ fail:
     return res;
 }
 
-/* One step of what is refined while nothing moves. */
+/* One step of refinement while nothing moves. */
 static void refine(struct viewer_worker *w, struct pane *p)
 {
     static const struct viewer_haste full = { .scale = 1.0 }, preview = { .scale = 1.0, .quick = true };
@@ -282,7 +282,7 @@ static void refine(struct viewer_worker *w, struct pane *p)
         failed(w, p, res);
 }
 
-/* The last view as a file of malloc; what is wrong is logged. */
+/* Makes a file of the last view, allocated by malloc; errors are logged. */
 static enum pell_result make_file(struct viewer_worker *w, struct pane *p, enum viewer_format format, uint8_t **file, size_t *size)
 {
     static const struct viewer_haste all = { .scale = 1.0, .layers = true };
@@ -312,7 +312,7 @@ fail:
     return res;
 }
 
-/* The page must not wait for a file that can't be made. */
+/* Reports failure, too: the page must not wait for a file that can't be made. */
 static void send_file(struct viewer_worker *w, struct pane *p, const struct viewer_message *m, const char *format, uint8_t *file,
                       size_t size)
 {
@@ -362,7 +362,7 @@ static void do_task(struct viewer_worker *w, struct pane *p, struct viewer_messa
 
 /* --- The thread ----------------------------------------------------------------------------------------------------------------------- */
 
-/* The worker's part of a page; a connection that has gone leaves nothing. With the lock. */
+/* The worker's state for a page; that of a closed connection is cleared. Called with the lock held. */
 static struct pane *pane_of(struct viewer_worker *w, int i)
 {
     struct pane *p = &w->panes[i];
@@ -381,7 +381,7 @@ struct job {
     struct viewer_message *view, *task;
 };
 
-/* What comes next: pages take turns; views and tasks come before what is refined. With the lock. */
+/* Chooses the next job: pages take turns; views and tasks come before refinement. Called with the lock held. */
 static struct job choose_job(struct viewer_worker *w)
 {
     struct viewer *v = w->v;

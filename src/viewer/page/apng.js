@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// apng.js - PNG files of one size as one animated PNG that plays for ever (W3C, Portable Network Graphics, third edition).
+// apng.js - combines PNG files of one size into one animated PNG that loops for ever (W3C, Portable Network Graphics, third edition).
 
 const HEAD = 8; // bytes of the signature
 
@@ -48,7 +48,7 @@ function* chunks(file) {
     }
 }
 
-// `ms`: of each frame.
+// `ms`: duration of each frame.
 export async function animate(files, ms) {
     const frames = await Promise.all(files.map(async (file) => new Uint8Array(await file.arrayBuffer())));
     const size = new DataView(frames[0].buffer, HEAD + 8);

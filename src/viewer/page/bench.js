@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// bench.js - the profile bench: R(r) and T of what is edited, its fit, what they look like, and the same as code.
+// bench.js - the profile bench: R(r) and T of the edited medium, its fit, what they look like, and the same as code.
 import * as connection from './connection.js';
 import { el } from './knobs.js';
 import { crossSection } from './layers.js';
@@ -13,8 +13,8 @@ const LANGUAGES = [
 ];
 
 let box = null;
-let medium = null; // gives the coefficients, or null where there are none
-let skin = null; // gives the composition of skin, or null
+let medium = null; // returns the coefficients, or null if there are none
+let skin = null; // returns the composition of skin, or null
 let profile = null; // the last answer
 let model = 'dipole';
 let gaussians = 4;
@@ -47,7 +47,7 @@ export function ask() {
 
 // --- What it looks like --------------------------------------------------------------------------------------------------------
 
-// Abramowitz and Stegun 7.1.26: off by less than 1.5e-7.
+// Abramowitz and Stegun 7.1.26: error below 1.5e-7.
 function erf(x) {
     const t = 1 / (1 + 0.3275911 * Math.abs(x));
     const y = 1 - ((((1.061405429 * t - 1.453152027) * t + 1.421413741) * t - 0.284496736) * t + 0.254829592) * t * Math.exp(-x * x);
@@ -75,7 +75,7 @@ function paint(width, height, title, color) {
     return canvas;
 }
 
-// Half of a plane in light, and a beam of light on it, over the same length.
+// Half of a plane illuminated, and a beam of light on it, over the same length.
 function looks(fit, across) {
     const w = 208,
         h = 72;
@@ -84,7 +84,7 @@ function looks(fit, across) {
     return el(
         'figure',
         { className: 'looks' },
-        paint(w, h, 'A plane whose right half is in light', (x, _, c) => edge(fit, c, mm(x, w))),
+        paint(w, h, 'A plane whose right half is illuminated', (x, _, c) => edge(fit, c, mm(x, w))),
         paint(h, h, 'A thin beam of light on the plane', (x, y, c) => beam(fit, c, Math.hypot(mm(x, h), mm(y, h))) / bright),
         el('figcaption', {}, `A half-lit plane and a laser dot, ${Number(across.toPrecision(2))} mm across`),
     );
@@ -118,7 +118,7 @@ function exporting() {
         : '';
 }
 
-// `of`: functions that give the coefficients, and the composition of skin.
+// `of`: functions that return the coefficients, and the composition of skin.
 export function panel(of) {
     ({ medium, skin } = of);
     const models = el('select', { id: 'profile-model' });
@@ -163,7 +163,7 @@ export function draw() {
     if (!shown) return;
     find('#profile-model').value = shown.name;
     const { fit } = profile;
-    const fitted = fit && shown === profile.models[0] ? fit.R : null; // the fit is of the dipole
+    const fitted = fit && shown === profile.models[0] ? fit.R : null; // the fit is for the dipole
     const row = (name, value) => el('tr', {}, el('td', {}, name), el('td', {}, value));
     find('#profile-plot').replaceChildren(plot(profile.r_mm, shown.R, { fit: fitted }) ?? '');
     find('#profile-layers').replaceChildren(profile.layers ? crossSection(profile.layers) : '');
@@ -183,7 +183,7 @@ export function draw() {
         ),
         el('p', { className: 'note' }, shown.limits),
     );
-    const words = { x: 'thickness, mm', y: 'T of a slab', about: 'Share of the light that a slab transmits, over its thickness' };
+    const words = { x: 'thickness, mm', y: 'T of a slab', about: 'Fraction of the light that a slab transmits, over its thickness' };
     find('#profile-slab').replaceChildren(
         ...(profile.slab ? [el('h3', {}, 'Through a slab'), plot(profile.slab.thickness_mm, profile.slab.T, { words }) ?? ''] : []),
     );

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// camera.js - turns, moves and places the camera. Positions in mm.
+// camera.js - rotates, moves and places the camera. Positions in mm.
 import { mm, state } from './state.js';
 
 let file = null; // the camera of the file
@@ -13,7 +13,7 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const length = (a) => Math.hypot(...a);
 const unit = (a) => mul(a, 1 / (length(a) || 1));
 
-// Rodrigues.
+// Rodrigues' rotation.
 const turn = (v, axis, angle) =>
     add(add(mul(v, Math.cos(angle)), mul(cross(axis, v), Math.sin(angle))), mul(axis, dot(axis, v) * (1 - Math.cos(angle))));
 
@@ -47,13 +47,13 @@ export function orbit(dx, dy) {
     c.up = axis;
 }
 
-// Once round the object by an angle, from a camera.
+// Rotates a camera around the object by an angle.
 export function turned(c, angle) {
     const axis = pole(c);
     return { ...c, from: add(c.to, turn(sub(c.from, c.to), axis, angle)), up: axis };
 }
 
-// Where a point is in the picture, as shares of its size, and the ray of such a place. `aspect`: width over height.
+// Projects a point to the image, in fractions of its size, and back to rays. `aspect`: width over height.
 export function sight(aspect) {
     const c = state.camera ?? file;
     const forward = unit(sub(c.to, c.from));
@@ -74,7 +74,7 @@ export function sight(aspect) {
     };
 }
 
-// By shares of the picture's height.
+// In fractions of the image's height.
 export function pan(dx, dy) {
     const c = current();
     const back = sub(c.from, c.to);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// connection.js - the WebSocket: views out, pictures and news in; it connects again when it is lost.
+// connection.js - the WebSocket: sends views, receives images and news; reconnects when the connection is lost.
 
 const handlers = new Map();
 let socket = null;
@@ -50,12 +50,12 @@ function send(message) {
     return true;
 }
 
-// Whether a picture shows what the page asks for now: one of an older view may still be on its way.
+// Whether an image shows the currently requested view: one of an older view may still arrive.
 export const isNewest = (id) => id === newest;
 
 export const acknowledge = (serial) => send({ type: 'ack', serial });
 
-// At most one view for each picture of the display.
+// At most one view per refresh of the display.
 export function view(state, moving) {
     pending = { state, moving };
     newest = 0;

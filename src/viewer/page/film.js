@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// film.js - a turntable of the view: once round the object, as the program draws a still image.
+// film.js - a turntable of the view: one turn around the object, of final-quality images.
 import { animate } from './apng.js';
 import * as camera from './camera.js';
 import * as connection from './connection.js';
@@ -9,7 +9,7 @@ const FRAMES = 36;
 const MS = 80;
 const WIDTH = 480; // pixels, at most
 
-let film = null; // the one that is being made
+let film = null; // the one in progress
 
 // The size of a frame, and the exposure of the first image for all.
 function settings(exposure) {
@@ -28,7 +28,7 @@ function ask() {
 
 export const filming = () => film !== null;
 
-// onProgress(share), onDone(file | null): null when it was ended before.
+// onProgress(fraction), onDone(file | null): null if it was cancelled.
 export function begin(exposure, onProgress, onDone) {
     if (film) return;
     film = { start: camera.now(), exposure, files: [], onProgress, onDone };
@@ -42,7 +42,7 @@ export async function end() {
     done.onDone(done.files.length === FRAMES ? await animate(done.files, MS) : null);
 }
 
-// A finished image of what was asked for.
+// A finished image of those requested.
 export async function take(file) {
     film.files.push(file);
     film.onProgress(film.files.length / FRAMES);

@@ -24,14 +24,14 @@ function place(node, index) {
     node.style.setProperty('--light', lights.color(index));
 }
 
-// The direction from the middle of the object to where the hand points on the sphere; outside its rim the nearest point of it.
+// The direction from the centre of the object to the point of the sphere under the pointer; outside its rim the nearest point of it.
 function aimed(event, drag) {
     const box = canvas.getBoundingClientRect();
     const sight = camera.sight(canvas.width / canvas.height);
     const ray = sight.ray((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
     const to = ray.from.map((x, i) => x - camera.middle()[i]);
     const along = dot(to, ray.along);
-    const near = to.map((x, i) => x - along * ray.along[i]); // where the ray passes the middle
+    const near = to.map((x, i) => x - along * ray.along[i]); // where the ray is closest to the centre
     const distance = Math.hypot(...near);
     if (distance >= radius()) {
         drag.outside = true;
@@ -67,7 +67,7 @@ function handle(index, name) {
     return node;
 }
 
-// While one is dragged it stays: it holds the pointer.
+// A handle being dragged is kept: it holds the pointer.
 export function refresh() {
     if (!shown || layer.querySelector('.light-handle:active')) return;
     layer.replaceChildren(...lights.aimable().map(({ index, name }) => handle(index, name)));

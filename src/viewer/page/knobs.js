@@ -17,7 +17,7 @@ let numbers = 0;
 const text = (value) => (Array.isArray(value) ? value.join(',') : value === true ? 'on' : value === false ? 'off' : String(value));
 const isOn = (value) => ['on', 'true', 'yes', '1'].includes(value);
 
-// Wide ranges get a slider in the logarithm.
+// Wide ranges get a logarithmic slider.
 function scaleOf(row) {
     const { min, max } = row;
     const whole = row.type === 'int';
@@ -32,7 +32,7 @@ function scaleOf(row) {
     };
 }
 
-// get() is the text that is set, or undefined; set(text | undefined, moving).
+// get() returns the text that is set, or undefined; set(text | undefined, moving).
 export function control(row, get, set, fallback) {
     const id = `knob-${++numbers}`;
     const usual = () => fallback ?? text(row.default);
@@ -89,7 +89,7 @@ export function control(row, get, set, fallback) {
     return box;
 }
 
-// Controls for rows whose texts stand in an object.
+// Controls for rows whose values are texts in an object.
 export function controls(rows, values, onSet, fallback = () => undefined) {
     return rows.map((row) =>
         control(

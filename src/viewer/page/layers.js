@@ -5,7 +5,7 @@ import { node } from './plot.js';
 
 const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
 
-// What half a space of the layer reflects: Jensen and Buhler 2002, equation 15, for an index of refraction of 1.4.
+// Reflectance of a half-space of the layer: Jensen and Buhler 2002, equation 15, for an index of refraction of 1.4.
 function reflected(absorption, scattering) {
     const albedo = scattering / Math.max(absorption + scattering, 1e-12);
     const depth = Math.sqrt(3 * (1 - albedo));
@@ -14,7 +14,7 @@ function reflected(absorption, scattering) {
 
 const colorOf = (layer) => `rgb(${[0, 1, 2].map((c) => encode(reflected(layer.sigma_a[c], layer.sigma_s_reduced[c]))).join(' ')})`;
 
-// Each layer is as tall as its name at least; the rest of the height is shared by thickness. A last layer without a bottom has half of it.
+// Each layer is at least as tall as its name; the rest of the height is shared by thickness. A last layer without a bottom gets half of it.
 export function crossSection(layers) {
     const width = 320,
         height = 150,
@@ -39,10 +39,10 @@ export function crossSection(layers) {
     return svg;
 }
 
-// Ranges of human skin (Donner and Jensen 2006); what is allowed is wider.
+// Ranges of human skin (Donner and Jensen 2006); the allowed ranges are wider.
 const PARTS = [
     { key: 'melanin', title: 'Melanin', low: 0.005, high: 0.45, usual: 0.025 },
-    { key: 'melanin_blend', title: 'Eumelanin, share of the melanin', low: 0, high: 1, usual: 0.2 },
+    { key: 'melanin_blend', title: 'Eumelanin, fraction of the melanin', low: 0, high: 1, usual: 0.2 },
     { key: 'haemoglobin', title: 'Haemoglobin', low: 0.002, high: 0.1, usual: 0.012 },
     { key: 'oxygenation', title: 'Oxygenation', low: 0, high: 1, usual: 0.75 },
     { key: 'epidermis_mm', title: 'Epidermis, mm', low: 0.05, high: 0.25, usual: 0.1 },

@@ -13,7 +13,7 @@ const lights = () => state.lights ?? file;
 const three = (p) => (Array.isArray(p) ? p : [p, p, p]);
 const length = (x) => `${Number(x.toPrecision(9))}mm`;
 
-// Azimuth from +z to +x, elevation and distance, seen from the middle of the object.
+// Azimuth from +z to +x, elevation and distance, relative to the centre of the object.
 function polar(light) {
     const m = middle();
     const v = light.type === 'directional' ? three(light.direction).map((x) => -x) : light.at.map((x, i) => mm(x) - m[i]);
@@ -134,7 +134,7 @@ function details(index) {
                 (x) => `× ${Number((2 ** x).toPrecision(2))}`,
             ),
         );
-    if (strength === 0) out.push(el('p', { className: 'note' }, 'It is off.'));
+    if (strength === 0) out.push(el('p', { className: 'note' }, 'This light is off.'));
     return out;
 }
 
@@ -195,7 +195,7 @@ function dot(light, index, pad) {
     return node;
 }
 
-// Lights that have a direction as seen from the object.
+// Lights that have a direction relative to the object.
 export const aimable = () =>
     lights()
         .map((light, index) => ({ index, name: light.name || light.type, type: light.type }))
@@ -239,7 +239,7 @@ export function refresh(force) {
         return;
     }
     chosen = Math.min(chosen, list.length - 1);
-    const pad = el('div', { className: 'pad', role: 'group', 'aria-label': 'Lights round the object' });
+    const pad = el('div', { className: 'pad', role: 'group', 'aria-label': 'Lights around the object' });
     pad.append(...list.map((l, i) => (l.type === 'environment' ? null : dot(l, i, pad))).filter(Boolean));
     const select = el(
         'select',

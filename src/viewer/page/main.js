@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// main.js - puts the page together.
+// main.js - assembles the page.
 import * as bench from './bench.js';
 import * as camera from './camera.js';
 import * as connection from './connection.js';
@@ -19,8 +19,8 @@ let started = false;
 let latencies = [];
 let times = [];
 let measured = 0; // the id whose first picture was measured
-let failedId = 0; // of the last view that could not be drawn
-const wanted = new Map(); // what each pick that is under way is for
+let failedId = 0; // of the last view that failed to render
+const wanted = new Map(); // purpose of each pick in progress
 
 const methodRow = (name) => hello.methods.find((m) => m.name === name);
 
@@ -34,11 +34,11 @@ function methodSelect(id, value, set, filter = () => true, none = null) {
     return select;
 }
 
-// Defaults of a row where as=paper chooses others.
+// Defaults of a row, or those of as=paper.
 const usual = (knobs) => (row) => (knobs().as === 'paper' && row.paper !== undefined ? row.paper : undefined);
 
 function ignoredText(row) {
-    return row.ignores?.length ? el('p', { className: 'ignored' }, `Ignores of a material: ${row.ignores.join(', ')}.`) : null;
+    return row.ignores?.length ? el('p', { className: 'ignored' }, `Ignored material inputs: ${row.ignores.join(', ')}.`) : null;
 }
 
 function buildMethod() {
@@ -175,7 +175,7 @@ function buildCompare() {
         el(
             'p',
             { className: 'note' },
-            'The reference is rendered while nothing moves, at 640 × 360 or less. A sampled one accumulates, and its error sharpens.',
+            'The reference is rendered while nothing moves, at 640 × 360 or less. A sampled one accumulates, and its noise decreases.',
         ),
         el(
             'div',
@@ -299,8 +299,8 @@ async function show(head, file) {
             if (head.id > failedId) for (const node of document.querySelectorAll('.message.error')) node.remove();
             measure(head);
             truth.showStages(head);
-            const still = finished && connection.isNewest(head.id); // a view may have been asked for while the file was decoded
-            $('status-state').textContent = still ? 'Finished: as pellucid render draws it' : 'Refining';
+            const still = finished && connection.isNewest(head.id); // a view may have been requested while the file was decoded
+            $('status-state').textContent = still ? 'Finished: same as pellucid render' : 'Refining';
             $('progress').hidden = still;
             $('stage').dataset.still = String(still);
             $('stage').dataset.id = String(head.id);
@@ -395,7 +395,7 @@ function download(file, name) {
 const stem = () => hello.input.replace(/\.[^.]*$/, '');
 const quote = (text) => (/^[\w./:=,+@%-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
 
-// The command that draws this view; what options can't say is in the scene that is saved.
+// The command that renders this view; settings without an option are in the saved scene.
 function command() {
     const words = ['pellucid', 'render'];
     const preset = state.materials && Object.keys(state.materials).length === 1 ? state.materials['*']?.preset : undefined;
@@ -411,7 +411,7 @@ function command() {
     return [...words, '-o', `${stem()}.png`].map(quote).join(' ');
 }
 
-// Once round the object. Whatever is changed on the way ends it.
+// One turn around the object. Any change during it cancels it.
 function turntable() {
     const exposure = stage.picture(stage.KINDS.A)?.head.exposure ?? 0;
     if (film.filming()) return;
@@ -468,7 +468,7 @@ function menu() {
 }
 
 connection.on('hello', start);
-// One after the other: a small picture is decoded sooner than the large one before it, and must not be replaced by it.
+// One after the other: a small image is decoded faster than the large one before it, and must not be replaced by it.
 let shown = Promise.resolve();
 connection.on('picture', (head, file) => {
     shown = shown.then(() => show(head, file)).catch((fault) => say('error', 'image', fault.message, ''));
@@ -477,7 +477,7 @@ connection.on('progress', progress);
 connection.on('message', (m) => say(m.level, m.where, m.what, m.hint));
 connection.on('failed', ({ id }) => {
     failedId = id;
-    $('status-state').textContent = 'The last good image stays';
+    $('status-state').textContent = 'The last valid image is kept';
     $('progress').hidden = true;
 });
 connection.on('rest', () => {

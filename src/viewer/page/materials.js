@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// materials.js - the built-in materials as swatches, and coefficients by hand.
+// materials.js - the built-in materials as swatches, and editing of coefficients.
 import * as bench from './bench.js';
 import { el } from './knobs.js';
 import { crossSection, skinEditor } from './layers.js';
@@ -12,14 +12,14 @@ let box = null;
 
 const encode = (x) => Math.round(255 * Math.min(1, Math.max(0, x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055)));
 const colorOf = (m) => m.diffuse_reflectance ?? m.color;
-// 1/mm: how fast light decays in it; of published Gaussians, from the widest.
+// 1/mm: decay rate of light in the medium; for published Gaussians, from the widest.
 function decay(m) {
     if (m.diffuse_mean_free_path) return m.diffuse_mean_free_path.map((d) => 1 / Math.max(d, 1e-4));
     const wide = Math.sqrt(Math.max(...(m.gaussians ?? []).map((g) => g.variance_mm2), 0.04));
     return [1 / wide, 1.6 / wide, 2.2 / wide];
 }
 
-// A ball of 20 mm lit from the left, and beside it a slab of 2 mm lit from behind through a slit.
+// A sphere of 20 mm lit from the left, and next to it a backlit slab of 2 mm behind a slit.
 function draw(canvas, m) {
     const w = (canvas.width = 84),
         h = (canvas.height = 48),
@@ -74,7 +74,7 @@ function currentPreset() {
     return shown[0]?.preset ?? '';
 }
 
-// The coefficients that are drawn, where they are known.
+// The coefficients used, if known.
 function coefficients() {
     const own = current();
     if (own?.sigma_a) return own;
@@ -132,7 +132,7 @@ function swatch(m) {
 
 const composition = () => current()?.skin ?? null;
 
-// Of a material without coefficients: its layers, and what it can be changed for.
+// For a material without coefficients: its layers, and what it can be replaced by.
 function published() {
     const entry = all.find((m) => m.name === currentPreset());
     const begin = el(

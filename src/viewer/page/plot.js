@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// plot.js - curves of three channels over a length, both in the logarithm, as SVG.
+// plot.js - curves of three channels over a length, both logarithmic, as SVG.
 
 const NS = 'http://www.w3.org/2000/svg';
 
@@ -14,7 +14,7 @@ const power = (k) => (k >= -2 && k <= 3 ? String(Number((10 ** k).toPrecision(2)
 
 const REFLECTED = { x: 'r, mm', y: 'R(r), 1/mm²', about: 'R(r) of red, green and blue over the distance r' };
 
-// `channels`: three lists of values at `radii`; `fit`: values of the same form, drawn dashed. null: there is no light.
+// `channels`: three lists of values at `radii`; `fit`: values of the same form, drawn dashed. null: no light.
 export function plot(radii, channels, { fit = null, words = REFLECTED } = {}) {
     const width = 320,
         height = 180,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// stage.js - draws the pictures: alone, side by side, behind a wipe, as a difference; and what the hand does to them.
+// stage.js - draws the images: alone, side by side, behind a wipe, as a difference; and handles pointer input.
 import * as camera from './camera.js';
 import { changed, state } from './state.js';
 
@@ -28,7 +28,7 @@ export async function take(head, file, finished) {
     if (head.picture === KINDS.A) still = finished ? file : null;
 }
 
-// What stands on the right of A.
+// The image to the right of A.
 export const rightKind = () => (state.other ? KINDS.B : KINDS.REFERENCE);
 
 function paint(bitmap, x0, x1) {
@@ -53,7 +53,7 @@ function pixels(bitmap, index, w, h) {
     return g.getImageData(0, 0, w, h);
 }
 
-// Display values, A minus the other, four times: blue where A is darker, red where it is brighter.
+// Display values, A minus the other, times four: blue where A is darker, red where it is brighter.
 function difference(a, b) {
     const w = Math.min(640, a.width),
         h = Math.round((w * a.height) / a.width);

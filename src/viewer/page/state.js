@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// state.js - what the page shows: one object, its history, and its text in the address.
+// state.js - the state of the page: one object, its history, and its text in the address.
 
 const listeners = new Set();
 let history = [];
@@ -20,9 +20,9 @@ export const state = {
     mode: 'single',
     wipe: 0.5,
 };
-export let base = {}; // what the program began with
+export let base = {}; // the initial state
 
-// what: the part that changed; moving: more of the same comes soon.
+// what: the part that changed; moving: more changes of the same part follow soon.
 export function changed(what, moving = false) {
     if (!moving) commit();
     for (const listener of listeners) listener(what, moving);
@@ -62,7 +62,7 @@ export function redo() {
     adopt(future.pop());
 }
 
-// The parts that differ from the beginning, so that a link says little.
+// The parts that differ from the initial state, to keep links short.
 function difference() {
     const out = {};
     for (const [key, value] of Object.entries(state)) if (JSON.stringify(value) !== JSON.stringify(base[key])) out[key] = value;
@@ -82,7 +82,7 @@ function writeAddress() {
     window.history.replaceState(null, '', location.pathname + location.search + hash);
 }
 
-// The beginning, and over it what the address says.
+// The initial state, overridden by the address.
 export function begin(given) {
     base = { ...structuredClone(state), ...given };
     Object.assign(state, structuredClone(base));
@@ -112,7 +112,7 @@ function cameraMessage(c) {
     return out;
 }
 
-// What the program is sent of a state.
+// The message to the program for a state.
 export function message(of = state) {
     const out = { method: of.method, knobs: of.knobs, settings: of.settings };
     if (of.camera) out.camera = cameraMessage(of.camera);

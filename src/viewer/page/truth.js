@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// truth.js - errors against the reference, times of the stages, numbers of a point: what stands below the view.
+// truth.js - errors against the reference, times of the stages, metrics of a point: the panel below the view.
 import { el } from './knobs.js';
 import { plot } from './plot.js';
 import { state } from './state.js';
@@ -9,7 +9,7 @@ const percent = (x, digits = 1) => (x === null || x === undefined ? '–' : `${(
 const signed = (x) => `${x > 0 ? '+' : ''}${(100 * x).toFixed(1)}`;
 const rms = (x) => (x === null ? null : Math.sqrt(Math.max(x, 0)));
 
-// The root, with the standard error that follows from that of the square; where noise hides it, what it is below.
+// The root, with the standard error derived from that of the square; if noise hides it, its upper bound.
 function rootText(m) {
     const e = rms(m.rel_mse);
     if (e === null) return ['–', ''];
@@ -85,7 +85,7 @@ export function showStages(head) {
 export function showPicked(p) {
     $('picked').hidden = false;
     if (!p.at) {
-        $('picked-body').replaceChildren(el('p', { className: 'note' }, 'Nothing is there.'));
+        $('picked-body').replaceChildren(el('p', { className: 'note' }, 'There is no surface here.'));
         return;
     }
     const fact = (name, value) => el('tr', {}, el('td', {}, name), el('td', {}, value));
@@ -101,7 +101,7 @@ export function showPicked(p) {
                 fact('Depth', `${p.depth_mm.toFixed(1)} mm`),
                 p.profile
                     ? fact(
-                          'Half of the light leaves within',
+                          'Half of the light exits within',
                           p.profile.half_light_mm.map((x) => Number(x.toPrecision(2))).join(', ') + ' mm',
                       )
                     : null,
@@ -112,7 +112,7 @@ export function showPicked(p) {
     );
 }
 
-// A circle with the radius of half the light, drawn to the scale of the picture.
+// A circle with the radius that encloses half the light, drawn to the scale of the image.
 export function showRing(p, canvas) {
     const ring = $('ring');
     ring.hidden = !p?.profile;
