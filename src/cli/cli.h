@@ -214,7 +214,7 @@ enum exit_code cli_add_pair(struct cli *cli, struct settings_list *list, const c
 /* Formats the knobs of a table as `name=value name=value`. */
 void cli_format_knobs(const struct pell_knob *knobs, const void *values, const void *usual, char *text, size_t size);
 
-/* --- parts.c: parts of pictures and sequences, and the files that hold them ------------------------------------------------------- */
+/* --- parts.c: parts of images and sequences, and the files that hold them --------------------------------------------------------- */
 
 /* Parses "A:B", or "I/N": part I, from 0, of N parts of [0, total), in multiples of `unit`. `total` 0: not known. */
 enum exit_code cli_range(struct cli *cli, const char *option, const char *text, int total, int unit, int *first, int *end);

@@ -364,7 +364,7 @@ void cli_format_knobs(const struct pell_knob *knobs, const void *values, const v
     }
 }
 
-/* --- What an option keeps ----------------------------------------------------------------------------------------------------- */
+/* --- Values of options -------------------------------------------------------------------------------------------------------- */
 
 enum pell_result cli_add_setting(struct settings_list *list, const char *name, const char *value, const char *where)
 {

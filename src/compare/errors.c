@@ -163,7 +163,7 @@ static double weight(double value, double variance, double floor)
     return below > 0.0 && isfinite(curved) ? 1.0 / (below * (1.0 + curved)) : 0.0;
 }
 
-/* --- What is measured ----------------------------------------------------------------------------------------------------------- */
+/* --- Reading pixels ------------------------------------------------------------------------------------------------------------- */
 
 static void read_error(const struct pell_errors *job, size_t at, struct pell_pixel *p)
 {

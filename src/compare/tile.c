@@ -153,7 +153,7 @@ static int blocks(const struct pell_tile *tile)
     return (tile->width + BLOCK - 1) / BLOCK * BLOCK;
 }
 
-/* --- What is shown ------------------------------------------------------------------------------------------------------------ */
+/* --- Display ------------------------------------------------------------------------------------------------------------------ */
 
 /* Tone-maps to [0, 1], linear. */
 static void show(const struct pell_tone *tone, const float *const light[3], size_t count, float *restrict r, float *restrict g,

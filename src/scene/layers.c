@@ -35,7 +35,7 @@ void pell_scene_layers_finish(struct pell_context *ctx, struct pell_material *m)
     m->num_layers = 0;
 }
 
-/* --- Right or wrong ----------------------------------------------------------------------------------------------------------- */
+/* --- Validity ----------------------------------------------------------------------------------------------------------------- */
 
 static PELL_PRINTF(5, 6) bool bad(struct pell_layer_fault *fault, double value, double min, double max, const char *fmt, ...)
 {

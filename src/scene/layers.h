@@ -23,7 +23,7 @@ static inline float pell_layer_share(float value, bool inverse)
     return share > 0.0f ? share : 0.0f;
 }
 
-/* --- Right or wrong ----------------------------------------------------------------------------------------------------------- */
+/* --- Validity ----------------------------------------------------------------------------------------------------------------- */
 
 struct pell_layer_fault {
     char field[160]; /* "layer 2: sigma_a[0]" */
@@ -37,7 +37,7 @@ bool pell_layer_texels_valid(const struct pell_scene_layer *layer, struct pell_l
 /* Checks all of a material's layers: numbers, maps and every texel of them. */
 bool pell_scene_layers_valid(const struct pell_material *m, struct pell_layer_fault *fault);
 
-/* --- As a whole --------------------------------------------------------------------------------------------------------------- */
+/* --- Total reflectance -------------------------------------------------------------------------------------------------------- */
 
 /* Bottoms of a layer over its map, mm; where layers cross, the upper one wins. */
 struct pell_layer_measure {

@@ -98,7 +98,7 @@ static bool has_layer(const struct pell_vk_instance *v)
     return false;
 }
 
-/* --- Drivers stay loaded ----------------------------------------------------------------------------------------------------------- */
+/* --- Keeping drivers loaded -------------------------------------------------------------------------------------------------------- */
 
 /* The loader unloads drivers with the last instance. Each time that NVIDIA's is reloaded it takes static thread storage that the C library
  * never gets back: after some 30 instances none is left, and the driver fails to load. So libraries that an instance has loaded stay

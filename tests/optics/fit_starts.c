@@ -45,7 +45,7 @@ int main(void)
     double worst = 0.0;
     printf("/* SPDX-License-Identifier: MIT\n *\n * fit_starts.h - made by tests/optics/fit_starts; do not edit.\n *\n"
            " * Log variances of the best sums of Gaussians of a dipole in units of zr: for 1, 2, .. 10 Gaussians, each by rising\n"
-           " * variance, the coefficients [%d][%d] of Chebyshev's series over the coordinates of fit_starts_domain.h; energy kept,\n"
+           " * variance, the coefficients [%d][%d] of Chebyshev's series over the coordinates of starts_domain.h; energy kept,\n"
            " * then free. */\n#ifndef PELL_OPTICS_FIT_STARTS_H\n#define PELL_OPTICS_FIT_STARTS_H\n\n",
            START_X, START_Q);
     printf("static const float fit_starts[2][%d][%d][%d] = {\n", PELL_GAUSSIANS_MAX * (PELL_GAUSSIANS_MAX + 1) / 2, START_X, START_Q);

@@ -36,7 +36,7 @@ struct section {
     double bottoms[PELL_LAYERS_MOST + 2][SAMPLES]; /* the surface, then the bottoms of the layers, then the lower end of the plot */
 };
 
-/* --- What is asked for -------------------------------------------------------------------------------------------------------- */
+/* --- Options ------------------------------------------------------------------------------------------------------------------ */
 
 static bool painted(const struct pell_material *m)
 {
@@ -284,7 +284,7 @@ static double choose_depth(const struct section *s)
     return deepest > 0.0 ? 1.02 * deepest : 1.0;
 }
 
-/* --- The picture -------------------------------------------------------------------------------------------------------------- */
+/* --- The plot ----------------------------------------------------------------------------------------------------------------- */
 
 static const enum plot_color layer_colors[] = { PLOT_ORANGE, PLOT_RED, PLOT_SKY, PLOT_GREEN, PLOT_PURPLE, PLOT_BLUE };
 

@@ -16,7 +16,7 @@
 #define RADIUS_MAX 1e9
 #define DEFAULT_GAUSSIANS 4
 
-/* --- What is asked for -------------------------------------------------------------------------------------------------------- */
+/* --- Options ------------------------------------------------------------------------------------------------------------------ */
 
 static enum exit_code unknown_model(struct cli *cli, const char *option, const char *name)
 {

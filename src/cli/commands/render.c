@@ -33,7 +33,7 @@ struct job {
     int lock;        /* lock on the checkpoint */
 };
 
-/* --- Where the picture goes --------------------------------------------------------------------------------------------------- */
+/* --- Output file -------------------------------------------------------------------------------------------------------------- */
 
 static enum exit_code choose_output(struct cli *cli, struct job *job)
 {

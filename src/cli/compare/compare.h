@@ -117,7 +117,7 @@ json_t *decompose_json(const struct decomposition *d);
 void decompose_print_head(const struct cli *cli, const char *truth, const double interreflection[3]);
 void decompose_print(const char *name, const json_t *parts);
 
-/* --- table.c: what is printed ------------------------------------------------------------------------------------------------ */
+/* --- table.c: printed tables ------------------------------------------------------------------------------------------------- */
 
 void table_head(const struct cli *cli, const char *title, bool times);
 void table_row(const char *name, const json_t *metrics, double seconds); /* negative: no time */

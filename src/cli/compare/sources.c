@@ -200,7 +200,7 @@ fail:
     return res;
 }
 
-/* --- What is known -------------------------------------------------------------------------------------------------------------- */
+/* --- Noise estimates ------------------------------------------------------------------------------------------------------------ */
 
 /* A method's standard error covers the light that the method made, which these layers hold. */
 static bool knows_standard_error(const struct sources *all, const struct source *s)
@@ -388,7 +388,7 @@ fail:
     return res;
 }
 
-/* --- What is compared ------------------------------------------------------------------------------------------------------------- */
+/* --- Compared planes -------------------------------------------------------------------------------------------------------------- */
 
 static const float *compared(const struct sources *all, const struct source *s, bool full, int c)
 {

@@ -75,17 +75,17 @@ enum exit_code profile_take_number(struct cli *cli, const char *option, const ch
 /* Refuses options that change a medium if the profile has none (`kind`: "table of R(r)"), so that they are not silently ignored. */
 enum exit_code profile_refuse_medium_options(struct cli *cli, const struct profile_job *job, const char *kind);
 
-/* --- profile_layers.c --------------------------------------------------------------------------------------------------------- */
+/* --- profile/layers.c --------------------------------------------------------------------------------------------------------- */
 
 enum exit_code profile_open_layers(struct cli *cli, struct profile_job *job, const struct pell_material_layers *layers);
 enum exit_code profile_open_stack_file(struct cli *cli, struct profile_job *job); /* --layers */
 enum exit_code profile_open_skin(struct cli *cli, struct profile_job *job);       /* --skin, --wavelength */
 
-/* --- profile_plot.c ----------------------------------------------------------------------------------------------------------- */
+/* --- profile/plot.c ----------------------------------------------------------------------------------------------------------- */
 
 enum exit_code profile_plot(struct cli *cli, const struct profile_job *job);
 
-/* --- profile_export.c --------------------------------------------------------------------------------------------------------- */
+/* --- profile/export.c --------------------------------------------------------------------------------------------------------- */
 
 /* Values of --export; ends with NULL. */
 extern const char *const profile_language_names[];

@@ -3,7 +3,7 @@
  * starts.h - made by tests/optics/fit_starts; do not edit.
  *
  * Log variances of the best sums of Gaussians of a dipole in units of zr: for 1, 2, .. 10 Gaussians, each by rising
- * variance, the coefficients [8][3] of Chebyshev's series over the coordinates of fit_starts_domain.h; energy kept,
+ * variance, the coefficients [8][3] of Chebyshev's series over the coordinates of starts_domain.h; energy kept,
  * then free. */
 #ifndef PELL_OPTICS_FIT_STARTS_H
 #define PELL_OPTICS_FIT_STARTS_H

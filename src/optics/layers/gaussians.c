@@ -23,7 +23,7 @@ struct algebra {
     const struct pell_layers_kernels *kernels;
     int block, octaves, count; /* elements of a polynomial */
     double narrow, energy_loss;
-    double *variance, *step; /* of each element: j 2^p v, and its share of the axis */
+    double *variance, *step; /* of each element: j 2^p v, and its interval on the axis */
     double *upper[4], *sum[4], *x, *y, *z;
     int terms;
 };

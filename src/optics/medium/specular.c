@@ -67,7 +67,7 @@ double pell_specular_value(enum pell_specular_model model, double roughness, dou
         return F * exp(-sin2 / (c2 * m2)) * hh / (PELL_PI * m2 * c2 * c2);
     }
     case PELL_SPECULAR_PHONG: {
-        /* l less the mirror direction is nl - nv along n, and what h has beside n */
+        /* l minus the mirror direction is nl - nv along n, plus a part perpendicular to n */
         const double n_phong = phong_exponent(alpha), rest = 0.5 * (sin2 + (nl - nv) * (nl - nv));
         return rest < 1.0 ? F * (n_phong + 2.0) / (2.0 * PELL_PI) * exp(n_phong * log1p(-rest)) : 0.0;
     }

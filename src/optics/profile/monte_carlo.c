@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * profile_monte_carlo.c - the profile of a half-space under a beam at right angles by Monte Carlo: single scattering by an integral
+ * monte_carlo.c - the profile of a half-space under a beam at right angles by Monte Carlo: single scattering by an integral
  * (photon/single.c), multiple scattering from a table of simulated photons (photon/table.h), the far field by diffusion with the decay of
  * transport. */
 #include <pellucid/inversion.h>

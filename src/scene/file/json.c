@@ -246,7 +246,7 @@ enum pell_result pell_json_only(const struct pell_json *at, const char *const *k
     return res;
 }
 
-/* --- Values that are there -------------------------------------------------------------------------------------------------- */
+/* --- Values ----------------------------------------------------------------------------------------------------------------- */
 
 enum pell_result pell_json_to_number(const struct pell_json *at, double min, double max, double *out)
 {

@@ -97,7 +97,7 @@ PELL_NODISCARD enum pell_result pell_json_floats(const struct pell_json *parent,
 PELL_NODISCARD enum pell_result pell_json_choice(const struct pell_json *parent, const char *key, const char *const *names, size_t count,
                                                  int *out);
 
-/* --- The same for a place that is there already (elements of arrays, values of more than one type) -------------------------- */
+/* --- The same for a value (elements of arrays, values of more than one type) ------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result pell_json_to_number(const struct pell_json *at, double min, double max, double *out);
 PELL_NODISCARD enum pell_result pell_json_to_int(const struct pell_json *at, int64_t min, int64_t max, int64_t *out);

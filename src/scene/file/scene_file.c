@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* --- Keys: with those of scene_light.c and scene_material.c the only list ----------------------------------------------------- */
+/* --- Keys: with those of file/lights.c and file/materials.c the only list ----------------------------------------------------- */
 
 #define KEYS(name, ...) static const char *const name[] = { __VA_ARGS__ }
 KEYS(root_keys, "$schema", "pellucid", "mesh", "meshes", "unit", "size", "time", "animation", "image_rate", "camera", "lights", "materials",

@@ -31,7 +31,7 @@ struct pell_scene_reader {
     size_t layers_of;
 };
 
-/* --- scene_value.c ------------------------------------------------------------------------------------------------------------ */
+/* --- file/values.c ------------------------------------------------------------------------------------------------------------ */
 
 bool pell_json_has(const struct pell_json *at, const char *key);
 /* Parses a text with a unit ("70mm"). Positions may be 0 and negative. */
@@ -55,7 +55,7 @@ PELL_NODISCARD enum pell_result pell_scene_direction(const struct pell_json *par
 PELL_NODISCARD enum pell_result pell_scene_aim(const struct pell_json *parent, const char *key, const double *at, const double *to,
                                                float *direction);
 
-/* --- scene_light.c ------------------------------------------------------------------------------------------------------------ */
+/* --- file/lights.c ------------------------------------------------------------------------------------------------------------ */
 
 enum { PELL_LIGHT_KINDS = 7 };
 extern const struct pell_scene_keys pell_light_keys[PELL_LIGHT_KINDS];
@@ -85,7 +85,7 @@ PELL_NODISCARD enum pell_result pell_scene_channel_of(const struct pell_json *at
 /* "baseColor.a": a channel of one of the material's textures, which may be unset. False: the text is something else. */
 bool pell_scene_own_map(const struct pell_material *m, const char *text, struct pell_texture_map *map);
 
-/* --- scene_material.c --------------------------------------------------------------------------------------------------------- */
+/* --- file/materials.c --------------------------------------------------------------------------------------------------------- */
 
 enum { PELL_MATERIAL_KEYS = 27, PELL_SPECULAR_KEYS = 3, PELL_SKIN_KEYS = 6 };
 extern const char *const pell_skin_keys[PELL_SKIN_KEYS]; /* material_file.c */
@@ -100,7 +100,7 @@ PELL_NODISCARD enum pell_result pell_scene_overlay(struct pell_scene_reader *r, 
 /* "materials" of the root. */
 PELL_NODISCARD enum pell_result pell_scene_overlay_all(struct pell_scene_reader *r, const struct pell_json *root);
 
-/* --- scene_layers.c ----------------------------------------------------------------------------------------------------------- */
+/* --- file/layers.c ------------------------------------------------------------------------------------------------------------ */
 
 enum { PELL_LAYER_KEYS = 10 };
 extern const char *const pell_layer_keys[PELL_LAYER_KEYS];

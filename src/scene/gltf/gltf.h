@@ -6,15 +6,15 @@
  *     gltf.c           warnings, extensions, indices
  *     gltf/transform.c node transforms
  *     gltf/vertices.c  arrays of vertices
- *     gltf_buffer.c    data URIs, buffers, buffer views, accessors
+ *     gltf/buffer.c    data URIs, buffers, buffer views, accessors
  *     gltf/meshopt.c   compressed buffer views
- *     gltf_mesh.c      primitives -> meshes of the scene
- *     gltf_morph.c     morph targets
- *     gltf_skin.c      skins
- *     gltf_animation.c poses of the nodes at a time of an animation
- *     gltf_node.c      the hierarchy, instances, cameras, lights
- *     gltf_material.c  materials and media
- *     gltf_texture.c   images, samplers, texture transforms
+ *     gltf/mesh.c      primitives -> meshes of the scene
+ *     gltf/morph.c     morph targets
+ *     gltf/skin.c      skins
+ *     gltf/animation.c poses of the nodes at a time of an animation
+ *     gltf/node.c      the hierarchy, instances, cameras, lights
+ *     gltf/material.c  materials and media
+ *     gltf/texture.c   images, samplers, texture transforms
  *
  * Everything is read when it is first used, so unused parts of a file cost nothing and can't fail. Each accessor, mesh and material is
  * looked up in the JSON once, however often it is drawn. No JSON is touched per vertex.
@@ -205,7 +205,7 @@ PELL_NODISCARD enum pell_result gltf_meshopt_read(struct gltf *g, const struct p
 PELL_NODISCARD enum pell_result gltf_meshopt_decode(struct gltf *g, const struct pell_json *at, const struct gltf_packed *p,
                                                     struct gltf_bytes buffer, struct gltf_buffer *view);
 
-/* --- gltf_buffer.c ---------------------------------------------------------------------------------------------------------- */
+/* --- gltf/buffer.c ---------------------------------------------------------------------------------------------------------- */
 
 /* Decodes a data URI. Returns the problem with it, or NULL. *bytes is owned by the caller; NULL if out of memory (and *problem is NULL,
  * too). */
@@ -228,12 +228,12 @@ PELL_NODISCARD enum pell_result gltf_attribute(struct gltf *g, const struct pell
 /* Scalars of an unsigned type. */
 void gltf_read_indices(const struct gltf_accessor *a, uint32_t *out);
 
-/* --- gltf_mesh.c ------------------------------------------------------------------------------------------------------------ */
+/* --- gltf/mesh.c ------------------------------------------------------------------------------------------------------------ */
 
 /* Adds a mesh's primitives to the scene; all with one object number. */
 PELL_NODISCARD enum pell_result gltf_place_mesh(struct gltf *g, int64_t mesh, const char *name, const struct gltf_placing *placing);
 
-/* --- gltf_morph.c ----------------------------------------------------------------------------------------------------------- */
+/* --- gltf/morph.c ----------------------------------------------------------------------------------------------------------- */
 
 /* Reads primitive.targets; all primitives of a mesh must have the same number; *count -1: not known yet. */
 PELL_NODISCARD enum pell_result gltf_parse_targets(struct gltf *g, const struct pell_json *primitive, struct gltf_primitive *p,
@@ -245,21 +245,21 @@ PELL_NODISCARD enum pell_result gltf_morph_weights(struct gltf *g, const struct 
 PELL_NODISCARD enum pell_result gltf_morph(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
                                            const double *weights, size_t count, struct pell_mesh *mesh);
 
-/* --- gltf_skin.c ------------------------------------------------------------------------------------------------------------ */
+/* --- gltf/skin.c ------------------------------------------------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result gltf_skin(struct gltf *g, int64_t index, const struct gltf_skin **out);
 /* Transforms a mesh as stored in the file, morphed or not, to world space. */
 PELL_NODISCARD enum pell_result gltf_skin_mesh(struct gltf *g, const struct pell_json *primitive, const struct gltf_primitive *p,
                                                const struct gltf_skin *skin, struct pell_mesh *mesh);
 
-/* --- gltf_animation.c ------------------------------------------------------------------------------------------------------- */
+/* --- gltf/animation.c ------------------------------------------------------------------------------------------------------- */
 
 /* Fills g->pose with the poses of the nodes at the time that the importer was given. */
 PELL_NODISCARD enum pell_result gltf_animate(struct gltf *g);
 /* The morph target weights of channel `channel`. */
 PELL_NODISCARD enum pell_result gltf_animated_weights(struct gltf *g, int32_t channel, size_t count, double *weights);
 
-/* --- gltf_node.c ------------------------------------------------------------------------------------------------------------ */
+/* --- gltf/node.c ------------------------------------------------------------------------------------------------------------ */
 
 PELL_NODISCARD enum pell_result gltf_read_scene(struct gltf *g);
 
@@ -284,7 +284,7 @@ size_t gltf_turn_vectors(const struct pell_mat4 *matrix, bool normals, float *p,
 /* Accounts for work that the size of the scene doesn't bound, before it is done. */
 PELL_NODISCARD enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_t vertices);
 
-/* --- gltf_material.c -------------------------------------------------------------------------------------------------------- */
+/* --- gltf/material.c -------------------------------------------------------------------------------------------------------- */
 
 /* The scene's material for material `index` of the file. */
 PELL_NODISCARD enum pell_result gltf_material(struct gltf *g, int64_t index, int *out);
@@ -294,7 +294,7 @@ PELL_NODISCARD enum pell_result gltf_factor(struct gltf *g, const struct pell_js
 PELL_NODISCARD enum pell_result gltf_factors(struct gltf *g, const struct pell_json *parent, const char *key, size_t count, double min,
                                              double max, float *out);
 
-/* --- gltf_texture.c --------------------------------------------------------------------------------------------------------- */
+/* --- gltf/texture.c --------------------------------------------------------------------------------------------------------- */
 
 /* The textureInfo parent.key. Leaves *map unchanged if the key is absent or the image can't be used (a warning names it). */
 PELL_NODISCARD enum pell_result gltf_texture_map(struct gltf *g, const struct pell_json *parent, const char *key, enum pell_image_role role,

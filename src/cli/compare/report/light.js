@@ -26,7 +26,7 @@ function make(tag, attributes = {}, ...children) {
   return e;
 }
 
-// --- Numbers as text ------------------------------------------------------------------------------------------------------------
+// --- Number formatting ----------------------------------------------------------------------------------------------------------
 
 const MINUS = '−';
 const finite = (v) => typeof v === 'number' && Number.isFinite(v);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The text around images and tables, and the start of the page.
 
-// --- The rest -------------------------------------------------------------------------------------------------------------------
+// --- Page sections --------------------------------------------------------------------------------------------------------------
 
 async function copy() {
   let done = false;
