@@ -21,7 +21,7 @@ static inline struct pell_vec3 pell_env_map_direction(const struct pell_env_map 
     return vec3(m->sin_row[y] * m->sin_column[x], m->cos_row[y], -m->sin_row[y] * m->cos_column[x]);
 }
 
-/* environment_look.c: square roots of the levels' lobe widths, GGX roughness; sanitised radiance of a texel. */
+/* environment_lookup.c: square roots of the levels' lobe widths, GGX roughness; sanitised radiance of a texel. */
 extern const float pell_env_level_roughness[PELL_ENV_LEVELS];
 void pell_environment_clean(const struct pell_environment *env, float rgb[3]);
 

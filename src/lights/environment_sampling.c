@@ -110,7 +110,7 @@ static double environment_density(const struct pell_sampled_environment *k, stru
 
     if (k->width == 0)
         return 0.25 / PELL_PI;
-    pell_environment_place(&k->env, direction, &u, &v);
+    pell_environment_uv(&k->env, direction, &u, &v);
     x = (double) u * k->width - 0.5;
     y = (double) v * k->height + 0.5;
     column = (int) floor(x);

@@ -262,7 +262,7 @@ double pell_light_sampler_pdf(const struct pell_light_sampler *light_sampler, st
 
 /* Emission along a unit direction, without range attenuation. */
 static void power_along(const struct pell_light_sampler *e, const struct pell_light_sample *sample, struct pell_vec3 direction,
-                        struct pell_vec3 place, float power[3])
+                        struct pell_vec3 receiver, float power[3])
 {
     const struct sampled_light *l = &e->list[sample->source];
     const struct pell_light_source *source = &l->source;
@@ -280,7 +280,7 @@ static void power_along(const struct pell_light_sampler *e, const struct pell_li
     if (source->type == PELL_LIGHT_SPOT)
         scale *= (double) pell_light_cone(vec3_dot(source->direction, direction), source->spot_scale, source->spot_offset);
     if (source->image && scale > 0.0)
-        pell_light_source_image(source, sample->at, direction, place, projected);
+        pell_light_source_image(source, sample->at, direction, receiver, projected);
     for (int c = 0; c < 3; c++)
         power[c] = (float) (scale * (double) projected[c] * (l->area > 0.0 ? l->radiance[c] : (double) source->power[c]));
 }

@@ -54,7 +54,7 @@ static void aim_image(struct pell_light_source *source, const struct pell_light 
 }
 
 void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction,
-                             struct pell_vec3 place, float rgb[3])
+                             struct pell_vec3 receiver, float rgb[3])
 {
     float rgba[4] = { 0 }, x, y, u, v;
 
@@ -63,7 +63,7 @@ void pell_light_source_image(const struct pell_light_source *source, struct pell
         x = -0.5f * vec3_dot(d, source->right) / vec3_dot(source->right, source->right); /* unmirrored from the front */
         y = 0.5f * vec3_dot(d, source->up) / vec3_dot(source->up, source->up);
     } else if (source->type == PELL_LIGHT_DIRECTIONAL) {
-        const struct pell_vec3 d = vec3_sub(place, source->position);
+        const struct pell_vec3 d = vec3_sub(receiver, source->position);
         x = vec3_dot(d, source->right) * source->image_u;
         y = vec3_dot(d, source->up) * source->image_v;
     } else {

@@ -139,7 +139,7 @@ size_t pell_lights_environment_words(const struct pell_lights *lights, uint32_t 
 /* For lookups only: sets image, power and rotation of a zeroed `env`, which then needs no finish. */
 void pell_environment_aim(struct pell_environment *env, const struct pell_light *light);
 /* Image coordinates of a unit direction, and the inverse: u = 1/2 at the centre, growing to the right; v = 0 at the top. */
-void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v);
+void pell_environment_uv(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v);
 struct pell_vec3 pell_environment_direction(const struct pell_environment *env, double u, double v);
 
 /* --- lights.c ----------------------------------------------------------------------------------------------------------------- */
@@ -148,10 +148,10 @@ struct pell_vec3 pell_environment_direction(const struct pell_environment *env, 
 bool pell_light_source_make(const struct pell_scene *scene, const struct pell_light *light, int samples, struct pell_light_source *source);
 /* The data that kernels, and shaders, read of a light. */
 struct pell_light_data pell_light_data_of(const struct pell_scene *scene, const struct pell_light_source *source);
-/* Colour of the projected image for light from `from` along the unit `direction` to `place` (directional: only this matters); black outside
- * of the image. */
+/* Colour of the projected image for light from `from` along the unit `direction` to `receiver` (directional: only this matters); black
+ * outside of the image. */
 void pell_light_source_image(const struct pell_light_source *source, struct pell_vec3 from, struct pell_vec3 direction,
-                             struct pell_vec3 place, float rgb[3]);
+                             struct pell_vec3 receiver, float rgb[3]);
 
 /* True if some mesh of `object` has `material`. */
 bool pell_lights_part(const struct pell_lights *lights, int object, int material);

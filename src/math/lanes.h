@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * lanes.h - vectors as wide as the machine's registers, for kernel files, which are compiled once per level of base/simd.h. Included by
- * nothing else: the names are short, and their definitions depend on the level.
+ * lanes.h - SIMD vectors of the native register width, for kernel files, which are compiled once per level of base/simd.h. Only kernel
+ * files may include it: the names are short, and the types depend on the level.
  *
- * Vectors are the compiler's generic ones. They have no square root, no mask test, and no minimum that compiles to one instruction (which
- * saves a fifth of the time of a blur tap): those use intrinsics, and their portable counterparts give the same bits.
+ * The types are the compiler's vector extensions. These have no square root, no mask test, and no minimum that compiles to one instruction
+ * (a blur tap takes a fifth less time with it): intrinsics provide them, and the portable fallbacks give the same bits.
  */
 #ifndef PELL_LANES_H
 #define PELL_LANES_H
@@ -56,8 +56,8 @@ INLINE vf magnitude(vf a)
     return (vf) ((vi) a & 0x7fffffff);
 }
 
-/* root(v); lesser(a, b) and greater(a, b), which return b if either is NaN; any(mask): whether any lane is set; members(mask): bit l is
- * lane l of the mask. */
+/* root(v): square root; lesser(a, b), greater(a, b): minimum and maximum, b if one operand is NaN; any(mask): whether a lane is set;
+ * members(mask): a bit mask with lane l at bit l. */
 #if defined(__AVX512F__)
 typedef __m512 machine;
 #define MACHINE(op) (vf) _mm512_##op##_ps
@@ -113,8 +113,7 @@ INLINE uint32_t members(vi mask)
 #define greater(a, b) (MACHINE(max)((machine) (a), (machine) (b)))
 #endif
 
-/* Transposes 4 x 4: element k of each of four rows of 16 bytes becomes element k, 0 to 3, of row k; longer rows are transposed per 16
- * bytes. */
+/* Transposes 4 x 4 floats; of longer vectors each group of four lanes separately. */
 INLINE void turn4(const vf from[4], vf to[4])
 {
 #if defined(__SSE2__)
@@ -131,7 +130,7 @@ INLINE void turn4(const vf from[4], vf to[4])
 #endif
 }
 
-/* Element k[l] of a table of 32, aligned to 64 bytes, in lane l. */
+/* Looks up table[k[l]] in each lane l; the table has 32 entries and is aligned to 64 bytes. */
 INLINE vf pick32(const float *table, vi k)
 {
 #if defined(__AVX512F__)

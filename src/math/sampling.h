@@ -81,7 +81,7 @@ static inline void pell_sunflower_point(int i, int n, double point[2])
 /* pell_disc_at, by pointers. */
 static inline void pell_disc_point(float u, float v, float *x, float *y)
 {
-    const struct pell_place2 p = pell_disc_at(u, v);
+    const struct pell_point2 p = pell_disc_at(u, v);
 
     *x = p.x;
     *y = p.y;

@@ -72,7 +72,7 @@ struct pell_scene_materials {
     uint16_t *of_mesh;        /* per mesh: the frame's material + 1 used by its object alone, or 0; NULL: no two objects share a material */
     float (*total)[3];        /* per scene material: total reflectance of its profile */
     struct pell_angle *angle; /* per scene material */
-    struct pell_single_apart *apart;               /* per scene material: single scattering, if it is excluded from the profile */
+    struct pell_separate_single *apart;            /* per scene material: single scattering, if it is excluded from the profile */
     struct pell_angle *angle_apart;                /* per scene material: `angle` of the profile without single scattering */
     bool single_apart;                             /* these apply in this frame */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
@@ -87,7 +87,7 @@ static inline bool pell_plan_transmits(const struct pell_plan *plan)
 }
 
 /* Whether the method identifies objects by material only, and some objects share one: the frame's plane `material` then holds of_mesh. */
-static inline bool pell_objects_apart(const struct pell_scene_materials *m, const struct pell_plan *plan)
+static inline bool pell_separates_objects(const struct pell_scene_materials *m, const struct pell_plan *plan)
 {
     return m->of_mesh && plan && !(plan->needs & PELL_NEED_SCENE);
 }
@@ -120,7 +120,7 @@ struct pell_engine_seen {
 
 /* Result of the method for a sample. */
 struct pell_engine_scattered {
-    bool there;                     /* false: the sample has no translucent pixel, or no method runs */
+    bool present;                   /* false: the sample has no translucent pixel, or no method runs */
     const float *standard_error[3]; /* standard error, as in pell_pass_standard_error; NULL: unknown */
 };
 

@@ -128,7 +128,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     const struct pell_settings *s = frame->settings;
     const bool apart_single = frame->plan && frame->materials->single_apart, gives = frame->plan && (frame->plan->outputs || apart_single),
                hits = s->bounces > 0 || e->unscattered || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
-    const bool apart = pell_objects_apart(frame->materials, frame->plan);
+    const bool apart = pell_separates_objects(frame->materials, frame->plan);
     struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
     size_t blocks;
@@ -523,7 +523,7 @@ static void cpu_hand_over(void *engine, const struct pell_engine_sample *sample,
         .surface = s,
         .view = &sample->view,
         .frame_index = sample->frame->materials->frame_index,
-        .of_mesh = pell_objects_apart(sample->frame->materials, sample->frame->plan) ? sample->frame->materials->of_mesh : NULL,
+        .of_mesh = pell_separates_objects(sample->frame->materials, sample->frame->plan) ? sample->frame->materials->of_mesh : NULL,
         .out = (uint16_t *) e->plane[PELL_PLANE_MATERIAL][0],
         .position = is_asked(PELL_PLANE_POSITION, sample->frame) ? e->plane[PELL_PLANE_POSITION] : NULL,
     };
@@ -547,10 +547,10 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
     struct pell_composite_params *p = &e->composite;
     double start;
 
-    if (scattered->there && e->unscattered)
+    if (scattered->present && e->unscattered)
         pell_cpu_see_through(e, sample);
     start = pell_seconds();
-    if (scattered->there) {
+    if (scattered->present) {
         if (e->through && e->whole)
             pell_indirect_correct(e->through, e->pool, &sample->view, p->angle, &e->surface, e->plane[PELL_PLANE_LIGHT]);
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];

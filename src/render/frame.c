@@ -142,7 +142,7 @@ static enum pell_result scatter(struct pell_renderer *r, const struct pell_engin
     PELL_TRY(pell_pass_render(r->pass, &in, &out));
     if (pell_services_observed(&r->services, &in))
         PELL_TRY(show_planes(r, &in, &out, true));
-    r->scattered = scattered->there = true;
+    r->scattered = scattered->present = true;
     n = pell_pass_times(r->pass, times, PELL_COUNT(times));
     for (size_t i = 0; i < n; i++)
         pell_stage_note(&r->notes, times[i].name, times[i].seconds, times[i].pixels, times[i].rays, times[i].bytes);
@@ -162,7 +162,7 @@ static enum pell_result render_sample(struct pell_renderer *r, const struct pell
     struct pell_engine_sample sample = { frame, sample_view(r, frame->settings, number), number, NULL };
     const struct pell_frame in = r->pass ? method_frame(r, &sample) : (struct pell_frame) { .sample = number };
     struct pell_engine_seen seen = { .translucent_pixels = 0 };
-    struct pell_engine_scattered scattered = { .there = false };
+    struct pell_engine_scattered scattered = { .present = false };
     bool done = false;
     enum pell_result res;
 

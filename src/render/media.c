@@ -38,10 +38,10 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
 }
 
 /* Whether diffuse light excludes a part that is scattered forward. */
-static bool any_forward(const struct pell_opposed *law)
+static bool any_forward(const struct pell_opposed *opposed)
 {
-    return pell_forward_share(fmaxf(fmaxf(law->kappa[0] * law->depth[0], law->kappa[1] * law->depth[1]), law->kappa[2] * law->depth[2])) >
-           0.0f;
+    return pell_forward_share(fmaxf(fmaxf(opposed->kappa[0] * opposed->depth[0], opposed->kappa[1] * opposed->depth[1]),
+                                    opposed->kappa[2] * opposed->depth[2])) > 0.0f;
 }
 
 /* Computes the transport of material i. Returns false if it transmits nothing. Copies the result of an earlier material with the same

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * method_pass.c - a method on planes: checks in front, then the engine's functions, which may trust their input. */
+ * method_pass.c - runs a method on planes: validates the input, then calls the engine's functions, which may trust it. */
 #include "render/pass.h"
 
 #include "render/frame_material.h"
@@ -12,7 +12,7 @@ struct pell_pass {
     const struct pell_method_engine *engine;
     struct pell_frame_shape shape;
     struct pell_frame_material *materials; /* owned copy */
-    struct pell_profile *profiles;         /* of materials that came without, three each */
+    struct pell_profile *profiles;         /* profiles of materials without their own, three per material */
     struct pell_plan plan;
     void *state;
 };

@@ -1,32 +1,32 @@
 /* SPDX-License-Identifier: MIT
  *
- * pass.h - the pass of a renderer, whose materials and knobs were checked before, and the planes that it is handed.
+ * pass.h - passes of a renderer, which has already checked materials and knobs, and their planes.
  */
 #ifndef PELL_PASS_H
 #define PELL_PASS_H
 
 #include "render/engine.h"
 
-/* As pell_pass_create, with `services`, which is copied. The engine implements the method; knobs and materials are in range. */
+/* Like pell_pass_create, with `services`, which is copied. The engine must implement the method; knobs and materials must be in range. */
 PELL_NODISCARD enum pell_result pell_pass_make(const struct pell_engine_interface *engine, const struct pell_services *services,
                                                const struct pell_method *method, const void *knobs, const struct pell_frame_shape *shape,
                                                struct pell_pass **out);
 
 /* Records a pass into a list: see struct pell_method_engine. */
 void pell_pass_record_in(struct pell_pass *pass, struct pell_gpu_commands *commands, float depth, float strength);
-/* The buffers that it reads and leaves its result in there, of a renderer's pass; false: there are none. */
+/* Device buffers that a renderer's pass reads and writes its result to; false: it has none. */
 bool pell_pass_planes(const struct pell_pass *pass, struct pell_gpu_buffer *planes[PELL_GPU_PLANES]);
 
-/* Before each pell_pass_record_in of such a pass: see struct pell_method_engine. `count`: of the times of what the host did, at most as
- * many as there is room for in `times`. */
+/* Called before each pell_pass_record_in of such a pass: see struct pell_method_engine. `count`: on input the capacity of `times`, on
+ * output the number of timings of the host's work. */
 PELL_NODISCARD enum pell_result pell_pass_prepare(struct pell_pass *pass, const struct pell_frame *in,
                                                   struct pell_pass_time times[PELL_STAGES_MOST], size_t *count);
 
-/* PELL_ERR_DEVICE, with a message that says which engines have the method, where this one has not. */
+/* Returns PELL_ERR_DEVICE, with a message that names the engines of the method, if this engine does not implement it. */
 PELL_NODISCARD enum pell_result pell_engine_check(struct pell_context *ctx, const struct pell_engine_interface *engine,
                                                   const struct pell_method *method);
 
-/* The pointers of one row of the table of planes in a frame and its output: the first p->components of `pointers`. */
+/* Sets the first p->components of `pointers` to a plane of the frame or of its output, by its row in the table of planes. */
 void pell_plane_pointers(const struct pell_plane_info *p, const struct pell_frame *in, const struct pell_frame_light *out,
                          const void *pointers[3]);
 

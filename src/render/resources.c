@@ -173,7 +173,7 @@ static const struct pell_angle no_angle = {
 /* Removes single scattering from a medium's profile, for frames that add it separately: `whole` and `rest` are the profiles of all light
  * and of the remainder. Diffuse light, which has no direction, keeps all of it, as a larger entering factor. */
 static void set_apart(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *rest, bool angles,
-                      struct pell_single_apart *apart, const struct pell_angle *angle, struct pell_angle *out)
+                      struct pell_separate_single *apart, const struct pell_angle *angle, struct pell_angle *out)
 {
     const double eta = (double) m->medium.eta;
 
@@ -279,7 +279,7 @@ static enum pell_result make_profiles(struct pell_renderer *r)
             fill_angle(&frame[at - 1], pell_scatters_by_medium(m, &frame[at - 1]), &r->materials.angle[i]);
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
-        r->materials.apart[i] = (struct pell_single_apart) { .inverse_eta2 = 0.0f };
+        r->materials.apart[i] = (struct pell_separate_single) { .inverse_eta2 = 0.0f };
         r->materials.angle_apart[i] = r->settings.angles ? r->materials.angle[i] : no_angle;
         if (frame[at - 1].white)
             of->multiple = NULL;
@@ -439,7 +439,7 @@ struct pell_frame_shape pell_renderer_shape(const struct pell_renderer *r, const
         .focal_px = view->focal_px,
         .object_height = r->scene->bounds_max[1] - r->scene->bounds_min[1],
         .materials = r->materials.frame,
-        .num_materials = pell_objects_apart(&r->materials, &plan) ? r->materials.count_apart : r->materials.count,
+        .num_materials = pell_separates_objects(&r->materials, &plan) ? r->materials.count_apart : r->materials.count,
     };
 }
 

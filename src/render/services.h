@@ -47,7 +47,7 @@ enum pell_gpu_plane {
 struct pell_surface_points {
     const uint32_t *mesh, *triangle; /* mesh PELL_NO_HIT: no point */
     const float *u, *v;              /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
-    const uint32_t *number;          /* seeds of the sample patterns of area lights: points with equal numbers share them */
+    const uint32_t *seed;            /* seeds of the sample patterns of area lights: points with equal seeds share them */
     const float *ambient;            /* visibility of the environment's smooth part, if the caller knows it better; NULL: found by rays */
     const bool *back;                /* true: the side from which the triangle's corners run clockwise; NULL: no point is on that side */
 };
@@ -66,11 +66,11 @@ struct pell_surface_light {
     float *curvature, *thinness; /* struct pell_curvature_shape; 0 where it is not measured */
     float *gain[3];              /* factor by curvature; 1 where it is not measured */
     float *crossed[3];           /* with `gain`: ratio of a slab's transmission to the transport between faces, in a flat thin part */
-    float *aside[3];             /* W/m^2: part of the irradiance that a curved surface moves away from where it enters; requests also */
-    float *once[3];              /* the part that accounts for the single scattering of diffuse light, */
+    float *shifted[3];           /* W/m^2: part of the irradiance that a curved surface moves away from where it enters; requests also */
+    float *single_surplus[3];    /* the part that accounts for the single scattering of diffuse light, */
     float *direction[3];         /* the mean refracted direction of the rest, not unit, */
     float *diffuse;              /* and the diffuse fraction of the rest, [0, 1] */
-    bool *there;                 /* false: no point, or its material is cut out there by alpha */
+    bool *valid;                 /* false: no point, or its material is cut out there by alpha */
 };
 
 #define PELL_LIGHT_INDIRECT ((uint64_t) 1 << 63)
@@ -159,15 +159,15 @@ static inline size_t pell_services_batch_points(const struct pell_services *s)
 struct pell_points16 {
     uint32_t mesh[16], triangle[16];
     float u[16], v[16];
-    uint32_t number[16];
+    uint32_t seed[16];
 };
 
 struct pell_points16_light {
     float irradiance[3][16], position[3][16], normal[3][16], strength[16];
-    bool there[16];
+    bool valid[16];
 };
 
-/* Loads the surface points of `count` pixels of a frame that has its hits, except `number`. */
+/* Loads the surface points of `count` pixels of a frame that has its hits, except `seed`. */
 static inline void pell_points16_of_pixels(const struct pell_frame *in, const ptrdiff_t *at, int count, struct pell_points16 *p)
 {
     for (int i = 0; i < count; i++) {
@@ -181,7 +181,7 @@ static inline void pell_points16_of_pixels(const struct pell_frame *in, const pt
 /* `ambient` may be NULL. */
 static inline struct pell_surface_points pell_points16_in(const struct pell_points16 *p, const float *ambient)
 {
-    return (struct pell_surface_points) { p->mesh, p->triangle, p->u, p->v, p->number, ambient, NULL };
+    return (struct pell_surface_points) { p->mesh, p->triangle, p->u, p->v, p->seed, ambient, NULL };
 }
 
 static inline struct pell_surface_light pell_points16_out(struct pell_points16_light *light)
@@ -191,7 +191,7 @@ static inline struct pell_surface_light pell_points16_out(struct pell_points16_l
         .position = { light->position[0], light->position[1], light->position[2] },
         .normal = { light->normal[0], light->normal[1], light->normal[2] },
         .strength = light->strength,
-        .there = light->there,
+        .valid = light->valid,
     };
 }
 

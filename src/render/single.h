@@ -4,7 +4,7 @@
 #ifndef PELL_SINGLE_H
 #define PELL_SINGLE_H
 
-struct pell_single_apart {
+struct pell_separate_single {
     float inverse_eta2; /* 1/eta^2 */
     float albedo[3];    /* single-scattering albedo; 0: the material has no separate single scattering */
     float g[3];

@@ -21,7 +21,7 @@ PELL_SHARED int pell_grid_cell(int32_t i, int f)
 }
 
 /* Position of pixel i in its cell, [0, 1]. */
-PELL_SHARED float pell_grid_place(int32_t i, int f, int cell)
+PELL_SHARED float pell_grid_fraction(int32_t i, int f, int cell)
 {
     return (PELL_TO_FLOAT(i - (cell * f + f / 2)) + 0.5f) / PELL_TO_FLOAT(f);
 }

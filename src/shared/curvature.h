@@ -10,26 +10,26 @@
 #define PELL_CURVATURE_SHIFT 0.3f /* upper limit, so that light from straight above does not become negative */
 #define PELL_CURVATURE_SIDE 1024  /* nodes along an axis of a grid */
 
-/* Clamps a position in such a table. */
-PELL_SHARED float pell_curvature_place(float x)
+/* Clamps a coordinate of such a table. */
+PELL_SHARED float pell_curvature_coord(float x)
 {
     const float above = x > 0.0f ? x : 0.0f, most = PELL_TO_FLOAT(PELL_CURVATURE_GAINS) - 1.001f;
     return above < most ? above : most;
 }
 
-/* Position of a curvature, and of a thinness; `limit` and `step` are the material's. */
-PELL_SHARED float pell_curvature_bent_place(float mean, float limit)
+/* Table coordinates of a curvature, and of a thinness; `limit` and `step` are the material's. */
+PELL_SHARED float pell_curvature_mean_coord(float mean, float limit)
 {
-    return pell_curvature_place((mean / limit + 1.0f) * (0.5f * PELL_TO_FLOAT(PELL_CURVATURE_GAINS - 1)));
+    return pell_curvature_coord((mean / limit + 1.0f) * (0.5f * PELL_TO_FLOAT(PELL_CURVATURE_GAINS - 1)));
 }
 
-PELL_SHARED float pell_curvature_thin_place(float thinness, float step)
+PELL_SHARED float pell_curvature_thinness_coord(float thinness, float step)
 {
-    return pell_curvature_place(thinness * step / (1.0f + thinness * step) * PELL_TO_FLOAT(PELL_CURVATURE_GAINS - 1));
+    return pell_curvature_coord(thinness * step / (1.0f + thinness * step) * PELL_TO_FLOAT(PELL_CURVATURE_GAINS - 1));
 }
 
 /* Thinness in excess of that of a ball with the same curvature. */
-PELL_SHARED float pell_curvature_beyond(float mean, float thinness)
+PELL_SHARED float pell_curvature_excess(float mean, float thinness)
 {
     return thinness - (mean > 0.0f ? 0.5f * mean : 0.0f);
 }
@@ -56,16 +56,16 @@ PELL_SHARED float pell_curvature_shift(float mean, float path)
 
 /* Single scattering that a ball returns of uniform light, over that of a half-space: 1/(1 - mean free path over radius), within 5 % for
  * radii of 5 and more mean free paths. `shift`: refracted, as above. */
-PELL_SHARED float pell_curvature_once(float shift, float inverse_eta2)
+PELL_SHARED float pell_curvature_single(float shift, float inverse_eta2)
 {
     const float inverse_eta = sqrtf(inverse_eta2), bend = inverse_eta > 0.0f ? shift / inverse_eta : 0.0f;
     return 1.0f / (1.0f - (bend < 0.25f ? bend : 0.25f));
 }
 
 /* First slot of the search for a node in a hash table of a grid's nodes. */
-PELL_SHARED uint32_t pell_curvature_slot(uint32_t part, uint32_t place)
+PELL_SHARED uint32_t pell_curvature_slot(uint32_t part, uint32_t node_index)
 {
-    return pell_hash(place ^ pell_hash(part));
+    return pell_hash(node_index ^ pell_hash(part));
 }
 
 #endif

@@ -12,7 +12,7 @@
 #define PELL_HIGHLIGHTS_NOISE 0.5f /* of the variance: samples are stratified over pixels, so it is lower than that of independent ones */
 
 /* Weight of a pixel whose normal has this cosine to the centre's, and whose depth differs by `far`; `reach` mm is the limit. */
-PELL_SHARED float pell_highlights_alike(float turn, float far, float reach)
+PELL_SHARED float pell_highlights_weight(float turn, float far, float reach)
 {
     const float alike = 1.0f - PELL_HIGHLIGHTS_TURN * (1.0f - turn), near = far < reach ? alike : 0.0f;
     return near > 0.0f ? near : 0.0f;
@@ -20,7 +20,7 @@ PELL_SHARED float pell_highlights_alike(float turn, float far, float reach)
 
 /* Visible fraction of a light, from the nine pixels next to the centre (`next`) and from all around it: the latter, unless they differ
  * by more than the noise of `rays` per pixel, as at the edge of a sharp shadow. The nine have the noise of seven with equal weights. */
-PELL_SHARED float pell_highlights_seen(float next, float around, float rays)
+PELL_SHARED float pell_highlights_visibility(float next, float around, float rays)
 {
     const float here = next * (1.0f - next), far = around * (1.0f - around), noise = (here > far ? here : far) / (7.0f * rays);
     const float apart = (next - around) * (next - around) - PELL_HIGHLIGHTS_NOISE * noise, over = apart > 0.0f ? apart : 0.0f;
@@ -28,7 +28,7 @@ PELL_SHARED float pell_highlights_seen(float next, float around, float rays)
 }
 
 /* Filtered highlight or irradiance: this fraction of the unoccluded light; of the `all` samples around, `seen` are visible. */
-PELL_SHARED float pell_highlights_shared(float light, float hidden, float share, float seen, float all)
+PELL_SHARED float pell_highlights_filtered(float light, float hidden, float share, float seen, float all)
 {
     return all > seen ? (light + hidden) * share : light;
 }

@@ -34,7 +34,7 @@ PELL_SHARED float pell_disc_band(float radius)
 /* Composites one channel of near, same-depth and far discs, from their weights and weighted sums: the far fills what the same depth
  * leaves, or the same depth does if there is no far disc. `inside` is the fraction of the pixel's disc inside the image: beyond the
  * border the content is taken to be alike. */
-PELL_SHARED float pell_disc_lay(float near, float near_sum, float same, float same_sum, float far, float far_sum, float inside)
+PELL_SHARED float pell_disc_composite(float near, float near_sum, float same, float same_sum, float far, float far_sum, float inside)
 {
     const float n = near / inside, s = same / inside;
     const float front = near_sum / (n > 1.0f ? near : inside), left = n > 1.0f ? 0.0f : 1.0f - n;

@@ -9,7 +9,7 @@
 #include "shared/hash.h"
 #include "shared/language.h"
 
-struct pell_place2 {
+struct pell_point2 {
     float x, y;
 };
 
@@ -44,14 +44,14 @@ PELL_SHARED uint32_t pell_sobol1(uint32_t i)
 
 /* Uniform points of the unit disc (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and Square"), without library calls:
  * |phi| <= pi/4. With z = sqrt(1 - x^2 - y^2) they are directions of a hemisphere with the density z/pi (Malley). */
-PELL_SHARED PELL_STRUCT(pell_place2) pell_disc_at(float u, float v)
+PELL_SHARED PELL_STRUCT(pell_point2) pell_disc_at(float u, float v)
 {
     const float a = 2.0f * u - 1.0f, b = 2.0f * v - 1.0f;
     const float aa = fabsf(a), ab = fabsf(b), big = aa > ab ? a : b, small = aa > ab ? b : a;
     const float t = 0.785398163f * small / (fabsf(big) > 1e-20f ? big : 1e-20f), t2 = t * t;
     const float s = t * (1.0f + t2 * (-1.66666667e-1f + t2 * (8.33333333e-3f + t2 * (-1.98412698e-4f + t2 * 2.75573192e-6f))));
     const float c = 1.0f + t2 * (-0.5f + t2 * (4.16666667e-2f + t2 * (-1.38888889e-3f + t2 * 2.48015873e-5f)));
-    PELL_STRUCT(pell_place2) p;
+    PELL_STRUCT(pell_point2) p;
 
     p.x = big * (aa > ab ? c : s);
     p.y = big * (aa > ab ? s : c);
@@ -65,7 +65,7 @@ PELL_SHARED PELL_STRUCT(pell_place2) pell_disc_at(float u, float v)
 #define PELL_CURVE_LEVELS 5
 PELL_SHARED uint32_t pell_pixel_curve(uint32_t x, uint32_t y, uint32_t seed)
 {
-    uint32_t place = 0u;
+    uint32_t index = 0u;
 
     for (int32_t level = PELL_CURVE_LEVELS - 1; level >= 0; level--) {
         const uint32_t right = x >> level & 1u, down = y >> level & 1u;
@@ -73,9 +73,9 @@ PELL_SHARED uint32_t pell_pixel_curve(uint32_t x, uint32_t y, uint32_t seed)
         /* all 24 orders: digit -> A digit + b over two bits, A of two different columns */
         const uint32_t third = (hash >> 8) % 3u, other = third + 1u + (hash >> 2 & 1u);
         const uint32_t a = 1u + third, b = 1u + other - (other > 2u ? 3u : 0u);
-        place = place << 2 | ((hash & 3u) ^ (a & (0u - right)) ^ (b & (0u - down)));
+        index = index << 2 | ((hash & 3u) ^ (a & (0u - right)) ^ (b & (0u - down)));
     }
-    return place;
+    return index;
 }
 
 #endif

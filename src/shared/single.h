@@ -23,7 +23,7 @@ PELL_SHARED float pell_single_cosine(float inverse_eta2, float mu)
 }
 
 /* Cosine c between two refracted directions, from their cosine outside and those with the normal on both sides. */
-PELL_SHARED float pell_single_turn(float inverse_eta2, float outside, float mu_in, float mu_out, float m_in, float m_out)
+PELL_SHARED float pell_single_phase_cosine(float inverse_eta2, float outside, float mu_in, float mu_out, float m_in, float m_out)
 {
     const float c = m_in * m_out + (outside - mu_in * mu_out) * inverse_eta2;
     return c < 1.0f ? c > -1.0f ? c : -1.0f : 1.0f;

@@ -27,14 +27,14 @@ PELL_SHARED float pell_spread_straight(float packed)
 /* Fraction of the path length by which light spreads, by how flat the part of the solid is: all of it in a sheet. In round parts light
  * spreads around the whole part, which a blur by one path length does not describe; and where path lengths jump, at the edge of a shadow
  * or where another limb is on the path, transmitted light does not jump. */
-PELL_SHARED float pell_spread_part(float flat_share)
+PELL_SHARED float pell_spread_path_fraction(float flat_share)
 {
     return 0.2f + 0.8f * flat_share;
 }
 
 /* Fraction of light of a variance that the Gaussian with the variance `here` takes, between those with `below` and `above`; below < 0:
  * it is the narrowest; above <= here: the widest. */
-PELL_SHARED float pell_spread_share(float variance, float below, float here, float above)
+PELL_SHARED float pell_spread_gaussian_fraction(float variance, float below, float here, float above)
 {
     if (variance <= here)
         return below >= 0.0f ? fmaxf((variance - below) / (here - below), 0.0f) : 1.0f;

@@ -22,16 +22,16 @@ PELL_SHARED float pell_roughness_place(float roughness, float lowest, int32_t en
 }
 
 /* Position of a distance d >= 0 through the medium, mm, in a table whose entry i is for d = max_mm (i / (entries - 1))^2 (struct
- * pell_thickness_table). No light travels farther than max_mm: pell_thickness_share. */
-PELL_SHARED float pell_thickness_place(float d_mm, float max_mm, int32_t entries)
+ * pell_thickness_table). No light travels farther than max_mm: pell_thickness_transmission. */
+PELL_SHARED float pell_thickness_coord(float d_mm, float max_mm, int32_t entries)
 {
     return sqrtf(d_mm / max_mm) * PELL_TO_FLOAT(entries - 1);
 }
 
-PELL_SHARED int32_t pell_table_cell(float place, int32_t entries)
+PELL_SHARED int32_t pell_table_cell(float coord, int32_t entries)
 {
     const float last = PELL_TO_FLOAT(entries - 2);
-    return PELL_TO_INT(place < last ? place : last);
+    return PELL_TO_INT(coord < last ? coord : last);
 }
 
 /* a at f = 0, b at f = 1 except for rounding. */
@@ -47,10 +47,10 @@ PELL_SHARED float pell_bilinear(float a, float b, float c, float d, float f, flo
 }
 
 /* Transmitted fraction at a position in the thickness table, from the values of its cell and the next. */
-PELL_SHARED float pell_thickness_share(float value, float next, float place, int32_t entries)
+PELL_SHARED float pell_thickness_transmission(float value, float next, float coord, int32_t entries)
 {
-    const float share = pell_lerp(value, next, place - PELL_TO_FLOAT(pell_table_cell(place, entries)));
-    return place < PELL_TO_FLOAT(entries - 1) ? share : 0.0f;
+    const float share = pell_lerp(value, next, coord - PELL_TO_FLOAT(pell_table_cell(coord, entries)));
+    return coord < PELL_TO_FLOAT(entries - 1) ? share : 0.0f;
 }
 
 #endif

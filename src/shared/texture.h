@@ -85,7 +85,7 @@ PELL_SHARED float pell_bumps(float length2, float texels, float scale)
 
 /* The same for a smooth surface whose normal turns by this square along the two axes of a pixel, with a footprint of variance `spread`
  * along each. Limited to the lobe of a roughness of 0.45: pixels of silhouettes contain normals of all directions. */
-PELL_SHARED float pell_turned(float square, float spread)
+PELL_SHARED float pell_slope_variance(float square, float spread)
 {
     const float variance = spread * square;
     return variance > 0.0f ? variance < 0.02f ? variance : 0.02f : 0.0f;

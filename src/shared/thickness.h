@@ -47,7 +47,7 @@ PELL_SHARED float pell_thickness_facing(float facing, float mu, float ng)
 }
 
 /* Factor of light that travelled d mm, as it leaves like light from the depth: the whole `pass` from 1/per on. See render/angle.h. */
-PELL_SHARED float pell_thickness_leaves(float per, float d, float pass)
+PELL_SHARED float pell_thickness_exit(float per, float d, float pass)
 {
     const float thick = per * d, deep = thick < 1.0f ? thick : 1.0f;
     return 1.0f + deep * (pass - 1.0f);

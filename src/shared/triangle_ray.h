@@ -18,58 +18,58 @@ PELL_SHARED float pell_component(float x, float y, float z, int32_t k)
     return k == 0 ? x : k == 1 ? y : z;
 }
 
-/* Transformation of a ray to the z axis: its longest axis, the two others in an order that keeps the winding, and the shear. */
-struct pell_ray_turn {
+/* Shear that maps a ray to the z axis: index of its longest axis, the two others in an order that keeps the winding, and the shear. */
+struct pell_ray_shear {
     int32_t kx, ky, kz;
     float sx, sy, sz;
 };
 
-PELL_SHARED PELL_STRUCT(pell_ray_turn) pell_ray_turned(float dx, float dy, float dz)
+PELL_SHARED PELL_STRUCT(pell_ray_shear) pell_ray_shear_of(float dx, float dy, float dz)
 {
     const float ax = dx < 0.0f ? -dx : dx, ay = dy < 0.0f ? -dy : dy, az = dz < 0.0f ? -dz : dz;
     const int32_t kz = ax > ay ? (ax > az ? 0 : 2) : ay > az ? 1 : 2;
     const int32_t next = kz == 2 ? 0 : kz + 1, last = next == 2 ? 0 : next + 1;
     const float along = pell_component(dx, dy, dz, kz);
-    PELL_STRUCT(pell_ray_turn) turn;
+    PELL_STRUCT(pell_ray_shear) shear;
 
-    turn.kx = along < 0.0f ? last : next;
-    turn.ky = along < 0.0f ? next : last;
-    turn.kz = kz;
-    turn.sx = pell_component(dx, dy, dz, turn.kx) / along;
-    turn.sy = pell_component(dx, dy, dz, turn.ky) / along;
-    turn.sz = 1.0f / along;
-    return turn;
+    shear.kx = along < 0.0f ? last : next;
+    shear.ky = along < 0.0f ? next : last;
+    shear.kz = kz;
+    shear.sx = pell_component(dx, dy, dz, shear.kx) / along;
+    shear.sy = pell_component(dx, dy, dz, shear.ky) / along;
+    shear.sz = 1.0f / along;
+    return shear;
 }
 
 struct pell_ray_point {
     float x, y, z;
 };
 
-/* A corner relative to the ray's origin. */
-PELL_SHARED PELL_STRUCT(pell_ray_point) pell_ray_see(PELL_STRUCT(pell_ray_turn) turn, float x, float y, float z)
+/* Transforms a corner; (x, y, z) is relative to the ray's origin. */
+PELL_SHARED PELL_STRUCT(pell_ray_point) pell_ray_shear_point(PELL_STRUCT(pell_ray_shear) shear, float x, float y, float z)
 {
-    const float along = pell_component(x, y, z, turn.kz);
+    const float along = pell_component(x, y, z, shear.kz);
     PELL_PRECISE PELL_STRUCT(pell_ray_point) p;
 
-    p.x = pell_component(x, y, z, turn.kx) - turn.sx * along;
-    p.y = pell_component(x, y, z, turn.ky) - turn.sy * along;
-    p.z = turn.sz * along;
+    p.x = pell_component(x, y, z, shear.kx) - shear.sx * along;
+    p.y = pell_component(x, y, z, shear.ky) - shear.sy * along;
+    p.z = shear.sz * along;
     return p;
 }
 
-struct pell_ray_meeting {
-    float t;    /* negative: no hit */
+struct pell_triangle_hit {
+    float t;    /* distance along the ray; negative: no hit */
     float u, v; /* barycentric: (1 - u - v) a + u b + v c */
     float side; /* > 0 if the corners run counterclockwise, seen from the origin */
 };
 
 /* Intersects the whole line: the caller checks the ray's interval. */
-PELL_SHARED PELL_STRUCT(pell_ray_meeting)
-    pell_ray_meet(PELL_STRUCT(pell_ray_point) a, PELL_STRUCT(pell_ray_point) b, PELL_STRUCT(pell_ray_point) c)
+PELL_SHARED PELL_STRUCT(pell_triangle_hit)
+    pell_triangle_intersect(PELL_STRUCT(pell_ray_point) a, PELL_STRUCT(pell_ray_point) b, PELL_STRUCT(pell_ray_point) c)
 {
     PELL_PRECISE const float of_a = c.x * b.y - c.y * b.x, of_b = a.x * c.y - a.y * c.x, of_c = b.x * a.y - b.y * a.x;
     const float det = of_a + of_b + of_c;
-    PELL_STRUCT(pell_ray_meeting) m;
+    PELL_STRUCT(pell_triangle_hit) m;
 
     m.t = -1.0f;
     m.u = m.v = 0.0f;

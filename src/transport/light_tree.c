@@ -48,10 +48,10 @@ static uint64_t code_at(const void *items, size_t index)
 
 /* Adds a leaf's samples, or a child's sums; centres are weighted by light and divided at the end. */
 struct sums {
-    double centre[3], middle[3], power[3], normal[3], way[3], curvature, light, area;
+    double centre[3], middle[3], power[3], normal[3], direction[3], curvature, light, area;
 };
 
-static void add_sample(const struct pell_lit_place *s, struct sums *sum, struct pell_light_node *n)
+static void add_sample(const struct pell_surface_sample *s, struct sums *sum, struct pell_light_node *n)
 {
     double light = 0.0;
 
@@ -63,7 +63,7 @@ static void add_sample(const struct pell_lit_place *s, struct sums *sum, struct 
         sum->centre[k] += light * (double) s->position[k];
         sum->middle[k] += (double) s->position[k];
         sum->normal[k] += light * (double) s->normal[k];
-        sum->way[k] += light * (double) s->way[k];
+        sum->direction[k] += light * (double) s->direction[k];
         n->low[k] = fminf(n->low[k], s->position[k]);
         n->high[k] = fmaxf(n->high[k], s->position[k]);
     }
@@ -98,15 +98,15 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
             size_t j = i + 1;
             while (j < end && b->keys[j].code >> 3 * level == digit)
                 j++;
-            const size_t place = t->num_nodes;
+            const size_t child_index = t->num_nodes;
             PELL_TRY(build(b, i, j, level - 1, &child));
-            c = &t->nodes[place];
+            c = &t->nodes[child_index];
             for (int k = 0; k < 3; k++) {
                 sum.centre[k] += child.centre[k];
                 sum.middle[k] += child.middle[k];
                 sum.power[k] += child.power[k];
                 sum.normal[k] += child.normal[k];
-                sum.way[k] += child.way[k];
+                sum.direction[k] += child.direction[k];
                 n.low[k] = fminf(n.low[k], c->low[k]);
                 n.high[k] = fmaxf(n.high[k], c->high[k]);
             }
@@ -122,7 +122,7 @@ static enum pell_result build(struct builder *b, size_t first, size_t end, int l
     for (int k = 0; k < 3; k++) {
         n.power[k] = (float) sum.power[k];
         n.normal[k] = sum.light > 0.0 ? (float) (sum.normal[k] / sum.light) : 0.0f;
-        n.way[k] = sum.light > 0.0 ? (float) (sum.way[k] / sum.light) : 0.0f;
+        n.direction[k] = sum.light > 0.0 ? (float) (sum.direction[k] / sum.light) : 0.0f;
         n.centre[k] = (float) (sum.light > 0.0 ? sum.centre[k] / sum.light : sum.middle[k] / (double) (end - first));
     }
     t->nodes[at] = n;
@@ -133,11 +133,11 @@ fail:
     return res;
 }
 
-enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t num_samples,
+enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_surface_sample *samples, size_t num_samples,
                                       struct pell_light_tree *tree)
 {
     struct builder b = { .tree = tree };
-    struct pell_lit_place *sorted = NULL;
+    struct pell_surface_sample *sorted = NULL;
     struct key *keys = NULL;
     uint64_t *codes = NULL;
     uint32_t *order = NULL;

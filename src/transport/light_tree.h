@@ -10,12 +10,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-struct pell_lit_place {
+struct pell_surface_sample {
     float position[3], normal[3];
-    float area;      /* mm^2 */
-    float curvature; /* mean, 1/mm */
-    float power[3];  /* E A, W per m^2 times mm^2 */
-    float way[3];    /* mean refracted direction of that light, not unit; 0: unknown */
+    float area;         /* mm^2 */
+    float curvature;    /* mean, 1/mm */
+    float power[3];     /* E A, W per m^2 times mm^2 */
+    float direction[3]; /* mean refracted direction of that light, not unit; 0: unknown */
 };
 
 struct pell_light_node {
@@ -28,32 +28,32 @@ struct pell_light_node {
     float power[3];
     uint32_t count;             /* number of samples in a leaf; 0: inner node, followed by its children */
     float normal[3], curvature; /* means, weighted by light */
-    float way[3];               /* mean, weighted by light */
+    float direction[3];         /* mean, weighted by light */
 };
 
 struct pell_light_tree {
     struct pell_context *ctx;
-    struct pell_lit_place *samples; /* in the tree's order */
+    struct pell_surface_sample *samples; /* in the tree's order */
     size_t num_samples;
     struct pell_light_node *nodes;
     size_t num_nodes;
 };
 
 /* Takes ownership of `samples`, in any order, also on failure. */
-PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t num_samples,
+PELL_NODISCARD enum pell_result pell_light_tree_make(struct pell_context *ctx, struct pell_surface_sample *samples, size_t num_samples,
                                                      struct pell_light_tree *tree);
 void pell_light_tree_finish(struct pell_light_tree *tree);
 
 /* A node as a single sample. */
-static inline struct pell_lit_place pell_light_node_place(const struct pell_light_node *n)
+static inline struct pell_surface_sample pell_light_node_sample(const struct pell_light_node *n)
 {
-    return (struct pell_lit_place) {
+    return (struct pell_surface_sample) {
         .position = { n->centre[0], n->centre[1], n->centre[2] },
         .normal = { n->normal[0], n->normal[1], n->normal[2] },
         .area = n->area,
         .curvature = n->curvature,
         .power = { n->power[0], n->power[1], n->power[2] },
-        .way = { n->way[0], n->way[1], n->way[2] },
+        .direction = { n->direction[0], n->direction[1], n->direction[2] },
     };
 }
 

@@ -8,13 +8,13 @@
 
 #define MAX_OUTSIDE 4 /* of PELL_PACKET rays, the maximum that may not hit an inner side of the object from a buried point */
 
-static void set_ray(struct pell_ray_hit16 *r, int i, const struct pell_buried_place *p, struct pell_vec3 dir)
+static void set_ray(struct pell_ray_hit16 *r, int i, const struct pell_buried_query *p, struct pell_vec3 dir)
 {
-    pell_ray16_set(&r->ray, i, vec3_mad(p->at, p->clearance, p->normal), dir, INFINITY);
+    pell_ray16_set(&r->ray, i, vec3_mad(p->position, p->clearance, p->normal), dir, INFINITY);
     r->hit.mesh[i] = PELL_NO_HIT;
 }
 
-static bool is_buried(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *p)
+static bool is_buried(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_query *p)
 {
     _Alignas(64) int valid[PELL_PACKET];
     struct pell_ray_hit16 r;
@@ -37,7 +37,7 @@ static bool is_buried(const struct pell_scene *scene, const struct pell_rays *ra
 
 /* Where faces of two parts coincide, as of adjacent bricks, the ray along the normal may hit either of them, not necessarily an inner
  * side. */
-void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *points, int count,
+void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_query *points, int count,
                    bool buried[PELL_PACKET])
 {
     _Alignas(64) int valid[PELL_PACKET] = { 0 };
@@ -50,5 +50,5 @@ void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays,
     }
     pell_rays_closest16(rays, valid, false, &r);
     for (int i = 0; i < PELL_PACKET; i++)
-        buried[i] = i < count && pell_hit16_meets(scene, &r, i, points[i].object) && is_buried(scene, rays, &points[i]);
+        buried[i] = i < count && pell_hit16_is_object(scene, &r, i, points[i].object) && is_buried(scene, rays, &points[i]);
 }

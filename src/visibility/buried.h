@@ -8,16 +8,16 @@
 
 #include "visibility/rays.h"
 
-/* A surface point, and the offset of its rays. */
-struct pell_buried_place {
-    struct pell_vec3 at, normal; /* mm; unit, outward */
-    float clearance;             /* mm */
-    int object;                  /* of struct pell_mesh */
+/* A surface point to test, and the offset of its rays. */
+struct pell_buried_query {
+    struct pell_vec3 position, normal; /* mm; unit, outward */
+    float clearance;                   /* mm */
+    int object;                        /* pell_mesh.object */
 };
 
 /* The points, of up to PELL_PACKET, that are inside of their own objects: most of their rays hit an inner side. A ray along the normal that
  * misses the object shows for most points that they are not buried. Thread-safe. */
-void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_place *points, int count,
+void pell_buried16(const struct pell_scene *scene, const struct pell_rays *rays, const struct pell_buried_query *points, int count,
                    bool buried[PELL_PACKET]);
 
 #endif

@@ -72,7 +72,7 @@ static inline void pell_ray16_set(struct pell_ray16 *r, int i, struct pell_vec3 
 }
 
 /* Whether ray i of a packet has hit this object, */
-static inline bool pell_hit16_meets(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
+static inline bool pell_hit16_is_object(const struct pell_scene *scene, const struct pell_ray_hit16 *r, int i, int object)
 {
     return r->hit.mesh[i] < scene->num_meshes && scene->meshes[r->hit.mesh[i]].object == object;
 }
@@ -82,7 +82,8 @@ static inline bool pell_hit16_inside(const struct pell_scene *scene, const struc
 {
     const struct pell_hit16 *h = &r->hit;
 
-    return pell_hit16_meets(scene, r, i, object) && h->ngx[i] * r->ray.dx[i] + h->ngy[i] * r->ray.dy[i] + h->ngz[i] * r->ray.dz[i] > 0.0f;
+    return pell_hit16_is_object(scene, r, i, object) &&
+           h->ngx[i] * r->ray.dx[i] + h->ngy[i] * r->ray.dy[i] + h->ngz[i] * r->ray.dz[i] > 0.0f;
 }
 
 struct pell_rays;

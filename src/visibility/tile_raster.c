@@ -292,5 +292,5 @@ bool pell_raster_tile(const struct pell_raster *raster, int number, struct pell_
 void pell_raster_intersect16(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
                              struct pell_corners *corners)
 {
-    raster->kernels->meet(raster, triangle, packet, corners);
+    raster->kernels->intersect(raster, triangle, packet, corners);
 }

@@ -88,7 +88,8 @@ struct pell_raster_kernels {
     /* Computes the spans of triangles from `first` to `end`; false: one is not finite, or can't be drawn. */
     bool (*spans)(const struct pell_raster *raster, size_t first, size_t end, struct pell_raster_span *out);
     void (*tile)(const struct pell_raster *raster, int number, struct pell_raster_tile *tile);
-    void (*meet)(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet, struct pell_corners *corners);
+    void (*intersect)(const struct pell_raster *raster, const int32_t *triangle, struct pell_ray_hit16 *packet,
+                      struct pell_corners *corners);
 };
 
 struct pell_raster {

@@ -325,7 +325,7 @@ INLINE void side_of(const float a[3][LANES], const float b[3][LANES], const stru
     }
 }
 
-static void meet(const struct pell_raster *r, const int32_t *triangle, struct pell_ray_hit16 *packet, struct pell_corners *corners)
+static void intersect(const struct pell_raster *r, const int32_t *triangle, struct pell_ray_hit16 *packet, struct pell_corners *corners)
 {
     const struct pell_vec3 forward = r->view.forward;
     struct pell_ray16 *restrict ray = &packet->ray;
@@ -378,4 +378,4 @@ static void meet(const struct pell_raster *r, const int32_t *triangle, struct pe
 }
 
 extern const struct pell_raster_kernels PELL_SIMD(pell_raster_kernels);
-const struct pell_raster_kernels PELL_SIMD(pell_raster_kernels) = { vertices, spans, tile, meet };
+const struct pell_raster_kernels PELL_SIMD(pell_raster_kernels) = { vertices, spans, tile, intersect };

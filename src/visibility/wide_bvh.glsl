@@ -25,7 +25,7 @@ struct Hit {
 };
 
 // Intersects the triangles of a leaf; `hit` keeps the nearest. Returns whether one was hit.
-bool intersect_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
+bool intersect_leaf(uint leaf, Ray ray, pell_ray_shear shear, inout Hit hit)
 {
     const uint first = (leaf & ~WIDE_LEAF) >> 2, last = first + (leaf & 3u);
     bool any_hit = false;
@@ -36,8 +36,9 @@ bool intersect_leaf(uint leaf, Ray ray, pell_ray_turn turn, inout Hit hit)
             continue;
         const vec3 pa = uintBitsToFloat(a.xyz) - ray.origin, pb = uintBitsToFloat(b.xyz) - ray.origin,
                    pc = uintBitsToFloat(c.xyz) - ray.origin;
-        const pell_ray_meeting m = pell_ray_meet(pell_ray_see(turn, pa.x, pa.y, pa.z), pell_ray_see(turn, pb.x, pb.y, pb.z),
-                                                 pell_ray_see(turn, pc.x, pc.y, pc.z));
+        const pell_triangle_hit m =
+            pell_triangle_intersect(pell_ray_shear_point(shear, pa.x, pa.y, pa.z), pell_ray_shear_point(shear, pb.x, pb.y, pb.z),
+                                    pell_ray_shear_point(shear, pc.x, pc.y, pc.z));
         if (!(m.t >= ray.near && m.t <= hit.t) || (ray.mask == RAY_CAMERA && (c.w & SINGLE_SIDED) != 0u && m.side < 0.0))
             continue;
         hit = Hit(m.t, m.u, m.v, a.w, b.w, i);
@@ -64,7 +65,7 @@ vec4 enter_boxes(uint node, Ray ray, vec3 inverse, float most)
 // `any`: stops at the first hit. Without a hit hit.t is ray.far; returns whether there is a hit.
 bool trace_ray(Ray ray, bool any, out Hit hit)
 {
-    const pell_ray_turn turn = pell_ray_turned(ray.direction.x, ray.direction.y, ray.direction.z);
+    const pell_ray_shear shear = pell_ray_shear_of(ray.direction.x, ray.direction.y, ray.direction.z);
     const vec3 inverse =
         vec3(pell_ray_inverse(ray.direction.x), pell_ray_inverse(ray.direction.y), pell_ray_inverse(ray.direction.z));
     uint stack[WIDE_STACK];
@@ -76,7 +77,7 @@ bool trace_ray(Ray ray, bool any, out Hit hit)
     while (height > 0) {
         const uint next = stack[--height];
         if ((next & WIDE_LEAF) != 0u) {
-            any_hit = intersect_leaf(next, ray, turn, hit) || any_hit;
+            any_hit = intersect_leaf(next, ray, shear, hit) || any_hit;
             if (any && any_hit)
                 return true;
             continue;

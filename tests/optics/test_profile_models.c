@@ -254,7 +254,7 @@ static void single_scattering_is_the_same_share_of_light_everywhere(void **state
                         const double mu = (a + 0.5) / 400.0, turn = 2.0 * PELL_PI * (b + 0.5) / 64.0;
                         const double cosine = mu * mus[k] + sqrt((1.0 - mu * mu) * (1.0 - mus[k] * mus[k])) * cos(turn);
                         const float inverse = (float) (1.0 / (eta * eta)), out = pell_single_cosine(inverse, (float) mu);
-                        const float c = pell_single_turn(inverse, (float) cosine, (float) mus[k], (float) mu, (float) in, out);
+                        const float c = pell_single_phase_cosine(inverse, (float) cosine, (float) mus[k], (float) mu, (float) in, out);
                         sum += mu * (1.0 - pell_fresnel(eta, mu)) / (eta * eta) *
                                (double) pell_single_radiance(1.0f, (float) g, c, (float) in, out) * 2.0 * PELL_PI / (400.0 * 64.0);
                     }

@@ -262,15 +262,15 @@ enum { POINTS = 960 };
 
 /* Places all over the surfaces, some of them none, some seen from behind; and their light. */
 struct points {
-    uint32_t mesh[POINTS], triangle[POINTS], number[POINTS];
+    uint32_t mesh[POINTS], triangle[POINTS], seed[POINTS];
     float u[POINTS], v[POINTS], ambient[POINTS];
-    bool back[POINTS], there[2][POINTS];
+    bool back[POINTS], valid[2][POINTS];
     float irradiance[2][3][POINTS], albedo[2][3][POINTS], transmission[2][3][POINTS];
 };
 
 static struct pell_surface_light light_of(struct points *p, int which)
 {
-    struct pell_surface_light out = { .there = p->there[which] };
+    struct pell_surface_light out = { .valid = p->valid[which] };
 
     for (int c = 0; c < 3; c++) {
         out.irradiance[c] = p->irradiance[which][c];
@@ -293,7 +293,7 @@ static void place_points(const struct rig *r, struct points *p)
         p->mesh[i] = i % 37 == 5 || !(vec3_length(pell_triangle_cross(corner)) > 1e-6f) ? PELL_NO_HIT : mesh;
         p->u[i] = sqrtf(f) * (1.0f - g);
         p->v[i] = sqrtf(f) * g;
-        p->number[i] = i / 3;
+        p->seed[i] = i / 3;
         p->ambient[i] = shapes_random(&seed);
         p->back[i] = r->scene->meshes[mesh].object == 5 && i % 2;
     }
@@ -305,7 +305,7 @@ static double points_differ(struct device *d, const struct rig *r, uint64_t ligh
 {
     struct points *p = calloc(1, sizeof(*p));
     const struct pell_points_params what = { .lights = lights, .mix = -1.0f, .spacing = 0.5f, .first = 3, .samples = 2 };
-    const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->number, known ? p->ambient : NULL, p->back };
+    const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->seed, known ? p->ambient : NULL, p->back };
     const struct pell_surface_light cpu = light_of(p, 0), gpu = light_of(p, 1);
     struct pell_irradiance_params params = rig_params(r), of_run;
     uint32_t slot[POINTS / 16];
@@ -320,7 +320,7 @@ static double points_differ(struct device *d, const struct rig *r, uint64_t ligh
     pell_light_device_begin(d->light);
     for (size_t i = 0; i < POINTS; i += 16) {
         const struct pell_surface_points some = { p->mesh + i, p->triangle + i, p->u + i,
-                                                  p->v + i,    p->number + i,   known ? p->ambient + i : NULL,
+                                                  p->v + i,    p->seed + i,     known ? p->ambient + i : NULL,
                                                   p->back + i };
         slot[i / 16] = pell_irradiance_send_points(r->lights, &params, &what, &some, 16);
     }
@@ -328,9 +328,9 @@ static double points_differ(struct device *d, const struct rig *r, uint64_t ligh
     rays[1] = 0;
     for (size_t i = 0; i < POINTS; i += 16) {
         const struct pell_surface_points some = { p->mesh + i, p->triangle + i, p->u + i,
-                                                  p->v + i,    p->number + i,   known ? p->ambient + i : NULL,
+                                                  p->v + i,    p->seed + i,     known ? p->ambient + i : NULL,
                                                   p->back + i };
-        struct pell_surface_light out = { .there = gpu.there + i };
+        struct pell_surface_light out = { .valid = gpu.valid + i };
         for (int c = 0; c < 3; c++) {
             out.irradiance[c] = gpu.irradiance[c] + i;
             out.albedo[c] = gpu.albedo[c] + i;
@@ -339,7 +339,7 @@ static double points_differ(struct device *d, const struct rig *r, uint64_t ligh
         rays[1] += pell_irradiance_take_points(r->lights, &params, &what, &some, 16, slot[i / 16], &out);
     }
     for (size_t i = 0; i < POINTS; i++) {
-        REQUIRE(p->there[0][i] == p->there[1][i]);
+        REQUIRE(p->valid[0][i] == p->valid[1][i]);
         for (int c = 0; c < 3; c++) {
             REQUIRE(p->albedo[0][c][i] == p->albedo[1][c][i] && p->transmission[0][c][i] == p->transmission[1][c][i]);
             sum += fabs((double) p->irradiance[0][c][i]);

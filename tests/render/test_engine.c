@@ -142,7 +142,7 @@ static void null_hand_over(void *engine, const struct pell_engine_sample *sample
 static enum pell_result null_composite(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered)
 {
     (void) engine;
-    REQUIRE(scattered->there == (sample->number >= seen.empty));
+    REQUIRE(scattered->present == (sample->number >= seen.empty));
     return call("composite");
 }
 

@@ -22,7 +22,7 @@ struct fixture {
     struct pell_profile profile[3];
     struct pell_opposed law;
     double s[3];
-    struct pell_lit_place place[PLACES];
+    struct pell_surface_sample place[PLACES];
     float thickness[PLACES], source[PLACES][3];
     struct indirect_solid_light light[PLACES];
     size_t count;
@@ -75,12 +75,12 @@ static int tear_down(void **state)
 
 static void add(struct fixture *f, struct pell_vec3 position, struct pell_vec3 normal, double area)
 {
-    struct pell_lit_place *p = &f->place[f->count];
+    struct pell_surface_sample *p = &f->place[f->count];
 
     assert_true(f->count < PLACES);
     vec3_store(position, p->position);
     vec3_store(normal, p->normal);
-    vec3_store(vec3_mul(normal, -1.0f), p->way);
+    vec3_store(vec3_mul(normal, -1.0f), p->direction);
     p->area = (float) area;
     for (int c = 0; c < 3; c++)
         p->power[c] = (float) area;
@@ -370,11 +370,11 @@ static void light_that_grazes_goes_on(void **state)
     lit_aside(f, c, radius, eta, Q);
     add_ball(f, vec3(0, 0, 0), radius, 9000, 1.0 / radius);
     for (size_t i = 0; i < f->count; i++) { /* toward z */
-        struct pell_lit_place *p = &f->place[i];
+        struct pell_surface_sample *p = &f->place[i];
         const float mu = fmaxf(-p->normal[2], 0.0f), m = sqrtf(1.0f - (1.0f - mu * mu) / (float) (eta * eta)), deep = mu / (float) eta - m;
         for (int k = 0; k < 3; k++) {
             p->power[k] *= mu;
-            p->way[k] = deep * p->normal[k] + (k == 2 ? 1.0f / (float) eta : 0.0f);
+            p->direction[k] = deep * p->normal[k] + (k == 2 ? 1.0f / (float) eta : 0.0f);
         }
     }
     solve(f, 0.34);
@@ -487,14 +487,14 @@ static void light_turns_corners_as_photons_do(void **state)
         f->count = 0;
         add_slab(f, n, BOX / n, BOX, true);
         for (size_t i = 0; i < f->count; i++) {
-            struct pell_lit_place *p = &f->place[i];
+            struct pell_surface_sample *p = &f->place[i];
             if (!(p->normal[2] > 0.0f))
                 memset(p->power, 0, sizeof(p->power));
-            vec3_store(vec3_mul(vec3_load(p->way), (float) down), p->way);
+            vec3_store(vec3_mul(vec3_load(p->direction), (float) down), p->direction);
         }
         solve(f, BOX / n);
         for (size_t i = 0; i < f->count; i++) {
-            const struct pell_lit_place *p = &f->place[i];
+            const struct pell_surface_sample *p = &f->place[i];
             const int band = (int) fmin(fmax((0.5 - (double) p->position[2] / BOX) * BANDS, 0.0), BANDS - 1.0);
             area[band] += p->normal[2] == 0.0f ? (double) p->area : 0.0;
             for (int c = 0; c < 3; c++)
@@ -559,7 +559,7 @@ static void light_beside_an_edge_is_even(void **state)
         size_t n = 0;
         double sum = 0.0, apart = 0.0, uneven;
         for (size_t i = 0; i < f->count; i++) {
-            const struct pell_lit_place *p = &f->place[i];
+            const struct pell_surface_sample *p = &f->place[i];
             const double along = p->normal[0] != 0.0f ? (double) p->position[1] : (double) p->position[0];
             const double deep = 0.5 * size - (double) p->position[2];
             if (p->normal[2] == 0.0f && fabs(along) < 0.35 * size && deep < 2.0)

@@ -201,11 +201,11 @@ static void normals_turn_inside_of_a_pixel_as_on_a_ball(void **state)
                 if (!s.surface.material[i])
                     continue;
                 pell_view_ray(&s.view, (float) x, (float) y, &o, &d);
-                REQUIRE(s.surface.turned[i] > 0.0f && s.surface.turned[i] <= 0.02f);
+                REQUIRE(s.surface.slope_variance[i] > 0.0f && s.surface.slope_variance[i] <= 0.02f);
                 c = (double) vec3_dot(at(s.surface.ng, i), vec3_normalize(d));
                 if (c > -0.5) /* facets are nowhere as steep as the ball */
                     continue;
-                worst = fmax(worst, fabs((double) s.surface.turned[i] / (0.25 * w * w / 100.0 * (1.0 + 1.0 / (c * c))) - 1.0));
+                worst = fmax(worst, fabs((double) s.surface.slope_variance[i] / (0.25 * w * w / 100.0 * (1.0 + 1.0 / (c * c))) - 1.0));
                 seen++;
             }
     }
@@ -213,7 +213,7 @@ static void normals_turn_inside_of_a_pixel_as_on_a_ball(void **state)
     REQUIRE(seen > 3000);
     REQUIRE_NEAR(worst, 0.0, 0.1);
     render(&s, 4, 3, 60.0f, 24.0f);
-    REQUIRE_NEAR((double) s.surface.turned[s.surface.stride + 1], 0.02, 1e-7);
+    REQUIRE_NEAR((double) s.surface.slope_variance[s.surface.stride + 1], 0.02, 1e-7);
     stage_finish(&s);
 }
 

@@ -88,7 +88,7 @@ float lit(pell_light_data light, vec3 place)
 float scattered(float c)
 {
     const float g = phases[0].a[0], base = PELL_PHASE_HG_BASE(g, c);
-    const float m = pell_single_cosine(0.5f, c), turn = pell_single_turn(0.5f, c, c, g, m, m);
+    const float m = pell_single_cosine(0.5f, c), turn = pell_single_phase_cosine(0.5f, c, c, g, m, m);
     return pell_phase_evaluate(phases[1], c) + PELL_PHASE_HG_VALUE(g, base, sqrt(base)) + pell_single_radiance(0.9f, g, turn, m, m);
 }
 
@@ -103,9 +103,10 @@ float filmic(vec3 light)
 
 float met(vec3 a, vec3 b, vec3 c, vec3 way)
 {
-    const pell_ray_turn turn = pell_ray_turned(way.x, way.y, way.z);
-    const pell_ray_meeting m = pell_ray_meet(pell_ray_see(turn, a.x, a.y, a.z), pell_ray_see(turn, b.x, b.y, b.z),
-                                             pell_ray_see(turn, c.x, c.y, c.z));
+    const pell_ray_shear shear = pell_ray_shear_of(way.x, way.y, way.z);
+    const pell_triangle_hit m =
+        pell_triangle_intersect(pell_ray_shear_point(shear, a.x, a.y, a.z), pell_ray_shear_point(shear, b.x, b.y, b.z),
+                                pell_ray_shear_point(shear, c.x, c.y, c.z));
     const float inverse = pell_ray_inverse(pell_component(way.x, way.y, way.z, 1));
     return m.t + m.u + m.v + PELL_SLAB_NEAR(a.x, b.x, inverse) + PELL_SLAB_FAR(a.x, b.x, inverse);
 }
@@ -113,8 +114,8 @@ float met(vec3 a, vec3 b, vec3 c, vec3 way)
 float sampled(uint number)
 {
     const float u = pell_unit_float(pell_sobol0(number)), v = pell_unit_float(pell_sobol1(number));
-    const pell_place2 disc = pell_disc_at(u, v);
-    const pell_place2 wide = pell_wide_place(pell_wide_make(disc.x, disc.y, 2.0f, 1.0f, 0.5f), u, pell_clamp1(v));
+    const pell_point2 disc = pell_disc_at(u, v);
+    const pell_point2 wide = pell_wide_sample(pell_wide_make(disc.x, disc.y, 2.0f, 1.0f, 0.5f), u, pell_clamp1(v));
     const pell_half_vector h = pell_half_vector_at(0.01f, disc.x, disc.y);
     const float odds = pell_gloss_odds(u, 0.01f, v, 8, pell_gloss_directions(4)), density = pell_half_vector_density(0.01f, h.x, h.y, h.z);
     return wide.x + wide.y + odds / (odds + density);
@@ -123,22 +124,22 @@ float sampled(uint number)
 float passed(float same, float mu)
 {
     const float m = pell_thickness_of(2.0f, pell_thickness_cosine(-mu, same), same), counted = pell_thickness_counted(same, mu);
-    return m * pell_thickness_opposed(same) + counted * pell_thickness_facing(mu, 0.5f, 1.0f) * pell_thickness_leaves(0.25f, m, mu);
+    return m * pell_thickness_opposed(same) + counted * pell_thickness_facing(mu, 0.5f, 1.0f) * pell_thickness_exit(0.25f, m, mu);
 }
 
 float spread(int i, float depth)
 {
     const int at = pell_mirror(i, 16), cell = pell_grid_cell(at, 4);
-    const float radius = pell_disc_radius(2.0f, 0.01f, 1.0f / depth), cover = pell_disc_cover(radius, pell_grid_place(at, 4, cell));
-    return pell_disc_lay(cover, cover, pell_disc_band(radius), 1.0f, 0.5f, 0.5f, 1.0f);
+    const float radius = pell_disc_radius(2.0f, 0.01f, 1.0f / depth), cover = pell_disc_cover(radius, pell_grid_fraction(at, 4, cell));
+    return pell_disc_composite(cover, cover, pell_disc_band(radius), 1.0f, 0.5f, 0.5f, 1.0f);
 }
 
 float curved(float mean, float thinness)
 {
-    const float beyond = pell_curvature_beyond(mean, thinness), place = pell_curvature_thin_place(beyond, 2.0f);
-    const float once = pell_curvature_once(pell_curvature_shift(mean, 0.5f), 0.5f), slot = pell_unit_float(pell_curvature_slot(1u, 2u));
+    const float beyond = pell_curvature_excess(mean, thinness), place = pell_curvature_thinness_coord(beyond, 2.0f);
+    const float once = pell_curvature_single(pell_curvature_shift(mean, 0.5f), 0.5f), slot = pell_unit_float(pell_curvature_slot(1u, 2u));
     const float round = pell_curvature_sheet(beyond, thinness) + pell_curvature_round(mean, thinness);
-    return pell_curvature_place(place) + pell_curvature_bent_place(mean, 0.3f) + round + once + slot;
+    return pell_curvature_coord(place) + pell_curvature_mean_coord(mean, 0.3f) + round + once + slot;
 }
 
 float mapped(float x)
@@ -147,7 +148,7 @@ float mapped(float x)
     const pell_mip_levels m = pell_mip_levels_of(x, 4.0f);
     const float bumps = pell_bumps(0.9f, x, 1.0f);
     return t.f + PELL_TO_FLOAT(t.a + t.b + m.lower + m.upper + pell_floor_to_int(x)) + m.blend + pell_rough_log2(x) +
-           pell_bumpy_roughness(x, bumps, 0) + pell_turned(x, 0.25f);
+           pell_bumpy_roughness(x, bumps, 0) + pell_slope_variance(x, 0.25f);
 }
 
 // From a pixel to what it shows: the stages that look around it, too.
@@ -156,16 +157,17 @@ float shown(float x)
     const float right = pell_camera_right(x, 0.25f, 16.0f, 9.0f), up = pell_camera_up(x, 0.25f, 16.0f, 9.0f);
     const float curve = PELL_TO_FLOAT(PELL_TO_INT(pell_pixel_curve(3u, PELL_TO_UINT(5), 7u)));
     const float bent = pell_bend_missing(right) + pell_color_share(x, 0.5f) + curve;
-    const float left = pell_metered(x, up) * pell_angle_off(0.5f, up) * pell_tilted(0.5f, right) * pell_tilted_by(pell_tilts(0.5f), right);
-    const float wide = pell_spread_part(x) * pell_spread_share(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f) +
+    const float left = pell_meter_fraction(x, up) * pell_angle_off(0.5f, up) * pell_gradient_exit(0.5f, right) *
+                       pell_gradient_exit_by(pell_gradient_scale(0.5f), right);
+    const float wide = pell_spread_path_fraction(x) * pell_spread_gaussian_fraction(x, 0.0f, 1.0f, 4.0f) * pell_spread_weight(x, up, 0.1f) +
                        pell_spread_straight(pell_spread_pack(right, x) + pell_spread_pack_sums(right, x, up));
-    const float seen = pell_highlights_seen(x, up, 4.0f), alike = pell_highlights_alike(0.9f, x, 2.0f);
-    return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_shared(x, up, seen, right, alike);
+    const float seen = pell_highlights_visibility(x, up, 4.0f), alike = pell_highlights_weight(0.9f, x, 2.0f);
+    return bent + left + wide + curved(right, x) + mapped(x) + pell_highlights_filtered(x, up, seen, right, alike);
 }
 
 float around(vec3 n)
 {
-    const pell_place2 node = pell_octahedral_place(n.x, n.y, n.z), picture = pell_panorama_place(n.x, n.y, n.z);
+    const pell_point2 node = pell_octahedral_coord(n.x, n.y, n.z), picture = pell_panorama_uv(n.x, n.y, n.z);
     return node.x + node.y + picture.x + picture.y;
 }
 
@@ -174,8 +176,8 @@ void main()
     const uint i = gl_GlobalInvocationID.x;
     if (i >= count)
         return;
-    const float x = table[i], place = pell_thickness_place(x, table[0], 512);
-    const float share = pell_thickness_share(table[pell_table_cell(place, 512)], table[i], place, 512);
+    const float x = table[i], place = pell_thickness_coord(x, table[0], 512);
+    const float share = pell_thickness_transmission(table[pell_table_cell(place, 512)], table[i], place, 512);
     const float width = pell_lobe_width(model, x), value = lobe(width, x, 0.5f, 0.1f, 1.0f, 2.0f) + boundary(x) + scattered(x) + share;
     const float l = PELL_LUMINANCE(value, x, width), scale = PELL_TONE_SCALE(exposure, l, 1.0f, pell_tone_before(0.5f, 0.25f));
     const pell_light_data light = lights[i];

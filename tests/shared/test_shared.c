@@ -94,7 +94,7 @@ static void mirrored_directions_have_their_density(void **state)
 
     (void) state;
     for (uint32_t i = 0; i < DRAWN; i++) {
-        const struct pell_place2 at = pell_disc_at(pell_unit_float(pell_sobol0(i)), pell_unit_float(pell_sobol1(i)));
+        const struct pell_point2 at = pell_disc_at(pell_unit_float(pell_sobol0(i)), pell_unit_float(pell_sobol1(i)));
         const struct pell_half_vector h = pell_half_vector_at(width2, at.x, at.y);
         const double x = h.x, y = h.y, z = h.z, hv = x * vx + z * vz;
         REQUIRE_NEAR(x * x + y * y + z * z, 1.0, 1e-5);
@@ -177,7 +177,7 @@ static void places_are_the_entries(void **state)
         for (int i = 0; i < n; i++) {
             const double t = (double) i / (n - 1);
             REQUIRE_NEAR((double) pell_cosine_place((float) (t * t), n), i, 1e-4);
-            REQUIRE_NEAR((double) pell_thickness_place((float) (7.0 * t * t), 7.0f, n), i, 1e-4);
+            REQUIRE_NEAR((double) pell_thickness_coord((float) (7.0 * t * t), 7.0f, n), i, 1e-4);
             REQUIRE_NEAR((double) pell_roughness_place((float) (0.1 + 0.9 * t), 0.1f, n), i, 1e-4);
             assert_int_equal(pell_table_cell((float) i + 0.5f, n), i < n - 2 ? i : n - 2);
         }
@@ -187,8 +187,8 @@ static void places_are_the_entries(void **state)
     assert_int_equal(pell_table_cell(NAN, 16), 14); /* inside of the table, whatever comes */
     assert_true(pell_saturate(NAN) == 0.0f);
     REQUIRE_NEAR((double) pell_bilinear(1.0f, 2.0f, 3.0f, 5.0f, 0.25f, 0.5f), 0.5 * (1.25 + 3.5), 1e-6);
-    REQUIRE_NEAR((double) pell_thickness_share(0.5f, 0.25f, 3.25f, 8), 0.5 - 0.25 * 0.25, 1e-6);
-    assert_true(pell_thickness_share(0.5f, 0.25f, 7.0f, 8) == 0.0f); /* beyond the last entry nothing arrives */
+    REQUIRE_NEAR((double) pell_thickness_transmission(0.5f, 0.25f, 3.25f, 8), 0.5 - 0.25 * 0.25, 1e-6);
+    assert_true(pell_thickness_transmission(0.5f, 0.25f, 7.0f, 8) == 0.0f); /* beyond the last entry nothing arrives */
 }
 
 static void tone_curve_and_its_inverse(void **state)
@@ -256,7 +256,7 @@ static void slabs_are_as_thick_as_they_are(void **state)
         REQUIRE_NEAR((double) pell_thickness_facing(0.5f * cosine, cosine, 1.0f), 0.5, 1e-6);
     }
     assert_true(pell_thickness_cosine(0.5f, 0.5f) == 1e-6f);
-    assert_true(pell_thickness_leaves(0.25f, 9.0f, 1.5f) == 1.5f && pell_thickness_leaves(0.25f, 2.0f, 1.5f) == 1.25f);
+    assert_true(pell_thickness_exit(0.25f, 9.0f, 1.5f) == 1.5f && pell_thickness_exit(0.25f, 2.0f, 1.5f) == 1.25f);
 }
 
 static void a_wide_light_is_sampled_by_solid_angle(void **state)
@@ -273,7 +273,7 @@ static void a_wide_light_is_sampled_by_solid_angle(void **state)
     for (int i = 0; i < SIDE; i++)
         for (int k = 0; k < SIDE; k++) {
             const float u = ((float) i + 0.5f) / SIDE, v = ((float) k + 0.5f) / SIDE;
-            const struct pell_place2 p = pell_wide_place(w, u, v), q = pell_wide_place(aside, u, v);
+            const struct pell_point2 p = pell_wide_sample(w, u, v), q = pell_wide_sample(aside, u, v);
             const double px = 0.5 * a * (double) p.x, py = 0.5 * b * (double) p.y;
             REQUIRE(fabsf(p.x) <= 1.00001f && fabsf(p.y) <= 1.00001f && fabsf(q.x) <= 1.00001f && fabsf(q.y) <= 1.00001f);
             cosine += h / sqrt(px * px + py * py + h * h) / (SIDE * SIDE);
@@ -281,8 +281,8 @@ static void a_wide_light_is_sampled_by_solid_angle(void **state)
         }
     REQUIRE_NEAR(cosine * (double) w.angle, lambert, 1e-3);
     REQUIRE_NEAR(left * (double) aside.angle, (double) pell_wide_make(-1.5f, 3.0f, 1.5f, 6.0f, 4.0f).angle, 2e-2);
-    REQUIRE_NEAR((double) pell_wide_place(w, 0.5f, 0.5f).x, 0.0, 1e-4);
-    REQUIRE_NEAR((double) pell_wide_place(w, 0.5f, 0.5f).y, 0.0, 1e-4);
+    REQUIRE_NEAR((double) pell_wide_sample(w, 0.5f, 0.5f).x, 0.0, 1e-4);
+    REQUIRE_NEAR((double) pell_wide_sample(w, 0.5f, 0.5f).y, 0.0, 1e-4);
 }
 
 /* Beyond an edge a picture goes on as it came, and a pixel lies between the points of a grid that are nearest to it. */
@@ -299,7 +299,7 @@ static void edges_mirror_and_cells_hold_pixels(void **state)
             const int cell = pell_grid_cell(i, f);
             const double point = (cell + 0.5) * f; /* of the first, px from the edge */
             REQUIRE(i + 0.5 >= point && i + 0.5 < point + f);
-            REQUIRE_NEAR((double) pell_grid_place(i, f, cell), (i + 0.5 - point) / f, 1e-6);
+            REQUIRE_NEAR((double) pell_grid_fraction(i, f, cell), (i + 0.5 - point) / f, 1e-6);
         }
 }
 
@@ -320,11 +320,11 @@ static void discs_cover_and_lay(void **state)
     REQUIRE(pell_disc_band(10.0f) == 1.5f);
     for (size_t i = 0; i < PELL_COUNT(weights); i++) {
         const float n = weights[i][0], s = weights[i][1], f = weights[i][2];
-        REQUIRE_NEAR((double) pell_disc_lay(n, 3.0f * n, s, 3.0f * s, f, 3.0f * f, 1.0f), 3.0, 1e-6);
+        REQUIRE_NEAR((double) pell_disc_composite(n, 3.0f * n, s, 3.0f * s, f, 3.0f * f, 1.0f), 3.0, 1e-6);
     }
     /* Near covers a part of what is far, and all of it where its discs cover the pixel. */
-    REQUIRE_NEAR((double) pell_disc_lay(0.25f, 0.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 0.25, 1e-6);
-    REQUIRE_NEAR((double) pell_disc_lay(1.25f, 1.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 1.0, 1e-6);
+    REQUIRE_NEAR((double) pell_disc_composite(0.25f, 0.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 0.25, 1e-6);
+    REQUIRE_NEAR((double) pell_disc_composite(1.25f, 1.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 1.0, 1e-6);
 }
 
 /* From a place of the octahedron back to the direction, by its faces: |x| + |y| + |z| = 1, the lower half folded out. And the picture's
@@ -339,7 +339,7 @@ static void directions_have_their_places(void **state)
             const double a = 2.0 * i / 40.0 - 1.0, b = 2.0 * j / 40.0 - 1.0, y = 1.0 - fabs(a) - fabs(b);
             const double x = y < 0.0 ? copysign(1.0 - fabs(b), a) : a, z = y < 0.0 ? copysign(1.0 - fabs(a), b) : b;
             const double n = sqrt(x * x + y * y + z * z);
-            const struct pell_place2 p = pell_octahedral_place((float) (x / n), (float) (y / n), (float) (z / n));
+            const struct pell_point2 p = pell_octahedral_coord((float) (x / n), (float) (y / n), (float) (z / n));
             const bool folds = y < -1e-9 && (fabs(a) < 1e-9 || fabs(b) < 1e-9); /* an edge lies at both of its sides */
             REQUIRE(p.x >= 0.0f && (double) p.x <= last && p.y >= 0.0f && (double) p.y <= last);
             REQUIRE_NEAR(folds ? fabs((double) p.x / last - 0.5) : (double) p.x / last, folds ? fabs(a / 2.0) : (a + 1.0) / 2.0, 1e-5);
@@ -348,12 +348,12 @@ static void directions_have_their_places(void **state)
     for (int j = 1; j < 20; j++)
         for (int i = 1; i < 40; i++) {
             const double azimuth = 2.0 * PI * (i / 40.0 - 0.5), polar = PI * j / 20.0;
-            const struct pell_place2 p =
-                pell_panorama_place((float) (sin(azimuth) * sin(polar)), (float) cos(polar), (float) (-cos(azimuth) * sin(polar)));
+            const struct pell_point2 p =
+                pell_panorama_uv((float) (sin(azimuth) * sin(polar)), (float) cos(polar), (float) (-cos(azimuth) * sin(polar)));
             REQUIRE_NEAR((double) p.x, i / 40.0, 1e-6);
             REQUIRE_NEAR((double) p.y, j / 20.0, 1e-6);
         }
-    REQUIRE(pell_panorama_place(0.0f, 1.5f, 0.0f).y == 0.0f); /* rounded beyond the pole */
+    REQUIRE(pell_panorama_uv(0.0f, 1.5f, 0.0f).y == 0.0f); /* rounded beyond the pole */
 }
 
 int main(void)

@@ -224,7 +224,7 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
     for (int layer = 0; layer < b->layers; layer++) {
         struct ray_hits ray_hits;
         float spacing = 0.0f;
-        int there = 0;
+        int num_layers = 0;
         for (int i = 0; i < 16; i++) {
             hit.ray.tfar[i] = s->far_depth;
             hit.hit.mesh[i] = PELL_NO_HIT;
@@ -241,20 +241,20 @@ static int trace_cells(const struct conv_sources *s, const struct cells *c, int 
             ray_hits.points.triangle[i] = hit.hit.triangle[i];
             ray_hits.points.u[i] = hit.hit.u[i];
             ray_hits.points.v[i] = hit.hit.v[i];
-            ray_hits.points.number[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
+            ray_hits.points.seed[i] = (uint32_t) ((layer * b->height + cell_y) * b->width + (i < c->count ? c->x[i] : 0));
             spacing += is ? conv_pixel_at(s->in, ray_hits.depth[i]) * (float) b->step : 0.0f;
-            there += is;
+            num_layers += is;
         }
-        if (there == 0)
+        if (num_layers == 0)
             break;
         rays += (int) pell_services_light16(
             s->services,
             &(struct pell_points_params) {
-                .mix = -1.0f, .spacing = spacing / (float) there, .samples = s->in->num_samples, .local = s->by_slab != NULL },
+                .mix = -1.0f, .spacing = spacing / (float) num_layers, .samples = s->in->num_samples, .local = s->by_slab != NULL },
             &ray_hits.points, NULL, 16, &ray_hits.light);
         pell_services_transmitted(s->services, &ray_hits.points, 16, ray_hits.transmitted);
         for (int i = 0; i < c->count; i++)
-            if (open[i] && ray_hits.light.there[i] && s->solids->of_mesh[ray_hits.points.mesh[i]] >= 0)
+            if (open[i] && ray_hits.light.valid[i] && s->solids->of_mesh[ray_hits.points.mesh[i]] >= 0)
                 put_sample(s, c, i, layer, cell_y, &ray_hits);
     }
     return rays;

@@ -123,14 +123,14 @@ static void oppose(const struct pixel *p, struct pell_vec3 v, struct pell_vec3 n
 static void settle(struct pixel *p)
 {
     float position[3][MAX_POINTS], normal[3][MAX_POINTS], irradiance[3][MAX_POINTS], curvature[MAX_POINTS];
-    bool there[MAX_POINTS];
+    bool valid[MAX_POINTS];
     const struct pell_surface_points in = { p->mesh, p->triangle, p->u, p->v, p->pattern, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
         .position = { position[0], position[1], position[2] },
         .normal = { normal[0], normal[1], normal[2] },
         .curvature = curvature,
-        .there = there,
+        .valid = valid,
     };
 
     pell_services_light_points(
@@ -141,7 +141,7 @@ static void settle(struct pixel *p)
         const struct pell_vec3 n = vec3(normal[0][i], normal[1][i], normal[2][i]), to = vec3_sub(y, p->at);
         double r, samples;
         float R[3];
-        if (!there[i] || !(irradiance[0][i] + irradiance[1][i] + irradiance[2][i] > 0.0f))
+        if (!valid[i] || !(irradiance[0][i] + irradiance[1][i] + irradiance[2][i] > 0.0f))
             continue;
         samples = density(p, y, n);
         r = sqrt((double) vec3_dot(to, to)) / p->strength;

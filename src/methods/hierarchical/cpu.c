@@ -57,8 +57,8 @@ struct hierarchical_state {
 struct light_task {
     const struct hierarchical_state *st;
     struct hierarchical_sample *points;
-    struct pell_lit_place *samples;
-    bool *there;
+    struct pell_surface_sample *samples;
+    bool *valid;
     size_t count;
     double step; /* mm^2 */
 };
@@ -67,15 +67,15 @@ static void light_chunk(void *arg, int index, int worker)
 {
     const struct light_task *t = arg;
     const size_t first = (size_t) index * CHUNK, left = t->count - first, count = left < CHUNK ? left : CHUNK;
-    uint32_t mesh[CHUNK], triangle[CHUNK], number[CHUNK];
+    uint32_t mesh[CHUNK], triangle[CHUNK], seed[CHUNK];
     float u[CHUNK], v[CHUNK], position[3][CHUNK], normal[3][CHUNK], irradiance[3][CHUNK], curvature[CHUNK];
-    const struct pell_surface_points in = { mesh, triangle, u, v, number, NULL };
+    const struct pell_surface_points in = { mesh, triangle, u, v, seed, NULL };
     const struct pell_surface_light out = {
         .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
         .position = { position[0], position[1], position[2] },
         .normal = { normal[0], normal[1], normal[2] },
         .curvature = curvature,
-        .there = t->there + first,
+        .valid = t->valid + first,
     };
     const struct pell_points_params params = {
         .mix = -1.0f, .opposed = true, .spacing = (float) sqrt(t->step), .samples = t->st->services->settings->msaa
@@ -87,11 +87,11 @@ static void light_chunk(void *arg, int index, int worker)
         triangle[i] = t->points[first + i].triangle;
         u[i] = t->points[first + i].u;
         v[i] = t->points[first + i].v;
-        number[i] = (uint32_t) (first + i);
+        seed[i] = (uint32_t) (first + i);
     }
     pell_services_light_points(t->st->services, &params, &in, count, &out);
     for (size_t i = 0; i < count; i++) {
-        struct pell_lit_place *s = &t->samples[first + i];
+        struct pell_surface_sample *s = &t->samples[first + i];
         s->area = t->points[first + i].area;
         s->curvature = curvature[i];
         for (int c = 0; c < 3; c++) {
@@ -113,32 +113,32 @@ static enum pell_result sample_solid(struct hierarchical_state *st, const struct
     PELL_TRY(hierarchical_samples_make(st->ctx, st->services->pool, st->services->scene, solid, count, &t.points));
     res = PELL_ERR_NOMEM;
     t.samples = pell_alloc_array(st->ctx, count, sizeof(*t.samples));
-    t.there = pell_alloc_array(st->ctx, count, sizeof(*t.there));
-    if (!t.samples || !t.there)
+    t.valid = pell_alloc_array(st->ctx, count, sizeof(*t.valid));
+    if (!t.samples || !t.valid)
         goto fail;
     pell_pool_run(st->services->pool, chunks, light_chunk, &t);
     res = PELL_ERR_CANCELLED;
     if (pell_cancelled(st->ctx))
         goto fail;
     for (size_t i = 0; i < count; i++)
-        if (t.there[i])
+        if (t.valid[i])
             t.samples[kept++] = t.samples[i];
-    pell_free(st->ctx, t.there);
+    pell_free(st->ctx, t.valid);
     pell_free(st->ctx, t.points);
     return pell_light_tree_make(st->ctx, t.samples, kept, tree);
 
 fail:
     pell_free(st->ctx, t.samples);
-    pell_free(st->ctx, t.there);
+    pell_free(st->ctx, t.valid);
     pell_free(st->ctx, t.points);
     return res;
 }
 
-static enum pell_result make_solid(struct hierarchical_state *st, const struct pell_frame_shape *shape, size_t number, size_t count)
+static enum pell_result make_solid(struct hierarchical_state *st, const struct pell_frame_shape *shape, size_t index, size_t count)
 {
-    const struct pell_solid *from = &st->solids->solids[number];
+    const struct pell_solid *from = &st->solids->solids[index];
     const struct pell_scene *scene = st->services->scene;
-    struct solid *b = &st->solid[number];
+    struct solid *b = &st->solid[index];
     const struct pell_frame_material *m = &shape->materials[from->material];
     struct pell_profile *profile;
     double across = 0.0, distance, reach;
@@ -218,7 +218,7 @@ static enum pell_result hierarchical_create(const struct pell_services *services
             fraction = fmin(1.0, (double) st->knobs.points / wanted);
             PELL_TRY(make_solid(st, shape, i, (size_t) fmax(64.0, n * fraction)));
             samples += st->solid[i].tree.num_samples;
-            bytes += st->solid[i].tree.num_samples * sizeof(struct pell_lit_place) +
+            bytes += st->solid[i].tree.num_samples * sizeof(struct pell_surface_sample) +
                      st->solid[i].tree.num_nodes * sizeof(struct pell_light_node) +
                      ((size_t) st->solid[i].radial.count + 2) * sizeof(*st->solid[i].radial.node);
         }
@@ -308,7 +308,7 @@ static void oppose(const struct solid *b, const struct exit *x, const float *fro
 static void add_samples(const struct solid *b, const struct pell_light_node *n, const struct exit *x, float *sum, struct near *near)
 {
     for (uint32_t i = n->first; i < n->first + n->count; i++) {
-        const struct pell_lit_place *s = &b->tree.samples[i];
+        const struct pell_surface_sample *s = &b->tree.samples[i];
         const float area = s->area, d2 = distance2(s->position, x->at), t = 1.0f - d2 / b->reach2, w = t > 0.0f ? t * t : 0.0f;
         float R[4];
         look_up(&b->radial, d2 * x->inverse2, R);

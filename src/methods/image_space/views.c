@@ -28,7 +28,7 @@ static void write_texel(const struct view_task *t, int i, const struct pell_ray_
     const float distance = sqrtf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
     const int32_t solid = t->solids->of_mesh[hit->hit.mesh[i]];
 
-    if (solid < 0 || !light->there[i] || (v->orthographic ? fabsf(n[2]) * IS_SLOPE_MAX < 1.0f : fabsf(plane) * IS_SLOPE_MAX < distance) ||
+    if (solid < 0 || !light->valid[i] || (v->orthographic ? fabsf(n[2]) * IS_SLOPE_MAX < 1.0f : fabsf(plane) * IS_SLOPE_MAX < distance) ||
         !(v->orthographic || at[2] > 0.0f))
         return;
     for (int c = 0; c < 3; c++)
@@ -61,7 +61,7 @@ static void view_row(void *arg, int y, int worker)
             points.triangle[i] = hit.hit.triangle[i];
             points.u[i] = hit.hit.u[i];
             points.v[i] = hit.hit.v[i];
-            points.number[i] = (uint32_t) (y * v->width + x + i);
+            points.seed[i] = (uint32_t) (y * v->width + x + i);
             spacing += is ? (v->orthographic ? 1.0f : hit.ray.tfar[i]) / v->focal_px : 0.0f;
             count += is;
         }

@@ -298,7 +298,7 @@ static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
 }
 
 /* Handles the flights that hit a surface. */
-static uint32_t meet(struct pt_wavefront *d, int solid, bool one, uint32_t set)
+static uint32_t intersect(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
     const float further = one ? d->s->solid[solid].further : 0.0f;
     const struct pt_wavefront_lanes *w = &d->w;
@@ -385,7 +385,7 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
     set &= ~cut;
     counts->steps_without_ray += bits(set & ~rays);
     if (rays)
-        set &= ~meet(d, solid, one, rays);
+        set &= ~intersect(d, solid, one, rays);
     if (!set)
         return;
     connecting = d->k->collide(&d->w, &stack, set, &lost, &gone);

@@ -126,7 +126,7 @@ static void light_rows(void *arg, int index, int worker)
                 k->points.triangle[k->count] = a->triangles[a->source[i]].triangle;
                 k->points.u[k->count] = a->bary[0][i];
                 k->points.v[k->count] = a->bary[1][i];
-                k->points.number[k->count] = (uint32_t) (y / side * a->width + x / side);
+                k->points.seed[k->count] = (uint32_t) (y / side * a->width + x / side);
                 k->ambient[k->count] = st->half[0][i];
                 k->at[k->count++] = i;
                 if (k->count == 16)

@@ -143,14 +143,14 @@ static enum pell_result slab_row(struct pell_context *ctx, const struct pell_fra
 static void leave_forward(const struct pell_medium *medium, struct ts_profile *p)
 {
     struct pell_opposed diffuse;
-    struct pell_forward law;
+    struct pell_forward forward;
 
-    if (!pell_forward_make(medium, &law) || !pell_opposed_make(medium, &diffuse))
+    if (!pell_forward_make(medium, &forward) || !pell_opposed_make(medium, &diffuse))
         return;
     for (int k = 0; k < TS_THICK; k++) {
         const double f = (double) k / (TS_THICK - 1);
         for (int c = 0; c < 3; c++) {
-            const float rest = pell_forward_rest(&law, c, (float) (p->thickest * f * f), pell_forward_apart(&law, &diffuse, c));
+            const float rest = pell_forward_rest(&forward, c, (float) (p->thickest * f * f), pell_forward_apart(&forward, &diffuse, c));
             for (int i = 0; i < p->count; i++)
                 p->fraction[k][i][c] *= rest;
         }

@@ -80,7 +80,7 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
             out->leave_base[k] = p->angle && !m->opaque ? p->angle[i].leave_base[k] : 1.0f;
             out->leave_slope[k] = p->angle && !m->opaque ? p->angle[i].leave_slope[k] : 0.0f;
-            out->metered[k] = p->angle && !m->opaque ? pell_metered(p->angle[i].enter_mean[k], p->diffuse) : 1.0f;
+            out->metered[k] = p->angle && !m->opaque ? pell_meter_fraction(p->angle[i].enter_mean[k], p->diffuse) : 1.0f;
         }
         out->uniform = pell_surface_is_uniform(m);
         if (out->uniform) {

@@ -75,12 +75,12 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
                     bool full, bool uniform, struct pell_composite_cut *restrict cut, float (*restrict albedo)[LANES])
 {
     float fx[LANES], low[LANES], high[LANES];
-    int place[LANES], differ = 0;
+    int cell[LANES], differ = 0;
 
     for (int i = 0; i < LANES; i++) {
         const float x = pell_cosine_place(mu[i], PELL_ALBEDO_MU);
-        place[i] = pell_table_cell(x, PELL_ALBEDO_MU);
-        fx[i] = x - (float) place[i];
+        cell[i] = pell_table_cell(x, PELL_ALBEDO_MU);
+        fx[i] = x - (float) cell[i];
     }
     for (int i = 0; !uniform && i < LANES; i++)
         differ |= roughness[i] != roughness[0];
@@ -89,8 +89,8 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
         if (cut->material != o->one || cut->roughness != same)
             make_cut(row, o->one, same, cut);
         for (int i = 0; i < LANES; i++) {
-            low[i] = cut->albedo[place[i]];
-            high[i] = cut->albedo[place[i] + 1];
+            low[i] = cut->albedo[cell[i]];
+            high[i] = cut->albedo[cell[i] + 1];
         }
         for (int i = 0; i < LANES; i++) {
             albedo[0][i] = pell_lerp(low[i], high[i], fx[i]);
@@ -103,7 +103,7 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
         int j;
         float g;
         pell_roughness_position(roughness[i], &j, &g);
-        const float *t = row->albedo + 2 * ((model * PELL_ALBEDO_MU + place[i]) * PELL_ALBEDO_ROUGHNESS + j);
+        const float *t = row->albedo + 2 * ((model * PELL_ALBEDO_MU + cell[i]) * PELL_ALBEDO_ROUGHNESS + j);
         const float *r = t + 2 * PELL_ALBEDO_ROUGHNESS;
         const float *n = row->mean + 2 * (model * PELL_ALBEDO_ROUGHNESS + j), f0 = OF(f0);
         const float near = f0 * (t[0] + g * (t[2] - t[0])) + t[1] + g * (t[3] - t[1]);

@@ -24,7 +24,7 @@ struct pell_composite_material {
     float thin;         /* 1: a sheet, whose transmitted light comes from the stage with every method */
     float total[3];
     float inverse_eta2, leave_base[3], leave_slope[3]; /* see render/angle.h */
-    float metered[3];                                  /* see pell_metered */
+    float metered[3];                                  /* see pell_meter_fraction */
     bool uniform;                                      /* see pell_surface_is_uniform */
     float roughness, rho_s;                            /* then */
 };

@@ -4,8 +4,8 @@
  *
  *     L_o = T(w_o) / (pi n) albedo^(1-m) (M + through) + specular
  *
- * T is rho_dt of the specular lobe, or Fresnel's F_t of a smooth boundary; n is its mean over the hemisphere (exit = balanced), so that
- * all of the flux that a profile says leaves does leave, or 1 (exit = published).
+ * T is rho_dt of the specular lobe, or Fresnel's F_t of a smooth boundary. n is its mean over the hemisphere (exit = balanced), so that the
+ * boundary transmits all of the profile's flux, or 1 (exit = published).
  */
 #ifndef PELL_COMPOSITE_H
 #define PELL_COMPOSITE_H
@@ -16,8 +16,8 @@
 struct pell_accumulator {
     float *color[3], *alpha;
     float *multiple[3], *single[3], *transmission[3], *specular[3], *irradiance[3], *normal[3], *albedo[3];
-    float *depth;       /* of the first sample with a hit */
-    float *variance[3]; /* of the mean over the samples, for the scattered light in `multiple`; 0 without noise */
+    float *depth;       /* depth of the first sample with a hit */
+    float *variance[3]; /* variance of the mean over the samples, for the scattered light in `multiple`; 0 without noise */
     float *translucent; /* fraction of the samples on a translucent material, with any method */
     double *meter;      /* per row: sum of the luminance of arriving irradiance, without albedo, and its number of pixels */
 };
@@ -30,13 +30,13 @@ struct pell_composite_params {
     const struct pell_lighting *lighting;
     const float *const *exitance; /* M of translucent pixels, or their finished radiance where `radiance`; NULL: no scattering */
     bool radiance;
-    bool excludes_surface_reflection;              /* `radiance` is only of light that entered: the specular lobe is added to it */
+    bool excludes_surface_reflection; /* with `radiance`: it contains only light that entered, and the specular lobe is added */
     const float *const *single, *const *reflected; /* parts not included in `exitance` (struct pell_frame_light); NULL: none */
     const float *const *unscattered;               /* unscattered radiance; NULL: none */
     const float *const *standard_error;            /* standard error of `exitance`, in its unit; NULL: none */
     const struct pell_angle *angle;                /* per scene material; NULL: no factors */
     const float (*total)[3];                       /* per scene material: total reflectance of its profile, for pixels without scattering */
-    float mix;                                     /* plan's; negative: each material's own */
+    float mix;                                     /* mix exponent of the plan; negative: each material's own */
     float diffuse;                                 /* diffuse fraction of the light (pell_lights_diffuse) */
     bool smooth, published;
     struct pell_rect rect; /* bounds of the pixels that any sample may cover; the accumulator is only written there */

@@ -26,7 +26,7 @@ struct pell_contact {
 };
 
 /* Position of grid point i relative to the center. */
-static float place(const struct contact_side *s, int i)
+static float coordinate(const struct contact_side *s, int i)
 {
     return s->half * (2.0f * (float) i / (float) s->cells - 1.0f);
 }
@@ -41,14 +41,14 @@ static void look_up_row(void *arg, int row, int worker)
 {
     struct pell_contact *k = arg;
     const struct contact_side *s = k->side;
-    const float z = place(&s[1], row), beside_z = beside(k, &s[1], z);
+    const float z = coordinate(&s[1], row), beside_z = beside(k, &s[1], z);
     int valid[PELL_PACKET];
     (void) worker;
 
     for (int i = 0; i < PELL_PACKET; i++)
         valid[i] = -1;
     for (int column = 0; column <= s[0].cells && !pell_cancelled(k->ctx); column++) {
-        const float x = place(&s[0], column), beside_x = beside(k, &s[0], x);
+        const float x = coordinate(&s[0], column), beside_x = beside(k, &s[0], x);
         const float t = (sqrtf(beside_x * beside_x + beside_z * beside_z) / k->margin - FADES) / (1.0f - FADES);
         const float fade = t <= 0.0f ? 1.0f : t >= 1.0f ? 0.0f : 1.0f - t * t * (3.0f - 2.0f * t);
         const struct pell_vec3 from = vec3(s[0].center + x, k->level, s[1].center + z);

@@ -33,8 +33,8 @@ struct pell_curvature {
     struct pell_context *ctx;
     const struct curvature_kernels *kernels;
     const struct pell_scene *scene;
-    struct curvature_law *law; /* per scene material */
-    uint32_t *patch_of;        /* per mesh, or NO_PATCH */
+    struct curvature_response *response; /* per scene material */
+    uint32_t *patch_of;                  /* per mesh, or NO_PATCH */
     struct curvature_patch *patch;
     size_t num_patches, room_patches;
     struct curvature_grid grid;
@@ -52,7 +52,7 @@ void pell_curvature_destroy(struct pell_curvature **curvature)
         pell_free(k->ctx, k->value[i]);
     pell_free(k->ctx, k->value);
     pell_free(k->ctx, k->coarse);
-    pell_free(k->ctx, k->law);
+    pell_free(k->ctx, k->response);
     pell_free(k->ctx, k->patch_of);
     pell_free(k->ctx, k->patch);
     pell_free(k->ctx, k->grid.node);
@@ -76,7 +76,8 @@ static double radius_of(const struct pell_profile *profile, double share)
 }
 
 /* even[c]: return of a half-space under uniform light. */
-static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double even[3], struct curvature_law *law)
+static void make_thin(const struct pell_medium *medium, const struct pell_opposed *opposed, double even[3],
+                      struct curvature_response *response)
 {
     for (int c = 0; c < 3; c++) {
         struct pell_slab slab;
@@ -88,18 +89,18 @@ static void make_thin(const struct pell_medium *medium, const struct pell_oppose
         even[c] = half * mean;
         scattered.sigma_t = scattered.sigma_t_reduced;
         for (int i = 0; i < GAINS; i++) {
-            const double x = (double) i / (GAINS - 1), d = (double) law->step * fmax((1.0 - x) / fmax(x, 1e-12), MIN_THICKNESS);
+            const double x = (double) i / (GAINS - 1), d = (double) response->step * fmax((1.0 - x) / fmax(x, 1e-12), MIN_THICKNESS);
             const struct pell_slab_light light = pell_slab_at(&slab, d);
             const double T = light.transmitted - apart * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
             const bool thin = i > 0 && half > 0.0;
-            law->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
-            law->through[i][c] = thin ? (float) (T / half) : 0.0f;
-            law->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MAX_CROSSED) : 1.0f;
-            law->ball[i][c] = thin ? (float) (pell_small_ball(medium, c, d) / even[c] + (1.0 - 1.0 / mean) * T / half) : 1.0f;
-            law->small[i][c] = thin ? (float) pell_small_share(medium, c, d) : 0.0f;
-            law->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
-            if (law->through[i][c] + law->forward[i][c] > MIN_TRANSMITTED)
-                law->farthest = fmaxf(law->farthest, (float) d);
+            response->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
+            response->through[i][c] = thin ? (float) (T / half) : 0.0f;
+            response->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MAX_CROSSED) : 1.0f;
+            response->ball[i][c] = thin ? (float) (pell_small_ball(medium, c, d) / even[c] + (1.0 - 1.0 / mean) * T / half) : 1.0f;
+            response->small[i][c] = thin ? (float) pell_small_share(medium, c, d) : 0.0f;
+            response->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
+            if (response->through[i][c] + response->forward[i][c] > MIN_TRANSMITTED)
+                response->farthest = fmaxf(response->farthest, (float) d);
         }
     }
 }
@@ -122,7 +123,7 @@ static void make_bent(const struct pell_curvature_medium *m, const struct pell_o
     out->all[c] = (float) (gain * reach);
 }
 
-static void make_law(const struct pell_curvature_medium *m, struct curvature_law *law)
+static void make_response(const struct pell_curvature_medium *m, struct curvature_response *response)
 {
     struct pell_opposed opposed;
     double sum = 0.0, weight = 0.0, thickest = 0.0, total[3], even[3];
@@ -137,25 +138,25 @@ static void make_law(const struct pell_curvature_medium *m, struct curvature_law
     }
     if (!(weight > 0.0))
         return;
-    law->there = true;
-    law->step = (float) (sum / weight);
-    law->limit = (float) (MAX_BEND * thickest);
+    response->scatters = true;
+    response->step = (float) (sum / weight);
+    response->limit = (float) (MAX_BEND * thickest);
     for (int c = 0; c < 3; c++)
-        law->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
+        response->path[c] = (float) (1.0 / (m->medium->eta * (m->medium->sigma_a[c] + m->medium->sigma_s_reduced[c])));
     if (!pell_opposed_make(m->medium, &opposed))
         opposed = (struct pell_opposed) { { 0.0f } };
-    make_thin(m->medium, &opposed, even, law);
+    make_thin(m->medium, &opposed, even, response);
     for (int i = 0; i < GAINS; i++)
         for (int c = 0; c < 3; c++) {
-            const double curvature = fmax((double) law->limit * (2.0 * i / (GAINS - 1) - 1.0), MIN_BEND * thickest);
-            make_bent(m, &opposed, c, curvature, even[c], &law->bent[i]);
+            const double curvature = fmax((double) response->limit * (2.0 * i / (GAINS - 1) - 1.0), MIN_BEND * thickest);
+            make_bent(m, &opposed, c, curvature, even[c], &response->bent[i]);
         }
 }
 
-struct laws {
+struct responses {
     const struct pell_context *ctx;
     const struct pell_curvature_medium *media;
-    struct curvature_law *law;
+    struct curvature_response *response;
     size_t *first; /* per material: the first material with the same medium */
 };
 
@@ -165,20 +166,20 @@ static bool is_same(const struct pell_curvature_medium *a, const struct pell_cur
     return a->profile == b->profile && memcmp(a->medium, b->medium, sizeof(*a->medium)) == 0;
 }
 
-static void law_of(void *arg, int index, int worker)
+static void response_of(void *arg, int index, int worker)
 {
-    const struct laws *t = arg;
+    const struct responses *t = arg;
 
     (void) worker;
     if (t->media[index].medium && t->first[index] == (size_t) index && !pell_cancelled(t->ctx))
-        make_law(&t->media[index], &t->law[index]);
+        make_response(&t->media[index], &t->response[index]);
 }
 
 /* Computes the tables of all materials, once for equal media. */
-static enum pell_result make_laws(struct pell_curvature *k, struct pell_pool *pool, const struct pell_curvature_medium *media)
+static enum pell_result make_responses(struct pell_curvature *k, struct pell_pool *pool, const struct pell_curvature_medium *media)
 {
     const size_t count = k->scene->num_materials;
-    struct laws t = { k->ctx, media, k->law, pell_alloc_array(k->ctx, count, 2 * sizeof(*t.first)) };
+    struct responses t = { k->ctx, media, k->response, pell_alloc_array(k->ctx, count, 2 * sizeof(*t.first)) };
     size_t *different = t.first ? t.first + count : NULL, num_different = 0;
 
     if (!t.first)
@@ -195,10 +196,10 @@ static enum pell_result make_laws(struct pell_curvature *k, struct pell_pool *po
         else
             different[num_different++] = i;
     }
-    pell_pool_run(pool, (int) count, law_of, &t);
+    pell_pool_run(pool, (int) count, response_of, &t);
     for (size_t i = 0; i < count; i++)
         if (t.first[i] != i)
-            k->law[i] = k->law[t.first[i]];
+            k->response[i] = k->response[t.first[i]];
     pell_free(k->ctx, t.first);
     return PELL_OK;
 }
@@ -221,7 +222,7 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
     for (size_t i = 0; i < count && size > 0.0f; i++) {
         const uint32_t material = (uint32_t) scene->meshes[meshes[i]].material;
         size_t at = *first;
-        if (!k->law[material].there)
+        if (!k->response[material].scatters)
             continue;
         while (at < k->num_patches && k->patch[at].material != material)
             at++;
@@ -231,8 +232,8 @@ static enum pell_result make_patches(struct pell_curvature *k, const uint32_t *m
             k->patch[k->num_patches++] = (struct curvature_patch) {
                 .material = material,
                 .low = low,
-                .step = fmaxf(k->law[material].step, size / MAX_CELLS),
-                .farthest = k->law[material].farthest,
+                .step = fmaxf(k->response[material].step, size / MAX_CELLS),
+                .farthest = k->response[material].farthest,
             };
         }
         k->patch_of[meshes[i]] = (uint32_t) at;
@@ -333,15 +334,15 @@ enum pell_result pell_curvature_create(struct pell_context *ctx, struct pell_poo
     k->ctx = k->grid.ctx = ctx;
     k->scene = scene;
     k->kernels = curvature_kernels_tables[pell_simd_best()];
-    k->law = pell_calloc(ctx, scene->num_materials, sizeof(*k->law));
+    k->response = pell_calloc(ctx, scene->num_materials, sizeof(*k->response));
     k->patch_of = pell_alloc_array(ctx, scene->num_meshes, sizeof(*k->patch_of));
     k->value = pell_calloc(ctx, scene->num_meshes, sizeof(*k->value));
     k->coarse = pell_calloc(ctx, scene->num_meshes, sizeof(*k->coarse));
-    if (!k->law || !k->patch_of || !k->value || !k->coarse)
+    if (!k->response || !k->patch_of || !k->value || !k->coarse)
         goto fail;
     for (size_t i = 0; i < scene->num_meshes; i++)
         k->patch_of[i] = NO_PATCH;
-    PELL_TRY(make_laws(k, pool, media));
+    PELL_TRY(make_responses(k, pool, media));
     PELL_TRY(make_objects(k, pool, rays));
     if (k->num_patches == 0) {
         pell_curvature_destroy(out);
@@ -416,7 +417,7 @@ void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell
     if (!differ && at->mesh[0] < k->scene->num_meshes && k->value[at->mesh[0]] && !k->coarse[at->mesh[0]]) {
         interpolate(&k->scene->meshes[at->mesh[0]], k->value[at->mesh[0]], at, &s);
         for (int i = 0; i < 16; i++)
-            s.law[i] = &k->law[k->scene->meshes[at->mesh[0]].material];
+            s.response[i] = &k->response[k->scene->meshes[at->mesh[0]].material];
         k->kernels->effects(&s, out);
         return;
     }
@@ -427,7 +428,7 @@ void pell_curvature_effects_at(const struct pell_curvature *k, const struct pell
             shape = pell_curvature_at(k, at->mesh[i], at->triangle[i], at->u[i], at->v[i]);
         s.mean[i] = shape.mean;
         s.thinness[i] = shape.thinness;
-        s.law[i] = &k->law[is ? k->scene->meshes[at->mesh[i]].material : 0];
+        s.response[i] = &k->response[is ? k->scene->meshes[at->mesh[i]].material : 0];
     }
     k->kernels->effects(&s, out);
 }
@@ -450,16 +451,16 @@ static void put(struct words *w, const void *from, size_t count)
     w->count += count;
 }
 
-static void put_law(struct words *w, const struct curvature_law *law)
+static void put_response(struct words *w, const struct curvature_response *response)
 {
-    put(w, &law->step, 1);
-    put(w, &law->limit, 1);
-    put(w, law->path, 3);
-    put(w, law->bent, GAINS * (sizeof(struct curvature_bent) / sizeof(float)));
-    put(w, law->slab, sizeof(law->slab) / sizeof(float));
-    put(w, law->through, sizeof(law->through) / sizeof(float));
-    put(w, law->ball, sizeof(law->ball) / sizeof(float));
-    put(w, law->small, sizeof(law->small) / sizeof(float));
+    put(w, &response->step, 1);
+    put(w, &response->limit, 1);
+    put(w, response->path, 3);
+    put(w, response->bent, GAINS * (sizeof(struct curvature_bent) / sizeof(float)));
+    put(w, response->slab, sizeof(response->slab) / sizeof(float));
+    put(w, response->through, sizeof(response->through) / sizeof(float));
+    put(w, response->ball, sizeof(response->ball) / sizeof(float));
+    put(w, response->small, sizeof(response->small) / sizeof(float));
 }
 
 /* Writes for each triangle of a mesh whether it is longer than the patch's step. */
@@ -498,7 +499,7 @@ size_t pell_curvature_words(const struct pell_curvature *k, uint32_t *out)
             if (k->coarse[i])
                 put_long(&w, mesh, k->patch[patch].step);
             at[3] = (uint32_t) w.count; /* repeated per mesh: few meshes share a material */
-            put_law(&w, &k->law[mesh->material]);
+            put_response(&w, &k->response[mesh->material]);
         }
         if (out)
             memcpy(of_mesh + PELL_CURVATURE_OF_MESH * i, at, sizeof(at));

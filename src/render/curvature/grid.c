@@ -48,7 +48,7 @@ static enum pell_result widen(struct curvature_grid *g)
 }
 
 /* The node below a point, and the fraction to the next. */
-static void place(const struct curvature_patch *patch, struct pell_vec3 p, int at[3], float part[3])
+static void locate(const struct curvature_patch *patch, struct pell_vec3 p, int at[3], float part[3])
 {
     const float x[3] = { (p.x - patch->low.x) / patch->step, (p.y - patch->low.y) / patch->step, (p.z - patch->low.z) / patch->step };
 
@@ -65,7 +65,7 @@ enum pell_result curvature_grid_add(struct curvature_grid *g, const struct curva
     int base[3];
     float part[3];
 
-    place(patch, p, base, part);
+    locate(patch, p, base, part);
     while (2 * (g->count + 8) > g->room)
         if (widen(g) != PELL_OK)
             return PELL_ERR_NOMEM;
@@ -94,7 +94,7 @@ struct pell_curvature_shape curvature_grid_at(const struct curvature_grid *g, co
     int base[3];
     float part[3];
 
-    place(patch, p, base, part);
+    locate(patch, p, base, part);
     for (int i = 0; i < 8 && g->room; i++) {
         const int at[3] = { base[0] + (i & 1), base[1] + (i >> 1 & 1), base[2] + (i >> 2) };
         const double w = (double) (i & 1 ? part[0] : 1.0f - part[0]) * (double) (i & 2 ? part[1] : 1.0f - part[1]) *
@@ -117,15 +117,15 @@ void curvature_grid_write(const struct curvature_grid *g, uint32_t *out)
     for (size_t i = 0; i < g->room; i++) {
         const uint64_t key = g->node[i].key - 1;
         const uint32_t patch = (uint32_t) (key / ((uint64_t) SIDE * SIDE * SIDE)),
-                       place = (uint32_t) (key % ((uint64_t) SIDE * SIDE * SIDE));
+                       node_index = (uint32_t) (key % ((uint64_t) SIDE * SIDE * SIDE));
         const float sums[3] = { (float) g->node[i].sum.area, (float) g->node[i].sum.turn, (float) g->node[i].sum.thin };
-        uint32_t slot = pell_curvature_slot(patch, place) & mask;
+        uint32_t slot = pell_curvature_slot(patch, node_index) & mask;
         if (g->node[i].key == 0)
             continue;
         while (out[PELL_CURVATURE_NODE * (size_t) slot])
             slot = (slot + 1) & mask;
         out[PELL_CURVATURE_NODE * (size_t) slot] = patch + 1;
-        out[PELL_CURVATURE_NODE * (size_t) slot + 1] = place;
+        out[PELL_CURVATURE_NODE * (size_t) slot + 1] = node_index;
         memcpy(out + PELL_CURVATURE_NODE * (size_t) slot + 2, sums, sizeof(sums));
     }
 }

@@ -22,10 +22,10 @@ struct looked {
 static void split(const float *at, int32_t *cell, float *rest)
 {
     for (int i = 0; i < N; i += WIDTH) {
-        const vf place = load(at + i);
-        const vi whole = __builtin_convertvector(place, vi);
+        const vf coord = load(at + i);
+        const vi whole = __builtin_convertvector(coord, vi);
         memcpy(cell + i, &whole, sizeof(whole));
-        store(rest + i, place - __builtin_convertvector(whole, vf));
+        store(rest + i, coord - __builtin_convertvector(whole, vf));
     }
 }
 
@@ -37,42 +37,42 @@ static void look_up_bent(const struct curvature_shapes *restrict s, struct looke
     const float *row[N];
 
     for (int i = 0; i < N; i++)
-        limit[i] = s->law[i]->limit;
+        limit[i] = s->response[i]->limit;
     for (int i = 0; i < N; i++)
-        at[i] = pell_curvature_bent_place(s->mean[i], limit[i]);
+        at[i] = pell_curvature_mean_coord(s->mean[i], limit[i]);
     split(at, cell, rest);
     for (int i = 0; i < N; i++)
-        row[i] = s->mean[i] != 0.0f ? s->law[i]->bent[cell[i]].gain : flat[0];
+        row[i] = s->mean[i] != 0.0f ? s->response[i]->bent[cell[i]].gain : flat[0];
     rows_between(row, rest, BENT, l->bent);
 }
 
 /* Positions of slabs of this thinness in their tables. */
-struct place {
+struct table_cell {
     const float *thinness;
     _Alignas(64) int32_t cell[N];
     _Alignas(64) float rest[N];
 };
 
-static void find_slab(const struct curvature_shapes *restrict s, const float *restrict thinness, struct place *restrict p)
+static void find_slab(const struct curvature_shapes *restrict s, const float *restrict thinness, struct table_cell *restrict p)
 {
     _Alignas(64) float step[N], at[N];
 
     p->thinness = thinness;
     for (int i = 0; i < N; i++)
-        step[i] = s->law[i]->step;
+        step[i] = s->response[i]->step;
     for (int i = 0; i < N; i++)
-        at[i] = pell_curvature_thin_place(thinness[i], step[i]);
+        at[i] = pell_curvature_thinness_coord(thinness[i], step[i]);
     split(at, p->cell, p->rest);
 }
 
 /* `none` where nothing is thin. */
-static void look_up_slab(const struct curvature_shapes *restrict s, const struct place *restrict p, size_t table, const float none[2][SLAB],
-                         float (*restrict out)[N])
+static void look_up_slab(const struct curvature_shapes *restrict s, const struct table_cell *restrict p, size_t table,
+                         const float none[2][SLAB], float (*restrict out)[N])
 {
     const float *row[N];
 
     for (int i = 0; i < N; i++)
-        row[i] = p->thinness[i] > 0.0f ? (const float *) ((const char *) s->law[i] + table) + SLAB * p->cell[i] : none[0];
+        row[i] = p->thinness[i] > 0.0f ? (const float *) ((const char *) s->response[i] + table) + SLAB * p->cell[i] : none[0];
     rows_between(row, p->rest, SLAB, out);
 }
 
@@ -80,23 +80,23 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
 {
     static const float solid[2][SLAB] = { { 0 } }, whole[2][SLAB] = { { 1, 1, 1, 0 }, { 1, 1, 1, 0 } };
     _Alignas(64) float thinness[N], beyond[N], round[N];
-    struct place place;
+    struct table_cell cell;
     struct looked l;
 
     look_up_bent(s, &l);
     for (int i = 0; i < N; i++) {
         thinness[i] = larger(s->thinness[i], 0.0f);
-        beyond[i] = thinness[i] > 0.0f ? pell_curvature_beyond(s->mean[i], thinness[i]) : 0.0f;
+        beyond[i] = thinness[i] > 0.0f ? pell_curvature_excess(s->mean[i], thinness[i]) : 0.0f;
     }
-    find_slab(s, thinness, &place);
-    look_up_slab(s, &place, offsetof(struct curvature_law, through), solid, l.through);
-    look_up_slab(s, &place, offsetof(struct curvature_law, forward), solid, l.forward);
-    look_up_slab(s, &place, offsetof(struct curvature_law, slab), whole, l.sheet);
-    look_up_slab(s, &place, offsetof(struct curvature_law, ball), whole, l.ball);
-    look_up_slab(s, &place, offsetof(struct curvature_law, small), solid, l.small);
-    find_slab(s, beyond, &place);
-    look_up_slab(s, &place, offsetof(struct curvature_law, slab), whole, l.slab);
-    look_up_slab(s, &place, offsetof(struct curvature_law, crossed), whole, l.crossed);
+    find_slab(s, thinness, &cell);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, through), solid, l.through);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, forward), solid, l.forward);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, slab), whole, l.sheet);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, ball), whole, l.ball);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, small), solid, l.small);
+    find_slab(s, beyond, &cell);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, slab), whole, l.slab);
+    look_up_slab(s, &cell, offsetof(struct curvature_response, crossed), whole, l.crossed);
     for (int i = 0; i < N; i++) {
         round[i] = thinness[i] > 0.0f ? pell_curvature_round(s->mean[i], thinness[i]) : 0.0f;
         out->flat[i] = thinness[i] > 0.0f ? pell_curvature_sheet(beyond[i], thinness[i]) : 0.0f;
@@ -104,7 +104,7 @@ static void effects(const struct curvature_shapes *restrict s, struct pell_curva
     for (int c = 0; c < 3; c++) {
         _Alignas(64) float path[N];
         for (int i = 0; i < N; i++)
-            path[i] = s->law[i]->path[c];
+            path[i] = s->response[i]->path[c];
         for (int i = 0; i < N; i++) {
             const float total = l.bent[9 + c][i] + out->flat[i] * (1.0f - l.bent[9 + c][i]), through = l.through[c][i];
             const float as_thick = l.sheet[c][i] + round[i] * (l.ball[c][i] - l.sheet[c][i]);

@@ -18,7 +18,7 @@ struct curvature_bent {
 };
 
 /* Response of a material to shapes. */
-struct curvature_law {
+struct curvature_response {
     struct curvature_bent bent[PELL_CURVATURE_GAINS];
     /* For a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T; T; forward-scattered light beside
      * it (optics/medium/forward.h), which no half-space returns; and T over the transmission of optics/medium/opposed.h; for R, G and B,
@@ -27,7 +27,7 @@ struct curvature_law {
         crossed[PELL_CURVATURE_GAINS][4];
     /* For a ball as thick: total return by optics/medium/small.h, corrected for T of uniform light; and the confidence of that. */
     float ball[PELL_CURVATURE_GAINS][4], small[PELL_CURVATURE_GAINS][4];
-    bool there;
+    bool scatters;
     float step;     /* mm: the distance of averaging */
     float limit;    /* 1/mm */
     float path[3];  /* mean free path over index, mm */
@@ -37,7 +37,7 @@ struct curvature_law {
 /* Shape at 16 points; 0: no effect. */
 struct curvature_shapes {
     _Alignas(64) float mean[16], thinness[16];
-    const struct curvature_law *law[16];
+    const struct curvature_response *response[16];
 };
 
 struct curvature_kernels {

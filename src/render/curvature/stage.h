@@ -58,8 +58,8 @@ void pell_curvature_effects_at(const struct pell_curvature *curvature, const str
 /* The same for a device: what it knows as words of 32 bits. Returns how many; `out` NULL: they are not written.
  *   room of the grid, its first word, 2 words unused; of each mesh: its patch (PELL_CURVATURE_NONE: nothing is known of it), what its
  *   vertices keep (mean, thinness), whether triangles are larger than the distance of averaging (a word each; PELL_CURVATURE_NONE: none
- *   is), its material's law: first words.
- *   Grid: `room` nodes of patch + 1 (0: free), place ((x * 1024 + y) * 1024 + z), area, turn, thin; a node is found from
+ *   is), its material's response: first words.
+ *   Grid: `room` nodes of patch + 1 (0: free), node_index ((x * 1024 + y) * 1024 + z), area, turn, thin; a node is found from
  *   pell_curvature_slot() & (room - 1) on. Patch: low corner, step, its number. Law: step, limit, path of R, G and B; then tables of
  *   PELL_CURVATURE_GAINS entries: gain, opposed, across, all; slab, through, ball and small, 4 floats each. */
 enum { PELL_CURVATURE_HEAD = 4, PELL_CURVATURE_OF_MESH = 4, PELL_CURVATURE_NODE = 5 };

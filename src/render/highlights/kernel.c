@@ -17,7 +17,7 @@ static void weigh(const struct pell_highlights_block *restrict b, const struct p
     memset(w, 0, PELL_HIGHLIGHTS_BLOCK * sizeof(*w));
     for (int i = tap->first; i < tap->end; i++) {
         const float turn = nx[i] * nx[i + offset] + ny[i] * ny[i + offset] + nz[i] * nz[i + offset];
-        const float alike = pell_highlights_alike(turn, fabsf(beyond[i] - depth[i]), depth[i] * depth_mm + fixed_mm);
+        const float alike = pell_highlights_weight(turn, fabsf(beyond[i] - depth[i]), depth[i] * depth_mm + fixed_mm);
         const float near = material[i] == other[i] && hidden[i] >= 0.0f ? weight : 0.0f;
         w[i] = near > 0.0f && alike > 0.0f ? near * alike : 0.0f; /* uncovered pixels may hold any value, including NaN */
     }
@@ -90,7 +90,8 @@ static void end(const struct pell_highlights_block *restrict b, float *const out
         for (int i = 0; i < count; i++) {
             const float light = b->light[c][i], seen = b->seen[c][i], all = b->all[c][i], next_all = b->next_all[c][i];
             const float around = seen / (all > 0.0f ? all : 1.0f), next = next_all > 0.0f ? b->next[c][i] / next_all : around;
-            const float shared = pell_highlights_shared(light, b->hidden[c][i], pell_highlights_seen(next, around, b->rays), seen, all);
+            const float shared =
+                pell_highlights_filtered(light, b->hidden[c][i], pell_highlights_visibility(next, around, b->rays), seen, all);
             to[i] = b->hidden[0][i] >= 0.0f ? shared : light;
         }
     }

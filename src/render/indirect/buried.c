@@ -40,7 +40,7 @@ static void test16(void *arg, int index, int worker)
     const struct buried *b = arg;
     const struct pell_indirect *in = b->in;
     const size_t first = (size_t) index * PACKET;
-    struct pell_buried_place points[PACKET] = { { .object = 0 } };
+    struct pell_buried_query points[PACKET] = { { .object = 0 } };
     size_t sample[PACKET];
     bool is[PACKET];
     int count = 0;
@@ -50,7 +50,7 @@ static void test16(void *arg, int index, int worker)
         const struct indirect_sample *s = &in->samples[i];
         if (in->p.scene->materials[s->material].opaque)
             continue;
-        points[count] = (struct pell_buried_place) { s->position, s->normal, indirect_ray_offset(s->position, s->spacing),
+        points[count] = (struct pell_buried_query) { s->position, s->normal, indirect_ray_offset(s->position, s->spacing),
                                                      in->p.scene->meshes[s->mesh].object };
         sample[count++] = i;
     }

@@ -97,7 +97,7 @@ static bool gather_samples(struct collocation_points *s, bool move)
     for (uint32_t i = 0; i < s->count; i++)
         s->point[i].area = s->point[i].curvature = 0.0f;
     for (size_t i = 0; i < s->num_samples; i++) {
-        const struct pell_lit_place *p = &s->sample[i];
+        const struct pell_surface_sample *p = &s->sample[i];
         if (s->point_of[i] == COLLOCATION_NONE)
             continue;
         s->point[s->point_of[i]].area += p->area;
@@ -111,7 +111,7 @@ static bool gather_samples(struct collocation_points *s, bool move)
     for (uint32_t i = 0; i < s->count; i++)
         s->point[i].position = s->point[i].normal = vec3(0.0f, 0.0f, 0.0f);
     for (size_t i = 0; i < s->num_samples; i++) {
-        const struct pell_lit_place *p = &s->sample[i];
+        const struct pell_surface_sample *p = &s->sample[i];
         if (s->point_of[i] == COLLOCATION_NONE)
             continue;
         struct collocation_point *q = &s->point[s->point_of[i]];
@@ -165,7 +165,7 @@ static enum pell_result choose(struct collocation_points *s, float step)
     memset(s->bucket, 0xff, (MASK + 1) * sizeof(*s->bucket));
     s->count = 0;
     for (size_t i = 0; i < s->num_samples && s->count < COLLOCATION_MAX; i++) {
-        const struct pell_lit_place *p = &s->sample[i];
+        const struct pell_surface_sample *p = &s->sample[i];
         const struct pell_vec3 at = vec3_load(p->position), normal = vec3_load(p->normal);
         nearest(s, at, normal, &nearest_facing2);
         if (nearest_facing2 < apart2)
@@ -195,7 +195,7 @@ static uint64_t morton_code(const void *items, size_t index)
  * the points and clusters in one row of the equation form few contiguous runs. */
 static enum pell_result choose_clusters(struct collocation_points *s, uint32_t *cluster_of)
 {
-    struct pell_lit_place *lit = pell_calloc(s->ctx, s->count, sizeof(*lit));
+    struct pell_surface_sample *lit = pell_calloc(s->ctx, s->count, sizeof(*lit));
     struct collocation_points coarse = { .ctx = NULL };
     uint32_t *order = NULL, *rank = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -287,7 +287,7 @@ enum pell_result indirect_collocation_choose(struct collocation_points *s, float
     return make_clusters(s);
 }
 
-enum pell_result indirect_collocation_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_lit_place *samples,
+enum pell_result indirect_collocation_create(struct pell_context *ctx, struct pell_pool *pool, const struct pell_surface_sample *samples,
                                              size_t num_samples, struct collocation_points *out)
 {
     *out = (struct collocation_points) { .ctx = ctx, .pool = pool, .sample = samples, .num_samples = num_samples };

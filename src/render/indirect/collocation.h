@@ -34,7 +34,7 @@ struct cluster {
 struct collocation_points {
     struct pell_context *ctx;
     struct pell_pool *pool;
-    const struct pell_lit_place *sample;
+    const struct pell_surface_sample *sample;
     size_t num_samples;
     uint32_t *point_of; /* point that each sample belongs to, or COLLOCATION_NONE */
     float step;         /* approximate distance between points, mm */
@@ -47,7 +47,7 @@ struct collocation_points {
 
 /* `samples` are borrowed. */
 PELL_NODISCARD enum pell_result indirect_collocation_create(struct pell_context *ctx, struct pell_pool *pool,
-                                                            const struct pell_lit_place *samples, size_t num_samples,
+                                                            const struct pell_surface_sample *samples, size_t num_samples,
                                                             struct collocation_points *out);
 void indirect_collocation_finish(struct collocation_points *p);
 /* Chooses the points again, `step` mm apart. The result does not depend on the number of threads. */

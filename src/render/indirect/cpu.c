@@ -144,13 +144,13 @@ static void direct16(const struct solve *s, size_t first, size_t count)
 {
     struct pell_indirect *in = s->in;
     float irradiance[3][16], albedo[3][16], through[3][16], gain[3][16];
-    uint32_t mesh[16], triangle[16], number[16];
+    uint32_t mesh[16], triangle[16], seed[16];
     float u[16], v[16];
     bool back[16];
     const struct pell_points_params params = {
         .mix = 1.0f, .spacing = in->samples[first].spacing, .samples = 1, .local = true, .flat = true
     };
-    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number, .back = back };
+    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .seed = seed, .back = back };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
                                             .albedo = { albedo[0], albedo[1], albedo[2] },
                                             .transmission = { through[0], through[1], through[2] },
@@ -162,7 +162,7 @@ static void direct16(const struct solve *s, size_t first, size_t count)
         triangle[i] = q->triangle;
         u[i] = q->u;
         v[i] = q->v;
-        number[i] = (uint32_t) (first + i);
+        seed[i] = (uint32_t) (first + i);
         back[i] = q->back;
     }
     s->lights->light_points(s->lights->engine, &params, &points, count, &out);

@@ -200,7 +200,7 @@ static enum pell_result find_source_directions(struct solid *s)
     memset(to->wy, 0, patches * sizeof(*to->wy));
     memset(to->wz, 0, patches * sizeof(*to->wz));
     for (size_t i = 0; i < p->num_samples; i++) {
-        const struct pell_lit_place *q = &p->sample[i];
+        const struct pell_surface_sample *q = &p->sample[i];
         float light = 0.0f;
         if (p->point_of[i] == COLLOCATION_NONE)
             continue;
@@ -208,9 +208,9 @@ static enum pell_result find_source_directions(struct solid *s)
             light += s->input->source[i][c];
         for (int k = 0; k < 2; k++) {
             const uint32_t at = k == 0 ? p->point_of[i] : p->count + p->point[p->point_of[i]].cluster;
-            to->wx[at] += light * q->way[0];
-            to->wy[at] += light * q->way[1];
-            to->wz[at] += light * q->way[2];
+            to->wx[at] += light * q->direction[0];
+            to->wy[at] += light * q->direction[1];
+            to->wz[at] += light * q->direction[2];
             sum[at] += light;
             if (s->input->thickness[i] < INFINITY) {
                 thickness[at] += q->area * s->input->thickness[i];
@@ -345,7 +345,7 @@ static void add_cluster(const struct solid *s, const struct cluster *cluster, st
 /* Fraction of a sample's exitance that a half-space would not return of the local light. */
 static float depth_fraction(const struct solid *s, size_t i, int c, float exitance)
 {
-    const struct pell_lit_place *p = &s->points.sample[i];
+    const struct pell_surface_sample *p = &s->points.sample[i];
 
     return exitance > 0.0f && p->area > 0.0f ? fmaxf(1.0f - s->equation.channel[c].total * p->power[c] / (p->area * exitance), 0.0f) : 0.0f;
 }

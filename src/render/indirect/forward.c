@@ -25,10 +25,10 @@ struct receiver {
 };
 
 static void add_beam(const struct pell_forward *model, const struct receiver *receiver, const float position[3], const float normal[3],
-                     const float way[3], const float power[3], float area, struct pell_indirect_beam *sum)
+                     const float direction[3], const float power[3], float area, struct pell_indirect_beam *sum)
 {
     const struct indirect_sample *to = receiver->at;
-    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), w = vec3_load(way);
+    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(position)), w = vec3_load(direction);
     const float d2 = vec3_dot(v, v), d = sqrtf(d2), length = sqrtf(vec3_dot(w, w)),
                 far_weight = fminf(pell_indirect_far_weight(d, to->spacing), receiver->far_weight);
     float flux[3], cosine[3];
@@ -55,17 +55,17 @@ static void gather(const struct gathering *f, const struct receiver *receiver, s
     for (uint32_t i = 0; i < (uint32_t) t->num_nodes;) {
         const struct pell_light_node *n = &t->nodes[i];
         const struct pell_vec3 v = vec3_sub(receiver->at->position, vec3_load(n->centre)), normal = vec3_load(n->normal),
-                               way = vec3_load(n->way);
+                               direction = vec3_load(n->direction);
         if (!(n->power[0] + n->power[1] + n->power[2] > 0.0f)) {
             i = n->next;
         } else if (n->area < MAX_SOLID_ANGLE * vec3_dot(v, v) && vec3_dot(normal, normal) > MIN_LENGTH2 &&
-                   vec3_dot(way, way) > MIN_LENGTH2) {
-            add_beam(f->input->model, receiver, n->centre, n->normal, n->way, n->power, n->area, sum);
+                   vec3_dot(direction, direction) > MIN_LENGTH2) {
+            add_beam(f->input->model, receiver, n->centre, n->normal, n->direction, n->power, n->area, sum);
             i = n->next;
         } else if (n->count) {
             for (uint32_t k = n->first; k < n->first + n->count; k++) {
-                const struct pell_lit_place *p = &t->samples[k];
-                add_beam(f->input->model, receiver, p->position, p->normal, p->way, p->power, p->area, sum);
+                const struct pell_surface_sample *p = &t->samples[k];
+                add_beam(f->input->model, receiver, p->position, p->normal, p->direction, p->power, p->area, sum);
             }
             i = n->next;
         } else {
@@ -91,7 +91,7 @@ static void gather_chunk(void *arg, int index, int worker)
     }
 }
 
-enum pell_result indirect_forward_send(struct pell_pool *pool, const struct indirect_forward *input, struct pell_lit_place *samples,
+enum pell_result indirect_forward_send(struct pell_pool *pool, const struct indirect_forward *input, struct pell_surface_sample *samples,
                                        struct pell_indirect_beam *out)
 {
     struct pell_light_tree tree = { .num_nodes = 0 };

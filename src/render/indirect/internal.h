@@ -248,7 +248,7 @@ PELL_NODISCARD enum pell_result indirect_specular_light(struct pell_indirect *in
 
 /* Samples of one solid and material. */
 struct indirect_solid {
-    const struct pell_lit_place *samples; /* power without the scale for curvature */
+    const struct pell_surface_sample *samples; /* power without the scale for curvature */
     const float (*source)[3]; /* part of their power that goes into the depth: unscaled, and without the surplus that oblique incidence
                                * returns; */
     const float (*single)[3]; /* and the part that accounts for single scattering; NULL: none */
@@ -277,7 +277,7 @@ struct indirect_forward {
 };
 /* Takes ownership of `samples`, which hold the light that enters at those of the list. */
 PELL_NODISCARD enum pell_result indirect_forward_send(struct pell_pool *pool, const struct indirect_forward *of,
-                                                      struct pell_lit_place *samples, struct pell_indirect_beam *out);
+                                                      struct pell_surface_sample *samples, struct pell_indirect_beam *out);
 
 /* Returns the sample nearest to a point of a triangle, among those around it, or INDIRECT_NONE. */
 uint32_t indirect_sample_at(const struct pell_indirect *in, uint32_t mesh, uint32_t triangle, float u, float v, bool back,

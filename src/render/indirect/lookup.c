@@ -94,7 +94,7 @@ static float exit_factor(const struct correct *t, int x, int y, const struct pel
     v = vec3_mul(vec3_normalize(v), -1.0f);
     nv = fminf(fmaxf(vec3_dot(n, v), 0.0f), 1.0f);
     pass = a->pass_base[c] + a->pass_slope[c] * pell_angle_off(a->inverse_eta2, nv);
-    return (1.0f + q->deep[c][i] * (pass - 1.0f)) * pell_tilted(a->inverse_eta2, vec3_dot(vec3_mad(v, -nv, n), tilt));
+    return (1.0f + q->deep[c][i] * (pass - 1.0f)) * pell_gradient_exit(a->inverse_eta2, vec3_dot(vec3_mad(v, -nv, n), tilt));
 }
 
 /* Corrects the 16 pixels from x0 on. */

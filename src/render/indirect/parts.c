@@ -147,7 +147,7 @@ static void trace16(void *arg, int index, int worker)
     indirect_along_normals16(in, first, true, valid, &r);
     for (size_t i = 0; i < PACKET && first + i < in->num_samples; i++) {
         const struct pell_mesh *from = &scene->meshes[in->samples[first + i].mesh];
-        const bool same = valid[i] && pell_hit16_meets(scene, &r, (int) i, from->object);
+        const bool same = valid[i] && pell_hit16_is_object(scene, &r, (int) i, from->object);
         a->hit_part[first + i] = same ? part_at(a, r.hit.mesh[i], r.hit.triangle[i]) : INDIRECT_NONE;
     }
 }

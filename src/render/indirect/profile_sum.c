@@ -13,7 +13,7 @@
 #define MIN_FACING 0.3f      /* least cosine of normals on one surface */
 #define REACH 1.0e3f         /* windows: profiles are 0 beyond */
 
-enum pell_result indirect_profile_sum_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t count, float spacing,
+enum pell_result indirect_profile_sum_make(struct pell_context *ctx, struct pell_surface_sample *samples, size_t count, float spacing,
                                            const struct pell_profile profile[3], const struct pell_opposed *opposed,
                                            struct profile_sum *out)
 {
@@ -33,8 +33,8 @@ void indirect_profile_sum_finish(struct profile_sum *w)
     pell_light_tree_finish(&w->tree);
 }
 
-static void add(const struct profile_sum *w, struct pell_vec3 at, struct pell_vec3 normal, const struct pell_lit_place *from, float near[4],
-                float sum[3])
+static void add(const struct profile_sum *w, struct pell_vec3 at, struct pell_vec3 normal, const struct pell_surface_sample *from,
+                float near[4], float sum[3])
 {
     static const float one[3] = { 1.0f, 1.0f, 1.0f };
     const struct pell_vec3 v = vec3_sub(at, vec3_load(from->position)), n = vec3_load(from->normal);
@@ -67,7 +67,7 @@ void indirect_profile_sum_at(const struct profile_sum *w, const float position[3
         if (!(q->power[0] + q->power[1] + q->power[2] > 0.0f)) {
             i = q->next;
         } else if (q->area < MAX_SOLID_ANGLE * d2 && d2 > 4.0f * w->window2 && vec3_dot(mean, mean) > MIN_NORMAL2) {
-            const struct pell_lit_place one = pell_light_node_place(q);
+            const struct pell_surface_sample one = pell_light_node_sample(q);
             add(w, at, n, &one, near, sum);
             i = q->next;
         } else if (q->count) {

@@ -18,7 +18,7 @@ struct profile_sum {
 };
 
 /* Takes ownership of `samples`, also on failure; `spacing`: mm between them. */
-PELL_NODISCARD enum pell_result indirect_profile_sum_make(struct pell_context *ctx, struct pell_lit_place *samples, size_t count,
+PELL_NODISCARD enum pell_result indirect_profile_sum_make(struct pell_context *ctx, struct pell_surface_sample *samples, size_t count,
                                                           float spacing, const struct pell_profile profile[3],
                                                           const struct pell_opposed *opposed, struct profile_sum *out);
 void indirect_profile_sum_finish(struct profile_sum *s);

@@ -40,7 +40,7 @@ struct transport {
     struct pell_indirect *in;
     const struct pell_indirect_lights *lights;
     const struct pell_indirect_solid *solid; /* per scene material */
-    struct pell_lit_place *sample;           /* per sample of the stage; power without the scale for curvature */
+    struct pell_surface_sample *sample;      /* per sample of the stage; power without the scale for curvature */
     float (*gain)[3], (*crossed)[3];         /* curvature/stage.h */
     bool *lit;
     float (*sum_weight)[3], *thickness; /* per sample; thickness in mm */
@@ -51,7 +51,7 @@ struct transport {
     const uint32_t *list;            /* sample indices of one object and material, or of one of its solids */
     size_t count;
     struct pell_light_tree tree;
-    struct pell_lit_place *node; /* nodes of the tree, each as one sample */
+    struct pell_surface_sample *node; /* nodes of the tree, each as one sample */
 };
 
 static int chunks_of(size_t count)
@@ -96,13 +96,13 @@ static void set_sum_weight(const struct pell_indirect_solid *as, float thinness,
 
 /* Computes the light that goes into the depth: without the scale for curvature, without the single scattering of diffuse light, and
  * without the surplus that a half-space returns of oblique light, since that results from its path along the surface. */
-static void split_source(const struct transport *s, const struct indirect_sample *q, const struct pell_lit_place *p, float aside[3][PACKET],
-                         float single[3][PACKET], size_t i, float source[3])
+static void split_source(const struct transport *s, const struct indirect_sample *q, const struct pell_surface_sample *p,
+                         float shifted[3][PACKET], float single[3][PACKET], size_t i, float source[3])
 {
-    const float obliquity = fmaxf(1.0f + vec3_dot(q->normal, vec3_load(p->way)), 0.0f);
+    const float obliquity = fmaxf(1.0f + vec3_dot(q->normal, vec3_load(p->direction)), 0.0f);
 
     for (int c = 0; c < 3; c++)
-        source[c] = p->power[c] > 0.0f ? fmaxf(p->power[c] - (aside[c][i] + single[c][i]) * p->area, 0.0f) /
+        source[c] = p->power[c] > 0.0f ? fmaxf(p->power[c] - (shifted[c][i] + single[c][i]) * p->area, 0.0f) /
                                              (1.0f + s->solid[q->material].slope[c] * obliquity)
                                        : 0.0f;
 }
@@ -110,24 +110,24 @@ static void split_source(const struct transport *s, const struct indirect_sample
 static void enter16(const struct transport *s, size_t first, size_t count)
 {
     const struct pell_indirect *in = s->in;
-    float irradiance[3][PACKET], gain[3][PACKET], crossed[3][PACKET], aside[3][PACKET], single[3][PACKET], way[3][PACKET],
+    float irradiance[3][PACKET], gain[3][PACKET], crossed[3][PACKET], shifted[3][PACKET], single[3][PACKET], direction[3][PACKET],
         curvature[PACKET], thinness[PACKET], u[PACKET], v[PACKET], diffuse[PACKET];
-    uint32_t mesh[PACKET], triangle[PACKET], number[PACKET];
-    bool there[PACKET];
+    uint32_t mesh[PACKET], triangle[PACKET], seed[PACKET];
+    bool valid[PACKET];
     const struct pell_points_params params = {
         .mix = 0.0f, .spacing = in->samples[first].spacing, .samples = 1, .opposed = true, .flat = true
     };
-    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .number = number };
+    const struct pell_surface_points points = { .mesh = mesh, .triangle = triangle, .u = u, .v = v, .seed = seed };
     const struct pell_surface_light out = { .irradiance = { irradiance[0], irradiance[1], irradiance[2] },
                                             .gain = { gain[0], gain[1], gain[2] },
                                             .crossed = { crossed[0], crossed[1], crossed[2] },
-                                            .aside = { aside[0], aside[1], aside[2] },
-                                            .once = { single[0], single[1], single[2] },
-                                            .direction = { way[0], way[1], way[2] },
+                                            .shifted = { shifted[0], shifted[1], shifted[2] },
+                                            .single_surplus = { single[0], single[1], single[2] },
+                                            .direction = { direction[0], direction[1], direction[2] },
                                             .diffuse = diffuse,
                                             .curvature = curvature,
                                             .thinness = thinness,
-                                            .there = there };
+                                            .valid = valid };
 
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
@@ -137,26 +137,26 @@ static void enter16(const struct transport *s, size_t first, size_t count)
         triangle[i] = q->triangle;
         u[i] = q->u;
         v[i] = q->v;
-        number[i] = (uint32_t) (first + i);
+        seed[i] = (uint32_t) (first + i);
     }
     s->lights->light_points(s->lights->engine, &params, &points, count, &out);
     for (size_t i = 0; i < count; i++) {
         const struct indirect_sample *q = &in->samples[first + i];
-        struct pell_lit_place *p = &s->sample[first + i];
+        struct pell_surface_sample *p = &s->sample[first + i];
         p->area = q->spacing * q->spacing;
         p->curvature = curvature[i];
         vec3_store(q->position, p->position);
         vec3_store(q->normal, p->normal);
         for (int c = 0; c < 3; c++) {
-            p->power[c] = there[i] ? irradiance[c][i] * p->area : 0.0f;
-            p->way[c] = there[i] ? way[c][i] : 0.0f;
+            p->power[c] = valid[i] ? irradiance[c][i] * p->area : 0.0f;
+            p->direction[c] = valid[i] ? direction[c][i] : 0.0f;
             s->gain[first + i][c] = gain[c][i];
             s->crossed[first + i][c] = crossed[c][i];
-            s->single[first + i][c] = there[i] ? single[c][i] * p->area : 0.0f;
+            s->single[first + i][c] = valid[i] ? single[c][i] * p->area : 0.0f;
         }
-        split_source(s, q, p, aside, single, i, s->source[first + i]);
-        s->diffuse[first + i] = there[i] ? diffuse[i] : 0.0f;
-        s->lit[first + i] = there[i];
+        split_source(s, q, p, shifted, single, i, s->source[first + i]);
+        s->diffuse[first + i] = valid[i] ? diffuse[i] : 0.0f;
+        s->lit[first + i] = valid[i];
         s->thickness[first + i] = thinness[i] > 0.0f ? 1.0f / thinness[i] : INFINITY;
         if (s->solid[q->material].between_faces)
             set_sum_weight(&s->solid[q->material], thinness[i], q->spacing, s->sum_weight[first + i]);
@@ -181,10 +181,11 @@ struct exchange {
     float uniform[3]; /* of uniform light on the faces that it comes from, over that light */
 };
 
-static void add_pair(const struct pell_opposed *opposed, const struct indirect_sample *to, const struct pell_lit_place *from,
+static void add_pair(const struct pell_opposed *opposed, const struct indirect_sample *to, const struct pell_surface_sample *from,
                      struct exchange *g)
 {
-    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(from->position)), n = vec3_load(from->normal), w = vec3_load(from->way);
+    const struct pell_vec3 v = vec3_sub(to->position, vec3_load(from->position)), n = vec3_load(from->normal),
+                           w = vec3_load(from->direction);
     const struct pell_vec3 t = vec3_mad(w, -vec3_dot(w, n), n);
     const struct pell_opposed_pair pair = { vec3_dot(v, v),          vec3_dot(n, v),  vec3_dot(to->normal, v),
                                             vec3_dot(to->normal, n), from->curvature, vec3_dot(t, v),
@@ -271,9 +272,9 @@ static bool same_group(const struct pell_indirect *in, const struct indirect_sam
 }
 
 /* Copies of the list's samples with their light scaled for curvature. */
-static struct pell_lit_place *scale_by_curvature(const struct transport *s, bool deep)
+static struct pell_surface_sample *scale_by_curvature(const struct transport *s, bool deep)
 {
-    struct pell_lit_place *out = pell_alloc_array(s->in->ctx, s->count, sizeof(*out));
+    struct pell_surface_sample *out = pell_alloc_array(s->in->ctx, s->count, sizeof(*out));
 
     for (size_t i = 0; out && i < s->count; i++) {
         out[i] = s->sample[s->list[i]];
@@ -286,7 +287,7 @@ static struct pell_lit_place *scale_by_curvature(const struct transport *s, bool
 /* Sums the exchange between faces, where the solved diffusion does not cover everything. */
 static enum pell_result sum_between_faces(struct transport *s, struct pell_pool *pool)
 {
-    struct pell_lit_place *samples = scale_by_curvature(s, true);
+    struct pell_surface_sample *samples = scale_by_curvature(s, true);
     enum pell_result res;
 
     if (!samples)
@@ -294,7 +295,7 @@ static enum pell_result sum_between_faces(struct transport *s, struct pell_pool 
     PELL_TRY(pell_light_tree_make(s->in->ctx, samples, s->count, &s->tree));
     s->node = pell_alloc_array(s->in->ctx, s->tree.num_nodes, sizeof(*s->node));
     for (size_t i = 0; s->node && i < s->tree.num_nodes; i++)
-        s->node[i] = pell_light_node_place(&s->tree.nodes[i]);
+        s->node[i] = pell_light_node_sample(&s->tree.nodes[i]);
     if (s->node)
         pell_pool_run(pool, chunks_of(s->count), gather_chunk, s);
     res = s->node ? PELL_OK : PELL_ERR_NOMEM;
@@ -308,7 +309,7 @@ fail:
 
 /* Sets the part of a sample's light that is scattered forward: all directional light, and of diffuse light what a slab's T does not
  * cover. */
-static void set_beam_source(const struct transport *s, const struct pell_indirect_solid *as, uint32_t sample, struct pell_lit_place *p)
+static void set_beam_source(const struct transport *s, const struct pell_indirect_solid *as, uint32_t sample, struct pell_surface_sample *p)
 {
     const float *sum_weight = s->sum_weight[sample];
     float slab_fraction = 0.0f;
@@ -319,9 +320,9 @@ static void set_beam_source(const struct transport *s, const struct pell_indirec
         p->power[c] *= 1.0f - slab_weight;
         slab_fraction += slab_weight * (1.0f / 3.0f);
     }
-    vec3_store(vec3_mul(vec3_mad(vec3_load(p->way), slab_fraction * as->refracted, vec3_load(p->normal)),
+    vec3_store(vec3_mul(vec3_mad(vec3_load(p->direction), slab_fraction * as->refracted, vec3_load(p->normal)),
                         1.0f / fmaxf(1.0f - slab_fraction, 1e-6f)),
-               p->way);
+               p->direction);
 }
 
 /* Sums the forward-scattered light. */
@@ -329,7 +330,7 @@ static enum pell_result sum_beams(const struct transport *s, struct pell_pool *p
 {
     const struct pell_indirect_solid *as = &s->solid[s->in->samples[s->list[0]].material];
     const struct indirect_forward forward = { s->in, &as->forward, s->list, s->thickness, s->count };
-    struct pell_lit_place *samples = pell_alloc_array(s->in->ctx, s->count, sizeof(*samples));
+    struct pell_surface_sample *samples = pell_alloc_array(s->in->ctx, s->count, sizeof(*samples));
     enum pell_result res = PELL_OK;
 
     if (!samples)
@@ -405,7 +406,7 @@ static enum pell_result solve_solid(struct transport *s, struct pell_pool *pool,
     struct indirect_solid solid = {
         .profile = as->profile, .opposed = &as->opposed, .profile_sum = profile_sum, .along_surface = as->along_surface, .count = s->count
     };
-    struct pell_lit_place *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
+    struct pell_surface_sample *lit = pell_alloc_array(in->ctx, s->count, sizeof(*lit));
     struct indirect_solid_light *light = pell_alloc_array(in->ctx, s->count, sizeof(*light));
     float *thickness = pell_alloc_array(in->ctx, s->count, sizeof(*thickness));
     float(*source)[3] = pell_alloc_array(in->ctx, s->count, sizeof(*source));
@@ -481,7 +482,7 @@ static enum pell_result list_group(struct transport *s, const struct indirect_sa
 static enum pell_result make_whole(const struct transport *s, const struct pell_indirect_solid *as, struct profile_sum **out)
 {
     const struct pell_indirect *in = s->in;
-    struct pell_lit_place *samples = scale_by_curvature(s, false);
+    struct pell_surface_sample *samples = scale_by_curvature(s, false);
     float spacing = 0.0f;
 
     *out = samples ? pell_calloc(in->ctx, 1, sizeof(**out)) : NULL;

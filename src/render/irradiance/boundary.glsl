@@ -24,9 +24,9 @@ Lobe lobe_of(uint material, float roughness)
 // Scale and bias of the directional albedo at a cosine.
 vec2 albedo_at(Lobe lobe, float mu)
 {
-    const float place = pell_cosine_place(pell_saturate(mu), ALBEDO_MU);
-    const int k = pell_table_cell(place, ALBEDO_MU), at = lobe.at + 2 * ALBEDO_ROUGHNESS * k, next = at + 2 * ALBEDO_ROUGHNESS;
-    const float f = place - float(k);
+    const float coord = pell_cosine_place(pell_saturate(mu), ALBEDO_MU);
+    const int k = pell_table_cell(coord, ALBEDO_MU), at = lobe.at + 2 * ALBEDO_ROUGHNESS * k, next = at + 2 * ALBEDO_ROUGHNESS;
+    const float f = coord - float(k);
 
     return vec2(pell_bilinear(tables[at], tables[at + 2], tables[next], tables[next + 2], lobe.fraction, f),
                 pell_bilinear(tables[at + 1], tables[at + 3], tables[next + 1], tables[next + 3], lobe.fraction, f));
@@ -35,10 +35,10 @@ vec2 albedo_at(Lobe lobe, float mu)
 // T of a smooth boundary, whose table begins there.
 float smooth_transmittance(int table, float mu)
 {
-    const float place = pell_cosine_place(pell_saturate(mu), BOUNDARY_MU);
-    const int k = pell_table_cell(place, BOUNDARY_MU);
+    const float coord = pell_cosine_place(pell_saturate(mu), BOUNDARY_MU);
+    const int k = pell_table_cell(coord, BOUNDARY_MU);
 
-    return pell_lerp(tables[table + k], tables[table + k + 1], place - float(k));
+    return pell_lerp(tables[table + k], tables[table + k + 1], coord - float(k));
 }
 
 // T at a cosine.

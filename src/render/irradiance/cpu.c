@@ -204,7 +204,7 @@ static void add_directions(const struct pell_sums *from, struct packet *k)
 {
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < k->count; i++) {
-            k->sums.aside[c][i] += from->aside[c][i];
+            k->sums.shifted[c][i] += from->shifted[c][i];
             k->sums.direction_in[c][i] += from->direction_in[c][i];
         }
     for (int i = 0; i < k->count; i++)
@@ -259,7 +259,7 @@ static void add_environments(const struct job *job, struct packet *k)
                 const float rest = k->ambient[i] * (rgb[c] - sums.unshadowed[c][i]);
                 k->sums.irradiance[c][i] += max0(sums.irradiance[c][i] + l->enter_mean[c][i] * rest);
                 if (l->any_direction)
-                    k->sums.once[c][i] += single_surplus(l, c, i) * rest;
+                    k->sums.single_surplus[c][i] += single_surplus(l, c, i) * rest;
             }
         }
         if (shows_highlights(job, k))
@@ -296,7 +296,7 @@ static void add_indirect(const struct job *job, struct packet *k)
         for (int i = 0; i < PELL_LANES; i++) {
             k->sums.irradiance[c][i] += rgb[c][i] * k->lanes.enter_mean[c][i];
             if (k->lanes.any_direction)
-                k->sums.once[c][i] += rgb[c][i] * single_surplus(&k->lanes, c, i);
+                k->sums.single_surplus[c][i] += rgb[c][i] * single_surplus(&k->lanes, c, i);
             if (transmits)
                 k->sums.transmitted[c][i] += behind[c][i];
         }
@@ -509,15 +509,15 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     if (list.count < TILE_W * TILE_H)
         memset(&tile, 0, sizeof(tile));
     for (int first = 0; first < list.count; first += PELL_LANES) {
-        _Alignas(64) int32_t place[PELL_LANES];
+        _Alignas(64) int32_t pixel[PELL_LANES];
         fetch(job, x0, y0, first / PELL_LANES);
         fill_packet(job, &k, x0, y0, &list, first);
         if (k.lit_by_device)
             k.slot = job->slots[number * PACKETS + first / PELL_LANES];
         shade_packet(job, &k);
         for (int i = 0; i < PELL_LANES; i++)
-            place[i] = list.at[first + i];
-        job->kernels->store(&job->tables, &k.lanes, &k.sums, place, k.count, &out);
+            pixel[i] = list.at[first + i];
+        job->kernels->store(&job->tables, &k.lanes, &k.sums, pixel, k.count, &out);
     }
     flush_tile(job, x0, y0, &tile);
     atomic_fetch_add_explicit(&job->rays, k.rays, memory_order_relaxed);
@@ -549,7 +549,7 @@ static struct job make_points_job(const struct pell_lights *lights, const struct
 }
 
 /* Returns false if there is no point. */
-static bool fill_points(const struct job *job, struct packet *k, const struct pell_lit_place *at)
+static bool fill_points(const struct job *job, struct packet *k, const struct pell_irradiance_packet *at)
 {
     const uint16_t *material = job->p->surface->material;
     _Alignas(64) int32_t x[PELL_LANES], y[PELL_LANES] = { 0 };
@@ -561,7 +561,7 @@ static bool fill_points(const struct job *job, struct packet *k, const struct pe
     for (int i = 0; i < PELL_LANES; i++) {
         if (!material[i])
             continue;
-        x[k->count] = (int32_t) at->number[i];
+        x[k->count] = (int32_t) at->seed[i];
         k->material[k->count] = material[i] - 1u;
         k->index[k->count++] = i;
     }
@@ -572,12 +572,12 @@ static bool fill_points(const struct job *job, struct packet *k, const struct pe
         k->material[i] = k->material[0];
         k->index[i] = k->index[0];
     }
-    pell_load_packet(job, k, x, y, at->place);
+    pell_load_packet(job, k, x, y, at->position);
     return true;
 }
 
 uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pell_irradiance_params *params,
-                              const struct pell_lit_place *at, int samples)
+                              const struct pell_irradiance_packet *at, int samples)
 {
     const struct job job = make_points_job(lights, params, NULL);
     struct packet k;
@@ -585,8 +585,8 @@ uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pel
     return fill_points(&job, &k, at) ? pell_send_packet(&job, &k, samples) : 0;
 }
 
-void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_lit_place *at,
-                        struct pell_lighting *out, float albedo[3][PELL_LANES])
+void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                        const struct pell_irradiance_packet *at, struct pell_lighting *out, float albedo[3][PELL_LANES])
 {
     const struct job job = make_points_job(lights, params, out);
     struct packet k;

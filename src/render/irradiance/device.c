@@ -159,7 +159,7 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
         const bool opaque = d->scene->materials[i].opaque;
         const struct pell_thickness_table *thickness = table_of(d, p, i);
         const struct pell_angle *angle = p->angle && !opaque ? &p->angle[i] : NULL;
-        const struct pell_single_apart *apart = p->apart && !opaque ? &p->apart[i] : NULL;
+        const struct pell_separate_single *apart = p->apart && !opaque ? &p->apart[i] : NULL;
         all[i] = (struct pell_lit_material) {
             .fd = t->boundaries[t->boundary[i]].f0,
             .model = t->model[i],

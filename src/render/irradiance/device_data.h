@@ -59,7 +59,7 @@
 #define PELL_LIT_GROUP 64         /* invocations of a workgroup */
 
 struct pell_lit_point {
-    PELL_VEC4 place;                     /* w: epsilon */
+    PELL_VEC4 position;                  /* w: epsilon */
     PELL_VEC4 geometric;                 /* unit; w: terminator_offset */
     PELL_VEC4 normal;                    /* unit; w: roughness */
     PELL_VEC4 view;                      /* unit, toward the camera; w: curvature's shift, red */
@@ -67,8 +67,8 @@ struct pell_lit_point {
     PELL_VEC4 f0;                        /* w: shift, blue */
     uint32_t hash0, hash1, curve, first; /* seeds of sample patterns: struct pell_lanes */
     uint32_t material, flags;            /* scene material; PELL_LIT_AMBIENT, PELL_LIT_STRAIGHT */
-    uint32_t number;                     /* of the multisample */
-    float turned;                        /* of struct pell_surface */
+    uint32_t sample_index;               /* of the multisample */
+    float slope_variance;                /* of struct pell_surface */
 };
 
 /* A scene material, as needed by the stage. */

@@ -6,14 +6,14 @@
 #include <string.h>
 
 /* Writes 16 points; lanes without a point get no material. */
-static void write_points(const struct job *job, const struct packet *k, uint32_t number, struct pell_lit_point *out)
+static void write_points(const struct job *job, const struct packet *k, uint32_t sample_index, struct pell_lit_point *out)
 {
     const struct pell_lanes *l = &k->lanes;
     const bool needs_ambient = pell_any_environment(job) && (k->behind || !(job->entering && job->p->ambient));
 
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_lit_point point = {
-            .place = { l->px[i], l->py[i], l->pz[i], l->epsilon[i] },
+            .position = { l->px[i], l->py[i], l->pz[i], l->epsilon[i] },
             .geometric = { l->gx[i], l->gy[i], l->gz[i], l->terminator_offset[i] },
             .normal = { l->nx[i], l->ny[i], l->nz[i], l->roughness[i] },
             .view = { l->vx[i], l->vy[i], l->vz[i], l->shift[0][i] },
@@ -26,8 +26,8 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
             .flags = (needs_ambient ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u) |
                      (job->entering ? 0u : PELL_LIT_SEEN) | ~l->apart,
-            .number = number,
-            .turned = l->turned[i],
+            .sample_index = sample_index,
+            .slope_variance = l->slope_variance[i],
         };
         out[i] = point;
     }

@@ -48,7 +48,7 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
     if (highlights && (pc.flags & PELL_LIT_RESUME) != 0u)
         resume(state, highlight);
     for (int s = int(pc.first); s < min(int(pc.last), light.samples); s++) {
-        const uint n = p.number * uint(light.samples) + uint(s);
+        const uint n = p.sample_index * uint(light.samples) + uint(s);
         Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
         const bool lit = project_image(light, p, a) && a.falloff * (a.intensity.r + a.intensity.g + a.intensity.b) > 0.0;
 
@@ -99,7 +99,7 @@ void main()
         for (uint k = 0u; k < pc.shine; k++)
             results[first + k] = uvec4(0u);
     if (pc.sky_end > pc.sky && (points[i].flags & PELL_LIT_AMBIENT) != 0u) {
-        const uint open = count_open(p.origin, p.geometric, p.number, pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT));
+        const uint open = count_open(p.origin, p.geometric, p.sample_index, pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT));
         sums.rays = pc.sky_end - pc.sky;
         for (uint k = 0u; k < pc.environments; k++)
             add(env + 2u * k, vec3(0.0), open);

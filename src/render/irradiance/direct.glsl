@@ -16,13 +16,13 @@ const float TERMINATOR_LIFTED = 1.0 / 64.0;
 
 // Values used by rays and most formulas; others are read where they are used, which saves registers while tracing.
 struct Point {
-    vec3 place, origin, geometric, normal;
+    vec3 position, origin, geometric, normal;
     float gn, rho;
     Lobe lobe;
     uint at, material; // indices in points and materials
     bool lifted, single, highlights;
     uvec2 pattern;
-    uint number; // of the multisample
+    uint sample_index; // of the multisample
 };
 
 // pell_lane_pattern of a point.
@@ -35,21 +35,21 @@ uvec2 pattern_at(uint point, int bits, uint salt)
 Point load_point(uint at, bool highlights, bool single)
 {
     const vec3 tint = points[at].tint.rgb;
-    const float epsilon = points[at].place.w, terminator_offset = points[at].geometric.w;
+    const float epsilon = points[at].position.w, terminator_offset = points[at].geometric.w;
     Point p;
 
     p.at = at;
     p.material = points[at].material;
-    p.place = points[at].place.xyz;
+    p.position = points[at].position.xyz;
     p.geometric = points[at].geometric.xyz;
     p.normal = points[at].normal.xyz;
-    p.origin = p.place + (terminator_offset + epsilon) * p.geometric;
+    p.origin = p.position + (terminator_offset + epsilon) * p.geometric;
     p.lifted = terminator_offset > TERMINATOR_LIFTED * epsilon;
     p.gn = max(dot(p.geometric, p.normal), 1e-3);
     p.rho = (tint.r + tint.g + tint.b) * (1.0 / 3.0);
     p.lobe = lobe_of(p.material, points[at].normal.w);
     p.pattern = pattern_at(at, pc.light_bits, 0u);
-    p.number = points[at].number;
+    p.sample_index = points[at].sample_index;
     p.highlights = highlights;
     p.single = single;
     return p;
@@ -94,26 +94,26 @@ vec3 on_face(pell_light_data light, float x, float y)
 // Position of two fractions in the rectangle around a centre.
 vec3 on_rectangle(vec3 middle, pell_light_data light, uvec2 at)
 {
-    const vec2 place = 2.0 * vec2(pell_unit_float(at.x), pell_unit_float(at.y)) - 1.0;
-    return middle + place.x * light.right.xyz + place.y * light.up.xyz;
+    const vec2 offset = 2.0 * vec2(pell_unit_float(at.x), pell_unit_float(at.y)) - 1.0;
+    return middle + offset.x * light.right.xyz + offset.y * light.up.xyz;
 }
 
 // Position of two fractions on the light.
 vec3 face_at(pell_light_data light, uvec2 at)
 {
     if (light.type == PELL_LIGHT_DATA_DISC) {
-        const pell_place2 disc = pell_disc_at(pell_unit_float(at.x), pell_unit_float(at.y));
+        const pell_point2 disc = pell_disc_at(pell_unit_float(at.x), pell_unit_float(at.y));
         return on_face(light, disc.x, disc.y);
     }
     return on_rectangle(light.position.xyz, light, at);
 }
 
 // Solid-angle sample of a wide light: solid angle of the sample, sr; 0: sample by area, which is left unchanged; -1: no light there.
-float place_wide(pell_light_data light, vec3 place, inout uvec2 face, inout vec3 end)
+float sample_wide(pell_light_data light, vec3 position, inout uvec2 face, inout vec3 end)
 {
     const bool disc = light.type == PELL_LIGHT_DATA_DISC;
     const float half_x = length(light.right.xyz), half_y = length(light.up.xyz), area = 4.0 * half_x * half_y;
-    const vec3 to = light.position.xyz - place;
+    const vec3 to = light.position.xyz - position;
     const float h = -dot(to, light.direction.xyz);
 
     if (!(h > 0.0) || area < PELL_WIDE_LIGHT * h * h)
@@ -125,7 +125,7 @@ float place_wide(pell_light_data light, vec3 place, inout uvec2 face, inout vec3
     const pell_wide w = pell_wide_make(x, y, half_x, half_y, h);
     if (!(w.angle > 1e-3))
         return 0.0;
-    const pell_place2 at = pell_wide_place(w, pell_unit_float(face.x), pell_unit_float(face.y));
+    const pell_point2 at = pell_wide_sample(w, pell_unit_float(face.x), pell_unit_float(face.y));
     face = uvec2(min(0.5 + 0.5 * vec2(at.x, at.y), vec2(0.9999999)) * 4294967296.0);
     end = on_face(light, at.x, at.y);
     return disc && at.x * at.x + at.y * at.y > 1.0 ? -1.0 : w.angle * light.power.w / ((disc ? PELL_PI_F : 4.0) * half_x * half_y);
@@ -152,9 +152,9 @@ Aim aim(pell_light_data light, Point p, uint u, uint v)
     } else {
         if (is_flat(light)) {
             a.end = face_at(light, a.at);
-            wide = place_wide(light, p.place, a.at, a.end);
+            wide = sample_wide(light, p.position, a.at, a.end);
         }
-        const vec3 to = a.end - p.place;
+        const vec3 to = a.end - p.position;
         const float distance = sqrt(max(dot(to, to), TINY));
         a.distance = distance;
         a.direction = to * (1.0 / distance);
@@ -211,7 +211,7 @@ bool project_image(pell_light_data light, Point p, inout Aim a)
         x = -0.5 * dot(d, right) / dot(right, right); // not mirrored when seen from the front
         y = 0.5 * dot(d, up) / dot(up, up);
     } else if (light.type == PELL_LIGHT_DATA_DIRECTIONAL) {
-        const vec3 d = p.place - light.position.xyz;
+        const vec3 d = p.position - light.position.xyz;
         x = dot(d, right) * light.right.w;
         y = dot(d, up) * light.up.w;
     } else {
@@ -235,7 +235,7 @@ vec3 scattered_once(Point p, Aim a, float facing, float transmitted)
     const vec3 view = points[p.at].view.xyz;
     const float eta2 = materials[p.material].single_eta2, nl = pell_saturate(a.nl), nv = pell_saturate(dot(p.normal, view));
     const float into = pell_single_cosine(eta2, nl), out_of = pell_single_cosine(eta2, nv);
-    const float turn = pell_single_turn(eta2, dot(a.direction, view), nl, nv, into, out_of);
+    const float turn = pell_single_phase_cosine(eta2, dot(a.direction, view), nl, nv, into, out_of);
     vec3 sum = vec3(0.0);
 
     for (int c = 0; c < 3; c++) {

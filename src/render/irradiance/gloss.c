@@ -151,7 +151,7 @@ static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
         /* relative to the plane of incidence, so that a rotated scene has the same directions; vec3_basis at normal incidence */
         const float tx = inv > 0.0f ? ax * inv : 1.0f + side * nx * nx * d, ty = inv > 0.0f ? ay * inv : side * nx * ny * d;
         const float tz = inv > 0.0f ? az * inv : -side * nx;
-        const struct pell_place2 at = pell_disc_at(pell_unit_float(u ^ p->pattern[0][i]), pell_unit_float(v ^ p->pattern[1][i]));
+        const struct pell_point2 at = pell_disc_at(pell_unit_float(u ^ p->pattern[0][i]), pell_unit_float(v ^ p->pattern[1][i]));
         const struct pell_half_vector h = pell_half_vector_at(p->width2[i], at.x, at.y);
         const float hx = h.x * tx + h.y * (ny * tz - nz * ty) + h.z * nx;
         const float hy = h.x * ty + h.y * (nz * tx - nx * tz) + h.z * ny;
@@ -164,8 +164,8 @@ static void draw(const struct pell_lanes *restrict p, uint32_t n, float l[3][N])
 }
 
 /* Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it. */
-static void meet(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const float l[3][N],
-                 float *restrict there)
+static void intersect_light(const struct pell_light_data *restrict light, const struct pell_lanes *restrict p, const float l[3][N],
+                            float *restrict hit)
 {
     const struct pell_vec4 d = light->direction, c = light->position, r = light->right, s = light->up;
     const float per_r2 = 1.0f / (r.x * r.x + r.y * r.y + r.z * r.z), per_s2 = 1.0f / (s.x * s.x + s.y * s.y + s.z * s.z);
@@ -178,7 +178,7 @@ static void meet(const struct pell_light_data *restrict light, const struct pell
         const float qx = tx + far * l[0][i], qy = ty + far * l[1][i], qz = tz + far * l[2][i];
         const float x = (qx * r.x + qy * r.y + qz * r.z) * per_r2, y = (qx * s.x + qy * s.y + qz * s.z) * per_s2;
         const float x2 = x * x, y2 = y * y, most = disc ? x2 + y2 : x2 > y2 ? x2 : y2;
-        there[i] = height > 0.0f && fall > 1e-12f && most <= 1.0f ? pell_light_window(far * far, d.w) : 0.0f;
+        hit[i] = height > 0.0f && fall > 1e-12f && most <= 1.0f ? pell_light_window(far * far, d.w) : 0.0f;
     }
 }
 
@@ -188,17 +188,17 @@ static void mirror(const struct pell_light_data *restrict light, const struct pe
 {
     const float power[3] = { light->power.x, light->power.y, light->power.z };
     const float per = (float) light->samples / (face_area(light) * (float) count);
-    _Alignas(64) float even[N] = { 0 }, grazing[N] = { 0 }, none[N] = { 0 }, l[3][N], density[N], there[N], shape[N], fresnel[N];
+    _Alignas(64) float even[N] = { 0 }, grazing[N] = { 0 }, none[N] = { 0 }, l[3][N], density[N], hit[N], shape[N], fresnel[N];
 
     for (int j = 0; j < count; j++) {
         draw(p, first + (uint32_t) j, l);
-        meet(light, p, (const float(*)[N]) l, there);
+        intersect_light(light, p, (const float(*)[N]) l, hit);
         shape_lobe(p, (const float(*)[N]) l, none, shape, fresnel, density);
         for (int i = 0; i < N; i++) {
             const float nl = p->nx[i] * l[0][i] + p->ny[i] * l[1][i] + p->nz[i] * l[2][i];
             const float gl = p->gx[i] * l[0][i] + p->gy[i] * l[1][i] + p->gz[i] * l[2][i];
             const float mu = nl > 1e-6f ? nl : 1e-6f,
-                        w = there[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
+                        w = hit[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
             const float lit = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f ? w : 0.0f;
             even[i] += lit;
             grazing[i] += lit * fresnel[i];

@@ -28,7 +28,7 @@ Gloss gloss_of(Point p)
     gloss.nv = dot(p.normal, gloss.view);
     gloss.model = materials[p.material].model;
     gloss.width2 = pell_lobe_width(gloss.model, points[p.at].normal.w);
-    gloss.width2 = gloss.width2 * gloss.width2 + 2.0 * points[p.at].turned;
+    gloss.width2 = gloss.width2 * gloss.width2 + 2.0 * points[p.at].slope_variance;
     return gloss;
 }
 
@@ -53,7 +53,7 @@ vec3 shape_lobe(Gloss gloss, vec3 normal, vec3 l, float spread)
 
 Shine begin_highlight(pell_light_data light, Point p)
 {
-    const vec3 to = p.place - light.position.xyz;
+    const vec3 to = p.position - light.position.xyz;
     const float height = dot(to, light.direction.xyz), d2 = max(dot(to, to), TINY);
     Shine shine = Shine(vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0, 0);
 
@@ -82,7 +82,7 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine
         float cosine = mu;
         if (j > 0) {
             const uvec2 cell = uvec2(pell_sobol0(uint(j)) >> ((pc.light_bits + 1) / 2), pell_sobol1(uint(j)) >> (pc.light_bits / 2));
-            l = face_at(light, a.at ^ cell) - p.place;
+            l = face_at(light, a.at ^ cell) - p.position;
             l *= 1.0 / sqrt(max(dot(l, l), TINY));
             cosine = dot(p.normal, l);
         }
@@ -103,9 +103,9 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine
 }
 
 // Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it.
-float meet(pell_light_data light, vec3 place, vec3 l)
+float intersect_light(pell_light_data light, vec3 position, vec3 l)
 {
-    const vec3 to = place - light.position.xyz, r = light.right.xyz, s = light.up.xyz;
+    const vec3 to = position - light.position.xyz, r = light.right.xyz, s = light.up.xyz;
     const float height = dot(to, light.direction.xyz), fall = -dot(l, light.direction.xyz), far = height / max(fall, 1e-12);
     const vec3 q = to + far * l;
     const float x = dot(q, r) / dot(r, r), y = dot(q, s) / dot(s, s);
@@ -131,16 +131,16 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
         b = cross(n, t);
     }
     for (int j = 0; j < count; j++) {
-        const uint number = p.number * uint(count) + uint(j);
-        const pell_place2 at = pell_disc_at(pell_unit_float(pell_sobol0(number) ^ p.pattern.x),
-                                            pell_unit_float(pell_sobol1(number) ^ p.pattern.y));
+        const uint index = p.sample_index * uint(count) + uint(j);
+        const pell_point2 at = pell_disc_at(pell_unit_float(pell_sobol0(index) ^ p.pattern.x),
+                                            pell_unit_float(pell_sobol1(index) ^ p.pattern.y));
         const pell_half_vector drawn = pell_half_vector_at(gloss.width2, at.x, at.y);
         const vec3 h = drawn.x * t + drawn.y * b + drawn.z * n, l = 2.0 * dot(h, gloss.view) * h - gloss.view;
-        const float nl = dot(n, l), gl = dot(p.geometric, l), there = meet(light, p.place, l);
+        const float nl = dot(n, l), gl = dot(p.geometric, l), hit = intersect_light(light, p.position, l);
 
-        if (there > 0.0 && nl > 0.0 && (gl > 0.0 || p.lifted)) {
+        if (hit > 0.0 && nl > 0.0 && (gl > 0.0 || p.lifted)) {
             const vec3 lobe = shape_lobe(gloss, n, l, 0.0);
-            sum += max(there * lobe.x * facing_at(p, gl, max(nl, 1e-6)) / (odds + lobe.z), 0.0) * vec2(1.0, lobe.y);
+            sum += max(hit * lobe.x * facing_at(p, gl, max(nl, 1e-6)) / (odds + lobe.z), 0.0) * vec2(1.0, lobe.y);
         }
     }
     const vec3 radiance = light.power.rgb * (float(light.samples) / (face_area(light) * float(count)));

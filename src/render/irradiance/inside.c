@@ -59,7 +59,7 @@ void pell_prepare_inside(const struct job *job, struct packet *k, struct pell_ga
         pell_curvature_effects_at(job->p->curvature, &k->points, translucent, &effects);
         job->inside->apply_curvature(job->p, &effects, &k->lanes, gains);
         for (int i = 0; i < PELL_LANES; i++)
-            k->flat[i] = pell_spread_part(effects.flat[i]);
+            k->flat[i] = pell_spread_path_fraction(effects.flat[i]);
     }
     if (job->p->through) {
         struct pell_indirect_insides found;

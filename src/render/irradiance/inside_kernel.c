@@ -14,7 +14,7 @@ static void single_gain(const struct pell_lanes *restrict l, float (*restrict ga
 {
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++)
-            gain[c][i] = pell_curvature_once(l->shift[c][i], l->single_eta2[i]);
+            gain[c][i] = pell_curvature_single(l->shift[c][i], l->single_eta2[i]);
 }
 
 static void apply_curvature(const struct pell_irradiance_params *p, const struct pell_curvature_effects *restrict e,
@@ -65,14 +65,14 @@ static void apply_solids(const struct pell_irradiance_params *p, const struct pe
         x[i] = l->vx[i] - l->nv[i] * l->nx[i];
         y[i] = l->vy[i] - l->nv[i] * l->ny[i];
         z[i] = l->vz[i] - l->nv[i] * l->nz[i];
-        bends[i] = pell_tilts(l->inverse_eta2[i]);
+        bends[i] = pell_gradient_scale(l->inverse_eta2[i]);
         rest[i] = 0.0f;
     }
     for (int c = 0; c < 3; c++) {
         replace_gains(p, q->sum_weight[c], q->solved[c], q->gain[c], gains->between[c], gains->all[c]);
         for (int i = 0; i < N; i++) {
             const float tilt_cosine = x[i] * q->tilt[c][0][i] + y[i] * q->tilt[c][1][i] + z[i] * q->tilt[c][2][i];
-            const float leaves = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_tilted_by(bends[i], tilt_cosine);
+            const float leaves = (1.0f + q->deep[c][i] * (l->pass[c][i] - 1.0f)) * pell_gradient_exit_by(bends[i], tilt_cosine);
             const float kept = (1.0f - q->sum_weight[c][i]) * (1.0f - q->solved[c][i]);
             in->transmitted[c][i] = leaves * q->transmitted[c][i];
             in->light[c][i] = leaves * q->light[c][i];

@@ -37,7 +37,7 @@ struct packet {
     uint32_t material[16];
     int32_t straight[16];                                  /* -1: lanes with straight transmission */
     float flat[16];                                        /* fraction of its path length by which straight light spreads:
-                                                            * pell_spread_part */
+                                                            * pell_spread_path_fraction */
     float ambient[16];                                     /* visibility of the environment's smooth part */
     const struct pell_indirect_forward *forward_model[16]; /* NULL: no forward scattering in this lane; */
     float forward[3][16];                                  /* forward-scattered light from nearby, */
@@ -102,9 +102,9 @@ static inline struct pell_env_query lane_query(const struct job *job, const stru
 
 /* --- load.c ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Fills the lanes of a packet whose count, indices and materials are set; (x, y) seed the sample patterns; `place`: see struct
+/* Fills the lanes of a packet whose count, indices and materials are set; (x, y) seed the sample patterns; `position`: see struct
  * pell_lane_input. */
-void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *place);
+void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *position);
 /* Turns the lanes to the far sides of thin sheets. */
 void pell_turn_packet(struct packet *k);
 

@@ -136,13 +136,13 @@ static void place_wide_samples(const struct pell_light_data *light, const struct
 
     for (int i = 0; i < N; i++) {
         const struct pell_vec3 to = vec3(light->position.x - p->px[i], light->position.y - p->py[i], light->position.z - p->pz[i]);
-        struct pell_place2 at;
+        struct pell_point2 at;
         struct pell_wide w;
         float x, y;
         wide[i] = 0.0f;
         if (!p->valid[i] || !make_wide(light, half, to, &w))
             continue;
-        at = pell_wide_place(w, pell_unit_float(a->at[0][i]), pell_unit_float(a->at[1][i]));
+        at = pell_wide_sample(w, pell_unit_float(a->at[0][i]), pell_unit_float(a->at[1][i]));
         x = at.x;
         y = at.y;
         wide[i] = disc && x * x + y * y > 1.0f ? -1.0f : w.angle * share;
@@ -233,9 +233,9 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
     _Alignas(64) int32_t at[N];
 
     for (int i = 0; i < N; i++) {
-        const float place = pell_cosine_place(pell_saturate(mu[i]), PELL_ALBEDO_MU);
-        const int32_t k = pell_table_cell(place, PELL_ALBEDO_MU);
-        f[i] = place - (float) k;
+        const float coord = pell_cosine_place(pell_saturate(mu[i]), PELL_ALBEDO_MU);
+        const int32_t k = pell_table_cell(coord, PELL_ALBEDO_MU);
+        f[i] = coord - (float) k;
         at[i] = p->albedo_at[i] + 2 * PELL_ALBEDO_ROUGHNESS * k;
     }
     for (int i = 0; i < N; i++) {
@@ -269,7 +269,7 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
         const float outside = a->lx[i] * p->vx[i] + a->ly[i] * p->vy[i] + a->lz[i] * p->vz[i];
         in[i] = pell_single_cosine(p->single_eta2[i], nl);
         out[i] = pell_single_cosine(p->single_eta2[i], nv);
-        turn[i] = pell_single_turn(p->single_eta2[i], outside, nl, nv, in[i], out[i]);
+        turn[i] = pell_single_phase_cosine(p->single_eta2[i], outside, nl, nv, in[i], out[i]);
     }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
@@ -291,7 +291,7 @@ static void add_direction(const struct pell_lanes *restrict p, const struct pell
             const float bent = facing[i] + p->shift[c][i] * (1.0f - 3.0f * mu * mu), moved = bent > 0.0f ? bent : 0.0f;
             const float each = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor;
             const float add = facing[i] > 0.0f ? each * facing[i] : 0.0f;
-            sums->aside[c][i] += facing[i] > 0.0f ? each * moved - add : 0.0f;
+            sums->shifted[c][i] += facing[i] > 0.0f ? each * moved - add : 0.0f;
             enters[i] += add < BIG ? add : BIG;
         }
     for (int i = 0; i < N; i++) {
@@ -433,9 +433,9 @@ static void load_points(const struct pell_lane_input *input, const float *restri
 
     for (int i = 0; i < N; i++) {
         const uint32_t hash = pell_hash((uint32_t) x[i] ^ pell_hash((uint32_t) y[i] ^ seed));
-        p->px[i] = input->place[0][index[i]];
-        p->py[i] = input->place[1][index[i]];
-        p->pz[i] = input->place[2][index[i]];
+        p->px[i] = input->position[0][index[i]];
+        p->py[i] = input->position[1][index[i]];
+        p->pz[i] = input->position[2][index[i]];
         p->vx[i] = p->gx[i];
         p->vy[i] = p->gy[i];
         p->vz[i] = p->gz[i];
@@ -452,7 +452,7 @@ static void load_roughness(struct pell_lanes *restrict p)
         const float r = p->roughness[i], width = pell_lobe_width(p->model[i], r);
         const float y = pell_roughness_place(r, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
         const int32_t k = pell_table_cell(y, PELL_ALBEDO_ROUGHNESS);
-        p->width2[i] = width * width + 2.0f * p->turned[i];
+        p->width2[i] = width * width + 2.0f * p->slope_variance[i];
         p->fraction[i] = y - (float) k;
         p->albedo_at[i] += 2 * k;
         p->rho[i] = (p->tint[0][i] + p->tint[1][i] + p->tint[2][i]) * (1.0f / 3.0f);
@@ -515,8 +515,8 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
                 sums->hidden[c][i] = sums->lost[c][i] = 0.0f;
     memset(sums->straight, 0, sizeof(sums->straight));
     memset(sums->path, 0, sizeof(sums->path));
-    memset(sums->aside, 0, sizeof(sums->aside));
-    memset(sums->once, 0, sizeof(sums->once));
+    memset(sums->shifted, 0, sizeof(sums->shifted));
+    memset(sums->single_surplus, 0, sizeof(sums->single_surplus));
     memset(sums->direction_in, 0, sizeof(sums->direction_in));
     memset(sums->known, 0, sizeof(sums->known));
     gather(s->depth, index, rows, depth);
@@ -527,10 +527,10 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
     gather(s->ns[1], index, rows, p->ny);
     gather(s->ns[2], index, rows, p->nz);
     gather(s->terminator_offset, index, rows, p->terminator_offset);
-    if (!input->place && s->spread > 0.0f)
-        gather(s->turned, index, rows, p->turned);
+    if (!input->position && s->spread > 0.0f)
+        gather(s->slope_variance, index, rows, p->slope_variance);
     else
-        memset(p->turned, 0, sizeof(p->turned));
+        memset(p->slope_variance, 0, sizeof(p->slope_variance));
     if (input->plain) {
         load_uniform(input->plain, p);
     } else {
@@ -543,7 +543,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
         load_uniform_lanes(input->some, base, metallic, p);
         load_material((const float(*)[N]) base, metallic, p);
     }
-    if (input->place)
+    if (input->position)
         load_points(input, depth, index, x, y, p);
     else
         load_pixels(input, depth, x, y, p);
@@ -584,7 +584,7 @@ static void store_direction(const struct pell_lanes *restrict p, const struct pe
     for (int i = 0; i < N; i++) {
         float all = 0.0f;
         for (int c = 0; c < 3; c++)
-            all += sums->irradiance[c][i] - sums->aside[c][i] - sums->once[c][i];
+            all += sums->irradiance[c][i] - sums->shifted[c][i] - sums->single_surplus[c][i];
         whole[i] = all > TINY ? 1.0f / all : 0.0f;
         diffuse[i] = all > sums->known[i] ? (all - sums->known[i]) * whole[i] : 0.0f;
         inward[i] = diffuse[i] * pell_mean_refracted(p->inverse_eta2[i]);
@@ -596,11 +596,11 @@ static void store_direction(const struct pell_lanes *restrict p, const struct pe
             direction[i] = sums->direction_in[c][i] * whole[i] - inward[i] * normal[i];
         scatter(direction, index, count, rows, out->direction_in[c]);
         for (int i = 0; i < N; i++)
-            part[i] = sums->aside[c][i] * p->albedo[c][i];
-        scatter(part, index, count, rows, out->aside[c]);
+            part[i] = sums->shifted[c][i] * p->albedo[c][i];
+        scatter(part, index, count, rows, out->shifted[c]);
         for (int i = 0; i < N; i++)
-            part[i] = sums->once[c][i] * p->albedo[c][i];
-        scatter(part, index, count, rows, out->once[c]);
+            part[i] = sums->single_surplus[c][i] * p->albedo[c][i];
+        scatter(part, index, count, rows, out->single_surplus[c]);
     }
 }
 

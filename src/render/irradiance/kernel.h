@@ -39,7 +39,7 @@ struct pell_lanes {
     float through[3][16]; /* factor of transmitted light, with any_thin; equals albedo in lanes that are not thin sheets */
     int32_t thin[16];     /* with any_thin: -1: a thin sheet, whose far side is lit as well */
     float roughness[16];
-    float turned[16]; /* see struct pell_surface */
+    float slope_variance[16]; /* see struct pell_surface */
     int32_t valid[16];
     uint32_t hash[2][16];    /* random, the same for a block of pixels */
     uint32_t curve[16];      /* index in the block, see pell_pixel_curve */
@@ -78,9 +78,9 @@ struct pell_lane_input {
     uint32_t seed;
     int light_bits;                    /* bits of a light's sample count per frame */
     const struct pell_material *plain; /* the material of all lanes, if translucent, without metal and untextured (surface.h); else NULL */
-    const float *const *place; /* points in space, mm: lane i is at place[k][index[i]] and viewed along its geometric normal; `depth` is
-                                * then the largest coordinate that it was computed from. NULL: positions follow from the view and the
-                                * depth */
+    /* Points in space, mm: lane i is at position[k][index[i]] and viewed along its geometric normal; `depth` is then the largest
+     * coordinate that it was computed from. NULL: positions follow from the view and the depth */
+    const float *const *position;
     const struct pell_material *const *some; /* otherwise: material of each untextured lane, whose planes are undefined; NULL: none */
 };
 
@@ -96,16 +96,16 @@ static inline void pell_lane_pattern(const struct pell_lanes *p, int i, int bits
 
 struct pell_sums {
     _Alignas(64) float irradiance[3][16], specular[3][16], transmitted[3][16];
-    float straight[16];        /* part of `transmitted` that went straight, sum of all channels, */
-    float path[16];            /* and the same times its path length, mm */
-    float unshadowed[3][16];   /* of an environment's lights that are in its smooth table as well */
-    float single[3][16];       /* single scattering below the surface */
-    float hidden[3][16];       /* highlights of area lights that are occluded, */
-    float lost[3][16];         /* and their occluded irradiance */
-    float aside[3][16];        /* with lanes.any_direction: part of `irradiance` that `shift` adds, */
-    float once[3][16];         /* part that accounts for single scattering, */
-    float direction_in[3][16]; /* sum of refracted directions of the directional rest, weighted by the sum of channels, */
-    float known[16];           /* and that sum of weights */
+    float straight[16];          /* part of `transmitted` that went straight, sum of all channels, */
+    float path[16];              /* and the same times its path length, mm */
+    float unshadowed[3][16];     /* of an environment's lights that are in its smooth table as well */
+    float single[3][16];         /* single scattering below the surface */
+    float hidden[3][16];         /* highlights of area lights that are occluded, */
+    float lost[3][16];           /* and their occluded irradiance */
+    float shifted[3][16];        /* with lanes.any_direction: part of `irradiance` that `shift` adds, */
+    float single_surplus[3][16]; /* part that accounts for single scattering, */
+    float direction_in[3][16];   /* sum of refracted directions of the directional rest, weighted by the sum of channels, */
+    float known[16];             /* and that sum of weights */
 };
 
 /* Whether a light is an area light, whose shadows are noisy. */

@@ -18,16 +18,16 @@ bool counts(int light)
     return (pc.low | pc.high) == 0u || (word >> (bit & 31u) & 1u) != 0u;
 }
 
-// Number of the slice's cosine-distributed directions about n that hit nothing; `number`: index of the multisample.
-uint count_open(vec3 origin, vec3 n, uint number, uvec2 pattern)
+// Number of the slice's cosine-distributed directions about n that hit nothing; `sample_index`: of the multisample.
+uint count_open(vec3 origin, vec3 n, uint sample_index, uvec2 pattern)
 {
     vec3 t, b;
     uint seen = 0u;
 
     basis_of(n, t, b);
     for (uint s = pc.sky; s < pc.sky_end; s++) {
-        const uint at = number * pc.ambient_samples + s;
-        const pell_place2 disc = pell_disc_at(pell_unit_float(pell_sobol0(at) ^ pattern.x), pell_unit_float(pell_sobol1(at) ^ pattern.y));
+        const uint at = sample_index * pc.ambient_samples + s;
+        const pell_point2 disc = pell_disc_at(pell_unit_float(pell_sobol0(at) ^ pattern.x), pell_unit_float(pell_sobol1(at) ^ pattern.y));
         const float z = sqrt(max(1.0 - disc.x * disc.x - disc.y * disc.y, 0.0));
         seen += is_open(origin, n * z + disc.x * t + disc.y * b, FAR) ? 1u : 0u;
     }

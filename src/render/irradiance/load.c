@@ -9,7 +9,7 @@
 struct material_values {
     int32_t albedo_at, boundary_at, smooth, model, opaque, deep, clear;
     const struct pell_angle *angle;
-    const struct pell_single_apart *apart;
+    const struct pell_separate_single *apart;
     float fd;
     bool textured;
 };
@@ -48,7 +48,7 @@ static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angl
     }
 }
 
-static void set_single(struct pell_lanes *l, int i, const struct pell_single_apart *apart)
+static void set_single(struct pell_lanes *l, int i, const struct pell_separate_single *apart)
 {
     l->single_eta2[i] = apart ? apart->inverse_eta2 : 0.0f;
     for (int c = 0; c < 3; c++) {
@@ -132,12 +132,12 @@ static void split_sheets(const struct job *job, struct packet *k)
     }
 }
 
-void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *place)
+void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x, const int32_t *y, const float *const *position)
 {
     const struct pell_surface *s = job->p->surface;
     const struct pell_material *uniform[PELL_LANES];
     struct pell_lane_input input = {
-        .view = job->p->view, .surface = s, .seed = job->p->seed, .light_bits = job->lights->light_bits, .place = place
+        .view = job->p->view, .surface = s, .seed = job->p->seed, .light_bits = job->lights->light_bits, .position = position
     };
     uint32_t differ = 0;
 

@@ -15,7 +15,8 @@
 struct planes {
     _Alignas(64) float depth[16], ng[3][16], ns[3][16], base[3][16], roughness[16], metallic[16], specular[3][16], strength[16],
         terminator_offset[16], transmission[3][16], reflection[16];
-    float place[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], aside[3][16], once[3][16], direction[3][16], diffuse[16];
+    float position[3][16], irradiance[3][16], transmitted[3][16], mirrored[3][16], shifted[3][16], single_surplus[3][16], direction[3][16],
+        diffuse[16];
     uint16_t material[16];
 };
 
@@ -47,7 +48,7 @@ static uint32_t place_points(const struct pell_scene *scene, enum pell_simd_leve
         packet->hit.mesh[i] = valid_point ? p->mesh[k] : PELL_NO_HIT;
         valid |= (uint32_t) valid_point << i;
     }
-    pell_points_kernels_tables[simd]->place(&triangles, packet, s->place);
+    pell_points_kernels_tables[simd]->position(&triangles, packet, s->position);
     for (int i = 0; i < 16; i++)
         if (!(valid >> i & 1))
             packet->ray.dz[i] = -1.0f;
@@ -72,9 +73,9 @@ static uint32_t drop_cut_out(const struct pell_irradiance_params *params, const 
     memset(&r, 0, sizeof(r));
     for (int i = 0; i < 16; i++) {
         const float e = 2.4e-5f * packet->ray.tfar[i];
-        r.ox[i] = s->place[0][i] - e * packet->ray.dx[i];
-        r.oy[i] = s->place[1][i] - e * packet->ray.dy[i];
-        r.oz[i] = s->place[2][i] - e * packet->ray.dz[i];
+        r.ox[i] = s->position[0][i] - e * packet->ray.dx[i];
+        r.oy[i] = s->position[1][i] - e * packet->ray.dy[i];
+        r.oz[i] = s->position[2][i] - e * packet->ray.dz[i];
         r.dx[i] = packet->ray.dx[i];
         r.dy[i] = packet->ray.dy[i];
         r.dz[i] = packet->ray.dz[i];
@@ -126,9 +127,9 @@ struct point_packet {
     struct pell_ray_hit16 packet;
     struct planes s;
     struct pell_surface surface;
-    struct pell_lit_place at;
+    struct pell_irradiance_packet at;
     _Alignas(64) float ambient[16];
-    uint32_t number[16], valid;
+    uint32_t seed[16], valid;
     int64_t rays;
 };
 
@@ -144,7 +145,7 @@ static void load16(const struct pell_lights *lights, const struct pell_irradianc
     l->valid = drop_cut_out(params, s, l->valid, &l->packet, &l->rays);
     for (size_t i = 0; i < 16; i++) {
         const size_t k = first + (i < count ? i : 0);
-        l->number[i] = in->number[k];
+        l->seed[i] = in->seed[k];
         l->ambient[i] = in->ambient ? in->ambient[k] : 0.0f;
     }
     l->surface = (struct pell_surface) {
@@ -162,7 +163,7 @@ static void load16(const struct pell_lights *lights, const struct pell_irradianc
         l->surface.base[c] = s->base[c];
         l->surface.specular[c] = s->specular[c];
         l->surface.transmission[c] = s->transmission[c];
-        l->at.place[c] = s->place[c];
+        l->at.position[c] = s->position[c];
     }
     if (l->valid)
         pell_surface_look(params->surface, params->scene, what->spacing, &l->packet, l->valid, &l->surface);
@@ -170,7 +171,7 @@ static void load16(const struct pell_lights *lights, const struct pell_irradianc
     l->surface.triangle = l->packet.hit.triangle;
     l->surface.barycentric[0] = l->packet.hit.u;
     l->surface.barycentric[1] = l->packet.hit.v;
-    l->at.number = l->number;
+    l->at.seed = l->seed;
     l->at.slot = l->at.sample = 0;
     l->params16 = *params;
     l->params16.surface = &l->surface;
@@ -196,7 +197,7 @@ static void write_shape16(const struct point_packet *l, const struct pell_points
             if (out->transmission[c])
                 out->transmission[c][first + i] = valid_point && l->surface.any_thin ? l->s.transmission[c][i] : 0.0f;
             if (out->position[c])
-                out->position[c][first + i] = l->s.place[c][i];
+                out->position[c][first + i] = l->s.position[c][i];
             if (out->normal[c])
                 out->normal[c][first + i] = -inward[c][i];
         }
@@ -212,8 +213,8 @@ static void write_shape16(const struct point_packet *l, const struct pell_points
             if (out->thinness)
                 out->thinness[first + i] = shape.thinness;
         }
-        if (out->there)
-            out->there[first + i] = valid_point;
+        if (out->valid)
+            out->valid[first + i] = valid_point;
     }
     if (out->gain[0])
         write_gains(&l->params16, what, &l->packet.hit, l->valid, first, count, out);
@@ -236,12 +237,12 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
         lighting.irradiance[c] = l.s.irradiance[c];
         lighting.transmitted[c] = l.s.transmitted[c];
         lighting.specular[c] = l.s.mirrored[c];
-        lighting.aside[c] = l.s.aside[c];
-        lighting.once[c] = l.s.once[c];
+        lighting.shifted[c] = l.s.shifted[c];
+        lighting.single_surplus[c] = l.s.single_surplus[c];
         lighting.direction_in[c] = l.s.direction[c];
     }
     lighting.diffuse = l.s.diffuse;
-    l.params16.directions = out->aside[0];
+    l.params16.directions = out->shifted[0];
     for (int k = 0; l.valid && k < what->samples; k++) {
         l.params16.sample = what->first + (uint32_t) k;
         l.at.sample = (uint32_t) k;
@@ -253,16 +254,16 @@ static int64_t light16(const struct pell_lights *lights, const struct pell_irrad
     }
     for (size_t i = 0; i < count; i++)
         for (int c = 0; c < 3; c++) {
-            if (out->aside[c]) { /* from the last sample */
-                out->aside[c][first + i] = l.s.aside[c][i];
-                out->once[c][first + i] = l.s.once[c][i];
+            if (out->shifted[c]) { /* from the last sample */
+                out->shifted[c][first + i] = l.s.shifted[c][i];
+                out->single_surplus[c][first + i] = l.s.single_surplus[c][i];
                 out->direction[c][first + i] = l.s.direction[c][i];
             }
             out->irradiance[c][first + i] = mean[c][i];
             if (out->albedo[c])
                 out->albedo[c][first + i] = albedo[c][i];
         }
-    if (out->aside[0])
+    if (out->shifted[0])
         memcpy(out->diffuse + first, l.s.diffuse, count * sizeof(*out->diffuse));
     write_shape16(&l, what, first, count, out);
     return rays;

@@ -8,7 +8,7 @@
 #define PELL_SIMD_NAME base
 #endif
 
-static void place(const struct pell_triangles16 *t, struct pell_ray_hit16 *packet, float (*place)[16])
+static void position(const struct pell_triangles16 *t, struct pell_ray_hit16 *packet, float (*position)[16])
 {
     struct pell_ray16 *ray = &packet->ray;
     struct pell_hit16 *hit = &packet->hit;
@@ -20,7 +20,7 @@ static void place(const struct pell_triangles16 *t, struct pell_ray_hit16 *packe
             const vf a = load(t->corner[0][k] + i);
             b[k] = load(t->corner[1][k] + i) - a;
             c[k] = load(t->corner[2][k] + i) - a;
-            store(place[k] + i, (a + u * b[k]) + v * c[k]);
+            store(position[k] + i, (a + u * b[k]) + v * c[k]);
             largest = greater(largest, greater(magnitude(a), greater(magnitude(a + b[k]), magnitude(a + c[k])))); /* as rounded as that */
         }
         for (int k = 0; k < 3; k++)
@@ -42,4 +42,4 @@ static void place(const struct pell_triangles16 *t, struct pell_ray_hit16 *packe
 }
 
 extern const struct pell_points_kernels PELL_SIMD(pell_points_kernels);
-const struct pell_points_kernels PELL_SIMD(pell_points_kernels) = { place };
+const struct pell_points_kernels PELL_SIMD(pell_points_kernels) = { position };

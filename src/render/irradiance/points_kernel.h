@@ -17,7 +17,7 @@ struct pell_triangles16 {
 struct pell_points_kernels {
     /* Computes positions, and rays that arrive at them against their normals; tfar: the largest coordinate that a position was computed
      * from. */
-    void (*place)(const struct pell_triangles16 *triangles, struct pell_ray_hit16 *packet, float (*place)[16]);
+    void (*position)(const struct pell_triangles16 *triangles, struct pell_ray_hit16 *packet, float (*position)[16]);
 };
 
 PELL_SIMD_TABLES(struct pell_points_kernels, pell_points_kernels);

@@ -23,21 +23,21 @@
 #include <pellucid/render.h>
 
 struct pell_lighting {
-    float *irradiance[3];   /* W/m^2, light that enters, times albedo^m */
-    float *transmitted[3];  /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
-    float *path;            /* path length and fraction of the part of `transmitted` that went straight through the solid:
+    float *irradiance[3];     /* W/m^2, light that enters, times albedo^m */
+    float *transmitted[3];    /* W/m^2, radiant exitance of transmitted light; 0 where there is none */
+    float *path;              /* path length and fraction of the part of `transmitted` that went straight through the solid:
                             * pell_spread_pack(). May be NULL */
-    float *specular[3];     /* W/(m^2 sr), including emission */
-    float *single[3];       /* W/(m^2 sr), single scattering; written with `apart` */
-    float *hidden[3];       /* W/(m^2 sr), with `shared`: highlights of area lights that shadows removed; -1 where the surface emits; */
-    float *lost[3];         /* W/m^2: the same for `irradiance` of opaque surfaces; for other surfaces methods blur it anyway */
-    float *aside[3];        /* W/m^2, with `directions`: part of the entering light that the shift of curvature/stage.h moved there, */
-    float *once[3];         /* part that accounts for the single scattering of diffuse light (pell_angle.enter_mean), */
-    float *direction_in[3]; /* mean refracted direction of the rest, */
-    float *diffuse;         /* fraction of the rest that is diffuse, all channels together */
-    int64_t shadow_rays;    /* on the CPU */
-    int64_t device_rays;    /* on the device, for direct light, */
-    int64_t through_rays;   /* and for transmission */
+    float *specular[3];       /* W/(m^2 sr), including emission */
+    float *single[3];         /* W/(m^2 sr), single scattering; written with `apart` */
+    float *hidden[3];         /* W/(m^2 sr), with `shared`: highlights of area lights that shadows removed; -1 where the surface emits; */
+    float *lost[3];           /* W/m^2: the same for `irradiance` of opaque surfaces; for other surfaces methods blur it anyway */
+    float *shifted[3];        /* W/m^2, with `directions`: part of the entering light that the shift of curvature/stage.h moved there, */
+    float *single_surplus[3]; /* part that accounts for the single scattering of diffuse light (pell_angle.enter_mean), */
+    float *direction_in[3];   /* mean refracted direction of the rest, */
+    float *diffuse;           /* fraction of the rest that is diffuse, all channels together */
+    int64_t shadow_rays;      /* on the CPU */
+    int64_t device_rays;      /* on the device, for direct light, */
+    int64_t through_rays;     /* and for transmission */
 };
 
 struct pell_indirect;
@@ -52,7 +52,7 @@ struct pell_irradiance_params {
     const struct pell_specular_tables *tables;           /* from pell_specular_tables_create */
     const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no transmission */
     const struct pell_angle *angle;                      /* per scene material; NULL: no factors */
-    const struct pell_single_apart *apart;               /* per scene material; NULL: the profile includes single scattering */
+    const struct pell_separate_single *apart;            /* per scene material; NULL: the profile includes single scattering */
     float mix;                                           /* the plan's; negative: each material's own */
     const float *ambient;                                /* for pell_irradiance_points: visibility of the environment's smooth part at
                                                           * the points; NULL: found by rays */
@@ -70,7 +70,7 @@ struct pell_irradiance_params {
     bool passed;                                         /* the method adds transmission through thin parts: indirect light is
                                                           * transmitted, too */
     bool between;                                        /* with `local`: `through` includes transport between faces */
-    bool directions;                                     /* lighting->aside, once, direction_in and diffuse are required */
+    bool directions;                                     /* lighting->shifted, single_surplus, direction_in and diffuse are required */
     bool shared;                                         /* lighting->hidden and lost are required */
     uint32_t sample;                                     /* index of the multisample: varies the sample patterns */
     uint32_t seed;
@@ -107,17 +107,17 @@ int64_t pell_irradiance_take_points(const struct pell_lights *lights, const stru
 
 /* Up to 16 points in space: params->surface has 4 x 4 pixels with a stride of 4, filled by pell_surface_look, with material 0 where
  * there is no point. */
-struct pell_lit_place {
-    const float *place[3];  /* mm */
-    const uint32_t *number; /* seeds of their sample patterns */
-    uint32_t slot, sample;  /* with params->device: the slot from pell_irradiance_send, and the index among its samples */
+struct pell_irradiance_packet {
+    const float *position[3]; /* mm */
+    const uint32_t *seed;     /* seeds of their sample patterns */
+    uint32_t slot, sample;    /* with params->device: the slot from pell_irradiance_send, and the index among its samples */
 };
 
 /* Computes their light. Writes `albedo` and out->irradiance at points; other planes of `out` are undefined afterwards. */
-void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params, const struct pell_lit_place *at,
-                        struct pell_lighting *out, float albedo[3][PELL_LANES]);
+void pell_irradiance_at(const struct pell_lights *lights, const struct pell_irradiance_params *params,
+                        const struct pell_irradiance_packet *at, struct pell_lighting *out, float albedo[3][PELL_LANES]);
 /* Sends the points to the batch of params->device, for `samples` multisamples from params->sample on. */
 uint32_t pell_irradiance_send(const struct pell_lights *lights, const struct pell_irradiance_params *params,
-                              const struct pell_lit_place *at, int samples);
+                              const struct pell_irradiance_packet *at, int samples);
 
 #endif

@@ -159,15 +159,15 @@ static void transmitted_fraction(const struct job *job, const struct packet *k, 
     const struct pell_lanes *l = &k->lanes;
     const struct pell_thickness_table *t = job->p->thickness[k->material[i]];
     const float counted = pell_thickness_counted(same, vec3_dot(*normal, vec3(l->vx[i], l->vy[i], l->vz[i])));
-    const float place = pell_thickness_place(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = pell_thickness_opposed(same);
-    const int j = pell_table_cell(place, PELL_THICKNESS_STEPS);
+    const float coord = pell_thickness_coord(max0(d), t->max_mm, PELL_THICKNESS_STEPS), opposed = pell_thickness_opposed(same);
+    const int j = pell_table_cell(coord, PELL_THICKNESS_STEPS);
     const struct pell_indirect_forward *forward = beams ? k->forward_model[i] : NULL;
 
     for (int c = 0; c < 3; c++) {
         const float rest = forward ? pell_forward_rest(&forward->model, c, max0(d), forward->separation[c]) : 1.0f;
         const float near = pell_lerp(t->value[j][c], rest * t->slab[j][c], opposed),
                     next = pell_lerp(t->value[j + 1][c], rest * t->slab[j + 1][c], opposed);
-        rgb[c] = counted * pell_thickness_share(near, next, place, PELL_THICKNESS_STEPS);
+        rgb[c] = counted * pell_thickness_transmission(near, next, coord, PELL_THICKNESS_STEPS);
     }
 }
 
@@ -187,7 +187,7 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
-        const float leaves = light[c] * pell_thickness_leaves(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
+        const float leaves = light[c] * pell_thickness_exit(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
         k->sums.transmitted[c][i] += leaves;
         k->sums.straight[i] += leaves;
         k->sums.path[i] += d * k->flat[i] * leaves;

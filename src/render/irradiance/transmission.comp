@@ -2,7 +2,7 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // transmission.comp - light that goes straight through thin parts, a point an invocation: for each of a slice of the samples of lights
-// behind the point a ray to where the way enters the solid, and one beyond. Mirror of transmission.c, by the formulas of
+// behind the point a ray to where the path enters the solid, and one beyond. Mirror of transmission.c, by the formulas of
 // shared/thickness.h. See buffers.glsl, and:
 //   in  8 meshes     of the scene
 //   in  9 corners    of all triangles, by their mesh's vertices; then all normals, bits of floats
@@ -26,13 +26,13 @@ const int NO_OBJECT = -0x7fffffff - 1;
 
 // Exit of a ray inside the solid.
 struct Exit {
-    vec3 place, geometric, normal;
+    vec3 position, geometric, normal;
     float terminator_offset; // mm, of the smooth surface above the triangle
 };
 
 struct Through {
     vec3 light;
-    float way; // path length of `light` in mm, times the sum of channels
+    float path; // path length of `light` in mm, times the sum of channels
     uint rays;
 };
 
@@ -93,11 +93,12 @@ bool is_part(int object, int material)
 // Object of the surface at the point: the hit of a short ray from above it.
 int find_object(Point p, inout uint rays)
 {
-    const float e = 4.0 * points[p.at].place.w;
+    const float e = 4.0 * points[p.at].position.w;
     Hit hit;
 
     rays++;
-    return trace_ray(Ray(p.place + e * p.geometric, 0.0, -p.geometric, 2.0 * e, RAY_ALL), false, hit) ? meshes[hit.mesh].object : NO_OBJECT;
+    return trace_ray(Ray(p.position + e * p.geometric, 0.0, -p.geometric, 2.0 * e, RAY_ALL), false, hit) ? meshes[hit.mesh].object
+                                                                                                         : NO_OBJECT;
 }
 
 // Traces a ray to where it leaves the solid that it is in. Returns false if an opaque object or another solid is in between. `depth`:
@@ -118,7 +119,7 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
         const vec3 a = corner_of(hit, 0u), n = normalize(cross(corner_of(hit, 1u) - a, corner_of(hit, 2u) - a));
         const bool leaves = dot(n, ray.direction) > 0.0;
         if (leaves && depth == 0) {
-            exit.place = ray.origin + hit.t * ray.direction;
+            exit.position = ray.origin + hit.t * ray.direction;
             exit.geometric = n;
             look(hit, exit);
             return true;
@@ -138,15 +139,15 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
 vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
 {
     const float counted = pell_thickness_counted(same, dot(exit.normal, points[p.at].view.xyz)), opposed = pell_thickness_opposed(same);
-    const float place = pell_thickness_place(max(d, 0.0), materials[p.material].thickest, PELL_LIT_THICKNESS_STEPS);
-    const int value = materials[p.material].thickness_at + 3 * pell_table_cell(place, PELL_LIT_THICKNESS_STEPS);
+    const float coord = pell_thickness_coord(max(d, 0.0), materials[p.material].thickest, PELL_LIT_THICKNESS_STEPS);
+    const int value = materials[p.material].thickness_at + 3 * pell_table_cell(coord, PELL_LIT_THICKNESS_STEPS);
     const int slab = value + 3 * slabs * PELL_LIT_THICKNESS_STEPS;
     vec3 share;
 
     for (int c = 0; c < 3; c++) {
         const float near = pell_lerp(thickness[value + c], thickness[slab + c], opposed);
         const float next = pell_lerp(thickness[value + 3 + c], thickness[slab + 3 + c], opposed);
-        share[c] = counted * pell_thickness_share(near, next, place, PELL_LIT_THICKNESS_STEPS);
+        share[c] = counted * pell_thickness_transmission(near, next, coord, PELL_LIT_THICKNESS_STEPS);
     }
     return share;
 }
@@ -159,28 +160,28 @@ vec3 leaves_by(Point p, float d)
     vec3 factor = vec3(1.0);
 
     for (int c = 0; c < 3 && (points[p.at].flags & PELL_LIT_SEEN) != 0u; c++)
-        factor[c] = pell_thickness_leaves(m.pass_thick[c], d, m.pass_base[c] + m.pass_slope[c] * off);
+        factor[c] = pell_thickness_exit(m.pass_thick[c], d, m.pass_base[c] + m.pass_slope[c] * off);
     return factor;
 }
 
 // One sample of a light behind the point.
 void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
 {
-    const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL, outside = a.gl > 0.0; // the way begins in air
-    const float epsilon = points[p.at].place.w, cosine = pell_thickness_cosine(a.nl, a.gl);
+    const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL, outside = a.gl > 0.0; // the path begins in air
+    const float epsilon = points[p.at].position.w, cosine = pell_thickness_cosine(a.nl, a.gl);
     const float limit = materials[p.material].thickest / cosine; // d >= m cos: no transmission beyond
-    const vec3 origin = outside ? p.origin : p.place - epsilon * p.geometric;
+    const vec3 origin = outside ? p.origin : p.position - epsilon * p.geometric;
     Ray ray = Ray(origin, 0.0, away ? a.direction : a.end - origin, away ? limit : min(0.9999, limit / a.distance), RAY_ALL);
     Exit exit;
 
     if (!find_exit(p, ray, outside ? -1 : 0, sums.rays, exit))
         return;
-    const vec3 beyond = exit.place + (exit.terminator_offset + epsilon) * exit.geometric;
+    const vec3 beyond = exit.position + (exit.terminator_offset + epsilon) * exit.geometric;
     sums.rays++;
     if (!is_open(beyond, away ? a.direction : a.end - beyond, away ? FAR : 0.9999))
         return;
     const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide the facing
-    const float m = length(exit.place - p.place), same = dot(exit.normal, p.normal);
+    const float m = length(exit.position - p.position), same = dot(exit.normal, p.normal);
     const float mu = dot(exit.normal, a.direction), facing = dot(exit.geometric, a.direction);
     if (!(mu > 0.0) || !(facing > 0.0 || lifted))
         return;
@@ -193,7 +194,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
     const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same, SLAB_OF_LIGHTS), vec3(BIG));
     const vec3 leaves = arrives * leaves_by(p, d);
     sums.light += leaves;
-    sums.way += d * (leaves.r + leaves.g + leaves.b);
+    sums.path += d * (leaves.r + leaves.g + leaves.b);
 }
 
 // Adds the slice's samples of a light. Lights that take turns: only in their turn, and then for all of them.
@@ -201,11 +202,11 @@ void shine_through(pell_light_data light, Point p, inout Through sums)
 {
     const uint turns = max(light.flags >> PELL_LIT_TURNS_AT & 255u, 1u), turn = light.flags >> PELL_LIT_TURN_AT & 255u;
 
-    if (((points[p.at].curve + p.number) & (turns - 1u)) != turn)
+    if (((points[p.at].curve + p.sample_index) & (turns - 1u)) != turn)
         return;
     light.environment = -1; // through its centre: aim_at_middle of cpu.c
     for (int s = int(pc.first); s < min(int(pc.last), light.samples); s++) {
-        const uint n = p.number * uint(light.samples) + uint(s);
+        const uint n = p.sample_index * uint(light.samples) + uint(s);
         Aim a = aim(light, p, pell_sobol0(n), pell_sobol1(n));
         const bool lit = project_image(light, p, a) && a.falloff * (a.intensity.r + a.intensity.g + a.intensity.b) > 0.0;
 
@@ -220,7 +221,7 @@ void shine_through(pell_light_data light, Point p, inout Through sums)
 float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
 {
     const vec3 inward = dot(p.geometric, p.normal) > 0.5 ? p.normal : p.geometric;
-    const vec3 origin = p.place - points[p.at].place.w * p.geometric;
+    const vec3 origin = p.position - points[p.at].position.w * p.geometric;
     uint to_exit = 0u;
 
     share = vec3(0.0);
@@ -228,9 +229,9 @@ float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
         rays += pc.sky == 0u ? to_exit : 0u; // each slice traces them, but they are counted once
         return 0.0;
     }
-    const vec3 beyond = exit.place + (exit.terminator_offset + points[p.at].place.w) * exit.geometric;
-    const float m = length(exit.place - p.place);
-    const uint open = count_open(beyond, exit.geometric, p.number, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
+    const vec3 beyond = exit.position + (exit.terminator_offset + points[p.at].position.w) * exit.geometric;
+    const float m = length(exit.position - p.position);
+    const uint open = count_open(beyond, exit.geometric, p.sample_index, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
     share = float(open) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal), SLAB);
     rays += pc.sky_end - pc.sky + (pc.sky == 0u ? to_exit : 0u);
     return m;
@@ -261,12 +262,12 @@ void main()
         const float m = see_through(p, sums.rays, share, exit);
         give(at + 1u, uintBitsToFloat(results[at + 1u].rgb) + share, floatBitsToUint(m));
         give(at + 2u, exit.normal, sums.rays);
-        give(at, sums.light, floatBitsToUint(sums.way));
+        give(at, sums.light, floatBitsToUint(sums.path));
         return;
     }
     for (uint light = pc.light; light < pc.light_end; light++)
         if (counts(lights[light].light))
             shine_through(lights[light], p, sums);
-    give(at, sums.light, floatBitsToUint(sums.way));
+    give(at, sums.light, floatBitsToUint(sums.path));
     results[at + 2u].a = sums.rays;
 }

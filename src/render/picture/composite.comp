@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// composite.comp - adds a sample to the picture: light that the method says leaves, what is transmitted, and what is mirrored. Mirror of
+// composite.comp - adds a sample to the image: the method's radiant exitance, transmitted light and specular reflection. Mirror of
 // shade_block in composite/kernel.c.
-//   in  0 light    irradiance that enters
-//   in  1 given    light that the method says leaves
+//   in  0 light    entering irradiance
+//   in  1 given    the method's result: radiant exitance
 //   in  2 shown   3 highlights   4 through   5 single   6 materials   7 frame   8 around
-//   i/o 9 sum     radiance, and coverage; not with depth of field, where they are
+//   i/o 9 sum     radiance, and coverage; with depth of field, instead:
 //   out 10 lens   planes: radiance, coverage, inverse depth
 layout(local_size_x = 8, local_size_y = 8) in;
 #include "render/picture/device_data.h"

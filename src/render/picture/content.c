@@ -96,7 +96,7 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
 static void fill_keys(const struct pell_picture_sample *s, uint32_t *keys)
 {
     const struct pell_engine_frame *f = s->sample->frame;
-    const uint16_t *of_mesh = pell_objects_apart(f->materials, f->plan) ? f->materials->of_mesh : NULL;
+    const uint16_t *of_mesh = pell_separates_objects(f->materials, f->plan) ? f->materials->of_mesh : NULL;
 
     for (size_t i = 0; i < f->scene->num_meshes; i++) {
         const uint16_t key = s->pass ? f->materials->frame_index[f->scene->meshes[i].material + 1] : 0;

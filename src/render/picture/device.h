@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * device.h - samples of a picture made on a Vulkan device from the camera to their sum: what pixels see, the light that arrives (by
- * irradiance/device.h), what a method makes of it, and the composite. Rows of a few numbers come back for each sample, the picture once.
- * Which frames can't be made so is known before the first sample: pell_picture_device_refuses.
+ * device.h - renders all samples of an image on a Vulkan device: camera rays, light (by irradiance/device.h), the method, and the
+ * composite. Only statistics per row are read back for each sample, and the image once. pell_picture_device_refuses tells before the first
+ * sample which frames the device cannot render.
  *
  * Ownership  pell_picture_device_destroy sets the pointer to NULL and accepts NULL in it.
- * Errors     as gpu.h has them.
+ * Errors     as in gpu.h.
  * Threads    one at a time.
  */
 #ifndef PELL_PICTURE_DEVICE_H
@@ -26,14 +26,14 @@ void pell_picture_device_drop(struct pell_picture_device *d);
 
 struct pell_picture_sample {
     const struct pell_engine_sample *sample;
-    struct pell_light_device *light;                 /* has the scene and its lights */
-    const struct pell_irradiance_params *irradiance; /* of the sample, */
+    struct pell_light_device *light;                 /* holds the scene and its lights */
+    const struct pell_irradiance_params *irradiance; /* parameters of the sample's light, */
     const struct pell_composite_params *composite;   /* and of its composite, without the method's result */
     struct pell_pass *pass;                          /* NULL: nothing scatters */
     bool spreads;                                    /* straight transmission is spread */
     bool unscattered;                                /* light passes thin parts without being scattered */
     struct pell_post_device *lens;                   /* applies depth of field; NULL: none */
-    int rays;                                        /* of a pixel, for each light */
+    int rays;                                        /* shadow rays per pixel and light */
     uint32_t version;                                /* counts changes of the solids' data in `irradiance` */
 };
 

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
  *
- * device_data.h - what the passes of a picture read and write, the same bytes in C and in GLSL buffers (std430).
+ * device_data.h - data of the passes that render an image, with the same bytes in C and in GLSL buffers (std430).
  *
- * A sample goes over the picture in batches of tiles of 8 x 8 pixels, a workgroup each; what is known of a batch's pixels lies at their
- * place in it (points, hits, insides; and results, as irradiance/device_data.h has them), what is known of the picture's at y * pitch + x.
+ * A sample is rendered in batches of tiles of 8 x 8 pixels, one workgroup per tile. Data of a batch (points, hits, insides; and results,
+ * see irradiance/device_data.h) is indexed by the pixel's index in the batch, data of the image by y * pitch + x.
  *
- * Units    mm; of light as in irradiance/stage.h.
+ * Units    mm; light as in irradiance/stage.h.
  */
 #ifndef PELL_PICTURE_DEVICE_DATA_H
 #define PELL_PICTURE_DEVICE_DATA_H
@@ -15,18 +15,17 @@
 #define PELL_PICTURE_TILE 8 /* px */
 #define PELL_PICTURE_GROUP 64
 
-/* Of a frame. */
-/* The flags of PELL_LIT_TOGETHER are passed on to points. */
+/* Flags of a frame. Those of PELL_LIT_TOGETHER are passed on to points. */
 #define PELL_PICTURE_PUBLISHED 1u  /* the exit factor is not normalized */
 #define PELL_PICTURE_STRENGTH 2u   /* the method reads the scattering strength */
 #define PELL_PICTURE_SINGLE 4u     /* single scattering is separate */
-#define PELL_PICTURE_SHARED 8u     /* shadows of highlights are shared */
+#define PELL_PICTURE_SHARED 8u     /* shadows of highlights are filtered over pixels */
 #define PELL_PICTURE_THROUGH 16u   /* there is straight transmission */
 #define PELL_PICTURE_FIRST 32u     /* the frame's first sample */
 #define PELL_PICTURE_SKY 64u       /* there are environments */
-#define PELL_PICTURE_SCATTERS 128u /* a method gives light */
+#define PELL_PICTURE_SCATTERS 128u /* a method provides scattered light */
 #define PELL_PICTURE_SPREADS 256u  /* straight transmission is spread */
-#define PELL_PICTURE_INSIDES 512u  /* light inside the solids around points is known */
+#define PELL_PICTURE_INSIDES 512u  /* light inside the solids at points has been computed */
 #define PELL_PICTURE_ORTHOGRAPHIC 1024u
 #define PELL_PICTURE_MAPPED 2048u  /* some material has maps, or some mesh colours */
 #define PELL_PICTURE_HITS 4096u    /* the method reads surface positions, */
@@ -36,28 +35,28 @@
 
 /* Flags of the data of solids around points: struct pell_irradiance_params. */
 #define PELL_KNOWN_SHAPE 1u   /* curvature */
-#define PELL_KNOWN_LOCAL 2u   /* by which light is scaled, */
-#define PELL_KNOWN_OPPOSED 4u /* or so */
+#define PELL_KNOWN_LOCAL 2u   /* entering light is scaled by the local gain, */
+#define PELL_KNOWN_OPPOSED 4u /* or by that for opposed faces */
 #define PELL_KNOWN_SOLIDS 8u  /* through */
 #define PELL_KNOWN_BETWEEN 16u
 #define PELL_KNOWN_INDIRECT 32u
 #define PELL_KNOWN_PASSED 64u
 
-/* Of a material. */
+/* Flags of a material. */
 #define PELL_PICTURE_OPAQUE 1u
 #define PELL_PICTURE_TEXTURED 2u /* translucent, with a textured colour */
 #define PELL_PICTURE_SMOOTH 4u   /* light leaves through a smooth boundary */
 #define PELL_PICTURE_WHOLE 8u    /* the squared lobe width is that of the roughness, not its fourth power */
 
-/* Of a sample. */
+/* Parameters of a sample. */
 struct pell_picture_frame {
-    PELL_VEC4 origin, forward, right, up;  /* of struct pell_view; w: focal_px; rays of a pixel for each light; shift_x; shift_y */
-    int32_t width, height, pitch, columns; /* px; of tiles */
-    int32_t x0, y0, x1, y1;                /* of the image, may be covered */
+    PELL_VEC4 origin, forward, right, up;  /* see struct pell_view; w: focal_px; shadow rays per pixel and light; shift_x; shift_y */
+    int32_t width, height, pitch, columns; /* px; columns: in tiles */
+    int32_t x0, y0, x1, y1;                /* rectangle of the image that may be covered */
     uint32_t flags, seed, sample_number;
     float weight;
-    int32_t mean_at;          /* the lobes' mean albedos, in floats of the tables */
-    uint32_t known;           /* of the solids around points */
+    int32_t mean_at;          /* index of the lobes' mean albedos among the tables' floats */
+    uint32_t known;           /* PELL_KNOWN_* flags */
     float depth_mm, fixed_mm; /* a pixel at depth d is d depth_mm + fixed_mm wide */
     float spread;             /* of struct pell_surface */
     uint32_t unused0, unused1, unused2;
@@ -68,8 +67,8 @@ struct pell_picture_material {
     PELL_VEC4 base;        /* w: strength */
     PELL_VEC4 specular;    /* w: roughness */
     PELL_VEC4 emissive;    /* w: metallic */
-    PELL_VEC4 total;       /* of its profile; w: exponent of the base colour that enters */
-    PELL_VEC4 leave_base;  /* see render/angle.h; w: exponent of the base colour that leaves */
+    PELL_VEC4 total;       /* total of its profile; w: exponent of the base colour for entering light */
+    PELL_VEC4 leave_base;  /* see render/angle.h; w: exponent of the base colour for leaving light */
     PELL_VEC4 leave_slope; /* w: mean transmittance of its smooth boundary */
     PELL_VEC4 enter_mean;  /* w: 1 over the square of its index, for light that leaves */
     PELL_VEC4 sheet;       /* transmission of a thin sheet; w: its fraction; 0: not a thin sheet */
@@ -79,7 +78,7 @@ struct pell_picture_material {
     uint32_t unused0;
 };
 
-/* What a pixel sees. */
+/* Surface at a pixel's hit. */
 struct pell_picture_hit {
     PELL_VEC4 albedo;   /* colour factor of entering light; w: depth */
     PELL_VEC4 leaves;   /* colour factor of leaving light; w: strength */
@@ -91,53 +90,53 @@ struct pell_picture_hit {
 
 /* Effects of a solid's shape, and of the light inside it, on the light of a pixel: irradiance/inside.c. */
 struct pell_picture_inside {
-    PELL_VEC4 all, once; /* factors of entering light; w of all: fraction of a slab's variance by which straight light spreads */
+    PELL_VEC4 all, single; /* factors of entering light; w of all: fraction of a slab's variance by which straight light spreads */
     PELL_VEC4 thick, through, solved, light;
     PELL_VEC4 indirect, behind; /* indirect light */
 };
 
-/* What is shown of a pixel. */
+/* Shading of a pixel for the composite. */
 struct pell_picture_shown {
-    PELL_VEC4 factor;   /* of light that leaves; w: bits of the scene's material + 1, or 0 */
+    PELL_VEC4 factor;   /* factor of leaving light; w: bits of the scene's material + 1, or 0 */
     PELL_VEC4 specular; /* w: luminance of arriving light, without albedo */
 };
 
 /* Data for stages that read neighbouring pixels. */
 struct pell_picture_around {
-    PELL_VEC4 hidden; /* of struct pell_lighting; w: bits of numbers of rays */
+    PELL_VEC4 hidden; /* see struct pell_lighting; w: bits of the numbers of rays */
     PELL_VEC4 lost;   /* the same; w unused */
-    PELL_VEC4 counts; /* of light that enters, to what is metered of it; w unused */
+    PELL_VEC4 counts; /* factor from entering light to metered light; w unused */
     PELL_VEC4 normal; /* geometric; w: depth */
 };
 
-/* Of a row. */
+/* Statistics of a row of pixels. */
 struct pell_picture_row {
-    float met, covered;                   /* over all samples: arriving luminance, and its number of pixels */
-    uint32_t pixels, translucent, x0, x1; /* of the last sample: pixels; those of translucent materials, and where they lie */
+    float met, covered;                   /* over all samples: luminance of arriving light, and number of covered pixels */
+    uint32_t pixels, translucent, x0, x1; /* of the last sample: covered pixels; translucent pixels, and their range of x */
     uint32_t rays, through;
-    float depth, strength; /* of the pixel that a method's widths are largest at; depth 0: none */
+    float depth, strength; /* of the pixel where a method's kernel is widest; depth 0: none */
     float finest, widest;  /* bounds of straight transmission: mm of a pixel, and mm^2 of variance; widest < 0: none */
     uint32_t straight0, straight1, seen0, seen1;
 };
 
-/* Of passes over a batch. */
+/* Push constants of passes over a batch. */
 struct pell_picture_push {
-    uint32_t first, count;     /* its tiles */
-    uint32_t results, through; /* of a point, in words of 16 bytes: how many, and where those of transmission are */
+    uint32_t first, count;     /* range of tiles */
+    uint32_t results, through; /* per point, in words of 16 bytes: number of words, and offset of those of transmission */
     uint32_t behind;           /* offset of far sides, in points; 0: none */
 };
 
-/* Of the composite: where a sample goes for depth of field (post/device.h). */
+/* Push constants of the composite: destination of a sample for depth of field (post/device.h). */
 struct pell_composite_push {
     uint32_t plane, stride; /* floats */
     int32_t y0;
 };
 
-/* Of a level of spread/stage.h, or of its blur. */
+/* Push constants of a level of spread/stage.h, or of its blur. */
 struct pell_spread_push {
     int32_t x0, y0, x1, y1;
-    float below, here, above; /* mm^2: variances of the level and those beside it */
-    float inverse;            /* 1/mm^2: of the blur's reach */
+    float below, here, above; /* mm^2: variances of the level and of its neighbours */
+    float inverse;            /* 1/mm^2: 1 over the blur's squared reach */
     int32_t taps, spacing, level;
     uint32_t down, first;
 };

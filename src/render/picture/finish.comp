@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// finish.comp - combines the light that arrives at the pixels of a batch, as methods and the composite need it. Mirror of cpu.c,
-// device_light.c and inside.c of irradiance/ for light that was computed on the device, and of composite/kernel.c for the surface.
+// finish.comp - combines the light of a batch's pixels into the planes of methods and composite. Mirror of cpu.c, device_light.c and
+// inside.c of irradiance/ for light computed on the device, and of composite/kernel.c for the surface.
 //   in  0 points    in 1 results   in 2 hits   in 3 insides, of the batch
-//   in  4 materials as the stage "irradiance" sees them
-//   in  5 seen      materials as the stage "surface" does
-//   in  6 tables    as buffers.glsl has them, then mean albedos
+//   in  4 materials in the format of the stage "irradiance"
+//   in  5 seen      materials in the format of the stage "surface"
+//   in  6 tables    as in buffers.glsl, then mean albedos
 //   in  7 frame
-//   in  8 sky       where there are environments: pell_lights_environment_words
-//   out 9 light     irradiance that enters, and depth: the method's plane, or where shadows are shared what highlights.comp makes it of
-//   out 10 surface  the method's, too: its material, and strength
+//   in  8 sky       pell_lights_environment_words, if there are environments
+//   out 9 light     entering irradiance, and depth: the method's plane, or the input of highlights.comp where shadows are filtered
+//   out 10 surface  also a plane of the method: its material, and strength
 //   out 11 shown    12 around   13 through (w: mm)   14 single
 layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
@@ -39,11 +39,11 @@ layout(push_constant) uniform Push { pell_picture_push pc; };
 #include "render/picture/pixels.glsl"
 #include "render/picture/sky.glsl"
 
-// What has arrived at a point.
+// Light at a point.
 struct Arrived {
     vec3 irradiance, specular, hidden, lost, single, transmitted;
-    float straight; // of `transmitted`, all channels together, what went straight,
-    float way;      // and that times the mm
+    float straight; // straight transmission in `transmitted`, sum of the channels,
+    float path;     // and the same times the path length, mm
 };
 
 bool has(uint flag)
@@ -61,7 +61,7 @@ bool is_straight(uint i, uint material)
     return has(PELL_PICTURE_THROUGH) && (points[i].flags & PELL_LIT_STRAIGHT) != 0u && materials[material].thickness_at >= 0;
 }
 
-// What the device has found.
+// Reads the light computed by earlier passes.
 Arrived arrived_at(uint i, uint material)
 {
     const uint first = i * pc.results;
@@ -75,11 +75,11 @@ Arrived arrived_at(uint i, uint material)
     a.single = has(PELL_PICTURE_SINGLE) ? word(first + 1u + PELL_LIT_HIGHLIGHT_WORDS) : vec3(0.0);
     a.transmitted = straight ? word(first + pc.through) : vec3(0.0);
     a.straight = a.transmitted.r + a.transmitted.g + a.transmitted.b;
-    a.way = straight ? uintBitsToFloat(results[first + pc.through].a) : 0.0;
+    a.path = straight ? uintBitsToFloat(results[first + pc.through].a) : 0.0;
     return a;
 }
 
-// Those sent for direct light, and for transmission in the upper half.
+// Numbers of rays for direct light, and in the upper 16 bits for transmission.
 uint rays_of(uint i, uint material)
 {
     const uint passed = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
@@ -89,7 +89,7 @@ uint rays_of(uint i, uint material)
     return min(sent, 65535u) | min(passed, 65535u) << 16;
 }
 
-// What environments send but for their lights, those that are not in their smooth rest.
+// Light of environments without the light sources that are excluded from their smooth remainder.
 void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
 {
     const uint env = i * pc.results + 1u + PELL_LIT_HIGHLIGHT_WORDS + (has(PELL_PICTURE_SINGLE) ? 1u : 0u);
@@ -98,7 +98,7 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
     const pell_lit_material m = materials[lobe.material];
     const float mu = pell_saturate(dot(normal, view)), off = pell_angle_off(m.inverse_eta2, mu);
     const bool straight = is_straight(i, lobe.material), shines = points[i].tint.r + points[i].tint.g + points[i].tint.b > 0.0;
-    const vec3 share = straight ? word(exit + 1u) : vec3(0.0); // of the rest where a ray straight through comes out
+    const vec3 share = straight ? word(exit + 1u) : vec3(0.0); // fraction of the smooth remainder at the exit point of the straight ray
     const vec2 albedo = albedo_at(lobe, mu);
 
     for (uint e = 0u; e < sky[0]; e++) {
@@ -107,44 +107,44 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
         const vec3 lights = word(env + 2u * e), unshadowed = word(env + 2u * e + 1u);
         a.irradiance += max(lights + open * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
         if (shines) {
-            const float width = pell_lobe_width(m.model, points[i].normal.w), turned = points[i].turned;
+            const float width = pell_lobe_width(m.model, points[i].normal.w), slope_variance = points[i].slope_variance;
             const vec3 out_of = normalize(2.0 * max(dot(normal, view), 0.0) * normal - view);
-            const vec3 mirrored = mirrored_by(e, out_of, sqrt(width * width + 2.0 * turned));
+            const vec3 mirrored = mirrored_by(e, out_of, sqrt(width * width + 2.0 * slope_variance));
             for (int c = 0; c < 3; c++)
                 a.specular[c] += mirrored[c] * points[i].tint[c] * pell_saturate(points[i].f0[c] * albedo.x + albedo.y) * open;
         }
         if (share.r + share.g + share.b > 0.0) {
             const vec3 passes = share * broad_rest_at(entering, word(exit + 2u));
-            const float way = uintBitsToFloat(results[exit + 1u].a);
+            const float path_mm = uintBitsToFloat(results[exit + 1u].a);
             for (int c = 0; c < 3; c++) {
-                const float leaves = passes[c] * pell_thickness_leaves(m.pass_thick[c], way, m.pass_base[c] + m.pass_slope[c] * off);
+                const float leaves = passes[c] * pell_thickness_exit(m.pass_thick[c], path_mm, m.pass_base[c] + m.pass_slope[c] * off);
                 a.transmitted[c] += leaves;
                 a.straight += leaves;
-                a.way += way * leaves;
+                a.path += path_mm * leaves;
             }
         }
     }
 }
 
-// What the solid makes of it.
+// Applies the effects of the solid's shape and of the light inside it.
 void put_inside(uint i, uint material, inout Arrived a)
 {
     const pell_picture_inside n = insides[i];
 
-    a.way *= pell_spread_part(n.all.w);
+    a.path *= pell_spread_path_fraction(n.all.w);
     a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
     a.transmitted += n.behind.rgb;
     a.irradiance *= n.all.rgb;
-    a.single *= n.once.rgb;
+    a.single *= n.single.rgb;
     const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const float left = all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
     a.straight *= left;
-    a.way *= left;
+    a.path *= left;
     a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.thick.rgb) + n.through.rgb);
 }
 
-// At the far side of a sheet.
+// Light of the far side of a thin sheet.
 vec3 arrived_behind(uint i, Lobe lobe, float rho_s)
 {
     const uint at = i + pc.behind;
@@ -157,7 +157,7 @@ vec3 arrived_behind(uint i, Lobe lobe, float rho_s)
     return a.irradiance;
 }
 
-// From radiant exitance to radiance toward the camera.
+// Factor from radiant exitance to radiance toward the camera.
 float exit_factor(Lobe lobe, float rho_s, float mu)
 {
     const pell_picture_material m = seen[lobe.material];
@@ -213,8 +213,8 @@ void main()
         a.transmitted = arrived_behind(i, lobe, rho_s);
     const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, passed = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
     const vec3 met = (entered + (sheet ? passed : vec3(0.0))) / max(albedo, vec3(0.02));
-    const vec3 counts = vec3(pell_metered(m.enter_mean.r, m.diffuse), pell_metered(m.enter_mean.g, m.diffuse),
-                             pell_metered(m.enter_mean.b, m.diffuse));
+    const vec3 counts = vec3(pell_meter_fraction(m.enter_mean.r, m.diffuse), pell_meter_fraction(m.enter_mean.g, m.diffuse),
+                             pell_meter_fraction(m.enter_mean.b, m.diffuse));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
     const uint key = floatBitsToUint(hits[i].emissive.w);
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
@@ -227,7 +227,7 @@ void main()
     around[p.at].lost = vec4((m.flags & PELL_PICTURE_OPAQUE) != 0u ? a.lost * albedo * hits[i].sheet.w : vec3(0.0), 0.0);
     around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
-    through[p.at] = vec4(passed, pell_spread_pack_sums(a.way, a.straight, all));
+    through[p.at] = vec4(passed, pell_spread_pack_sums(a.path, a.straight, all));
     if (has(PELL_PICTURE_SINGLE)) {
         const float leaves = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[number].single_eta2;
         single[p.at] = vec4(a.single * leaves, 0.0);

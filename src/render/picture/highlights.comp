@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// highlights.comp - shadows, shared by the pixels around each. Mirror of highlights/cpu.c and kernel.c.
-//   i/o 0 shown: what is metered follows what enters
+// highlights.comp - shadows of area lights, filtered over neighbouring pixels. Mirror of highlights/cpu.c and kernel.c.
+//   i/o 0 shown: the metered luminance follows the entering light
 //   in  1 around   2 frame   3 entered, of finish.comp
-//   out 4 shared  what is mirrored
-//   out 5 light   what enters, and depth: the method's plane
+//   out 4 shared  filtered specular reflection
+//   out 5 light   entering irradiance, and depth: the method's plane
 layout(local_size_x = 8, local_size_y = 8) in;
 #include "render/picture/device_data.h"
 #include "shared/highlights.h"
@@ -18,12 +18,12 @@ layout(set = 0, binding = 5) writeonly buffer Light { vec4 light[]; };
 
 const int REACH = PELL_HIGHLIGHTS_REACH;
 
-// Light after it was shared, of a channel of a pixel: `seen` of `all` around it, and of the nine next to it.
+// Filtered light of one channel of a pixel: `seen` of `all` is unoccluded in its window, and the same in the nine pixels next to it.
 float shared_light(float light, float hidden, float seen, float all, float next_seen, float next_all)
 {
     const float wide = seen / (all > 0.0 ? all : 1.0), next = next_all > 0.0 ? next_seen / next_all : wide;
 
-    return pell_highlights_shared(light, hidden, pell_highlights_seen(next, wide, fr.forward.w), seen, all);
+    return pell_highlights_filtered(light, hidden, pell_highlights_visibility(next, wide, fr.forward.w), seen, all);
 }
 
 void main()
@@ -31,7 +31,7 @@ void main()
     const ivec2 p = ivec2(gl_GlobalInvocationID.xy) + ivec2(fr.x0, fr.y0), low = max(p - REACH, ivec2(fr.x0, fr.y0)),
                 high = min(p + REACH, ivec2(fr.x1, fr.y1) - 1);
     const int at = p.y * fr.pitch + p.x;
-    // sums of what is mirrored, what would be, what enters, and what would: around the pixel, and of the nine next to it
+    // sums of specular reflection, and of entering light, each with and without shadows: over the window, and over the nine pixels
     vec3 sum[4] = vec3[4](vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)), next[4] = sum;
 
     if (p.x >= fr.x1 || p.y >= fr.y1)
@@ -52,7 +52,7 @@ void main()
             if (floatBitsToUint(shown[there].factor.w) != material || around[there].hidden.r < 0.0)
                 continue;
             const int u = abs(x - p.x), v = abs(y - p.y);
-            const float alike = pell_highlights_alike(dot(normal.xyz, beyond.xyz), abs(beyond.w - normal.w), reach);
+            const float alike = pell_highlights_weight(dot(normal.xyz, beyond.xyz), abs(beyond.w - normal.w), reach);
             const float w = float((REACH + 1 - u) * (REACH + 1 - v)) * alike, near = float(max(2 - u, 0) * max(2 - v, 0)) * alike;
             const vec3 seen = shown[there].specular.rgb, open = entered[there].rgb;
             const vec3 here[4] = vec3[4](seen, seen + around[there].hidden.rgb, open, open + around[there].lost.rgb);

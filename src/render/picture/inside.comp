@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// inside.comp - what the shape of the solid under a pixel, and the light inside of it, do to light that arrives, before it is found: how it
-// is shifted, and whether it is sought straight through. Mirror of irradiance/inside.c, curvature/cpu.c, and of pell_indirect_at and
+// inside.comp - effects of the solid's shape at a pixel, and of the light inside it, on entering light, before that is computed: the shift
+// by curvature, and whether straight transmission is traced. Mirror of irradiance/inside.c, curvature/cpu.c, and of pell_indirect_at and
 // pell_indirect_lookup16.
-//   in  0 hits      1 materials as the stage "irradiance" sees them   2 frame   3 meshes   4 corners
+//   in  0 hits      1 materials in the format of the stage "irradiance"   2 frame   3 meshes   4 corners
 //   in  5 shapes    words of pell_curvature_words
-//   in  6 solids    words of pell_indirect_words: light inside of solids
-//   in  7 between   the same of light that surfaces send each other
+//   in  6 solids    words of pell_indirect_words: light inside solids
+//   in  7 between   the same for interreflection between surfaces
 //   i/o 8 points
 //   out 9 insides
 layout(local_size_x = 64) in;
@@ -49,17 +49,17 @@ vec3 shape_rgb(uint at)
     return uintBitsToFloat(uvec3(shapes[at], shapes[at + 1u], shapes[at + 2u]));
 }
 
-// Area, turn and thin of a node of the grid; 0 where there is none.
+// Area, turn and thin of a node of the grid; 0 if the node does not exist.
 vec3 node_at(uint patch_number, ivec3 at)
 {
-    const uint room = shapes[0], place = uint((at.x * PELL_CURVATURE_SIDE + at.y) * PELL_CURVATURE_SIDE + at.z);
-    uint slot = pell_curvature_slot(patch_number, place) & (room - 1u);
+    const uint room = shapes[0], node_index = uint((at.x * PELL_CURVATURE_SIDE + at.y) * PELL_CURVATURE_SIDE + at.z);
+    uint slot = pell_curvature_slot(patch_number, node_index) & (room - 1u);
 
     for (uint turns = 0u; turns < room; turns++) {
         const uint node = shapes[1] + 5u * slot;
         if (shapes[node] == 0u)
             break;
-        if (shapes[node] == patch_number + 1u && shapes[node + 1u] == place)
+        if (shapes[node] == patch_number + 1u && shapes[node + 1u] == node_index)
             return shape_rgb(node + 2u);
         slot = (slot + 1u) & (room - 1u);
     }
@@ -67,9 +67,9 @@ vec3 node_at(uint patch_number, ivec3 at)
 }
 
 // Mirror of curvature_grid_at.
-Shape shape_of_grid(uint part, vec3 place)
+Shape shape_of_grid(uint part, vec3 position)
 {
-    const vec3 x = clamp((place - shape_rgb(part)) / shape_float(part + 3u), vec3(0.0), vec3(float(PELL_CURVATURE_SIDE) - 2.0));
+    const vec3 x = clamp((position - shape_rgb(part)) / shape_float(part + 3u), vec3(0.0), vec3(float(PELL_CURVATURE_SIDE) - 2.0));
     const ivec3 low = ivec3(x);
     const vec3 f = x - vec3(low);
     vec3 sum = vec3(0.0);
@@ -82,18 +82,18 @@ Shape shape_of_grid(uint part, vec3 place)
     return sum.x > 0.0 ? Shape(0.5 * sum.y / sum.x, sum.z / sum.x) : Shape(0.0, 0.0);
 }
 
-// Mirror of pell_curvature_at; `law`: of the material, or NONE.
-Shape shape_at(uint i, out uint law)
+// Mirror of pell_curvature_at; `response`: first word of the material's response, or NONE.
+Shape shape_at(uint i, out uint response)
 {
     const uint mesh = hits[i].mesh, triangle = hits[i].triangle, row = 4u + 4u * mesh, values = shapes[row + 1u], longs = shapes[row + 2u];
     const vec3 w = vec3(1.0 - hits[i].u - hits[i].v, hits[i].u, hits[i].v);
     Shape shape = Shape(0.0, 0.0);
 
-    law = shapes[row] == NONE ? NONE : shapes[row + 3u];
-    if (law == NONE)
+    response = shapes[row] == NONE ? NONE : shapes[row + 3u];
+    if (response == NONE)
         return shape;
     if (longs != NONE && shapes[longs + triangle] != 0u)
-        return shape_of_grid(shapes[row], points[i].place.xyz);
+        return shape_of_grid(shapes[row], points[i].position.xyz);
     for (uint k = 0u; k < 3u; k++) {
         const uint at = values + 2u * corners[meshes[mesh].corners + 3u * triangle + k];
         shape.mean += w[k] * shape_float(at);
@@ -102,18 +102,18 @@ Shape shape_at(uint i, out uint law)
     return shape;
 }
 
-// struct pell_curvature_effects, as far as it is asked for
+// the required members of struct pell_curvature_effects
 struct Effect {
     vec3 gain, local, opposed, opposed_local, shift;
     float flat_share;
 };
 
-// Between two entries of a table whose entries have `each` floats.
-vec3 look_up(uint table, uint each, float place)
+// Interpolates between two entries of `each` floats in a table.
+vec3 look_up(uint table, uint each, float coord)
 {
-    const uint at = table + each * uint(place);
+    const uint at = table + each * uint(coord);
 
-    return mix(shape_rgb(at), shape_rgb(at + each), place - floor(place));
+    return mix(shape_rgb(at), shape_rgb(at + each), coord - floor(coord));
 }
 
 // Mirror of pell_curvature_effect_at.
@@ -121,34 +121,34 @@ Effect effect_at(uint i)
 {
     Effect e = Effect(vec3(1.0), vec3(1.0), vec3(1.0), vec3(1.0), vec3(0.0), 0.0);
     vec3 across = vec3(0.0);
-    uint law;
-    const Shape shape = shape_at(i, law);
+    uint response;
+    const Shape shape = shape_at(i, response);
 
-    if (law == NONE)
+    if (response == NONE)
         return e;
-    const float step = shape_float(law), beyond = pell_curvature_beyond(shape.mean, shape.thinness);
-    const uint bent = law + 5u, slabs = bent + 12u * PELL_CURVATURE_GAINS, throughs = slabs + 4u * PELL_CURVATURE_GAINS;
+    const float step = shape_float(response), beyond = pell_curvature_excess(shape.mean, shape.thinness);
+    const uint bent = response + 5u, slabs = bent + 12u * PELL_CURVATURE_GAINS, throughs = slabs + 4u * PELL_CURVATURE_GAINS;
     if (shape.mean != 0.0) {
-        const float place = pell_curvature_bent_place(shape.mean, shape_float(law + 1u));
-        e.gain = look_up(bent, 12u, place);
-        e.opposed = look_up(bent + 3u, 12u, place);
-        across = look_up(bent + 6u, 12u, place);
-        e.local = look_up(bent + 9u, 12u, place);
+        const float coord = pell_curvature_mean_coord(shape.mean, shape_float(response + 1u));
+        e.gain = look_up(bent, 12u, coord);
+        e.opposed = look_up(bent + 3u, 12u, coord);
+        across = look_up(bent + 6u, 12u, coord);
+        e.local = look_up(bent + 9u, 12u, coord);
         for (uint c = 0u; c < 3u; c++)
-            e.shift[c] = pell_curvature_shift(shape.mean, shape_float(law + 2u + c));
+            e.shift[c] = pell_curvature_shift(shape.mean, shape_float(response + 2u + c));
     }
     if (!(shape.thinness > 0.0)) {
         e.opposed_local = max(e.local - across, vec3(0.0));
         return e;
     }
     e.flat_share = pell_curvature_sheet(beyond, shape.thinness);
-    const vec3 through = look_up(throughs, 4u, pell_curvature_thin_place(shape.thinness, step));
-    const vec3 slab = beyond > 0.0 ? look_up(slabs, 4u, pell_curvature_thin_place(beyond, step)) : vec3(1.0);
+    const vec3 through = look_up(throughs, 4u, pell_curvature_thinness_coord(shape.thinness, step));
+    const vec3 slab = beyond > 0.0 ? look_up(slabs, 4u, pell_curvature_thinness_coord(beyond, step)) : vec3(1.0);
     const vec3 large = mix(e.local, vec3(1.0), e.flat_share) * slab;
-    const float place = pell_curvature_thin_place(shape.thinness, step);
+    const float coord = pell_curvature_thinness_coord(shape.thinness, step);
     const uint balls = throughs + 4u * PELL_CURVATURE_GAINS;
-    const vec3 as_thick = mix(look_up(slabs, 4u, place), look_up(balls, 4u, place), pell_curvature_round(shape.mean, shape.thinness));
-    const vec3 all = mix(large, as_thick, look_up(balls + 4u * PELL_CURVATURE_GAINS, 4u, place));
+    const vec3 as_thick = mix(look_up(slabs, 4u, coord), look_up(balls, 4u, coord), pell_curvature_round(shape.mean, shape.thinness));
+    const vec3 all = mix(large, as_thick, look_up(balls + 4u * PELL_CURVATURE_GAINS, 4u, coord));
     e.local = max(all - through, vec3(0.0));
     e.opposed_local = max(all - max(through, across), vec3(0.0));
     return e;
@@ -156,9 +156,9 @@ Effect effect_at(uint i)
 
 // --- Light at knots ----------------------------------------------------------------------------------------------------------------------
 
-// The values around a point, by their weights, in words of one of two tables. Mirror of indirect_find.
+// Words of the knots around a point in one of two tables, and their interpolation weights. Mirror of indirect_find.
 struct Knots {
-    uint value[3]; // first words
+    uint value[3]; // first word of each knot's values
     vec3 weight;
 };
 
@@ -194,7 +194,7 @@ struct Knots {
 FIND_KNOTS(solid_knots, solids, 32u)
 FIND_KNOTS(between_knots, between, 6u)
 
-// Three of the floats of the values.
+// Interpolates three of the values' floats.
 vec3 solid_at(Knots k, uint first)
 {
     vec3 sum = vec3(0.0);
@@ -219,7 +219,7 @@ vec3 between_at(Knots k, uint first)
 
 // --- A point -------------------------------------------------------------------------------------------------------------------------
 
-// Takes over where light in the solid was solved. Whether light is sought straight through.
+// Applies the solution for light inside the solid, where it exists. Returns whether straight transmission is traced.
 bool look_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_picture_inside n)
 {
     const Knots k = solid_knots(i, false);
@@ -230,7 +230,7 @@ bool look_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_pic
     vec3 leaves = 1.0 + deep * (pass_by - 1.0);
 
     for (uint c = 0u; c < 3u; c++)
-        leaves[c] *= pell_tilted(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
+        leaves[c] *= pell_gradient_exit(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
     if (has(PELL_KNOWN_BETWEEN))
         n.all.rgb = mix(n.all.rgb, opposed_local, thick);
     n.all.rgb = solid_at(k, 9u) + (1.0 - solved) * n.all.rgb;
@@ -244,7 +244,7 @@ bool look_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_pic
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
-    const bool behind = i >= 64u * pc.count; // the far side of a sheet
+    const bool behind = i >= 64u * pc.count; // the far side of a thin sheet
 
     if (i >= 64u * pc.count + pc.behind || points[i].material == PELL_LIT_NONE)
         return;
@@ -259,7 +259,7 @@ void main()
         n.all = vec4(has(PELL_KNOWN_LOCAL) ? e.local : has(PELL_KNOWN_OPPOSED) ? e.opposed : e.gain, e.flat_share);
         for (uint c = 0u; c < 3u; c++) {
             const bool thin = has(PELL_KNOWN_LOCAL) && e.gain[c] > 0.0;
-            n.once[c] = pell_curvature_once(e.shift[c], m.single_eta2) * (thin ? e.local[c] / e.gain[c] : 1.0);
+            n.single[c] = pell_curvature_single(e.shift[c], m.single_eta2) * (thin ? e.local[c] / e.gain[c] : 1.0);
         }
         opposed_local = e.opposed_local;
         points[i].view.w = e.shift.r;

@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: MIT
-// maps.glsl - a material's maps, filtered in space and between levels, at what a pixel sees. Mirror of surface/sample16.h, and of look_up
-// in surface/hits16.h. A file that includes it declares the buffers `uint attributes[]` and `uint maps[]` (pell_mips_words).
+// maps.glsl - trilinear lookups of a material's maps at a pixel's hit. Mirror of surface/sample16.h, and of look_up in surface/hits16.h. A
+// file that includes it declares the buffers `uint attributes[]` and `uint maps[]` (pell_mips_words).
 #include "shared/texture.h"
 
 #define MAPS 10u // PELL_MAPS
 const uint MAP_BASE = 0u, MAP_NORMAL = 1u, MAP_ROUGHNESS = 2u, MAP_METALLIC = 3u, MAP_RHO_S = 4u, MAP_SPECULAR = 5u, MAP_STRENGTH = 6u,
            MAP_EMISSIVE = 7u, MAP_TRANSMISSION = 8u, MAP_TRANSMISSION_COLOR = 9u;
-const uint TANGENT = 4u, COLOR = 5u; // of a mesh's attributes, behind four UV sets
+const uint TANGENT = 4u, COLOR = 5u; // slots of a mesh's attributes, after four UV sets
 
-// Where the maps of a pixel are looked up.
+// Surface point of a map lookup.
 struct Place {
     uint mesh, material;
     uint corner[3]; // vertices
     vec3 weight;
-    float footprint; // area of the pixel on the surface, over twice that of the triangle
+    float footprint; // area of the pixel on the surface, over twice the triangle's area
 };
 
 float vertex_float(uint at)
@@ -26,7 +26,7 @@ bool has_attribute(Place p, uint which)
     return attributes[8u * p.mesh + which] != PELL_LIT_NONE;
 }
 
-// Of vertices with four floats each.
+// Interpolates a vertex attribute of four floats.
 vec4 interpolated(Place p, uint which)
 {
     const uint first = attributes[8u * p.mesh + which];
@@ -39,7 +39,7 @@ vec4 interpolated(Place p, uint which)
     return sum;
 }
 
-// Texture coordinates, and how much of the picture's unit square the pixel covers.
+// Texture coordinates, and the area of the pixel in the texture's unit square.
 vec3 coordinates(Place p, uint uv_set)
 {
     const uint first = attributes[8u * p.mesh + uv_set];
@@ -51,7 +51,7 @@ vec3 coordinates(Place p, uint uv_set)
     return vec3(p.weight[0] * uv[0] + p.weight[1] * uv[1] + p.weight[2] * uv[2], abs(a.x * b.y - b.x * a.y) * p.footprint);
 }
 
-// A texel, linear.
+// A texel, decoded to linear values.
 vec4 texel(uint picture, uint level, uint at)
 {
     const uint kind = maps[picture + 3u], first = maps[picture + 4u + 3u * level];
@@ -69,7 +69,7 @@ vec4 texel(uint picture, uint level, uint at)
     return (1.0 / 65535.0) * vec4(uvec4(low & 65535u, low >> 16, high & 65535u, high >> 16));
 }
 
-// Between four texels; `nearest`: the one that is.
+// Bilinear interpolation of four texels; `nearest`: the nearest texel.
 vec4 bilinear(uint picture, uint level, vec2 uv, uint wrap_u, uint wrap_v, bool nearest)
 {
     const int width = int(maps[picture + 5u + 3u * level]), height = int(maps[picture + 6u + 3u * level]);
@@ -97,7 +97,7 @@ float map_number(uint row, uint k)
     return uintBitsToFloat(maps[row + 2u + k]);
 }
 
-// The pixel's area in texels of the full size; 1 at least.
+// The pixel's area in texels of the full size, at least 1.
 float texels_covered(uint row, float area)
 {
     const float matrix = abs(map_number(row, 0u) * map_number(row, 4u) - map_number(row, 1u) * map_number(row, 3u));
@@ -105,7 +105,7 @@ float texels_covered(uint row, float area)
     return area * matrix * float(maps[maps[row] + 1u]) * float(maps[maps[row] + 2u]);
 }
 
-// Samples a map; 1 where the material or the mesh has not what it takes.
+// Samples a map; 1 if the material has no such map or the mesh no such UV set.
 vec4 look_up(Place p, uint which)
 {
     const uint row = map_row(p, which), picture = maps[row], how = maps[row + 1u];
@@ -125,7 +125,7 @@ vec4 look_up(Place p, uint which)
     return rgba;
 }
 
-// What all maps say. One by one in a loop: drivers compile the look-up once.
+// Samples all maps, in a loop, so that drivers compile the lookup once.
 struct Sampled {
     vec4 map[MAPS];
 };
@@ -139,13 +139,13 @@ Sampled sample_maps(Place p)
     return found;
 }
 
-// One channel of a map of numbers.
+// One channel of a linear map.
 float number_of(Sampled found, Place p, uint which)
 {
     return found.map[which][maps[map_row(p, which) + 1u] >> 8 & 3u];
 }
 
-// The normal after the normal map (glTF 2.0, section 3.9.3). `bumps`: variance of the slopes that the map has inside of the pixel.
+// The normal after the normal map (glTF 2.0, section 3.9.3). `bumps`: slope variance of the map inside the pixel.
 vec3 mapped_normal(Sampled found, Place p, vec3 n, float scale, out float bumps)
 {
     const uint row = map_row(p, MAP_NORMAL);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// sky.glsl - what is looked up in environments: what enters at a normal, and what a lobe mirrors. Mirror of lights/environment_look.c, and
+// sky.glsl - lookups in environments: entering irradiance by normal, and prefiltered reflection. Mirror of lights/environment_lookup.c, and
 // of smooth_rest in irradiance/transmission.c. A file that includes it declares the buffer `uint sky[]` (pell_lights_environment_words),
 // and includes irradiance/boundary.glsl.
 #include "shared/environment.h"
@@ -17,21 +17,21 @@ vec3 sky_rgb(uint at)
     return uintBitsToFloat(uvec3(sky[at], sky[at + 1u], sky[at + 2u]));
 }
 
-// Light that enters by a material, of one environment: struct pell_env_query, and where its numbers are among those of a node.
+// Query of an environment's entering light for a material (struct pell_env_query), and the offsets of its data in a node.
 struct Entering {
     uint row;
     Lobe lobe;
     float rho_s, fd;
     bool smooth_one;
-    uint at; // of a node's floats
-    float between; // roughnesses
+    uint at; // index among a node's floats
+    float between; // fraction between two roughnesses
 };
 
 Entering entering_of(uint e, Lobe lobe, float roughness, float rho_s)
 {
     const pell_lit_material m = materials[lobe.material];
-    const float place = pell_roughness_place(roughness, PELL_LIT_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
-    const int k = pell_table_cell(place, PELL_ENV_ROUGHNESS);
+    const float coord = pell_roughness_place(roughness, PELL_LIT_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
+    const int k = pell_table_cell(coord, PELL_ENV_ROUGHNESS);
     Entering n;
 
     n.row = 4u + SKY_ROW * e;
@@ -40,14 +40,14 @@ Entering entering_of(uint e, Lobe lobe, float roughness, float rho_s)
     n.fd = m.fd;
     n.smooth_one = m.smooth_at >= 0;
     n.at = n.smooth_one ? sky[n.row + 2u] + 3u * sky[sky[2] + lobe.material] : sky[n.row + SKY_MODELS + uint(m.model)] + 6u * uint(k);
-    n.between = place - float(k);
+    n.between = coord - float(k);
     return n;
 }
 
-// At a normal.
+// Entering irradiance at a normal, W/m^2.
 vec3 rest_at(Entering n, vec3 normal)
 {
-    const pell_place2 at = pell_octahedral_place(normal.x, normal.y, normal.z);
+    const pell_point2 at = pell_octahedral_coord(normal.x, normal.y, normal.z);
     const int i = pell_table_cell(at.x, PELL_ENV_NODES), j = pell_table_cell(at.y, PELL_ENV_NODES);
     const float f = at.x - float(i), g = at.y - float(j);
     vec3 enters = vec3(0.0), lobe = vec3(0.0);
@@ -66,7 +66,7 @@ vec3 rest_at(Entering n, vec3 normal)
     return enters - n.rho_s * lobe;
 }
 
-// The same without the environment's broad lights.
+// The same without the light sources that represent the environment's broad bright parts.
 vec3 broad_rest_at(Entering n, vec3 normal)
 {
     vec3 rest = rest_at(n, normal);
@@ -80,11 +80,11 @@ vec3 broad_rest_at(Entering n, vec3 normal)
     return max(rest, vec3(0.0));
 }
 
-// A level's texels around a place of the picture.
-vec3 level_at(uint level, pell_place2 place)
+// Bilinear lookup in a level.
+vec3 level_at(uint level, pell_point2 uv)
 {
     const int width = int(sky[level + 1u]), height = int(sky[level + 2u]);
-    const float x = place.x * float(width) - 0.5, y = clamp(place.y * float(height) - 0.5, 0.0, float(height - 1));
+    const float x = uv.x * float(width) - 0.5, y = clamp(uv.y * float(height) - 0.5, 0.0, float(height - 1));
     const int xi = int(floor(x)), yi = int(y);
     vec3 sum = vec3(0.0);
 
@@ -96,7 +96,7 @@ vec3 level_at(uint level, pell_place2 place)
     return sum;
 }
 
-// Out of a unit direction, by a lobe of that width.
+// Radiance from a unit direction, prefiltered for a lobe of this width.
 vec3 mirrored_by(uint e, vec3 d, float width)
 {
     const uint row = 4u + SKY_ROW * e, levels = sky[row + 3u];
@@ -108,7 +108,7 @@ vec3 mirrored_by(uint e, vec3 d, float width)
         return sky_rgb(row + 6u);
     for (uint k = 0u; k + 2u < levels && r >= sky_float(level + 7u); k++)
         level += 4u;
-    const pell_place2 place = pell_panorama_place(d.x * cosine - d.z * sine, d.y, d.x * sine + d.z * cosine);
-    const vec3 a = level_at(level, place), b = level_at(level + 4u, place);
+    const pell_point2 uv = pell_panorama_uv(d.x * cosine - d.z * sine, d.y, d.x * sine + d.z * cosine);
+    const vec3 a = level_at(level, uv), b = level_at(level + 4u, uv);
     return a + (r - sky_float(level + 3u)) / (sky_float(level + 7u) - sky_float(level + 3u)) * (b - a);
 }

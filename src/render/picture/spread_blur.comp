@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// spread_blur.comp - one direction of a blur of light that went straight, over pixels of one object, by their distance in space. Mirror of
+// spread_blur.comp - one axis of a blur of straight transmission over pixels of the same object, weighted by distance in space. Mirror of
 // blur_block in spread/cpu.c.
 //   in  0 surface   1 around   2 frame   3 from
 //   out 4 to

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// spread_share.comp - shares the light that went straight out between Gaussians: adds what one of them takes to what is blurred; at the
-// end (level 0) puts together what was blurred and what is not. Mirror of add_row and end_row in spread/cpu.c.
+// spread_share.comp - splits straight transmission between Gaussians: adds the fraction of one Gaussian to its input plane; at the end
+// (level 0) adds up the blurred light and the light that is not blurred. Mirror of add_row and end_row in spread/cpu.c.
 //   in  0 surface   1 shown   2 materials   3 thickness   4 frame
 //   i/o 5 through   6 sum
 layout(local_size_x = 8, local_size_y = 8) in;
@@ -29,7 +29,7 @@ void main()
     const bool straight = spread_variance(at, variance);
     const float parts = pell_spread_straight(through[at].w);
     for (int c = 0; c < 3; c++)
-        share[c] = pell_spread_share(variance[c], pc.below, pc.here, pc.above);
+        share[c] = pell_spread_gaussian_fraction(variance[c], pc.below, pc.here, pc.above);
     if (pc.level > 0)
         sum[at] = vec4((pc.first != 0u ? vec3(0.0) : sum[at].rgb) + (straight ? parts * through[at].rgb * share : vec3(0.0)), 0.0);
     else if (surface[at].x != 0u)

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// surface.comp - what each pixel of a batch of tiles sees: a ray from the camera, and the point, normals and material where it ends. Mirror
-// of surface/hits16.h, and of load in irradiance/kernel.c.
+// surface.comp - camera rays of a batch of tiles, and the surface at their hits: point, normals and material. Mirror of surface/hits16.h,
+// and of load in irradiance/kernel.c.
 //   in  0 nodes     of visibility/wide_bvh.h
 //   in  1 triangles
 //   in  2 meshes    of the scene
 //   in  3 corners   as transmission.comp has them
-//   in  4 lit       materials, as the stage "irradiance" sees them
-//   in  5 materials as this stage does
+//   in  4 lit       materials in the format of the stage "irradiance"
+//   in  5 materials in the format of this stage
 //   in  6 frame
-//   in  7 keys      of meshes: what the method calls their materials
-//   in  8 attributes of vertices, and 9 maps: of buffers.c, where the frame is mapped
+//   in  7 keys      per mesh: material index of the method
+//   in  8 attributes of vertices, and 9 maps: see buffers.c; only if the frame has maps
 //   out 10 points
 //   out 11 hits
-//   out 12 places   13 bases: what some methods read, of the picture
+//   out 12 places   13 bases: hits and base colours of the image, for the methods that read them
 layout(local_size_x = 64) in;
 #include "render/picture/device_data.h"
 #include "shared/camera.h"
@@ -45,18 +45,18 @@ const float NEAREST = 1e-6;       // mm: depth is positive
 const float GRAZING = 0.0625;     // see hits16.h
 
 struct Seen {
-    vec3 corner[3], normals[3]; // of the triangle, and of the surface at its corners
+    vec3 corner[3], normals[3]; // positions and vertex normals of the triangle's corners
     vec3 weight;                // barycentric
     vec3 view;                  // unit, to the camera
     vec3 ng, ns;                // geometric and shading normal, on the viewer's side
     float terminator_offset;
-    bool back; // the corners run clockwise
+    bool back; // the corners run clockwise, seen from the camera
     Place place;
-    float bumps;  // variance of the slopes that a normal map has inside of the pixel,
-    float turned; // and that the surface has
+    float bumps;  // slope variance of the normal map inside the pixel,
+    float slope_variance; // and of the surface
 };
 
-// What a material is at a pixel.
+// Material parameters at a pixel.
 struct Made {
     vec3 base, specular, emissive;
     vec4 sheet; // of struct pell_picture_hit
@@ -74,7 +74,7 @@ Ray camera_ray(Pixel p)
     return Ray(fr.origin.xyz, NEAREST, fr.forward.xyz + offset, FAR, RAY_CAMERA);
 }
 
-// Unit, on the viewer's side; where a triangle has no area, the direction to the viewer.
+// Unit geometric normal on the viewer's side; the direction to the viewer if the triangle has no area.
 vec3 geometric_normal(Seen s)
 {
     const vec3 n = cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]);
@@ -85,7 +85,7 @@ vec3 geometric_normal(Seen s)
     return g * (dot(g, s.view) < 0.0 ? -inverse : inverse);
 }
 
-// How far, along the normal, the point lies from the smooth surface over its triangle.
+// Distance along the normal from the point to the smooth surface over its triangle.
 float terminator_offset(Seen s)
 {
     vec3 at = vec3(0.0), sum = vec3(0.0);
@@ -93,13 +93,13 @@ float terminator_offset(Seen s)
     for (int k = 0; k < 3; k++)
         at += s.weight[k] * s.corner[k];
     for (int k = 0; k < 3; k++) {
-        const float side = dot(s.normals[k], s.ng) < 0.0 ? -1.0 : 1.0; // seen from within, the normals are turned
+        const float side = dot(s.normals[k], s.ng) < 0.0 ? -1.0 : 1.0; // seen from inside, the normals are flipped
         sum += side * s.weight[k] * abs(dot(s.corner[k] - at, s.normals[k])) * s.normals[k];
     }
     return max(dot(sum, s.ng), 0.0);
 }
 
-// The nearest normal that is not turned away from `to`.
+// The nearest normal that faces `to`.
 vec3 bend(vec3 n, vec3 to)
 {
     const float missing = pell_bend_missing(dot(n, to));
@@ -116,7 +116,7 @@ vec3 shading_normal(Sampled found, inout Seen s)
 {
     const vec3 sum = s.weight[0] * s.normals[0] + s.weight[1] * s.normals[1] + s.weight[2] * s.normals[2];
     vec3 n = dot(sum, sum) > 1e-8 ? sum * (1.0 / sqrt(dot(sum, sum))) : s.ng;
-    const float side = dot(n, s.ng) < 0.0 ? -1.0 : 1.0; // the frame is turned as a whole, after mapping
+    const float side = dot(n, s.ng) < 0.0 ? -1.0 : 1.0; // the whole shading frame is flipped, after normal mapping
 
     s.bumps = 0.0;
     if (is_mapped())
@@ -124,8 +124,8 @@ vec3 shading_normal(Sampled found, inout Seen s)
     return bend(bend(side * n, s.ng), s.view);
 }
 
-// How far the smooth surface turns inside of the pixel.
-float turned_of(Seen s, Ray ray, float depth)
+// Slope variance of the smooth surface inside the pixel.
+float slope_variance_of(Seen s, Ray ray, float depth)
 {
     const vec3 a = s.corner[1] - s.corner[0], b = s.corner[2] - s.corner[0], n = cross(a, b), d = ray.direction;
     const float nn = dot(n, n), nd = dot(n, d), size = max(abs(nd), GRAZING * sqrt(dot(d, d) * nn)), facing = nd < 0.0 ? -size : size;
@@ -138,10 +138,10 @@ float turned_of(Seen s, Ray ray, float depth)
                           dot(cross(a, step), n) / nn * (s.normals[2] - s.normals[0]);
         sum += dot(turn, turn);
     }
-    return pell_turned(pixel * pixel * sum, fr.spread);
+    return pell_slope_variance(pixel * pixel * sum, fr.spread);
 }
 
-// Area of the pixel on the surface, over twice the triangle's.
+// Area of the pixel's footprint on the surface, over twice the triangle's area.
 float footprint_of(Seen s, Ray ray, float depth)
 {
     const float SMALLEST = 1.175494351e-38;
@@ -172,14 +172,14 @@ Seen look(Ray ray, Hit hit, out Sampled found)
         s.normals[k] = mesh.normals == PELL_LIT_NONE ? s.ng : uintBitsToFloat(uvec3(corners[at], corners[at + 1u], corners[at + 2u]));
     }
     s.terminator_offset = terminator_offset(s);
-    s.turned = turned_of(s, ray, hit.t);
+    s.slope_variance = slope_variance_of(s, ray, hit.t);
     if (is_mapped())
         found = sample_maps(s.place);
     s.ns = shading_normal(found, s);
     return s;
 }
 
-// Factors, maps and colours of vertices: shade_material in hits16.h.
+// Material factors, maps and vertex colours: shade_material in hits16.h.
 Made make(Sampled found, Seen s)
 {
     const pell_picture_material m = materials[s.place.material];
@@ -213,10 +213,10 @@ vec3 shares(vec3 base, float exponent)
     return vec3(pell_color_share(base.r, exponent), pell_color_share(base.g, exponent), pell_color_share(base.b, exponent));
 }
 
-// The far side of a sheet.
+// Writes the far side of a thin sheet as a point.
 void turn(uint i, uint behind)
 {
-    points[behind].place = points[i].place;
+    points[behind].position = points[i].position;
     points[behind].geometric = vec4(-points[i].geometric.xyz, 0.0);
     points[behind].normal = vec4(-points[i].normal.xyz, points[i].normal.w);
     points[behind].view = points[i].view;
@@ -228,8 +228,8 @@ void turn(uint i, uint behind)
     points[behind].first = points[i].first;
     points[behind].material = points[i].material;
     points[behind].flags = (points[i].flags & ~PELL_LIT_STRAIGHT) ^ PELL_LIT_BACK;
-    points[behind].number = points[i].number;
-    points[behind].turned = points[i].turned;
+    points[behind].sample_index = points[i].sample_index;
+    points[behind].slope_variance = points[i].slope_variance;
 }
 
 void main()
@@ -252,10 +252,10 @@ void main()
     Sampled found;
     const Seen s = look(ray, hit, found);
     const Made made = make(found, s);
-    const vec3 place = ray.origin + hit.t * ray.direction, far = abs(place), solid = made.base * (1.0 - made.metallic);
+    const vec3 position = ray.origin + hit.t * ray.direction, far = abs(position), solid = made.base * (1.0 - made.metallic);
     const bool is_opaque = (m.flags & PELL_PICTURE_OPAQUE) != 0u, textured = (m.flags & PELL_PICTURE_TEXTURED) != 0u;
 
-    points[i].place = vec4(place, 6e-6 * (max(max(far.x, far.y), far.z) + hit.t));
+    points[i].position = vec4(position, 6e-6 * (max(max(far.x, far.y), far.z) + hit.t));
     points[i].geometric = vec4(s.ng, s.terminator_offset);
     points[i].normal = vec4(s.ns, made.roughness);
     points[i].view = vec4(s.view, 0.0);
@@ -268,8 +268,8 @@ void main()
     points[i].material = number;
     points[i].flags = ((fr.flags & PELL_PICTURE_SKY) != 0u ? PELL_LIT_AMBIENT : 0u) | PELL_LIT_STRAIGHT | PELL_LIT_SEEN |
                       (s.back ? PELL_LIT_BACK : 0u) | (fr.flags & PELL_LIT_TOGETHER);
-    points[i].number = fr.sample_number;
-    points[i].turned = s.turned;
+    points[i].sample_index = fr.sample_number;
+    points[i].slope_variance = s.slope_variance;
     hits[i].albedo = vec4(is_opaque ? solid : textured ? shares(made.base, m.total.w) : vec3(1.0), hit.t);
     hits[i].leaves = vec4(textured ? shares(made.base, m.leave_base.w) : vec3(1.0), made.strength);
     hits[i].emissive = vec4(made.emissive, uintBitsToFloat(keys[hit.mesh]));

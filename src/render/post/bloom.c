@@ -143,7 +143,7 @@ static void blur_columns(void *arg, int band, int worker)
 static void add(const struct pell_blur *b, const float *low, const struct pell_bloom_params *p, int y, float weight, float *restrict out)
 {
     const int f = b->factor, cell = pell_grid_cell(y, f);
-    const float wy = pell_grid_place(y, f, cell);
+    const float wy = pell_grid_fraction(y, f, cell);
     const float *up = low + pell_mirror(cell, b->height) * p->stride, *down = low + pell_mirror(cell + 1, b->height) * p->stride;
     float left, right = up[0] + wy * (down[0] - up[0]);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// bloom_mix.comp - a channel of the picture with its share of both Gaussians, in place. Mirror of `mix` and `add` in bloom.c.
+// bloom_mix.comp - adds the weighted Gaussians to a channel of the image, in place. Mirror of `mix` and `add` in bloom.c.
 //   io  0 picture  R, G, B and alpha
 //   in  1 room     the Gaussians at their smaller sizes
 layout(local_size_x = 16, local_size_y = 4) in;
@@ -11,13 +11,13 @@ layout(set = 0, binding = 0) buffer Picture { float picture[]; };
 layout(set = 0, binding = 1) readonly buffer Room { float room[]; };
 layout(push_constant) uniform Push { pell_mix_push pc; };
 
-// The value at a pixel that points of the wide grid make.
+// Interpolates the points of the coarse grid at a pixel.
 float value_at(uint low, int f, int width, int height, int x, int y)
 {
     if (f == 1)
         return room[low + uint(y) * pc.stride + uint(x)];
     const int row = pell_grid_cell(y, f), column = pell_grid_cell(x, f);
-    const float wy = pell_grid_place(y, f, row), wx = pell_grid_place(x, f, column);
+    const float wy = pell_grid_fraction(y, f, row), wx = pell_grid_fraction(x, f, column);
     const uint up = low + uint(pell_mirror(row, height)) * pc.stride, down = low + uint(pell_mirror(row + 1, height)) * pc.stride;
     const uint j = uint(pell_mirror(column, width)), next = uint(pell_mirror(column + 1, width));
     const float left = room[up + j] + wy * (room[down + j] - room[up + j]);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// bloom_spread.comp - weighted sums along rows or columns: what falls to each point of a wider grid, and the Gaussians there. Mirror of
-// `shrink`, `blur_rows` and `blur_columns` in bloom.c.
+// bloom_spread.comp - weighted sums along rows or columns: downsampling to a coarse grid, and the Gaussians on it. Mirror of `shrink`,
+// `blur_rows` and `blur_columns` in bloom.c.
 //   in  0 picture  R, G, B and alpha
 //   io  1 room     planes
 //   in  2 table    weights
@@ -23,7 +23,7 @@ void main()
         return;
     const int start = int(pc.down != 0u ? y : x) * pc.factor;
     const uint line = pc.from + (pc.down != 0u ? x : y * pc.stride), step = pc.down != 0u ? pc.stride : 1u;
-    const bool inside = start + pc.first >= 0 && start + pc.last <= pc.size; // which most are: a remainder costs more than all the rest
+    const bool inside = start + pc.first >= 0 && start + pc.last <= pc.size; // true for most; the modulo costs more than the rest
     for (int k = pc.first; k < pc.last; k++) {
         const uint at = line + uint(inside ? start + k : pell_mirror(start + k, pc.size)) * step;
         sum += table[pc.weights + uint(k - pc.first)] * (pc.of_color != 0u ? picture[at] : room[at]);

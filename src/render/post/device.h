@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * device.h - depth of field, and bloom with the tone curve, on a Vulkan device: the engine vulkan's.
+ * device.h - depth of field, and bloom with tone mapping, on the Vulkan device of the engine vulkan.
  *
- * A sample's picture is sent, blurred and added to the sum there, which comes back once, after the last. What bloom spreads is shown where
- * it lies. Exposure, white and what is behind are the cpu's, and so is the tone curve where nothing comes before it on the device: planes
- * would be copied twice for a few operations a pixel (docs/adr/0049).
+ * A sample's image is uploaded, blurred and added to a sum on the device, which is read back once, after the last sample. After bloom the
+ * image is tone mapped on the device. Exposure, white and background are computed on the CPU, and so is the tone curve without bloom:
+ * copying planes back and forth for a few operations per pixel would cost more (docs/adr/0049).
  *
  * Units      as in dof.h, bloom.h and kernel.h.
- * Errors     of the device or memory, logged.
+ * Errors     errors of the device or memory, logged.
  * Threads    one at a time.
  */
 #ifndef PELL_POST_DEVICE_H
@@ -28,24 +28,24 @@ struct pell_post_device_times {
     int64_t bytes_up, bytes_run, bytes_down; /* up and down: over the bus */
 };
 
-/* `gpu` outlives it. */
+/* `gpu` must outlive the device. */
 PELL_NODISCARD enum pell_result pell_post_device_create(struct pell_context *ctx, struct pell_gpu *gpu, struct pell_post_device **out);
 void pell_post_device_destroy(struct pell_post_device **device);
 
-/* Room for pictures of a size; nothing where it is there. What no buffer holds has none: see `refuses`. */
+/* Allocates buffers for images of this size, unless they exist. Images too large for a buffer are refused: see below. */
 PELL_NODISCARD enum pell_result pell_post_device_reserve(struct pell_post_device *device, int width, int height, bool lens, bool bloom);
 void pell_post_device_drop(struct pell_post_device *device);
 
-/* The row of a frame's times that says why the cpu does it; NULL: the device does. */
+/* Returns the row of a frame's timings that names why the CPU does this; NULL: the device does. */
 const char *pell_post_device_refuses_lens(const struct pell_post_device *device);
 const char *pell_post_device_refuses_bloom(const struct pell_post_device *device);
 
-/* Depth of field of a sample, as pell_dof_render has it; the sum stays on the device. */
+/* Depth of field of a sample, as pell_dof_render computes it; the sum stays on the device. */
 PELL_NODISCARD enum pell_result pell_post_device_lens(struct pell_post_device *device, struct pell_pool *pool,
                                                       const struct pell_dof_params *params, float *const in[4],
                                                       struct pell_post_device_times *times);
-/* The same for a sample that is on the device: where its planes are written (R, G, B, alpha, and inverse depth, 1/mm, 0 for no hit; from
- * row y0 of the image on, only inside the rectangle), and the passes, which are recorded into a list after that. */
+/* The same for a sample that was rendered on the device: location of its planes (R, G, B, alpha, and inverse depth, 1/mm, 0 for no hit;
+ * from row y0 of the image on, only inside the rectangle). The passes are recorded into a list after those that write the planes. */
 struct pell_post_lens_planes {
     struct pell_gpu_buffer *buffer;
     uint32_t plane, stride; /* floats */

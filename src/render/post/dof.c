@@ -115,8 +115,8 @@ static void gather(const struct task *t, int y, int x0, int x1, int dx, int dy, 
 
 static float lay(float (*sum)[TILE], int channel, int i, float inside)
 {
-    return pell_disc_lay(sum[NEAR][i], sum[NEAR + channel][i], sum[SAME][i], sum[SAME + channel][i], sum[FAR][i], sum[FAR + channel][i],
-                         inside);
+    return pell_disc_composite(sum[NEAR][i], sum[NEAR + channel][i], sum[SAME][i], sum[SAME + channel][i], sum[FAR][i],
+                               sum[FAR + channel][i], inside);
 }
 
 static void add(const struct task *t, ptrdiff_t i, int channel, float value)

@@ -1,17 +1,18 @@
 /* SPDX-License-Identifier: MIT
  *
- * dof.h - depth of field, the share of it that is left to one multisample.
+ * dof.h - depth of field: post-process blur of one multisample.
  *
- * Each of the n multisamples is seen through its own point of the lens (pell_view_through), and stands for the n-th part of the lens about
- * that point. What this part blurs is made here from the sample's picture: each pixel's light is spread over the disc of its depth,
+ * Each of the n multisamples is rendered through its own point of the lens (pell_view_through), and represents 1/n of the lens area around
+ * that point. The blur by this part of the lens is computed from the sample's image: each pixel's light is spread over its circle of
+ * confusion,
  *
- *     radius = radius of the part x focal_px x |1/z - 1/focus|,  of the lens' radius / sqrt(n),
+ *     radius = radius of the part x focal_px x |1/z - 1/focus|,  with radius of the part = lens radius / sqrt(n),
  *
- * and where discs of different depths meet, the nearer ones lie over the farther ones, by as much of the pixel as they cover. Sharp objects
- * do not bleed, whatever is behind or before them. What a near object hides is not in the sample's picture and is taken to be like what is
- * seen beside it, within the disc; with more samples the discs are smaller, and so is this guess.
+ * and where discs of different depths overlap, nearer ones are composited over farther ones by their coverage of the pixel. Objects in
+ * focus do not bleed into what is in front of or behind them. Background hidden by a near object is missing in the sample's image; it is
+ * assumed to be like the visible background inside the disc. With more samples the discs, and with them this error, are smaller.
  *
- * Discs end softly, within a pixel. Their radius is cut at PELL_DOF_MOST pixels: a hundred times that of one of 64 samples.
+ * Discs are antialiased over one pixel. Their radius is limited to PELL_DOF_MOST pixels: a hundred times that of one of 64 samples.
  */
 #ifndef PELL_DOF_H
 #define PELL_DOF_H
@@ -20,11 +21,11 @@
 #include "shared/lens.h"
 
 #define PELL_DOF_MOST PELL_LENS_MOST
-#define PELL_DOF_PLANES 6 /* of scratch: the sample's R, G, B and alpha, then two of dof's own */
+#define PELL_DOF_PLANES 6 /* scratch planes: the sample's R, G, B and alpha, then two private ones */
 
 struct pell_dof_params {
-    const struct pell_surface *surface; /* its depth and material */
-    struct pell_rect rect;              /* of the composite: only read and written there */
+    const struct pell_surface *surface; /* depth and material of the pixels */
+    struct pell_rect rect;              /* rectangle of the composite: only its pixels are read and written */
     float scale;                        /* px mm: radius of the part of the lens x focal_px */
     float focus;                        /* mm */
     bool first;                         /* overwrite instead of adding */
@@ -39,7 +40,7 @@ float pell_dof_render(struct pell_pool *pool, const struct pell_dof_params *para
 /* Normalization of a disc, so that discs sum to one: by radius, PELL_LENS_STEPS entries per pixel. */
 void pell_dof_table(float table[PELL_LENS_TABLE]);
 
-/* Floats of `tiles`. */
+/* Number of floats in `tiles`. */
 static inline size_t pell_dof_tiles(int width, int height)
 {
     return (size_t) ((width + PELL_DOF_MOST - 1) / PELL_DOF_MOST) * (size_t) ((height + PELL_DOF_MOST - 1) / PELL_DOF_MOST);

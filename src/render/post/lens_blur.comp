@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// lens_blur.comp - a pixel an invocation, of what all discs around give it: added to the sum over the samples. Mirror of `blur` in dof.c.
+// lens_blur.comp - gathers the discs of neighbouring pixels at a pixel, one invocation each, and adds the result to the sum over the
+// samples. Mirror of `blur` in dof.c.
 //   in  0 planes  of lens_measure.comp
 //   in  1 table   weight by radius
 //   in  2 discs
@@ -28,7 +29,7 @@ vec4 color_at(uint at)
     return vec4(planes[at], planes[pc.plane + at], planes[2u * pc.plane + at], planes[3u * pc.plane + at]);
 }
 
-// The widest disc that may reach into the workgroup's tile.
+// Radius of the widest disc that may reach the workgroup's tile.
 float widest_around()
 {
     const int column = int(gl_WorkGroupID.x), row = int(gl_WorkGroupID.y) / (PELL_LENS_MOST / PELL_POST_GROUP_Y);
@@ -80,7 +81,7 @@ void main()
             }
         const float inside = min(own * weight_of(narrow), 1.0);
         for (int c = 0; c < 4; c++)
-            value[c] = pell_disc_lay(near, near_sum[c], same, same_sum[c], far, far_sum[c], inside);
+            value[c] = pell_disc_composite(near, near_sum[c], same, same_sum[c], far, far_sum[c], inside);
     }
     for (int c = 0; c < 4; c++) {
         const uint at = uint(c) * pc.plane + here;

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// lens_measure.comp - discs of pixels, and the widest of each tile: a tile a workgroup. Mirror of `measure` in dof.c.
+// lens_measure.comp - disc of each pixel, and the widest disc of each tile; one workgroup per tile. Mirror of `measure` in dof.c.
 //   in  0 planes  the sample's R, G, B, alpha and inverse depth, 1/mm, 0 where nothing is seen
 //   in  1 table   weight by radius
-//   out 2 discs   radius, below 0 before the focus; weight of a whole pixel
+//   out 2 discs   radius, negative in front of the focus; weight of a fully covered pixel
 //   io  3 tiles   widest disc of all samples so far, then of this sample
 layout(local_size_x = 16, local_size_y = 4) in;
 #include "render/post/device_data.h"
@@ -32,12 +32,12 @@ void main()
         const uint y = gl_WorkGroupID.y * uint(PELL_LENS_MOST) + gl_LocalInvocationID.y + i, at = y * pc.stride + x;
         if (x >= pc.width || y >= pc.height)
             continue;
-        const bool inside = int(x) >= pc.x0 && int(x) < pc.x1 && int(y) >= pc.y0 && int(y) < pc.y1; // what is written of a composite
+        const bool inside = int(x) >= pc.x0 && int(x) < pc.x1 && int(y) >= pc.y0 && int(y) < pc.y1; // inside the rectangle of the composite
         const float inverse_depth = inside ? planes[4u * pc.plane + at] : 0.0;
         const float whole = pell_disc_radius(pc.scale, pc.inverse_focus, inverse_depth);
         const float d = clamp(whole, -float(PELL_LENS_MOST), float(PELL_LENS_MOST));
         discs[at] = vec2(d, weight_of(abs(d)));
-        widest = inverse_depth > 0.0 ? max(widest, abs(whole)) : widest; // an empty pixel gives nothing to others
+        widest = inverse_depth > 0.0 ? max(widest, abs(whole)) : widest; // an empty pixel contributes nothing to others
     }
     widest_of[gl_LocalInvocationIndex] = widest;
     barrier();

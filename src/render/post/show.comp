@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// show.comp - the tone curve. Mirror of `finish_block` in kernel.c, of what lies over its background already.
+// show.comp - the tone curve. Mirror of `finish_block` in kernel.c for an image that is already composited over its background.
 //   in  0 picture  R, G, B and alpha; alpha is read where colours are divided by it
 //   out 1 shown    R, G and B, [0, 1]
 layout(local_size_x = 16, local_size_y = 4) in;

@@ -53,19 +53,19 @@ static void atomic_maximum(_Atomic int32_t *most, int32_t value)
 static inline bool variance_at(const struct pell_spread_params *p, ptrdiff_t at, float variance[3], float *straight)
 {
     const struct pell_thickness_table *t = p->path[at] > 0.0f && p->key[at] && p->material[at] ? p->thickness[p->material[at] - 1] : NULL;
-    float place;
+    float coord;
     int i;
 
     *straight = 0.0f;
     if (!t)
         return false;
     *straight = pell_spread_straight(p->path[at]);
-    place = pell_thickness_place(p->path[at], t->max_mm, PELL_THICKNESS_STEPS);
-    i = pell_table_cell(place, PELL_THICKNESS_STEPS);
+    coord = pell_thickness_coord(p->path[at], t->max_mm, PELL_THICKNESS_STEPS);
+    i = pell_table_cell(coord, PELL_THICKNESS_STEPS);
     if (fmaxf(fmaxf(t->slab[i][0], t->slab[i][1]), t->slab[i][2]) < MIN_TRANSMITTED)
         return false;
     for (int c = 0; c < 3; c++)
-        variance[c] = pell_lerp(t->spread[i][c], t->spread[i + 1][c], fminf(place - (float) i, 1.0f));
+        variance[c] = pell_lerp(t->spread[i][c], t->spread[i + 1][c], fminf(coord - (float) i, 1.0f));
     return true;
 }
 
@@ -101,7 +101,7 @@ static inline float level_fraction(const struct job *job, int level, float varia
 {
     const float *v = job->plan.variance;
 
-    return pell_spread_share(variance, level > 0 ? v[level - 1] : -1.0f, v[level], level < LEVELS ? v[level + 1] : 0.0f);
+    return pell_spread_gaussian_fraction(variance, level > 0 ? v[level - 1] : -1.0f, v[level], level < LEVELS ? v[level + 1] : 0.0f);
 }
 
 /* Flag of the block of a row that contains pixel x: whether it has light in `sum` (0) or `half` (1). */

@@ -38,7 +38,7 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
         &surface->base[0], &surface->base[1], &surface->base[2], &surface->roughness, &surface->metallic, &surface->specular[0],
         &surface->specular[1], &surface->specular[2], &surface->strength, &surface->terminator_offset,
         &surface->emissive[0], &surface->emissive[1], &surface->emissive[2], &surface->transmission[0], &surface->transmission[1],
-        &surface->transmission[2], &surface->turned,
+        &surface->transmission[2], &surface->slope_variance,
     };
     /* clang-format on */
     struct scratch *scratch;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
  *
- * hits16.h - what 16 hits of one mesh look like: vertex data, normals, maps; part of kernel.c, so compiled per SIMD level.
+ * hits16.h - surface at 16 hits of one mesh: vertex data, normals, maps; part of kernel.c, so compiled per SIMD level.
  *
- * Vertex data is fetched lane by lane; all else is loops over 16 lanes that the compiler turns into vectors.
+ * Vertex data is gathered lane by lane; everything else is loops over 16 lanes that the compiler vectorizes.
  *
- * Footprint. A pixel covers A = k^2 / |n . D| of the surface, n unit, D the ray's direction with forward component 1, k the size of a
- * pixel at that depth: depth / focal (perspective) or 1 / focal (orthographic). With Embree's Ng, twice the triangle's area long, a
- * texture of w x h texels has 2 |uv area| w h k^2 / |Ng . D| texels in the pixel; half the binary logarithm is the level of the
- * pyramid (Williams 1983).
+ * Footprint. A pixel covers the area A = k^2 / |n . D| of the surface, n unit, D the ray's direction with forward component 1, k the size
+ * of a pixel at that depth: depth / focal (perspective) or 1 / focal (orthographic). With Embree's Ng, twice the triangle's area long, a
+ * texture of w x h texels has 2 |uv area| w h k^2 / |Ng . D| texels in the pixel; half the binary logarithm is the mipmap level (Williams
+ * 1983).
  */
 #ifndef PELL_SURFACE_HITS16_H
 #define PELL_SURFACE_HITS16_H
@@ -21,23 +21,23 @@
 #include <float.h>
 #include <math.h>
 
-/* Surfaces seen at a more grazing cosine than this are not blurred further: a square filter would lose the other direction. */
+/* Least cosine for the size of the texture filter: beyond it an isotropic filter would blur the other axis too much. */
 #define GRAZING 0.0625f
 
 struct vec16 {
     float16 x, y, z;
 };
 
-/* What is known of 16 hits. */
+/* 16 hits. */
 struct hits {
     const struct pell_mesh *mesh;
     const struct pell_material *material;
     const struct pyramid *const *pyramids; /* per map; NULL: no mipmaps */
     const struct surface_decode *decode;
-    uint32_t lanes; /* bit i: lane i is one of these */
+    uint32_t lanes; /* bit i: lane i is active */
     int16lanes on;  /* the same, -1 or 0 */
     uint32_t vertex[3][LANES];
-    const struct pell_corners *corners; /* of the triangles, where they are known */
+    const struct pell_corners *corners; /* of the triangles; NULL: not known */
     float16 w0, w1, w2;                 /* barycentric weights */
     const struct pell_ray_hit16 *packet;
     const struct pell_view *camera;
@@ -46,13 +46,14 @@ struct hits {
     struct vec16 view; /* unit, to the viewer */
     struct uv16 uv[PELL_UV_SETS];
     bool has_uv[PELL_UV_SETS];
-    float16 bumps; /* variance of the slopes that the normal map has inside of a pixel */
+    float16 bumps; /* slope variance of the normal map inside a pixel */
     bool bumpy;
 };
 
 struct shaded {
     struct vec16 ng, ns;
-    float16 base[3], specular[3], emissive[3], transmission[3], reflection, roughness, turned, metallic, strength, terminator_offset;
+    float16 base[3], specular[3], emissive[3], transmission[3], reflection, roughness, slope_variance, metallic, strength,
+        terminator_offset;
 };
 
 static inline float dot(const struct vec16 *a, const struct vec16 *b, int i)
@@ -62,7 +63,7 @@ static inline float dot(const struct vec16 *a, const struct vec16 *b, int i)
 
 /* --- Vertex data -------------------------------------------------------------------------------------------------------------- */
 
-/* Component `c` of `size`-float vertices, interpolated. */
+/* Interpolates component `c` of a vertex attribute of `size` floats. */
 static void interpolate(const struct hits *h, const float *data, size_t size, size_t c, float *restrict out)
 {
     float16 a[3];
@@ -74,7 +75,7 @@ static void interpolate(const struct hits *h, const float *data, size_t size, si
         out[i] = h->w0[i] * a[0][i] + h->w1[i] * a[1][i] + h->w2[i] * a[2][i];
 }
 
-/* The first three components of the vertices' data, at the three corners. */
+/* Loads the first three components of a vertex attribute at the three corners. */
 static void corners(const struct hits *h, const float *data, size_t size, struct vec16 a[restrict 3])
 {
     for (int k = 0; k < 3; k++)
@@ -117,7 +118,7 @@ static void measure_footprint(const struct pell_view *view, const struct pell_ra
     h->has_footprint = true;
 }
 
-/* Texture coordinates of a set, and how much of the picture's unit square a pixel covers. */
+/* Texture coordinates of a UV set, and the area of a pixel in the texture's unit square. */
 static const struct uv16 *coordinates(struct hits *h, int set)
 {
     struct uv16 *out = &h->uv[set];
@@ -143,7 +144,7 @@ static const struct uv16 *coordinates(struct hits *h, int set)
     return out;
 }
 
-/* Samples a map's `channels` (bits) into rgba; false where the material or the mesh has not what it takes. */
+/* Samples a map's `channels` (bits) into rgba; false if the material has no such map or the mesh no such UV set. */
 static bool look_up(struct hits *h, enum pell_map which, unsigned channels, float16 *restrict rgba)
 {
     const struct pell_texture_map *map = pell_material_map(h->material, which);
@@ -162,7 +163,7 @@ static bool look_up(struct hits *h, enum pell_map which, unsigned channels, floa
 
 /* --- Normals ------------------------------------------------------------------------------------------------------------------ */
 
-/* Unit geometric normals on the viewer's side; where a triangle has no area, the direction to the viewer. */
+/* Unit geometric normals on the viewer's side; the direction to the viewer for triangles without area. */
 static void geometric_normals(const struct pell_hit16 *hit, struct hits *h, struct vec16 *restrict ng)
 {
     for (int i = 0; i < LANES; i++) {
@@ -170,7 +171,7 @@ static void geometric_normals(const struct pell_hit16 *hit, struct hits *h, stru
         const float x = h->on[i] ? hx : 0.0f, y = h->on[i] ? hy : 0.0f, z = h->on[i] ? hz : 0.0f;
         const float largest = larger(larger(fabsf(x), fabsf(y)), fabsf(z));
         const bool good = largest > 0.0f;
-        /* Areas of very small and very large triangles have squares out of range. */
+        /* Squared areas of very small and very large triangles are out of range. */
         const float scale = good ? 1.0f / largest : 0.0f;
         const float gx = good ? x * scale : h->view.x[i], gy = good ? y * scale : h->view.y[i], gz = good ? z * scale : h->view.z[i];
         const float inverse = 1.0f / sqrtf(gx * gx + gy * gy + gz * gz);
@@ -257,7 +258,7 @@ static void bend(struct vec16 *restrict n, const struct vec16 *restrict to)
     }
 }
 
-/* How far, along n, the hit lies from the smooth surface that the normals v of its triangle suggest: the mean of its distances to the three
+/* Distance along n from the hit to the smooth surface that the normals v of its triangle suggest: the mean of its distances to the three
  * tangent planes (Hanika 2021, "Hacking the Shadow Terminator"). Shadow rays that start as far up do not show the triangles of a coarse
  * mesh as dark facets where light grazes. Hanika leaves out planes below the hit; in waists, where some are above and some below, or all
  * below, triangles would stay dark. */
@@ -291,9 +292,9 @@ static void terminator_offsets(const struct hits *h, const struct vec16 v[restri
     }
 }
 
-/* How far the smooth surface turns inside of a pixel: of normals v at the corners, by the pixel's two axes on the triangle (Tokuyoshi and
- * Kaplanyan 2019, "Improved Geometric Specular Antialiasing"). */
-static void measure_turning(const struct hits *h, const struct vec16 v[restrict 3], float spread, float *restrict out)
+/* Slope variance of the smooth surface inside a pixel, from the normals v at the corners and the pixel's two axes on the triangle
+ * (Tokuyoshi and Kaplanyan 2019, "Improved Geometric Specular Antialiasing"). */
+static void measure_slope_variance(const struct hits *h, const struct vec16 v[restrict 3], float spread, float *restrict out)
 {
     const struct pell_view view = *h->camera;
     const float per_depth = view.orthographic ? 0.0f : 1.0f / view.focal_px, fixed = view.orthographic ? 1.0f / view.focal_px : 0.0f;
@@ -324,7 +325,7 @@ static void measure_turning(const struct hits *h, const struct vec16 v[restrict 
             const float z = s * (v[1].z[i] - v[0].z[i]) + t * (v[2].z[i] - v[0].z[i]);
             sum += x * x + y * y + z * z;
         }
-        out[i] = pell_turned(pixel * pixel * sum, spread);
+        out[i] = pell_slope_variance(pixel * pixel * sum, spread);
     }
 }
 
@@ -341,7 +342,7 @@ static void shading_normals(struct hits *h, const struct vec16 v[restrict 3], co
         n.x[i] = good ? n.x[i] * inverse : ng->x[i];
         n.y[i] = good ? n.y[i] * inverse : ng->y[i];
         n.z[i] = good ? n.z[i] * inverse : ng->z[i];
-        /* A back face is the same surface seen from within: dents are bumps there, so the frame is turned as a whole, after mapping. */
+        /* A back face is the same surface seen from inside, where dents are bumps: the shading frame is flipped after normal mapping. */
         side[i] = dot(&n, ng, i) < 0.0f ? -1.0f : 1.0f;
     }
     map_normals(h, &n);
@@ -398,7 +399,7 @@ static void colour(struct hits *h, enum pell_map map, float16 *restrict out)
             multiply(out[c], rgba[c]);
 }
 
-/* Reflected and transmitted fraction of diffuse light at a thin sheet; other surfaces reflect all of it. */
+/* Reflected and transmitted fractions of diffuse light at a thin sheet; other surfaces reflect all of it. */
 static void shade_sheet(struct hits *h, struct shaded *restrict s)
 {
     const struct pell_material *m = h->material;

@@ -63,7 +63,7 @@ static void shade(const struct surface_job *job, const struct pell_ray_hit16 *p,
     shading_normals(&h, normals, &s->ng, &s->ns);
     terminator_offsets(&h, normals, &s->ng, s->terminator_offset);
     if (job->out->spread > 0.0f)
-        measure_turning(&h, normals, job->out->spread, s->turned);
+        measure_slope_variance(&h, normals, job->out->spread, s->slope_variance);
     shade_material(&h, job->out, s);
 }
 
@@ -105,7 +105,7 @@ static void store(const struct pell_surface *out, int x, int y, int rows, const 
         }
         memcpy(out->strength + at, s->strength + k, ROW);
         if (out->spread > 0.0f)
-            memcpy(out->turned + at, s->turned + k, ROW);
+            memcpy(out->slope_variance + at, s->slope_variance + k, ROW);
         if (out->mesh)
             memcpy(out->mesh + at, p->hit.mesh + k, ROW);
         if (out->triangle) {

@@ -38,7 +38,7 @@ struct pell_surface {
     float *ns[3];             /* shading normal, unit, after the normal map; bent to the viewer's side where interpolation turned it away */
     float *base[3];           /* base colour, linear: factor x map x vertex colour */
     float *roughness;         /* perceptual, [0.03, 1]; includes the bumps of a normal map that are smaller than a pixel */
-    float *turned;            /* slope variance of shading normals inside a pixel; written where `spread` > 0 */
+    float *slope_variance;    /* slope variance of shading normals inside a pixel; written where `spread` > 0 */
     float spread;             /* set by the caller: footprint of a sample as variance along an axis, square pixels; 0: none */
     float *metallic;          /* [0, 1] */
     float *specular[3];       /* rho_s x map x tint: scales the specular lobe */

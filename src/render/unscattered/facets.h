@@ -29,7 +29,7 @@ static inline struct pell_vec3 unscattered_facet(struct unscattered_random *rand
     const uint32_t seed = pell_hash(random->seed + random->count++), i = pell_pixel_curve(random->x & 31u, random->y & 31u, seed);
     const uint32_t block = pell_hash(random->x >> 5 ^ pell_hash(random->y >> 5 ^ pell_hash(seed)));
     const float slope = UNSCATTERED_DISC * alpha;
-    const struct pell_place2 m = pell_disc_at(pell_unit_float(pell_sobol0(i) ^ block), pell_unit_float(pell_sobol1(i) ^ pell_hash(block)));
+    const struct pell_point2 m = pell_disc_at(pell_unit_float(pell_sobol0(i) ^ block), pell_unit_float(pell_sobol1(i) ^ pell_hash(block)));
     struct pell_vec3 t, b, facet;
 
     vec3_basis(n, &t, &b);

@@ -58,7 +58,7 @@ static inline void unscattered_bundle_make(uint32_t index, float bundle[4][UNSCA
     for (uint32_t j = 0; j < UNSCATTERED_BUNDLE; j++)
         for (uint32_t k = 0; k < 2; k++) {
             const uint32_t i = k == 0 ? j : (5 * j + 3) % UNSCATTERED_BUNDLE, pattern = pell_hash(2 * index + k + 1);
-            const struct pell_place2 p =
+            const struct pell_point2 p =
                 pell_disc_at(pell_unit_float(pell_sobol0(i) ^ pattern), pell_unit_float(pell_sobol1(i) ^ pell_hash(pattern)));
             const struct pell_half_vector h = pell_half_vector_at(1.0f, p.x, p.y);
             bundle[2 * k][j] = h.x / h.z;

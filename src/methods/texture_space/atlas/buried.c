@@ -39,7 +39,7 @@ static bool compare_boxes(const struct pell_part *parts, uint32_t count, bool *i
 }
 
 /* Tests the collected texels. */
-static int flush(struct ts_atlas_build *b, const struct pell_buried_place *points, const ptrdiff_t *at, int count)
+static int flush(struct ts_atlas_build *b, const struct pell_buried_query *points, const ptrdiff_t *at, int count)
 {
     bool buried[PELL_PACKET];
     int found = 0;
@@ -56,7 +56,7 @@ static void search_band(void *arg, int band, int worker)
 {
     struct search *s = arg;
     struct ts_atlas *a = s->b->a;
-    struct pell_buried_place points[PELL_PACKET];
+    struct pell_buried_query points[PELL_PACKET];
     ptrdiff_t texels[PELL_PACKET];
     int count = 0;
 
@@ -64,7 +64,7 @@ static void search_band(void *arg, int band, int worker)
     s->count[band] = 0;
     for (int y = band * BAND; y < (band + 1) * BAND && y < a->height && !pell_cancelled(s->b->ctx); y++)
         for (ptrdiff_t at = y * a->stride; at < y * a->stride + a->width; at++) {
-            struct pell_buried_place *p = &points[count];
+            struct pell_buried_query *p = &points[count];
             float largest;
             uint32_t part;
             if (a->source[at] == NONE)
@@ -72,7 +72,7 @@ static void search_band(void *arg, int band, int worker)
             part = s->b->topology.part[a->source[at]];
             if (part == NONE || !s->intersects[part])
                 continue;
-            ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &p->at, &p->normal, &largest);
+            ts_point_of(a, a->source[at], a->bary[0][at], a->bary[1][at], &p->position, &p->normal, &largest);
             p->clearance = CLEAR * fmaxf(largest, (float) a->mm_per_texel);
             p->object = a->scene->meshes[a->triangles[a->source[at]].mesh].object;
             texels[count++] = at;

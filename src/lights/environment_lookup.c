@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * environment_look.c - lookups in an environment: radiance, prefiltered reflection, irradiance over the normal; and its data in the format
- * of a device. */
+ * environment_lookup.c - lookups in an environment: radiance, prefiltered reflection, irradiance over the normal; and its data in the
+ * format of a device. */
 #include "lights/environment_map.h"
 #include "shared/light.h"
 
@@ -13,7 +13,7 @@ static struct pell_vec3 to_map(const struct pell_environment *env, struct pell_v
 
 static void map_uv(struct pell_vec3 d, float *u, float *v)
 {
-    const struct pell_place2 p = pell_panorama_place(d.x, d.y, d.z);
+    const struct pell_point2 p = pell_panorama_uv(d.x, d.y, d.z);
 
     *u = p.x;
     *v = p.y;
@@ -29,7 +29,7 @@ void pell_environment_aim(struct pell_environment *env, const struct pell_light 
         env->image = light->image;
 }
 
-void pell_environment_place(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v)
+void pell_environment_uv(const struct pell_environment *env, struct pell_vec3 direction, float *u, float *v)
 {
     map_uv(to_map(env, direction), u, v);
 }
@@ -55,7 +55,7 @@ void pell_environment_radiance(const struct pell_environment *env, struct pell_v
     float rgba[4] = { 1.0f, 1.0f, 1.0f, 1.0f }, u, v;
 
     if (env->image) {
-        pell_environment_place(env, direction, &u, &v);
+        pell_environment_uv(env, direction, &u, &v);
         pell_image_sample(&env->image->image, PELL_WRAP_REPEAT, PELL_WRAP_CLAMP, false, u, v, rgba);
     }
     memcpy(rgb, rgba, 3 * sizeof(*rgb));
@@ -101,13 +101,13 @@ void pell_environment_reflection(const struct pell_environment *env, struct pell
 
 void pell_environment_irradiance(const struct pell_environment *env, struct pell_vec3 n, const struct pell_env_query *q, float rgb[3])
 {
-    const struct pell_place2 at = pell_octahedral_place(n.x, n.y, n.z);
+    const struct pell_point2 at = pell_octahedral_coord(n.x, n.y, n.z);
     const int i = pell_table_cell(at.x, PELL_ENV_NODES), j = pell_table_cell(at.y, PELL_ENV_NODES);
     const float f = at.x - (float) i, g = at.y - (float) j;
     const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
-    const float place = pell_roughness_place(q->roughness, PELL_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
-    const int k = pell_table_cell(place, PELL_ENV_ROUGHNESS);
-    const float h = place - (float) k;
+    const float coord = pell_roughness_place(q->roughness, PELL_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
+    const int k = pell_table_cell(coord, PELL_ENV_ROUGHNESS);
+    const float h = coord - (float) k;
     float e[3] = { 0 }, lobe[3] = { 0 };
 
     for (int corner = 0; corner < 4; corner++) {
@@ -226,7 +226,7 @@ static float mean_of_source(const struct pell_light_source *s, struct pell_vec3 
 /* Irradiance on a face, from the table's node nearest to its normal. */
 static const float *nearest_node(const struct pell_environment *env, struct pell_vec3 n)
 {
-    const struct pell_place2 at = pell_octahedral_place(n.x, n.y, n.z);
+    const struct pell_point2 at = pell_octahedral_coord(n.x, n.y, n.z);
     const int i = (int) (at.x + 0.5f), j = (int) (at.y + 0.5f);
 
     return env->nodes + (size_t) (j * PELL_ENV_NODES + i) * (size_t) env->size;
