@@ -105,7 +105,7 @@ void pell_environment_irradiance(const struct pell_environment *env, struct pell
     const int i = pell_table_cell(at.x, PELL_ENV_NODES), j = pell_table_cell(at.y, PELL_ENV_NODES);
     const float f = at.x - (float) i, g = at.y - (float) j;
     const float weight[4] = { (1.0f - f) * (1.0f - g), f * (1.0f - g), (1.0f - f) * g, f * g };
-    const float coord = pell_roughness_place(q->roughness, PELL_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
+    const float coord = pell_roughness_coord(q->roughness, PELL_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
     const int k = pell_table_cell(coord, PELL_ENV_ROUGHNESS);
     const float h = coord - (float) k;
     float e[3] = { 0 }, lobe[3] = { 0 };

@@ -9,13 +9,13 @@
 #include "shared/language.h"
 
 /* Position of a cosine in [0, 1], in a table whose entry i is for mu = (i / (entries - 1))^2: directional albedos, smooth boundaries. */
-PELL_SHARED float pell_cosine_place(float mu, int32_t entries)
+PELL_SHARED float pell_cosine_coord(float mu, int32_t entries)
 {
     return sqrtf(mu) * PELL_TO_FLOAT(entries - 1);
 }
 
 /* Position of a roughness, in a table whose entries are uniform from `lowest` to 1. */
-PELL_SHARED float pell_roughness_place(float roughness, float lowest, int32_t entries)
+PELL_SHARED float pell_roughness_coord(float roughness, float lowest, int32_t entries)
 {
     const float y = (roughness - lowest) * (PELL_TO_FLOAT(entries - 1) / (1.0f - lowest)), above = y > 0.0f ? y : 0.0f;
     return above < PELL_TO_FLOAT(entries - 1) ? above : PELL_TO_FLOAT(entries - 1);

@@ -58,7 +58,7 @@ float of_table(float place, int entries)
 float boundary(float mu)
 {
     const pell_refraction r = pell_refract(eta, mu);
-    const float scale = of_table(pell_cosine_place(pell_saturate(mu), 32), 32), rough = of_table(pell_roughness_place(mu, 0.05f, 16), 16);
+    const float scale = of_table(pell_cosine_coord(pell_saturate(mu), 32), 32), rough = of_table(pell_roughness_coord(mu, 0.05f, 16), 16);
     const float albedo = pell_bilinear(table[0], table[1], table[2], table[3], scale, rough);
     const float t = pell_transmittance(0.5f, r.reflectance, scale, rough);
     return t * pell_exit_factor(0.5f, albedo, rough, 1.0f) + pell_smooth_exit_factor(1.0f - r.reflectance, rough) +

@@ -176,13 +176,13 @@ static void places_are_the_entries(void **state)
     for (int n = 2; n <= 512; n *= 2)
         for (int i = 0; i < n; i++) {
             const double t = (double) i / (n - 1);
-            REQUIRE_NEAR((double) pell_cosine_place((float) (t * t), n), i, 1e-4);
+            REQUIRE_NEAR((double) pell_cosine_coord((float) (t * t), n), i, 1e-4);
             REQUIRE_NEAR((double) pell_thickness_coord((float) (7.0 * t * t), 7.0f, n), i, 1e-4);
-            REQUIRE_NEAR((double) pell_roughness_place((float) (0.1 + 0.9 * t), 0.1f, n), i, 1e-4);
+            REQUIRE_NEAR((double) pell_roughness_coord((float) (0.1 + 0.9 * t), 0.1f, n), i, 1e-4);
             assert_int_equal(pell_table_cell((float) i + 0.5f, n), i < n - 2 ? i : n - 2);
         }
-    assert_true(pell_roughness_place(0.0f, 0.1f, 16) == 0.0f);
-    assert_true(pell_roughness_place(2.0f, 0.1f, 16) == 15.0f);
+    assert_true(pell_roughness_coord(0.0f, 0.1f, 16) == 0.0f);
+    assert_true(pell_roughness_coord(2.0f, 0.1f, 16) == 15.0f);
     assert_int_equal(pell_table_cell(1e30f, 16), 14);
     assert_int_equal(pell_table_cell(NAN, 16), 14); /* inside of the table, whatever comes */
     assert_true(pell_saturate(NAN) == 0.0f);

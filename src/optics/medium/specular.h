@@ -27,7 +27,7 @@ void pell_boundary_table_make(double eta, struct pell_boundary_table *out);
 /* Position of a roughness between two entries. */
 static inline void pell_roughness_position(float roughness, int *index, float *fraction)
 {
-    const float place = pell_roughness_place(roughness, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
+    const float place = pell_roughness_coord(roughness, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
     *index = pell_table_cell(place, PELL_ALBEDO_ROUGHNESS);
     *fraction = place - (float) *index;
 }
@@ -35,7 +35,7 @@ static inline void pell_roughness_position(float roughness, int *index, float *f
 /* Scale and bias at mu, bilinear; `first` points at albedo[model][0][index] and counts from there. */
 static inline void pell_albedo_pair(const float *first, float fraction, float mu, float *scale, float *bias)
 {
-    const float place = pell_cosine_place(pell_saturate(mu), PELL_ALBEDO_MU);
+    const float place = pell_cosine_coord(pell_saturate(mu), PELL_ALBEDO_MU);
     const int i = pell_table_cell(place, PELL_ALBEDO_MU);
     const float f = place - (float) i, *p = first + 2 * PELL_ALBEDO_ROUGHNESS * i, *q = p + 2 * PELL_ALBEDO_ROUGHNESS;
     *scale = pell_bilinear(p[0], p[2], q[0], q[2], fraction, f);
@@ -44,7 +44,7 @@ static inline void pell_albedo_pair(const float *first, float fraction, float mu
 
 static inline float pell_boundary_lookup(const float *transmittance, float mu)
 {
-    const float place = pell_cosine_place(pell_saturate(mu), PELL_BOUNDARY_MU);
+    const float place = pell_cosine_coord(pell_saturate(mu), PELL_BOUNDARY_MU);
     const int i = pell_table_cell(place, PELL_BOUNDARY_MU);
     return pell_lerp(transmittance[i], transmittance[i + 1], place - (float) i);
 }

@@ -78,7 +78,7 @@ INLINE void albedos(const struct pell_composite_row *row, const struct owners *o
     int cell[LANES], differ = 0;
 
     for (int i = 0; i < LANES; i++) {
-        const float x = pell_cosine_place(mu[i], PELL_ALBEDO_MU);
+        const float x = pell_cosine_coord(mu[i], PELL_ALBEDO_MU);
         cell[i] = pell_table_cell(x, PELL_ALBEDO_MU);
         fx[i] = x - (float) cell[i];
     }

@@ -15,7 +15,7 @@ struct Lobe {
 
 Lobe lobe_of(uint material, float roughness)
 {
-    const float y = pell_roughness_place(roughness, PELL_LIT_ROUGHNESS_MIN, ALBEDO_ROUGHNESS);
+    const float y = pell_roughness_coord(roughness, PELL_LIT_ROUGHNESS_MIN, ALBEDO_ROUGHNESS);
     const int k = pell_table_cell(y, ALBEDO_ROUGHNESS);
 
     return Lobe(material, materials[material].model * ALBEDO_MU * ALBEDO_ROUGHNESS * 2 + 2 * k, y - float(k));
@@ -24,7 +24,7 @@ Lobe lobe_of(uint material, float roughness)
 // Scale and bias of the directional albedo at a cosine.
 vec2 albedo_at(Lobe lobe, float mu)
 {
-    const float coord = pell_cosine_place(pell_saturate(mu), ALBEDO_MU);
+    const float coord = pell_cosine_coord(pell_saturate(mu), ALBEDO_MU);
     const int k = pell_table_cell(coord, ALBEDO_MU), at = lobe.at + 2 * ALBEDO_ROUGHNESS * k, next = at + 2 * ALBEDO_ROUGHNESS;
     const float f = coord - float(k);
 
@@ -35,7 +35,7 @@ vec2 albedo_at(Lobe lobe, float mu)
 // T of a smooth boundary, whose table begins there.
 float smooth_transmittance(int table, float mu)
 {
-    const float coord = pell_cosine_place(pell_saturate(mu), BOUNDARY_MU);
+    const float coord = pell_cosine_coord(pell_saturate(mu), BOUNDARY_MU);
     const int k = pell_table_cell(coord, BOUNDARY_MU);
 
     return pell_lerp(tables[table + k], tables[table + k + 1], coord - float(k));

@@ -233,7 +233,7 @@ static void transmittance(const struct pell_shade_tables *t, const struct pell_l
     _Alignas(64) int32_t at[N];
 
     for (int i = 0; i < N; i++) {
-        const float coord = pell_cosine_place(pell_saturate(mu[i]), PELL_ALBEDO_MU);
+        const float coord = pell_cosine_coord(pell_saturate(mu[i]), PELL_ALBEDO_MU);
         const int32_t k = pell_table_cell(coord, PELL_ALBEDO_MU);
         f[i] = coord - (float) k;
         at[i] = p->albedo_at[i] + 2 * PELL_ALBEDO_ROUGHNESS * k;
@@ -450,7 +450,7 @@ static void load_roughness(struct pell_lanes *restrict p)
 {
     for (int i = 0; i < N; i++) {
         const float r = p->roughness[i], width = pell_lobe_width(p->model[i], r);
-        const float y = pell_roughness_place(r, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
+        const float y = pell_roughness_coord(r, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
         const int32_t k = pell_table_cell(y, PELL_ALBEDO_ROUGHNESS);
         p->width2[i] = width * width + 2.0f * p->slope_variance[i];
         p->fraction[i] = y - (float) k;

@@ -30,7 +30,7 @@ struct Entering {
 Entering entering_of(uint e, Lobe lobe, float roughness, float rho_s)
 {
     const pell_lit_material m = materials[lobe.material];
-    const float coord = pell_roughness_place(roughness, PELL_LIT_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
+    const float coord = pell_roughness_coord(roughness, PELL_LIT_ROUGHNESS_MIN, PELL_ENV_ROUGHNESS);
     const int k = pell_table_cell(coord, PELL_ENV_ROUGHNESS);
     Entering n;
 
