@@ -117,7 +117,7 @@ PELL_API PELL_NODISCARD enum pell_result pell_renderer_set_checkpoint(struct pel
 
 /* An intermediate image of a frame: a plane of struct pell_frame, or an intermediate result of a method (docs/guide/command-line.md). */
 struct pell_intermediate {
-    const char *name; /* "frame.irradiance", "texture-space.stretch": [a-z0-9.-]+, up to 63 characters, unique within a frame */
+    const char *name; /* "frame.irradiance", "texture-space.texel-size": [a-z0-9.-]+, up to 63 characters, unique within a frame */
     const char *unit; /* "1" for a pure number */
     const char *what; /* one sentence */
     int width, height;
@@ -165,7 +165,7 @@ struct pell_render_result {
 };
 
 /* Renders one frame. The first frame of a scene, a size or a method allocates and prepares; later ones reuse it. PELL_ERR_INVALID for
- * settings out of range and for a renderer without a scene, PELL_ERR_LIMIT, PELL_ERR_NOMEM, PELL_ERR_CANCELLED after pell_context_cancel.
+ * settings out of range or above a limit and for a renderer without a scene, PELL_ERR_NOMEM, PELL_ERR_CANCELLED after pell_context_cancel.
  * On failure *image is {0}, and the planes of the last image are no longer valid. */
 PELL_API PELL_NODISCARD enum pell_result pell_renderer_render(struct pell_renderer *r, const struct pell_settings *settings,
                                                               struct pell_render_result *image);

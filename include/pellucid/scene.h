@@ -5,7 +5,8 @@
  * Axes       right-handed, y up; a camera looks along its forward vector. UV (0, 0) is the upper left of an image, v runs down.
  * Units      mm, linear Rec.709; intensity W/sr, irradiance W/m^2, radiance W/(m^2 sr). Point-light fall-off counts in metres.
  * Ownership  a scene owns everything that it points to. Build one with pell_scene_create and the pell_scene_add_* functions, or read one
- *            with pell_scene_load. While a renderer uses it, only the values of its first camera may change, between frames.
+ *            with pell_scene_load. While a renderer uses it, only the values of its cameras may change,
+ *            and those of its lights (pell_renderer_lights_changed), between frames.
  * Errors     logged with file, location, value and the allowed range; the owner destroys the scene also after a failure.
  * Threads    one thread builds a scene; many may read it.
  */

@@ -122,7 +122,7 @@ def enum_names(count: int, at: Callable[[int], Any]) -> list[str]:
 def numbers(values, what: str = "values", dtype: Any = None) -> np.ndarray:
     """A contiguous array of a type (None: its own); the caller's own memory if it is one."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
-        raise InvalidError(f"has {np.ma.count_masked(values)} masked values, must have none", what, "filled(0), or compare's `mask`")
+        raise InvalidError(f"has {np.ma.count_masked(values)} masked values, must have none", what, "remove or fill the masked values")
     try:
         array = np.asarray(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as e:

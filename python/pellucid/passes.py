@@ -30,6 +30,8 @@ class Pass(Closing):
         words = " ".join(f"{k.replace('_', '-')}={knob_text(v)}" for k, v in knobs.items())
         context.check(lib.pell_method_knobs_create(context.c, found, words.encode(), self._knobs))
         context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": int(threads)}), self._device))
+        if len(media) == 0:
+            raise InvalidError("is empty, must have a medium for each material number from 1 on", "media")
         self._name = ffi.new("char[]", b"pass")
         self._materials = ffi.new("struct pell_frame_material[]", len(media))
         for target, m in zip(self._materials, media):
@@ -51,6 +53,8 @@ class Pass(Closing):
     def _plane(self, info, array, index: int, writable: bool):
         dtype, kind = _FORMATS[info.format]
         name = text(info.name) + (f"[{index}]" if info.components > 1 else "")
+        if isinstance(array, np.ma.MaskedArray):
+            raise InvalidError("is a masked array, must be a plain one: planes are not copied", name)
         if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != self.shape:
             seen = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
             raise InvalidError(f"is {seen}, must be an array of {np.dtype(dtype)} of shape {self.shape}: planes are not copied", name)
@@ -80,6 +84,8 @@ class Pass(Closing):
                 if info.components == 1:
                     setattr(target, name, self._plane(info, value, 0, of_light))
                     continue
+                if not hasattr(value, "__len__"):
+                    raise InvalidError(f"is {value!r:.60}, must be {info.components} planes", name)
                 if len(value) != info.components:
                     raise InvalidError(f"{len(value)} planes, must be {info.components}", name)
                 for c in range(info.components):

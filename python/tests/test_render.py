@@ -350,6 +350,27 @@ def test_a_pass_writes_into_the_callers_planes():
         pellucid.Pass("path-trace", shape, [marble], 10.0)
 
 
+def test_a_pass_refuses_wrong_numbers_masks_and_missing_media():
+    shape, marble = (8, 8), pellucid.Medium.material("marble")
+    planes = {"material": np.ones(shape, np.uint16), "depth": np.full(shape, 500, np.float32), "irradiance": np.ones((3, *shape), np.float32)}
+    out = {"light": np.zeros((3, *shape), np.float32)}
+    with pellucid.Pass("screen-space", shape, [marble], 10.0) as scatter:
+        for name, value in (("material", np.full(shape, 2, np.uint16)), ("depth", np.ma.masked_less(planes["depth"], 0)), ("irradiance", None)):
+            with pytest.raises(pellucid.InvalidError, match=name):
+                scatter.render(out, **{**planes, name: value})
+        scatter.render(out, **planes)
+    with pytest.raises(pellucid.InvalidError, match="media"):
+        pellucid.Pass("screen-space", shape, [], 10.0)
+
+
+def test_arrays_with_masked_values_are_refused_and_bad_normals_are_reported(ball):
+    vertices, triangles, _ = ball
+    with pytest.raises(pellucid.InvalidError, match="masked"):
+        pellucid.Scene.from_arrays([{"vertices": np.ma.masked_greater(vertices, 0), "triangles": triangles}])
+    with pytest.warns(pellucid.PellucidWarning, match="normals are not finite"):
+        pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles, "normals": np.full_like(vertices, np.nan)}]).close()
+
+
 @pytest.mark.parametrize("method, knobs", [("screen-space", {}), ("image-space", {"views": "eye"}), ("convolution", {"surfaces": 1})])
 def test_a_pass_over_the_planes_of_a_render_is_that_render(ball, method, knobs):
     material, fov, distance = "skin-6gaussian", 20.0, 200.0

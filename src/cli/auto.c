@@ -270,9 +270,14 @@ static void report_choice(const struct trial *t, const struct pell_method *m, do
     for (size_t i = 0; i < count; i++) {
         const json_t *o = json_array_get(t->tried, i);
         const bool last = i + 1 == count && m && strcmp(m->name, "path-trace") != 0;
-        if (!last)
-            pell_text_add(&line, "%s%s %.1f %%", i == 0 ? "; " : ", ", json_string_value(json_object_get(o, "method")),
-                          100.0 * json_real_value(json_object_get(o, "error")));
+        const json_t *noise = json_object_get(o, "noise");
+        if (last)
+            continue;
+        pell_text_add(&line, "%s%s %.1f", i == 0 ? "; " : ", ", json_string_value(json_object_get(o, "method")),
+                      100.0 * json_real_value(json_object_get(o, "error")));
+        if (noise)
+            pell_text_add(&line, " +- %.1f", 100.0 * json_real_value(noise));
+        pell_text_add(&line, " %%");
     }
     pell_info(t->cli->ctx, "--max-error", "%s", line.str);
 }

@@ -14,7 +14,7 @@
 
 enum pell_result folder_begin(struct pell_context *ctx, const char *option, const char *path, struct output_folder *f)
 {
-    static const char hint[] = "it names a folder, which is made if the one around it is there";
+    static const char hint[] = "it must be a folder; it is created if its parent folder exists";
     struct stat st;
     size_t n = strlen(path);
 

@@ -65,8 +65,9 @@ static const struct option options[] = {
       "raise or lower a limit (`pellucid info` lists them); repeatable", LIMIT, 0, NULL },
     { OPTIONS_METHOD, 'm', "method", "NAME", "scattering method (`pellucid methods`); none: no scattering", TEXT, AT(method), NULL },
     { OPTIONS_CHOICE, 0, "max-error", "PERCENT",
-      "use the cheapest method whose error is at most this, measured on a small image against path-trace; -m auto: 8%", TEXT, AT(max_error),
-      NULL },
+      "use the cheapest method whose error plus its standard error is at most this, measured on a small image against path-trace; "
+      "-m auto: 8%",
+      TEXT, AT(max_error), NULL },
     { OPTIONS_METHOD | OPTIONS_COMPARE, 0, "set", "KNOB=VALUE", "a knob of the method (`pellucid methods NAME`); repeatable", KNOB, 0,
       NULL },
     { OPTIONS_METHOD, 0, "samples", "N", "number of samples of the method (its knob samples, or most)", COMMON, 0, NULL },

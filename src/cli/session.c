@@ -20,7 +20,7 @@ static const struct {
 } common_options[] = {
     { "samples", { "samples", "most" }, "number of samples" },
     { "time-limit", { "time-limit", NULL }, "time limit" },
-    { "target-error", { "error", NULL }, "error of its own to aim at" },
+    { "target-error", { "error", NULL }, "estimate of its error" },
 };
 
 static bool is_common(const char *name)

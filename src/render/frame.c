@@ -266,7 +266,8 @@ static bool can_denoise(const struct pell_renderer *r)
     if (!r->settings.denoise)
         return false;
     if (!r->noisy || !r->settings.layers || r->lens.radius > 0.0f)
-        pell_warn(r->ctx, "denoise", r->noisy || !r->scattered ? NULL : "path-trace does", "nothing is denoised: %s",
+        pell_warn(r->ctx, "denoise", r->noisy || !r->scattered ? NULL : "path-trace, dipole and single-scatter do",
+                  "nothing is denoised: %s",
                   !r->scattered         ? "only scattered light is filtered, and there is none"
                   : !r->noisy           ? "the method does not estimate its noise"
                   : !r->settings.layers ? "the layers are not computed"

@@ -152,7 +152,7 @@ fail:
 static enum pell_result no_unit(struct pell_context *ctx, const char *path, const char *format)
 {
     return pell_error(ctx, PELL_ERR_INVALID, path, "--size 70mm: the largest extent, or --unit 1mm: what one unit is",
-                      "%s files have no unit, and light scatters over lengths: without a size or a unit the image would be arbitrary",
+                      "%s files have no unit, but scattering distances are lengths: without a size or a unit the image would be arbitrary",
                       format);
 }
 

@@ -13,7 +13,7 @@ void pell_vulkan_devices_choose(struct pell_vulkan_devices *devices)
 {
     static const char *const why[] = { "a discrete GPU comes first", "an integrated GPU, and no discrete one can be taken",
                                        "a virtual GPU, and no better one can be taken", "no GPU can be taken",
-                                       "no hardware device can be taken, and this driver runs on the CPU" };
+                                       "no hardware device is usable; this driver runs on the CPU" };
 
     devices->taken = -1;
     devices->why = devices->count > 0 ? "every device lacks something" : "there is no device: install its Vulkan driver";

@@ -192,10 +192,10 @@ static enum exit_code open_profile(struct cli *cli, struct profile_job *job)
     const bool skin = cli->profile.skin || cli->profile.wavelength;
 
     if (skin && cli->profile.layers)
-        return cli_usage(cli, "--layers", NULL, "is given beside %s: a profile is of one of them",
+        return cli_usage(cli, "--layers", NULL, "can't be combined with %s: a profile is of one of them",
                          cli->profile.skin ? "--skin" : "--wavelength");
     if (what && (skin || cli->profile.layers))
-        return cli_usage(cli, what, "leave one of them out", "is given beside %s: a profile is of one of them",
+        return cli_usage(cli, what, "leave one of them out", "can't be combined with %s: a profile is of one of them",
                          cli->profile.skin || cli->profile.layers ? other : "--wavelength");
     if (!what && !skin && !cli->profile.layers)
         return cli_usage(cli, "profile", "`--help` shows examples", "MATERIAL|FILE is missing, and neither --layers nor --skin is given");

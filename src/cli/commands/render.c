@@ -96,7 +96,7 @@ static enum exit_code choose_frames(struct cli *cli, struct job *job)
         return cli_usage(cli, "--frames", NULL, "\"%s\" are %g pictures, at most %d are allowed", text, count, MOST_FRAMES);
     job->frames.count = (int) count;
     if (cli->time || cli->numbers.turntable > 0)
-        return cli_usage(cli, "--frames", NULL, "says which times: it does not go with %s", cli->time ? "--time" : "--turntable");
+        return cli_usage(cli, "--frames", NULL, "can't be combined with %s", cli->time ? "--time" : "--turntable");
     return EXIT_OK;
 }
 

@@ -401,7 +401,7 @@ static enum pell_result dipole_render(void *state, const struct pell_frame *in, 
     }
     st->frame.time = (struct pell_pass_time) { "dipole.sample", pell_seconds() - start, sum.pixels, sum.pixels * 52 };
     if (sum.pixels > 0)
-        pell_info(st->ctx, "dipole", "%.0f samples per pixel; %.2f %% of the pixels stopped at the knob most",
+        pell_info(st->ctx, "dipole", "%.0f samples per pixel; %.2f %% of the pixels reached the maximum (knob most)",
                   (double) sum.samples / (double) sum.pixels, 100.0 * (double) sum.over / (double) sum.pixels);
     if (sum.cut > 0)
         pell_warn(st->ctx, "dipole", NULL, "%lld probe rays met more than %d surfaces: light of those beyond is missing",

@@ -19,7 +19,7 @@ static const struct pell_knob knobs[] = {
     { "error", PELL_KNOB_FLOAT, "1", AT(error), { 0.02 }, 1e-4, 1, NULL,
       "target for the standard error of each channel of a pixel, relative to its value" },
     { "most", PELL_KNOB_INT, "1", AT(most), { 65536 }, 1, 1000000000, NULL,
-      "samples per pixel at most; the first rounds, about 200 samples, are always taken" },
+      "samples per pixel at most, besides the 320 that estimate how many are needed; at least 320 are taken" },
     { "sampling", PELL_KNOB_ENUM, "1", AT(sampling), { DI_BOTH }, 0, 0, sampling_names,
       "sampling of the surface: by probe rays around the point, uniformly, or both, weighted by the balance heuristic" },
     { "strength", PELL_KNOB_BOOL, "1", AT(strength), { 1 }, 0, 1, NULL, "scale the scattering radius by the material's strength map" },

@@ -82,7 +82,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
         .name = "single-scatter", .seconds = pell_seconds() - start, .pixels = sum.pixels, .bytes = sum.pixels * 40, .rays = sum.rays
     };
     if (sum.pixels > 0)
-        pell_info(st->ctx, "single-scatter", "%.0f samples and %.0f rays per pixel; %.2f %% of the pixels stopped at the knob most",
+        pell_info(st->ctx, "single-scatter", "%.0f samples and %.0f rays per pixel; %.2f %% of the pixels reached the maximum (knob most)",
                   (double) sum.samples / (double) sum.pixels, (double) sum.rays / (double) sum.pixels,
                   100.0 * (double) sum.over / (double) sum.pixels);
     return PELL_OK;

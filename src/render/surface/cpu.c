@@ -48,14 +48,14 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
     memset(surface, 0, sizeof(*surface));
     if (width < 1 || height < 1 || (int64_t) width * height > pell_context_limits(ctx)->image_pixels || width > INT_MAX - 16)
         return pell_error(ctx, PELL_ERR_INVALID, NULL, "the limit \"image-pixels\" can be raised",
-                          "a picture of %d x %d pixels; at least 1 x 1 and at most %lld pixels are allowed", width, height,
+                          "an image of %d x %d pixels; at least 1 x 1 and at most %lld pixels are allowed", width, height,
                           (long long) pell_context_limits(ctx)->image_pixels);
     stride = ((size_t) width + 15) / 16 * 16;
     /* Planes of one size would start at the same offset in a page, and a pixel's 20 values would fall into the same few cache sets: each
      * plane starts three cache lines further on. */
     if (__builtin_mul_overflow(stride, (size_t) height, &pixels) || __builtin_add_overflow(pixels, 48, &pixels) ||
         __builtin_mul_overflow(pixels, (PLANES + 2) * sizeof(float), &bytes))
-        return pell_error(ctx, PELL_ERR_NOMEM, NULL, NULL, "a picture of %d x %d pixels can't be allocated", width, height);
+        return pell_error(ctx, PELL_ERR_NOMEM, NULL, NULL, "an image of %d x %d pixels can't be allocated", width, height);
 
     scratch = pell_zalloc(ctx, sizeof(*scratch) + tasks_of(width, height) * sizeof(scratch->bands[0]));
     surface->scratch = scratch;
