@@ -13,7 +13,7 @@ static const struct command commands[] = {
       "Options of the command line override those of a scene file. PNG holds the exposed image; EXR, HDR and PFM hold linear "
       "radiance without exposure, and EXR also holds all layers.\n",
       "  pellucid render bunny.obj --material wholemilk --size 70mm -o bunny.png\n"
-      "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.png  # without scattering\n"
+      "  pellucid render bunny.obj --material wholemilk --size 70mm -m none -o plain.png  # no scattering\n"
       "  pellucid render head.gltf --material skin --set gaussians=6 -o head.exr          # with layers\n"
       "  pellucid render scene.json --width 1920 --height 1080 --msaa 8 --stats\n"
       "  pellucid render scene.json --turntable 4 -o turn.png     # turn_0000.png, turn_0001.png, ...\n"
