@@ -15,6 +15,12 @@
 /* One image, or one of two independent images with half of the samples each. */
 enum reference_half { REFERENCE_WHOLE, REFERENCE_FIRST_HALF, REFERENCE_SECOND_HALF };
 
+/* The number of images that share the work of one. */
+static inline int reference_images(int half)
+{
+    return half == REFERENCE_WHOLE ? 1 : 2;
+}
+
 static inline uint32_t reference_half_seed(uint32_t seed, int half)
 {
     return half == REFERENCE_WHOLE ? seed : pell_hash(seed ^ 0x9e3779b9u * (uint32_t) half);
@@ -24,7 +30,7 @@ static inline uint32_t reference_half_seed(uint32_t seed, int half)
  * mean has the relative error `error`. */
 static inline double reference_sample_error(double error, int half, int samples)
 {
-    return error * sqrt((half == REFERENCE_WHOLE ? 1.0 : 2.0) * (samples > 1 ? samples : 1));
+    return error * sqrt((double) reference_images(half) * (samples > 1 ? samples : 1));
 }
 
 /* The first member of the method's state: the functions below implement struct pell_method_engine. */

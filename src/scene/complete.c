@@ -81,7 +81,7 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
     struct pell_mesh *m = &scene->meshes[index];
     struct pell_text where = { 0 };
     char shown[96];
-    size_t bad = 0;
+    size_t bad = 0, bad_normals;
 
     pell_text_add(&where, "%s: mesh \"%s\"", scene->path, pell_printable(m->name, shown, sizeof(shown)));
     if ((m->num_vertices && (!m->position || !m->normal)) || (m->num_triangles && !m->index))
@@ -98,11 +98,10 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
             return pell_error(scene->ctx, PELL_ERR_FORMAT, where.str, "is the unit or size right?",
                               "vertex %zu has the coordinate %g mm; allowed: [%g, %g]", i / 3, (double) m->position[i],
                               (double) -LARGEST_COORDINATE, (double) LARGEST_COORDINATE);
-    bad = clean_normals(scene->ctx, m);
-    if (bad)
-        pell_warn(scene->ctx, where.str, NULL, "%zu of %u normals are not finite and were replaced by those of the triangles", bad,
+    bad_normals = clean_normals(scene->ctx, m);
+    if (bad_normals)
+        pell_warn(scene->ctx, where.str, NULL, "%zu of %u normals are not finite and were replaced by those of the triangles", bad_normals,
                   m->num_vertices);
-    bad = 0;
     for (int u = 0; u < PELL_UV_SETS; u++)
         if (m->uv[u])
             bad += clear_bad(scene->ctx, m->uv[u], 2 * (size_t) m->num_vertices);

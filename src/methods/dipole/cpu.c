@@ -68,7 +68,7 @@ struct pixel {
     const struct dipole_state *st;
     const struct pell_solid *surface;
     const struct solid *solid;
-    int32_t index_of_solid; /* index of the solid */
+    int32_t solid_index;
     struct pell_vec3 at, axis[3];
     double strength;
     float returned[3], scale[3];    /* pell_services_returned, scaled by the solid's scale */
@@ -155,7 +155,7 @@ static void settle(struct pixel *p)
     p->count = 0;
 }
 
-static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t index_of_solid)
+static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triangle, float u, float v, uint32_t pattern)
 {
     const int i = p->count;
 
@@ -163,7 +163,7 @@ static void add_point(struct pixel *p, int batch, uint32_t mesh, uint32_t triang
     p->triangle[i] = triangle;
     p->u[i] = u;
     p->v[i] = v;
-    p->pattern[i] = index_of_solid;
+    p->pattern[i] = pattern;
     p->batch[p->count++] = (uint8_t) batch;
     if (p->count == MAX_POINTS)
         settle(p);
@@ -214,7 +214,7 @@ static void send_probes(struct pixel *p, int batch, uint32_t seed)
             open[i] = r.hit.mesh[i] != PELL_NO_HIT ? -1 : 0;
             if (!open[i])
                 continue;
-            if (p->st->solids->of_mesh[r.hit.mesh[i]] == p->index_of_solid)
+            if (p->st->solids->of_mesh[r.hit.mesh[i]] == p->solid_index)
                 add_point(p, batch, r.hit.mesh[i], r.hit.triangle[i], r.hit.u[i], r.hit.v[i], pell_hash(seed ^ (uint32_t) (i + 64 * k)));
             r.ray.tnear[i] = r.ray.tfar[i] * (1.0f + 2e-6f) + 1e-6f * (float) reach;
             r.ray.tfar[i] = end[i];
@@ -263,8 +263,8 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
 {
     const struct dipole_knobs *k = &p->st->knobs;
     const int a_batch = (int) (p->near_probes + p->near_areas);
-    const int fraction = k->half == REFERENCE_WHOLE ? 1 : 2;
-    const double most = fmax((double) k->most / a_batch, MIN_BATCHES) / fraction;
+    const int images = reference_images(k->half);
+    const double most = fmax((double) k->most / a_batch, MIN_BATCHES) / images;
     double mean[3], spread[3], needed;
     struct pell_batches pilot, s;
 
@@ -276,8 +276,8 @@ static void estimate(struct pixel *p, const float own[3], float out[3], float st
         return;
     }
     /* The pilot batches determine the number of batches and are left out of the mean: including them would bias it low. */
-    run_batches(p, 0, PILOT_BATCHES / fraction, &pilot);
-    needed = pell_batches_needed(&pilot, p->error, MIN_BATCHES / fraction, DARK_BATCHES / fraction);
+    run_batches(p, 0, PILOT_BATCHES / images, &pilot);
+    needed = pell_batches_needed(&pilot, p->error, MIN_BATCHES / images, DARK_BATCHES / images);
     run_batches(p, PILOT_BATCHES, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
@@ -306,7 +306,7 @@ static void start_pixel(const struct dipole_state *st, struct pell_vec3 at, stru
     p->st = st;
     p->surface = &st->solids->solids[solid];
     p->solid = &st->solid[solid];
-    p->index_of_solid = solid;
+    p->solid_index = solid;
     p->at = at;
     p->axis[2] = vec3_normalize(normal);
     vec3_basis(p->axis[2], &p->axis[0], &p->axis[1]);

@@ -88,17 +88,16 @@ static struct pt_goal make_goal(const struct pt_run *run)
     const struct pt_method_knobs *k = &st->knobs;
     const int samples = run->in->num_samples, left = samples - (int) run->number;
     const bool open = k->error > 0.0f || k->time_limit > 0.0f;
-    const int fraction = k->trace.half == REFERENCE_WHOLE ? 1 : 2,
-              total = ((k->samples > 0 ? k->samples : DEFAULT_SAMPLES) + fraction - 1) / fraction;
+    const int images = reference_images(k->trace.half), total = ((k->samples > 0 ? k->samples : DEFAULT_SAMPLES) + images - 1) / images;
     struct pt_goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
 
     g.most = k->samples == 0 && open ? PT_MOST : (uint32_t) ((total + samples - 1) / samples);
     if (st->services->checkpoint && st->services->checkpoint->end_sample > 0)
         g.most = (uint32_t) (st->services->checkpoint->end_sample / samples);
-    g.least = MIN_SAMPLES / (uint32_t) fraction;
+    g.least = MIN_SAMPLES / (uint32_t) images;
     g.error = reference_sample_error((double) k->error, k->trace.half, samples);
     if (k->time_limit > 0.0f)
-        g.deadline = g.begin + fmax((double) k->time_limit / fraction - (g.begin - st->begin), 0.0) / left;
+        g.deadline = g.begin + fmax((double) k->time_limit / images - (g.begin - st->begin), 0.0) / left;
     return g;
 }
 

@@ -289,8 +289,8 @@ static void run_batches(const struct ray *ray, uint32_t seed, uint32_t first, in
 void single_estimate(const struct single_world *world, struct pell_vec3 at, struct pell_vec3 toward, double depth,
                      struct single_counts *counts, float out[3], float standard_error[3])
 {
-    const int fraction = world->knobs.half == REFERENCE_WHOLE ? 1 : 2;
-    const double most = fmax((double) world->knobs.most / BATCH_SAMPLES, MIN_BATCHES) / fraction;
+    const int images = reference_images(world->knobs.half);
+    const double most = fmax((double) world->knobs.most / BATCH_SAMPLES, MIN_BATCHES) / images;
     const uint32_t seed = pell_point_seed(at, world->seed);
     double mean[3], spread[3], needed, whole[3];
     struct pell_batches pilot, s;
@@ -317,8 +317,8 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
     for (int c = 0; c < 3; c++)
         ray.opacity[c] = -expm1(-whole[c]);
     /* The pilot batches determine the number of batches and are left out of the mean: including them would bias it low. */
-    run_batches(&ray, seed, 0, PILOT_BATCHES / fraction, &pilot);
-    needed = pell_batches_needed(&pilot, world->error, MIN_BATCHES / fraction, DARK_BATCHES / fraction);
+    run_batches(&ray, seed, 0, PILOT_BATCHES / images, &pilot);
+    needed = pell_batches_needed(&pilot, world->error, MIN_BATCHES / images, DARK_BATCHES / images);
     run_batches(&ray, seed, PILOT_BATCHES, (int64_t) ceil(fmin(needed, most)), &s);
     pell_batches_measure(&s, mean, spread);
     for (int c = 0; c < 3; c++) {
