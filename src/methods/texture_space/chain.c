@@ -35,7 +35,7 @@ static void reach_of(const struct ts_blurring *p, const struct ts_blur *b, int *
     for (int k = 0; k < 2; k++)
         reach[k] = floorf(st->kernels->reach(&w, st->least[k]));
     aside = ceilf(reach[1] * st->skew);
-    if (w.planes > 4 || !(reach[0] + reach[1] + aside + 1.0f < (float) TS_FAR))
+    if (w.seven || !(reach[0] + reach[1] + aside + 1.0f < (float) TS_FAR))
         return;
     *blurred = (int) fmaxf(reach[1], aside);
     *filled = (int) fmaxf(reach[1], aside + reach[0]);
@@ -66,7 +66,7 @@ static bool reaches(const struct ts_blurring *p, const struct ts_blur *b)
 
     w.before = (float) b->before;
     w.after = (float) b->after;
-    return w.planes > 4 || st->kernels->reach(&w, st->least[0]) > 0.0f || st->kernels->reach(&w, st->least[1]) > 0.0f;
+    return w.seven || st->kernels->reach(&w, st->least[0]) > 0.0f || st->kernels->reach(&w, st->least[1]) > 0.0f;
 }
 
 static int list_levels(const struct ts_blurring *p, bool local, struct level *out)
@@ -141,6 +141,18 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
     return p->st->run->start(p, behind, planes);
 }
 
+static void show_planes(struct ts_state *st, float *const *planes, int number)
+{
+    ts_show(st, &(struct ts_image) { "blur",
+                                     "W/m^2",
+                                     "the irradiance map after the Gaussians up to this one",
+                                     { planes[0], planes[1], planes[2] },
+                                     3,
+                                     number,
+                                     true,
+                                     true });
+}
+
 static enum pell_result show_blur(struct ts_blurring *p, int number)
 {
     struct ts_state *st = p->st;
@@ -149,14 +161,13 @@ static enum pell_result show_blur(struct ts_blurring *p, int number)
     if (!pell_services_observed(st->services, st->in))
         return PELL_OK;
     PELL_TRY(st->run->inspect(p, false));
-    ts_show(st, &(struct ts_image) { "blur",
-                                     "W/m^2",
-                                     "the irradiance map after the Gaussians up to this one",
-                                     { st->now[0], st->now[1], st->now[2] },
-                                     3,
-                                     number,
-                                     true,
-                                     true });
+    show_planes(st, st->now, number);
+    if (p->planes == TS_PLANES) {
+        const int light = st->shown.light;
+        st->shown.light = -1;
+        show_planes(st, st->now + TS_LOCAL, number);
+        st->shown.light = light;
+    }
 
 fail:
     return res;
@@ -167,7 +178,7 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
     struct ts_blurring chain = { .st = st, .solid = solid, .scaled = params->scaled }, *p = &chain;
     const struct ts_runner *run = st->run;
     const bool transmission = params->transmission;
-    const int planes = transmission ? 4 : 3;
+    const int planes = params->joined ? TS_PLANES : transmission ? TS_ALPHA + 1 : 3;
     struct level levels[TS_LEVELS];
     int number = 0, count;
     enum pell_result res;

@@ -213,7 +213,7 @@ static void clear_rows(void *arg, int band, int worker)
             memset(st->now[c] + from, 0, (size_t) (to - from) * sizeof(float));
             memset(st->half[c] + from, 0, (size_t) (to - from) * sizeof(float));
         }
-    for (int c = 0; c < TS_LIT && st->solids->count > 1; c++)
+    for (int c = 0; c < TS_PLANES && st->solids->count > 1; c++)
         if (st->light[c])
             memset(st->light[c] + from, 0, (size_t) (to - from) * sizeof(float));
 }
@@ -233,12 +233,12 @@ static void find_least(struct ts_state *st, const struct ts_atlas *a)
     }
 }
 
-static void show_light(struct ts_state *st)
+static void show_light(struct ts_state *st, float *const light[3])
 {
     ts_show(st, &(struct ts_image) { "irradiance",
                                      "W/m^2",
                                      "irradiance that entered, with albedo^m",
-                                     { st->light[0], st->light[1], st->light[2] },
+                                     { light[0], light[1], light[2] },
                                      3,
                                      .color = true,
                                      .of_light = true });
@@ -260,6 +260,7 @@ static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_para
         .tilt = { a->tilt[0], a->tilt[1] },
         .tilts = st->knobs.stretch,
         .grid = st->knobs.kernel != TS_KERNEL_SEVEN ? GRID_VARIANCE : 0.0f,
+        .seven = st->knobs.kernel == TS_KERNEL_SEVEN,
     };
     chain->scaled = ts_scaled_strength(st, (int32_t) number);
     if (chain->scaled || !st->knobs.stretch)
@@ -318,8 +319,25 @@ static void leave(struct ts_state *st, const struct ts_atlas *a)
     pell_pool_run(st->services->pool, (int) ((st->tsm.count + LEFT_CHUNK - 1) / LEFT_CHUNK), leave_chunk, &task);
 }
 
-/* Blurs the transmitted light of one light, and with lights=own also its light that enters locally; `*is`: any light is transmitted. */
-static enum pell_result transmit(struct ts_state *st, size_t number, size_t light, struct ts_chain_params *chain, bool *is)
+/* Computes the light of the lights in the bit mask, which is blurred together with that of a transmitted light. */
+static enum pell_result join(struct ts_state *st, const struct ts_atlas *a, uint64_t lights)
+{
+    float *const *light = st->light + TS_LOCAL;
+    const int shown = st->shown.light;
+    enum pell_result res;
+
+    PELL_TRY(ts_light_map(st, a, lights, NULL, false, light));
+    st->shown.light = -1;
+    show_light(st, light);
+    st->shown.light = shown;
+
+fail:
+    return res;
+}
+
+/* Blurs the transmitted light of one light, and with lights=own also its light that enters locally, and that of the lights in the bit mask
+ * `local` (0: none); `*is`: any light is transmitted, otherwise nothing is blurred. */
+static enum pell_result transmit(struct ts_state *st, size_t number, size_t light, uint64_t local, struct ts_chain_params *chain, bool *is)
 {
     const struct ts_solid *solid = &st->solid[number];
     const struct ts_atlas *a = solid->atlas;
@@ -346,7 +364,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
     if (st->need.on)
         ts_need_chain(st, solid, true);
     ts_tsm_face(&t, &st->tsm);
-    PELL_TRY(ts_tsm_make(&t, st->light[3], &st->tsm, &rays));
+    PELL_TRY(ts_tsm_make(&t, st->light[TS_ALPHA], &st->tsm, &rays));
     ts_note_time(st, "tsm", a->inner, a->inner * 40, rays);
     st->shown.light = (int) light;
     *is = st->tsm.count > 0;
@@ -356,25 +374,30 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
         const float *const lit[3] = { st->light[0], st->light[1], st->light[2] };
         if (st->need.on && around)
             ts_need_chain(st, solid, true);
-        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around)); /* rays accept light from any side */
+        PELL_TRY(ts_light_map(st, a, pell_light_bit(light), around ? NULL : st->tsm.faces, !around,
+                              st->light)); /* rays accept light from any side */
         rays = 0;
         if (!around)
-            PELL_TRY(ts_tsm_light(&t, lit, st->light[3], &st->tsm, &rays));
+            PELL_TRY(ts_tsm_light(&t, lit, st->light[TS_ALPHA], &st->tsm, &rays));
         ts_note_time(st, "tsm", 0, 0, rays);
-        show_light(st);
+        show_light(st, st->light);
     }
     ts_show(st, &(struct ts_image) { "thickness",
                                      "mm",
                                      "distance that transmitted light goes; 0: none is transmitted",
-                                     { st->light[3] },
+                                     { st->light[TS_ALPHA] },
                                      1,
                                      .of_light = true,
                                      .falloff = t.falloff });
     leave(st, a);
     if (st->need.on)
         ts_need_chain(st, solid, true);
+    if (local)
+        PELL_TRY(join(st, a, local));
     chain->transmission = true;
+    chain->joined = local != 0;
     PELL_TRY(ts_chain(st, solid, chain));
+    chain->joined = false;
     chain->local = st->knobs.lights == TS_LIGHTS_OWN;
     return PELL_OK;
 
@@ -390,6 +413,21 @@ static bool transmits(const struct ts_state *st, const struct pell_light *light)
     return st->knobs.tsm != TS_TSM_OFF;
 }
 
+/* Index of the last light that is transmitted; SIZE_MAX: none is. */
+static size_t last_transmitted(const struct ts_state *st)
+{
+    const struct pell_scene *scene = st->services->scene;
+    size_t last = SIZE_MAX;
+    int count = 0;
+
+    for (size_t i = 0; i < scene->num_lights && i < 62 && count < LIGHTS_MOST; i++)
+        if (transmits(st, &scene->lights[i])) {
+            last = i;
+            count++;
+        }
+    return last;
+}
+
 static enum pell_result light_solid(struct ts_state *st, size_t number)
 {
     const struct pell_scene *scene = st->services->scene;
@@ -398,7 +436,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     struct mapping p = { .st = st, .solid = solid };
     struct ts_chain_params chain = { .local = true };
     uint64_t rest = st->services->settings->bounces > 0 ? PELL_LIGHT_INDIRECT : 0; /* light that is not blurred yet */
-    int shining = 0;
+    const size_t last = last_transmitted(st);
     bool is_transmitted = false;
     enum pell_result res;
 
@@ -409,20 +447,22 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
         ts_need_begin(st, solid);
     PELL_TRY(st->run->begin(st, solid));
     if (st->knobs.lights == TS_LIGHTS_SUM) {
-        PELL_TRY(ts_light_map(st, a, 0, NULL, true));
-        show_light(st);
+        PELL_TRY(ts_light_map(st, a, 0, NULL, true, st->light));
+        show_light(st, st->light);
     }
-    for (size_t i = 0; i < scene->num_lights; i++) {
-        const uint64_t bit = pell_light_bit(i);
+    for (size_t i = 0; i < scene->num_lights; i++)
+        rest |= pell_light_bit(i);
+    for (size_t i = 0; last != SIZE_MAX && i <= last; i++) {
+        const uint64_t others = rest & ~pell_light_bit(i);
+        const bool joins = i == last && st->joins;
         bool is = false;
         if (pell_cancelled(st->ctx))
             return PELL_ERR_CANCELLED;
-        rest |= bit;
-        if (!transmits(st, &scene->lights[i]) || shining == LIGHTS_MOST || i >= 62)
+        if (!transmits(st, &scene->lights[i]))
             continue;
-        shining++;
-        PELL_TRY(transmit(st, number, i, &chain, &is));
-        rest &= is && st->knobs.lights == TS_LIGHTS_OWN ? ~bit : ~(uint64_t) 0;
+        PELL_TRY(transmit(st, number, i, joins ? others : 0, &chain, &is));
+        if (is && st->knobs.lights == TS_LIGHTS_OWN)
+            rest = joins ? 0 : others;
         is_transmitted = is_transmitted || is;
     }
     st->tsm.count = 0;
@@ -430,8 +470,8 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
     if (st->need.on)
         ts_need_chain(st, solid, false);
     if (st->knobs.lights == TS_LIGHTS_OWN && rest) {
-        PELL_TRY(ts_light_map(st, a, rest, NULL, false));
-        show_light(st);
+        PELL_TRY(ts_light_map(st, a, rest, NULL, false, st->light));
+        show_light(st, st->light);
     }
     chain.transmission = false;
     if (chain.local && rest)

@@ -66,8 +66,10 @@ static void fill_borders(void *arg, int chunk, int worker)
 
     (void) worker;
     for (size_t s = (size_t) chunk * SQUARES; s < end; s++)
-        if (p->count == 4)
-            fill_square(p, s, 4);
+        if (p->count == TS_PLANES)
+            fill_square(p, s, TS_PLANES);
+        else if (p->count == TS_ALPHA + 1)
+            fill_square(p, s, TS_ALPHA + 1);
         else if (p->count == 3)
             fill_square(p, s, 3);
         else

@@ -41,7 +41,7 @@ INLINE float on_grid1(float variance, float length, float grid)
 }
 
 struct gathered {
-    vf weight, light[4];
+    vf weight, light[TS_PLANES];
 };
 
 /* The texels that are blurred. */
@@ -199,8 +199,12 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
 INLINE void add_to_sum(const struct ts_work *w, ptrdiff_t index)
 {
     for (int part = 0; part < TS_BLOCK; part += WIDTH)
-        for (int c = 0; c < 3; c++)
-            store(w->sum[c] + index + part, load(w->sum[c] + index + part) + w->weight[c] * load(w->to[c] + index + part));
+        for (int c = 0; c < 3; c++) {
+            vf light = load(w->to[c] + index + part);
+            if (w->planes == TS_PLANES)
+                light += load(w->to[TS_LOCAL + c] + index + part);
+            store(w->sum[c] + index + part, load(w->sum[c] + index + part) + w->weight[c] * light);
+        }
 }
 
 INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
@@ -214,8 +218,10 @@ INLINE void blur(const struct ts_work *w, int y, int from, int to, int axis)
             continue;
         if (w->planes == 3)
             blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, 3);
+        else if (w->planes == TS_ALPHA + 1)
+            blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, TS_ALPHA + 1);
         else
-            blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, 4);
+            blur_block(w, cell, b * TS_BLOCK, y, axis, low, high, TS_PLANES);
         if (axis == 1 && w->sum[0])
             add_to_sum(w, index);
     }
@@ -302,7 +308,7 @@ static void scatter(const struct ts_work *w, const float *skew, const struct ts_
 
 static void across(const struct ts_work *w, int y, int from, int to)
 {
-    if (w->planes > 4)
+    if (w->seven)
         seven(w, y, from, to, 0);
     else
         blur(w, y, from, to, 0);
@@ -310,7 +316,7 @@ static void across(const struct ts_work *w, int y, int from, int to)
 
 static void down(const struct ts_work *w, int y, int from, int to)
 {
-    if (w->planes > 4)
+    if (w->seven)
         seven(w, y, from, to, 1);
     else
         blur(w, y, from, to, 1);

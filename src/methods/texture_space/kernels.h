@@ -12,7 +12,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { TS_BLOCK = 16, TS_MARGIN = 16, TS_PLANES = 6, TS_FAR = 255 };
+enum { TS_BLOCK = 16, TS_MARGIN = 16, TS_PLANES = 7, TS_FAR = 255 };
+/* Planes of a chain with transmission: R, G, B of a light and alpha; behind them R, G, B of light that is only blurred (TS_PLANES). */
+enum { TS_ALPHA = 3, TS_LOCAL = 4 };
 
 /* Bounds of a block of texels in a row, over those in charts. */
 struct ts_cell {
@@ -36,7 +38,8 @@ struct ts_work {
     const struct ts_cell *cells;
     const float *from[TS_PLANES]; /* input of the blur */
     float *to[TS_PLANES];
-    int planes;          /* 3 or 4; with the paper's taps two more for the stretch */
+    int planes;          /* 3, 4 or TS_PLANES; with the paper's taps 6 */
+    bool seven;          /* the paper's taps; the last two planes are the stretch */
     const uint8_t *need; /* per block of a row: last stage that needs it; NULL: all are needed */
     uint8_t stage;       /* blocks not needed at this stage are left out */
     int near;            /* blocks farther from charts are left out */

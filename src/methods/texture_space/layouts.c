@@ -14,7 +14,8 @@
 #define PIXEL_TEXELS 8.0 /* maximum number of texels per pixel, over the maps of all objects */
 #define TAPS_REACH 3.46  /* in standard deviations */
 #define COVERED 0.6
-#define TEXELS 2.0 /* texels per pixel */
+#define TEXELS 2.0             /* texels per pixel */
+enum { MAX_JOINED = 5 << 20 }; /* texels with margins, above 2048 x 2048: joined chains have nine more planes */
 
 bool ts_scaled_strength(const struct ts_state *st, int32_t solid)
 {
@@ -205,7 +206,8 @@ static enum pell_result make_planes(struct ts_state *st)
     const struct ts_atlas **atlases = pell_calloc(st->ctx, st->solids->count + 1, sizeof(*atlases));
     size_t size = 0, cells = 0, count = 0, planes = 0;
     bool strength = false;
-    float **list[TS_LIT + 2 * TS_PLANES + 10];
+    int chained;
+    float **list[3 * TS_PLANES + 10];
     enum pell_result res = PELL_ERR_NOMEM;
 
     if (!atlases)
@@ -219,9 +221,12 @@ static enum pell_result make_planes(struct ts_state *st)
         cells = (size_t) a->blocks * (size_t) a->height > cells ? (size_t) a->blocks * (size_t) a->height : cells;
         strength |= ts_scaled_strength(st, (int32_t) i);
     }
-    for (int i = 0; i < (transmission ? 4 : 3); i++)
+    st->joins =
+        transmission && st->run->joins && st->knobs.kernel == TS_KERNEL_DENSE && st->knobs.lights == TS_LIGHTS_OWN && size <= MAX_JOINED;
+    chained = st->joins ? TS_PLANES : transmission ? TS_ALPHA + 1 : 3;
+    for (int i = 0; i < chained; i++)
         list[planes++] = &st->light[i];
-    for (int i = 0; i < (seven ? 6 : transmission ? 4 : 3); i++) {
+    for (int i = 0; i < (seven ? 6 : chained); i++) {
         list[planes++] = &st->now[i];
         list[planes++] = &st->half[i];
     }

@@ -18,6 +18,7 @@ struct lighting {
     ptrdiff_t most;
     const struct ts_atlas *atlas;
     uint64_t lights;      /* bit mask of the lights to compute */
+    float *const *light;  /* output: three planes */
     const uint8_t *faces; /* for a light of a known direction, the orientation of each triangle to it; NULL: unknown */
     const uint8_t *need;  /* per texel: 0: not needed; NULL: all are needed */
     bool strength;        /* also store the strength map */
@@ -69,7 +70,7 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
                            : pell_services_light_points(services, &params, &in, count, &out);
     for (int i = 0; i < k->count; i++) {
         for (int c = 0; c < 3; c++)
-            st->light[c][k->at[i]] = light.irradiance[c][i];
+            p->light[c][k->at[i]] = light.irradiance[c][i];
         if (p->strength)
             st->strength[k->at[i]] = light.strength[i];
     }
@@ -111,7 +112,7 @@ static void light_rows(void *arg, int index, int worker)
     for (int y = first; y < last && p->step != SEND; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
             for (int c = 0; c < 3; c++)
-                memset(st->light[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
+                memset(p->light[c] + y * a->stride + a->runs[r].from * TS_BLOCK, 0,
                        (size_t) (a->runs[r].to - a->runs[r].from) * TS_BLOCK * sizeof(float));
     for (int y0 = first; y0 < last; y0 += TS_TILE)
         for (int block = 0; block < a->blocks; block++) {
@@ -209,10 +210,18 @@ static enum pell_result light_charts(struct lighting *p)
     return res;
 }
 
-enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all)
+enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all,
+                              float *const light[3])
 {
     const bool part = st->need.on && !all;
-    struct lighting lighting = { .st = st, .atlas = a, .lights = lights, .faces = faces, .need = part ? st->need.stage : NULL };
+    struct lighting lighting = {
+        .st = st,
+        .atlas = a,
+        .lights = lights,
+        .light = light,
+        .faces = faces,
+        .need = part ? st->need.stage : NULL,
+    };
 
     if (has_environment(st->services->scene, lights)) {
         const struct ts_ambient_params ambient = {
@@ -231,7 +240,7 @@ enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uin
 
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a)
 {
-    struct lighting lighting = { .st = st, .atlas = a, .strength = true };
+    struct lighting lighting = { .st = st, .atlas = a, .light = st->light, .strength = true };
 
     light_at_once(&lighting);
 }

@@ -113,10 +113,11 @@ static void sum_rows(void *arg, int band, int worker)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
             for (int c = 0; c < 3; c++) {
                 const ptrdiff_t at = y * a->stride + a->runs[r].from * TS_BLOCK;
-                const float *from = p->now[c] + at;
+                const float *from = p->now[c] + at, *local = p->planes == TS_PLANES ? p->now[TS_LOCAL + c] + at : NULL;
+                const int count = (a->runs[r].to - a->runs[r].from) * TS_BLOCK;
                 float *restrict sum = st->sum[c] + at;
-                for (int i = 0; i < (a->runs[r].to - a->runs[r].from) * TS_BLOCK; i++)
-                    sum[i] += st->work.weight[c] * from[i];
+                for (int i = 0; i < count; i++)
+                    sum[i] += st->work.weight[c] * (local ? from[i] + local[i] : from[i]);
             }
 }
 
@@ -133,7 +134,7 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
 
     (void) planes;
     p->now = behind ? st->behind : st->light;
-    if (st->work.planes == 6) {
+    if (st->work.seven) {
         ts_rows(st, p->solid->atlas->height, start_rows, p);
         p->now = st->now;
     }
@@ -285,4 +286,5 @@ const struct ts_runner ts_cpu_runner = {
     .store = store,
     .forget = forget,
     .culls = true,
+    .joins = true,
 };

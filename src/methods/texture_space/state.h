@@ -12,7 +12,7 @@
 
 #include <stdatomic.h>
 
-enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 9, TS_LIT = 4, TS_READ_FAR = 6 };
+enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 9, TS_READ_FAR = 6 };
 /* TS_ROWS: rows per task. TS_READ_FAR: largest distance in texels from the inside of charts that pixels read: that of look_around, and the
  * four texels of a bilinear lookup. */
 
@@ -71,8 +71,9 @@ struct ts_state {
     struct ts_profile *profiles; /* by material; only those of solids are made */
     size_t num_profiles;
     struct ts_tsm tsm;
-    float *memory;        /* of the planes below, for texel (0, 0) of any atlas */
-    float *light[TS_LIT]; /* irradiance, and alpha */
+    bool joins;              /* a chain with transmission can blur other light, too */
+    float *memory;           /* of the planes below, for texel (0, 0) of any atlas */
+    float *light[TS_PLANES]; /* irradiance, alpha, and irradiance of light that is only blurred */
     float *now[TS_PLANES], *half[TS_PLANES], *sum[3];
     float *behind[3]; /* transmitted light, before softening */
     float *strength;
@@ -156,11 +157,11 @@ void ts_show(struct ts_state *st, const struct ts_image *image);
 
 /* --- light_map.c ----------------------------------------------------------------------------------------------------------------- */
 
-/* Computes the entering light of the lights in the bit mask (0: all) to st->light; in a partly made map only for needed texels, unless
+/* Computes the entering light of the lights in the bit mask (0: all) to three planes; in a partly made map only for needed texels, unless
  * `all`. `faces`: for lights of one known direction the orientation of each triangle; NULL: unknown. Call between chains: st->half holds
  * the ambient visibility. */
-PELL_NODISCARD enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces,
-                                             bool all);
+PELL_NODISCARD enum pell_result ts_light_map(struct ts_state *st, const struct ts_atlas *a, uint64_t lights, const uint8_t *faces, bool all,
+                                             float *const light[3]);
 /* The same, and the material's strength to st->strength. */
 void ts_light_map_and_strength(struct ts_state *st, const struct ts_atlas *a);
 
@@ -208,7 +209,8 @@ void ts_fill(const struct ts_state *st, const struct ts_atlas *a, float *const *
 
 struct ts_chain_params {
     bool local;        /* add the light that leaves on the side where it entered */
-    bool transmission; /* add transmitted light, by the alpha in st->light[3] */
+    bool transmission; /* add transmitted light, by the alpha in st->light[TS_ALPHA] */
+    bool joined;       /* with transmission: also blur st->light[TS_LOCAL], and add it where it entered */
     bool scaled;       /* distances are scaled by st->strength */
 };
 
@@ -284,6 +286,7 @@ struct ts_runner {
     void (*forget)(struct ts_state *st);
     void (*close)(struct ts_state *st);
     bool culls; /* skips texels that st->need excludes */
+    bool joins; /* has TS_PLANES planes: a light's chain can blur other light with it */
 };
 
 extern const struct ts_runner ts_cpu_runner;

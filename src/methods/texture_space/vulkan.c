@@ -514,7 +514,7 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
         pell_pool_run(st->pool, chunks_of(a->size), pack_light, &task);
     if (count > 0)
         pell_pool_run(st->pool, chunks_of(count), pack_texels, &task);
-    if (st->work.planes == 6)
+    if (st->work.seven)
         pack_stretch(st, a, pell_gpu_buffer_host(d->buffers[STRETCH_UP]), 0, a->size);
     PELL_TRY(open_list(d));
     if (behind)
@@ -523,7 +523,7 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
         upload(d, LIGHT_UP, a->size);
     if (count > 0)
         upload(d, TEXELS_UP, count);
-    if (st->work.planes == 6)
+    if (st->work.seven)
         upload(d, STRETCH_UP, a->size);
     take_note(d, "upload", (int64_t) a->size, (int64_t) a->size * 32 + (int64_t) count * 2 * (int64_t) sizeof(struct ts_entry));
     return PELL_OK;
@@ -572,7 +572,7 @@ static void transmit(struct ts_blurring *p)
 static void blur(struct ts_blurring *p, const struct ts_blur *b, int blurred)
 {
     struct ts_device *d = p->st->device;
-    const bool seven = p->st->work.planes == 6;
+    const bool seven = p->st->work.seven;
 
     d->push.before = (float) b->before;
     d->push.after = (float) b->after;
