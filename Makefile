@@ -26,7 +26,7 @@ sanitized = ASAN_OPTIONS=halt_on_error=1:detect_stack_use_after_return=1:strict_
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(firstword $(MAKEFILE_LIST)) | awk -F'|' '{ printf "make %-12s %s\n", $$1, $$2 }'
 
-demo: build ## sets up, builds, renders the example scenes and says where the pictures are
+demo: build ## sets up, builds, renders the example scenes and says where the images are
 	@scripts/demo.sh
 
 build: ## sets up and builds ./pellucid

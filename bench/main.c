@@ -22,7 +22,7 @@ static const struct command commands[] = {
     COMMAND("truth-gap", "light that leaves a surface and enters again: by samples and bounces", SCENE | PICTURE),
     COMMAND("mertens", "image-space by samples, size and radius, and others in the same time", SCENE),
     COMMAND("munoz-2", "convolution by threshold, figure 2 of its paper", SCENE | PICTURE),
-    COMMAND("munoz-3", "convolution by resolution, figure 3, and filling the picture", SCENE | PICTURE),
+    COMMAND("munoz-3", "convolution by resolution, figure 3, and filling the image", SCENE | PICTURE),
     COMMAND("munoz-5", "convolution by planes, figure 5", SCENE | PICTURE),
     COMMAND("deon-1", "texture-space by resolution and lights, table 1 of its paper", SCENE),
     COMMAND("jimenez-7.2", "screen-space beside texture-space by heads, lights and distance, table 7.2 of its paper", SCENE),

@@ -60,5 +60,5 @@ for scene in fish leaf gecko veins; do
 done
 
 printf '</html>\n' >>"$page"
-printf '\nThe pictures are in %s. A browser shows them all: %s/%s\n' "$out" "$PWD" "$page"
+printf '\nThe images are in %s. A browser shows them all: %s/%s\n' "$out" "$PWD" "$page"
 printf '\nNext: ./pellucid render YOUR.obj --material marble --size 100mm -o yours.png\n'

@@ -103,8 +103,7 @@ def bash(p):
         yield f'        {name}) COMPREPLY=($(compgen -W "{" ".join(word for _, word, _, _ in rows)}" -- "$current")) ;;\n'
     yield '        esac\n        return ;;\n    esac\n    case $command in\n'
     yield f'    methods) COMPREPLY=($(compgen -W "{" ".join(p.knobs)}" -- "$current")) ;;\n'
-    yield f'    materials) COMPREPLY=($(compgen -W "{" ".join(p.materials)}" -- "$current")) ;;\n'
-    yield f'    profile) {bash_list(materials, FILES)} ;;\n'
+    yield f'    materials | profile) {bash_list(materials, FILES)} ;;\n'
     yield f'    *) {bash_list(FILES)} ;;\n'
     yield '    esac\n}\ncomplete -o filenames -F _pellucid pellucid\n'
 
@@ -143,7 +142,7 @@ def zsh(p):
                       f':{value.lower()}:_files' if is_file(value) else f':{zsh_text(value.lower())}:' if value else '')
             for option in [word, *([letter] if letter else [])]:
                 yield f" \\\n        '*{option}[{zsh_text(text)}]{action}'"
-        what = {'methods': ':method:(' + ' '.join(p.knobs) + ')', 'materials': ':material:(' + ' '.join(p.materials) + ')',
+        what = {'methods': ':method:(' + ' '.join(p.knobs) + ')', 'materials': ':material:_pellucid_material',
                 'profile': ':material:_pellucid_material'}
         if arguments and not arguments[0].startswith('[OPTIONS'):
             yield f" \\\n        '*{what.get(name, ':file:_files')}'"
@@ -171,7 +170,7 @@ def fish(p):
         names = {'methods': list(p.knobs), 'materials': p.materials, 'profile': p.materials}.get(name, [])
         if names:
             yield f"complete -c pellucid -n {seen} -a '{' '.join(names)}'\n"
-        if arguments and name not in ('methods', 'materials', 'info'):
+        if arguments and name not in ('methods', 'info'):
             yield f'complete -c pellucid -n {seen} -F\n'
 
 

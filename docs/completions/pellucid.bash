@@ -42,7 +42,7 @@ _pellucid()
     *:--specular) COMPREPLY=($(compgen -W "material ggx kelemen phong blinn-phong" -- "$current")); return ;;
     *:--studio) COMPREPLY=($(compgen -W "soft rim back window" -- "$current")); return ;;
     render:--tonemap | bench:--tonemap | view:--tonemap) COMPREPLY=($(compgen -W "reinhard linear filmic" -- "$current")); return ;;
-    compare:--tonemap) COMPREPLY=($(compgen -W "reinhard aces linear" -- "$current")); return ;;
+    compare:--tonemap) COMPREPLY=($(compgen -W "reinhard aces linear filmic" -- "$current")); return ;;
     *:--unscattered) COMPREPLY=($(compgen -W "on off" -- "$current")); return ;;
     *:--up) COMPREPLY=($(compgen -W "y z" -- "$current")); return ;;
     *:-m | *:--method) COMPREPLY=($(compgen -W "none screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")); return ;;
@@ -85,8 +85,7 @@ _pellucid()
     esac
     case $command in
     methods) COMPREPLY=($(compgen -W "screen-space image-space texture-space convolution layered hierarchical dipole path-trace single-scatter" -- "$current")) ;;
-    materials) COMPREPLY=($(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current")) ;;
-    profile) mapfile -t COMPREPLY < <(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current"; compgen -f -- "$current") ;;
+    materials | profile) mapfile -t COMPREPLY < <(compgen -W "apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk" -- "$current"; compgen -f -- "$current") ;;
     *) mapfile -t COMPREPLY < <(compgen -f -- "$current") ;;
     esac
 }

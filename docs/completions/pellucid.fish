@@ -147,6 +147,7 @@ complete -c pellucid -n '__fish_seen_subcommand_from materials' -l log-level -x 
 complete -c pellucid -n '__fish_seen_subcommand_from materials' -l help -s h -d 'print this text'
 complete -c pellucid -n '__fish_seen_subcommand_from materials' -l version -s V -d 'print the version of the program'
 complete -c pellucid -n '__fish_seen_subcommand_from materials' -a 'apple apple-juice apple-skin budweiser-beer cappuccino-powder chardonnay chicken1 chicken2 clorox coke coors-light-beer cranberry-juice cream espresso fish gatorade grape-juice head-and-shoulders-shampoo jade ketchup leaf lemon-tea-powder lowfat-chocolate-milk lowfat-milk lowfat-soy-milk marble marble-4gaussian merlot mint-mocha-coffee orange-juice orange-powder pacific-ocean-surface-water paint-coat pepsi pink-lemonade-powder potato reduced-milk regular-chocolate-milk regular-milk regular-soy-milk ruby-grapefruit-juice salt-powder shampoo skimmilk skin skin-2layer skin-3layer skin-4gaussian skin-6gaussian skin1 skin2 soap spectralon sprite strawberry-shampoo sugar-powder suisse-mocha-powder wax white-grapefruit-juice white-zinfandel wholemilk'
+complete -c pellucid -n '__fish_seen_subcommand_from materials' -F
 complete -c pellucid -n '__fish_seen_subcommand_from profile' -l limit -x -d 'raise or lower a limit (`pellucid info` lists them); repeatable'
 complete -c pellucid -n '__fish_seen_subcommand_from profile' -l model -x -a 'dipole better-dipole normalized-diffusion photon-beam monte-carlo' -d 'profile model: dipole (default), or another of the list above'
 complete -c pellucid -n '__fish_seen_subcommand_from profile' -l compare -x -a 'dipole better-dipole normalized-diffusion photon-beam monte-carlo all' -d 'models to compare with it: names separated by commas, or all'
@@ -278,7 +279,7 @@ complete -c pellucid -n '__fish_seen_subcommand_from compare' -l specular -x -a 
 complete -c pellucid -n '__fish_seen_subcommand_from compare' -l ppd -x -d 'pixels per degree of the viewer, for FLIP; the default is 3840 pixels over 0.7 m, seen from 0.7 m; 1 to 400, default 67.0206432765'
 complete -c pellucid -n '__fish_seen_subcommand_from compare' -l exposure -x -d 'factor from radiance to display, for SSIM and FLIP; 0: metered from the reference; 0 to 1000000000000, default 0'
 complete -c pellucid -n '__fish_seen_subcommand_from compare' -l white -x -d 'luminance after exposure that becomes display white; 0: the largest of the reference; 0 to 1000000000000, default 0'
-complete -c pellucid -n '__fish_seen_subcommand_from compare' -l tonemap -x -a 'reinhard aces linear' -d 'curve from exposed radiance to the display, for SSIM and FLIP; reinhard (default), aces, linear'
+complete -c pellucid -n '__fish_seen_subcommand_from compare' -l tonemap -x -a 'reinhard aces linear filmic' -d 'curve from exposed radiance to the display, for SSIM and FLIP: those of `render`, or aces, that of HDR-FLIP; reinhard (default), aces, linear, filmic'
 complete -c pellucid -n '__fish_seen_subcommand_from compare' -l exposures -x -d 'number of exposures of HDR-FLIP; 0: one per stop, as published; 0 to 64, default 0'
 complete -c pellucid -n '__fish_seen_subcommand_from compare' -l floor -x -d 'added to the denominator of relative errors, as a fraction of the reference’s mean luminance; 1e-06 to 1, default 0.01'
 complete -c pellucid -n '__fish_seen_subcommand_from compare' -F

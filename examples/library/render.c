@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * render.c - a mesh and a material become a picture in memory, and then an EXR file with all layers.
+ * render.c - a mesh and a material become an image in memory, and then an EXR file with all layers.
  *
  *     render MESH SIZE_MM MATERIAL OUT.exr
  */

@@ -46,8 +46,9 @@ extern "C" {
 
 struct pell_context;
 
-/* Tone curve from exposed radiance to the display: Reinhard et al. 2002 on luminance, as in `render`; ACES after Narkowicz 2015; none. */
-enum pell_compare_tonemap { PELL_COMPARE_REINHARD, PELL_COMPARE_ACES, PELL_COMPARE_LINEAR };
+/* Tone curve from exposed radiance to the display: Reinhard et al. 2002 on luminance, as in `render`; ACES after Narkowicz 2015, as in
+ * HDR-FLIP; none; the filmic curve of `render`. */
+enum pell_compare_tonemap { PELL_COMPARE_REINHARD, PELL_COMPARE_ACES, PELL_COMPARE_LINEAR, PELL_COMPARE_FILMIC };
 
 /* Defaults, ranges and help: pell_compare_knobs(). */
 struct pell_compare_params {

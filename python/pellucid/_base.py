@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import logging
 import os
+import sys
 import threading
 import warnings
 from typing import Any, Callable, Iterable, Optional
@@ -19,20 +20,28 @@ _logger = logging.getLogger("pellucid")
 
 def path_bytes(path: Any) -> bytes:
     """A str, bytes or PathLike as C takes it. InvalidError: C would see its part before a NUL alone."""
-    data = os.fsencode(path)
+    try:
+        data = os.fsencode(path)
+    except TypeError:
+        raise wrong("path", f"is {path!r:.60}, must be a str, bytes or a path") from None
     if b"\0" in data:
-        raise InvalidError("has a NUL byte, where C would end it", repr(path))
+        raise wrong(f"path {path!r:.60}", "has a NUL byte, which no path may have")
     return data
 
 
 class Error(Exception):
-    """A call failed: `where` it was found, `what` is wrong with the value and what is allowed, and a `hint`, which may be ""."""
+    """A call failed: `where` it was found, `what` is wrong with the value and what is allowed, and a `hint`, which may be "". `function`:
+    the function or class of this package that refused an argument, which `where` names; else ""."""
 
     code = 0
 
-    def __init__(self, what: str, where: str = "", hint: str = ""):
-        super().__init__(": ".join(filter(None, (where, what))) + (f" ({hint})" if hint else ""))
-        self.where, self.what, self.hint = where, what, hint
+    def __init__(self, what: str, where: str = "", hint: str = "", function: str = ""):
+        if function:  # `what` of a knob begins with its name: "msaa = 0, must be ..."
+            said = f"{function}: " + (what if not where or what.startswith(f"{where} = ") else f"{where} {what}")
+        else:
+            said = ": ".join(filter(None, (where, what)))
+        super().__init__(said + (f" ({hint})" if hint else ""))
+        self.where, self.what, self.hint, self.function = where, what, hint, function
 
 
 class InvalidError(Error, ValueError):
@@ -83,20 +92,44 @@ def text(pointer) -> str:
     return ffi.string(pointer).decode("utf-8", "replace") if pointer else ""
 
 
-def failure(code: int, what: str = "", where: str = "", hint: str = "") -> Error:
-    return _errors.get(code, Error)(what or text(lib.pell_result_name(code)), where, hint)
+def failure(code: int, what: str = "", where: str = "", hint: str = "", function: str = "") -> Error:
+    return _errors.get(code, Error)(what or text(lib.pell_result_name(code)), where, hint, function)
+
+
+def called() -> str:
+    """What the caller called: the outermost function of this package on the stack, as "Scene.load", or the class that it makes."""
+    frame: Any = sys._getframe(1)  # pylint: disable=protected-access # no other way to the caller's name
+    name = ""
+    while frame and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+        function, own = frame.f_code.co_name, frame.f_locals
+        owner = type(own["self"]) if "self" in own else own.get("cls")
+        if not function.startswith("<"):  # a comprehension
+            name = function if not isinstance(owner, type) else \
+                owner.__name__ if function in ("__init__", "__call__") else f"{owner.__name__}.{function}"
+        frame = frame.f_back
+    return name
+
+
+def wrong(argument: str, what: str, hint: str = "") -> Error:
+    """The error of an argument, as a sentence: "Medium: sigma_a is -1, must be in [0, 1000]"."""
+    return failure(lib.PELL_ERR_INVALID, what, argument, hint, called())
+
+
+def closed(what: str) -> Error:
+    """The error of an object that is used after close()."""
+    return InvalidError("is closed and can't be used any more; create another", what)
 
 
 def check(code: int, what: str = "", where: str = "") -> None:
     """Raises for functions that log nothing (the optics)."""
     if code != lib.PELL_OK:
-        raise failure(code, what, where)
+        raise failure(code, what, where, "", called())
 
 
 def fault_error(fault, code: int = lib.PELL_ERR_INVALID) -> Error:
     if not fault.field:
-        return failure(code)
-    return failure(code, f"is {fault.value:g}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field))
+        return failure(code, "", "", "", called())
+    return failure(code, f"is {fault.value:g}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field), "", called())
 
 
 def version() -> str:
@@ -104,35 +137,59 @@ def version() -> str:
     return text(lib.pell_version_string())
 
 
-def choose(kind: str, name: str, names: Iterable[str]) -> int:
-    """The index of a name; InvalidError with the nearest one, or with all where none is near."""
+def choose(kind: str, name: str, names: Iterable[str], owner: str = "") -> int:
+    """The index of a name; InvalidError with the nearest one, or with all where none is near. `owner`: the argument that has such names."""
     known = list(names)
     if name in known:
         return known.index(name)
     near = difflib.get_close_matches(str(name), known, 1)
-    if near:
-        raise InvalidError(f'there is no {kind} "{name}"', kind, f'did you mean "{near[0]}"?')
-    raise InvalidError(f'there is no {kind} "{name}"; there are {", ".join(known)}', kind)
+    said = f'has no {kind} "{name}"' if owner else f'there is no {kind} "{name}"'
+    error = wrong(owner, said if near else f'{said}; there are {", ".join(known)}', f'did you mean "{near[0]}"?' if near else "")
+    error.where = owner or kind
+    raise error
+
+
+def channel_number(channel: Any) -> int:
+    """A channel: 0, 1 or 2."""
+    if channel not in (0, 1, 2):
+        raise wrong("channel", f"is {channel!r:.60}, must be 0, 1 or 2")
+    return int(channel)
+
+
+def bounded(value: Any, what: str, least: float, most: float) -> float:
+    """A number in a range."""
+    found = number(value, what)
+    if not least <= found <= most:
+        raise wrong(what, f"is {value!r:.60}, must be in [{least:g}, {most:g}]")
+    return found
+
+
+def whole(value: Any, what: str, least: int, most: int) -> int:
+    """A whole number in a range."""
+    found = bounded(value, what, least, most)
+    if found != int(found):
+        raise wrong(what, f"is {value!r:.60}, must be a whole number in [{least}, {most}]")
+    return int(found)
 
 
 def enum_names(count: int, at: Callable[[int], Any]) -> list[str]:
     return [text(at(i).name) for i in range(count)]
 
 
-def numbers(values, what: str = "values", dtype: Any = None) -> np.ndarray:
+def numbers(values, what: str, dtype: Any = None) -> np.ndarray:
     """A contiguous array of a type (None: its own); the caller's own memory if it is one."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
-        raise InvalidError(f"has {np.ma.count_masked(values)} masked values, must have none", what, "remove or fill the masked values")
+        raise wrong(what, f"has {np.ma.count_masked(values)} masked values, must have none", "remove or fill the masked values")
     try:
         array = np.asarray(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as e:
-        raise InvalidError(f"must be numbers: {e}", what) from None
+        raise wrong(what, f"must be numbers: {e}") from None
     if array.dtype.kind not in "biuf":
-        raise InvalidError(f"is {values!r:.60}, must be numbers", what)
+        raise wrong(what, f"is {values!r:.60}, must be numbers")
     return array
 
 
-def doubles(values, what: str = "values") -> np.ndarray:
+def doubles(values, what: str) -> np.ndarray:
     """A contiguous array of doubles; the caller's own memory if it is one."""
     return numbers(values, what, np.float64)
 
@@ -142,7 +199,7 @@ def number(value, what: str) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise InvalidError(f"is {value!r:.60}, must be a number", what) from None
+        raise wrong(what, f"is {value!r:.60}, must be a number") from None
 
 
 def pointer(array: np.ndarray, kind: str = "double *"):
@@ -154,7 +211,7 @@ def three(value, what: str) -> np.ndarray:
     """Numbers of R, G and B from three or from one for all."""
     array = doubles(value, what)
     if array.shape not in ((), (1,), (3,)):
-        raise InvalidError(f"has shape {array.shape}, must be one number or three", what)
+        raise wrong(what, f"has the shape {array.shape}, must be one number or three")
     return np.broadcast_to(array, (3,))
 
 
@@ -163,11 +220,11 @@ def set_fields(struct, values: dict, where: str) -> None:
     names = [name for name, _ in ffi.typeof(struct).fields] if ffi.typeof(struct).kind == "struct" else \
         [name for name, _ in ffi.typeof(struct).item.fields]
     for name, value in values.items():
-        choose("member", name, names)
+        choose("member", name, names, where)
         try:
             setattr(struct, name, value.tolist() if isinstance(value, np.ndarray) else value)
-        except (TypeError, ValueError, OverflowError) as e:
-            raise InvalidError(f"{value!r}: {e}", f"{where}.{name}") from None
+        except (TypeError, ValueError, OverflowError, IndexError) as e:
+            raise wrong(f"{where}.{name}", f"is {value!r:.60}, which a member of its type can't hold: {e}") from None
 
 
 @ffi.def_extern()
@@ -211,7 +268,7 @@ class Context:
     def c(self):
         """The C struct pell_context."""
         if not self._out[0]:
-            raise InvalidError("is closed", "Context")
+            raise closed("Context")
         return self._out[0]
 
     def _message(self, message) -> None:
@@ -221,7 +278,7 @@ class Context:
         elif message.level == lib.PELL_LOG_WARNING:
             self._warnings.append(": ".join(filter(None, what[:2])) + (f" ({what[2]})" if what[2] else ""))
         else:
-            _logger.info("%s: %s", what[0], what[1])
+            _logger.info("%s", ": ".join(filter(None, what[:2])))
 
     def check(self, code: int) -> None:
         """Issues the warnings of the last call and raises if it failed."""
@@ -235,7 +292,7 @@ class Context:
             warnings.warn(note, PellucidWarning, stacklevel=4)
         if code != lib.PELL_OK:
             _, where, what, hint = errors[-1] if errors else (code, "", "", "")
-            raise failure(code, what, where, hint)
+            raise failure(code, what, where, hint, called() if where and what.startswith(f"{where} = ") else "")
 
     def call(self, function, *args) -> None:
         """Runs a function that returns a result. In the main thread Ctrl-C cancels it: KeyboardInterrupt is raised when it has ended."""

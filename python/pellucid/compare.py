@@ -7,7 +7,7 @@ from typing import Any, Optional, Union
 
 import numpy as np
 
-from ._base import Context, InvalidError, PellucidWarning, ffi, lib, numbers, pointer, set_knobs
+from ._base import Context, PellucidWarning, ffi, lib, numbers, pointer, set_knobs, wrong
 from .render import Picture
 
 _NUMBERS = ("mse", "rel_mse", "mae", "ssim", "flip", "flip_hdr", "noise_mse", "noise_rel_mse", "floor", "pixels")
@@ -33,7 +33,7 @@ def _planes(image: Any, what: str) -> list[np.ndarray]:
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
-        raise InvalidError(f"has shape {array.shape}, must be (height, width) or (height, width, 3)", what)
+        raise wrong(what, f"has the shape {array.shape}, must have (height, width) or (height, width, 3)")
     planes = [np.ascontiguousarray(array[:, :, c], dtype=np.float32) for c in range(min(array.shape[2], 3))]
     return planes * 3 if len(planes) == 1 else planes
 
@@ -46,9 +46,9 @@ def _metrics(m) -> dict[str, Any]:
 def _count(out, bad: dict[str, int]) -> None:
     """Warns of pixels that don't count; InvalidError where none does."""
     if out.whole.pixels == 0:
-        raise InvalidError("no pixel is finite in both images" + (" and has a variance that is" if bad["bad_variance"] else ""), "compare")
+        raise wrong("", "no pixel is finite in both images" + (" and has a variance that is" if bad["bad_variance"] else ""))
     if out.masked.pixels == 0:
-        raise InvalidError("has no pixel above 0.5 where both images are finite", "mask")
+        raise wrong("mask", "has no pixel above 0.5 where both images are finite")
     for name, what in (("bad_test", "are not finite"), ("bad_reference", "are not finite, or have a bad variance")):
         if bad[name]:
             warnings.warn(f"{name[4:]}: {bad[name]} of {out.width * out.height} pixels {what}; they are left out of all numbers",
@@ -57,18 +57,21 @@ def _count(out, bad: dict[str, int]) -> None:
 
 def compare(test: Union[Picture, np.ndarray], reference: Union[Picture, np.ndarray], *, mask: Optional[np.ndarray] = None,
             variance: Optional[np.ndarray] = None, display: bool = False, **knobs: Any) -> Comparison:
-    """Compares two pictures or arrays (height, width, 3), linear Rec.709 in one unit of light. mask: (height, width), counts where > 0.5.
+    """Compares two images (a Picture each) or arrays (height, width, 3), linear Rec.709 in one unit of light. mask: (height, width), counts where > 0.5.
     variance: of the reference, as the images. display: values are display values in [0, 1]. knobs: pell_compare_knobs (ppd, exposure, ...).
     Pixels that are not finite don't count: PellucidWarning says how many; InvalidError where no pixel is left.
     """
-    given = [_planes(test, "test"), _planes(reference, "reference")]
+    given, names = [_planes(test, "test"), _planes(reference, "reference")], ["test", "reference"]
     if variance is not None:
         given.append(_planes(variance, "variance"))
+        names.append("variance")
     if mask is not None:
         given.append([numbers(mask, "mask", np.float32)])
+        names.append("mask")
     shapes = {p.shape for group in given for p in group}
     if len(shapes) != 1:
-        raise InvalidError(f"images have the shapes {sorted(shapes)}, must be equal", "compare")
+        named = ", ".join(f"{name} {group[0].shape}" for name, group in zip(names, given))
+        raise wrong("", f"the images have different shapes, must have one (height, width): {named}")
     if len({p.strides for group in given for p in group}) != 1:
         given = [[np.ascontiguousarray(p) for p in group] for group in given]
     first = given[0][0]

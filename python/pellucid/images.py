@@ -7,7 +7,7 @@ from typing import Union
 
 import numpy as np
 
-from ._base import Context, InvalidError, ffi, lib, numbers, path_bytes, pointer, text
+from ._base import Context, ffi, lib, numbers, path_bytes, pointer, text, wrong
 
 Path = Union[str, os.PathLike]
 
@@ -40,11 +40,12 @@ def read_exr(path: Path) -> dict[str, np.ndarray]:
 
 def write_layers(path: Path, channels: dict[str, np.ndarray], *, full_float: bool = True) -> None:
     """Writes channels by name as an OpenEXR file: (height, width) arrays, 32-bit or half floats."""
-    planes = {k: v if isinstance(v, np.ndarray) and v.dtype == np.float32 else numbers(v, k, np.float32) for k, v in channels.items()}
+    planes = {k: v if isinstance(v, np.ndarray) and v.dtype == np.float32 else numbers(v, f'channels["{k}"]', np.float32) for k, v in channels.items()}
     planes = {k: v if v.ndim == 2 and v.strides[1] == 4 else np.ascontiguousarray(v) for k, v in planes.items()}
     shapes = {p.shape for p in planes.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2:
-        raise InvalidError(f"channels have the shapes {sorted(shapes)}, must be one (height, width)", os.fspath(path))
+        raise wrong("channels", "is empty, must have an array (height, width) for each name" if not planes else
+                    f"has the shapes {sorted(shapes)}, all must have one (height, width)")
     height, width = next(iter(shapes))
     names = [ffi.new("char[]", k.encode()) for k in planes]
     rows = ffi.new("struct pell_channel[]", [
@@ -60,9 +61,9 @@ def write_layers(path: Path, channels: dict[str, np.ndarray], *, full_float: boo
 
 def write_image(path: Path, image: np.ndarray) -> None:
     """Writes png (linear display values in [0, 1], sRGB-encoded here), exr, hdr or pfm by the extension; (height, width[, 1, 3 or 4])."""
-    array = numbers(image, os.fspath(path), np.float32)
+    array = numbers(image, "image", np.float32)
     array = array[:, :, None] if array.ndim == 2 else array
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
-        raise InvalidError(f"has shape {array.shape}, must be (height, width) or (height, width, 1, 3 or 4)", os.fspath(path))
+        raise wrong("image", f"has the shape {array.shape}, must have (height, width) or (height, width, 1, 3 or 4)")
     names = "Y" if array.shape[2] == 1 else "RGBA"
     write_layers(path, {names[c]: array[:, :, c] for c in range(array.shape[2])})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Sequence
 
 import numpy as np
 
-from ._base import InvalidError, check, choose, doubles, failure, fault_error, ffi, lib, pointer, set_fields, text
+from ._base import channel_number, check, choose, doubles, fault_error, ffi, lib, number, pointer, set_fields, text, wrong
 from .optics import Medium, Profile
 
 PARTS = ("R+", "T+", "R-", "T-")
@@ -27,13 +27,17 @@ class Stack:
 
     def __init__(self, layers: Sequence[Layer], *, eta_above: float = 1.0, eta_below: float = 1.0, roughness: Any = 0.0):
         if not 1 <= len(layers) <= lib.PELL_LAYERS_MAX:
-            raise InvalidError(f"{len(layers)} layers, must be in [1, {lib.PELL_LAYERS_MAX}]", "Stack")
-        self.c = ffi.new("struct pell_stack *", {"count": len(layers), "eta_above": eta_above, "eta_below": eta_below})
+            raise wrong("layers", f"has {len(layers)}, must have 1 to {lib.PELL_LAYERS_MAX}")
+        self.c = ffi.new("struct pell_stack *", {"count": len(layers), "eta_above": number(eta_above, "eta_above"),
+                                                 "eta_below": number(eta_below, "eta_below")})
         for i, (medium, thickness) in enumerate(layers):
             out = self.c.layer[i]
             out.sigma_a, out.sigma_s_reduced, out.g = list(medium.c.sigma_a), list(medium.c.sigma_s_reduced), list(medium.c.g)
             out.eta, out.thickness = medium.eta, thickness
-        for i, value in enumerate(np.broadcast_to(doubles(roughness), (len(layers) + 1,))):
+        rough = doubles(roughness, "roughness")
+        if rough.shape not in ((), (1,), (len(layers) + 1,)):
+            raise wrong("roughness", f"has the shape {rough.shape}, must be one number or {len(layers) + 1}: one for each boundary")
+        for i, value in enumerate(np.broadcast_to(rough, (len(layers) + 1,))):
             self.c.roughness[i] = value
         self._check()
 
@@ -48,8 +52,8 @@ class Stack:
     def _check(self):
         fault = ffi.new("struct pell_stack_fault *")
         if not lib.pell_stack_valid(self.c, fault):
-            raise failure(lib.PELL_ERR_INVALID, f"is {fault.value:g}, must be in [{fault.min:g}, {fault.max:g}]",
-                          f"layer {fault.layer}, {text(fault.field)}, channel {fault.channel}")
+            raise wrong(f"{text(fault.field)} of layer {fault.layer}, channel {fault.channel},",
+                        f"is {fault.value:g}, must be in [{fault.min:g}, {fault.max:g}]")
 
     def __len__(self) -> int:
         return self.c.count
@@ -64,7 +68,8 @@ class Stack:
     def transforms(self, s: float, channel: int = 0) -> np.ndarray:
         """(4,): Hankel transforms of the parts at a frequency in rad/mm."""
         out = np.empty(4)
-        check(lib.pell_stack_transforms(self.c, channel, s, pointer(out)), f"frequency {s:g} or channel {channel} is out of range", "s")
+        check(lib.pell_stack_transforms(self.c, channel_number(channel), number(s, "s"), pointer(out)),
+              f"is {s!r:.60}, must be a frequency of 0 or more, in rad/mm", "s")
         return out
 
     def __call__(self, r: Any, channel: int = 0) -> np.ndarray:
@@ -72,13 +77,15 @@ class Stack:
         radii = doubles(r, "r")
         out = np.empty((4,) + radii.shape)
         rows = ffi.new("double *[4]", [ffi.cast("double *", out.ctypes.data + k * radii.size * 8) for k in range(4)])
-        check(lib.pell_stack_hankel(self.c, channel, pointer(radii), radii.size, rows, ffi.NULL), "radii or channel out of range", "r")
+        check(lib.pell_stack_hankel(self.c, channel_number(channel), pointer(radii), radii.size, rows, ffi.NULL),
+              "has a negative or infinite radius, must have radii of 0 or more, in mm", "r")
         return out
 
     def profile(self, part: str = "R+", channel: int = 0) -> Profile:
         """A part of a channel as a Profile."""
         out = Profile._empty()
-        check(lib.pell_stack_profile(self.c, channel, choose("part", part, PARTS), out.c, ffi.NULL), "no such channel", "channel")
+        check(lib.pell_stack_profile(self.c, channel_number(channel), choose("part", part, PARTS), out.c, ffi.NULL),
+              f"the part {part} has no profile")
         return out
 
     def profiles(self, part: str = "R+") -> tuple[Profile, Profile, Profile]:

@@ -6,7 +6,8 @@ from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
-from ._base import InvalidError, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, number, pointer, text, three
+from ._base import (called, channel_number, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, number, pointer, text, three,
+                    whole, wrong)
 
 ArrayLike = Any
 CHANNELS = ("r", "g", "b")
@@ -23,7 +24,7 @@ def _model(name: str) -> int:
 
 
 def _params(roughness: float, A: float, without_single: bool):
-    return ffi.new("struct pell_profile_params *", {"roughness": roughness, "A": A, "without_single": without_single})
+    return ffi.new("struct pell_profile_params *", {"roughness": number(roughness, "roughness"), "A": number(A, "A"), "without_single": without_single})
 
 
 class Medium:
@@ -36,7 +37,8 @@ class Medium:
     def __init__(self, sigma_a: ArrayLike, sigma_s_reduced: ArrayLike = None, *, sigma_s: ArrayLike = None, g: ArrayLike = 0.0,
                  eta: float = 1.3):
         if (sigma_s_reduced is None) == (sigma_s is None):
-            raise InvalidError("give one of sigma_s_reduced and sigma_s", "sigma_s")
+            raise wrong("sigma_s_reduced" if sigma_s_reduced is None else "sigma_s",
+                        "is missing: give it, or sigma_s" if sigma_s_reduced is None else "is given beside sigma_s_reduced, must be left out")
         cosine = three(g, "g")
         reduced = three(sigma_s_reduced, "sigma_s_reduced") if sigma_s is None else three(sigma_s, "sigma_s") * (1.0 - cosine)
         self.c = ffi.new("struct pell_medium *", {"sigma_a": three(sigma_a, "sigma_a").tolist(), "sigma_s_reduced": reduced.tolist(),
@@ -56,7 +58,8 @@ class Medium:
         """A built-in material that has coefficients: materials()."""
         entry = _entry(name)
         if entry.kind != lib.PELL_MATERIAL_MEDIUM:
-            raise InvalidError(f'"{name}" has no coefficients of one medium', "material", "material() has what it has")
+            raise wrong("name", f'is "{name}", a material without the coefficients of one medium, must have them',
+                        "pellucid.material gives what is known of it")
         return cls._from(entry.medium)
 
     @classmethod
@@ -103,8 +106,11 @@ class Profile:
     def __init__(self, medium: Medium, channel: int = 0, model: str = "dipole", *, roughness: float = 0.0, A: float = 0.0,
                  without_single: bool = False):
         self.c = ffi.new("struct pell_profile *")
-        check(lib.pell_profile_make(_model(model), medium.c, channel, _params(roughness, A, without_single), self.c),
-              f"model {model} does not take this medium, channel {channel} or parameter", "Profile")
+        if not isinstance(medium, Medium):
+            raise wrong("medium", f"is {medium!r:.60}, must be a Medium")
+        check(lib.pell_profile_make(_model(model), medium.c, channel_number(channel), _params(roughness, A, without_single), self.c),
+              f"the model {model} does not take roughness {roughness!r:.20}, A {A!r:.20} or without_single {without_single!r:.20}, or has no "
+              "profile of this medium")
 
     @classmethod
     def _empty(cls) -> "Profile":
@@ -117,11 +123,11 @@ class Profile:
         """A table of your own: (n,) rising radii in mm and (n,) values in 1/mm^2, n >= 2; its light, Int 2 pi r R dr, is at most 1."""
         radii, values = doubles(r, "r"), doubles(R, "R")
         if radii.ndim != 1 or radii.shape != values.shape:
-            raise InvalidError(f"shapes {radii.shape} and {values.shape}, must be (n,) both", "Profile.table")
+            raise wrong("r", f"has the shape {radii.shape} and R {values.shape}, both must have one (n,)")
         self, fault = cls._empty(), ffi.new("struct pell_profile_fault *")
         code = lib.pell_profile_from_table(pointer(radii), pointer(values), radii.size, self.c, fault)
         if code != lib.PELL_OK:
-            raise failure(code, f"row {fault.row} is {fault.value:g}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field))
+            raise failure(code, f"is {fault.value:g} in row {fault.row}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field), "", called())
         return self
 
     @property
@@ -129,8 +135,8 @@ class Profile:
         """The diffuse reflectance, Int 2 pi r R dr."""
         return lib.pell_profile_total(self.c)
 
-    def _map(self, what: int, x: ArrayLike):
-        values = doubles(x)
+    def _map(self, what: int, x: ArrayLike, name: str = "r"):
+        values = doubles(x, name)
         out = np.empty_like(values)
         lib.pellpy_profile_map(self.c, what, pointer(values), pointer(out), values.size)
         return out[()]
@@ -149,11 +155,11 @@ class Profile:
 
     def sample(self, xi: ArrayLike):
         """Radii in mm with the shares xi in [0, 1) of the light inside."""
-        return self._map(3, xi)
+        return self._map(3, xi, "xi")
 
     def transform(self, s: ArrayLike):
         """Two-dimensional Fourier (Hankel) transform at frequencies s in rad/mm; the total at 0."""
-        return self._map(4, s)
+        return self._map(4, s, "s")
 
 
 def profiles(medium: Medium, model: str = "dipole", **params) -> tuple[Profile, Profile, Profile]:
@@ -161,15 +167,26 @@ def profiles(medium: Medium, model: str = "dipole", **params) -> tuple[Profile, 
     return Profile(medium, 0, model, **params), Profile(medium, 1, model, **params), Profile(medium, 2, model, **params)
 
 
+def _broadcast(**values: ArrayLike) -> list[np.ndarray]:
+    """Arrays of doubles of one shape, by the names of arguments."""
+    arrays = [doubles(v, name) for name, v in values.items()]
+    try:
+        return [np.asarray(v, dtype=np.float64, order="C") for v in np.broadcast_arrays(*arrays)]
+    except ValueError:
+        shapes = ", ".join(f"{name} {a.shape}" for name, a in zip(values, arrays))
+        raise wrong("", f"the shapes of the arguments do not go together, must broadcast: {shapes}") from None
+
+
 def _media(sigma_a, sigma_s_reduced, g, eta):
-    arrays = np.broadcast_arrays(*(doubles(v) for v in (sigma_a, sigma_s_reduced, g, eta)))
-    a, s, cosine, index = (np.asarray(v, dtype=np.float64, order="C") for v in arrays)
+    a, s, cosine, index = _broadcast(sigma_a=sigma_a, sigma_s_reduced=sigma_s_reduced, g=g, eta=eta)
     bad = ~((a >= 0) & (a <= lib.PELL_SIGMA_MAX) & (s >= 0) & (s <= lib.PELL_SIGMA_MAX) & (a + s >= lib.PELL_SIGMA_T_MIN) &
             (np.abs(cosine) <= lib.PELL_G_MAX) & (index >= lib.PELL_ETA_MIN) & (index <= lib.PELL_ETA_MAX))
     if bad.any():
         at = np.unravel_index(int(np.argmax(bad)), bad.shape)
-        raise InvalidError(f"sigma_a {a[at]:g}, sigma_s_reduced {s[at]:g}, g {cosine[at]:g}, eta {index[at]:g} are no medium",
-                           f"medium {[int(i) for i in at]}", "pellucid/medium.h has the ranges")
+        raise wrong(f"medium {[int(i) for i in at]}",
+                    f"has sigma_a {a[at]:g}, sigma_s_reduced {s[at]:g}, g {cosine[at]:g}, eta {index[at]:g}, must have the coefficients in "
+                    f"[0, {lib.PELL_SIGMA_MAX:g}] and their sum at least {lib.PELL_SIGMA_T_MIN:g}, g in [-{lib.PELL_G_MAX:g}, "
+                    f"{lib.PELL_G_MAX:g}], eta in [{lib.PELL_ETA_MIN:g}, {lib.PELL_ETA_MAX:g}]")
     return a, s, cosine, index
 
 
@@ -187,7 +204,7 @@ def _profile_map(model, sigma_a, sigma_s_reduced, g, eta, r, total, params):
     at = lib.pellpy_profiles(_model(model), *media, pointer(cosine), pointer(index), a.size,
                              _params(params.get("roughness", 0.0), params.get("A", 0.0), params.get("without_single", False)),
                              pointer(radii), radii.size, pointer(out), to, result)
-    check(result[0], "the model does not take this medium or parameter", f"medium {at}")
+    check(result[0], f"is none that the model {model} takes with these parameters", f"medium {at}")
     return out, totals
 
 
@@ -222,8 +239,8 @@ class Gaussians:
         if w.ndim == 1:
             w = np.repeat(w[:, None], 3, axis=1)
         if v.ndim != 1 or w.shape != (v.size, 3) or not 1 <= v.size <= lib.PELL_GAUSSIANS_MAX:
-            raise InvalidError(f"shapes {v.shape} and {w.shape}, must be (n,) and (n, 3), n from 1 to {lib.PELL_GAUSSIANS_MAX}",
-                               "Gaussians")
+            raise wrong("variance", f"has the shape {v.shape} and weight {w.shape}, must have (n,) and (n, 3), n from 1 to "
+                        f"{lib.PELL_GAUSSIANS_MAX}")
         self.c = ffi.new("struct pell_gaussians *", {"count": v.size, "variance": v.tolist(), "weight": w.tolist()})
         self.error = np.full(3, np.nan)
 
@@ -254,17 +271,17 @@ class Gaussians:
 
     def __call__(self, r: ArrayLike, channel: int = 0):
         """R_channel at radii in mm, any shape; 1/mm^2."""
-        if channel not in (0, 1, 2):
-            raise InvalidError(f"is {channel}, must be 0, 1 or 2", "channel")
         values = doubles(r, "r")
         out = np.empty_like(values)
-        lib.pellpy_gaussians(self.c, channel, pointer(values), pointer(out), values.size)
+        lib.pellpy_gaussians(self.c, channel_number(channel), pointer(values), pointer(out), values.size)
         return out[()]
 
     def profile(self, channel: int = 0) -> Profile:
         """One channel as a Profile, in closed form."""
         out = Profile._empty()
-        check(lib.pell_profile_from_gaussians(self.c, channel, out.c), "these Gaussians are no profile of that channel", "Gaussians")
+        check(lib.pell_profile_from_gaussians(self.c, channel_number(channel), out.c),
+              f"the weights of channel {channel} must be in [0, 1], and their sum, too; variances in [{lib.PELL_GAUSSIANS_VARIANCE_MIN:g}, "
+              f"{lib.PELL_GAUSSIANS_VARIANCE_MAX:g}] mm^2")
         return out
 
 
@@ -273,20 +290,22 @@ def fit(what: Union[Medium, Profile, Sequence[Profile]], count: int = 4, *, free
     (weight[:, 0]). free_energy: totals may change. r_max in mm: where the error's integrals end; 0: nowhere. `.error` (3,) of the result
     is error (10) of d'Eon et al. 2007, as a fraction."""
     out, report = ffi.new("struct pell_gaussians *"), ffi.new("struct pell_fit_report *")
-    params = ffi.new("struct pell_fit_params *", {"count": int(count), "free_energy": free_energy, "r_max_mm": r_max})
+    if not number(r_max, "r_max") >= 0:
+        raise wrong("r_max", f"is {r_max!r:.60}, must be a length in mm, or 0: no end")
+    params = ffi.new("struct pell_fit_params *", {"count": whole(count, "count", 1, lib.PELL_GAUSSIANS_MAX), "free_energy": free_energy, "r_max_mm": r_max})
     if isinstance(what, Medium):
         code = lib.pell_fit_medium(what.c, params, out, report)
     elif isinstance(what, Profile):
         code = lib.pell_fit_profile(what.c, params, out, report)
     else:
         code = lib.pell_fit_profiles(_three_profiles(what), params, out, report)
-    check(code, f"{count} Gaussians, r_max {r_max:g}: count must be in [1, {lib.PELL_GAUSSIANS_MAX}]", "fit")
+    check(code, f"no fit of {count} Gaussians is found out to r_max {r_max:g} mm")
     return Gaussians._from(out, np.array(list(report.error)))
 
 
 def _three_profiles(items: Sequence[Profile]):
     if len(items) != 3:
-        raise InvalidError(f"{len(items)} profiles, must be three (R, G, B)", "profiles")
+        raise wrong("profiles", f"has {len(items)}, must have three (R, G, B)")
     array = ffi.new("struct pell_profile[3]")
     for i, p in enumerate(items):
         array[i] = p.c[0]
@@ -300,10 +319,10 @@ def albedo_from_color(color: ArrayLike, *, model: Optional[str] = None, map: Opt
     """The reduced albedo of a half-space of this colour (total diffuse reflectance, [0, 1]), any shape: by numeric inversion of a profile
     model (to 1e-9; default dipole) or by a closed map: van-de-hulst, chiang, dipole."""
     if model and map:
-        raise InvalidError("give one of model and map", "albedo_from_color")
+        raise wrong("map", "is given beside model, must be left out, or model")
     if map:
         return _albedo_map(map, True, color, eta)
-    c, cosine, index = (np.asarray(v, dtype=np.float64, order="C") for v in np.broadcast_arrays(doubles(color), doubles(g), doubles(eta)))
+    c, cosine, index = _broadcast(color=color, g=g, eta=eta)
     out, fault, result = np.empty(c.shape), ffi.new("struct pell_medium_fault *"), ffi.new("int *")
     lib.pellpy_albedos(_model(model or "dipole"), ffi.NULL, pointer(c), pointer(cosine), pointer(index), c.size, pointer(out), fault, result)
     if result[0] != lib.PELL_OK:
@@ -318,14 +337,14 @@ def color_from_albedo(albedo_reduced: ArrayLike, *, map: str = "van-de-hulst", e
 
 def _albedo_map(name, invert, x, eta):
     rows = enum_names(lib.pell_albedo_map_count(), lib.pell_albedo_map_at)
-    values, index = (np.asarray(v, dtype=np.float64, order="C") for v in np.broadcast_arrays(doubles(x), doubles(eta)))
+    values, index = _broadcast(**{"color" if invert else "albedo_reduced": x, "eta": eta})
     out = np.empty(values.shape)
     lib.pellpy_albedo_map(choose("map", name, rows), invert, pointer(values), pointer(index), values.size, pointer(out))
     return out[()]
 
 
-def _pairs(what: int, a, b=0.0):
-    x, y = (np.asarray(v, dtype=np.float64, order="C") for v in np.broadcast_arrays(doubles(a), doubles(b)))
+def _pairs(what: int, **values: ArrayLike):
+    x, y = _broadcast(**values)
     out = np.empty(x.shape)
     lib.pellpy_pairs(what, pointer(x), pointer(y), pointer(out), x.size)
     return out[()]
@@ -333,17 +352,17 @@ def _pairs(what: int, a, b=0.0):
 
 def fresnel(eta: ArrayLike, cos_i: ArrayLike):
     """Unpolarised reflectance of a smooth dielectric; eta = n_transmitted/n_incident, cos_i in [0, 1]."""
-    return _pairs(0, eta, cos_i)
+    return _pairs(0, eta=eta, cos_i=cos_i)
 
 
 def fresnel_diffuse(eta: ArrayLike, roughness: ArrayLike = 0.0):
     """Fdr: reflectance averaged over a diffuse hemisphere; eta > 1: light from inside. roughness in [0, 1], GGX."""
-    return _pairs(2, eta, roughness) if np.any(roughness) else _pairs(1, eta, roughness)
+    return _pairs(2 if np.any(roughness) else 1, eta=eta, roughness=roughness)
 
 
 def half_space_albedo(albedo: ArrayLike, eta: ArrayLike = 1.3):
     """Share of light at normal incidence that leaves a half-space of isotropic scattering again, by exact transport; NaN out of range."""
-    return _pairs(4, albedo, eta)
+    return _pairs(4, albedo=albedo, eta=eta)
 
 
 class Phase:
@@ -354,16 +373,16 @@ class Phase:
     KINDS = ("henyey-greenstein", "schlick", "rayleigh", "two-lobe")
 
     def __init__(self, kind: str = "henyey-greenstein", g: ArrayLike = 0.0, weight: float = 0.5):
-        lobes = [float(v) for v in np.atleast_1d(g)]
+        lobes = np.atleast_1d(doubles(g, "g")).tolist()
         if len(lobes) > 2:
-            raise InvalidError(f"{len(lobes)} numbers, must be one or two", "g")
-        self.c = ffi.new("struct pell_phase *", {"kind": choose("kind", kind, self.KINDS), "g": lobes, "weight": weight})
+            raise wrong("g", f"has {len(lobes)} numbers, must have one or two")
+        self.c = ffi.new("struct pell_phase *", {"kind": choose("kind", kind, self.KINDS), "g": lobes, "weight": number(weight, "weight")})
         fault = ffi.new("struct pell_medium_fault *")
         if not lib.pell_phase_valid(self.c, fault):
             raise fault_error(fault)
 
-    def _map(self, what, x):
-        values = doubles(x)
+    def _map(self, what, x, name: str = "cos_theta"):
+        values = doubles(x, name)
         out = np.empty_like(values)
         lib.pellpy_phase(self.c, what, pointer(values), pointer(out), values.size)
         return out[()]
@@ -378,7 +397,7 @@ class Phase:
 
     def sample(self, xi: ArrayLike):
         """cos_theta with the share xi of the light at larger angles."""
-        return self._map(2, xi)
+        return self._map(2, xi, "xi")
 
     @property
     def mean_cosine(self) -> float:

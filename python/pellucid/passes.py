@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
-from ._base import Closing, Context, InvalidError, ffi, knob_text, lib, pointer, text
+from ._base import Closing, Context, choose, closed, ffi, knob_text, lib, number, pointer, text, whole, wrong
 from .optics import Gaussians, Medium
 
 _FORMATS = {lib.PELL_PLANE_F32: (np.float32, "float *"), lib.PELL_PLANE_U16: (np.uint16, "uint16_t *"),
@@ -29,9 +29,9 @@ class Pass(Closing):
         context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
         words = " ".join(f"{k.replace('_', '-')}={knob_text(v)}" for k, v in knobs.items())
         context.check(lib.pell_method_knobs_create(context.c, found, words.encode(), self._knobs))
-        context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": int(threads)}), self._device))
+        context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256)}), self._device))
         if len(media) == 0:
-            raise InvalidError("is empty, must have a medium for each material number from 1 on", "media")
+            raise wrong("media", "is empty, must have a medium for each material number from 1 on")
         self._name = ffi.new("char[]", b"pass")
         self._materials = ffi.new("struct pell_frame_material[]", len(media))
         for target, m in zip(self._materials, media):
@@ -42,11 +42,13 @@ class Pass(Closing):
                 target.gaussians = m.c[0]
                 target.medium = Medium(0.01, 1.0).c[0]
             else:
-                raise InvalidError(f"{m!r} is neither a Medium nor Gaussians", "media")
-        height, width = (int(n) for n in shape)
+                raise wrong("media", f"has {m!r:.60}, must have Medium or Gaussians objects")
+        if len(shape) != 2:
+            raise wrong("shape", f"is {shape!r:.60}, must be (height, width)")
+        height, width = (whole(n, "shape", 1, 2 ** 31 - 1) for n in shape)
         self.shape, self.stride = (height, width), int(stride or width)
         self._shape = ffi.new("struct pell_frame_shape *", {
-            "width": width, "height": height, "stride": self.stride, "orthographic": not perspective, "focal_px": px_per_mm,
+            "width": width, "height": height, "stride": self.stride, "orthographic": not perspective, "focal_px": number(px_per_mm, "px_per_mm"),
             "object_height": object_height, "materials": self._materials, "num_materials": len(media)})
         context.call(lib.pell_pass_create, self._device[0], found, self._knobs[0], self._shape, self._pass)
 
@@ -54,15 +56,15 @@ class Pass(Closing):
         dtype, kind = _FORMATS[info.format]
         name = text(info.name) + (f"[{index}]" if info.components > 1 else "")
         if isinstance(array, np.ma.MaskedArray):
-            raise InvalidError("is a masked array, must be a plain one: planes are not copied", name)
+            raise wrong(name, "is a masked array, must be a plain one: planes are not copied")
         if not isinstance(array, np.ndarray) or array.dtype != dtype or array.shape != self.shape:
             seen = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
-            raise InvalidError(f"is {seen}, must be an array of {np.dtype(dtype)} of shape {self.shape}: planes are not copied", name)
+            raise wrong(name, f"is {seen}, must be an array of {np.dtype(dtype)} of shape {self.shape}: planes are not copied")
         size = array.dtype.itemsize
         if array.strides != (self.stride * size, size) or (writable and not array.flags.writeable):
-            raise InvalidError(f"has strides {array.strides}, must have {(self.stride * size, size)}, and be writable for output", name)
+            raise wrong(name, f"has the strides {array.strides}, must have {(self.stride * size, size)}, and be writable for output")
         if info.name == lib.pell_plane_at(lib.PELL_PLANE_MATERIAL).name and array.size and array.max() > self._shape.num_materials:
-            raise InvalidError(f"has {array.max()}, must be in [0, {self._shape.num_materials}]: 0 or 1 + an index into media", name)
+            raise wrong(name, f"has {array.max()}, must be in [0, {self._shape.num_materials}]: 0 or 1 + an index into media")
         return pointer(array, kind)
 
     def render(self, out: dict[str, Any], **planes: Any) -> None:
@@ -71,7 +73,7 @@ class Pass(Closing):
         "single", "surface" for methods that have them. A plane is an array (height, width); three are a sequence or an array (3, height,
         width)."""
         if not self._pass[0]:
-            raise InvalidError("is closed", "Pass")
+            raise closed("Pass")
         frame = ffi.new("struct pell_frame *", {"shape": self._shape[0], "rect": {"x1": self.shape[1], "y1": self.shape[0]}})
         light = ffi.new("struct pell_frame_light *")
         infos = {text(i.name): i for i in (lib.pell_plane_at(p) for p in range(lib.PELL_PLANES))}
@@ -79,15 +81,14 @@ class Pass(Closing):
             for name, value in given.items():
                 info = infos.get(name)
                 if info is None or info.of_light != of_light:
-                    known = [n for n, i in infos.items() if i.of_light == of_light]
-                    raise InvalidError(f"there is no such plane; there are {', '.join(known)}", name)
+                    choose("plane", name, [n for n, i in infos.items() if i.of_light == of_light], "out" if of_light else "")
                 if info.components == 1:
                     setattr(target, name, self._plane(info, value, 0, of_light))
                     continue
                 if not hasattr(value, "__len__"):
-                    raise InvalidError(f"is {value!r:.60}, must be {info.components} planes", name)
+                    raise wrong(name, f"is {value!r:.60}, must be {info.components} planes")
                 if len(value) != info.components:
-                    raise InvalidError(f"{len(value)} planes, must be {info.components}", name)
+                    raise wrong(name, f"has {len(value)} planes, must have {info.components}")
                 for c in range(info.components):
                     getattr(target, name)[c] = self._plane(info, value[c], c, of_light)
         self.context.call(lib.pell_pass_render, self._pass[0], frame, light)

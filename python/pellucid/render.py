@@ -7,7 +7,7 @@ from typing import Any, Optional, Union
 
 import numpy as np
 
-from ._base import Closing, InvalidError, Progress, choose, doubles, ffi, knob_rows, knob_text, lib, number, set_knobs, text
+from ._base import Closing, InvalidError, Progress, choose, closed, doubles, ffi, knob_rows, knob_text, lib, set_knobs, text, whole, wrong
 from .scene import LOAD_OPTIONS, Scene
 
 DEFAULT_METHOD = "screen-space"
@@ -36,11 +36,11 @@ def _choices(knob) -> list[str]:
 def _pixels(size: Any) -> tuple[int, int]:
     """Width and height."""
     try:
-        array = doubles(size)
+        array = doubles(size, "size")
     except InvalidError:
         array = np.empty(0)
     if isinstance(size, str) or array.shape != (2,) or not ((array >= 1) & (array == np.floor(array)) & (array < 2 ** 31)).all():
-        raise InvalidError(f"is {size!r:.60}, must be (width, height), two whole numbers of pixels", "size")
+        raise wrong("size", f"is {size!r:.60}, must be (width, height), two whole numbers of pixels")
     return int(array[0]), int(array[1])
 
 
@@ -156,7 +156,7 @@ class Renderer(Closing):
         self._held = True
         scene._hold(1)
         context = self.context = scene.context
-        params = ffi.new("struct pell_device_params *", {"threads": int(number(threads, "threads")),
+        params = ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256),
                                                          "engine": choose("engine", engine, _ENGINES)})
         context.check(lib.pell_device_create(context.c, params, self._device))
         context.check(lib.pell_renderer_create(self._device[0], self._renderer))
@@ -185,17 +185,17 @@ class Renderer(Closing):
             elif option in rows:
                 settings[option] = value
             else:
-                choose("knob", option, sorted(table | rows))
+                choose("knob", key, sorted(k.replace("-", "_") for k in table | rows), f"method {name}")
         return name, found, knobs, settings
 
     def render(self, method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None, layers: bool = True, copy: bool = True,
                intermediates: bool = False, **knobs: Any) -> Picture:
-        """One picture. method: a name of methods(), or "none"; default: the scene file's, else screen-space. size: (width, height).
+        """One image. method: a name of methods(), or "none"; default: the scene file's, else screen-space. size: (width, height).
         knobs: those of the method and of `pellucid render` (msaa, bounces, seed, ...), with underscores; **{"as": "paper"}: as
         published, with the paper's settings where none are given. copy False: the arrays are views of the renderer's memory, valid until its next call.
         intermediates: also keeps what the method makes on its way (blurs, stretch, thickness, ...), in Picture.intermediates."""
         if not self._held:
-            raise InvalidError("is closed", "Renderer")
+            raise closed("Renderer")
         settings = ffi.new("struct pell_settings *")
         name, found, values, options = self._configure(method, knobs)
         if size is not None:
@@ -246,18 +246,18 @@ def render(scene: Union[Scene, dict, str, os.PathLike], method: Optional[str] = 
     """Renders a Scene, a scene dict or a file; see Renderer.render. load: options of Scene.load or Scene.from_dict, as {"size": "70mm",
     "material": "wholemilk"}. The arrays of the result are not copied: they keep the renderer's memory."""
     if load is not None and not isinstance(load, dict):
-        raise InvalidError(f"is {load!r:.60}, must be a dict", "load", 'as {"size": "70mm"}')
+        raise wrong("load", f"is {load!r:.60}, must be a dict of options", 'as {"size": "70mm"}')
     if not isinstance(scene, Scene):
         options = dict(load or {})
         for name in options:
-            choose("option of load", name, [*LOAD_OPTIONS, *(["folder"] if isinstance(scene, dict) else [])])
+            choose("option", name, [*LOAD_OPTIONS, *(["folder"] if isinstance(scene, dict) else [])], "load")
         if size is not None:
             width, height = _pixels(size)
             options.setdefault("aspect", width / height)
         scene = Scene.from_dict(scene, progress=progress, **options) if isinstance(scene, dict) else \
             Scene.load(scene, progress=progress, **options)
     elif load:
-        raise InvalidError("is for files and dicts; the scene is loaded already", "load")
+        raise wrong("load", "is for files and dicts, must be left out: this scene is loaded already")
     elif progress is not None:
-        raise InvalidError("is for files and dicts: give it to Scene.load", "progress")
+        raise wrong("progress", "is for files and dicts, must be left out: this scene has that of Scene.load")
     return Renderer(scene, threads=threads, engine=engine).render(method, size=size, layers=layers, copy=False, **knobs)

@@ -10,8 +10,8 @@ from typing import Any, Iterable, Mapping, Optional, Union
 
 import numpy as np
 
-from ._base import (Closing, Context, InvalidError, Progress, choose, doubles, ffi, lib, number, numbers, path_bytes, pointer, set_fields, text,
-                    three)
+from ._base import (Closing, Context, Progress, choose, closed, doubles, ffi, lib, number, numbers, path_bytes, pointer, set_fields, text,
+                    three, wrong)
 
 Length = Union[float, int, str]
 _UNITS = {"nm": 1e-6, "um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "km": 1e6, "in": 25.4}
@@ -39,8 +39,8 @@ def millimetres(value: Optional[Length], where: str) -> float:
     else:
         length = number(value, where)
     if not (length > 0 and math.isfinite(length)):
-        raise InvalidError(f"{value!r}, must be a length above 0 with its unit: {', '.join(_UNITS)}", where,
-                           'as "70mm", "7cm" or "0.07m"; a number is in mm')
+        raise wrong(where, f"is {value!r:.60}, must be a length above 0 with its unit: {', '.join(_UNITS)}",
+                    'as "70mm", "7cm" or "0.07m"; a number is in mm')
     return length
 
 
@@ -80,7 +80,7 @@ class Scene(Closing):
     def c(self):
         """The C struct pell_scene."""
         if self._closed or not self._scene[0]:
-            raise InvalidError("is closed", "Scene")
+            raise closed("Scene")
         return self._scene[0]
 
     @classmethod
@@ -108,7 +108,7 @@ class Scene(Closing):
         try:
             data = json.dumps(scene, allow_nan=False, default=lambda v: v.tolist()).encode()
         except (TypeError, ValueError, AttributeError) as e:
-            raise InvalidError(str(e), "Scene.from_dict") from None
+            raise wrong("scene", f"is no scene file's content: {e}", "a dict of texts, numbers, lists and dicts") from None
         self = cls(progress)
         self.context.call(lib.pell_scene_load_memory, self.context.c, path_bytes(os.path.join(folder, "dict.json")), data, len(data),
                           params, self._scene)
@@ -138,10 +138,10 @@ class Scene(Closing):
             self._add_material(values)
         for i, values in enumerate(_dicts(meshes, "meshes")):
             for key in values:
-                choose("member of a mesh", key, _MESH)
+                choose("member", key, _MESH, f"meshes[{i}]")
             for key in _MESH[:2]:
                 if key not in values:
-                    raise InvalidError("is missing", f"meshes[{i}].{key}")
+                    raise wrong(f"meshes[{i}].{key}", "is missing")
             self._add_mesh(**values)
         for values in _dicts(lights, "lights"):
             self._add_light(values)
@@ -164,13 +164,14 @@ class Scene(Closing):
         name = str(name)
         points, faces = numbers(vertices, f"{name}.vertices", np.float32), numbers(triangles, f"{name}.triangles")
         if points.ndim != 2 or points.shape[1] != 3:
-            raise InvalidError(f"has shape {points.shape}, must be (n, 3)", f"{name}.vertices")
+            raise wrong(f"{name}.vertices", f"has the shape {points.shape}, must have (n, 3)")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-            raise InvalidError(f"has shape {faces.shape} of {faces.dtype}, must be (m, 3) of whole numbers", f"{name}.triangles")
+            raise wrong(f"{name}.triangles", f"has the shape {faces.shape} of {faces.dtype}, must have (m, 3) of whole numbers")
         if faces.size and (faces.min() < 0 or faces.max() >= len(points)):
-            raise InvalidError(f"has vertex {faces.min()} or {faces.max()}, must be in [0, {len(points) - 1}]", f"{name}.triangles")
+            raise wrong(f"{name}.triangles", f"has the vertex {faces.min() if faces.min() < 0 else faces.max()}, "
+                        f"must be in [0, {len(points) - 1}]")
         if not 0 <= number(material, f"{name}.material") < max(self.c.num_materials, 1):
-            raise InvalidError(f"is {material}, must be in [0, {max(self.c.num_materials, 1) - 1}]", f"{name}.material")
+            raise wrong(f"{name}.material", f"is {material!r:.60}, must be in [0, {max(self.c.num_materials, 1) - 1}]: an index into materials")
         index = self._add(lib.pell_scene_add_mesh, name)
         self.context.check(lib.pell_mesh_allocate(self.c, index, len(points), len(faces)))
         mesh = self.c.meshes[index]
@@ -205,7 +206,7 @@ class Scene(Closing):
         maps = {k: values.pop(k) for k in list(values) if k.endswith("_map")}
         set_fields(material, values, name)
         for key, image in maps.items():
-            choose("map", key, [n for n, _ in ffi.typeof("struct pell_material").fields if n.endswith("_map")])
+            choose("map", key, [n for n, _ in ffi.typeof("struct pell_material").fields if n.endswith("_map")], name)
             target = getattr(material, key)
             target.texture = self._add_texture(f"{name}.{key}", image, key in ("base_color_map", "specular_color_map", "emissive_map"))
             target.matrix = [1, 0, 0, 0, 1, 0]
@@ -214,8 +215,7 @@ class Scene(Closing):
         pixels = numbers(image, name)
         pixels = pixels[:, :, None] if pixels.ndim == 2 else pixels
         if pixels.ndim != 3 or pixels.dtype not in _PIXELS:
-            raise InvalidError(f"has shape {pixels.shape} of {pixels.dtype}, must be (h, w) or (h, w, channels) of uint8, uint16 or "
-                               "float32", name)
+            raise wrong(name, f"has the shape {pixels.shape} of {pixels.dtype}, must have (h, w) or (h, w, channels) of uint8, uint16 or float32")
         out = ffi.new("struct pell_texture **")
         self.context.check(lib.pell_scene_add_texture(self.c, name.encode(), out))
         height, width, channels = pixels.shape
@@ -225,18 +225,18 @@ class Scene(Closing):
         return out[0]
 
     def _add_light(self, values: dict):
-        kind = choose("type", values.pop("type", "point"), _LIGHTS)
+        kind = choose("type of light", values.pop("type", "point"), _LIGHTS)
         index = self._add(lib.pell_scene_add_light, str(values.pop("name", _LIGHTS[kind])))
         light = self.c.lights[index]
         light.type = kind
         power = values.pop("power", 1.0 if kind == _LIGHTS.index("environment") else None)
         if power is not None:
-            light.power = three(power, "power").tolist()
+            light.power = three(power, "light.power").tolist()
         towards = values.pop("to", None)
         if towards is not None:
             values["direction"] = _vector(towards, "light.to") - _vector(values.get("position", (0, 0, 0)), "light.position")
         if "direction" in values:
-            direction = _unit(values["direction"], "direction")
+            direction = _unit(values["direction"], "light.direction")
             values["direction"] = direction
             values.setdefault("up", _perpendicular(direction))
         image = values.pop("image", None)
@@ -306,11 +306,11 @@ class Scene(Closing):
 def _dicts(values: Any, what: str) -> list[dict]:
     """Copies of the dicts of a list."""
     if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
-        raise InvalidError(f"is {values!r:.60}, must be a list of dicts", what)
+        raise wrong(what, f"is {values!r:.60}, must be a list of dicts")
     rows = list(values)
     for i, row in enumerate(rows):
         if not isinstance(row, Mapping):
-            raise InvalidError(f"is {row!r:.60}, must be a dict", what if what == "camera" else f"{what}[{i}]")
+            raise wrong(what if what == "camera" else f"{what}[{i}]", f"is {row!r:.60}, must be a dict")
     return [dict(row) for row in rows]
 
 
@@ -322,14 +322,14 @@ def _fill(target, array: np.ndarray, kind: str) -> None:
 def _shaped(values, shape, what: str) -> np.ndarray:
     array = numbers(values, what, np.float32)
     if array.shape != shape:
-        raise InvalidError(f"has shape {array.shape}, must be {shape}", what)
+        raise wrong(what, f"has the shape {array.shape}, must have {shape}")
     return array
 
 
 def _vector(values, what: str) -> np.ndarray:
     v = doubles(values, what)
     if v.shape != (3,):
-        raise InvalidError(f"has shape {v.shape}, must be three numbers", what)
+        raise wrong(what, f"has the shape {v.shape}, must be three numbers")
     return v
 
 
@@ -337,7 +337,7 @@ def _unit(vector, what: str) -> np.ndarray:
     v = _vector(vector, what)
     length = float(np.linalg.norm(v))
     if not (length > 0 and math.isfinite(length)):
-        raise InvalidError(f"{v.tolist()} has no direction", what)
+        raise wrong(what, f"is {v.tolist()}, must have a direction: a finite length above 0")
     return v / length
 
 

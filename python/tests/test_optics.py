@@ -131,24 +131,52 @@ def test_errors_say_place_value_and_remedy():
     with pytest.raises(pellucid.InvalidError) as e:
         pellucid.Medium((0.1, -0.5, 0.1), 1.0)
     assert e.value.where == "sigma_a[1]" and "-0.5" in e.value.what and isinstance(e.value, ValueError)
+    assert e.value.function == "Medium" and str(e.value).startswith("Medium: sigma_a[1] is -0.5, must be in [0, ")
     with pytest.raises(pellucid.InvalidError, match='did you mean "wholemilk"'):
         pellucid.Medium.material("wholemilc")
     with pytest.raises(pellucid.InvalidError, match="better-dipole"):
         pellucid.Profile(MARBLE, 0, "beter-dipole")
     with pytest.raises(pellucid.InvalidError, match=r"medium \[1\]"):
         pellucid.profile_at(R, [0.1, np.nan], 1.0)
-    for call in (lambda: pellucid.fit(MARBLE, 11), lambda: pellucid.Profile(MARBLE, 3), lambda: pellucid.gaussian_taps(-1.0),
-                 lambda: pellucid.fit(MARBLE)(R, 3), lambda: pellucid.Gaussians([1], [[1, 1]]), lambda: pellucid.Medium("x", 1),
-                 lambda: pellucid.Stack([]), lambda: pellucid.skin_color(melanine=1), lambda: pellucid.skin_color(melanin=2),
-                 lambda: pellucid.Phase(g=2), lambda: pellucid.separable([pellucid.Profile(MARBLE)])):
-        with pytest.raises(pellucid.InvalidError):
+    layer = pellucid.Layer(MARBLE, 1.0)
+    for call, said in (
+            (lambda: pellucid.fit(MARBLE, 11), "fit: count is 11, must be in [1, 10]"),
+            (lambda: pellucid.fit(MARBLE, 2.5), "fit: count is 2.5, must be a whole number in [1, 10]"),
+            (lambda: pellucid.fit(MARBLE, r_max=-1), "fit: r_max is -1, must be a length in mm"),
+            (lambda: pellucid.Profile(MARBLE, 3), "Profile: channel is 3, must be 0, 1 or 2"),
+            (lambda: pellucid.Profile("marble"), "Profile: medium is 'marble', must be a Medium"),
+            (lambda: pellucid.Profile.table([1, 2], [1]), "Profile.table: r has the shape (2,) and R (1,), both must have one (n,)"),
+            (lambda: pellucid.gaussian_taps(-1.0), "gaussian_taps: variance is -1.0, must be above 0 and finite"),
+            (lambda: pellucid.gaussian_taps(1.0, 8), "gaussian_taps: taps is 8, must be odd, 3 to 65"),
+            (lambda: pellucid.fit(MARBLE)(R, 3), "Gaussians: channel is 3, must be 0, 1 or 2"),
+            (lambda: pellucid.Gaussians([1], [[1, 1]]), "Gaussians: variance has the shape (1,) and weight (1, 2), must have (n,) and (n, 3)"),
+            (lambda: pellucid.Medium("x", 1), "Medium: sigma_a must be numbers: "),
+            (lambda: pellucid.Medium(1), "Medium: sigma_s_reduced is missing: give it, or sigma_s"),
+            (lambda: pellucid.Medium(1, 1, sigma_s=1), "Medium: sigma_s is given beside sigma_s_reduced, must be left out"),
+            (lambda: pellucid.Medium((1, 2), 1), "Medium: sigma_a has the shape (2,), must be one number or three"),
+            (lambda: pellucid.Medium.material("skin-6gaussian"), 'Medium.material: name is "skin-6gaussian", a material without'),
+            (lambda: pellucid.Stack([]), "Stack: layers has 0, must have 1 to 32"),
+            (lambda: pellucid.Stack([layer], roughness=[0, 0, 0]), "Stack: roughness has the shape (3,), must be one number or 2"),
+            (lambda: pellucid.Stack([layer]).profile("R"), 'Stack.profile: there is no part "R" (did you mean "R'),
+            (lambda: pellucid.Stack([layer]).transforms(-1), "Stack.transforms: s is -1, must be a frequency of 0 or more"),
+            (lambda: pellucid.skin_color(melanine=1), 'skin_color: skin has no member "melanine" (did you mean "melanin"?)'),
+            (lambda: pellucid.skin_color(melanin=2), "skin_color: melanin is 2, must be in ["),
+            (lambda: pellucid.Phase(g=2), "Phase: g[0] is 2, must be in ["),
+            (lambda: pellucid.Phase("mie"), 'Phase: there is no kind "mie"; there are henyey-greenstein, schlick'),
+            (lambda: pellucid.fresnel([1.3, 1.4], [1, 1, 1]),
+             "fresnel: the shapes of the arguments do not go together, must broadcast: eta (2,), cos_i (3,)"),
+            (lambda: pellucid.separable([pellucid.Profile(MARBLE)]), "separable: profiles has 1, must have three (R, G, B)"),
+            (lambda: pellucid.separable(pellucid.profiles(MARBLE), rank=4), "separable: rank is 4, must be in [1, 3]"),
+            (lambda: pellucid.table_value(pellucid.Profile(MARBLE), 0.0, 8), "table_value: r_max is 0.0, must be above 0 and finite")):
+        with pytest.raises(pellucid.InvalidError) as e:
             call()
+        assert str(e.value).startswith(said), str(e.value)
 
 
 def test_a_near_name_comes_without_the_list_and_exceptions_are_the_packages():
     with pytest.raises(pellucid.InvalidError) as e:
         pellucid.Medium.material("marbel")
-    assert str(e.value) == 'material: there is no material "marbel" (did you mean "marble"?)'
+    assert str(e.value) == 'Medium.material: there is no material "marbel" (did you mean "marble"?)'
     with pytest.raises(pellucid.InvalidError, match="there are .*marble"):
         pellucid.Medium.material("xyzzy")
     for name in pellucid.__all__:

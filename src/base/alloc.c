@@ -86,7 +86,7 @@ void *pell_alloc(struct pell_context *ctx, size_t size)
     used = atomic_fetch_add(&ctx->used, size) + size;
     if (used > limit || used < size) {
         atomic_fetch_sub(&ctx->used, size);
-        pell_error(ctx, PELL_ERR_NOMEM, NULL, "raise the limit memory-bytes if the machine has more",
+        pell_error(ctx, PELL_ERR_NOMEM, NULL, PELL_RAISE_LIMIT("memory-bytes") ", if the machine has more",
                    "%zu bytes more would exceed the memory limit of %zu bytes", size, limit);
         return NULL;
     }

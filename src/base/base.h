@@ -29,6 +29,8 @@
 /* Logs an error and returns `code`. `where` and `hint` may be NULL. */
 enum pell_result pell_error(struct pell_context *ctx, enum pell_result code, const char *where, const char *hint, const char *fmt, ...)
     PELL_PRINTF(5, 6);
+/* The hint of an error over a limit of pell_limit_knobs, by its name (a string literal). */
+#define PELL_RAISE_LIMIT(name) "raise the limit: --limit " name "=N"
 void pell_warn(struct pell_context *ctx, const char *where, const char *hint, const char *fmt, ...) PELL_PRINTF(4, 5);
 void pell_info(struct pell_context *ctx, const char *where, const char *fmt, ...) PELL_PRINTF(3, 4);
 void pell_debug(struct pell_context *ctx, const char *where, const char *fmt, ...) PELL_PRINTF(3, 4);
@@ -87,6 +89,8 @@ struct pell_text {
     size_t length;
 };
 void pell_text_add(struct pell_text *text, const char *fmt, ...) PELL_PRINTF(2, 3);
+/* Adds the path of a file and what stands behind it (": "); `instead` if the path is empty: what is in memory comes from no file. */
+void pell_text_add_path(struct pell_text *text, const char *path, const char *behind, const char *instead);
 
 /* Adds a suggestion for `name` from `candidates` (NULL entries are skipped): the nearest (edit distance with transpositions, case ignored),
  * `did you mean "marble"?`, or those that contain it, `did you mean "skimmilk" or "wholemilk"?`; each prefixed by `before` ("--"). False,

@@ -154,7 +154,7 @@ enum pell_result pell_file_open(struct pell_context *ctx, const char *path, stru
     else if (!S_ISREG(st.st_mode))
         res = pell_error(ctx, PELL_ERR_IO, shown, NULL, "is %s, must be a regular file", kind(st.st_mode));
     else if (st.st_size < 0 || (int64_t) st.st_size > limit || (uintmax_t) st.st_size >= SIZE_MAX)
-        res = pell_error(ctx, PELL_ERR_INVALID, shown, "raise the limit file-bytes if this file is meant",
+        res = pell_error(ctx, PELL_ERR_INVALID, shown, PELL_RAISE_LIMIT("file-bytes") ", if this file is meant",
                          "has %lld bytes, allowed are %lld", (long long) st.st_size, (long long) limit);
     else
         res = remember(ctx, &st);

@@ -47,7 +47,7 @@ static void report(struct pell_context *ctx, enum pell_log_level level, enum pel
         ctx->log(ctx->log_user, &m);
     if (first)
         ctx->log(ctx->log_user, &(struct pell_message) { PELL_LOG_WARNING, PELL_OK, "", "further warnings of this kind are not shown",
-                                                         "the limit \"warnings\" says how many are" });
+                                                         "show more with --limit warnings=N" });
     pthread_mutex_unlock(&ctx->log_lock);
 }
 

@@ -23,6 +23,11 @@ void pell_text_add(struct pell_text *text, const char *fmt, ...)
         text->length += (size_t) n < room ? (size_t) n : room - 1;
 }
 
+void pell_text_add_path(struct pell_text *text, const char *path, const char *behind, const char *instead)
+{
+    pell_text_add(text, "%s%s", path, path[0] ? behind : instead);
+}
+
 /* --- Nearest names ------------------------------------------------------------------------------------------------------------ */
 
 enum { NAME_MAX_BYTES = 64, PIECES_MOST = 4 }; /* longer names, and more of them, are never suggested */

@@ -106,6 +106,12 @@ static enum pell_result render_small(struct trial *t, const struct pell_method *
     return res == PELL_OK && image->partial ? PELL_ERR_CANCELLED : res;
 }
 
+static enum pell_result no_truth(struct pell_context *ctx)
+{
+    return pell_error(ctx, PELL_ERR_DEVICE, "--max-error", "--engine cpu",
+                      "methods are compared with path-trace, which runs only on the engine cpu");
+}
+
 /* Renders both halves of the path-traced reference. */
 static enum pell_result render_truth(struct trial *t, const char *count)
 {
@@ -115,8 +121,7 @@ static enum pell_result render_truth(struct trial *t, const char *count)
     enum pell_result res = m ? PELL_OK : PELL_ERR_INVALID;
 
     if (m && !session_runs(t->session, m))
-        return pell_error(t->cli->ctx, PELL_ERR_DEVICE, "--max-error", "--engine cpu",
-                          "methods are compared with path-trace, which runs only on the engine cpu");
+        return no_truth(t->cli->ctx);
     for (int half = 0; half < 2 && res == PELL_OK; half++) {
         free(values);
         PELL_TRY(make_values(t, m, "samples", count, &values));
@@ -282,13 +287,23 @@ static void report_choice(const struct trial *t, const struct pell_method *m, do
     pell_info(t->cli->ctx, "--max-error", "%s", line.str);
 }
 
+enum exit_code auto_bound(struct cli *cli, double *bound)
+{
+    const struct pell_method *truth = pell_method_find(cli->ctx, "--max-error", "path-trace");
+    enum exit_code code = cli_parse_percent(cli, "--max-error", cli->max_error ? cli->max_error : DEFAULT, bound);
+
+    return code == EXIT_OK && truth && !truth->vulkan && cli->engine && strcmp(cli->engine, "vulkan") == 0
+               ? cli_failed(cli, no_truth(cli->ctx))
+               : code;
+}
+
 enum exit_code auto_choose(struct cli *cli, struct session *s, json_t **answer)
 {
     struct trial t = { .cli = cli, .session = s, .settings = s->settings, .tried = json_array() };
     const struct pell_method *method = NULL;
     void *values = NULL;
     double bound = 0.0, error = 0.0;
-    enum exit_code code = cli_parse_percent(cli, "--max-error", cli->max_error ? cli->max_error : DEFAULT, &bound);
+    enum exit_code code = auto_bound(cli, &bound);
     enum pell_result res = PELL_OK;
 
     if (code == EXIT_OK) {

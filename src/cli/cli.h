@@ -156,6 +156,7 @@ struct cli {
         double fraction, from; /* current fraction; fraction at `begin` */
         int part, parts;       /* position in a longer job; parts 0: the task is the whole job */
         int width;             /* columns of the open progress line on a terminal, 0: none */
+        char shorter[128];     /* the options that shorten the task; "": none, or said already */
     } progress;
 };
 
@@ -228,10 +229,25 @@ char *cli_note(const struct cli *cli);
 enum exit_code cli_lock(struct cli *cli, const char *path, int *lock);
 void cli_unlock(const char *path, int *lock);
 
+/* --- names.c ------------------------------------------------------------------------------------------------------------------ */
+
+/* Whether a path ends as an image's does. */
+bool cli_is_image(const char *path);
+/* Adds a hint if the command has an option of this name: `did you mean the option "--bounces"?` */
+bool cli_option_hint(const struct cli *cli, const char *name, struct pell_text *hint);
+/* Refuses a key of a scene file's "render" that is none. */
+enum exit_code cli_check_render_key(struct cli *cli, const struct pell_setting *setting);
+/* Refuses a knob on the command line that no method has: it may be an option. */
+enum exit_code cli_check_knob_names(struct cli *cli);
+/* Refuses a knob that the method lacks if it is an option, or stands in the wrong place of a scene file. */
+enum exit_code cli_check_knobs_of(struct cli *cli, const struct pell_method *method, const struct settings_list *given);
+
 /* --- messages.c --------------------------------------------------------------------------------------------------------------- */
 
 /* A usage error: printed (or kept for JSON), EXIT_USAGE. */
 enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, const char *fmt, ...) PELL_PRINTF(4, 5);
+/* Refuses the name of a limit that is none. */
+enum exit_code cli_check_limit(struct cli *cli, const char *name);
 /* EXIT_OK unless `path` is a file that has been read, under any name: a scene's texture, a mesh. `option` names the output. */
 enum exit_code cli_spare_input(struct cli *cli, const char *option, const char *path);
 /* The exit code for a failed library call. */
@@ -289,6 +305,8 @@ extern const char *const cli_engine_names[];
 enum exit_code cli_engine(struct cli *cli, enum pell_engine *engine);
 /* The folder named by PELL_SHADERS, whose shaders replace built-in ones; NULL: none. */
 const char *cli_shaders(void);
+/* The method that the command line or the scene file names, if that is known before the scene is read; NULL: none. */
+bool session_method_ahead(struct cli *cli, const struct pell_method **method);
 /* Loads `path`; options of the command line override those of the scene file. Creates no renderer. */
 enum exit_code session_read(struct cli *cli, const char *path, struct session *s);
 /* The same, and creates a renderer. */
@@ -298,6 +316,8 @@ enum exit_code session_open_at(struct cli *cli, const char *path, const double *
 /* Reloads the scene at a time in seconds; the rest of the session stays. */
 enum exit_code session_move(struct cli *cli, const char *path, double time, struct session *s);
 void session_close(struct session *s);
+/* Lets a long render say by which options of its method it would be shorter. */
+void session_shorten(struct cli *cli, const struct session *s);
 /* Whether the session's engine has the method. */
 bool session_runs(const struct session *s, const struct pell_method *method);
 /* The settings for a method on a scene: the method's defaults, overridden by the scene file's options, then by the command line's. */

@@ -37,6 +37,19 @@ static enum pell_result show(void *user, const struct pell_intermediate *image)
     return pell_image_write(d->cli->ctx, path, "exr", &params);
 }
 
+enum exit_code dump_check(struct cli *cli)
+{
+    if (!cli->dump)
+        return EXIT_OK;
+    if (!cli->dump[0])
+        return cli_usage(cli, "--dump", NULL, "is empty, must name a folder");
+    if (cli->numbers.turntable > 0 || cli->frames)
+        return cli_usage(cli, "--dump", NULL, "is of one image: it does not go with %s", cli->frames ? "--frames" : "--turntable");
+    if (cli->program->share)
+        return cli_usage(cli, "--dump", NULL, "writes the intermediate images of one process: run it on one machine");
+    return EXIT_OK;
+}
+
 enum exit_code dump_open(struct cli *cli, struct session *s, struct dump *d)
 {
     const struct pell_observer observer = { show, d };
@@ -44,8 +57,6 @@ enum exit_code dump_open(struct cli *cli, struct session *s, struct dump *d)
     *d = (struct dump) { .cli = cli };
     if (!cli->dump)
         return EXIT_OK;
-    if (cli->numbers.turntable > 0 || cli->frames)
-        return cli_usage(cli, "--dump", NULL, "is of one picture: it does not go with %s", cli->frames ? "--frames" : "--turntable");
     if (!(d->index = json_array()))
         return EXIT_MEMORY;
     pell_renderer_set_observer(s->renderer, &observer);

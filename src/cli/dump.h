@@ -15,6 +15,8 @@ struct dump {
     json_t *index;
 };
 
+/* Whether the other options allow --dump; call before the scene is read. */
+enum exit_code dump_check(struct cli *cli);
 /* Observes the renderer of the session until dump_close. Does nothing without --dump. */
 enum exit_code dump_open(struct cli *cli, struct session *s, struct dump *d);
 /* Moves the finished folder to its final name. */

@@ -59,7 +59,8 @@ static const struct command commands[] = {
       "  pellucid methods screen-space\n"
       "  pellucid methods --json\n",
       0, 0, 1, command_methods },
-    { "materials", "[NAME]", "the built-in materials, or one with the source of its numbers", "",
+    { "materials", "[NAME|FILE]", "the built-in materials, or one with the source of its numbers",
+      "NAME is a built-in name, FILE a material file (.json), as --material takes them.\n",
       "  pellucid materials\n"
       "  pellucid materials wholemilk\n",
       0, 0, 1, command_materials },

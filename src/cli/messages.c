@@ -13,6 +13,8 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#define LONG_ELAPSED 20.0 /* seconds after which the time left is an estimate */
+#define LONG_LEFT 120.0   /* seconds left that are long */
 #define MOST_COLUMNS 96
 #define LEAST_COLUMNS 40
 #define LEAST_TEXT 36 /* columns; if fewer are left next to a head, the text begins below it */
@@ -268,6 +270,24 @@ enum exit_code cli_usage(struct cli *cli, const char *where, const char *hint, c
     return EXIT_USAGE;
 }
 
+enum exit_code cli_check_limit(struct cli *cli, const char *name)
+{
+    struct pell_text hint = { .length = 0 };
+    const char *names[32];
+    char shown[96];
+    size_t count = 0;
+
+    for (const struct pell_knob *k = pell_limit_knobs(); k->name && count < PELL_COUNT(names); k++)
+        names[count++] = k->name;
+    if (pell_knob_find(pell_limit_knobs(), name))
+        return EXIT_OK;
+    if (pell_text_suggest(&hint, "", name, names, count))
+        pell_text_add(&hint, " ");
+    for (size_t i = 0; i < count; i++)
+        pell_text_add(&hint, "%s%s", i ? ", " : "The limits are ", names[i]);
+    return cli_usage(cli, "--limit", hint.str, "there is no limit \"%s\"", pell_printable(name, shown, sizeof(shown)));
+}
+
 enum exit_code cli_spare_input(struct cli *cli, const char *option, const char *path)
 {
     if (strcmp(path, "-") == 0 || !pell_file_was_read(cli->ctx, path))
@@ -299,6 +319,17 @@ enum exit_code cli_failed(struct cli *cli, enum pell_result result)
 
 /* --- Progress ----------------------------------------------------------------------------------------------------------------- */
 
+/* Says once of a long task what makes it shorter. */
+static void say_shorter(struct cli *cli, const char *task, double left)
+{
+    char line[256];
+
+    snprintf(line, sizeof(line), "about %.0f minutes are left: %s shortens it", left / 60.0, cli->progress.shorter);
+    cli->progress.shorter[0] = '\0';
+    if (left > LONG_LEFT)
+        print_message(cli, PELL_LOG_INFO, task, line, "");
+}
+
 void cli_progress(void *user, const char *task, double fraction)
 {
     struct cli *cli = user;
@@ -323,6 +354,8 @@ void cli_progress(void *user, const char *task, double fraction)
         whole >= 1.0 || !(whole > cli->progress.from) || !(elapsed > 0.0))
         return;
     cli->progress.shown = now;
+    if (cli->progress.shorter[0] && !form_json && elapsed > LONG_ELAPSED)
+        say_shorter(cli, task, elapsed * (1.0 - whole) / (whole - cli->progress.from));
     if (form_json) {
         fprintf(stderr, "{\"progress\": {\"task\": \"%s\", \"fraction\": %.6f, \"seconds\": %.1f, \"seconds_left\": %.1f}}\n", task, whole,
                 elapsed, elapsed * (1.0 - whole) / (whole - cli->progress.from));

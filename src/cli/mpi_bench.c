@@ -175,7 +175,7 @@ enum exit_code command_mpi_bench(struct cli *cli)
         bench_add(&rows, "scene, each rank", 1e3 * c.load);
         bench_add(&rows, "block from the counter", 1e3 * c.take);
         bench_add(&rows, "64 MiB to all ranks", 1e3 * c.broadcast * SEND * fmax(steps(share->ranks), 1.0));
-        bench_add(&rows, "film of the whole picture, added", 1e3 * c.reduce * c.film * fmax(steps(share->ranks), 1.0));
+        bench_add(&rows, "film of the whole image, added", 1e3 * c.reduce * c.film * fmax(steps(share->ranks), 1.0));
         print_model(&c, facts);
         json_object_set_new(facts, "ranks", json_integer(share->ranks));
         json_object_set_new(facts, "film_bytes", json_real(c.film));

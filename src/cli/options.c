@@ -493,7 +493,7 @@ static enum exit_code set_option(struct cli *cli, struct pell_context *ctx, cons
     case KNOB: code = cli_add_pair(cli, &cli->knobs, where, text); break;
     case INNER: code = cli_add_pair(cli, &cli->bake.inner, where, text); break;
     case LIMIT:
-        if ((code = split(cli, where, text, &value)) == EXIT_OK)
+        if ((code = split(cli, where, text, &value)) == EXIT_OK && (code = cli_check_limit(cli, text)) == EXIT_OK)
             res = pell_knob_set(ctx, pell_limit_knobs(), "limits", where, &cli->limits, text, value);
         break;
     case NUMBER: res = pell_knob_set(ctx, o->knob, "pellucid", where, &cli->numbers, o->name, text); break;

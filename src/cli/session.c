@@ -8,19 +8,21 @@
 #include <inttypes.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <time.h>
 
-#define EXR_ONLY 6 /* attributes written to EXR only: the machine's and the costly ones, at the end of the list */
+#define AHEAD (1 << 22) /* bytes of a scene file that is looked into before it is loaded */
+#define EXR_ONLY 6      /* attributes written to EXR only: the machine's and the costly ones, at the end of the list */
 
 const char *const cli_subsurface_layers[3] = { "diffuse.single", "diffuse.multiple", "transmission" };
 
 /* Options that methods share under one name, and the knobs that each may set, of which a method has at most one. */
 static const struct {
-    const char *option, *knobs[2], *what;
+    const char *option, *knobs[2], *what, *shorter;
 } common_options[] = {
-    { "samples", { "samples", "most" }, "number of samples" },
-    { "time-limit", { "time-limit", NULL }, "time limit" },
-    { "target-error", { "error", NULL }, "estimate of its error" },
+    { "target-error", { "error", NULL }, "estimate of its error", "a larger --target-error" },
+    { "samples", { "samples", "most" }, "number of samples", "fewer --samples" },
+    { "time-limit", { "time-limit", NULL }, "time limit", "a --time-limit" },
 };
 
 static bool is_common(const char *name)
@@ -74,6 +76,28 @@ static const struct pell_knob *common_knob(const struct pell_method *method, siz
     return knob && (strcmp(common_options[i].option, "target-error") != 0 || strcmp(knob->unit, "1") == 0) ? knob : NULL;
 }
 
+/* "a larger --target-error or fewer --samples": what makes a method take less time. */
+static void list_shorter(const struct pell_method *method, struct pell_text *text)
+{
+    const char *found[PELL_COUNT(common_options)];
+    size_t count = 0;
+
+    for (size_t i = 0; i < PELL_COUNT(common_options); i++)
+        if (common_knob(method, i))
+            found[count++] = common_options[i].shorter;
+    for (size_t i = 0; i < count; i++)
+        pell_text_add(text, "%s%s", i == 0 ? "" : i + 1 < count ? ", " : " or ", found[i]);
+}
+
+void session_shorten(struct cli *cli, const struct session *s)
+{
+    struct pell_text text = { .length = 0 };
+
+    if (s->method && cli->common.count == 0)
+        list_shorter(s->method, &text);
+    snprintf(cli->progress.shorter, sizeof(cli->progress.shorter), "%.127s", text.str);
+}
+
 /* "image-space, layered, path-trace have one". */
 static void list_owners(size_t i, struct pell_text *text)
 {
@@ -103,7 +127,12 @@ static enum exit_code apply_common(struct cli *cli, const struct pell_method *me
             i++;
         knob = common_knob(method, i);
         if (!knob) {
+            struct pell_text shorter = { .length = 0 };
             list_owners(i, &owners);
+            if (strcmp(s->name, "time-limit") == 0)
+                list_shorter(method, &shorter);
+            if (shorter.length)
+                pell_text_add(&owners, "; %s shortens %s", shorter.str, method->name);
             return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, s->where, owners.str, "method %s has no %s", method->name,
                                               common_options[i].what));
         }
@@ -149,9 +178,13 @@ static enum exit_code choose_method(struct cli *cli, const struct pell_setting *
     *knobs = NULL;
     if (strcmp(method->value, "none") == 0) {
         const struct settings_list *some = given->count ? given : common;
-        return some->count == 0 ? EXIT_OK
-                                : cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, some->items[0].where, "choose a method with -m",
-                                                             "method none has no knobs"));
+        struct pell_text hint = { .length = 0 };
+        if (some->count == 0)
+            return EXIT_OK;
+        pell_text_add(&hint, "choose a method with -m");
+        if (given->count && given->items[0].where[0] == '-')
+            cli_option_hint(cli, given->items[0].name, &hint);
+        return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_INVALID, some->items[0].where, hint.str, "method none has no knobs"));
     }
     *out = pell_method_find(cli->ctx, method->where, method->value);
     if (!*out)
@@ -159,7 +192,9 @@ static enum exit_code choose_method(struct cli *cli, const struct pell_setting *
     *knobs = calloc(1, (*out)->knobs_size);
     if (!*knobs)
         return EXIT_MEMORY;
-    code = cli_failed(cli, pell_method_configure(cli->ctx, *out, given->items, given->count, *knobs));
+    code = cli_check_knobs_of(cli, *out, given);
+    if (code == EXIT_OK)
+        code = cli_failed(cli, pell_method_configure(cli->ctx, *out, given->items, given->count, *knobs));
     return code == EXIT_OK ? apply_common(cli, *out, common, *knobs) : code;
 }
 
@@ -167,13 +202,16 @@ static enum exit_code choose_method(struct cli *cli, const struct pell_setting *
 static enum exit_code apply_settings(struct cli *cli, const struct settings_list *given, const struct pell_method *method,
                                      const void *knobs, struct pell_settings *settings)
 {
-    enum pell_result res = PELL_OK;
+    enum exit_code code = EXIT_OK;
 
     pell_settings_default(method, knobs, settings);
-    for (size_t i = 0; res == PELL_OK && i < given->count; i++)
-        res = pell_knob_set(cli->ctx, pell_settings_knobs(), "render", given->items[i].where, settings, given->items[i].name,
-                            given->items[i].value);
-    return cli_failed(cli, res);
+    for (size_t i = 0; code == EXIT_OK && i < given->count; i++) {
+        const struct pell_setting *s = &given->items[i];
+        code = cli_check_render_key(cli, s);
+        if (code == EXIT_OK)
+            code = cli_failed(cli, pell_knob_set(cli->ctx, pell_settings_knobs(), "render", s->where, settings, s->name, s->value));
+    }
+    return code;
 }
 
 /* The method if no scene file can change it, else NULL. */
@@ -187,33 +225,32 @@ static const char *certain_method(const struct cli *cli)
     return cli->method;
 }
 
-/* Checks knob names: one that no method has may be a misplaced option. */
-static enum exit_code check_knob_names(struct cli *cli)
+/* A scene file of usual size, unchecked; NULL: it is none, or can't be read, which loading reports. */
+static json_t *scene_file_ahead(const char *path)
 {
-    const struct program own = { .commands = cli->command, .num_commands = 1 };
+    struct stat file;
 
-    for (size_t i = 0; i < cli->knobs.count; i++) {
-        const struct pell_setting *s = &cli->knobs.items[i];
-        const char *names[512];
-        struct pell_text hint = { .length = 0 };
-        size_t count = 0;
-        bool known = false;
-        for (size_t m = 0; m < pell_method_count(); m++)
-            for (const struct pell_knob *k = pell_method_at(m)->knobs; k->name; k++) {
-                known |= strcmp(k->name, s->name) == 0;
-                if (count < PELL_COUNT(names))
-                    names[count++] = k->name;
-            }
-        if (known)
-            continue;
-        if (!pell_text_suggest(&hint, "", s->name, names, count)) {
-            count = cli_option_names(&own, names, PELL_COUNT(names));
-            if (!pell_text_suggest(&hint, "--", s->name, names, count))
-                pell_text_add(&hint, "`pellucid methods NAME` lists those of a method");
-        }
-        return cli_usage(cli, s->where, hint.str, "no method has a knob \"%.96s\"", s->name);
-    }
-    return EXIT_OK;
+    return pell_path_has_extension(path, "json") && stat(path, &file) == 0 && S_ISREG(file.st_mode) && file.st_size <= AHEAD
+               ? json_load_file(path, 0, NULL)
+               : NULL;
+}
+
+bool session_method_ahead(struct cli *cli, const struct pell_method **method)
+{
+    const char *name = certain_method(cli);
+    json_t *file = name ? NULL : scene_file_ahead(cli->arguments[0]);
+    bool known;
+
+    *method = NULL;
+    if (file && json_object_get(file, "pellucid") &&
+        !(name = json_string_value(json_object_get(json_object_get(file, "render"), "method"))))
+        name = CLI_DEFAULT_METHOD;
+    known = name && strcmp(name, "none") == 0;
+    for (size_t i = 0; name && !known && i < pell_method_count(); i++)
+        if ((known = strcmp(pell_method_at(i)->name, name) == 0))
+            *method = pell_method_at(i);
+    json_decref(file);
+    return known;
 }
 
 /* Reports all errors of the command line before a large scene is read. */
@@ -226,7 +263,7 @@ static enum exit_code check_command_line(struct cli *cli)
     enum exit_code code = apply_settings(cli, &cli->settings, NULL, NULL, &settings);
 
     if (code == EXIT_OK)
-        code = check_knob_names(cli);
+        code = cli_check_knob_names(cli);
     if (code == EXIT_OK && method.value)
         code = choose_method(cli, &method, &cli->knobs, &cli->common, &found, &knobs);
     free(knobs);

@@ -52,11 +52,11 @@ void cli_say_interrupted(const struct cli *cli, enum exit_code code)
     if (code == EXIT_RESUMABLE) {
         put(STDERR_FILENO, "not finished; the same command resumes it from the checkpoint\n");
     } else if (cli->partial) {
-        put(STDERR_FILENO, "interrupted; the picture was written with the samples that it had\n");
+        put(STDERR_FILENO, "interrupted; the image was written with the samples that it had\n");
     } else if (cli->images) {
         put(STDERR_FILENO, "interrupted; written before: ");
         put_count(STDERR_FILENO, (unsigned) cli->images);
-        put(STDERR_FILENO, cli->images == 1 ? " picture\n" : " pictures\n");
+        put(STDERR_FILENO, cli->images == 1 ? " image\n" : " images\n");
     } else {
         put(STDERR_FILENO, "interrupted; nothing was written\n");
     }

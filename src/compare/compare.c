@@ -5,6 +5,7 @@
 
 #include "compare/errors.h"
 #include "compare/tile.h"
+#include "render/post/curves.h"
 
 #include <float.h>
 #include <math.h>
@@ -15,7 +16,7 @@
 #define EXPOSURES_MAX 64 /* of HDR-FLIP; a wider range uses larger steps */
 #define BAND_PIXELS (1 << 19)
 
-static const char *const tonemaps[] = { "reinhard", "aces", "linear", NULL };
+static const char *const tonemaps[] = { PELL_CURVE_REINHARD, "aces", PELL_CURVE_LINEAR, PELL_CURVE_FILMIC, NULL }; /* all of `render` */
 
 #define AT(field) offsetof(struct pell_compare_params, field)
 /* clang-format off */
@@ -27,7 +28,7 @@ static const struct pell_knob compare_knobs[] = {
     { "white", PELL_KNOB_FLOAT, "1", AT(white), { 0 }, 0, 1e12, NULL,
       "luminance after exposure that becomes display white; 0: the largest of the reference" },
     { "tonemap", PELL_KNOB_ENUM, "1", AT(tonemap), { PELL_COMPARE_REINHARD }, 0, 0, tonemaps,
-      "curve from exposed radiance to the display, for SSIM and FLIP" },
+      "curve from exposed radiance to the display, for SSIM and FLIP: those of `render`, or aces, that of HDR-FLIP" },
     { "exposures", PELL_KNOB_INT, "1", AT(exposures), { 0 }, 0, EXPOSURES_MAX, NULL,
       "number of exposures of HDR-FLIP; 0: one per stop, as published" },
     { "floor", PELL_KNOB_FLOAT, "1", AT(floor), { 0.01 }, 1e-6, 1, NULL,
@@ -483,9 +484,9 @@ static enum pell_result check(struct pell_context *ctx, const struct pell_compar
     const int64_t limit = pell_context_limits(ctx)->image_pixels;
 
     if (in->width < 1 || in->height < 1 || in->width > limit / in->height || in->stride < in->width)
-        return pell_error(ctx, PELL_ERR_INVALID, "compare", NULL,
-                          "the pictures are %d x %d pixels, %lld from row to row; must be 1 x 1 to %lld pixels (the limit image-pixels)",
-                          in->width, in->height, (long long) in->stride, (long long) limit);
+        return pell_error(ctx, PELL_ERR_INVALID, "compare", PELL_RAISE_LIMIT("image-pixels"),
+                          "the images are %d x %d pixels, %lld from row to row; must be 1 x 1 to %lld pixels", in->width, in->height,
+                          (long long) in->stride, (long long) limit);
     return pell_knobs_check(ctx, pell_compare_knobs(), "compare", params);
 }
 

@@ -155,6 +155,23 @@ static int blocks(const struct pell_tile *tile)
 
 /* --- Display ------------------------------------------------------------------------------------------------------------------ */
 
+/* The filmic curve of `render`. */
+static void show_filmic(float exposure, const float *const light[3], size_t count, float *restrict r, float *restrict g, float *restrict b)
+{
+    const float *restrict lr = light[0], *restrict lg = light[1], *restrict lb = light[2];
+    const float e = PELL_FILMIC_SCALE * exposure;
+
+    for (size_t i = 0; i < count; i++) {
+        const float x = fmaxf(e * lr[i], 0.0f), y = fmaxf(e * lg[i], 0.0f), z = fmaxf(e * lb[i], 0.0f);
+        const float u = fminf(PELL_FILMIC_TO_R(x, y, z), PELL_FILMIC_MOST), v = fminf(PELL_FILMIC_TO_G(x, y, z), PELL_FILMIC_MOST),
+                    w = fminf(PELL_FILMIC_TO_B(x, y, z), PELL_FILMIC_MOST);
+        const float p = PELL_FILMIC_CURVE(u), q = PELL_FILMIC_CURVE(v), s = PELL_FILMIC_CURVE(w);
+        r[i] = unit(PELL_FILMIC_FROM_R(p, q, s));
+        g[i] = unit(PELL_FILMIC_FROM_G(p, q, s));
+        b[i] = unit(PELL_FILMIC_FROM_B(p, q, s));
+    }
+}
+
 /* Tone-maps to [0, 1], linear. */
 static void show(const struct pell_tone *tone, const float *const light[3], size_t count, float *restrict r, float *restrict g,
                  float *restrict b)
@@ -162,6 +179,10 @@ static void show(const struct pell_tone *tone, const float *const light[3], size
     const float *restrict lr = light[0], *restrict lg = light[1], *restrict lb = light[2];
     const float e = tone->exposure, ws = tone->white_scale;
 
+    if (tone->curve == PELL_COMPARE_FILMIC) {
+        show_filmic(e, light, count, r, g, b);
+        return;
+    }
     if (tone->curve == PELL_COMPARE_ACES) {
         const float *const in[3] = { lr, lg, lb };
         float *const out[3] = { r, g, b };

@@ -72,7 +72,7 @@ enum pell_result pell_exr_check_header(struct pell_context *ctx, const struct pe
             return res;
         first = last;
         if (++count > limit)
-            return pell_error(ctx, PELL_ERR_INVALID, src->name, "raise the limit items if this file is meant",
+            return pell_error(ctx, PELL_ERR_INVALID, src->name, PELL_RAISE_LIMIT("items") ", if this file is meant",
                               "OpenEXR: the header has more than %lld attributes", (long long) limit);
     } while (w.at < src->size);
     return wrong(&w, "the header does not end");

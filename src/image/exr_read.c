@@ -104,7 +104,7 @@ static enum pell_result check_channels(struct exr_file *f, const exr_attr_chlist
         char shown[64];
         if (e->x_sampling != 1 || e->y_sampling != 1)
             return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "write it with R, G, B in full resolution",
-                              "OpenEXR: channel \"%s\" is subsampled %d x %d (luminance and chroma pictures are not read), must be 1 x 1",
+                              "OpenEXR: channel \"%s\" is subsampled %d x %d (luminance and chroma images are not read), must be 1 x 1",
                               pell_printable(e->name.str, shown, sizeof(shown)), e->x_sampling, e->y_sampling);
         if (e->pixel_type != EXR_PIXEL_UINT && e->pixel_type != EXR_PIXEL_HALF && e->pixel_type != EXR_PIXEL_FLOAT)
             return pell_error(f->ctx, PELL_ERR_FORMAT, f->src->name, NULL,
@@ -193,7 +193,7 @@ enum pell_result pell_exr_describe(struct exr_file *f, int index, struct exr_par
         (err = exr_get_channels(f->exr, index, &p->channels)) != EXR_ERR_SUCCESS)
         return pell_exr_failed(f, "header", err);
     if (is_deep(f, index))
-        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "flatten it", "OpenEXR: deep pictures are not read");
+        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "flatten it", "OpenEXR: deep images are not read");
     if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB)
         return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "save it again: oiiotool IN.exr --compression zip -o OUT.exr",
                           "OpenEXR: compression %s is not read", compression == EXR_COMPRESSION_DWAA ? "DWAA" : "DWAB");
@@ -435,7 +435,7 @@ static enum pell_result choose_part(struct exr_file *f, int *index, int pick[4],
         }
     }
     if (first < 0)
-        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "flatten it", "OpenEXR: deep pictures are not read");
+        return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "flatten it", "OpenEXR: deep images are not read");
     if (best)
         return PELL_OK;
     if (exr_get_channels(f->exr, first, &list) == EXR_ERR_SUCCESS)
@@ -443,7 +443,7 @@ static enum pell_result choose_part(struct exr_file *f, int *index, int pick[4],
             pell_text_add(&names, "%s%.40s", c ? ", " : "", list->entries[c].name.str);
     if (find_channel(list, "", 0, "RY") >= 0 || find_channel(list, "", 0, "BY") >= 0)
         return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, "write it with R, G, B in full resolution",
-                          "OpenEXR: luminance and chroma pictures (channels %s) are not read", names.str);
+                          "OpenEXR: luminance and chroma images (channels %s) are not read", names.str);
     return pell_error(f->ctx, PELL_ERR_UNSUPPORTED, f->src->name, NULL, "OpenEXR: the channels are %s; must hold R, G, B or Y", names.str);
 }
 

@@ -24,11 +24,11 @@ enum pell_result pell_image_check_size(struct pell_context *ctx, const char *nam
     const int64_t limit = pell_context_limits(ctx)->image_pixels;
 
     if (width < 1 || height < 1)
-        return pell_error(ctx, PELL_ERR_FORMAT, name, NULL, "the picture is %lld x %lld pixels, must be 1 x 1 or more", (long long) width,
+        return pell_error(ctx, PELL_ERR_FORMAT, name, NULL, "the image is %lld x %lld pixels, must be 1 x 1 or more", (long long) width,
                           (long long) height);
     if (width > INT_MAX || height > INT_MAX || width > limit / height)
-        return pell_error(ctx, PELL_ERR_INVALID, name, "make it smaller, or raise the limit image-pixels",
-                          "the picture is %lld x %lld pixels, the limit is %lld pixels", (long long) width, (long long) height,
+        return pell_error(ctx, PELL_ERR_INVALID, name, "make it smaller, or " PELL_RAISE_LIMIT("image-pixels"),
+                          "the image is %lld x %lld pixels, the limit is %lld pixels", (long long) width, (long long) height,
                           (long long) limit);
     return PELL_OK;
 }
@@ -59,7 +59,7 @@ enum pell_result pell_image_check_memory(struct pell_context *ctx, const char *n
     const uint64_t limit = (uint64_t) pell_context_limits(ctx)->memory_bytes, used = pell_memory_used(ctx);
 
     if (used > limit || bytes > limit - used)
-        return pell_error(ctx, PELL_ERR_NOMEM, name, "raise the limit memory-bytes if the machine has more",
+        return pell_error(ctx, PELL_ERR_NOMEM, name, PELL_RAISE_LIMIT("memory-bytes") ", if the machine has more",
                           "reading it takes %llu bytes more, which exceeds the memory limit of %llu bytes", (unsigned long long) bytes,
                           (unsigned long long) limit);
     return PELL_OK;

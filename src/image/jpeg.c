@@ -91,7 +91,7 @@ static enum pell_result check_frame(struct pell_context *ctx, const struct pell_
         return pell_error(ctx, PELL_ERR_UNSUPPORTED, src->name, NULL, "JPEG: %d components, must be 1 (grey), 3 (colour) or 4 (CMYK)",
                           f->components);
     if (f->height == 0)
-        return pell_error(ctx, PELL_ERR_UNSUPPORTED, src->name, "write it again", "JPEG: the height is given behind the picture (DNL)");
+        return pell_error(ctx, PELL_ERR_UNSUPPORTED, src->name, "write it again", "JPEG: the height is given behind the image (DNL)");
     res = pell_image_check_size(ctx, src->name, f->width, f->height);
     if (res != PELL_OK)
         return res;
@@ -140,7 +140,7 @@ enum pell_result pell_jpeg_decode(struct pell_context *ctx, const struct pell_so
 
     if (!scan_markers(src, &f, &at))
         return pell_error(ctx, PELL_ERR_FORMAT, src->name, "the file is damaged: write it again",
-                          "JPEG: the chain of segments breaks at byte %zu of %zu, before the picture", at, src->size);
+                          "JPEG: the chain of segments breaks at byte %zu of %zu, before the image", at, src->size);
     PELL_TRY(check_frame(ctx, src, &f));
     PELL_TRY(pell_image_make(ctx, src->name, f.width, f.height, f.components == 1 ? 1 : 3, PELL_PIXEL_U8, image));
     count = (size_t) f.width * (size_t) f.height;

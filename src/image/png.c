@@ -102,7 +102,7 @@ static enum pell_result png_open(struct png *png)
                           "PNG: a file of %zu bytes can't hold %u x %u pixels", src->size, png->ihdr.width, png->ihdr.height);
     err = spng_get_trns(png->spng, &trns);
     if (err && err != SPNG_ECHUNKAVAIL)
-        return png_error(ctx, src->name, "before the picture", err);
+        return png_error(ctx, src->name, "before the image", err);
     png->trns = err == 0;
     choose_layout(&png->ihdr, png->trns, &png->channels, &png->format);
     png->type = png->ihdr.bit_depth == 16 ? PELL_PIXEL_U16 : PELL_PIXEL_U8;
@@ -134,7 +134,7 @@ enum pell_result pell_png_decode(struct pell_context *ctx, const struct pell_sou
     PELL_TRY(pell_image_make(ctx, src->name, png.ihdr.width, png.ihdr.height, png.channels, png.type, image));
     bytes = (size_t) image->width * (size_t) image->height * (size_t) png.channels * pell_pixel_size(png.type);
     err = spng_decode_image(png.spng, image->pixels, bytes, png.format, png.trns ? SPNG_DECODE_TRNS : 0);
-    res = err ? png_error(ctx, src->name, "picture data", err) : png_end(&png);
+    res = err ? png_error(ctx, src->name, "image data", err) : png_end(&png);
 fail:
     spng_ctx_free(png.spng);
     return res;
@@ -158,7 +158,7 @@ static enum pell_result start(struct row_reader *r)
     PELL_TRY(png_open(&r->png));
     r->next = 0;
     err = spng_decode_image(r->png.spng, NULL, 0, r->png.format, (r->png.trns ? SPNG_DECODE_TRNS : 0) | SPNG_DECODE_PROGRESSIVE);
-    res = err ? png_error(r->png.ctx, r->png.src->name, "picture data", err) : PELL_OK;
+    res = err ? png_error(r->png.ctx, r->png.src->name, "image data", err) : PELL_OK;
 fail:
     return res;
 }
@@ -170,7 +170,7 @@ static enum pell_result next_row(struct row_reader *r)
     const int err = spng_decode_row(r->png.spng, r->row, size);
 
     if (err && !(last && err == SPNG_EOI))
-        return png_error(r->png.ctx, r->png.src->name, "picture data", err);
+        return png_error(r->png.ctx, r->png.src->name, "image data", err);
     return last ? png_end(&r->png) : PELL_OK;
 }
 
@@ -383,7 +383,7 @@ enum pell_result pell_png_encode(struct pell_writer *w)
         fill_row(w, channels, y, values, &curve, dither[y & 7], row);
         err = spng_encode_row(png, row, count * (size_t) bits / 8);
         if (err && err != SPNG_EOI) {
-            res = png_error(w->ctx, w->name, "picture data", err);
+            res = png_error(w->ctx, w->name, "image data", err);
             goto fail;
         }
         if (pell_cancelled(w->ctx)) {

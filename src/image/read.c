@@ -72,7 +72,7 @@ static enum pell_result refuse(struct pell_context *ctx, const char *name, const
     struct pell_text hint = { "" };
 
     pell_text_add(&hint, "convert it: %s", f->fix);
-    return pell_error(ctx, PELL_ERR_UNSUPPORTED, name, hint.str, "%s pictures are not read; PNG, JPEG, Radiance HDR, OpenEXR and PFM are",
+    return pell_error(ctx, PELL_ERR_UNSUPPORTED, name, hint.str, "%s images are not read; PNG, JPEG, Radiance HDR, OpenEXR and PFM are",
                       f->title);
 }
 
@@ -85,7 +85,7 @@ enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, c
 
     *image = (struct pell_image) { 0 };
     if (!data || size == 0)
-        return pell_error(ctx, PELL_ERR_FORMAT, name, NULL, "the file is empty, must be a PNG, JPEG, Radiance HDR, OpenEXR or PFM picture");
+        return pell_error(ctx, PELL_ERR_FORMAT, name, NULL, "the file is empty, must be a PNG, JPEG, Radiance HDR, OpenEXR or PFM image");
     if ((f = find_format(data, size))) {
         if (!f->decode)
             return refuse(ctx, name, f);
@@ -97,8 +97,8 @@ enum pell_result pell_image_decode(struct pell_context *ctx, const char *name, c
         return res;
     }
     return pell_error(ctx, PELL_ERR_FORMAT, name, "convert it to PNG, JPEG or OpenEXR",
-                      "the first bytes (%02x %02x %02x %02x) are not those of a PNG, JPEG, Radiance HDR, OpenEXR or PFM picture",
-                      src.data[0], size > 1 ? src.data[1] : 0, size > 2 ? src.data[2] : 0, size > 3 ? src.data[3] : 0);
+                      "the first bytes (%02x %02x %02x %02x) are not those of a PNG, JPEG, Radiance HDR, OpenEXR or PFM image", src.data[0],
+                      size > 1 ? src.data[1] : 0, size > 2 ? src.data[2] : 0, size > 3 ? src.data[3] : 0);
 }
 
 enum pell_result pell_image_read(struct pell_context *ctx, const char *path, enum pell_image_role role, struct pell_image *image)

@@ -26,11 +26,11 @@ static enum pell_result check(struct pell_context *ctx, const char *name, const 
     const int64_t limit = pell_context_limits(ctx)->image_pixels;
 
     if (p->width < 1 || p->height < 1 || p->width > limit / p->height)
-        return pell_error(ctx, PELL_ERR_INVALID, name, NULL,
-                          "a picture of %d x %d pixels can't be written, must be 1 x 1 or more and at most %lld pixels", p->width,
-                          p->height, (long long) limit);
+        return pell_error(ctx, PELL_ERR_INVALID, name, PELL_RAISE_LIMIT("image-pixels"),
+                          "an image of %d x %d pixels can't be written, must be 1 x 1 or more and at most %lld pixels", p->width, p->height,
+                          (long long) limit);
     if (!p->channels || p->num_channels < 1)
-        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "a picture without channels can't be written");
+        return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "an image without channels can't be written");
     for (size_t i = 0; i < p->num_channels; i++)
         if (!p->channels[i].data)
             return pell_error(ctx, PELL_ERR_INVALID, name, NULL, "channel %zu (\"%s\") has no data", i,
@@ -61,7 +61,7 @@ static enum pell_result find_format(struct pell_context *ctx, const char *path, 
     if (!format && strcmp(path, "-") == 0)
         return pell_error(ctx, PELL_ERR_INVALID, path, NULL, "standard output needs a format: png, exr, hdr or pfm");
     pell_text_suggest(&hint, "", given, formats, count);
-    return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "pictures of format \"%s\" are not written, must be png, exr, hdr or pfm",
+    return pell_error(ctx, PELL_ERR_INVALID, path, hint.str, "images of format \"%s\" are not written, must be png, exr, hdr or pfm",
                       pell_printable(given, shown, sizeof(shown)));
 }
 

@@ -147,6 +147,7 @@ struct pell_engine_result {
     float exposure, white;
     int64_t invalid;
     bool covered, any_light; /* something is visible; light arrives at it */
+    bool negligible;         /* but so little that no exposure shows it */
     float widest_disc;       /* largest blur radius of a sample's part of the lens, px; 0: no depth of field */
 };
 

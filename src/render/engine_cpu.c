@@ -593,6 +593,7 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
         .invalid = e->post.invalid,
         .covered = e->post.covered,
         .any_light = e->post.any_light,
+        .negligible = e->post.negligible,
         .widest_disc = frame->lens->radius > 0.0f ? e->widest_disc : 0.0f,
     };
     for (size_t k = 0; k < PELL_OUTPUT_LAYERS; k++) {

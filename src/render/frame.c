@@ -240,7 +240,10 @@ static void warn_of_nothing(const struct pell_renderer *r, const struct pell_eng
                   "nothing is in view");
     else if (!result->any_light)
         pell_warn(r->ctx, "render", "check the lights, and that neither they nor the camera are inside a closed object",
-                  "no light reaches the visible surfaces: the picture is black");
+                  "no light reaches the visible surfaces: the image is black");
+    else if (result->negligible)
+        pell_warn(r->ctx, "render", "check the units of the lights; --environment-scale multiplies an environment's radiance",
+                  "the light on the visible surfaces is negligible, with radiances below 1e-30 W/(m^2 sr): the image is black");
     if (result->invalid > 0)
         pell_warn(r->ctx, "render", "please report the scene", "%s set to 0",
                   pell_counted(result->invalid, "pixel was not finite and was", "pixels were not finite and were").str);

@@ -226,7 +226,7 @@ enum pell_result pell_pass_render(struct pell_pass *pass, const struct pell_fram
         return pell_error(ctx, PELL_ERR_INVALID, "frame", "make a new pass where the size, camera or materials change",
                           "the frame's shape is not the one that the pass was made for");
     if (r.x0 < 0 || r.y0 < 0 || r.x1 > in->shape.width || r.y1 > in->shape.height)
-        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "rect (%d, %d) to (%d, %d), must lie in the picture of %d x %d", r.x0, r.y0,
+        return pell_error(ctx, PELL_ERR_INVALID, "frame", NULL, "rect (%d, %d) to (%d, %d), must lie in the image of %d x %d", r.x0, r.y0,
                           r.x1, r.y1, in->shape.width, in->shape.height);
     missing = find_missing(pass->plan.needs, in, out);
     if (missing)

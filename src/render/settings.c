@@ -3,13 +3,14 @@
 #include "base/base.h"
 
 #include "optics/medium/specular.h"
+#include "render/post/curves.h"
 #include "render/renderer.h"
 
 #include <pellucid/render.h>
 
 #include <string.h>
 
-static const char *const tonemaps[] = { "reinhard", "linear", "filmic", NULL };
+static const char *const tonemaps[] = { PELL_CURVE_REINHARD, PELL_CURVE_LINEAR, PELL_CURVE_FILMIC, NULL };
 static const char *const pixel_filters[] = { "gaussian", "box", NULL };
 static const char *const exits[] = { "balanced", "published", NULL };
 static const char *const boundaries[] = { "rough", "smooth", NULL };

@@ -24,7 +24,8 @@ static enum pell_result bad_value(struct pell_scene *scene, const char *kind, co
     struct pell_text where = { 0 };
     char shown[96];
 
-    pell_text_add(&where, "%s: %s \"%s\"", scene->path, kind, pell_printable(name, shown, sizeof(shown)));
+    pell_text_add_path(&where, scene->path, ": ", "");
+    pell_text_add(&where, "%s \"%s\"", kind, pell_printable(name, shown, sizeof(shown)));
     return pell_error(scene->ctx, scene->from_file ? PELL_ERR_FORMAT : PELL_ERR_INVALID, where.str, NULL, "%s is %g, allowed: [%g, %g]",
                       field, value, min, max);
 }
@@ -83,7 +84,8 @@ static enum pell_result check_mesh(struct pell_scene *scene, size_t index)
     char shown[96];
     size_t bad = 0, bad_normals;
 
-    pell_text_add(&where, "%s: mesh \"%s\"", scene->path, pell_printable(m->name, shown, sizeof(shown)));
+    pell_text_add_path(&where, scene->path, ": ", "");
+    pell_text_add(&where, "mesh \"%s\"", pell_printable(m->name, shown, sizeof(shown)));
     if ((m->num_vertices && (!m->position || !m->normal)) || (m->num_triangles && !m->index))
         return pell_error(scene->ctx, PELL_ERR_INVALID, where.str, NULL, "has no position, normal or index array");
     if (m->material < 0 || (size_t) m->material >= scene->num_materials)
@@ -313,9 +315,9 @@ static enum pell_result check_light(struct pell_scene *scene, struct pell_light 
         return bad_value(scene, "light", l->name, "its radius (mm)", l->radius, FLT_MIN, 1e9);
     if (l->type == PELL_LIGHT_SPOT && !(in_range(l->cos_outer, -1.0, 1.0) && in_range(l->cos_inner, l->cos_outer, 1.0)))
         return bad_value(scene, "light", l->name, "the cosine of its cone", l->cos_outer, -1.0, 1.0);
-    limit_texture(scene, l->image, 1e12f, "a light's picture");
+    limit_texture(scene, l->image, 1e12f, "a light's image");
     if (!in_range(l->image_fov, 0.0, 3.1415925))
-        return bad_value(scene, "light", l->name, "its picture's angle", l->image_fov, 0.0, PELL_PI);
+        return bad_value(scene, "light", l->name, "its image's angle", l->image_fov, 0.0, PELL_PI);
     if (!isfinite(l->rotate))
         return bad_value(scene, "light", l->name, "its rotation", l->rotate, -FLT_MAX, FLT_MAX);
     if (l->type == PELL_LIGHT_ENVIRONMENT)
@@ -337,7 +339,7 @@ static enum pell_result check_camera(struct pell_scene *scene, struct pell_camer
         if (!in_range(c->position[i], -LARGEST_COORDINATE, LARGEST_COORDINATE))
             return bad_value(scene, "camera", c->name, "its position (mm)", c->position[i], -LARGEST_COORDINATE, LARGEST_COORDINATE);
     if (c->ortho_height != 0.0f && !in_range(c->ortho_height, (double) SMALLEST_PICTURE, 1e12))
-        return bad_value(scene, "camera", c->name, "the height of its picture (mm)", c->ortho_height, (double) SMALLEST_PICTURE, 1e12);
+        return bad_value(scene, "camera", c->name, "the height of its image (mm)", c->ortho_height, (double) SMALLEST_PICTURE, 1e12);
     if (c->ortho_height == 0.0f && !in_range(c->fov, 1e-4, 3.14))
         return bad_value(scene, "camera", c->name, "its vertical angle (radians)", c->fov, 1e-4, 3.14);
     if (!in_range(c->focus, 0.0, 1e12))
@@ -358,10 +360,9 @@ static void object_place(const struct pell_scene *scene, const char *name, struc
 {
     char shown[96];
 
+    pell_text_add_path(where, scene->path, name[0] ? ": " : "", "");
     if (name[0])
-        pell_text_add(where, "%s: \"%s\"", scene->path, pell_printable(name, shown, sizeof(shown)));
-    else
-        pell_text_add(where, "%s", scene->path);
+        pell_text_add(where, "\"%s\"", pell_printable(name, shown, sizeof(shown)));
 }
 
 /* The topology of an object in which no triangle lies on another. */

@@ -7,18 +7,30 @@
 
 #define LYING 1.2f /* ratio of depth to height and to width above which an object seems to lie on its back */
 
-static enum pell_result apply_material(struct pell_scene *scene, const char *text)
+static enum pell_result apply_material(struct pell_scene *scene, const struct pell_material_entry *entry)
 {
-    struct pell_material_entry entry = { 0 };
     enum pell_result res;
 
-    PELL_TRY(pell_material_open(scene->ctx, "--material", text, &entry));
     PELL_TRY(pell_scene_default_material(scene, true));
     for (size_t i = 0; i < scene->num_materials; i++)
-        PELL_TRY(pell_material_set(scene->ctx, &scene->materials[i], &entry));
+        PELL_TRY(pell_material_set(scene->ctx, &scene->materials[i], entry));
 
 fail:
-    pell_free(scene->ctx, (char *) entry.name);
+    return res;
+}
+
+/* Opens what the parameters name beside the scene, so that a wrong name is reported before a large mesh is read. */
+static enum pell_result open_named(struct pell_context *ctx, const struct pell_load_params *params, struct pell_material_entry *material)
+{
+    struct pell_file file;
+    enum pell_result res = PELL_OK;
+
+    if (params->material)
+        PELL_TRY(pell_material_open(ctx, "--material", params->material, material));
+    if (params->environment && (res = pell_file_open(ctx, params->environment, &file)) == PELL_OK)
+        pell_file_close(&file);
+
+fail:
     return res;
 }
 
@@ -81,6 +93,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     const struct pell_scale scale = { params->mm_per_unit, params->size_mm, params->size_mm > 0.0 ? "--size" : "--unit" };
     struct pell_extras extras = { .ground_material = -1 };
     struct pell_moment moment = { 0 };
+    struct pell_material_entry material = { 0 };
     struct pell_scene *scene = NULL;
     bool mesh;
     enum pell_result res;
@@ -98,6 +111,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     if (!mesh && params->up)
         return pell_error(loader->ctx, PELL_ERR_INVALID, "--up", "rotate_deg of a mesh in the scene file turns it",
                           "is for a mesh file, and INPUT is a scene file");
+    PELL_TRY(open_named(loader->ctx, params, &material));
     if (!mesh) {
         PELL_TRY(pell_read_scene_file(loader, path, data, size, &scene, &extras));
     } else {
@@ -109,7 +123,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     PELL_TRY(check_animated(scene, params));
     scene->from_file = true;
     if (params->material)
-        PELL_TRY(apply_material(scene, params->material));
+        PELL_TRY(apply_material(scene, &material));
     if (params->camera)
         PELL_TRY(pell_scene_choose_camera(scene, "--camera", params->camera, PELL_ERR_INVALID));
     PELL_TRY(pell_scene_finish(scene, params, &extras));
@@ -121,6 +135,7 @@ enum pell_result pell_scene_load_bytes(const struct pell_loader *given, const ch
     scene = NULL;
 
 fail:
+    pell_free(loader->ctx, (char *) material.name);
     pell_scene_destroy(&scene);
     return res;
 }

@@ -108,10 +108,10 @@ static enum pell_result refuse(struct pell_context *ctx, const char *path, const
         { "PK\x03\x04", "usdz", "a zip archive", "if it is USD: usd2gltf -i IN.usdz -o OUT.glb" },
         { "OFF", "off", "an OFF file", "convert it: assimp export IN.off OUT.ply" },
         { "<?xml", "dae", "an XML file", "if it is COLLADA: assimp export IN.dae OUT.glb" },
-        { "\x89PNG", "png", "a picture", NULL },
-        { "\xff\xd8\xff", "jpg", "a picture", NULL },
-        { "\x76\x2f\x31\x01", "exr", "a picture", NULL },
-        { "#?RADIANCE", "hdr", "a picture", NULL },
+        { "\x89PNG", "png", "an image", NULL },
+        { "\xff\xd8\xff", "jpg", "an image", NULL },
+        { "\x76\x2f\x31\x01", "exr", "an image", NULL },
+        { "#?RADIANCE", "hdr", "an image", NULL },
     };
     /* clang-format on */
     const char *fix = "convert it to glTF, or to OBJ, PLY or STL";
@@ -290,7 +290,7 @@ enum pell_result pell_scene_merge(struct pell_scene *to, struct pell_scene *from
 
     if (to->total_vertices + from->total_vertices > limits->vertices || to->total_triangles + from->total_triangles > limits->triangles)
         return pell_error(
-            to->ctx, PELL_ERR_UNSUPPORTED, to->path, "the limits \"vertices\" and \"triangles\" can be raised",
+            to->ctx, PELL_ERR_UNSUPPORTED, to->path, "raise the limits: --limit vertices=N --limit triangles=N",
             "%lld vertices and %lld triangles; %lld and %lld are allowed", (long long) (to->total_vertices + from->total_vertices),
             (long long) (to->total_triangles + from->total_triangles), (long long) limits->vertices, (long long) limits->triangles);
     for (size_t i = 0; i < to->num_meshes; i++)

@@ -56,8 +56,7 @@ enum pell_result pell_names_enter(struct pell_names *n, const char *text, size_t
         }
     }
     if (n->count >= limit)
-        return pell_error(n->ctx, PELL_ERR_UNSUPPORTED, n->where, "the limit \"items\" can be raised", "more than %zu names in one file",
-                          limit);
+        return pell_error(n->ctx, PELL_ERR_UNSUPPORTED, n->where, PELL_RAISE_LIMIT("items"), "more than %zu names in one file", limit);
     res = pell_grow(n->ctx, &array, n->count, &n->capacity, sizeof(*n->names));
     n->names = array;
     if (res != PELL_OK)

@@ -11,7 +11,8 @@
 static const char *where_row(const struct ply *p, const char *kind, int64_t row, struct pell_text *text)
 {
     memset(text, 0, sizeof(*text));
-    pell_text_add(text, "%s:%s %lld", p->import->path, kind, (long long) row);
+    pell_text_add_path(text, p->import->path, ":", "");
+    pell_text_add(text, "%s %lld", kind, (long long) row);
     return text->str;
 }
 
@@ -250,7 +251,7 @@ static enum pell_result add_triangle(struct ply *p, uint32_t a, uint32_t b, uint
     enum pell_result res;
 
     if ((int64_t) p->num_triangles >= limit)
-        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, "the limit \"triangles\" can be raised",
+        return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, PELL_RAISE_LIMIT("triangles"),
                           "has more than %lld triangles, which are allowed", (long long) limit);
     if (p->num_triangles >= p->cap_triangles) {
         res = pell_grow(p->ctx, &array, p->num_triangles, &p->cap_triangles, 3 * sizeof(*p->corners));

@@ -55,7 +55,8 @@ struct ply {
 static inline const char *where_line(const struct ply *p, struct pell_text *text)
 {
     memset(text, 0, sizeof(*text));
-    pell_text_add(text, "%s:%lld", p->import->path, (long long) p->lex.line);
+    pell_text_add_path(text, p->import->path, ":", "line ");
+    pell_text_add(text, "%lld", (long long) p->lex.line);
     return text->str;
 }
 

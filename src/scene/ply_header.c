@@ -225,7 +225,7 @@ enum pell_result pell_ply_check_header(struct ply *p)
             faces |= p->properties[k].role == R_FACE || p->properties[k].role == R_STRIP;
         }
         if (e->kind == K_VERTEX && e->count > limit)
-            return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, "the limit \"vertices\" can be raised",
+            return pell_error(p->ctx, PELL_ERR_UNSUPPORTED, p->import->path, PELL_RAISE_LIMIT("vertices"),
                               "has %lld vertices; %lld are allowed", (long long) e->count, (long long) limit);
         if (e->kind == K_VERTEX && e->num_properties > 0)
             p->num_vertices = (size_t) e->count;

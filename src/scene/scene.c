@@ -103,8 +103,8 @@ static enum pell_result add(struct pell_scene *scene, int kind, const char *kind
 
     *copy = NULL;
     if (count >= (size_t) limit)
-        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"items\" can be raised",
-                          "more than %d %s; %d are allowed", limit, kinds, limit);
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, PELL_RAISE_LIMIT("items"), "more than %d %s; %d are allowed",
+                          limit, kinds, limit);
     PELL_TRY(pell_grow(scene->ctx, array, count, &scene->capacity[kind], size));
     *copy = pell_strdup(scene->ctx, name ? name : "");
     if (!*copy)
@@ -255,11 +255,11 @@ enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint3
     all_vertices = scene->total_vertices + vertices;
     all_triangles = scene->total_triangles + triangles;
     if (all_vertices > limits->vertices)
-        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"vertices\" can be raised",
-                          "%lld vertices; %lld are allowed", (long long) all_vertices, (long long) limits->vertices);
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, PELL_RAISE_LIMIT("vertices"), "%lld vertices; %lld are allowed",
+                          (long long) all_vertices, (long long) limits->vertices);
     if (all_triangles > limits->triangles)
-        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"triangles\" can be raised",
-                          "%lld triangles; %lld are allowed", (long long) all_triangles, (long long) limits->triangles);
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, PELL_RAISE_LIMIT("triangles"), "%lld triangles; %lld are allowed",
+                          (long long) all_triangles, (long long) limits->triangles);
 
     /* One more vertex than used: ray packets read positions 16 bytes at a time. */
     m->position = pell_calloc(scene->ctx, (size_t) vertices + 1, 3 * sizeof(float));
@@ -307,8 +307,8 @@ enum pell_result pell_texture_allocate(struct pell_scene *scene, struct pell_tex
         return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, NULL, "%d channels of type %d, must be 1 to 4 of a known type",
                           channels, (int) type);
     if (width < 1 || height < 1 || width > most / height)
-        return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, NULL, "%d x %d pixels, must be 1 to %lld (limit image-pixels)",
-                          width, height, (long long) most);
+        return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, PELL_RAISE_LIMIT("image-pixels"),
+                          "%d x %d pixels, must be 1 to %lld", width, height, (long long) most);
     if (image->pixels)
         return pell_error(scene->ctx, PELL_ERR_INVALID, texture->name, NULL, "the texture has its pixels already");
     image->pixels = pell_calloc(scene->ctx, (size_t) width * (size_t) height, (size_t) channels * bytes[type]);
@@ -346,7 +346,7 @@ enum pell_result pell_mesh_duplicate(struct pell_scene *scene, size_t mesh, cons
     enum pell_result res;
 
     if (scene->total_vertices + more > limit)
-        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, "the limit \"vertices\" can be raised",
+        return pell_error(scene->ctx, PELL_ERR_UNSUPPORTED, scene->path, PELL_RAISE_LIMIT("vertices"),
                           "%lld vertices after splitting creases and seams; %lld are allowed", (long long) (scene->total_vertices + more),
                           (long long) limit);
     PELL_TRY(grow_floats(scene->ctx, &m->position, m->num_vertices, 3, from, more, 1));

@@ -185,7 +185,8 @@ PELL_NODISCARD enum pell_result pell_scene_frame_from(struct pell_scene *scene, 
 PELL_NODISCARD enum pell_result pell_scene_studio(struct pell_scene *scene, int studio);
 /* Whether the studio has a ground. Lights from behind would cut the floor in a visible line, where it crosses their planes. */
 bool pell_studio_has_backdrop(int studio);
-/* Adds a floor with a curved backdrop behind the bounds, relative to the first camera; `material` -1 makes a neutral one. */
+/* Adds a floor with a curved backdrop behind the bounds, relative to the first camera, or a round table if an environment lights the scene;
+ * `material` -1 makes a neutral one. */
 PELL_NODISCARD enum pell_result pell_scene_ground(struct pell_scene *scene, int material);
 
 /* --- surroundings.c ----------------------------------------------------------------------------------------------------------- */
@@ -202,6 +203,8 @@ const char *pell_background_name(size_t i);
 /* Parses a background's name or colour; fails with `code` and the valid names. */
 PELL_NODISCARD enum pell_result pell_background_read(struct pell_context *ctx, enum pell_result code, const char *where, const char *text,
                                                      enum pell_background *kind, float *color);
+/* Whether a light is an environment. */
+bool pell_scene_has_environment(const struct pell_scene *scene);
 /* Replaces the file's environment and background. */
 PELL_NODISCARD enum pell_result pell_scene_surround(struct pell_scene *scene, const struct pell_surroundings *surroundings);
 /* Removes all lights, and with them an environment visible behind the objects. */

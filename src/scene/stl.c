@@ -113,7 +113,7 @@ static enum pell_result check_limit(const struct stl *s, uint64_t triangles)
 
     if (triangles <= (uint64_t) most && triangles < UINT32_MAX / 3)
         return PELL_OK;
-    return pell_error(s->ctx, PELL_ERR_UNSUPPORTED, s->import->path, "the limits \"vertices\" and \"triangles\" can be raised",
+    return pell_error(s->ctx, PELL_ERR_UNSUPPORTED, s->import->path, "raise the limits: --limit vertices=N --limit triangles=N",
                       "%llu triangles; %lld are allowed", (unsigned long long) triangles, (long long) most);
 }
 

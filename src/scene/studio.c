@@ -385,7 +385,7 @@ fail:
     return res;
 }
 
-/* In radii of the object: a round table of radius 3. A backdrop would hide the environment and block its light. */
+/* In radii of the object: a round table of radius 3. A backdrop would hide the background and block the environment's light. */
 static enum pell_result add_table(struct pell_scene *scene, size_t index)
 {
     const float r = 3.0f * radius_of(scene);
@@ -421,7 +421,7 @@ enum pell_result pell_scene_ground(struct pell_scene *scene, int material)
     for (size_t i = 0; i < scene->num_meshes; i++)
         object = scene->meshes[i].object >= object ? scene->meshes[i].object + 1 : object;
     PELL_TRY(pell_scene_add_mesh(scene, "ground", &index));
-    PELL_TRY(scene->background == PELL_BACKGROUND_ENVIRONMENT ? add_table(scene, index) : add_sweep(scene, index));
+    PELL_TRY(pell_scene_has_environment(scene) ? add_table(scene, index) : add_sweep(scene, index));
     scene->ground_mesh = (int) index;
     scene->meshes[index].material = material;
     scene->meshes[index].object = object;

@@ -89,6 +89,14 @@ enum pell_result pell_surroundings_read(struct pell_context *ctx, const struct p
     return s->background ? pell_background_read(ctx, PELL_ERR_INVALID, "--background", params->background, &s->kind, s->color) : PELL_OK;
 }
 
+bool pell_scene_has_environment(const struct pell_scene *scene)
+{
+    for (size_t i = 0; i < scene->num_lights; i++)
+        if (scene->lights[i].type == PELL_LIGHT_ENVIRONMENT)
+            return true;
+    return false;
+}
+
 void pell_scene_drop_lights(struct pell_scene *scene)
 {
     while (scene->num_lights)
@@ -128,16 +136,13 @@ fail:
 
 enum pell_result pell_scene_surround(struct pell_scene *scene, const struct pell_surroundings *s)
 {
-    bool environment = false;
     enum pell_result res;
 
     if (s->environment)
         PELL_TRY(add_environment(scene, s));
     if (!s->background)
         return PELL_OK;
-    for (size_t i = 0; i < scene->num_lights; i++)
-        environment |= scene->lights[i].type == PELL_LIGHT_ENVIRONMENT;
-    if (s->kind == PELL_BACKGROUND_ENVIRONMENT && !environment)
+    if (s->kind == PELL_BACKGROUND_ENVIRONMENT && !pell_scene_has_environment(scene))
         return pell_error(scene->ctx, PELL_ERR_INVALID, "--background", "--environment FILE gives one",
                           "is the environment, but no light is one");
     scene->background = s->kind;

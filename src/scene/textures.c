@@ -98,8 +98,7 @@ static void left_out(struct pell_import *import, const char *where, const char *
 
     if (import->needed)
         return;
-    pell_warn(import->ctx, where, NULL, "the picture \"%s\" can't be used and is left out",
-              pell_printable(reference, shown, sizeof(shown)));
+    pell_warn(import->ctx, where, NULL, "the image \"%s\" can't be used and is left out", pell_printable(reference, shown, sizeof(shown)));
 }
 
 /* Images that can't be read stay in the scene without pixels, so that each is tried once; pell_scene_drop_textures removes them. */

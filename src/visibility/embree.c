@@ -159,7 +159,7 @@ static enum pell_result check(const struct pell_rays *rays, const struct pell_sc
     case RTC_ERROR_CANCELLED: return PELL_ERR_CANCELLED;
     case RTC_ERROR_OUT_OF_MEMORY:
         if (rays && atomic_load(&rays->over_limit))
-            return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, "raise the limit memory-bytes if the machine has more",
+            return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, PELL_RAISE_LIMIT("memory-bytes") ", if the machine has more",
                               "the ray structure would exceed the memory limit of %lld bytes",
                               (long long) pell_context_limits(scene->ctx)->memory_bytes);
         return pell_error(scene->ctx, PELL_ERR_NOMEM, scene->path, NULL, "out of memory while building the ray structure");

@@ -30,7 +30,7 @@ static const char *result_name(VkResult result)
 enum pell_result pell_vk_failed(struct pell_context *ctx, const char *call, VkResult result)
 {
     const bool memory = result == VK_ERROR_OUT_OF_HOST_MEMORY || result == VK_ERROR_OUT_OF_DEVICE_MEMORY;
-    const char *hint = memory                                     ? "use a smaller picture, or --engine cpu"
+    const char *hint = memory                                     ? "use a smaller image, or --engine cpu"
                        : result == VK_ERROR_INITIALIZATION_FAILED ? "drivers say so where memory ends, too; or use --engine cpu"
                                                                   : "use --engine cpu";
 

@@ -216,7 +216,7 @@ enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_plac
 
     *out = NULL;
     if (size > gpu->limits.maxStorageBufferRange)
-        return pell_error(gpu->ctx, PELL_ERR_UNSUPPORTED, gpu->name, "use a smaller picture, or --engine cpu",
+        return pell_error(gpu->ctx, PELL_ERR_UNSUPPORTED, gpu->name, "use a smaller image, or --engine cpu",
                           "buffer %s would have %llu bytes, the device allows %llu", name, (unsigned long long) size,
                           (unsigned long long) gpu->limits.maxStorageBufferRange);
     b = pell_zalloc(gpu->ctx, sizeof(*b));

@@ -151,7 +151,22 @@ def _(folder):
         said = text(done.stdout if done.stdout else done.stderr)
         need(done.returncode == 3 and 'variance is negative or not finite in every pixel' in said and 'no pixel of both' not in said, said)
     write_exr(folder / 'b.exr', {**light(math.nan), 'variance.G': -0.01})
-    need('no pixel of both pictures is finite' in text(run(folder, 'compare', 'a.exr', 'b.exr').stderr), 'nothing is said of NaN')
+    need('no pixel of both images is finite' in text(run(folder, 'compare', 'a.exr', 'b.exr').stderr), 'nothing is said of NaN')
+
+
+@test('every tone curve of render is one of compare')
+def _(folder):
+    write_pfm(folder / 'a.pfm', lambda x, y: (1 + x, 1, 1), 16, 16)
+    write_pfm(folder / 'b.pfm', lambda x, y: (1, 1 + y, 1), 16, 16)
+    said = text(run(folder, 'render', 'no.obj', '--tonemap', 'none-such').stderr)
+    curves = re.search(r'must be one of (.*)', said)[1].split(', ')
+    need({'reinhard', 'linear', 'filmic'} <= set(curves), curves)
+    flips = [one_object(works(folder, 'compare', 'a.pfm', 'b.pfm', '--tonemap', curve, '--json', '-o', curve))['methods'][0]['flip']
+             for curve in curves]
+    need(len(set(flips)) == len(curves), 'two curves are one', flips)
+    for curve in curves:
+        need(f'"tonemap": "{curve}"' in (folder / curve / 'report.html').read_text('utf-8') or
+             f'"tonemap":"{curve}"' in (folder / curve / 'report.html').read_text('utf-8'), curve)
 
 
 @test('halves of a reference: its noise is stated and taken off')
@@ -256,7 +271,7 @@ def _(folder):
          names(folder / 'display'))
     data = report(folder / 'more')
     need([p['name'] for p in data['pictures']] == ['b.pfm', 'a.pfm'])
-    need([v['title'] for v in data['views']] == ['Masked pixels', 'Whole picture'])
+    need([v['title'] for v in data['views']] == ['Masked pixels', 'Whole image'])
     need(light(data, 'b.pfm', 'whole')[1][:3] == [0.5, 0.25, 1.0], data['views'])
     need(abs(data['views'][1]['floor'] - 0.01 * 0.3573) < 1e-6, data['views'])
 
@@ -329,7 +344,7 @@ def _(folder):
         near(alone['methods'][0][key], methods['screen-space'][key], 0.02)
         near(alone['methods'][0]['whole'][key], methods['screen-space']['whole'][key], 0.04 if key == 'flip' else 0.02)
     table = text(works(folder, 'compare', 'bunny.obj', *TINY).stdout)
-    need('against hierarchical' in table and 'Whole picture' in table and re.search(r'^screen-space +\d', table, re.MULTILINE), table)
+    need('against hierarchical' in table and 'Whole image' in table and re.search(r'^screen-space +\d', table, re.MULTILINE), table)
 
 
 @test('the report holds the light that was measured, and nothing that could run')
@@ -437,7 +452,7 @@ def _(folder):
     release_only()
     both = one_object(works(folder, 'compare', 'bunny.obj', *TINY, '--bounces', '1', '--methods', 'screen-space:as=paper,none', '--json'))
     need([m['settings'] for m in both['methods']] == [published, ''], both['methods'])
-    need('finished pictures' in text(works(folder, 'compare', 'bunny.obj', *TINY, '--set', 'as=paper').stdout), '--set has no effect')
+    need('finished images' in text(works(folder, 'compare', 'bunny.obj', *TINY, '--set', 'as=paper').stdout), '--set has no effect')
 
 
 @test('large pictures are shown reduced, which is said; numbers are of the full size')
@@ -521,14 +536,14 @@ REFUSALS = {  # arguments: exit code, what is said
     (*SCENE, '--reference', 'hierarchical,dipole,hierarchical:error=0.1'): (2, 'must be one or two'),
     (*SCENE, '--set', 'gausians=6'): (2, 'did you mean "gaussians"?'),
     (*SCENE, '--set', 'density=6'): (2, '--reference hierarchical:density=6'),
-    (*SCENE, '--layer', 'R,G,B'): (2, 'goes with two pictures'),
-    (*SCENE, '--mask', 'alpha'): (2, 'goes with two pictures'),
+    (*SCENE, '--layer', 'R,G,B'): (2, 'goes with two images'),
+    (*SCENE, '--mask', 'alpha'): (2, 'goes with two images'),
     (*SCENE, '--engine', 'vulkan'): (4, ''),
     (*SCENE, '-o', 'b.pfm'): (3, 'is not a folder'),
     (*SCENE, '--width', '8', '--height', '8', '--msaa', '1', '--light-samples', '1', '-o', 'no/such'): (3, "can't be made"),
-    ('a.pfm', 'b.pfm', '--methods', 'all'): (2, 'two pictures are given'),
-    ('a.pfm', 'b.pfm', '--width', '40'): (2, 'two pictures are given'),
-    ('a.pfm', 'b.pfm', '--set', 'gaussians=6'): (2, 'two pictures are given'),
+    ('a.pfm', 'b.pfm', '--methods', 'all'): (2, 'two images are given'),
+    ('a.pfm', 'b.pfm', '--width', '40'): (2, 'two images are given'),
+    ('a.pfm', 'b.pfm', '--set', 'gaussians=6'): (2, 'two images are given'),
     ('a.pfm', 'b.pfm', 'c.pfm'): (2, 'one argument too many'),
     ('a.pfm', 'no.pfm'): (3, 'no such file'),
     ('a.pfm', 'wide.pfm'): (3, '40 x 30 pixels, but wide.pfm is 41 x 30'),
@@ -544,7 +559,7 @@ REFUSALS = {  # arguments: exit code, what is said
     ('a.pfm', 'b.pfm', '--mask', 'no.png'): (3, 'no.png'),
     ('a.pfm', 'b.pfm', '--half', 'wide.pfm'): (3, 'wide.pfm'),
     ('a.pfm', 'b.pfm', '--half', 'mask.png'): (3, 'half of a reference'),
-    ('nan.pfm', 'b.pfm'): (3, 'no pixel of both pictures is finite'),
+    ('nan.pfm', 'b.pfm'): (3, 'no pixel of both images is finite'),
     ('a.pfm', 'b.pfm', '--ppd', '0'): (2, '[1, 400]'),
     ('a.pfm', 'b.pfm', '--ppd', 'nan'): (2, 'nan'),
     ('a.pfm', 'b.pfm', '--floor', '0'): (2, 'floor'),

@@ -73,7 +73,7 @@ def _(folder):
             done = run(folder, *command)
             said = flat(done.stderr)
             need(done.returncode == 3 and said.count('error:') == 1 and 'left out' not in said, said)
-            need('the first bytes' in said and 'the picture "e.hdr" can\'t be read' in said, said)
+            need('the first bytes' in said and 'the image "e.hdr" can\'t be read' in said, said)
     cube(folder, materials={'*': {'preset': 'marble', 'textures': {'baseColor': 'e.hdr'}}})
     need('is left out' in flat(works(folder, 'render', 's.json', *SMALL, '-o', 'a.png').stderr))
 
@@ -251,7 +251,7 @@ def _(folder):
     for name in PICTURES:
         cube(folder, lights=[{'type': 'environment', 'image': name}])
         done = run(folder, 'check', 's.json', timeout=60)
-        need(done.returncode == 3 and f'the picture "{name}" can\'t be read' in flat(done.stderr), name, done.stderr)
+        need(done.returncode == 3 and f'the image "{name}" can\'t be read' in flat(done.stderr), name, done.stderr)
         need(run(folder, 'compare', name, name, timeout=60).returncode == 3, name)
 
 

@@ -117,7 +117,7 @@ def _(folder):
     child.communicate(timeout=60)
     done = run(folder, 'merge', *(n for n in names(folder) if n.startswith('state.ckpt') and not n.endswith('.lock')), '--partial', '-o',
                'some.pfm')
-    need(done.returncode == 0 and b'a partial picture' in done.stderr, done.stderr)
+    need(done.returncode == 0 and b'a partial image' in done.stderr, done.stderr)
     share(folder, 1, *TRACE, '--samples', '600', *SAVED, '-o', 'killed.pfm')
     share(folder, 2, *MANY, *SAVED, '--threads', '2', '-o', 'resumed.pfm')
     same(folder, 'whole.pfm', 'resumed.pfm')

@@ -84,7 +84,7 @@ def _(folder):
     need({n: (folder / n).read_bytes() for n in names(folder)} == before, 'files changed')
     works(folder, 'merge', *(n for n in before if n.endswith('.ckpt')), '-o', 'whole.exr')
     done = works(folder, 'merge', 'p0.ckpt', '--partial', '-o', 'some.exr')
-    need(b'a partial picture' in done.stderr and b'6:28' in done.stderr, done.stderr)
+    need(b'a partial image' in done.stderr and b'6:28' in done.stderr, done.stderr)
     works(folder, 'merge', 'p0.ckpt', '--partial', '-o', 'some.pfm')
     works(folder, *TRACE, '--samples', '6', '-o', 'six.pfm')  # the partial picture is that of its samples
     same(folder, 'some.pfm', 'six.pfm')

@@ -89,7 +89,7 @@ def _(folder):
         if more == ['--json']:
             need(json.loads(out)['partial'] is True and json.loads(out)['image'] == 'part.pfm', out)
         else:
-            need(b'the picture was written with the samples that it had' in err, err)
+            need(b'the image was written with the samples that it had' in err, err)
         part, two = pfm_pixels((folder / 'part.pfm').read_bytes()), pfm_pixels((folder / 'two.pfm').read_bytes())
         need(all(math.isfinite(v) and v >= 0.0 for v in part), 'no radiance')
         need(0.5 < sum(part) / sum(two) < 2.0, sum(part), sum(two))
@@ -117,7 +117,7 @@ def _(folder):
             done = run(folder, 'render', 'bunny.obj', '--unit', '1mm', '-m', method, *option, '-o', 'no.pfm')
             need(done.returncode == 2 and option[0] in text(done.stderr) and method in text(done.stderr), done.returncode, done.stderr)
     done = run(folder, *TRACE, '-o', 'no.pfm', '--checkpoint', 'no.pfm')
-    need(done.returncode == 2 and b'is where the picture goes' in done.stderr and not (folder / 'no.pfm').exists(), done.stderr)
+    need(done.returncode == 2 and b'is where the image goes' in done.stderr and not (folder / 'no.pfm').exists(), done.stderr)
     done = run(folder, *TRACE, '--turntable', '3', '--checkpoint', 'c.ckpt', '-o', 'no.pfm')
     need(done.returncode == 2 and b'--turntable' in done.stderr, done.stderr)
     need('no.pfm' not in names(folder) and 'c.ckpt' not in names(folder), names(folder))

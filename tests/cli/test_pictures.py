@@ -75,6 +75,33 @@ def _(folder):
         need(max(pixels[channels * (13 * 48 + 24):][:3]) > 60, given, 'the object is lit')
 
 
+@test('a scene file whose background is the environment takes that of the command line, and a ground is a table before any background')
+def _(folder):
+    sky = b''.join(bytes((40 + 20 * x, 120, 200 - 15 * x, 129)) for x in range(8)) * 4
+    (folder / 'sky.hdr').write_bytes(b'#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n' + sky)
+    scene = {'pellucid': 1, 'mesh': 'bunny.obj', 'size': '70mm', 'materials': {'*': {'preset': 'wholemilk'}}, 'background': 'environment'}
+    (folder / 'bare.json').write_text(json.dumps(scene), 'utf-8')
+    (folder / 'full.json').write_text(json.dumps(scene | {'lights': [{'type': 'environment', 'image': 'sky.hdr'}]}), 'utf-8')
+    done = run(folder, 'render', 'bare.json', *SMALL, '-o', 'no.pfm')
+    need(done.returncode == 3 and b'--environment FILE' in done.stderr and not (folder / 'no.pfm').exists(), done.stderr)
+    works(folder, 'render', 'bare.json', *SMALL, '--environment', 'sky.hdr', '-o', 'bare.pfm')
+    works(folder, 'render', 'full.json', *SMALL, '-o', 'full.pfm')
+    need((folder / 'bare.pfm').read_bytes() == (folder / 'full.pfm').read_bytes(), 'another image than with the environment in the file')
+    works(folder, 'render', 'bare.json', *SMALL, '--background', 'white', '-o', 'white.pfm')
+    works(folder, *MESH, '--environment', 'sky.hdr', '--background', 'white', '--ground', '-o', 'table.png')
+    width, _, channels, pixels = png_pixels((folder / 'table.png').read_bytes())
+    need(width == 48 and tuple(pixels[:3]) == (255, 255, 255), 'a backdrop hides the background', tuple(pixels[:channels]))
+
+
+@test('light that is negligible is told of, once')
+def _(folder):
+    (folder / 'dim.pfm').write_bytes(b'PF\n2 1\n-1.0\n' + struct.pack('<6f', *6 * [1e-30]))
+    said = text(works(folder, *MESH, '--environment', 'dim.pfm', '-o', 'dim.png').stderr)
+    need(said.count('the light on the visible surfaces is negligible') == 1 and '--environment-scale' in said, said)
+    said = text(works(folder, *MESH, '--environment', 'dim.pfm', '--environment-scale', '1e5', '-o', 'dim.png').stderr)
+    need('negligible' not in said and 'black' not in said, said)
+
+
 @test('textures on a mesh without texture coordinates are told of; one number is a colour for all channels')
 def _(folder):
     (folder / 't.pfm').write_bytes(b'Pf\n1 1\n-1.0\n' + struct.pack('<f', 0.5))
@@ -372,7 +399,7 @@ def _(folder):
     _, err = child.communicate(timeout=60)
     need(child.returncode == 130, child.returncode)
     new = sorted(set(names(folder)) - before)
-    need(new and f'written before: {len(new)} pictures' in text(err), len(new), err)
+    need(new and f'written before: {len(new)} images' in text(err), len(new), err)
     need(new == [f't_{i:05d}.png' for i in range(len(new))], new[:3], new[-3:])
     for name in new:
         png_pixels((folder / name).read_bytes())

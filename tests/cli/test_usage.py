@@ -58,6 +58,20 @@ FAULTS = {
     'a knob of another method': ([*MESH, '--set', 'most=8'], 2, 'screen-space has no knob "most"', 'dipole'),
     'a knob of another method of a scene file': (['render', 'other.json', '-o', 'out.png'], 3, 'other.json', 'dipole'),
     'a knob that is an option': ([*MESH, '--set', 'methd=dipole'], 2, 'methd', '"--method"'),
+    'a knob that is an option of render': ([*MESH, '--set', 'bounces=4'], 2, 'screen-space has no knob "bounces"',
+                                           'did you mean the option "--bounces"?'),
+    'a knob of no method that is an option': ([*MESH, '-m', 'none', '--set', 'bounces=4'], 2, 'none has no knobs',
+                                              'did you mean the option "--bounces"?'),
+    'a knob of compare that is an option': (['compare', 'no.obj', '--set', 'bounces=4'], 2, 'bounces',
+                                            'did you mean the option "--bounces"?'),
+    'a knob of a scene file that belongs beside the knobs': (['render', 'beside.json', '-o', 'out.png'], 3,
+                                                            'beside.json:/render/knobs/bounces', 'did you mean "bounces" beside "knobs"?'),
+    'a knob of a scene file beside the knobs': (['render', 'inside.json', '-o', 'out.png'], 3, '"render" has no key "gaussians"',
+                                                'write it into "knobs"'),
+    'a key of a scene file near one': (['render', 'near.json', '-o', 'out.png'], 3, '"render" has no key "widht"',
+                                       'did you mean "width"? `pellucid render --help`'),
+    'a key of a scene file far from all': (['render', 'far.json', '-o', 'out.png'], 3, '"render" has no key "foo"',
+                                           'the keys are method, knobs, samples, '),
     'a setting that is an option': ([*MESH, '--set', 'width=640'], 2, 'width', '"--width"'),
     'a knob that is not a number': ([*MESH, '--set', 'lod=nan'], 2, 'lod = nan', ''),
     'a knob out of range': ([*MESH, '--set', 'gaussians=11'], 2, '[1, 10]', ''),
@@ -97,15 +111,20 @@ FAULTS = {
     'an environment of less than no light': ([*MESH, '--environment', 'no.hdr', '--environment-scale', '-1'], 2, 'is -1', ''),
     'a log level that is not there': ([*MESH, '--log-level', 'loud'], 2, 'loud', ''),
     'samples of a pixel': ([*MESH, '-m', 'hierarchical', '--samples', '64'], 2, 'has no number of samples', 'path-trace'),
+    'a time limit of a method that has none': ([*MESH, '-m', 'single-scatter', '--time-limit', '5s'], 2, 'has no time limit',
+                                               'a larger --target-error or fewer --samples shortens single-scatter'),
     'a letter in place of a value': ([*MESH, '--tonemap', '-o', 'x.png'], 2, '"-o" follows', ''),
     'an option in place of a value': ([*MESH, '--normals', '--width', '64'], 2, '"--width" follows', ''),
-    'a limit that is not there': ([*MESH, '--limit', 'file_bytes=1'], 2, 'file_bytes', 'file-bytes'),
+    'a limit that is not there': ([*MESH, '--limit', 'file_bytes=1'], 2, 'there is no limit "file_bytes"',
+                                  'did you mean "file-bytes"? The limits are file-bytes, memory-bytes, image-pixels, '),
+    'a limit far from every name': ([*MESH, '--limit', 'foo=1'], 2, 'there is no limit "foo"', 'The limits are file-bytes, memory-bytes, '),
     'a limit out of range': ([*MESH, '--limit', 'depth=0'], 2, 'depth = 0', ''),
     'an ending that is not written': (['render', 'bunny.obj', '--size', '70mm', '-o', 'a.jpg'], 2, 'a.jpg', 'format'),
     'a format that is not written': ([*MESH, '--format', 'pngg'], 2, 'pngg', 'png'),
     'a mesh from standard input': (['render', '-', '--size', '70mm', '-o', 'out.png'], 2, 'standard input', 'file'),
     'the input as output': ([*MESH, '--format', 'png', '-o', 'bunny.obj'], 2, 'is the input', ''),
-    'stdout for a turntable': ([*MESH, '-o', '-', '--format', 'png', '--turntable', '2'], 2, '- writes one picture', ''),
+    'an image as the scene': (['render', 'shot.png'], 2, '"shot.png" is an image; INPUT must be a mesh', 'pellucid compare A B'),
+    'stdout for a turntable': ([*MESH, '-o', '-', '--format', 'png', '--turntable', '2'], 2, '- writes one image', ''),
     'an output name that is too long': ([*MESH, '-o', LONG + '.png'], 2, 'too long', ''),
     'an engine that is unknown': ([*MESH, '--engine', 'vulcan'], 2, 'vulcan', 'vulkan'),
     'a Vulkan device for another engine': ([*MESH, '--device', '0'], 2, '--device', ''),
@@ -115,6 +134,24 @@ FAULTS = {
     'a bench that moved to a program of its own': (['bench', 'deon-1'], 2, 'build/bench/pellucid-bench deon-1', ''),
     'a long text for everything': ([*MESH, '--material', LONG, '--set', LONG + '=1'], 2, 'xxx', ''),
     'a long command': ([LONG], 2, 'xxx', ''),
+    'a checkpoint of a method that keeps none, said before the mesh is read':
+        (['render', 'no.obj', '--checkpoint', 'a.ckpt'], 2, 'screen-space keeps no checkpoint', 'path-trace'),
+    'a checkpoint of the method that a scene file names, said before its mesh is read':
+        (['render', 'nomesh.json', '--checkpoint', 'a.ckpt'], 2, 'texture-space keeps no checkpoint', 'path-trace'),
+    'a part of a method that keeps no checkpoint, said before the mesh is read':
+        (['render', 'no.obj', '--sample-range', '0:4'], 2, '--sample-range', '-m path-trace'),
+    'a part without a checkpoint, said before the mesh is read':
+        (['render', 'no.obj', '-m', 'path-trace', '--tile-range', '0:4'], 2, '--tile-range', '--checkpoint part.ckpt'),
+    'a checkpoint of many images, said before the mesh is read':
+        (['render', 'no.obj', '-m', 'path-trace', '--checkpoint', 'a.ckpt', '--turntable', '3'], 2, '--turntable', ''),
+    'an interval without a checkpoint, said before the mesh is read':
+        (['render', 'no.obj', '--checkpoint-every', '9s'], 2, 'needs --checkpoint FILE', ''),
+    'intermediate images of a turntable, said before the mesh is read':
+        (['render', 'no.obj', '--dump', 'out', '--turntable', '3'], 2, 'does not go with --turntable', ''),
+    'a material that is not there, said before the mesh is read': (['render', 'half.obj', '--size', '1mm', '--material', 'wholemilc'], 2,
+                                                                  'wholemilc', 'wholemilk'),
+    'an environment that is not there, said before the mesh is read':
+        (['render', 'half.obj', '--size', '1mm', '--environment', 'no.hdr'], 3, 'no.hdr', ''),
     'a file that is not there': (['render', 'no.obj', '--size', '70mm', '-o', 'out.png'], 3, 'no.obj', ''),
     'a folder for a file': (['render', '.', '--size', '70mm', '-o', 'out.png'], 3, 'folder', ''),
     'a file of an unknown kind': (['check', 'kind.off', '--size', '70mm'], 3, 'OFF', ''),
@@ -128,15 +165,18 @@ FAULTS = {
     'a scene file with a width out of range': (['render', 'width.json', '-o', 'out.png'], 3, 'width.json', ''),
     'a scene file with an unknown knob': (['render', 'knob.json', '-o', 'out.png'], 3, 'knob.json', 'lod'),
     'a scene file with knobs of no method': (['render', 'none.json', '-o', 'out.png'], 3, 'none.json', ''),
-    'a file over the limit': ([*MESH, '--limit', 'file-bytes=100'], 3, 'bunny.obj', 'file-bytes'),
+    'a file over the limit': ([*MESH, '--limit', 'file-bytes=100'], 3, 'bunny.obj', '--limit file-bytes=N'),
     'an output in no folder': ([*MESH, '-o', 'no/out.png'], 3, 'no/out.png', ''),
     'an output that is a folder': ([*MESH, '--format', 'png', '-o', '.'], 3, 'folder', ''),
     'a Vulkan device that is not there': ([*MESH, '--engine', 'vulkan', '--device', 'no such'], 4, 'no Vulkan device', ''),
     'a Vulkan device of info that is not there': (['info', '--engine', 'vulkan', '--device', '99'], 4, 'no Vulkan device', ''),
     'a method on an engine that it has not': ([*MESH, '--engine', 'vulkan', '-m', 'layered'], 4, 'vulkan', ''),
-    'too little memory': ([*MESH, '--limit', 'memory-bytes=1048576', '--width', '640', '--height', '360'], 5, 'memory', 'memory-bytes'),
+    'triangles over the limit': (['check', 'bunny.obj', '--size', '70mm', '--limit', 'triangles=3'], 3, 'triangles', '--limit triangles=N'),
+    'an image over the limit': ([*MESH, '--limit', 'image-pixels=99'], 3, 'at most 99 pixels', '--limit image-pixels=N'),
+    'too little memory': ([*MESH, '--limit', 'memory-bytes=1048576', '--width', '640', '--height', '360'], 5, 'memory',
+                          '--limit memory-bytes=N'),
     'too little memory for the picture': ([*MESH, '--limit', 'memory-bytes=100000000', '--width', '16384', '--height', '16384'], 5,
-                                          'memory', 'memory-bytes'),
+                                          'memory', '--limit memory-bytes=N'),
 }
 CODES = {2: 'invalid value', 4: 'engine or device not available', 5: 'out of memory'}
 
@@ -145,6 +185,8 @@ def break_files(folder):
     (folder / 'kind.off').write_bytes(b'OFF\n')
     (folder / 'bad.gltf').write_bytes(b'{"asset": {"version": "2.0"}, "nodes": 7}')
     (folder / 'bad.obj').write_bytes(b'v 1 2 oops\nf 1 2 3\n')
+    (folder / 'half.obj').write_bytes(b'v 1 2 oops\n')
+    (folder / 'nomesh.json').write_text('{"pellucid": 1, "mesh": "no.obj", "size": "1mm", "render": {"method": "texture-space"}}', 'ascii')
     (folder / 'key.json').write_text('{"pellucid": 1, "mesh": "bunny.obj", "unit": "1mm", "mehs": 1}', 'ascii')
     for name, scene in (('number', {'mesh': 'bunny.obj', 'size': 90}), ('negative', {'mesh': 'bunny.obj', 'size': -90}),
                         ('absolute', {'mesh': '/bunny.obj', 'size': '90mm'})):
@@ -154,6 +196,10 @@ def break_files(folder):
     write_scene(folder / 'knob.json', knobs={'lodd': 1})
     write_scene(folder / 'other.json', knobs={'most': 1})
     write_scene(folder / 'none.json', method='none', knobs={'lod': 1})
+    write_scene(folder / 'beside.json', knobs={'bounces': 4})
+    write_scene(folder / 'inside.json', gaussians=4)
+    write_scene(folder / 'near.json', widht=4)
+    write_scene(folder / 'far.json', foo=4)
 
 
 def one_form(said):
@@ -195,6 +241,14 @@ def _(folder):
     works(folder, *MESH, '--dof', '-o', 'alone.png', '--curvature')
     off, on, alone = ((folder / f'{name}.png').read_bytes() for name in ('off', 'on', 'alone'))
     need(png_pixels(on) == png_pixels(alone) != png_pixels(off), 'pictures')
+
+
+@test('--max-error is refused before the mesh is read: a wrong number, another method, an engine without path-trace')
+def _(folder):
+    for given, code, told in ((['5'], 2, '"5" is no percentage'), (['5%', '-m', 'layered'], 2, 'it does not go with --method layered'),
+                              (['5%', '--engine', 'vulkan'], 4, 'path-trace, which runs only on the engine cpu')):
+        done = run(folder, 'render', 'no.obj', '--max-error', *given)
+        need(done.returncode == code and told in text(done.stderr) and 'no.obj' not in text(done.stderr), given, done)
 
 
 @test('no command at all: the usage on stderr, exit 2')

@@ -6,6 +6,7 @@
 #include "base/pool.h"
 #include "compare/rows.h"
 #include "compare/tile.h"
+#include "shared/tone.h"
 
 static void speckle(struct pair *p, int seed)
 {
@@ -433,11 +434,12 @@ static void curves_and_exposures_are_what_is_asked_for(void **state)
     pair_begin(&p, 40, 40);
     pair_fill(&p, REFERENCE, 2.0, 2.0, 2.0);
     pair_fill(&p, TEST, 4.0, 4.0, 4.0);
-    for (int k = 0; k < 3; k++) { /* reinhard, aces, linear */
-        const double e = 0.1, w = 8.0, a = 4.0 * e, b = 2.0 * e;
-        const double shown[3][2] = { { a * (1.0 + a / (w * w)) / (1.0 + a), b * (1.0 + b / (w * w)) / (1.0 + b) },
+    for (int k = 0; k < 4; k++) { /* reinhard, aces, linear, filmic */
+        const double e = 0.1, w = 8.0, a = 4.0 * e, b = 2.0 * e, fa = (double) PELL_FILMIC_SCALE * a, fb = (double) PELL_FILMIC_SCALE * b;
+        const double shown[4][2] = { { a * (1.0 + a / (w * w)) / (1.0 + a), b * (1.0 + b / (w * w)) / (1.0 + b) },
                                      { pell_aces(a), pell_aces(b) },
-                                     { a, b } };
+                                     { a, b },
+                                     { PELL_FILMIC_CURVE(fa), PELL_FILMIC_CURVE(fb) } };
         const double u = encoded(shown[k][0]), v = encoded(shown[k][1]);
         p.params.tonemap = k;
         p.params.exposure = 0.1f;

@@ -369,6 +369,8 @@ MESSAGES = {
     'no material is translucent': [SCENE, {'materials': {'*': {'opaque': True}}}],
     'no material is called': [SCENE, {'materials': {'Skim': {'preset': 'skin'}}}],
     "can't be used and is left out": [SCENE, {'materials': {'*': {'preset': 'marble', 'textures': {'baseColor': 'a.xyz'}}}}],
+    'the light on the visible surfaces is negligible':
+        ['render', *BALL, '--environment', 'sky.pfm', '--environment-scale', '1e-30', *SMALL],
     'nothing is in view': ['render', 'flat.obj', '--size', '70mm', *SMALL],
     'names no material: marble is used': ['check', *BALL],
     'OBJ files have no unit': ['check', 'bunny.obj'],
@@ -387,7 +389,6 @@ MESSAGES = {
     'must have two of sigma_a, sigma_s and sigma_t': [SCENE, {'materials': {'*': {'layers': [{'sigma_a': [1, 1, 1]}]}}}],
     'no Vulkan device': ['render', *BALL, '--engine', 'vulkan', '--device', '99'],
     'allowed are glTF (.gltf, .glb), OBJ, PLY, STL and scene files (.json)': ['check', 'a.xyz'],
-    'can be raised': ['check', *BALL, '--limit', 'triangles=3'],
     'raise the limit': ['check', *BALL, '--limit', 'file-bytes=10'],
     'the mean free path of': ['render', 'bunny.obj', '--size', '1mm', '--material', 'chicken1', *SMALL],
 }
@@ -402,6 +403,7 @@ def _(folder):
     (folder / 'open.obj').write_text(''.join(mesh[:-20]), 'ascii')
     (folder / 'flat.obj').write_text('v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n', 'ascii')
     (folder / 'a.xyz').write_text('0 0 0\n', 'ascii')
+    (folder / 'sky.pfm').write_bytes(b'PF\n2 1\n-1.0\n' + struct.pack('<6f', *6 * [1.0]))
     for message, arguments in MESSAGES.items():
         if arguments[0] is SCENE:
             (folder / 's.json').write_text(json.dumps({'pellucid': 1, 'mesh': 'bunny.obj', 'size': '70mm'} | arguments[1]), 'ascii')

@@ -332,7 +332,7 @@ static void sizes_are_checked_before_memory_is_taken(void **state)
     refused(file, lying_png(file, 0x7fffffff, 0x7fffffff), PELL_ERR_INVALID, "the limit is");
     refused(file, lying_png(file, 16384, 16384), PELL_ERR_FORMAT, "can't hold 16384 x 16384");
     refused(file, lying_png(file, 0, 5), PELL_ERR_FORMAT, "0 x 5");
-    refused(file, lying_png(file, 4, 4), PELL_ERR_FORMAT, "PNG: picture data");
+    refused(file, lying_png(file, 4, 4), PELL_ERR_FORMAT, "PNG: image data");
     REFUSED("PF\n100000 100000\n-1.0\n....", PELL_ERR_INVALID, "100000 x 100000");
     REFUSED("PF\n10000 10000\n-1.0\n....", PELL_ERR_FORMAT, "must be 1200000000");
     REFUSED("PF\n0 10\n-1.0\n....", PELL_ERR_FORMAT, "0 x 10");

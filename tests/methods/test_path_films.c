@@ -452,7 +452,7 @@ static void what_no_run_writes_is_refused(void **state)
         uint8_t value;
         const char *word;
     } bad[] = {
-        { TILES, 65, "65 pixels of a picture of 20 x 12" },
+        { TILES, 65, "65 pixels of an image of 20 x 12" },
         { TILES + 2, 0xff, "runs of samples" },
         { TILES + 1, 0, "" },
         { TILES + 3, 4, "samples 4 to 4" },

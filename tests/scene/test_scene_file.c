@@ -776,7 +776,7 @@ static const struct {
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\"}],\"below\":\"nothing\""), "s.json:/materials/*/below", "stop, last, surface-color",
       "" },
     { OF_ALL("\"below\":\"stop\""), "s.json:/materials/*/below", "stands without layers", "" },
-    { OF_ALL("\"layers\":[{" SIGMA "}],\"depths\":[\"a.png\",\"b.png\"]"), "s.json:/materials/*/depths", "has 2 pictures for 1 layer", "" },
+    { OF_ALL("\"layers\":[{" SIGMA "}],\"depths\":[\"a.png\",\"b.png\"]"), "s.json:/materials/*/depths", "has 2 images for 1 layer", "" },
     { OF_ALL("\"layers\":[{" SIGMA "}],\"depths\":[\"a.png\"]"), "s.json:/materials/*/layers/0", "must have depth_scale", "" },
     { OF_ALL("\"layers\":[{" SIGMA ",\"depth\":\"1mm\"}],\"profile\":\"dipole\""), "s.json:/materials/*/profile",
       "layers have one of their own", "" },
@@ -1075,7 +1075,7 @@ static const char *const beyond_schema[] = {
     "has no \"g\"",
     "belongs to the phase function",
     "stands without layers",
-    "has 2 pictures",
+    "has 2 images",
     "layers have one of their own",
 };
 

@@ -12,7 +12,7 @@ from .program import Trouble
 
 bl_info = {'name': 'Pellucid', 'author': 'The Pellucid authors', 'version': (0, 1, 0), 'blender': (3, 4, 0), 'category': 'Render',
            'location': 'Properties > Render > Pellucid; Properties > Material > Pellucid',
-           'description': 'Renders translucent objects by pellucid, and brings the picture back as an image'}
+           'description': 'Renders translucent objects by pellucid, and brings the result back as an image'}
 IMAGE = 'Pellucid'
 listed = {} # built-in materials and methods, and the program that they came from
 viewers = [] # (process, folder) of open viewers
@@ -90,7 +90,7 @@ class RENDER_OT_pellucid(bpy.types.Operator):
             covered.wait()
             program.finish(covered, self.folder.name)
         image = picture.show(self.folder.name, IMAGE)
-        self.report({'INFO'}, f'The picture is in the image "{image.name}"')
+        self.report({'INFO'}, f'The result is in the image "{image.name}"')
 
     def attempt(self, step, context):
         """Did it work? What went wrong is reported, and the folder removed."""

@@ -58,7 +58,7 @@ static enum pell_result show_triangle(struct bake *b, uint32_t mesh, uint32_t tr
     for (int k = 0; k < 3; k++)
         for (int d = 0; d < 2; d++) {
             if (!(uv[k][d] >= -1e-3 && uv[k][d] <= 1.0 + 1e-3))
-                return pell_error(b->ctx, PELL_ERR_INVALID, b->outer.path, "lay the surface out within one picture",
+                return pell_error(b->ctx, PELL_ERR_INVALID, b->outer.path, "lay the surface out within one image",
                                   "has the texture coordinate %.4g, must be in [0, 1]", uv[k][d]);
             low[d] = fmin(low[d], uv[k][d]);
             high[d] = fmax(high[d], uv[k][d]);

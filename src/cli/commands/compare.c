@@ -40,16 +40,6 @@ static const char *first_given(const struct cli *cli, const char *const *options
     return NULL;
 }
 
-static bool is_picture(const char *path)
-{
-    static const char *const endings[] = { "exr", "hdr", "pfm", "png", "jpg", "jpeg" };
-
-    for (size_t i = 0; i < PELL_COUNT(endings); i++)
-        if (pell_path_has_extension(path, endings[i]))
-            return true;
-    return false;
-}
-
 /* A rendering option that has no meaning for existing images. */
 static const struct pell_setting *picture_setting(const struct cli *cli)
 {
@@ -135,12 +125,12 @@ enum exit_code command_compare(struct cli *cli)
     const char *odd = scene ? first_given(cli, of_pictures, PELL_COUNT(of_pictures)) : first_given(cli, of_scenes, PELL_COUNT(of_scenes));
     const struct pell_setting *setting = scene ? NULL : picture_setting(cli);
 
-    if (scene && is_picture(cli->arguments[0]))
+    if (scene && cli_is_image(cli->arguments[0]))
         return cli_usage(cli, "compare", "pellucid compare A B", "one image was given: its reference is missing");
     if (odd || setting)
         return cli_usage(cli, odd ? odd : setting->where,
                          scene ? "pellucid compare A B" : "pellucid compare INPUT --methods all --reference hierarchical",
-                         scene ? "goes with two pictures" : "goes with a scene, and two pictures are given");
+                         scene ? "goes with two images" : "goes with a scene, and two images are given");
     if (scene && pell_path_has_extension(cli->arguments[0], "txt"))
         return compare_list(cli);
     if (cli->part.scenes)

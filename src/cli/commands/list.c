@@ -488,9 +488,9 @@ enum exit_code command_info(struct cli *cli)
     print_names("SIMD levels", levels);
     print_devices(&vulkan);
     pell_vulkan_devices_release(cli->ctx, &vulkan);
-    print_names("reads pictures", read_formats);
+    print_names("reads images", read_formats);
     write_formats(formats);
-    print_names("writes pictures", formats);
+    print_names("writes images", formats);
     printf("\n%sLimits%s (--limit NAME=VALUE)\n", cli_style(cli, stdout, 1), cli_style(cli, stdout, 0));
     for (const struct pell_knob *k = pell_limit_knobs(); k->name; k++) {
         printf("  %-13s %12s  ", k->name, pell_knob_format(k, &cli->limits, value, sizeof(value)));

@@ -98,7 +98,7 @@ enum exit_code command_merge(struct cli *cli)
     enum exit_code code;
 
     if (!cli->output && !cli->checkpoint)
-        return cli_usage(cli, "merge", "-o picture.exr, or --checkpoint merged.ckpt", "--output is missing");
+        return cli_usage(cli, "merge", "-o image.exr, or --checkpoint merged.ckpt", "--output is missing");
     code = read_words(cli, parts[0], &note, &words, &count);
     if (code == EXIT_OK)
         code = cli_parse(&first, count, words, &help);

@@ -27,10 +27,11 @@ struct job {
         double from, step;
         int count; /* 0: none */
     } frames;
-    int first, end;  /* the images of the sequence to render */
-    bool no_picture; /* a part is written to its checkpoint alone */
-    char *note;      /* note of the checkpoint */
-    int lock;        /* lock on the checkpoint */
+    double checkpoint_every; /* s */
+    int first, end;          /* the images of the sequence to render */
+    bool no_picture;         /* a part is written to its checkpoint alone */
+    char *note;              /* note of the checkpoint */
+    int lock;                /* lock on the checkpoint */
 };
 
 /* --- Output file -------------------------------------------------------------------------------------------------------------- */
@@ -43,12 +44,13 @@ static enum exit_code choose_output(struct cli *cli, struct job *job)
                       ? snprintf(job->output, sizeof(job->output), "%s", cli->output)
                       : snprintf(job->output, sizeof(job->output), "%.*s.png", dot && dot != name ? (int) (dot - name) : 4000, name);
 
+    if (!cli->output && cli_is_image(name))
+        return cli_usage(cli, "render", "to compare images: pellucid compare A B",
+                         "\"%s\" is an image; INPUT must be a mesh (glTF, OBJ, PLY, STL) or a scene file (.json)", cli->arguments[0]);
     job->no_picture = part && cli->checkpoint && !cli->output && !cli->dump;
     if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
         return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
-    if (cli->dump && !cli->dump[0])
-        return cli_usage(cli, "--dump", NULL, "is empty, must name a folder");
-    return EXIT_OK;
+    return dump_check(cli);
 }
 
 static enum exit_code choose_format(struct cli *cli, struct job *job)
@@ -66,7 +68,7 @@ static enum exit_code choose_format(struct cli *cli, struct job *job)
         return cli_usage(cli, "--format", near ? hint.str : NULL, "is \"%s\", must be png, exr, hdr or pfm", cli->format);
     }
     if (to_stdout && (cli->json || cli->numbers.turntable > 0 || cli->frames))
-        return cli_usage(cli, "--output", NULL, "- writes one picture to stdout: it does not go with %s",
+        return cli_usage(cli, "--output", NULL, "- writes one image to stdout: it does not go with %s",
                          cli->json     ? "--json"
                          : cli->frames ? "--frames"
                                        : "--turntable");
@@ -87,13 +89,13 @@ static enum exit_code choose_frames(struct cli *cli, struct job *job)
     if (!second || !pell_parse_number(text, (size_t) (first - text), &job->frames.from) ||
         !pell_parse_number(first + 1, (size_t) (second - first - 1), &to) ||
         !pell_parse_number(second + 1, strlen(second + 1), &job->frames.step))
-        return cli_usage(cli, "--frames", "0:2:0.25 are nine pictures of two seconds",
+        return cli_usage(cli, "--frames", "0:2:0.25 are nine images of two seconds",
                          "\"%s\", must be three numbers of seconds: FROM:TO:STEP", text);
     if (!(job->frames.step > 0.0) || !(to >= job->frames.from))
         return cli_usage(cli, "--frames", NULL, "\"%s\" goes backwards or stands still: STEP must be above 0, TO not before FROM", text);
     count = floor((to - job->frames.from) / job->frames.step * (1.0 + 1e-12) + 1e-9) + 1.0;
     if (!(count <= MOST_FRAMES))
-        return cli_usage(cli, "--frames", NULL, "\"%s\" are %g pictures, at most %d are allowed", text, count, MOST_FRAMES);
+        return cli_usage(cli, "--frames", NULL, "\"%s\" are %g images, at most %d are allowed", text, count, MOST_FRAMES);
     job->frames.count = (int) count;
     if (cli->time || cli->numbers.turntable > 0)
         return cli_usage(cli, "--frames", NULL, "can't be combined with %s", cli->time ? "--time" : "--turntable");
@@ -117,7 +119,7 @@ static enum exit_code check_writable(struct cli *cli, const char *option, const 
     if (stat(path, &out) == 0 && S_ISDIR(out.st_mode))
         return cli_failed(cli, pell_error(cli->ctx, PELL_ERR_IO, path, NULL, "is a folder, must name a file"));
     if (one_file(cli->arguments[0], path))
-        return cli_usage(cli, option, NULL, "\"%s\" is the input", path);
+        return cli_usage(cli, option, "give it another name", "\"%s\" is the input", path);
     if (snprintf(folder, sizeof(folder), "%.*s", (int) (name - path), path) >= (int) sizeof(folder) ||
         access(folder[0] ? folder : ".", W_OK) != 0)
         return cli_failed(
@@ -140,6 +142,7 @@ static void numbered(const char *path, int number, int count, char *out, size_t 
 static enum exit_code check_choice(struct cli *cli, struct job *job)
 {
     const bool named = cli->method && strcmp(cli->method, "auto") == 0;
+    double bound;
 
     job->chooses = cli->max_error || named;
     if (named) {
@@ -155,7 +158,7 @@ static enum exit_code check_choice(struct cli *cli, struct job *job)
                          "belongs to a method, but --max-error chooses the method");
     if (cli->checkpoint || cli->program->share)
         return cli_usage(cli, "--max-error", "-m path-trace", "does not go with %s", cli->checkpoint ? "--checkpoint" : "ranks");
-    return EXIT_OK;
+    return auto_bound(cli, &bound);
 }
 
 /* --- Writing ------------------------------------------------------------------------------------------------------------------ */
@@ -325,7 +328,7 @@ static enum exit_code check_checkpoint_name(struct cli *cli, const struct job *j
     enum exit_code code = check_writable(cli, "--checkpoint", cli->checkpoint);
 
     if (code == EXIT_OK && one_file(job->output, cli->checkpoint))
-        return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is where the picture goes", cli->checkpoint);
+        return cli_usage(cli, "--checkpoint", "give it another name", "\"%s\" is where the image goes", cli->checkpoint);
     return code;
 }
 
@@ -354,21 +357,55 @@ static enum exit_code set_merge(struct cli *cli, struct job *job)
     return code == EXIT_OK ? cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint)) : code;
 }
 
-/* Rank 0 writes the image, and only path-trace can be shared between ranks. */
-static enum exit_code set_share(struct cli *cli, struct job *job)
+static enum exit_code check_method(struct cli *cli, const struct pell_method *method)
+{
+    const char *name = method ? method->name : "none";
+
+    if (method && method->partial)
+        return EXIT_OK;
+    if (cli->program->share)
+        return cli_usage(cli, "--method", "-m path-trace", "method %s is not shared by ranks: run it on one machine", name);
+    if (cli->part.samples || cli->part.tiles)
+        return cli_usage(cli, cli->part.samples ? "--sample-range" : "--tile-range", "-m path-trace",
+                         "method %s keeps no checkpoint, into which the part would go", name);
+    return cli->checkpoint ? cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", name) : EXIT_OK;
+}
+
+/* What the options of parts and checkpoints ask for, before the scene is read. The method is checked if it is known already. */
+static enum exit_code check_checkpoint(struct cli *cli, struct job *job)
+{
+    const struct pell_method *method;
+    enum exit_code code = EXIT_OK;
+
+    if (cli->merge.count > 0)
+        return EXIT_OK;
+    if (!job->chooses && session_method_ahead(cli, &method) && (code = check_method(cli, method)) != EXIT_OK)
+        return code;
+    if ((cli->part.samples || cli->part.tiles) && !cli->checkpoint)
+        return cli_usage(cli, cli->part.samples ? "--sample-range" : "--tile-range", "--checkpoint part.ckpt",
+                         "the part goes into a checkpoint: name one");
+    if (cli->checkpoint_every && !cli->checkpoint)
+        return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
+    if (!cli->checkpoint)
+        return EXIT_OK;
+    if (cli->numbers.turntable > 0 || cli->frames)
+        return cli_usage(cli, "--checkpoint", NULL, "holds the state of one image: it does not go with %s",
+                         cli->frames ? "--frames" : "--turntable");
+    job->checkpoint_every = 60.0;
+    if (cli->checkpoint_every)
+        code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &job->checkpoint_every);
+    return code == EXIT_OK ? check_checkpoint_name(cli, job) : code;
+}
+
+/* Rank 0 writes the image. */
+static void set_share(struct cli *cli, struct job *job)
 {
     struct pell_share *share = cli->program->share;
 
     if (!share)
-        return EXIT_OK;
-    if (!job->session.method || !job->session.method->partial)
-        return cli_usage(cli, "--method", "-m path-trace", "method %s is not shared by ranks: run it on one machine",
-                         job->session.method ? job->session.method->name : "none");
-    if (cli->dump)
-        return cli_usage(cli, "--dump", NULL, "writes the intermediate images of one process: run it on one machine");
+        return;
     job->no_picture = job->no_picture || share->rank > 0;
     pell_renderer_set_share(job->session.renderer, share);
-    return EXIT_OK;
 }
 
 static enum exit_code lock_checkpoint(struct cli *cli, struct job *job)
@@ -378,29 +415,14 @@ static enum exit_code lock_checkpoint(struct cli *cli, struct job *job)
 
 static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
 {
-    const struct pell_method *method = job->session.method;
-    struct pell_checkpoint checkpoint = { .path = cli->checkpoint, .every = 60.0 };
+    struct pell_checkpoint checkpoint = { .path = cli->checkpoint, .every = job->checkpoint_every };
     enum exit_code code;
 
     if (cli->merge.count > 0)
         return set_merge(cli, job);
-    if ((cli->part.samples || cli->part.tiles) && !cli->checkpoint)
-        return cli_usage(cli, cli->part.samples ? "--sample-range" : "--tile-range", "--checkpoint part.ckpt",
-                         "the part goes into a checkpoint: name one");
-
-    if (cli->checkpoint_every && !cli->checkpoint)
-        return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
-    if (!cli->checkpoint)
-        return EXIT_OK;
-    if (cli->numbers.turntable > 0 || cli->frames)
-        return cli_usage(cli, "--checkpoint", NULL, "holds the state of one image: it does not go with %s",
-                         cli->frames ? "--frames" : "--turntable");
-    if (!method || !method->partial)
-        return cli_usage(cli, "--checkpoint", "path-trace does", "method %s keeps no checkpoint", method ? method->name : "none");
-    if (cli->checkpoint_every && (code = cli_parse_seconds(cli, "--checkpoint-every", cli->checkpoint_every, &checkpoint.every)) != EXIT_OK)
+    if ((code = check_method(cli, job->session.method)) != EXIT_OK || !cli->checkpoint)
         return code;
-    if ((code = check_checkpoint_name(cli, job)) != EXIT_OK || (code = cli_part(cli, &job->session, &checkpoint, &job->note)) != EXIT_OK ||
-        (code = lock_checkpoint(cli, job)) != EXIT_OK)
+    if ((code = cli_part(cli, &job->session, &checkpoint, &job->note)) != EXIT_OK || (code = lock_checkpoint(cli, job)) != EXIT_OK)
         return code;
     cli->resumable = true;
     return cli_failed(cli, pell_renderer_set_checkpoint(job->session.renderer, &checkpoint));
@@ -481,11 +503,13 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = check_choice(cli, &job);
     if (code == EXIT_OK)
+        code = check_checkpoint(cli, &job);
+    if (code == EXIT_OK)
         code = session_open_at(cli, cli->arguments[0], job.frames.count > 0 ? &job.frames.from : NULL, &job.session);
     if (code == EXIT_OK && job.chooses)
         code = auto_choose(cli, &job.session, &job.chosen);
     if (code == EXIT_OK)
-        code = set_share(cli, &job);
+        set_share(cli, &job);
     if (code == EXIT_OK)
         code = set_checkpoint(cli, &job);
     if (code == EXIT_OK)
@@ -493,6 +517,7 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK) {
         /* The denoiser's guide images are layers. */
         job.session.settings.layers = cli->dump || strcmp(job.format, "exr") == 0 || job.session.settings.denoise;
+        session_shorten(cli, &job.session);
         hash_scene(&job);
         code = cli_failed(cli, pell_renderer_check_assumptions(job.session.renderer, &job.session.settings));
     }

@@ -48,7 +48,7 @@ enum pell_result compare_run(struct cli *cli, const char *test, const char *refe
         res = out->bad_variance > 0 && out->bad_test == 0 && out->bad_variance == out->bad_reference
                   ? pell_error(cli->ctx, PELL_ERR_INVALID, reference, "compare a layer without it: --layer NAME",
                                "its layer variance is negative or not finite in every pixel")
-                  : pell_error(cli->ctx, PELL_ERR_INVALID, test, NULL, "no pixel of both pictures is finite%s",
+                  : pell_error(cli->ctx, PELL_ERR_INVALID, test, NULL, "no pixel of both images is finite%s",
                                out->bad_variance > 0 ? " and has a variance that is" : "");
     return res;
 }

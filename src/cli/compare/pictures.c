@@ -47,7 +47,7 @@ static enum pell_result compare(struct cli *cli, struct task *t)
     take_exposure(t);
     PELL_TRY(compare_light(cli, t, false, &t->result));
     if (t->result.masked.pixels == 0)
-        return pell_error(cli->ctx, PELL_ERR_INVALID, s->reference.path, "the whole picture is compared with --mask none",
+        return pell_error(cli->ctx, PELL_ERR_INVALID, s->reference.path, "the whole image is compared with --mask none",
                           "no pixel is in the mask (%s above 0.5)", s->mask_name);
     if (sources_have_two(s))
         PELL_TRY(compare_light(cli, t, true, &t->whole));
@@ -139,8 +139,7 @@ static void print_verdict(const struct pell_metrics *m)
     if (reason)
         printf("\nerror not resolved (%s)\n", reason);
     if (isfinite(m->agreement.p))
-        printf("\nthe pictures %s (p %s %.3g)\n",
-               m->agreement.p < COMPARE_LIKELY ? "differ by more than noise" : "agree within their noise",
+        printf("\nthe images %s (p %s %.3g)\n", m->agreement.p < COMPARE_LIKELY ? "differ by more than noise" : "agree within their noise",
                m->agreement.p < 1e-9 ? "<" : "=", m->agreement.p < 1e-9 ? 1e-9 : m->agreement.p);
     json_decref(numbers);
 }
@@ -229,7 +228,7 @@ static enum pell_result write_report(struct cli *cli, const struct task *t, stru
         if (whole)
             in.mask = NULL;
         json_array_append_new(views, report_view(report, view,
-                                                 whole ? "Whole picture"
+                                                 whole ? "Whole image"
                                                  : two ? "Subsurface light"
                                                        : "Masked pixels",
                                                  whole ? "All light, all pixels."

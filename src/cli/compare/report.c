@@ -177,14 +177,14 @@ enum pell_result report_map(struct report *r, const float *map, ptrdiff_t stride
 json_t *report_view(struct report *r, const char *id, const char *title, const char *text, const struct pell_compare_input *in,
                     const struct pell_compare_params *params, const struct pell_comparison *result)
 {
-    static const char *const curves[] = { "reinhard", "aces", "linear" };
+    const char *const *curves = pell_knob_find(pell_compare_knobs(), "tonemap")->choices;
     const struct pell_metrics *m = in->mask ? &result->masked : &result->whole;
     json_t *mask = json_null(), *o;
 
     if (in->mask && report_map(r, in->mask, in->stride, &mask) != PELL_OK)
         return NULL;
     o = json_pack("{s:s,s:s,s:s,s:o,s:s,s:f,s:f,s:I}", "id", id, "title", title, "text", text, "mask", mask, "tonemap",
-                  in->display ? "linear" : curves[params->tonemap], "floor", m->floor, "ppd", (double) params->ppd, "pixels",
+                  curves[in->display ? PELL_COMPARE_LINEAR : params->tonemap], "floor", m->floor, "ppd", (double) params->ppd, "pixels",
                   (json_int_t) m->pixels);
     if (o)
         compare_add_shown(o, result, in->display);

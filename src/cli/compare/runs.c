@@ -112,7 +112,7 @@ static enum exit_code check_set(struct cli *cli, const struct run_list *runs)
         for (size_t i = 0; i < pell_method_count() && hint.length == 0; i++)
             if (find_knob(pell_method_at(i), name))
                 pell_text_add(&hint, "it is a knob of %s: add it to --methods", pell_method_at(i)->name);
-        if (hint.length == 0)
+        if (!cli_option_hint(cli, name, &hint) && hint.length == 0)
             pell_text_suggest(&hint, "", name, names, n);
         return cli_usage(cli, "--set", hint.length > 0 ? hint.str : "`pellucid methods NAME` lists its knobs",
                          "no method that is compared has a knob \"%s\"", name);

@@ -196,7 +196,7 @@ static enum pell_result measure(struct cli *cli, struct job *job, struct run *ru
                 json_object_set_new(child(child(run->shown, "flip"), job->runs.list[reference].label), view_names[view], id);
             if (res == PELL_OK && json_array_size(job->views) == (size_t) view && !run->mixes)
                 json_array_append_new(job->views,
-                                      report_view(job->report, view_names[view], view == PART ? "Subsurface light" : "Whole picture",
+                                      report_view(job->report, view_names[view], view == PART ? "Subsurface light" : "Whole image",
                                                   view == PART ? "Only the light that went through the material, where the material is."
                                                                : "All light of all pixels: reflections and backdrop, too.",
                                                   &in, &job->params, &result));
@@ -559,7 +559,7 @@ static void answer_text(const struct cli *cli, const struct job *job)
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
         table_row(job->runs.list[i].label, job->runs.list[i].answer, job->runs.list[i].seconds);
     print_noise(cli, job, NULL, job->runs.list[job->runs.count - 1].answer);
-    table_head(cli, "Whole picture", false);
+    table_head(cli, "Whole image", false);
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
         table_row(job->runs.list[i].label, json_object_get(job->runs.list[i].answer, "whole"), -1.0);
     if (two) {
@@ -585,7 +585,7 @@ static void answer_text(const struct cli *cli, const struct job *job)
     }
     for (size_t i = job->runs.num_references; i < job->runs.count; i++)
         if (job->runs.list[i].mixes)
-            printf("\n%s gives finished pictures: compared is all light of translucent pixels.\n", job->runs.list[i].label);
+            printf("\n%s gives finished images: compared is all light of translucent pixels.\n", job->runs.list[i].label);
     if (cli->output)
         printf("\n%s%sreport.html\n", pell_printable(cli->output, a, sizeof(a)), cli->output[strlen(cli->output) - 1] == '/' ? "" : "/");
 }

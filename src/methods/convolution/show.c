@@ -42,7 +42,7 @@ enum pell_result convolution_show_end(struct convolution_state *st)
 {
     static const char *const names[2] = { "irradiance", "exitance" };
     static const char *const what[2] = { "light that is given to this plane, per area of a pixel on the middle plane",
-                                         "light that reaches this plane from all planes, where the picture needs it" };
+                                         "light that reaches this plane from all planes, where the image needs it" };
     const struct conv_layout *lay = &st->job.layout;
     enum pell_result res = PELL_OK;
 

@@ -218,7 +218,7 @@ static enum pell_result check_header(struct reader *r, const struct pt_checkpoin
     }
     if (is.width != key->width || is.height != key->height || is.films != key->films)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other,
-                          "is of a picture of %u x %u with msaa %u, not of %u x %u with msaa %u", is.width, is.height, is.films, key->width,
+                          "is of an image of %u x %u with msaa %u, not of %u x %u with msaa %u", is.width, is.height, is.films, key->width,
                           key->height, key->films);
     if (is.scene != key->scene)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another scene");
@@ -295,7 +295,7 @@ static enum pell_result scan_tiles(struct reader r, const struct pt_checkpoint_k
         pixels[t] = (uint8_t) get(&r, 1);
         spans = (uint32_t) get(&r, 2);
         if (pixels[t] > w * h)
-            return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "tile %zu has %u pixels of a picture of %u x %u", t, pixels[t],
+            return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "tile %zu has %u pixels of an image of %u x %u", t, pixels[t],
                               key->width, key->height);
         if (spans > PT_SPANS)
             return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "tile %zu has %u runs of samples, at most %d are possible", t,

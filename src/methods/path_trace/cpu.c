@@ -380,8 +380,8 @@ static enum pell_result leave_out(struct pt_run *run)
 
     PELL_TRY(pt_write_films(st, run->in, true));
     pell_warn(st->ctx, st->services->checkpoint->parts[0], NULL,
-              "a partial picture: it is the mean of %u of %d samples of the multisample, the others lack tiles and are left out",
-              run->number, run->in->num_samples);
+              "a partial image: it is the mean of %u of %d samples of the multisample, the others lack tiles and are left out", run->number,
+              run->in->num_samples);
     return PELL_ERR_CANCELLED;
 
 fail:

@@ -273,7 +273,7 @@ enum pell_result pt_check_gaps(const struct pt_run *run, uint32_t end)
                           pell_counted((long long) tiles, "tile", "tiles").str, first);
     if (tiles > 0 && !st->gaps)
         pell_warn(st->ctx, st->services->checkpoint->parts[0], NULL,
-                  "a partial picture: %s samples, the first is tile %zu without %u:%u; %s black",
+                  "a partial image: %s samples, the first is tile %zu without %u:%u; %s black",
                   pell_counted((long long) tiles, "tile lacks", "tiles lack").str, first, from * msaa, to * msaa,
                   pell_counted((long long) black, "tile has none and is", "tiles have none and are").str);
     st->gaps = st->gaps || tiles > 0;

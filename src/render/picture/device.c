@@ -75,7 +75,7 @@ static const char *refuses_method(const struct pell_picture_sample *s)
     if (!s->pass)
         return NULL;
     if (plan->needs & PELL_NEED_SHADED)
-        return BY_CPU "the method blurs the lit picture";
+        return BY_CPU "the method blurs the lit image";
     if ((plan->needs & ~known) || plan->outputs || plan->quantity != PELL_QUANTITY_EXITANCE || !pell_pass_planes(s->pass, planes))
         return BY_CPU "the method reads other planes";
     return NULL;

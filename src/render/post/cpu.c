@@ -11,6 +11,7 @@
 #define KEY 0.18                /* of a middle grey (Reinhard et al. 2002) */
 #define ENVIRONMENT_WHITE 16.0f /* an environment behind the object may be brighter than the object by far */
 #define LARGEST_WHITE 1e12f     /* of the setting */
+#define NEGLIGIBLE 1e-27        /* mean irradiance, W/m^2, of which no pixel has a luminance that can be metered */
 #define METER_FACTOR 3.0        /* at most this times the key's exposure */
 #define ASIDE 0.06f             /* weight of each neighbour along an axis in the pixel filter */
 #define BRIGHT 0.01             /* fraction of the covered pixels that the default white leaves above it */
@@ -451,6 +452,7 @@ enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post
         .invalid = (int64_t) invalid,
         .covered = met_count > 0.0,
         .any_light = met > 0.0 || maximum > 0.0,
+        .negligible = !(maximum > 0.0) && met < NEGLIGIBLE * met_count,
     };
     if (settings->bloom > 0.0f)
         res = bloom(pool, &t, &result->on_device);

@@ -44,6 +44,7 @@ struct pell_post_result {
     float exposure, white;
     int64_t invalid;
     bool covered, any_light;                 /* something is visible; light arrives at it */
+    bool negligible;                         /* but so little that no exposure shows it */
     double bloom;                            /* time of bloom, seconds */
     struct pell_post_device_times on_device; /* with a device */
 };

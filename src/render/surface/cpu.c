@@ -47,7 +47,7 @@ enum pell_result pell_surface_allocate(struct pell_context *ctx, int width, int 
 
     memset(surface, 0, sizeof(*surface));
     if (width < 1 || height < 1 || (int64_t) width * height > pell_context_limits(ctx)->image_pixels || width > INT_MAX - 16)
-        return pell_error(ctx, PELL_ERR_INVALID, NULL, "the limit \"image-pixels\" can be raised",
+        return pell_error(ctx, PELL_ERR_INVALID, NULL, PELL_RAISE_LIMIT("image-pixels"),
                           "an image of %d x %d pixels; at least 1 x 1 and at most %lld pixels are allowed", width, height,
                           (long long) pell_context_limits(ctx)->image_pixels);
     stride = ((size_t) width + 15) / 16 * 16;

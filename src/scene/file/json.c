@@ -10,6 +10,7 @@
 
 /* Approximate memory that jansson 2.14 allocates per value of each kind: enough to refuse a small file with a huge tree before it is
  * built. */
+#define TOO_MANY PELL_RAISE_LIMIT("items") ", or --limit nodes=N if these are nodes"
 #define BYTES_PER_OBJECT 320
 #define BYTES_PER_ARRAY 128
 #define BYTES_PER_VALUE 48
@@ -48,8 +49,9 @@ static enum pell_result scan(const struct pell_json_file *file, const char *text
             bytes += c == '{' ? BYTES_PER_OBJECT : BYTES_PER_ARRAY;
             if (++depth > limits->depth) {
                 struct pell_text where = { 0 };
-                pell_text_add(&where, "%s:%d", file->path, line);
-                return pell_error(file->ctx, PELL_ERR_INVALID, where.str, "raise the limit \"depth\" if the file is meant to be so",
+                pell_text_add_path(&where, file->path, ":", "line ");
+                pell_text_add(&where, "%d", line);
+                return pell_error(file->ctx, PELL_ERR_INVALID, where.str, PELL_RAISE_LIMIT("depth") ", if the file is meant to be so",
                                   "JSON is nested deeper than %d levels", limits->depth);
             }
             break;
@@ -61,7 +63,7 @@ static enum pell_result scan(const struct pell_json_file *file, const char *text
         }
     }
     if (bytes > (uint64_t) limits->memory_bytes)
-        return pell_error(file->ctx, PELL_ERR_NOMEM, file->path, "raise the limit \"memory-bytes\" if the file is meant to be so",
+        return pell_error(file->ctx, PELL_ERR_NOMEM, file->path, PELL_RAISE_LIMIT("memory-bytes") ", if the file is meant to be so",
                           "reading this JSON would take about %" PRIu64 " bytes of memory, allowed: %" PRId64, bytes, limits->memory_bytes);
     return PELL_OK;
 }
@@ -87,7 +89,8 @@ enum pell_result pell_json_parse(struct pell_json_file *file, const void *data, 
         const bool nul = code == json_error_null_character || code == json_error_null_byte_in_key;
         if (code == json_error_out_of_memory)
             return pell_error(file->ctx, PELL_ERR_NOMEM, file->path, NULL, "no memory for the JSON tree");
-        pell_text_add(&where, "%s:%d:%d", file->path, error.line > 0 ? error.line : 1, error.column > 0 ? error.column : 1);
+        pell_text_add_path(&where, file->path, ":", "line ");
+        pell_text_add(&where, "%d:%d", error.line > 0 ? error.line : 1, error.column > 0 ? error.column : 1);
         return pell_error(file->ctx, PELL_ERR_FORMAT, where.str,
                           code == json_error_premature_end_of_input ? "the file may be cut off" : NULL, "not valid JSON: %s",
                           nul ? "a text holds \\u0000, which no text here may hold" : pell_printable(error.text, what, sizeof(what)));
@@ -128,7 +131,7 @@ const char *pell_json_where(const struct pell_json *at, struct pell_text *text)
     int count = 0;
 
     memset(text, 0, sizeof(*text));
-    pell_text_add(text, "%s:", at->file->path);
+    pell_text_add_path(text, at->file->path, ":", "");
     for (; at->parent && count < LEVELS; at = at->parent)
         level[count++] = at;
     if (count == 0)
@@ -318,7 +321,9 @@ enum pell_result pell_json_object(const struct pell_json *parent, const char *ke
 
 enum pell_result pell_json_array(const struct pell_json *parent, const char *key, size_t min, size_t max, struct pell_json *out)
 {
+    const bool limited = max >= (size_t) pell_context_limits(parent->file->ctx)->items;
     size_t count;
+
     *out = pell_json_get(parent, key);
     if (!out->value)
         return PELL_OK;
@@ -326,8 +331,8 @@ enum pell_result pell_json_array(const struct pell_json *parent, const char *key
         return pell_json_wrong_type(out, "an array");
     count = json_array_size(out->value);
     if (count < min || count > max)
-        return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, NULL, "has %zu elements, allowed: %zu to %zu",
-                               count, min, max);
+        return pell_json_error(out, out->file->range ? out->file->range : PELL_ERR_INVALID, limited ? TOO_MANY : NULL,
+                               "has %zu elements, allowed: %zu to %zu", count, min, max);
     return PELL_OK;
 }
 

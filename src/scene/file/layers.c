@@ -156,7 +156,7 @@ static enum pell_result take_map(struct pell_scene_reader *r, const struct pell_
     layer->depth = fmaxf((float) mm, FLT_MIN);
     layer->depth_inverse = inverse == 1;
     if (!pell_layer_has_channel(&layer->depth_map.texture->image, layer->depth_map.channel))
-        return pell_json_error(place, PELL_ERR_FORMAT, NULL, "has no channel %c: the picture has %d", "rgba"[layer->depth_map.channel],
+        return pell_json_error(place, PELL_ERR_FORMAT, NULL, "has no channel %c: the image has %d", "rgba"[layer->depth_map.channel],
                                layer -> depth_map.texture->image.channels);
     if (!pell_layer_texels_valid(layer, &fault))
         return pell_json_error(place, PELL_ERR_FORMAT, "NaN and infinity are refused, too", "%s is %g, allowed: [%g, %g]", fault.field,
@@ -176,7 +176,7 @@ static enum pell_result read_depth(struct pell_scene_reader *r, const struct pel
 
     if (place.value) {
         if (!json_is_string(place.value))
-            return pell_json_error(&place, PELL_ERR_FORMAT, "write it with its unit, as in \"1.2mm\", or \"picture.png#r\"",
+            return pell_json_error(&place, PELL_ERR_FORMAT, "write it with its unit, as in \"1.2mm\", or \"image.png#r\"",
                                    "must be a text: a length without a unit could mean anything");
         PELL_TRY(pell_json_to_string(&place, &text));
         if (!is_length(text))
@@ -189,7 +189,7 @@ static enum pell_result read_depth(struct pell_scene_reader *r, const struct pel
     for (const char *const *k = (const char *const[]) { "depth_scale", "depth_encoding", NULL }; *k; k++) {
         const struct pell_json of_map = pell_json_get(at, *k);
         if (of_map.value)
-            return pell_json_error(&of_map, PELL_ERR_FORMAT, NULL, "belongs to a painted depth: \"depth\" is no picture here");
+            return pell_json_error(&of_map, PELL_ERR_FORMAT, NULL, "belongs to a painted depth: \"depth\" is no image here");
     }
     layer->depth = INFINITY;
     if (!place.value && !last)
@@ -310,8 +310,8 @@ enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struc
     PELL_TRY(pell_json_choice(at, "below", substrate_names, PELL_COUNT(substrate_names), &below));
     count = (int) pell_json_count(&list);
     if (all.count > ((size_t) count + 3) / 4)
-        return pell_json_error(&all.depths, PELL_ERR_FORMAT, "a picture paints four layers, one in each channel", "has %s for %s",
-                               pell_counted((long long) all.count, "picture", "pictures").str, pell_counted(count, "layer", "layers").str);
+        return pell_json_error(&all.depths, PELL_ERR_FORMAT, "an image paints four layers, one in each channel", "has %s for %s",
+                               pell_counted((long long) all.count, "image", "images").str, pell_counted(count, "layer", "layers").str);
     PELL_TRY(pell_material_allocate_layers(r->scene, material, count));
     m->substrate = (enum pell_substrate) below;
     other = r->layers == list.value ? &r->scene->materials[r->layers_of] : NULL;

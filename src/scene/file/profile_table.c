@@ -35,7 +35,8 @@ static enum pell_result refuse(const struct table *t, int64_t line, const char *
     char what[512], shown[256];
     va_list args;
 
-    pell_text_add(&where, "%s:%lld", pell_printable(t->path, shown, sizeof(shown)), (long long) line);
+    pell_text_add_path(&where, pell_printable(t->path, shown, sizeof(shown)), ":", "line ");
+    pell_text_add(&where, "%lld", (long long) line);
     va_start(args, fmt);
     vsnprintf(what, sizeof(what), fmt, args);
     va_end(args);

@@ -117,14 +117,13 @@ fail:
 static enum pell_result read_background(struct pell_scene_reader *r, const struct pell_json *root, struct pell_json *ground)
 {
     const struct pell_json at = pell_json_get(root, "background");
+    const struct pell_load_params *params = r->loader->params;
     struct pell_scene *scene = r->scene;
     struct pell_text where;
-    bool environment = false;
+    const bool environment = pell_scene_has_environment(scene);
     const char *text;
     enum pell_result res;
 
-    for (size_t i = 0; i < scene->num_lights; i++)
-        environment |= scene->lights[i].type == PELL_LIGHT_ENVIRONMENT;
     if (environment)
         scene->background = PELL_BACKGROUND_ENVIRONMENT;
     if (!at.value)
@@ -133,8 +132,9 @@ static enum pell_result read_background(struct pell_scene_reader *r, const struc
         PELL_TRY(pell_json_to_string(&at, &text));
         PELL_TRY(
             pell_background_read(r->ctx, PELL_ERR_FORMAT, pell_json_where(&at, &where), text, &scene->background, scene->background_color));
-        if (scene->background == PELL_BACKGROUND_ENVIRONMENT && !environment)
-            return pell_json_error(&at, PELL_ERR_FORMAT, "add { \"type\": \"environment\", ... } to the lights",
+        /* The parameters may add an environment, or replace the background. */
+        if (scene->background == PELL_BACKGROUND_ENVIRONMENT && !environment && !params->environment && !params->background)
+            return pell_json_error(&at, PELL_ERR_FORMAT, "add { \"type\": \"environment\", ... } to the lights, or give --environment FILE",
                                    "is the environment, but no light is one");
         return PELL_OK;
     }
@@ -313,9 +313,9 @@ static void check_time(const struct pell_scene_reader *r, const struct pell_json
     const struct pell_json time = pell_json_get(root, "time"), rate = pell_json_get(root, "image_rate");
 
     if (time.value && !r->scene->animated)
-        pell_json_warn(&time, NULL, "changes nothing: no mesh file has an animation, and no picture is one of a sequence");
+        pell_json_warn(&time, NULL, "changes nothing: no mesh file has an animation, and no image is one of a sequence");
     if (rate.value && !r->sequences)
-        pell_json_warn(&rate, NULL, "changes nothing: no picture is one of a sequence (\"veins_%%04d.png\")");
+        pell_json_warn(&rate, NULL, "changes nothing: no image is one of a sequence (\"veins_%%04d.png\")");
 }
 
 /* --- All ---------------------------------------------------------------------------------------------------------------------- */

@@ -174,10 +174,10 @@ static enum pell_result find_in_sequence(struct pell_scene_reader *r, const stru
     if (!p)
         return PELL_OK;
     if (find_number(p + length, &other, &more))
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "\"%s\": only one number may vary in the name of a picture",
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "\"%s\": only one number may vary in the name of an image",
                                pell_printable(*reference, shown, sizeof(shown)));
     if (number > 999999999.0)
-        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "is picture %.0f of its sequence at %g s, at most 999999999 is allowed", number,
+        return pell_json_error(at, PELL_ERR_FORMAT, NULL, "is image %.0f of its sequence at %g s, at most 999999999 is allowed", number,
                                r->moment.time);
     if (snprintf(name, size, "%.*s%0*d%s", (int) (p - *reference), *reference, digits, number > 0.0 ? (int) number : 0, p + length) >=
         (int) size)
@@ -227,7 +227,7 @@ enum pell_result pell_scene_need_picture(struct pell_scene_reader *r, const stru
 
     if (res != PELL_OK || *texture)
         return res;
-    return pell_json_error(at, PELL_ERR_FORMAT, NULL, "the picture \"%s\" can't be read", pell_printable(reference, shown, sizeof(shown)));
+    return pell_json_error(at, PELL_ERR_FORMAT, NULL, "the image \"%s\" can't be read", pell_printable(reference, shown, sizeof(shown)));
 }
 
 enum pell_result pell_scene_need_picture_at(struct pell_scene_reader *r, const struct pell_json *parent, const char *key,

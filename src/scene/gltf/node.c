@@ -178,7 +178,7 @@ fail:
 static enum pell_result visit(struct gltf *g, const struct pell_json *at)
 {
     if (++g->visits > g->limits->nodes)
-        return pell_json_error(at, PELL_ERR_UNSUPPORTED, "the limit \"nodes\" can be raised", "more than %d nodes and instances are drawn",
+        return pell_json_error(at, PELL_ERR_UNSUPPORTED, PELL_RAISE_LIMIT("nodes"), "more than %d nodes and instances are drawn",
                                g->limits->nodes);
     return PELL_OK;
 }
@@ -201,8 +201,8 @@ static enum pell_result instance_attribute(struct gltf *g, const struct pell_jso
                                "accessor %" PRId64 " has %" PRIu32 " elements of %d components, allowed: as many as its fellows, of %d",
                                index, a->count, a->components, components);
     if ((int64_t) a->count > g->limits->nodes)
-        return pell_json_error(&at, PELL_ERR_UNSUPPORTED, "the limit \"nodes\" can be raised", "%" PRIu32 " instances; %d are allowed",
-                               a->count, g->limits->nodes);
+        return pell_json_error(&at, PELL_ERR_UNSUPPORTED, PELL_RAISE_LIMIT("nodes"), "%" PRIu32 " instances; %d are allowed", a->count,
+                               g->limits->nodes);
     *count = a->count;
     *out = pell_alloc_array(g->ctx, a->count, (size_t) components * sizeof(float));
     if (!*out)
@@ -354,8 +354,8 @@ static enum pell_result walk(struct gltf *g, int64_t root, struct tree *tree)
             continue;
         }
         if (depth + 1 >= g->limits->depth)
-            return pell_json_error(&node, PELL_ERR_UNSUPPORTED, "the limit \"depth\" can be raised",
-                                   "nodes are nested deeper than %d levels", g->limits->depth);
+            return pell_json_error(&node, PELL_ERR_UNSUPPORTED, PELL_RAISE_LIMIT("depth"), "nodes are nested deeper than %d levels",
+                                   g->limits->depth);
         child_at = pell_json_at(&children, level->next++);
         PELL_TRY(pell_json_to_int(&child_at, 0, (int64_t) pell_json_count(&g->nodes) - 1, &stack[depth + 1].node));
         child = pell_json_at(&g->nodes, (size_t) stack[depth + 1].node);

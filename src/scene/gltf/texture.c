@@ -64,11 +64,11 @@ static enum pell_result find_image(struct gltf *g, const struct pell_json *textu
             gltf_mention(g, &format, formats[i]);
         else
             gltf_warn(g, GLTF_WARN_TEXTURE, &format, gltf_fix(formats[i]),
-                      "the picture is %s only, which is not read: the texture is left out", formats[i]);
+                      "the image is %s only, which is not read: the texture is left out", formats[i]);
         return PELL_OK;
     }
     if (*image < 0)
-        gltf_warn(g, GLTF_WARN_TEXTURE, texture, NULL, "the texture names no picture and is left out");
+        gltf_warn(g, GLTF_WARN_TEXTURE, texture, NULL, "the texture names no image and is left out");
     return PELL_OK;
 
 fail:

@@ -74,7 +74,7 @@ enum pell_result gltf_deform(struct gltf *g, const struct pell_json *at, uint64_
     const int64_t most = DEFORMED_FACTOR * g->limits->vertices; /* below 2^36 */
 
     if (vertices > (uint64_t) (most - g->deformed))
-        return pell_json_error(at, PELL_ERR_UNSUPPORTED, "the limit \"vertices\" can be raised",
+        return pell_json_error(at, PELL_ERR_UNSUPPORTED, PELL_RAISE_LIMIT("vertices"),
                                "morph targets and skins move more than %" PRId64 " vertices, each counted for each target and joint", most);
     g->deformed += (int64_t) vertices;
     return PELL_OK;

@@ -56,7 +56,8 @@ struct reader {
 static const char *where(const struct reader *r, struct pell_text *text)
 {
     memset(text, 0, sizeof(*text));
-    pell_text_add(text, "%s:%lld", r->path, (long long) r->lex.line);
+    pell_text_add_path(text, r->path, ":", "line ");
+    pell_text_add(text, "%lld", (long long) r->lex.line);
     return text->str;
 }
 

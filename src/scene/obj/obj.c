@@ -54,7 +54,8 @@ struct obj {
 static const char *where(const struct obj *o, struct pell_text *text)
 {
     memset(text, 0, sizeof(*text));
-    pell_text_add(text, "%s:%lld", o->import->path, (long long) o->lex.line);
+    pell_text_add_path(text, o->import->path, ":", "line ");
+    pell_text_add(text, "%lld", (long long) o->lex.line);
     return text->str;
 }
 
@@ -80,7 +81,7 @@ static enum pell_result grow(struct obj *o, float **array, size_t count, size_t 
     enum pell_result res;
 
     if (count >= (size_t) limit)
-        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), "the limit \"vertices\" can be raised",
+        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), PELL_RAISE_LIMIT("vertices"),
                           "more than %lld vertices are not allowed", (long long) limit);
     if (count < *capacity)
         return PELL_OK;
@@ -257,7 +258,7 @@ static enum pell_result find_part(struct obj *o)
         return res;
     if (o->targets[slot].object != o->object) {
         if (o->num_parts >= (size_t) limit)
-            return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), "the limit \"items\" can be raised",
+            return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), PELL_RAISE_LIMIT("items"),
                               "more than %d meshes (an object's faces of one material) are not allowed", limit);
         array = o->parts;
         res = pell_grow(o->ctx, &array, o->num_parts, &o->cap_parts, sizeof(*o->parts));
@@ -305,7 +306,7 @@ static enum pell_result add_triangles(struct obj *o, size_t corners)
     enum pell_result res;
 
     if ((int64_t) (o->num_triangles + corners - 2) > limit)
-        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), "the limit \"triangles\" can be raised",
+        return pell_error(o->ctx, PELL_ERR_UNSUPPORTED, where(o, &text), PELL_RAISE_LIMIT("triangles"),
                           "more than %lld triangles are not allowed", (long long) limit);
     while (o->num_triangles + corners - 2 > o->cap_triangles) {
         void *array = o->corners;

@@ -119,6 +119,11 @@ function paint(view, planes, stops, out) {
     const x = v > 0 ? Math.min(v, 1e6) : 0;
     return (x * (0.36 * 2.51 * x + 0.018)) / (x * (0.36 * 2.43 * x + 0.354) + 0.14);
   };
+  // The filmic curve of render (tone.h).
+  const filmic = (v) => {
+    const q = v < 1e6 ? v : 1e6;
+    return (q * (q + 0.0245786) - 0.000090537) / (q * (0.983729 * q + 0.432951) + 0.238081);
+  };
   const shade = (v) => srgb[v >= 1 ? last : v > 0 ? (v * last + 0.5) | 0 : 0];
   for (let i = 0, at = 0; i < r.length; i++, at += 4) {
     const x = floats[r[i]],
@@ -128,6 +133,14 @@ function paint(view, planes, stops, out) {
       out[at] = shade(aces(e * x));
       out[at + 1] = shade(aces(e * y));
       out[at + 2] = shade(aces(e * z));
+    } else if (view.tonemap === 'filmic') {
+      const [p, q, s] = [x, y, z].map((v) => Math.max(0, 1.46193 * e * v));
+      const u = filmic(0.59719 * p + 0.35458 * q + 0.04823 * s),
+        v = filmic(0.076 * p + 0.90834 * q + 0.01566 * s),
+        w = filmic(0.0284 * p + 0.13383 * q + 0.83777 * s);
+      out[at] = shade(1.60475 * u - 0.53108 * v - 0.07367 * w);
+      out[at + 1] = shade(-0.10208 * u + 1.10813 * v - 0.00605 * w);
+      out[at + 2] = shade(-0.00327 * u - 0.07276 * v + 1.07602 * w);
     } else {
       const l = Math.max(0, e * (0.2126 * x + 0.7152 * y + 0.0722 * z));
       const k = view.tonemap === 'linear' ? e : (e * (1 + l * ws)) / (1 + l);
