@@ -5,7 +5,7 @@
 
 #include "compare/errors.h"
 #include "compare/tile.h"
-#include "render/post/curves.h"
+#include "shared/tone.h"
 
 #include <float.h>
 #include <math.h>

@@ -3,8 +3,8 @@
 #include "base/base.h"
 
 #include "optics/medium/specular.h"
-#include "render/post/curves.h"
 #include "render/renderer.h"
+#include "shared/tone.h"
 
 #include <pellucid/render.h>
 

@@ -12,6 +12,13 @@
 
 #include "shared/language.h"
 
+#ifdef __STDC_VERSION__
+/* Names of the curves, for the knobs `tonemap` of images and of comparing. */
+#define PELL_CURVE_REINHARD "reinhard"
+#define PELL_CURVE_LINEAR "linear"
+#define PELL_CURVE_FILMIC "filmic"
+#endif
+
 /* Luminance of linear Rec.709 colours; for any arithmetic type. */
 #define PELL_LUMINANCE_R 0.2126f
 #define PELL_LUMINANCE_G 0.7152f
