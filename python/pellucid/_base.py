@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import logging
 import os
+import re
 import sys
 import threading
 import warnings
@@ -29,6 +30,10 @@ def path_bytes(path: Any) -> bytes:
     return data
 
 
+# What an argument is said to be begins with one of these.
+_PREDICATES = ("is ", "has ", "must ", "goes ", "gives ", "can't ", "does ")
+
+
 class Error(Exception):
     """A call failed: `where` it was found, `what` is wrong with the value and what is allowed, and a `hint`, which may be "". `function`:
     the function or class of this package that refused an argument, which `where` names; else ""."""
@@ -36,10 +41,12 @@ class Error(Exception):
     code = 0
 
     def __init__(self, what: str, where: str = "", hint: str = "", function: str = ""):
-        if function:  # `what` of a knob begins with its name: "msaa = 0, must be ..."
-            said = f"{function}: " + (what if not where or what.startswith(f"{where} = ") else f"{where} {what}")
-        else:
+        if not function:
             said = ": ".join(filter(None, (where, what)))
+        elif not where or what.startswith((f"{where} ", f"there is no {where} ")):  # the sentence names it
+            said = f"{function}: {what}"
+        else:
+            said = f"{function}: {where}{' ' if what.startswith(_PREDICATES) else ': '}{what}"
         super().__init__(said + (f" ({hint})" if hint else ""))
         self.where, self.what, self.hint, self.function = where, what, hint, function
 
@@ -137,6 +144,11 @@ def version() -> str:
     return text(lib.pell_version_string())
 
 
+def named(said: str) -> str:
+    """The options of the command line in a message of the library by the names of arguments: "--from" is from_."""
+    return re.sub(r"(?<![\w-])--(?!limit\b)([a-z]+(?:-[a-z]+)*)", lambda m: {"from": "from_"}.get(m[1], m[1].replace("-", "_")), said)
+
+
 def choose(kind: str, name: str, names: Iterable[str], owner: str = "") -> int:
     """The index of a name; InvalidError with the nearest one, or with all where none is near. `owner`: the argument that has such names."""
     known = list(names)
@@ -224,7 +236,7 @@ def set_fields(struct, values: dict, where: str) -> None:
         try:
             setattr(struct, name, value.tolist() if isinstance(value, np.ndarray) else value)
         except (TypeError, ValueError, OverflowError, IndexError) as e:
-            raise wrong(f"{where}.{name}", f"is {value!r:.60}, which a member of its type can't hold: {e}") from None
+            raise wrong(f"{where}.{name}", f"is {value!r:.60}, which does not fit: {e}") from None
 
 
 @ffi.def_extern()
@@ -272,11 +284,11 @@ class Context:
         return self._out[0]
 
     def _message(self, message) -> None:
-        what = (text(message.where), text(message.what), text(message.hint))
+        what = (text(message.where), named(text(message.what)), named(text(message.hint)))
         if message.level == lib.PELL_LOG_ERROR:
             self._errors.append((message.code, *what))
         elif message.level == lib.PELL_LOG_WARNING:
-            self._warnings.append(": ".join(filter(None, what[:2])) + (f" ({what[2]})" if what[2] else ""))
+            self._warnings.append(": ".join(filter(None, (named(what[0]), what[1]))) + (f" ({what[2]})" if what[2] else ""))
         else:
             _logger.info("%s", ": ".join(filter(None, what[:2])))
 
@@ -292,7 +304,8 @@ class Context:
             warnings.warn(note, PellucidWarning, stacklevel=4)
         if code != lib.PELL_OK:
             _, where, what, hint = errors[-1] if errors else (code, "", "", "")
-            raise failure(code, what, where, hint, called() if where and what.startswith(f"{where} = ") else "")
+            given = not where or where.startswith("--") or where in ("method", "knobs") or what.startswith(f"{where} = ")
+            raise failure(code, what, named(where), hint, called() if given else "")
 
     def call(self, function, *args) -> None:
         """Runs a function that returns a result. In the main thread Ctrl-C cancels it: KeyboardInterrupt is raised when it has ended."""
@@ -377,7 +390,9 @@ def knob_text(value) -> str:
 
 
 def set_knobs(context: Context, table, owner: str, struct, values: dict[str, Any], where: str = "") -> None:
+    known = [text(k.name).replace("-", "_") for k in knob_rows(table)]
     for name, value in values.items():
+        choose("knob", name.replace("-", "_"), known)
         name = name.replace("_", "-")
         context.check(lib.pell_knob_set(context.c, table, owner.encode(), (where or name).encode(), struct, name.encode(),
                                         knob_text(value).encode()))

@@ -47,7 +47,8 @@ def gaussian_taps(variance: float, taps: int = 7) -> tuple[np.ndarray, np.ndarra
 def chain(gaussians: Gaussians) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Blurs after one another: steps (n,) in mm^2, blends (n, 3), total (3,) (d'Eon et al. 2007, section 5.4)."""
     out = ffi.new("struct pell_kernel_chain *")
-    check(lib.pell_kernel_chain_make(gaussians.c, out), "has falling variances or negative weights: variances must rise, weights be 0 or more", "gaussians")
+    check(lib.pell_kernel_chain_make(gaussians.c, out),
+          "has falling variances or negative weights: variances must rise, weights be 0 or more", "gaussians")
     n = out.count
     return np.array(list(out.step_mm2)[:n]), np.array([list(b) for b in out.blend][:n]), np.array(list(out.total))
 
@@ -59,7 +60,8 @@ def separable(profiles: Sequence[Profile], *, taps: int = 25, rank: int = 1, ext
     params = ffi.new("struct pell_separable_params *", {
         "taps": _odd(taps), "rank": whole(rank, "rank", 1, lib.PELL_KERNEL_RANK_MAX), "extent_mm": bounded(extent, "extent", 0, 1e30),
         "spread": bounded(spread, "spread", 1, 4)})
-    check(lib.pell_separable_make(_three_profiles(profiles), params, out), "has no light in a channel, or none inside the extent", "profiles")
+    check(lib.pell_separable_make(_three_profiles(profiles), params, out),
+          "has no light in a channel, or none inside the extent", "profiles")
     weight = np.array([[list(w) for w in k][:out.taps] for k in out.weight][:out.rank])
     return Separable(np.array(list(out.offset_mm)[:out.taps]), weight, np.array([list(s) for s in out.sign][:out.rank]),
                      np.array(list(out.total)), np.array(list(out.outside)), np.array(list(out.error)), out.extent_mm)

@@ -6,8 +6,8 @@ from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
-from ._base import (called, channel_number, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, number, pointer, text, three,
-                    whole, wrong)
+from ._base import (bounded, called, channel_number, check, choose, doubles, enum_names, failure, fault_error, ffi, lib, number, pointer,
+                    text, three, whole, wrong)
 
 ArrayLike = Any
 CHANNELS = ("r", "g", "b")
@@ -24,7 +24,8 @@ def _model(name: str) -> int:
 
 
 def _params(roughness: float, A: float, without_single: bool):
-    return ffi.new("struct pell_profile_params *", {"roughness": number(roughness, "roughness"), "A": number(A, "A"), "without_single": without_single})
+    return ffi.new("struct pell_profile_params *", {"roughness": bounded(roughness, "roughness", 0, 1), "A": number(A, "A"),
+                                                    "without_single": bool(without_single)})
 
 
 class Medium:
@@ -37,8 +38,8 @@ class Medium:
     def __init__(self, sigma_a: ArrayLike, sigma_s_reduced: ArrayLike = None, *, sigma_s: ArrayLike = None, g: ArrayLike = 0.0,
                  eta: float = 1.3):
         if (sigma_s_reduced is None) == (sigma_s is None):
-            raise wrong("sigma_s_reduced" if sigma_s_reduced is None else "sigma_s",
-                        "is missing: give it, or sigma_s" if sigma_s_reduced is None else "is given beside sigma_s_reduced, must be left out")
+            raise wrong("sigma_s_reduced", "is missing: give it, or sigma_s") if sigma_s is None else \
+                wrong("sigma_s", "is given beside sigma_s_reduced, must be left out")
         cosine = three(g, "g")
         reduced = three(sigma_s_reduced, "sigma_s_reduced") if sigma_s is None else three(sigma_s, "sigma_s") * (1.0 - cosine)
         self.c = ffi.new("struct pell_medium *", {"sigma_a": three(sigma_a, "sigma_a").tolist(), "sigma_s_reduced": reduced.tolist(),
@@ -109,8 +110,8 @@ class Profile:
         if not isinstance(medium, Medium):
             raise wrong("medium", f"is {medium!r:.60}, must be a Medium")
         check(lib.pell_profile_make(_model(model), medium.c, channel_number(channel), _params(roughness, A, without_single), self.c),
-              f"the model {model} does not take roughness {roughness!r:.20}, A {A!r:.20} or without_single {without_single!r:.20}, or has no "
-              "profile of this medium")
+              f"the model {model} does not take roughness {roughness!r:.20}, A {A!r:.20} or without_single {without_single!r:.20}, or has "
+              "no profile of this medium")
 
     @classmethod
     def _empty(cls) -> "Profile":
@@ -127,7 +128,8 @@ class Profile:
         self, fault = cls._empty(), ffi.new("struct pell_profile_fault *")
         code = lib.pell_profile_from_table(pointer(radii), pointer(values), radii.size, self.c, fault)
         if code != lib.PELL_OK:
-            raise failure(code, f"is {fault.value:g} in row {fault.row}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field), "", called())
+            raise failure(code, f"is {fault.value:g} in row {fault.row}, must be in [{fault.min:g}, {fault.max:g}]", text(fault.field), "",
+                          called())
         return self
 
     @property
@@ -191,6 +193,8 @@ def _media(sigma_a, sigma_s_reduced, g, eta):
 
 
 def _profile_map(model, sigma_a, sigma_s_reduced, g, eta, r, total, params):
+    for name in params:
+        choose("parameter", name, ("roughness", "A", "without_single"))
     a, s, cosine, index = _media(sigma_a, sigma_s_reduced, g, eta)
     radii = doubles(r, "r")
     out = np.empty(a.shape + radii.shape)
@@ -292,7 +296,8 @@ def fit(what: Union[Medium, Profile, Sequence[Profile]], count: int = 4, *, free
     out, report = ffi.new("struct pell_gaussians *"), ffi.new("struct pell_fit_report *")
     if not number(r_max, "r_max") >= 0:
         raise wrong("r_max", f"is {r_max!r:.60}, must be a length in mm, or 0: no end")
-    params = ffi.new("struct pell_fit_params *", {"count": whole(count, "count", 1, lib.PELL_GAUSSIANS_MAX), "free_energy": free_energy, "r_max_mm": r_max})
+    params = ffi.new("struct pell_fit_params *", {
+        "count": whole(count, "count", 1, lib.PELL_GAUSSIANS_MAX), "free_energy": free_energy, "r_max_mm": r_max})
     if isinstance(what, Medium):
         code = lib.pell_fit_medium(what.c, params, out, report)
     elif isinstance(what, Profile):

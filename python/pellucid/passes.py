@@ -6,7 +6,7 @@ from typing import Any, Optional, Sequence
 
 import numpy as np
 
-from ._base import Closing, Context, choose, closed, ffi, knob_text, lib, number, pointer, text, whole, wrong
+from ._base import Closing, Context, choose, closed, ffi, knob_rows, knob_text, lib, number, pointer, text, whole, wrong
 from .optics import Gaussians, Medium
 
 _FORMATS = {lib.PELL_PLANE_F32: (np.float32, "float *"), lib.PELL_PLANE_U16: (np.uint16, "uint16_t *"),
@@ -27,6 +27,9 @@ class Pass(Closing):
         context = self.context = Context()
         found = lib.pell_method_find(context.c, b"method", method.encode())
         context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
+        known = [text(k.name).replace("-", "_") for k in knob_rows(found.knobs)]
+        for name in knobs:
+            choose("knob", name, known, f"method {method}")
         words = " ".join(f"{k.replace('_', '-')}={knob_text(v)}" for k, v in knobs.items())
         context.check(lib.pell_method_knobs_create(context.c, found, words.encode(), self._knobs))
         context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256)}), self._device))
@@ -43,7 +46,7 @@ class Pass(Closing):
                 target.medium = Medium(0.01, 1.0).c[0]
             else:
                 raise wrong("media", f"has {m!r:.60}, must have Medium or Gaussians objects")
-        if len(shape) != 2:
+        if not hasattr(shape, "__len__") or len(shape) != 2:
             raise wrong("shape", f"is {shape!r:.60}, must be (height, width)")
         height, width = (whole(n, "shape", 1, 2 ** 31 - 1) for n in shape)
         self.shape, self.stride = (height, width), int(stride or width)

@@ -44,6 +44,12 @@ def _pixels(size: Any) -> tuple[int, int]:
     return int(array[0]), int(array[1])
 
 
+def _engine(name: str) -> int:
+    if name == "gpu":  # near "cpu" by its letters alone
+        raise wrong("engine", f'is "gpu", must be one of {", ".join(_ENGINES)}', 'did you mean "vulkan"?')
+    return choose("engine", name, _ENGINES)
+
+
 class _Plane:
     """Memory of a renderer that lives as long as arrays over it."""
 
@@ -157,7 +163,7 @@ class Renderer(Closing):
         scene._hold(1)
         context = self.context = scene.context
         params = ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256),
-                                                         "engine": choose("engine", engine, _ENGINES)})
+                                                         "engine": _engine(engine)})
         context.check(lib.pell_device_create(context.c, params, self._device))
         context.check(lib.pell_renderer_create(self._device[0], self._renderer))
         context.call(lib.pell_renderer_set_scene, self._renderer[0], data)

@@ -106,9 +106,9 @@ class Scene(Closing):
         keep: list = []
         params = _load_params(keep, **options)
         try:
-            data = json.dumps(scene, allow_nan=False, default=lambda v: v.tolist()).encode()
-        except (TypeError, ValueError, AttributeError) as e:
-            raise wrong("scene", f"is no scene file's content: {e}", "a dict of texts, numbers, lists and dicts") from None
+            data = json.dumps(scene, allow_nan=False, default=_plain).encode()
+        except (TypeError, ValueError) as e:
+            raise wrong("scene", f"is no content of a scene file: {e}", "a dict of texts, numbers, lists and dicts") from None
         self = cls(progress)
         self.context.call(lib.pell_scene_load_memory, self.context.c, path_bytes(os.path.join(folder, "dict.json")), data, len(data),
                           params, self._scene)
@@ -301,6 +301,13 @@ class Scene(Closing):
         if not self._closed:
             self._closed = True
             self._hold(0)
+
+
+def _plain(value: Any) -> Any:
+    """An array as JSON has it."""
+    if not hasattr(value, "tolist"):
+        raise TypeError(f"it holds {value!r:.60}")
+    return value.tolist()
 
 
 def _dicts(values: Any, what: str) -> list[dict]:

@@ -146,6 +146,8 @@ def test_errors_say_place_value_and_remedy():
             (lambda: pellucid.Profile(MARBLE, 3), "Profile: channel is 3, must be 0, 1 or 2"),
             (lambda: pellucid.Profile("marble"), "Profile: medium is 'marble', must be a Medium"),
             (lambda: pellucid.Profile.table([1, 2], [1]), "Profile.table: r has the shape (2,) and R (1,), both must have one (n,)"),
+            (lambda: pellucid.Profile(MARBLE, roughness=4), "Profile: roughness is 4, must be in [0, 1]"),
+            (lambda: pellucid.profile_at(R, 1, 1, rougness=1), 'profile_at: there is no parameter "rougness" (did you mean "roughness"?)'),
             (lambda: pellucid.gaussian_taps(-1.0), "gaussian_taps: variance is -1.0, must be above 0 and finite"),
             (lambda: pellucid.gaussian_taps(1.0, 8), "gaussian_taps: taps is 8, must be odd, 3 to 65"),
             (lambda: pellucid.fit(MARBLE)(R, 3), "Gaussians: channel is 3, must be 0, 1 or 2"),

@@ -166,7 +166,8 @@ def test_messages_of_scenes_from_arrays_begin_with_what_they_are_of(ball, caplog
     vertices, triangles, _ = ball
     with caplog.at_level("INFO", logger="pellucid"), warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles[:, ::-1], "normals": np.full_like(vertices, np.nan)}]).close()
+        mesh = {"vertices": vertices, "triangles": triangles[:, ::-1], "normals": np.full_like(vertices, np.nan)}
+        pellucid.Scene.from_arrays([mesh]).close()
         for wrong in ({"lights": [{"power": -1}]}, {"camera": {"fov_deg": 900}}):
             with pytest.raises(pellucid.InvalidError) as e:
                 pellucid.Scene.from_arrays([{"vertices": vertices, "triangles": triangles}], **wrong)
@@ -183,7 +184,7 @@ def test_lengths_have_the_units_of_scene_files(ball_file):
 
 def test_wrong_names_and_types_are_told_as_the_caller_gave_them(ball, ball_file):
     vertices, triangles, _ = ball
-    mesh, make = {"vertices": vertices, "triangles": triangles}, pellucid.Scene.from_arrays
+    mesh, make, load = {"vertices": vertices, "triangles": triangles}, pellucid.Scene.from_arrays, pellucid.Scene.load
     for call, words in ((lambda: pellucid.render(ball_file, load={**LOAD, "materal": "skin"}), 'did you mean "material"'),
                         (lambda: pellucid.render(ball_file, load={**LOAD, "progress": print}), '"progress"'),
                         (lambda: pellucid.render(ball_file, load="70mm"), "must be a dict"),
@@ -203,6 +204,15 @@ def test_wrong_names_and_types_are_told_as_the_caller_gave_them(ball, ball_file)
                         (lambda: make([mesh], camera="front"), "^Scene.from_arrays: camera is 'front', must be a dict"),
                         (lambda: make([mesh], camera={"to": (0, 1)}),
                          "^Scene.from_arrays: camera.to has the shape .2,., must be three numbers"),
+                        (lambda: load(ball_file, from_="nowhere", **LOAD), '^Scene.load: from_: there is no "nowhere" .allowed: front'),
+                        (lambda: load(ball_file, environment_rotate=90, **LOAD), "^Scene.load: environment_rotate goes with environment"),
+                        (lambda: load(ball_file, up="w", **LOAD), '^Scene.load: up: there is no "w" .allowed: y, z'),
+                        (lambda: pellucid.render(ball_file, "screen-spaec", load=LOAD),
+                         '^render: there is no method "screen-spaec" .did you mean'),
+                        (lambda: pellucid.render(ball_file, load=LOAD, engine="gpu"),
+                         '^render: engine is "gpu", must be one of auto, cpu, vulkan'),
+                        (lambda: pellucid.Scene.from_dict({"pellucid": object()}),
+                         "^Scene.from_dict: scene is no content of a scene file: it holds"),
                         (lambda: make([mesh], [{"etaa": 2}]), '^Scene.from_arrays: material 0 has no member "etaa"'),
                         (lambda: make([mesh], lights=[{"type": "pint"}]), 'there is no type of light "pint" .did you mean "point"'),
                         (lambda: pellucid.render(ball_file, load=LOAD, light_sample=2),
@@ -214,6 +224,8 @@ def test_wrong_names_and_types_are_told_as_the_caller_gave_them(ball, ball_file)
                          '^render: load has no option "sise" .did you mean "size"')):
         with pytest.raises(pellucid.InvalidError, match=words):
             call()
+    with pytest.raises(pellucid.FormatError, match="^Scene.from_arrays: holds no triangles"):
+        make([])
 
 
 def test_a_camera_may_look_along_its_default_up(ball):
