@@ -430,8 +430,10 @@ static enum exit_code split(struct cli *cli, const char *option, char *text, con
 
     if (!equals || equals == text)
         return cli_usage(cli, option,
-                         strcmp(option, "--limit") == 0 ? "`pellucid info` lists the names" : "`pellucid methods` lists the names",
-                         "\"%s\", must be NAME=VALUE", text);
+                         strcmp(option, "--limit") == 0   ? "`pellucid info` lists the names"
+                         : strcmp(option, "--inner") == 0 ? "dermis=dermis.obj"
+                                                          : "`pellucid methods` lists the names",
+                         "\"%s\", must be NAME=%s", text, strcmp(option, "--inner") == 0 ? "FILE" : "VALUE");
     *equals = '\0';
     *value = equals + 1;
     return EXIT_OK;

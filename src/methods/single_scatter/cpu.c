@@ -5,9 +5,8 @@
 #include "methods/reference_frame.h"
 #include "render/engine.h"
 
+#include <stdatomic.h>
 #include <string.h>
-
-enum { BATCH = 16 }; /* rows between two progress reports */
 
 struct single_state {
     struct reference_frame frame;         /* first member */
@@ -27,14 +26,16 @@ struct frame_task {
     const struct pell_frame *in;
     const struct pell_frame_light *out;
     const struct pell_view *view;
-    int first; /* first row */
+    int rows;
+    atomic_int *done; /* rows */
 };
 
 static void do_row(void *arg, int index, int worker)
 {
     const struct frame_task *t = arg;
     const struct pell_frame *in = t->in;
-    const ptrdiff_t row = (in->rect.y0 + t->first + index) * in->shape.stride;
+    const ptrdiff_t row = (in->rect.y0 + index) * in->shape.stride;
+    int done;
 
     for (ptrdiff_t at = row + in->rect.x0; at < row + in->rect.x1 && !pell_cancelled(t->st->ctx); at++) {
         const bool apart = t->out->single[0] != NULL;
@@ -52,26 +53,28 @@ static void do_row(void *arg, int index, int worker)
             t->st->frame.standard_error[c][at] = standard_error[c];
         }
     }
+    done = atomic_fetch_add(t->done, 1) + 1;
+    if (worker == 0 && !pell_cancelled(t->st->ctx)) /* the calling thread; a row may take seconds */
+        reference_progress(t->st->ctx, "single-scatter", in, done, t->rows);
 }
 
 static enum pell_result single_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct single_state *st = state;
-    struct frame_task t = { st, in, out, in->view, 0 };
+    atomic_int done = 0;
+    const struct frame_task t = { st, in, out, in->view, in->rect.y1 - in->rect.y0, &done };
     struct single_counts sum = { 0 };
-    const int rows = in->rect.y1 - in->rect.y0, threads = pell_pool_threads(st->services->pool);
+    const int threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
 
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     st->world.error = reference_sample_error((double) st->world.knobs.error, st->world.knobs.half, in->num_samples);
     st->world.seed = reference_half_seed(in->seed, st->world.knobs.half);
-    for (t.first = 0; t.first < rows; t.first += BATCH) {
-        pell_pool_run(st->services->pool, rows - t.first < BATCH ? rows - t.first : BATCH, do_row, &t);
-        if (pell_cancelled(st->ctx))
-            return PELL_ERR_CANCELLED;
-        reference_progress(st->ctx, "single-scatter", in, t.first + BATCH, rows);
-    }
+    pell_pool_run(st->services->pool, t.rows, do_row, (void *) &t);
+    if (pell_cancelled(st->ctx))
+        return PELL_ERR_CANCELLED;
+    reference_progress(st->ctx, "single-scatter", in, t.rows, t.rows);
     for (int i = 0; i < threads; i++) {
         sum.pixels += st->counts[i].pixels;
         sum.samples += st->counts[i].samples;
