@@ -219,6 +219,8 @@ void cli_format_knobs(const struct pell_knob *knobs, const void *values, const v
 
 /* Parses "A:B", or "I/N": part I, from 0, of N parts of [0, total), in multiples of `unit`. `total` 0: not known. */
 enum exit_code cli_range(struct cli *cli, const char *option, const char *text, int total, int unit, int *first, int *end);
+/* Whether --sample-range and --tile-range have their form and go with the other options; call before the scene is read. */
+enum exit_code cli_part_check(struct cli *cli);
 struct session;
 /* Fills in the samples, tiles and note of a checkpoint from the command line. The caller frees the note (free). */
 enum exit_code cli_part(struct cli *cli, const struct session *s, struct pell_checkpoint *checkpoint, char **note);

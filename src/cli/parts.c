@@ -11,7 +11,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define NOTE 60000 /* bytes */
+#define NOTE 60000         /* bytes */
+#define LARGEST 1000000000 /* above every number of a range */
 
 /* Parses a whole number up to the character `end`; *text is moved to it. */
 static bool whole_number(const char **text, char end, int *value)
@@ -75,6 +76,26 @@ char *cli_note(const struct cli *cli)
     return text;
 }
 
+enum exit_code cli_part_check(struct cli *cli)
+{
+    const struct {
+        const char *option, *text;
+    } parts[] = { { "--sample-range", cli->part.samples }, { "--tile-range", cli->part.tiles } };
+    enum exit_code code = EXIT_OK;
+
+    for (size_t i = 0; i < PELL_COUNT(parts) && code == EXIT_OK; i++) {
+        int first, end;
+        if (!parts[i].text)
+            continue;
+        if (!cli->checkpoint)
+            return cli_usage(cli, parts[i].option, "--checkpoint part.ckpt", "the part goes into a checkpoint: name one");
+        if (cli_given(cli, "--target-error"))
+            return cli_usage(cli, parts[i].option, NULL, "the error is that of the whole image: a part does not go with --target-error");
+        code = cli_range(cli, parts[i].option, parts[i].text, LARGEST, 1, &first, &end); /* its form: the total is not known yet */
+    }
+    return code;
+}
+
 enum exit_code cli_part(struct cli *cli, const struct session *s, struct pell_checkpoint *checkpoint, char **note)
 {
     const struct pell_knob *knob = s->method ? pell_knob_find(s->method->knobs, "samples") : NULL;
@@ -85,10 +106,6 @@ enum exit_code cli_part(struct cli *cli, const struct session *s, struct pell_ch
 
     if (samples == 0 && !cli_given(cli, stops[0]) && !cli_given(cli, stops[1]))
         samples = 64; /* the method's default */
-    if (cli->part.samples && cli_given(cli, stops[1]))
-        return cli_usage(cli, "--sample-range", NULL, "the error is that of the whole image: a part does not go with --target-error");
-    if (cli->part.tiles && cli_given(cli, stops[1]))
-        return cli_usage(cli, "--tile-range", NULL, "the error is that of the whole image: a part does not go with --target-error");
     if (cli->part.samples)
         code = cli_range(cli, "--sample-range", cli->part.samples, samples, s->settings.msaa, &checkpoint->first_sample,
                          &checkpoint->end_sample);

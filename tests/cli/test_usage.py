@@ -142,6 +142,11 @@ FAULTS = {
         (['render', 'no.obj', '--sample-range', '0:4'], 2, '--sample-range', '-m path-trace'),
     'a part without a checkpoint, said before the mesh is read':
         (['render', 'no.obj', '-m', 'path-trace', '--tile-range', '0:4'], 2, '--tile-range', '--checkpoint part.ckpt'),
+    'a part that is no range, said before the mesh is read':
+        (['render', 'no.obj', '-m', 'path-trace', '--checkpoint', 'a.ckpt', '--sample-range', '9'], 2, '"9", must be A:B', ''),
+    'a part of an error, said before the mesh is read':
+        (['render', 'no.obj', '-m', 'path-trace', '--checkpoint', 'a.ckpt', '--tile-range', '0/2', '--target-error', '5%'], 2,
+         'does not go with --target-error', ''),
     'a checkpoint of many images, said before the mesh is read':
         (['render', 'no.obj', '-m', 'path-trace', '--checkpoint', 'a.ckpt', '--turntable', '3'], 2, '--turntable', ''),
     'an interval without a checkpoint, said before the mesh is read':

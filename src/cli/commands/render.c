@@ -381,9 +381,8 @@ static enum exit_code check_checkpoint(struct cli *cli, struct job *job)
         return EXIT_OK;
     if (!job->chooses && session_method_ahead(cli, &method) && (code = check_method(cli, method)) != EXIT_OK)
         return code;
-    if ((cli->part.samples || cli->part.tiles) && !cli->checkpoint)
-        return cli_usage(cli, cli->part.samples ? "--sample-range" : "--tile-range", "--checkpoint part.ckpt",
-                         "the part goes into a checkpoint: name one");
+    if ((code = cli_part_check(cli)) != EXIT_OK)
+        return code;
     if (cli->checkpoint_every && !cli->checkpoint)
         return cli_usage(cli, "--checkpoint-every", NULL, "needs --checkpoint FILE");
     if (!cli->checkpoint)
