@@ -11,9 +11,9 @@ import subprocess
 import sys
 import time
 
-from cli_test import PROGRAM, Skip, clean_environment, main, names, need, one_object, png_pixels, run, test, text, works
+from cli_test import EVENTS, PROGRAM, Skip, clean_environment, main, names, need, one_object, png_pixels, run, test, text, works
 
-TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', 'events=32', '--set',
+TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', EVENTS, '--set',
          'acceleration=none', '--width', '40', '--height', '30', '--msaa', '2', '--light-samples', '1']
 FEW = [*TRACE, '--samples', '28']
 

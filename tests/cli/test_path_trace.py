@@ -10,10 +10,10 @@ import subprocess
 import sys
 import time
 
-from cli_test import PROGRAM, clean_environment, exr_header, main, names, need, one_object, run, test, text, works
+from cli_test import EVENTS, PROGRAM, clean_environment, exr_header, main, names, need, one_object, run, test, text, works
 
 # A ball of 20 mm whose walks are cut short: quick, and the same bits as any.
-TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', 'events=32', '--set',
+TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', EVENTS, '--set',
          'acceleration=none', '--width', '40', '--height', '30', '--msaa', '2', '--light-samples', '1']
 LONG = [*TRACE, '--samples', '100000000']
 

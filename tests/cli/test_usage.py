@@ -564,8 +564,8 @@ def run_examples(folder, lines):
     for line in lines: # those of the guide's pages are run by tests/docs
         words = shlex.split(line, comments=True)
         need(words[0] == 'pellucid', line)
-        if SANITIZED and words[1] == 'compare':
-            continue  # which has a test of its own
+        if SANITIZED and words[1] in ('compare', 'bench', 'view'):
+            continue  # which have tests of their own
         if words[1] == 'view':
             with Viewer(folder, *[w for w in words[2:] if w not in ('--port', '8000')], *SMALL) as viewer:
                 need(viewer.end() == 0, line)

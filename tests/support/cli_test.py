@@ -18,6 +18,7 @@ import zlib
 PROGRAM = os.path.abspath(sys.argv[1])
 ROOT = pathlib.Path(sys.argv[2]).resolve()
 SANITIZED = 'PELL_SANITIZED' in os.environ # everything takes some ten times as long; slow.h has the same for C
+EVENTS = f'events={8 if SANITIZED else 32}' # of a walk of path-trace: it is cut short, any number of samples and parts has the same bits
 SMALL = ['--width', '48', '--height', '27', '--msaa', '1', '--light-samples', '2', '--indirect-samples', '256']
 TESTS = []
 
