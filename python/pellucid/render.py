@@ -184,7 +184,7 @@ class Renderer(Closing):
             context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
             table = {text(k.name) for k in knob_rows(found.knobs)}
         for key, value in given.items():
-            option = key.replace("_", "-")
+            option = key.rstrip("_").replace("_", "-")
             option = next((k for k in _COMMON.get(key, ()) if k in table), option)
             if option in table:
                 knobs[option] = value
@@ -197,8 +197,9 @@ class Renderer(Closing):
     def render(self, method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None, layers: bool = True, copy: bool = True,
                intermediates: bool = False, **knobs: Any) -> Picture:
         """One image. method: a name of methods(), or "none"; default: the scene file's, else screen-space. size: (width, height).
-        knobs: those of the method and of `pellucid render` (msaa, bounces, seed, ...), with underscores; **{"as": "paper"}: as
-        published, with the paper's settings where none are given. copy False: the arrays are views of the renderer's memory, valid until its next call.
+        knobs: those of the method and of `pellucid render` (msaa, bounces, seed, ...), with underscores, and one at the end where the
+        name is Python's or an argument: as_="paper" is the published form, with the paper's settings where none are given, size_=1024
+        the map of texture-space. copy False: the arrays are views of the renderer's memory, valid until its next call.
         intermediates: also keeps what the method makes on its way (blurs, stretch, thickness, ...), in Picture.intermediates."""
         if not self._held:
             raise closed("Renderer")

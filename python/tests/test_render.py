@@ -59,8 +59,16 @@ def test_as_paper_has_the_papers_settings(program, ball_file, tmp_path):
     for more, knobs in (((), {}), (("--exit", "balanced"), {"exit": "balanced"})):
         program("render", ball_file, "--size", "40mm", "--material", "wholemilk", "-m", "image-space", "--set", "as=paper", "--width",
                 SIZE[0], "--height", SIZE[1], "-q", "-o", out, *more)
-        picture = pellucid.render(ball_file, "image-space", size=SIZE, load=LOAD, **{"as": "paper"}, **knobs)
+        picture = pellucid.render(ball_file, "image-space", size=SIZE, load=LOAD, as_="paper", **knobs)
         assert (pellucid.read_image(out) == picture.rgb).all()
+
+
+def test_a_knob_that_has_the_name_of_an_argument_ends_with_an_underscore(ball_file):
+    with pellucid.Renderer(pellucid.Scene.load(ball_file, **LOAD)) as renderer:
+        maps = [renderer.render("texture-space", size=SIZE, size_=side, charts="planar", intermediates=True).intermediates
+                for side in (64, 128)]
+    width = [next(v for k, v in shown.items() if k.endswith("texel-size")).data.shape[1] for shown in maps]
+    assert width[0] <= 64 < width[1] <= 128
 
 
 def test_arrays_of_a_picture_are_the_renderers_and_outlive_it(ball_file):
