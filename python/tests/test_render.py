@@ -313,7 +313,7 @@ def test_ctrl_c_cancels(ball_file, ctrl_c):
 
 def test_other_threads_run_while_one_renders(ball_file):
     rendering = threading.Thread(target=pellucid.render, args=(ball_file, "path-trace"),
-                                 kwargs={"size": (160, 120), "samples": 64, "threads": 1, "load": LOAD})
+                                 kwargs={"size": (80, 60), "samples": 32, "threads": 1, "load": LOAD})
     turns = 0
     rendering.start()
     while rendering.is_alive():
