@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * simd_kernel.c - a kernel as the library has them, built once per level by this folder's meson.build. */
+ * simd_kernel.c - a kernel like those of the library, compiled once per SIMD level by this folder's meson.build. */
 #include "simd_kernel.h"
 
 static void smooth(const float *restrict in, float *restrict out, int n)

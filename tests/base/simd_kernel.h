@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * simd_kernel.h - the table of the test kernel's functions. */
+ * simd_kernel.h - the table of the test kernel's functions, one entry per SIMD level. */
 #ifndef TEST_SIMD_KERNEL_H
 #define TEST_SIMD_KERNEL_H
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_alloc.c - memory that is counted, limited, aligned, and that fails when a test says so; contexts and their messages. */
+ * test_alloc.c - the allocator: counting, limits, alignment and injected failures; contexts and their messages. */
 #include "pell_test.h"
 
 static void blocks_are_aligned_counted_and_zeroed(void **state)
@@ -90,7 +90,7 @@ static void growing_arrays_keep_their_items(void **state)
         ((int *) array)[i] = i;
     }
     assert_int_equal(capacity, 1024);
-    assert_true(pell_allocations(ctx) <= 8); /* doubles, from 8 */
+    assert_true(pell_allocations(ctx) <= 8); /* doubles from 8 elements */
     for (int i = 0; i < 1000; i++)
         assert_int_equal(((int *) array)[i], i);
     shrunk = pell_realloc_array(ctx, array, 10, sizeof(int));
@@ -123,7 +123,7 @@ static void failed_growth_leaves_the_array_alone(void **state)
     assert_int_equal(fault.live, 0);
 }
 
-/* The pattern that every module's test follows: fail the n-th allocation until the whole work succeeds. */
+/* The pattern of every module's allocation test: fail the n-th allocation, for n = 1, 2, ..., until the whole operation succeeds. */
 static enum pell_result some_work(struct pell_context *ctx)
 {
     enum pell_result res = PELL_ERR_NOMEM;
@@ -254,12 +254,12 @@ static void every_result_has_a_name_of_its_own(void **state)
             assert_string_not_equal(pell_result_name((enum pell_result) a), pell_result_name((enum pell_result) b));
     }
     assert_string_equal(pell_result_name((enum pell_result) 99), "unknown result");
-    assert_string_equal(pell_version_string(), PELL_TEST_VERSION); /* the build's number and the header's are one */
+    assert_string_equal(pell_version_string(), PELL_TEST_VERSION); /* the build's version equals the header's */
     assert_string_equal(PELL_VERSION_STRING, PELL_TEST_VERSION);
     assert_int_equal(pell_version_number(), PELL_VERSION_NUMBER);
 }
 
-/* 0.x: another minor version has other structs. The parameters of such a program are not read, but for its log. */
+/* 0.x: another minor version has other structs. The parameters of such a program are not read, except for its log callback. */
 static void a_program_of_another_version_is_refused_with_one_message(void **state)
 {
     const int same = PELL_VERSION_NUMBER, minor = PELL_VERSION_NUMBER + 1000, major = PELL_VERSION_NUMBER + 1000000;
@@ -288,7 +288,7 @@ static void a_program_of_another_version_is_refused_with_one_message(void **stat
     pell_context_destroy(&ctx);
 }
 
-/* A scene of a million instances must not make a million lines. */
+/* A scene of a million instances must not produce a million log lines. */
 static void warnings_of_one_kind_are_limited(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -302,14 +302,14 @@ static void warnings_of_one_kind_are_limited(void **state)
                      PELL_OK);
     for (int i = 0; i < 100; i++)
         pell_warn(ctx, "a.obj", NULL, "face %d is odd", i);
-    assert_int_equal(kept.warnings, 3 + 1); /* and that there are more */
+    assert_int_equal(kept.warnings, 3 + 1); /* and a note that there are more */
     REQUIRE(strstr(kept.last_warning, "further") != NULL);
     pell_warn(ctx, "a.obj", NULL, "another kind");
     assert_int_equal(kept.warnings, 5);
     pell_context_destroy(&ctx);
 }
 
-/* Blocks that come as pages from the system, and those that don't. */
+/* Blocks that are allocated as pages from the system, and smaller ones that are not. */
 static void large_blocks_are_zero_aligned_and_counted(void **state)
 {
     static const size_t sizes[] = { (8u << 20) - 1, 8u << 20, (9u << 20) + 13 };
@@ -317,7 +317,7 @@ static void large_blocks_are_zero_aligned_and_counted(void **state)
 
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(sizes); i++)
-        for (int round = 0; round < 2; round++) { /* what was written and given back is not seen again */
+        for (int round = 0; round < 2; round++) { /* data of a freed block is not visible again */
             unsigned char *p = pell_zalloc(ctx, sizes[i]), *q;
 
             assert_non_null(p);

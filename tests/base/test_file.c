@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_file.c - whole files in and out, and references that try to leave their folder. */
+ * test_file.c - reading and writing whole files, and references that try to leave their folder. */
 #define _XOPEN_SOURCE 700
 #include "pell_test.h"
 
@@ -99,7 +99,7 @@ static void require_text(struct fixture *f, const char *path, const char *text)
 
     assert_int_equal(pell_file_read(f->ctx, path, &data, &size), PELL_OK);
     assert_int_equal(size, strlen(text));
-    assert_string_equal((char *) data, text); /* the NUL behind the last byte, too */
+    assert_string_equal((char *) data, text); /* including the NUL behind the last byte */
     pell_free(f->ctx, data);
 }
 
@@ -171,7 +171,7 @@ static void read_refuses_files_over_the_limit(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* The kernel says 0 bytes for these and then gives more: a file that grows under the reader's hands. */
+/* The kernel reports a size of 0 bytes for these files and then delivers more: a file that grows while it is read. */
 static void read_refuses_a_file_that_grows(void **state)
 {
     if (access("/proc/self/status", R_OK) != 0)
@@ -179,7 +179,7 @@ static void read_refuses_a_file_that_grows(void **state)
     refuse_read(*state, "/proc/self/status", PELL_ERR_IO, "changed its size");
 }
 
-/* A sparse file of a terabyte is refused by the limit, not by memory. */
+/* A sparse file of one terabyte is refused by the size limit, not by an allocation that fails. */
 static void read_refuses_a_huge_sparse_file_before_it_allocates(void **state)
 {
     struct fixture *f = *state;
@@ -289,7 +289,7 @@ static void write_refuses_folders_and_absent_places(void **state)
     assert_int_equal(entries(f->folder), 2);
 }
 
-/* A disk that fills up half way: what was there before stays, nothing else does. */
+/* A disk that fills up in the middle of a write: the previous file stays, and no temporary file remains. */
 static void write_that_fails_midway_leaves_the_old_file(void **state)
 {
     struct fixture *f = *state;
@@ -349,7 +349,7 @@ static void *slow_reader(void *arg)
     return NULL;
 }
 
-/* A pipe takes 64 KiB at a time: the loop over partial writes. */
+/* A pipe accepts 64 KiB at a time: tests the loop over partial writes. */
 static void write_to_standard_output_is_whole_through_a_pipe(void **state)
 {
     struct fixture *f = *state;
@@ -456,7 +456,7 @@ static void files_that_were_read_are_known(void **state)
     struct fixture *f = *state;
     char path[1100], other[1100], link_to[1100];
 
-    for (int i = 0; i < 100; i++) { /* more than the table holds at first */
+    for (int i = 0; i < 100; i++) { /* exceeds the table's initial capacity */
         uint8_t *data;
         size_t size;
         snprintf(path, sizeof(path), "%s/read-%d", f->folder, i);

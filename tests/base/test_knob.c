@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_knob.c - one table of all types of knobs: defaults, reading, refusing, printing. */
+ * test_knob.c - a table with all types of knobs: defaults, parsing, refusals, printing. */
 #include "pell_test.h"
 
 #include <pellucid/knob.h>
@@ -11,7 +11,7 @@ struct values {
     float lod, tenth;
     int mode;
     float tint[3];
-    int after; /* no row writes here */
+    int after; /* no row writes to this member */
 };
 
 static const char *const modes[] = { "slab", "gaussian", "none", NULL };

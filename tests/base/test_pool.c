@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_pool.c - every index exactly once, by any number of threads; asleep when there is nothing to do. */
+ * test_pool.c - the thread pool runs every index exactly once with any number of threads, and sleeps when it is idle. */
 #include "pell_test.h"
 
 #include "base/pool.h"
@@ -85,7 +85,7 @@ static void results_are_the_same_bits_for_any_number_of_threads(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* What run n wrote, run n + 1 reads, whichever threads they are: thousands of short runs in a row. */
+/* Run n + 1 reads what run n wrote, whichever threads execute them: thousands of short runs in a row. */
 struct chain {
     int64_t from[64], to[64];
 };
@@ -162,7 +162,7 @@ static double cpu_seconds(void)
     return (double) t.tv_sec + 1e-9 * (double) t.tv_nsec;
 }
 
-/* Eight workers that spun for 0.3 s on any number of cores would burn 0.3 s at least. */
+/* Eight workers that spin for 0.3 s would use at least 0.3 s of processor time on any number of cores. */
 static void idle_workers_sleep(void **state)
 {
     static struct marks m = { .threads = 8 };
@@ -210,7 +210,7 @@ static void cancelling_stops_handing_out(void **state)
         assert_true(c.done >= 10);
         assert_true(c.done < 10000000);
         c.done = 0;
-        pell_pool_run(pool, 1000, cancel_at_ten, &c); /* a cancelled context stays so */
+        pell_pool_run(pool, 1000, cancel_at_ten, &c); /* a cancelled context stays cancelled */
         assert_int_equal(c.done, 0);
         pell_pool_destroy(&pool);
         pell_context_destroy(&ctx);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_simd.c - the choice of a level, and the same bits from all of them. */
+ * test_simd.c - selection of the SIMD level; all levels give bit-identical results. */
 #define _XOPEN_SOURCE 700 /* setenv */
 #include "pell_test.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_text.c - bounded texts, nearest names, safe printing, numbers and lengths. */
+ * test_text.c - bounded strings, nearest names, safe printing, numbers and lengths. */
 #include "pell_test.h"
 
 #include <locale.h>
@@ -218,7 +218,7 @@ static void numbers_are_exact(void **state)
     assert_true(pell_parse_number("-0", 2, &value) && signbit(value));
 }
 
-/* Long texts of digits: an exact half, and a half with one more digit a thousand places on. */
+/* Long digit strings: an exact tie, and a tie with one more digit a thousand digits later. */
 static void numbers_round_right_after_a_thousand_digits(void **state)
 {
     char text[3000];
@@ -226,7 +226,7 @@ static void numbers_round_right_after_a_thousand_digits(void **state)
     size_t n;
     (void) state;
 
-    /* 2^53 + 1 lies half way between two doubles; ties go to the even one. */
+    /* 2^53 + 1 lies half-way between two doubles; ties round to even. */
     n = (size_t) snprintf(text, sizeof(text), "9007199254740993.");
     memset(text + n, '0', 2000);
     assert_true(pell_parse_number(text, n + 2000, &value));
@@ -235,7 +235,7 @@ static void numbers_round_right_after_a_thousand_digits(void **state)
     assert_true(pell_parse_number(text, n + 2000, &value));
     assert_true(value == 9007199254740994.0);
 
-    /* "0.000...0001" with an exponent that brings it back, and "1000...000e-2000". */
+    /* "0.000...0001" with an exponent that compensates the zeros, and "1000...000e-2000". */
     memset(text, '0', sizeof(text));
     text[1] = '.';
     n = 2000;
@@ -249,7 +249,7 @@ static void numbers_round_right_after_a_thousand_digits(void **state)
     assert_true(value == 1);
 }
 
-/* Against the C library in the C locale, over doubles of every magnitude. */
+/* Compared with the C library in the C locale, over doubles of every magnitude. */
 static void numbers_agree_with_the_c_library(void **state)
 {
     uint64_t seed = 1;

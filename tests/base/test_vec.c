@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_vec.c - src/math/vec.h: vectors, frames and matrices against their defining properties. */
+ * test_vec.c - src/math/vec.h: vectors, frames and matrices against their defining identities. */
 #include "pell_test.h"
 
 #include "math/vec.h"
@@ -92,7 +92,7 @@ static void matrices_compose_right_to_left(void **state)
     }
 }
 
-/* A normal stays at right angles to the transformed tangents, and on its side under a mirror. */
+/* A transformed normal stays perpendicular to the transformed tangents, and on its side under a reflection. */
 static void normals_stay_normal_and_on_their_side(void **state)
 {
     int mirrors = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * slow_library.c - preloaded: stands before calls that take long and can't be asked to end, and says on stderr when one began. */
+ * slow_library.c - preloaded library: intercepts calls that take long and cannot be interrupted, and reports on stderr when one begins. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>

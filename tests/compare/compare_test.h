@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * compare_test.h - what the tests of this room share: pairs of pictures in memory, and comparing them. */
+ * compare_test.h - shared by the tests of the comparison: pairs of images in memory, and their comparison. */
 #ifndef PELL_COMPARE_TEST_H
 #define PELL_COMPARE_TEST_H
 
@@ -35,7 +35,7 @@ static inline double noise(int x, int y, int c, int seed)
     return (double) (hash((uint32_t) x + 7919u * (uint32_t) y + 104729u * (uint32_t) c + 1299709u * (uint32_t) seed) >> 8) / 16777216.0;
 }
 
-/* Black pictures without halves and mask. */
+/* Black images without halves and mask. */
 static inline void pair_begin(struct pair *p, int width, int height)
 {
     memset(p, 0, sizeof(*p));

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * test_colormap.c - colours of error maps against the tables of their authors. */
+ * test_colormap.c - colour maps of error images against the tables published by their authors. */
 #include "compare_test.h"
 
 struct color {
     double at, rgb[3];
 };
 
-/* Of the 256 colours of magma (matplotlib), none of which is a knot of ours. */
+/* Entries of matplotlib's magma (256 colours), none of which is a knot of our interpolation. */
 static void magma_is_that_of_its_authors(void **state)
 {
     static const struct color known[] = {
@@ -23,7 +23,7 @@ static void magma_is_that_of_its_authors(void **state)
     }
 }
 
-/* The table that Moreland 2009 prints, 8 bit. */
+/* The 8-bit table printed in Moreland 2009. */
 static void diverging_is_that_of_its_author(void **state)
 {
     static const struct color known[] = {
@@ -56,7 +56,7 @@ static void ends_hold_for_all_that_lies_beyond(void **state)
         }
 }
 
-/* Error that grows looks brighter in every step. */
+/* A larger error has a higher luminance, for every step. */
 static void magma_brightens(void **state)
 {
     double last = -1.0;

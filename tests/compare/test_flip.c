@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_flip.c - FLIP and HDR-FLIP against what their papers define, written down a second time: in doubles, with filters over two
- * dimensions as they are printed; against closed forms; and against numbers of the authors' program. */
+ * test_flip.c - FLIP and HDR-FLIP against a second implementation that follows the papers literally (double precision, two-dimensional
+ * filters as printed), against closed forms, and against values printed by the authors' program. */
 #include "compare_test.h"
 
 #include "compare/tile.h"
@@ -107,7 +107,7 @@ static void filtered_lab(const struct picture *p, double ppd, int x, int y, doub
     hunt_lab(rgb, lab);
 }
 
-/* Norm of the response along x and along y. */
+/* Norm of the responses along x and y. */
 static double feature(const struct picture *p, double ppd, int x, int y, bool point)
 {
     const double sd = 0.5 * 0.082 * ppd;
@@ -138,7 +138,7 @@ static double flip_at(const struct picture *t, const struct picture *b, double p
     return pow(color, 1.0 - sqrt(fmax(edges, points) / sqrt(2.0)));
 }
 
-/* --- Against it ----------------------------------------------------------------------------------------------------------------- */
+/* --- Against the literal implementation ----------------------------------------------------------------------------------------- */
 
 /* Smooth colours, edges, points and noise. */
 static void paint(struct pair *p, double scale)
@@ -163,7 +163,7 @@ static void flip_is_what_its_paper_defines(void **state)
     struct pair p;
     (void) state;
 
-    pair_begin(&p, 150, 71); /* more than one tile, both ways */
+    pair_begin(&p, 150, 71); /* more than one tile in both directions */
     paint(&p, 1.0);
     p.in.display = true;
     for (size_t k = 0; k < PELL_COUNT(ppds); k++) {
@@ -180,7 +180,7 @@ static void flip_is_what_its_paper_defines(void **state)
     pair_end(&p);
 }
 
-/* One colour each: filters do nothing, features are 0, and what is left is a number of two colours. */
+/* Constant images: filters do nothing, features are 0, and the error depends on two colours alone. */
 static void constant_pictures_have_closed_forms(void **state)
 {
     static const double colors[][3] = {
@@ -205,14 +205,14 @@ static void constant_pictures_have_closed_forms(void **state)
         }
     pair_fill(&p, TEST, 0, 1, 0);
     pair_fill(&p, REFERENCE, 0, 0, 1);
-    REQUIRE_NEAR(pair_compare(&p)->whole.flip, 1.0, 1e-5); /* the farthest of all colours */
+    REQUIRE_NEAR(pair_compare(&p)->whole.flip, 1.0, 1e-5); /* the largest possible colour difference */
     pair_fill(&p, TEST, 0, 0, 0);
     pair_fill(&p, REFERENCE, 1, 1, 1);
     REQUIRE_NEAR(pair_compare(&p)->whole.flip, 0.967382, 2e-5); /* 0.95 + 0.05 (100^0.7 - 0.4 m)/(0.6 m), m = 41.2761 */
     pair_end(&p);
 }
 
-/* A test and a reference may change places, pictures may be mirrored and turned. */
+/* Test and reference may be swapped, and images may be mirrored and rotated, without a change of the error. */
 static void flip_is_symmetric(void **state)
 {
     struct pair p, q;
@@ -238,7 +238,7 @@ static void flip_is_symmetric(void **state)
     pair_end(&q);
 }
 
-/* A change of one pixel is seen where it is, and nowhere beyond the filters' reach; a larger one is seen better. */
+/* A change of one pixel raises the error there and nowhere beyond the filters' radius; a larger change raises it more. */
 static void one_pixel_is_seen_where_it_is(void **state)
 {
     float last = 0.0f;
@@ -268,7 +268,8 @@ static void one_pixel_is_seen_where_it_is(void **state)
 
 /* --- HDR ------------------------------------------------------------------------------------------------------------------------ */
 
-/* The authors' program prints -12.5423 to 0.9427 and 14 exposures for its example, whose largest and median luminance follow. */
+/* The authors' program prints -12.5423 to 0.9427 and 14 exposures for its example; the largest and median luminance below follow from
+ * these. */
 static void the_range_of_exposures_is_that_of_the_paper(void **state)
 {
     double start, stop, x;
@@ -329,7 +330,7 @@ static void hdr_flip_is_the_largest_over_exposures(void **state)
     pair_end(&p);
 }
 
-/* HDR-FLIP knows no unit: both pictures times a power of two is the same question. */
+/* HDR-FLIP is independent of the unit: multiplying both images by a power of two gives the same error. */
 static void hdr_flip_does_not_depend_on_the_unit(void **state)
 {
     struct pair p;
@@ -347,7 +348,7 @@ static void hdr_flip_does_not_depend_on_the_unit(void **state)
     pair_end(&p);
 }
 
-/* A thing before black: the median over the whole picture is 0, and no exposure would show anything at 0.85. */
+/* An object in front of black: the median over the whole image is 0, and no exposure would map anything to 0.85. */
 static void black_around_an_object_is_no_trap(void **state)
 {
     struct pair p;

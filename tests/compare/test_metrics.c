@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_metrics.c - sums, masks, noise, numbers that are not finite, and SSIM against closed forms and a second, literal evaluation. */
+ * test_metrics.c - error metrics: sums, masks, noise and non-finite values; SSIM against closed forms and a second, literal evaluation. */
 #include "compare_test.h"
 #include "slow.h"
 
@@ -101,7 +101,7 @@ static void ssim_of_constants_has_a_closed_form(void **state)
     pair_end(&p);
 }
 
-/* Moments of flat areas cancel: what rounding leaves of the covariance must not carry the index out of its range. */
+/* Moments of constant areas cancel: rounding errors of the covariance must not move SSIM out of its range. */
 static void ssim_of_flat_areas_stays_within_its_range(void **state)
 {
     struct pair p;
@@ -126,7 +126,7 @@ static void ssim_of_flat_areas_stays_within_its_range(void **state)
     pair_end(&p);
 }
 
-/* Wang et al. 2004, literally: two dimensions, central moments, doubles. */
+/* SSIM of Wang et al. 2004, literally: two-dimensional windows, central moments, double precision. */
 static double ssim_at(const float *a, const float *b, int width, int x, int y)
 {
     double sum = 0.0, ma = 0.0, mb = 0.0, va = 0.0, vb = 0.0, cov = 0.0;
@@ -160,7 +160,7 @@ static void ssim_is_what_its_paper_defines(void **state)
 
     pair_begin(&p, 141, 75);
     speckle(&p, 5);
-    for (int i = 0; i < PICTURES; i++) /* grey: luma is the value */
+    for (int i = 0; i < PICTURES; i++) /* grey: luma equals the value */
         for (int c = 1; c < 3; c++)
             memcpy(p.plane[i][c], p.plane[i][0], (size_t) (141 * 75) * sizeof(float));
     p.in.display = true;
@@ -171,7 +171,7 @@ static void ssim_is_what_its_paper_defines(void **state)
             mean += s / (65.0 * 131.0);
             REQUIRE_NEAR(p.out.ssim[y * 141 + x], s, 3e-4);
         }
-    REQUIRE_NEAR(p.out.whole.ssim, mean, 2e-5); /* over windows that lie inside */
+    REQUIRE_NEAR(p.out.whole.ssim, mean, 2e-5); /* over windows inside the image */
     REQUIRE_NEAR(p.out.whole.ssim_rgb[1], mean, 2e-5);
     assert_true(mean > 0.05 && mean < 0.95);
     pair_end(&p);
@@ -188,7 +188,7 @@ static void a_mask_restricts_means(void **state)
     p.in.mask = p.mask;
     for (int y = 0; y < 70; y++)
         for (int x = 0; x < 140; x++) {
-            p.mask[y * 140 + x] = x >= 70 ? 1.0f : x == 10 ? NAN : 0.5f; /* half and NaN are out */
+            p.mask[y * 140 + x] = x >= 70 ? 1.0f : x == 10 ? NAN : 0.5f; /* half and NaN are excluded */
             if (x >= 70)
                 p.plane[TEST][1][y * 140 + x] = 0.75f;
         }
@@ -207,12 +207,12 @@ static void a_mask_restricts_means(void **state)
     pair_end(&p);
 }
 
-/* Two halves of a reference with noise of variance v each, so that theirs is v/2: an exact picture has an mse of v/2 against it, of which
- * nothing is left; one with an error keeps its own. */
+/* Two halves of a reference with noise of variance v each, so that the variance of their mean is v/2: an exact image has an MSE of v/2
+ * against the mean, which the correction removes; an image with an error keeps that error. */
 static void the_references_noise_is_not_charged(void **state)
 {
     RELEASE_ONLY();
-    const double sd = 0.03, variance = sd * sd, error = 0.05; /* of one half: uniform numbers of this standard deviation */
+    const double sd = 0.03, variance = sd * sd, error = 0.05; /* noise of one half: uniform, with this standard deviation */
     double inverse = 0.0;                                     /* mean of 1/b^2 */
     struct pair p;
     (void) state;
@@ -234,16 +234,16 @@ static void the_references_noise_is_not_charged(void **state)
             p.in.half[c] = p.plane[HALF][c];
         pair_compare(&p);
         REQUIRE_REL(p.out.whole.noise_mse, 0.5 * variance, 0.01);
-        REQUIRE_NEAR(p.out.whole.mse, d * d, 2e-5); /* 6 standard errors of 360000 numbers */
+        REQUIRE_NEAR(p.out.whole.mse, d * d, 2e-5); /* 6 standard errors of 360000 values */
         REQUIRE_NEAR(p.out.whole.bias[1], d, 4e-4);
         REQUIRE_REL(p.out.whole.noise_rel_mse, 0.5 * variance * inverse, 0.02);
         REQUIRE_NEAR(p.out.whole.rel_mse, d * d * inverse, k ? 4e-5 : 1.5e-5);
         for (int c = 0; c < 3; c++)
             p.in.half[c] = NULL;
         pair_compare(&p);
-        REQUIRE_REL(p.out.whole.mse, variance + d * d, 0.02); /* one half alone is charged with all of its noise */
+        REQUIRE_REL(p.out.whole.mse, variance + d * d, 0.02); /* a single half has all of its noise counted */
         REQUIRE(p.out.whole.noise_mse == 0.0);
-        for (int c = 0; c < 3; c++) { /* the same noise, told as a variance */
+        for (int c = 0; c < 3; c++) { /* the same noise, given as a variance */
             for (int i = 0; i < 400 * 300; i++)
                 p.plane[HALF][c][i] = (float) variance;
             p.in.variance[c] = p.plane[HALF][c];
@@ -255,7 +255,7 @@ static void the_references_noise_is_not_charged(void **state)
         p.plane[HALF][1][77] = NAN;
         pair_compare(&p);
         REQUIRE(p.out.bad_reference == 1 && p.out.whole.pixels == 400 * 300 - 1 && isfinite(p.out.whole.mse));
-        p.plane[HALF][1][78] = -1e38f; /* no variance is negative */
+        p.plane[HALF][1][78] = -1e38f; /* a variance is never negative */
         pair_compare(&p);
         REQUIRE(p.out.bad_reference == 2 && p.out.whole.pixels == 400 * 300 - 2);
         REQUIRE_REL(p.out.whole.noise_mse, variance, 1e-5);
@@ -304,11 +304,11 @@ static void what_is_not_finite_is_counted_and_goes_no_further(void **state)
     assert_true(all_finite(&p.out));
     REQUIRE_REL(p.out.whole.mse, clean.mse, 1e-12);
     REQUIRE_REL(p.out.whole.bias[0], clean.bias[0], 1e-12);
-    REQUIRE(p.out.flip[5] < p.out.flip[90 * 20 + 20]); /* there both are alike */
+    REQUIRE(p.out.flip[5] < p.out.flip[90 * 20 + 20]); /* where both images agree */
     pair_end(&p);
 }
 
-/* Values as large, small, negative as floats get. */
+/* Large, small and negative values over the range of float. */
 static void wild_values_stay_finite(void **state)
 {
     static const float wild[] = { 3e38f, -3e38f, 1e-40f, -1e-40f, 0.0f, -0.0f, 1e20f, -1.0f, 65504.0f, 1e-30f };
@@ -347,7 +347,7 @@ static void any_size_will_do(void **state)
     }
 }
 
-/* Rows may be longer than the picture; what lies between is not looked at. */
+/* The stride may exceed the width; values between rows are not read. */
 static void rows_may_have_a_stride(void **state)
 {
     struct pell_metrics wide;
@@ -449,7 +449,7 @@ static void curves_and_exposures_are_what_is_asked_for(void **state)
     }
     p.params.exposure = p.params.white = 0.0f;
     p.params.tonemap = PELL_COMPARE_REINHARD;
-    first = pair_compare(&p)->whole.flip; /* metered on the reference: the unit does not matter */
+    first = pair_compare(&p)->whole.flip; /* exposure metered on the reference: independent of the unit */
     pair_fill(&p, REFERENCE, 2048.0, 2048.0, 2048.0);
     pair_fill(&p, TEST, 4096.0, 4096.0, 4096.0);
     REQUIRE_NEAR(pair_compare(&p)->whole.flip, first, 1e-6);

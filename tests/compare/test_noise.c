@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_noise.c - errors against references with known noise: their means over many seeds are the errors without noise, their standard
- * errors are honest, and the Z-test accepts what is the same at its rate and rejects what is not. */
+ * test_noise.c - errors against noisy references: the mean over many seeds equals the error without noise (no bias), the reported
+ * standard errors match the spread, and the Z-test has its nominal false-positive rate and rejects images that differ. */
 #include "compare_test.h"
 
 #include "compare/errors.h"
@@ -10,13 +10,13 @@
 
 enum { SEEDS = 80, RUNS = 200 };
 
-/* Normal numbers of variance 1, by Box and Muller. */
+/* Normally distributed numbers of variance 1, by Box and Muller. */
 static double normal(int i, int c, int seed)
 {
     return sqrt(-2.0 * log(1.0 - noise(i, c, 1, seed))) * cos(6.28318530717958648 * noise(i, c, 2, seed));
 }
 
-/* Noise of mean 0 and standard deviation sd: normal, or as of light that few paths find: m squares of normal numbers. */
+/* Noise of mean 0 and standard deviation sd: normal, or skewed like light that few paths find: sums of m squared normal numbers. */
 static double noise_of(double sd, bool skewed, int i, int c, int seed)
 {
     const int m = (int) lrint(2.0 / (sd * sd));
@@ -36,7 +36,8 @@ static double truth(int i)
     return 1.0 + 0.5 * sin(0.1 * (i % SIDE)) * cos(0.07 * (i / SIDE));
 }
 
-/* A test image that is wrong by the factor 1 + error, against halves whose mean has noise `sd`, relative to the light. */
+/* A test image that is wrong by the factor 1 + error, against halves whose mean has noise of standard deviation `sd`, relative to the
+ * radiance. */
 static void make(struct pair *p, double error, double sd, bool skewed, int seed)
 {
     for (int c = 0; c < 3; c++) {
@@ -50,7 +51,7 @@ static void make(struct pair *p, double error, double sd, bool skewed, int seed)
     }
 }
 
-/* What rel_mse is without noise; the floor's e is 1 % of the mean. */
+/* The value of rel_mse without noise; the floor e of the denominator is 1 % of the mean. */
 static double true_error(const struct pair *p, double e)
 {
     double sum = 0.0;
@@ -63,7 +64,8 @@ static double true_error(const struct pair *p, double e)
     return sum / (3.0 * PIXELS);
 }
 
-/* d^2/(b^2 + e^2) with the mean of the halves as b, less its noise to first order where that is under a tenth: what was printed before. */
+/* d^2/(b^2 + e^2) with the mean of the halves as b, minus its noise bias to first order where the noise is below a tenth: the estimator
+ * before the present one. */
 static double naive_error(const struct pair *p, double e)
 {
     double sum = 0.0;
@@ -71,15 +73,15 @@ static double naive_error(const struct pair *p, double e)
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PIXELS; i++) {
             const double b1 = p->plane[REFERENCE][c][i], b2 = p->plane[HALF][c][i], b = 0.5 * (b1 + b2), v = 0.25 * (b1 - b2) * (b1 - b2);
-            const double d = (double) p->plane[TEST][c][i] - b, below = b * b + e * e, share = v / below;
-            const double steep = share * (4.0 * d * b / below + d * d / below * (4.0 * b * b / below - 1.0));
-            sum += d * d / below - (share < 0.1 ? steep : 0.0) - share;
+            const double d = (double) p->plane[TEST][c][i] - b, below = b * b + e * e, relative = v / below;
+            const double steep = relative * (4.0 * d * b / below + d * d / below * (4.0 * b * b / below - 1.0));
+            sum += d * d / below - (relative < 0.1 ? steep : 0.0) - relative;
         }
     return sum / (3.0 * PIXELS);
 }
 
 struct statistics {
-    double mean, spread, stated; /* spread: of one value; stated: root of the mean of its squared standard errors */
+    double mean, spread, stated; /* spread: of one value; stated: root mean square of its reported standard errors */
 };
 
 static void add(struct statistics *s, double value, double error)
@@ -95,7 +97,7 @@ static void end(struct statistics *s)
     s->stated = sqrt(s->stated);
 }
 
-/* The same with one image and its variance in place of halves. */
+/* The same with one image and its variance instead of two halves. */
 static void tell_variance(struct pair *p, double sd)
 {
     for (int c = 0; c < 3; c++) {
@@ -120,7 +122,7 @@ static void errors_are_those_without_noise(void **state)
 {
     static const struct {
         double sd, error;
-        bool skewed, told;
+        bool skewed, variance;
     } cases[] = { { 0.05, 0.05, false, false }, { 0.3, 0.05, false, false }, { 0.3, 0.3, true, false },  { 1.0, 0.1, false, false },
                   { 1.0, 0.5, true, false },    { 0.05, 0.05, false, true }, { 0.3, 0.05, false, true }, { 1.0, 0.1, false, true } };
     struct pair p;
@@ -135,7 +137,7 @@ static void errors_are_those_without_noise(void **state)
             const struct pell_metrics *m = &p.out.whole;
             make(&p, cases[k].error, sd, cases[k].skewed, seed);
             add(&naive, naive_error(&p, 0.01), 0.0);
-            if (cases[k].told)
+            if (cases[k].variance)
                 tell_variance(&p, sd);
             pair_compare(&p);
             add(&all[0], m->rel_mse, m->rel_mse_error);
@@ -187,16 +189,16 @@ static void an_error_below_the_noise_is_not_resolved(void **state)
     pair_end(&p);
 }
 
-/* Two images with variances of their own, or one without noise against halves; the same light, or 3 % more of it. */
+/* Two images with variances of their own, or one without noise against halves; equal radiance, or 3 % more in one. */
 static void the_z_test_keeps_its_rate(void **state)
 {
     struct pair p;
-    float *told[3];
+    float *variance[3];
     (void) state;
 
     begin(&p);
     for (int c = 0; c < 3; c++)
-        REQUIRE(told[c] = malloc(PIXELS * sizeof(float)));
+        REQUIRE(variance[c] = malloc(PIXELS * sizeof(float)));
     for (int mode = 0; mode < 2; mode++)
         for (int bright = 0; bright < 2; bright++) {
             int rejected = 0;
@@ -207,12 +209,12 @@ static void the_z_test_keeps_its_rate(void **state)
                     for (int i = 0; i < PIXELS; i++) {
                         const double b = truth(i), light = bright ? 1.03 * b : b;
                         p.plane[TEST][c][i] = (float) (mode ? light : light * (1.0 + 0.2 * normal(i, c, 9000 + seed)));
-                        told[c][i] = (float) (0.04 * light * light);
+                        variance[c][i] = (float) (0.04 * light * light);
                     }
                 if (mode == 0)
                     tell_variance(&p, 0.3);
                 for (int c = 0; c < 3; c++)
-                    p.in.test_variance[c] = mode == 0 ? told[c] : NULL;
+                    p.in.test_variance[c] = mode == 0 ? variance[c] : NULL;
                 pair_compare(&p);
                 rejected += p.out.whole.agreement.p < 0.05;
                 most = fmax(most, p.out.whole.agreement.p);
@@ -232,11 +234,11 @@ static void the_z_test_keeps_its_rate(void **state)
             REQUIRE(mode == 0 || isnan(beyond));
         }
     for (int c = 0; c < 3; c++)
-        free(told[c]);
+        free(variance[c]);
     pair_end(&p);
 }
 
-/* An image of another kind of light in one corner, which the mean of all does not show. */
+/* An image that differs in one corner only, which the mean over all pixels does not reveal. */
 static void the_z_test_finds_what_is_local(void **state)
 {
     struct pair p;
@@ -257,7 +259,8 @@ static void the_z_test_finds_what_is_local(void **state)
     pair_end(&p);
 }
 
-/* 70 % of the light is a part that the test image has 4 % too dark, beside another that is right; both have noise of their own. */
+/* 70 % of the radiance belongs to a component that the test image has 4 % too dark, in addition to a second component that is correct;
+ * both have independent noise. */
 static void a_part_is_measured_relative_to_the_whole(void **state)
 {
     struct pair p;
@@ -297,7 +300,7 @@ static void a_part_is_measured_relative_to_the_whole(void **state)
         REQUIRE(pell_errors_of_part(p.ctx, 2, &p.in, &part, &m) == PELL_OK);
         add(&error, m.rel_mse, m.rel_mse_error);
         add(&bias, m.rel_bias[1], m.rel_bias_error[1]);
-        for (int c = 0; c < 3; c++) { /* all of the light is a part of it, too */
+        for (int c = 0; c < 3; c++) { /* the whole image is a component, too */
             part.test[c] = p.in.test[c];
             part.reference[c] = p.in.reference[c];
             part.half[c] = p.in.half[c];

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_rows.c - images that are read while they are compared: the same bits as images in memory, and no row is looked at that was not asked
- * for. */
+ * test_rows.c - images that are streamed by rows during a comparison: results are bit-identical to images in memory, and only requested
+ * rows are read. */
 #include "compare_test.h"
 
 #include "compare/rows.h"
@@ -9,7 +9,7 @@
 
 enum { WIDTH = 4100, HEIGHT = 130 }; /* three bands */
 
-/* Copies of the rows that are asked for, which end where their memory does. */
+/* Serves copies of the requested rows, allocated exactly, so that a read beyond them is detected. */
 struct copies {
     const struct pair *pair;
     float *rows[PICTURES][3], *mask;
@@ -39,7 +39,7 @@ static enum pell_result move(void *user, int first, int count, struct pell_compa
     struct copies *copies = user;
 
     assert_true(first >= 0 && count > 0 && first + count <= HEIGHT);
-    assert_true(first >= copies->last || first == 0); /* downwards, or from the top again */
+    assert_true(first >= copies->last || first == 0); /* downwards, or restarted from the top */
     copies->last = first;
     copies->most = count > copies->most ? count : copies->most;
     if (++copies->moves == copies->fail_at)
@@ -73,7 +73,7 @@ static void fill(struct pair *p)
             }
             p->mask[at] = x + 20 * y > 4000 ? 1.0f : 0.0f;
         }
-    p->plane[TEST][1][64 * WIDTH + 7] = NAN; /* bad pixels beside the edges of bands */
+    p->plane[TEST][1][64 * WIDTH + 7] = NAN; /* invalid pixels next to the edges of bands */
     p->plane[REFERENCE][0][127 * WIDTH + 4000] = INFINITY;
     p->in.figures_only = true;
     p->params.exposures = 1;
@@ -88,16 +88,16 @@ static void bands_give_the_same_bits(void **state)
 
     (void) state;
     fill(&p);
-    for (int way = 0; way < 3; way++) {
+    for (int variant = 0; variant < 3; variant++) {
         struct pell_comparison out;
-        p.in.display = way == 2;
-        p.in.mask = way ? p.mask : NULL;
+        p.in.display = variant == 2;
+        p.in.mask = variant ? p.mask : NULL;
         for (int c = 0; c < 3; c++)
-            p.in.half[c] = way == 1 ? p.plane[HALF][c] : NULL;
+            p.in.half[c] = variant == 1 ? p.plane[HALF][c] : NULL;
         pair_compare(&p);
         copies.moves = copies.last = copies.most = 0;
         assert_int_equal(pell_compare_by_rows(p.ctx, &p.in, &rows, &p.params, &out), PELL_OK);
-        assert_int_equal(copies.moves, way == 2 ? 6 : 9); /* three bands: a survey, the exposures, errors and filters */
+        assert_int_equal(copies.moves, variant == 2 ? 6 : 9); /* three bands: survey, exposures, errors and filters */
         assert_true(copies.most <= pell_compare_band(WIDTH) + 2 * PELL_COMPARE_REACH);
         out.seconds = p.out.seconds;
         assert_memory_equal(&out, &p.out, sizeof(out));
@@ -126,7 +126,7 @@ static void rows_that_can_not_be_read_end_it(void **state)
     pair_end(&p);
 }
 
-/* The exposures follow from the largest and the middle luminance, which no one sorts any more. */
+/* The exposures follow from the largest and the median luminance, which are found without sorting all values. */
 static int by_value(const void *a, const void *b)
 {
     const float x = *(const float *) a, y = *(const float *) b;
@@ -140,17 +140,17 @@ static void the_median_is_that_of_sorted_values(void **state)
     float sorted[ALL];
 
     (void) state;
-    for (int way = 0; way < 4; way++) {
+    for (int variant = 0; variant < 4; variant++) {
         double middle, t = 0.85, a, b, c, root;
-        int count = way == 1 ? ALL - 1 : ALL, first = 0;
+        int count = variant == 1 ? ALL - 1 : ALL, first = 0;
         pair_begin(&p, ACROSS, DOWN);
         p.in.figures_only = true;
         for (int i = 0; i < ALL; i++) {
-            const double light = way == 3 && i % 3 ? -noise(i, 0, 0, 4) : exp2(20.0 * noise(i, 0, 0, way) - 10.0);
+            const double light = variant == 3 && i % 3 ? -noise(i, 0, 0, 4) : exp2(20.0 * noise(i, 0, 0, variant) - 10.0);
             for (int k = 0; k < 3; k++)
-                p.plane[TEST][k][i] = p.plane[REFERENCE][k][i] = (float) (way == 2 && i % 3 ? 0.0 : light);
+                p.plane[TEST][k][i] = p.plane[REFERENCE][k][i] = (float) (variant == 2 && i % 3 ? 0.0 : light);
         }
-        if (way == 1)
+        if (variant == 1)
             p.plane[TEST][0][ALL - 1] = NAN;
         pair_compare(&p);
         for (int i = 0; i < count; i++) {
@@ -158,8 +158,8 @@ static void the_median_is_that_of_sorted_values(void **state)
             sorted[i] = (float) (0.2126 * l + 0.7152 * l + 0.0722 * l);
         }
         qsort(sorted, (size_t) count, sizeof(*sorted), by_value);
-        assert_int_equal(p.out.hdr_above_black, way >= 2);
-        while (way >= 2 && sorted[first] <= 1e-30f)
+        assert_int_equal(p.out.hdr_above_black, variant >= 2);
+        while (variant >= 2 && sorted[first] <= 1e-30f)
             first++;
         count -= first;
         middle = count % 2 ? (double) sorted[first + count / 2]

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * image_test.h - what the tests of this room share: files in memory, pictures to write, the folder for files. */
+ * image_test.h - shared by the image tests: files in memory, images to write, the folder for temporary files. */
 #ifndef PELL_IMAGE_TEST_H
 #define PELL_IMAGE_TEST_H
 
@@ -14,7 +14,7 @@
 
 #define VARIANTS "tests/assets/image_variants/"
 
-/* A context with counted memory and kept messages; image_test_end checks that nothing leaked. */
+/* Creates a context with counted memory and recorded messages; image_test_end checks that nothing leaked. */
 struct image_test {
     struct pell_alloc_fault fault;
     struct kept_messages kept;
@@ -28,7 +28,7 @@ static inline void image_test_begin(struct image_test *t)
     REQUIRE(t->ctx);
 }
 
-/* The same for a test that needs a folder of ../shared: skipped before there is anything to leak. */
+/* The same for a test that needs a folder of ../shared: skips before anything is allocated that could leak. */
 static inline void image_test_begin_shared(struct image_test *t, const char *folder)
 {
     shared_file(folder);
@@ -56,7 +56,7 @@ static inline struct pell_image read_variant(struct image_test *t, const char *n
     return read_image(t, project_file(path), role);
 }
 
-/* A fresh path in the folder for temporary files; a static buffer per ending. */
+/* A new path in the folder for temporary files; the static buffer depends on the file name's ending. */
 static inline const char *temp_path(const char *name)
 {
     static char buffers[8][512];
@@ -67,7 +67,7 @@ static inline const char *temp_path(const char *name)
     return path;
 }
 
-/* Three or four planes of a picture with dark and bright values: value = f(x, y, c). */
+/* Three or four planes of an image with dark and bright values: value = f(x, y, c). */
 struct planes {
     int width, height;
     float *data[4];
@@ -105,7 +105,7 @@ static inline void planes_free(struct planes *p)
         free(p->data[c]);
 }
 
-/* A file as bytes; freed by free(). */
+/* A file's content as bytes; released by free(). */
 static inline uint8_t *file_bytes(const char *path, size_t *size)
 {
     FILE *f = fopen(path, "rb");

@@ -130,7 +130,7 @@ static void samples_follow_the_definition(void **state)
         pell_image_sample(&image, wu, wv, false, u, v, out);
         for (int c = 0; c < 3; c++)
             REQUIRE_NEAR(out[c], sample_exact(&image, wu, wv, false, u, v, c), 2e-5);
-        /* nearest has jumps: keep off them by the rounding of u * width */
+        /* nearest filtering is discontinuous: stay away from the steps by the rounding of u * width */
         if (fabs(u * 7 - round(u * 7)) > 1e-3 && fabs(v * 5 - round(v * 5)) > 1e-3) {
             pell_image_sample(&image, wu, wv, true, u, v, out);
             for (int c = 0; c < 3; c++)
@@ -156,13 +156,13 @@ static void texel_centres_give_the_texel(void **state)
         }
 }
 
-/* Whatever a mesh holds as uv must stay inside the picture: run under the address sanitizer. */
+/* Texture look-up stays inside the image for any texture coordinates of a mesh: run under the address sanitizer. */
 static void wild_coordinates_stay_inside(void **state)
 {
     static const float wild[] = { 0,       -0.0f,       1,          -1,   1e9f,     -1e9f,       1e30f,
                                   -1e30f,  INFINITY,    -INFINITY,  NAN,  16777215, -16777215,   1e-30f,
                                   -1e-30f, 0.99999994f, 1.0000001f, 2.0f, -2.0f,    1e7f + 0.5f, -4.9999995f };
-    uint8_t *pixels = malloc(3 * 2 * 4); /* on the heap, so that a step outside is seen */
+    uint8_t *pixels = malloc(3 * 2 * 4); /* on the heap, so that an access outside is detected */
     struct pell_image image = { 3, 2, 4, PELL_PIXEL_U8, true, pixels };
     float out[4];
 
@@ -180,7 +180,7 @@ static void wild_coordinates_stay_inside(void **state)
     free(pixels);
 }
 
-/* A budget far above what is measured (12-25 ns), so that it only fails when look-up became another object. */
+/* A budget far above the measured time (12-25 ns), so that it fails only when look-up has become an entirely different operation. */
 static void look_up_is_fast(void **state)
 {
     uint8_t *pixels = malloc(1024 * 1024 * 4);

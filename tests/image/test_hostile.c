@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * test_hostile.c - damaged, lying and huge files: every one is refused by name, none crashes, leaks or allocates what its header claims.
- * Run under the address sanitizer by make test-asan. */
+ * test_hostile.c - damaged, inconsistent and huge image files: each is refused with its name; none crashes, leaks or allocates as much
+ * as its header claims. Run under the address sanitizer by make test-asan. */
 #include "image_test.h"
 
 /* --- Every variant, damaged ---------------------------------------------------------------------------------------------------- */
 
-/* Decodes a copy that ends where the allocation does, so that the sanitizer sees a byte too far. A refusal is one message with a
- * name and leaves {0}. */
+/* Decodes a copy whose allocation ends with the file, so that the sanitizer detects a read beyond it. A refusal gives one message with
+ * the file's name and leaves {0}. */
 static bool decodes(struct image_test *t, const char *name, const uint8_t *data, size_t size, struct pell_image *image)
 {
     uint8_t *copy = malloc(size ? size : 1);
@@ -39,7 +39,7 @@ static size_t image_bytes(const struct pell_image *image)
                                             : 1);
 }
 
-/* Cut anywhere: refused, or (where only what follows the picture is missing) the very same picture. */
+/* Truncated at any byte: refused, or (where only data after the image is missing) decoded to the identical image. */
 static void cut_everywhere(const char *name, const uint8_t *data, size_t size)
 {
     struct image_test t;
@@ -68,7 +68,7 @@ static void files_cut_at_every_byte_are_refused(void **state)
     for_each_variant(cut_everywhere);
 }
 
-/* A context in which a header that lies can't claim seconds of clearing memory. */
+/* A context in which a false header cannot cause seconds of clearing memory. */
 static void begin_small(struct image_test *t)
 {
     struct pell_limits limits;
@@ -83,7 +83,7 @@ static void begin_small(struct image_test *t)
     assert_int_equal(pell_context_create(&params, &t->ctx), PELL_OK);
 }
 
-/* Bytes changed by a fixed sequence. PNG has checksums: a change must be refused or not matter. */
+/* Bytes changed by a fixed sequence. PNG has checksums: a change must be refused or have no effect. */
 static void change_bytes(const char *name, const uint8_t *data, size_t size)
 {
     const bool png = strstr(name, ".png");
@@ -124,7 +124,7 @@ static void files_with_changed_bytes_do_no_harm(void **state)
     for_each_variant(change_bytes);
 }
 
-/* --- Made files: the same without the variants, where ../shared is absent -------------------------------------------------------- */
+/* --- Generated files: the same without the variants, where ../shared is absent --------------------------------------------------- */
 
 static void our_own_files_cut_and_changed(void **state)
 {
@@ -213,7 +213,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
             assert_int_equal(kept.errors, !done);
             pell_context_destroy(&ctx);
             assert_int_equal(fault.live, 0);
-            assert_int_equal(access(path, F_OK) == 0, done); /* nothing half-written */
+            assert_int_equal(access(path, F_OK) == 0, done); /* no partially filled result */
             if (done)
                 break;
         }
@@ -240,7 +240,7 @@ static void every_allocation_of_write_and_layers_may_fail(void **state)
     planes_free(&p);
 }
 
-/* --- Headers that lie ----------------------------------------------------------------------------------------------------------- */
+/* --- False headers -------------------------------------------------------------------------------------------------------------- */
 
 static void refused(const void *data, size_t size, enum pell_result code, const char *text)
 {
@@ -310,7 +310,7 @@ static uint32_t crc32_of(const uint8_t *data, size_t size)
     return ~crc;
 }
 
-/* A PNG whose header says `width` x `height` in 16 bit RGBA, with a good checksum and a few bytes of data. */
+/* A PNG whose header declares `width` x `height` in 16 bit RGBA, with a correct checksum and a few bytes of data. */
 static size_t lying_png(uint8_t file[128], uint32_t width, uint32_t height)
 {
     static const uint8_t start[] = "\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR", idat[] = "\0\0\0\x0aIDAT\x78\x9c\x63\0\0\0\1\0\1\0";
@@ -401,7 +401,7 @@ static void a_progressive_jpeg_of_very_many_scans_is_refused(void **state)
     free(file);
 }
 
-/* An EXR header by hand: what the library would allocate from it. */
+/* An EXR header built by hand: limits the memory that the library would allocate from it. */
 struct exr_bytes {
     uint8_t data[1024];
     size_t size;
@@ -418,7 +418,7 @@ static void exr_attribute(struct exr_bytes *e, const char *name, const char *typ
 {
     exr_put(e, name, strlen(name) + 1);
     exr_put(e, type, strlen(type) + 1);
-    exr_put(e, &size, 4); /* little-endian, as the machines this runs on */
+    exr_put(e, &size, 4); /* little-endian, as the supported machines are */
     exr_put(e, bytes, (size_t) size);
 }
 
@@ -473,7 +473,7 @@ static void exr_windows_and_tiles_are_checked(void **state)
     refused(e.data, e.size, PELL_ERR_FORMAT, "can't stand in a file");
     exr_header(&e, small, small, 2000000000);
     refused(e.data, e.size, PELL_ERR_FORMAT, "OpenEXR");
-    /* a data window beside the display window: nothing of it is seen, and nothing is read */
+    /* a data window that does not overlap the display window: no pixel of it is visible, and none is read */
     exr_header(&e, far, small, 0);
     exr_put(&e, "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", 32);
     refused(e.data, e.size, PELL_ERR_FORMAT, "OpenEXR");

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * test_read.c - every file of image_variants against the one pattern they hold, and legal files that no variant shows. */
+ * test_read.c - every file of image_variants against the pattern that they encode, and valid files beyond those variants. */
 #include "image_test.h"
 
 #include <openexr.h>
 #include <spng.h>
 #include <turbojpeg.h>
 
-/* Largest error of a float picture against the pattern, relative to the pixel's largest channel (`scale` as it is for 0). */
+/* Largest error of a float image against the pattern, relative to the pixel's largest channel (absolute where `scale` is 0). */
 static double worst_error(const struct pell_image *image, const struct pell_image *ref, float scale)
 {
     double worst = 0;
@@ -66,7 +66,7 @@ static void exr_luminance_is_one_channel(void **state)
     ref = read_variant(&t, "exr/pattern_64x32.pfm", PELL_ROLE_COLOR);
     image = read_variant(&t, "exr/luminance_only_Y_half_zip.exr", PELL_ROLE_COLOR);
     assert_int_equal(image.channels, 1);
-    for (int i = 0; i < 64 * 32; i++) /* it holds the pattern's G */
+    for (int i = 0; i < 64 * 32; i++) /* contains the pattern's G */
         REQUIRE_REL(((float *) image.pixels)[i], ((float *) ref.pixels)[3 * i + 1], 4.9e-4);
     pell_image_finish(t.ctx, &image);
     pell_image_finish(t.ctx, &ref);
@@ -175,7 +175,7 @@ static void exr_layers_hold_all_channels(void **state)
     image_test_end(&t);
 }
 
-/* A part of one channel kind, written by the library alone: R, G, B or Z, each value 1 + channel. */
+/* A part of one kind of channel, written by the library alone: R, G, B or Z, each with value 1 + channel. */
 static void add_part(exr_context_t exr, const char *name, bool rgb)
 {
     int part;
@@ -280,14 +280,14 @@ static void hdr_variants_hold_the_pattern(void **state)
     for (size_t i = 0; i < PELL_COUNT(names); i++) {
         char name[64];
         const bool narrow = strcmp(names[i], "narrow_7_wide_flat") == 0;
-        /* what is stored was multiplied with EXPOSURE, so it is divided by it */
+        /* the stored values were multiplied by EXPOSURE, so they are divided by it */
         const float scale = strcmp(names[i], "exposure_4_header") == 0 ? 0.25f : 1.0f;
         struct pell_image image;
         snprintf(name, sizeof(name), "hdr/%s.hdr", names[i]);
         image = read_variant(&t, name, PELL_ROLE_COLOR);
         assert_int_equal(image.width, narrow ? 7 : 64);
         assert_int_equal(image.height, 32);
-        /* the files' writer cut the mantissa: up to 1/128 of the largest channel */
+        /* the program that wrote the files truncated the mantissa: up to 1/128 of the largest channel */
         if (!(worst_error(&image, &ref, scale) <= 1 / 128.0))
             fail_msg("%s: error %g", name, worst_error(&image, &ref, scale));
         if (i == 0)
@@ -311,7 +311,7 @@ static struct pell_image decode_ok(struct image_test *t, const void *data, size_
     return image;
 }
 
-/* All eight orders of rows and columns of a 3 x 2 picture whose red channel is 1 + x + 3 y. */
+/* All eight orders of rows and columns of a 3 x 2 image whose red channel is 1 + x + 3 y. */
 static void hdr_all_eight_orientations(void **state)
 {
     static const char *const lines[] = { "-Y 2 +X 3", "-Y 2 -X 3", "+Y 2 +X 3", "+Y 2 -X 3",
@@ -449,7 +449,7 @@ static void png_one_bit_is_spread_to_0_and_255(void **state)
     assert_int_equal(image.channels, 1);
     assert_int_equal(image.type, PELL_PIXEL_U8);
     assert_false(image.srgb);
-    for (int y = 0; y < 32; y += 4) { /* dithered: four rows keep their mean */
+    for (int y = 0; y < 32; y += 4) { /* dithered: four rows preserve their mean */
         int sum = 0, want = 0;
         for (int i = 0; i < 4 * 64; i++) {
             const uint8_t v = ((uint8_t *) image.pixels)[y * 64 + i];
@@ -489,7 +489,7 @@ static void png_palettes_come_near_the_pattern(void **state)
     rgb = read_variant(&t, "png/rgb8.png", PELL_ROLE_COLOR);
     for (size_t i = 0; i < PELL_COUNT(files); i++) {
         struct pell_image image = read_variant(&t, files[i].name, PELL_ROLE_COLOR);
-        assert_int_equal(image.channels, 3); /* the one called trns has no tRNS chunk */
+        assert_int_equal(image.channels, 3); /* the file called trns has no tRNS chunk */
         if (!(mean_difference(&image, &rgb) < files[i].mean))
             fail_msg("%s: mean difference %g of 255", files[i].name, mean_difference(&image, &rgb));
         pell_image_finish(t.ctx, &image);
@@ -498,7 +498,7 @@ static void png_palettes_come_near_the_pattern(void **state)
     image_test_end(&t);
 }
 
-/* A PNG of `width` x 1 made by the library's own writer, as a palette or with a key colour. */
+/* A PNG of `width` x 1 written by the library's own writer, as a palette or with a key colour. */
 static uint8_t *make_png(const struct spng_ihdr *ihdr, struct spng_plte *plte, struct spng_trns *trns, const void *pixels, size_t bytes,
                          size_t *size)
 {
@@ -583,7 +583,7 @@ static void jpeg_variants_come_near_the_pattern(void **state)
 {
     static const struct {
         const char *name;
-        double mean; /* of 255, what the quality and 4:2:0 of each cost */
+        double mean; /* of 255: errors due to the quality and 4:2:0 subsampling of each file */
         int channels;
     } files[] = {
         { "jpeg/rgb_444_q95.jpg", 3, 3 },     { "jpeg/rgb_420_q90.jpg", 10, 3 }, { "jpeg/progressive.jpg", 10, 3 },
@@ -653,7 +653,7 @@ static void jpeg_odd_size_keeps_its_edges(void **state)
     image_test_end(&t);
 }
 
-/* All samplings that libjpeg-turbo writes, odd sizes, against the flat colour they hold. */
+/* All subsamplings that libjpeg-turbo writes, at odd sizes, against the constant colour of the image. */
 static void jpeg_every_subsampling_and_odd_size(void **state)
 {
     struct image_test t;
@@ -776,7 +776,7 @@ static void to_float_decodes_color_but_not_data_or_alpha(void **state)
         for (int c = 0; c < 4; c++)
             REQUIRE_NEAR(((float *) image.pixels)[c],
                          role == PELL_ROLE_COLOR && c < 3 ? pell_srgb_decode(pixels[c] / 255.0f) : pixels[c] / 255.0, 1e-6);
-        assert_int_equal(pell_image_to_float(t.ctx, &image), PELL_OK); /* again does nothing */
+        assert_int_equal(pell_image_to_float(t.ctx, &image), PELL_OK); /* repeated: no effect */
         pell_image_finish(t.ctx, &image);
     }
     free(file);

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * test_rows.c - files that are read some rows at a time give what they give at once, also damaged, and without memory. */
+ * test_rows.c - files read in bands of rows give the same result as files read at once, including damaged files and failed allocations. */
 #include "image_test.h"
 
 #include "image/rows.h"
 
-/* All channels, one after the other, by bands of `band` rows that go from the top to the bottom; NULL where a band is refused. */
+/* Reads all channels, one after the other, in bands of `band` rows from top to bottom; NULL where a band is refused. */
 static float *read_bands(struct pell_rows *rows, int band)
 {
     const size_t width = (size_t) rows->layers.width, height = (size_t) rows->layers.height, all = width * height;
@@ -23,7 +23,7 @@ static float *read_bands(struct pell_rows *rows, int band)
     return out;
 }
 
-/* The same of a file that is decoded at once; NULL: refused. */
+/* The same for a file that is decoded at once; NULL: refused. */
 static float *read_whole(struct pell_context *ctx, const char *name, const uint8_t *data, size_t size)
 {
     struct pell_image image;
@@ -64,7 +64,7 @@ static float *layers_at_once(struct pell_context *ctx, const char *name, const u
     return out;
 }
 
-/* The picture as a picture of role RAW has it, where it has these channels. */
+/* The image as role RAW decodes it, where it has these channels. */
 static void check_rgb(struct pell_context *ctx, const char *name, const uint8_t *data, size_t size, const struct pell_layers *layers,
                       const float *bands)
 {
@@ -116,7 +116,7 @@ static void rows_are_those_of_the_picture(void **state)
     for_each_variant(rows_of);
 }
 
-/* From a file: the same, and nothing else than the rows that are asked for. */
+/* From a file: identical values, and only the requested rows are read. */
 static void files_are_read_row_by_row(void **state)
 {
     static const char *const names[] = { "rows.png", "rows.exr", "rows.hdr", "rows.pfm" };

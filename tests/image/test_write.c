@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_write.c - what is written is read back; dither, names, attributes, refusals, atomic replacement. */
+ * test_write.c - written images are read back; dither, names, attributes, refusals, atomic replacement. */
 #include "image_test.h"
 
 static void write_ok(struct image_test *t, const char *path, const char *format, const struct pell_write_params *params)
@@ -64,7 +64,7 @@ static float nearly_random(int x, int y, int c)
     return 0.7f + 0.2f * sinf((float) (x * (1 + y % 13)) * 0.2f + (float) y) + 0.002f * pattern(x, y, c);
 }
 
-/* Each row (ZIPS) is a chunk whose compressed size may be just that of its pixels, where the library's writer is wrong. */
+/* Each row (ZIPS) is a chunk whose compressed size may equal that of its pixels, a case that the library's writer handles wrongly. */
 static void exr_chunks_that_zip_does_not_shrink_are_right(void **state)
 {
     static const enum pell_exr_compression kinds[] = { PELL_EXR_ZIPS, PELL_EXR_ZIP, PELL_EXR_PIZ };
@@ -150,7 +150,7 @@ static void exr_layers_and_attributes_come_back(void **state)
             }
     assert_int_equal(found, PELL_COUNT(attributes));
     pell_layers_finish(t.ctx, &layers);
-    image = read_image(&t, path, PELL_ROLE_DATA); /* a picture is R, G, B, A */
+    image = read_image(&t, path, PELL_ROLE_DATA); /* an image is R, G, B, A */
     assert_int_equal(image.channels, 4);
     REQUIRE_REL(value_at(&image, 5, 6, 3), p.data[3][6 * 33 + 5], 4.9e-4);
     pell_image_finish(t.ctx, &image);
@@ -181,7 +181,7 @@ static void exr_layer_without_rgb_at_the_top_is_found(void **state)
     write_ok(&t, path, NULL, &p.params);
     assert_int_equal(pell_image_read(t.ctx, path, PELL_ROLE_COLOR, &image), PELL_ERR_UNSUPPORTED);
     REQUIRE(strstr(t.kept.what, "other.G"));
-    p.params.num_channels = 1; /* an only channel is a grey picture */
+    p.params.num_channels = 1; /* a single channel is a grey image */
     write_ok(&t, path, NULL, &p.params);
     image = read_image(&t, path, PELL_ROLE_DATA);
     assert_int_equal(image.channels, 1);
@@ -221,7 +221,7 @@ static void exr_names_that_no_file_can_hold_are_refused(void **state)
     p.channels[1].name = long_name;
     assert_int_equal(pell_image_write(t.ctx, path, NULL, &p.params), PELL_ERR_INVALID);
     p.channels[1].name = "G";
-    p.params.attributes = &clash; /* an attribute that is no text */
+    p.params.attributes = &clash; /* an attribute whose type is not text */
     p.params.num_attributes = 1;
     assert_int_equal(pell_image_write(t.ctx, path, NULL, &p.params), PELL_ERR_INVALID);
     assert_int_equal(t.kept.errors, 5);
@@ -344,7 +344,7 @@ static void hdr_extremes(void **state)
 
 /* --- PNG ---------------------------------------------------------------------------------------------------------------------- */
 
-/* A picture of all codes, decoded to light, comes back as the same codes: dither and curve leave whole steps alone. */
+/* An image of all codes, decoded to linear light, is encoded to the same codes: dither and transfer curve preserve exact values. */
 static void png_codes_survive(void **state)
 {
     const char *path = temp_path("codes.png");
@@ -362,7 +362,7 @@ static void png_codes_survive(void **state)
         struct pell_image image;
         REQUIRE(data);
         for (int i = 0; i < width * height; i++) {
-            const double x = (i + i / 256 / 9) % count / (count - 1.0); /* each code at many places of the dither */
+            const double x = (i + i / 256 / 9) % count / (count - 1.0); /* each code at many positions of the dither pattern */
             data[i] = (float) (x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4));
         }
         write_ok(&t, path, NULL, &params);
@@ -381,7 +381,7 @@ static void png_codes_survive(void **state)
     image_test_end(&t);
 }
 
-static float level; /* of the flat picture below */
+static float level; /* of the constant image below */
 static float flat(int x, int y, int c)
 {
     (void) x;
@@ -389,7 +389,7 @@ static float flat(int x, int y, int c)
     return c == 3 ? 0.5f : level;
 }
 
-/* The mean over the dither's tile is the value, and no code is a step or more away. */
+/* The mean over the dither pattern is the value, and no code is off by one or more. */
 static void png_dither_keeps_the_mean(void **state)
 {
     const char *path = temp_path("dither.png");
@@ -498,7 +498,7 @@ static void png_fourth_channel_is_alpha_only_by_name(void **state)
     image_test_end(&t);
 }
 
-/* --- Front door --------------------------------------------------------------------------------------------------------------- */
+/* --- Front end ---------------------------------------------------------------------------------------------------------------- */
 
 static float not_finite(int x, int y, int c)
 {

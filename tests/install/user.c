@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * user.c - what a stranger's program does with an installed libpellucid: a ball of milk, made in memory, rendered and looked at. Valid
- * C11 and C++17; includes nothing that is not installed. */
+ * user.c - a program that uses an installed libpellucid: builds a ball of milk in memory, renders it and inspects the image. Valid C11
+ * and C++17; includes only installed headers. */
 #include <pellucid/context.h>
 #include <pellucid/image.h>
 #include <pellucid/method.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_light_sampling.c - lights sampled one by one, against closed forms, against each other's ways and against the irradiance stage. */
+ * test_light_sampling.c - light sampling: each light alone against closed forms, light samples against BSDF-like direction samples and
+ * their MIS combination, and all lights against the irradiance stage. */
 #include "lights_rig.h"
 
 #include "image/color.h"
@@ -7,7 +8,7 @@
 
 #define SAMPLES 40000
 
-/* Points of a unit cube of 2 or 5 dimensions that fill it evenly (an additive recurrence by powers of the root of x^(d+1) = x + 1), moved
+/* Low-discrepancy points of a unit cube of 2 or 5 dimensions (an additive recurrence by powers of the root of x^(d+1) = x + 1), shifted
  * by `shift`. */
 static void even(int dimensions, int i, double shift, double *u)
 {
@@ -21,7 +22,7 @@ static void even(int dimensions, int i, double shift, double *u)
     }
 }
 
-/* Numbers that look random (the mixer of Steele et al. 2014): where lights are chosen in turn, even ones beat against the choice. */
+/* Pseudo-random numbers (the mixer of Steele et al. 2014): a regular sequence would be correlated with the choice of the light. */
 static void random_numbers(int dimensions, int i, double *u)
 {
     for (int k = 0; k < dimensions; k++) {
@@ -43,7 +44,7 @@ static struct pell_texture *image(struct rig *r, int width, int height, const fl
     return t;
 }
 
-/* Dark blue above, dim below, and one bright texel of a sun. */
+/* Dark blue above, dim below, and one bright texel as a sun. */
 static struct pell_texture *environment_picture(struct rig *r)
 {
     float rgb[16 * 8 * 3];
@@ -66,7 +67,7 @@ static struct pell_light_sampler *light_sampler_of(struct rig *r)
     return e;
 }
 
-/* What a sample brings to a plane at p, over the density of the sample. */
+/* Contribution of a sample to the irradiance of a plane at p, divided by the density of the sample. */
 static void arrives(const struct pell_light_sampler *e, const struct pell_light_sample *s, struct pell_vec3 p, struct pell_vec3 n,
                     double out[3], struct pell_vec3 *toward, double *per_sr)
 {
@@ -87,8 +88,9 @@ static void arrives(const struct pell_light_sampler *e, const struct pell_light_
         out[c] = w * (double) power[c] / s->pdf;
 }
 
-/* Irradiance of a plane by sampling lights (0), by looking round (1: lights with extent alone), by both with the balance heuristic (2). */
-static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, struct pell_vec3 n, int way, int samples, double out[3])
+/* Irradiance of a plane by sampling lights (0), by sampling directions (1: area and environment lights only), or by both with the
+ * balance heuristic (2). */
+static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, struct pell_vec3 n, int strategy, int samples, double out[3])
 {
     struct pell_vec3 t, b;
 
@@ -104,14 +106,14 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
             random_numbers(5, i, u);
         else
             even(5, i, 0.123, u);
-        if (way != 1 && pell_light_sampler_sample(e, p, u, &s)) {
+        if (strategy != 1 && pell_light_sampler_sample(e, p, u, &s)) {
             REQUIRE_REL(pell_light_sampler_pdf(e, p, &s), s.pdf, 1e-3);
             arrives(e, &s, p, n, one, &w, &density);
             c = fmax(0.0, (double) vec3_dot(w, n)) / PELL_PI;
             for (int k = 0; k < 3; k++)
-                out[k] += one[k] * (way == 2 && !s.delta && density > 0.0 ? density / (density + c) : 1.0);
+                out[k] += one[k] * (strategy == 2 && !s.delta && density > 0.0 ? density / (density + c) : 1.0);
         }
-        if (way == 0)
+        if (strategy == 0)
             continue;
         r = sqrt(u[3]);
         c = sqrt(1.0 - u[3]);
@@ -122,7 +124,7 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
             density = hit.sample.pdf * (hit.sample.distant ? 1.0 : hit.distance * hit.distance / facing);
             assert_false(hit.sample.delta);
             for (int j = 0; j < 3; j++)
-                out[j] += PELL_PI * (double) hit.radiance[j] * (way == 2 ? c / PELL_PI / (c / PELL_PI + density) : 1.0);
+                out[j] += PELL_PI * (double) hit.radiance[j] * (strategy == 2 ? c / PELL_PI / (c / PELL_PI + density) : 1.0);
         }
     }
     for (int c = 0; c < 3; c++)
@@ -131,8 +133,8 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
 
 /* --- Closed forms ----------------------------------------------------------------------------------------------------------------- */
 
-/* Each light alone, on a plane's point: point E = I cos/d^2; directional E cos; a rectangle by Lambert's polygon; a disc that faces along
- * the normal pi L R^2/(R^2 + h^2) on its axis; a constant sky pi L. */
+/* Each light alone, at a point of a plane: point light E = I cos/d^2; directional E cos; a rectangle by Lambert's polygon; a disc that
+ * faces along the normal pi L R^2/(R^2 + h^2) on its axis; a constant environment pi L. */
 static void lights_are_what_formulas_say(void **state)
 {
     const struct pell_vec3 p = vec3(3, -2, 1), n = vec3(0, 0, 1);
@@ -179,12 +181,12 @@ static void lights_are_what_formulas_say(void **state)
         }
         e = light_sampler_of(&r);
         assert_int_equal(pell_light_sampler_count(e), 1);
-        for (int way = 0; way < 3; way++) {
-            if (way == 1 && kind < 3)
+        for (int strategy = 0; strategy < 3; strategy++) {
+            if (strategy == 1 && kind < 3)
                 continue;
-            irradiance(e, p, n, way, SAMPLES, got);
-            print_message("# lamp %d, way %d: %.6g of the closed form\n", kind, way, got[0] / expected);
-            REQUIRE_REL(got[0], expected, way == 1 ? 0.01 : kind < 3 ? 1e-5 : 3e-3);
+            irradiance(e, p, n, strategy, SAMPLES, got);
+            print_message("# lamp %d, way %d: %.6g of the closed form\n", kind, strategy, got[0] / expected);
+            REQUIRE_REL(got[0], expected, strategy == 1 ? 0.01 : kind < 3 ? 1e-5 : 3e-3);
             REQUIRE_REL(got[2], 0.25 * got[0], 1e-5);
         }
         pell_light_sampler_destroy(&e);
@@ -192,7 +194,7 @@ static void lights_are_what_formulas_say(void **state)
     }
 }
 
-/* The same scene, every light with all that it can have, through the irradiance stage. */
+/* A scene of lights with all of their features, against the irradiance stage. */
 static void light_samples_are_what_the_irradiance_stage_says(void **state)
 {
     (void) state;
@@ -275,7 +277,7 @@ static void many_lights(struct rig *r)
     rig_light(r, PELL_LIGHT_POINT, vec3(0, 40, 40), vec3(0, 0, 0), 1e-3f);
     l = rig_light(r, PELL_LIGHT_RECT, vec3(20, 0, 30), vec3(0, 0, 0), 3.0f);
     l->width = l->height = 15.0f;
-    l = rig_light(r, PELL_LIGHT_DISC, vec3(25, 2, 45), vec3(0, 0, 0), 4.0f); /* seen through the rectangle in part */
+    l = rig_light(r, PELL_LIGHT_DISC, vec3(25, 2, 45), vec3(0, 0, 0), 4.0f); /* partly occluded by the rectangle */
     l->radius = 10.0f;
     l = rig_light(r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 0.7f);
     l->image = environment_picture(r);
@@ -289,33 +291,33 @@ static void both_ways_have_one_mean(void **state)
     const double d = (double) vec3_length(to_point), by_point = 1e3 / (d * d) * (double) vec3_dot(to_point, n) / d;
     struct rig r;
     struct pell_light_sampler *e;
-    double sampled[3], met[3], both[3];
+    double sampled[3], hit_lights[3], both[3];
 
     (void) state;
     many_lights(&r);
     e = light_sampler_of(&r);
     assert_int_equal(pell_light_sampler_count(e), 4);
     irradiance(e, p, n, 0, 2 * SAMPLES, sampled);
-    irradiance(e, p, n, 1, 4 * SAMPLES, met);
+    irradiance(e, p, n, 1, 4 * SAMPLES, hit_lights);
     irradiance(e, p, n, 2, 2 * SAMPLES, both);
     for (int c = 0; c < 3; c++) {
-        met[c] += by_point * (c == 0 ? 1.0 : c == 1 ? 0.5 : 0.25);
-        print_message("# channel %d: lamps %.6g, directions %.6g, both %.6g\n", c, sampled[c], met[c], both[c]);
-        REQUIRE_REL(met[c], both[c], 0.02);
+        hit_lights[c] += by_point * (c == 0 ? 1.0 : c == 1 ? 0.5 : 0.25);
+        print_message("# channel %d: lamps %.6g, directions %.6g, both %.6g\n", c, sampled[c], hit_lights[c], both[c]);
+        REQUIRE_REL(hit_lights[c], both[c], 0.02);
         REQUIRE_REL(both[c], sampled[c], 0.01);
     }
     pell_light_sampler_destroy(&e);
     rig_finish(&r);
 }
 
-/* Densities over all directions make 1, and samples fall where they say. */
+/* The density integrated over all directions is 1, and samples are distributed by it. */
 static void an_environment_is_sampled_by_its_density(void **state)
 {
     enum { ROWS = 8, COLUMNS = 16 };
     struct rig r;
     struct pell_light_sampler *e;
     struct pell_light *l;
-    double share[ROWS][COLUMNS] = { { 0 } }, total = 0.0, chi2 = 0.0, ratio_low = INFINITY, ratio_high = 0.0;
+    double expected_share[ROWS][COLUMNS] = { { 0 } }, total = 0.0, chi2 = 0.0, ratio_low = INFINITY, ratio_high = 0.0;
     int count[ROWS][COLUMNS] = { { 0 } }, bins = 0;
     const struct pell_vec3 p = vec3(0, 0, 0);
 
@@ -336,7 +338,7 @@ static void an_environment_is_sampled_by_its_density(void **state)
             assert_false(pell_light_sampler_hit(e, p, p, w, INFINITY, 1, &hit));
             assert_true(hit.sample.distant && hit.distance == INFINITY);
             const double pdf = hit.sample.pdf;
-            share[y * ROWS / 400][x * COLUMNS / 800] += pdf * 4.0 * PELL_PI / (400 * 800);
+            expected_share[y * ROWS / 400][x * COLUMNS / 800] += pdf * 4.0 * PELL_PI / (400 * 800);
             total += pdf * 4.0 * PELL_PI / (400 * 800);
             if (pdf > 0.0) {
                 ratio_low = fmin(ratio_low, (double) pell_luminance(hit.radiance) / pdf);
@@ -356,7 +358,7 @@ static void an_environment_is_sampled_by_its_density(void **state)
         count[(int) (y * ROWS)][(int) (fmod(atan2((double) s.toward.x, -(double) s.toward.z) / (2.0 * PELL_PI) + 1.0, 1.0) * COLUMNS)]++;
     }
     for (int i = 0; i < ROWS * COLUMNS; i++) {
-        const double expected = share[i / COLUMNS][i % COLUMNS] / total * SAMPLES;
+        const double expected = expected_share[i / COLUMNS][i % COLUMNS] / total * SAMPLES;
         if (expected < 5.0)
             continue;
         chi2 += pow(count[i / COLUMNS][i % COLUMNS] - expected, 2) / expected;
@@ -369,7 +371,7 @@ static void an_environment_is_sampled_by_its_density(void **state)
     rig_finish(&r);
 }
 
-/* A rectangle in front of a disc in front of the environment: each is met, in order, from the front alone and within reach. */
+/* A rectangle in front of a disc in front of the environment: a ray hits each in order, only from the front and within its range. */
 static void lights_hide_nothing(void **state)
 {
     const struct pell_vec3 p = vec3(0, 0, 0), up = vec3(0, 0, 1);
@@ -399,9 +401,9 @@ static void lights_hide_nothing(void **state)
     rig_finish(&r);
 }
 
-/* --- Light that sets out ----------------------------------------------------------------------------------------------------------- */
+/* --- Emission sampling ------------------------------------------------------------------------------------------------------------- */
 
-/* pi r^2 times the integral of the picture over the sphere, here by the look-up itself. */
+/* pi r^2 times the integral of the environment image over the sphere, by the texture look-up itself. */
 static double environment_flux(struct rig *r, struct pell_vec3 centre)
 {
     struct pell_light_sampler *e = light_sampler_of(r);
@@ -420,7 +422,7 @@ static double environment_flux(struct rig *r, struct pell_vec3 centre)
     return sum;
 }
 
-/* Adds a light of a kind, and returns its flux into the sphere of radius 6 mm about `centre`, by a closed form where there is one. */
+/* Adds a light of a kind, and returns its flux into the sphere of radius 6 mm about `centre`, by a closed form where one exists. */
 static double add_light_of_known_flux(struct rig *r, int kind, struct pell_vec3 centre)
 {
     struct pell_light *l;
@@ -431,14 +433,14 @@ static double add_light_of_known_flux(struct rig *r, int kind, struct pell_vec3 
         rig_light(r, PELL_LIGHT_POINT, vec3(1, 2, 13), centre, 2.0f);
         expected = 2e6 * 2.0 * PELL_PI * (1.0 - 0.8);
         break;
-    case 1: /* inside: all of it */
+    case 1: /* inside: the whole flux */
         rig_light(r, PELL_LIGHT_POINT, vec3(1, 2, 4), centre, 2.0f);
         expected = 2e6 * 4.0 * PELL_PI;
         break;
-    case 2: /* a cone narrower than the sphere; s^2 between has a third of its width */
+    case 2: /* a cone narrower than the sphere; the smoothstep s^2 between contributes a third of its width */
     case 3:
         l = rig_light(r, PELL_LIGHT_SPOT, vec3(1, 2, 13), centre, 2.0f);
-        l->cos_inner = kind == 2 ? 0.98f : 0.75f; /* and one wider: all in the sphere is full */
+        l->cos_inner = kind == 2 ? 0.98f : 0.75f; /* a wider cone: the whole sphere has full intensity */
         l->cos_outer = kind == 2 ? 0.95f : 0.5f;
         expected = kind == 2 ? 2e6 * 2.0 * PELL_PI * (0.02 + 0.03 / 3.0) : 2e6 * 2.0 * PELL_PI * 0.2;
         break;
@@ -452,7 +454,7 @@ static double add_light_of_known_flux(struct rig *r, int kind, struct pell_vec3 
         l->height = 20.0f;
         expected = PELL_PI * 36.0 * 2.0 * 4.0 * asin(5.0 * 10.0 / sqrt((25.0 + 400.0) * (100.0 + 400.0)));
         break;
-    case 6: /* near: by cosine, and many miss */
+    case 6: /* nearby: cosine-weighted, and many samples miss */
         l = rig_light(r, PELL_LIGHT_DISC, vec3(1, 2, 10), centre, 2.0f);
         l->radius = 5.0f;
         expected = PELL_PI * 36.0 * 2.0 * 2.0 * PELL_PI * (1.0 - 7.0 / sqrt(25.0 + 49.0));
@@ -540,7 +542,7 @@ static void nothing_shines_and_nothing_breaks(void **state)
     pell_light_sampler_destroy(&e);
     pell_light_sampler_destroy(&e);
 
-    /* Dark ones are none. */
+    /* Black lights count as no lights. */
     for (int k = 0; k < 6; k++)
         rig_light(&r, (enum pell_light_type) k, vec3(0, 0, 10), vec3(0, 0, 0), k % 2 ? 0.0f : -1.0f)->radius = 2.0f;
     for (int k = 0; k < 3; k++) {
@@ -556,7 +558,7 @@ static void nothing_shines_and_nothing_breaks(void **state)
     assert_int_equal(pell_light_sampler_count(e), 0);
     pell_light_sampler_destroy(&e);
 
-    /* Wild ones: nothing that comes out is NaN. */
+    /* Extreme lights: no result is NaN. */
     for (int k = 0; k < 54; k++)
         rgb[k] = wild[k * 5 % 8];
     l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_specular_tables.c - the tables of lobes and boundaries that a scene's materials share. */
+ * test_specular_tables.c - tables of specular lobes and boundaries that the materials of a scene share. */
 #include "pell_test.h"
 
 #include "specular_lookup.h"
@@ -19,7 +19,7 @@ static struct pell_scene *make_scene(struct pell_context *ctx, int materials)
     return scene;
 }
 
-/* Materials of one index share its table, whatever stands between them; each finds its own lobe and index. */
+/* Materials of equal index share its table, in whatever order they are listed; each finds its own lobe and index. */
 static void materials_find_their_own_tables(void **state)
 {
     static const double etas[] = { 1.0, 1.3, 1.3, 1.5, 4.0, 1.3 };
@@ -30,7 +30,7 @@ static void materials_find_their_own_tables(void **state)
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(etas); i++) {
         scene->materials[i].medium.eta = etas[i];
-        scene->materials[i].specular = (enum pell_specular_model)(i % (PELL_SPECULAR_MODELS + 1)); /* one too many */
+        scene->materials[i].specular = (enum pell_specular_model)(i % (PELL_SPECULAR_MODELS + 1)); /* one more than fits */
     }
     for (int k = 0; k < PELL_SPECULAR_MODELS; k++)
         pell_specular_table_make((enum pell_specular_model) k, &lobe[k]);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_fft.c - the transforms of 16 neighbours against sums in double precision, and what transforms must keep. */
+ * test_fft.c - the transforms of 16 neighbouring columns against sums in double precision, and their invariants. */
 #include "pell_test.h"
 
 #include "base/simd.h"
@@ -25,7 +25,7 @@ static float noise(unsigned i)
     return (float) ((h ^ (h >> 16)) & 0xffffff) / 8388608.0f - 1.0f;
 }
 
-/* A transform of noise; the result is a copy. */
+/* A transform of white noise; the result is a copy. */
 static float *transform(int n, bool inverse, const float *in)
 {
     float *a = floats((size_t) n * E), *b = floats((size_t) n * E), *table = floats(pell_fft_table(n)), *out;
@@ -49,7 +49,7 @@ static float *fill(int n)
     return p;
 }
 
-/* Largest difference from the sum, over the root of the power, of lane `lane`; both ways. */
+/* Largest difference from the direct sum, divided by the root of the power, in lane `lane`; forward and inverse. */
 static double distance_to_sum(int n, int lane, int step)
 {
     float *in = fill(n);
@@ -145,7 +145,7 @@ static void sums_transform_to_sums_and_lanes_never_meet(void **state)
 
     (void) state;
     for (int i = 0; i < n * E; i++) {
-        b[i] = i % 16 == 3 ? 1e6f * noise((unsigned) i + 99) : 0.0f; /* one lane that is much brighter */
+        b[i] = i % 16 == 3 ? 1e6f * noise((unsigned) i + 99) : 0.0f; /* one much brighter lane */
         c[i] = 2.0f * a[i] - 0.5f * b[i];
     }
     A = transform(n, false, a);
@@ -165,7 +165,7 @@ static void sums_transform_to_sums_and_lanes_never_meet(void **state)
     free(C);
 }
 
-/* 16 of all rows, from y on. */
+/* 16 columns of all rows, from y on. */
 static struct pell_fft_rows rows_from(struct pell_fft_rows all, int y)
 {
     for (int i = 0; i < 2 && all.image[i]; i++) {
@@ -176,7 +176,7 @@ static struct pell_fft_rows rows_from(struct pell_fft_rows all, int y)
     return all;
 }
 
-/* Rows of images whose sizes are odd, in part, and with one image alone. */
+/* Rows of images of odd size, in part, and with one image alone. */
 static void images_are_the_sum_and_come_back(void **state)
 {
     static const struct {
@@ -200,7 +200,7 @@ static void images_are_the_sum_and_come_back(void **state)
                 half[k] = floats((size_t) (blocks * block));
                 buffer[k] = floats(pell_fft_buffer(n));
                 for (ptrdiff_t at = 0; at < stride * height; at++)
-                    image[k][at] = noise((unsigned) (at + 1000 * k)); /* beyond the width, too */
+                    image[k][at] = noise((unsigned) (at + 1000 * k)); /* including beyond the width */
                 for (int at = 0; at < blocks * block; at++)
                     half[k][at] = NAN;
             }

@@ -9,7 +9,7 @@
 static struct pell_hankel plan;
 static double f[PELL_HANKEL_MAX], out[PELL_HANKEL_FINE_MAX];
 
-/* Int exp(-z s) J0(s r) s ds = z/(r^2 + z^2)^(3/2); the largest difference in r F times z, for radii up to 1e4 z. */
+/* Int exp(-z s) J0(s r) s ds = z/(r^2 + z^2)^(3/2); the largest difference of r F times z, for radii up to 1e4 z. */
 static double pole_error(int count, int oversample, double step, double z)
 {
     const double s0 = 45.0 / z, r0 = 1e-2 * z;
@@ -38,7 +38,7 @@ static void pole(void **state)
     REQUIRE_NEAR(pole_error(512, 4, 0.1, 1.0), 0.0, 2e-12);
 }
 
-/* exp(-pi^2/(2 step)) is what the header says. */
+/* The error estimate exp(-pi^2/(2 step)) of the header. */
 static void error_over_step(void **state)
 {
     (void) state;
@@ -84,7 +84,7 @@ static void linear(void **state)
         REQUIRE_NEAR(out[j], 3.0 * b[j] - 2.0 * a[j], 1e-12);
 }
 
-/* Finer radii pass through the coarser ones. */
+/* Finer radii interpolate the coarser ones. */
 static void oversampled(void **state)
 {
     static double coarse[PELL_HANKEL_FINE_MAX];

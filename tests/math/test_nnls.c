@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_nnls.c - the active-set solver against a search over all subsets of free weights. */
+ * test_nnls.c - the active-set solver of non-negative least squares against a search over all subsets of free weights. */
 #include "pell_test.h"
 
 #include "math/nnls.h"
@@ -136,7 +135,7 @@ static void no_subset_of_weights_is_better(void **state)
             REQUIRE_REL(total, p.sum, 1e-14);
         REQUIRE_NEAR(cost(&p, s.w), best_subset(&p), 1e-11);
     }
-    REQUIRE(held > 300); /* the constraint did bind */
+    REQUIRE(held > 300); /* the constraint was active */
 }
 
 static void basis_is_orthonormal_and_spans_the_free_directions(void **state)

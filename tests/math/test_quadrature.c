@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_quadrature.c - integrals with known values. */
+ * test_quadrature.c - numerical quadrature of integrals with known values. */
 #include "pell_test.h"
 
 #include "math/quadrature.h"

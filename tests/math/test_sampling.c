@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_sampling.c - the order of pixels that shares samples out between neighbours. */
+ * test_sampling.c - the curve of pixels that distributes one low-discrepancy sequence over neighbouring pixels. */
 #include "pell_test.h"
 
 #include "math/sampling.h"
@@ -14,15 +13,15 @@ static void every_place_of_a_block_is_taken_once(void **state)
         bool taken[SIDE * SIDE] = { false };
         for (uint32_t y = 0; y < SIDE; y++)
             for (uint32_t x = 0; x < SIDE; x++) {
-                const uint32_t place = pell_pixel_curve(x + SIDE * seed, y, seed);
-                REQUIRE(place < SIDE * SIDE && !taken[place]);
-                taken[place] = true;
+                const uint32_t index = pell_pixel_curve(x + SIDE * seed, y, seed);
+                REQUIRE(index < SIDE * SIDE && !taken[index]);
+                taken[index] = true;
             }
     }
 }
 
-/* Aligned squares of 2^k x 2^k pixels hold consecutive places, so that 4 samples a pixel make a (0, 2)-net of 4^(k+1): one in each box of
- * any of the shapes that have that area. */
+/* Aligned blocks of 2^k x 2^k pixels have consecutive indices, so that 4 samples per pixel form a (0, 2)-net of 4^(k+1) points: one in
+ * each elementary interval of that area. */
 static void squares_of_pixels_share_out_the_unit_square(void **state)
 {
     (void) state;
@@ -44,7 +43,8 @@ static void squares_of_pixels_share_out_the_unit_square(void **state)
         }
 }
 
-/* Each digit's order is drawn: over many seeds a pixel's first digit takes each value equally often, whatever its neighbour's is. */
+/* The order of each digit is randomised: over many seeds the first digit of a pixel takes each value equally often, independently of its
+ * neighbour's. */
 static void orders_are_drawn(void **state)
 {
     int pairs[4][4] = { { 0 } };

@@ -11,7 +11,7 @@
 
 #define ROUNDS 9
 
-/* Of all threads. */
+/* Processor time of all threads. */
 static double cpu_seconds(void)
 {
     struct timespec t;
@@ -47,7 +47,7 @@ static struct patch *bumps(int size, const struct pell_frame_material *m)
     return p;
 }
 
-/* Medians of the passes, ms, by the clock and by the processors' own time. */
+/* Medians of the passes in ms, by wall-clock time and by processor time. */
 static void measure(const struct bench_place *at, int size, double radius, const char *const *settings, bool print, double out[2])
 {
     struct pell_frame_material m = { .name = "skin1", .medium = pell_material_find("skin1")->medium };

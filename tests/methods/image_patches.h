@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * image_patches.h - surfaces and light that the tests of the image-space method share. */
+ * image_patches.h - surfaces and illumination shared by the tests of the image-space method. */
 #ifndef PELL_IMAGE_PATCHES_H
 #define PELL_IMAGE_PATCHES_H
 
@@ -50,9 +50,9 @@ static inline double step_of(const struct pell_frame_material *m, int c, double 
 
 #define BALL_MM 12.0
 #define BALL_AT 600.0
-#define BALL_PX 3.0 /* a mm, at its centre */
+#define BALL_PX 3.0 /* per mm, at its centre */
 
-/* Depth of the ball where a pixel (or a place in one) sees it; 0: not. */
+/* Depth of the ball at a pixel (or a position within one); 0 where the ray misses. */
 static inline double ball_depth(const struct patch *p, double x, double y)
 {
     const double tx = patch_tan_x(p, x), ty = patch_tan_y(p, y), a = 1.0 + tx * tx + ty * ty;

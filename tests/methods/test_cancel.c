@@ -1,27 +1,26 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_cancel.c - a large mesh is let go soon: wherever its preparation is cancelled, little work is done after that. And wherever a
- * picture is cancelled, nothing is made of what was not computed, and the next one is as if nothing had been. */
+ * test_cancel.c - cancellation: wherever the preparation of a large mesh or a render is cancelled, little work is done afterwards;
+ * planes that were not computed are not used; and the next render is unaffected. */
 #include "slow.h"
 #include "stage.h"
 
-/* Cancels at the n-th allocation of `least` bytes or more: what follows one is mostly a loop over what it is for. Memory is garbage at
- * first. */
+/* Cancels at the n-th allocation of `least` bytes or more, as most allocations are followed by the loop that fills them. Allocated
+ * memory initially holds garbage. */
 static struct canceller {
     struct pell_alloc_fault fault;
     struct pell_allocator inner;
-    struct pell_context *ctx; /* NULL: counts alone */
+    struct pell_context *ctx; /* NULL: only counts */
     size_t least;
     int count, cancel_at;
-    double since; /* processor time when it cancelled */
-    double done;  /* of the picture */
-    int shown;    /* how often that was told */
+    double since; /* processor time at the cancellation */
+    double done;  /* progress of the image */
+    int shown;    /* number of progress reports */
 } canceller;
 
 #define LARGE_BYTES ((size_t) 1 << 20)
 #define RINGS (SLOW ? 50 : 300) /* 358,800 triangles */
 #define RUNS (SLOW ? 4 : 8)     /* a method */
-#define PLACES (SLOW ? 3 : 16)  /* of a small picture */
+#define PLACES (SLOW ? 3 : 16)  /* of a small image */
 #define GARBAGE 0xa5
 
 static void *cancelling_alloc(void *user, size_t size)
@@ -44,12 +43,12 @@ static void cancelling_free(void *user, void *ptr)
     c->inner.free(c->inner.user, ptr);
 }
 
-/* What is told of a picture's progress never goes back. */
+/* Reported progress never decreases. */
 static void watch(void *user, const char *task, double fraction)
 {
     struct canceller *c = user;
 
-    if (strcmp(task, "layouts") == 0) /* before the picture */
+    if (strcmp(task, "layouts") == 0) /* before the image begins */
         return;
     if (!(fraction >= c->done && fraction <= 1.0))
         fail_msg("%s: progress goes from %g to %g", task, c->done, fraction);
@@ -142,7 +141,7 @@ static void path_trace_lets_go_soon(void **state)
     require_soon("path-trace");
 }
 
-/* A ball on a ground below a light, with all that is on by default. */
+/* A ball on a ground below a light, with all stages that are on by default. */
 static void start_small(struct stage *s, const char *method)
 {
     size_t marble, ground;
@@ -188,7 +187,8 @@ static void nothing_is_made_of_what_was_cancelled(void **state)
     for (int run = 0; run < PLACES; run++) {
         start_small(&s, method->name);
         canceller.ctx = s.ctx;
-        canceller.cancel_at = 1 + (run * all + (int) number * all / 9) / PLACES % all; /* methods share stages: elsewhere in each */
+        canceller.cancel_at = 1 + (run * all + (int) number * all / 9) / PLACES %
+                                      all; /* methods share stages: cancelled at a different point for each method */
         assert_int_equal(pell_renderer_render(s.r, &s.settings, &s.image), PELL_ERR_CANCELLED);
         canceller.ctx = NULL;
         pell_context_resume(s.ctx);

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * test_contract.c - what every method owes, on every engine, for the quantity that it gives: run over the registry, through pell_pass, on
- * planes of the test's own. What needs a whole scene says so, and is held to the rest in test_contract_scene.c. Built twice: for the
- * methods' defaults, and for what their papers ran. */
+ * test_contract.c - properties that every method must have, on every engine, for the quantity that it computes: runs over the registry,
+ * through pell_pass, on hand-made planes. A method that needs a whole scene declares this, and is tested in test_contract_scene.c
+ * instead. Built twice: with the methods' defaults, and with their papers' settings. */
 #include "contract.h"
 #include "patch.h"
 #include "slow.h"
@@ -9,7 +9,7 @@
 #include <pthread.h>
 
 #ifndef PAPER
-#define PAPER 0 /* 1: the methods as their papers ran them */
+#define PAPER 0 /* 1: the methods with their papers' settings */
 #endif
 
 /* 2, 4 and 8 pixels wide at 1 pixel per mm; the channels differ. */
@@ -21,16 +21,16 @@ static struct pell_frame_material broad(void)
     return patch_gaussians(3, broad_variance, broad_weight);
 }
 
-/* The knobs that a method runs with, as for patch_configure. */
+/* The knobs of a method, as for patch_configure. */
 static const char *const *form(const struct pell_method *m)
 {
     static const char *const best[] = { NULL }, *const paper[] = { "as=paper", NULL };
-    /* A level set by hand scatters by a set share of the object's height, whatever the material's profile. */
+    /* A fixed level scatters over a fixed fraction of the object's height, whatever the material's profile. */
     static const char *const screen_space[] = { "as=paper", "ssslevel=0", NULL };
-    /* What converges is held to what it converges to, and pixels with patterns of their own are not the same wherever they are. */
+    /* Methods that converge are compared at their limit; pixels with sampling patterns of their own differ from position to position. */
     static const char *const image_space[2][4] = { { "samples=256", "tile=1", NULL }, { "as=paper", "samples=256", "tile=1", NULL } };
 
-    /* Without a scene there is the front alone. */
+    /* Without a scene there is only light that entered from the front. */
     static const char *const convolution[2][3] = { { "surfaces=1", NULL }, { "as=paper", "surfaces=1", NULL } };
 
     if (strcmp(m->name, "image-space") == 0)
@@ -42,7 +42,7 @@ static const char *const *form(const struct pell_method *m)
     return strcmp(m->name, "screen-space") == 0 ? screen_space : paper;
 }
 
-/* The same, for tests that ask for more than it takes to be the same everywhere. */
+/* The same, for tests that require more than identical results at every position. */
 static const char *const *fine_form(const struct pell_method *m)
 {
     static const char *const image_space[2][4] = { { "samples=1024", "tile=1", NULL }, { "as=paper", "samples=1024", "tile=1", NULL } };
@@ -50,7 +50,7 @@ static const char *const *fine_form(const struct pell_method *m)
     return strcmp(m->name, "image-space") == 0 ? image_space[PAPER] : form(m);
 }
 
-/* Why a method has no planes to be tried on. */
+/* The reason why a method cannot be tested on planes. */
 static const char *needs_scene(const struct pell_method *m)
 {
     void *knobs = calloc(1, m->knobs_size);
@@ -62,7 +62,7 @@ static const char *needs_scene(const struct pell_method *m)
     return runs ? NULL : "needs a scene: see contract_scene";
 }
 
-/* Of either form, whichever is built: what makes a method run on planes. */
+/* In either build: the settings with which a method runs on planes. */
 static const char *const *either_form(const struct pell_method *m, bool as_paper)
 {
     static const char *const plain[2][2] = { { "as=best", NULL }, { "as=paper", NULL } };
@@ -71,7 +71,7 @@ static const char *const *either_form(const struct pell_method *m, bool as_paper
     return strcmp(m->name, "convolution") == 0 ? front[as_paper] : plain[as_paper];
 }
 
-/* What a method's paper form is known to fail, and why. */
+/* Properties that a method's published form is known to violate, and why. */
 static const struct promise_exception exceptions[] = {
 #if PAPER
     { "screen-space", "impulse_gives_the_profile", "seven taps far apart leave gaps in what is not smooth" },
@@ -92,7 +92,7 @@ static const struct promise_exception exceptions[] = {
     { 0 },
 };
 
-/* What comes of even light of 1: the profile's total, or 1 for what blurs a lit picture. */
+/* The response to uniform irradiance of 1: the profile's total, or 1 for methods that blur a shaded image. */
 static double even_total(const struct pell_method *method, const struct pell_frame_material *m, int channel)
 {
     void *knobs = calloc(1, method->knobs_size);
@@ -111,7 +111,7 @@ static double even_total(const struct pell_method *method, const struct pell_fra
     return pell_gaussians_total(&m->gaussians, channel);
 }
 
-/* Light that differs from pixel to pixel, in [0, 1]. */
+/* Irradiance that differs from pixel to pixel, in [0, 1]. */
 static float standard_error(unsigned x, unsigned y, unsigned c)
 {
     unsigned h = x * 374761393u + y * 668265263u + c * 2246822519u + 12345u;
@@ -157,7 +157,7 @@ static void impulse_gives_the_profile(void **state)
     for (size_t i = 0; i < PELL_COUNT(radii); i++) {
         for (int c = 0; c < 3; c++) {
             double inside = 0.0, expected = 0.0;
-            /* Every pixel by the share of its area inside the circle, on a grid of 16 x 16. */
+            /* Each pixel by the fraction of its area inside the circle, on a grid of 16 x 16. */
             for (int y = 0; y < 129; y++)
                 for (int x = 0; x < 129; x++) {
                     int hits = 0;
@@ -165,7 +165,7 @@ static void impulse_gives_the_profile(void **state)
                         hits += hypot(x - 64.5 + (s % 16 + 0.5) / 16.0, y - 64.5 + (s / 16 + 0.5) / 16.0) < radii[i];
                     inside += hits / 256.0 * (double) p->result[c][patch_at(p, x, y)];
                 }
-            /* The source is a pixel wide, and so is each pixel that receives: 1/6 mm^2 more. */
+            /* The source is a pixel wide, and so is each receiving pixel: adds 1/6 mm^2 to the variance. */
             for (int k = 0; k < 3; k++)
                 expected += broad_weight[k][c] * (1.0 - exp(-radii[i] * radii[i] / (2.0 * (broad_variance[k] + 1.0 / 6.0))));
             worst = fmax(worst, fabs(inside - expected) / even_total(on->method, &m, c));
@@ -291,7 +291,7 @@ static void white_profiles_give_back_uniform_light(void **state)
     place_destroy(&at);
 }
 
-/* A bumpy, partly covered surface of two materials with strength, to stir all paths. */
+/* A bumpy, partly covered surface of two materials with strength maps, to execute all code paths. */
 static void rough_scene(struct patch *p, unsigned seed)
 {
     for (int y = 0; y < p->frame.shape.height; y++)
@@ -371,7 +371,7 @@ static void any_size_and_any_rectangle(void **state)
         struct pell_pass *pass;
         patch_run(&at, on->method, form(on->method), p);
         REQUIRE_REL((double) p->result[0][patch_at(p, w - 1, h - 1)], even_total(on->method, &m, 0), 1e-4);
-        /* Nothing is written beside the picture (the rows are longer), nor outside the rectangle. */
+        /* Nothing is written outside the image (rows have padding), nor outside the rectangle. */
         for (int y = 0; y < h; y++)
             for (ptrdiff_t x = w; x < p->frame.shape.stride; x++)
                 assert_true(p->result[0][y * p->frame.shape.stride + x] == 0.0f);
@@ -478,7 +478,7 @@ static void settings_are_read_and_as_comes_first(void **state)
         s[0] = (struct pell_setting) { k->name, text, "test" };
         s[1] = (struct pell_setting) { "as", "paper", "test" };
         assert_int_equal(pell_method_configure(ctx, on->method, s, strcmp(k->name, "as") == 0 ? 1 : 2, b), PELL_OK);
-        /* What was set stays, though `as` stands behind it. */
+        /* Explicit settings are kept, although `as` follows them. */
         pell_knob_format(k, b, text, sizeof(text));
         assert_string_equal(text, s[0].value);
     }
@@ -530,7 +530,7 @@ static double second_moment(const struct bench_place *at, const struct pell_meth
 {
     static const double one[1][3] = { { 1.0, 1.0, 1.0 } };
     const struct pell_frame_material m = patch_gaussians(1, &variance, one);
-    const int half = (int) fmin(80.0, 8.0 * sqrt(variance) + 4.0), size = 2 * half + 1; /* all of it, as far as 161 pixels hold it */
+    const int half = (int) fmin(80.0, 8.0 * sqrt(variance) + 4.0), size = 2 * half + 1; /* all of the light, as far as 161 pixels hold it */
     struct patch *p = patch_create(size, size, true, 1.0, 100.0, &m, 1);
     double sum = 0.0, moment = 0.0;
 
@@ -644,7 +644,7 @@ static void what_lies_outside_the_mask_changes_nothing(void **state)
     place_destroy(&at);
 }
 
-/* An engine's plane may hold ids of its own: what names none of the frame's materials is not translucent. */
+/* A plane of an engine may hold ids of its own: an id of no material of the frame means not translucent. */
 static void ids_beyond_the_materials_count_as_none(void **state)
 {
     const struct party *const on = *state;
@@ -733,7 +733,7 @@ static void failed_allocations_leak_nothing(void **state)
             assert_null(pass);
             assert_true(kept.errors >= 1);
         }
-        if (on->engine == PELL_ENGINE_VULKAN) { /* all of what is compiled, and that alone, stays with the device */
+        if (on->engine == PELL_ENGINE_VULKAN) { /* the compiled shaders, and nothing else, remain on the device */
             fault.fail_at = 0;
             assert_int_equal(pell_pass_create(at.device, on->method, knobs, &p->frame.shape, &pass), PELL_OK);
             pell_pass_destroy(&pass);
@@ -916,8 +916,8 @@ static void wild_frames_give_finite_light(void **state)
 
     for (unsigned k = 0; k < frames; k++) {
         const char *const *settings = either_form(on->method, k % 5 == 4);
-        /* A sample that was counted on to be far may be near: by the paper's count it then weighs more than one. */
-        /* So does all light that the paper's planes find near one another. */
+        /* A sample that was assumed to be distant may be close: with the paper's sample count its weight then exceeds one. */
+        /* Likewise all light that the paper's planes place close together. */
         const bool unbounded = k % 5 == 4 && (strcmp(on->method->name, "image-space") == 0 || strcmp(on->method->name, "convolution") == 0);
         const int w = 1 + (int) (70.0f * standard_error(k, 1, 1)), h = 1 + (int) (50.0f * standard_error(k, 2, 1));
         struct pell_frame_material m[2] = { broad(), broad() };
@@ -976,7 +976,7 @@ static void says_what_it_is(void **state)
     }
 }
 
-/* A method that needs a scene refuses planes, and says what to do. */
+/* A method that needs a scene refuses planes, and says how to proceed. */
 static void refuses_planes(void **state)
 {
     const struct party *const on = *state;
@@ -999,7 +999,7 @@ static void refuses_planes(void **state)
     {                                                                                                                                      \
 #name, name, false, false                                                                                                          \
     }
-/* The same for both forms: it sets its own knobs, or tries both. */
+/* Identical in both builds: the test sets its own knobs, or tries both. */
 #define ONCE(name)                                                                                                                         \
     {                                                                                                                                      \
 #name, name, false, true                                                                                                           \

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
- * test_contract_scene.c - what every method and reference owes of a whole scene, on every engine that it has: run over the registry, so
- * that a method that is added to the list is tested from then on; built a second time for the methods as their papers ran them.
- * Properties of planes alone are in test_contract.c. */
+ * test_contract_scene.c - properties that every method and reference must have on a whole scene, on each of its engines: runs over the
+ * registry, so that a newly listed method is tested automatically; built a second time with the papers' settings. Properties on planes
+ * alone are in test_contract.c. */
 #include "contract.h"
 #include "method_form.h"
 
 #include <pthread.h>
 
 #ifndef PAPER
-#define PAPER 0 /* 1: the methods as their papers ran them */
+#define PAPER 0 /* 1: the methods with their papers' settings */
 #endif
 
-/* Why a method has no part in this: NULL, or that no paper's settings differ from its own. */
+/* The reason why a method is not tested here: NULL, or that its paper's settings equal its own. */
 static const char *unfit(const struct pell_method *m)
 {
     return PAPER && (m->kind == PELL_KIND_REFERENCE || !(m->knobs && m->knobs[0].name && strcmp(m->knobs[0].name, "as") == 0))
@@ -33,7 +33,7 @@ static const char *const *form(const struct pell_method *m)
     return knobs;
 }
 
-/* On a device that tests share, one after another. */
+/* On a device that tests use one after another. */
 static void start(struct stage *s, const struct party *on, int width, int height, int threads)
 {
     stage_start_borrowed(s, stage_shared_device(on->engine, threads), width, height);
@@ -49,7 +49,8 @@ static void start_alone(struct stage *s, const struct party *on, int width, int 
         on->method->paper_settings(&s->settings);
 }
 
-/* Two slabs 80 mm wide and 0.1 mm apart, side by side before the camera, of a medium in which light goes some millimetres. */
+/* Two slabs 80 mm wide and 0.1 mm apart, side by side in front of the camera, of a medium with a diffuse mean free path of some
+ * millimetres. */
 static void slabs(struct stage *s, const size_t material[2], const int object[2])
 {
     stage_box(s, material[0], object[0], vec3(-80.05f, -30.0f, -10.0f), vec3(-0.05f, 30.0f, 0.0f));
@@ -78,7 +79,7 @@ static struct shot shot_of_slabs(const struct party *on, enum slabs which)
     return shot;
 }
 
-/* No light goes through a medium from one object to another, whether each has a material of its own or both share one. */
+/* No light passes through a medium from one object to another, whether each has its own material or both use one. */
 static void objects_that_share_a_material_do_not_share_light(void **state)
 {
     const struct party *const on = *state;
@@ -89,7 +90,7 @@ static void objects_that_share_a_material_do_not_share_light(void **state)
     shot_free(&named);
 }
 
-/* The scene is one in which it shows. */
+/* The scene would reveal such a leak. */
 static void parts_of_an_object_share_light(void **state)
 {
     const struct party *const on = *state;
@@ -100,7 +101,7 @@ static void parts_of_an_object_share_light(void **state)
     shot_free(&one);
 }
 
-/* A ball and a slab of a medium whose light goes `reach` times as far as marble's, at a strength. */
+/* A ball and a slab of a medium whose mean free path is `reach` times marble's, at a strength. */
 static struct shot shot_of_strength(const struct party *on, double reach, float strength)
 {
     struct pell_material *m;
@@ -124,7 +125,7 @@ static struct shot shot_of_strength(const struct party *on, double reach, float 
     return shot;
 }
 
-/* A constant strength is a medium in which light goes as much less far. */
+/* A constant strength s is equivalent to a medium with mean free paths multiplied by s. */
 static void a_constant_strength_scales_every_method(void **state)
 {
     const struct party *const on = *state;
@@ -140,7 +141,7 @@ static void a_constant_strength_scales_every_method(void **state)
     shot_free(&full);
 }
 
-/* As 1/2 is exact, to the bit. */
+/* As 1/2 is exact in floating point, the results are bit-identical. */
 static void a_constant_strength_scales_to_the_bit(void **state)
 {
     const struct party *const on = *state;
@@ -153,7 +154,7 @@ static void a_constant_strength_scales_to_the_bit(void **state)
 
 /* --- A small scene -------------------------------------------------------------------------------------------------------------------- */
 
-/* What a method is known not to give, and why. */
+/* Light that a method is known not to compute, and why. */
 static const struct promise_exception exceptions[] = {
 #if PAPER
     { "screen-space", "parts_of_an_object_share_light", "its level of detail drops blurs as narrow as these are in pixels" },
@@ -185,7 +186,7 @@ static const struct promise_exception exceptions[] = {
 
 enum lit_by { LIT_BY_BOTH, LIT_BY_POINT, LIT_BY_RECT };
 
-/* A ball above an opaque floor, lit by a point and by a rectangle; light goes a tenth of its radius and more. */
+/* A ball above an opaque floor, lit by a point and a rectangle; the diffuse mean free path is a tenth of its radius or more. */
 static void ball(struct stage *s, enum lit_by lit_by, float power)
 {
     size_t marble, floor;
@@ -214,7 +215,7 @@ static struct shot shot_of_ball(const struct party *on, int threads, int seed, e
     return shot;
 }
 
-/* Light from everywhere, several samples a pixel, and enough rows for several tasks at once. */
+/* An environment, several samples per pixel, and enough rows for several concurrent tasks. */
 static struct shot shot_of_threads(const struct party *on, int threads)
 {
     const bool quick = on->method->kind == PELL_KIND_METHOD;
@@ -289,7 +290,8 @@ static void light_of_two_lights_is_the_sum(void **state)
     shot_free(&rect);
 }
 
-/* Even light from everywhere on a medium that takes next to none of it: the mean pixel is no brighter than the light itself. */
+/* Uniform illumination from all directions on a medium with almost no absorption: the mean pixel is no brighter than the illumination
+ * itself. */
 static void no_more_light_leaves_than_arrives(void **state)
 {
     const struct party *const on = *state;
@@ -366,7 +368,7 @@ static void a_size_and_back_gives_the_same_bits(void **state)
     stage_finish(&s);
 }
 
-/* Every fourth allocation or so, of those that renderer, scene and method make. */
+/* Every fourth or so of the allocations that renderer, scene and method make. */
 static void failed_allocations_leak_nothing(void **state)
 {
     const struct party *const on = *state;
@@ -441,7 +443,7 @@ static void two_renderers_share_a_scene(void **state)
     stage_finish(&owner);
 }
 
-/* "NAME=VALUE" for the i-th choice or end of a knob's range; false: there is none, or it says only how much work there is. */
+/* "NAME=VALUE" for the i-th choice or bound of a knob; false where there is none, or where the bound only sets the amount of work. */
 static bool knob_at_an_end(const struct pell_knob *k, int i, char *text, size_t size)
 {
     const double end = i == 0 ? k->min : k->max;
@@ -455,7 +457,7 @@ static bool knob_at_an_end(const struct pell_knob *k, int i, char *text, size_t 
     return snprintf(text, size, "%s=%.9g", k->name, end) > 0;
 }
 
-/* Each choice, and the ends of each range that do not only say how much work there is: one after another by one renderer. */
+/* Each choice, and the bounds of each range except those that only set the amount of work: one after another with one renderer. */
 static void every_knob_at_its_ends_gives_finite_light(void **state)
 {
     const struct party *const on = *state;
@@ -473,7 +475,7 @@ static void every_knob_at_its_ends_gives_finite_light(void **state)
             size_t n = 0;
             for (const char *const *small = form(on->method); small[n]; n++)
                 knobs[n] = small[n];
-            knobs[n] = text; /* the last one holds */
+            knobs[n] = text; /* the last setting applies */
             s.kept.errors = 0;
             stage_method(&s, on->method->name, knobs);
             res = pell_renderer_render(s.r, &s.settings, &s.image);

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_convolution.c - the convolution method on planes: its tables, kernels and images between planes against closed forms and sums. */
+ * test_convolution.c - the convolution method on hand-made planes: its tables, kernels and transfers between depth planes against closed
+ * forms and direct sums. */
 #include "patch.h"
 #include "slow.h"
 
@@ -54,7 +55,7 @@ static struct tables *tables_of(const struct pell_frame_material *m)
     return t;
 }
 
-/* With the index 1.3 of the numbers in docs/errata.md. */
+/* With the refractive index 1.3 of the numbers in docs/errata.md. */
 static struct pell_frame_material medium(const char *name)
 {
     struct pell_frame_material m = { .name = name, .preset = name, .medium = pell_material_find(name)->medium };
@@ -104,16 +105,16 @@ static void tables_are_the_profile(void **state)
         const struct pell_frame_material m = medium(names[i]);
         struct tables *t = tables_of(&m);
         for (int c = 0; c < 3; c++)
-            for (double share = 0.001; share < 0.9999; share += 0.00917) {
-                const double r = pell_profile_sample(&t->profile[c], share);
+            for (double cdf = 0.001; cdf < 0.9999; cdf += 0.00917) {
+                const double r = pell_profile_sample(&t->profile[c], cdf);
                 REQUIRE_REL((double) convolution_radial_value(&t->radial[c], (float) (r * r)), pell_profile_eval(&t->profile[c], r), 2e-3);
-                REQUIRE_NEAR(convolution_radial_beyond(&t->radial[c], r), (1.0 - share) * pell_profile_total(&t->profile[c]), 1e-6);
+                REQUIRE_NEAR(convolution_radial_beyond(&t->radial[c], r), (1.0 - cdf) * pell_profile_total(&t->profile[c]), 1e-6);
             }
         free(t);
     }
 }
 
-/* docs/errata.md, munoz-6: what lies beyond the distance where R has fallen to a thousandth of R(0). */
+/* docs/errata.md, munoz-6: light beyond the distance at which R has fallen to a thousandth of R(0). */
 static void the_printed_threshold_drops_light(void **state)
 {
     static const struct {
@@ -142,9 +143,9 @@ static void the_printed_threshold_drops_light(void **state)
         }
 }
 
-/* --- Planes that face the camera ---------------------------------------------------------------------------------------------------- */
+/* --- Surfaces that face the camera -------------------------------------------------------------------------------------------------- */
 
-/* A surface at `depth` between two far corners that lie at `low` and `high`, lit beyond the middle column. */
+/* A surface at `depth` between two far corners at `low` and `high`, lit right of the middle column. */
 static struct patch *facing(const struct pell_frame_material *m, bool parallel, double focal, double low, double high, double depth,
                             bool half)
 {
@@ -198,7 +199,7 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
     place_destroy(&at);
 }
 
-/* Every depth is blurred as the middle one is, by pixels of its size; nothing changes for parallel rays. */
+/* Each depth is blurred like the middle one, at its own pixel size; for parallel rays the result is independent of depth. */
 static void pixels_of_one_size_are_those_of_the_middle(void **state)
 {
     static const char *const form[] = { "surfaces=1", "borders=open", "pixels=one", NULL };
@@ -256,7 +257,7 @@ static void facing_planes_keep_their_light(void **state)
     place_destroy(&at);
 }
 
-/* docs/errata.md, munoz-5: half of the light to each plane and linear gathering leave (rho(0) + rho(dz))/2 at every depth. */
+/* docs/errata.md, munoz-5: half of the light assigned to each plane and linear gathering yield (rho(0) + rho(dz))/2 at every depth. */
 static void splitting_in_halves_loses_light(void **state)
 {
     static const struct {
@@ -289,7 +290,7 @@ static void splitting_in_halves_loses_light(void **state)
     place_destroy(&at);
 }
 
-/* A lit plane before one that is not, far apart beside how far light goes, planes farther still. */
+/* A lit plane in front of an unlit one, separated by much more than the diffuse mean free path; depth planes are even farther apart. */
 static void edges_in_depth_keep_light_apart(void **state)
 {
     static const char *const forms[][6] = { { "surfaces=1", "borders=open", "planes=4", "edges=off", NULL },
@@ -303,7 +304,7 @@ static void edges_in_depth_keep_light_apart(void **state)
         struct patch *p = patch_create(90, 60, true, 3.0, 600.0, &m, 1);
         over[form] = 0.0;
         left[form] = 1.0;
-        p->depth[patch_at(p, 0, 0)] = 700.0f; /* takes planes 33 mm apart */
+        p->depth[patch_at(p, 0, 0)] = 700.0f; /* uses depth planes 33 mm apart */
         for (int y = 0; y < 60; y++)
             for (int x = 45; x < 90; x++) {
                 p->depth[patch_at(p, x, y)] = 610.0f;
@@ -326,7 +327,7 @@ static void edges_in_depth_keep_light_apart(void **state)
     place_destroy(&at);
 }
 
-/* --- Planes that lean ------------------------------------------------------------------------------------------------------------ */
+/* --- Slanted surfaces ------------------------------------------------------------------------------------------------------------ */
 
 static void leaning_planes_keep_most_of_their_light(void **state)
 {
@@ -363,8 +364,8 @@ static void leaning_planes_keep_most_of_their_light(void **state)
     place_destroy(&at);
 }
 
-/* A leaning plane, half of it lit. Across its slope light spreads as on a facing one; along it as far as planes parallel to the image
- * tell depths apart. */
+/* A slanted surface, half of it lit. Across the slope light spreads as on a facing surface; along it, as far as depth planes parallel to
+ * the image resolve depths. */
 static void a_step_across_a_slope_is_exact(void **state)
 {
     static const char *const forms[][3] = { { "surfaces=1", "planes=4", NULL }, { "surfaces=1", "planes=16", NULL } };
@@ -399,7 +400,8 @@ static void a_step_across_a_slope_is_exact(void **state)
     place_destroy(&at);
 }
 
-/* Light that stays in a small part of its pixel, beside an edge in depth: at the next pixel R is near the least number of a float. */
+/* A diffuse mean free path much smaller than the pixel, next to a depth discontinuity: at the next pixel R is close to the smallest
+ * float. */
 static void light_that_stays_in_its_pixel_is_kept(void **state)
 {
     static const char *const form[] = { "surfaces=1", NULL };
@@ -420,9 +422,9 @@ static void light_that_stays_in_its_pixel_is_kept(void **state)
     place_destroy(&at);
 }
 
-/* --- Nothing comes round ----------------------------------------------------------------------------------------------------------- */
+/* --- No wrap-around ---------------------------------------------------------------------------------------------------------------- */
 
-/* Light of a facing plane against the sum over all pixels, with profiles narrower than a pixel and wider than the picture. */
+/* Exiting light of a facing plane against the sum over all pixels, with profiles narrower than a pixel and wider than the image. */
 static void a_picture_is_the_sum_over_its_pixels(void **state)
 {
     static const double variances[] = { 0.02, 0.5, 9.0, 400.0, 4e4 };
@@ -457,7 +459,7 @@ static void a_picture_is_the_sum_over_its_pixels(void **state)
     place_destroy(&at);
 }
 
-/* Light of `left` in the first columns and of `right` in the last. */
+/* Irradiance `left` in the first columns and `right` in the last. */
 static struct patch *lit_at_ends(const struct bench_place *at, const struct pell_frame_material *m, float left, float right)
 {
     static const char *const form[] = { "surfaces=1", "borders=open", NULL };
@@ -473,8 +475,9 @@ static struct patch *lit_at_ends(const struct bench_place *at, const struct pell
     return p;
 }
 
-/* Beyond what padding holds nothing comes round: where no light comes to there is none, to the bit. Where other light comes to, a transform
- * leaves the rounding of all that goes through it, whatever its padding: a bound of the brightest light, not of the local one. */
+/* No light wraps around beyond the padding: where no light arrives the result is exactly zero. Where other light arrives, an FFT leaves
+ * the rounding error of everything that it transforms, whatever its padding: the bound is relative to the brightest light, not to the
+ * local one. */
 static void the_left_edge_does_not_light_the_right(void **state)
 {
     const struct pell_frame_material m = one(4.0);

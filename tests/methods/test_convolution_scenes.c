@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * test_convolution_scenes.c - the convolution method on whole scenes: what lies behind, solids, planes that move. */
+ * test_convolution_scenes.c - the convolution method on whole scenes: hidden surfaces, separate solids, moving depth planes. */
 #include "scenes.h"
 
 #include "render/renderer.h"
 
 static const char *const fine[] = { "density=8", NULL };
 
-/* Mean over pixels that are covered whole; with `other`, the root mean square of the difference, too. */
+/* Mean over fully covered pixels; with `other`, the root mean square of the difference, too. */
 static double mean_of(const struct shot *a, const struct shot *other, double *rms)
 {
     double sum = 0.0, square = 0.0;
@@ -25,7 +25,7 @@ static double mean_of(const struct shot *a, const struct shot *other, double *rm
     return sum / n;
 }
 
-/* 0: a ball lit from the side; 1: two balls grown together, a concave object; 2: a sheet, lit from behind. */
+/* 0: a ball lit from the side; 1: two merged balls, a concave object; 2: a backlit sheet. */
 static void object(struct stage *s, int which, int size)
 {
     size_t m;
@@ -48,7 +48,7 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
 {
     static const char *const names[] = { "ball", "two balls in one", "sheet lit from behind" };
     static const double bounds[3][2] = { { 0.06, 0.15 }, { 0.06, 0.2 }, { 0.03, 0.06 } }; /* of the mean, of the root mean square */
-    static const double usual[3][2] = { { 0.03, 0.06 }, { 0.06, 0.15 }, { 0.06, 0.15 } }; /* of the method as it is by default */
+    static const double usual[3][2] = { { 0.03, 0.06 }, { 0.06, 0.15 }, { 0.06, 0.15 } }; /* of the method with default knobs */
 
     (void) state;
     for (int k = 0; k < 3; k++) {
@@ -89,7 +89,7 @@ static void more_planes_come_nearer_to_the_whole_surface(void **state)
     }
 }
 
-/* A ray through a ball meets two surfaces: asking for more finds none, whatever the step. */
+/* A ray through a ball hits two surfaces: requesting more layers finds none, whatever the step. */
 static void what_the_camera_sees_counts_once(void **state)
 {
     static const char *const two[] = { "surfaces=2", "behind-step=2", NULL }, *const five[] = { "surfaces=5", "behind-step=2", NULL };
@@ -111,7 +111,7 @@ static void what_the_camera_sees_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* Planes that no pixel asks for change none, but for rounding. */
+/* Depth planes that no pixel uses change nothing except rounding. */
 static void planes_that_are_not_seen_change_nothing(void **state)
 {
     static const char *const on[] = { "planes=12", "visible=on", NULL }, *const off[] = { "planes=12", "visible=off", NULL };
@@ -134,14 +134,14 @@ static void planes_that_are_not_seen_change_nothing(void **state)
     }
 }
 
-/* No light goes from one object to another, though they touch. */
+/* No light passes from one object to another, even where they touch. */
 static void light_stays_in_its_object(void **state)
 {
     (void) state;
     require_light_stays_in_its_object("convolution", NULL, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
-/* Nor does a light on one object change a bit of another's pixels, whose rectangle in the picture it lies in. */
+/* Nor does a light on one object change a bit of another object's pixels inside its bounding rectangle. */
 static void light_on_an_object_changes_no_bit_of_another(void **state)
 {
     struct shot shots[2] = { { 0 } };
@@ -155,7 +155,7 @@ static void light_on_an_object_changes_no_bit_of_another(void **state)
         stage_gaussians(&s, 0.5, &m);
         stage_box(&s, m, 0, vec3(-10, -8, -4), vec3(2, 0, 0));
         stage_box(&s, m, 1, vec3(2, -8, -4), vec3(10, 8, 0));
-        stage_box(&s, m, 1, vec3(-10, 4, -4), vec3(2, 8, 0)); /* goes round the first */
+        stage_box(&s, m, 1, vec3(-10, 4, -4), vec3(2, 8, 0)); /* surrounds the first */
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(30, 40, 60), vec3(0, 0, 0), 2.0f);
         stage_light(&s, PELL_LIGHT_SPOT, vec3(-4, -4, 30), vec3(-4, -4, 0), source ? 5e-2f : 0.0f);
         s.scene->lights[1].cos_inner = 0.997f;
@@ -166,7 +166,7 @@ static void light_on_an_object_changes_no_bit_of_another(void **state)
     }
     for (int y = 0; y < 32; y++)
         for (int x = 0; x < 48; x++) {
-            const bool first = y >= 17 && x < 27, second = y < 15 || x >= 29; /* edges lie at 16 and 28 */
+            const bool first = y >= 17 && x < 27, second = y < 15 || x >= 29; /* edges at 16 and 28 */
             const double a = shot_at(&shots[0], 0, x, y), b = shot_at(&shots[1], 0, x, y);
             own += first && b > 1.01 * a;
             other += second && a > 0.0;
@@ -178,7 +178,7 @@ static void light_on_an_object_changes_no_bit_of_another(void **state)
     shot_free(&shots[1]);
 }
 
-/* An object so small that some samples of the multisample miss it, the first among them: each frame finds what lies behind anew. */
+/* An object so small that some samples of the multisample miss it, including the first: each frame finds the hidden surfaces again. */
 static void light_behind_is_of_its_own_frame(void **state)
 {
     static const char *const fine_cells[] = { "behind-step=1", NULL };
@@ -196,7 +196,7 @@ static void light_behind_is_of_its_own_frame(void **state)
             stage_gaussians(&s, 0.2, &m);
             stage_box(&s, m, 0, vec3(-0.3f, -0.3f, -0.6f), vec3(0.3f, 0.3f, -0.2f));
             stage_light(&s, PELL_LIGHT_POINT, vec3(10, 10, -60), vec3(0, 0, 0), 5e-3f);
-            if (!fresh) { /* something else is in view before */
+            if (!fresh) { /* another object is in view before */
                 stage_camera(&s, vec3(0, 0, 5), vec3(0, 0, 0), 0.0f, 1.0f);
                 stage_method(&s, "convolution", fine_cells);
                 shots[0] = stage_shot(&s);
@@ -221,8 +221,8 @@ static void light_behind_is_of_its_own_frame(void **state)
     REQUIRE(there > 5);
 }
 
-/* The camera goes round a box: planes slide through it. The mean light must go as smoothly as that of what they stand for. By one sample
- * to a pixel its hidden sides are three or four columns of cells, whose number goes in steps. */
+/* The camera orbits a box: depth planes move through it. The mean radiance must vary as smoothly as the surfaces that the planes
+ * represent. At one sample per pixel the hidden sides are three or four columns of cells, whose number changes in steps. */
 static void planes_slide_without_popping(void **state)
 {
     enum { FRAMES = 12 };
@@ -258,8 +258,8 @@ static void planes_slide_without_popping(void **state)
     REQUIRE(jump[1] < 0.01 && jump[2] < 0.005);
 }
 
-/* What lies before thick parts gets none of the light that thin parts of the object let through: a plate with a block on it, lit from
- * behind. (By the mean over both it was a third as bright as the plate.) */
+/* The surface in front of thick parts receives no light that thin parts of the object transmit: a backlit plate with a block on it.
+ * (With the mean over both it was a third as bright as the plate.) */
 static void thick_parts_stay_dark_before_light(void **state)
 {
     double thin[2], thick[2];
@@ -273,7 +273,7 @@ static void thick_parts_stay_dark_before_light(void **state)
         stage_gaussians(&s, 0.2, &m);
         stage_box(&s, m, 0, vec3(-16, -8, -1), vec3(0, 8, 0));
         stage_box(&s, m, 0, vec3(0, -8, -12), vec3(16, 8, 0));
-        stage_box(&s, m, 0, vec3(-16, 7, -60), vec3(-15, 8, -59)); /* takes planes far apart */
+        stage_box(&s, m, 0, vec3(-16, 7, -60), vec3(-15, 8, -59)); /* uses distant depth planes */
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -60), vec3(0, 0, 0), 2.0f);
         stage_camera(&s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 16.0f);
         shot = stage_shot_of(&s, method ? "convolution" : "hierarchical", NULL);
@@ -287,7 +287,7 @@ static void thick_parts_stay_dark_before_light(void **state)
     REQUIRE(thick[1] < 1e-4 * thin[1]);
 }
 
-/* The middle of sheets of a medium that are lit from behind: a slab's T, which R at the distance of the planes is not. */
+/* The middle of backlit sheets of a medium: the slab's T, which R at the distance of the planes is not. */
 static void sheets_transmit_what_slabs_do(void **state)
 {
     (void) state;
@@ -314,7 +314,7 @@ static void sheets_transmit_what_slabs_do(void **state)
     }
 }
 
-/* Pixels keep the numbers of solids in 16 bits. */
+/* Pixels store ids of solids in 16 bits. */
 static void too_many_solids_are_refused_by_name(void **state)
 {
     struct stage s;
@@ -364,7 +364,7 @@ static void a_frame_allocates_nothing(void **state)
     stage_finish(&s);
 }
 
-/* |v/middle - 1| of a wide box that goes on beyond the picture under even light, of the pixel where it is largest. */
+/* |v/middle - 1| for a wide box that extends beyond the image under uniform illumination, at the pixel where it is largest. */
 static double worst_at_borders(const char *borders, float radius)
 {
     const char *const knobs[] = { borders, NULL };
@@ -399,7 +399,7 @@ static void objects_go_on_beyond_the_picture(void **state)
     assert_true(worst_at_borders("borders=open", 1.8f) > 0.3);
 }
 
-/* A facing slab of marble, lit at a spot near its middle, with a strength that is constant, painted alike, or painted in steps. */
+/* A facing slab of marble, lit by a spot near its middle, with a strength that is constant, a uniform map, or a map with steps. */
 enum painted { CONSTANT, ALIKE, STEPS };
 static struct shot shot_of_strength(const char *method, const char *const *knobs, enum painted painted, uint8_t strength)
 {
@@ -435,8 +435,8 @@ static struct shot shot_of_strength(const char *method, const char *const *knobs
     return shot;
 }
 
-/* A painted strength is that strength, whether a level has it or two are mixed; where it varies each pixel has its own, as with the method
- * that sums samples. */
+/* A uniform strength map equals that constant strength, whether one level has it or two are interpolated; a varying map gives each pixel
+ * its own, as with the method that sums samples. */
 static void a_painted_strength_scales_the_radius(void **state)
 {
     static const uint8_t strengths[] = { 255, 180, 90, 20 };

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_image_samples.c - samples of the image-space method: against the profiles, how many there are where, and from image to image. */
+ * test_image_samples.c - samples of the image-space method: their distribution against the profiles, their number per pixel, and their
+ * change from image to image. */
 #include "image_patches.h"
 
 #include <pellucid/inversion.h>
@@ -12,7 +13,7 @@ static int by_size(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* All samples of a tile together are as the profile is spread, and so is each pixel's own share of them. */
+/* All samples of a tile together follow the profile, and so does each pixel's own subset. */
 static void radii_are_distributed_as_the_profile(void **state)
 {
     static const char *const names[] = { "marble", "wholemilk", "skin1", "ketchup" };
@@ -65,7 +66,7 @@ static void radii_are_distributed_as_the_profile(void **state)
     free(profile);
 }
 
-/* What one number used twice does to the dipole's distribution: docs/errata.md, mertens-2, has 0.203 for marble's green. */
+/* The effect of using one random number twice on the dipole's distribution: docs/errata.md, mertens-2, has 0.203 for marble's green. */
 static void one_number_for_two_choices_bends_the_distribution(void **state)
 {
     struct pell_profile *profile = calloc(3, sizeof(*profile));
@@ -98,7 +99,7 @@ static void one_number_for_two_choices_bends_the_distribution(void **state)
     free(profile);
 }
 
-/* The range of the radial tables and what interpolation in them costs, over the radii with all but 1e-6 of the light. */
+/* The range of the radial tables and their interpolation error, over the radii with all but 1e-6 of the light. */
 static void tables_are_the_profile(void **state)
 {
     static const char *const names[] = { "marble", "wholemilk", "skin1", "ketchup" };
@@ -148,7 +149,7 @@ static void tables_are_the_profile(void **state)
 
 /* --- Counts of samples ------------------------------------------------------------------------------------------------------------- */
 
-/* A plane with an edge of light in its middle, and squared errors of 16 samples against its closed form. */
+/* A plane with a light edge in its middle, and squared errors of 16 samples against its closed form. */
 static double edge_error(const struct bench_place *at, const char *adaptive, bool even)
 {
     const struct pell_frame_material m = narrow();
@@ -170,7 +171,7 @@ static double edge_error(const struct bench_place *at, const char *adaptive, boo
     return sqrt(square / (40 * 16 * 3));
 }
 
-/* More samples at the edge make its error less; even light is sampled as without. */
+/* More samples at the edge reduce its error; uniform light is sampled as without them. */
 static void samples_go_where_light_varies(void **state)
 {
     struct bench_place at = place_create(2, NULL, NULL);
@@ -183,7 +184,7 @@ static void samples_go_where_light_varies(void **state)
     place_destroy(&at);
 }
 
-/* No more samples than pixels times `samples`, and nearly that many; twice the light changes nothing. */
+/* At most pixels times `samples` samples, and nearly that many; doubling the light changes nothing. */
 static void counts_keep_to_their_mean(void **state)
 {
     const struct is_knobs knobs = { .samples = 16, .adaptive = true };
@@ -229,7 +230,7 @@ static void counts_keep_to_their_mean(void **state)
 
 /* --- From image to image -------------------------------------------------------------------------------------------------------- */
 
-/* Images of seeds 0, 1, .. are of other patterns: their mean is that of as many more samples. */
+/* Images of seeds 0, 1, ... use different patterns: their mean equals that of proportionally more samples. */
 static void the_mean_of_images_converges(void **state)
 {
     static const char *const reconstruct[] = { "reconstruct=off", "reconstruct=on" };
@@ -256,9 +257,10 @@ static void the_mean_of_images_converges(void **state)
         }
         print_message("# 16 samples, %s: rms error of the mean of 4, 16 and 64 images less by a factor of %.1f, %.1f, %.1f\n",
                       reconstruct[k], sqrt(error[0] / error[1]), sqrt(error[0] / error[2]), sqrt(error[0] / error[3]));
-        /* Squares of the factors: independent samples would give 16. One reconstructed image has much of its neighbours' samples. */
+        /* Ratios of the squared errors: independent samples would give 16. One reconstructed image already uses many of its neighbours'
+         * samples. */
         REQUIRE(error[0] > (k ? 6.0 : 16.0) * error[2] && error[0] > (k ? 16.0 : 64.0) * error[3]);
-        p->frame.seed = 0; /* the first one again */
+        p->frame.seed = 0; /* the first seed again */
         assert_int_equal(pell_pass_render(pass, &p->frame, &p->out), PELL_OK);
         patch_run(&at, method(at.ctx), few, q);
         for (int c = 0; c < 3; c++)

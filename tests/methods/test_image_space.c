@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_image_space.c - the image-space method on planes: its estimates against closed forms and against sums over every visible piece of
- * the surface. */
+ * test_image_space.c - the image-space method on hand-made planes: its estimates against closed forms and against sums over every
+ * visible surface element. */
 #include "image_patches.h"
 #include "slow.h"
 
@@ -10,7 +10,7 @@
 
 /* --- Closed forms: a plane, lit beyond an edge -------------------------------------------------------------------------------------- */
 
-/* What a pixel in column x is off by, as a part of the total; the plane leans by `slope` to the side. */
+/* Error of a pixel in column x, as a fraction of the total; the plane is slanted by `slope` to the side. */
 static double step_error(const struct patch *p, const struct pell_frame_material *m, int c, int x, int y, double depth, double slope)
 {
     const double f = (double) p->frame.shape.focal_px, tan = (x + 0.5 - 0.5 * p->frame.shape.width) / f, z = depth / (1.0 - slope * tan);
@@ -38,7 +38,7 @@ static void half_lit_planes_are_the_analytic_convolution(void **state)
                 light_a_half(p);
                 p->frame.rect = (struct pell_rect) { 0, 0, p->frame.shape.width, p->frame.shape.height };
                 patch_run(&at, method(at.ctx), forms[k], p);
-                /* In the middle row, as far from the ends as light of note goes. */
+                /* In the middle row, so far from the ends that they have no effect. */
                 for (int x = 40; x < 100; x++)
                     for (int c = 0; c < 3; c++)
                         worst = fmax(worst, fabs(step_error(p, &m, c, x, p->frame.shape.height / 2, 600.0, slopes[s])));
@@ -50,7 +50,7 @@ static void half_lit_planes_are_the_analytic_convolution(void **state)
     place_destroy(&at);
 }
 
-/* The mean over tiles of the estimates of 4 samples is the closed form: no bias but what pixels have. */
+/* The mean over tiles of the estimates of 4 samples is the closed form: no bias except discretisation by pixels. */
 static void the_mean_of_few_samples_is_the_closed_form(void **state)
 {
     static const char *const sampling[] = { "sampling=combined", "sampling=separate", "sampling=importance" };
@@ -94,7 +94,7 @@ static void the_mean_of_few_samples_is_the_closed_form(void **state)
 
 /* --- Sums over what is visible ------------------------------------------------------------------------------------------------------- */
 
-/* A point of the ball and the area that a pixel's part covers there. */
+/* A point of the ball, and the surface area that a subpixel covers there. */
 static double ball_patch(const struct patch *p, double x, double y, double part, double at[3])
 {
     const double tx = patch_tan_x(p, x), ty = patch_tan_y(p, y), z = ball_depth(p, x, y), f = (double) p->frame.shape.focal_px;
@@ -109,7 +109,7 @@ static double ball_patch(const struct patch *p, double x, double y, double part,
     return part * z * z / (f * f * fmax(facing, 0.02));
 }
 
-/* M of a pixel by all visible pieces of the ball, N x N a pixel. */
+/* M of a pixel by the sum over all visible elements of the ball, N x N per pixel. */
 static void visible_sum(const struct patch *p, const struct pell_frame_material *m, int px, int py, double out[3])
 {
     double from[3] = { 0 };
@@ -143,7 +143,7 @@ struct truth {
     double value[PLACES][3], mean;
 };
 
-/* Places all over the ball where it is seen under less than 60 degrees. */
+/* Points all over the ball that are seen at less than 60 degrees to the normal. */
 static void make_truth(const struct patch *p, const struct pell_frame_material *m, struct truth *t)
 {
     t->mean = 0.0;
@@ -159,7 +159,7 @@ static void make_truth(const struct patch *p, const struct pell_frame_material *
     }
 }
 
-/* Root mean square of the errors at the places, and their mean, over the mean. */
+/* Root mean square of the errors at these points, and their mean, relative to the mean. */
 static double errors(const struct patch *p, const struct truth *t, double *bias)
 {
     double square = 0.0, sum = 0.0;
@@ -216,7 +216,7 @@ static void many_samples_converge_to_the_visible_surface(void **state)
     place_destroy(&at);
 }
 
-/* The rim of the ball: what renormalising does to it. `off` is the visible part; on a ball even light returns the whole total. */
+/* The silhouette of the ball: effect of renormalisation. `off`: the visible part only; on a ball uniform light returns the whole total. */
 static void what_renormalising_does_at_silhouettes(void **state)
 {
     static const char *const forms[] = { "renormalise=off", "renormalise=count", "renormalise=weight" };
@@ -243,7 +243,7 @@ static void what_renormalising_does_at_silhouettes(void **state)
                       ring[0][0] / ring[0][1], ring[1][0] / ring[1][1]);
         REQUIRE_NEAR(ring[0][0] / ring[0][1], 1.0, 0.02);
         if (k == 0)
-            REQUIRE(ring[1][0] / ring[1][1] > 0.6 && ring[1][0] / ring[1][1] < 0.95); /* half of the surroundings is hidden there */
+            REQUIRE(ring[1][0] / ring[1][1] > 0.6 && ring[1][0] / ring[1][1] < 0.95); /* half of the neighbourhood is hidden there */
         if (k == 1)
             REQUIRE(ring[1][0] / ring[1][1] > 0.85);
         if (k == 2)
@@ -255,7 +255,7 @@ static void what_renormalising_does_at_silhouettes(void **state)
 
 /* --- Two kinds of samples -------------------------------------------------------------------------------------------------------- */
 
-/* Errors of 16 samples near the edge of a shadow, the total being 1. */
+/* Errors of 16 samples near a shadow edge, for a total of 1. */
 static void combined_samples_beat_either_kind_at_a_shadow(void **state)
 {
     RELEASE_ONLY();
@@ -276,7 +276,7 @@ static void combined_samples_beat_either_kind_at_a_shadow(void **state)
     for (size_t k = 0; k < 4; k++) {
         const char *const settings[] = { "samples=16", "tile=8", "renormalise=off", "reconstruct=off", "adaptive=off", sampling[k], NULL };
         double square[5] = { 0 }, value[5] = { 0 };
-        for (int shift = 0; shift < 8; shift++) { /* every pattern of the tile at every distance from the edge */
+        for (int shift = 0; shift < 8; shift++) { /* each pattern of the tile at each distance from the edge */
             for (int y = 0; y < 192; y++)
                 for (int x = 0; x < 192; x++)
                     for (int c = 0; c < 3; c++)
@@ -336,7 +336,7 @@ static void reconstruction_keeps_light_and_takes_noise(void **state)
         for (int rim = 0; rim < 2; rim++)
             print_message("# 16 samples, channel %d%s: squared error %.3f with reconstruction of that without (%.5f rms)\n", c,
                           rim ? ", rim" : "", error[rim][0] / error[rim][1], sqrt(error[rim][1] / (rim ? 1100 : 2900)));
-        REQUIRE(c == 2 || error[0][0] < 0.5 * error[0][1]); /* half of channel 2 stays within a pixel and a half */
+        REQUIRE(c == 2 || error[0][0] < 0.5 * error[0][1]); /* half of channel 2 stays within 1.5 pixels */
         REQUIRE(error[0][0] < error[0][1] && error[1][0] < 1.01 * error[1][1]);
     }
     patch_destroy(p);
@@ -345,7 +345,7 @@ static void reconstruction_keeps_light_and_takes_noise(void **state)
     place_destroy(&at);
 }
 
-/* Where light stays within a pixel there is no noise to take, and detail stays. */
+/* Where light stays within a pixel there is no noise to reduce, and detail is preserved. */
 static void reconstruction_leaves_what_is_sharp(void **state)
 {
     static const double variance[1] = { 1e-3 }, one[1][3] = { { 1.0, 1.0, 1.0 } };
@@ -365,7 +365,7 @@ static void reconstruction_leaves_what_is_sharp(void **state)
     place_destroy(&at);
 }
 
-/* Two sheets of one material, one before the other: light reaches across a gap only as far as the profile does. */
+/* Two sheets of one material, one in front of the other: light crosses the gap only as far as the profile reaches. */
 static void sheets_far_apart_do_not_mix(void **state)
 {
     static const char *const settings[][2] = { { "renormalise=weight", NULL }, { "renormalise=off", NULL } };
@@ -434,7 +434,7 @@ struct maps {
     struct pell_profile profile;
 };
 
-/* M of a facing plane at a pixel, by all its pixels: the profile is that of the pixel's own albedo and strength. */
+/* M of a facing plane at a pixel, by the sum over all its pixels: the profile is that of the pixel's own albedo and strength. */
 static double sum_of_maps(const struct patch *p, struct maps *maps, const struct pell_frame_material *m, int px, int py, int c)
 {
     const size_t here = patch_at(p, px, py);
@@ -459,7 +459,7 @@ static double sum_of_maps(const struct patch *p, struct maps *maps, const struct
     return sum / (pell_profile_total(&maps->profile) * MAP_PX * MAP_PX);
 }
 
-/* A plane whose colour and strength are pictures, with spread=albedo, against the sum over its pixels. */
+/* A plane with colour and strength maps, with spread=albedo, against the sum over its pixels. */
 static void a_texture_says_how_far_light_goes(void **state)
 {
     static const char *const forms[] = { "spread=albedo", "spread=material" };
@@ -513,7 +513,7 @@ static void a_texture_says_how_far_light_goes(void **state)
     free(maps);
 }
 
-/* Colours that no map should hold are taken for the nearest that it may; what lies where the colour is not a texture's is not read. */
+/* Invalid texel colours are clamped to the nearest valid value; the map is not read where the colour comes from no texture. */
 static void odd_colours_do_no_harm(void **state)
 {
     static const float odd[] = { NAN, -INFINITY, INFINITY, -1.0f, 0.0f, 1.0f, 1e30f, 0.5f };
@@ -542,7 +542,7 @@ static void odd_colours_do_no_harm(void **state)
             for (int c = 0; c < 3; c++) {
                 const size_t i = patch_at(p, x, y);
                 if (x < MAP_W / 2)
-                    REQUIRE_NEAR((double) p->result[c][i], 1.0, 1e-4); /* even light, weights of sum one */
+                    REQUIRE_NEAR((double) p->result[c][i], 1.0, 1e-4); /* uniform light, weights that sum to one */
                 else
                     assert_true(p->result[c][i] == q->result[c][i]);
             }
@@ -573,7 +573,7 @@ static void the_uniform_disc_stops_at_half_the_object(void **state)
     place_destroy(&at);
 }
 
-/* What each misprint of the paper does to its own form, on a leaning plane (even light in the middle, and the step). */
+/* The effect of each misprint of the paper on the paper's form, on a slanted plane (uniform light in the middle, and the step). */
 static void every_misprint_shows(void **state)
 {
     static const char *const misprints[] = { "misprint=none", "misprint=two-pi", "misprint=jacobian", "misprint=one-number" };
@@ -588,7 +588,7 @@ static void every_misprint_shows(void **state)
     for (size_t k = 0; k < PELL_COUNT(misprints); k++) {
         const char *const settings[] = { "as=paper", "samples=256", "tile=1", misprints[k], NULL };
         struct patch *p = patch_create(161, 121, true, 1.5, 600.0, &m, 1);
-        /* A valley whose sides lean: the tangent plane and the surface differ. */
+        /* A valley with slanted sides: the tangent plane and the surface differ. */
         for (int y = 0; y < 121; y++)
             for (int x = 0; x < 161; x++)
                 p->depth[patch_at(p, x, y)] = (float) (600.0 - 1.5 * fabs(x - 80.0) / 1.5);

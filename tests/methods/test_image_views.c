@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_image_views.c - the image-space method on whole scenes: what the views of lights add to the camera's, against the whole surface. */
+ * test_image_views.c - the image-space method on whole scenes: contribution of the lights' views in addition to the camera's, against an
+ * integral over the whole surface. */
 #include "scenes.h"
 
 #include "render/renderer.h"
@@ -7,7 +8,7 @@
 static const char *const camera[] = { "renormalise=off", "through=off", "samples=256", "reconstruct=off", NULL };
 static const char *const lights[] = { "samples=256", "views=eye+lights", "view-size=256", "reconstruct=off", NULL };
 
-/* Mean of R, G and B over pixels that are covered whole; with `other`, the root mean square of the difference, too. */
+/* Mean of R, G and B over fully covered pixels; with `other`, the root mean square of the difference, too. */
 static double mean_of(const struct shot *a, const struct shot *other, double *rms)
 {
     double sum = 0.0, square = 0.0;
@@ -26,8 +27,8 @@ static double mean_of(const struct shot *a, const struct shot *other, double *rm
     return sum / n;
 }
 
-/* 0: a ball, lit from the side; 1: two balls grown together, the crease in view; 2: a sheet, lit from behind; 3: a ball lit through
- * a parallel light from behind and the side. */
+/* 0: a ball lit from the side; 1: two merged balls with the crease in view; 2: a backlit sheet; 3: a ball lit by a directional light
+ * from behind and the side. */
 static void object(struct stage *s, int which, int size)
 {
     size_t m;
@@ -78,7 +79,7 @@ static void views_of_lights_close_the_gap_to_the_whole_surface(void **state)
     }
 }
 
-/* Under an even sky there is no light with a view: views along the axes see what the sky lights. */
+/* A uniform environment is not a light with a view: views along the axes cover the surfaces that it lights. */
 static void views_around_see_what_the_sky_lights(void **state)
 {
     static const char *const names[] = { "sheet under a sky", "two balls under a sky", "ball lit from behind" };
@@ -112,7 +113,7 @@ static void views_around_see_what_the_sky_lights(void **state)
     }
 }
 
-/* Light that a second view also sees must not count twice: the whole of a front in even light, with two more views of it. */
+/* A surface that a second view also covers must not count twice: a uniformly lit front with two more views of it. */
 static void what_several_views_see_counts_once(void **state)
 {
     struct stage s;
@@ -144,8 +145,8 @@ static void what_several_views_see_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* No light goes from one object to another, though they touch: with more views the method knows solids, with the camera's alone the
- * renderer gives objects of one material numbers of their own. */
+/* No light passes from one object to another, even where they touch: with more views the method knows solids; with the camera's view
+ * alone the renderer gives objects of one material separate ids. */
 static void light_stays_in_its_object(void **state)
 {
     static const char *const around[] = { "views=eye+around", "view-size=128", NULL };
@@ -157,7 +158,7 @@ static void light_stays_in_its_object(void **state)
     require_light_stays_in_its_object("image-space", NULL, false, 0.0f, 16.0f, 16, 6, 8);
 }
 
-/* The same bits for any number of threads, and after other scenes: geometry, topology, materials, lights and camera may all change from
+/* Bit-identical for any number of threads, and after other scenes: geometry, topology, materials, lights and camera may all change from
  * frame to frame. */
 static void everything_may_change_from_frame_to_frame(void **state)
 {
@@ -199,7 +200,7 @@ static void everything_may_change_from_frame_to_frame(void **state)
     }
 }
 
-/* A light among the objects, one behind the camera, one without power, a uniform environment: nothing breaks. */
+/* A light among the objects, one behind the camera, one without power, a uniform environment: every result is valid. */
 static void odd_lights_are_views_or_none(void **state)
 {
     static const char *const quick[] = { "views=eye+lights", "view-size=48", NULL };
@@ -211,7 +212,7 @@ static void odd_lights_are_views_or_none(void **state)
     stage_start(&s, 24, 24);
     stage_medium(&s, "marble", &m);
     stage_ball(&s, m, 0, vec3(0, 0, 0), 6.0f, 24);
-    stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, -1), 1e-3f); /* at the very middle */
+    stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, -1), 1e-3f); /* exactly in the middle */
     stage_light(&s, PELL_LIGHT_POINT, vec3(0, 6.5, 0), vec3(0, 0, 0), 1e-3f);
     stage_light(&s, PELL_LIGHT_RECT, vec3(60, 0, 200), vec3(0, 0, 0), 1.0f);
     stage_light(&s, PELL_LIGHT_DISC, vec3(0, 60, 0), vec3(0, 0, 0), 0.0f);

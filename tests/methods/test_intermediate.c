@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_intermediate.c - the intermediate images of every method: well-named, finite, what the picture is made of, and nothing that changes
- * it. */
+ * test_intermediate.c - the intermediate images of every method: named correctly, finite, consistent with the final image, and without
+ * an effect on it. */
 #include "stage.h"
 
 #include <stdlib.h>
@@ -69,13 +69,13 @@ static double sum_of(const struct seen *s, int image)
     return sum;
 }
 
-/* A ball before a light from the side and one from behind. */
+/* A ball between a light from the side and one from behind. */
 static void start(struct stage *s, const char *method)
 {
     size_t m;
 
     stage_start(s, 48, 40);
-    if (strcmp(method, "layered") == 0) /* which asks for a medium */
+    if (strcmp(method, "layered") == 0) /* which requires a medium */
         stage_medium(s, "ketchup", &m);
     else
         stage_gaussians(s, 0.3, &m);
@@ -138,10 +138,10 @@ static void every_method_shows_its_images_and_stays_what_it_is(void **state)
     forget(&seen);
 }
 
-/* M is the sum of the blurs by the shares of their Gaussians. */
+/* M is the sum of the blurred images weighted by their Gaussians. */
 static void blurs_of_screen_space_add_up_to_its_light(void **state)
 {
-    static const char *const knobs[] = { "through=off", "lod=100", NULL }; /* no Gaussian is left out */
+    static const char *const knobs[] = { "through=off", "lod=100", NULL }; /* no Gaussian is omitted */
     struct seen seen = { .fail_at = -1 };
     struct stage s;
     struct shot shot;
@@ -177,7 +177,8 @@ static void blurs_of_screen_space_add_up_to_its_light(void **state)
     stage_finish(&s);
 }
 
-/* What planes are given is all light that enters, as large as the surface that it enters; what they send is its total's share. */
+/* The light assigned to the depth planes is all light that enters, times the area that it enters; the planes emit this light times the
+ * profile's total. */
 static void planes_of_convolution_share_out_the_light(void **state)
 {
     static const char *const knobs[] = { "surfaces=1", "visible=off", "restore=off", "threshold=0", NULL };
@@ -199,13 +200,13 @@ static void planes_of_convolution_share_out_the_light(void **state)
         out += sum_of(&seen, find(&seen, name));
     }
     print_message("# planes are given %.3f and send %.3f\n", in, out);
-    REQUIRE(in > 0.0 && out > 0.1 * in && out < 4.0 * in); /* each of the four receives a part of all */
+    REQUIRE(in > 0.0 && out > 0.1 * in && out < 4.0 * in); /* each of the four receives a part of all light */
     forget(&seen);
     shot_free(&shot);
     stage_finish(&s);
 }
 
-/* Where the light shines from behind, the ball is nearly as thick as it is deep there. */
+/* At the light's direction the ball is nearly as thick as it is deep. */
 static void thickness_is_that_of_the_object(void **state)
 {
     static const char *const knobs[] = { "size=128", "charts=planar", NULL };
@@ -224,13 +225,13 @@ static void thickness_is_that_of_the_object(void **state)
     for (int i = 0; i < seen.width[image] * seen.height[image]; i++)
         most = fmax(most, (double) seen.data[image][i]);
     print_message("# the ball of 24 mm transmits through %.2f mm at most\n", most);
-    REQUIRE(most > 4.0 && most < 24.5); /* beyond some widths of its Gaussians nothing is transmitted */
+    REQUIRE(most > 4.0 && most < 24.5); /* beyond several widths of its Gaussians nothing is transmitted */
     forget(&seen);
     shot_free(&shot);
     stage_finish(&s);
 }
 
-/* Maps are as fine as the picture needs, and what they are depends on the camera and the first frame alone, not on what was between. */
+/* The resolution of maps follows from the image; their content depends only on the camera and the first frame, not on frames in between. */
 static void maps_are_as_fine_as_the_picture_needs(void **state)
 {
     RELEASE_ONLY();
@@ -285,7 +286,7 @@ static void an_observer_ends_the_frame(void **state)
                 assert_true(seen.count <= at); /* it has fewer images */
             pell_renderer_set_observer(s.r, NULL);
             shot_free(&shot);
-            shot = stage_shot(&s); /* the renderer is well */
+            shot = stage_shot(&s); /* the renderer is still usable */
             shot_free(&shot);
             forget(&seen);
             stage_finish(&s);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_layered.c - painted layers: the march against closed forms, its paths of light, the planes, what comes out of hostile scenes. */
+ * test_layered.c - painted layers: the ray march against closed forms, its light paths, the fitted planes, and hostile scenes. */
 #include "stage.h"
 
 #include "base/simd.h"
@@ -19,7 +19,7 @@ static struct pell_phase schlick(double k)
     return (struct pell_phase) { PELL_PHASE_SCHLICK, { k, 0.0 }, 0.0 };
 }
 
-/* Gives material 0 layers, alike in all channels; depths are sums of thicknesses. */
+/* Gives material 0 layers, equal in all channels; depths are sums of thicknesses. */
 static struct pell_material *give_layers(struct stage *s, const struct test_layer *list, int count, double eta)
 {
     struct pell_material *m = stage_medium(s, "marble", NULL);
@@ -46,8 +46,8 @@ static struct pell_material *give_layers(struct stage *s, const struct test_laye
     return m;
 }
 
-/* Single scattering of layers between planes, of light with irradiance 1 across its beam: cosines with the normal inside, and between the
- * directions to the light and to the camera inside. */
+/* Single scattering of plane-parallel layers, for light of irradiance 1 across its beam: cosines to the normal inside, and the cosine
+ * between the directions to the light and to the camera inside. */
 static double closed_form(const struct test_layer *list, int count, double mu_o, double mu_i, double cosine)
 {
     const double m = 1.0 / mu_o + 1.0 / mu_i;
@@ -62,7 +62,7 @@ static double closed_form(const struct test_layer *list, int count, double mu_o,
     return sum;
 }
 
-/* The layers of tests/expect/oracle/errata_demos.json, seed001_ray_march, and what comes of them with mu_o 0.9, mu_i 0.7, cosine 0.3. */
+/* The layers of tests/expect/oracle/errata_demos.json, seed001_ray_march, and their radiance for mu_o 0.9, mu_i 0.7, cosine 0.3. */
 static const struct test_layer fish[3] = {
     { 0.5, 2.0, 2.6, { PELL_PHASE_SCHLICK, { 0.25, 0.0 }, 0.0 } },
     { 0.5, 6.0, 6.6, { PELL_PHASE_SCHLICK, { 0.4, 0.0 }, 0.0 } },
@@ -70,7 +70,7 @@ static const struct test_layer fish[3] = {
 };
 #define FISH 0.0217062584
 
-/* A slab whose upper side is z = 0, seen from above at mu_o and lit at mu_i; `turn`: radians between both. */
+/* A slab whose upper side is z = 0, seen from above at mu_o and lit at mu_i; `turn`: radians between both azimuths. */
 static void slab(struct stage *s, double mu_o, double mu_i, double turn)
 {
     const double so = sqrt(1.0 - mu_o * mu_o), si = sqrt(1.0 - mu_i * mu_i);
@@ -86,7 +86,7 @@ static double cosine_of(double mu_o, double mu_i, double turn)
     return mu_o * mu_i + sqrt((1.0 - mu_o * mu_o) * (1.0 - mu_i * mu_i)) * cos(turn);
 }
 
-/* Mean of green of what is covered, by marches that go all the way. */
+/* Mean of green over covered pixels, by marches that do not end early. */
 static double mean_of(struct stage *s, const char *const *knobs)
 {
     const char *list[16] = { "tolerance=0" };
@@ -134,7 +134,7 @@ static void homogeneous(void **state)
         error[i] = slab_mean(fish, 1, 1.4, mu_o, mu_i, turn, sum[i]) / expected - 1.0;
         print_message("# %d samples, plain sum: %.3g\n", 10 << i, error[i]);
     }
-    /* The middle rule: of second order. */
+    /* The midpoint rule: second order. */
     for (int i = 1; i < 4; i++)
         REQUIRE_NEAR(error[i - 1] / error[i], 4.0, 0.25);
     REQUIRE_REL(slab_mean(fish, 1, 1.4, mu_o, mu_i, turn, exact), expected, 3e-5);
@@ -148,7 +148,7 @@ static void three_layers(void **state)
 
     (void) state;
     REQUIRE_REL(closed_form(fish, 3, mu_o, mu_i, 0.3), FISH, 1e-8);
-    /* No two directions with these cosines are 0.3 apart: other phase functions have the same values at 0.5. */
+    /* No two directions with these cosines have a cosine of 0.3 between them: other phase functions take the same values at 0.5. */
     memcpy(same, fish, sizeof(same));
     for (int i = 0; i < 3; i++) {
         const double p = pell_phase_value(&fish[i].phase, 0.3) * 4.0 * PELL_PI, a = p * 0.25 + 1.0, b = p * 0.5;
@@ -164,7 +164,7 @@ static void three_layers(void **state)
         REQUIRE_REL(mean, FISH, 3e-5);
     }
     {
-        /* As the paper: the oracle's middle rule at 100 samples is 0.00372 too low. */
+        /* As in the paper: the oracle's midpoint rule with 100 samples is 0.00372 too low. */
         static const char *const paper[] = { "as=paper", NULL };
         const double mean = slab_mean(same, 3, 1.4, mu_o, mu_i, turn, paper);
         print_message("# as the paper: %.9f\n", mean);
@@ -191,10 +191,10 @@ static void refracting_slab(void **state)
         }
 }
 
-/* Marches that end early lose no more than they say, in thin and in thick layers. */
+/* Marches that end early lose no more than their tolerance, in thin and in thick layers. */
 static void early_end(void **state)
 {
-    static const char *const shares[] = { "tolerance=0.1", "tolerance=0.01", "tolerance=0.001" };
+    static const char *const tolerances[] = { "tolerance=0.1", "tolerance=0.01", "tolerance=0.001" };
     const double mu_o = 0.9, mu_i = 0.7, turn = 1.0;
 
     (void) state;
@@ -205,14 +205,14 @@ static void early_end(void **state)
         for (int i = 0; i < 3; i++)
             list[i].thickness *= thick ? 4.0 : 1.0;
         whole = closed_form(list, 3, mu_o, mu_i, cosine_of(mu_o, mu_i, turn));
-        for (size_t k = 0; k < PELL_COUNT(shares); k++) {
-            const char *const knobs[] = { "refraction=none", "samples=100", shares[k], NULL };
+        for (size_t k = 0; k < PELL_COUNT(tolerances); k++) {
+            const char *const knobs[] = { "refraction=none", "samples=100", tolerances[k], NULL };
             const double lost = 1.0 - slab_mean(list, 3, 1.4, mu_o, mu_i, turn, knobs) / whole;
-            print_message("# %s, %s: %.5f lost\n", thick ? "thick" : "thin", shares[k], lost);
-            REQUIRE(lost > -1e-4 && lost < atof(shares[k] + 10) && lost <= before);
+            print_message("# %s, %s: %.5f lost\n", thick ? "thick" : "thin", tolerances[k], lost);
+            REQUIRE(lost > -1e-4 && lost < atof(tolerances[k] + 10) && lost <= before);
             before = lost;
         }
-        REQUIRE(before > 1e-5); /* it ended early */
+        REQUIRE(before > 1e-5); /* the march ended early */
     }
 }
 
@@ -241,7 +241,7 @@ static void clear_and_many(void **state)
     struct test_layer many[PELL_LAYERS_MOST];
 
     (void) state;
-    { /* nothing, then something that only scatters: sigma_t = 0 is no division */
+    { /* an empty layer, then one that only scatters: no division by sigma_t = 0 */
         const struct test_layer two[2] = { { 1.0, 0.0, 0.0, schlick(0.2) }, { 2.0, 0.8, 0.8, schlick(0.2) } };
         REQUIRE_REL(slab_mean(two, 2, 1.4, 0.8, 0.7, 0.5, knobs), closed_form(two, 2, 0.8, 0.7, cosine_of(0.8, 0.7, 0.5)), 1e-4);
         REQUIRE_NEAR(slab_mean(two, 1, 1.4, 0.8, 0.7, 0.5, knobs), 0.0, 0.0);
@@ -253,9 +253,9 @@ static void clear_and_many(void **state)
     }
 }
 
-/* --- Painted -------------------------------------------------------------------------------------------------------------------- */
+/* --- Painted layers ------------------------------------------------------------------------------------------------------------- */
 
-/* A map whose red and green are `red` and `green` of 8 x 8 texels. */
+/* A map of 8 x 8 texels with red `red` and green `green`. */
 static struct pell_texture *paint(struct stage *s, const uint8_t red[64], const uint8_t green[64])
 {
     uint8_t pixels[3 * 64] = { 0 };
@@ -308,7 +308,7 @@ static void uniform_paint(void **state)
         }
 }
 
-/* The same paint by mirrored, scaled and turned coordinates is the same picture. */
+/* The same map with mirrored, scaled and rotated texture coordinates gives the same image. */
 static void uv_of_any_kind(void **state)
 {
     const struct test_layer two[2] = { { 0.5, 2.0, 2.6, schlick(0.25) }, { 1.5, 1.0, 1.5, schlick(0.4) } };
@@ -326,7 +326,7 @@ static void uv_of_any_kind(void **state)
         struct stage s;
         stage_start(&s, 40, 40);
         for (int i = 0; i < 64; i++) {
-            const int from = kind == 1 ? (i & ~7) + 7 - (i & 7) : i; /* the picture is mirrored, too */
+            const int from = kind == 1 ? (i & ~7) + 7 - (i & 7) : i; /* the image is mirrored, too */
             red[i] = (uint8_t) (40 + (from * 37) % 160);
             green[i] = (uint8_t) (120 + (from * 53) % 130);
         }
@@ -358,7 +358,7 @@ static void uv_of_any_kind(void **state)
     shot_free(&first);
 }
 
-/* Texels that are no numbers, that are negative, and layers that cross. */
+/* Texels that are NaN or negative, and layers that cross. */
 static void hostile_paint(void **state)
 {
     static const float straight[6] = { 1, 0, 0, 0, 1, 0 };
@@ -382,7 +382,7 @@ static void hostile_paint(void **state)
     assert_int_equal(m.packs, 1);
     assert_int_equal(m.pack[0].count, 2);
     REQUIRE(isfinite(m.deepest) && m.deepest >= 0.0f && m.deepest < 1e8f);
-    REQUIRE_REL((double) m.layer[0].depth, 3.0, 1e-6); /* 1 is the largest number among them */
+    REQUIRE_REL((double) m.layer[0].depth, 3.0, 1e-6); /* 1 is the largest of them */
     layered_medium_finish(ctx, &m);
     texture.image.width = 0;
     assert_int_equal(layered_medium_make(ctx, medium_layers, "test", LAYERED_AS_MATERIAL, &m), PELL_ERR_UNSUPPORTED);
@@ -391,7 +391,7 @@ static void hostile_paint(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* --- Paths ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Light paths ---------------------------------------------------------------------------------------------------------------- */
 
 PELL_SIMD_TABLES(struct layered_kernels, layered_kernels);
 
@@ -403,7 +403,7 @@ static uint32_t bits_of(float x)
     return bits;
 }
 
-/* |K'M| = depth / cos for every sample on a flat slab; and all levels of SIMD give the same bits. */
+/* |K'M| = depth / cos for every sample on a flat slab; all SIMD levels give the same bits. */
 static void paths_on_a_slab(void **state)
 {
     struct layered_layer layer[2] = { { .depth = 0.7f, .pack = -1, .sigma_s = { 1, 2, 3 }, .sigma_t = { 2, 3, 4 }, .one_phase = true },
@@ -468,7 +468,7 @@ static void paths_on_a_slab(void **state)
                     assert_int_equal(bits_of(p->light[c][i]), bits_of(light[c][i]));
                 light[c][i] = p->light[c][i];
             }
-        /* The march for any packet says the same as the one for most: a far surface too far away to count asks for it. */
+        /* The general march gives the same result as the specialised one: a surface too far away to contribute selects it. */
         p->thin = true;
         memset(p->light, 0, sizeof(p->light));
         layered_kernels_tables[level]->march(&work, &m, p, &source, 1);
@@ -479,7 +479,8 @@ static void paths_on_a_slab(void **state)
     free(p);
 }
 
-/* A ball, straight through: chords say all. What enters at the point that `to_camera` sees in the middle, from the direction `to_light`. */
+/* A ball, without refraction: chords give all path lengths. Light that enters toward `to_light` from the diameter seen by the camera
+ * along `to_camera`. */
 static double ball_closed_form(double radius, double sigma_s, double sigma_t, double g, double angle)
 {
     const int steps = 20000;
@@ -487,15 +488,15 @@ static double ball_closed_form(double radius, double sigma_s, double sigma_t, do
     const struct pell_phase phase = { PELL_PHASE_HENYEY_GREENSTEIN, { g, 0.0 }, 0.0 };
     double sum = 0.0;
 
-    for (int i = 0; i < steps; i++) { /* the camera looks along a diameter; the light is `angle` away from the camera */
-        const double x = (i + 0.5) * h, r = radius - x, b = r * cosine; /* place at height r on the axis */
+    for (int i = 0; i < steps; i++) { /* the camera looks along a diameter; the light is at `angle` from the camera */
+        const double x = (i + 0.5) * h, r = radius - x, b = r * cosine; /* point at height r on the axis */
         const double out = -b + sqrt(b * b + radius * radius - r * r);
         sum += h * exp(-sigma_t * (x + out));
     }
     return sum * sigma_s * pell_phase_value(&phase, cosine);
 }
 
-/* The middle of a ball, with a light at an angle from the camera. */
+/* The middle of a ball, with a light at an angle to the camera. */
 static double ball_layered(double radius, double sigma_s, double sigma_t, double g, double angle, const char *const *knobs)
 {
     const struct test_layer one = { 1.0, sigma_s, sigma_t, { PELL_PHASE_HENYEY_GREENSTEIN, { g, 0.0 }, 0.0 } };
@@ -531,11 +532,11 @@ static void balls(void **state)
             if (expected > 1e-6)
                 REQUIRE(fabs(best) < (radii[k] >= 10.0 ? 0.06 : 0.1) && fabs(ray) < 0.06);
         }
-    /* From behind it is darker than from the front. */
+    /* Backlit it is darker than lit from the front. */
     REQUIRE(ball_layered(5.0, 0.8, 1.0, 0.0, PELL_PI, ours) < 0.2 * ball_layered(5.0, 0.8, 1.0, 0.0, 0.3, ours));
 }
 
-/* Packets in which some pixels' light goes by planes, some by rays, some by both have no bright seams. */
+/* Packets in which some pixels' light paths use planes, some rays, some both have no bright seams. */
 static void terminator(void **state)
 {
     static const char *const kinds[2][2] = { { "light-path=planes+rays", NULL }, { "light-path=rays", NULL } };
@@ -560,7 +561,7 @@ static void terminator(void **state)
     REQUIRE(most[0] < 1.15 * most[1]);
 }
 
-/* --- Planes --------------------------------------------------------------------------------------------------------------------- */
+/* --- Fitted planes -------------------------------------------------------------------------------------------------------------- */
 
 static void planes(void **state)
 {
@@ -577,7 +578,7 @@ static void planes(void **state)
     c.normal = calloc(3 * COUNT, sizeof(float));
     c.weight = calloc(COUNT, sizeof(float));
     vec3_basis(n, &t, &b);
-    /* A plane, whatever its vertices' normals say; and another close behind that looks the other way, as in a fin. */
+    /* A plane, whatever the vertex normals are; and a second one close behind with the opposite orientation, as in a fin. */
     for (int i = 0; i < COUNT; i++) {
         const bool back = i % 2 != 0;
         const float x = 0.7f * (float) (i % SIDE), y = 0.7f * (float) (i / SIDE);
@@ -591,7 +592,8 @@ static void planes(void **state)
         REQUIRE_NEAR((double) vec3_dot(vec3_load(plane[i]), n), i % 2 ? -1.0 : 1.0, 1e-5);
         REQUIRE_NEAR((double) plane[i][3], 0.0, 1e-4);
     }
-    /* A ball of 20 mm, evenly covered (a golden spiral): the cap within r of a vertex reaches down to r^2/(2 R), its mean half as far. */
+    /* A ball of 20 mm, uniformly covered (a golden spiral): the cap within r of a vertex reaches down to r^2/(2 R), its mean half as
+     * far. */
     for (int i = 0; i < COUNT; i++) {
         const double z = 1.0 - 2.0 * (i + 0.5) / COUNT, r = sqrt(1.0 - z * z), phi = 2.399963229728653 * i;
         const struct pell_vec3 up = vec3((float) (r * cos(phi)), (float) (r * sin(phi)), (float) z);
@@ -603,7 +605,7 @@ static void planes(void **state)
         REQUIRE((double) vec3_dot(vec3_load(plane[i]), vec3_load(c.normal + 3 * i)) > 0.999);
         REQUIRE_NEAR((double) plane[i][3], -0.5 * 36.0 / 40.0, 0.05);
     }
-    /* Few neighbours, all at one place, on a line, or no numbers: each vertex's own plane. */
+    /* Few neighbours, coincident, collinear or NaN: each vertex uses its own tangent plane. */
     c.radius = 0.01f;
     OK(layered_planes_fit(&c, plane));
     REQUIRE_NEAR((double) plane[7][3], 0.0, 0.0);
@@ -627,7 +629,7 @@ static void planes(void **state)
 
 /* --- Lights, sheets, threads ----------------------------------------------------------------------------------------------------- */
 
-/* A sheet without another side, lit from behind: light comes in where the layers end. */
+/* A backlit sheet without an opposite side: light enters where the layers end. */
 static void sheet(void **state)
 {
     static const char *const knobs[] = { "refraction=none", "samples=12", NULL };
@@ -647,7 +649,7 @@ static void sheet(void **state)
     stage_finish(&s);
 }
 
-/* The same light through a slab with another side: its own layers are counted from there. */
+/* The same light through a slab with an opposite side: its own layers are measured from there. */
 static void slab_from_behind(void **state)
 {
     static const char *const knobs[] = { "refraction=none", "samples=40", NULL };
@@ -658,7 +660,7 @@ static void slab_from_behind(void **state)
     struct stage s;
 
     (void) state;
-    for (int i = 0; i < steps; i++) { /* 0.5 mm, 1 mm of what is deeper, 0.5 mm */
+    for (int i = 0; i < steps; i++) { /* 0.5 mm, 1 mm of the deeper medium, 0.5 mm */
         const double z = (i + 0.5) / steps * thick, h = thick / steps;
         const bool inner = z > 0.5 && z < 1.5;
         const double sigma_t = inner ? 0.6 : 1.3, sigma_s = inner ? 0.4 : 0.9, here = tau + 0.5 * h * sigma_t;
@@ -674,7 +676,7 @@ static void slab_from_behind(void **state)
     stage_finish(&s);
 }
 
-/* A Lambert surface below clear layers. */
+/* A Lambertian surface below clear layers. */
 static void bottom(void **state)
 {
     static const char *const knobs[] = { "refraction=none", "samples=5", NULL };
@@ -693,7 +695,7 @@ static void bottom(void **state)
     stage_finish(&s);
 }
 
-/* Lights of every kind add up. */
+/* Lights of all kinds are additive. */
 static void lights_add_up(void **state)
 {
     static const char *const knobs[] = { "samples=8", "lamps=3", "tolerance=0", NULL };
@@ -733,7 +735,8 @@ static void lights_add_up(void **state)
         shot_free(&one[run]);
 }
 
-/* Steps by optical depth and equal ones come to the same picture; with few of them the former are nearer to it, on what is thick. */
+/* Steps equal in optical depth and steps equal in length converge to the same image; with few steps the former are more accurate in
+ * optically thick media. */
 static void steps_by_optical_depth(void **state)
 {
     static const char *const knobs[4][4] = { { "samples=400", "steps=equal", "tolerance=0", NULL },

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_layered_frames.c - layered from frame to frame: planes that stay, that turn with their solid, that are fitted anew. */
+ * test_layered_frames.c - the layered method from frame to frame: fitted planes that are kept, rotated with their solid, or fitted
+ * again. */
 #include "stage.h"
 
 #include <string.h>
@@ -8,7 +9,7 @@ static const char *const knobs[] = { "samples=10", NULL };
 
 enum { REST, LIGHTS, TURNED, BENT, SCALED };
 
-/* An ellipsoid of two layers; `motion`: where its vertices are. */
+/* An ellipsoid of two layers; `motion`: the positions of its vertices. */
 static void object(struct stage *s, int motion)
 {
     static const float size[3] = { 12.0f, 7.0f, 4.0f };
@@ -47,7 +48,7 @@ static void object(struct stage *s, int motion)
     stage_camera(s, vec3(10, 20, 60), vec3(0, 0, 0), 0.5f, 0.0f);
 }
 
-/* Bytes of the planes that were fitted for the last picture. */
+/* Bytes of the planes that were fitted for the last image. */
 static int64_t fitted(const struct stage *s)
 {
     int64_t bytes = 0;
@@ -58,7 +59,7 @@ static int64_t fitted(const struct stage *s)
     return bytes;
 }
 
-/* A frame of `moving`, after others, and the same frame alone. Returns the share of planes that were fitted. */
+/* A frame of `moving`, after others, and the same frame by a new renderer. Returns the fraction of planes that were fitted again. */
 static double frame(struct stage *moving, int motion, struct difference *d)
 {
     struct stage s;
@@ -87,22 +88,22 @@ static void planes_are_kept(void **state)
 {
     struct difference d;
     struct stage moving;
-    double share;
+    double refitted;
 
     (void) state;
     stage_start(&moving, 48, 32);
     stage_method(&moving, "layered", knobs);
     REQUIRE(frame(&moving, REST, &d) == 1.0 && d.largest == 0.0);
-    REQUIRE(frame(&moving, LIGHTS, &d) == 0.0 && d.largest == 0.0); /* as they were: the same bits */
+    REQUIRE(frame(&moving, LIGHTS, &d) == 0.0 && d.largest == 0.0); /* unmoved: the same bits */
     REQUIRE(frame(&moving, TURNED, &d) == 0.0 && d.largest < 0.02);
-    share = frame(&moving, BENT, &d); /* against the first frame, not the turned one */
-    REQUIRE(share > 0.02 && share < 0.7 && d.largest < 0.02);
+    refitted = frame(&moving, BENT, &d); /* against the first frame, not the rotated one */
+    REQUIRE(refitted > 0.02 && refitted < 0.7 && d.largest < 0.02);
     REQUIRE(frame(&moving, SCALED, &d) == 1.0 && d.largest == 0.0);
     REQUIRE(frame(&moving, REST, &d) == 0.0 && d.largest == 0.0);
     stage_finish(&moving);
 }
 
-/* A frame is the same whatever lies between it and the first one. */
+/* A frame is the same whatever frames lie between it and the first one. */
 static void parts_of_a_film_are_alike(void **state)
 {
     static const int films[2][4] = { { REST, TURNED, SCALED, BENT }, { REST, BENT, BENT, BENT } };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_layered_multiple.c - light that is scattered more than once in layers, and the matt film on top. */
+ * test_layered_multiple.c - multiple scattering in layers, and the diffuse film on top. */
 #include "stage.h"
 
 #include "methods/layered/multiple.h"
@@ -9,9 +9,9 @@
 
 #include <string.h>
 
-/* --- Light scattered once ------------------------------------------------------------------------------------------------------- */
+/* --- Single scattering ---------------------------------------------------------------------------------------------------------- */
 
-/* A half-space: the closed form of the photon table, whose total and radial shape are held by photons. */
+/* A half-space: the closed form of the photon table; its total and radial profile are compared with photons. */
 static void single_of_a_half_space(void **state)
 {
     (void) state;
@@ -29,7 +29,7 @@ static void single_of_a_half_space(void **state)
         pell_single_make(g, eta, &s);
         for (double r = 0.01; r < 5.0; r *= 2.0)
             REQUIRE_REL(layered_single_rd(&one, &bottom, 1, r), sigma_t * sigma_t * albedo * pell_single_rd(&s, r * sigma_t), 1e-3);
-        for (int i = 1; i <= 4000; i++) { /* the radial form integrates to the total */
+        for (int i = 1; i <= 4000; i++) { /* the radial profile integrates to the total */
             const double r = 12.0 * pow(i / 4000.0, 3.0), middle = 0.5 * (r + before);
             inside += 2.0 * PELL_PI * middle * layered_single_rd(&one, &bottom, 1, middle) * (r - before);
             before = r;
@@ -38,7 +38,7 @@ static void single_of_a_half_space(void **state)
     }
 }
 
-/* Two layers of one medium are that medium; a layer that ends has less. */
+/* Two layers of one medium equal that medium; a layer of finite depth scatters less. */
 static void single_of_layers(void **state)
 {
     struct pell_medium_layers two = { .eta = 1.3, .count = 2, .substrate = PELL_SUBSTRATE_LAST };
@@ -58,7 +58,7 @@ static void single_of_layers(void **state)
     REQUIRE(above < whole * (1.0 - exp(-2.0 * 0.8 * 1.5 * 1.5)) && above > whole * (1.0 - exp(-2.0 * 0.8 * 1.5)));
 }
 
-/* --- Pictures ------------------------------------------------------------------------------------------------------------------- */
+/* --- Images --------------------------------------------------------------------------------------------------------------------- */
 
 static void light_from_above(struct stage *s)
 {
@@ -66,7 +66,7 @@ static void light_from_above(struct stage *s)
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 8.0f);
 }
 
-/* Under even light blurs change nothing: what is scattered more than once is the profile's share of it that is not scattered once. */
+/* Under uniform light blurs have no effect: multiple scattering is the profile's fraction that is not scattered once. */
 static void energy_of_a_half_space(void **state)
 {
     static const char *const on[] = { "multiple=on", NULL };
@@ -137,7 +137,7 @@ static struct pell_material *two_layers(struct stage *s, const uint8_t texels[64
     return m;
 }
 
-/* Total of two layers, the first of them `depth` mm, less what is scattered once. */
+/* Total of two layers, the first `depth` mm thick, minus single scattering. */
 static double rest_of(const struct pell_material *m, double depth)
 {
     struct pell_medium_layers layers = { .eta = 1.4, .count = 2, .substrate = PELL_SUBSTRATE_LAST };
@@ -161,7 +161,7 @@ static double rest_of(const struct pell_material *m, double depth)
     return totals[PELL_STACK_R_PLUS] - layered_single_total(&layers, bottoms, 0);
 }
 
-/* Below each point the depths of that point: a ramp, far wider than light spreads, is every depth's own half-space. */
+/* Each point uses its own layer depths: a ramp, far wider than light spreads, gives the half-space of each depth. */
 static void painted_depths(void **state)
 {
     static const char *const on[] = { "multiple=on", NULL };
@@ -197,7 +197,7 @@ static void painted_depths(void **state)
     stage_finish(&s);
 }
 
-/* A film that reflects all of it is a white matt surface; half of it halves what the layers give. */
+/* A film of reflectance 1 is a white matt surface; one of reflectance 0.5 halves the light of the layers. */
 static void a_film_on_top(void **state)
 {
     static const char *const film[] = { "diffuse=1", NULL }, *const half[] = { "diffuse=0.5", NULL }, *const bare[] = { NULL };

@@ -41,10 +41,10 @@ static double mean_of(struct stage *s, const char *const *knobs)
 
 /* --- A ball --------------------------------------------------------------------------------------------------------------------- */
 
-/* A ray of light b beside the axis that runs through the ball's middle to the light: where it comes in, its way inside, in the axes (to the
- * light, aside). */
+/* A light ray at distance b from the axis through the ball's centre to the light: entry point and refracted direction, in the axes (to
+ * the light, perpendicular). */
 struct inside {
-    double k[2], way[2], co, ci;
+    double k[2], direction[2], co, ci;
 };
 
 static struct inside enter(double radius, double b)
@@ -55,29 +55,31 @@ static struct inside enter(double radius, double b)
 
     for (int i = 0; i < 2; i++) {
         in.k[i] = radius * n[i];
-        in.way[i] = (i == 0 ? -1.0 : 0.0) / ETA + (in.co / ETA - in.ci) * n[i];
+        in.direction[i] = (i == 0 ? -1.0 : 0.0) / ETA + (in.co / ETA - in.ci) * n[i];
     }
     return in;
 }
 
-/* How far a place is beside the ray. */
-static double beside(double radius, double b, const double at[2])
+/* Signed distance of a point from the refracted ray. */
+static double distance_from_ray(double radius, double b, const double at[2])
 {
     const struct inside in = enter(radius, b);
 
-    return (at[0] - in.k[0]) * in.way[1] - (at[1] - in.k[1]) * in.way[0];
+    return (at[0] - in.k[0]) * in.direction[1] - (at[1] - in.k[1]) * in.direction[0];
 }
 
-/* Light scattered once toward the camera at a place at height r on its axis: all rays that run through it; `angle` between both axes. */
+/* Single scattering toward the camera at a point at height r on its axis, over all refracted rays that pass through the point; `angle`
+ * between both axes. */
 static double light_at(double radius, double r, double angle)
 {
     enum { RAYS = 1500 };
     const double at[2] = { r * cos(angle), r * sin(angle) }, to_camera[2] = { cos(angle), sin(angle) };
     const struct pell_phase phase = { PELL_PHASE_HENYEY_GREENSTEIN, { G, 0.0 }, 0.0 };
-    double sum = 0.0, before = beside(radius, -radius, at);
+    double sum = 0.0, before = distance_from_ray(radius, -radius, at);
 
     for (int i = 1; i <= RAYS; i++) {
-        double low = radius * (2.0 * (i - 1) / RAYS - 1.0), high = radius * (2.0 * i / RAYS - 1.0), after = beside(radius, high, at), far;
+        double low = radius * (2.0 * (i - 1) / RAYS - 1.0), high = radius * (2.0 * i / RAYS - 1.0),
+               after = distance_from_ray(radius, high, at), far;
         struct inside in;
         const double end = after;
         if ((before < 0.0) == (after < 0.0)) {
@@ -85,7 +87,7 @@ static double light_at(double radius, double r, double angle)
             continue;
         }
         for (int k = 0; k < 40; k++) {
-            const double middle = 0.5 * (low + high), d = beside(radius, middle, at);
+            const double middle = 0.5 * (low + high), d = distance_from_ray(radius, middle, at);
             if ((d < 0.0) == (before < 0.0))
                 low = middle;
             else
@@ -93,13 +95,13 @@ static double light_at(double radius, double r, double angle)
         }
         before = end;
         in = enter(radius, low);
-        far = (at[0] - in.k[0]) * in.way[0] + (at[1] - in.k[1]) * in.way[1];
-        if (far > 0.0 && in.co > 1e-9) { /* what a ring of light becomes: narrower around the axis, and along it */
+        far = (at[0] - in.k[0]) * in.direction[0] + (at[1] - in.k[1]) * in.direction[1];
+        if (far > 0.0 && in.co > 1e-9) { /* how refraction changes the area of a ring of light: around the axis, and along the radius */
             const double h = 1e-5 * radius, b = fmin(fmax(low, h - radius), radius - h);
-            const double along = fabs(beside(radius, b + h, at) - beside(radius, b - h, at)) / (2.0 * h);
+            const double along = fabs(distance_from_ray(radius, b + h, at) - distance_from_ray(radius, b - h, at)) / (2.0 * h);
             const double spread = fabs(b) / fmax(fabs(at[1]), 1e-12) / along;
             sum += spread * (1.0 - pell_fresnel(ETA, in.co)) * exp(-SIGMA_T * far) *
-                   pell_phase_value(&phase, -(in.way[0] * to_camera[0] + in.way[1] * to_camera[1]));
+                   pell_phase_value(&phase, -(in.direction[0] * to_camera[0] + in.direction[1] * to_camera[1]));
         }
     }
     return sum;
@@ -118,7 +120,7 @@ static double ball_closed_form(double radius, double angle)
     return sum * SIGMA_S * (1.0 - pell_fresnel(ETA, 1.0)) / (ETA * ETA);
 }
 
-/* The middle of a ball, with a light at an angle from the camera. */
+/* The middle of a ball, with a light at an angle to the camera. */
 static double ball_layered(double radius, double angle, const char *const *knobs)
 {
     struct stage s;
@@ -150,22 +152,22 @@ static void balls(void **state)
                 error[i] = ball_layered(radii[k], angle, kinds[i]) / expected - 1.0;
             print_message("# radius %2.0f mm, light at %3.0f degrees: planes+rays %6.2f %%, rays %6.2f %%, exact %6.2f %% (%.3g)\n",
                           radii[k], degrees[a], 100.0 * error[0], 100.0 * error[1], 100.0 * error[2], expected);
-            if (expected > 1e-3) { /* light that is seen; of the smallest ball, the spot that it focuses on its other side */
+            if (expected > 1e-3) { /* radiance; for the smallest ball, of the caustic on its far side */
                 REQUIRE(fabs(error[2]) < (degrees[a] < 120 ? radii[k] < 2.0 ? 0.1 : 0.02 : 0.25));
                 REQUIRE(fabs(error[2]) < fabs(error[0]));
             }
         }
 }
 
-/* --- Others --------------------------------------------------------------------------------------------------------------------- */
+/* --- Other solids --------------------------------------------------------------------------------------------------------------- */
 
-/* A flat boundary focuses nothing, of a direction and of a distant place. */
+/* A flat boundary focuses no light, for a direction and for a distant point. */
 static void slab(void **state)
 {
     static const char *const kinds[][4] = { { "samples=10", "tolerance=0", NULL }, { "samples=10", "tolerance=0", "refraction=exact" } };
 
     (void) state;
-    for (int place = 0; place < 2; place++) {
+    for (int point_light = 0; point_light < 2; point_light++) {
         double mean[2];
         for (int k = 0; k < 2; k++) {
             const char *const knobs[] = { kinds[k][0], kinds[k][1], kinds[k][2], NULL };
@@ -173,17 +175,17 @@ static void slab(void **state)
             stage_start(&s, 4, 4);
             give_layer(&s, ETA);
             stage_box(&s, 0, 0, vec3(-300, -300, -80), vec3(300, 300, 0));
-            stage_light(&s, place ? PELL_LIGHT_POINT : PELL_LIGHT_DIRECTIONAL, vec3(400, 200, 600), vec3(0, 0, 0), 1.0f);
+            stage_light(&s, point_light ? PELL_LIGHT_POINT : PELL_LIGHT_DIRECTIONAL, vec3(400, 200, 600), vec3(0, 0, 0), 1.0f);
             stage_camera(&s, vec3(-30, 0, 80), vec3(0, 0, 0), 0.0f, 4.0f);
             mean[k] = mean_of(&s, knobs);
             stage_finish(&s);
         }
-        print_message("# slab under a %s: planar %.6g, exact %.6g\n", place ? "point" : "direction", mean[0], mean[1]);
+        print_message("# slab under a %s: planar %.6g, exact %.6g\n", point_light ? "point" : "direction", mean[0], mean[1]);
         REQUIRE_REL(mean[1], mean[0], 2e-3);
     }
 }
 
-/* Light of translucent pixels. */
+/* Radiance of translucent pixels. */
 static double sum_of(const char *method, const char *const *knobs)
 {
     struct shot shot;

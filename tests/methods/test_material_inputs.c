@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: MIT
- * test_material_inputs.c - what a method says that it ignores of a material changes no bit of the light that it scatters, whatever the
- * input; what it does not say changes some. Run over the registry, as in test_contract_scene.c. */
+ * test_material_inputs.c - a material input that a method reports as ignored changes no bit of its scattered light; any other input
+ * changes some. Runs over the registry, as test_contract_scene.c does. */
 #include "contract.h"
 #include "layers_rig.h"
 #include "method_form.h"
 
-/* A map of 2 x 2 texels around the middle value, or of that value all over. */
+/* A map of 2 x 2 texels around the middle value, or of that value everywhere. */
 static struct pell_texture_map map_of(struct stage *s, bool varied, uint8_t blue)
 {
     static const uint8_t steps[16] = { 250, 120, 40, 255, 60, 200, 130, 255, 30, 90, 220, 255, 180, 40, 90, 255 };
@@ -112,7 +112,7 @@ static void depth_map(struct stage *s, struct pell_material *m, bool varied)
 static const struct {
     unsigned flag;
     const char *name;
-    bool warned; /* what somebody painted or chose, a warning names where it is ignored */
+    bool warned; /* a warning names inputs that were set by the user and are ignored */
     void (*set)(struct stage *s, struct pell_material *m, bool varied);
 } inputs[] = {
     { PELL_IGNORES_STRENGTH_MAP, "strength map", true, strength_map },
@@ -134,7 +134,7 @@ static const struct {
 
 enum { WIDE = 16, HIGH = 12 }; /* px */
 
-/* The light that the method scatters, and what it was warned of. */
+/* The scattered light of the method, and its warnings. */
 struct scattered {
     size_t size;
     float *data;
@@ -183,7 +183,7 @@ static struct scattered scatter(const struct party *on, size_t input, bool varie
     return result;
 }
 
-/* Whether one of the warnings says that the method ignores the input. */
+/* Whether a warning says that the method ignores the input. */
 static bool names(const char *warnings, const char *method, const char *input)
 {
     char head[80];
@@ -214,7 +214,7 @@ static void says_what_it_ignores(void **state)
         free(varied.data);
         free(even.data);
     }
-    stage_finish_devices(); /* a context shows so many warnings of a kind, and no more */
+    stage_finish_devices(); /* a context prints this many warnings of a kind, and no more */
 }
 
 static void every_input_is_tried(void **state)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_method_knobs.c - a method's knobs from one line of text: what is taken, what is refused and how, whatever the bytes. */
+ * test_method_knobs.c - knobs of a method from one line of text: accepted and refused values, and their messages, for arbitrary bytes. */
 #include "pell_test.h"
 
 #include <pellucid/method.h>
@@ -115,7 +115,7 @@ static void as_chooses_the_defaults_wherever_it_stands(void **state)
     free(expected);
 }
 
-/* Three numbers are one value, whether blanks follow the commas or not. */
+/* Three numbers form one value, with or without blanks after the commas. */
 static void a_value_may_have_commas(void **state)
 {
     static const char *const choices[] = { "best", "paper", NULL };

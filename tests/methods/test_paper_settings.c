@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_paper_settings.c - as=paper is what the papers ran: knobs and settings of each method, row by row. */
+ * test_paper_settings.c - as=paper uses the settings of the papers: knobs and settings of each method, row by row. */
 #include "pell_test.h"
 
 #include <pellucid/method.h>
@@ -33,7 +33,7 @@ static const struct row {
     { "single-scatter", "", LIGHT, -2.0f },
 };
 
-/* Every "name=value" of a text is what the knobs say; says which is not. */
+/* Whether the knobs have every "name=value" of a text; reports those that differ. */
 static void require_all(const char *owner, const struct pell_knob *knobs, const void *values, const char *text)
 {
     char copy[512], *rest = copy, *word;
@@ -85,7 +85,7 @@ static void as_paper_is_what_the_papers_ran(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* No method of a paper is left out of the rows above. */
+/* No method that follows a paper is missing from the rows above. */
 static void every_published_method_has_its_row(void **state)
 {
     (void) state;

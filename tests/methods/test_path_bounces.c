@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_path_bounces.c - the knob bounces of path-trace: ways of light through the open from a surface to a surface. Closed forms, all
- * bounces as their limit, the same number by every technique, and the render setting of that name, which other methods have. Seeds are
+ * test_path_bounces.c - the knob bounces of path-trace: interreflections between surfaces outside the media. Closed forms, the limit of
+ * many bounces, agreement of all sampling techniques, and the render setting of the same name, which other methods have. Seeds are
  * fixed; statistical tests allow 3.5 standard errors. */
 #include "path_trace_rig.h"
 
@@ -8,7 +8,8 @@
 
 #define FEWER(n) (SLOW ? (n) / 8 : (n))
 
-/* Opaque surfaces are seen through a small clear cube with nearly the index of air, at `at`: the way from it to them is a bounce itself. */
+/* Opaque surfaces are seen through a small clear cube with nearly the index of air, at `at`: the segment from the cube to them counts as
+ * a bounce. */
 static void add_window(struct stage *s, struct pell_vec3 at, float half)
 {
     const struct pell_vec3 d = vec3(half, half, half);
@@ -16,7 +17,7 @@ static void add_window(struct stage *s, struct pell_vec3 at, float half)
     stage_box(s, rig_medium(s, 1.0, 0.1, 0.0, 1.3), 9, vec3_sub(at, d), vec3_add(at, d));
 }
 
-/* The same without a scattering to speak of, which a scene that is not complete may not ask for. */
+/* The same with negligible scattering, which the checks of a complete scene would refuse. */
 static struct pt_scene *clear_scene(struct stage *s, const struct pt_knobs *knobs)
 {
     stage_method(s, NULL, NULL);
@@ -32,7 +33,7 @@ static struct pt_scene *clear_scene(struct stage *s, const struct pt_knobs *knob
     return rig_scene(s, knobs);
 }
 
-/* Through the window at `at` along w. */
+/* Radiance through the window at `at` along w. */
 static struct pt_point through(struct pell_vec3 at, float half, struct pell_vec3 w)
 {
     const float most = fmaxf(fabsf(w.x), fmaxf(fabsf(w.y), fabsf(w.z)));
@@ -47,7 +48,8 @@ static void require_mean(const char *name, double value, double error, double ex
     REQUIRE_NEAR(value, expected, SIGMAS * error + slack * fabs(expected) + 1e-6);
 }
 
-/* A light in the middle of a sphere of reflectance rho lights it evenly, E0; with n bounces it shows rho E0/pi (1 + rho + ... + rho^n). */
+/* A light at the centre of a sphere of reflectance rho gives it a uniform irradiance E0; with n bounces its radiance is rho E0/pi (1 +
+ * rho + ... + rho^n). */
 static void an_integrating_sphere_sums_the_geometric_series(void **state)
 {
     static const float rho[3] = { 0.2f, 0.5f, 0.9f };
@@ -84,7 +86,7 @@ static void an_integrating_sphere_sums_the_geometric_series(void **state)
     stage_finish(&s);
 }
 
-/* Share of what a square of side 2 a sends evenly that meets a small parallel one, `h` over its middle (Howell, "A Catalog of Radiation
+/* Form factor from a small square to a parallel square of side 2 a at the distance `h` over its middle (Howell, "A Catalog of Radiation
  * Heat Transfer Configuration Factors", B-3, four times). */
 static double parallel_factor(double a, double h)
 {
@@ -92,7 +94,8 @@ static double parallel_factor(double a, double h)
     return 4.0 / (2.0 * PELL_PI) * 2.0 * x / r * atan(x / r);
 }
 
-/* Light from below lights a plate, and this a small tile that faces up to it: nothing by the first bounce, which leads to the window. */
+/* A light below illuminates a plate, which illuminates a small tile that faces up to it: zero with one bounce, which is used up by the
+ * window. */
 static void a_plate_lights_a_tile_that_faces_it(void **state)
 {
     static const float heights[] = { 12.0f, 30.0f, 80.0f };
@@ -127,7 +130,7 @@ static void a_plate_lights_a_tile_that_faces_it(void **state)
     }
 }
 
-/* What light leaves a convex solid meets nothing: the bits are the same. */
+/* Light that leaves a convex solid hits nothing: bit-identical images. */
 static void convex_solids_do_not_see_themselves(void **state)
 {
     static const int accelerations[] = { PT_ACCELERATION_NONE, PT_ACCELERATION_LANES, PT_ACCELERATION_GRID };
@@ -161,7 +164,7 @@ static void convex_solids_do_not_see_themselves(void **state)
         }
 }
 
-/* Two balls over a floor. */
+/* Two balls above a floor. */
 static void crowded_stage(struct stage *s)
 {
     size_t m, grey;
@@ -192,7 +195,7 @@ static struct rig_mean crowded(struct stage *s, int bounces, int acceleration, u
     return r;
 }
 
-/* A path with fewer bounces is the beginning of the same path with more: sums never fall, and 64 of them are all. */
+/* Paths with fewer bounces are prefixes of paths with more: sums never decrease, and 64 bounces are converged. */
 static void more_bounces_are_all_bounces(void **state)
 {
     static const int bounces[] = { 0, 1, 2, 4, 8, 16, 64, PT_BOUNCES_ALL };
@@ -219,8 +222,8 @@ static void more_bounces_are_all_bounces(void **state)
     stage_finish(&s);
 }
 
-/* Lamps all around are an environment, with any number of bounces: what connections, paths from lights and specular manifolds find has as
- * many as walks that meet the environment by chance. */
+/* Emitters all around equal an environment, for any number of bounces: refractive connections, light paths and specular manifolds find
+ * the same light as paths that hit the environment at random. */
 static void every_technique_counts_alike(void **state)
 {
     static const int bounces[] = { 0, 1, 2 };
@@ -228,12 +231,12 @@ static void every_technique_counts_alike(void **state)
     (void) state;
 
     for (size_t k = 0; k < PELL_COUNT(bounces); k++) {
-        struct rig_mean found, met;
+        struct rig_mean found, by_chance;
         struct stage s;
 
         crowded_stage(&s);
         stage_environment(&s, 1.0f);
-        met = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_HIT_LIGHTS, FEWER(20000));
+        by_chance = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_HIT_LIGHTS, FEWER(20000));
         stage_finish(&s);
         crowded_stage(&s);
         for (int i = 0; i < lamps; i++) {
@@ -246,13 +249,13 @@ static void every_technique_counts_alike(void **state)
         for (int part = 0; part < 2; part++) {
             char name[64];
             snprintf(name, sizeof(name), "%d bounces, lamps against the sky, part %d", bounces[k], part);
-            require_mean(name, found.mean[part][1], hypot(found.error[part][1], met.error[part][1]), met.mean[part][1], 0.02);
+            require_mean(name, found.mean[part][1], hypot(found.error[part][1], by_chance.error[part][1]), by_chance.mean[part][1], 0.02);
         }
     }
 }
 
-/* A black floor mirrors a ball of milk that hangs over it: all of that is surface reflection, as the reflected light of lights is, by
- * smooth boundaries and by rough ones. The floor's own light is what fell on it and came back. */
+/* A black floor mirrors a ball of milk above it: all of this is surface reflection, like the reflection of lights, at smooth and rough
+ * boundaries. The floor's own diffuse light is the light that it receives and reflects. */
 static void a_mirror_image_is_surface_reflection(void **state)
 {
     (void) state;
@@ -285,7 +288,7 @@ static void a_mirror_image_is_surface_reflection(void **state)
     }
 }
 
-/* --- The render setting of that name ------------------------------------------------------------------------------------------------ */
+/* --- The render setting bounces ----------------------------------------------------------------------------------------------------- */
 
 #define BOX_SIZE 24
 #define BOX_FOV 0.9f
@@ -306,7 +309,8 @@ static void open_box(struct stage *s)
     stage_camera(s, vec3(0, 0, 160), vec3(0, 0, 0), BOX_FOV, 0.0f);
 }
 
-/* An opaque box: the light of its walls after n bounces is what path-trace shows through a window after n + 1, the last into the window. */
+/* An opaque box: the radiance of its walls after n bounces equals that of path-trace through a window after n + 1, as the window uses
+ * one. */
 static void the_render_setting_means_the_same(void **state)
 {
     static const int bounces[] = { 0, 1, 2, 8 };
@@ -330,7 +334,7 @@ static void the_render_setting_means_the_same(void **state)
         knobs.techniques = PT_LIGHT_SAMPLES;
         knobs.bounces = bounces[k] + 1;
         scene = clear_scene(&s, &knobs);
-        for (int y = 4; y < BOX_SIZE - 2; y += 5) /* no edge of the box is seen */
+        for (int y = 4; y < BOX_SIZE - 2; y += 5) /* no edge of the box is visible */
             for (int x = 3; x < BOX_SIZE - 2; x += 5) {
                 const float t = tanf(0.5f * BOX_FOV), u = ((float) x + 0.5f) / BOX_SIZE * 2.0f - 1.0f,
                             v = 1.0f - ((float) y + 0.5f) / BOX_SIZE * 2.0f;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * test_path_chains.c - light of delta lights over chains of smooth surfaces: closed forms of slabs, refractive connections, and the white
- * furnace made of delta lights, in which no class of paths may be missing. Seeds are fixed; statistical tests allow 3.5 standard errors. */
+ * test_path_chains.c - light of delta lights through chains of smooth surfaces (specular manifold sampling): closed forms of slabs,
+ * refractive connections, and a white furnace of delta lights, in which no class of paths may be missing. Seeds are fixed; statistical
+ * tests allow 3.5 standard errors. */
 #include "path_trace_rig.h"
 
 #include "methods/path_trace/path.h"
@@ -16,7 +17,7 @@ static void plain_stage(struct stage *s)
     stage_camera(s, vec3(0, 0, 500), vec3(0, 0, 0), 0.0f, 9.0f);
 }
 
-/* From straight above. */
+/* Illuminated from directly above. */
 static struct pt_point seen_at(const struct stage *s, float x, float y)
 {
     const struct pell_ray ray = { { x, y, 100.0f }, 0.0f, { 0, 0, -1 }, INFINITY, PELL_RAY_TRANSLUCENT };
@@ -48,7 +49,7 @@ static void require_mean(const char *name, double value, double error, double ex
     REQUIRE_NEAR(value, expected, SIGMAS * error + slack);
 }
 
-/* Of a scene that is complete already, which materials that scatter nothing would not be. */
+/* In a scene that is marked complete, since completion refuses materials without scattering. */
 static void make_clear(struct stage *s)
 {
     for (size_t i = 0; i < s->scene->num_materials; i++)
@@ -59,8 +60,8 @@ static void make_clear(struct stage *s)
 
 /* --- Closed forms ------------------------------------------------------------------------------------------------------------------ */
 
-/* What scatters once in a wide slab under a directional light, seen along the normal: light and eye may both have been reflected inside,
- * any number of times. */
+/* Single scattering in a wide slab under a directional light, seen along the normal: light and camera paths may both be reflected
+ * inside, any number of times. */
 static double slab_single(double sigma_s, double sigma_t, double thickness, double eta, double mu_out)
 {
     const double mu = sqrt(1.0 - (1.0 - mu_out * mu_out) / (eta * eta)), r = pell_fresnel(eta, mu_out), r0 = pell_fresnel(eta, 1.0);
@@ -110,8 +111,8 @@ static double slab_passes(double r, double depth)
     return (1.0 - r) * (1.0 - r) * exp(-depth) / (1.0 - r * r * exp(-2.0 * depth));
 }
 
-/* A nearly clear slab over something dark gray: light and eye each pass once through, with all reflections inside. What the floor and the
- * slab send each other is of second order in its albedo. */
+/* A nearly clear slab over a dark grey floor: light and camera paths each cross it, with all internal reflections. Interreflection of
+ * floor and slab is of second order in the floor's albedo. */
 static void slabs_light_what_is_below(void **state)
 {
     const double eta = 1.5, mu = 0.8, albedo = 0.01, absorbed = 0.01, inside = sqrt(1.0 - (1.0 - mu * mu) / (eta * eta));
@@ -138,7 +139,7 @@ static void slabs_light_what_is_below(void **state)
     stage_finish(&s);
 }
 
-/* A gray floor below a clear slab, which its light reaches by chains alone. */
+/* A grey floor below a clear slab, which light reaches through chains only. */
 static struct pt_scene *floor_below_slab(struct stage *s, struct pt_knobs *knobs)
 {
     size_t m, floor;
@@ -155,7 +156,7 @@ static struct pt_scene *floor_below_slab(struct stage *s, struct pt_knobs *knobs
     return rig_scene(s, knobs);
 }
 
-/* A chain may take a million trials: none is begun once the context is cancelled, and what is given up is not counted as too hard. */
+/* A chain may take a million trials: none begins once the context is cancelled, and abandoned chains are not counted as failures. */
 static void cancelled_trials_end(void **state)
 {
     struct pt_knobs knobs = rig_knobs();
@@ -177,7 +178,7 @@ static void cancelled_trials_end(void **state)
     stage_finish(&s);
 }
 
-/* Beyond the deadline no chain goes on for more than some trials; before it, it changes nothing. */
+/* After the deadline a chain continues for only a few trials; before it, the deadline has no effect. */
 static void late_trials_end(void **state)
 {
     struct pt_knobs knobs = rig_knobs();
@@ -203,9 +204,9 @@ static void late_trials_end(void **state)
     stage_finish(&s);
 }
 
-/* --- Against connections ------------------------------------------------------------------------------------------------------------ */
+/* --- Against refractive connections ------------------------------------------------------------------------------------------------- */
 
-/* Chains of one surface are what refractive connections find, which share no code with them. Coarse balls have many and faint ones. */
+/* Chains of one surface equal refractive connections, which use different code. Coarse balls have many solutions, including faint ones. */
 static void chains_are_connections(void **state)
 {
     static const struct {
@@ -246,7 +247,7 @@ static void chains_are_connections(void **state)
 
 /* --- A white furnace of delta lights ------------------------------------------------------------------------------------------------ */
 
-/* Lights evenly all around, which give what an environment of radiance 1 gives. */
+/* Delta lights uniformly all around, equivalent to an environment of radiance 1. */
 static void many_lights(struct stage *s, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -300,8 +301,8 @@ static void furnace_stage(struct stage *s, enum objects objects)
     }
 }
 
-/* The same solid under an environment, which walks meet by chance. Of what passes without a scattering, only smooth surfaces on its way, a
- * delta light shows nothing: samples whose walk did that have exactly what the environment has, and are taken off. */
+/* The same solid in an environment, which paths hit at random. Unscattered light that passes only smooth surfaces is invisible for delta
+ * lights: samples with such a path have exactly the environment's radiance, and are subtracted. */
 static void furnaces_of_delta_lights(void **state)
 {
     static const char *const names[] = { "ball", "nested", "nested, rough", "bone", "over a gray floor", "upper half smooth" };
@@ -321,7 +322,7 @@ static void furnaces_of_delta_lights(void **state)
         furnace_stage(&s, (enum objects) objects);
         stage_environment(&s, 1.0f);
         environment = measure(&s, knobs, PT_HIT_LIGHTS, 0.9f, 0.4f, FEWER(5000));
-        for (size_t i = 0; i < s.scene->num_materials; i++) /* nothing scatters: what is left went straight through */
+        for (size_t i = 0; i < s.scene->num_materials; i++) /* nothing scatters: the remaining light passed unscattered */
             for (int c = 0; c < 3; c++) {
                 s.scene->materials[i].medium.sigma_a[c] = s.scene->materials[i].medium.sigma_s_reduced[c];
                 s.scene->materials[i].base_color[c] = 0.0f;
@@ -329,7 +330,7 @@ static void furnaces_of_delta_lights(void **state)
         make_clear(&s);
         clear = measure(&s, knobs, PT_HIT_LIGHTS, 0.9f, 0.4f, FEWER(4000));
         stage_finish(&s);
-        if (objects == NESTED_ROUGH || objects == PARTLY_ROUGH) { /* rough surfaces scatter, too: no part of it can be taken off by parts */
+        if (objects == NESTED_ROUGH || objects == PARTLY_ROUGH) { /* rough surfaces scatter, too: no single component can be subtracted */
             snprintf(name, sizeof(name), "%s, of lamps against the sky, one scattering", names[objects]);
             require_mean(name, sources.mean[1][1], hypot(sources.error[1][1], environment.error[1][1]), environment.mean[1][1],
                          0.01 * environment.mean[1][1]);

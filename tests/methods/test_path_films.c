@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_path_films.c - sums of samples, and the files that keep them: what is written is read again bit by bit, and nothing else is. */
+ * test_path_films.c - accumulated samples (film) and checkpoint files: written files are read back bit by bit, and damaged or foreign
+ * files are refused. */
 #include "pell_test.h"
 
 #include "base/hash.h"
@@ -42,7 +43,7 @@ static bool same(const struct pt_film *a, const struct pt_film *b)
 
 /* --- Sums ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Against the textbook's two passes. */
+/* Against the two-pass algorithm. */
 static void mean_and_error_are_the_textbooks(void **state)
 {
     enum { N = 1000 };
@@ -135,7 +136,7 @@ static void picture_error_is_the_root_mean_square(void **state)
     REQUIRE_REL(pt_film_error(&film, false), sqrt((1.0 + pow(2e-6 / 0.01 / (1.0 + 1e-6) * 2.0, 2.0)) / 2.0) * 0.5 / sqrt(99.0), 1e-9);
 }
 
-/* Sums of the same samples in another order, in two halves, of values of very different sizes: the same bits. */
+/* Sums of the same samples in another order, in two halves, with values of very different magnitude: the same bits. */
 static void no_order_changes_a_sum(void **state)
 {
     enum { N = 3000 };
@@ -170,7 +171,7 @@ static void no_order_changes_a_sum(void **state)
         assert_true(isfinite(mean[c]) && isfinite(error[c]) && error[c] > 0.0);
 }
 
-/* Noise of a millionth of the light is no rounding. */
+/* Noise of a millionth of the mean is distinguished from rounding. */
 static void little_noise_is_told_from_rounding(void **state)
 {
     struct pt_pixel p = { .count = 0 };
@@ -187,7 +188,7 @@ static void little_noise_is_told_from_rounding(void **state)
     REQUIRE_REL(error[3], 1e-6 / sqrt(9999.0), 1e-3);
 }
 
-/* Against a list of what is there, sample by sample. */
+/* Against a list of all samples. */
 static void spans_are_what_was_covered(void **state)
 {
     enum { SAMPLES = 60 };
@@ -249,7 +250,7 @@ static void add_samples(struct pt_film *film, size_t tile, uint32_t first, uint3
     pt_film_cover(film, tile, (struct pt_span) { first, end });
 }
 
-/* Of three samples of the multisample: six tiles, not begun, and two tiles. */
+/* Of three samples of the multisample: six tiles that are not begun, and two tiles that are. */
 static void fill(struct pell_context *ctx, struct pt_film films[3])
 {
     static const uint8_t pixels[2][6] = { { 64, 0, 32, 1, 32, 16 }, { 0, 3, 0, 0, 0, 5 } };
@@ -336,7 +337,7 @@ static void films_merge_to_what_one_run_gives(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Decodes bytes that must be refused, with one message that holds `word`. */
+/* Decodes bytes that must be refused, with one message that contains `word`. */
 static void refused(const uint8_t *data, size_t size, const struct pt_checkpoint_key *k, enum pell_result code, const char *word)
 {
     struct kept_messages kept = { 0 };
@@ -370,11 +371,11 @@ static void damaged_files_are_refused(void **state)
     (void) state;
     encode(ctx, &data, &size);
     refused(NULL, 0, &key, PELL_ERR_FORMAT, "no checkpoint");
-    for (size_t cut = 0; cut < size; cut += cut < 200 ? 1 : 97) { /* in a block of its own size, so that reading on is seen */
+    for (size_t cut = 0; cut < size; cut += cut < 200 ? 1 : 97) { /* in a block of its exact size, so that reading beyond it is detected */
         copy = malloc(cut + 1);
         memcpy(copy, data, cut);
         refused(copy, cut, &key, PELL_ERR_FORMAT, "");
-        if (cut > HEADER + NOTE + 8) { /* where the hash is right, too */
+        if (cut > HEADER + NOTE + 8) { /* also where the hash is correct */
             mend_hash(copy, cut);
             refused(copy, cut, &key, PELL_ERR_FORMAT, "");
         }
@@ -442,10 +443,10 @@ static void files_of_something_else_are_refused_by_name(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Forged files, whose hash is right. */
+/* Manipulated files with a correct hash. */
 static void what_no_run_writes_is_refused(void **state)
 {
-    /* Spans of the first tile begin behind its three bytes; its first pixel has 7 samples. */
+    /* Spans of the first tile begin after its three bytes; its first pixel has 7 samples. */
     static const size_t pixel = TILES + 6 * 3 + 4 * 8;
     const struct {
         size_t at;

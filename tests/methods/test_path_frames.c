@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_path_frames.c - path-trace over frames: layers that add up, when it stops, and runs that were ended and gone on with. The
+ * test_path_frames.c - path-trace over frames: layers that add up, stopping criteria, and runs that were interrupted and resumed. The
  * transport itself has tests of its own. */
 #include "scenes.h"
 
@@ -7,10 +7,10 @@
 
 #include <unistd.h>
 
-/* Ends a run as Ctrl-C does once so much of it is done. */
+/* Ends a run, as Ctrl-C does, at a given progress. */
 struct interruption {
     struct pell_context *ctx;
-    double at; /* share of the work; 2: never */
+    double at; /* fraction of the work; 2: never */
     double last;
 };
 
@@ -26,7 +26,7 @@ static void watch(void *user, const char *task, double fraction)
         pell_context_interrupt(i->ctx);
 }
 
-/* A small marble ball, part of which another hides, under an environment and a directional light; `kept` and `interruption` may be NULL. */
+/* A small marble ball, partly occluded by another, under an environment and a directional light; `kept` and `interruption` may be NULL. */
 static void start(struct stage *s, int size, int threads, struct kept_messages *kept, struct interruption *interruption)
 {
     const struct pell_device_params params = { .threads = threads, .engine = PELL_ENGINE_CPU };
@@ -69,7 +69,7 @@ static int plane_of(const struct pell_render_result *p, const char *name)
     return -1;
 }
 
-/* --- Pictures --------------------------------------------------------------------------------------------------------------------- */
+/* --- Images ----------------------------------------------------------------------------------------------------------------------- */
 
 static void any_number_of_threads_gives_the_same_bits(void **state)
 {
@@ -90,7 +90,7 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
     shot_free(&first);
 }
 
-/* The same renderer twice, and with another method between: a frame leaves nothing for the next. */
+/* The same renderer twice, and with another method between: a frame leaves no state for the next. */
 static void frames_start_anew(void **state)
 {
     struct stage s;
@@ -132,7 +132,7 @@ static void layers_add_up_to_the_picture(void **state)
         for (int c = 0; c < 3; c++)
             for (size_t i = 0; i < shot[t].size; i++) {
                 double sum = 0.0;
-                if (shot[t].data[SHOT_A * shot[t].size + i] < 1.0f) /* the environment behind */
+                if (shot[t].data[SHOT_A * shot[t].size + i] < 1.0f) /* the environment behind the objects */
                     continue;
                 for (int k = 0; k < 4; k++) {
                     char name[32];
@@ -146,14 +146,14 @@ static void layers_add_up_to_the_picture(void **state)
                 REQUIRE_NEAR(sum, (double) shot[t].data[(size_t) c * shot[t].size + i], 1e-6 * (1.0 + sum));
             }
     }
-    /* Below the surface the samples are the same; what it reflects is the lobe or what was traced, and both are there. */
+    /* The samples below the surface are the same; surface reflection is the analytic lobe or was traced, and both are present. */
     for (int k = 0; k < 2; k++) {
         REQUIRE(parts[0][k] > 0.0);
         REQUIRE_REL(parts[0][k], parts[1][k], 1e-6);
     }
     REQUIRE(parts[0][2] == 0.0 && parts[1][2] == 0.0);
     REQUIRE(parts[0][3] > 0.0 && parts[1][3] > 0.0 && parts[0][3] != parts[1][3]);
-    /* Without layers the picture is the same. */
+    /* The image is the same without layers. */
     for (int t = 0; t < 2; t++) {
         struct shot flat;
         s.settings.layers = false;
@@ -167,9 +167,9 @@ static void layers_add_up_to_the_picture(void **state)
     stage_finish(&s);
 }
 
-/* --- When to stop ----------------------------------------------------------------------------------------------------------------- */
+/* --- Stopping criteria ------------------------------------------------------------------------------------------------------------ */
 
-/* The root of the mean squared relative error bar, of luminance summed over channels, over all pixels that the method had. */
+/* Root of the mean squared relative standard error, of luminance summed over channels, over all pixels of the method. */
 static double said_error(const struct stage *s, const struct shot *shot, int *pixels)
 {
     const float *standard_error[3];
@@ -217,11 +217,11 @@ static void it_stops_where_the_error_is_reached(void **state)
         shot_free(&shot);
     }
     print_message("# error bars %.3f of 0.4, %.3f of 0.2, %.3f of 20 samples\n", said[0], said[1], said[2]);
-    REQUIRE(said[0] < 0.6 && said[1] < 0.3 && said[1] < said[0]); /* channels' errors summed are more than luminance's */
+    REQUIRE(said[0] < 0.6 && said[1] < 0.3 && said[1] < said[0]); /* the channels' errors summed exceed the luminance's */
     stage_finish(&s);
 }
 
-/* Pixels of two seeds differ as their error bars say. */
+/* Pixels of two seeds differ by as much as their standard errors state. */
 static void error_bars_are_honest(void **state)
 {
     static const char *const knobs[] = { "samples=256", "acceleration=none", "events=200", NULL };
@@ -243,8 +243,8 @@ static void error_bars_are_honest(void **state)
     }
     for (int i = 0; i < 3 * 64; i++)
         if (bars[0][i] > 0.0) {
-            const double apart = (double) shot[0].data[i] - (double) shot[1].data[i];
-            z2 += apart * apart / (bars[0][i] * bars[0][i] + bars[1][i] * bars[1][i]);
+            const double difference = (double) shot[0].data[i] - (double) shot[1].data[i];
+            z2 += difference * difference / (bars[0][i] * bars[0][i] + bars[1][i] * bars[1][i]);
             n++;
         }
     print_message("# two seeds differ by %.3f error bars, root mean square of %d\n", sqrt(z2 / n), n);
@@ -269,18 +269,18 @@ static void a_time_limit_ends_it(void **state)
         const double begin = pell_seconds();
         shot = stage_shot_of(&s, "path-trace", k ? briefest : brief);
         assert_false(s.image.partial);
-        REQUIRE(pell_seconds() - begin < 30.0);             /* with scene and grid, on a machine that does other things, too */
-        REQUIRE(shot_at(&shot, SHOT_MULTIPLE, 3, 3) > 0.0); /* one sample at least */
+        REQUIRE(pell_seconds() - begin < 30.0);             /* including scene and grid, on a busy machine */
+        REQUIRE(shot_at(&shot, SHOT_MULTIPLE, 3, 3) > 0.0); /* at least one sample */
         shot_free(&shot);
     }
     stage_finish(&s);
 }
 
-/* --- Ended and gone on with ------------------------------------------------------------------------------------------------------- */
+/* --- Interrupted and resumed ------------------------------------------------------------------------------------------------------ */
 
 static const char *const some[] = { "samples=24", "acceleration=none", "events=8", NULL };
 
-/* A name of its own in the folder for temporary files; not there yet. */
+/* A unique name in the folder for temporary files; no such file exists yet. */
 static void temporary_name(char *path, size_t size)
 {
     static int number;
@@ -301,7 +301,7 @@ static void a_run_goes_on_to_the_same_bits(void **state)
     whole = stage_shot_of(&s, "path-trace", some);
     stage_finish(&s);
     temporary_name(path, sizeof(path));
-    for (int run = 0, runs = 6; run < runs; run++) { /* ended five times, by other numbers of threads */
+    for (int run = 0, runs = 6; run < runs; run++) { /* interrupted five times, with different numbers of threads */
         struct interruption interruption = { .at = run < runs - 1 ? (run + 0.5) / runs : 2.0 };
         const struct pell_checkpoint checkpoint = { path, 1e-6 };
 
@@ -317,7 +317,7 @@ static void a_run_goes_on_to_the_same_bits(void **state)
         shot_free(&shot);
         stage_finish(&s);
     }
-    /* What is finished is not made again. */
+    /* Finished work is not repeated. */
     start(&s, 8, 2, NULL, NULL);
     s.settings.msaa = 3;
     OK(pell_renderer_set_checkpoint(s.r, &(struct pell_checkpoint) { path, 100.0 }));
@@ -332,7 +332,7 @@ static void a_run_goes_on_to_the_same_bits(void **state)
     unlink(path);
 }
 
-/* More samples than before, and an error to reach: the same bits as if it had been asked for at once. */
+/* More samples than before, and an error target: the same bits as if these had been requested at once. */
 static void more_can_be_asked_for_later(void **state)
 {
     static const char *const more[] = { "samples=40", "acceleration=none", "events=8", NULL };
@@ -365,8 +365,8 @@ static void more_can_be_asked_for_later(void **state)
     }
 }
 
-/* Of four samples of the multisample the second is cut, late or when few pixels had any: the picture is of those that there are, and as
- * bright. */
+/* Of four samples of the multisample the second is interrupted, late or when few pixels had samples: the image is the mean of the
+ * samples that exist, with the same brightness. */
 static void a_picture_that_was_ended_is_whole(void **state)
 {
     static const double ends[] = { 0.4, 0.2501 };
@@ -404,7 +404,7 @@ static void a_picture_that_was_ended_is_whole(void **state)
     shot_free(&whole);
 }
 
-/* Where nothing can end early, an interruption is the same as a cancellation. */
+/* Where nothing can end early, an interruption equals a cancellation. */
 static void other_methods_are_cancelled(void **state)
 {
     struct stage s;
@@ -420,7 +420,7 @@ static void other_methods_are_cancelled(void **state)
     stage_finish(&s);
 }
 
-/* --- Checkpoint files of something else ------------------------------------------------------------------------------------------- */
+/* --- Foreign checkpoint files ----------------------------------------------------------------------------------------------------- */
 
 static const char *const least[] = { "samples=1", "acceleration=none", "events=8", NULL };
 
@@ -470,7 +470,7 @@ static void files_of_another_run_are_refused_and_kept(void **state)
     assert_int_equal(go_on(path, 0, &kept), PELL_ERR_FORMAT);
     assert_string_equal(kept.where, path);
     unlink(path);
-    OK(go_on("/nowhere/at/all.ckpt", 0, &kept)); /* can't be written: said, and the picture is made */
+    OK(go_on("/nowhere/at/all.ckpt", 0, &kept)); /* cannot be written: reported, and the image is rendered */
     assert_int_equal(kept.errors, 1);
     assert_string_equal(kept.where, "/nowhere/at/all.ckpt");
 }
@@ -532,7 +532,7 @@ int main(void)
         cmocka_unit_test(survives_the_nth_allocation),
     };
 
-    /* Sanitizers make it slow: the same code with fewer samples is in the other tests. */
+    /* Too slow under sanitizers: other tests run the same code with fewer samples. */
     const struct CMUnitTest numbers[] = { cmocka_unit_test(error_bars_are_honest) };
     struct CMUnitTest all[PELL_COUNT(tests) + PELL_COUNT(numbers)];
 

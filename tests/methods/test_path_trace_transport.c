@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_path_trace_transport.c - single samples of path-trace: conservation laws, slabs of the oracle, and every way of finding light
- * against the others. Seeds are fixed; statistical tests allow 3.5 standard errors. */
+ * test_path_trace_transport.c - single samples of path-trace: conservation laws, slabs of the oracle, and agreement of all light
+ * sampling techniques. Seeds are fixed; statistical tests allow 3.5 standard errors. */
 #include "layers_rig.h"
 #include "path_trace_rig.h"
 
@@ -33,7 +33,7 @@ static struct pt_point on_ball(const struct stage *s, float radius, float x, flo
 
 static void busy_stage(struct stage *s, struct pt_knobs *knobs, bool rough, size_t *material);
 
-/* --- Parts ------------------------------------------------------------------------------------------------------------------------ */
+/* --- Components ------------------------------------------------------------------------------------------------------------------- */
 
 static void fresnel_is_the_librarys(void **state)
 {
@@ -49,7 +49,7 @@ static void fresnel_is_the_librarys(void **state)
         }
 }
 
-/* Rays one by one against packets. */
+/* Single rays against packets. */
 static void single_rays_are_packets(void **state)
 {
     struct pt_knobs knobs;
@@ -90,12 +90,12 @@ static void single_rays_are_packets(void **state)
                                           i % 4 == 0 ? 10.0f : INFINITY,
                                           p.ray.mask[i] };
             struct pell_hit hit = { .t = -1.0f };
-            const bool met = pell_rays_closest(rays, &ray, &hit);
-            assert_int_equal(met, p.hit.mesh[i] != PELL_NO_HIT);
-            assert_int_equal(pell_rays_occluded(rays, &ray), met);
-            assert_int_equal(shadow.tfar[i] < 0.0f, met);
-            hits += met;
-            if (!met) {
+            const bool hit_found = pell_rays_closest(rays, &ray, &hit);
+            assert_int_equal(hit_found, p.hit.mesh[i] != PELL_NO_HIT);
+            assert_int_equal(pell_rays_occluded(rays, &ray), hit_found);
+            assert_int_equal(shadow.tfar[i] < 0.0f, hit_found);
+            hits += hit_found;
+            if (!hit_found) {
                 REQUIRE(hit.t == -1.0f);
                 continue;
             }
@@ -109,7 +109,7 @@ static void single_rays_are_packets(void **state)
     stage_finish(&s);
 }
 
-/* The density of a rough boundary is a density, and the samples are spread by it: shares of cells of direction. */
+/* The density of a rough boundary integrates to one, and the samples follow it: frequencies of direction cells. */
 static void rough_boundaries_sample_their_density(void **state)
 {
     enum { CELLS = 8, TURNS = 8, INTEGRATE = 160 };
@@ -200,7 +200,8 @@ static void scattered_directions_follow_the_phase_function(void **state)
 
 /* --- The white furnace ------------------------------------------------------------------------------------------------------------- */
 
-/* Nothing absorbs, and it is equally bright all around: so is every sample, to rounding, where walks alone find the light. */
+/* No absorption, and equal radiance from all directions: every sample has this radiance, to rounding, where only paths that hit the
+ * environment find light. */
 static void white_furnace(void **state)
 {
     static const struct {
@@ -234,7 +235,7 @@ static void white_furnace(void **state)
 
             plain_stage(&s);
             m = rig_medium(&s, 0.7, 0.0, cases[k].g, cases[k].eta);
-            for (int c = 0; all && c < 3; c++) /* samples of channels that differ are weighed */
+            for (int c = 0; all && c < 3; c++) /* samples of differing channels are weighted */
                 s.scene->materials[m].medium.sigma_s_reduced[c] *= 1.0 + c;
             s.scene->materials[m].roughness = 0.6f;
             stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, cases[k].rings);
@@ -261,7 +262,7 @@ static void white_furnace(void **state)
             REQUIRE(r.counts.cut == 0);
             for (int c = 0; c < 3; c++)
                 REQUIRE_NEAR(r.mean[3][c], 1.0, SIGMAS * r.error[3][c] + (all ? 1e-3 : 2e-5));
-            /* Every single sample is, but where what the surface reflects goes on by chance. */
+            /* The same for every single sample, except where surface reflection is sampled by Russian roulette. */
             if (!all && cases[k].objects != 3)
                 REQUIRE(r.error[3][1] < 1e-5);
             pt_scene_destroy(&scene);
@@ -271,8 +272,8 @@ static void white_furnace(void **state)
 
 /* --- Slabs --------------------------------------------------------------------------------------------------------------------------- */
 
-/* What of light at normal incidence comes back (`back`) or through: a wide slab under a uniform environment whose other half is hidden by
- * black. */
+/* Diffuse reflectance (`back`) or transmittance of light at normal incidence, by reciprocity: a wide slab under a uniform environment
+ * whose other half is hidden by black. */
 static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], double g, double eta, double thickness, bool back,
                              int samples, unsigned techniques)
 {
@@ -304,7 +305,7 @@ static struct rig_mean slab3(const double sigma_s[3], const double sigma_a[3], d
     at = rig_point(vec3(0.013f, 0.007f, 0.0f), vec3(0.013f, 0.007f, 500.0f), 5);
     r = rig_measure(scene, &at, 0, samples);
     for (int k = 0; k < 4; k++)
-        for (int c = 0; c < 3; c++) { /* per light that entered */
+        for (int c = 0; c < 3; c++) { /* relative to the light that entered */
             const double in = 1.0 - pell_fresnel(eta, 1.0);
             r.mean[k][c] /= in;
             r.error[k][c] /= in;
@@ -369,8 +370,8 @@ static void slabs_of_the_oracle(void **state)
     json_decref(root);
 }
 
-/* Three of the oracle's slabs at once, as the channels of one: optical thicknesses from 3 to 12.5. Where flights are split at the boundary,
- * too, with less noise. */
+/* Three of the oracle's slabs at once, as the channels of one: optical thicknesses from 3 to 12.5. Also with flights split at the
+ * boundary, which has less noise. */
 static void channels_are_slabs(void **state)
 {
     static const int rows[3] = { 5, 3, 0 };
@@ -405,8 +406,8 @@ static void channels_are_slabs(void **state)
     json_decref(root);
 }
 
-/* What leaves and what stays is all that there is: without absorption all light leaves, forward scattering or not, whatever the index, and
- * on both sides of a slab what the plain walk says. */
+/* Reflectance and transmittance sum to one: without absorption all light leaves, for forward scattering and any index, and on both sides
+ * of a slab the result equals that of the plain walk. */
 static void split_walks_are_whole(void **state)
 {
     static const struct {
@@ -454,9 +455,9 @@ static void slabs_of_the_literature(void **state)
     require_slab("Chandrasekhar, albedo 0.3", &matched, 0.0572143506, 1e-8, 0);
 }
 
-/* --- The grid, and what a sample depends on --------------------------------------------------------------------------------------- */
+/* --- The grid, and reproducibility of samples ------------------------------------------------------------------------------------- */
 
-/* A scene with a bit of all: a ball of chromatic medium with g, a bone, a white wall, a point light and a rectangle. */
+/* A scene with all features: a ball of chromatic medium with g, a bone, a white wall, a point light and a rectangle. */
 static void busy_stage(struct stage *s, struct pt_knobs *knobs, bool rough, size_t *material)
 {
     struct pell_light *l;
@@ -483,7 +484,7 @@ static void busy_stage(struct stage *s, struct pt_knobs *knobs, bool rough, size
     knobs->acceleration = PT_ACCELERATION_GRID;
 }
 
-/* The same numbers give the same walk. Which scatterers look for lights follows from what the grid knows: with them the means agree. */
+/* Equal random numbers give equal walks. Which scattering events sample lights depends on the grid: with it the means agree. */
 static void grid_is_the_plain_walk(void **state)
 {
     const int samples = FEWER(800);
@@ -532,8 +533,8 @@ static void grid_is_the_plain_walk(void **state)
     }
 }
 
-/* Walks side by side are walks one by one, to the last bit, at every SIMD level: with channels alike and not, forward ones, ones that
- * absorb, nested solids, lights of all kinds. */
+/* Wavefront walks equal scalar walks to the last bit, at every SIMD level: with equal and different channels, forward scattering,
+ * absorption, nested solids, lights of all kinds. */
 static void lanes_are_the_plain_walk(void **state)
 {
     enum { N = SLOW ? 40 : 300 };
@@ -606,7 +607,7 @@ static void a_sample_depends_on_its_numbers_alone(void **state)
     OK(pt_walker_create(scene, &b));
     pt_trace(scene, a, &at, 3, N, together);
     for (int i = N - 1; i >= 0; i--) {
-        pt_trace(scene, b, &other, (uint32_t) i, 1, &one); /* disturbs the walker */
+        pt_trace(scene, b, &other, (uint32_t) i, 1, &one); /* disturbs the state of the walker */
         pt_trace(scene, b, &at, 3u + (uint32_t) i, 1, &one);
         assert_memory_equal(&one, &together[i], sizeof(one));
     }
@@ -618,7 +619,7 @@ static void a_sample_depends_on_its_numbers_alone(void **state)
     stage_finish(&s);
 }
 
-/* --- Ways of finding light ------------------------------------------------------------------------------------------------------------ */
+/* --- Light sampling techniques -------------------------------------------------------------------------------------------------------- */
 
 static struct rig_mean with_techniques(struct stage *s, struct pt_knobs knobs, unsigned techniques, const struct pt_point *at,
                                        uint32_t first, int samples)
@@ -648,14 +649,15 @@ static void lit_ball(struct stage *s, struct pt_knobs *knobs, bool rough, double
     l = stage_light(s, type, vec3(8, 10, 16), vec3(0, 0, 0), type == PELL_LIGHT_POINT ? 0.001f : 1.0f);
     l->width = l->height = size;
     if (type == PELL_LIGHT_RECT)
-        for (int c = 0; c < 3; c++) /* the point's intensity on the axis */
+        for (int c = 0; c < 3; c++) /* the point light's intensity on the axis */
             l->power[c] = 0.001f * 1e6f / (size * size);
     look_along(s, 9.0f);
     *knobs = rig_knobs();
     knobs->boundary = rough ? PT_BOUNDARY_ROUGH : PT_BOUNDARY_SMOOTH;
 }
 
-/* A large light: walks meet it by chance, or it is looked for, or both. Coarse balls, too, whose interpolated normals differ much. */
+/* A large light: paths hit it at random, or it is sampled explicitly, or both by MIS. Includes coarse balls, whose interpolated normals
+ * differ strongly from the triangles'. */
 static void every_complete_set_agrees(void **state)
 {
     static const struct {
@@ -687,7 +689,7 @@ static void every_complete_set_agrees(void **state)
                      cases[k].rings, cases[k].normals, part);
             require_same(name, &all, &chance, part);
         }
-        /* What is sought alone lacks the light that was reflected inside a smooth solid before it scattered: a little. */
+        /* Explicit sampling alone lacks light that was reflected inside a smooth solid before it scattered: a small loss. */
         if (cases[k].rough)
             require_same("sought alone against chance", &sought, &chance, 1);
         REQUIRE(sought.mean[1][1] <= chance.mean[1][1] + SIGMAS * hypot(sought.error[1][1], chance.error[1][1]));
@@ -700,7 +702,7 @@ static void every_complete_set_agrees(void **state)
     }
 }
 
-/* A small rectangle of the point's intensity is the point, for every technique. */
+/* A small rectangle with the point light's intensity equals the point light, for every technique. */
 static void small_lights_are_points(void **state)
 {
     (void) state;
@@ -725,8 +727,8 @@ static void small_lights_are_points(void **state)
     }
 }
 
-/* Under a point, connections and paths from the light share the light out; without connections the paths from the light find it all but
- * what scattered once. */
+/* Under a point light, connections and light paths share the contribution by MIS; without connections the light paths find all of it
+ * except single scattering. */
 static void paths_from_lights_are_connections(void **state)
 {
     struct pt_knobs knobs;
@@ -747,7 +749,7 @@ static void paths_from_lights_are_connections(void **state)
     REQUIRE(sources.mean[1][1] == 0.0);
     assert_int_equal(s.kept.warnings, 0);
     REQUIRE(with_techniques(&s, knobs, PT_HIT_LIGHTS | PT_LIGHT_SAMPLES, &at, 0, 10).mean[0][1] == 0.0);
-    assert_int_equal(s.kept.warnings, 1); /* black, and it says so */
+    assert_int_equal(s.kept.warnings, 1); /* black, and a warning says so */
     REQUIRE(all.mean[1][1] == connections.mean[1][1]);
     REQUIRE(SLOW || connections.mean[0][1] < all.mean[0][1]);
     stage_finish(&s);
@@ -755,8 +757,8 @@ static void paths_from_lights_are_connections(void **state)
 
 /* --- Layers --------------------------------------------------------------------------------------------------------------------------- */
 
-/* A layer over a deep rest by the distance below the surface, against the same of two boxes, one upon the other, without a boundary between
- * them: two ways of walking that share no code but the collisions. Stacks come from presets: the boxes have the preset's numbers. */
+/* A layer over a deep substrate by the distance below the surface, against two boxes, one upon the other, without a boundary between
+ * them: two ways of walking that share no code except collisions. Stacks come from presets: the boxes use the presets' coefficients. */
 static void layers_are_boxes(void **state)
 {
     const struct pell_material_entry *entry = pell_material_find("skin-2layer");
@@ -803,7 +805,8 @@ static void layers_are_boxes(void **state)
 
 static const double painted_optics[3][3] = { { 2.0, 2.6, 0.25 }, { 6.0, 6.6, 0.4 }, { 1.0, 1.5, 0.8 } };
 
-/* A slab with layers, lit by the environment and a light, at a place. kind 0: even; 1: painted, with another value far from there. */
+/* A slab with layers, lit by the environment and a light, at a point. kind 0: uniform; 1: painted, with another value far from the
+ * point. */
 static struct rig_mean layered_slab(int kind, int count, const float *depth, enum pell_substrate substrate, double eta, uint32_t first,
                                     int n)
 {
@@ -824,8 +827,8 @@ static struct rig_mean layered_slab(int kind, int count, const float *depth, enu
         layers_paint(s.scene, m, i, 2, 2, 1, (const float[4]) { 1.0f, 1.0f, 1.0f, 0.25f })->nearest = true;
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.6f, 0.8f), vec3(0, 0, 0), 1.0f);
     look_along(&s, 7.0f);
-    knobs.acceleration = kind == 1 && substrate == PELL_SUBSTRATE_STOP ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE; /* large grids take
-                                                                                                                       * time */
+    knobs.acceleration =
+        kind == 1 && substrate == PELL_SUBSTRATE_STOP ? PT_ACCELERATION_GRID : PT_ACCELERATION_NONE; /* large grids take time */
     scene = rig_scene(&s, &knobs);
     at = rig_point(vec3(-20.013f, -10.007f, 0.0f), vec3(-20.013f, -10.007f, 500.0f), 5);
     r = rig_measure(scene, &at, first, n);
@@ -834,7 +837,7 @@ static struct rig_mean layered_slab(int kind, int count, const float *depth, enu
     return r;
 }
 
-/* Painted with what is even: the same walks. */
+/* A uniform map: the same walks. */
 static void painted_layers_are_uniform_ones(void **state)
 {
     static const float depth[3] = { 0.5f, 1.0f, 3.0f };
@@ -848,8 +851,8 @@ static void painted_layers_are_uniform_ones(void **state)
             REQUIRE(a.mean[part][c] == b.mean[part][c]);
 }
 
-/* Below layers that end it is black: by what light scatters once between matched indices, in closed form, and by a solid of one medium
- * with something black in it. */
+/* Black below the layers: against single scattering between matched indices in closed form, and against a solid of one medium with a
+ * black object in it. */
 static void what_is_below_is_black(void **state)
 {
     static const float depth[3] = { 0.5f, 1.0f, 3.0f };
@@ -858,7 +861,7 @@ static void what_is_below_is_black(void **state)
     struct rig_mean r[2];
     (void) state;
 
-    for (int i = 0; i < 3; i++) { /* irradiance 1 across the beam, from a cosine of 0.8, toward one of 1 */
+    for (int i = 0; i < 3; i++) { /* irradiance 1 across the beam, incident at a cosine of 0.8, viewed at 1 */
         const struct pell_phase phase = { PELL_PHASE_SCHLICK, { painted_optics[i][2], 0.0 }, 0.0 };
         const double d = (double) depth[i] - (i > 0 ? (double) depth[i - 1] : 0.0), way = 1.0 + 1.0 / 0.8;
         expected += painted_optics[i][0] / painted_optics[i][1] * pell_phase_value(&phase, 0.8) * exp(-optical * way) *
@@ -901,8 +904,8 @@ static void what_is_below_is_black(void **state)
 
 #define FLOOR 0.6f
 
-/* A slab over what reflects FLOOR: its own floor (0; painted: 1) or a box in it (2), under light from a cosine of 0.8; `furnace`: in an
- * environment of 1. */
+/* A slab over a substrate of reflectance FLOOR: its own floor (0; painted: 1) or a box in it (2), lit at a cosine of 0.8; `furnace`: in
+ * an environment of 1. */
 static struct rig_mean over_floor(int kind, const double (*optics)[3], double eta, bool furnace, float reflects, int n)
 {
     static const float depth[2] = { 0.4f, 1.0f };
@@ -939,7 +942,8 @@ static struct rig_mean over_floor(int kind, const double (*optics)[3], double et
     return r;
 }
 
-/* Below layers a Lambertian surface: in closed form where nothing scatters above it, against a box in the slab, and white where all is. */
+/* A Lambertian surface below layers: in closed form where nothing scatters above it, against a box in the slab, and a white furnace
+ * where all is white. */
 static void what_is_below_reflects(void **state)
 {
     static const double clear[2][3] = { { 0.0, 0.9, 0.0 }, { 0.0, 0.3, 0.0 } }, white[2][3] = { { 1.0, 1.0, 0.3 }, { 0.4, 0.4, 0.0 } };
@@ -971,7 +975,7 @@ static void what_is_below_reflects(void **state)
 
 /* --- Hostile surfaces, bounds, refusals ---------------------------------------------------------------------------------------------- */
 
-/* A ball without its lower cap: no hang, no NaN, not black; light goes on where the surface ends. */
+/* A ball without its lower cap: no hang, no NaN, not black; light leaves where the surface ends. */
 static void open_surfaces(void **state)
 {
     (void) state;
@@ -1011,7 +1015,7 @@ static void open_surfaces(void **state)
     }
 }
 
-/* Two balls of one object through each other, two boxes that share a face: counted. Apart they are not, nor is one in the other. */
+/* Two intersecting balls of one object, two boxes with a common face: overlaps are counted. Separate or nested solids are not counted. */
 static void surfaces_that_cross_are_counted(void **state)
 {
     static const struct {
@@ -1043,18 +1047,18 @@ static void surfaces_that_cross_are_counted(void **state)
         scene = rig_scene(&s, &knobs);
         at = on_ball(&s, 3.0f, 0.4f, 0.3f);
         r = rig_measure(scene, &at, 0, 200);
-        REQUIRE_NEAR(r.mean[3][1], 1.0, SIGMAS * r.error[3][1] + 1e-3); /* no light is lost of it */
+        REQUIRE_NEAR(r.mean[3][1], 1.0, SIGMAS * r.error[3][1] + 1e-3); /* no light is lost because of it */
         REQUIRE((r.counts.crossed > 20) == cases[k].odd);
         REQUIRE(cases[k].odd || r.counts.crossed == 0);
-        at.toward = vec3_mul(at.toward, -1.0f); /* a camera inside crosses nothing */
+        at.toward = vec3_mul(at.toward, -1.0f); /* a camera inside crosses no surface */
         REQUIRE(cases[k].odd || rig_measure(scene, &at, 0, 200).counts.crossed == 0);
         pt_scene_destroy(&scene);
         stage_finish(&s);
     }
 }
 
-/* Surfaces of one solid or two that cross, lie in each other or on each other, one of them inside out: under lights of all kinds every
- * sample ends, is a number, and some light comes; by walks side by side the same. */
+/* Surfaces of one or two solids that intersect, are nested or coincide, one of them inside out: under lights of all kinds every sample
+ * ends, is finite, and some light arrives; wavefront walks give the same. */
 static void surfaces_that_cross_are_lit(void **state)
 {
     (void) state;
@@ -1072,7 +1076,7 @@ static void surfaces_that_cross_are_lit(void **state)
             s.scene->materials[i ? m : other].roughness = 0.5f;
         stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 12);
         stage_ball(&s, other, object, form == 0 ? vec3(2.0f, 0, 0) : vec3(0, 0, 0), form == 2 ? 1.5f : 3.0f, 12);
-        if (form == 2) /* its triangles the other way round */
+        if (form == 2) /* its triangles with opposite winding */
             for (size_t t = 0; t < s.scene->meshes[1].num_triangles; t++) {
                 uint32_t *i = s.scene->meshes[1].index + 3 * t, first = i[0];
                 i[0] = i[1];
@@ -1089,7 +1093,7 @@ static void surfaces_that_cross_are_lit(void **state)
             knobs.acceleration = lanes ? PT_ACCELERATION_LANES : PT_ACCELERATION_NONE;
             scene = rig_scene(&s, &knobs);
             at = on_ball(&s, 3.0f, 0.7f, 0.3f);
-            r[lanes] = rig_measure(scene, &at, 0, FEWER(160)); /* which asks that all are numbers */
+            r[lanes] = rig_measure(scene, &at, 0, FEWER(160)); /* which requires finite values */
             pt_scene_destroy(&scene);
         }
         for (int c = 0; c < 3; c++) {
@@ -1116,8 +1120,8 @@ static struct pell_texture *paint(struct stage *s, int width, int height, int ch
     return t;
 }
 
-/* A map of one number is that number, to the bit; where it varies, from smooth on, too, the furnace stays white, by walks alone and with
- * lights looked for; what it says at a place is what is done there. */
+/* A roughness map of one value equals that value, to the bit; where it varies, including smooth texels, the furnace stays white, with
+ * and without explicit light sampling; each point uses its own texel. */
 static void roughness_maps_are_read(void **state)
 {
     static const float one[1] = { 0.5f }, varied[8] = { 1.0f, 0.1f, 0.6f, 0.0f, 0.3f, 0.9f, 0.02f, 0.7f }, halves[2] = { 0.25f, 1.0f };
@@ -1144,7 +1148,7 @@ static void roughness_maps_are_read(void **state)
         else if (maps[k])
             s.scene->materials[m].roughness_map.texture = paint(&s, maps[k] == varied ? 4 : 1, maps[k] == varied ? 2 : 1, 1, maps[k]);
         stage_environment(&s, 1.0f);
-        if (k == 5) /* one light, seen in the surface */
+        if (k == 5) /* one light, reflected in the surface */
             stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0.0f, 0.0f, 1.0f), vec3(0, 0, 0), 1.0f);
         look_along(&s, 7.0f);
         knobs.boundary = PT_BOUNDARY_ROUGH;
@@ -1159,7 +1163,7 @@ static void roughness_maps_are_read(void **state)
             pt_trace(scene, w, &at, 0, 40, light[k]);
             pt_walker_destroy(&w);
         }
-        if (k == 5) { /* the highlight of a place as rough as its half of the map */
+        if (k == 5) { /* the highlight of a point with the roughness of its half of the map */
             const struct pt_point rough = on_ball(&s, 3.0f, 0.06f, 0.03f), shiny = on_ball(&s, 3.0f, -0.06f, 0.03f);
             REQUIRE(rig_measure(scene, &shiny, 0, 40).mean[2][1] > 4.0 * rig_measure(scene, &rough, 0, 40).mean[2][1]);
         }
@@ -1171,7 +1175,7 @@ static void roughness_maps_are_read(void **state)
 
 /* --- Colours -------------------------------------------------------------------------------------------------------------------------- */
 
-/* What a half-space returns of diffuse light that entered it, of the ball's media. */
+/* Diffuse reflectance of a half-space for diffuse light that entered, of the balls' media. */
 static double half_space(const struct pell_medium *m, int c)
 {
     const double total = pell_half_space_albedo(m->sigma_s_reduced[c] / (m->sigma_s_reduced[c] + m->sigma_a[c]), m->eta);
@@ -1179,8 +1183,8 @@ static double half_space(const struct pell_medium *m, int c)
     return total * pell_half_space_angle_of(total, m->eta).mean;
 }
 
-/* Light that scatters in a ball passes its boundary once in and once out: a uniform base colour is a factor, however it is shared out, and
- * however lights are found; what the surface reflects has none of it. */
+/* Light scattered in a ball crosses its boundary once in and once out: a uniform base colour is a factor, however it is split between
+ * both, and however lights are sampled; surface reflection is not tinted. */
 static void a_colour_is_a_factor(void **state)
 {
     static const float mixes[] = { 0.0f, 0.3f, 1.0f }, base[3] = { 0.9f, 0.4f, 0.1f };
@@ -1221,8 +1225,8 @@ static void a_colour_is_a_factor(void **state)
         }
 }
 
-/* Colours of the light that enters (mix 1) that sum to white give light that sums to white's, where half of a ball is one, half the other:
- * each place is asked for its own. */
+/* Colours at entry (mix 1) that sum to white give radiance that sums to white's, where half of a ball has one colour and half the other:
+ * each point uses its own texel. */
 static void colours_are_read_where_light_enters(void **state)
 {
     static const float left[6] = { 1.0f, 0.7f, 0.2f, 0.0f, 0.3f, 0.8f }, right[6] = { 0.0f, 0.3f, 0.8f, 1.0f, 0.7f, 0.2f };
@@ -1277,12 +1281,12 @@ static void bounds_are_counted(void **state)
     r = rig_measure(scene, &at, 0, FEWER(2000));
     print_message("# 10 events: %.4f found, %.4f cut\n", r.mean[3][1], r.counts.cut_weight / FEWER(2000));
     REQUIRE(r.counts.cut > 0);
-    REQUIRE_NEAR(r.mean[3][1] + r.counts.cut_weight / FEWER(2000), 1.0, 1e-4); /* all that is lost is accounted for */
+    REQUIRE_NEAR(r.mean[3][1] + r.counts.cut_weight / FEWER(2000), 1.0, 1e-4); /* all losses are accounted for */
     pt_scene_destroy(&scene);
     stage_finish(&s);
 }
 
-/* What a plate of 0.005 mm that scatters little scatters once, seen from above; `half` mm to each side, turned about two axes or not. */
+/* Single scattering of a plate of 0.005 mm of a thin medium, seen from above; `half` mm to each side, rotated about two axes or not. */
 static struct rig_mean thin_plate(float half, bool tilted, int samples)
 {
     const struct pell_vec3 x = tilted ? vec3_normalize(vec3(0.7f, 0.2f, 0.5f)) : vec3(1, 0, 0);
@@ -1314,7 +1318,7 @@ static struct rig_mean thin_plate(float half, bool tilted, int samples)
     return r;
 }
 
-/* However wide: how far rays start from a surface depends on how well its place is known along its normal. */
+/* However wide the plate: the offset of ray origins follows from the precision of the point along its normal. */
 static void thin_plates_are_slabs(void **state)
 {
     const int samples = FEWER(25000);

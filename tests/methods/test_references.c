@@ -1,16 +1,17 @@
 /* SPDX-License-Identifier: MIT
- * test_references.c - the references against closed forms and against each other, end to end: light that enters over whole surfaces. */
+ * test_references.c - the reference methods against closed forms and against each other, end to end: integration of entering light over
+ * whole surfaces. */
 #include "scenes.h"
 
 #include "render/renderer.h"
 
 #include <pellucid/gaussians.h>
 
-/* Every reference of the registry that spreads light by a profile, with knobs that are quick and fine enough for the tests. */
+/* Every reference of the registry that uses a diffusion profile, with knobs that are quick and accurate enough for the tests. */
 struct reference {
     const char *name;
     const char *const *knobs;
-    double standard_error; /* relative standard error that the knobs ask for */
+    double standard_error; /* relative standard error requested by the knobs */
 };
 
 static const char *const fine[] = { "error=0.02", "density=16", NULL };
@@ -18,7 +19,7 @@ static const char *const both[] = { "error=0.02", "most=3000", NULL };
 static const char *const probes[] = { "error=0.02", "most=3000", "sampling=probes", NULL };
 static const struct reference references[] = { { "hierarchical", fine, 0.0 }, { "dipole", both, 0.02 }, { "dipole", probes, 0.02 } };
 
-/* The picture's error bar at a pixel that the method states, of its radiance; 0 where it has none. */
+/* The standard error that the method states for a pixel of the image, in radiance; 0 where it states none. */
 static double bar_at(const struct stage *s, size_t c, int x, int y)
 {
     const float *standard_error[3];
@@ -39,14 +40,15 @@ static bool inside(const struct shot *shot, int x, int y)
 
 /* --- Closed forms ----------------------------------------------------------------------------------------------------------------- */
 
-/* On a ball the area within a chord r is pi r^2, so in a uniform environment every point gives the profile's light within the diameter. */
+/* On a ball the area within a chord r is pi r^2, so in a uniform environment every point receives the profile's light within the
+ * diameter. */
 static void ball_in_a_uniform_environment(void **state)
 {
     static const double radii[] = { 2.0, 8.0, 30.0 };
 
     (void) state;
     for (size_t n = 0; n < PELL_COUNT(references); n++)
-        for (size_t k = n == 2; k < (n == 2 ? 2 : PELL_COUNT(radii)); k++) { /* probes alone: one ball */
+        for (size_t k = n == 2; k < (n == 2 ? 2 : PELL_COUNT(radii)); k++) { /* probe rays alone: one ball */
             const double radius = radii[k];
             double worst = 0.0, mean[3] = { 0 };
             int count = 0;
@@ -83,7 +85,7 @@ static void ball_in_a_uniform_environment(void **state)
         }
 }
 
-/* A plane, lit right of an edge: each Gaussian makes it an error function. */
+/* A plane, lit right of an edge: each Gaussian gives an error function. */
 static void step_of_light_on_a_plane(void **state)
 {
     (void) state;
@@ -125,7 +127,7 @@ static void step_of_light_on_a_plane(void **state)
 
 /* --- Against each other ------------------------------------------------------------------------------------------------------------- */
 
-/* The lit side of an object of milk-like size, on black. `object` 0: ball, 1: sheet thinner than light goes. */
+/* The lit side of an object a few mean free paths large, on black. `object` 0: ball, 1: sheet thinner than the mean free path. */
 static void shaded_object(struct stage *s, int size, int threads, int object, size_t *material)
 {
     stage_start_threads(s, size, size, threads);
@@ -139,8 +141,8 @@ static void shaded_object(struct stage *s, int size, int threads, int object, si
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.0f, 8.0f);
 }
 
-/* Root mean square of what two shots differ by, in units of the second one's error bars with `slack` of its value added; mean of the
- * ratio. */
+/* Root mean square of the difference of two images, in units of the second one's standard errors with `slack` of its value added; mean
+ * of the ratio. */
 static double distance(const struct shot *a, const struct shot *b, const double *bars, double slack, double *ratio)
 {
     double square = 0.0, sum_a = 0.0, sum_b = 0.0;
@@ -161,7 +163,7 @@ static double distance(const struct shot *a, const struct shot *b, const double 
     return sqrt(square / n);
 }
 
-/* Two ways of sampling and the octree are three estimates of one integral. */
+/* Two sampling strategies and the octree are three estimators of one integral. */
 static void all_ways_agree(void **state)
 {
     static const char *const area[] = { "error=0.02", "most=8000", "sampling=area", NULL };
@@ -187,7 +189,7 @@ static void all_ways_agree(void **state)
             rms = distance(&shot[0], &shot[k], bars, 0.01, &ratio);
             print_message("# thing %d: hierarchical / dipole with %s: mean %.5f, %.3f bars apart\n", object,
                           knobs[k][2] ? knobs[k][2] : "both", ratio, rms);
-            REQUIRE_NEAR(ratio, 1.0, 0.025); /* few pixels: noise */
+            REQUIRE_NEAR(ratio, 1.0, 0.025); /* few pixels: noisy */
             REQUIRE(rms < 1.6);
         }
         for (int k = 0; k < 4; k++)
@@ -196,7 +198,7 @@ static void all_ways_agree(void **state)
     }
 }
 
-/* On a scan of some 70,000 triangles, small against how far light goes and lit from two sides. */
+/* A scan of some 70,000 triangles, small compared with the diffuse mean free path and lit from two sides. */
 static void the_bunny(void **state)
 {
     static const char file[] = "/usr/share/glmark2/models/bunny.obj";
@@ -238,8 +240,8 @@ static void the_bunny(void **state)
     stage_finish(&s);
 }
 
-/* Gaussians in the profile's place: on a ball in a uniform environment what lies within the diameter is the fit's, and little from the
- * dipole's. */
+/* Gaussians instead of the profile: on a ball in a uniform environment the light within the diameter is that of the fit, which differs
+ * little from the dipole's. */
 static void gaussians_in_the_profiles_place(void **state)
 {
     static const int counts[] = { 1, 4, 8 };
@@ -287,7 +289,7 @@ static void gaussians_in_the_profiles_place(void **state)
     REQUIRE(before < 0.003);
 }
 
-/* The error bars are what pixels do when the seed changes, and shrink with the root of the samples. */
+/* The stated standard errors match the spread over seeds, and decrease with the root of the number of samples. */
 static void error_bars_are_honest(void **state)
 {
     static const char *const few[] = { "error=0.0001", "most=400", NULL }, *const many[] = { "error=0.0001", "most=6400", NULL };
@@ -326,7 +328,7 @@ static void error_bars_are_honest(void **state)
     stage_finish(&s);
 }
 
-/* Light does not go from one object to another, though they touch; within one object it does. */
+/* Light does not pass from one object to another, even where they touch; within one object it does. */
 static void light_stays_in_its_object(void **state)
 {
     (void) state;
@@ -334,7 +336,7 @@ static void light_stays_in_its_object(void **state)
         require_light_stays_in_its_object(references[n].name, references[n].knobs, false, -1.0f, 1.0f, 8, 4, 4);
 }
 
-/* A change of the lights alone must not show the light of before. */
+/* After a change of the lights alone the image must not show the previous illumination. */
 static void new_settings_light_anew(void **state)
 {
     struct stage s;
@@ -420,7 +422,7 @@ int main(void)
         cmocka_unit_test(survives_the_nth_allocation),
         cmocka_unit_test(light_stays_in_its_object),
     };
-    /* Numbers need many samples and run the same code: not under sanitizers, where they take minutes. */
+    /* Accurate numbers need many samples but run the same code: skipped under sanitizers, where they take minutes. */
     const struct CMUnitTest numbers[] = {
         cmocka_unit_test(ball_in_a_uniform_environment),
         cmocka_unit_test(step_of_light_on_a_plane),

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_screen_kernel.c - the screen-space method with kernel=separable and with lines of taps that turn: against closed forms, its own
- * total, and the energy error that it tells of. */
+ * test_screen_kernel.c - the screen-space method with kernel=separable and with rotated lines of taps: against closed forms, its own
+ * total, and the energy error that it reports. */
 #include "patch.h"
 
 #include <pellucid/kernel.h>
@@ -24,7 +24,7 @@ static double phi(double x)
     return 0.5 * erfc(-x / sqrt(2.0));
 }
 
-/* A Gaussian is a product, so that one pair of passes is all of it: the largest difference to the step's closed form. */
+/* A Gaussian is separable, so one pair of passes is exact: the largest difference to the step's closed form. */
 static double step_error(const struct bench_place *at, const char *const *settings, double px_per_mm, int axis)
 {
     const struct pell_frame_material m = single(1.0);
@@ -60,22 +60,22 @@ static void a_gaussian_is_its_own_separable_kernel(void **state)
     place_destroy(&at);
 }
 
-static void keep_told(void *user, const struct pell_message *m)
+static void keep_reported(void *user, const struct pell_message *m)
 {
-    char *told = user;
+    char *reported = user;
 
     if (strstr(m->what, "energy error"))
-        snprintf(told, 256, "%s", strstr(m->what, "energy error"));
+        snprintf(reported, 256, "%s", strstr(m->what, "energy error"));
 }
 
-/* The square of the differences between the image of a lit pixel and the profile itself, over the profile's own. */
+/* Squared difference between the response to a single lit pixel and the profile, relative to the profile's square. */
 static void the_energy_error_is_that_of_the_image(void **state)
 {
     const struct pell_frame_material m = patch_gaussians(2, two_variance, two_weight);
     const double px_per_mm = 8.0;
     const int middle = 60, size = 2 * middle + 1;
-    char text_told[256] = "";
-    const struct pell_context_params kept = { .log = keep_told, .log_user = text_told };
+    char report_text[256] = "";
+    const struct pell_context_params kept = { .log = keep_reported, .log_user = report_text };
     const struct pell_device_params threads = { .threads = 2 };
     struct bench_place at = { 0 };
     double before[3] = { 1.0, 1.0, 1.0 };
@@ -87,14 +87,14 @@ static void the_energy_error_is_that_of_the_image(void **state)
         char text[16];
         const char *const settings[] = { "kernel=separable", "taps=64", text, NULL };
         struct patch *p = patch_create(size, size, true, px_per_mm, 500.0, &m, 1);
-        double told[3];
+        double reported[3];
 
         snprintf(text, sizeof(text), "rank=%d", rank);
         patch_light(p, 0, 0, 0);
         for (int c = 0; c < 3; c++)
             p->light[c][patch_at(p, middle, middle)] = 1.0f;
         patch_run(&at, method(at.ctx), settings, p);
-        assert_int_equal(sscanf(text_told, "energy error %lf %lf %lf", &told[0], &told[1], &told[2]), 3);
+        assert_int_equal(sscanf(report_text, "energy error %lf %lf %lf", &reported[0], &reported[1], &reported[2]), 3);
         for (int c = 0; c < 3; c++) {
             double wrong = 0.0, all = 0.0, error;
             for (int y = 0; y < size; y++)
@@ -106,8 +106,8 @@ static void the_energy_error_is_that_of_the_image(void **state)
                     all += should * should;
                 }
             error = sqrt(wrong / all);
-            print_message("# rank %d, channel %d: energy error %.4f in the image, %.4f told\n", rank, c, error, 0.01 * told[c]);
-            REQUIRE(fabs(error - 0.01 * told[c]) < 0.001 * told[c] + 0.008); /* what is told has finer cells than pixels */
+            print_message("# rank %d, channel %d: energy error %.4f in the image, %.4f told\n", rank, c, error, 0.01 * reported[c]);
+            REQUIRE(fabs(error - 0.01 * reported[c]) < 0.001 * reported[c] + 0.008); /* the reported error uses finer cells than pixels */
             REQUIRE(error < before[c] + 1e-3);
             before[c] = error;
         }
@@ -179,7 +179,7 @@ static void total_light_is_kept_within_a_percent(void **state)
             const double total = ball_total(&at, forms[f], &m, 160.0);
             print_message("# %s %s: ball of 80 mm, profile %.2f mm wide: %.4f of the light comes out\n", forms[f][1],
                           forms[f][2] ? forms[f][2] : "", sqrt(widths[i] * (0.6 + 0.4 * 8.0)), total);
-            REQUIRE(fabs(total - 1.0) < (f == 3 && i == 3 ? 0.03 : 0.01)); /* beyond the ball, by lines that turn */
+            REQUIRE(fabs(total - 1.0) < (f == 3 && i == 3 ? 0.03 : 0.01)); /* outside the ball, with rotated lines */
         }
     place_destroy(&at);
 }
@@ -207,7 +207,7 @@ static void even_light_stays_even(void **state)
     place_destroy(&at);
 }
 
-/* Lines of taps far longer than the surface, turned and moved, may have none of their taps on it: what such a pixel had stays there. */
+/* Rotated and shifted lines of taps far longer than the surface may have no tap on it: such a pixel keeps its unblurred light. */
 static void taps_that_all_miss_leave_the_light(void **state)
 {
     static const char *const forms[][6] = {
@@ -234,7 +234,7 @@ static void taps_that_all_miss_leave_the_light(void **state)
     place_destroy(&at);
 }
 
-/* A plane that slants about a diagonal of the image: a Gaussian round on the surface, seen from aside. */
+/* A plane slanted about a diagonal of the image: a Gaussian that is isotropic on the surface, seen obliquely. */
 static void a_slanting_plane_has_its_kernel_on_the_surface(void **state)
 {
     static const char *const settings[] = { "kernel=separable", "rank=1", "taps=64", NULL };
@@ -268,8 +268,8 @@ static void a_slanting_plane_has_its_kernel_on_the_surface(void **state)
     place_destroy(&at);
 }
 
-/* A bright line under a wide kernel of few taps leaves echoes of itself where taps are; turned from pixel to pixel they become noise, whose
- * mean along the line is the kernel. */
+/* A bright line under a wide kernel of few taps causes banding at tap positions; rotation from pixel to pixel turns the banding into
+ * noise, whose mean along the line is the kernel. */
 static double echoes(const struct bench_place *at, const char *const *settings)
 {
     const double px_per_mm = 10.0, sigma = 3.0;
@@ -311,7 +311,7 @@ static void turned_taps_make_noise_of_banding(void **state)
     place_destroy(&at);
 }
 
-/* The same bits for any number of threads. */
+/* Bit-identical for any number of threads. */
 static void threads_and_simd_levels_change_nothing(void **state)
 {
     static const char *const levels[] = { "base", "v2", "v3" };
@@ -347,7 +347,7 @@ static void threads_and_simd_levels_change_nothing(void **state)
     }
 }
 
-/* Each allocation of making the pass fails in turn. */
+/* Each allocation of creating the pass fails in turn. */
 static void allocations_that_fail_are_told_of(void **state)
 {
     static const char *const settings[] = { "kernel=separable", "rank=2", NULL };

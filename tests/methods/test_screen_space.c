@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_screen_space.c - the screen-space method against closed forms: steps of light on planes, its total, foreshortening, level of
- * detail, silhouettes, and what the paper prints. */
+ * test_screen_space.c - the screen-space method against closed forms: light edges on planes, its total, foreshortening, level of detail,
+ * silhouettes, and the numbers printed in the paper. */
 #include "patch.h"
 #include "slow.h"
 
@@ -45,7 +45,7 @@ static struct pell_frame_material marble(void)
     return patch_gaussians(4, marble_variance, marble_weight);
 }
 
-/* White, of one Gaussian. */
+/* A white material of one Gaussian. */
 static struct pell_frame_material single(double variance)
 {
     static const double one[1][3] = { { 1.0, 1.0, 1.0 } };
@@ -135,7 +135,7 @@ static void a_measured_material_is_its_fit(void **state)
     place_destroy(&at);
 }
 
-/* Largest error over all scales at which a level of detail can matter. */
+/* Largest error over all scales at which a level of detail can have an effect. */
 static double lod_error(const struct bench_place *at, const char *const *settings, const struct pell_frame_material *m)
 {
     double worst = 0.0;
@@ -192,8 +192,9 @@ static void blurring_the_first_gaussian_has_the_smaller_error(void **state)
     place_destroy(&at);
 }
 
-/* The plane leans by `degrees`, its steepest way at `turn` degrees from x; light ends at a line through the middle, at right angles to
- * that way or along it. The largest error over the middle of the picture. Each pixel's light is the lit share of its area. */
+/* The plane is slanted by `degrees`, its steepest direction at `turn` degrees from x; the light's edge passes through the middle,
+ * perpendicular or parallel to that direction. Returns the largest error over the middle of the image. Each pixel's irradiance is the
+ * lit fraction of its area. */
 static double tilt_error(const struct bench_place *at, const struct pell_frame_material *m, double degrees, double turn, bool ortho,
                          bool along)
 {
@@ -253,7 +254,7 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
     place_destroy(&at);
 }
 
-/* Surface of a ball behind a pixel, in pixels. */
+/* Surface area of a ball behind a pixel, in units of a pixel's area. */
 static double ball_area(double radius, double x, double y, double px)
 {
     double sum = 0.0;
@@ -267,7 +268,7 @@ static double ball_area(double radius, double x, double y, double px)
     return sum;
 }
 
-/* A ball of 80 mm in a picture of `size` pixels, `pixels` across, lit from the side and in front. Returns the sums over the surface. */
+/* A ball of 80 mm in an image of `size` pixels, `pixels` across, lit from the side and in front. Returns the sums over the surface. */
 static void ball_sums(const struct bench_place *at, const struct pell_frame_material *m, int size, double pixels, double in[3],
                       double out[3])
 {
@@ -318,7 +319,7 @@ static void total_light_of_a_ball_is_kept(void **state)
     place_destroy(&at);
 }
 
-/* A facing disc whose light is even but for a bright stripe at its rim: what the border does to the total. */
+/* A facing disc with uniform light except for a bright stripe at its border: effect of the border on the total. */
 static void total_light_is_kept_at_borders(void **state)
 {
     const struct pell_frame_material m = single(9.0);
@@ -342,7 +343,7 @@ static void total_light_is_kept_at_borders(void **state)
     place_destroy(&at);
 }
 
-/* Light that falls off toward a border. Where taps leave pixels out, every second pixel beside a border has one tap more than its
+/* Light that decreases toward a border. Where taps skip pixels, every second pixel next to a border has one tap more than its
  * neighbours, which shows as lines. */
 static void borders_draw_no_lines(void **state)
 {
@@ -363,7 +364,7 @@ static void borders_draw_no_lines(void **state)
                     p->light[c][index] = (float) fmax(i - EDGE, 0) / (SIZE - EDGE);
             }
         patch_run(&at, method(at.ctx), NULL, p);
-        for (int i = EDGE + 8; i < EDGE + 50; i++) { /* the part that changes sign from pixel to pixel, of sixteen */
+        for (int i = EDGE + 8; i < EDGE + 50; i++) { /* the component that alternates from pixel to pixel, over sixteen pixels */
             double part = 0.0, sum = 0.0;
             for (int k = -8; k < 8; k++) {
                 const double light = (double) p->result[0][axis ? patch_at(p, 20, i + k) : patch_at(p, i + k, 20)];
@@ -387,7 +388,7 @@ static void surfaces_apart_in_depth_do_not_bleed(void **state)
     struct patch *p = patch_create(100, 70, false, 500.0, 500.0, &m, 1);
 
     (void) state;
-    /* A nose before a cheek, 12 mm apart: six standard deviations. The same material. */
+    /* A nose 12 mm in front of a cheek: six standard deviations. The same material. */
     for (int y = 0; y < 70; y++)
         for (int x = 0; x < 100; x++) {
             const bool near_one = hypot(x - 50, y - 35) < 20.0;
@@ -406,7 +407,7 @@ static void surfaces_apart_in_depth_do_not_bleed(void **state)
     place_destroy(&at);
 }
 
-/* A disc of light, 14 mm across, on a facing plane; each pixel holds the lit share of its area. */
+/* A disc of light, 14 mm across, on a facing plane; each pixel holds the lit fraction of its area. */
 static struct patch *lit_disc(const struct pell_frame_material *m, int size, double focal, double depth)
 {
     struct patch *p = patch_create(size, size, false, focal, depth, m, 1);
@@ -434,7 +435,8 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
     for (int k = 0; k < 2; k++) {
         for (double scale = 1.0; scale < (SLOW ? 5.0 : 20.0); scale *= 2.0) {
             const int n = (int) (24.0 * scale);
-            /* Near; twice as far; as near, with half the pixels; twice as far with twice the focal length. */
+            /* At a distance; at twice the distance; at the distance with half the pixels; at twice the distance with twice the focal
+             * length. */
             struct patch *p[4] = { lit_disc(&materials[k], 2 * n, 2.0 * scale * 300.0, 300.0),
                                    lit_disc(&materials[k], n, 2.0 * scale * 300.0, 600.0), lit_disc(&materials[k], n, scale * 300.0, 300.0),
                                    lit_disc(&materials[k], 2 * n, 4.0 * scale * 300.0, 600.0) };
@@ -465,7 +467,7 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
     place_destroy(&at);
 }
 
-/* What changes from frame to frame while the camera goes back by half a percent each, beyond what the closed form changes: at pixels by
+/* Change from frame to frame while the camera moves back by half a percent each, in excess of the closed form's change: at pixels by
  * their distance from the edge of a half-lit plane. */
 static void a_dolly_does_not_pop(void **state)
 {
@@ -651,7 +653,7 @@ static void table_7_1_follows_from_the_weights(void **state)
     }
 }
 
-/* Variance along an axis, in pixels, of what comes of one lit pixel in the middle. */
+/* Variance of the response to one lit pixel in the middle along an axis, in pixels. */
 static double spread(const struct patch *p, int axis)
 {
     double sum = 0.0, moment = 0.0;
@@ -666,7 +668,7 @@ static double spread(const struct patch *p, int axis)
     return moment / sum;
 }
 
-/* The sheet of figure 7.5: spans on a surface that leans to the side, seen as the paper's head is. */
+/* The sheet of figure 7.5: kernel widths on a surface slanted to the side, viewed like the head of the paper. */
 static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
 {
     static const double levels[] = { 15.75, 31.5, 63.0 }, corrections[] = { 0.0, 1200.0, 4000.0 };
@@ -704,7 +706,8 @@ static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
     place_destroy(&at);
 }
 
-/* Contract tests that the paper's form fails by design: light at the mask's border is not kept, and spans are those of the receiver. */
+/* Properties that the paper's form violates by design: light at the mask's border is not conserved, and kernel widths are those of the
+ * receiver. */
 static void the_papers_form_keeps_uniform_light_and_fails_where_it_must(void **state)
 {
     static const char *const paper[] = { "as=paper", NULL };
@@ -743,7 +746,7 @@ static void light_a_half(struct patch *p)
                 p->light[c][patch_at(p, x, y)] = 2 * x >= p->frame.shape.width;
 }
 
-/* Both materials blur an edge to the same picture, but for the factor `total` of a channel. */
+/* Both materials blur an edge to the same image, up to the factor `total` of a channel. */
 static void same_edge(const struct bench_place *at, const struct pell_frame_material *m, const char *const *settings,
                       const struct pell_frame_material *reference, const char *const *reference_settings, const double total[3])
 {
@@ -777,7 +780,7 @@ static void the_papers_skin_is_its_four_gaussians_with_the_first_unblurred(void 
     place_destroy(&at);
 }
 
-/* The white sets of table 7.1 stand for what they are fits of, in the material's own colour, and for nothing else. */
+/* The white sets of table 7.1 replace the profiles that they are fitted to, in the material's own colour, and no other profile. */
 static void published_sets_are_for_their_own_materials_only(void **state)
 {
     static const char *const published[] = { "profile=published", NULL };
@@ -841,9 +844,9 @@ static void thickness_is_the_sum_of_gaussians(void **state)
     assert_true(pell_pass_plan(pass)->needs & PELL_NEED_TRANSMISSION);
     for (int c = 0; c < 3; c++) {
         for (double d = 0.0; d < (double) t->max_mm; d += 0.037) {
-            const double place = (PELL_THICKNESS_STEPS - 1) * sqrt(d / (double) t->max_mm);
-            const int i = (int) place < PELL_THICKNESS_STEPS - 2 ? (int) place : PELL_THICKNESS_STEPS - 2;
-            const double f = place - i, value = (1.0 - f) * (double) t->value[i][c] + f * (double) t->value[i + 1][c];
+            const double position = (PELL_THICKNESS_STEPS - 1) * sqrt(d / (double) t->max_mm);
+            const int i = (int) position < PELL_THICKNESS_STEPS - 2 ? (int) position : PELL_THICKNESS_STEPS - 2;
+            const double f = position - i, value = (1.0 - f) * (double) t->value[i][c] + f * (double) t->value[i + 1][c];
             double expected = 0.0;
             for (int k = 0; k < 4; k++)
                 expected += marble_weight[k][c] * exp(-d * d / (2.0 * marble_variance[k]));
@@ -859,7 +862,7 @@ static void thickness_is_the_sum_of_gaussians(void **state)
     place_destroy(&at);
 }
 
-/* A medium has a slab, Gaussians have none; the table between two thicknesses is that of the closed form. */
+/* A medium has slab transmittance, Gaussians do not; interpolation between two thicknesses of the table equals the closed form. */
 static void thickness_of_a_medium_is_that_of_a_slab(void **state)
 {
     static const char *const gaussian[] = { "through=gaussian", NULL };
@@ -875,9 +878,9 @@ static void thickness_of_a_medium_is_that_of_a_slab(void **state)
         REQUIRE(pell_slab_make(&m.medium, c, &slab[c]));
     for (int c = 0; c < 3; c++)
         for (double d = 0.05; d < (double) t->max_mm; d += 0.37) {
-            const double place = (PELL_THICKNESS_STEPS - 1) * sqrt(d / (double) t->max_mm);
-            const int i = (int) place < PELL_THICKNESS_STEPS - 2 ? (int) place : PELL_THICKNESS_STEPS - 2;
-            const double f = place - i, value = (1.0 - f) * (double) t->slab[i][c] + f * (double) t->slab[i + 1][c];
+            const double position = (PELL_THICKNESS_STEPS - 1) * sqrt(d / (double) t->max_mm);
+            const int i = (int) position < PELL_THICKNESS_STEPS - 2 ? (int) position : PELL_THICKNESS_STEPS - 2;
+            const double f = position - i, value = (1.0 - f) * (double) t->slab[i][c] + f * (double) t->slab[i + 1][c];
             const double want = pell_slab_at(&slab[c], d).transmitted;
             REQUIRE_NEAR(value, want, 2e-3 * want + 1e-4);
         }

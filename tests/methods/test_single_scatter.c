@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_single_scatter.c - light scattered once, against closed forms, quadratures and brute force. */
+ * test_single_scatter.c - single scattering against closed forms, quadratures and brute-force Monte Carlo. */
 #include "layers_rig.h"
 #include "random.h"
 #include "scenes.h"
@@ -7,7 +7,7 @@
 #include "methods/single_scatter/single_scatter.h"
 #include "render/renderer.h"
 
-/* What the method's state holds, made by hand: one solid, of material 0. */
+/* The contents of the method's state, made by hand: one solid, of material 0. */
 struct rig {
     struct kept_messages kept;
     struct pell_context *ctx;
@@ -18,7 +18,7 @@ struct rig {
     struct pell_connector *connector;
     struct pell_light_sampler *light_sampler;
     struct single_medium medium;
-    struct single_layer layer[4]; /* of media made by hand */
+    struct single_layer layer[4]; /* for media made by hand */
     struct single_counts counts;
     struct single_world world;
 };
@@ -94,17 +94,17 @@ static struct pell_light *rig_light(struct rig *r, enum pell_light_type type, st
     return stage_light(&s, type, at, to, power);
 }
 
-/* Mean over some places of a plane, and its error. */
-static void mean_over_places(struct rig *r, struct pell_vec3 toward, int places, double mean[3], double bar[3])
+/* Mean over some points of a plane, and its standard error. */
+static void mean_over_points(struct rig *r, struct pell_vec3 toward, int points, double mean[3], double bar[3])
 {
     for (int c = 0; c < 3; c++)
         mean[c] = bar[c] = 0.0;
-    for (int k = 0; k < places; k++) {
+    for (int k = 0; k < points; k++) {
         float light[3], standard_error[3];
         single_estimate(&r->world, vec3(0.37f * (float) k, 0.11f * (float) k, 0.0f), toward, 100.0, &r->counts, light, standard_error);
         for (int c = 0; c < 3; c++) {
-            mean[c] += (double) light[c] / places;
-            bar[c] += (double) standard_error[c] * (double) standard_error[c] / (places * places);
+            mean[c] += (double) light[c] / points;
+            bar[c] += (double) standard_error[c] * (double) standard_error[c] / (points * points);
         }
     }
     for (int c = 0; c < 3; c++)
@@ -121,8 +121,8 @@ static void within(const char *what, double found, double bar, double expected, 
 
 /* --- Slabs -------------------------------------------------------------------------------------------------------------------- */
 
-/* Single scattering of layers between planes without refraction, of light with irradiance 1 across its beam: the mu are cosines with the
- * normal, `cosine` that between the directions to the light and to the camera. A layer: thickness, sigma_s, sigma_t, Schlick's k. */
+/* Single scattering of plane-parallel layers without refraction, for light of irradiance 1 across its beam: the mu are cosines to the
+ * normal, `cosine` is that between the directions to the light and to the camera. A layer: thickness, sigma_s, sigma_t, Schlick's k. */
 static double layers_closed_form(const double (*layer)[4], int count, double mu_o, double mu_i, double cosine)
 {
     const double m = 1.0 / mu_o + 1.0 / mu_i;
@@ -136,12 +136,13 @@ static double layers_closed_form(const double (*layer)[4], int count, double mu_
     return sum;
 }
 
-/* The layers of tests/expect/oracle/errata_demos.json, seed001_ray_march: Francois et al. 2006, table 1, and what comes of them. */
+/* The layers of tests/expect/oracle/errata_demos.json, seed001_ray_march: Francois et al. 2006, table 1, and their radiance. */
 static const double fish[3][4] = { { 0.5, 2.0, 2.6, 0.25 }, { 0.5, 6.0, 6.6, 0.4 }, { 2.0, 1.0, 1.5, 0.8 } };
 #define FISH 0.0217062584
 #define FISH_FIRST 0.02092591899
 
-/* The k that gives the same phase function at another angle: no two directions with the cosines of the oracle's case are 0.3 apart. */
+/* The k that gives the same phase function value at another angle: no two directions with the cosines of the oracle's case have a cosine
+ * of 0.3 between them. */
 static double other_k(double k, double cosine, double other)
 {
     const double p = (1.0 - k * k) / ((1.0 + k * cosine) * (1.0 + k * cosine)), a = p * other * other + 1.0, b = p * other;
@@ -163,7 +164,7 @@ static void three_layers(void **state)
             struct rig r;
             double bottom = 0.0;
             rig_start(&r);
-            r.medium.eta = 1.33; /* which is not asked for */
+            r.medium.eta = 1.33; /* which is not requested */
             r.medium.layers = count + 1;
             for (int i = 0; i <= count; i++) {
                 struct single_layer *l = &r.medium.layer[i];
@@ -179,13 +180,13 @@ static void three_layers(void **state)
             rig_box(&r, 400.0f, 100.0f);
             rig_light(&r, PELL_LIGHT_DIRECTIONAL, to_light, vec3(0, 0, 0), 1.0f);
             rig_build(&r, SINGLE_SMOOTH, SINGLE_NONE, distance, SLOW ? 0.01f : 0.004f);
-            mean_over_places(&r, to_camera, SLOW ? 1 : 3, mean, bar);
+            mean_over_points(&r, to_camera, SLOW ? 1 : 3, mean, bar);
             within(count == 1 ? "one layer" : "three layers", mean[1], bar[1], count == 1 ? FISH_FIRST : FISH, SLOW ? 0.03 : 0.004);
             rig_finish(&r);
         }
 }
 
-/* A built-in stack, as a user names it. */
+/* A built-in stack, by the name that a user gives. */
 static void layers_of_a_material(void **state)
 {
     const struct pell_material_entry *e = pell_material_find("fish");
@@ -205,7 +206,7 @@ static void layers_of_a_material(void **state)
     rig_box(&r, 400.0f, 100.0f);
     rig_light(&r, PELL_LIGHT_DIRECTIONAL, to_light, vec3(0, 0, 0), 1.0f);
     rig_build(&r, SINGLE_SMOOTH, SINGLE_NONE, SINGLE_BOTH, SLOW ? 0.05f : 0.02f);
-    mean_over_places(&r, to_camera, 2, mean, bar);
+    mean_over_points(&r, to_camera, 2, mean, bar);
     for (int c = 0; c < 3; c++) {
         double layer[3][4];
         for (int i = 0; i < 3; i++) {
@@ -217,7 +218,7 @@ static void layers_of_a_material(void **state)
         }
         within("fish", mean[c], bar[c], layers_closed_form((const double(*)[4]) layer, 3, mu_o, mu_i, cosine), 0.05);
     }
-    /* What is only a profile is refused by name. */
+    /* A material that has only a profile is refused by name. */
     m->gaussians.weight[0][0] *= 1.5;
     single_medium_finish(r.ctx, &r.medium);
     assert_int_equal(single_medium_make(r.ctx, m, &r.medium), PELL_ERR_UNSUPPORTED);
@@ -226,8 +227,8 @@ static void layers_of_a_material(void **state)
     rig_finish(&r);
 }
 
-/* The oracle's layers as a scene has them, over black: even; painted with one value; painted with another value far away; painted in
- * two halves, whose even stacks are known. `depth`: of the three bottoms where light is looked for. */
+/* The oracle's layers in a scene, over black: uniform; painted with one value; painted with another value far away; painted in two
+ * halves, each of which equals a known uniform stack. `depth`: of the three layer bottoms at the shaded point. */
 static void light_of_painted(int painted, const float depth[3], float at, double light[3], double bar[3])
 {
     static const float full[3] = { 1.0f, 2.0f, 6.0f };
@@ -246,7 +247,7 @@ static void light_of_painted(int painted, const float depth[3], float at, double
     for (int i = 0; painted && i < 3; i++) {
         const float here = depth[i] / full[i];
         const float share[4] = { painted == 3 ? 0.5f : here, here, painted == 2 ? 0.0f : painted == 3 ? 0.5f : here, here };
-        layers_paint(r.scene, 0, i, 2, 2, 1, share)->nearest = true; /* the right half is `here`, but for case 2's whole right half */
+        layers_paint(r.scene, 0, i, 2, 2, 1, share)->nearest = true; /* the right half is `here`, except in case 2 */
     }
     rig_box(&r, 400.0f, 100.0f);
     layers_unwrap(r.scene);
@@ -280,10 +281,10 @@ static void painted_layers(void **state)
     light_of_painted(1, oracle, 101.0f, found, bar);
     for (int c = 0; c < 3; c++)
         REQUIRE(found[c] == even[c]);                /* bit by bit */
-    light_of_painted(2, oracle, 101.0f, found, bar); /* below the point the left half and the lower right are painted alike */
+    light_of_painted(2, oracle, 101.0f, found, bar); /* below the point the left half and the lower right have the same values */
     within("painted layers", found[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
     for (int c = 0; c < 3; c++)
-        REQUIRE_REL(found[c], even[c], 1e-4); /* the same places: what is left is where boundaries are found */
+        REQUIRE_REL(found[c], even[c], 1e-4); /* the same points: the remaining error is that of finding the boundaries */
     light_of_painted(3, thin, 101.0f, found, bar);
     light_of_painted(0, thin, 101.0f, even, bar);
     for (int c = 0; c < 3; c++)
@@ -294,8 +295,8 @@ static void painted_layers(void **state)
         REQUIRE_REL(found[c], even[c], 1e-4);
 }
 
-/* Homogeneous, through a refracting surface: sunlight in closed form; a point light by quadrature over the ray, the light's beams by the
- * difference of two rays, found by bisection. */
+/* A homogeneous medium with a refracting surface: directional light in closed form; a point light by quadrature over the ray, with the
+ * cross-section of its beam by the difference of two rays, found by bisection. */
 static double at_depth(double eta, double high, double deep, double angle)
 {
     const double s = sin(angle) / eta;
@@ -310,11 +311,11 @@ static double slab_by_quadrature(const struct single_layer *l, int c, double eta
 
     for (int k = 0; k < steps; k++) {
         const double s = (k + 0.5) / steps * end, deep = s * co;
-        const double dx = (double) source->x + s * so, dy = (double) source->y, apart = hypot(dx, dy); /* the ray goes to -x */
+        const double dx = (double) source->x + s * so, dy = (double) source->y, lateral = hypot(dx, dy); /* the ray runs toward -x */
         double low = 0.0, high = 1.5707, angle, si, ci, h = 1e-5, rise, beam, cosine;
         for (int i = 0; i < 60; i++) {
             const double mid = 0.5 * (low + high);
-            if (at_depth(eta, (double) source->z, deep, mid) < apart)
+            if (at_depth(eta, (double) source->z, deep, mid) < lateral)
                 low = mid;
             else
                 high = mid;
@@ -323,8 +324,8 @@ static double slab_by_quadrature(const struct single_layer *l, int c, double eta
         si = sin(angle) / eta;
         ci = sqrt(1.0 - si * si);
         rise = (at_depth(eta, (double) source->z, deep, angle + h) - at_depth(eta, (double) source->z, deep, angle - h)) / (2.0 * h);
-        beam = 1e6 * sin(angle) / (apart * rise * ci) * (1.0 - pell_fresnel(eta, cos(angle)));
-        cosine = so * si * (dx / apart) + co * ci; /* between the way back to the camera, (so, 0, co), and that to the light */
+        beam = 1e6 * sin(angle) / (lateral * rise * ci) * (1.0 - pell_fresnel(eta, cos(angle)));
+        cosine = so * si * (dx / lateral) + co * ci; /* between the direction back to the camera, (so, 0, co), and that to the light */
         sum += end / steps * l->sigma_s[c] * pell_phase_value(&l->phase[c], cosine) * beam * exp(-l->sigma_t[c] * (s + deep / ci));
     }
     return sum * (1.0 - pell_fresnel(eta, mu_o)) / (eta * eta);
@@ -369,7 +370,7 @@ static void slab_that_refracts(void **state)
 /* --- Brute force -------------------------------------------------------------------------------------------------------------- */
 
 struct trial {
-    struct pell_vec3 at, n, w; /* of an exit: place, normal, direction inside */
+    struct pell_vec3 at, n, w; /* of an exit: position, normal, direction inside */
     double length;
     bool out;
 };
@@ -407,7 +408,7 @@ static struct trial leave(const struct rig *r, struct pell_vec3 x, struct pell_v
     return t;
 }
 
-/* Where the camera above sees the object, and the normal there. */
+/* The point of the object seen by the camera above, and the normal there. */
 static struct trial seen_at(const struct rig *r, float x, float y, bool flat)
 {
     struct trial t = leave(r, vec3(x, y, 20.0f), vec3(0, 0, -1), flat);
@@ -421,7 +422,8 @@ static double number(uint64_t *state)
     return (double) (random_bits(state) >> 11) * 0x1p-53;
 }
 
-/* Against the light: the camera's ray, a place by chance, a direction by chance, out, and there the light is met or not. */
+/* Samples paths from the camera: the camera's ray, a random scattering point, a random direction, the exit, and there the light is hit
+ * or not. */
 static void ball_by_brute_force(void **state)
 {
     const double eta = 1.4, radius = 8.0;
@@ -515,9 +517,9 @@ static void ball_by_brute_force(void **state)
         }
 }
 
-/* --- Against itself ----------------------------------------------------------------------------------------------------------- */
+/* --- Against other estimators ------------------------------------------------------------------------------------------------- */
 
-/* Three ways to choose the place, and error bars that say what they are worth. */
+/* Three strategies of sampling the scattering point agree, and the stated standard errors are correct. */
 static void all_ways_agree(void **state)
 {
     struct rig r;
@@ -549,11 +551,11 @@ static void all_ways_agree(void **state)
             count++;
             REQUIRE(fabs(d) < 4.0);
         }
-        count--; /* the mean is theirs */
+        count--; /* the mean of the three */
     }
     REQUIRE(bars / count < 3.0);
 
-    /* Other seeds: the spread of what they find, in bars. */
+    /* Other seeds: the spread of the results, in standard errors. */
     rig_build(&r, SINGLE_SMOOTH, SINGLE_EXACT, SINGLE_BOTH, 0.15f);
     {
         const int seeds = SLOW ? 12 : 30;
@@ -605,8 +607,8 @@ static void what_can_t_be_seen(void **state)
 
 static const char *const quick[] = { "error=0.3", "most=128", NULL };
 
-/* An object of two lights, one behind; `apart`: the layers are asked for. */
-static void set_scene(struct stage *s, bool apart)
+/* An object under two lights, one behind; `layers`: the image has separate layers. */
+static void set_scene(struct stage *s, bool layers)
 {
     size_t m;
 
@@ -616,10 +618,11 @@ static void set_scene(struct stage *s, bool apart)
     stage_light(s, PELL_LIGHT_POINT, vec3(12, 16, 20), vec3(0, 0, 0), 0.01f);
     stage_light(s, PELL_LIGHT_RECT, vec3(-10, 8, -20), vec3(0, 0, 0), 3.0f);
     stage_camera(s, vec3(0, 0, 60), vec3(0, 0, 0), 0.3f, 0.0f);
-    s->settings.layers = apart;
+    s->settings.layers = layers;
 }
 
-/* The picture is the same whether or not single scattering is kept apart, and then it is all there is below the surface. */
+/* The image is the same whether or not single scattering is a separate layer, and then this layer contains all light from below the
+ * surface. */
 static void kept_apart(void **state)
 {
     struct stage s;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_single_tints.c - the base colour of a texture where light enters and where it leaves, of the methods whose light is scattered once:
- * layered and single-scatter. */
+ * test_single_tints.c - base colour textures at light entry and exit, for the methods with single scattering: layered and
+ * single-scatter. */
 #include "stage.h"
 
 #include "layers_rig.h"
@@ -16,7 +16,7 @@ static const struct {
     const char *const *knobs;
 } cases[] = { { "layered", planar }, { "layered", rays }, { "layered", exact }, { "single-scatter", few } };
 
-/* A ball that fills the picture. `colors`: texels of its base colour, `count` in a row; NULL: none. */
+/* A ball that fills the image. `colors`: texels of its base colour, `count` in a row; NULL: no texture. */
 static void start(struct stage *s, double eta, float mix, const float (*colors)[3], int count)
 {
     struct pell_material *m;
@@ -57,7 +57,8 @@ static double reflectance(const struct pell_medium *m, int c)
     return total * pell_half_space_angle_of(total, m->eta).mean;
 }
 
-/* What scattered passes the boundary in and out: a base colour b that is the same all over is a factor, b/rho, however it is shared. */
+/* Scattered light crosses the boundary in and out: a uniform base colour b is a factor, b/rho, however it is split between entry and
+ * exit. */
 static void a_base_colour_is_a_factor(void **state)
 {
     RELEASE_ONLY();
@@ -72,7 +73,7 @@ static void a_base_colour_is_a_factor(void **state)
             start(&s, 1.3, 0.5f, NULL, 0);
             plain = stage_shot_of(&s, cases[k].method, cases[k].knobs);
             stage_finish(&s);
-            start(&s, 1.3, mixes[i / 2], i % 2 ? base : none, i % 2); /* by the texture, or by the number */
+            start(&s, 1.3, mixes[i / 2], i % 2 ? base : none, i % 2); /* by the texture, or by the constant */
             for (int c = 0; c < 3; c++) {
                 s.scene->materials[0].base_color[c] = i % 2 ? 1.0f : base[0][c];
                 factor[c] = (double) base[0][c] / reflectance(&s.scene->materials[0].medium, c);
@@ -91,8 +92,8 @@ static void a_base_colour_is_a_factor(void **state)
         }
 }
 
-/* Colours of the two halves that sum to white give light that sums to white's, where they act on light that enters (mix 1) or that leaves
- * (mix 0): each place is asked for its own. */
+/* Colours of the two halves that sum to white give radiance that sums to white's, applied at entry (mix 1) or at exit (mix 0): each
+ * point uses its own texel. */
 static void halves_sum_to_white(void **state)
 {
     static const float maps[3][2][3] = { { { 1.0f, 1.0f, 1.0f }, { 1.0f, 1.0f, 1.0f } },
@@ -120,7 +121,8 @@ static void halves_sum_to_white(void **state)
     }
 }
 
-/* Light of a picture's translucent pixels that was scattered once, and its largest difference of neighbours, over that light. */
+/* Single-scattering radiance of the image's translucent pixels, and its largest difference between neighbours, relative to that
+ * radiance. */
 static void light_of(const char *method, const char *const *knobs, double eta, float mix, double sum[3], double row[WIDE])
 {
     float stripes[16][3];
@@ -149,8 +151,8 @@ static void light_of(const char *method, const char *const *knobs, double eta, f
     stage_finish(&s);
 }
 
-/* Stripes as wide as two mean free paths, seen by light that enters, against path-trace (without a boundary, where it has no reflections
- * inside that single-scatter has not) and single-scatter. */
+/* Stripes as wide as two mean free paths, applied at light entry, against path-trace (without a boundary, where path-trace has no
+ * internal reflections, which single-scatter lacks) and single-scatter. */
 static void stripes_of_the_references(void **state)
 {
     static const char *const walks[] = { "samples=192", NULL }, *const truth[] = { "error=0.03", "most=512", NULL };
@@ -165,7 +167,7 @@ static void stripes_of_the_references(void **state)
         REQUIRE_REL(b[k], a[k], 0.03);
     }
     light_of("layered", planar, 1.0, 1.0f, c, row_c);
-    light_of("layered", planar, 1.0, 0.0f, a, row_a); /* the colour of where light leaves */
+    light_of("layered", planar, 1.0, 0.0f, a, row_a); /* the colour at the exit point */
     for (int x = 0; x < WIDE; x++) {
         rms[0] += (row_c[x] - row_b[x]) * (row_c[x] - row_b[x]);
         rms[1] += (row_a[x] - row_b[x]) * (row_a[x] - row_b[x]);

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * test_texture_space.c - the texture-space method on whole scenes: blurs against closed forms, layouts good and bad, seams, and light that
- * comes through. */
+ * test_texture_space.c - the texture-space method on whole scenes: blurs against closed forms, good and bad texture layouts, seams, and
+ * transmitted light. */
 #include "scenes.h"
 
 #include <pellucid/layers.h>
 
 #define HALF 30.0f /* of the sheets, mm */
 
-/* With the margin of the borders 256 texels are left for a layout, and what is lit ends between texels. */
+/* With the margin of the borders 256 texels remain for a layout, and the edge of the light lies between texels. */
 static const char *const plain[] = { "size=308", "border=24", "tsm=off", NULL };
 static const double width_of[3] = { 1.0, 2.0, 4.0 }, weight_of[3][3] = { { 0.1, 0.2, 0.3 }, { 0.3, 0.2, 0.1 }, { 0.4, 0.3, 0.2 } };
 
@@ -16,12 +16,12 @@ static double normal_cdf(double x)
     return 0.5 * erfc(-x / sqrt(2.0));
 }
 
-/* --- Sheets with layouts of any kind, lit but for the quadrant x < 0, y < 0 ------------------------------------------------------- */
+/* --- Sheets with layouts of any kind, lit except for the quadrant x < 0, y < 0 ---------------------------------------------------- */
 
 enum layout { GOOD, SQUEEZED, UNEVEN, ROTATED, SHEARED, CUT, LAYOUTS };
 static const char *const layout_names[LAYOUTS] = { "good", "squeezed", "uneven", "rotated", "sheared", "cut into charts" };
 
-/* Where a point of the sheet, in [-1, 1]^2, lies in the layout; `part`: which quadrant it is seen as part of. */
+/* The texture coordinates of a point of the sheet, in [-1, 1]^2; `part`: the quadrant that it belongs to. */
 static void lay_out(enum layout layout, double x, double y, int part, float uv[2])
 {
     static const double turn[4] = { 0.0, 0.5 * PELL_PI, PELL_PI, 0.7 };
@@ -38,7 +38,7 @@ static void lay_out(enum layout layout, double x, double y, int part, float uv[2
     } else if (layout == SHEARED) {
         u = 0.5 * x + 0.25 * y;
         v = 0.5 * y;
-    } else if (layout == CUT) { /* quadrants apart, each turned its own way */
+    } else if (layout == CUT) { /* separate quadrants, each rotated differently */
         const double cx = part % 2 ? 0.5 : -0.5, cy = part / 2 ? 0.5 : -0.5, c = cos(turn[part]), s = sin(turn[part]);
         u = (part % 2 ? 1.0 : -1.0) + c * (x - cx) - s * (y - cy);
         v = (part / 2 ? 1.0 : -1.0) + s * (x - cx) + c * (y - cy);
@@ -72,7 +72,7 @@ static struct pell_mesh *sheet(struct stage *s, size_t material, enum layout lay
     return m;
 }
 
-/* `edge`: how far the shadow's corner lies from the middle, where a cut layout is cut. */
+/* `edge`: distance of the shadow's corner from the middle, where a cut layout is cut. */
 static void quadrant(struct stage *s, enum layout layout, int size, float edge)
 {
     size_t m, opaque;
@@ -86,8 +86,8 @@ static void quadrant(struct stage *s, enum layout layout, int size, float edge)
     stage_camera(s, vec3(0, 0, 20), vec3(0, 0, 0), 0.0f, 24.0f);
 }
 
-/* Largest and root mean square difference from the convolution, over the step: of pixels within `near` mm of a seam (x = 0 or y = 0), or
- * further from both. */
+/* Largest and root mean square difference from the convolution, relative to the step: of pixels within `near` mm of a seam (x = 0 or y =
+ * 0), or further from both. */
 static void quadrant_error(const struct shot *shot, double edge, double near, double largest[2], double rms[2])
 {
     int n[2] = { 0 };
@@ -139,8 +139,9 @@ static void a_sheet_lit_in_part_is_the_convolution(void **state)
     REQUIRE(finer[0] < 0.006);
 }
 
-/* The sheared sheet's axes are not at right angles: a blur straight along them is not round, and that shows with the paper's taps. */
-/* Thirteen taps are no convolution: how far they are off, beside the paper's seven in each blur. */
+/* The axes of the sheared layout are not perpendicular: a separable blur along them is anisotropic, which is visible with the paper's
+ * taps. */
+/* Thirteen taps approximate the convolution: their error is shown next to that of the paper's seven taps per blur. */
 static void fewer_taps_are_near_the_convolution(void **state)
 {
     static const char *const seven[] = { "size=308", "border=24", "tsm=off", "kernel=seven", NULL };
@@ -206,7 +207,7 @@ static double layout_ms(const struct stage *s)
     return 0.0;
 }
 
-/* Where a vertex goes: all of the sheet is stretched, or each side of the seam at x = 0 in its own way. */
+/* Motion of a vertex: the whole sheet is stretched, or each side of the seam at x = 0 differently. */
 static void stretch(struct stage *s, const float *rest, int how)
 {
     struct pell_mesh *m = &s->scene->meshes[0];
@@ -218,7 +219,7 @@ static void stretch(struct stage *s, const float *rest, int how)
     }
 }
 
-/* A mesh that moves keeps its layout, by its triangles; what is blurred is the convolution on the surface as it is now. */
+/* A deforming mesh keeps its layout, by its triangles; the blur is the convolution on the deformed surface. */
 static void a_sheet_that_deforms_is_the_convolution(void **state)
 {
     static const char *const knobs[] = { "size=564", "tsm=off", "border=64", NULL };
@@ -261,7 +262,8 @@ static void a_sheet_that_deforms_is_the_convolution(void **state)
     stage_finish(&s);
 }
 
-/* Other coordinates, or a triangle whose area comes or goes, are laid out anew: the picture of a renderer that knows nothing. */
+/* After other texture coordinates, or a triangle whose area vanishes or reappears, the layout is computed again: the image equals that
+ * of a new renderer. */
 static void other_surfaces_are_laid_out_anew(void **state)
 {
     static const char *const knobs[] = { "size=128", NULL };
@@ -282,7 +284,7 @@ static void other_surfaces_are_laid_out_anew(void **state)
                 m->uv[0][0] -= 0.05f;
             if (k == 1) /* the second triangle loses its area */
                 memcpy(m->position + 3 * m->index[5], m->position + 3 * m->index[4], 3 * sizeof(float));
-            if (k == 2 && i == 0) { /* and has it again */
+            if (k == 2 && i == 0) { /* and regains it */
                 m->position[3 * m->index[5]] = m->position[3 * m->index[3]];
                 m->uv[0][0] += 0.05f;
             }
@@ -299,7 +301,7 @@ static void other_surfaces_are_laid_out_anew(void **state)
     stage_finish(&s);
 }
 
-/* Frames of a film in which nothing but the camera moves have the bits of a renderer that saw none before. */
+/* Frames of a sequence in which only the camera moves are bit-identical to those of a new renderer. */
 static void a_surface_at_rest_keeps_its_picture(void **state)
 {
     static const char *const knobs[] = { "size=128", NULL };
@@ -326,7 +328,8 @@ static void a_surface_at_rest_keeps_its_picture(void **state)
 
 /* --- Solids ------------------------------------------------------------------------------------------------------------------------ */
 
-/* A cube without coordinates, lit from above: its top and a side, seen at once. What leaves on both sides of their edge must agree. */
+/* A cube without texture coordinates, lit from above: its top and a side in view. The exiting light must agree on both sides of their
+ * edge. */
 static void light_goes_round_the_edges_of_a_cube(void **state)
 {
     static const char *const with[] = { "size=512", "tsm=off", NULL }, *const bare[] = { "size=512", "tsm=off", "border=0", NULL };
@@ -341,11 +344,11 @@ static void light_goes_round_the_edges_of_a_cube(void **state)
         stage_gaussians(&s, 0.5, &m);
         stage_box(&s, m, 0, vec3(-10, -10, -10), vec3(10, 10, 10));
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 100, 0), vec3(0, 0, 0), 1.0f);
-        stage_camera(&s, vec3(0, 50, 50), vec3(0, 10, 10), 0.0f, 4.0f); /* the edge is at the middle of the picture */
+        stage_camera(&s, vec3(0, 50, 50), vec3(0, 10, 10), 0.0f, 4.0f); /* the edge is at the middle of the image */
         shot = stage_shot_of(&s, "texture-space", k ? bare : with);
         jump[k] = fabs(shot_at(&shot, 0, 32, 31) / shot_at(&shot, 0, 32, 32) - 1.0);
         shot_free(&shot);
-        stage_camera(&s, vec3(60, 60, 60), vec3(10, 10, 10), 0.0f, 8.0f); /* the corner is, and three charts meet there */
+        stage_camera(&s, vec3(60, 60, 60), vec3(10, 10, 10), 0.0f, 8.0f); /* the corner, where three charts meet */
         OK(pell_renderer_set_scene(s.r, s.scene));
         shot = stage_shot(&s);
         corner[k][0] = shot_at(&shot, 0, 27, 36);
@@ -360,7 +363,7 @@ static void light_goes_round_the_edges_of_a_cube(void **state)
     REQUIRE(corner[0][0] > 0.02);
 }
 
-/* A ball with dents, as a head has them: it faces all ways, and no two charts meet alike. */
+/* A ball with dents, like those of a head: it faces all directions, and its charts meet at various angles. */
 static void dented_ball(struct stage *s, size_t material)
 {
     struct pell_mesh *m;
@@ -374,7 +377,8 @@ static void dented_ball(struct stage *s, size_t material)
     }
 }
 
-/* Whether the pixel lies well inside of what is seen: on silhouettes all differs, light goes along the surface there and not across. */
+/* Whether the pixel is well inside the silhouettes: at silhouettes the methods differ, as light travels along the surface there and not
+ * across. */
 static bool is_inside(const struct shot *shot, int x, int y, int margin)
 {
     for (int k = 0; k < 4; k++) {
@@ -385,13 +389,13 @@ static bool is_inside(const struct shot *shot, int x, int y, int margin)
     return true;
 }
 
-/* What is off near seams and elsewhere, over the mean: at most inside of silhouettes, and anywhere. */
+/* Error near seams and elsewhere, relative to the mean: the largest inside silhouettes, and the largest anywhere. */
 struct seams {
     double inside[2], all[2], rms[2], bare;
     int count[2];
 };
 
-/* Seams are where a picture without borders differs from the one with them. */
+/* Seams are located where an image without borders differs from the one with borders. */
 static struct seams seams_of(bool dents)
 {
     static const char *const sets[2][5] = { { "size=384", "charts=planar", "tsm=off", NULL },
@@ -496,7 +500,7 @@ static void uniform_light_gives_the_albedo(void **state)
     }
 }
 
-/* --- Light that comes through ------------------------------------------------------------------------------------------------------ */
+/* --- Transmitted light ------------------------------------------------------------------------------------------------------------- */
 
 static double transmission_of_slab(const char *material, double thick, const char *const *knobs, size_t channel)
 {
@@ -589,10 +593,10 @@ static void lights_add_up_with_transmission(void **state)
 }
 
 struct likeness {
-    double light, rms; /* ours over the other's; difference over the other's mean */
+    double light, rms; /* ratio of means; difference relative to the other's mean */
 };
 
-/* Of the red light of whole pixels. */
+/* Red channel of fully covered pixels. */
 static struct likeness likeness_of(const struct shot *a, const struct shot *b)
 {
     double sum[2] = { 0 }, square = 0.0;
@@ -609,8 +613,8 @@ static struct likeness likeness_of(const struct shot *a, const struct shot *b)
     return (struct likeness) { sum[0] / sum[1], sqrt(square / n) / (sum[1] / n) };
 }
 
-/* A ball not much wider than light goes, lit from behind. Round it comes half as much light again as straight through it, and the two are
- * one light: who adds them counts it twice. */
+/* A backlit ball not much larger than the diffuse mean free path. Light that diffuses around it is half as much as that straight through
+ * it, and both are the same light: a method that adds them counts it twice. */
 static void what_comes_round_and_through_a_ball_counts_once(void **state)
 {
     static const char *const sets[3][5] = { { "size=160", NULL },
@@ -646,7 +650,7 @@ static void what_comes_round_and_through_a_ball_counts_once(void **state)
     stage_finish(&s);
 }
 
-/* A cap of a shell about the z axis, as an ear is: an outer face, an inner one and the rim between them. */
+/* A cap of a shell about the z axis, shaped like an ear: an outer face, an inner face and the rim between them. */
 static void shell(struct stage *s, size_t material, double outer, double inner)
 {
     const int rings = 24, sectors = 48;
@@ -702,7 +706,7 @@ static void transmission_of_a_shell_is_nearly_that_of_a_slab(void **state)
     REQUIRE_REL(seen[1], seen[0], 0.02);
 }
 
-/* Into a shell like an ear's, lit from behind and aside: much of its inside faces the light, in the shadow of its far rim, and glows. */
+/* A shell like an ear's, lit from behind and the side: much of its inside faces the light, is in the shadow of its far rim, and glows. */
 static void a_shell_glows_where_it_faces_the_light_in_its_own_shadow(void **state)
 {
     enum { SETS = 5 };
@@ -729,7 +733,7 @@ static void a_shell_glows_where_it_faces_the_light_in_its_own_shadow(void **stat
         shots[k] = stage_shot_of(&s, "texture-space", sets[k]);
         like[k] = likeness_of(&shots[k], &sum);
     }
-    /* From pixel to pixel along the shell's middle. */
+    /* Differences from pixel to pixel along the shell's middle. */
     for (int x = 5; x < 42; x++)
         for (int k = 0; k < 2; k++)
             step[k] = fmax(step[k], fabs(shot_at(k ? &sum : &shots[0], 0, x + 1, 24) - shot_at(k ? &sum : &shots[0], 0, x, 24)));
@@ -752,7 +756,7 @@ static void a_shell_glows_where_it_faces_the_light_in_its_own_shadow(void **stat
     stage_finish(&s);
 }
 
-/* Light from the side on a ball: what the camera sees by this method and by the sum over the whole surface. */
+/* A ball lit from the side: exiting light by this method and by the integral over the whole surface. */
 static void a_ball_is_like_the_sum_over_its_surface(void **state)
 {
     static const char *const fine[] = { "size=256", NULL }, *const whole[] = { "density=16", NULL };
@@ -786,7 +790,7 @@ static void a_ball_is_like_the_sum_over_its_surface(void **state)
     stage_finish(&s);
 }
 
-/* --- Layouts of no use, and hostile ones ---------------------------------------------------------------------------------------------- */
+/* --- Useless and hostile layouts ------------------------------------------------------------------------------------------------------ */
 
 enum wrong { MISSING, OVERLAPPING, SECOND_SET, RANDOM, NOT_NUMBERS, HUGE, ALL_ONE, LINE, WRONGS };
 
@@ -820,13 +824,13 @@ static void other_layouts_are_made_of_those_of_no_use(void **state)
         struct pell_mesh *m;
         double largest[2], rms[2];
         quadrant(&s, GOOD, 48, 0.0f);
-        stage_complete(&s); /* refuses what is no number; a host may change it later */
+        stage_complete(&s); /* refuses NaN; a host may change it later */
         m = &s.scene->meshes[0];
         if (k == MISSING) {
             pell_free(s.ctx, m->uv[0]);
             m->uv[0] = NULL;
         }
-        if (k == SECOND_SET) { /* is the one of use */
+        if (k == SECOND_SET) { /* is the valid one */
             m->uv[1] = m->uv[0];
             m->uv[0] = pell_calloc(s.ctx, m->num_vertices, 2 * sizeof(float));
         }
@@ -843,7 +847,7 @@ static void other_layouts_are_made_of_those_of_no_use(void **state)
     }
 }
 
-/* A post that stands in a slab: the part of the slab under the post has no light, and takes none from beside it. */
+/* A post inside a slab: the part of the slab under the post receives no light, and takes none from its surroundings. */
 static void parts_in_each_other_have_no_dark_seam(void **state)
 {
     static const char *const fine[] = { "size=256", "tsm=off", NULL };
@@ -864,7 +868,7 @@ static void parts_in_each_other_have_no_dark_seam(void **state)
     for (int k = 0; k < 2; k++)
         ratio[k] = shot_at(k ? &b : &a, 0, 32 + 11, 12) / shot_at(k ? &b : &a, 0, 32 + 24, 12);
     print_message("# beside the post %.3f of the light far from it, by the sum over the surface %.3f\n", ratio[0], ratio[1]);
-    REQUIRE_NEAR(ratio[0], ratio[1], 0.15); /* 0.69 with the dark of the buried part */
+    REQUIRE_NEAR(ratio[0], ratio[1], 0.15); /* 0.69 with the dark texels of the buried part */
     shot_free(&a);
     shot_free(&b);
     stage_finish(&s);
@@ -937,7 +941,7 @@ static void two_objects_that_touch_do_not_bleed(void **state)
     require_light_stays_in_its_object("texture-space", plain, true, 0.0f, 16.0f, 16, 6, 8);
 }
 
-/* No radius is Lambert, and half the radius on a sheet is the sheet of half the widths. */
+/* A radius of zero is Lambertian, and half the radius on a sheet equals the sheet with half the widths. */
 static void strength_scales_the_radius(void **state)
 {
     struct shot shots[2];
@@ -962,7 +966,7 @@ static void strength_scales_the_radius(void **state)
     shot_free(&shots[1]);
 }
 
-/* A map outlives the light that was on it. */
+/* A map is kept when the light on it is gone. */
 static void other_samples_of_the_lights_light_it_anew(void **state)
 {
     static const char *const knobs[] = { "size=96", NULL };
@@ -997,7 +1001,7 @@ static void other_samples_of_the_lights_light_it_anew(void **state)
         shot_free(&shots[k]);
 }
 
-/* The map stays when lights come and go. */
+/* The map is kept when lights are added and removed. */
 static void more_transmitted_lights_than_fit_are_reported(void **state)
 {
     static const char *const knobs[] = { "size=64", NULL };
@@ -1017,18 +1021,18 @@ static void more_transmitted_lights_than_fit_are_reported(void **state)
     for (int i = 0; i < 16; i++)
         stage_light(&s, PELL_LIGHT_POINT, vec3(-40, (float) i, 30), vec3(0, 0, 0), 3e-4f);
     OK(pell_renderer_set_scene(s.r, s.scene));
-    for (int k = 0, told = 0; k < 2; k++) {
+    for (int k = 0, count = 0; k < 2; k++) {
         s.settings.seed = k;
         shot = stage_shot(&s);
         shot_free(&shot);
         assert_non_null(strstr(s.kept.last_warning, "17 lights; only the first 16"));
-        assert_true(k == 0 || s.kept.warnings == told);
-        told = s.kept.warnings;
+        assert_true(k == 0 || s.kept.warnings == count);
+        count = s.kept.warnings;
     }
     stage_finish(&s);
 }
 
-/* The first frame makes the map, and all that it needs was made with the pass; later frames look at it. */
+/* The first frame makes the map with everything that was allocated when the pass was created; later frames only read it. */
 static void frames_allocate_nothing_and_survive_no_memory(void **state)
 {
     static const char *const knobs[] = { "size=64", "tsm=map", "tsm-size=32", NULL };
@@ -1055,7 +1059,7 @@ static void frames_allocate_nothing_and_survive_no_memory(void **state)
         stage_complete(&s);
         OK(pell_renderer_set_scene(s.r, s.scene));
         stage_method(&s, NULL, NULL);
-        OK(pell_renderer_render(s.r, &s.settings, &s.image)); /* all but the method is there */
+        OK(pell_renderer_render(s.r, &s.settings, &s.image)); /* everything except the method is available */
         stage_method(&s, "texture-space", knobs);
         fault.fail_at = fault.calls + n;
         res = pell_renderer_render(s.r, &s.settings, &s.image);

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_texture_space_forms.c - maps that are made in part, of other taps and in other sizes, against those that are whole and
- * dense. */
+ * test_texture_space_forms.c - partial maps, other tap counts and other map sizes, against complete and dense maps. */
 #include "scenes.h"
 
 /* A ball with dents, so that it has many charts and shadows of its own. */
@@ -18,7 +17,7 @@ static void dented_ball(struct stage *s, size_t material, int object, struct pel
     shapes_bound(s->scene, m);
 }
 
-/* --- Maps made in part ------------------------------------------------------------------------------------------------------------ */
+/* --- Partial maps ----------------------------------------------------------------------------------------------------------------- */
 
 static struct shot stage_view(struct stage *s, struct pell_vec3 from, struct pell_vec3 to, const char *const *knobs)
 {
@@ -26,7 +25,8 @@ static struct shot stage_view(struct stage *s, struct pell_vec3 from, struct pel
     return stage_shot_of(s, "texture-space", knobs);
 }
 
-/* A picture has the bits of one whose maps are whole: near, from afar, past an edge, of several lights, samples and forms. */
+/* An image from partial maps is bit-identical to one from complete maps: close, distant, past an edge, for several lights, samples and
+ * settings. */
 static void what_is_not_seen_is_left_out_without_a_trace(void **state)
 {
     static const char *const part[][6] = { { "size=160", "cull=true" },
@@ -66,11 +66,11 @@ static void what_is_not_seen_is_left_out_without_a_trace(void **state)
     stage_finish(&s);
 }
 
-/* Other views of maps that were made for the first one have the bits of a renderer that saw none before. */
+/* Other views with maps that were made for the first view are bit-identical to those of a new renderer. */
 static void views_from_all_sides_see_all_of_it(void **state)
 {
     static const char *const knobs[] = { "size=128", NULL };
-    struct shot seen[2], anew;
+    struct shot seen[2], fresh;
     struct stage s;
     size_t m;
     (void) state;
@@ -83,23 +83,23 @@ static void views_from_all_sides_see_all_of_it(void **state)
     for (int v = 0; v < 3; v++) {
         stage_camera(&s, vec3(v == 1 ? 40 : -60, 20, v == 0 ? 60 : -60), vec3(0, 0, 0), 0.3f, 0.0f);
         seen[1] = stage_shot(&s);
-        anew = stage_view(&s, vec3(v == 1 ? 40 : -60, 20, v == 0 ? 60 : -60), vec3(0, 0, 0), knobs);
-        if (!shot_equal(&seen[1], &anew))
-            fail_msg("view %d: %g of the mean apart", v, shot_difference(&seen[1], &anew).rms);
+        fresh = stage_view(&s, vec3(v == 1 ? 40 : -60, 20, v == 0 ? 60 : -60), vec3(0, 0, 0), knobs);
+        if (!shot_equal(&seen[1], &fresh))
+            fail_msg("view %d: %g of the mean apart", v, shot_difference(&seen[1], &fresh).rms);
         REQUIRE(shot_difference(&seen[1], &seen[0]).rms > 0.1);
         shot_free(&seen[1]);
-        shot_free(&anew);
+        shot_free(&fresh);
     }
     shot_free(&seen[0]);
     stage_finish(&s);
 }
 
-/* --- Detail of normal maps -------------------------------------------------------------------------------------------------------- */
+/* --- Normal maps ------------------------------------------------------------------------------------------------------------------ */
 
 #define HALF 30.0f  /* of the sheet, mm */
 #define SLOPE 0.25f /* at its steepest */
 
-/* A sheet in waves along x, with the texture coordinates of a flat one; `high` 0: flat. */
+/* A sheet with waves along x and the texture coordinates of a flat one; `high` 0: flat. */
 static void ridges(struct stage *s, size_t material, float wave, float high)
 {
     enum { N = 480 };
@@ -139,7 +139,7 @@ static struct pell_texture *ridge_map(struct stage *s, float wave)
     return shapes_texture(s->scene, N, 1, 3, false, pixels[0]);
 }
 
-/* Mean and contrast of the waves in the middle of a picture 24 mm wide: twice the amplitude over the mean, of each channel. */
+/* Mean and contrast of the waves in the middle of an image 24 mm wide: twice the amplitude over the mean, of each channel. */
 static void contrast_of(const struct shot *shot, float wave, double mean[3], double contrast[3])
 {
     for (size_t c = 0; c < 3; c++) {
@@ -156,8 +156,8 @@ static void contrast_of(const struct shot *shot, float wave, double mean[3], dou
     }
 }
 
-/* Light on a flat sheet with a normal map is blurred as that on the waves that the map is of: their height is small beside their length,
- * and so is what it changes of the distances that light travels. */
+/* Light on a flat sheet with a normal map is blurred like that on the waves that the map encodes: their height is small compared with
+ * their length, and so is its effect on distances through the medium. */
 static void light_on_a_normal_map_is_that_on_its_bumps(void **state)
 {
     static const char *const fine[] = { "size=512", "tsm=off", NULL }, *const whole[] = { "density=16", NULL };
@@ -168,7 +168,7 @@ static void light_on_a_normal_map_is_that_on_its_bumps(void **state)
         const float wave = n == 0 ? 4.0f : 8.0f;
         double mean[3][3], contrast[3][3];
         for (int form = 0; form < 3;
-             form++) { /* the bumps by the sum over the surface, the map on a flat sheet, the map without scattering */
+             form++) { /* the geometry by the integral over the surface, the map on a flat sheet, the map without scattering */
             struct stage s;
             struct shot shot;
             struct pell_material *m;
@@ -210,12 +210,12 @@ static void light_on_a_normal_map_is_that_on_its_bumps(void **state)
 
 /* --- Inside of a solid ------------------------------------------------------------------------------------------------------------- */
 
-/* An opaque bar in a slab that is lit from behind: its shadow reaches the front, as with path-trace, which has 0.10 of the light beside it
- * there (40 s, noise of 2 %); light that is solved in the whole solid is left to the method's own ways. */
+/* An opaque bar in a backlit slab: its shadow reaches the front, as with path-trace, where the light there is 0.10 of that next to it
+ * (40 s, noise of 2 %); light solved for the whole solid is left to the method's own transmission. */
 static void a_bone_is_seen_through_a_slab(void **state)
 {
     static const char *const knobs[] = { "size=256", NULL };
-    double behind[2], beside[2];
+    double behind[2], reference[2];
     (void) state;
 
     for (int bone = 0; bone < 2; bone++) {
@@ -233,13 +233,14 @@ static void a_bone_is_seen_through_a_slab(void **state)
         stage_camera(&s, vec3(0, 0, 150), vec3(0, 0, 0), 0.0f, 32.0f);
         shot = stage_shot_of(&s, "texture-space", knobs);
         behind[bone] = shot_at(&shot, SHOT_R, 24, 24);
-        beside[bone] = shot_at(&shot, SHOT_R, 6, 24);
+        reference[bone] = shot_at(&shot, SHOT_R, 6, 24);
         shot_free(&shot);
         stage_finish(&s);
     }
-    print_message("# red behind the bone %.4f, beside it %.4f; without one %.4f, %.4f\n", behind[1], beside[1], behind[0], beside[0]);
-    REQUIRE(behind[1] < 0.12 * beside[1] && behind[0] > 0.9 * beside[0]);
-    REQUIRE_REL(beside[1], beside[0], 0.15);
+    print_message("# red behind the bone %.4f, next to it %.4f; without a bone %.4f, %.4f\n", behind[1], reference[1], behind[0],
+                  reference[0]);
+    REQUIRE(behind[1] < 0.12 * reference[1] && behind[0] > 0.9 * reference[0]);
+    REQUIRE_REL(reference[1], reference[0], 0.15);
 }
 
 int main(void)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_texture_space_head.c - seams of the texture-space method on a scanned head, in the layout of its file and in planar charts, against
- * hierarchical. Skipped where the head is not there. */
+ * test_texture_space_head.c - seams of the texture-space method on a scanned head, with the layout of its file and with planar charts,
+ * against hierarchical. Skipped where the scan is absent. */
 #include "stage.h"
 
 #include "render/renderer.h"
@@ -8,9 +8,9 @@
 #include "methods/texture_space/texture_space.h"
 
 enum { SIZE = 160, TEXELS = 768, VIEWS = 2 };
-#define TALL 72.0f /* mm that a picture is tall; the head is 100 mm wide at its shoulders */
-#define NEAR 3     /* px from a seam, and from silhouettes, on which all differs */
-#define HIDDEN 1.5 /* mm behind what is seen */
+#define TALL 72.0f /* height of the image in mm; the head is 100 mm wide at its shoulders */
+#define NEAR 3     /* px from a seam, and from silhouettes, where the methods differ */
+#define HIDDEN 1.5 /* mm behind the visible surface */
 
 static const struct pell_vec3 camera[VIEWS] = { { 20, 0, 200 }, { -190, 15, -70 } }, middle = { 0, 12, 0 };
 
@@ -34,7 +34,7 @@ static void head(struct stage *s)
     s->set = true;
 }
 
-/* Whether a chart ends at this half of an edge: at another chart, at itself or at nothing. */
+/* Whether a chart ends at this half-edge: at another chart, at itself or at no neighbour. */
 static bool is_seam(const struct ts_atlas *a, uint32_t half)
 {
     const uint32_t twin = a->twin[half], t = half / 3, k = half % 3;
@@ -62,7 +62,7 @@ static void look(struct stage *s, int view)
     stage_camera(s, camera[view], middle, 0.0f, TALL);
 }
 
-/* Marks the pixels near a seam where it is seen. */
+/* Marks the pixels near a visible seam. */
 static void mark_edge(const struct stage *s, const struct shot *shot, struct pell_vec3 p, struct pell_vec3 q, bool near[SIZE * SIZE])
 {
     const struct pell_camera *c = &s->scene->cameras[0];
@@ -124,7 +124,7 @@ static int rising(const void *p, const void *q)
     return (a > b) - (a < b);
 }
 
-/* Of red, over the mean; of a hundred pixels one is worse than `high`. */
+/* Of red, relative to the mean; one pixel in a hundred is worse than `high`. */
 struct errors {
     double most, high, rms;
     int count;
@@ -171,9 +171,9 @@ static void print(const char *what, const struct errors *e)
     print_message("#   %s: %.3f at most, 99 of 100 under %.3f, %.4f rms, %d pixels\n", what, e->most, e->high, e->rms, e->count);
 }
 
-/* Planar charts end where a surface turns: round lids, lips and ears, where light along the surface and light across differ. So the error
- * at their seams is held beside that of the same pixels in the file's layout, which has its seams elsewhere; that at those beside the
- * rest. */
+/* Planar charts end where a surface turns: around lids, lips and ears, where light along the surface and light across differ. So the
+ * error at their seams is compared with that of the same pixels in the file's layout, which has its seams elsewhere; and the error at
+ * the file's seams with the rest. */
 static void no_seam_shows_on_a_head(void **state)
 {
     static const char *const sets[2][2][5] = {
@@ -212,7 +212,7 @@ static void no_seam_shows_on_a_head(void **state)
             REQUIRE(at.most < 1.5 * other.most && at.high < 1.5 * other.high && at.rms < 1.5 * other.rms);
             REQUIRE(without.rms > 1.3 * at.rms);
         } else {
-            /* The file's charts meet where the light grazes, so borders bring little there: the two differ by shadow samples. */
+            /* The file's charts meet at grazing light, so borders contribute little there: the two differ by shadow samples. */
             REQUIRE(at.most <= elsewhere.most && at.rms <= 1.02 * without.rms);
         }
     }

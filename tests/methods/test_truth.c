@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_truth.c - the references against numbers that are not their own: the oracle's pencil beams, photons between planes, closed forms,
- * each other. Seeds are fixed; what is statistical allows 3.5 standard errors. */
+ * test_truth.c - the reference methods against independent results: the oracle's pencil beams, photons between planes, closed forms, and
+ * each other. Seeds are fixed; statistical tests allow 3.5 standard errors. */
 #include "path_trace_rig.h"
 
 #include "methods/path_trace/path.h"
@@ -13,7 +13,7 @@
 
 /* --- Photons between planes ---------------------------------------------------------------------------------------------------------- */
 
-/* A second opinion that shares nothing with path-trace: layers of one index between two planes, walked in closed form. */
+/* An independent Monte Carlo that has no code in common with path-trace: layers of one index between two planes. */
 struct plate {
     double thickness, sigma_s, sigma_a, g;
 };
@@ -26,7 +26,7 @@ struct planes {
 
 struct tally { /* of light that entered */
     double reflected, through, reflected_error, transmission_error;
-    double ring[8], ring_error[8]; /* of what is reflected, by the edges asked for */
+    double ring[8], ring_error[8]; /* of reflected light, in rings with the given edges */
 };
 
 static void turn(double w[3], double g, uint64_t *random)
@@ -63,7 +63,7 @@ static struct tally photons(const struct planes *p, const double *edge, int ring
             const struct plate *m = &p->plate[l];
             double tau = -log(random_unit(&seed));
             bool out = false;
-            for (;;) { /* as far as the extinction says, through the planes */
+            for (;;) { /* a free flight by the extinction, through the planes */
                 const double sigma = p->plate[l].sigma_s + p->plate[l].sigma_a;
                 const double plane = w[2] > 0.0 ? bottom[l] : l > 0 ? bottom[l - 1] : 0.0;
                 const double s = w[2] != 0.0 ? (plane - x[2]) / w[2] : INFINITY, to = fmin(s, sigma > 0.0 ? tau / sigma : INFINITY);
@@ -124,7 +124,7 @@ static void require_within(const char *name, double value, double error, double 
     print_message("# %s: %.5g +- %.2g, expected %.5g +- %.2g, %.1f sigma\n", name, value, error, expected, expected_error,
                   (value - expected) / bar);
     REQUIRE(error > 0.0 && value > 0.0);
-    REQUIRE(SLOW || fabs(value - expected) <= SIGMAS * bar); /* of few samples not even the error bars are known */
+    REQUIRE(SLOW || fabs(value - expected) <= SIGMAS * bar); /* with few samples even the standard errors are unreliable */
 }
 
 /* The photons themselves: van de Hulst's slab, cut into three, and Giovanelli's half-space. */
@@ -143,7 +143,7 @@ static void photons_are_right(void **state)
 
 /* --- Pencil beams --------------------------------------------------------------------------------------------------------------------- */
 
-/* A black plate at height z with a ring cut out, of polygons whose areas are the circles'. */
+/* A black plate at height z with a ring cut out, of polygons with the areas of the circles. */
 static void plate_with_a_ring(struct stage *s, size_t black, float z, double inner, double outer, double wide)
 {
     enum { SIDES = 96 };
@@ -164,8 +164,8 @@ static void plate_with_a_ring(struct stage *s, size_t black, float z, double inn
     }
 }
 
-/* R(r) over a ring: by reciprocity of places the light that leaves at the centre, in all directions, of light that enters normally over the
- * ring. The entry's Fresnel loss is taken out, as the oracle counts what entered. */
+/* R(r) over a ring, by reciprocity: the light that leaves at the centre in all directions, for light that enters normally over the ring.
+ * The Fresnel loss at entry is divided out, as the oracle normalises by the light that entered. */
 static struct rig_mean ring(double sigma_s, double sigma_a, double g, double eta, double thickness, double inner, double outer, int samples)
 {
     const double mfp = 1.0 / (sigma_s * (1.0 - g) + sigma_a), wide = 60.0 * outer + 200.0 * mfp;
@@ -217,7 +217,7 @@ static struct rig_mean ring(double sigma_s, double sigma_a, double g, double eta
     return sum;
 }
 
-/* Half-spaces of the oracle, index 1.3: rings of some of its bins together. */
+/* Half-spaces of the oracle, index 1.3: rings that each combine several of its bins. */
 static void pencil_beams_of_the_oracle(void **state)
 {
     static const struct {
@@ -241,15 +241,15 @@ static void pencil_beams_of_the_oracle(void **state)
             char name[96];
             for (size_t i = first[k]; i < first[k + 1]; i++) {
                 const double lo = oracle_at(row, "bin_edges_mm", i), hi = oracle_at(row, "bin_edges_mm", i + 1);
-                const double share = (hi * hi - lo * lo) / (outer * outer - inner * inner);
-                expected += share * oracle_at(row, "mc_R", i);
-                single += share * oracle_at(row, "mc_R_single", i);
-                square += pow(share * oracle_at(row, "mc_se", i), 2.0);
+                const double overlap = (hi * hi - lo * lo) / (outer * outer - inner * inner);
+                expected += overlap * oracle_at(row, "mc_R", i);
+                single += overlap * oracle_at(row, "mc_R_single", i);
+                square += pow(overlap * oracle_at(row, "mc_se", i), 2.0);
             }
             r = ring(scatter, absorb, 0.0, eta, beams[b].deep * mfp, inner, outer, FEWER(beams[b].samples));
             snprintf(name, sizeof(name), "%s %s, R from %.2f to %.2f mean free paths", json_string_value(oracle_get(row, "material")),
                      json_string_value(oracle_get(row, "channel")), inner / mfp, outer / mfp);
-            if (SLOW) { /* too few for error bars that hold */
+            if (SLOW) { /* too few for reliable standard errors */
                 REQUIRE(r.mean[3][1] > 0.0);
                 continue;
             }
@@ -264,7 +264,7 @@ static void pencil_beams_of_the_oracle(void **state)
     json_decref(root);
 }
 
-/* The same without a boundary, and of a slab with g behind one: by photons. */
+/* The same without a boundary, and of a slab with g and a boundary: against photons. */
 static void pencil_beams_of_photons(void **state)
 {
     static const struct {
@@ -298,9 +298,9 @@ static size_t plate_medium(struct stage *s, const struct plate *p, double eta)
     return rig_medium(s, p->sigma_s, p->sigma_a, p->g, eta);
 }
 
-/* What of light at normal incidence comes back from plates, or through them: under a uniform environment whose other half is hidden.
- * `boxes`: one box each, close together in a clear one with the boundary. Otherwise one box whose medium is layered by the distance below
- * its surface: the plates have to be the same from either side, or the last very deep. */
+/* Diffuse reflectance or transmittance of plates at normal incidence, by reciprocity: under a uniform environment whose other half is
+ * hidden. `boxes`: one box per plate, close together in a clear one with the boundary. Otherwise one box whose medium is layered by the
+ * distance below its surface: the plates must be symmetric, or the last very deep. */
 static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int samples)
 {
     struct pt_knobs knobs = rig_knobs();
@@ -340,7 +340,7 @@ static struct rig_mean stack(const struct planes *p, bool boxes, bool back, int 
         struct pt_medium *medium = &scene->solid[0].medium;
         medium->layers = (p->count + 1) / 2;
         if (p->count == 2)
-            medium->layers = 2; /* over a deep rest */
+            medium->layers = 2; /* over a deep substrate */
         from = 0.0;
         medium->min_sigma_t = INFINITY;
         medium->homogeneous = medium->layers == 1;
@@ -423,7 +423,7 @@ static size_t channel_named(const struct stage *s, const char *name)
     return 0;
 }
 
-/* A ball: single-scatter's picture against the light that path-trace scattered once, at the same places. */
+/* A ball: the image of single-scatter against the single scattering of path-trace, at the same points. */
 static void single_scattering_of_a_ball(void **state)
 {
     enum { SIZE = 6 };
@@ -479,7 +479,7 @@ static void single_scattering_of_a_ball(void **state)
             bar[0] += quoted[i] * quoted[i];
             bar[1] += r.error[1][1] * r.error[1][1];
             z = (found - r.mean[1][1]) / hypot(quoted[i], r.error[1][1]);
-            if (found < 0.05 * (double) brightest) /* in shadow, where few walks find light: in the sums alone */
+            if (found < 0.05 * (double) brightest) /* in shadow, where few walks find light: only in the sums */
                 continue;
             square += z * z;
             worst = fmax(worst, fabs(z));
@@ -499,7 +499,7 @@ static void single_scattering_of_a_ball(void **state)
     }
 }
 
-/* Pixels of two seeds: apart by no more than their error bars say, and around 0. */
+/* Images of two seeds differ by no more than their standard errors state, with mean 0. */
 static void two_seeds(void **state)
 {
     enum { SIZE = 16 };
@@ -528,8 +528,8 @@ static void two_seeds(void **state)
     }
     for (int i = 0; i < SIZE * SIZE; i++)
         if (bars[0][i] > 0.0 || bars[1][i] > 0.0) {
-            const double apart = shot_at(&shot[0], SHOT_G, i % SIZE, i / SIZE) - shot_at(&shot[1], SHOT_G, i % SIZE, i / SIZE);
-            const double z = apart / hypot(bars[0][i], bars[1][i]);
+            const double difference = shot_at(&shot[0], SHOT_G, i % SIZE, i / SIZE) - shot_at(&shot[1], SHOT_G, i % SIZE, i / SIZE);
+            const double z = difference / hypot(bars[0][i], bars[1][i]);
             mean += z;
             square += z * z;
             worst = fmax(worst, fabs(z));
@@ -550,7 +550,7 @@ static void two_seeds(void **state)
     stage_finish(&s);
 }
 
-/* On a huge plane the dipole's total times the irradiance. */
+/* On a very large plane the radiant exitance is the dipole's total times the irradiance. */
 static void dipole_on_a_plane(void **state)
 {
     static const char *const fine[] = { "error=0.02", "density=4", NULL };

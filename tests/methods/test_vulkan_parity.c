@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_vulkan_parity.c - methods on the engine vulkan give the cpu engine's picture, without a message of the validation layer; their calls
- * that fail are reported. Skipped, by name, where there is no driver or no validation layer. */
+ * test_vulkan_parity.c - methods on the engine vulkan give the image of the engine cpu, without a validation message; their failing
+ * calls are reported. Skipped, by name, where there is no driver or no validation layer. */
 #include "gpu_test.h"
 #include "patch.h"
 #include "stage.h"
@@ -18,7 +18,7 @@ static struct pell_device *validated(struct pell_context *ctx)
 
 /* --- Scenes ----------------------------------------------------------------------------------------------------------------------- */
 
-/* Two slabs that all but touch, of one material: the contract suite's. */
+/* Two nearly touching slabs of one material: those of test_contract_scene.c. */
 static void slabs(struct stage *s)
 {
     size_t m;
@@ -30,7 +30,7 @@ static void slabs(struct stage *s)
     stage_camera(s, vec3(0.0f, 0.0f, 200.0f), vec3(0, 0, 0), 0.0f, 24.0f);
 }
 
-/* A ball before a box of another material, seen in perspective from the side; the ball's strength is lower. */
+/* A ball in front of a box of another material, in perspective from the side; the ball's strength is lower. */
 static void ball_and_box(struct stage *s)
 {
     size_t ball, box;
@@ -43,7 +43,7 @@ static void ball_and_box(struct stage *s)
     stage_camera(s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 0.0f);
 }
 
-/* A slanting plane, so that the second pass leans, wide Gaussians that need blurs ahead, and a sharp shadow. */
+/* A slanted plane, so that the second pass is skewed, wide Gaussians that need pre-blurs, and a sharp shadow. */
 static void slanting(struct stage *s)
 {
     size_t m;
@@ -55,7 +55,7 @@ static void slanting(struct stage *s)
     stage_camera(s, vec3(90, 90, 130), vec3(0, 0, 0), 0.4f, 0.0f);
 }
 
-/* A plate of marble, 3 mm thick and bent by a ball of another material that it hides, lit from behind and from in front. */
+/* A backlit plate of marble, 3 mm thick and bent around a hidden ball of another material, also lit from the front. */
 static void lit_from_behind(struct stage *s)
 {
     size_t plate, ball;
@@ -121,7 +121,7 @@ static void finish_on(struct stage *s)
 
 /* --- Parity ----------------------------------------------------------------------------------------------------------------------- */
 
-/* No neighbour within two pixels is of something else. */
+/* Whether all pixels within a distance of two have the same object. */
 static bool is_inside(const struct shot *s, int x, int y)
 {
     for (int v = y - 2; v <= y + 2; v++)
@@ -135,7 +135,7 @@ static bool is_inside(const struct shot *s, int x, int y)
 
 struct parity {
     double mean; /* mean difference over the mean */
-    double far;  /* share of the pixels away from silhouettes that differ by more than 1 % */
+    double far;  /* fraction of the pixels away from silhouettes that differ by more than 1 % */
     int inside;
 };
 
@@ -178,15 +178,16 @@ static void both_engines_give_one_picture(void **state)
         for (size_t k = 0; k < PELL_COUNT(forms); k++) {
             struct shot gpu = stage_shot_of(&on_gpu, forms[k].method, forms[k].knobs);
             struct shot cpu = stage_shot_of(&on_cpu, forms[k].method, forms[k].knobs);
-            const struct parity p = compare(&cpu, &gpu), apart = compare(&cpu, &none);
+            const struct parity p = compare(&cpu, &gpu), unscattered = compare(&cpu, &none);
 
             print_message("# %s, %s, %s: mean difference %.2g, %.2g of %d pixels over 1 %%; %.2g without scattering\n", scenes[i].name,
-                          forms[k].method, forms[k].name, p.mean, p.far, p.inside, apart.mean);
+                          forms[k].method, forms[k].name, p.mean, p.far, p.inside, unscattered.mean);
             REQUIRE(p.inside > 1500);
-            /* There is something to be different. The listing's spans are under two pixels on the slabs, and are left out. */
-            REQUIRE(apart.mean > 0.01 || (i == 0 && k > 0 && k < 5));
-            /* On drivers for CPUs 1e-7. GPUs round quotients and roots as they like, which moves a few samples to the next pixel: 2e-5 at
-             * most was seen. A stage that is left out of a shader shows. */
+            /* The images have something that could differ. The listing's kernel widths are under two pixels on the slabs, and are left
+             * out. */
+            REQUIRE(unscattered.mean > 0.01 || (i == 0 && k > 0 && k < 5));
+            /* On drivers for CPUs 1e-7. GPUs round quotients and roots differently, which moves a few samples to the next pixel: 2e-5 at
+             * most was measured. Omitting a stage of a shader exceeds this bound. */
             REQUIRE(p.mean < 1e-4);
             REQUIRE(p.far < 0.001);
             shot_free(&gpu);
@@ -198,7 +199,7 @@ static void both_engines_give_one_picture(void **state)
     }
 }
 
-/* A frame as it is by default: light by angles, bent by curvature, scattered once by itself, from one surface to another; a sky. */
+/* A frame with default settings: directional profiles, curvature gain, separate single scattering, interreflection; an environment. */
 static void all_of_a_frame(struct stage *s)
 {
     lit_from_behind(s);
@@ -255,7 +256,7 @@ static void direct_light_is_the_cpus_in_a_whole_frame(void **state)
     finish_on(&on_gpu);
 }
 
-/* Holes that alpha cuts are the cpu's: the picture is its own to the bit, and a row of the frame says why. */
+/* Alpha-tested holes are rendered by the cpu: the image is bit-identical to the cpu's, and a row of the frame states the reason. */
 static void with_a_cut(struct stage *s)
 {
     struct pell_mesh *quad;
@@ -296,7 +297,7 @@ static void light_in_steps(struct patch *p)
                 p->light[c][patch_at(p, x, y)] = (float) ((x / 7 + y / 5 + c) % 2);
 }
 
-/* Colours that say how far light goes, on a caller's planes: blocks of colour under steps of light. */
+/* Textured scattering radii on a caller's planes: blocks of colour under steps of irradiance. */
 static void colours_spread_light_alike(void **state)
 {
     static const char *const knobs_text[] = { "spread=albedo", "spread=albedo as=paper" };
@@ -329,7 +330,7 @@ static void colours_spread_light_alike(void **state)
                         p[k]->normal[c][patch_at(p[k], x, y)] = 0.1f + 0.17f * (float) ((x / 9 + 2 * (y / 11) + c) % 6);
             OK(pell_pass_create(k == 0 ? cpu : gpu, method, knobs, &p[k]->frame.shape, &pass));
             OK(pell_pass_render(pass, &p[k]->frame, &p[k]->out));
-            p[k]->frame.seed = 21; /* then other patterns */
+            p[k]->frame.seed = 21; /* then with other sampling patterns */
             OK(pell_pass_render(pass, &p[k]->frame, &p[k]->out));
             pell_pass_destroy(&pass);
         }
@@ -355,8 +356,8 @@ static void colours_spread_light_alike(void **state)
 
 /* --- Failures --------------------------------------------------------------------------------------------------------------------- */
 
-/* Each call of Vulkan that making a pass and running it need fails once: it is reported once, the device's memory comes back, and what is
- * asked for again works. */
+/* Each Vulkan call that creating and running a pass needs fails once: it is reported once, the device's memory is freed, and a retry
+ * succeeds. */
 static void calls_fail(const char *name)
 {
     static const double variance[3] = { 0.5, 2.0, 9.0 }, weight[3][3] = { { 0.3, 0.2, 0.1 }, { 0.2, 0.3, 0.3 }, { 0.3, 0.2, 0.4 } };
@@ -384,7 +385,7 @@ static void calls_fail(const char *name)
         made += res != PELL_OK;
         if (res == PELL_OK && pell_pass_render(pass, &p->frame, &p->out) != PELL_OK) {
             assert_int_equal(kept.errors, 1);
-            for (uint64_t k = 1; k < 100 && failed == 0; k++) { /* those of a frame, one after the other */
+            for (uint64_t k = 1; k < 100 && failed == 0; k++) { /* the calls of a frame, one after the other */
                 kept.errors = 0;
                 pell_gpu_fail_at(device->gpu, k);
                 res = pell_pass_render(pass, &p->frame, &p->out);
@@ -420,9 +421,9 @@ static void calls_that_fail_are_reported(void **state)
     calls_fail("image-space");
 }
 
-/* The same of a method that needs a scene, in whose frames everything is made: each call fails in a frame of a fresh renderer, the same
- * renderer then gives the picture (asked of each fourth), and the device's memory is free when it is gone. Direct light, whose calls fail
- * in test_device_light.c, is left to the cpu. */
+/* The same for a method that needs a scene, whose frames create all resources: each call fails in a frame of a new renderer, the same
+ * renderer then gives the image (checked for every fourth call), and the device's memory is freed with it. Direct light, whose calls
+ * fail in test_device_light.c, is left to the cpu. */
 static void calls_that_fail_in_a_scene_are_reported(void **state)
 {
     static const char *const knobs[] = { "size=64", NULL };
@@ -446,7 +447,7 @@ static void calls_that_fail_in_a_scene_are_reported(void **state)
         OK(pell_renderer_set_scene(s.r, s.scene));
         s.set = true;
         stage_method(&s, "texture-space", knobs);
-        pell_gpu_fail_at(s.device->gpu, n); /* 0: none */
+        pell_gpu_fail_at(s.device->gpu, n); /* 0: no failure */
         res = pell_renderer_render(s.r, &s.settings, &s.image);
         REQUIRE(res == PELL_OK ? s.kept.errors == 0 : res == PELL_ERR_NOMEM && s.kept.errors == 1);
         failed += res != PELL_OK;
@@ -468,7 +469,7 @@ static void calls_that_fail_in_a_scene_are_reported(void **state)
     shot_free(&good);
 }
 
-/* And those of a frame whose lights have changed, with direct light of pixels and of texels on the device. */
+/* And the calls of a frame after a change of lights, with direct light of pixels and of texels on the device. */
 static void calls_that_fail_where_lights_change_are_reported(void **state)
 {
     static const char *const knobs[] = { "size=64", NULL };
@@ -484,11 +485,11 @@ static void calls_that_fail_where_lights_change_are_reported(void **state)
     good = stage_shot(&s);
     assert_non_null(row(&s, "map direct light"));
     REQUIRE(row(&s, "map direct light")->rays > 100 && row(&s, "direct light")->rays > 1000);
-    /* Of each point lit 128 bytes there and 16 back at least, each moved by a copy (read and written) and by the pass. */
+    /* Per lit point 128 bytes to the device and at least 16 back, each moved by a copy (read and written) and by the pass. */
     REQUIRE(row(&s, "map direct light")->bytes >= 3 * (128 + 16) * 100);
     for (uint64_t n = 1; failed == (int) n - 1; n++) {
         enum pell_result res;
-        s.settings.light_samples = 5 + (int) n % 2; /* lights are made again */
+        s.settings.light_samples = 5 + (int) n % 2; /* lighting is computed again */
         pell_gpu_fail_at(s.device->gpu, n);
         res = pell_renderer_render(s.r, &s.settings, &s.image);
         pell_gpu_fail_at(s.device->gpu, 0);
@@ -506,14 +507,14 @@ static void calls_that_fail_where_lights_change_are_reported(void **state)
     finish_on(&s);
 }
 
-/* Times per pass come from the device, and passes know their bytes. */
+/* Times of passes are measured by the device, and passes report their bytes. */
 static void passes_have_times(void **state)
 {
     static const double variance[2] = { 1.0, 4.0 }, weight[2][3] = { { 0.3, 0.2, 0.1 }, { 0.2, 0.3, 0.3 } };
     const struct pell_frame_material m = patch_gaussians(2, variance, weight);
     static const struct {
         const char *method, *names[9];
-        int bytes[9]; /* a pixel: docs/guide/engines.md lists them */
+        int bytes[9]; /* per pixel: docs/guide/engines.md lists them */
     } passes[] = {
         { "screen-space",
           { "pack", "upload", "load", "measure", "blur 1", "blur 2", "download", "unpack" },
@@ -547,7 +548,7 @@ static void passes_have_times(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* A method that has no such engine says which it has. */
+/* A method without this engine reports the engines that it has. */
 static void other_methods_name_their_engines(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -574,7 +575,7 @@ static void other_methods_name_their_engines(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* What the device does not do it refuses, and says what does. */
+/* Unsupported features are refused on the device, with an alternative. */
 static void knobs_of_the_cpu_alone_are_refused(void **state)
 {
     static const char *const knobs[][3] = { { "kernel=separable", "rotate=true", NULL }, { "edges=paper", "rotate=true", NULL } };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_vulkan_pass.c - pellucid/vulkan.h: a method recorded into the command buffers of a program's own device gives what it gives on the
- * cpu, without a message of the validation layer. Skipped, by name, where there is no driver or no validation layer. */
+ * test_vulkan_pass.c - pellucid/vulkan.h: a method recorded into command buffers of a program's own device gives the result of the cpu,
+ * without a validation message. Skipped, by name, where there is no driver or no validation layer. */
 #include "gpu_test.h"
 #include "patch.h"
 
@@ -65,7 +65,7 @@ static void program_finish(struct program *p, int errors)
     pell_context_destroy(&p->ctx);
 }
 
-/* Writes the patch into the program's buffers; beyond the width there is what must not count. */
+/* Writes the patch into the program's buffers; the padding beyond the width holds values that must not be used. */
 static void program_fill(struct program *p, const struct patch *patch)
 {
     float *light = pell_gpu_buffer_host(p->light);
@@ -123,7 +123,7 @@ static void program_submit(struct program *p)
     VK(p->gpu->vk.WaitSemaphores(p->gpu->device, &wait, UINT64_C(60000000000)));
 }
 
-/* A tilted plane of two materials with a hole, and light in squares. */
+/* A tilted plane of two materials with a hole, and irradiance in squares. */
 static struct patch *scene(const struct pell_frame_material *materials)
 {
     struct patch *p = patch_create(WIDTH, HEIGHT, false, 700.0, 300.0, materials, 2);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * fit_starts.c - prints src/optics/fit/starts.h: where the optimal variances of one dipole lie, as Chebyshev series of its two parameters.
- * They are found by the search that needs no table, at Chebyshev's nodes. Seconds. */
+ * fit_starts.c - prints src/optics/fit/starts.h: the optimal variances of one dipole as Chebyshev series of its two parameters. They are
+ * found at the Chebyshev nodes by the search that needs no table. Runs for seconds. */
 #include "optics/fit/starts_domain.h"
 
 #include "optics/fit/fit.h"

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Errors with shared and with own variances; false if a fit fails. */
+/* Errors with shared and with separate variances; false if a fit fails. */
 static bool fits(const struct pell_medium *m, int count, double shared[3], double own[3])
 {
     const struct pell_fit_params params = { .count = count };
@@ -67,7 +67,7 @@ static bool row_per_count(void)
     return true;
 }
 
-/* Error (10) of the exact mixture cut into k Gaussians, against 400 of them. */
+/* Error (10) of the exact mixture reduced to k Gaussians, against 400 of them. */
 static bool row_per_count_of_mixture(void)
 {
     static const double xs[] = { 0.0, 0.01, 0.1, 1.0, 10.0 };
@@ -80,7 +80,7 @@ static bool row_per_count_of_mixture(void)
             if (pell_pole_gaussians(1.0, xs[i], dense_v, dense_w, 400) != PELL_OK || pell_pole_gaussians(1.0, xs[i], v, w, k) != PELL_OK)
                 return false;
             const double percent = 100.0 * pell_gaussian_set_error(dense_v, dense_w, 400, v, w, k);
-            if (percent < 1e-5) /* the closed form holds no digits */
+            if (percent < 1e-5) /* the closed form has no significant digits */
                 printf(" | < 1e-5");
             else
                 printf(" | %.2g", percent);

@@ -12,7 +12,7 @@ static struct pell_stack_sets sets;
 static _Alignas(16) unsigned char memory[1 << 20];
 static double r[RADII], reference[RADII];
 
-/* Error (10) of what is at the radii. */
+/* Error (10) at the given radii. */
 static double error_of(const double *f)
 {
     double above = 0.0, below = 0.0;

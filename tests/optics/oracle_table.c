@@ -29,7 +29,7 @@ static struct row {
 } rows[ROWS_MAX];
 static int row_count;
 
-/* Keys of a file that are not compared, and why; "" where the program prints no reason because the key names the file's set-up. */
+/* Keys of a file that are not compared, and why; "" where no reason is printed because the key describes the file's set-up. */
 static const struct {
     const char *file, *key, *why;
 } left_out[] = {
@@ -44,7 +44,7 @@ static const struct {
     { "appendix_a", "literal_C2_at_x_0p01", "the misprint of C2 taken literally" },
     { "polynomial", "parseval", "the oracle's own check" },
     { "polynomial", "skin_layers_unit", "" },
-    { "polynomial", "unconstrained_lsq_blows_up", "a way that is not gone here" },
+    { "polynomial", "unconstrained_lsq_blows_up", "an approach that is not used here" },
     { "errata_demos", "seed001_ray_march", "single scattering along rays: no profile" },
     { "errata_demos", "seed001_eq12", "single scattering along rays: no profile" },
     { "errata_demos", "seed001_unnormalised_normal", "normal maps: no profile" },
@@ -68,7 +68,7 @@ static void note(double ours, double theirs, double scale)
     struct row *r = &rows[row_count - 1];
     const double off = fabs(ours - theirs) / scale;
     r->numbers++;
-    if (!(off <= r->worst) && !isnan(r->worst)) /* NaN stays, and fails */
+    if (!(off <= r->worst) && !isnan(r->worst)) /* NaN is kept, and fails */
         r->worst = off;
 }
 
@@ -77,7 +77,7 @@ static void relative(double ours, double theirs)
     note(ours, theirs, theirs != 0.0 ? fabs(theirs) : 1.0);
 }
 
-/* A quotient that may not exceed the tolerance. */
+/* A quotient that must not exceed the tolerance. */
 static void quotient(double ours, double theirs)
 {
     note(ours / theirs, 0.0, 1.0);
@@ -187,7 +187,7 @@ static void compare_dipole(json_t *root)
     begin("dipole", "fresnel", "Fdr exact and by both polynomials, 13 indices", "absolute", ROUNDED);
     json_array_foreach(oracle_get(root, "fresnel"), i, row)
     {
-        double eta = oracle_number(row, "eta"); /* 0.7692307692 and 0.6666666667 stand for 1/1.3 and 1/1.5 */
+        double eta = oracle_number(row, "eta"); /* 0.7692307692 and 0.6666666667 are rounded 1/1.3 and 1/1.5 */
         eta = fabs(eta - 1.0 / 1.3) < 1e-9 ? 1.0 / 1.3 : fabs(eta - 1.0 / 1.5) < 1e-9 ? 1.0 / 1.5 : eta;
         note(pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT), oracle_number(row, "Fdr_exact"), 1.0);
         note(pell_fresnel_diffuse(eta, PELL_FRESNEL_POLY3), oracle_number(row, "Fdr_poly"), 1.0);
@@ -277,29 +277,29 @@ static void compare_slabs(json_t *list)
                 relative(total[p], oracle_number(row, totals[p]));
         }
     }
-    for (int way = 0; way < 3; way++) {
+    for (int method = 0; method < 3; method++) {
         begin("multipole", "single_slabs",
-              way == 0   ? "R(r), T(r) by poles; radii are rounded"
-              : way == 1 ? "R(r), T(r) by poles without absorption (the oracle takes 801)"
-                         : "R(r), T(r) by Hankel",
-              way < 2 ? "relative" : "of f(0)",
-              way == 0   ? 5.0 * ROUNDED
-              : way == 1 ? 2e-6
-                         : 2e-9);
+              method == 0   ? "R(r), T(r) by poles; radii are rounded"
+              : method == 1 ? "R(r), T(r) by poles without absorption (the oracle takes 801)"
+                            : "R(r), T(r) by Hankel",
+              method < 2 ? "relative" : "of f(0)",
+              method == 0   ? 5.0 * ROUNDED
+              : method == 1 ? 2e-6
+                            : 2e-9);
         json_array_foreach(list, i, row)
         {
             const struct pell_stack s = slab_in(row);
             double r[64], f[2][64];
             double *const out[PELL_STACK_PARTS] = { f[0], f[1] };
             const size_t n = numbers_of(row, "r_mm", r);
-            if (way < 2 && (s.layer[0].sigma_a[0] == 0.0) != (way == 1))
+            if (method < 2 && (s.layer[0].sigma_a[0] == 0.0) != (method == 1))
                 continue;
             if (pell_stack_hankel(&s, 0, r, n, out, NULL) != PELL_OK)
                 f[0][0] = NAN;
             for (int p = 0; p < 2; p++)
                 for (size_t k = 0; k < n; k++) {
                     double sum;
-                    if (way == 2)
+                    if (method == 2)
                         note(f[p][k], oracle_at(row, hankel[p], k), oracle_at(row, hankel[p], 0));
                     else if (pell_slab_poles(&s, 0, p ? TP : RP, r[k], 1e-12, 100001, &sum, NULL) == PELL_OK)
                         relative(sum, oracle_at(row, poles[p], k));
@@ -319,7 +319,7 @@ static void compare_slabs(json_t *list)
     }
 }
 
-/* "[('slab', 2.62, 0.0041, 2.0, 1.3, 1.0), ('half', ...)]": kind, sigma_s', sigma_a, d, eta against what is above and below. */
+/* "[('slab', 2.62, 0.0041, 2.0, 1.3, 1.0), ('half', ...)]": kind, sigma_s', sigma_a, d, eta relative to the media above and below. */
 static struct pell_stack stack_in(const char *text)
 {
     struct pell_stack s = { .fresnel = PELL_FRESNEL_POLY4 };
@@ -464,7 +464,7 @@ static void compare_multipole(json_t *root)
     begin("multipole", "condition_R2R1_lt_1", "products of profiles and of transforms", "relative", 2.0 * ROUNDED);
     row = oracle_get(root, "condition_R2R1_lt_1");
     s = slab_of(0.0002, 7.38, 1.3, 1.0);
-    struct pell_stack bottom = slab_of(0.0002, 7.38, 1.3, INFINITY), top; /* the oracle's bottom has air above, and three digits */
+    struct pell_stack bottom = slab_of(0.0002, 7.38, 1.3, INFINITY), top; /* the oracle's lower side is in air, with three digits */
     double R1[1] = { NAN }, R2[1] = { NAN }, a[PELL_STACK_PARTS], b[PELL_STACK_PARTS], most = 0.0;
     double *const out1[PELL_STACK_PARTS] = { [RM] = R1 }, *const out2[PELL_STACK_PARTS] = { R2 };
     const double zero = 0.0;
@@ -765,31 +765,31 @@ static void compare_polynomial(json_t *root)
     json_t *row;
     size_t i;
     int c;
-    for (int way = 0; way < 3; way++) {
+    for (int method = 0; method < 3; method++) {
         begin("polynomial", "runs",
-              way == 0   ? "totals of R12, T12 by Hankel"
-              : way == 1 ? "totals of R12 by our Gaussians"
-                         : "error (10) of R12, ours over the oracle's by the same mixture, one by one and fast",
-              way == 2 ? "quotient" : "relative",
-              way == 0   ? ROUNDED
-              : way == 1 ? 1e-6
-                         : 1.0);
+              method == 0   ? "totals of R12, T12 by Hankel"
+              : method == 1 ? "totals of R12 by our Gaussians"
+                            : "error (10) of R12, ours over the oracle's by the same mixture, one by one and fast",
+              method == 2 ? "quotient" : "relative",
+              method == 0   ? ROUNDED
+              : method == 1 ? 1e-6
+                            : 1.0);
         json_array_foreach(oracle_get(root, "runs"), i, row)
         {
             const struct pell_stack s = case_of(text_of(row, "case"), &c);
             double total[PELL_STACK_PARTS];
             totals_of(&s, c, total);
-            if (way == 0) {
+            if (method == 0) {
                 relative(total[RP], oracle_number(row, "R12_total_hankel"));
                 if (json_object_get(row, "T12_total_hankel"))
                     relative(total[TP], oracle_number(row, "T12_total_hankel"));
                 continue;
             }
-            if (way == 2 && is(row, "method", "nnls")) /* least squares over up to 250 000 Gaussians: another way */
+            if (method == 2 && is(row, "method", "nnls")) /* least squares over up to 250 000 Gaussians: a different approach */
                 continue;
             if (pell_stack_gaussians(&s, c, NULL, memory, sizeof(memory), &sets) != PELL_OK)
                 sets.count = 0;
-            if (way == 1)
+            if (method == 1)
                 relative(pell_gaussian_set_total(sets.weight[RP], (size_t) sets.count), oracle_number(row, "R12_total_hankel"));
             else
                 quotient(sets_percent(&s, c), oracle_number(row, "R12_err_percent"));
@@ -802,7 +802,7 @@ static void compare_polynomial(json_t *root)
 enum { BATCHES = 16, CHANNELS = 36, RINGS = 22, PER_DECADE = 5 };
 #define RING_FIRST 0.01 /* mean free paths */
 
-/* Flux per photon of one channel: everything, and through rings. Ring 0 is inside RING_FIRST, the last is beyond all. */
+/* Flux per photon of one channel: total, and through rings. Ring 0 is inside RING_FIRST; the last extends to infinity. */
 struct tally {
     double alpha, eta;
     double total[2][BATCHES], ring[RINGS][BATCHES];
@@ -812,7 +812,7 @@ static struct tally tallies[CHANNELS];
 static int tally_count, batch;
 static double straight[2][BATCHES];
 static bool rings;
-static double walking_eta; /* with rings: tallies of other indices stand aside */
+static double walking_eta; /* with rings: tallies of other indices are skipped */
 
 static void leave(void *user, const struct pell_photon_exit *e)
 {
@@ -883,7 +883,7 @@ static struct pell_photon_stack medium_of_photons(double sigma_a, double sigma_s
                                         .collisions_max = 100000 };
 }
 
-/* Our photons beside a number with an error of its own, in standard errors of both. */
+/* Our photons against a number with an error of its own, in combined standard errors. */
 static void within(const double x[BATCHES], double theirs, double error)
 {
     double ours_error;
@@ -1002,29 +1002,29 @@ static void compare_radial_profiles(json_t *root)
     json_t *row;
     size_t i;
 
-    for (int way = 0; way < 2; way++) {
+    for (int method = 0; method < 2; method++) {
         begin("montecarlo", "radial_profiles",
-              way ? "rings of six media: light that the monte-carlo model misplaces"
-                  : "rings of six media by the dipole, with over 1e-6 of the light; edges of 6 digits",
-              way ? "of the total" : "relative", way ? 0.004 : 5e-5);
+              method ? "rings of six media: light that the monte-carlo model misplaces"
+                     : "rings of six media by the dipole, with over 1e-6 of the light; edges of 6 digits",
+              method ? "of the total" : "relative", method ? 0.004 : 5e-5);
         json_array_foreach(oracle_get(root, "radial_profiles"), i, row)
         {
             const struct pell_medium m = grey(oracle_number(row, "sigma_a"), oracle_number(row, "sigma_sp"), oracle_number(row, "eta"));
             static struct pell_profile p;
             double off = 0.0, all = 0.0;
-            if (way == 0)
+            if (method == 0)
                 profile_of(&m, 0, &p);
             else if (pell_profile_make(PELL_PROFILE_MONTE_CARLO, &m, 0, NULL, &p) != PELL_OK)
                 p.total = NAN;
             for (size_t k = 0; k + 1 < json_array_size(oracle_get(row, "bin_edges_mm")); k++) {
                 const double a = oracle_at(row, "bin_edges_mm", k), b = oracle_at(row, "bin_edges_mm", k + 1);
                 const double flux = p.total * (pell_profile_cdf(&p, b) - pell_profile_cdf(&p, a)), area = PELL_PI * (b * b - a * a);
-                if (way == 0 && flux > 1e-6)
+                if (method == 0 && flux > 1e-6)
                     relative(flux / area, oracle_at(row, "dipole_bin_average", k));
                 off += fabs(flux - area * oracle_at(row, "mc_R", k));
                 all += area * oracle_at(row, "mc_R", k);
             }
-            if (way == 1)
+            if (method == 1)
                 note(off / all, 0.0, 1.0);
         }
     }
@@ -1156,7 +1156,7 @@ static const struct {
     { "errata_demos", compare_errata },
 };
 
-/* Every key of a file is a row's, or left out for a reason. */
+/* Every key of a file belongs to a row, or is left out for a reason. */
 static bool accounted_for(const char *file, const char *key)
 {
     for (int i = 0; i < row_count; i++)
@@ -1275,7 +1275,7 @@ static void walk_media(uint64_t photons)
     }
 }
 
-/* In mean free paths, as the photons. */
+/* In mean free paths, as the photons are. */
 static void model_of(enum pell_profile_model model, int channel, struct pell_profile *p)
 {
     const double alpha = tallies[channel].alpha;
@@ -1357,7 +1357,7 @@ static int write_curves(const char *path)
     for (int m = 0; m < CHANNELS / 3; m++) { /* green */
         const int c = 3 * m + 1;
         fprintf(file, "medium,%s,%.6g\n", media[m]->name, tallies[c].alpha);
-        for (int model = 0; model < PELL_PROFILE_MODELS; model++) { /* light per unit of ln r */
+        for (int model = 0; model < PELL_PROFILE_MODELS; model++) { /* radiant exitance per unit of ln r */
             model_of((enum pell_profile_model) model, c, &p);
             for (double r = 0.01; r < 101.0; r *= 1.1)
                 fprintf(file, "curve,%s,%.5g,%.5g\n", pell_profile_model_at((size_t) model)->name, r,

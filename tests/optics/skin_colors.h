@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * skin_colors.h - published colours of skin, and the nearest that the spectral skin has; for test_skin and the picture of the slider. */
+ * skin_colors.h - published colours of skin, and the nearest colours of the spectral skin model; for test_skin and the figure of the
+ * slider. */
 #ifndef PELL_TEST_SKIN_COLORS_H
 #define PELL_TEST_SKIN_COLORS_H
 
@@ -58,7 +58,8 @@ enum { PUBLISHED_SKINS = 9 };
 struct published_skin {
     const char *name, *source;
     double lab[3];
-    double distance_paper, distance_thin; /* of the nearest of our colours with an epidermis of 0.25 and 0.1 mm: measured, as bounds */
+    double distance_paper,
+        distance_thin; /* distance of our nearest colour with an epidermis of 0.25 and 0.1 mm: measured, as upper bounds */
 };
 
 /* ColorChecker: sRGB 194 150 130 and 115 82 68. Jensen: the linear diffuse reflectances of skin1 and skin2, whose channels are a

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * skin_slider.c - prints the colours of docs/images/skin-slider.png, which scripts/draw_skin_slider.py draws: for an epidermis of 0.1 and
- * of 0.25 mm melanin (rows) by haemoglobin (columns), then published skins beside the nearest of ours. Linear Rec.709. */
+ * skin_slider.c - prints the colours of docs/images/skin-slider.png, which scripts/draw_skin_slider.py draws: for an epidermis of 0.1
+ * and of 0.25 mm melanin (rows) by haemoglobin (columns), then published skin colours with our nearest ones. Linear Rec.709. */
 #include "skin_colors.h"
 
 #include <stdio.h>

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * stacks.h - stacks of layers that several tests use. */
+ * stacks.h - stacks of layers shared by several tests. */
 #ifndef PELL_TEST_STACKS_H
 #define PELL_TEST_STACKS_H
 
@@ -48,7 +47,7 @@ static inline struct pell_stack skin_of(int layers)
     return s;
 }
 
-/* The whole upside down. */
+/* The stack in reverse order. */
 static inline struct pell_stack mirrored(const struct pell_stack *s)
 {
     struct pell_stack m = *s;
@@ -64,14 +63,14 @@ static inline struct pell_stack mirrored(const struct pell_stack *s)
     return m;
 }
 
-/* Deterministic numbers in (0, 1). */
+/* Deterministic pseudo-random numbers in (0, 1). */
 static inline double next_random(uint64_t *state)
 {
     *state = *state * 6364136223846793005u + 1442695040888963407u;
     return ((double) (*state >> 11) + 0.5) / 9007199254740992.0;
 }
 
-/* Anything valid: coefficients over `decades` around 1/mm, 1 to 6 layers, with or without absorption. */
+/* A random valid stack: coefficients over `decades` around 1/mm, 1 to 6 layers, with or without absorption. */
 static inline struct pell_stack random_stack(uint64_t *state, double decades)
 {
     struct pell_stack s = { .count = 1 + (int) (6.0 * next_random(state)), .fresnel = PELL_FRESNEL_EXACT };
@@ -80,7 +79,8 @@ static inline struct pell_stack random_stack(uint64_t *state, double decades)
         if (next_random(state) < 0.15)
             sa = 0.0;
         const double thickness = pow(10.0, decades * (next_random(state) - 0.5)), eta = 1.0 + next_random(state);
-        s.layer[i] = layer_of(sa, ss, eta, thickness); /* drawn one by one: compilers differ in the order of arguments */
+        s.layer[i] =
+            layer_of(sa, ss, eta, thickness); /* separate statements: compilers differ in the order in which they evaluate arguments */
         s.roughness[i] = next_random(state) < 0.2 ? next_random(state) : 0.0;
     }
     if (next_random(state) < 0.3)

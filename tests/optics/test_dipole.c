@@ -78,7 +78,7 @@ static void total_is_the_integral_of_the_profile(void **state)
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(samples); i++) {
         const struct pell_dipole d = pell_dipole_make(samples[i][0], samples[i][1], samples[i][2], PELL_FRESNEL_EXACT);
-        const double a = log(1e-9 * d.zr), b = log(1e12 * d.zr); /* without absorption 1e-12 is left outside */
+        const double a = log(1e-9 * d.zr), b = log(1e12 * d.zr); /* without absorption 1e-12 of the light lies outside */
         REQUIRE_REL(pell_integrate(shell, &d, a, b, 0.0, 1e-12, NULL), pell_dipole_total(&d), 1e-10);
     }
 }
@@ -92,7 +92,7 @@ static void cdf_is_the_integral_up_to_r(void **state)
         for (double r = 1e-7 * d.zr; r < 1e5 * d.zr; r *= 7.0) {
             const double inside = pell_integrate(shell, &d, log(1e-12 * d.zr), log(r), 0.0, 1e-12, NULL);
             const double cdf = pell_dipole_cdf(&d, r);
-            REQUIRE_REL(cdf, inside / pell_dipole_total(&d), 1e-9); /* relative, at 1e-14 of the power as well: nothing cancels */
+            REQUIRE_REL(cdf, inside / pell_dipole_total(&d), 1e-9); /* relative, also at 1e-14 of the power: no cancellation */
             REQUIRE(cdf >= last * (1.0 - 1e-15) && cdf <= 1.0);
             last = cdf;
         }

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_fit.c - sums of Gaussians fitted to dipoles: against the oracle's optima, conservation, symmetries, hostile input. */
+ * test_fit.c - sums of Gaussians fitted to dipoles: against the oracle's optima, energy conservation, symmetries, hostile input. */
 #include "oracle.h"
 
 #include "math/quadrature.h"
@@ -27,7 +26,7 @@ static double square_of_difference(double log_r, const void *arg)
     return r * r * v * v;
 }
 
-/* Error (10) by a quadrature that shares nothing with the fit. */
+/* Error (10) by a quadrature that is independent of the fit. */
 static double error_10(const struct pell_dipole *d, const struct pell_gaussians *g, int channel)
 {
     const struct pair p = { d, g, channel };
@@ -53,7 +52,8 @@ static struct pell_dipole dipole_of_row(json_t *row, double eta, enum pell_fresn
     return pell_dipole_make(oracle_number(row, "sigma_a"), oracle_number(row, "sigma_sp"), eta, model);
 }
 
-/* 36 channels x 8 counts x with and without the energy: within 1e-4 of the best known optimum, either side, where the task is 1e-3. */
+/* 36 channels x 8 counts x with and without the energy constraint: within 1e-4 of the best known optimum, above or below, where the task
+ * asks for 1e-3. */
 static void every_optimum_of_the_oracle_is_reached(void **state)
 {
     json_t *root = oracle_load("gaussians_fits.json"), *row;
@@ -168,7 +168,7 @@ static void each_gaussian_more_lowers_the_error(void **state)
                 struct pell_gaussians g;
                 struct pell_fit_report report;
                 requires_fit(&d, k, free, &g, &report);
-                REQUIRE(report.error[0] < (k == 1 ? 0.65 : 0.55) * last); /* spectralon's is the slowest */
+                REQUIRE(report.error[0] < (k == 1 ? 0.65 : 0.55) * last); /* spectralon converges slowest */
                 last = report.error[0];
             }
         }
@@ -226,7 +226,7 @@ static void all_materials_share_variances_with_a_falling_error(void **state)
                 cost += report.error[c] * report.error[c];
                 if (k <= 6)
                     REQUIRE_REL(report.error[c], error_10(&d, &g, c), 1e-4);
-                if (k == 4) { /* sharing costs something, never brings anything */
+                if (k == 4) { /* shared variances increase the error, never reduce it */
                     requires_fit(&d, k, false, &own_g, &own);
                     REQUIRE(report.error[c] >= own.error[0] * (1.0 - 1e-6));
                     REQUIRE(report.error[c] < 0.05);
@@ -312,7 +312,7 @@ static void the_scale_of_the_albedo_does_not_matter_to_the_error(void **state)
     struct pell_gaussians g, h;
     struct pell_fit_report report, other;
     (void) state;
-    dim.albedo_reduced = d.albedo_reduced * 1e-290; /* its square would not be a double any more */
+    dim.albedo_reduced = d.albedo_reduced * 1e-290; /* its square would not be a finite double */
     requires_fit(&d, 4, false, &g, &report);
     requires_fit(&dim, 4, false, &h, &other);
     REQUIRE(other.error[0] == report.error[0]);
@@ -359,7 +359,7 @@ static void black_channels_get_nothing(void **state)
     assert_int_equal(g.count, 0);
 }
 
-/* White media, for which the freest fit would give back more than fell in. */
+/* White media, for which the unconstrained fit would return more light than enters. */
 static void a_free_fit_makes_no_light(void **state)
 {
     const struct pell_medium white = { { 0.0, 1e-5, 1e-3 }, { 1.0, 2.0, 3.0 }, { 0.0, 0.0, 0.0 }, 1.3 };
@@ -381,12 +381,12 @@ static void a_free_fit_makes_no_light(void **state)
             for (int c = 0; c < 3; c++) {
                 assert_int_equal(pell_fit_profile(&R[c], &params, &own, &report), PELL_OK);
                 REQUIRE(pell_gaussians_total(&own, 0) <= 1.0 + 1e-12);
-                REQUIRE_REL(pell_gaussians_error(&own, 0, &R[c], 0.0), report.error[0], 1e-2); /* of what came out */
+                REQUIRE_REL(pell_gaussians_error(&own, 0, &R[c], 0.0), report.error[0], 1e-2); /* of the exiting light */
                 limited += pell_gaussians_total(&own, 0) > 1.0 - 1e-9;
             }
         }
     }
-    REQUIRE(limited > 0); /* or nothing was tried */
+    REQUIRE(limited > 0); /* or no search was run */
 }
 
 static void extremes_of_every_coefficient_stay_finite(void **state)
@@ -420,7 +420,7 @@ static void extremes_of_every_coefficient_stay_finite(void **state)
                 REQUIRE(isfinite(g.variance[i]) && g.variance[i] > 0.0 && isfinite(g.weight[i][c]) && g.weight[i][c] >= 0.0);
             if (!params.free_energy && g.count > 0)
                 REQUIRE_NEAR(pell_gaussians_total(&g, c), pell_dipole_total(&d),
-                             1e-12 * pell_dipole_total(&d) + PELL_PROFILE_TOTAL_MIN); /* less light than that is none */
+                             1e-12 * pell_dipole_total(&d) + PELL_PROFILE_TOTAL_MIN); /* less light than that counts as none */
         }
     }
     REQUIRE(fits > 40);
@@ -473,7 +473,7 @@ static void a_sum_of_gaussians_has_its_total_and_value(void **state)
 
 /* --- Finite ranges and any profile --------------------------------------------------------------------------------------------- */
 
-/* Fits whose integrals end at r_max, their error there and over everything; the paper's marble numbers are among them. */
+/* Fits whose integrals end at r_max, with their errors up to there and over all radii; the paper's marble numbers are among them. */
 static void fits_over_a_range_are_the_oracles(void **state)
 {
     json_t *root = oracle_load("gaussians_ranges.json"), *row;
@@ -502,7 +502,7 @@ static void fits_over_a_range_are_the_oracles(void **state)
     json_decref(root);
 }
 
-/* The table of starts may not lead elsewhere than the search: all counts, indices in and beyond the table, all albedos. */
+/* Starting from the table must reach the same optimum as the full search: all counts, indices inside and outside the table, all albedos. */
 static void starts_from_the_table_end_in_the_best_optimum(void **state)
 {
     uint64_t seed = 5;
@@ -591,7 +591,7 @@ static void profiles_that_can_not_be_fitted_are_refused(void **state)
     struct pell_fit_report report;
     (void) state;
     memset(p, 0, sizeof(p));
-    assert_int_equal(pell_fit_profiles(p, &four, &g, &report), PELL_OK); /* no light: nothing to do */
+    assert_int_equal(pell_fit_profiles(p, &four, &g, &report), PELL_OK); /* no light: nothing to fit */
     assert_int_equal(g.count, 0);
     assert_true(isnan(pell_gaussians_error(&g, 0, &p[0], 0.0)));
     const struct pell_medium m = skin1();

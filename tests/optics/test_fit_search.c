@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_fit_search.c - whether the fit's search finds the best optimum: its own descent, started from random variances, must not find a
- * better one. */
+ * test_fit_search.c - the fit's search finds the global optimum: an independent descent from random variances must not find a better
+ * one. */
 #include "pell_test.h"
 #include "slow.h"
 
@@ -127,7 +126,7 @@ static void jacobian_is_the_derivative_of_the_residuals(void **state)
         pell_fit_residuals(&w, rows, count, x, f[0], jac, rows, 2);
         for (int i = 0; i < count; i++) {
             const double at = x[i], h = 1e-5;
-            bool same = true; /* a weight that leaves or meets 0 between the two points makes a kink */
+            bool same = true; /* a weight that becomes or ceases to be 0 between the two points makes the derivative discontinuous */
             for (int s = 0; s < 2; s++) {
                 x[i] = at + (s ? h : -h);
                 pell_fit_residuals(&w, rows, count, x, f[1 + s], NULL, 0, 1);

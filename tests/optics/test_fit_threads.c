@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_fit_threads.c - fits in several threads at once share nothing. */
+ * test_fit_threads.c - concurrent fits in several threads have no shared state. */
 #include "pell_test.h"
 
 #include <pellucid/optics.h>

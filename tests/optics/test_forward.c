@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_forward.c - light that is scattered forward: the exponential of beams against discrete ordinates, and how much of a beam is left
- * against photons. */
+ * test_forward.c - forward scattering: the exponential attenuation of beams against discrete ordinates, and the fraction of a beam that
+ * remains against photons. */
 #include "pell_test.h"
 #include "random.h"
 
@@ -24,7 +24,8 @@ static struct pell_medium medium_of(double sigma_a, double sigma_s, double g)
     return m;
 }
 
-/* Largest growth of psi = sigma_s/(sigma_t - k mu) Int p psi by power iteration, p over azimuths by Legendre's polynomials. */
+/* Largest eigenvalue of psi = sigma_s/(sigma_t - k mu) Int p psi by power iteration, with p averaged over azimuths by Legendre
+ * polynomials. */
 static double growth(double sigma_t, double sigma_s, double g, double k)
 {
     double mu[NODES], weight[NODES], legendre[NODES][NODES], psi[NODES], grown = 0.0;
@@ -93,10 +94,10 @@ static struct pell_vec3 scattered(struct pell_vec3 w, double g, uint64_t *state)
 }
 
 enum { RADII = 4, PHOTONS = 100000 };
-static const double radii[RADII] = { 1.0, 2.0, 5.0, 10.0 }; /* over the reduced mean free path */
+static const double radii[RADII] = { 1.0, 2.0, 5.0, 10.0 }; /* relative to the reduced mean free path */
 #define AHEAD 0.7                                           /* least cosine to the beam */
 
-/* Share of a beam that crosses spheres around its start, ahead, and was scattered. */
+/* Fraction of a beam that crosses spheres around its start in the forward direction, after scattering. */
 static void shoot(double sigma_a, double sigma_s, double g, double sum[RADII])
 {
     const double unit = 1.0 / (sigma_a + sigma_s * (1.0 - g));
@@ -157,8 +158,8 @@ static void beams_are_as_strong_as_photons_say(void **state)
 enum { ANGLES = 5 };
 static const double angles[ANGLES + 1] = { 0.0, 10.0, 20.0, 30.0, 45.0, 80.0 }; /* degrees to the beam */
 
-/* Share of a broad beam at the cosine `enters` to the normal of a slab `thick` mm thick, without a boundary, that goes through at each
- * angle and was scattered. */
+/* Fraction of a broad beam, entering at the cosine `enters` to the normal of a slab `thick` mm thick without a boundary, that is
+ * transmitted per angle after scattering. */
 static void pass_slab(double sigma_a, double sigma_s, double g, double enters, double thick, double sum[ANGLES])
 {
     const struct pell_vec3 beam = vec3((float) sqrt(1.0 - enters * enters), 0, (float) enters);
@@ -184,8 +185,8 @@ static void pass_slab(double sigma_a, double sigma_s, double g, double enters, d
     }
 }
 
-/* The same by the law. */
-static double pass_law(const struct pell_forward *f, double enters, double thick, double from, double to)
+/* The same by the analytic model. */
+static double model_transmittance(const struct pell_forward *f, double enters, double thick, double from, double to)
 {
     enum { RINGS = 60, SECTORS = 40 };
     const double sine = sqrt(1.0 - enters * enters), step = (to - from) / RINGS;
@@ -223,12 +224,13 @@ static void broad_beams_are_what_goes_through_slabs(void **state)
             REQUIRE(pell_forward_make(&m, &f));
             pass_slab(a, s, g, enters, thick * unit, photons);
             for (int k = 0; k < ANGLES; k++) {
-                const double law = pass_law(&f, enters, thick * unit, angles[k] * PELL_PI / 180.0, angles[k + 1] * PELL_PI / 180.0);
+                const double model =
+                    model_transmittance(&f, enters, thick * unit, angles[k] * PELL_PI / 180.0, angles[k + 1] * PELL_PI / 180.0);
                 print_message("# medium %zu, %g mean free paths at %.2f, %2.0f degrees: %.2f of %.2g\n", i, thick, enters, angles[k],
-                              law / photons[k], photons[k]);
-                REQUIRE(law > (thick > 1.5 ? 0.66 : 0.8) * photons[k] && law < 1.16 * photons[k]);
+                              model / photons[k], photons[k]);
+                REQUIRE(model > (thick > 1.5 ? 0.66 : 0.8) * photons[k] && model < 1.16 * photons[k]);
                 all += photons[k];
-                sum += law;
+                sum += model;
             }
             REQUIRE(sum > (thick > 1.5 ? 0.8 : 0.9) * all && sum < 1.05 * all);
         }

@@ -64,7 +64,7 @@ static double integrand(double mu, const void *eta)
     return 2.0 * mu * pell_fresnel(*(const double *) eta, mu);
 }
 
-/* Both sides by quadrature, from the angle-dependent reflectance; the critical angle is a point of division. */
+/* Both directions by quadrature of the angle-dependent reflectance; the critical angle is a point of division. */
 static void diffuse_average_is_the_integral_over_angles(void **state)
 {
     (void) state;
@@ -82,7 +82,7 @@ static void diffuse_average_rises_with_the_index(void **state)
 {
     double in = 0.0, out = 0.0;
     (void) state;
-    for (double n = 1.0 + 1e-6; n < 4.0; n += 1e-3) { /* crosses from quadrature to closed form at 1.05 */
+    for (double n = 1.0 + 1e-6; n < 4.0; n += 1e-3) { /* switches from quadrature to closed form at 1.05 */
         REQUIRE(pell_fresnel_diffuse(n, PELL_FRESNEL_EXACT) > in);
         REQUIRE(pell_fresnel_diffuse(1.0 / n, PELL_FRESNEL_EXACT) > out);
         in = pell_fresnel_diffuse(n, PELL_FRESNEL_EXACT);
@@ -98,7 +98,7 @@ static void oracle_rows(void **state)
     (void) state;
     json_array_foreach(oracle_get(root, "fresnel"), i, row)
     {
-        double eta = oracle_number(row, "eta"); /* 0.7692307692 and 0.6666666667 stand for 1/1.3 and 1/1.5 */
+        double eta = oracle_number(row, "eta"); /* 0.7692307692 and 0.6666666667 are rounded 1/1.3 and 1/1.5 */
         eta = fabs(eta - 1.0 / 1.3) < 1e-9 ? 1.0 / 1.3 : fabs(eta - 1.0 / 1.5) < 1e-9 ? 1.0 / 1.5 : eta;
         const double exact = oracle_number(row, "Fdr_exact"), f = pell_fresnel_diffuse(eta, PELL_FRESNEL_EXACT);
         const double p3 = pell_fresnel_diffuse(eta, PELL_FRESNEL_POLY3);
@@ -123,7 +123,8 @@ static void polynomials_are_within_a_thousandth_of_the_integral(void **state)
     }
 }
 
-/* Over all indices that a medium may have; as they stand they exceed 1 from 3.8 on, and the dipole's virtual source would lie above. */
+/* Over all indices that a medium may have; unclamped, the polynomials exceed 1 from 3.8 on, and the dipole's virtual source would lie
+ * above. */
 static void polynomials_never_reflect_more_than_all(void **state)
 {
     (void) state;
@@ -137,8 +138,8 @@ static void polynomials_never_reflect_more_than_all(void **state)
     REQUIRE(isnan(pell_fresnel_diffuse((double) NAN, PELL_FRESNEL_POLY4)));
 }
 
-/* 2 Int albedo mu dmu of GGX facets under Fresnel's F by midpoints over two hemispheres, f itself and nothing of the library's rule: for
- * roughnesses whose lobe is wide enough for that. */
+/* 2 Int albedo mu dmu of GGX facets with Fresnel's F by midpoints over two hemispheres of the BRDF itself, independent of the library's
+ * rule: for roughnesses whose lobe is wide enough for that. */
 static double brute_rough(double n, double roughness)
 {
     const int cosines = 160, turns = 96;
@@ -171,7 +172,7 @@ static void rough_boundary_is_the_integral_over_its_facets(void **state)
     print_message("# largest error of a rough boundary %.2g\n", worst);
 }
 
-/* The table that lobes are drawn with, whose F is Schlick's, has the same mean to what Schlick's F errs by. */
+/* The table that specular lobes use, whose F is Schlick's, has the same mean up to the error of Schlick's approximation. */
 static void rough_boundary_agrees_with_the_drawn_lobe(void **state)
 {
     struct pell_specular_table table;
@@ -196,7 +197,7 @@ static void rough_boundary_has_the_right_limits(void **state)
         for (int k = 0; k <= 50; k++) {
             const double rho = pell_fresnel_diffuse_rough(n, k / 50.0);
             REQUIRE(rho >= 0.0 && rho <= smooth && rho <= last + 4e-5); /* facets that face the light reflect less */
-            if (n >= 1.0)                                               /* what enters diffusely and what leaves are in balance */
+            if (n >= 1.0)                                               /* diffuse entry and exit are in balance (reciprocity) */
                 REQUIRE_NEAR((1.0 - rho) * n * n, 1.0 - pell_fresnel_diffuse_rough(1.0 / n, k / 50.0), 1e-12);
             last = rho;
         }

@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: MIT
- *
  * test_gaussians.c - sums of Gaussians without a fit: appendix A, the exact mixture of a pole, sets and their reduction. */
 #include "oracle.h"
 
@@ -43,7 +42,7 @@ static void the_scaled_error_function_has_its_values(void **state)
     REQUIRE_NEAR(pell_erfcx(0.0), 1.0, 0.0);
     REQUIRE_REL(pell_erfcx(1.0), 0.42758357615580700, 1e-14); /* Abramowitz and Stegun 7.1.5, exp(1) erfc(1) */
     REQUIRE_REL(pell_erfcx(25.0), pell_erfcx(24.999999), 1e-7);
-    for (double x = 19.0; x < 26.0; x += 0.25) /* both ways, while the direct one lives */
+    for (double x = 19.0; x < 26.0; x += 0.25) /* both evaluations, while the direct one does not overflow */
         REQUIRE_REL(pell_erfcx(x), exp(x * x) * erfc(x), 1e-12);
     REQUIRE_REL(pell_erfcx(1e8), 1e-8 / sqrt(PELL_PI), 1e-14);
 }
@@ -79,7 +78,7 @@ static void appendix_a_is_the_oracles(void **state)
     assert_int_equal(i, 17);
     json_array_foreach(oracle_get(root, "dipole_eta1_3"), i, row)
     {
-        /* the oracle's dipoles take the best C from a table over x, by interpolation */
+        /* the oracle's dipoles interpolate the best C from a table over x */
         static const char *const errors[] = { "err_percent_printed", "err_percent_best_C_free", "err_percent_best_C_constrained" };
         const double alpha = oracle_number(row, "alpha");
         const struct pell_dipole d = pell_dipole_make(1.0 - alpha, alpha, 1.3, PELL_FRESNEL_POLY3);
@@ -143,7 +142,7 @@ static void the_mixture_on_given_variances_keeps_energy_and_moment(void **state)
         for (int j = 0; j < N; j++)
             REQUIRE(w[j] >= 0.0);
         REQUIRE_REL(pell_gaussian_set_total(w, N), 0.5 * exp(-xs[i]), 1e-12);
-        /* Int w dv and Int v w dv: below the first and above the last all counts at these variances */
+        /* Int w dv and Int v w dv: everything below the first and above the last counts at these variances */
         const double below = pell_integrate(mixing_density, &xs[i], low - 12.0, low, 0.0, 1e-12, NULL);
         const double inside = pell_integrate(mixing_density, &xs[i], low, high, 0.0, 1e-12, NULL);
         const double moment = pell_integrate(mixing_moment, &xs[i], low, high, 0.0, 1e-12, NULL) + below * v[0] +
@@ -225,7 +224,7 @@ static void reduction_keeps_energy_and_moment(void **state)
     }
     const double error = pell_gaussian_set_error(v, w, 60, target, out, 40);
     REQUIRE(error < 0.03);
-    pell_gaussian_set_reduce(v, w, 60, v, 40, out); /* targets of its own: the first 39 are untouched, the rest is on the last */
+    pell_gaussian_set_reduce(v, w, 60, v, 40, out); /* given targets: the first 39 are unchanged, the rest is merged into the last */
     for (size_t j = 0; j < 39; j++)
         REQUIRE(out[j] == w[j]);
     REQUIRE_REL(pell_gaussian_set_total(out, 40), pell_gaussian_set_total(w, 60), 1e-14);
@@ -263,7 +262,7 @@ static void hostile_numbers_are_refused(void **state)
     assert_int_equal(pell_pole_gaussians(1.0, 1.0, v, w, 0), PELL_ERR_INVALID);
     assert_int_equal(pell_pole_appendix_a(1.0, 1.0, (enum pell_appendix_a) 3, v, w), PELL_ERR_INVALID);
     assert_int_equal(pell_gaussian_set_targets(v, w, 0, target, 4), PELL_ERR_INVALID);
-    for (double s = 1e-300; s < 1e6; s *= 1e4) { /* far past where anything is left, nothing is NaN */
+    for (double s = 1e-300; s < 1e6; s *= 1e4) { /* far beyond the light's reach, no result is NaN */
         assert_int_equal(pell_pole_gaussians(1.0, s, v, w, 4), PELL_OK);
         for (int k = 0; k < 4; k++)
             REQUIRE(isfinite(v[k]) && isfinite(w[k]) && v[k] > 0.0);

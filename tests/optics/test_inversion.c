@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_inversion.c - colours to coefficients: closed maps and how far they are from transport, the numeric inversion, radii. */
+ * test_inversion.c - colours to coefficients: closed albedo maps and their distance from transport, the numeric inversion, radii. */
 #include "oracle.h"
 
 #include "math/vec.h"
@@ -8,7 +7,7 @@
 #include <pellucid/inversion.h>
 #include <pellucid/phase.h>
 
-/* What the header says. */
+/* The errors that the header states. */
 #define HULST_ERROR 0.0025
 #define HULST_ERROR_FORWARD 0.007
 #define HULST_ERROR_BACKWARD 0.022
@@ -42,7 +41,7 @@ static void maps_invert_themselves(void **state)
     REQUIRE_NEAR(pell_albedo_map_invert(PELL_ALBEDO_CHIANG, 1.0, 1.0), 1.0 - exp(-6.80023), 1e-12);
 }
 
-/* The form in print (Kulla and Conty 2017, the glTF draft, OpenPBR) has 6 digits of the inverse of van de Hulst's fraction. */
+/* The published form (Kulla and Conty 2017, the glTF draft, OpenPBR) has 6 digits of the inverse of van de Hulst's fraction. */
 static void van_de_hulst_is_the_formula_in_print(void **state)
 {
     (void) state;
@@ -101,7 +100,7 @@ static double rng(uint64_t *s)
 enum { ALBEDOS = 6 };
 static const double albedos[ALBEDOS] = { 0.3, 0.5, 0.7, 0.85, 0.95, 0.98 };
 
-/* The same by photons, with Henyey-Greenstein's phase function: a photon that leaves after n collisions counts alpha^n. */
+/* The same by photons, with the Henyey-Greenstein phase function: a photon that leaves after n collisions has weight alpha^n. */
 static void walk(double g, int photons, double color[ALBEDOS])
 {
     const struct pell_phase phase = { PELL_PHASE_HENYEY_GREENSTEIN, { g }, 0.0 };
@@ -127,7 +126,8 @@ static void walk(double g, int photons, double color[ALBEDOS])
             }
             for (int k = 0; k < ALBEDOS; k++)
                 weight[k] *= alpha[k];
-            const double xi2 = rng(&seed), xi1 = rng(&seed); /* one by one: compilers differ in the order of arguments */
+            const double xi2 = rng(&seed),
+                         xi1 = rng(&seed); /* separate statements: compilers differ in the order in which they evaluate arguments */
             pell_phase_sample(&phase, xi1, xi2, back, w);
         }
     }
@@ -142,7 +142,7 @@ static void photons_find_the_exact_solution(void **state)
         REQUIRE_NEAR(color[k], uniform_light(albedos[k]), 0.01); /* 3 sigma */
 }
 
-/* The errors that pellucid/inversion.h states, and no less than half of them: the numbers there are measurements. */
+/* The errors stated in pellucid/inversion.h are upper bounds, and at most twice the measured errors. */
 static void maps_err_by_what_the_header_says(void **state)
 {
     static const double gs[] = { -0.8, -0.4, 0.4, 0.8 };
@@ -175,7 +175,7 @@ static void maps_err_by_what_the_header_says(void **state)
     REQUIRE(chiang_end < CHIANG_ERROR_WHITE && chiang_end > 0.5 * CHIANG_ERROR_WHITE);
 }
 
-/* 33 media with a boundary, eta 1.3: what the maps say of them, which know of no boundary, and the dipole's, which is the oracle's. */
+/* 33 media with a boundary, eta 1.3: the maps' albedos, which ignore the boundary, and the dipole's, which is the oracle's. */
 static void maps_against_the_oracles_photons(void **state)
 {
     json_t *root = oracle_load("montecarlo.json"), *row;
@@ -242,7 +242,7 @@ static void every_model_returns_its_colour(void **state)
                 double albedo;
                 const enum pell_result res =
                     pell_albedo_of_color((enum pell_profile_model) model, NULL, color, g, etas[e], &albedo, &fault);
-                if (res == PELL_ERR_INVALID) { /* brighter than the model can be */
+                if (res == PELL_ERR_INVALID) { /* brighter than the model allows */
                     assert_string_equal(fault.field, "color");
                     REQUIRE(fault.value == color && fault.max < color);
                     continue;
@@ -313,7 +313,7 @@ static void looks_come_back(void **state)
                     struct pell_medium_fault fault;
                     const enum pell_result res =
                         pell_medium_from_color_and_radius(&look, (enum pell_profile_model) models[model], NULL, &m, &fault);
-                    if (res == PELL_ERR_INVALID) { /* next to white a short diffuse mean free path wants more than PELL_SIGMA_MAX */
+                    if (res == PELL_ERR_INVALID) { /* close to white a short diffuse mean free path requires more than PELL_SIGMA_MAX */
                         REQUIRE(kind == PELL_SCATTER_RADIUS_DIFFUSE && radii[r] < 0.01 && fault.value < fault.min && fault.min < 0.01);
                         continue;
                     }
@@ -338,7 +338,7 @@ static double extinction(const struct pell_medium *m, int c)
     return m->sigma_a[c] + m->sigma_s_reduced[c] / (1.0 - m->g[c]);
 }
 
-/* Each program's own words, in its own quantities. */
+/* The parameters of other programs, in their own terms and quantities. */
 static void radii_of_other_programs_keep_their_meaning(void **state)
 {
     (void) state;
@@ -368,7 +368,7 @@ static void radii_of_other_programs_keep_their_meaning(void **state)
                 assert_int_equal(pell_profile_make(PELL_PROFILE_MONTE_CARLO, &m, c, NULL, &profile), PELL_OK);
                 REQUIRE_REL(pell_profile_mean_radius(&profile), r, 1e-6);
             }
-            if (kind == PELL_SCATTER_RADIUS_CYCLES_SKIN) { /* the dipole's total at a is the colour */
+            if (kind == PELL_SCATTER_RADIUS_CYCLES_SKIN) { /* the dipole's total at a equals the colour */
                 const double rest = pow(1.0 / (sigma_t * (1.0 - g) * r), 2.0), f = pell_fresnel_diffuse(look.eta, PELL_FRESNEL_POLY3);
                 const double A43 = 4.0 / 3.0 * (1.0 + f) / (1.0 - f), root = sqrt(rest);
                 REQUIRE_NEAR(0.5 * (1.0 - rest / 3.0) * (1.0 + exp(-A43 * root)) * exp(-root), A, 1e-9);
@@ -429,9 +429,9 @@ static void what_is_out_of_range_is_named(void **state)
                 const bool fine =
                     (field == 1 && odd[i] == 1.0 + 1e-15) || (field == 2 && odd[i] == -1e-300) || (field == 3 && odd[i] == 1.0 + 1e-15);
                 *at[field] = odd[i];
-                for (int way = 0; way < 2; way++) {
-                    const enum pell_result res = way ? pell_medium_from_map(&look, PELL_ALBEDO_CHIANG, &m, &fault)
-                                                     : pell_medium_from_color_and_radius(&look, PELL_PROFILE_DIPOLE, NULL, &m, &fault);
+                for (int from_map = 0; from_map < 2; from_map++) {
+                    const enum pell_result res = from_map ? pell_medium_from_map(&look, PELL_ALBEDO_CHIANG, &m, &fault)
+                                                          : pell_medium_from_color_and_radius(&look, PELL_PROFILE_DIPOLE, NULL, &m, &fault);
                     assert_int_equal(res, fine ? PELL_OK : PELL_ERR_INVALID);
                     if (fine)
                         continue;

@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: MIT
- *
  * test_kernel.c - taps, separable kernels and lookup tables of profiles. */
 #include "pell_test.h"
 
@@ -7,7 +6,7 @@
 
 #include <pellucid/optics.h>
 
-/* A profile from a sum of Gaussians, as the library tabulates any R(r). */
+/* A profile from a sum of Gaussians, which the library tabulates like any R(r). */
 static void tabulate(double (*f)(double r), double r_max, struct pell_profile *p)
 {
     enum { N = 400 };
@@ -58,7 +57,7 @@ static void taps_have_their_sum_and_variance(void **state)
             REQUIRE_NEAR(sum, 1.0, 1e-14);
             REQUIRE_REL(moment, variance, 1e-13);
         }
-    /* the response to a wave is the Gaussian's, exp(-v k^2/2), to what 13 taps hold */
+    /* the response to a wave is the Gaussian's, exp(-v k^2/2), to the accuracy of 13 taps */
     assert_int_equal(pell_kernel_gaussian_taps(4.0, 13, x, w), PELL_OK);
     for (double k = 0.0; k < 1.5; k += 0.1) {
         double sum = 0.0;
@@ -85,11 +84,11 @@ static void a_chain_gives_back_the_weights(void **state)
     for (int i = 0; i < g->count; i++) {
         v += chain.step_mm2[i];
         REQUIRE_REL(v, g->variance[i], 1e-14);
-        for (int c = 0; c < 3; c++) { /* the share of blur i that the later blends leave */
-            double share = chain.total[c] * chain.blend[i][c];
+        for (int c = 0; c < 3; c++) { /* the fraction of blur i that the later blends keep */
+            double fraction = chain.total[c] * chain.blend[i][c];
             for (int j = i + 1; j < g->count; j++)
-                share *= 1.0 - chain.blend[j][c];
-            REQUIRE_NEAR(share, g->weight[i][c], 1e-14);
+                fraction *= 1.0 - chain.blend[j][c];
+            REQUIRE_NEAR(fraction, g->weight[i][c], 1e-14);
         }
     }
     struct pell_gaussians bad = *g;
@@ -125,8 +124,8 @@ static void a_gaussian_is_separable(void **state)
     REQUIRE_REL(sum * sum, s.total[1], 1e-12);
 }
 
-/* A sum of two Gaussians is a kernel of rank two: the third adds nothing, and the first alone errs by what the eigenvalues of the Gram
- * matrix of the two say. */
+/* A sum of two Gaussians is a kernel of rank two: the third term adds nothing, and the error of the first alone follows from the
+ * eigenvalues of the Gram matrix of the two. */
 static void ranks_of_two_gaussians(void **state)
 {
     struct pell_profile p[3];
@@ -244,7 +243,7 @@ static void a_sphere_that_is_large_is_lambert_and_a_small_one_is_uniform(void **
         if (fabs(c) > 0.1)
             REQUIRE_NEAR((double) texel[i], total * fmax(c, 0.0), 2e-3);
     }
-    /* curvature brings light past the terminator: the mean of max(cos, 0) around the circle is 1/pi */
+    /* curvature extends light beyond the terminator: the mean of max(cos, 0) around the circle is 1/pi */
     for (double curvature = 0.01; curvature < 2000.0; curvature *= 10.0) {
         assert_int_equal(pell_kernel_table_sphere(&p, curvature, texel, 64, 1), PELL_OK);
         const double range = (double) texel[63] - (double) texel[0];

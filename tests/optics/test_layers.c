@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_layers.c - stacks by the Hankel solver: the oracle's, and laws that hold for all. */
+ * test_layers.c - stacks by the Hankel solver: against the oracle, and conservation, symmetry and scaling laws. */
 #include "stacks.h"
 
 #include "math/vec.h"
@@ -117,7 +116,7 @@ static void oracle_skin(void **state)
     print_message("# max difference, skin: %.1e of R(0)\n", worst);
 }
 
-/* Light inside 0.1, 0.3, 1 and 3 mm. */
+/* Light inside radii of 0.1, 0.3, 1 and 3 mm. */
 static void oracle_gpu_gems(void **state)
 {
     static const double radii[4] = { 0.1, 0.3, 1.0, 3.0 };
@@ -139,7 +138,7 @@ static void oracle_gpu_gems(void **state)
             }
         REQUIRE(pell_stack_profile(&s, c, RP, &p, NULL) == PELL_OK);
         REQUIRE_REL(pell_profile_total(&p), oracle_number(row, "hankel_total"), ROUNDED);
-        for (size_t k = 0; k < 4; k++) { /* the oracle's own sums are good to 2e-3: they exceed 1 */
+        for (size_t k = 0; k < 4; k++) { /* the oracle's own sums are accurate to 2e-3: they exceed 1 */
             const double said = oracle_at(row, "cumulative_power_r_0p1_0p3_1_3_hankel", k);
             REQUIRE_NEAR(pell_profile_cdf(&p, radii[k]), said, 2.5e-3);
             worst = fmax(worst, fabs(pell_profile_cdf(&p, radii[k]) - said));
@@ -176,12 +175,12 @@ static void oracle_splitting(void **state)
     json_decref(root);
 }
 
-/* The product of profiles exceeds 1 where the series converges all the same: the condition is on transforms. */
+/* The product of profiles exceeds 1 although the series converges: the condition applies to the transforms. */
 static void oracle_condition(void **state)
 {
     json_t *root = oracle_load("multipole.json"), *row = oracle_get(root, "condition_R2R1_lt_1");
     struct pell_stack s = slab_of(0.0002, 7.38, 1.3, 1.0), top;
-    struct pell_stack bottom = slab_of(0.0002, 7.38, 1.3, INFINITY); /* the oracle's has air above, and three digits */
+    struct pell_stack bottom = slab_of(0.0002, 7.38, 1.3, INFINITY); /* the oracle's lower side is in air, with three digits */
     double R1[1], R2[1], a[PELL_STACK_PARTS], b[PELL_STACK_PARTS], most = 0.0;
     const double zero = 0.0;
     double *const out1[PELL_STACK_PARTS] = { [PELL_STACK_R_MINUS] = R1 }, *const out2[PELL_STACK_PARTS] = { R2 };
@@ -245,7 +244,7 @@ static void mirrored_swaps_sides(void **state)
     }
 }
 
-/* Any valid stack: finite, within [0, 1], less light the higher the frequency, and a profile that holds the total. */
+/* Any valid stack: finite, within [0, 1], decreasing with frequency, and a profile whose integral is the total. */
 static void any_stack(void **state)
 {
     static struct pell_profile p;
@@ -283,7 +282,7 @@ static void any_stack(void **state)
     REQUIRE(thin > 50 && clear > 20 && widened > 20);
 }
 
-/* The same material in other units: lengths times u, coefficients by u. */
+/* The same material in other units: lengths times u, coefficients divided by u. */
 static void units_cancel(void **state)
 {
     const double unit[3] = { 0.1, 10.0, 1e-3 };
@@ -309,7 +308,7 @@ static void units_cancel(void **state)
     }
 }
 
-/* The profile's nodes and the solver say the same. */
+/* The profile's nodes and the solver agree. */
 static void profile_is_the_transform(void **state)
 {
     static struct pell_profile p;
@@ -375,7 +374,7 @@ static void refused(void **state)
     }
     REQUIRE(pell_stack_profile(&s, 3, RP, &p, NULL) == PELL_ERR_INVALID && p.total == 0.0);
     REQUIRE(pell_stack_profile(&s, 0, PELL_STACK_PARTS, &p, NULL) == PELL_ERR_INVALID);
-    REQUIRE(pell_stack_profile(&s, 0, TP, &p, NULL) == PELL_OK && p.total == 0.0); /* a half-space lets nothing through */
+    REQUIRE(pell_stack_profile(&s, 0, TP, &p, NULL) == PELL_OK && p.total == 0.0); /* a half-space transmits nothing */
     s.layer[0].thickness = 0.0;
     REQUIRE(pell_stack_profile(&s, 0, RP, &p, NULL) == PELL_ERR_INVALID);
 }

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_layers_gaussians.c - stacks by the algebra of Gaussians, against the Hankel solver, the oracle and laws. */
+ * test_layers_gaussians.c - stacks by the algebra of Gaussians, against the Hankel solver, the oracle and conservation laws. */
 #include "stacks.h"
 
 #include "math/vec.h"
@@ -64,7 +63,7 @@ static struct pell_stack case_of(const char *name, int *channel)
     return s;
 }
 
-/* Totals; and by default an error below all of the oracle's by the same mixture. */
+/* Totals; and with default settings an error below all errors of the oracle with the same mixture. */
 static void oracle_polynomial(void **state)
 {
     json_t *root = oracle_load("polynomial.json"), *row;
@@ -100,7 +99,7 @@ static void oracle_polynomial(void **state)
 
 /* --- Solvers against each other ----------------------------------------------------------------------------------------------------- */
 
-/* One slab: nothing but the mixture and its quadrature. */
+/* One slab: only the mixture and its quadrature. */
 static void slab_is_its_mixture(void **state)
 {
     const double of[4][3] = { { 0.0041, 2.62, 5.0 }, { 0.1, 1.0, 1.5 }, { 1.0, 1.0, 3.0 }, { 0.0, 2.0, 2.0 } };
@@ -114,7 +113,7 @@ static void slab_is_its_mixture(void **state)
     }
 }
 
-/* The error falls as block^-2: what falls between two powers is spread over both. */
+/* The error falls as block^-2: variances between two powers are distributed over both. */
 static void error_over_block(void **state)
 {
     const struct pell_stack s = skin_of(2);
@@ -131,7 +130,7 @@ static void error_over_block(void **state)
     REQUIRE(before < 2e-5);
 }
 
-/* ... and with the narrow Gaussian's variance, until the quadrature is all there is. */
+/* ... and with the narrow Gaussian's variance, until the quadrature error dominates. */
 static void error_over_variance(void **state)
 {
     const struct pell_stack s = skin_of(2);
@@ -146,7 +145,7 @@ static void error_over_variance(void **state)
     }
 }
 
-/* Three layers of skin in RGB and back again: all parts by all solvers. The upper dermis is thinner than its mean free path. */
+/* Three layers of skin in RGB and in reverse order: all components by all solvers. The upper dermis is thinner than its mean free path. */
 static void skin_by_all_solvers(void **state)
 {
     (void) state;
@@ -173,7 +172,8 @@ static void skin_by_all_solvers(void **state)
     }
 }
 
-/* A set as a profile is the set, signed weights and all; where these sum to less than 0, far out, scaling takes up to 1 % elsewhere. */
+/* A set as a profile equals the set, including signed weights; where these sum to less than 0, far out, scaling takes up to 1 %
+ * elsewhere. */
 static void profiles_of_signed_sets(void **state)
 {
     static struct pell_profile p;
@@ -197,7 +197,7 @@ static void profiles_of_signed_sets(void **state)
         }
 }
 
-/* Figure 12 of d'Eon et al. 2007: the spectral skin at 500 nm; epidermis, dermis and both, three ways. */
+/* Figure 12 of d'Eon et al. 2007: the spectral skin at 500 nm; epidermis, dermis and both, by three solvers. */
 static void figure_12(void **state)
 {
     const struct pell_skin skin = pell_skin_default();
@@ -226,7 +226,7 @@ static void figure_12(void **state)
 
 /* --- Laws --------------------------------------------------------------------------------------------------------------------------- */
 
-/* Any valid stack: weights finite and >= 0, their sum the closed total less than what the series may lose, light not made. */
+/* Any valid stack: weights finite and >= 0, their sum equals the closed total minus at most the series' tolerance; no energy is gained. */
 static void any_stack(void **state)
 {
     uint64_t seed = 5;
@@ -266,7 +266,7 @@ static void mirrored_swaps_sides(void **state)
         }
 }
 
-/* The series loses what it is allowed to. */
+/* The series loses no more than its tolerance. */
 static void energy_loss_is_kept(void **state)
 {
     struct pell_stack s = slab_of(0.0, 5.0, 1.5, 4.0);
@@ -288,7 +288,7 @@ static void energy_loss_is_kept(void **state)
     REQUIRE(before > 4);
 }
 
-/* R+ alone is the same R+. */
+/* R+ alone equals the R+ of the full solution. */
 static void reflectance_alone(void **state)
 {
     struct pell_stack s = skin_of(3);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_materials.c - the built-in table against the published numbers, the ranges of media, mean free paths, and the table of fit
- * errors in src/optics/README.md. */
+ * test_materials.c - the built-in table against the published numbers, the ranges of media, mean free paths, and the table of fit errors
+ * in src/optics/README.md. */
 #include "oracle.h"
 
 static void every_entry_is_valid_named_and_in_order(void **state)
@@ -53,7 +52,7 @@ static void unknown_names_are_not_found(void **state)
     assert_null(pell_material_find(NULL));
 }
 
-/* Bit by bit: generation and compilation round nothing; weights are scaled to a sum of one. */
+/* Bit-identical: generation and compilation round nothing; weights are scaled to a sum of one. */
 static void the_table_is_the_files_of_data(void **state)
 {
     (void) state;
@@ -87,7 +86,8 @@ static void the_table_is_the_files_of_data(void **state)
     }
 }
 
-/* The coefficients from which the oracle computed its dipoles, typed in there from other copies of the table, all of them with eta 1.3. */
+/* The coefficients from which the oracle computed its dipoles, entered there independently from other copies of the table, all with eta
+ * 1.3. */
 static void measured_coefficients_are_jensens(void **state)
 {
     json_t *root = oracle_load("dipole.json"), *row;
@@ -111,7 +111,7 @@ static void measured_coefficients_are_jensens(void **state)
 }
 
 /* A public copy of the table has the absorption of both chickens ten times too small in red, and another one lacks digits of apple:
- * spelt out here, so that no source is taken for another. */
+ * listed here, so that the correct source is used. */
 static void known_slips_of_other_presets_are_not_here(void **state)
 {
     (void) state;
@@ -119,7 +119,7 @@ static void known_slips_of_other_presets_are_not_here(void **state)
     REQUIRE(pell_material_find("chicken2")->medium.sigma_a[0] == 0.018);
     REQUIRE(pell_material_find("apple")->medium.sigma_a[1] == 0.0034);
     REQUIRE(pell_material_find("marble")->medium.sigma_a[2] == 0.0071);
-    /* Milk is white: the reduced coefficients of other tables taken for plain ones, or the reverse, would make it grey or jelly. */
+    /* Milk is white: reduced coefficients of other tables taken for unreduced ones, or the reverse, would make it grey or gelatinous. */
     REQUIRE_NEAR(pell_material_find("regular-milk")->medium.sigma_s_reduced[0], 4.5513, 1e-4);
 }
 
@@ -137,7 +137,7 @@ static const char *name_of(const char *published, char *name, size_t size)
     return name;
 }
 
-/* Against the two other forms in which the measurement is around: reduced coefficients, and the diluted sample. */
+/* Against the two other published forms of the measurement: reduced coefficients, and the diluted sample. */
 static void solutions_are_narasimhans(void **state)
 {
     json_t *root = expect_load("tests/expect/narasimhan2006.json"), *row;
@@ -162,7 +162,7 @@ static void solutions_are_narasimhans(void **state)
             const struct pell_dipole d =
                 pell_dipole_make(e->medium.sigma_a[c], e->medium.sigma_s_reduced[c], e->medium.eta, PELL_FRESNEL_EXACT);
             REQUIRE_NEAR(e->color[c], pell_dipole_total(&d), 1e-4);
-            /* What was not measurable is said. */
+            /* Coefficients that could not be measured are documented as such. */
             if (sigma_s == 0.0)
                 assert_non_null(strstr(e->note, c == 1 ? "green" : "blue"));
         }
@@ -189,9 +189,9 @@ static void concentration_scales_both_coefficients(void **state)
         REQUIRE_REL(pell_mean_free_path(&half.medium, c), 2.0 * pell_mean_free_path(&milk->medium, c), 1e-14);
         const struct pell_dipole a = pell_dipole_make(milk->medium.sigma_a[c], milk->medium.sigma_s_reduced[c], 1.33, PELL_FRESNEL_EXACT);
         const struct pell_dipole b = pell_dipole_make(half.medium.sigma_a[c], half.medium.sigma_s_reduced[c], 1.33, PELL_FRESNEL_EXACT);
-        REQUIRE_REL(pell_dipole_total(&b), pell_dipole_total(&a), 1e-14); /* the colour stays */
+        REQUIRE_REL(pell_dipole_total(&b), pell_dipole_total(&a), 1e-14); /* the colour is kept */
     }
-    /* A concentration is not relative to the last one; in place is allowed. */
+    /* A concentration is relative to the original, not to the previous one; in-place use is allowed. */
     back = half;
     assert_int_equal(pell_material_dilute(&back, 1.0, &back), PELL_OK);
     REQUIRE_REL(back.medium.sigma_a[2], milk->medium.sigma_a[2], 1e-15);
@@ -320,7 +320,7 @@ static void apple_has_measured_flesh(void **state)
     }
 }
 
-/* What is rendered of a stack is what the solver makes of it today: R(r) and totals. */
+/* A renderer uses the present solver's result for a stack: R(r) and totals. */
 static void layered_entries_hold_their_stack_solved(void **state)
 {
     int layered = 0;
@@ -379,8 +379,8 @@ static void broken_stacks_are_not_solved(void **state)
     }
 }
 
-/* The six of GPU Gems 3 by what remains of them outside of a radius d, Sum w exp(-d^2 / 2v); the sets of four (whose weights table_7_1
- * knows) by their variances. */
+/* The six Gaussians of GPU Gems 3 by the light outside of a radius d, Sum w exp(-d^2 / 2v); the sets of four (whose weights table_7_1
+ * has) by their variances. */
 static void published_gaussians_are_those_of_the_papers(void **state)
 {
     static const char *const fours[][2] = { { "skin", "skin-4gaussian" }, { "marble", "marble-4gaussian" } };
@@ -527,7 +527,7 @@ static void mean_free_paths(void **state)
     REQUIRE(isinf(pell_mean_free_path(&none, 0)) && isinf(pell_diffuse_mean_free_path(&none, 0)));
 }
 
-/* Rows "| apple | R G B | R G B |": percent, shared and own. Rounded to 3 digits there. */
+/* Rows "| apple | R G B | R G B |": percent, shared and separate variances. Rounded to 3 digits there. */
 static void readme_states_the_errors_of_today(void **state)
 {
     FILE *file = fopen(PELL_SOURCE_ROOT "/src/optics/README.md", "r");

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * The monte-carlo model and its table: against exact totals, other people's photons, photons of our own between the nodes, and what
- * holds for every profile. */
+ * test_monte_carlo.c - the monte-carlo model and its table: against exact totals, photons of others, our own photons between the nodes,
+ * and properties of every profile. */
 #include "math/quadrature.h"
 #include "math/vec.h"
 #include "optics/photon/photon.h"
@@ -9,8 +8,8 @@
 #include "optics/profile/shape.h"
 #include "oracle.h"
 
-/* What interpolation adds to the errors of the nodes, relative: for totals, which have a kink at eta = 1, and for the flux through
- * rings. Measured at the places below with twenty times the photons. */
+/* Relative error that interpolation adds to the errors of the nodes: for totals, which have a kink at eta = 1, and for the flux through
+ * rings. Measured at the media below with twenty times the photons. */
 #define BETWEEN_TOTAL(eta) ((eta) < 1.1 ? 1e-2 : 2e-3)
 #define BETWEEN_R(g, eta) ((g) < 0.0 ? 3e-2 : (eta) < 1.1 ? 2e-2 : 1e-2)
 
@@ -51,7 +50,7 @@ static void errors_near(double albedo_reduced, double g, double eta, double r, d
     }
 }
 
-/* --- Parts with a closed form ------------------------------------------------------------------------------------------------- */
+/* --- Components with a closed form -------------------------------------------------------------------------------------------- */
 
 static double shell(double x, const void *arg)
 {
@@ -79,7 +78,7 @@ static void single_scattering_has_its_closed_form(void **state)
     struct pell_single s;
     pell_single_make(0.0, 1.0, &s);
     REQUIRE(pell_single_rd(&s, 800.0) == 0.0);
-    /* Towards the axis tau R = Int_0^(pi/2) sin t dt / (4 pi). */
+    /* Toward the axis tau R = Int_0^(pi/2) sin t dt / (4 pi). */
     REQUIRE_REL(1e-7 * pell_single_rd(&s, 1e-7), 1.0 / (4.0 * PELL_PI), 1e-5);
     /* tau = 1 by another quadrature. */
     REQUIRE_REL(pell_single_rd(&s, 1.0), pell_integrate(once_at_one, NULL, 0.0, 0.5 * PELL_PI, 0.0, 1e-12, NULL), 1e-10);
@@ -109,7 +108,7 @@ static void the_far_field_decays_as_transport_says(void **state)
 
 /* --- Against exact totals and other photons ----------------------------------------------------------------------------------- */
 
-/* Isotropic scattering behind a boundary has an exact total (half_space.c); indices between the nodes, too. */
+/* Isotropic scattering behind a boundary has an exact total (half_space.c); also for indices between the nodes. */
 static void totals_are_the_exact_ones(void **state)
 {
     static const double indices[] = { 1.0, 1.05, 1.1, 1.25, 1.3, 1.33, 1.4, 1.45, 1.6, 1.9, 2.1 };
@@ -153,7 +152,7 @@ static void oracle_totals(void **state)
     json_decref(root);
 }
 
-/* Flux through the oracle's rings. Of 250 rings one may lie outside of three standard errors of both. */
+/* Flux through the oracle's rings. Of 250 rings one may be off by more than three standard errors of both. */
 static void oracle_radial_profiles(void **state)
 {
     json_t *root = oracle_load("montecarlo.json"), *row;
@@ -171,7 +170,7 @@ static void oracle_radial_profiles(void **state)
             const double theirs = oracle_at(row, "mc_R", k), se = oracle_at(row, "mc_se", k);
             double unused, error;
             errors_near(ss / (sa + ss), 0.0, eta, 0.5 * (a + b) * (sa + ss), &unused, &error);
-            if (!(theirs > 0.0) || se > 0.05 * theirs || error > 0.2) /* rare photons: the estimate of se is none */
+            if (!(theirs > 0.0) || se > 0.05 * theirs || error > 0.2) /* rare photons: the standard error cannot be estimated */
                 continue;
             const double ours = p.total * (pell_profile_cdf(&p, b) - pell_profile_cdf(&p, a)) / (PELL_PI * (b * b - a * a));
             const double z = (ours - theirs) / hypot(se, error * ours);
@@ -188,12 +187,12 @@ static void oracle_radial_profiles(void **state)
     json_decref(root);
 }
 
-/* --- Photons of our own, between the nodes ------------------------------------------------------------------------------------ */
+/* --- Our own photons, between the nodes --------------------------------------------------------------------------------------- */
 
 enum { BATCHES = 16, RINGS = 10 };
 
 struct count {
-    double alpha, width; /* albedo of a collision; rings' lower edges are 0.1 l' 10^(ring/5) */
+    double alpha, width; /* single-scattering albedo; rings' lower edges are 0.1 l' 10^(ring/5) */
     double total[BATCHES], ring[RINGS][BATCHES];
     int batch;
 };
@@ -220,13 +219,14 @@ static double mean_of(const double *x, double *error)
 
 static void photons_between_the_nodes(void **state)
 {
-    static const double places[][3] = {
+    static const double nodes_between[][3] = {
         { 0.95, 0.12, 1.36 }, { 0.6, 0.4, 1.05 }, { 0.99, 0.6, 1.45 }, { 0.85, 0.78, 1.33 }, { 0.8, -0.15, 1.6 },
     };
     double largest = 0.0;
     (void) state;
-    for (size_t i = 0; i < PELL_COUNT(places); i++) {
-        const double albedo = places[i][0], g = places[i][1], eta = places[i][2], alpha = pell_albedo_of_reduced(albedo, g);
+    for (size_t i = 0; i < PELL_COUNT(nodes_between); i++) {
+        const double albedo = nodes_between[i][0], g = nodes_between[i][1], eta = nodes_between[i][2],
+                     alpha = pell_albedo_of_reduced(albedo, g);
         const struct pell_medium m = medium_of(albedo, g, eta, 1.0);
         const struct pell_photon_stack s = { .count = 1,
                                              .layer = { { 0.0, 1.0, g, eta, INFINITY } },
@@ -261,7 +261,7 @@ static void photons_between_the_nodes(void **state)
     print_message("# largest difference in a ring that is known to 1 %%: %.2f %%\n", 100.0 * largest);
 }
 
-/* --- What holds for every profile --------------------------------------------------------------------------------------------- */
+/* --- Properties of every profile ---------------------------------------------------------------------------------------------- */
 
 static void rises_with_albedo_and_falls_with_radius(void **state)
 {
@@ -280,7 +280,7 @@ static void rises_with_albedo_and_falls_with_radius(void **state)
                 const double R = pell_profile_eval(&p, r);
                 REQUIRE(isfinite(R) && R >= 0.0 && R <= previous);
                 previous = R;
-                /* One path has a weight that rises with alpha; where g = 0 it stays where it is in units of l'. */
+                /* The weight of a fixed path increases with alpha; for g = 0 its position stays the same in units of l'. */
                 if (gs[i % 4] == 0.0 && k > 0 && r < 100.0)
                     REQUIRE(R >= pell_profile_eval(&last, r) * (1.0 - 1e-3));
             }
@@ -322,7 +322,7 @@ static void single_scattering_comes_apart(void **state)
         make(&m, false, &all);
         make(&m, true, &multiple);
         REQUIRE_REL(all.total - multiple.total, alpha * pell_single_total(gs[i], 1.4), 1e-12);
-        for (int k = 2; k < all.count && all.r[k] < 2.0; k++) { /* at the nodes, up to what scaling to the total moves */
+        for (int k = 2; k < all.count && all.r[k] < 2.0; k++) { /* at the nodes, up to the effect of scaling to the total */
             const double once = alpha * sigma_t * sigma_t * pell_single_rd(&s, sigma_t * all.r[k]);
             REQUIRE_NEAR(all.value[k] - multiple.value[k], once, 2e-2 * all.value[k]);
         }
@@ -343,7 +343,7 @@ static void units_cancel(void **state)
     }
 }
 
-/* Beyond the table: held at its edges, never more light than came in. */
+/* Beyond the table: clamped at its edges, never more light than enters. */
 static void extremes_are_held(void **state)
 {
     static const double gs[] = { -PELL_G_MAX, -0.3, 0.91, 0.97, PELL_G_MAX }, etas[] = { PELL_ETA_MIN, 0.8, 1.0, 2.1, PELL_ETA_MAX };

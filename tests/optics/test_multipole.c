@@ -6,7 +6,7 @@
 #include "math/quadrature.h"
 #include "math/vec.h"
 
-/* The worst differences seen, for the table in src/optics/README.md. */
+/* The largest differences measured, for the table in src/optics/README.md. */
 static double worst_total, worst_poles, worst_hankel;
 
 static void note(double *worst, double a, double b, double scale)
@@ -19,7 +19,7 @@ static struct pell_stack oracle_slab(json_t *row)
     const double eta = oracle_number(row, "eta_top"), below = eta / oracle_number(row, "eta_bot");
     struct pell_stack s = slab_of(oracle_number(row, "sigma_a"), oracle_number(row, "sigma_sp"), eta, oracle_number(row, "d"));
     const char *const keys[2] = { "A_top", "A_bot" };
-    for (int side = 0; side < 2; side++) { /* rows have 10 digits of A, too few for the far ends of profiles */
+    for (int side = 0; side < 2; side++) { /* rows have 10 digits of A, too few far out */
         const double fdr = pell_fresnel_diffuse(side ? eta / below : eta, PELL_FRESNEL_POLY4);
         REQUIRE_REL((1.0 + fdr) / (1.0 - fdr), oracle_number(row, keys[side]), ROUNDED);
     }
@@ -64,7 +64,7 @@ static void oracle_slabs(void **state)
             REQUIRE_REL(total[p], oracle_number(row, keys[p]), lossless ? 1e-7 : ROUNDED); /* the oracle's R + T is 1 + 6e-8 there */
             note(&worst_total, total[p], oracle_number(row, keys[p]), total[p]);
         }
-        /* Radii have 10 digits, too: far out a profile falls five times as fast as its radius grows. */
+        /* Radii have 10 digits, too: far out a profile falls by five times the relative change of its radius. */
         json_array_foreach(oracle_get(row, "r_mm"), k, radius) r[n++] = json_number_value(radius);
         REQUIRE(n > 3 && n < 16);
         REQUIRE(pell_stack_hankel(&s, 0, r, n, out, NULL) == PELL_OK);
@@ -85,7 +85,7 @@ static void oracle_slabs(void **state)
         json_object_foreach(oracle_get(row, "total_by_number_of_dipoles_n"), count, by_count)
         {
             if (lossless || atoi(count) > 5)
-                continue; /* without absorption, the tail of a finite sum falls as 1/r: no quadrature over r comes near */
+                continue; /* without absorption the tail of a finite sum falls as 1/r: a quadrature over r does not converge */
             for (int p = 0; p < 2; p++) {
                 const struct finite f = { &s, p == 0 ? RP : TP, 2 * atoi(count) + 1 };
                 const double said = json_number_value(json_array_get(by_count, (size_t) p));
@@ -111,7 +111,7 @@ static void oracle_outside_validity(void **state)
     REQUIRE_REL(total[TP], oracle_number(row, "closed_form_T"), ROUNDED);
     REQUIRE_REL(total[RP], oracle_number(row, "R"), ROUNDED);
     REQUIRE(pell_slab_poles(&s, 0, TP, 0.1, 1e-10, 1001, &value, NULL) == PELL_ERR_UNSUPPORTED);
-    /* A mean free path of the thickness exactly: the pole on the far side is infinite at r = 0. */
+    /* A thickness of exactly a mean free path: the pole on the far side is infinite at r = 0. */
     s = slab_of(0.5, 0.5, 1.4, 1.0);
     for (int p = 0; p < PELL_STACK_PARTS; p++)
         REQUIRE(pell_slab_poles(&s, 0, (enum pell_stack_part) p, 0.0, 1e-9, 201, &value, NULL) == PELL_ERR_UNSUPPORTED);
@@ -136,7 +136,7 @@ static void oracle_rough(void **state)
     json_decref(root);
 }
 
-/* A boundary's A comes from its own side's indices, its model and its roughness. */
+/* A boundary's A follows from the indices of its own side, its model and its roughness. */
 static void boundaries(void **state)
 {
     const double eta[3] = { 1.0, 1.4, 1.1 };
@@ -201,7 +201,7 @@ static void thick_is_the_dipole(void **state)
     }
 }
 
-/* 16 ways that the tolerance is kept, against a sum 100 times as strict. */
+/* 16 configurations in which the tolerance is met, against a sum with a hundredth of the tolerance. */
 static void poles_keep_their_tolerance(void **state)
 {
     const struct pell_stack slabs[2] = { slab_of(0.0, 1.0, 1.3, 4.0), slab_of(0.01, 3.0, 1.5, 1.0) };
@@ -218,7 +218,7 @@ static void poles_keep_their_tolerance(void **state)
             }
 }
 
-/* From the sum of poles to thin to clear: nothing jumps, all stays within [0, 1], and no slab at all lets everything through. */
+/* From the sum of poles to thin to clear: continuous, within [0, 1], and a slab of zero thickness transmits everything. */
 static void thin_slabs(void **state)
 {
     (void) state;
@@ -244,7 +244,7 @@ static void thin_slabs(void **state)
     }
 }
 
-/* What is refused, by name. */
+/* Refused input, by name. */
 static void faults(void **state)
 {
     const double bad[5] = { NAN, -1.0, INFINITY, 1e300, -INFINITY };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_opposed.c - light between faces at an angle: slabs by transport, an edge by images, balls by the series of exact diffusion, and what
- * stays as it was. */
+ * test_opposed.c - diffusion between faces at an angle: slabs by transport, an edge by the method of images, balls by the series of
+ * exact diffusion, and cases that must stay unchanged. */
 #include "pell_test.h"
 
 #include "math/vec.h"
@@ -22,7 +22,7 @@ static const double media[][3] = {
     { 0.032, 0.74, 1.3 }, { 0.17, 0.88, 1.3 }, { 0.48, 1.01, 1.3 }, { 0.0021, 2.19, 1.5 }, { 0.0011, 2.55, 1.3 },
 };
 
-/* All that arrives at one face of a slab from the other is T, where the slab is thick enough for one exponential. */
+/* The light that arrives at one face of a slab from the other equals T, where the slab is thick enough for one exponential. */
 static void slabs_transmit_what_transport_says(void **state)
 {
     (void) state;
@@ -49,7 +49,7 @@ static void slabs_transmit_what_transport_says(void **state)
         }
 }
 
-/* Where less and less is scattered there is less and less of a source: what similarity takes for unscattered is none. */
+/* As scattering decreases, the source decreases: the fraction that similarity counts as unscattered is no source. */
 static void the_source_is_in_proportion_to_what_is_scattered(void **state)
 {
     double before = 0.0;
@@ -74,7 +74,7 @@ static double flux(double k, const double from[2], const double to[2])
     return x * (1.0 + k * d) * exp(-k * d) / (4.0 * PELL_PI * d * d * d);
 }
 
-/* Two faces at right angles, y <= 0 and x <= 0 inside: a source below the one, its image, and the images of both in the other. */
+/* Two faces at right angles, y <= 0 and x <= 0 inside: a source below one face, its image, and the images of both in the other face. */
 static void an_edge_of_right_angles_has_four_images(void **state)
 {
     const struct pell_opposed o = { { 0.4f, 0.4f, 0.4f }, { 1.5f, 1.5f, 1.5f }, { 1.0f, 1.0f, 1.0f }, { 0.7f, 0.7f, 0.7f } };
@@ -172,7 +172,7 @@ static void a_plane_keeps_its_profile_and_air_carries_nothing(void **state)
     }
 }
 
-/* Even light on a ball returns what exact diffusion says, whatever the pairs add up to. */
+/* Under uniform illumination a ball returns the exact diffusion result, whatever the sum over pairs of faces is. */
 static void the_gain_keeps_even_light(void **state)
 {
     (void) state;
@@ -230,8 +230,8 @@ static struct pell_vec3 direction(uint32_t *state)
     return vec3(s * cosf(azimuth), s * sinf(azimuth), z);
 }
 
-/* Where a free path is as long as parts are thick, sources of some places lie at others. What enters over an area brings no more there than
- * an area of even light that is as near as it is wide. */
+/* Where a mean free path is as long as parts are thick, the sources of some points coincide with other points. Light that enters over an
+ * area contributes no more there than an area of uniform light at a distance equal to its width. */
 static void sources_are_as_wide_as_what_enters(void **state)
 {
     const struct pell_medium m = medium_of(0.009, 0.004, 1.3);
@@ -259,8 +259,8 @@ static void sources_are_as_wide_as_what_enters(void **state)
     REQUIRE(most > 0.05f && most < 1.0f && of_points > 10.0f);
 }
 
-/* Diffusion says nothing of solids that are smaller than a few mean free paths: a finger of a hand whose free path is 100 times as long was
- * 340 times as bright as by photons. */
+/* Diffusion is not valid for solids that are smaller than a few mean free paths: a finger of a hand with a mean free path 100 times as
+ * long was 340 times as bright as by photons. */
 static void small_solids_count_as_bent_like_larger_ones(void **state)
 {
     const struct pell_medium m = medium_of(0.014, 7e-4, 1.33);

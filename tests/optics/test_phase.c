@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_phase.c - phase functions: normalisation, mean cosine, sampling, one convention. */
+ * test_phase.c - phase functions: normalisation, mean cosine, sampling, sign convention of the cosine. */
 #include "pell_test.h"
 
 #include "math/quadrature.h"
@@ -29,7 +29,7 @@ struct moment {
     int power; /* of the forward cosine */
 };
 
-/* Over t with 1 + cos_theta = 2 t^4 or 1 - cos_theta = 2 t^4 on each half, so that the narrowest peak is seen. */
+/* Substitutes 1 + cos_theta = 2 t^4 or 1 - cos_theta = 2 t^4 on each half, so that the narrowest peak is resolved. */
 static double half(double t, const void *arg, double sign)
 {
     const struct moment *m = arg;
@@ -60,7 +60,7 @@ static void values_integrate_to_one(void **state)
     (void) state;
     for (size_t i = 0; i < n; i++) {
         REQUIRE(pell_phase_valid(&p[i], NULL));
-        REQUIRE_NEAR(moment(&p[i], 0), 1.0, 1e-9); /* 1 + c of a peak of width 1e-4 holds 8 digits less than c */
+        REQUIRE_NEAR(moment(&p[i], 0), 1.0, 1e-9); /* 1 + c of a peak of width 1e-4 has 8 digits fewer than c */
     }
 }
 
@@ -73,7 +73,7 @@ static void mean_cosine_is_the_first_moment(void **state)
         REQUIRE_NEAR(pell_phase_mean_cosine(&p[i]), moment(&p[i], 1), 1e-9);
 }
 
-/* The numbers of spec/optics.md. */
+/* Reference values of the phase functions. */
 static void schlicks_k_is_not_the_mean_cosine(void **state)
 {
     static const double pairs[][2] = { { 0.25, 0.169 }, { 0.40, 0.276 }, { 0.80, 0.632 } };
@@ -116,9 +116,9 @@ static void sampling_inverts_the_distribution(void **state)
         REQUIRE(pell_phase_cdf(&p[i], 1.0) == 0.0);
         REQUIRE_NEAR(pell_phase_cdf(&p[i], -1.0), 1.0, 1e-15);
         for (int k = 0; k <= 1000; k++) {
-            const double c = 1.0 - k * 2e-3, share = pell_phase_cdf(&p[i], c);
-            REQUIRE(share >= last && share <= 1.0 + 1e-15);
-            last = share;
+            const double c = 1.0 - k * 2e-3, cdf = pell_phase_cdf(&p[i], c);
+            REQUIRE(cdf >= last && cdf <= 1.0 + 1e-15);
+            last = cdf;
         }
         for (int k = 0; k <= 1000 && p[i].kind != PELL_PHASE_TWO_LOBE; k++) {
             const double xi = k / 1000.0, c = pell_phase_sample_cosine(&p[i], xi);
@@ -134,7 +134,7 @@ static double rng(uint64_t *s)
     return (double) (*s >> 11) / 9007199254740992.0;
 }
 
-/* Pearson's chi^2 of 64 bins of equal probability for the cosine, by 8 of the turn: 511 degrees of freedom, mean 511, sigma 32. */
+/* Pearson's chi^2 of 64 bins of equal probability for the cosine, by 8 of the azimuth: 511 degrees of freedom, mean 511, sigma 32. */
 static void samples_are_distributed_as_the_value(void **state)
 {
     struct pell_phase p[64];
@@ -174,7 +174,7 @@ static void samples_are_distributed_as_the_value(void **state)
     }
 }
 
-/* p(w_i, w_o) = p(w_o, w_i), and a sample's density is the value between the two directions, whichever is called the light's. */
+/* p(w_i, w_o) = p(w_o, w_i), and a sample's density is the value for the two directions, whichever is called the light's. */
 static void exchanging_light_and_viewer_changes_nothing(void **state)
 {
     struct pell_phase p[64];

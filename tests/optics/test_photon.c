@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * Photons against what others have published and what closed forms give. Errors are from 20 batches; seeds are fixed. */
+ * test_photon.c - photon tracing against published values and closed forms. Errors are from 20 batches; seeds are fixed. */
 #include "optics/photon/photon.h"
 #include "slow.h"
 
@@ -14,12 +13,12 @@
 
 enum { BATCHES = 20, ALBEDOS = 8 };
 
-/* --- Counting ----------------------------------------------------------------------------------------------------------------- */
+/* --- Tallies ------------------------------------------------------------------------------------------------------------------ */
 
 struct count {
     double albedo[ALBEDOS]; /* 0: end of list; weights are multiplied by albedo^n */
     double face[2][ALBEDOS], once, straight[2], band;
-    double mu_min, mu_max; /* of `band`: what leaves the upper face between these cosines */
+    double mu_min, mu_max; /* of `band`: light that leaves the upper face between these cosines */
     double ring[12], ring_width;
     struct pell_photon_sums sums;
 };
@@ -59,7 +58,7 @@ static struct estimate statistics(const double *x)
     return r;
 }
 
-/* Runs `photons` of them; *all is the sum over batches, per photon, and `get` picks what is wanted with its error. */
+/* Runs `photons` of them; *all is the sum over batches, per photon, and `get` selects a value with its error. */
 static struct count batches[BATCHES];
 
 static void run(const struct pell_photon_stack *stack, const struct count *setup, uint64_t seed, uint64_t photons)
@@ -88,7 +87,7 @@ static void run(const struct pell_photon_stack *stack, const struct count *setup
         name = statistics(x_);                                                                                                             \
     } while (0)
 
-/* Within three standard errors of a number that has an error (or is rounded) itself. */
+/* Within three standard errors of a value that has an error (or rounding) itself. */
 #define REQUIRE_WITHIN(measured, expected, other_error)                                                                                    \
     do {                                                                                                                                   \
         const struct estimate r_ = (measured);                                                                                             \
@@ -135,7 +134,8 @@ static void van_de_hulst_slab(void **state)
     REQUIRE(reflected.error < 5e-4 && total.error < 1e-3);
 }
 
-/* Giovanelli 1955: 0.2600 of all light, the specular 4 % among it. One run without absorption must say the same as absorbing layers. */
+/* Giovanelli 1955: 0.2600 of all light, including the specular 4 %. A run without absorption must give the same as runs with absorbing
+ * layers. */
 static void giovanelli_half_space(void **state)
 {
     struct pell_photon_stack s = half_space(10.0, 90.0, 0.0, 1.5);
@@ -157,8 +157,8 @@ static void giovanelli_half_space(void **state)
     REQUIRE_WITHIN(by_collisions, 0.228964517, 5.5e-5); /* tests/expect/oracle/montecarlo.json, giovanelli */
 }
 
-/* The example of the MCML manual (Wang and Jacques 1992; example.mco of its distribution, 10^6 photons, cm): three layers of index
- * 1.37 in air. Its own errors are taken to be ours at as many photons. */
+/* The example of the MCML manual (Wang and Jacques 1992; example.mco of its distribution, 10^6 photons, cm): three layers of index 1.37
+ * in air. Its errors are assumed to equal ours at the same number of photons. */
 static void mcml_layers(void **state)
 {
     const struct pell_photon_stack s = {
@@ -235,7 +235,7 @@ static void oracle_slabs(void **state)
 
 /* --- Closed forms and laws ---------------------------------------------------------------------------------------------------- */
 
-/* A glass plate: of light at right angles (1 - F)/(1 + F) comes through, whatever the plate is split into. */
+/* A glass plate: at normal incidence it transmits (1 - F)/(1 + F), into however many layers it is split. */
 static void clear_plates_follow_fresnel(void **state)
 {
     struct pell_photon_stack s = slab(0.0, 0.0, 0.0, 1.5, 1.0);
@@ -255,7 +255,7 @@ static void clear_plates_follow_fresnel(void **state)
                                          .mu_max = 1.0,
                                          .collisions_max = 10 };
     }
-    /* From a diffuse sky the plate's face reflects what pell_fresnel_diffuse says; black behind it. */
+    /* Under uniform diffuse illumination the plate's face reflects pell_fresnel_diffuse; black behind it. */
     s = half_space(1.0, 0.0, 0.0, 1.5);
     s.inside = false;
     s.mu_min = 0.0;
@@ -264,7 +264,7 @@ static void clear_plates_follow_fresnel(void **state)
     REQUIRE_WITHIN(reflected, pell_fresnel_diffuse(1.0 / 1.5, PELL_FRESNEL_EXACT), 0.0);
 }
 
-/* What leaves after one collision has a closed form; this tests the phase function and the boundary of every g and eta. */
+/* Light that leaves after one collision has a closed form; this tests the phase function and the boundary for every g and eta. */
 static void scattered_once(void **state)
 {
     static const double cases[][2] = { { 0.0, 1.0 }, { 0.5, 1.3 }, { -0.6, 1.5 }, { 0.9, 1.4 }, { 0.0005, 1.33 }, { -0.2, 0.7 } };
@@ -306,12 +306,13 @@ static void energy_is_conserved(void **state)
             double all = c->face[0][0] + c->face[1][0] + c->straight[0] + c->straight[1] + c->sums.lost;
             for (int k = 0; k < PELL_PHOTON_LAYERS; k++)
                 all += c->sums.absorbed[k];
-            REQUIRE_NEAR(all, 1.0, 1e-9); /* not on average: of every photon */
+            REQUIRE_NEAR(all, 1.0, 1e-9); /* not on average: for every photon */
         }
     }
 }
 
-/* Helmholtz: under a diffuse sky as much leaves between two cosines as a beam between these cosines, weighed by its cosine, brings back. */
+/* Helmholtz reciprocity: under uniform diffuse illumination the light that leaves between two cosines equals the cosine-weighted
+ * reflectance of a beam incident between these cosines. */
 static void reciprocity(void **state)
 {
     struct pell_photon_stack s = slab(0.05, 1.0, 0.4, 1.4, 3.0);
@@ -330,7 +331,7 @@ static void reciprocity(void **state)
     REQUIRE_WITHIN(band, weighed.mean, weighed.error);
 }
 
-/* Roulette changes no mean; a turned stack of the same material cut in layers is the same stack. */
+/* Russian roulette does not change the mean; a reversed stack, cut into layers of the same material, equals the stack. */
 static void roulette_and_cuts_change_nothing(void **state)
 {
     RELEASE_ONLY();
@@ -363,7 +364,7 @@ static void roulette_and_cuts_change_nothing(void **state)
     }
 }
 
-/* --- Photons are the same whoever lets them walk ------------------------------------------------------------------------------ */
+/* --- Photons are the same for any number of threads and SIMD level ------------------------------------------------------------ */
 
 struct trace {
     double sum[8][3]; /* of a band of photons: weight, radius, cosine */
@@ -457,10 +458,10 @@ static void faults_are_named(void **state)
     assert_string_equal(pell_photon_fault(&s), "roulette");
     s = good;
     s.layer[1].sigma_a = s.layer[1].sigma_s = 0.0;
-    assert_string_equal(pell_photon_fault(&s), "layer[1].sigma_s"); /* a photon would fly for ever */
+    assert_string_equal(pell_photon_fault(&s), "layer[1].sigma_s"); /* a photon would never collide */
 }
 
-/* The ends of every range: what leaves is finite, and all of a photon is accounted for. */
+/* The bounds of every range: exiting light is finite, and the energy of a photon is accounted for. */
 static void extremes_stay_finite(void **state)
 {
     const double sigma[] = { 0.0, 1e-6, 1.0, 1e6 }, gs[] = { -PELL_G_MAX, 0.0, PELL_G_MAX }, ns[] = { PELL_ETA_MIN, 1.0, PELL_ETA_MAX };

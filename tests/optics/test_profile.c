@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_profile.c - the interface of radial profiles: the dipole against the oracle, sums of Gaussians, vectors against single values. */
+ * test_profile.c - the interface of radial profiles: the dipole against the oracle, sums of Gaussians, vector evaluation against single
+ * values. */
 #include "oracle.h"
 
 #include "base/simd.h"
@@ -70,7 +70,8 @@ static void dipole_has_a_transform(void **state)
     }
 }
 
-/* The tail (zr + zv)/(2 r) of a dipole without absorption, far beyond where 1 - xi has digits left in a double sum. */
+/* The tail (zr + zv)/(2 r) of a dipole without absorption, far beyond the radius at which 1 - xi has significant digits in double
+ * precision. */
 static void lossless_tails_are_sampled(void **state)
 {
     const struct pell_medium m = medium_of(0.0, 20.4, 1.3);
@@ -200,7 +201,7 @@ static void gaussians_are_profiles(void **state)
         REQUIRE_REL(pell_profile_sample(&p, xi), sqrt(-2.0 * 0.7 * log1p(-xi)), 1e-13);
 }
 
-/* Of a Gaussian sqrt(pi v/2); of the models their integral. */
+/* For a Gaussian sqrt(pi v/2); for the models their integral. */
 static void mean_radii_are_integrals(void **state)
 {
     const struct pell_gaussians one = { .count = 1, .variance = { 0.7 }, .weight = { { 0.4, 0.4, 0.4 } } };

@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_profile_models.c - every model against photons, against transport, and against what must hold for all of them. */
+ * test_profile_models.c - every profile model against photons, against transport, and against properties of all profiles. */
 #include "oracle.h"
 #include "slow.h"
 
@@ -44,8 +43,8 @@ static void models_are_found_by_name(void **state)
 
 /* --- Against photons ------------------------------------------------------------------------------------------------------------- */
 
-/* Share of the photons' light that a model puts elsewhere, or has too much or too little of: Sum over bins |flux - photons'| / total.
- * `single`: the model means all light; otherwise it is compared to what was scattered more than once. */
+/* Fraction of the photons' light that a model misplaces, or has in excess or too little: Sum over bins
+ * |flux - photons'| / total. `single`: the model includes single scattering; otherwise it is compared with multiple scattering. */
 static double misplaced(json_t *row, const struct pell_profile *p, bool single)
 {
     json_t *edges = oracle_get(row, "bin_edges_mm");
@@ -59,7 +58,7 @@ static double misplaced(json_t *row, const struct pell_profile *p, bool single)
     return off / all;
 }
 
-/* Bounds a tenth above what is measured: marble G, skin1 R, skin1 B, chicken2 B, wholemilk R, ketchup R. */
+/* Bounds a tenth above the measured values: marble G, skin1 R, skin1 B, chicken2 B, wholemilk R, ketchup R. */
 static void radial_profiles_of_photons(void **state)
 {
     static const struct {
@@ -96,7 +95,7 @@ static void radial_profiles_of_photons(void **state)
     json_decref(root);
 }
 
-/* 33 albedos: the half-space by transport within three standard errors (all share their photons), and how far the models are off. */
+/* 33 albedos: the half-space by transport within three standard errors (all use the same photons), and the errors of the models. */
 static void totals_of_photons(void **state)
 {
     json_t *root = oracle_load("montecarlo.json"), *row;
@@ -127,7 +126,7 @@ static void totals_of_photons(void **state)
         REQUIRE_REL(pell_half_space_albedo(oracle_number(row, "albedo"), 1.0), oracle_number(row, "exact"), 1e-8);
     row = oracle_get(root, "giovanelli");
     REQUIRE_NEAR(pell_half_space_albedo(0.9, 1.5), oracle_number(row, "Rd_per_transmitted_photon"), 3.0 * oracle_number(row, "se"));
-    /* Light scattered once by a medium without a boundary. */
+    /* Single scattering in a medium without a boundary. */
     struct pell_medium m = medium_of(0.0, 1.0, 0.0, 1.0);
     struct pell_profile p, q;
     m.sigma_a[0] = 0.1; /* total below 1, where nothing is scaled */
@@ -169,7 +168,7 @@ static void count_left(void *user, const struct pell_photon_exit *e)
     }
 }
 
-/* A half-space under a beam at an angle, and photons that walk through it. */
+/* A half-space under an oblique beam, and photons in it. */
 static void slanted_light_returns_what_photons_say(void **state)
 {
     static const double albedos[] = { 0.5, 0.95, 0.999 }, cosines[] = { 0.05, 0.3, 0.7, 1.0 };
@@ -205,7 +204,7 @@ static void slanted_light_returns_what_photons_say(void **state)
             isnan(pell_half_space_albedo_at(2.0, 1.3, 1.0)));
 }
 
-/* One number a medium: how far R(mu) is from the line, and the mean from an integral over directions. */
+/* One number per medium: the deviation of R(mu) from the line, and the mean by an integral over directions. */
 static void a_slope_says_what_all_angles_return(void **state)
 {
     static const double etas[] = { 1.2, 1.33, 1.5, 2.0 };
@@ -235,8 +234,8 @@ static void a_slope_says_what_all_angles_return(void **state)
 
 /* --- Single scattering ------------------------------------------------------------------------------------------------------------- */
 
-/* Three ways to one number: over depth and angle in closed form up to one integral, at right angles; over directions, at any angle; and the
- * radiance that pixels get, over the hemisphere outside. */
+/* Three computations of one number: over depth and angle in closed form up to one integral, at normal incidence; over directions, at any
+ * angle; and the radiance at pixels, integrated over the hemisphere outside. */
 static void single_scattering_is_the_same_share_of_light_everywhere(void **state)
 {
     static const double gs[] = { 0.0, -0.3, 0.6, 0.85 }, etas[] = { 1.0, 1.3, 1.5 }, mus[] = { 1.0, 0.7, 0.25 };
@@ -265,7 +264,7 @@ static void single_scattering_is_the_same_share_of_light_everywhere(void **state
             isnan(pell_single_scattering_albedo_at(0.0, 1e9, 0.5)));
 }
 
-/* What is scattered once at an angle, and the line of the rest, are all light at that angle; at right angles to the last digit. */
+/* Single scattering at an angle plus the linear model of the rest is all light at that angle; at normal incidence to the last digit. */
 static void single_and_multiple_scattering_are_all_light_at_every_angle(void **state)
 {
     static const double albedos[] = { 0.5, 0.8, 0.95, 0.99 }, etas[] = { 1.3, 1.5 };
@@ -282,7 +281,7 @@ static void single_and_multiple_scattering_are_all_light_at_every_angle(void **s
                 const double sum = albedo * pell_single_scattering_albedo_at(0.0, eta, in) + (total - once) * (1.0 + a.slope * (1.0 - in));
                 REQUIRE_REL(sum, pell_half_space_albedo_at(albedo, eta, mu), k == 20 ? 1e-5 : 0.015);
             }
-            REQUIRE(a.slope < all.slope); /* light that was scattered once leaves sooner the lower it enters */
+            REQUIRE(a.slope < all.slope); /* single scattering leaves closer to the entry point the more obliquely it enters */
         }
     const struct pell_half_space_angle none[] = {
         pell_half_space_angle_multiple(1.0, 1.0, 1.4, (struct pell_half_space_angle) { 0.3, 1.1 }),
@@ -295,8 +294,8 @@ static void single_and_multiple_scattering_are_all_light_at_every_angle(void **s
 
 /* --- Better dipole --------------------------------------------------------------------------------------------------------------- */
 
-/* zv = zr + 4 A D and the moments show in the transform of what was scattered more than once:
- * R^(s) = (1 - single) alpha'^2/2 (C_phi/(D k) (e^-k zr - e^-k zv) + C_E (e^-k zr + e^-k zv)). */
+/* zv = zr + 4 A D, and the moments show in the transform of multiple scattering: R^(s) = (1 - single) alpha'^2/2 (C_phi/(D k) (e^-k zr -
+ * e^-k zv) + C_E (e^-k zr + e^-k zv)). */
 static void better_dipole_has_the_oracles_moments(void **state)
 {
     json_t *root = oracle_load("dipole.json"), *row;
@@ -338,7 +337,7 @@ static void normalized_diffusion_is_the_papers(void **state)
     }
 }
 
-/* Without a boundary, as the paper's media are, half of the light is inside the radius that photons have, within 6.5 %. */
+/* Without a boundary, as for the paper's media, half of the light is inside the photons' median radius, within 6.5 %. */
 static void normalized_diffusion_is_good_without_a_boundary(void **state)
 {
     (void) state;
@@ -399,7 +398,7 @@ static void cdf_sample_and_transform_agree(void **state)
                 last = r;
             }
             REQUIRE_NEAR(pell_profile_transform(&p, 0.0), p.total, 1e-14);
-            /* A low frequency takes away s^2 <r^2>/4 at most, a high one leaves next to nothing. */
+            /* A low frequency reduces the transform by s^2 <r^2>/4 at most, a high one leaves almost nothing. */
             const double far = pell_profile_sample(&p, 0.9999), near = pell_profile_sample(&p, 1e-3);
             REQUIRE(pell_profile_transform(&p, 1e-3 / far) > 0.999 * p.total);
             REQUIRE(fabs(pell_profile_transform(&p, 1e3 / near)) < 2e-3 * p.total);
@@ -413,7 +412,7 @@ static void units_cancel(void **state)
     for (size_t i = 0; i < PELL_COUNT(media); i++)
         for (int k = 0; k < MODELS; k++)
             for (size_t u = 0; u < PELL_COUNT(units); u++) {
-                /* The photons' table is entered by 1 - alpha', whose rounding counts where absorption is a ten-millionth. */
+                /* The photons' table is indexed by 1 - alpha', whose rounding matters where absorption is a ten-millionth. */
                 const double f = units[u], same = k == PELL_PROFILE_MONTE_CARLO ? 1e-10 : 1e-12;
                 const struct pell_medium a = medium_of(media[i][0], media[i][1], media[i][2], media[i][3]);
                 const struct pell_medium b = medium_of(media[i][0] * f, media[i][1] * f, media[i][2], media[i][3]);
@@ -476,7 +475,7 @@ static void limits_are_legal(void **state)
                     struct pell_profile p;
                     const enum pell_result res = pell_profile_make((enum pell_profile_model) k, &m, 0, NULL, &p);
                     if (res == PELL_ERR_UNSUPPORTED)
-                        continue; /* a table may end before the index does */
+                        continue; /* a table's range may end before that of the index */
                     REQUIRE(res == PELL_OK && p.total >= 0.0 && p.total <= 1.0);
                     REQUIRE(pairs[i][1] > 0.0 || p.total == 0.0);
                     for (size_t r = 0; r < PELL_COUNT(radii); r++) {
@@ -490,7 +489,7 @@ static void limits_are_legal(void **state)
                 }
 }
 
-/* Albedos down to the least number there is: light that can be divided, or none. */
+/* Albedos down to the smallest double: light that can be normalised, or none. */
 static void traces_of_light_are_none(void **state)
 {
     struct pell_profile p;
@@ -538,7 +537,7 @@ static void wrong_arguments_are_refused(void **state)
     REQUIRE(pell_profile_make((enum pell_profile_model) MODELS, &good, 0, NULL, &p) == PELL_ERR_INVALID);
 }
 
-/* A dipole by the same A is the same dipole; roughness changes A, and 0 does not. */
+/* A dipole with the same A is the same dipole; roughness changes A, and roughness 0 does not. */
 static void roughness_changes_the_boundary(void **state)
 {
     const struct pell_medium m = medium_of(0.05, 1.0, 0.0, 1.4);

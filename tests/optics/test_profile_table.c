@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: MIT
- *
  * test_profile_table.c - a user's own table as a profile. */
 #include "oracle.h"
 
@@ -24,7 +23,7 @@ static double shell(double x, const void *profile)
     return 2.0 * PELL_PI * x * pell_profile_eval(profile, x);
 }
 
-/* What must hold for any table: the rows' values at the rows, nothing outside of neighbours between them, flux and samples that agree. */
+/* Properties of any table: it interpolates the rows' values, without overshoot between neighbours, and flux and samples agree. */
 static void requires_table(size_t count)
 {
     double total = PELL_PI * r[0] * r[0] * R[0], last = 0.0;
@@ -67,7 +66,7 @@ static void falling_tables_fall(void **state)
     }
     accept(40);
     requires_table(40);
-    REQUIRE_REL(p.total, 2.0 * PELL_PI * 0.2 / 9.0, 2e-3); /* what a cubic makes of the exponential, and the end at 3.9 mm */
+    REQUIRE_REL(p.total, 2.0 * PELL_PI * 0.2 / 9.0, 2e-3); /* the error of a cubic for the exponential, and of the end at 3.9 mm */
 }
 
 static void rings_gaps_and_zeros_are_legal(void **state)
@@ -98,13 +97,13 @@ static void two_rows_are_enough(void **state)
     REQUIRE_REL(pell_profile_cdf(&p, 0.5), 0.0625, 1e-14);
 }
 
-/* Light whose fractions are no normal numbers is none; a little more is as good as much. */
+/* Light whose fractions are denormal counts as none; slightly more is accurate. */
 static void hardly_any_light_is_none(void **state)
 {
     static const double peaks[] = { 5e-324, 2.8e-313, 1e-300, 1e-280, 1e-200 };
     (void) state;
     for (size_t k = 0; k < PELL_COUNT(peaks); k++)
-        for (size_t count = 2; count <= 2000; count = count == 2 ? 20 : count == 20 ? 2000 : 3000) { /* the last is merged */
+        for (size_t count = 2; count <= 2000; count = count == 2 ? 20 : count == 20 ? 2000 : 3000) { /* the last two are merged */
             for (size_t i = 0; i < count; i++) {
                 r[i] = 1e-3 * pow(10.0, 3.0 * (double) i / (double) (count - 1));
                 R[i] = peaks[k] / (1.0 + r[i]);
@@ -168,7 +167,7 @@ static void wrong_rows_are_named(void **state)
     assert_string_equal(fault.field, "rows");
 }
 
-/* A table that gives back all light is legal, a thousandth more is not. */
+/* A table with a total of exactly one is valid, one with a thousandth more is not. */
 static void all_light_is_the_limit(void **state)
 {
     (void) state;
@@ -179,7 +178,7 @@ static void all_light_is_the_limit(void **state)
     REQUIRE(pell_profile_from_table(r, R, 2, &p, &fault) == PELL_ERR_INVALID && fault.row == 1);
 }
 
-/* 1e5 rows of a dipole become at most 512 nodes that hold the same light. */
+/* 1e5 rows of a dipole are reduced to at most 512 nodes with the same light. */
 static void long_tables_are_merged(void **state)
 {
     const struct pell_dipole d = pell_dipole_make(0.032, 0.74, 1.3, PELL_FRESNEL_EXACT);
@@ -197,7 +196,8 @@ static void long_tables_are_merged(void **state)
     }
 }
 
-/* Noise of 50 % per row, as from a Monte Carlo run: total and light inside every tenth node are kept, within the noise of a node. */
+/* Noise of 50 % per row, as from a Monte Carlo run: the total and the light inside every tenth node are preserved, within the noise of a
+ * node. */
 static void noisy_tables_keep_their_light(void **state)
 {
     const struct pell_dipole d = pell_dipole_make(0.1, 1.0, 1.3, PELL_FRESNEL_EXACT);
@@ -237,7 +237,7 @@ static void transforms_of_tables(void **state)
     REQUIRE_REL(pell_profile_transform(&p, 0.5), PELL_PI * 4.0 * 0.07 * 2.0 * 0.4400505857449335, 1e-12);
 }
 
-/* Nodes of a dipole with its far field behind them: the total, and every transform, without the light beyond the last node being lost. */
+/* Nodes of a dipole with its far field beyond them: the total and every transform include the light beyond the last node. */
 static void tails_behind_nodes(void **state)
 {
     static const double absorption[] = { 0.0, 1e-4, 0.05 };

@@ -1,5 +1,4 @@
 /* SPDX-License-Identifier: MIT
- *
  * test_sampling.c - importance sampling of the dipole, and tables over the albedo. */
 #include "oracle.h"
 
@@ -53,7 +52,7 @@ static int by_size(const void *a, const void *b)
 
 #define POINTS 22500
 
-/* Kolmogorov's distance between radii made of evenly spread numbers and the distribution. */
+/* Kolmogorov's distance between the distribution and radii of equidistant numbers. */
 static double distance(const struct pell_dipole *d, double *radius)
 {
     double most = 0.0;
@@ -119,7 +118,7 @@ static double mass(double log_r, const void *albedo)
     return 2.0 * PELL_PI * r * r * pell_sampling_table_pdf(&table, *(const double *) albedo, r);
 }
 
-/* The distribution is within 6e-4 of the model's, radii within 3 %, the density within 2 %, at any albedo. */
+/* At any albedo the distribution is within 6e-4 of the model's, radii within 3 %, the density within 2 %. */
 static void tables_are_close_to_their_models(void **state)
 {
     (void) state;
@@ -144,7 +143,8 @@ static void tables_are_close_to_their_models(void **state)
     }
 }
 
-/* The density is that of the samples, exactly: it integrates to 1, and its mass inside a sample's radius is the sample's number. */
+/* The density is exactly that of the samples: it integrates to 1, and its integral up to a sample's radius is the sample's random
+ * number. */
 static void densities_belong_to_the_tables_samples(void **state)
 {
     static const double albedos[] = { 0.0, 0.3, 0.77, 0.97, 0.999, 0.99999, 1.0 };

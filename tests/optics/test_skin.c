@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * test_skin.c - spectra to colours, and the spectral two-layer skin: its formulas against the published samples, its colours against
- * published skins. */
+ * test_skin.c - spectra to colours, and the spectral two-layer skin: its formulas against published samples, its colours against
+ * published skin colours. */
 #include "oracle.h"
 
 #include "optics/medium/spectra.h"
@@ -60,7 +59,7 @@ static void tables_are_those_of_their_files(void **state)
     }
 }
 
-/* The white point of the tables themselves, from an independent summation, and the curves' equal areas. */
+/* The white point of the tables, from an independent summation, and the equal areas of the curves. */
 static void tables_have_the_white_point_of_d65(void **state)
 {
     double xyz[3] = { 0 }, area[3] = { 0 };
@@ -77,7 +76,7 @@ static void tables_have_the_white_point_of_d65(void **state)
     REQUIRE_REL(area[2], area[1], 1e-4);
 }
 
-/* Luminance of a colour is the spectrum's own: the green row of the matrix back to XYZ. */
+/* The luminance of a colour equals that of its spectrum: the green row of the matrix back to XYZ. */
 static void luminance_of_a_band_is_its_share_of_ybar(void **state)
 {
     (void) state;
@@ -89,7 +88,7 @@ static void luminance_of_a_band_is_its_share_of_ybar(void **state)
             all += pell_d65[i][0] * pell_cie1931[i][1];
         }
         pell_spectrum_to_rgb(r, rgb);
-        /* 1e-4: each channel is scaled by itself such that white is 1. */
+        /* 1e-4: each channel is scaled separately such that white is 1. */
         REQUIRE_NEAR(0.212639005872 * rgb[0] + 0.715168678768 * rgb[1] + 0.072192315361 * rgb[2], in / all, 1e-4);
     }
 }
@@ -134,7 +133,8 @@ static void published_samples_are_met(void **state)
     json_decref(root);
 }
 
-/* Dervieux et al. 2020 measured the extinction again: within 12 % in the bands. A decadic table taken as a natural one is 2.3 times off. */
+/* Dervieux et al. 2020 repeated the measurement of the extinction: within 12 % in the bands. A decadic table taken for a natural one is
+ * 2.3 times off. */
 static void blood_absorbs_as_in_an_independent_measurement(void **state)
 {
     static const struct {
@@ -225,7 +225,7 @@ static void reflectance_is_epidermis_on_dermis(void **state)
     }
 }
 
-/* More pigment never reflects more, at any wavelength, and every share lies in [0, 1]. */
+/* More pigment never increases reflectance, at any wavelength, and every fraction lies in [0, 1]. */
 static void pigments_only_darken(void **state)
 {
     (void) state;
@@ -308,12 +308,12 @@ static void published_skins_are_within_reach(void **state)
             if (!(best[p] <= bound))
                 fail_msg("%s, epidermis %g mm: nearest colour at %.2f, bound %.2f", published_skins[p].name, thin ? 0.1 : 0.25, best[p],
                          bound);
-            REQUIRE(best[p] > 0.5 * bound); /* a bound that says something */
+            REQUIRE(best[p] > 0.5 * bound); /* a significant bound */
         }
     }
 }
 
-/* The Fitzpatrick-like scale of Chardon et al. 1991, from very light to dark, in order as melanin rises; hue stays that of skin. */
+/* The Fitzpatrick-like scale of Chardon et al. 1991, from very light to dark, in order as melanin increases; hue stays that of skin. */
 static void melanin_goes_through_all_skin_types(void **state)
 {
     static const double bounds[] = { 55.0, 41.0, 28.0, 10.0, -30.0, -91.0 };
@@ -333,7 +333,7 @@ static void melanin_goes_through_all_skin_types(void **state)
         while (angle < bounds[type])
             type++;
         seen[type] = true;
-        REQUIRE(rgb[0] > rgb[1]); /* never green, and from some melanin on never bluish */
+        REQUIRE(rgb[0] > rgb[1]); /* never green, and never bluish above some melanin content */
         if (s.melanin >= 0.02)
             REQUIRE(rgb[1] > rgb[2]);
     }
@@ -341,7 +341,7 @@ static void melanin_goes_through_all_skin_types(void **state)
         REQUIRE(seen[type]);
 }
 
-/* Blood reddens: a* grows with it up to a tenth where little melanin hides it; oxygen makes blood redder. */
+/* Blood reddens: a* increases with it up to a tenth where there is little melanin to hide it; oxygen makes blood redder. */
 static void blood_reddens_and_oxygen_more_so(void **state)
 {
     struct pell_skin s = pell_skin_default();

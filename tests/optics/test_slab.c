@@ -18,7 +18,7 @@ static struct pell_medium medium_of(double sigma_a, double sigma_s_reduced, doub
     return m;
 }
 
-/* What the second boundary returns of light that is not scattered. */
+/* Unscattered light that the second boundary reflects. */
 static double turned_back(const struct pell_slab *s, double d)
 {
     return s->boundary * exp(-s->sigma_t * d) * pell_slab_at(s, d).straight;
@@ -59,7 +59,7 @@ static void a_thick_slab_is_a_half_space(void **state)
         }
 }
 
-/* Where the albedo is small, hardly any light is scattered twice, and both shares are integrals over the direction that it leaves along. */
+/* Where the albedo is small, hardly any light is scattered twice, and R and T are integrals over the exit direction. */
 static void a_thin_slab_scatters_once(void **state)
 {
     const struct pell_medium m = medium_of(0.999, 0.001, 0.0, 1.0);
@@ -99,7 +99,7 @@ static void transmission_without_absorption_falls_as_one_over_the_thickness(void
     REQUIRE_REL(1.0 / at[1], 1.6788 / (200.0 + 2.0 * 0.7104), 3e-3);
 }
 
-/* Light that is scattered forward is no longer straight, and is not lost. */
+/* Forward-scattered light is not counted as unscattered, and is not lost. */
 static void forward_scattering_moves_light_from_straight_to_scattered(void **state)
 {
     const struct pell_medium even = medium_of(0.1, 1.0, 0.0, 1.4), forward = medium_of(0.1, 1.0, 0.8, 1.4);
@@ -144,7 +144,7 @@ static void layers_of_one_medium_are_the_medium(void **state)
         const struct pell_stack stack = stack_of(k ? 3 : 1, layers[k], 1.4);
         struct pell_slab s;
         REQUIRE(pell_slab_make_layers(&stack, 0, &s));
-        for (double d = 1e-4; d < 60.0; d *= 1.6) { /* the last layer goes on beyond its bottom */
+        for (double d = 1e-4; d < 60.0; d *= 1.6) { /* the last layer extends beyond its bottom */
             const struct pell_slab_light a = pell_slab_at(&one, d), b = pell_slab_at(&s, d);
             REQUIRE_REL(b.reflected, a.reflected, 5e-3);
             REQUIRE_REL(b.straight, a.straight, 3e-3);
@@ -164,12 +164,13 @@ static void layers_without_absorption_lose_nothing(void **state)
     REQUIRE(pell_slab_make_layers(&stack, 2, &s));
     for (double d = 1e-4; d < 100.0; d *= 1.3) {
         const struct pell_slab_light l = pell_slab_at(&s, d);
-        const double crossed = l.straight / (1.0 - s.boundary); /* e/(1 - b^2 e^2): e is straight's of no boundary, but for little */
+        const double crossed =
+            l.straight / (1.0 - s.boundary); /* e/(1 - b^2 e^2): e is the unscattered transmittance without a boundary, approximately */
         REQUIRE_NEAR(l.reflected + l.transmitted + l.straight, 1.0, 5e-3 + s.boundary * crossed);
     }
 }
 
-/* Clear layers with a scattering sheet in the middle: its halves meet. What absorbs above it is passed twice by what is reflected. */
+/* Clear layers with a scattering sheet in the middle: its halves meet. Reflected light crosses an absorber above it twice. */
 static void absorbing_skins_filter_what_is_between(void **state)
 {
     static const double plain[1][4] = { { 0.05, 3.0, 0.0, (double) INFINITY } };
@@ -183,7 +184,8 @@ static void absorbing_skins_filter_what_is_between(void **state)
     REQUIRE(pell_slab_make_layers(&stack, 0, &s));
     for (double d = 1.0; d < 8.0; d *= 1.5) {
         const struct pell_slab_light a = pell_slab_at(&inside, d), b = pell_slab_at(&s, d + 0.6);
-        /* down along the normal by exp(-0.3), out of it in all directions: between exp(-0.3) of the normal and 2 E_3(0.3) of even light */
+        /* direct attenuation exp(-0.3) along the normal, and in all directions on the way out: between exp(-0.3) of the normal and 2
+         * E_3(0.3) of diffuse light */
         REQUIRE(b.transmitted < a.transmitted * exp(-0.6) && b.transmitted > 0.9 * a.transmitted * exp(-0.3) * 0.6007);
         REQUIRE(b.reflected < a.reflected * exp(-0.6) && b.reflected > 0.9 * a.reflected * exp(-0.3) * 0.6007);
         REQUIRE_REL(b.straight, a.straight * exp(-0.6), 0.02);
@@ -206,8 +208,8 @@ static void media_out_of_range_are_slabs_of_nothing(void **state)
     REQUIRE(pell_slab_at(&s, (double) NAN).reflected < 1e-300);
 }
 
-/* Pairs of poles (Donner and Jensen 2005): one of height z holds exp(-s |z|) of light, to which a second moment of 2 |z| exp(-s |z|)/s
- * belongs. */
+/* Pairs of poles (Donner and Jensen 2005): a pole at height z contributes exp(-s |z|), with a second
+ * moment of 2 |z| exp(-s |z|)/s. */
 static void light_spreads_in_a_slab_as_its_poles_say(void **state)
 {
     static const double absorbed[] = { 0.002, 0.05, 1.0 }, thicknesses[] = { 1.0, 3.0, 12.0 };
@@ -230,8 +232,8 @@ static void light_spreads_in_a_slab_as_its_poles_say(void **state)
         }
 }
 
-/* Without absorption a thick slab's is a third of the square of its thickness; little absorption is near none; and nothing spreads in no
- * slab. */
+/* Without absorption the second moment of a thick slab is a third of the square of its thickness; weak absorption is close to none; and
+ * a slab of zero thickness does not spread light. */
 static void light_spreads_over_a_third_of_the_square_of_a_thickness(void **state)
 {
     const struct pell_medium clear = medium_of(0.0, 1.0, 0.0, 1.0), nearly = medium_of(1e-9, 1.0, 0.0, 1.0);
@@ -247,14 +249,14 @@ static void light_spreads_over_a_third_of_the_square_of_a_thickness(void **state
     }
 }
 
-/* What falls along m behind the boundary passes as 1 + slope (1 - m) says over its mean. */
+/* The transmittance of light along m behind the boundary, relative to its mean, is 1 + slope (1 - m). */
 static double passing(const struct pell_half_space_angle *a, double m)
 {
     return (1.0 + a->slope * (1.0 - m)) / a->mean;
 }
 
-/* Milne's problem without absorption and refraction: H(m), whose mean by flux is 4/sqrt(3) (Chandrasekhar 1960); with both, photons that
- * leave a slab of ten mean free paths of skin1 along twelve cosines, 2e7 of them. */
+/* Milne's problem without absorption and refraction: H(m), whose flux-weighted mean is 4/sqrt(3) (Chandrasekhar 1960); with both,
+ * photons that leave a slab of ten mean free paths of skin1 along twelve cosines, 2e7 of them. */
 static void what_comes_from_the_depth_leaves_forward(void **state)
 {
     static const double H[][2] = { { 0.3, 1.6425 }, { 0.5, 2.0128 }, { 0.7, 2.3740 }, { 1.0, 2.9078 } };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_small.c - what balls of a few mean free paths return of even light, against photons that are followed here. */
+ * test_small.c - reflectance of balls of a few mean free paths under uniform illumination, against photons traced here. */
 #include "pell_test.h"
 
 #include "math/sampling.h"
@@ -17,7 +17,8 @@ static double uniform(void)
     return (double) pell_unit_float(pell_hash(++numbers));
 }
 
-/* Light that falls on the pole of a ball, as light from everywhere does; in mean free paths. What of that which enters leaves scattered. */
+/* Uniform illumination, reduced by symmetry to light at the pole of a ball; lengths in mean free paths. Returns the fraction of the
+ * entering light that leaves after scattering. */
 static void follow(double diameter, double eta, double left[ALBEDOS], double *entered)
 {
     const double radius = 0.5 * diameter, c = sqrt(uniform()), sine = sqrt(1.0 - c * c) / eta, turn = 2.0 * PELL_PI * uniform();
@@ -29,10 +30,10 @@ static void follow(double diameter, double eta, double left[ALBEDOS], double *en
     *entered += weight[0];
     while (weight[ALBEDOS - 1] > 1e-4) {
         const double b = x[0] * w[0] + x[1] * w[1] + x[2] * w[2], q = x[0] * x[0] + x[1] * x[1] + x[2] * x[2] - radius * radius;
-        const double way = fmax(sqrt(fmax(b * b - q, 0.0)) - b, 0.0), flight = -log(uniform() + 1e-12), d = fmin(way, flight);
+        const double to_surface = fmax(sqrt(fmax(b * b - q, 0.0)) - b, 0.0), flight = -log(uniform() + 1e-12), d = fmin(to_surface, flight);
         for (int i = 0; i < 3; i++)
             x[i] += d * w[i];
-        if (flight < way) {
+        if (flight < to_surface) {
             const double z = 2.0 * uniform() - 1.0, around = 2.0 * PELL_PI * uniform(), r = sqrt(1.0 - z * z);
             w[0] = r * cos(around);
             w[1] = r * sin(around);

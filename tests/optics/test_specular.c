@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_specular.c - the lobes and what they leave for the light below. */
+ * test_specular.c - specular lobes, and the fraction of light that they leave for the medium below. */
 #include "oracle.h"
 
 #include "math/vec.h"
@@ -17,7 +17,7 @@ static void spherical(double cosine, double azimuth, double w[3])
     w[2] = cosine;
 }
 
-/* Int D cos dw = 1, D taken out of the lobe at l = v = h, where F is f0 = 1. */
+/* Int D cos dw = 1, D extracted from the lobe at l = v = h, where F is f0 = 1. */
 static void beckmann_is_normalised(void **state)
 {
     (void) state;
@@ -44,12 +44,12 @@ static void ggx_is_normalised(void **state)
             sum += 2.0 * PELL_PI * pell_specular_value(PELL_SPECULAR_GGX, r, 1.0, up, h, h) * 4.0 * c * c / g * c * sin(a) * 0.5 * PELL_PI /
                    20000;
         }
-        REQUIRE_NEAR(sum, 1.0, 1e-5); /* of midpoints at the narrowest lobe: h^2/24 2/alpha^2 = 5e-6 */
+        REQUIRE_NEAR(sum, 1.0, 1e-5); /* error of midpoints for the narrowest lobe: h^2/24 2/alpha^2 = 5e-6 */
     }
 }
 
-/* Factors and exponents of Phong's lobes against closed forms, by quadrature of f itself with F = 1. Straight down, Int f cos dw = 1; along
- * the middle of the highlight they fall off as Beckmann's distribution of m = alpha does. */
+/* Factors and exponents of Phong lobes against closed forms, by quadrature of the BRDF itself with F = 1. At normal incidence, Int f cos
+ * dw = 1; along the middle of the highlight they fall off as Beckmann's distribution of m = alpha. */
 static void phongs_lobes_are_normalised(void **state)
 {
     static const enum pell_specular_model models[] = { PELL_SPECULAR_PHONG, PELL_SPECULAR_BLINN_PHONG };
@@ -59,7 +59,7 @@ static void phongs_lobes_are_normalised(void **state)
             const double r = (double) roughnesses[i], alpha = r * r, peak = pell_specular_value(models[m], r, 1.0, up, up, up);
             const double n = models[m] == PELL_SPECULAR_PHONG ? 0.5 / (alpha * alpha) - 0.5 : 2.0 / (alpha * alpha) - 2.0;
             double sum = 0.0;
-            for (int k = 0; k < 40000; k++) { /* packed toward the middle */
+            for (int k = 0; k < 40000; k++) { /* denser toward the middle */
                 const double s = (k + 0.5) / 40000, a = s * s * 0.5 * PELL_PI, l[3] = { sin(a), 0.0, cos(a) };
                 sum += 2.0 * PELL_PI * pell_specular_value(models[m], r, 1.0, up, l, up) * cos(a) * sin(a) * s * PELL_PI / 40000;
             }
@@ -75,7 +75,8 @@ static void phongs_lobes_are_normalised(void **state)
         }
 }
 
-/* Where the integral is known: Blinn's at n = 0 is an even 1/pi; narrow lobes see one cosine, or two; straight down all is reflected. */
+/* Cases with a known integral: Blinn's at n = 0 is a constant 1/pi; narrow lobes depend on one or two cosines; at normal incidence all
+ * light is reflected. */
 static void phongs_albedos_meet_their_limits(void **state)
 {
     struct pell_specular_table phong, blinn;
@@ -96,7 +97,7 @@ static void phongs_albedos_meet_their_limits(void **state)
     }
 }
 
-/* The arithmetic that kernels use in place of the library's, from one end to the other. */
+/* The approximations that kernels use instead of the math library, over their whole range. */
 static void logarithm_of_kernels_is_exact(void **state)
 {
     (void) state;
@@ -134,7 +135,7 @@ static void lobes_are_reciprocal(void **state)
     REQUIRE(lit > 1000);
 }
 
-/* What kernels use equals the formula in double. */
+/* The kernels' evaluation equals the formula in double precision. */
 static void kernels_draw_the_same_lobe(void **state)
 {
     (void) state;
@@ -158,20 +159,21 @@ static void kernels_draw_the_same_lobe(void **state)
                 }
                 REQUIRE_NEAR(f * pell_lobe_ggx(width2[0], lf.z, vf.z, sin2, nh, hh), value[0], 2e-5 * value[0]);
                 REQUIRE_NEAR(f * pell_lobe_kelemen(width2[1], sin2, nh, hh), value[1], 5e-5 * value[1] + 1e-12);
-                /* narrow: h of 0.05 is right to 2e-6 in floats, and twenty e-folds down the value is so forty times over */
+                /* narrow: h of 0.05 is accurate to 2e-6 in float, and twenty e-folds down the value is forty times less accurate */
                 REQUIRE_NEAR(f * pell_lobe_phong(width2[2], lf.z, vf.z, sin2), value[2], 3e-4 * value[2] + 1e-12);
                 REQUIRE_NEAR(f * pell_lobe_blinn_phong(width2[3], sin2, hh), value[3], 3e-4 * value[3] + 1e-12);
             }
 }
 
-/* Int f n.l dl by midpoints over a polar grid round the mirror direction, packed toward it, half a turn: nothing of the tables' rule. */
+/* Int f n.l dl by midpoints over a polar grid around the mirror direction, denser toward it, over half a turn: independent of the rule
+ * of the tables. */
 static double brute_albedo(enum pell_specular_model model, double roughness, double f0, double mu)
 {
     const int rings = 700, turns = 120;
     double v[3], sum = 0.0;
 
     spherical(mu, 0.0, v);
-    const double r[3] = { -v[0], 0.0, v[2] }, t[3] = { v[2], 0.0, v[0] }; /* t and y are at right angles to r */
+    const double r[3] = { -v[0], 0.0, v[2] }, t[3] = { v[2], 0.0, v[0] }; /* t and y are perpendicular to r */
     for (int i = 0; i < rings; i++) {
         const double s = (i + 0.5) / rings, a = PELL_PI * s * s * s, da = PELL_PI * 3.0 * s * s / rings;
         for (int j = 0; j < turns; j++) {
@@ -194,7 +196,7 @@ static void check_albedo(enum pell_specular_model model, double eta)
         for (size_t j = 0; j < PELL_COUNT(cosines); j++) {
             const double truth = brute_albedo(model, (double) roughnesses[i], (double) f0, (double) cosines[j]);
             const double rho_dt = 1.0 - (double) pell_specular_albedo(&table, f0, cosines[j], roughnesses[i]);
-            /* the lobe with rho_s = 1 and what enters make up all the light */
+            /* the lobe with rho_s = 1 plus the light that enters is all light */
             REQUIRE_NEAR(truth + rho_dt, 1.0, 5e-3);
             worst = fmax(worst, fabs(truth + rho_dt - 1.0));
         }
@@ -227,7 +229,7 @@ static void specular_and_entering_light_sum_to_one_blinn_phong(void **state)
     check_albedo(PELL_SPECULAR_BLINN_PHONG, 1.5);
 }
 
-/* No lobe throws back more than arrives, from f itself: F = 1, every direction, also between the tables' entries. */
+/* No lobe reflects more light than arrives, from the BRDF itself: F = 1, every direction, also between the tables' entries. */
 static void white_furnace_makes_no_light(void **state)
 {
     static const double widths[] = { 0.15, 0.5, 0.7, 0.85, 1.0 };
@@ -240,8 +242,8 @@ static void white_furnace_makes_no_light(void **state)
             }
 }
 
-/* Under even light the mean of what enters and of what is thrown back is 1 at every roughness; a metal with F0 = 1 loses only what
- * single scattering between facets loses. */
+/* Under uniform illumination the means of entering and reflected light sum to 1 at every roughness; a metal with F0 = 1 loses only
+ * multiple scattering between facets. */
 static void furnace_keeps_energy(void **state)
 {
     struct pell_specular_table table;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_bloom.c - the point spread of bloom against its two Gaussians, the light that it keeps, and that threads don't matter. */
+ * test_bloom.c - the point spread of bloom against its two Gaussians, conservation of light, and independence of threads. */
 #include "pell_test.h"
 
 #include "math/vec.h"
@@ -13,14 +13,14 @@ struct image {
     float *plane[2], *scratch[PELL_BLOOM_PLANES];
 };
 
-static void start(struct image *p, int width, int height, float share, float sigma, int threads)
+static void start(struct image *p, int width, int height, float fraction, float sigma, int threads)
 {
     float **planes[] = { &p->plane[0], &p->plane[1], &p->scratch[0], &p->scratch[1], &p->scratch[2] };
 
     p->ctx = test_context(NULL, NULL);
     assert_int_equal(pell_pool_create(p->ctx, threads, &p->pool), PELL_OK);
     assert_int_equal(pell_planes_allocate(p->ctx, width, height, planes, 5), PELL_OK);
-    p->params = (struct pell_bloom_params) { width, height, pell_plane_stride(width), share, sigma };
+    p->params = (struct pell_bloom_params) { width, height, pell_plane_stride(width), fraction, sigma };
 }
 
 static void finish(struct image *p)
@@ -54,16 +54,16 @@ static double gaussian(double r2, double sigma)
     return exp(-0.5 * r2 / (sigma * sigma)) / (2.0 * PELL_PI * sigma * sigma);
 }
 
-/* Whatever the place of the point between those of the wide grid. */
+/* For any position of the point relative to the coarse grid. */
 static void a_point_is_spread_as_stated(void **state)
 {
-    static const int places[][2] = { { 160, 120 }, { 163, 122 }, { 167, 127 } };
+    static const int positions[][2] = { { 160, 120 }, { 163, 122 }, { 167, 127 } };
     static const double sigmas[] = { 2.0, 8.0, 13.0, 24.0 };
     (void) state;
     for (int i = 0; i < 4; i++)
         for (int k = 0; k < 3; k++) {
             const double sigma = sigmas[i], b = 0.25;
-            const int cx = places[k][0], cy = places[k][1];
+            const int cx = positions[k][0], cy = positions[k][1];
             double worst = 0.0, sum = 0.0, second = 0.0;
             struct image p;
             start(&p, 320, 240, (float) b, (float) sigma, 2);
@@ -73,7 +73,7 @@ static void a_point_is_spread_as_stated(void **state)
                 for (int x = 0; x < 320; x++) {
                     const double r2 = (double) ((x - cx) * (x - cx) + (y - cy) * (y - cy)), got = (double) *at(&p, 0, x, y) / 1000.0;
                     const double want = 0.5 * b * (gaussian(r2, sigma) + gaussian(r2, 0.25 * sigma)) + (r2 == 0.0 ? 1.0 - b : 0.0);
-                    if (sigma >= 8.0 || r2 > 4.0) /* a Gaussian of half a pixel is no point of itself */
+                    if (sigma >= 8.0 || r2 > 4.0) /* a Gaussian of half a pixel does not resolve a point itself */
                         worst = fmax(worst, fabs(got - want) / (0.5 * b * (gaussian(0.0, sigma) + gaussian(0.0, 0.25 * sigma))));
                     sum += got;
                     second += got * r2;
@@ -83,7 +83,7 @@ static void a_point_is_spread_as_stated(void **state)
             REQUIRE(worst < 0.02);
             REQUIRE_NEAR(sum, 1.0, 1e-5);
             REQUIRE_NEAR(second / (b * sigma * sigma * (1.0 + 1.0 / 16.0)), 1.0, 0.02);
-            assert_true(*at(&p, 1, cx, cy) == 0.0f); /* planes are apart */
+            assert_true(*at(&p, 1, cx, cy) == 0.0f); /* planes are separate */
             finish(&p);
         }
 }
@@ -109,7 +109,7 @@ static void light_is_kept_and_uniform_light_stays(void **state)
             before = total(&p, 0);
             spread(&p);
             after = total(&p, 0);
-            /* boxes that end beyond the edge weigh what is at it more */
+            /* boxes that extend beyond the border give pixels at the border more weight */
             REQUIRE_REL(after, before, w % 64 == 0 && h % 64 == 0 ? 1e-5 : 0.05);
             for (int y = 0; y < h; y++)
                 for (int x = 0; x < w; x++)

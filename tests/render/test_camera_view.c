@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_camera_view.c - pixels to rays and boxes to pixels. */
+ * test_camera_view.c - rays of pixels, and bounding rectangles of boxes in the image. */
 #include "pell_test.h"
 
 #include "render/camera_view.h"
@@ -44,7 +44,7 @@ static void the_corners_of_the_picture_are_where_the_camera_says(void **state)
     REQUIRE_NEAR(d.z, -1.0, 0);
 }
 
-/* Every pixel whose ray meets the box must be in the rectangle, and the rectangle must not be much larger than they are. */
+/* Every pixel whose ray hits the box must be in the rectangle, and the rectangle must not be much larger than their bounds. */
 static void rectangles_hold_every_pixel_that_sees_the_box(void **state)
 {
     static const float low[3] = { -3, 1, 2 }, high[3] = { 4, 3, 9 };
@@ -90,7 +90,7 @@ static void rectangles_hold_every_pixel_that_sees_the_box(void **state)
                 tight.x1 = x + 1 > tight.x1 ? x + 1 : tight.x1;
                 tight.y1 = y + 1 > tight.y1 ? y + 1 : tight.y1;
             }
-        /* Where the whole box is seen at a good size, the border is about one pixel. */
+        /* Where the whole box is in view and not small, the border is about one pixel. */
         if (w == 64 && rect.x0 > 0 && rect.y0 > 0 && rect.x1 < w && rect.y1 < h && tight.x1 - tight.x0 > 8 && tight.y1 - tight.y0 > 8) {
             assert_in_range(tight.x0 - rect.x0, 0, 4);
             assert_in_range(rect.x1 - tight.x1, 0, 4);
@@ -112,7 +112,7 @@ static void boxes_behind_around_and_empty(void **state)
     assert_true(r.x0 >= r.x1);
     r = pell_view_rect(&w, (float[]) { -1, -1, 2 }, (float[]) { 1, 1, 3 });
     assert_true(r.x0 >= r.x1);
-    r = pell_view_rect(&v, (float[]) { -1, -1, -1 }, (float[]) { 1, 1, 3 }); /* the camera is in it */
+    r = pell_view_rect(&v, (float[]) { -1, -1, -1 }, (float[]) { 1, 1, 3 }); /* the camera is inside the box */
     assert_true(r.x0 == 0 && r.y0 == 0 && r.x1 == 64 && r.y1 == 48);
     r = pell_view_rect(&w, (float[]) { -1, -1, -1 }, (float[]) { 1, 1, 3 }); /* 2 mm of 10 mm: still tight */
     assert_in_range(r.y1 - r.y0, 9, 13);
@@ -120,7 +120,7 @@ static void boxes_behind_around_and_empty(void **state)
     assert_true(r.x0 >= r.x1);
     r = pell_view_rect(&v, (float[]) { -INFINITY, -1, -5 }, (float[]) { 1, 1, -3 });
     assert_true(r.x0 == 0 && r.y0 == 0 && r.x1 == 64 && r.y1 == 48);
-    r = pell_view_rect(&v, (float[]) { 100, -1, -5 }, (float[]) { 101, 1, -3 }); /* beside the picture */
+    r = pell_view_rect(&v, (float[]) { 100, -1, -5 }, (float[]) { 101, 1, -3 }); /* outside the image */
     assert_true(r.x0 >= r.x1 || r.y0 >= r.y1);
     r = pell_view_rect(&v, (float[]) { -1e30f, -1e30f, -1e-30f }, (float[]) { 1e30f, 1e30f, -1e-31f });
     assert_true(r.x0 == 0 && r.y0 == 0 && r.x1 == 64 && r.y1 == 48);

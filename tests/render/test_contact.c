@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_contact.c - the shadow on the default background where objects stand. */
+ * test_contact.c - the contact shadow of objects on the default background. */
 #include "stage.h"
 
 #include "render/contact/stage.h"
@@ -31,8 +31,8 @@ static struct pell_contact *contact_of_ball(struct stage *s, int threads)
     return contact;
 }
 
-/* The share of the sky that the ball hides from a point at distance d from where it touches the plane: the configuration factor
- * R^2 cos / D^2 of a sphere above the point's horizon. */
+/* The fraction of the hemisphere that the ball occludes at a point at distance d from the point of contact: the form factor R^2 cos /
+ * D^2 of a sphere above the point's horizon. */
 static double hidden(double d)
 {
     const double there = sqrt(d * d + (double) (RADIUS * RADIUS));
@@ -44,7 +44,7 @@ static void a_ball_hides_its_configuration_factor_of_the_sky(void **state)
     struct stage s;
     struct pell_contact *contact = contact_of_ball(&s, 2);
     const struct pell_vec3 down = vec3(0, -1, 0);
-    const double under = 1.0 - (double) pell_contact_shade(contact, vec3(0, 50, 0), down); /* what all of the sky takes away */
+    const double under = 1.0 - (double) pell_contact_shade(contact, vec3(0, 50, 0), down); /* the effect of full occlusion */
     (void) state;
 
     REQUIRE(under > 0.5 && under < 0.95);
@@ -53,7 +53,7 @@ static void a_ball_hides_its_configuration_factor_of_the_sky(void **state)
             const struct pell_vec3 from = vec3((float) (d * cos(turn)), 50, (float) (d * sin(turn)));
             REQUIRE_NEAR((1.0 - (double) pell_contact_shade(contact, from, down)) / under, hidden(d), 0.035);
         }
-    for (int turn = 0; turn < 8; turn++) { /* it ends before the grid does, and nowhere is it lighter than the background */
+    for (int turn = 0; turn < 8; turn++) { /* the shadow ends inside the grid, and is nowhere lighter than the background */
         const struct pell_vec3 edge = vec3((float) (75.0 * cos(turn)), 50, (float) (75.0 * sin(turn)));
         REQUIRE_NEAR((double) pell_contact_shade(contact, edge, down), 1.0, 1e-3);
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_curvature.c - mean curvature of meshes against that of the solids they stand for, and what it does to light: against diffusion
- * solved on a grid of radii, against conservation, and against path-trace on a ball. */
+ * test_curvature.c - mean curvature of meshes against that of the solids that they approximate, and its effect on light: against
+ * diffusion solved on a radial grid, against conservation, and against path-trace on a ball. */
 #include "stage.h"
 
 #include "math/vec.h"
@@ -27,9 +27,9 @@ static void medium_of(struct pell_medium *m, double sigma_a, double sigma_s_redu
 
 enum { NODES = 40000 };
 
-/* What leaves a ball, or a hollow in a large body, of radius a, of a source spread evenly at depth z0: u'' = s^2 u for u = r phi on a grid,
- * u = 0 in the middle (far away, about a hollow) and at the distance zb beyond the surface, by elimination. The flux through
- * the surface is a u' - u there. */
+/* Light that leaves a ball (or a hollow in a large body) of radius a, for a source spread uniformly at depth z0: u'' = s^2 u for u = r
+ * phi on a grid, u = 0 in the middle (far away, about a hollow) and at the distance zb beyond the surface, by elimination. The flux
+ * through the surface is a u' - u there. */
 static double escape_on_a_grid(double a, double z0, double zb, double s, bool hollow)
 {
     static double u[NODES + 1], upper[NODES + 1];
@@ -40,7 +40,7 @@ static double escape_on_a_grid(double a, double z0, double zb, double s, bool ho
 
     upper[0] = u[0] = 0.0;
     for (i = 1; i < NODES; i++) {
-        /* The shell's 1/(4 pi r) per unit of D, shared between the two nodes beside it. */
+        /* The shell's 1/(4 pi r) per unit of D, distributed over the two adjacent nodes. */
         const double near = 1.0 - fabs(where - i), f = near > 0.0 ? near / h / source : 0.0;
         const double d = -(2.0 / (h * h) + s * s) - upper[i - 1] / (h * h);
         upper[i] = 1.0 / (h * h) / d;
@@ -81,7 +81,7 @@ static void gains_are_what_diffusion_says(void **state)
             }
 }
 
-/* All light leaves a ball that does not absorb: the gain makes up for what no chord reaches, and a plane has none. */
+/* All light leaves a ball without absorption: the gain compensates for light beyond the longest chord; a plane has no gain. */
 static void nothing_is_lost_without_absorption(void **state)
 {
     (void) state;
@@ -142,8 +142,8 @@ static void a_ball_has_one_over_its_radius(void **state)
         }
 }
 
-/* A cube turns by a quarter at each of its edges: pi/4 for each mm of them is the integral of its mean curvature. Away from the edges it is
- * flat, to the bit. */
+/* A cube turns by a quarter at each of its edges: pi/4 per mm of edge is the integral of its mean curvature. Away from the edges it is
+ * exactly flat. */
 static void a_cube_is_curved_along_its_edges(void **state)
 {
     const float side = 100.0f;
@@ -172,7 +172,7 @@ static void a_cube_is_curved_along_its_edges(void **state)
 
 /* --- Thin parts ------------------------------------------------------------------------------------------------------------------ */
 
-/* R and T of a slab over the half-space's R, of R, G and B. */
+/* R and T of a slab relative to the half-space's R, for R, G and B. */
 static void slab_totals(const struct pell_medium *m, double d, double reflected[3], double transmitted[3])
 {
     for (int c = 0; c < 3; c++) {
@@ -185,7 +185,7 @@ static void slab_totals(const struct pell_medium *m, double d, double reflected[
     }
 }
 
-/* At a point of mesh 0 in one lane; in the others nothing happens: they do not ask, or ask for what there is not. */
+/* At a point of mesh 0 in one lane; the other lanes are unchanged: they are inactive, or query invalid ids. */
 enum { LANE = 11 };
 static void effects_at(const struct pell_curvature *curvature, uint32_t triangle, float u, float v, struct pell_curvature_effects *e)
 {
@@ -212,7 +212,7 @@ static void effects_at(const struct pell_curvature *curvature, uint32_t triangle
         }
 }
 
-/* Of a sheet in air that is d mm thick, at the middle of both faces. */
+/* For a sheet in air that is d mm thick, at the middle of both faces. */
 static void a_sheet_keeps_what_a_slab_reflects(void **state)
 {
     (void) state;
@@ -248,7 +248,7 @@ static void a_sheet_keeps_what_a_slab_reflects(void **state)
     }
 }
 
-/* Of a ball: all that it returns, less what goes straight through its middle. */
+/* For a ball: its total reflectance, minus the light transmitted straight through its middle. */
 static void a_ball_keeps_what_does_not_go_through(void **state)
 {
     const float radius = 5.0f;
@@ -280,7 +280,7 @@ static void a_ball_keeps_what_does_not_go_through(void **state)
 
 static double mean_of(const struct shot *shot, size_t c);
 
-/* A sheet of 2 mm of marble, lit from the front, from behind, from everywhere: the planar profile alone returns a sixth to a third too
+/* A sheet of 2 mm of marble, lit from the front, from behind, and uniformly: the planar profile alone returns a sixth to a third too
  * much in front. */
 static void a_sheet_is_as_bright_as_path_traced(void **state)
 {
@@ -326,7 +326,8 @@ static void a_sheet_is_as_bright_as_path_traced(void **state)
 
 /* --- Light ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Light along the axis of a ball of radius a: in the middle of the picture enters gain (1 - 2 l/(eta a)) of what enters a plane. */
+/* Light along the axis of a ball of radius a: in the middle of the image the entering light is gain (1 - 2 l/(eta a)) times that of a
+ * plane. */
 static void a_ball_lit_from_the_front_has_the_closed_form(void **state)
 {
     const float radius = 30.0f;
@@ -372,7 +373,8 @@ static double mean_of(const struct shot *shot, size_t c)
     return sum;
 }
 
-/* A ball of 20 mm under even light, ten mean free paths thick for red: the planar profile is a tenth to a quarter too dark. */
+/* A ball of 20 mm under uniform illumination, ten mean free paths thick for red: with the planar profile it is a tenth to a quarter too
+ * dark. */
 static void a_ball_under_even_light_is_as_bright_as_path_traced(void **state)
 {
     static const char *const traced[] = { "samples=256", NULL };
@@ -405,7 +407,7 @@ static void a_ball_under_even_light_is_as_bright_as_path_traced(void **state)
     stage_finish(&s);
 }
 
-/* Of the middle of the picture. */
+/* Mean radiance in the middle of the image. */
 static double middle_of(const struct shot *shot, size_t c)
 {
     double sum = 0.0;
@@ -416,7 +418,7 @@ static double middle_of(const struct shot *shot, size_t c)
     return sum;
 }
 
-/* The middle of what a parallel camera sees, by path-trace: the pixels that middle_of() reads, and no other. */
+/* The middle of an orthographic camera's image, by path-trace: only the pixels that middle_of() reads. */
 static struct shot traced_middle(struct stage *s, const char *const *knobs)
 {
     struct pell_camera *const camera = &s->scene->cameras[0];
@@ -430,8 +432,8 @@ static struct shot traced_middle(struct stage *s, const char *const *knobs)
     return shot;
 }
 
-/* A prism of skin1 whose edge is sharper than samples are near to each other, under even light: two faces that nearly meet send each
- * other no more than a half-space returns. */
+/* A prism of skin1 whose edge is sharper than the spacing of samples, under uniform illumination: two faces that nearly meet contribute
+ * to each other no more than a half-space returns. */
 static void sharp_edges_have_no_colour_of_their_own(void **state)
 {
     static const float corner[6][3] = { { -20, 0, 6 }, { 20, 0, 6 }, { -20, 0, -6 }, { 20, 0, -6 }, { -20, 20, 0 }, { 20, 20, 0 } };
@@ -471,8 +473,8 @@ static void sharp_edges_have_no_colour_of_their_own(void **state)
     stage_finish(&s);
 }
 
-/* What a thin plate of marble shows that is lit from beside and behind: light comes from its rim, too, which a slab's T along one way knows
- * nothing of. */
+/* A thin plate of marble, lit from the side and behind: light also comes from its rim, which a slab's T along one direction does not
+ * include. */
 static void plates_of_what_absorbs_little_are_as_bright_as_path_traced(void **state)
 {
     static const char *const traced[] = { "samples=300", NULL }, *const methods[] = { "screen-space", "image-space" };
@@ -505,9 +507,9 @@ static void plates_of_what_absorbs_little_are_as_bright_as_path_traced(void **st
     }
 }
 
-/* A ball of 10 mm of skin or marble, and a slab, lit from behind. What is seen has gone through them: a half-space's profile is up to seven
- * times too dark in the ball of skin, and a slab's T along one chord up to three times too bright in that of marble. Red
- * has four mean free paths to the radius of skin's, fewer than curvature's gain knows. */
+/* A ball of 10 mm of skin or marble, and a slab, backlit. All visible light is transmitted: a half-space's profile is up to seven times
+ * too dark for the ball of skin, and a slab's T along one chord up to three times too bright for that of marble. For red the radius is
+ * four mean free paths of skin, outside the range of the curvature gain. */
 static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
 {
     static const char *const traced[] = { "samples=600", NULL };
@@ -528,12 +530,12 @@ static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
         else
             stage_ball(&s, material, 0, vec3(0, 0, 0), 5.0f, 48);
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(100, 150, -900), vec3(0, 0, 0), 2.0f);
-        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, slab ? 40.0f : 8.0f); /* the middle of either */
+        stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, slab ? 40.0f : 8.0f); /* the middle of each */
         s.settings.layers = s.settings.angles = s.settings.curvature = true;
         s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
         truth = traced_middle(&s, traced);
         s.settings.opposed = false;
-        for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another, for what they share is made once */
+        for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another, since they share renderer state */
             off[i] = stage_shot_of(&s, methods[i], NULL);
         s.settings.opposed = true;
         for (size_t i = 0; i < PELL_COUNT(methods); i++) {
@@ -556,8 +558,8 @@ static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
     }
 }
 
-/* A ball of grapefruit juice, six mean free paths thick for red. Lit from behind, what comes through was scattered forward. Seen from where
- * the light is, there is none of that: it was taken for a source in the depth, which made rims of clear things several times too bright. */
+/* A ball of grapefruit juice, six mean free paths thick for red. Backlit, the transmitted light is scattered forward. Seen from the
+ * light there is none of it: treating it as a diffuse source made rims of clear objects several times too bright. */
 static void clear_solids_pass_light_forward(void **state)
 {
     static const char *const traced[] = { "samples=96", NULL }, *const methods[] = { "screen-space", "hierarchical" };
@@ -593,8 +595,8 @@ static void clear_solids_pass_light_forward(void **state)
     }
 }
 
-/* A sheet of grapefruit juice, 0.4 to 1.1 mean free paths thick, lit from behind at two angles. What goes through is scattered forward:
- * path-trace has 20 times as much in the direction of the light as aside. */
+/* A sheet of grapefruit juice, 0.4 to 1.1 mean free paths thick, backlit at two angles. The transmitted light is scattered forward: with
+ * path-trace it is 20 times as bright in the direction of the light as sideways. */
 static void clear_sheets_are_bright_toward_the_light(void **state)
 {
     RELEASE_ONLY();

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_denoise.c - the denoiser on pictures whose truth and noise are known: what it takes of the error, what it leaves of edges, the light
- * that it keeps, and that threads don't matter. */
+ * test_denoise.c - the denoiser on images with known ground truth and noise: reduction of the error, preservation of edges, conservation
+ * of light, and independence of threads. */
 #include "pell_test.h"
 #include "slow.h"
 
@@ -17,11 +17,11 @@ struct picture {
     struct pell_pool *pool;
     struct pell_accumulator sum;
     struct pell_denoise_params params;
-    float *truth[3]; /* with the highlight */
-    float highlight; /* of every second pixel */
+    float *truth[3]; /* including the highlight */
+    float highlight; /* in every second pixel */
 };
 
-/* Of a pixel: what is true, and by which feature it differs. */
+/* A pixel's true radiance, and the features that distinguish it. */
 typedef void scene_function(struct picture *p, int x, int y, size_t at);
 
 static uint64_t mix_bits(uint64_t n)
@@ -36,11 +36,11 @@ static double uniform(uint64_t number)
     return ((double) (mix_bits(number * 0x9e3779b97f4a7c15ULL + 1) >> 11) + 0.5) * 0x1p-53;
 }
 
-/* Means of `samples` exponentials: as skewed as paths are. The variance is what the samples say, not what is true. */
+/* Means of `samples` exponential variates: skewed like path-traced samples. The variance is the samples' estimate, not the true one. */
 static void add_noise(struct picture *p, size_t at, int samples)
 {
     const float highlight = at % 2 ? p->highlight : 0.0f, covered = p->sum.translucent[at],
-                share = covered > 0.0f ? covered : 1.0f; /* opaque: of no concern */
+                coverage = covered > 0.0f ? covered : 1.0f; /* opaque: ignored */
 
     for (int c = 0; c < 3; c++) {
         double sum = 0.0, squares = 0.0, mean;
@@ -50,10 +50,10 @@ static void add_noise(struct picture *p, size_t at, int samples)
             squares += v * v;
         }
         mean = sum / samples;
-        p->sum.multiple[c][at] = share * (float) mean;
+        p->sum.multiple[c][at] = coverage * (float) mean;
         p->sum.color[c][at] = p->sum.multiple[c][at] + highlight;
-        p->truth[c][at] = share * p->truth[c][at] + highlight;
-        p->sum.variance[c][at] = share * share * (float) ((squares / samples - mean * mean) / (samples - 1));
+        p->truth[c][at] = coverage * p->truth[c][at] + highlight;
+        p->sum.variance[c][at] = coverage * coverage * (float) ((squares / samples - mean * mean) / (samples - 1));
     }
 }
 
@@ -107,7 +107,7 @@ static void finish(struct picture *p)
     pell_context_destroy(&p->ctx);
 }
 
-/* Root mean square of what differs from the truth, over the mean. */
+/* Root mean square of the difference to the ground truth, relative to the mean. */
 static double error_of(const struct picture *p, int x0, int x1)
 {
     double sum = 0.0, mean = 0.0;
@@ -134,7 +134,7 @@ static double total(const struct picture *p)
     return sum;
 }
 
-/* Light that fades over a ball's flank, as a medium's does. */
+/* Light that decreases over a ball's flank, as that of a medium does. */
 static void smooth_light(struct picture *p, int x, int y, size_t at)
 {
     const float u = ((float) x - 75.0f) / 110.0f, v = ((float) y - 55.0f) / 110.0f;
@@ -147,7 +147,7 @@ static void smooth_light(struct picture *p, int x, int y, size_t at)
     p->sum.depth[at] = 500.0f - 90.0f * n[2];
 }
 
-/* A bright and a dark half that no feature tells apart. */
+/* A bright and a dark half that no feature distinguishes. */
 static void step_of_light(struct picture *p, int x, int y, size_t at)
 {
     (void) y;
@@ -162,23 +162,23 @@ static void step_of_surface(struct picture *p, int x, int y, size_t at)
     p->sum.depth[at] = x < 75 ? 500.0f : 540.0f;
 }
 
-/* The left half is opaque: it has no noise that the filter knows. */
+/* The left half is opaque: the filter has no noise estimate for it. */
 static void half_opaque(struct picture *p, int x, int y, size_t at)
 {
     smooth_light(p, x, y, at);
     p->sum.translucent[at] = x < 75 ? 0.0f : 1.0f;
 }
 
-/* Light of a silhouette's pixels is that of the object, times the share that it covers. */
+/* At a silhouette a pixel's light is that of the object times its coverage. */
 static void ragged_cover(struct picture *p, int x, int y, size_t at)
 {
-    const float share = x % 5 == 0 ? 0.25f : x % 5 == 1 ? 0.75f : 1.0f;
+    const float coverage = x % 5 == 0 ? 0.25f : x % 5 == 1 ? 0.75f : 1.0f;
     (void) y;
 
-    p->sum.alpha[at] = p->sum.translucent[at] = share;
-    p->sum.normal[2][at] = share;
+    p->sum.alpha[at] = p->sum.translucent[at] = coverage;
+    p->sum.normal[2][at] = coverage;
     for (int c = 0; c < 3; c++) {
-        p->sum.albedo[c][at] = 0.5f * share;
+        p->sum.albedo[c][at] = 0.5f * coverage;
         p->truth[c][at] = 0.3f;
     }
 }
@@ -218,7 +218,7 @@ static void the_total_light_stays(void **state)
     }
 }
 
-/* The two columns beside the edge: a blur over it would take half of the step. */
+/* The two columns next to the edge: a blur over it would remove half of the step. */
 static void edges_stay(void **state)
 {
     static scene_function *const scenes[] = { step_of_light, step_of_surface };
@@ -233,13 +233,13 @@ static void edges_stay(void **state)
         for (int y = 0; y < HEIGHT; y++)
             for (int k = 0; k < 2; k++)
                 sides[k] += (double) p.sum.color[1][y * p.params.stride + 74 + k] / HEIGHT;
-        print_message("# beside the edge %.4f of 1, %.4f of 0.25\n", sides[0], sides[1]);
+        print_message("# next to the edge %.4f of 1, %.4f of 0.25\n", sides[0], sides[1]);
         assert_true(fabs(sides[0] - 1.0) < bounds[i] && fabs(sides[1] - 0.25) < bounds[i] * 0.25);
         finish(&p);
     }
 }
 
-/* Stripes that are a hundred times as bright as what has noise below them. */
+/* Stripes a hundred times as bright as the noisy light below them. */
 static void highlights_hide_no_noise(void **state)
 {
     struct picture p, plain;
@@ -273,9 +273,10 @@ static void pixels_covered_in_part_are_filtered_with_the_others(void **state)
     finish(&p);
 }
 
-/* Of one sample nothing is known: variances are 0, and so is what a filter could weigh by. */
-/* A pixel of 40 times the light around it whose one bright path has told nothing about its noise becomes as those around; one that is known
- * to be so bright stays. No light is lost, also where a feature tells pixels apart, as a texture does. */
+/* With one sample the variances are 0, so the filter has no weights. */
+/* A pixel 40 times as bright as its surroundings (a firefly), whose single bright path leaves its variance unknown, becomes like its
+ * neighbours; one whose brightness is certain is kept. No light is lost, also where a feature such as a texture distinguishes the
+ * pixels. */
 static void outliers_are_shared_with_the_pixels_around(void **state)
 {
     (void) state;
@@ -289,7 +290,7 @@ static void outliers_are_shared_with_the_pixels_around(void **state)
             for (int x = 0; x < WIDTH; x++) {
                 const ptrdiff_t at = y * stride + x;
                 for (int c = 0; c < 3; c++) {
-                    p.sum.albedo[c][at] = (x + y) % 2 ? 0.2f : 0.8f; /* no neighbour is like another */
+                    p.sum.albedo[c][at] = (x + y) % 2 ? 0.2f : 0.8f; /* no similar neighbours */
                     if (x % 30 == 17 && y % 30 == 14) {
                         const float light = 40.0f * p.truth[c][at], change = light - p.sum.multiple[c][at];
                         expected += (double) p.truth[c][at];

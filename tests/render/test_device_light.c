@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_device_light.c - direct light and what is transmitted, found on a Vulkan device, are the cpu's, in each plane of the stage
+ * test_device_light.c - direct and transmitted light computed on a Vulkan device equal the cpu's, in each plane of the stage
  * "irradiance" and at points. Under the validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
 #include "lights_rig.h"
@@ -45,7 +45,8 @@ static struct pell_texture *picture(struct rig *r, int width, int height, bool n
     return t;
 }
 
-/* Materials of all four lobes, dull and narrow, thick, deep and thin, on smooth normals and flat ones, in each other's shadow. */
+/* Materials of all four lobe models, dull and narrow, optically thick, deep and thin, with smooth and flat normals, in each other's
+ * shadow. */
 static void many_surfaces(struct rig *r)
 {
     size_t m[5];
@@ -101,7 +102,7 @@ static const char *const kind_names[KINDS] = { "point",
                                                "environment of a picture",
                                                "all of them" };
 
-/* `behind`: of the surfaces, toward the viewer. */
+/* `behind`: a light behind the surfaces, toward the viewer. */
 static void add_light(struct rig *r, enum kind kind, bool behind)
 {
     static const enum pell_light_type types[KINDS] = { [POINT] = PELL_LIGHT_POINT,
@@ -156,8 +157,8 @@ static void rig_of(struct rig *r, enum kind kind, int width, int height)
 
 enum { COARSE = 7 }; /* mesh */
 
-/* Lit from behind: a slab; two shells, one in the other; a shell with something opaque in it; a part of two materials; a coarse ball,
- * and one behind something that light passes. */
+/* Backlit: a slab; two nested shells; a shell with an opaque object in it; a part of two materials; a coarse ball, and one behind a
+ * transmitting object. */
 static void rig_of_thin_parts(struct rig *r, int width, int height)
 {
     size_t clear, other, wall;
@@ -207,7 +208,7 @@ static void set(struct device *d, const struct rig *r)
     assert_null(pell_light_device_refuses(d->light));
 }
 
-/* The stage once more, with direct light on the device. pell_free the first plane. */
+/* Repeats the stage with direct light on the device. pell_free the first plane. */
 static struct pell_lighting render_on(struct device *d, const struct rig *r, struct pell_pool *pool)
 {
     struct pell_irradiance_params p = rig_params(r);
@@ -221,7 +222,8 @@ static struct pell_lighting render_on(struct device *d, const struct rig *r, str
     return l;
 }
 
-/* Kinds of light against the cpu's: the mean difference over the mean of all planes, and the share of pixels over 1 %. */
+/* Kinds of light against the cpu's: the mean difference over the mean of all planes, and the fraction of pixels that differ by more than
+ * 1 %. */
 static void compare(const struct rig *r, struct pell_lighting *gpu, const char *name)
 {
     static const char *const what[SUMS] = { "enters", "mirrored", "transmitted", "hidden", "lost" };
@@ -253,14 +255,14 @@ static void compare(const struct rig *r, struct pell_lighting *gpu, const char *
         REQUIRE(difference <= 1e-4 * sum);
         REQUIRE(far * 1000 <= pixels);
     }
-    /* The cpu is left with none, and the device sends its. */
+    /* All lights move from the cpu to the device. */
     print_message("# %s: %lld rays, of the cpu %lld\n", name, (long long) by_gpu, (long long) by_cpu);
     REQUIRE(by_gpu > 300 && gpu->shadow_rays == 0 && llabs((long long) (by_gpu - by_cpu)) * 1000 <= (long long) by_cpu);
 }
 
 enum { POINTS = 960 };
 
-/* Places all over the surfaces, some of them none, some seen from behind; and their light. */
+/* Points all over the surfaces, some invalid, some seen from behind; and their irradiance. */
 struct points {
     uint32_t mesh[POINTS], triangle[POINTS], seed[POINTS];
     float u[POINTS], v[POINTS], ambient[POINTS];
@@ -280,7 +282,7 @@ static struct pell_surface_light light_of(struct points *p, int which)
     return out;
 }
 
-static void place_points(const struct rig *r, struct points *p)
+static void scatter_points(const struct rig *r, struct points *p)
 {
     uint32_t seed = 9;
 
@@ -312,7 +314,7 @@ static double points_differ(struct device *d, const struct rig *r, uint64_t ligh
     int64_t rays[2];
     double sum = 0.0, difference = 0.0;
 
-    place_points(r, p);
+    scatter_points(r, p);
     rays[0] = pell_irradiance_points(r->lights, &params, &what, &in, POINTS, &cpu);
     params.device = d->light;
     of_run = params;
@@ -364,7 +366,7 @@ static void compare_points(struct device *d, const struct rig *r, const char *na
     }
     if (r->scene->num_lights < 2)
         return;
-    for (size_t i = 0; i < r->scene->num_lights; i++) { /* one after the other they are all light */
+    for (size_t i = 0; i < r->scene->num_lights; i++) { /* one after the other they sum to all light */
         REQUIRE(points_differ(d, r, pell_light_bit(i), true, &mean) < 1e-4);
         one += mean;
     }
@@ -373,7 +375,7 @@ static void compare_points(struct device *d, const struct rig *r, const char *na
 
 static void each_light_is_the_cpus(void **state)
 {
-    const int first = getenv("PELL_SANITIZED") ? (int) ALL : 0; /* all of them together run through the same code */
+    const int first = getenv("PELL_SANITIZED") ? (int) ALL : 0; /* all of them together use the same code */
     struct device d;
     (void) state;
 
@@ -402,7 +404,7 @@ static void each_light_is_the_cpus(void **state)
     device_finish(&d);
 }
 
-/* A light, and an environment, that take more samples than a slice. */
+/* A light, and an environment, that need more samples than a slice. */
 static void slices_make_one_picture(void **state)
 {
     struct pell_lighting l;
@@ -427,8 +429,8 @@ static void slices_make_one_picture(void **state)
     device_finish(&d);
 }
 
-/* How far transmitted light goes straight, where there is some. */
-static void compare_ways(const struct rig *r, const float *cpu, const float *gpu)
+/* Mean path length of transmitted light, where there is some. */
+static void compare_path_lengths(const struct rig *r, const float *cpu, const float *gpu)
 {
     double sum = 0.0, difference = 0.0;
 
@@ -451,7 +453,7 @@ static void light_passes_as_on_the_cpu(void **state)
     device_start(&d);
     rig_of_thin_parts(&r, 60, 40);
     rig_render(&r);
-    normals = r.scene->meshes[COARSE].normal; /* where light comes out it may have none */
+    normals = r.scene->meshes[COARSE].normal; /* the exit point of light may have none */
     r.scene->meshes[COARSE].normal = NULL;
     pell_free(r.ctx, r.light.irradiance[0]);
     planes_of(&r.light, planes);
@@ -469,7 +471,7 @@ static void light_passes_as_on_the_cpu(void **state)
         gpu = render_on(&d, &r, r.pool);
         REQUIRE(gpu.through_rays > 300);
         compare(&r, &gpu, kind_names[kind]);
-        compare_ways(&r, r.light.path, gpu.path);
+        compare_path_lengths(&r, r.light.path, gpu.path);
         for (size_t i = 0; i < (size_t) r.surface.stride * 40; i++)
             sum += (double) r.light.transmitted[0][i];
         REQUIRE(sum > 0.0);
@@ -480,7 +482,7 @@ static void light_passes_as_on_the_cpu(void **state)
     device_finish(&d);
 }
 
-/* Where a buffer does not hold the tables, what is transmitted alone is the cpu's, to the bit. */
+/* Where a buffer is too small for the tables, transmitted light alone is computed by the cpu, bit-identically. */
 static void what_no_buffer_holds_passes_on_the_cpu(void **state)
 {
     struct pell_lighting l;
@@ -506,7 +508,7 @@ static void what_no_buffer_holds_passes_on_the_cpu(void **state)
     device_finish(&d);
 }
 
-/* More pixels than a batch has room for; and the bits do not depend on the number of threads, which share a batch's room out. */
+/* More pixels than a batch can hold; and the bits do not depend on the number of threads, which share the batch's capacity. */
 static void batches_make_one_picture(void **state)
 {
     struct device d;
@@ -539,7 +541,7 @@ static void batches_make_one_picture(void **state)
     device_finish(&d);
 }
 
-/* --- What the device does not do ----------------------------------------------------------------------------------------------------- */
+/* --- Features that the device lacks -------------------------------------------------------------------------------------------------- */
 
 static void what_the_device_cannot_do_it_refuses(void **state)
 {
@@ -564,8 +566,7 @@ static void what_the_device_cannot_do_it_refuses(void **state)
     device_finish(&d);
 }
 
-/* Each call of Vulkan that making and a batch need fails once: it is reported once, nothing stays on the device, and asked for again it
- * works. */
+/* Each Vulkan call of creation and of a batch fails once: it is reported once, nothing remains on the device, and a retry succeeds. */
 static enum pell_result make_all(struct device *d, const struct rig *r, struct pell_lighting *l)
 {
     struct pell_irradiance_params p = rig_params(r);
@@ -618,7 +619,7 @@ static void calls_that_fail_are_reported(void **state)
     device_finish(&d);
 }
 
-/* The same of the host's allocations. */
+/* The same for host allocations. */
 static void allocations_that_fail_are_reported(void **state)
 {
     struct pell_alloc_fault fault = { 0 };

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * test_device_picture.c - pictures whose samples are made on a Vulkan device from the camera to their sum are the cpu's: feature by
- * feature, where frames follow each other, and where calls fail; what the device lacks the cpu does, and a row says why. Under the
- * validation layer; skipped, by name, where there is no driver or no layer. */
+ * test_device_picture.c - images whose samples are computed on a Vulkan device from the camera to their sum equal the cpu's: feature by
+ * feature, for sequences of frames, and where calls fail; features that the device lacks are computed by the cpu, and a row states why.
+ * Under the validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
 #include "slow.h"
 #include "stage.h"
@@ -11,7 +11,7 @@
 
 enum { WIDTH = 92, HEIGHT = 68 };
 
-/* Shaders are compiled by the first device alone. */
+/* Only the first device compiles the shaders. */
 static char cache[] = "/tmp/pell_picture_XXXXXX";
 static const struct pell_gpu_params cached_gpu = { .validate = true, .cache = cache };
 
@@ -66,7 +66,7 @@ static const struct pell_stage_time *row(const struct stage *s, const char *name
     return NULL;
 }
 
-/* The row that says why the cpu made the samples; NULL: it did not. */
+/* The row that states why the cpu computed the samples; NULL: it did not. */
 static const char *reason(const struct stage *s)
 {
     static const char begin[] = "surface to composite by the cpu: ";
@@ -77,9 +77,9 @@ static const char *reason(const struct stage *s)
     return NULL;
 }
 
-/* --- Scenes: one has what another lacks ---------------------------------------------------------------------------------------------- */
+/* --- Scenes: each has features that another lacks ------------------------------------------------------------------------------------ */
 
-/* A ball before a box, one material each. */
+/* A ball in front of a box, one material each. */
 static void two_objects(struct stage *s, size_t ball, size_t box)
 {
     stage_ball(s, ball, 0, vec3(0, 0, 10), 12.0f, 20);
@@ -102,7 +102,7 @@ static void orthographic(struct stage *s)
     stage_camera(s, vec3(25, 20, 90), vec3(0, 0, 0), 0.5f, 60.0f);
 }
 
-/* Lobes, metal, light of its own, and colours in parts on both sides of the scattering. */
+/* Lobes, metal, emission, and colours split between entry and exit. */
 static void surfaces(struct stage *s)
 {
     struct pell_material *m;
@@ -137,7 +137,7 @@ static void smooth(struct stage *s)
     s->settings.angles = true;
 }
 
-/* All that is known of solids: curvature on fine and coarse triangles, thin parts, light that goes through and from object to object. */
+/* All effects of solids: curvature on fine and coarse triangles, thin parts, transmission and light between objects. */
 static void solids(struct stage *s)
 {
     size_t ball, box, floor;
@@ -155,7 +155,7 @@ static void solids(struct stage *s)
     s->settings.angles = s->settings.curvature = s->settings.opposed = s->settings.single_scattering = true;
 }
 
-/* Light through slabs and shells that is spread sideways, in two objects of one material. */
+/* Transmission through slabs and shells with lateral spread, in two objects of one material. */
 static void thin_parts(struct stage *s)
 {
     size_t wax, stone;
@@ -187,7 +187,7 @@ static void set_map(struct pell_texture_map *map, struct pell_texture *t, float 
     *map = (struct pell_texture_map) { .texture = t, .channel = channel, .matrix = { scale, 0.2f, 0.1f, -0.1f, scale, 0.3f } };
 }
 
-/* A board with a coordinate to each corner, in front of the box. */
+/* A board with one texture coordinate per corner, in front of the box. */
 static struct pell_mesh *board(struct stage *s, size_t material, float x, int object)
 {
     struct pell_mesh *m = shapes_quad(s->scene, material, vec3(x, -4, 24), vec3(5, 1, 0), vec3(0, 6, 2));
@@ -201,7 +201,8 @@ static struct pell_mesh *board(struct stage *s, size_t material, float x, int ob
     return m;
 }
 
-/* Maps of all kinds but those of sheets, as large and much smaller than a pixel's area, wrapped in three ways; colours of vertices. */
+/* Maps of all kinds except those of sheets, as large as and much smaller than a pixel's footprint, with three wrap modes; vertex
+ * colours. */
 static void maps(struct stage *s)
 {
     struct pell_material *m;
@@ -241,7 +242,7 @@ static void maps(struct stage *s)
     stage_light(s, PELL_LIGHT_POINT, vec3(-20, 10, 70), vec3(0, 0, 0), 0.2f);
 }
 
-/* Maps of floats, as large and much smaller than a pixel's area, and maps that are not filtered, of 8 bits and of floats. */
+/* Floating-point maps, as large as and much smaller than a pixel's footprint, and unfiltered maps, of 8 bits and of floats. */
 static void float_maps(struct stage *s)
 {
     struct pell_material *skin, *tin;
@@ -270,7 +271,7 @@ static void float_maps(struct stage *s)
     set_map(&tin->base_color_map, t[0], 2.0f, 0);
 }
 
-/* A turned picture with a sun and a broad bright part, and a second environment that is the same all around. */
+/* A rotated environment image with a sun and a broad bright part, and a second, constant environment. */
 static void under_pictures(struct stage *s)
 {
     struct pell_texture *t = picture(s, 64, 32, 3, true);
@@ -289,7 +290,7 @@ static void under_pictures(struct stage *s)
     s->settings.ambient_samples = 8;
 }
 
-/* Thin sheets with and without maps of what they let through, before a ball and a box, under a picture of the sky. */
+/* Thin sheets with and without transmission maps, in front of a ball and a box, under an environment image. */
 static void sheets(struct stage *s)
 {
     struct pell_material *m;
@@ -311,7 +312,7 @@ static void sheets(struct stage *s)
     s->settings.curvature = true;
 }
 
-/* A medium whose colour is that of a map. */
+/* A medium whose colour comes from a map. */
 static void painted(struct stage *s)
 {
     struct pell_material *m;
@@ -379,7 +380,7 @@ static const struct {
 
 /* --- Comparison ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Whether the coverage of a pixel, or of one beside it, is in part. */
+/* Whether the coverage of a pixel, or of a neighbour, is partial. */
 static bool at_silhouette(const struct pell_render_result *a, int x, int y)
 {
     for (int v = y - 1; v <= y + 1; v++)
@@ -391,16 +392,16 @@ static bool at_silhouette(const struct pell_render_result *a, int x, int y)
     return false;
 }
 
-struct apart {
-    double mean;         /* of light, over its mean */
-    double worst;        /* of a pixel off silhouettes, over its light and a little of the mean */
-    int over, pixels;    /* off silhouettes: that differ by more than 1 %; all of them */
+struct image_difference {
+    double mean;         /* of radiance, relative to its mean */
+    double worst;        /* of a pixel away from silhouettes, relative to its radiance plus a little of the mean */
+    int over, pixels;    /* away from silhouettes: that differ by more than 1 %; all of them */
     double alpha, shown; /* mean differences */
 };
 
-static struct apart compare(const struct pell_render_result *a, const struct pell_render_result *b)
+static struct image_difference compare(const struct pell_render_result *a, const struct pell_render_result *b)
 {
-    struct apart d = { .mean = 0.0 };
+    struct image_difference d = { .mean = 0.0 };
     double sum = 0.0;
 
     for (int c = 0; c < 3; c++)
@@ -434,7 +435,7 @@ static void each_feature_is_the_cpus(void **state)
     skip_without_gpu();
     for (size_t k = 0; k < PELL_COUNT(scenes); k += SLOW ? 3 : 1) {
         struct stage s[2];
-        struct apart d;
+        struct image_difference d;
         int64_t rays[2] = { 0, 0 };
 
         for (int i = 0; i < 2; i++) {
@@ -457,7 +458,7 @@ static void each_feature_is_the_cpus(void **state)
     }
 }
 
-/* The picture comes back once, and neither points nor planes go to the device. */
+/* The image is copied back once, and neither points nor planes are copied to the device. */
 static void the_picture_comes_back_once(void **state)
 {
     static const char *const of_host[] = { "irradiance", "light upload", "light download", "pack", "unpack", "spread unpack" };
@@ -482,7 +483,7 @@ static void the_picture_comes_back_once(void **state)
     finish_on(&s);
 }
 
-/* --- What the device lacks ----------------------------------------------------------------------------------------------------------- */
+/* --- Features that the device lacks -------------------------------------------------------------------------------------------------- */
 
 static void with_layers(struct stage *s)
 {
@@ -504,7 +505,7 @@ static void what_the_device_lacks_the_cpu_does(void **state)
     skip_without_gpu();
     for (size_t k = 0; k < PELL_COUNT(cases); k++) {
         struct stage s[2];
-        struct apart d;
+        struct image_difference d;
 
         for (int i = 0; i < 2; i++) {
             start_on(&s[i], i == 1, cases[k].fill);
@@ -521,7 +522,7 @@ static void what_the_device_lacks_the_cpu_does(void **state)
     }
 }
 
-/* Buffers that hold less: all samples of a frame are the cpu's, then. */
+/* Smaller buffers: all samples of a frame are then computed by the cpu. */
 static void what_no_buffer_holds_the_cpu_does(void **state)
 {
     struct stage s;
@@ -538,7 +539,7 @@ static void what_no_buffer_holds_the_cpu_does(void **state)
     finish_on(&s);
 }
 
-/* --- Frame after frame --------------------------------------------------------------------------------------------------------------- */
+/* --- Sequences of frames ------------------------------------------------------------------------------------------------------------- */
 
 static float *copy_of(const struct stage *s)
 {
@@ -553,7 +554,7 @@ static float *copy_of(const struct stage *s)
     return copy;
 }
 
-/* What changes from frame to frame: step `k` of a sequence, from any step before. */
+/* Changes from frame to frame: step `k` of a sequence, from any step before. */
 enum { STEPS = 5 };
 static void change(struct stage *s, int k)
 {
@@ -563,11 +564,11 @@ static void change(struct stage *s, int k)
     s->settings.dof = k == 2;
     s->settings.bounces = k == 3 ? 2 : 0;
     s->settings.curvature = k == 3;
-    s->settings.light_samples = k == 4 ? 40 : 8; /* a light in slices, whose state takes room */
+    s->settings.light_samples = k == 4 ? 40 : 8; /* a light in slices, whose state needs memory */
     s->scene->cameras[0].position[0] = k == 4 ? 60.0f : 25.0f;
 }
 
-/* After all that can change between them, frames are those of a renderer that has made no other. */
+/* After all possible changes between them, frames equal those of a new renderer. */
 static void frames_do_not_depend_on_those_before(void **state)
 {
     float *first[STEPS];
@@ -600,9 +601,9 @@ static void frames_do_not_depend_on_those_before(void **state)
         free(first[k]);
 }
 
-/* --- What fails ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Failures ------------------------------------------------------------------------------------------------------------------------ */
 
-/* A small frame that has all that is made for one; all of a size is made anew for each `n`. */
+/* A small frame with all features; all resources that depend on the size are created again for each `n`. */
 static enum pell_result small_frame(struct stage *s, uint64_t n)
 {
     s->settings.width = n % 2 ? 28 : 24;
@@ -621,7 +622,7 @@ static void small_solids(struct stage *s)
     s->settings.curvature = s->settings.angles = s->settings.single_scattering = true;
 }
 
-/* Methods that record between buffers of the device, and one that the host prepares there. */
+/* Methods that record commands between buffers of the device, and one for which the host prepares data. */
 static const struct {
     const char *method, *knobs[3];
 } failing[] = { { "screen-space", { NULL } }, { "texture-space", { "size=64", "tsm=off", NULL } } };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_device_post.c - depth of field, bloom and the tone curve on a Vulkan device are the cpu's, each by itself and in whole frames. Under
- * the validation layer; skipped, by name, where there is no driver or no layer. */
+ * test_device_post.c - depth of field, bloom and the tone curve on a Vulkan device equal the cpu's, each by itself and in whole frames.
+ * Under the validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
 #include "stage.h"
 
@@ -39,16 +39,16 @@ static void device_finish(struct device *d)
 /* Mean difference over the mean, of a rectangle of planes. */
 static double difference(float *const *a, float *const *b, int planes, const struct pell_rect *r, ptrdiff_t stride)
 {
-    double sum = 0.0, apart = 0.0;
+    double sum = 0.0, mean_difference = 0.0;
 
     for (int c = 0; c < planes; c++)
         for (int y = r->y0; y < r->y1; y++)
             for (int x = r->x0; x < r->x1; x++) {
                 sum += fabs((double) a[c][y * stride + x]);
-                apart += fabs((double) a[c][y * stride + x] - (double) b[c][y * stride + x]);
+                mean_difference += fabs((double) a[c][y * stride + x] - (double) b[c][y * stride + x]);
             }
     REQUIRE(sum > 0.0);
-    return apart / sum;
+    return mean_difference / sum;
 }
 
 /* [0, 1) */
@@ -95,7 +95,7 @@ static void lens_finish(struct lens *l, struct pell_context *ctx)
     pell_free(ctx, l->tiles);
 }
 
-/* A sample: a near bar before a plane that recedes, sparks on both, and nothing at the sides. */
+/* A sample: a near bar in front of a receding plane, highlights on both, and nothing at the sides. */
 static void lens_picture(struct lens *l, int sample)
 {
     struct pell_surface *s = &l->surface;
@@ -133,7 +133,7 @@ static void the_lens_is_the_cpus(void **state)
     for (size_t i = 0; i < PELL_COUNT(lenses); i++) {
         struct pell_post_device_times t;
         float widest = 0.0f, on_device;
-        double apart, worst = 0.0;
+        double mean_difference, worst = 0.0;
         struct lens l;
 
         lens_start(&l, d.ctx, lenses[i].width, lenses[i].height, lenses[i].rect, lenses[i].scale);
@@ -148,12 +148,12 @@ static void the_lens_is_the_cpus(void **state)
         }
         OK(pell_post_device_take_lens(d.post, d.pool, 1.0f, l.gpu, &on_device, &t));
         REQUIRE(t.download > 0.0 && t.bytes_down > 0 && t.bytes_up == 0);
-        apart = difference(l.cpu, l.gpu, OUT, &l.params.rect, l.surface.stride);
+        mean_difference = difference(l.cpu, l.gpu, OUT, &l.params.rect, l.surface.stride);
         for (int c = 0; c < OUT; c++)
             for (ptrdiff_t at = 0; at < l.surface.stride * l.surface.height; at++)
                 worst = fmax(worst, fabs((double) l.cpu[c][at] - (double) l.gpu[c][at]));
-        print_message("# lens %zu: discs up to %.1f px, mean difference %.2g, largest %.2g\n", i, (double) widest, apart, worst);
-        REQUIRE(apart < 1e-6 && worst < 1e-3);
+        print_message("# lens %zu: discs up to %.1f px, mean difference %.2g, largest %.2g\n", i, (double) widest, mean_difference, worst);
+        REQUIRE(mean_difference < 1e-6 && worst < 1e-3);
         REQUIRE(fabsf(widest - on_device) <= 1e-6f * widest);
         REQUIRE((i == 3) == (widest < PELL_LENS_SHARP) && (i != 2 || widest > PELL_DOF_MOST));
         lens_finish(&l, d.ctx);
@@ -161,7 +161,7 @@ static void the_lens_is_the_cpus(void **state)
     device_finish(&d);
 }
 
-/* What is not of the rectangle stays, and the sum is scaled as asked. */
+/* Pixels outside the rectangle are kept, and the sum is scaled as requested. */
 static void the_rest_of_the_picture_is_left_alone(void **state)
 {
     struct pell_post_device_times t;
@@ -280,7 +280,8 @@ static void bloom_is_the_cpus(void **state)
             after += (double) p.gpu[1][at];
         print_message("# bloom %zu: mean difference %.2g, shown %.2g; light kept to %.2g\n", i, light, shown, fabs(after / before - 1.0));
         REQUIRE(light < 1e-6 && shown < 1e-6);
-        REQUIRE(fabs(after / before - 1.0) < 0.05); /* mirrored edges of sizes that f does not divide keep it to a part of a cell */
+        REQUIRE(fabs(after / before - 1.0) <
+                0.05); /* mirrored edges of sizes that f does not divide conserve light up to a fraction of a cell */
         REQUIRE(t.pack > 0.0 && t.upload > 0.0 && t.run > 0.0 && t.download > 0.0 && t.unpack > 0.0 && t.run < 60.0);
         REQUIRE(t.bytes_up >= t.bytes_run / 100 && t.bytes_down > t.bytes_run / 100 && t.bytes_run > 0);
         pell_free(d.ctx, p.cpu[0]);
@@ -288,7 +289,7 @@ static void bloom_is_the_cpus(void **state)
     device_finish(&d);
 }
 
-/* --- What the device does not do, and what fails -------------------------------------------------------------------------------------- */
+/* --- Features that the device lacks, and failures ------------------------------------------------------------------------------------- */
 
 static void pictures_that_no_buffer_holds_are_refused(void **state)
 {
@@ -309,7 +310,7 @@ static void pictures_that_no_buffer_holds_are_refused(void **state)
     device_finish(&d);
 }
 
-/* All of both stages, on a device made anew. */
+/* Both stages with all features, on a new device. */
 static enum pell_result do_all(struct device *d, struct lens *l, struct picture *p)
 {
     struct pell_post_device_times t;
@@ -327,7 +328,7 @@ fail:
     return res;
 }
 
-/* Each call of Vulkan fails once: it is reported once, nothing stays on the device, and asked for again it works. */
+/* Each Vulkan call fails once: it is reported once, nothing remains on the device, and a retry succeeds. */
 static void calls_that_fail_leave_nothing(void **state)
 {
     struct device d;
@@ -363,7 +364,7 @@ static void calls_that_fail_leave_nothing(void **state)
     device_finish(&d);
 }
 
-/* The same of the host's allocations. */
+/* The same for host allocations. */
 static void allocations_that_fail_leave_nothing(void **state)
 {
     struct pell_alloc_fault fault = { 0 };
@@ -408,7 +409,7 @@ static void start_on(struct stage *s, bool vulkan, int width, int height)
     stage_camera(s, vec3(25, 20, 90), vec3(0, 0, 10), 0.5f, 0.0f);
     s->scene->cameras[0].f_number = 1.4f;
     s->settings.msaa = 5;
-    s->settings.exposure = s->settings.white = 0.0f; /* metered, of what came back */
+    s->settings.exposure = s->settings.white = 0.0f; /* metered on the image that was copied back */
 }
 
 static const struct pell_stage_time *row(const struct stage *s, const char *name)
@@ -452,7 +453,7 @@ static void frames_end_as_the_cpus_do(void **state)
     skip_without_gpu();
     for (int i = 0; i < 2; i++)
         start_on(&s[i], i == 1, 120, 80);
-    for (size_t k = SLOW ? PELL_COUNT(frames) - 1 : 0; k < PELL_COUNT(frames); k++) { /* the last has all of it */
+    for (size_t k = SLOW ? PELL_COUNT(frames) - 1 : 0; k < PELL_COUNT(frames); k++) { /* the last has all features */
         const struct pell_rect all = { 0, 0, 120, 80 };
         const struct pell_stage_time *lens, *bloom, *up;
         double shown, alpha, light;
@@ -482,7 +483,7 @@ static void frames_end_as_the_cpus_do(void **state)
             REQUIRE(!row(&s[i], "lens download") == !(i == 1 && frames[k].dof));
             REQUIRE(!row(&s[i], "bloom unpack") == !(i == 1 && frames[k].bloom > 0.0f));
         }
-        assert_null(row(&s[1], "lens upload")); /* samples are made there */
+        assert_null(row(&s[1], "lens upload")); /* samples are computed there */
         REQUIRE(!lens || (lens->bytes > 2 * 20 * 5 * 1000 && lens->ms > 0.0f));
         up = row(&s[1], "bloom upload");
         REQUIRE(!bloom || (up->bytes > 2 * 12 * 120 * 80 && bloom->bytes > up->bytes && bloom->ms > 0.0f));
@@ -495,7 +496,7 @@ static void frames_end_as_the_cpus_do(void **state)
     }
 }
 
-/* What a frame shows, with depth of field or without: a plane of 60 x 40, to be freed. */
+/* The display values of a frame, with or without depth of field: a plane of 60 x 40; free() it. */
 static float *shown_of(struct stage *s, bool dof)
 {
     float *shown = malloc(60 * 40 * sizeof(float));
@@ -507,7 +508,7 @@ static float *shown_of(struct stage *s, bool dof)
     return shown;
 }
 
-/* A call that fails ends its frame alone: what had been summed up is of no other. */
+/* A failing call ends only its own frame: partial sums do not leak into the next frame. */
 static void frames_whose_calls_fail_are_reported(void **state)
 {
     struct stage s;
@@ -548,7 +549,7 @@ static void frames_whose_calls_fail_are_reported(void **state)
     stage_finish(&s);
 }
 
-/* What no buffer holds the cpu does, which rows say: the picture stays with smaller and smaller buffers. */
+/* The cpu computes what the buffers are too small for, as rows report: the image stays the same with smaller and smaller buffers. */
 static void what_no_buffer_holds_is_the_cpus(void **state)
 {
     static const char *const lens = "depth of field by the cpu: more pixels than a buffer holds";
@@ -561,7 +562,7 @@ static void what_no_buffer_holds_is_the_cpus(void **state)
     for (size_t i = 0; i <= PELL_COUNT(sizes); i++) {
         struct stage s;
         float *shown;
-        double apart;
+        double mean_difference;
 
         start_on(&s, i > 0, 60, 40);
         if (i > 0)
@@ -577,9 +578,9 @@ static void what_no_buffer_holds_is_the_cpus(void **state)
             REQUIRE(!row(&s, lens) == (i < 2) && !row(&s, bloom) == (i < 4));
             REQUIRE(!row(&s, "lens download") == (i >= 2) && !row(&s, "bloom download") == (i >= 4));
             assert_non_null(row(&s, "direct light by the cpu: more triangles than a buffer holds"));
-            apart = difference(&cpu, &shown, 1, &(struct pell_rect) { 0, 0, 60, 40 }, 60);
-            print_message("# buffers of %u bytes: mean difference %.2g\n", sizes[i - 1], apart);
-            REQUIRE(i < 4 ? apart < 1e-6 : apart == 0.0);
+            mean_difference = difference(&cpu, &shown, 1, &(struct pell_rect) { 0, 0, 60, 40 }, 60);
+            print_message("# buffers of %u bytes: mean difference %.2g\n", sizes[i - 1], mean_difference);
+            REQUIRE(i < 4 ? mean_difference < 1e-6 : mean_difference == 0.0);
             free(shown);
         } else {
             cpu = shown;

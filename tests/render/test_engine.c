@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_engine.c - the seam: an engine that computes nothing but keeps a list of what it is asked for, under the real renderer. */
+ * test_engine.c - the interface of engines: an engine that computes nothing but records the calls that it receives, under the real
+ * renderer. */
 #include "pell_test.h"
 #include "stage.h"
 
@@ -7,11 +8,11 @@
 
 enum { WIDTH = 4, HEIGHT = 3, PIXELS = 16 * HEIGHT };
 
-/* What the engine and its method were asked for, and what they answer. */
+/* The calls to the engine and its method, and their replies. */
 static struct {
     char calls[2048]; /* names in order, a space after each */
     const char *fail; /* the call of this name fails */
-    int empty;        /* samples, from the first, that see nothing translucent */
+    int empty;        /* samples, from the first, without translucent pixels */
     unsigned needs;   /* of the method */
     bool survives_light_change;
     struct pell_frame in; /* of the method's last sample */
@@ -28,7 +29,7 @@ static enum pell_result call(const char *name)
     return seen.fail && strcmp(seen.fail, name) == 0 ? PELL_ERR_FORMAT : PELL_OK;
 }
 
-/* What was called since the last time. */
+/* The calls since the last query. */
 static const char *take_calls(void)
 {
     static char taken[sizeof(seen.calls)];
@@ -82,7 +83,7 @@ static void null_drop(void *engine, enum pell_engine_resource resource)
     struct null_engine *e = engine;
 
     (void) call(names[resource]);
-    REQUIRE(e->kept[resource] != NULL); /* nothing is dropped that is not there */
+    REQUIRE(e->kept[resource] != NULL); /* only existing objects are released */
     pell_free(e->ctx, e->kept[resource]);
     e->kept[resource] = NULL;
 }
@@ -94,7 +95,7 @@ static void null_close(void *engine)
     if (!e)
         return;
     for (int i = 0; i < PELL_ENGINE_RESOURCES; i++)
-        REQUIRE(e->kept[i] == NULL); /* the renderer has dropped all that it had made */
+        REQUIRE(e->kept[i] == NULL); /* the renderer has released everything that it created */
     pell_free(e->ctx, e);
 }
 
@@ -191,7 +192,7 @@ static const struct pell_engine_interface null_engine = {
     .read_back = null_read_back,
 };
 
-/* --- A method on it ---------------------------------------------------------------------------------------------------------------- */
+/* --- A method on this engine ------------------------------------------------------------------------------------------------------- */
 
 struct probe {
     struct pell_context *ctx;
@@ -370,7 +371,7 @@ static void a_change_makes_anew_what_depends_on_it(void **state)
     assert_string_equal(take_calls(), "-planes ");
 }
 
-/* A method that looks at the scene keeps what its lights lit, unless it says that it lights it anew. */
+/* A method that reads the scene keeps lighting that depends on it, unless it declares that lighting must be computed again. */
 static void lights_take_a_pass_with_them_that_keeps_their_light(void **state)
 {
     struct stage s;
@@ -490,7 +491,7 @@ static void a_method_without_the_engine_is_refused_with_those_it_has(void **stat
     assert_int_equal(pell_renderer_set_method(s.r, pell_method_find(s.ctx, "test", "layered"), NULL), PELL_ERR_DEVICE);
     assert_string_equal(s.kept.where, "layered");
     assert_string_equal(s.kept.what, "has no engine null, only cpu");
-    stage_render(&s); /* the old one is still there */
+    stage_render(&s); /* the previous one still exists */
     assert_int_equal(pell_pass_create(s.device, pell_method_find(s.ctx, "test", "layered"), NULL, &shape, &pass), PELL_ERR_DEVICE);
     assert_null(pass);
     seen.needs = PELL_NEED_SCENE;
@@ -499,7 +500,7 @@ static void a_method_without_the_engine_is_refused_with_those_it_has(void **stat
     stage_finish(&s);
 }
 
-/* Rows name members, and no two rows the same pointer. */
+/* Rows name members, and no two rows have the same pointer. */
 static void rows_of_planes_are_whole(void **state)
 {
     bool taken[2][sizeof(struct pell_frame)] = { { false } };

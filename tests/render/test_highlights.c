@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_highlights.c - what neighbours see of a light is shared: what it must give, and what must not change. */
+ * test_highlights.c - light visibility shared between neighbouring pixels for highlights: results that are required, and pixels that
+ * must not change. */
 #include "pell_test.h"
 
 #include "base/pool.h"
@@ -21,7 +22,7 @@ struct wall {
     struct pell_highlights_params p;
 };
 
-/* `unhidden` W/(m^2 sr), of which each pixel sees all with a probability, and else nothing. */
+/* `unhidden` W/(m^2 sr), all of which is visible to a pixel with a given probability, and none otherwise. */
 static struct wall *wall_of(int threads, float unhidden, double probability)
 {
     struct wall *w = calloc(1, sizeof(*w));
@@ -48,7 +49,7 @@ static struct wall *wall_of(int threads, float unhidden, double probability)
         for (int c = 0; c < SUMS; c++) {
             w->light[c][i] = seen ? unhidden * (float) (c + 1) : 0.0f;
             w->hidden[c][i] = seen ? 0.0f : unhidden * (float) (c + 1);
-            w->room[c][i] = NAN; /* what lies there has no effect */
+            w->room[c][i] = NAN; /* pixels there have no effect */
         }
     }
     for (int c = 0; c < SUMS; c++) {
@@ -67,7 +68,7 @@ static void wall_free(struct wall *w)
     free(w);
 }
 
-/* Away from the border by `margin`. */
+/* At least `margin` pixels from the border. */
 static void moments(const struct wall *w, int channel, int margin, double *mean, double *variance)
 {
     double sum = 0.0, squares = 0.0, n = 0.0;
@@ -83,9 +84,9 @@ static void moments(const struct wall *w, int channel, int margin, double *mean,
     *variance = squares / n - *mean * *mean;
 }
 
-/* In even light the stage is an average: its weights fall linearly, so what is left of the variance is the square of (1 + 4 + 9 + 16 + 9 +
- * 4 + 1)/256 for seven pixels each way, and more where the nine next to a pixel happen to differ: of noise of a pixel of its own, which is
- * not as evenly spread as that of rays. */
+/* In uniform light the stage is an average: its weights fall linearly, so the remaining variance is the square of (1 + 4 + 9 + 16 + 9 +
+ * 4 + 1)/256 for seven pixels in each direction, and more where the nine next to a pixel happen to differ: for noise independent between
+ * pixels, which is not as well distributed as that of rays. */
 static void noise_falls_and_the_mean_stays(void **state)
 {
     (void) state;
@@ -106,7 +107,7 @@ static void noise_falls_and_the_mean_stays(void **state)
     }
 }
 
-/* A narrow highlight keeps its shape: what is shared is the share that is seen, not light. */
+/* A narrow highlight keeps its shape: pixels share the visible fraction, not radiance. */
 static void highlights_stay_sharp(void **state)
 {
     struct wall *w = wall_of(1, 1.0f, 0.5);
@@ -131,7 +132,7 @@ static void highlights_stay_sharp(void **state)
     wall_free(w);
 }
 
-/* A shadow's edge between two pixels is no noise: three pixels away all is as it was, and next to the edge nearly so. */
+/* A shadow's edge between two pixels is not noise: three pixels away all is unchanged, and next to the edge nearly so. */
 static void sharp_shadows_stay(void **state)
 {
     struct wall *w = wall_of(1, 1.0f, 0.5);
@@ -148,13 +149,13 @@ static void sharp_shadows_stay(void **state)
         for (int c = 0; c < SUMS; c++) {
             const float *row = w->light[c] + y * STRIDE;
             REQUIRE(row[70] == 1.0f && row[79] == 0.0f);
-            REQUIRE(row[73] > 0.95f && row[76] < 0.05f); /* the mean of all around is 0.81 and 0.19 */
+            REQUIRE(row[73] > 0.95f && row[76] < 0.05f); /* the mean of the surroundings is 0.81 and 0.19 */
             REQUIRE(row[74] > row[75] + 0.2f);
         }
     wall_free(w);
 }
 
-/* Half of the picture is lit, the other dark, and an edge of some kind between them. */
+/* Half of the image is lit, the other dark, with an edge of some kind between them. */
 static void edges_keep_light_apart(void **state)
 {
     (void) state;
@@ -195,7 +196,7 @@ static void what_nothing_hides_keeps_its_bits(void **state)
     memcpy(before, w->light[1], sizeof(before));
     assert_int_equal(pell_highlights_render(w->pool, &w->p), 0);
     for (int c = 0; c < SUMS; c++)
-        w->hidden[c][30 * STRIDE + 20] = 1.0f; /* one pixel: its block and the next are looked at, in seven rows */
+        w->hidden[c][30 * STRIDE + 20] = 1.0f; /* one pixel: its block and the next are read, in seven rows */
     assert_int_equal(pell_highlights_render(w->pool, &w->p), 2 * 7 * PELL_HIGHLIGHTS_BLOCK);
     for (int i = 0; i < SIZE; i++)
         if (abs(i % STRIDE - 20) > 3 || abs(i / STRIDE - 30) > 3)
@@ -205,7 +206,7 @@ static void what_nothing_hides_keeps_its_bits(void **state)
     wall_free(w);
 }
 
-/* Beside pixels that show nothing, whose planes may hold anything. */
+/* Next to pixels without a surface, whose planes may hold anything. */
 static void what_shows_nothing_has_no_effect(void **state)
 {
     static const float anything[] = { NAN, INFINITY, -INFINITY, -1e30f };
