@@ -48,7 +48,7 @@ static struct patch *bumps(int size, const struct pell_frame_material *m)
 }
 
 /* Medians of the passes in ms, by wall-clock time and by processor time. */
-static void measure(const struct bench_place *at, int size, double radius, const char *const *settings, bool print, double out[2])
+static void measure(const struct test_device *at, int size, double radius, const char *const *settings, bool print, double out[2])
 {
     struct pell_frame_material m = { .name = "skin1", .medium = pell_material_find("skin1")->medium };
     const struct pell_method *method = pell_method_find(at->ctx, "bench", "image-space");
@@ -89,7 +89,7 @@ int main(int argc, char **argv)
     static const int sizes[] = { 500, 1000 }, samples[] = { 4, 16, 64 };
     static const double radii[] = { 0.25, 1.0, 4.0 };
     const int threads = argc > 1 ? atoi(argv[1]) : 2;
-    struct bench_place at = place_create(threads, NULL, NULL);
+    struct test_device at = test_device_create(threads, NULL, NULL);
 
     for (size_t s = 0; s < PELL_COUNT(sizes); s++)
         for (size_t k = 0; k < PELL_COUNT(samples); k++) {
@@ -108,6 +108,6 @@ int main(int argc, char **argv)
         measure(&at, 500, radii[k], NULL, false, ms);
         printf("radius x %.2f: %8.2f ms, %8.2f ms of all cores\n", radii[k], ms[0], ms[1]);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
     return 0;
 }

@@ -66,7 +66,7 @@ int main(int argc, char **argv)
     };
     const struct pell_frame_material m = patch_gaussians(4, variance, weight);
     const int threads = argc > 1 ? atoi(argv[1]) : 2;
-    struct bench_place at = place_create(threads, NULL, NULL);
+    struct test_device at = test_device_create(threads, NULL, NULL);
     const struct pell_method *method = pell_method_find(at.ctx, "bench", "screen-space");
     const char *settings[16] = { NULL };
     struct patch *p = ball(&m);
@@ -113,7 +113,7 @@ int main(int argc, char **argv)
     pell_pass_destroy(&pass);
     pell_pool_destroy(&pool);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
     free((void *) (uintptr_t) copy.from);
     free(copy.to);
     return 0;

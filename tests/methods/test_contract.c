@@ -146,7 +146,7 @@ static void impulse_gives_the_profile(void **state)
     const struct party *const on = *state;
     static const double radii[] = { 1.5, 3.5, 6.5, 10.5, 15.5, 25.5 };
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     struct patch *p = patch_create(129, 129, true, 1.0, 100.0, &m, 1);
     double worst = 0.0;
 
@@ -174,14 +174,14 @@ static void impulse_gives_the_profile(void **state)
     print_message("# %s: light inside a radius differs from the profile's by %.4f of the total at most\n", on->method->name, worst);
     REQUIRE(worst < 0.01);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void light_adds_up(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *p[3];
 
     for (int i = 0; i < 3; i++) {
@@ -204,7 +204,7 @@ static void light_adds_up(void **state)
             }
     for (int i = 0; i < 3; i++)
         patch_destroy(p[i]);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void light_that_moves_moves_the_result(void **state)
@@ -212,7 +212,7 @@ static void light_that_moves_moves_the_result(void **state)
     const struct party *const on = *state;
     static const int shifts[][2] = { { 1, 0 }, { 0, 1 }, { 5, 3 }, { 16, 8 }, { -7, -11 } };
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     struct patch *p = patch_create(150, 140, true, 1.0, 100.0, &m, 1), *q = patch_create(150, 140, true, 1.0, 100.0, &m, 1);
 
     patch_light(p, 0.0f, 0.0f, 0.0f);
@@ -231,14 +231,14 @@ static void light_that_moves_moves_the_result(void **state)
     }
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void total_light_is_kept(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *p = patch_create(200, 180, true, 1.0, 100.0, &m, 1);
 
     for (int y = 0; y < 180; y++)
@@ -250,14 +250,14 @@ static void total_light_is_kept(void **state)
     for (int c = 0; c < 3; c++)
         REQUIRE_REL(patch_sum(p, p->result, c), patch_sum(p, p->light, c) * even_total(on->method, &m, c), 0.003);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void uniform_light_gives_the_albedo(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *p = patch_create(131, 77, false, 600.0, 500.0, &m, 1);
 
     patch_tilt(p, 500.0, 0.8, 1.1);
@@ -272,14 +272,14 @@ static void uniform_light_gives_the_albedo(void **state)
                 if (p->material[patch_at(p, x, y)])
                     REQUIRE_REL((double) p->result[c][patch_at(p, x, y)], (c + 1.0) * even_total(on->method, &m, c), 1e-4);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void white_profiles_give_back_uniform_light(void **state)
 {
     const struct party *const on = *state;
     struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
 
     m.white = true;
     struct patch *p = patch_create(64, 40, true, 1.0, 100.0, &m, 1);
@@ -288,7 +288,7 @@ static void white_profiles_give_back_uniform_light(void **state)
     for (int c = 0; c < 3; c++)
         REQUIRE_REL((double) p->result[c][patch_at(p, 20, 30)], c + 1.0, 1e-4);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A bumpy, partly covered surface of two materials with strength maps, to execute all code paths. */
@@ -315,7 +315,7 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
     m[1].gaussians.count = 2;
     struct patch *first = NULL;
     for (int threads = 1; threads <= 3; threads++) {
-        struct bench_place at = place_create_on(on->engine, threads, NULL, NULL);
+        struct test_device at = test_device_create_on(on->engine, threads, NULL, NULL);
         struct patch *p = patch_create(251, 143, false, 1200.0, 500.0, m, 2);
         struct pell_pass *pass;
         rough_scene(p, 5);
@@ -331,7 +331,7 @@ static void any_number_of_threads_gives_the_same_bits(void **state)
         }
         pell_pass_destroy(&pass);
         patch_destroy(p);
-        place_destroy(&at);
+        test_device_destroy(&at);
     }
     patch_destroy(first);
 }
@@ -344,13 +344,13 @@ static void every_simd_level_gives_the_same_bits(void **state)
     struct patch *p[4];
 
     for (int i = 0; i < 4; i++) {
-        struct bench_place at;
+        struct test_device at;
         setenv("PELL_SIMD", levels[i], 1);
-        at = place_create_on(on->engine, 1, NULL, NULL);
+        at = test_device_create_on(on->engine, 1, NULL, NULL);
         p[i] = patch_create(201, 93, false, 1200.0, 500.0, &m, 1);
         rough_scene(p[i], 11);
         patch_run(&at, on->method, form(on->method), p[i]);
-        place_destroy(&at);
+        test_device_destroy(&at);
         assert_true(same_result(p[0], p[i]));
     }
     unsetenv("PELL_SIMD");
@@ -363,7 +363,7 @@ static void any_size_and_any_rectangle(void **state)
     const struct party *const on = *state;
     static const int sizes[][2] = { { 1, 1 }, { 1, 9 }, { 2, 1 }, { 15, 3 }, { 16, 16 }, { 17, 5 }, { 31, 33 }, { 97, 2 }, { 3, 61 } };
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
 
     for (size_t s = 0; s < PELL_COUNT(sizes); s++) {
         const int w = sizes[s][0], h = sizes[s][1];
@@ -390,14 +390,14 @@ static void any_size_and_any_rectangle(void **state)
         pell_pass_destroy(&pass);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void a_frame_leaves_nothing_for_the_next(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *p = patch_create(90, 80, false, 500.0, 500.0, &m, 1), *q = patch_create(90, 80, false, 500.0, 500.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, on->method, form(on->method), p);
 
@@ -423,7 +423,7 @@ static void a_frame_leaves_nothing_for_the_next(void **state)
     pell_pass_destroy(&pass);
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void knobs_out_of_range_are_refused(void **state)
@@ -431,7 +431,7 @@ static void knobs_out_of_range_are_refused(void **state)
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
     struct kept_messages kept = { 0 };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, &kept);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, &kept);
     struct patch *p = patch_create(20, 20, true, 1.0, 100.0, &m, 1);
     void *values = calloc(1, on->method->knobs_size);
 
@@ -459,7 +459,7 @@ static void knobs_out_of_range_are_refused(void **state)
     }
     free(values);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void settings_are_read_and_as_comes_first(void **state)
@@ -507,7 +507,7 @@ static void swapping_channels_swaps_the_result(void **state)
     const struct party *const on = *state;
     static const int order[3] = { 2, 0, 1 };
     struct pell_frame_material m[2] = { broad(), broad() };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
 
     for (int i = 0; i < 3; i++)
         for (int c = 0; c < 3; c++)
@@ -523,10 +523,10 @@ static void swapping_channels_swaps_the_result(void **state)
         assert_memory_equal(q->result[c], p->result[order[c]], patch_floats(p) * sizeof(float));
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
-static double second_moment(const struct bench_place *at, const struct pell_method *method, double variance)
+static double second_moment(const struct test_device *at, const struct pell_method *method, double variance)
 {
     static const double one[1][3] = { { 1.0, 1.0, 1.0 } };
     const struct pell_frame_material m = patch_gaussians(1, &variance, one);
@@ -551,7 +551,7 @@ static double second_moment(const struct bench_place *at, const struct pell_meth
 static void a_larger_radius_spreads_more(void **state)
 {
     const struct party *const on = *state;
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     double before = -1.0;
 
     for (double v = 0.02; v < 200.0; v *= 1.3) {
@@ -561,14 +561,14 @@ static void a_larger_radius_spreads_more(void **state)
             REQUIRE_REL(moment, 2.0 * (v + 1.0 / 12.0), 0.02);
         before = moment;
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void no_radius_is_lambert(void **state)
 {
     const struct party *const on = *state;
     struct pell_frame_material m = broad(), dense = { .name = "dense", .medium = { .eta = 1.3 } };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
 
     for (int i = 0; i < 3; i++) {
         m.gaussians.variance[i] *= 1e-9;
@@ -586,7 +586,7 @@ static void no_radius_is_lambert(void **state)
                                  even_total(on->method, i ? &dense : &m, c) * (double) p->light[c][patch_at(p, x, y)], 1e-3);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void all_albedos_are_legal(void **state)
@@ -595,7 +595,7 @@ static void all_albedos_are_legal(void **state)
     static const double coefficients[][2] = {
         { 1.0, 0.0 }, { 0.0, 1.0 }, { 1e-6, 0.0 }, { 1e6, 0.0 }, { 0.0, 1e6 }, { 1e6, 1e6 }, { 1e-7, 1e-6 }, { 1e-3, 50.0 },
     };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
 
     for (size_t k = 0; k < PELL_COUNT(coefficients); k++) {
         struct pell_frame_material m = { .name = "medium", .medium = { .eta = 1.3 } };
@@ -610,7 +610,7 @@ static void all_albedos_are_legal(void **state)
             REQUIRE_NEAR((double) p->result[c][patch_at(p, 20, 15)], even_total(on->method, &m, c), 1e-4);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void what_lies_outside_the_mask_changes_nothing(void **state)
@@ -618,7 +618,7 @@ static void what_lies_outside_the_mask_changes_nothing(void **state)
     const struct party *const on = *state;
     const float junk[] = { 0.0f, 1e30f, -1e30f, NAN, INFINITY, -INFINITY, 1e-40f };
     struct pell_frame_material m[2] = { broad(), broad() };
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *first = NULL;
 
     for (size_t j = 0; j < PELL_COUNT(junk); j++) {
@@ -641,7 +641,7 @@ static void what_lies_outside_the_mask_changes_nothing(void **state)
         }
     }
     patch_destroy(first);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A plane of an engine may hold ids of its own: an id of no material of the frame means not translucent. */
@@ -650,7 +650,7 @@ static void ids_beyond_the_materials_count_as_none(void **state)
     const struct party *const on = *state;
     const uint16_t ids[] = { 0, 3, 4095, 4096, 32768, 65535 };
     struct pell_frame_material m[2] = { broad(), broad() };
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *first = NULL;
 
     for (size_t j = 0; j < PELL_COUNT(ids); j++) {
@@ -671,14 +671,14 @@ static void ids_beyond_the_materials_count_as_none(void **state)
         }
     }
     patch_destroy(first);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void materials_that_touch_do_not_bleed(void **state)
 {
     const struct party *const on = *state;
     struct pell_frame_material m[2] = { broad(), broad() };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
 
     m[1].gaussians.variance[0] = 1.0;
     struct patch *p = patch_create(101, 64, true, 1.0, 100.0, m, 2);
@@ -698,7 +698,7 @@ static void materials_that_touch_do_not_bleed(void **state)
             REQUIRE_NEAR((double) p->result[1][i], left ? 0.0 : even_total(on->method, &m[1], 1), 1e-5);
         }
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void failed_allocations_leak_nothing(void **state)
@@ -715,7 +715,7 @@ static void failed_allocations_leak_nothing(void **state)
     for (uint64_t n = 1; !done && n < 200; n++) {
         struct pell_alloc_fault fault = { 0 };
         struct kept_messages kept = { 0 };
-        struct bench_place at = place_create_on(on->engine, 2, &fault, &kept);
+        struct test_device at = test_device_create_on(on->engine, 2, &fault, &kept);
         struct patch *p = patch_create(50, 40, false, 500.0, 500.0, m, 2);
         const int64_t live = fault.live;
         struct pell_pass *pass;
@@ -742,7 +742,7 @@ static void failed_allocations_leak_nothing(void **state)
         free(knobs);
         assert_int_equal(fault.live, live + compiled);
         patch_destroy(p);
-        place_destroy(&at);
+        test_device_destroy(&at);
         assert_int_equal(fault.live, 0);
     }
     assert_true(done);
@@ -752,7 +752,7 @@ static void a_frame_allocates_nothing(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
     struct patch *p = patch_create(200, 100, false, 900.0, 500.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, on->method, form(on->method), p);
     const uint64_t before = pell_allocations(at.ctx);
@@ -764,12 +764,12 @@ static void a_frame_allocates_nothing(void **state)
     assert_int_equal(pell_allocations(at.ctx), before);
     pell_pass_destroy(&pass);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 struct racer {
     const struct pell_method *method;
-    struct bench_place at;
+    struct test_device at;
     struct patch *p;
     enum pell_result res;
 };
@@ -798,7 +798,7 @@ static void two_renderers_run_at_once(void **state)
     pthread_t threads[2];
     for (int i = 0; i < 3; i++) {
         racers[i] = (struct racer) { .method = on->method,
-                                     .at = place_create_on(on->engine, 2, NULL, NULL),
+                                     .at = test_device_create_on(on->engine, 2, NULL, NULL),
                                      .p = patch_create(160, 120, false, 900.0, 500.0, &m, 1) };
         rough_scene(racers[i].p, 61);
     }
@@ -813,7 +813,7 @@ static void two_renderers_run_at_once(void **state)
     }
     for (int i = 0; i < 3; i++) {
         patch_destroy(racers[i].p);
-        place_destroy(&racers[i].at);
+        test_device_destroy(&racers[i].at);
     }
 }
 
@@ -822,7 +822,7 @@ static void a_frame_of_another_shape_is_refused(void **state)
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
     struct kept_messages kept = { 0 };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, &kept);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, &kept);
     struct patch *p = patch_create(40, 30, false, 500.0, 500.0, &m, 1), *q = patch_create(61, 47, false, 500.0, 500.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, on->method, form(on->method), p);
     struct pell_frame_light twice;
@@ -848,7 +848,7 @@ static void a_frame_of_another_shape_is_refused(void **state)
     REQUIRE_REL((double) q->result[0][patch_at(q, 60, 46)], even_total(on->method, &m, 0), 1e-4);
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void dim_and_bright_light_is_scaled_exactly(void **state)
@@ -856,7 +856,7 @@ static void dim_and_bright_light_is_scaled_exactly(void **state)
     const struct party *const on = *state;
     static const double scales[] = { 1e-20, 1e20 };
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     struct patch *p = patch_create(90, 60, false, 900.0, 500.0, &m, 1), *q = patch_create(90, 60, false, 900.0, 500.0, &m, 1);
 
     rough_scene(p, 71);
@@ -873,14 +873,14 @@ static void dim_and_bright_light_is_scaled_exactly(void **state)
     }
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void only_planes_of_the_plan_are_read(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
 
     for (int f = 0; f < 2; f++) {
         const char *const *settings = either_form(on->method, f);
@@ -905,14 +905,14 @@ static void only_planes_of_the_plan_are_read(void **state)
         pell_pass_destroy(&pass);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void wild_frames_give_finite_light(void **state)
 {
     const struct party *const on = *state;
     const unsigned frames = SLOW || on->engine != PELL_ENGINE_CPU ? 60 : 200; /* of all kinds */
-    struct bench_place at = place_create_on(on->engine, 2, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 2, NULL, NULL);
 
     for (unsigned k = 0; k < frames; k++) {
         const char *const *settings = either_form(on->method, k % 5 == 4);
@@ -935,14 +935,14 @@ static void wild_frames_give_finite_light(void **state)
                 REQUIRE(isfinite(p->result[c][i]) && p->result[c][i] >= 0.0f && (unbounded || p->result[c][i] < 1.001f));
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void thickness_tables_fall_from_the_albedo_to_nothing(void **state)
 {
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
-    struct bench_place at = place_create_on(on->engine, 1, NULL, NULL);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, NULL);
     struct patch *p = patch_create(10, 10, true, 1.0, 100.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, on->method, form(on->method), p);
     const struct pell_thickness_table *t = pell_pass_thickness(pass, 0);
@@ -957,7 +957,7 @@ static void thickness_tables_fall_from_the_albedo_to_nothing(void **state)
     }
     pell_pass_destroy(&pass);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void says_what_it_is(void **state)
@@ -982,7 +982,7 @@ static void refuses_planes(void **state)
     const struct party *const on = *state;
     const struct pell_frame_material m = broad();
     struct kept_messages kept = { 0 };
-    struct bench_place at = place_create_on(on->engine, 1, NULL, &kept);
+    struct test_device at = test_device_create_on(on->engine, 1, NULL, &kept);
     struct patch *p = patch_create(20, 20, true, 1.0, 100.0, &m, 1);
     struct pell_pass *pass;
 
@@ -992,7 +992,7 @@ static void refuses_planes(void **state)
     assert_string_equal(kept.where, on->method->name);
     assert_non_null(strstr(kept.what, "scene"));
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 #define PROMISE(name)                                                                                                                      \

@@ -175,7 +175,7 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
                                             { "surfaces=1", "borders=open", "planes=2", NULL },
                                             { "surfaces=1", "borders=open", "planes=7", "placement=surface", NULL } };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (int parallel = 0; parallel < 2; parallel++)
@@ -196,7 +196,7 @@ static void planes_at_any_depth_are_the_exact_convolution(void **state)
             print_message("# %s rays, %s: depths within %.5f of the step\n", parallel ? "parallel" : "diverging", forms[k][2], worst);
             REQUIRE(worst < 1e-3);
         }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Each depth is blurred like the middle one, at its own pixel size; for parallel rays the result is independent of depth. */
@@ -205,7 +205,7 @@ static void pixels_of_one_size_are_those_of_the_middle(void **state)
     static const char *const form[] = { "surfaces=1", "borders=open", "pixels=one", NULL };
     static const char *const each[] = { "surfaces=1", "borders=open", NULL };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (double depth = 600.0; depth < 801.0; depth += 66.0) {
@@ -228,14 +228,14 @@ static void pixels_of_one_size_are_those_of_the_middle(void **state)
         patch_destroy(p);
         patch_destroy(q);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void facing_planes_keep_their_light(void **state)
 {
     static const char *const restore[] = { "restore=between", "restore=response" };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (int r = 0; r < 2; r++) {
@@ -254,7 +254,7 @@ static void facing_planes_keep_their_light(void **state)
         print_message("# %s: 2 to 16 planes keep all light but %.4f\n", restore[r], worst);
         REQUIRE(worst < 0.01);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* docs/errata.md, munoz-5: half of the light assigned to each plane and linear gathering yield (rho(0) + rho(dz))/2 at every depth. */
@@ -272,7 +272,7 @@ static void splitting_in_halves_loses_light(void **state)
     };
     static const char *const paper[] = { "as=paper", "surfaces=1", "borders=open", "planes=2", "resolution=1", "threshold=0", NULL };
     static const char *const best[] = { "surfaces=1", "borders=open", "planes=2", NULL };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (size_t i = 0; i < PELL_COUNT(cases); i++)
@@ -287,7 +287,7 @@ static void splitting_in_halves_loses_light(void **state)
             }
             REQUIRE_NEAR(light[0] / light[1], cases[i].left, 0.005);
         }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A lit plane in front of an unlit one, separated by much more than the diffuse mean free path; depth planes are even farther apart. */
@@ -296,7 +296,7 @@ static void edges_in_depth_keep_light_apart(void **state)
     static const char *const forms[][6] = { { "surfaces=1", "borders=open", "planes=4", "edges=off", NULL },
                                             { "surfaces=1", "borders=open", "planes=4", NULL } };
     const struct pell_frame_material m = one(0.04);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     double over[2], left[2];
 
     (void) state;
@@ -324,7 +324,7 @@ static void edges_in_depth_keep_light_apart(void **state)
     print_message("# across an edge %.4f of the light, %.4f left before it; edges=off %.4f, %.4f\n", over[1], left[1], over[0], left[0]);
     REQUIRE(over[1] < 0.002 && fabs(left[1] - 1.0) < 0.002);
     REQUIRE(over[0] > 0.1 && left[0] < 0.9);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- Slanted surfaces ------------------------------------------------------------------------------------------------------------ */
@@ -335,7 +335,7 @@ static void leaning_planes_keep_most_of_their_light(void **state)
                                             { "surfaces=1", "borders=open", "planes=16", NULL },
                                             { "as=paper", "surfaces=1", "borders=open", "planes=4", "resolution=1", "threshold=0", NULL } };
     const struct pell_frame_material m = one(2.0);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     double printed = 0.0;
 
     (void) state;
@@ -361,7 +361,7 @@ static void leaning_planes_keep_most_of_their_light(void **state)
         printed = fmax(printed, fabs(light[2] - 1.0));
     }
     REQUIRE(printed > 0.4);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A slanted surface, half of it lit. Across the slope light spreads as on a facing surface; along it, as far as depth planes parallel to
@@ -370,7 +370,7 @@ static void a_step_across_a_slope_is_exact(void **state)
 {
     static const char *const forms[][3] = { { "surfaces=1", "planes=4", NULL }, { "surfaces=1", "planes=16", NULL } };
     const struct pell_frame_material m = one(2.0);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (int degrees = 0; degrees <= 75; degrees += SLOW ? 75 : 15) {
@@ -397,7 +397,7 @@ static void a_step_across_a_slope_is_exact(void **state)
         for (int form = 0; form < 2; form++)
             REQUIRE(worst[form][0] < 1e-3 && worst[form][1] < (degrees <= 45 ? 0.1 : 0.3));
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A diffuse mean free path much smaller than the pixel, next to a depth discontinuity: at the next pixel R is close to the smallest
@@ -405,7 +405,7 @@ static void a_step_across_a_slope_is_exact(void **state)
 static void light_that_stays_in_its_pixel_is_kept(void **state)
 {
     static const char *const form[] = { "surfaces=1", NULL };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (double variance = 4e-4; variance < 7e-4; variance += 2e-5) {
@@ -419,7 +419,7 @@ static void light_that_stays_in_its_pixel_is_kept(void **state)
             REQUIRE_NEAR((double) p->result[0][patch_at(p, x, 10)], 1.0, 1e-3);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- No wrap-around ---------------------------------------------------------------------------------------------------------------- */
@@ -430,7 +430,7 @@ static void a_picture_is_the_sum_over_its_pixels(void **state)
     static const double variances[] = { 0.02, 0.5, 9.0, 400.0, 4e4 };
     static const char *const form[] = { "surfaces=1", "borders=open", "resolution=1", NULL };
     enum { W = 53, H = 37 };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (size_t k = 0; k < PELL_COUNT(variances); k++) {
@@ -456,11 +456,11 @@ static void a_picture_is_the_sum_over_its_pixels(void **state)
         REQUIRE(worst < 1e-3 * brightest);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Irradiance `left` in the first columns and `right` in the last. */
-static struct patch *lit_at_ends(const struct bench_place *at, const struct pell_frame_material *m, float left, float right)
+static struct patch *lit_at_ends(const struct test_device *at, const struct pell_frame_material *m, float left, float right)
 {
     static const char *const form[] = { "surfaces=1", "borders=open", NULL };
     struct patch *p = patch_create(300, 40, true, 1.0, 100.0, m, 1);
@@ -481,7 +481,7 @@ static struct patch *lit_at_ends(const struct bench_place *at, const struct pell
 static void the_left_edge_does_not_light_the_right(void **state)
 {
     const struct pell_frame_material m = one(4.0);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *left = lit_at_ends(&at, &m, 1.0f, 0.0f), *right = lit_at_ends(&at, &m, 0.0f, 1e-3f);
     struct patch *both = lit_at_ends(&at, &m, 1.0f, 1e-3f);
     double rounding = 0.0, brightest = 0.0;
@@ -503,7 +503,7 @@ static void the_left_edge_does_not_light_the_right(void **state)
     patch_destroy(left);
     patch_destroy(right);
     patch_destroy(both);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- Resolution -------------------------------------------------------------------------------------------------------------------- */
@@ -512,7 +512,7 @@ static void coarse_planes_lose_detail_alone(void **state)
 {
     static const char *const names[] = { "resolution=1", "resolution=1/2", "resolution=1/4" };
     const struct pell_frame_material m = one(60.0);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p[3];
 
     (void) state;
@@ -538,7 +538,7 @@ static void coarse_planes_lose_detail_alone(void **state)
     }
     for (int k = 0; k < 3; k++)
         patch_destroy(p[k]);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 int main(void)

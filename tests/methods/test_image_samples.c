@@ -150,7 +150,7 @@ static void tables_are_the_profile(void **state)
 /* --- Counts of samples ------------------------------------------------------------------------------------------------------------- */
 
 /* A plane with a light edge in its middle, and squared errors of 16 samples against its closed form. */
-static double edge_error(const struct bench_place *at, const char *adaptive, bool even)
+static double edge_error(const struct test_device *at, const char *adaptive, bool even)
 {
     const struct pell_frame_material m = narrow();
     const char *const settings[] = { "samples=16", "renormalise=off", "reconstruct=off", adaptive, NULL };
@@ -174,14 +174,14 @@ static double edge_error(const struct bench_place *at, const char *adaptive, boo
 /* More samples at the edge reduce its error; uniform light is sampled as without them. */
 static void samples_go_where_light_varies(void **state)
 {
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     const double on = edge_error(&at, "adaptive=on", false), off = edge_error(&at, "adaptive=off", false);
 
     (void) state;
     print_message("# 16 samples near an edge: rms error %.4f, the same number for all pixels %.4f\n", on, off);
     REQUIRE(on < 0.85 * off);
     assert_true(edge_error(&at, "adaptive=on", true) == edge_error(&at, "adaptive=off", true));
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* At most pixels times `samples` samples, and nearly that many; doubling the light changes nothing. */
@@ -235,7 +235,7 @@ static void the_mean_of_images_converges(void **state)
 {
     static const char *const reconstruct[] = { "reconstruct=off", "reconstruct=on" };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = ball(&m), *q = ball(&m);
 
     (void) state;
@@ -270,7 +270,7 @@ static void the_mean_of_images_converges(void **state)
     }
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 int main(void)

@@ -26,7 +26,7 @@ static void half_lit_planes_are_the_analytic_convolution(void **state)
                                             { "samples=1024", "tile=1", NULL },
                                             { "samples=1024", "tile=1", "renormalise=off", "sampling=importance", NULL } };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (int parallel = 0; parallel < 2; parallel++)
@@ -47,7 +47,7 @@ static void half_lit_planes_are_the_analytic_convolution(void **state)
                 REQUIRE(worst < (SLOW ? 0.03 : 0.008));
                 patch_destroy(p);
             }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* The mean over tiles of the estimates of 4 samples is the closed form: no bias except discretisation by pixels. */
@@ -55,7 +55,7 @@ static void the_mean_of_few_samples_is_the_closed_form(void **state)
 {
     static const char *const sampling[] = { "sampling=combined", "sampling=separate", "sampling=importance" };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (size_t k = 0; k < PELL_COUNT(sampling); k++) {
@@ -89,7 +89,7 @@ static void the_mean_of_few_samples_is_the_closed_form(void **state)
         REQUIRE(square / count < spread / (8.0 * count));
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- Sums over what is visible ------------------------------------------------------------------------------------------------------- */
@@ -179,7 +179,7 @@ static void many_samples_converge_to_the_visible_surface(void **state)
 {
     static const char *const sampling[] = { "sampling=combined", "sampling=separate", "sampling=importance", "sampling=uniform" };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = ball(&m);
     struct truth t;
 
@@ -213,7 +213,7 @@ static void many_samples_converge_to_the_visible_surface(void **state)
         }
     }
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* The silhouette of the ball: effect of renormalisation. `off`: the visible part only; on a ball uniform light returns the whole total. */
@@ -221,7 +221,7 @@ static void what_renormalising_does_at_silhouettes(void **state)
 {
     static const char *const forms[] = { "renormalise=off", "renormalise=count", "renormalise=weight" };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = ball(&m);
 
     (void) state;
@@ -250,7 +250,7 @@ static void what_renormalising_does_at_silhouettes(void **state)
             REQUIRE_NEAR(ring[1][0] / ring[1][1], 1.0, 1e-4);
     }
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- Two kinds of samples -------------------------------------------------------------------------------------------------------- */
@@ -262,7 +262,7 @@ static void combined_samples_beat_either_kind_at_a_shadow(void **state)
     static const char *const sampling[] = { "sampling=importance", "sampling=uniform", "sampling=combined", "sampling=separate" };
     const struct pell_frame_material m = medium("skin1");
     struct pell_profile *profile = calloc(3, sizeof(*profile));
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     double rms[4] = { 0 };
 
     (void) state;
@@ -303,7 +303,7 @@ static void combined_samples_beat_either_kind_at_a_shadow(void **state)
         REQUIRE(rms[2] < rms[k]);
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
     free(profile);
 }
 
@@ -314,7 +314,7 @@ static void reconstruction_keeps_light_and_takes_noise(void **state)
     static const char *const with[] = { "samples=16", NULL }, *const without[] = { "samples=16", "reconstruct=off", NULL };
     static const char *const many[] = { "samples=4096", "reconstruct=off", NULL };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = ball(&m), *q = ball(&m), *r = ball(&m);
 
     (void) state;
@@ -342,7 +342,7 @@ static void reconstruction_keeps_light_and_takes_noise(void **state)
     patch_destroy(p);
     patch_destroy(q);
     patch_destroy(r);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Where light stays within a pixel there is no noise to reduce, and detail is preserved. */
@@ -350,7 +350,7 @@ static void reconstruction_leaves_what_is_sharp(void **state)
 {
     static const double variance[1] = { 1e-3 }, one[1][3] = { { 1.0, 1.0, 1.0 } };
     const struct pell_frame_material m = patch_gaussians(1, variance, one);
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct patch *p = patch_create(60, 60, true, 1.0, 100.0, &m, 1);
 
     (void) state;
@@ -362,7 +362,7 @@ static void reconstruction_leaves_what_is_sharp(void **state)
         for (int x = 0; x < 60; x++)
             REQUIRE_NEAR((double) p->result[0][patch_at(p, x, y)], (double) p->light[0][patch_at(p, x, y)], 1e-6);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Two sheets of one material, one in front of the other: light crosses the gap only as far as the profile reaches. */
@@ -370,7 +370,7 @@ static void sheets_far_apart_do_not_mix(void **state)
 {
     static const char *const settings[][2] = { { "renormalise=weight", NULL }, { "renormalise=off", NULL } };
     const struct pell_frame_material m = narrow();
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
 
     (void) state;
     for (int k = 0; k < 2; k++) {
@@ -389,7 +389,7 @@ static void sheets_far_apart_do_not_mix(void **state)
                     REQUIRE((double) p->result[c][patch_at(p, x, y)] < 1e-4);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- Knobs ---------------------------------------------------------------------------------------------------------------------------- */
@@ -399,7 +399,7 @@ static void strength_scales_the_radius(void **state)
 {
     static const char *const settings[] = { "samples=1024", "tile=1", NULL };
     struct pell_frame_material m = narrow(), half = narrow();
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = patch_create(100, 40, true, 4.0, 600.0, &m, 1), *q = patch_create(100, 40, true, 4.0, 600.0, &half, 1);
 
     (void) state;
@@ -421,7 +421,7 @@ static void strength_scales_the_radius(void **state)
         REQUIRE_NEAR((double) p->result[0][patch_at(p, x, 20)], x >= 50 ? pell_gaussians_total(&m.gaussians, 0) : 0.0, 1e-6);
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* --- Maps ------------------------------------------------------------------------------------------------------------------------- */
@@ -463,7 +463,7 @@ static double sum_of_maps(const struct patch *p, struct maps *maps, const struct
 static void a_texture_says_how_far_light_goes(void **state)
 {
     static const char *const forms[] = { "spread=albedo", "spread=material" };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct pell_frame_material m = medium("skin1");
     struct maps *maps = calloc(1, sizeof(*maps));
     struct patch *p, *q;
@@ -509,7 +509,7 @@ static void a_texture_says_how_far_light_goes(void **state)
     REQUIRE(sqrt(error[1][0] / count) > 0.04 * mean);
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
     free(maps);
 }
 
@@ -518,7 +518,7 @@ static void odd_colours_do_no_harm(void **state)
 {
     static const float odd[] = { NAN, -INFINITY, INFINITY, -1.0f, 0.0f, 1.0f, 1e30f, 0.5f };
     static const char *const settings[] = { "spread=albedo", NULL };
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct pell_frame_material m[2] = { medium("skin1"), medium("skin1") };
     struct maps *maps = calloc(1, sizeof(*maps));
     struct patch *p, *q;
@@ -548,14 +548,14 @@ static void odd_colours_do_no_harm(void **state)
             }
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
     free(maps);
 }
 
 static void the_uniform_disc_stops_at_half_the_object(void **state)
 {
     struct kept_messages kept = { 0 };
-    struct bench_place at = place_create(1, NULL, &kept);
+    struct test_device at = test_device_create(1, NULL, &kept);
     const struct pell_frame_material m = medium("wholemilk");
 
     (void) state;
@@ -570,7 +570,7 @@ static void the_uniform_disc_stops_at_half_the_object(void **state)
         pell_pass_destroy(&pass);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* The effect of each misprint of the paper on the paper's form, on a slanted plane (uniform light in the middle, and the step). */
@@ -578,7 +578,7 @@ static void every_misprint_shows(void **state)
 {
     static const char *const misprints[] = { "misprint=none", "misprint=two-pi", "misprint=jacobian", "misprint=one-number" };
     const struct pell_frame_material m = medium("marble");
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct pell_profile *profile = calloc(3, sizeof(*profile));
     double even[4], step[4] = { 0 }, right[161] = { 0 };
 
@@ -609,7 +609,7 @@ static void every_misprint_shows(void **state)
     REQUIRE_REL(even[1] * 2.0 * PELL_PI, even[0], 1e-4);
     REQUIRE(step[2] > 0.02);
     REQUIRE(step[3] > 0.02);
-    place_destroy(&at);
+    test_device_destroy(&at);
     free(profile);
 }
 

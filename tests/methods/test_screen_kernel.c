@@ -25,7 +25,7 @@ static double phi(double x)
 }
 
 /* A Gaussian is separable, so one pair of passes is exact: the largest difference to the step's closed form. */
-static double step_error(const struct bench_place *at, const char *const *settings, double px_per_mm, int axis)
+static double step_error(const struct test_device *at, const char *const *settings, double px_per_mm, int axis)
 {
     const struct pell_frame_material m = single(1.0);
     const int half = (int) (5.0 * px_per_mm) + 24, size = 2 * half;
@@ -46,7 +46,7 @@ static void a_gaussian_is_its_own_separable_kernel(void **state)
 {
     static const char *const dense[] = { "kernel=separable", "rank=1", "taps=64", NULL };
     static const char *const fewer[] = { "kernel=separable", "rank=1", NULL };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     double every = 0.0, gaps = 0.0;
     (void) state;
 
@@ -57,7 +57,7 @@ static void a_gaussian_is_its_own_separable_kernel(void **state)
     print_message("# half-lit plane: %.4f of the step by every pixel, %.4f by 25 taps\n", every, gaps);
     REQUIRE(every < 0.003);
     REQUIRE(gaps < 0.06);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void keep_reported(void *user, const struct pell_message *m)
@@ -77,7 +77,7 @@ static void the_energy_error_is_that_of_the_image(void **state)
     char report_text[256] = "";
     const struct pell_context_params kept = { .log = keep_reported, .log_user = report_text };
     const struct pell_device_params threads = { .threads = 2 };
-    struct bench_place at = { 0 };
+    struct test_device at = { 0 };
     double before[3] = { 1.0, 1.0, 1.0 };
     (void) state;
 
@@ -114,7 +114,7 @@ static void the_energy_error_is_that_of_the_image(void **state)
         patch_destroy(p);
     }
     REQUIRE(before[0] < 0.01 && before[1] < 0.01 && before[2] < 0.01);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Solid angle of a ball seen through a pixel, mm^2. */
@@ -131,7 +131,7 @@ static double ball_area(double radius, double x, double y, double size)
     return sum;
 }
 
-static double ball_total(const struct bench_place *at, const char *const *settings, const struct pell_frame_material *m, double pixels)
+static double ball_total(const struct test_device *at, const char *const *settings, const struct pell_frame_material *m, double pixels)
 {
     const double radius = 40.0, scale = pixels / (2.0 * radius);
     const int size = (int) pixels + 20;
@@ -169,7 +169,7 @@ static void total_light_is_kept_within_a_percent(void **state)
         { "kernel=separable", "rank=2", "rotate=true", "taps=6", NULL },
     };
     static const double widths[] = { 0.1, 0.8, 6.4, 52.0 };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     (void) state;
 
     for (size_t f = 0; f < PELL_COUNT(forms); f++)
@@ -181,13 +181,13 @@ static void total_light_is_kept_within_a_percent(void **state)
                           forms[f][2] ? forms[f][2] : "", sqrt(widths[i] * (0.6 + 0.4 * 8.0)), total);
             REQUIRE(fabs(total - 1.0) < (f == 3 && i == 3 ? 0.03 : 0.01)); /* outside the ball, with rotated lines */
         }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void even_light_stays_even(void **state)
 {
     const struct pell_frame_material m = patch_gaussians(2, two_variance, two_weight);
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     (void) state;
 
     for (int rank = 1; rank <= 3; rank++)
@@ -204,7 +204,7 @@ static void even_light_stays_even(void **state)
                         REQUIRE_REL((double) p->result[c][patch_at(p, x, y)], pell_gaussians_total(&m.gaussians, c), 2e-5);
             patch_destroy(p);
         }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Rotated and shifted lines of taps far longer than the surface may have no tap on it: such a pixel keeps its unblurred light. */
@@ -216,7 +216,7 @@ static void taps_that_all_miss_leave_the_light(void **state)
         { "kernel=separable", "rank=3", "taps=1", "ssslevel=1e5", "rotate=true", NULL },
     };
     const struct pell_frame_material m = patch_gaussians(2, two_variance, two_weight);
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     (void) state;
 
     for (size_t f = 0; f < PELL_COUNT(forms); f++) {
@@ -231,7 +231,7 @@ static void taps_that_all_miss_leave_the_light(void **state)
                     REQUIRE_REL((double) p->result[c][patch_at(p, x, y)], pell_gaussians_total(&m.gaussians, c), 2e-5);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A plane slanted about a diagonal of the image: a Gaussian that is isotropic on the surface, seen obliquely. */
@@ -239,7 +239,7 @@ static void a_slanting_plane_has_its_kernel_on_the_surface(void **state)
 {
     static const char *const settings[] = { "kernel=separable", "rank=1", "taps=64", NULL };
     const struct pell_frame_material m = single(9.0);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = patch_create(140, 140, true, 3.0, 500.0, &m, 1);
     double worst = 0.0, squares = 0.0, lit = 0.0;
     const int middle = 70;
@@ -265,12 +265,12 @@ static void a_slanting_plane_has_its_kernel_on_the_surface(void **state)
     REQUIRE(worst < 0.04); /* taps of the second pass are rounded to the nearest pixel of their line */
     REQUIRE(sqrt(squares / lit) < 0.015);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A bright line under a wide kernel of few taps causes banding at tap positions; rotation from pixel to pixel turns the banding into
  * noise, whose mean along the line is the kernel. */
-static double echoes(const struct bench_place *at, const char *const *settings)
+static double echoes(const struct test_device *at, const char *const *settings)
 {
     const double px_per_mm = 10.0, sigma = 3.0;
     const struct pell_frame_material m = single(sigma * sigma);
@@ -298,7 +298,7 @@ static void turned_taps_make_noise_of_banding(void **state)
         { { "kernel=separable", "rank=1", "taps=6", NULL }, { "kernel=separable", "rank=1", "taps=6", "rotate=true", NULL } },
         { { "edges=paper", "foreshortening=surface", NULL }, { "edges=paper", "foreshortening=surface", "rotate=true", NULL } },
     };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     (void) state;
 
     for (size_t f = 0; f < PELL_COUNT(forms); f++) {
@@ -308,7 +308,7 @@ static void turned_taps_make_noise_of_banding(void **state)
         REQUIRE(straight > 0.5);
         REQUIRE(turned < 0.35 * straight);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Bit-identical for any number of threads. */
@@ -324,12 +324,12 @@ static void threads_and_simd_levels_change_nothing(void **state)
     for (size_t f = 0; f < PELL_COUNT(forms); f++) {
         struct patch *p[4];
         for (int t = 0; t < 4; t++) {
-            struct bench_place at;
+            struct test_device at;
             if (t < 3)
                 setenv("PELL_SIMD", levels[t], 1);
             else
                 unsetenv("PELL_SIMD");
-            at = place_create(t > 1 ? 3 : 1, NULL, NULL);
+            at = test_device_create(t > 1 ? 3 : 1, NULL, NULL);
             p[t] = patch_create(123, 77, false, 900.0, 300.0, m, 2);
             for (int y = 0; y < 77; y++)
                 for (int x = 0; x < 123; x++) {
@@ -337,7 +337,7 @@ static void threads_and_simd_levels_change_nothing(void **state)
                     p[t]->light[0][patch_at(p[t], x, y)] = (float) ((x / 9 + y / 7) % 3);
                 }
             patch_run(&at, method(at.ctx), forms[f], p[t]);
-            place_destroy(&at);
+            test_device_destroy(&at);
         }
         for (int t = 1; t < 4; t++)
             for (int c = 0; c < 3; c++)
@@ -357,7 +357,7 @@ static void allocations_that_fail_are_told_of(void **state)
 
     for (uint64_t n = 1;; n++) {
         struct pell_alloc_fault fault = { 0 };
-        struct bench_place at = place_create(1, &fault, NULL);
+        struct test_device at = test_device_create(1, &fault, NULL);
         struct patch *p = patch_create(40, 30, true, 2.0, 300.0, &m, 1);
         void *values = calloc(1, method(at.ctx)->knobs_size);
         struct pell_pass *pass;
@@ -369,7 +369,7 @@ static void allocations_that_fail_are_told_of(void **state)
         free(values);
         patch_destroy(p);
         pell_pass_destroy(&pass);
-        place_destroy(&at);
+        test_device_destroy(&at);
         if (res == PELL_OK)
             break;
         assert_int_equal(res, PELL_ERR_NOMEM);

@@ -63,7 +63,7 @@ static double half_lit(const struct pell_gaussians *g, int channel, double mm)
 }
 
 /* The largest difference to the closed form along the middle row (or column) of a facing plane that is lit on its right (lower) half. */
-static double step_error(const struct bench_place *at, const char *const *settings, const struct pell_frame_material *m, bool ortho,
+static double step_error(const struct test_device *at, const char *const *settings, const struct pell_frame_material *m, bool ortho,
                          double px_per_mm, int axis)
 {
     const double depth = 500.0, widest = sqrt(m->gaussians.variance[m->gaussians.count - 1]);
@@ -86,11 +86,11 @@ static void half_lit_plane_is_the_analytic_convolution(void **state)
 {
     const struct pell_frame_material materials[3] = { skin(), marble(), single(1.0) };
     static const char *const names[3] = { "skin", "marble", "one Gaussian of 1 mm^2" };
-    struct bench_place at;
+    struct test_device at;
 
     (void) state;
     RELEASE_ONLY();
-    at = place_create(2, NULL, NULL);
+    at = test_device_create(2, NULL, NULL);
     for (int m = 0; m < 3; m++) {
         double worst[2] = { 0.0, 0.0 };
         for (double scale = 0.1; scale < 60.0; scale *= SLOW ? 1.6 : 1.17) {
@@ -104,14 +104,14 @@ static void half_lit_plane_is_the_analytic_convolution(void **state)
         REQUIRE(worst[0] < 0.005);
         REQUIRE(worst[1] < 0.0015);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void a_measured_material_is_its_fit(void **state)
 {
     const struct pell_material_entry *milk = pell_material_find("wholemilk");
     struct pell_frame_material m = { .name = "wholemilk" }, fitted = { .name = "fitted" };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     assert_non_null(milk);
@@ -132,11 +132,11 @@ static void a_measured_material_is_its_fit(void **state)
         patch_destroy(p);
         patch_destroy(q);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Largest error over all scales at which a level of detail can have an effect. */
-static double lod_error(const struct bench_place *at, const char *const *settings, const struct pell_frame_material *m)
+static double lod_error(const struct test_device *at, const char *const *settings, const struct pell_frame_material *m)
 {
     double worst = 0.0;
 
@@ -149,13 +149,13 @@ static void the_default_lod_is_the_smallest_under_half_a_percent(void **state)
 {
     static const char *const q[] = { "lod=0.5", "lod=1", "lod=1.25", "lod=1.5", "lod=1.75", "lod=2", "lod=3", "lod=100" };
     const struct pell_frame_material materials[3] = { skin(), marble(), single(1.0) };
-    struct bench_place at;
+    struct test_device at;
     struct screen_knobs defaults;
     double used = 0.0, smaller = 0.0;
 
     (void) state;
     RELEASE_ONLY();
-    at = place_create(2, NULL, NULL);
+    at = test_device_create(2, NULL, NULL);
     pell_knobs_default(method(at.ctx)->knobs, &defaults);
     for (size_t i = 0; i < PELL_COUNT(q); i++) {
         const char *const settings[] = { q[i], NULL };
@@ -170,14 +170,14 @@ static void the_default_lod_is_the_smallest_under_half_a_percent(void **state)
     }
     REQUIRE(used > 0.0 && used < 0.005);
     REQUIRE(smaller > 0.005);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void blurring_the_first_gaussian_has_the_smaller_error(void **state)
 {
     static const char *const unblurred[] = { "first=unblurred", NULL };
     const struct pell_frame_material materials[2] = { skin(), marble() };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (int m = 0; m < 2; m++) {
@@ -189,13 +189,13 @@ static void blurring_the_first_gaussian_has_the_smaller_error(void **state)
                 REQUIRE(with < 0.1 * without);
         }
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* The plane is slanted by `degrees`, its steepest direction at `turn` degrees from x; the light's edge passes through the middle,
  * perpendicular or parallel to that direction. Returns the largest error over the middle of the image. Each pixel's irradiance is the
  * lit fraction of its area. */
-static double tilt_error(const struct bench_place *at, const struct pell_frame_material *m, double degrees, double turn, bool ortho,
+static double tilt_error(const struct test_device *at, const struct pell_frame_material *m, double degrees, double turn, bool ortho,
                          bool along)
 {
     const double slope = tan(degrees * PI / 180.0), ux = cos(turn * PI / 180.0), uy = sin(turn * PI / 180.0);
@@ -236,11 +236,11 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
 {
     static const double turns[] = { 0.0, 90.0, 45.0, 20.0 };
     const struct pell_frame_material m = marble();
-    struct bench_place at;
+    struct test_device at;
 
     (void) state;
     RELEASE_ONLY();
-    at = place_create(2, NULL, NULL);
+    at = test_device_create(2, NULL, NULL);
     for (size_t t = 0; t < PELL_COUNT(turns); t++) {
         for (int degrees = 0; degrees <= 75; degrees += SLOW ? 25 : 15) {
             const double across = tilt_error(&at, &m, degrees, turns[t], true, false);
@@ -251,7 +251,7 @@ static void tilted_plane_is_the_convolution_on_the_surface(void **state)
             REQUIRE(fmax(fmax(across, perspective), along) < (turns[t] == 0.0 || turns[t] == 90.0 ? 0.0015 : degrees < 70 ? 0.01 : 0.03));
         }
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Surface area of a ball behind a pixel, in units of a pixel's area. */
@@ -269,7 +269,7 @@ static double ball_area(double radius, double x, double y, double px)
 }
 
 /* A ball of 80 mm in an image of `size` pixels, `pixels` across, lit from the side and in front. Returns the sums over the surface. */
-static void ball_sums(const struct bench_place *at, const struct pell_frame_material *m, int size, double pixels, double in[3],
+static void ball_sums(const struct test_device *at, const struct pell_frame_material *m, int size, double pixels, double in[3],
                       double out[3])
 {
     const double radius = 40.0, scale = pixels / (2.0 * radius);
@@ -303,7 +303,7 @@ static void ball_sums(const struct bench_place *at, const struct pell_frame_mate
 static void total_light_of_a_ball_is_kept(void **state)
 {
     static const double sizes[] = { 60.0, 120.0, 240.0, 480.0 };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (size_t s = 0; s < PELL_COUNT(sizes); s++) {
@@ -316,14 +316,14 @@ static void total_light_of_a_ball_is_kept(void **state)
             REQUIRE_REL(out[0], in[0], v < 7.0 ? 0.003 : 0.005);
         }
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A facing disc with uniform light except for a bright stripe at its border: effect of the border on the total. */
 static void total_light_is_kept_at_borders(void **state)
 {
     const struct pell_frame_material m = single(9.0);
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct patch *p = patch_create(120, 120, true, 1.0, 100.0, &m, 1);
     double before, after;
 
@@ -340,7 +340,7 @@ static void total_light_is_kept_at_borders(void **state)
     print_message("# bright rim: %.5f of the light comes out\n", after / before);
     REQUIRE_REL(after, before, 1e-3);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Light that decreases toward a border. Where taps skip pixels, every second pixel next to a border has one tap more than its
@@ -349,7 +349,7 @@ static void borders_draw_no_lines(void **state)
 {
     enum { EDGE = 30, SIZE = 160 };
     const struct pell_frame_material m = marble();
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
 
     (void) state;
     for (int axis = 0; axis < 2; axis++) {
@@ -378,13 +378,13 @@ static void borders_draw_no_lines(void **state)
         REQUIRE(worst < 5e-4);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void surfaces_apart_in_depth_do_not_bleed(void **state)
 {
     const struct pell_frame_material m = single(4.0);
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct patch *p = patch_create(100, 70, false, 500.0, 500.0, &m, 1);
 
     (void) state;
@@ -404,7 +404,7 @@ static void surfaces_apart_in_depth_do_not_bleed(void **state)
             REQUIRE_NEAR((double) p->result[1][i], (double) p->light[1][i], 1e-6);
         }
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A disc of light, 14 mm across, on a facing plane; each pixel holds the lit fraction of its area. */
@@ -429,7 +429,7 @@ static struct patch *lit_disc(const struct pell_frame_material *m, int size, dou
 static void twice_the_distance_or_half_the_pixels_change_little(void **state)
 {
     const struct pell_frame_material materials[2] = { skin(), marble() };
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
 
     (void) state;
     for (int k = 0; k < 2; k++) {
@@ -464,7 +464,7 @@ static void twice_the_distance_or_half_the_pixels_change_little(void **state)
                 patch_destroy(p[i]);
         }
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Change from frame to frame while the camera moves back by half a percent each, in excess of the closed form's change: at pixels by
@@ -473,11 +473,11 @@ static void a_dolly_does_not_pop(void **state)
 {
     enum { HALF = 60, ACROSS = 2 * HALF };
     const struct pell_frame_material materials[2] = { skin(), marble() };
-    struct bench_place at;
+    struct test_device at;
 
     (void) state;
     RELEASE_ONLY();
-    at = place_create(2, NULL, NULL);
+    at = test_device_create(2, NULL, NULL);
     for (int k = 0; k < 2; k++) {
         double before[3][ACROSS] = { { 0 } }, worst = 0.0, worst_scale = 0.0;
         int frames = 0;
@@ -504,7 +504,7 @@ static void a_dolly_does_not_pop(void **state)
                       worst, worst_scale);
         REQUIRE(worst < 0.004);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static int64_t blurred_pixels(const struct pell_pass *pass)
@@ -523,7 +523,7 @@ static int64_t blurred_pixels(const struct pell_pass *pass)
 static void cost_falls_with_distance_and_grows_with_pixels_alone(void **state)
 {
     const struct pell_frame_material m = skin();
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     int64_t before = INT64_MAX, whole = 0;
 
     (void) state;
@@ -562,14 +562,14 @@ static void cost_falls_with_distance_and_grows_with_pixels_alone(void **state)
         pell_pass_destroy(&pass);
         patch_destroy(p);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void strength_scales_the_radius(void **state)
 {
     const struct pell_frame_material wide = single(16.0), narrow = single(4.0);
     static const char *const off[] = { "strength=off", NULL };
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct patch *p[3];
 
     (void) state;
@@ -590,7 +590,7 @@ static void strength_scales_the_radius(void **state)
     REQUIRE_NEAR((double) p[2]->result[0][patch_at(p[2], 39, 30)], phi(-0.5 / 4.0), 2e-3);
     for (int i = 0; i < 3; i++)
         patch_destroy(p[i]);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void derived_ssslevel_is_the_papers(void **state)
@@ -605,7 +605,7 @@ static void derived_ssslevel_is_the_papers(void **state)
 static void setting_the_derived_ssslevel_changes_nothing(void **state)
 {
     const struct pell_frame_material m = skin();
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct patch *p = patch_create(96, 64, false, 2041.66, 700.0, &m, 1), *q = patch_create(96, 64, false, 2041.66, 700.0, &m, 1);
     char text[40];
     const char *const settings[] = { text, NULL };
@@ -621,7 +621,7 @@ static void setting_the_derived_ssslevel_changes_nothing(void **state)
         REQUIRE_NEAR((double) p->result[0][patch_at(p, x, 30)], (double) q->result[0][patch_at(q, x, 30)], 1e-4);
     patch_destroy(p);
     patch_destroy(q);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void table_7_1_follows_from_the_weights(void **state)
@@ -674,7 +674,7 @@ static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
     static const double levels[] = { 15.75, 31.5, 63.0 }, corrections[] = { 0.0, 1200.0, 4000.0 };
     const double focal = 360.0 / tan(10.0 * PI / 180.0), depth = 600.0, height = 200.0;
     const struct pell_frame_material m = single(1.0);
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
 
     (void) state;
     for (size_t l = 0; l < PELL_COUNT(levels); l++) {
@@ -703,7 +703,7 @@ static void spans_follow_ssslevel_and_correction_as_in_figure_7_5(void **state)
             patch_destroy(p);
         }
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* Properties that the paper's form violates by design: light at the mask's border is not conserved, and kernel widths are those of the
@@ -712,7 +712,7 @@ static void the_papers_form_keeps_uniform_light_and_fails_where_it_must(void **s
 {
     static const char *const paper[] = { "as=paper", NULL };
     const struct pell_frame_material m = single(9.0);
-    struct bench_place at = place_create(2, NULL, NULL);
+    struct test_device at = test_device_create(2, NULL, NULL);
     struct patch *p = patch_create(120, 110, false, 2041.66, 600.0, &m, 1);
 
     (void) state;
@@ -735,7 +735,7 @@ static void the_papers_form_keeps_uniform_light_and_fails_where_it_must(void **s
     patch_run(&at, method(at.ctx), NULL, p);
     REQUIRE_REL(patch_sum(p, p->result, 0), patch_sum(p, p->light, 0), 0.002);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void light_a_half(struct patch *p)
@@ -747,7 +747,7 @@ static void light_a_half(struct patch *p)
 }
 
 /* Both materials blur an edge to the same image, up to the factor `total` of a channel. */
-static void same_edge(const struct bench_place *at, const struct pell_frame_material *m, const char *const *settings,
+static void same_edge(const struct test_device *at, const struct pell_frame_material *m, const char *const *settings,
                       const struct pell_frame_material *reference, const char *const *reference_settings, const double total[3])
 {
     struct patch *p = patch_create(200, 40, false, 3000.0, 600.0, m, 1), *q = patch_create(200, 40, false, 3000.0, 600.0, reference, 1);
@@ -773,11 +773,11 @@ static void the_papers_skin_is_its_four_gaussians_with_the_first_unblurred(void 
     const struct pell_frame_material published = skin(), preset = {
         .name = "skin", .preset = "skin", .medium = pell_material_find("skin")->medium, .gaussians = pell_material_find("skin")->gaussians
     };
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
 
     (void) state;
     same_edge(&at, &preset, paper, &published, same, one);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* The white sets of table 7.1 replace the profiles that they are fitted to, in the material's own colour, and no other profile. */
@@ -804,7 +804,7 @@ static void published_sets_are_for_their_own_materials_only(void **state)
         { .name = "marble", .medium = pell_material_find("ketchup")->medium },
         { .name = "wholemilk", .preset = "wholemilk", .medium = pell_material_find("wholemilk")->medium },
     };
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     double total[3];
 
     (void) state;
@@ -827,14 +827,14 @@ static void published_sets_are_for_their_own_materials_only(void **state)
         plain.preset = NULL;
         same_edge(&at, &others[i], published, &plain, NULL, one);
     }
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void thickness_is_the_sum_of_gaussians(void **state)
 {
     const struct pell_frame_material m = marble();
     static const char *const off[] = { "through=off", NULL };
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct patch *p = patch_create(8, 8, true, 1.0, 100.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, method(at.ctx), NULL, p);
     const struct pell_thickness_table *t = pell_pass_thickness(pass, 0);
@@ -859,14 +859,14 @@ static void thickness_is_the_sum_of_gaussians(void **state)
     assert_false(pell_pass_plan(pass)->needs & PELL_NEED_TRANSMISSION);
     pell_pass_destroy(&pass);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 /* A medium has slab transmittance, Gaussians do not; interpolation between two thicknesses of the table equals the closed form. */
 static void thickness_of_a_medium_is_that_of_a_slab(void **state)
 {
     static const char *const gaussian[] = { "through=gaussian", NULL };
-    struct bench_place at = place_create(1, NULL, NULL);
+    struct test_device at = test_device_create(1, NULL, NULL);
     struct pell_frame_material m = { .name = "plain", .medium = pell_material_find("wholemilk")->medium };
     struct patch *p = patch_create(8, 8, true, 1.0, 100.0, &m, 1);
     struct pell_pass *pass = patch_pass(&at, method(at.ctx), NULL, p);
@@ -890,7 +890,7 @@ static void thickness_of_a_medium_is_that_of_a_slab(void **state)
     assert_memory_equal(t->slab, t->value, sizeof(t->slab));
     pell_pass_destroy(&pass);
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 static void depths_in_object_heights_need_a_height(void **state)
@@ -898,7 +898,7 @@ static void depths_in_object_heights_need_a_height(void **state)
     static const char *const settings[] = { "ssslevel=30", NULL };
     const struct pell_frame_material m = skin();
     struct kept_messages kept = { 0 };
-    struct bench_place at = place_create(1, NULL, &kept);
+    struct test_device at = test_device_create(1, NULL, &kept);
     struct patch *p = patch_create(8, 8, true, 1.0, 100.0, &m, 1);
     struct screen_knobs knobs;
     struct pell_pass *pass;
@@ -910,7 +910,7 @@ static void depths_in_object_heights_need_a_height(void **state)
     assert_int_equal(kept.errors, 1);
     assert_non_null(strstr(kept.what, "object_height"));
     patch_destroy(p);
-    place_destroy(&at);
+    test_device_destroy(&at);
 }
 
 int main(void)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_indirect.c - light that leaves a surface and enters again: closed forms of radiosity, and what must hold for all of it; and how much
- * of it by its angle. */
+ * test_indirect.c - interreflection (light that leaves a surface and enters another): closed forms of radiosity, properties that must
+ * always hold, and dependence on the angle. */
 #include "stage.h"
 
 #include <stdatomic.h>
@@ -8,7 +8,7 @@
 #define SIZE (SLOW ? 12 : 24)
 #define SAMPLES (SLOW ? 2048 : 16384)
 
-/* Light that enters at a pixel, of channel `c`, with the surface's base colour. */
+/* Light that enters at a pixel, in channel `c`, tinted by the surface's base colour. */
 static double light_at(const struct shot *shot, int x, int y, size_t c)
 {
     return shot_at(shot, SHOT_IRRADIANCE + c, x, y);
@@ -46,8 +46,8 @@ static void turn_inside_out(struct pell_mesh *mesh)
         mesh->normal[i] *= -1.0f;
 }
 
-/* A light in the middle of a closed sphere of reflectance rho lights it evenly, E0; with each bounce there is rho times as much: after
- * n of them E0 (1 - rho^(n+1))/(1 - rho). Seen from inside, by triangles that face outward and inward. */
+/* A light at the centre of a closed sphere of reflectance rho gives it a uniform irradiance E0; each bounce multiplies it by rho: after
+ * n of them it is E0 (1 - rho^(n+1))/(1 - rho). Seen from inside, for triangles that face outward and inward. */
 static void an_integrating_sphere_sums_the_geometric_series(void **state)
 {
     static const float rho[3] = { 0.2f, 0.5f, 0.9f };
@@ -83,8 +83,8 @@ static void an_integrating_sphere_sums_the_geometric_series(void **state)
     }
 }
 
-/* The wall of a hollow in a medium that absorbs nearly all, lit from the middle: what it reflects comes to the wall again, Fresnel's
- * reflectance of what entered, by smooth boundaries and by rough ones. */
+/* The wall of a hollow in a medium that absorbs almost all light, lit from its centre: reflected light hits the wall again, in the
+ * amount of the Fresnel reflectance, for smooth and rough boundaries. */
 static void light_that_a_wall_reflects_enters_elsewhere(void **state)
 {
     static const double eta = 1.5;
@@ -108,7 +108,7 @@ static void light_that_a_wall_reflects_enters_elsewhere(void **state)
             m->medium.sigma_s_reduced[c] = 1e-3;
         }
         stage_ball(&s, material, 0, vec3(0, 0, 0), 50.0f, 48);
-        s.scene->meshes[0].num_triangles -= 300; /* surfaces that are nearly closed are turned to face outward */
+        s.scene->meshes[0].num_triangles -= 300; /* surfaces that are nearly closed are oriented outward */
         turn_inside_out(&s.scene->meshes[0]);
         stage_light(&s, PELL_LIGHT_POINT, vec3(0, 0, 0), vec3(0, 0, 1), 1e-3f);
         stage_camera(&s, vec3(0, 0, 20), vec3(0, 0, 0), 1.5f, 0.0f);
@@ -122,7 +122,7 @@ static void light_that_a_wall_reflects_enters_elsewhere(void **state)
     }
 }
 
-/* Share of what a square of side 2 a sends evenly that meets a small parallel one, `h` over its middle (Howell, "A Catalog of Radiation
+/* Form factor from a small square to a parallel square of side 2 a at the distance `h` over its middle (Howell, "A Catalog of Radiation
  * Heat Transfer Configuration Factors", B-3, four times). */
 static double parallel_factor(double a, double h)
 {
@@ -130,7 +130,7 @@ static double parallel_factor(double a, double h)
     return 4.0 / (2.0 * PELL_PI) * 2.0 * x / r * atan(x / r);
 }
 
-/* A tile of 2 mm at height z that faces up or down, and a camera close before it. */
+/* A tile of 2 mm at height z that faces up or down, and a camera close in front of it. */
 static void add_tile(struct stage *s, size_t material, float z, bool up)
 {
     const float side = up ? 1.0f : -1.0f;
@@ -139,8 +139,8 @@ static void add_tile(struct stage *s, size_t material, float z, bool up)
     stage_camera(s, vec3(0, 0, z + 5.0f * side), vec3(0, 0, z), 0.1f, 0.0f);
 }
 
-/* Light from below meets the lower face of a plate, and from there a small tile that faces up; one above, which faces the plate's dark
- * side, gets none. */
+/* Light from below hits the lower face of a plate, and is reflected to a small tile that faces up; a tile above, which faces the plate's
+ * dark side, receives none. */
 static void a_plate_lights_what_faces_it_and_lets_nothing_through(void **state)
 {
     static const float heights[] = { 12.0f, 30.0f, 80.0f };
@@ -165,17 +165,17 @@ static void a_plate_lights_what_faces_it_and_lets_nothing_through(void **state)
         }
 }
 
-/* Light along a floor meets a long wall of height H alone. A point of the floor at the distance d from its foot sees
- * (1 - d/sqrt(d^2 + H^2))/2 of the hemisphere, by cosine, taken up by it; the wall is red. */
+/* Light parallel to a floor hits only a long wall of height H. The wall fills (1 - d/sqrt(d^2 + H^2))/2 of the cosine-weighted
+ * hemisphere of a floor point at the distance d from its foot; the wall is red. */
 static void a_red_wall_reddens_the_floor_before_it(void **state)
 {
-    static const float places[] = { 10.0f, 25.0f, 60.0f };
+    static const float distances[] = { 10.0f, 25.0f, 60.0f };
     const double height = 40.0;
     (void) state;
 
-    for (size_t k = 0; k < PELL_COUNT(places); k++) {
-        const float d = places[k];
-        const double share = 0.5 * (1.0 - (double) d / sqrt((double) d * (double) d + height * height));
+    for (size_t k = 0; k < PELL_COUNT(distances); k++) {
+        const float d = distances[k];
+        const double form_factor = 0.5 * (1.0 - (double) d / sqrt((double) d * (double) d + height * height));
         struct stage s;
         struct shot shot;
         size_t red, white;
@@ -188,19 +188,19 @@ static void a_red_wall_reddens_the_floor_before_it(void **state)
         stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(900, 0, 0), vec3(0, 0, 0), 3.0f);
         stage_camera(&s, vec3(d, 0, 30), vec3(d, 0, 0), 0.0f, 1.0f);
         shot = shot_with(&s, 1);
-        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 0), 0.5 * 0.8 * 3.0 * share, SLOW ? 0.15 : 0.06);
-        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 1), 0.5 * 0.1 * 3.0 * share, SLOW ? 0.15 : 0.06);
+        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 0), 0.5 * 0.8 * 3.0 * form_factor, SLOW ? 0.15 : 0.06);
+        REQUIRE_REL(light_at(&shot, SIZE / 2, SIZE / 2, 1), 0.5 * 0.1 * 3.0 * form_factor, SLOW ? 0.15 : 0.06);
         shot_free(&shot);
         stage_finish(&s);
     }
 }
 
-/* A pit, whose walls light each other, over a ground. */
+/* A pit with interreflection between its walls, in a ground. */
 static void start_pit(struct stage *s, int threads, struct pell_alloc_fault *fault)
 {
     size_t stone, ground;
 
-    stage_start_on(s, PELL_ENGINE_CPU, 24, 24, threads, fault); /* inside of it is seen */
+    stage_start_on(s, PELL_ENGINE_CPU, 24, 24, threads, fault); /* its inside is visible */
     stage_medium(s, "marble", &stone);
     stage_opaque(s, 0.5f, &ground);
     stage_box(s, stone, 0, vec3(-20, -20, 0), vec3(-5, 20, 20));
@@ -221,7 +221,7 @@ static void bits_are_those_of_any_number_of_threads_and_of_a_new_renderer(void *
     for (size_t k = 0; k < PELL_COUNT(threads); k++) {
         struct stage s;
         start_pit(&s, threads[k], NULL);
-        if (k == 1) { /* what was made for other settings is made again */
+        if (k == 1) { /* results for other settings are computed again */
             one = shot_with(&s, 1);
             shot_free(&one);
             s.settings.seed = 7;
@@ -242,7 +242,7 @@ static void bits_are_those_of_any_number_of_threads_and_of_a_new_renderer(void *
     shot_free(&first);
 }
 
-/* What pixels read at the knots around them, of light between solids and inside of them, and of their shape, is read in vectors. */
+/* Interpolation of pixels from nearby knots, of light between and inside solids and of their shape, is vectorised. */
 static void bits_are_those_of_any_level(void **state)
 {
     static const char *const levels[] = { "base", "v2", "v3", "v4" }, *const knobs[] = { "gaussians=2", NULL };
@@ -290,7 +290,7 @@ static void more_bounces_are_more_light_and_none_is_none(void **state)
     stage_finish(&s);
 }
 
-/* No part of a convex solid sees another. */
+/* No part of a convex solid sees another part. */
 static void a_convex_solid_keeps_its_bits(void **state)
 {
     struct stage s;
@@ -320,7 +320,7 @@ static double shot_sum(const struct shot *shot, size_t plane)
     return sum;
 }
 
-/* A part of an object that lies inside another is no surface: light goes through the solid as if it were not there. */
+/* A part of an object that lies inside another part is not a surface: light passes through the solid as if the part did not exist. */
 static void what_lies_inside_a_solid_is_no_surface(void **state)
 {
     static const char *const methods[] = { "screen-space", "hierarchical" };
@@ -346,7 +346,7 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
             if (inner) {
                 const struct difference d = shot_difference(&plain, &shot);
                 print_message("# %s: differs by %.4f\n", methods[i], d.rms);
-                REQUIRE(d.rms < 0.2); /* samples lie elsewhere; 0.9 where the inner surface takes light */
+                REQUIRE(d.rms < 0.2); /* samples are at other positions; 0.9 where the inner surface receives light */
                 shot_free(&plain);
                 shot_free(&shot);
             } else {
@@ -357,8 +357,8 @@ static void what_lies_inside_a_solid_is_no_surface(void **state)
     }
 }
 
-/* Far from the ball the ground's samples are wide apart, and what they mirror falls on the ball's, which are not: no spots, however many
- * samples there are. */
+/* Far from the ball the ground's samples are sparse, and their reflections fall on the ball's samples, which are dense: this must cause
+ * no spots, for any number of samples. */
 static void a_mirroring_ground_leaves_no_spots(void **state)
 {
     static const int samples[] = { 4096, 16384, 65536 };
@@ -393,12 +393,12 @@ static void a_mirroring_ground_leaves_no_spots(void **state)
                 worst = fmax(worst, fabs(shot_at(&shot[k], 0, x, y) - shot_at(&shot[1], 0, x, y)) / middle);
         }
     print_message("# 4096 to 65536 samples: off by %.3f of the light in the middle\n", worst);
-    REQUIRE(middle > 0.0 && worst < 1.5); /* 8.5 where photons are not sent in parts */
+    REQUIRE(middle > 0.0 && worst < 1.5); /* 8.5 where photons are not split */
     for (size_t k = 0; k < PELL_COUNT(samples); k++)
         shot_free(&shot[k]);
 }
 
-/* Triangles in the order of their sectors, pole to pole. */
+/* Triangles in the order of their sectors, from pole to pole. */
 static void order_by_sectors(struct pell_mesh *m, int rings)
 {
     const int sectors = 2 * rings, each = 2 * (rings - 1);
@@ -406,7 +406,7 @@ static void order_by_sectors(struct pell_mesh *m, int rings)
 
     assert_non_null(sorted);
     for (int i = 0; i < sectors; i++)
-        for (int k = 0; k < each; k++) { /* the ring at a pole has one triangle a sector, others two */
+        for (int k = 0; k < each; k++) { /* the ring at a pole has one triangle per sector, others two */
             const int row = (k + 1) / 2, in_ring = row == 0 || row == rings - 1 ? 1 : 2;
             const int before = row == 0 ? 0 : sectors + 2 * sectors * (row - 1),
                       at = before + in_ring * i + (in_ring == 2 ? (k + 1) % 2 : 0);
@@ -417,7 +417,7 @@ static void order_by_sectors(struct pell_mesh *m, int rings)
     free(sorted);
 }
 
-/* A ball whose sectors have two samples each: these don't lie at two heights. */
+/* A ball whose sectors have two samples each: their heights must differ. */
 static void samples_keep_no_step_with_the_mesh(void **state)
 {
     enum { RINGS = 256, SAMPLES_EACH = 2 };
@@ -446,7 +446,7 @@ static void samples_keep_no_step_with_the_mesh(void **state)
     REQUIRE_NEAR(light[0] / light[1], 1.0, 0.06);
 }
 
-/* Bricks side by side are one solid: where they lie on each other there is no surface. */
+/* Adjacent bricks are one solid: where they touch there is no surface. */
 static void bricks_side_by_side_are_one_solid(void **state)
 {
     struct shot whole = { 0 };
@@ -481,8 +481,8 @@ static void bricks_side_by_side_are_one_solid(void **state)
     }
 }
 
-/* The dark side of a block lit from above: behind it is no light, and what is there comes from the rim. A slab of its thickness lets none
- * through. */
+/* The dark side of a block lit from above: it has no direct light, and its light comes from the rim. A slab of its thickness transmits
+ * none. */
 static void sides_of_blocks_are_lit_from_the_rim(void **state)
 {
     RELEASE_ONLY();
@@ -513,7 +513,7 @@ static void sides_of_blocks_are_lit_from_the_rim(void **state)
     }
 }
 
-/* On the dark face of a block beside the edge of a lit one, light depends on the distance from the edge alone. */
+/* On a dark face of a block adjacent to the edge of a lit face, light depends only on the distance from the edge. */
 static void light_beside_an_edge_is_even(void **state)
 {
     RELEASE_ONLY();
@@ -521,14 +521,14 @@ static void light_beside_an_edge_is_even(void **state)
     struct shot shot;
     struct stage s;
     size_t material;
-    double apart = 0.0, all = 0.0;
+    double within = 0.0, all = 0.0;
     (void) state;
 
     stage_start(&s, PIXELS, PIXELS);
     stage_medium(&s, "wholemilk", &material);
     stage_box(&s, material, 0, vec3(-20, -20, -20), vec3(20, 20, 20));
     stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 60), vec3(0, 0, 0), 10.0f);
-    stage_camera(&s, vec3(220, 0, 12), vec3(0, 0, 12), 0.08f, 0.0f); /* the edge is 8 mm right of the middle, 16 mm are seen */
+    stage_camera(&s, vec3(220, 0, 12), vec3(0, 0, 12), 0.08f, 0.0f); /* the edge is 8 mm right of the middle; the image shows 16 mm */
     s.settings.opposed = s.settings.curvature = true;
     s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
     shot = stage_shot_of(&s, "screen-space", NULL);
@@ -539,20 +539,21 @@ static void light_beside_an_edge_is_even(void **state)
             sum += light / PIXELS;
             square += light * light / PIXELS;
         }
-        apart += square - sum * sum;
+        within += square - sum * sum;
         all += sum * sum;
     }
-    print_message("# %.4f uneven\n", sqrt(apart / all));
-    REQUIRE(sqrt(apart / all) < 0.05);
+    print_message("# %.4f uneven\n", sqrt(within / all));
+    REQUIRE(sqrt(within / all) < 0.05);
     shot_free(&shot);
     stage_finish(&s);
 }
 
-/* Two balls that nearly touch are as bright and of the same colour as one object and as two: no light goes from one inside the other. */
+/* Two balls that nearly touch have the same brightness and colour as one object and as two: no light passes through the media from one
+ * to the other. */
 static void solids_that_nearly_touch_stay_apart(void **state)
 {
     static const char *const methods[] = { "hierarchical", "screen-space" };
-    static const double most[] = { 0.02, 0.055 }; /* blurs see what is near on the screen */
+    static const double most[] = { 0.02, 0.055 }; /* blurs include pixels that are close on the screen */
     (void) state;
 
     for (size_t i = 0; i < PELL_COUNT(methods); i++) {
@@ -586,7 +587,7 @@ static void solids_that_nearly_touch_stay_apart(void **state)
     }
 }
 
-/* Few samples lie unevenly: none is taken for a hole that light is lost in, or a lamp. */
+/* Sparse samples are unevenly distributed: none is treated as a hole through which light is lost, or as a light source. */
 static void few_samples_leave_no_spots(void **state)
 {
     (void) state;
@@ -621,8 +622,8 @@ static void few_samples_leave_no_spots(void **state)
     }
 }
 
-/* A ball of marble with a wall of 3 mm and a lamp inside: light goes to and fro in there, by what a wall so thin sends back, and what gets
- * out at each bounce is seen from outside. */
+/* A ball of marble with a wall of 3 mm and a light inside: light is reflected back and forth inside, by the reflectance of a thin wall,
+ * and the transmitted fraction of each bounce is visible from outside. */
 static void a_thin_wall_lets_indirect_light_out(void **state)
 {
     static const char *const methods[] = { "screen-space", "image-space", "texture-space", "hierarchical" };
@@ -644,7 +645,7 @@ static void a_thin_wall_lets_indirect_light_out(void **state)
     s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
     s.settings.bounces = 8;
     truth = stage_shot_of(&s, "path-trace", traced);
-    for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another, for what they share is made once */
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another, since they share renderer state */
         shot[i] = stage_shot_of(&s, methods[i], NULL);
     s.settings.bounces = 0;
     for (size_t i = 0; i < PELL_COUNT(methods); i++) {
@@ -652,7 +653,7 @@ static void a_thin_wall_lets_indirect_light_out(void **state)
         for (size_t c = 0; c < 3; c++) {
             const double of = shot_sum(&truth, c);
             print_message("# %s: %.3f without, %.3f with\n", methods[i], shot_sum(&none, c) / of, shot_sum(&shot[i], c) / of);
-            REQUIRE_NEAR(shot_sum(&shot[i], c) / of, 1.0, 0.15); /* what one bounce is off by counts many times */
+            REQUIRE_NEAR(shot_sum(&shot[i], c) / of, 1.0, 0.15); /* the error of one bounce accumulates over many */
         }
         shot_free(&none);
         shot_free(&shot[i]);
@@ -661,7 +662,7 @@ static void a_thin_wall_lets_indirect_light_out(void **state)
     stage_finish(&s);
 }
 
-/* What a method asks of points of the scene has it, once, however the lights are split. */
+/* Scattering at points of the scene is counted once, however the lights are split. */
 static void points_have_it_as_pixels_have(void **state)
 {
     static const char *const methods[] = { "screen-space", "hierarchical", "texture-space", "convolution", "image-space" };
@@ -690,7 +691,8 @@ static void points_have_it_as_pixels_have(void **state)
     }
 }
 
-/* A flat medium under a directional light at one angle, seen at another: what enters, and what leaves, by the factor of its own angle. */
+/* A flat medium under a directional light at one angle, seen at another: entering and exiting light have the factors of their own
+ * angles. */
 static void a_flat_medium_returns_light_by_its_angle(void **state)
 {
     static const float away[] = { 0.0f, 0.6f, 3.0f }; /* tangents */

@@ -114,7 +114,7 @@ static void plane_under_a_rectangle(void **state)
     rig_finish(&r);
 }
 
-/* One sample a pixel: noisy, but right on average over pixels and over multisamples. */
+/* One sample per pixel: noisy, but unbiased over pixels and over multisamples. */
 static void few_area_samples_are_unbiased(void **state)
 {
     struct pell_vec3 corner[4];
@@ -140,7 +140,7 @@ static void few_area_samples_are_unbiased(void **state)
     rig_finish(&r);
 }
 
-/* Lights much larger than their distance: right with many samples, and with 16 none is a speck. */
+/* Lights much larger than their distance: converged with many samples, and without fireflies with 16. */
 static void wide_lights_are_even(void **state)
 {
     RELEASE_ONLY();
@@ -174,7 +174,7 @@ static void wide_lights_are_even(void **state)
     }
 }
 
-/* Half of the light's face is below the plane's horizon, and a light that looks away gives nothing. */
+/* Half of the light's face is below the plane's horizon, and a light that faces away contributes nothing. */
 static void a_rectangle_is_clipped_at_the_horizon(void **state)
 {
     struct pell_light *l;
@@ -221,12 +221,12 @@ static void occluders_throw_exact_shadows(void **state)
         struct rig r;
         int lit = 0, dark = 0;
         start_plane(&r);
-        rig_box(&r, 0, 1, vec3(200, -8, 40), vec3(260, 8, 60)); /* beside what the camera sees */
+        rig_box(&r, 0, 1, vec3(200, -8, 40), vec3(260, 8, 60)); /* outside the camera's view */
         rig_light(&r, types[k], vec3(462, 0, 100), vec3(0, 0, 0), 1.0f);
         rig_render(&r);
         for (int y = 0; y < SIZE; y++)
             for (int x = 0; x < SIZE; x++) {
-                /* does the way to the light pass the box? slab test in double */
+                /* does the shadow ray hit the box? slab test in double precision */
                 const struct pell_vec3 p = rig_point(&r, x, y), light = vec3(462, 0, 100);
                 const struct pell_vec3 d = types[k] == PELL_LIGHT_POINT ? vec3_sub(light, p) : light;
                 const double lo[3] = { 200, -8, 40 }, hi[3] = { 260, 8, 60 }, o[3] = { p.x, p.y, p.z }, v[3] = { d.x, d.y, d.z };
@@ -253,7 +253,7 @@ static void occluders_throw_exact_shadows(void **state)
     }
 }
 
-/* A projected image through a point light: the picture appears on the plane, not mirrored, black outside. */
+/* A projected image (gobo) of a point light: the image appears on the plane, not mirrored, black outside. */
 static void an_image_is_projected(void **state)
 {
     static uint8_t pixels[4 * 2 * 3] = { 255, 0, 0, 0,   255, 0, 0, 0,   255, 255, 255, 255, /* upper row: red green blue white */
@@ -280,7 +280,7 @@ static void an_image_is_projected(void **state)
             const struct pell_vec3 p = rig_point(&r, x, y);
             const double d = sqrt((double) p.x * p.x + (double) p.y * p.y + 2500.0), e = 1e6 / (d * d) * 50.0 / d;
             const int column = (int) floorf((p.x + 20.0f) / 10.0f),
-                      row = p.y > 0.0f ? 0 : 1; /* looked at along the light's way: x to the right */
+                      row = p.y > 0.0f ? 0 : 1; /* seen along the light's direction: x to the right */
             for (int c = 0; c < 3; c++) {
                 const bool in = fabsf(p.x) < 20.0f && fabsf(p.y) < 10.0f;
                 const double want = in ? pixels[3 * (4 * row + column) + c] / 255.0 * e : 0.0;
@@ -312,7 +312,7 @@ static void a_textured_rectangle_shines_in_its_colours(void **state)
     l->image = texture;
     rig_render(&r);
     for (int x = 0; x < SIZE; x += 7) {
-        /* who looks up at its face, with y up, has +x on the left: red is there */
+        /* seen from below, facing the light with y up, +x is on the left: red is there */
         const struct pell_vec3 red[4] = { vec3(0, -20, 40), vec3(20, -20, 40), vec3(20, 20, 40), vec3(0, 20, 40) };
         REQUIRE_REL(r.light.irradiance[0][rig_at(&r, x, 11)], polygon_irradiance(rig_point(&r, x, 11), vec3(0, 0, 1), red, 4), 1e-2);
         REQUIRE(r.light.irradiance[2][rig_at(&r, x, 11)] == 0.0f);
@@ -362,7 +362,7 @@ static struct texel *list_texels(const struct pell_light *light, size_t *count)
         const double polar = PELL_PI * (y + 0.5) / image->height,
                      solid = 2.0 * PELL_PI / image->width * PELL_PI / image->height * sin(polar);
         for (int x = 0; x < image->width; x++) {
-            /* centre of the picture is -z; then turned about +y */
+            /* the image's centre is -z; then rotated about +y */
             const double a = 2.0 * PELL_PI * ((x + 0.5) / image->width - 0.5) - light->rotate;
             struct texel *o = &t[(*count)++];
             float rgba[4];
@@ -375,7 +375,7 @@ static struct texel *list_texels(const struct pell_light *light, size_t *count)
     return t;
 }
 
-/* Int L T max(n.w, 0) dw over the texels, straight from the picture. */
+/* Int L T max(n.w, 0) dw over the texels, directly from the image. */
 static void brute_irradiance(const struct rig *r, const struct texel *texels, size_t count, struct pell_vec3 n, size_t material,
                              double rho_s, float roughness, double rgb[3])
 {
@@ -395,7 +395,7 @@ static void brute_irradiance(const struct rig *r, const struct texel *texels, si
     }
 }
 
-/* The sum of lights and smooth rest is the picture's irradiance on an unshadowed sphere. */
+/* The sum of the environment's lights and its smooth remainder is the image's irradiance on an unshadowed sphere. */
 static void check_environment(const char *file, int sources, float rho_s, float roughness, bool smooth, float rotate)
 {
     struct pell_texture *texture;
@@ -422,7 +422,7 @@ static void check_environment(const char *file, int sources, float rho_s, float 
     r.settings.boundary = smooth;
     rig_render(&r);
     texels = list_texels(&r.scene->lights[0], &count);
-    for (int k = 0; k < (sources == 24 && !SLOW ? 2 : 1); k++) /* from both sides: the camera is turned by turning the light */
+    for (int k = 0; k < (sources == 24 && !SLOW ? 2 : 1); k++) /* from both sides: the light is rotated instead of the camera */
         for (int y = 2; y < SIZE; y += SLOW ? 31 : 13)
             for (int x = 2; x < SIZE; x += SLOW ? 31 : 13) {
                 double want[3];
@@ -478,7 +478,7 @@ static struct pell_texture *add_picture(struct rig *r, int width, int height, fl
     return t;
 }
 
-/* A one-texel sun ten times as strong as the environment: its terminator is the hardest case for a table over the normal. */
+/* A one-texel sun ten times as strong as the rest of the environment: its terminator is the hardest case for a table over the normal. */
 static void a_sun_in_a_dim_environment_keeps_the_bound(void **state)
 {
     struct pell_light *l;
@@ -510,7 +510,7 @@ static void a_sun_in_a_dim_environment_keeps_the_bound(void **state)
     rig_finish(&r);
 }
 
-/* A run of 2^bits numbers has one in each part of the square, and rays of one number are those of the part that it is in. */
+/* A run of 2^bits indices has one sample in each cell of the square, and the rays of one index use the cell that contains it. */
 static void the_sky_is_looked_at_in_parts(void **state)
 {
     (void) state;
@@ -552,14 +552,14 @@ static void the_sky_is_looked_at_in_parts(void **state)
                 vec3_basis(n, &t, &b);
                 REQUIRE_NEAR(vec3_length(d), 1.0, 1e-5);
                 REQUIRE(vec3_dot(d, n) > 0.0f && rays.oy[i] == (float) (i + 1));
-                /* part j of the square is a quadrant of the disc */
+                /* cell j of the square is a quadrant of the disc */
                 REQUIRE((vec3_dot(d, t) > 0.0f) == (j >> 1 & 1u) && (vec3_dot(d, b) > 0.0f) == (j & 1u));
             }
         }
     }
 }
 
-/* The sun's shadow is as dark as the environment's share, and the environment is dimmed by what hides it. */
+/* The depth of the sun's shadow is its fraction of the environment, and the environment is reduced by its occluders. */
 static void environment_shadows(void **state)
 {
     struct pell_light *l;
@@ -567,7 +567,7 @@ static void environment_shadows(void **state)
     double open, shadow;
     (void) state;
     start_plane(&r);
-    rig_box(&r, 0, 1, vec3(-60, -60, 30), vec3(0, 60, 31)); /* a roof over half of the plane, seen from below only */
+    rig_box(&r, 0, 1, vec3(-60, -60, 30), vec3(0, 60, 31)); /* a roof over half of the plane, visible only from below */
     r.scene->cameras[0].position[2] = 20.0f;
     l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
     l->image = add_picture(&r, 512, 256, 0.2f, 1.5e4f);
@@ -580,8 +580,8 @@ static void environment_shadows(void **state)
     rig_finish(&r);
 }
 
-/* A window of 20 by 14 degrees in an otherwise dark picture, whose one light is as wide: across the edge of a roof the half shadow is that
- * of its texels, and where the window is seen as a whole its samples don't differ. */
+/* A window of 20 by 14 degrees in an otherwise dark image, whose single light has the same extent: across the edge of a roof the
+ * penumbra is that of its texels, and where the whole window is visible its samples have equal values. */
 static void lights_of_an_environment_have_half_shadows(void **state)
 {
     enum { SAMPLES = 64 };
@@ -602,7 +602,7 @@ static void lights_of_an_environment_have_half_shadows(void **state)
         for (int x = 352; x < 392; x++)
             for (int c = 0; c < 3; c++)
                 ((float *) l->image->image.pixels)[3 * (y * 720 + x) + c] = 100.0f + 0.75f * (float) (x - 352);
-    l->rotate = (float) PELL_PI; /* the picture's middle is above the plane */
+    l->rotate = (float) PELL_PI; /* the image's centre is above the plane */
     r.settings.environment_lights = 1;
     r.settings.msaa = SAMPLES;
     r.settings.ambient_samples = 1024;
@@ -633,7 +633,8 @@ static void lights_of_an_environment_have_half_shadows(void **state)
     rig_finish(&r);
 }
 
-/* Reflection of a uniform environment by a perfect mirror-like metal is the environment; environments' lights make no second highlight. */
+/* Reflection of a uniform environment by a perfect mirror-like metal equals the environment; the environment's lights add no second
+ * highlight. */
 static void a_metal_sphere_reflects_a_uniform_environment(void **state)
 {
     for (int model = 0; model < PELL_SPECULAR_MODELS; model++) {
@@ -650,9 +651,9 @@ static void a_metal_sphere_reflects_a_uniform_environment(void **state)
         rig_camera(&r, 60.0f);
         rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 2.0f);
         rig_render(&r);
-        /* the pixel's middle lies half a pixel beside the sphere's; narrow Blinn lobes lose as mu^2 does */
+        /* the pixel's centre lies half a pixel from the sphere's; narrow Blinn lobes lose as mu^2 does */
         REQUIRE_REL(r.light.specular[0][rig_at(&r, SIZE / 2, SIZE / 2)], 2.0 * material_albedo_f0(r.tables, m, 1.0f, 1.0f, 0.1f), 2e-3);
-        REQUIRE(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)] == 0.0f); /* a metal has nothing below */
+        REQUIRE(r.light.irradiance[0][rig_at(&r, SIZE / 2, SIZE / 2)] == 0.0f); /* a metal has no medium below */
         rig_finish(&r);
     }
 }
@@ -688,7 +689,7 @@ static void a_highlight_is_the_lobe(void **state)
     }
 }
 
-/* The radiance that a plane at z = 0 mirrors upwards from a light with a face, by 96 x 96 points of it. */
+/* The radiance that a plane at z = 0 reflects upwards from an area light, by 96 x 96 points of the light. */
 static double mirrored_face(const struct pell_light *light, enum pell_specular_model model, float roughness, float f0, struct pell_vec3 at)
 {
     enum { POINTS = 96 };
@@ -697,7 +698,7 @@ static double mirrored_face(const struct pell_light *light, enum pell_specular_m
     const double up[3] = { 0.0, 0.0, 1.0 };
     double sum = 0.0;
 
-    for (int k = 0; k < POINTS * POINTS; k++) { /* the light hangs above and looks down */
+    for (int k = 0; k < POINTS * POINTS; k++) { /* the light hangs above and faces down */
         const double x = 2.0 * (k % POINTS + 0.5) / POINTS - 1.0, y = 2.0 * (k / POINTS + 0.5) / POINTS - 1.0;
         const struct pell_vec3 d = vec3_sub(vec3(light->position[0] + (float) (x * half_x), light->position[1] + (float) (y * half_y),
                                                  light->position[2]),
@@ -710,7 +711,7 @@ static double mirrored_face(const struct pell_light *light, enum pell_specular_m
     return (double) light->power[0] * sum * 4.0 * half_x * half_y / (POINTS * POINTS);
 }
 
-/* Highlights of lights with a face are the integral of the lobe over it, with little noise, however narrow the lobe. */
+/* Highlights of area lights are the integral of the lobe over the light, with little noise, however narrow the lobe. */
 static void highlights_of_faces_are_integrals(void **state)
 {
     static const float roughness[] = { 0.12f, 0.3f, 0.6f };
@@ -750,7 +751,7 @@ static void highlights_of_faces_are_integrals(void **state)
         print_message("# %s, %s, roughness %.2f: mean %.4f of the integral, noise %.3f of the mean\n", pell_specular_name(model),
                       disc ? "disc" : "rect", (double) rough, found / expected, sqrt(squares / n) / (expected / n));
         REQUIRE_REL(found, expected, 0.015);
-        REQUIRE(sqrt(squares / n) < (model == PELL_SPECULAR_PHONG ? 0.25 : 0.09) * expected / n); /* by points alone 0.22 */
+        REQUIRE(sqrt(squares / n) < (model == PELL_SPECULAR_PHONG ? 0.25 : 0.09) * expected / n); /* by light points alone 0.22 */
         rig_finish(&r);
     }
 }
@@ -767,7 +768,7 @@ static void what_emits_adds_its_radiance(void **state)
     rig_finish(&r);
 }
 
-/* albedo^m going in. */
+/* albedo^m at entry. */
 static void the_mix_exponent_colours_what_enters(void **state)
 {
     static const float mixes[] = { 0.0f, 0.3f, 0.5f, 1.0f };
@@ -789,7 +790,7 @@ static void the_mix_exponent_colours_what_enters(void **state)
     }
 }
 
-/* Lights as plain data say what the prepared lights say, in their order; the image is its place among the scene's textures. */
+/* Lights as plain data equal the prepared lights, in their order; the image is its index among the scene's textures. */
 static void plain_data_is_the_light(void **state)
 {
     static const enum pell_light_type types[] = { PELL_LIGHT_POINT, PELL_LIGHT_SPOT, PELL_LIGHT_DIRECTIONAL,

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_object_materials.c - ids of objects that share a material, up to as many as a frame's plane holds, and beyond. */
+ * test_object_materials.c - ids of objects that share a material, up to as many as a frame's plane can hold, and beyond. */
 #include "stage.h"
 
 #include "render/object_materials.h"
@@ -15,12 +15,12 @@ static void boxes(struct stage *s, size_t material, int count)
     }
 }
 
-/* A pair more than ids has no id of its own: it keeps the material's. */
+/* A pair beyond the last id has no id of its own: it keeps the material's. */
 static void objects_have_ids_of_their_own_as_far_as_there_are_ids(void **state)
 {
     (void) state;
     for (int count = PELL_FRAME_MATERIALS - 1; count <= PELL_FRAME_MATERIALS + 2; count++) {
-        const int apart = count < PELL_FRAME_MATERIALS ? count : PELL_FRAME_MATERIALS;
+        const int distinguished = count < PELL_FRAME_MATERIALS ? count : PELL_FRAME_MATERIALS;
         bool seen[PELL_FRAME_MATERIALS + 1] = { false };
         uint16_t index[2] = { 0, 1 };
         struct pell_scene_materials m = { .frame_index = index, .count = 1 };
@@ -32,12 +32,12 @@ static void objects_have_ids_of_their_own_as_far_as_there_are_ids(void **state)
         boxes(&s, marble, count);
         m.frame = pell_calloc(s.ctx, 1, sizeof(*m.frame));
         OK(pell_object_materials_make(s.ctx, s.scene, &m));
-        assert_int_equal(m.count_apart, apart);
-        for (int i = 0; i < apart; i++) {
-            REQUIRE(m.of_mesh[i] >= 1 && m.of_mesh[i] <= apart && !seen[m.of_mesh[i]]);
+        assert_int_equal(m.count_apart, distinguished);
+        for (int i = 0; i < distinguished; i++) {
+            REQUIRE(m.of_mesh[i] >= 1 && m.of_mesh[i] <= distinguished && !seen[m.of_mesh[i]]);
             seen[m.of_mesh[i]] = true;
         }
-        for (int i = apart; i < count; i++)
+        for (int i = distinguished; i < count; i++)
             assert_int_equal(m.of_mesh[i], 1);
         assert_int_equal(s.kept.warnings, count > PELL_FRAME_MATERIALS);
         if (count == PELL_FRAME_MATERIALS + 2)
@@ -48,7 +48,7 @@ static void objects_have_ids_of_their_own_as_far_as_there_are_ids(void **state)
     }
 }
 
-/* All of the picture is there, and a warning says how many pairs are told apart. */
+/* The image is complete, and a warning says how many pairs are distinguished. */
 static void a_scene_of_more_objects_than_ids_renders(void **state)
 {
     struct stage s;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_render_frames.c - the renderer from frame to frame: what it allocates, what it refuses, and that a picture depends on nothing but
- * scene, method and settings. */
+ * test_render_frames.c - the renderer from frame to frame: its allocations, its refusals, and images that depend only on scene, method
+ * and settings. */
 #include "stage.h"
 
 #include "render/engine.h"
@@ -58,9 +58,9 @@ static void no_allocation_after_the_first_frame(void **state)
             stage_render(&s);
             stage_camera(&s, vec3(0, 0, 260), vec3(0, 0, 900), 0.35f, 0.0f); /* looking away */
             stage_render(&s);
-            stage_camera(&s, vec3(-14, 0, 24), vec3(-14, 0, 0), 0.35f, 0.0f); /* filling the picture */
+            stage_camera(&s, vec3(-14, 0, 24), vec3(-14, 0, 0), 0.35f, 0.0f); /* filling the image */
             stage_render(&s);
-            s.settings.exposure = 0.0f; /* what post alone reads */
+            s.settings.exposure = 0.0f; /* planes that only post-processing reads */
             s.settings.exit = PELL_EXIT_NORMALIZATION_PUBLISHED;
             stage_render(&s);
             s.settings.exit = PELL_EXIT_NORMALIZATION_BALANCED;
@@ -137,8 +137,8 @@ static void write_scene_files(void)
     }
 }
 
-/* Load, render with a method, write. Returns the first failure. */
-static enum pell_result whole_way(const char *file, struct pell_alloc_fault *fault, uint64_t calls[3])
+/* Loads, renders with a method and writes. Returns the first failure. */
+static enum pell_result load_render_write(const char *file, struct pell_alloc_fault *fault, uint64_t calls[3])
 {
     struct pell_context_params params = { .allocator = pell_failing_allocator(fault) };
     const struct pell_device_params threads = { .threads = 2 };
@@ -193,15 +193,15 @@ static void nth_allocation_fails_from_file_to_file(void **state)
     for (int k = 0; k < 2; k++) {
         uint64_t calls[3] = { 0 }, tried = 0;
         struct pell_alloc_fault none = { 0 };
-        OK(whole_way(scenes[k], &none, calls));
+        OK(load_render_write(scenes[k], &none, calls));
         assert_int_equal(none.live, 0);
-        /* Every one of loading the first scene; of what takes time to be made, some. */
+        /* Every allocation of loading the first scene; some where a scene takes long. */
         for (uint64_t n = 1; n <= calls[2]; n = k == 0 && n < calls[0] ? n + 1 : next_allocation(n)) {
             struct pell_alloc_fault fault = { .fail_at = n, .sticky = n % 2 == 0 };
             uint64_t ignored[3];
             enum pell_result res;
             unlink(work_file("out.exr"));
-            res = whole_way(scenes[k], &fault, ignored);
+            res = load_render_write(scenes[k], &fault, ignored);
             if (res != PELL_ERR_NOMEM)
                 fail_msg("%s: allocation %llu of %llu failed, and the whole was \"%s\"", scenes[k], (unsigned long long) n,
                          (unsigned long long) calls[2], pell_result_name(res));
@@ -220,7 +220,7 @@ static void nth_allocation_fails_from_file_to_file(void **state)
     rmdir(work_folder());
 }
 
-/* A renderer that ran out of memory works once there is some. */
+/* A renderer that ran out of memory works again once memory is available. */
 static void a_renderer_survives_want_of_memory(void **state)
 {
     struct stage good;
@@ -357,7 +357,7 @@ static void renderers_share_a_scene_and_a_device(void **state)
     stage_finish(&s);
 }
 
-/* Whatever a renderer did before: other sizes, other settings, other cameras, other scenes. */
+/* Independent of the renderer's history: other sizes, other settings, other cameras, other scenes. */
 static void a_picture_has_no_history(void **state)
 {
     static const int sizes[][2] = { { 1, 1 }, { 33, 17 }, { 1, 40 }, { 77, 1 }, { 64, 64 }, { 15, 16 }, { 17, 129 } };
@@ -385,7 +385,7 @@ static void a_picture_has_no_history(void **state)
         stage_complete(&fresh);
         OK(pell_renderer_set_scene(fresh.r, fresh.scene));
         fresh.set = true;
-        for (int k = 0; k < 2; k++) /* zooming in, too */
+        for (int k = 0; k < 2; k++) /* including zoom */
             stage_camera(k ? &fresh : &old, vec3(10.0f * (float) i, 30, 260), vec3(0, -5, 0), 0.35f - 0.04f * (float) i,
                          i == 4 ? 80.0f : 0.0f);
         stage_method(&fresh, i == 5 ? "none" : "screen-space", NULL);
@@ -412,7 +412,7 @@ static void a_picture_has_no_history(void **state)
     stage_finish(&old);
 }
 
-/* What lay beside the object in the frame before is gone, however near its depth is. */
+/* What was next to the object in the previous frame is gone, even where its depth is similar. */
 static void a_method_sees_nothing_of_the_frame_before(void **state)
 {
     struct stage s[2];
@@ -439,7 +439,7 @@ static void a_method_sees_nothing_of_the_frame_before(void **state)
     }
 }
 
-/* The scene's camera is the one thing that may change between frames: its angle, too. */
+/* Only the scene's camera may change between frames, including its angle of view. */
 static void a_camera_may_zoom_between_frames(void **state)
 {
     struct stage s, fresh;
@@ -533,7 +533,7 @@ static void settings_out_of_range_are_refused(void **state)
             REQUIRE(strstr(s.kept.what, k->name) || strstr(s.kept.where, k->name));
         }
     }
-    stage_render(&s); /* and it goes on */
+    stage_render(&s); /* and the render continues */
     stage_finish(&s);
 }
 
@@ -611,7 +611,7 @@ static void what_is_missing_is_named(void **state)
     stage_finish(&s);
 }
 
-/* Blocks of pixels that an object covers in part are another way's work than empty ones. */
+/* Pixel blocks that an object covers partially are rendered by another code path than empty ones. */
 static void a_background_of_one_colour_is_shown_flat(void **state)
 {
     struct stage s;
@@ -715,7 +715,7 @@ static void cancelling_ends_a_frame_soon(void **state)
 
 /* --- Methods ----------------------------------------------------------------------------------------------------------------------- */
 
-/* Methods of the test's own, to see what the renderer gives a method and what it makes of what comes back. */
+/* Methods defined by the test, to inspect the renderer's input to a method and the use of its output. */
 struct probe_knobs {
     float gain;
 };
@@ -740,7 +740,7 @@ static enum pell_result probe_create(const struct pell_services *services, const
     return probe.fail_create ? PELL_ERR_INVALID : PELL_OK;
 }
 
-/* The point of the triangle is the pixel's position. */
+/* The point of the triangle equals the pixel's position. */
 static bool hit_is_there(const struct pell_frame *in, ptrdiff_t i)
 {
     const struct pell_mesh *m = &probe.scene->meshes[in->mesh[i]];
@@ -818,7 +818,7 @@ static void furnish_plane(struct stage *s)
     stage_camera(s, vec3(0, 0, 100), vec3(0, 0, 0), 0.3f, 0.0f);
 }
 
-/* A method that makes no light from behind, keeps no times and needs positions. */
+/* A method without transmitted light, without timings, and that needs positions. */
 static void a_method_needs_only_three_functions(void **state)
 {
     struct stage s;
@@ -837,7 +837,7 @@ static void a_method_needs_only_three_functions(void **state)
     stage_render(&s);
     assert_int_equal(probe.creates, 1);
     assert_int_equal(pell_renderer_set_method(s.r, &probe_method, &wrong), PELL_ERR_INVALID);
-    stage_render(&s); /* the old one is still there */
+    stage_render(&s); /* the previous one still exists */
     assert_int_equal(probe.creates, 1);
     s.scene->cameras[0].fov = 0.2f;
     stage_render(&s);

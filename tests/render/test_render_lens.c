@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
- * test_render_lens.c - depth of field and bloom in the whole renderer: discs of the size that the lens says, in their order of depth, on
- * one side of the focus and the other; light that is kept; and nothing where they are off. */
+ * test_render_lens.c - depth of field and bloom in the whole renderer: circles of confusion of the size that the lens implies, depth
+ * order on both sides of the focus, conservation of light, and no effect where they are off. */
 #include "stage.h"
 
-/* A plane that faces the camera at the origin from `depth` mm, from x = `left` mm on to the right. */
+/* A plane that faces the camera at the origin from `depth` mm, from x = `left` mm to the right. */
 static void half_plane(struct stage *s, size_t material, float depth, float left)
 {
     const float far = 4.0f * depth, half = 0.5f * (far - left);
     shapes_quad(s->scene, material, vec3(left + half, 0, -depth), vec3(half, 0, 0), vec3(0, far, 0));
 }
 
-/* A plane that shines by itself, so that nothing casts a shadow. */
+/* An emissive plane, so that no shadows are involved. */
 static void lens_stage(struct stage *s, float depth, float left, float focus, float f_number, int msaa)
 {
     struct pell_camera *c;
@@ -28,14 +28,14 @@ static void lens_stage(struct stage *s, float depth, float left, float focus, fl
     s->settings.dof = true;
 }
 
-/* Share of a disc of diameter d that lies beyond a line at distance x from its centre. */
+/* Fraction of a disc of diameter d that lies beyond a line at distance x from its centre. */
 static double beyond(double x, double d)
 {
     const double u = 2.0 * x / d;
     return u >= 1.0 ? 0.0 : u <= -1.0 ? 1.0 : 0.5 - (asin(u) + u * sqrt(1.0 - u * u)) / PELL_PI;
 }
 
-/* An edge out of focus is the disc's integral, and what lies in focus is sharp, whichever side the focus is. */
+/* An edge out of focus is the disc's integral, and surfaces in focus are sharp, on whichever side the focus is. */
 static void an_edge_is_spread_over_the_disc_that_the_lens_says(void **state)
 {
     static const struct {
@@ -56,7 +56,7 @@ static void an_edge_is_spread_over_the_disc_that_the_lens_says(void **state)
         for (int x = 0; x < 128; x++) {
             const double got = (double) shot.data[SHOT_A * shot.size + 16 * 128 + (size_t) x];
             double want = 0.0;
-            for (int j = 0; j < 16; j++) /* over the pixel */
+            for (int j = 0; j < 16; j++) /* integrated over the pixel */
                 want += beyond(64.0 - (x + (j + 0.5) / 16.0), fmax(disc, 1e-6)) / 16.0;
             worst = fmax(worst, fabs(got - want));
             sum += got - want;
@@ -65,14 +65,15 @@ static void an_edge_is_spread_over_the_disc_that_the_lens_says(void **state)
                       (double) cases[k].focus, (double) cases[k].f_number, disc, worst);
         REQUIRE(disc < 60.0);
         REQUIRE(worst < (disc < 1e-3 || n == 1 ? 0.01 : n == 4 ? 0.13 : 0.03));
-        REQUIRE(fabs(sum) < (n == 4 ? 0.6 : 0.25)); /* px: the edge stays where it is, but that each sample cuts it at a whole pixel */
+        REQUIRE(fabs(sum) <
+                (n == 4 ? 0.6 : 0.25)); /* px: the edge's position is preserved, except that each sample rounds it to a whole pixel */
         shot_free(&shot);
         stage_finish(&s);
     }
 }
 
-/* The discs of 4 samples that a disc of 76.7 pixels wants would be cut; those of 6 are 15.7 pixels in radius. Few samples don't see what
- * the lens' edge sees, and ask for some more. */
+/* The discs of 4 samples for a disc of 76.7 pixels would be clamped; those of 6 are 15.7 pixels in radius. Few samples miss parts
+ * visible from the lens' edge, and increase the number of samples. */
 static void too_few_samples_for_a_lens_are_told(void **state)
 {
     const double disc = 12.0 / tan(0.05) / 0.5 * (16.0 / tan(0.05)) * (1.0 / 400.0 - 1.0 / 500.0);
@@ -91,8 +92,8 @@ static void too_few_samples_for_a_lens_are_told(void **state)
     }
 }
 
-/* Of two half planes the sharp near one hides the far one right up to its edge; and where the far one is sharp, it is seen through the
- * spread edge of the near one by as much as that leaves. */
+/* Of two half planes the sharp near one hides the far one right up to its edge; where the far one is sharp, it is visible through the
+ * blurred edge of the near one by the complement of its coverage. */
 static void what_is_near_hides_what_is_far(void **state)
 {
     (void) state;
@@ -110,10 +111,10 @@ static void what_is_near_hides_what_is_far(void **state)
             const double near = (double) (shot.data[SHOT_G * shot.size + 16 * 128 + (size_t) x]),
                          all = (double) shot.data[SHOT_R * shot.size + 16 * 128 + (size_t) x], edge = x - 63.5;
             if (sharp_near && fabs(edge) > 1.0)
-                REQUIRE_NEAR(near, edge > 0.0 ? 1.0 : 0.0, 0.01); /* not a trace of green beyond, nor of the far one before */
+                REQUIRE_NEAR(near, edge > 0.0 ? 1.0 : 0.0, 0.01); /* no green beyond it, nor from the far one in front */
             if (!sharp_near)
                 REQUIRE_NEAR(near, beyond(-edge, disc), n == 1 ? 0.01 : n == 4 ? 0.12 : 0.03);
-            REQUIRE_NEAR(all, 1.0, 1e-5); /* both are red, and one or the other is everywhere */
+            REQUIRE_NEAR(all, 1.0, 1e-5); /* both are red, and every point is covered by one of them */
         }
         shot_free(&shot);
         stage_finish(&s);
@@ -133,7 +134,7 @@ static void without_it_nothing_changes(void **state)
     pinhole = stage_shot(&s);
     assert_memory_equal(plain.data, pinhole.data, plain.planes * plain.size * sizeof(float));
     shot_free(&pinhole);
-    /* one sample is in the middle of the lens, and a tiny hole leaves it sharp */
+    /* one sample is at the centre of the lens, and a tiny aperture gives a sharp image */
     s.settings.msaa = 1;
     shot_free(&plain);
     plain = stage_shot(&s);
@@ -186,7 +187,7 @@ static void lenses_that_cannot_be_are_refused(void **state)
     stage_finish(&s);
 }
 
-/* Methods that ask where the camera is: the light of a sample is as it is seen from that point of the lens. */
+/* Methods that read the camera's position: the radiance of a sample is as seen from that point of the lens. */
 static void methods_see_through_the_lens(void **state)
 {
     static const char *const names[] = { "screen-space", "image-space" };
@@ -205,7 +206,7 @@ static void methods_see_through_the_lens(void **state)
         stage_method(&s, names[i], NULL);
         sharp = stage_shot(&s);
         s.settings.dof = true;
-        s.scene->cameras[0].f_number = 100.0f; /* a disc of a sixth of a pixel on what is 30 mm out of focus */
+        s.scene->cameras[0].f_number = 100.0f; /* a disc of a sixth of a pixel at 30 mm out of focus */
         open = stage_shot(&s);
         d = shot_difference(&sharp, &open);
         print_message("# %s, f/100: %.2g root mean square\n", names[i], d.rms);
@@ -216,7 +217,8 @@ static void methods_see_through_the_lens(void **state)
     }
 }
 
-/* What bloom takes from bright pixels is elsewhere in the picture; with a background that is to come, so is the share of it. */
+/* Bloom moves light from bright pixels to other pixels of the image; where a background is composited later, so is the corresponding
+ * fraction of it. */
 static void bloom_keeps_light_and_lies_over_any_background(void **state)
 {
     struct shot black, laid, clear;

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * test_render_light.c - the whole renderer against closed forms: what a surface in known light looks like, that lights add up, and that a
- * picture turns with its scene. */
+ * test_render_light.c - the whole renderer against closed forms: surfaces under known illumination, additivity of lights, and invariance
+ * under rotation of the scene. */
 #include "stage.h"
 
 static const char *const off[] = { "through=off", NULL };
 
 /* --- Known radiance ---------------------------------------------------------------------------------------------------------------- */
 
-/* A thick block whose face z = 0 fills the picture of a camera `tilt` radians off its normal, under a directional light of `e` at
+/* A thick block whose face z = 0 fills the image of a camera `tilt` radians off its normal, under a directional light of `e` at
  * `omit_uniform`. */
 static void facing_block(struct stage *s, size_t material, double tilt, double omit_uniform, float e)
 {
@@ -41,7 +41,7 @@ static void white_lambert_plane(void **state)
     }
 }
 
-/* In even light a plane gives its profile's total, whatever the method does to it. */
+/* Under uniform irradiance a plane gives its profile's total, with every method. */
 static void translucent_plane_in_uniform_light(void **state)
 {
     static const double total[3] = { 0.8, 0.7, 0.6 };
@@ -79,7 +79,7 @@ static void translucent_plane_in_uniform_light(void **state)
     print_message("# differs from the closed form by %.5f at most\n", worst);
 }
 
-/* What a ball of 20 mm shows in a uniform environment of radiance 1: mean, smallest and largest of pixels that it covers wholly. */
+/* Radiance of a ball of 20 mm in a uniform environment of radiance 1: mean, smallest and largest of fully covered pixels. */
 struct seen {
     double mean, low, high;
 };
@@ -113,7 +113,7 @@ static struct seen in_uniform_environment(struct stage *s, size_t material, cons
     return seen;
 }
 
-/* A closed form of all light there is: a convex solid in a uniform environment shows its profile's total everywhere. */
+/* A closed form of the complete light transport: a convex solid in a uniform environment has its profile's total everywhere. */
 static void translucent_ball_in_a_uniform_environment(void **state)
 {
     static const char *const entries[] = { "spectralon", "marble", "ketchup" };
@@ -143,9 +143,9 @@ static void translucent_ball_in_a_uniform_environment(void **state)
     }
 }
 
-/* A white solid under a specular lobe that takes nothing away shows the environment's own radiance. */
-/* The same for each model of the profile, asked for by the picture or by the material, and for a table of a user: what the renderer
- * takes for the total is what the method spreads. */
+/* A white solid under a specular lobe without losses has the environment's own radiance. */
+/* The same for each profile model, selected by the render settings or by the material, and for a user's table: the total that the
+ * renderer uses is that of the profile that the method uses. */
 static void every_model_and_a_table_show_their_total(void **state)
 {
     static const double r_mm[] = { 0.0, 0.5, 1.5, 3.0 }, R[] = { 0.10, 0.05, 0.01, 0.0 };
@@ -197,7 +197,7 @@ static void white_solid_with_highlights_in_a_uniform_environment(void **state)
     (void) state;
     for (int k = 0; k < 4 * PELL_SPECULAR_MODELS; k++) {
         const enum pell_specular_model model = (enum pell_specular_model)(k / 4);
-        const bool translucent = (k + k / 4) % 2; /* each model both ways, every roughness both ways */
+        const bool translucent = (k + k / 4) % 2; /* each boundary model with both models, every roughness with both */
         struct pell_material *material;
         struct seen seen;
         struct stage s;
@@ -226,7 +226,7 @@ static void white_solid_with_highlights_in_a_uniform_environment(void **state)
 
 /* --- A half-lit plane -------------------------------------------------------------------------------------------------------------- */
 
-/* An opaque screen out of sight throws the edge of its shadow on the line x = 0 of the plane z = 0. */
+/* An opaque screen out of view casts its shadow's edge on the line x = 0 of the plane z = 0. */
 static void half_lit_block(struct stage *s, double scale, float ortho, float fov)
 {
     size_t m, screen;
@@ -290,7 +290,7 @@ static void half_lit_plane_is_the_analytic_step(void **state)
     }
 }
 
-/* --- Every kind of light ----------------------------------------------------------------------------------------------------------- */
+/* --- All kinds of lights ----------------------------------------------------------------------------------------------------------- */
 
 enum { KIND_ENVIRONMENT = 5, KIND_ENVIRONMENT_IMAGE, KIND_IMAGE_SPOT, KIND_IMAGE_POINT, KIND_IMAGE_RECT, KINDS };
 static const char *const kind_names[KINDS] = { "point",
@@ -330,7 +330,7 @@ static struct pell_light *add_kind(struct stage *s, int kind, struct pell_vec3 a
     return l;
 }
 
-/* A thin translucent plate before a ball, on an opaque floor: shadows, light from behind, highlights. */
+/* A thin translucent plate in front of a ball, on an opaque floor: shadows, transmission, highlights. */
 static void furnish(struct stage *s)
 {
     size_t skin, milk, paint;
@@ -350,8 +350,8 @@ static void furnish(struct stage *s)
 
 static const struct pell_vec3 sides[2] = { { 60, 50, 90 }, { 25, 40, -110 } };
 
-/* By the sum of Gaussians over the thickness: by a slab, what goes straight is spread by the mean way of all lights. With as many samples
- * as leave highlights alone: what pixels share of their shadows is that of all lights together. */
+/* By the sum of Gaussians over the thickness: with slabs, unscattered light is spread by the mean path length over all lights. With as
+ * many samples as leave highlights unfiltered: the visibility that pixels share is that of all lights together. */
 static void lights_add_up(void **state)
 {
     static const char *const straight[] = { "through=gaussian", NULL };
@@ -408,7 +408,7 @@ static void a_picture_turns_with_its_scene(void **state)
             const bool environment = kind == KIND_ENVIRONMENT || kind == KIND_ENVIRONMENT_IMAGE;
             const struct pell_vec3 axis = environment ? vec3(0, 1, 0) : vec3(1, 2, -1.5f);
             const double angle = 0.9;
-            struct shot shot[3]; /* as it is; turned; turned, with an environment that was left behind */
+            struct shot shot[3]; /* unrotated; rotated; rotated, with an environment that is not */
             struct difference d;
 
             if (SLOW && !environment && side != kind % 2)
@@ -444,8 +444,8 @@ static void a_picture_turns_with_its_scene(void **state)
             d = shot_difference(&shot[0], &shot[1]);
             print_message("# %s %s: differ by %.2g root mean square, %.2g at most; %lld of %lld values by over 1 %%\n", kind_names[kind],
                           side ? "behind" : "in front", d.rms, d.largest, (long long) d.over, (long long) d.count);
-            /* Single pixels at edges of objects and of shadows may fall to the other side. */
-            REQUIRE(d.over <= d.count / (environment ? 4 : 200)); /* an environment's rays are turned otherwise */
+            /* Single pixels at edges of objects and of shadows may change sides. */
+            REQUIRE(d.over <= d.count / (environment ? 4 : 200)); /* an environment's rays are rotated differently */
             REQUIRE(d.rms < 0.02);
             if (kind == KIND_ENVIRONMENT_IMAGE)
                 REQUIRE(shot_difference(&shot[0], &shot[2]).rms > 5.0 * d.rms);
@@ -527,8 +527,9 @@ static void wavy_column(struct stage *s, size_t material, uint32_t around, uint3
     shapes_bound(s->scene, m);
 }
 
-/* Light across a column casts no shadow on it: each point has what its normal says, however coarse the mesh is. Triangles that turn away
- * from the light, or that the smooth surface lies below of, were dark, and so were the lines along their edges. */
+/* Light across a column casts no shadow on it: each point has the irradiance of its normal, however coarse the mesh is. Without a
+ * terminator offset, triangles that face away from the light, or that the smooth surface lies below of, were dark, and so were the lines
+ * along their edges. */
 static void coarse_waists_have_no_dark_triangles(void **state)
 {
     static const uint32_t finenesses[][2] = { { 12, 18 }, { 24, 36 }, { 48, 72 } };
@@ -568,7 +569,7 @@ static void coarse_waists_have_no_dark_triangles(void **state)
 
 /* --- Few samples ---------------------------------------------------------------------------------------------------------------------- */
 
-/* A smooth plane that mirrors part of a large light: 16 rays draw nearly what 1024 draw. */
+/* A smooth plane that mirrors part of a large light: the image by 16 rays is nearly that by 1024. */
 static struct shot mirrored_light(int samples)
 {
     struct pell_material *m;
@@ -616,8 +617,8 @@ static void few_rays_draw_a_large_lights_reflection(void **state)
     shot_free(&many);
 }
 
-/* A rod, 10 mm across, of a medium with two free paths of 5 mm in it, whose one half is in the shadow of a wall behind it: mean of red over
- * 2 mm beside the edge, of that far from it. By path-trace with 3000 samples 0.17, 0.30, 0.73 and 0.94. */
+/* A rod, 10 mm across, of a medium with a mean free path of 5 mm, half of which is in the shadow of a wall behind it: mean of red over 2
+ * mm next to the edge, relative to that far from it. By path-trace with 3000 samples 0.17, 0.30, 0.73 and 0.94. */
 static void a_shadow_comes_through_a_rod_softly(void **state)
 {
     enum { WIDE = 96, ROWS = 12, PART = 6 };

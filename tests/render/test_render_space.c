@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_render_space.c - the whole renderer: what a picture may not depend on (units, distance, resolution, tessellation, what is behind),
- * and what happens at edges. */
+ * test_render_space.c - the whole renderer: independence of units, distance, resolution, tessellation and background, and behaviour at
+ * edges. */
 #include "stage.h"
 
 static const char *const off[] = { "through=off", NULL };
@@ -113,7 +113,7 @@ static void metres_centimetres_millimetres_and_formats_agree(void **state)
 
 /* --- Backgrounds ------------------------------------------------------------------------------------------------------------------- */
 
-/* A ball beside a thin plate, lit from both sides. */
+/* A ball next to a thin plate, lit from both sides. */
 static void furnish(struct stage *s)
 {
     size_t skin, milk;
@@ -136,7 +136,7 @@ static void what_is_behind_does_not_show_on_the_object(void **state)
     (void) state;
     for (int k = 0; k < 12; k++) {
         const int size_x = 90, size_y = 60;
-        struct shot shot[4]; /* on red, on green, on black, on nothing */
+        struct shot shot[4]; /* on red, on green, on black, transparent */
         struct stage s;
         int whole = 0, partly = 0;
 
@@ -145,7 +145,7 @@ static void what_is_behind_does_not_show_on_the_object(void **state)
         s.settings.msaa = k & 1 ? 8 : 1;
         s.settings.exposure = k & 2 ? 0.0f : 0.7f;
         s.settings.tonemap = k & 2 ? PELL_TONEMAP_REINHARD : PELL_TONEMAP_LINEAR;
-        s.settings.pixel_filter = PELL_PIXEL_FILTER_BOX; /* straight colours over nothing are not filtered */
+        s.settings.pixel_filter = PELL_PIXEL_FILTER_BOX; /* straight alpha without a background is not filtered */
         stage_method(&s, k < 4 ? "none" : "screen-space", k < 8 ? NULL : paper);
         for (int i = 0; i < 4; i++) {
             s.scene->background = i == 3 ? PELL_BACKGROUND_TRANSPARENT : PELL_BACKGROUND_COLOR;
@@ -164,16 +164,17 @@ static void what_is_behind_does_not_show_on_the_object(void **state)
                 partly += a > 0.0 && a < 1.0;
                 if (a == 0.0) {
                     REQUIRE(shot_at(&shot[3], SHOT_G, x, y) == 0.0 && shot_at(&shot[3], SHOT_SHOWN + 1, x, y) == 0.0);
-                    for (size_t c = 0; c < 3; c++) /* a background is shown as it was asked for */
+                    for (size_t c = 0; c < 3; c++) /* a background has its requested display colour */
                         REQUIRE_NEAR(shot_at(&shot[0], SHOT_SHOWN + c, x, y), (double) colors[0][c], 1e-5);
                     continue;
                 }
                 for (size_t c = 0; c < 3; c++) {
-                    /* Premultiplied in linear: what is there over black is there over nothing; over red there is red's share more. */
+                    /* Premultiplied in linear values: the image over black equals the transparent one; over red, red is added by its
+                     * transparency. */
                     const double linear = shot_at(&shot[3], c, x, y), behind = shot_at(&shot[0], c, 0, 0);
                     REQUIRE(linear == shot_at(&shot[2], c, x, y));
                     REQUIRE_NEAR(shot_at(&shot[0], c, x, y), linear + (1.0 - a) * behind, 1e-6 * (1.0 + fabs(behind)));
-                    /* Straight in what is shown. */
+                    /* Straight alpha in display values. */
                     if (s.settings.tonemap == PELL_TONEMAP_LINEAR)
                         REQUIRE_NEAR(shot_at(&shot[3], SHOT_SHOWN + c, x, y), fmin(0.7f * linear / a, 1.0), 1e-5);
                 }
@@ -200,7 +201,7 @@ static void half_lit(struct stage *s, float distance, float fov)
     stage_camera(s, vec3(0, 0, distance), vec3(0, 0, 0), fov, 0.0f);
 }
 
-/* Means of n x n pixels, in a shot of that much less size. */
+/* Means of n x n pixels, in an image smaller by this factor. */
 static struct shot shrunk(const struct shot *from, int n)
 {
     struct shot to = *from;
@@ -264,7 +265,7 @@ static void twice_the_resolution(void **state)
             stage_finish(&s);
         }
         small = shrunk(&shot[1], 2);
-        if (far) { /* the middle half of the far picture */
+        if (far) { /* the middle half of the distant image */
             for (size_t p = 0; p < small.planes; p++)
                 for (int y = 0; y < small.height; y++)
                     for (int x = 0; x < small.width; x++)
@@ -288,7 +289,7 @@ static void twice_the_resolution(void **state)
 
 /* --- Edges ------------------------------------------------------------------------------------------------------------------------- */
 
-/* However many samples: the picture stays where it is. */
+/* For any number of samples the image stays in the same position. */
 static void multisampling_does_not_move_the_picture(void **state)
 {
     static const int samples[] = { 1, 2, 3, 4, 5, 8, 16, 64 };
@@ -330,7 +331,8 @@ static void multisampling_does_not_move_the_picture(void **state)
     }
 }
 
-/* In a uniform environment all of a solid has one radiance, so each edge pixel must have just its coverage of it: neither halo nor rim. */
+/* In a uniform environment a solid has the same radiance everywhere, so each edge pixel must have exactly its coverage of it: neither
+ * halo nor rim. */
 static void edges_neither_lose_nor_borrow_light(void **state)
 {
     static const int samples[] = { 1, 2, 4, 8 };
@@ -360,7 +362,7 @@ static void edges_neither_lose_nor_borrow_light(void **state)
         }
 }
 
-/* Sum of second differences across pixels that the silhouette crosses or that touch it, per pixel, over the mean radiance there. */
+/* Sum of second differences across pixels at or adjacent to the silhouette, per pixel, relative to the mean radiance there. */
 static double roughness(const struct shot *shot)
 {
     double sum = 0.0, mean = 0.0;
@@ -411,7 +413,7 @@ static void edges_are_no_rougher_with_scattering(void **state)
     }
 }
 
-/* What a material shows does not depend on the one that touches it. */
+/* The appearance of a material does not depend on a touching one. */
 static void touching_materials_do_not_bleed(void **state)
 {
     static const double sigma[3][2] = { { 0.001, 1.0 }, { 50.0, 0.2 }, { 0.0, 20.0 } }; /* absorption, scattering of the neighbour */
@@ -444,7 +446,7 @@ static void touching_materials_do_not_bleed(void **state)
                     worst = fmax(worst, fabs(shot_at(&shot[i], c, x, y) / shot_at(&shot[0], c, x, y) - 1.0));
                     count++;
                 }
-    print_message("# %d values, %.2g apart at most\n", count, worst);
+    print_message("# %d values, largest difference %.2g\n", count, worst);
     REQUIRE(worst < 2e-3);
     for (int i = 0; i < 3; i++)
         shot_free(&shot[i]);
@@ -472,7 +474,7 @@ static struct shot tessellated(int rings, bool environment)
     return shot;
 }
 
-/* Largest second difference over the whole disc but its last 3 pixels, in parts of the brightest. */
+/* Largest second difference over the whole disc except its last 3 pixels, relative to the brightest pixel. */
 static double facet(const struct shot *shot)
 {
     double worst = 0.0, brightest = 0.0;
@@ -500,7 +502,7 @@ static void tessellations_of_a_sphere_converge(void **state)
         for (int i = 0; i < 3; i++)
             shot[i] = tessellated(rings[i], environment);
         fine = facet(&shot[2]);
-        for (int i = 0; i < 2; i++) { /* over pixels that both cover wholly and whose neighbours do */
+        for (int i = 0; i < 2; i++) { /* over pixels that both cover fully, and whose neighbours they cover, too */
             double sum = 0.0;
             int count = 0;
             for (int y = 2; y < 126; y++)
@@ -518,7 +520,7 @@ static void tessellations_of_a_sphere_converge(void **state)
         REQUIRE(rms[1] < 0.6 * rms[0] + 1e-4);
         REQUIRE(rms[1] < 0.01);
         for (int i = 0; i < 3; i++) {
-            /* No dark silhouette: under a uniform environment the last whole pixel is as bright as the middle. */
+            /* No dark silhouette: in a uniform environment the outermost fully covered pixel is as bright as the middle. */
             double darkest = INFINITY;
             for (int y = 0; y < 128 && environment; y++)
                 for (int x = 0; x < 128; x++)
@@ -580,7 +582,7 @@ static void no_radius_is_no_scattering(void **state)
     }
 }
 
-/* A wider profile spreads more in each channel; channels change places with their coefficients. */
+/* A wider profile spreads more in each channel; permuting coefficients permutes channels. */
 static void channels_are_alike(void **state)
 {
     struct shot shot[2];
@@ -614,7 +616,7 @@ static void channels_are_alike(void **state)
 
 /* --- Sides --------------------------------------------------------------------------------------------------------------------- */
 
-/* How much light comes from a quad that faces +z, alone in the scene, seen from the front or the back; `masked`: by rays. */
+/* Light of a quad that faces +z, alone in the scene, seen from the front or the back; `masked`: visibility by rays. */
 static double seen(bool front, bool opaque, bool double_sided, bool masked)
 {
     struct stage s;
@@ -630,7 +632,7 @@ static double seen(bool front, bool opaque, bool double_sided, bool masked)
         stage_gaussians(&s, 0.5, &m);
     s.scene->materials[m].double_sided = double_sided;
     quad = shapes_quad(s.scene, m, vec3(0, 0, 0), vec3(10, 0, 0), vec3(0, 10, 0));
-    if (masked) { /* an alpha map leaves the whole scene to rays */
+    if (masked) { /* an alpha map makes the whole scene use rays */
         stage_opaque(&s, 0.5f, &other);
         s.scene->materials[other].alpha_mask = true;
         quad = shapes_quad(s.scene, other, vec3(0, 500, 0), vec3(1, 0, 0), vec3(0, 1, 0));

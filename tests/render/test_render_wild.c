@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_render_wild.c - the whole renderer at the ends of its ranges: random scenes, extreme coefficients, tiny and huge objects, cameras
- * anywhere; and what it warns of. A pixel that is no number, or a picture that never ends, is a bug whatever the scene. */
+ * test_render_wild.c - the whole renderer at the ends of its ranges: random scenes, extreme coefficients, tiny and huge objects,
+ * arbitrary cameras; and its warnings. A non-finite pixel, or a render that does not end, is a bug for any scene. */
 #include "stage.h"
 
 static const char *const paper[] = { "as=paper", NULL };
@@ -33,7 +33,7 @@ static int pick(uint32_t *seed, int count)
     return i < count ? i : count - 1;
 }
 
-/* Often a bound or an extreme, else anything between, by magnitude. */
+/* Often a bound or an extreme, else any value, uniform in the logarithm. */
 static double wild(uint32_t *seed, double low, double high)
 {
     const int kind = pick(seed, 6);
@@ -130,7 +130,7 @@ static void random_object(struct stage *s, uint32_t *seed, int object, double si
     case 0: stage_ball(s, material, object, at, radius, 3 + pick(seed, 12)); break;
     case 1: stage_box(s, material, object, at, vec3_add(at, vec3(radius, (float) wild(seed, 1e-6 * size, size), radius))); break;
     case 2: /* open */ shapes_quad(s->scene, material, at, vec3(radius, 0, 0), vec3(0, 0.5f * radius, radius))->object = object; break;
-    default: { /* triangles anyhow, some of them points or lines */
+    default: { /* random triangles, some of them points or lines */
         struct pell_mesh *m = shapes_mesh(s->scene, material, 12, 10);
         m->object = object;
         for (int i = 0; i < 12; i++)
@@ -170,7 +170,7 @@ static void random_light(struct stage *s, uint32_t *seed, double size)
 
 static void random_scenes_end_in_numbers(void **state)
 {
-    /* What makes a frame long on purpose, or is not random. */
+    /* Settings that make a frame slow by design, or that are not randomised. */
     static const char *const fixed[] = { "width", "height", "msaa", "light-samples", "ambient-samples", "environment-lights", NULL };
     static const char *const none[] = { NULL };
     double slowest = 0.0, started = busy_seconds();
@@ -282,7 +282,7 @@ static void extreme_coefficients(void **state)
     }
 }
 
-/* The same scene in sizes from a micrometre to a kilometre, with its medium: it looks the same. */
+/* The same scene in sizes from a micrometre to a kilometre, with its medium scaled: the image is the same. */
 static void tiny_and_huge_objects(void **state)
 {
     static const float scales[] = { 1.0f, 1e-4f, 1e-2f, 1e2f, 5e4f };
@@ -322,7 +322,7 @@ static void tiny_and_huge_objects(void **state)
     shot_free(&first);
 }
 
-/* Far from the origin coordinates are rounded to millimetres, and places of indirect light fall together: it ends soon all the same. */
+/* Far from the origin coordinates are rounded to millimetres, and samples of indirect light coincide: rendering still ends quickly. */
 static void far_objects_end_soon(void **state)
 {
     (void) state;
@@ -388,7 +388,7 @@ static void cameras_anywhere(void **state)
     stage_finish(&s);
 }
 
-/* --- Forms of a scene ---------------------------------------------------------------------------------------------------------------- */
+/* --- Variants of a scene ------------------------------------------------------------------------------------------------------------- */
 
 static void opaque_objects_alone_need_no_method(void **state)
 {
@@ -455,7 +455,7 @@ static void opaque_and_masked_and_translucent_in_one_picture(void **state)
     stage_finish(&s);
 }
 
-/* The paper's own form through the renderer: another picture, of much the same brightness. */
+/* The paper's settings in the renderer: a different image, of similar brightness. */
 static void as_in_the_paper(void **state)
 {
     struct shot none, best, papers;
@@ -491,7 +491,7 @@ static void as_in_the_paper(void **state)
 
 static const char *const warnings[] = { "is open", "inverted normals", "mean free path", "scattering is not visible" };
 
-/* What check_range says of a ball or box: a bit for each of the warnings. */
+/* The warnings of check_range for a ball or box: one bit per warning. */
 static unsigned warned(bool closed, bool outward, float radius, float distance, double sigma, bool scatters, bool opaque)
 {
     struct pell_material *material;
@@ -514,7 +514,7 @@ static unsigned warned(bool closed, bool outward, float radius, float distance, 
     stage_camera(&s, vec3(0, 0, distance), vec3(0, 0, 0), 0.25f, 0.0f);
     stage_method(&s, scatters ? "screen-space" : "none", NULL);
     stage_complete(&s);
-    for (uint32_t i = 0; i < s.scene->meshes[0].num_triangles && !outward; i++) { /* completing a scene would turn it */
+    for (uint32_t i = 0; i < s.scene->meshes[0].num_triangles && !outward; i++) { /* completing a scene would flip it */
         uint32_t *v = s.scene->meshes[0].index + 3 * i, swap = v[1];
         v[1] = v[2];
         v[2] = swap;
@@ -531,7 +531,7 @@ static unsigned warned(bool closed, bool outward, float radius, float distance, 
     return bits;
 }
 
-/* Of many objects alike some are named, the rest is counted. */
+/* Of many objects with the same problem some are named, the others counted. */
 static void warnings_are_counted_where_there_are_many(void **state)
 {
     struct stage s;
@@ -562,7 +562,7 @@ static void each_warning_where_it_belongs(void **state)
     assert_int_equal(warned(true, true, 20.0f, 200.0f, 1.0, true, false), 0);   /* a good scene */
     assert_int_equal(warned(false, true, 20.0f, 200.0f, 1.0, true, false), 1);  /* a sheet */
     assert_int_equal(warned(true, false, 20.0f, 200.0f, 1.0, true, false), 2);  /* inverted normals */
-    assert_int_equal(warned(true, true, 20.0f, 200.0f, 0.01, true, false), 4);  /* 100 mm from event to event */
+    assert_int_equal(warned(true, true, 20.0f, 200.0f, 0.01, true, false), 4);  /* 100 mm between scattering events */
     assert_int_equal(warned(true, true, 20.0f, 200.0f, 1e3, true, false), 8);   /* micrometres */
     assert_int_equal(warned(true, true, 20.0f, 4000.0f, 1.0, true, false), 0);  /* 20 times as far: 5 mm are 0.6 px */
     assert_int_equal(warned(true, true, 20.0f, 20000.0f, 1.0, true, false), 8); /* farther */

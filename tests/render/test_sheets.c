@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_sheets.c - thin sheets that let diffuse light through, and the shells of lights: closed forms, and path-trace. */
+ * test_sheets.c - thin sheets that transmit diffuse light, and lampshades around lights: against closed forms and path-trace. */
 #include "stage.h"
 
 #define SIZE 24
@@ -17,7 +17,7 @@ static struct pell_material *add_sheet(struct stage *s, size_t *index)
     return m;
 }
 
-/* A square of 100 mm at z = 0 that faces the camera, or turns its back to it, and a light before or behind it. */
+/* A square of 100 mm at z = 0 that faces the camera, or away from it, with a light in front of it or behind. */
 static struct shot shot_of_square(struct stage *s, bool turned, enum pell_light_type type, bool behind)
 {
     const float side = turned ? -1.0f : 1.0f;
@@ -36,8 +36,8 @@ static struct shot shot_of_square(struct stage *s, bool turned, enum pell_light_
     return stage_shot_of(s, "none", NULL);
 }
 
-/* Lit from behind, a sheet looks as an opaque square of the transmitted colour does that is lit from before, times T; from before as one of
- * the base colour, times 1 - T. */
+/* Backlit, a sheet looks like an opaque square of the transmitted colour lit from the front, times T; lit from the front like one of the
+ * base colour, times 1 - T. */
 static void both_sides_have_the_light_of_lambert(void **state)
 {
     static const enum pell_light_type types[] = { PELL_LIGHT_DIRECTIONAL, PELL_LIGHT_POINT, PELL_LIGHT_DISC };
@@ -65,7 +65,7 @@ static void both_sides_have_the_light_of_lambert(void **state)
         }
 }
 
-/* Radiance 1 all around: E = pi on both sides. */
+/* Radiance 1 from all directions: E = pi on both sides. */
 static void an_environment_lights_both_sides(void **state)
 {
     struct stage s;
@@ -80,7 +80,8 @@ static void an_environment_lights_both_sides(void **state)
     stage_finish(&s);
 }
 
-/* A light in the middle of a closed sphere: inside E = E0/(1 - (1 - T) base), and T of that, by the transmitted colour, leaves outside. */
+/* A light at the centre of a closed sphere: inside E = E0/(1 - (1 - T) base), and T of that, tinted by the transmitted colour, leaves
+ * outside. */
 static void a_lantern_sends_out_what_its_bounces_bring(void **state)
 {
     struct stage s;
@@ -117,7 +118,7 @@ static double mean_of(const struct shot *shot, size_t c)
     return sum;
 }
 
-/* A translucent ball below a sheet that all of its light comes through: as path-trace has it, whose paths choose a side. */
+/* A translucent ball below a sheet that transmits all of its light: against path-trace, whose paths choose a side at random. */
 static void what_is_behind_a_sheet_is_lit_through_it(void **state)
 {
     static const char *const samples[] = { "samples=256", NULL };
@@ -149,7 +150,7 @@ static void what_is_behind_a_sheet_is_lit_through_it(void **state)
     stage_finish(&s);
 }
 
-/* A bulb around a point light: where it emits, the floor is lit as if there were none; where it doesn't, the floor is dark. */
+/* A bulb around a point light: where it is emissive, the floor is lit as if the bulb did not exist; where it is not, the floor is dark. */
 static void the_shell_of_a_light_holds_no_light_back(void **state)
 {
     double light[3];
@@ -180,7 +181,7 @@ static void the_shell_of_a_light_holds_no_light_back(void **state)
     REQUIRE_NEAR(light[2], 0.0, 1e-9);
 }
 
-/* A picture with 2 texels says where light passes. */
+/* A transmission map of 2 texels. */
 static void maps_say_where_and_in_what_colour(void **state)
 {
     struct stage s;
@@ -215,7 +216,8 @@ static void maps_say_where_and_in_what_colour(void **state)
     stage_finish(&s);
 }
 
-/* Skin of layers has them below both of its faces; between a lamp as wide as the sky and the camera there is what path-trace finds. */
+/* Layered skin has the layers below both of its faces; between a light as wide as the sky and the camera it has the radiance of
+ * path-trace. */
 static void skin_of_layers_lets_through_what_its_layers_do(void **state)
 {
     static const char *const samples[] = { "samples=192", NULL };

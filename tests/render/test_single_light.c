@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_single_light.c - light that is scattered once, apart from the profile: on planes in closed form, counted exactly once with the rest,
- * and switched off without a trace. */
+ * test_single_light.c - single scattering rendered separately from the profile: in closed form on planes, counted exactly once in the
+ * sum, and without any effect when switched off. */
 #include "stage.h"
 
 #include "math/vec.h"
@@ -12,7 +12,7 @@
 /* Planes of a shot that has the layer, after the depth and the coverage. */
 enum { SHOT_SINGLE = SHOT_TRANSLUCENT + 1 };
 
-/* A wide plane of a medium under the stage's light, by the defaults but for indirect light; what it shows in its middle. */
+/* A wide plane of a medium under the stage's light, with default settings except indirect light; its radiance in the middle. */
 static void start(struct stage *s, const char *medium, struct pell_vec3 from, struct pell_vec3 light)
 {
     size_t material;
@@ -36,7 +36,8 @@ static double middle(const struct shot *shot, int plane, int c)
     return (double) shot->data[(size_t) (plane + c) * shot->size + (size_t) (SIZE / 2 * SIZE + SIZE / 2)];
 }
 
-/* albedo p/(m_in + m_out) of what entered, with isotropic scattering: the refraction of both directions in double precision. */
+/* albedo p/(m_in + m_out) of the light that entered, for isotropic scattering: with the refraction of both directions in double
+ * precision. */
 static void a_plane_has_the_closed_form(void **state)
 {
     static const struct pell_vec3 lights[] = { { 0, 0, 900 }, { 700, 0, 600 }, { -300, 800, 200 } },
@@ -68,7 +69,8 @@ static void a_plane_has_the_closed_form(void **state)
         }
 }
 
-/* Of diffuse light, which has no direction, nothing is taken apart; of a light at right angles the flux of both parts is the profile's. */
+/* Of diffuse light, which has no direction, nothing is separated; for light at normal incidence the flux of both components is the
+ * profile's. */
 static void light_is_counted_exactly_once(void **state)
 {
     static const char *const media[] = { "skin1", "marble", "wholemilk" };
@@ -91,12 +93,12 @@ static void light_is_counted_exactly_once(void **state)
             for (int c = 0; c < 3; c++) {
                 const double eta = (double) m.eta, reduced = m.sigma_s_reduced[c] / (m.sigma_s_reduced[c] + m.sigma_a[c]);
                 const double entered = 2.0 * (1.0 - pell_fresnel(eta, 1.0)), once = pell_albedo_of_reduced(reduced, m.g[c]);
-                const double share = once * pell_single_scattering_albedo_at(m.g[c], eta, 1.0);
-                /* Without angles what the profile gives leaves as T/(pi n) does, n the mean of T. */
+                const double single_fraction = once * pell_single_scattering_albedo_at(m.g[c], eta, 1.0);
+                /* Without directional profiles the exiting light is distributed by T/(pi n), n the mean of T. */
                 const double leaves =
                     (1.0 - pell_fresnel(eta, 1.0)) / (PELL_PI * (1.0 - pell_fresnel_diffuse(1.0 / eta, PELL_FRESNEL_EXACT)));
                 const double all = middle(&shot[0], SHOT_MULTIPLE, c), rest = middle(&shot[1], SHOT_MULTIPLE, c);
-                REQUIRE_REL(even ? rest : rest + entered * share * leaves, all, 1e-2);
+                REQUIRE_REL(even ? rest : rest + entered * single_fraction * leaves, all, 1e-2);
                 REQUIRE(even ? middle(&shot[1], SHOT_SINGLE, c) == 0.0 : middle(&shot[1], SHOT_SINGLE, c) > 0.0);
             }
             shot_free(&shot[0]);
@@ -105,7 +107,7 @@ static void light_is_counted_exactly_once(void **state)
         }
 }
 
-/* Methods that give pictures, profiles without coefficients and colours of textures keep one profile. */
+/* Methods that blur a shaded image, profiles without coefficients and textured colours keep one profile. */
 static void what_has_no_part_apart_keeps_its_bits(void **state)
 {
     (void) state;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_solid.c - diffusion in solids against its closed forms: balls and slabs under even light; and what is not
- * solved. */
+ * test_solid.c - diffusion in solids against closed forms (balls and slabs under uniform illumination, Legendre series) and photons; and
+ * cases that are left unsolved. */
 #include "render/indirect/internal.h"
 
 #include "pell_test.h"
@@ -10,9 +10,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PLACES 12000
+#define MAX_SAMPLES 12000
 
-/* Profiles; how light falls in their media, from where it vanishes above them, and how much of what enters diffuses. */
+/* Profiles; attenuation coefficients of diffuse light in their media, extrapolation distances, and the fractions of entering light that
+ * diffuse. */
 static const double total[3] = { 0.8, 0.7, 0.65 }, kappa[3] = { 0.2, 0.45, 0.3 }, beyond[3] = { 1.2, 0.9, 1.5 },
                     enters[3] = { 0.97, 0.9, 0.8 };
 
@@ -20,22 +21,22 @@ struct fixture {
     struct pell_context *ctx;
     struct pell_pool *pool;
     struct pell_profile profile[3];
-    struct pell_opposed law;
+    struct pell_opposed opposed;
     double s[3];
-    struct pell_surface_sample place[PLACES];
-    float thickness[PLACES], source[PLACES][3];
-    struct indirect_solid_light light[PLACES];
+    struct pell_surface_sample sample[MAX_SAMPLES];
+    float thickness[MAX_SAMPLES], source[MAX_SAMPLES][3];
+    struct indirect_solid_light light[MAX_SAMPLES];
     size_t count;
 };
 
-/* What is scattered first in the depth t z, with the density exp(-t), goes through a slab as `enters` of it would. */
+/* First scattering at the depth t z, with the density exp(-t), gives the same transmittance of a slab as the source `enters` does. */
 static void set_depth(struct fixture *f, double z)
 {
     for (int c = 0; c < 3; c++) {
         const double k = kappa[c], b = beyond[c];
         const double all = (sinh(k * b) + k * z * cosh(k * b)) / (1.0 - k * z * k * z); /* Int exp(-t) sinh(k (t z + b)) */
-        f->law.depth[c] = (float) z;
-        f->law.amount[c] = (float) (enters[c] * cosh(k * b) * all / sinh(k * (z + b)));
+        f->opposed.depth[c] = (float) z;
+        f->opposed.amount[c] = (float) (enters[c] * cosh(k * b) * all / sinh(k * (z + b)));
     }
 }
 
@@ -54,8 +55,8 @@ static int set_up(void **state)
             R[i] = total[c] * exp(-r[i]) / (2.0 * PELL_PI);
         }
         assert_int_equal(pell_profile_from_table(r, R, ROWS, &f->profile[c], NULL), PELL_OK);
-        f->law.kappa[c] = (float) kappa[c];
-        f->law.beyond[c] = (float) beyond[c];
+        f->opposed.kappa[c] = (float) kappa[c];
+        f->opposed.beyond[c] = (float) beyond[c];
         f->s[c] = tanh(kappa[c] * beyond[c]) / kappa[c];
     }
     set_depth(f, 0.4);
@@ -75,9 +76,9 @@ static int tear_down(void **state)
 
 static void add(struct fixture *f, struct pell_vec3 position, struct pell_vec3 normal, double area)
 {
-    struct pell_surface_sample *p = &f->place[f->count];
+    struct pell_surface_sample *p = &f->sample[f->count];
 
-    assert_true(f->count < PLACES);
+    assert_true(f->count < MAX_SAMPLES);
     vec3_store(position, p->position);
     vec3_store(normal, p->normal);
     vec3_store(vec3_mul(normal, -1.0f), p->direction);
@@ -93,39 +94,39 @@ static void add_ball(struct fixture *f, struct pell_vec3 middle, double radius, 
         const double z = 1.0 - (2.0 * (double) i + 1.0) / (double) count, r = sqrt(1.0 - z * z), t = 2.399963 * (double) i;
         const struct pell_vec3 n = vec3((float) (r * cos(t)), (float) (r * sin(t)), (float) z);
         add(f, vec3_mad(middle, (float) radius, n), n, 4.0 * PELL_PI * radius * radius / (double) count);
-        f->place[f->count - 1].curvature = (float) curvature;
+        f->sample[f->count - 1].curvature = (float) curvature;
     }
 }
 
 static void solve(struct fixture *f, double spacing)
 {
     static const float slope[3] = { 0.0f };
-    const struct indirect_solid solid = { .samples = f->place,
+    const struct indirect_solid solid = { .samples = f->sample,
                                           .source = (const float(*)[3]) f->source,
                                           .slope = slope,
                                           .thickness = f->thickness,
                                           .count = f->count,
                                           .profile = f->profile,
-                                          .opposed = &f->law,
+                                          .opposed = &f->opposed,
                                           .spacing = (float) spacing };
 
     for (size_t i = 0; i < f->count; i++)
-        memcpy(f->source[i], f->place[i].power, sizeof(f->source[i]));
+        memcpy(f->source[i], f->sample[i].power, sizeof(f->source[i]));
     assert_int_equal(indirect_diffusion_solve(f->ctx, f->pool, &solid, f->light), PELL_OK);
 }
 
-/* What a half-space returns of light that diffuses, and so of all what comes back where it entered. */
-static double stays(const struct fixture *f, int c)
+/* Diffuse reflectance of a half-space, subtracted from the profile's total: the light that leaves where it entered. */
+static double reflected_locally(const struct fixture *f, int c)
 {
-    return total[c] - enters[c] / (1.0 + kappa[c] * (double) f->law.depth[c]) / (1.0 + f->s[c] * kappa[c]);
+    return total[c] - enters[c] / (1.0 + kappa[c] * (double) f->opposed.depth[c]) / (1.0 + f->s[c] * kappa[c]);
 }
 
-/* Int exp(-t) of what `each` says of sources in the depth t z, while it is less than `end`. */
-static double in_the_mean(const struct fixture *f, int c, double size,
-                          double (*each)(const struct fixture *f, int c, double size, double z), double end)
+/* Int exp(-t) times the value of `each` for sources at the depth t z, up to the depth `end`. */
+static double mean_over_depth(const struct fixture *f, int c, double size,
+                              double (*each)(const struct fixture *f, int c, double size, double z), double end)
 {
     enum { STEPS = 400 };
-    const double depth = (double) f->law.depth[c], most = fmin(12.0, end / depth);
+    const double depth = (double) f->opposed.depth[c], most = fmin(12.0, end / depth);
     double sum = 0.0;
 
     for (int i = 0; i < STEPS; i++) {
@@ -135,14 +136,14 @@ static double in_the_mean(const struct fixture *f, int c, double size,
     return sum;
 }
 
-/* Under even light the sum of a profile is its total. */
-static double even(const struct fixture *f, size_t i, int c)
+/* Under uniform illumination the integral of a profile is its total. */
+static double uniform_response(const struct fixture *f, size_t i, int c)
 {
     return f->light[i].gain[c] * total[c] + f->light[i].light[c];
 }
 
-/* phi = u/r with u = A sinh(kappa r), less (q r'/kappa) sinh(kappa (r - r')) outside of the sources q at r' = R - depth, where
- * phi + s' phi' = 0 at R, s' = s/(1 + s/R). What leaves is phi s/s'. */
+/* phi = u/r with u = A sinh(kappa r), minus (q r'/kappa) sinh(kappa (r - r')) outside of the sources q at r' = R - depth, where phi + s'
+ * phi' = 0 at R, s' = s/(1 + s/R). The radiant exitance is phi s/s'. */
 static double ball_at(const struct fixture *f, int c, double R, double z)
 {
     const double s = f->s[c], k = kappa[c], bent = s / (1.0 + s / R), q = enters[c] / s * R * R / (R - z);
@@ -153,7 +154,7 @@ static double ball_at(const struct fixture *f, int c, double R, double z)
 
 static double ball(const struct fixture *f, int c, double R)
 {
-    return stays(f, c) + in_the_mean(f, c, R, ball_at, R);
+    return reflected_locally(f, c) + mean_over_depth(f, c, R, ball_at, R);
 }
 
 static void balls_return_what_diffusion_says(void **state)
@@ -169,15 +170,15 @@ static void balls_return_what_diffusion_says(void **state)
             double mean = 0.0;
             for (size_t i = 0; i < f->count; i++) {
                 REQUIRE(f->light[i].solved[c] > 0.9f);
-                REQUIRE_REL(even(f, i, c), ball(f, c, radius), 0.03);
-                mean += even(f, i, c) / (double) f->count;
+                REQUIRE_REL(uniform_response(f, i, c), ball(f, c, radius), 0.03);
+                mean += uniform_response(f, i, c) / (double) f->count;
             }
             REQUIRE_REL(mean, ball(f, c, radius), 0.015);
         }
     }
 }
 
-/* Another solid nearby changes nothing, though they share the places. */
+/* Another solid nearby has no effect, although both are in one array of samples. */
 static void solids_of_one_object_do_not_mix(void **state)
 {
     struct fixture *f = *state;
@@ -187,10 +188,10 @@ static void solids_of_one_object_do_not_mix(void **state)
     add_ball(f, vec3(0, 13, 0), radius, 6000, 1.0 / radius);
     solve(f, sqrt(4.0 * PELL_PI * radius * radius / 6000));
     for (size_t i = 0; i < f->count; i++)
-        REQUIRE_REL(even(f, i, 1), ball(f, 1, radius), 0.03);
+        REQUIRE_REL(uniform_response(f, i, 1), ball(f, 1, radius), 0.03);
 }
 
-/* A square of n x n places, or two of them and the rim between them. */
+/* A square of n x n samples, or two opposite squares and the rim between them. */
 static void add_slab(struct fixture *f, int n, double step, double thickness, bool both)
 {
     for (int i = 0; i < n * n; i++)
@@ -208,7 +209,7 @@ static void add_slab(struct fixture *f, int n, double step, double thickness, bo
     }
 }
 
-/* phi = A cosh(kappa z), less (q/kappa) sinh(kappa (z - z')) beyond the sources q at z' = t/2 - depth, where phi + s phi' = 0 at t/2. */
+/* phi = A cosh(kappa z), minus (q/kappa) sinh(kappa (z - z')) beyond the sources q at z' = t/2 - depth, where phi + s phi' = 0 at t/2. */
 static double slab_at(const struct fixture *f, int c, double t, double z)
 {
     const double s = f->s[c], k = kappa[c], q = enters[c] / s;
@@ -219,7 +220,7 @@ static double slab_at(const struct fixture *f, int c, double t, double z)
 
 static double slab(const struct fixture *f, int c, double t)
 {
-    return stays(f, c) + in_the_mean(f, c, t, slab_at, 0.5 * t);
+    return reflected_locally(f, c) + mean_over_depth(f, c, t, slab_at, 0.5 * t);
 }
 
 static void slabs_return_what_diffusion_says(void **state)
@@ -234,18 +235,18 @@ static void slabs_return_what_diffusion_says(void **state)
         add_slab(f, n, step, thickness, true);
         solve(f, step);
         for (size_t i = 0; i < f->count; i++) {
-            const float *p = f->place[i].position;
+            const float *p = f->sample[i].position;
             if (fabsf(p[0]) > 6.0f || fabsf(p[1]) > 6.0f)
                 continue;
             for (int c = 1; c < 3; c++) {
                 REQUIRE(f->light[i].solved[c] > 0.99f);
-                REQUIRE_REL(even(f, i, c), slab(f, c, thickness), 0.03);
+                REQUIRE_REL(uniform_response(f, i, c), slab(f, c, thickness), 0.03);
             }
         }
     }
 }
 
-/* An open surface has no inside; it stays what the profile makes of it. */
+/* An open surface encloses no volume; its light is that of the profile. */
 static void a_plane_returns_its_profile(void **state)
 {
     struct fixture *f = *state;
@@ -254,12 +255,12 @@ static void a_plane_returns_its_profile(void **state)
     solve(f, 0.6);
     for (size_t i = 0; i < f->count; i++)
         for (int c = 0; c < 3; c++)
-            if (fabsf(f->place[i].position[0]) < 10.0f && fabsf(f->place[i].position[1]) < 10.0f)
-                REQUIRE_REL(even(f, i, c), total[c], 0.03);
+            if (fabsf(f->sample[i].position[0]) < 10.0f && fabsf(f->sample[i].position[1]) < 10.0f)
+                REQUIRE_REL(uniform_response(f, i, c), total[c], 0.03);
 }
 
-/* Legendre series of a ball that is lit by 1 where x > 0: E_l = (P_(l-1)(0) - P_(l+1)(0))/2, phi_l = E_l/(1 + s kappa i_l'/i_l)
- * of sources at the surface. */
+/* Legendre series of a ball with irradiance 1 where x > 0: E_l = (P_(l-1)(0) - P_(l+1)(0))/2, phi_l = E_l/(1 + s kappa i_l'/i_l), for
+ * sources at the surface. */
 static double half_lit(const struct fixture *f, int c, double radius, double x)
 {
     enum { TERMS = 2000 };
@@ -283,7 +284,7 @@ static double half_lit(const struct fixture *f, int c, double radius, double x)
     return enters[c] * sum;
 }
 
-/* Where light is far away it has all come through, beside what little a method would find. */
+/* Far from the lit side all light is transmitted light of the solution, except for a little that a method's profile would contribute. */
 static void light_gets_through_as_the_series_says(void **state)
 {
     struct fixture *f = *state;
@@ -293,17 +294,17 @@ static void light_gets_through_as_the_series_says(void **state)
     set_depth(f, 1e-3);
     add_ball(f, vec3(0, 0, 0), radius, 9000, 0.0);
     for (size_t i = 0; i < f->count; i++)
-        for (int k = 0; k < 3 && f->place[i].position[2] < 0.0f; k++)
-            f->place[i].power[k] = 0.0f;
+        for (int k = 0; k < 3 && f->sample[i].position[2] < 0.0f; k++)
+            f->sample[i].power[k] = 0.0f;
     solve(f, 0.34);
     for (size_t i = 0; i < f->count; i += 10) {
-        const double x = (double) f->place[i].normal[2], phi = half_lit(f, c, radius, x);
+        const double x = (double) f->sample[i].normal[2], phi = half_lit(f, c, radius, x);
         if (x < -0.75)
             REQUIRE_REL((double) f->light[i].light[c], phi, 0.15);
     }
 }
 
-/* Of sources of this flux at places (x, r): Legendre's sums Q_l of i_l(kappa r)/i_l(kappa R) P_l(x), for l up to TERMS. */
+/* Adds sources of the given flux at position (x, r): coefficients Q_l of i_l(kappa r)/i_l(kappa R) P_l(x), for l up to TERMS. */
 enum { TERMS = 60 };
 static void add_source(double k, double R, double x, double r, double flux, double Q[TERMS + 1])
 {
@@ -324,11 +325,11 @@ static void add_source(double k, double R, double x, double r, double flux, doub
     }
 }
 
-/* Q of parallel light from one side, which is refracted and scattered first along its way. */
-static void lit_aside(const struct fixture *f, int c, double R, double eta, double Q[TERMS + 1])
+/* Q for a directional light, which is refracted and has its first scattering along the refracted ray. */
+static void light_sources(const struct fixture *f, int c, double R, double eta, double Q[TERMS + 1])
 {
     enum { RINGS = 400, PATHS = 50 };
-    const double z = (double) f->law.depth[c], most = 12.0;
+    const double z = (double) f->opposed.depth[c], most = 12.0;
 
     for (int i = 0; i < RINGS * PATHS; i++) {
         const double mu = (i / PATHS + 0.5) / RINGS, side = sqrt(1.0 - mu * mu);
@@ -340,8 +341,8 @@ static void lit_aside(const struct fixture *f, int c, double R, double eta, doub
     }
 }
 
-/* What comes out of that at a cosine from the way of the light. */
-static double comes_out(const struct fixture *f, int c, double R, const double Q[TERMS + 1], double x)
+/* Radiant exitance for these sources at a cosine from the light's direction. */
+static double exitance_of(const struct fixture *f, int c, double R, const double Q[TERMS + 1], double x)
 {
     const double k = kappa[c], bent = f->s[c] / (1.0 + f->s[c] / R);
     double ratio[TERMS + 42], before = 0.0, P = 1.0, sum = 0.0;
@@ -358,7 +359,7 @@ static double comes_out(const struct fixture *f, int c, double R, const double Q
     return enters[c] * sum;
 }
 
-/* Light that grazes goes on behind the terminator: sources below where it falls return a third less on the dark side. */
+/* Light at grazing incidence continues behind the terminator: sources below the point of entry give a third less light on the dark side. */
 static void light_that_grazes_goes_on(void **state)
 {
     struct fixture *f = *state;
@@ -367,10 +368,10 @@ static void light_that_grazes_goes_on(void **state)
     double Q[TERMS + 1] = { 0.0 }, ratio = 0.0, count = 0.0;
 
     set_depth(f, 1.0);
-    lit_aside(f, c, radius, eta, Q);
+    light_sources(f, c, radius, eta, Q);
     add_ball(f, vec3(0, 0, 0), radius, 9000, 1.0 / radius);
     for (size_t i = 0; i < f->count; i++) { /* toward z */
-        struct pell_surface_sample *p = &f->place[i];
+        struct pell_surface_sample *p = &f->sample[i];
         const float mu = fmaxf(-p->normal[2], 0.0f), m = sqrtf(1.0f - (1.0f - mu * mu) / (float) (eta * eta)), deep = mu / (float) eta - m;
         for (int k = 0; k < 3; k++) {
             p->power[k] *= mu;
@@ -379,7 +380,7 @@ static void light_that_grazes_goes_on(void **state)
     }
     solve(f, 0.34);
     for (size_t i = 0; i < f->count; i += 10) {
-        const double x = (double) f->place[i].normal[2], out = comes_out(f, c, radius, Q, x);
+        const double x = (double) f->sample[i].normal[2], out = exitance_of(f, c, radius, Q, x);
         if (!(x > 0.1 && x < 0.95))
             continue;
         REQUIRE_REL((double) f->light[i].exitance[c], out, 0.4);
@@ -390,12 +391,12 @@ static void light_that_grazes_goes_on(void **state)
     REQUIRE_REL(ratio / count, 1.0, 0.15);
 }
 
-/* --- Where light is scattered seldom ------------------------------------------------------------------------------------------------- */
+/* --- Media with little scattering ---------------------------------------------------------------------------------------------------- */
 
 #define BANDS 4 /* of a side of the box, from the lit top */
 #define BOX 10.0
 
-/* A direction behind the boundary, z downwards: straight, or of diffuse light. */
+/* A direction behind the boundary, z downwards: normal incidence, or diffuse light. */
 static void enter(double eta, bool diffuse, uint64_t *random, double w[3])
 {
     const double turn = 2.0 * PELL_PI * random_unit(random);
@@ -412,7 +413,7 @@ static void enter(double eta, bool diffuse, uint64_t *random, double w[3])
     w[2] = sqrt(1.0 - aside * aside);
 }
 
-/* One step of a photon in the box, a mean free path being 1: the face that it meets, or -1. */
+/* One step of a photon in the box, in units of the mean free path: returns the axis of the face that it hits, or -1. */
 static int step(double x[3], const double w[3], uint64_t *random)
 {
     double to = -log(random_unit(random));
@@ -430,7 +431,7 @@ static int step(double x[3], const double w[3], uint64_t *random)
     return face;
 }
 
-/* What leaves the sides of the box over the irradiance of the top that enters; returns the mean cosine behind it. */
+/* Radiant exitance of the box's sides over the entering irradiance of its top; returns the mean cosine behind the boundary. */
 static double walk(double albedo, double eta, bool diffuse, double leaves[BANDS])
 {
     enum { PHOTONS = 1000000 };
@@ -464,7 +465,7 @@ static double walk(double albedo, double eta, bool diffuse, double leaves[BANDS]
     return down / PHOTONS;
 }
 
-/* A cube that is lit from above, and what leaves its sides. */
+/* A cube that is lit from above, and the radiant exitance of its sides. */
 static void light_turns_corners_as_photons_do(void **state)
 {
     RELEASE_ONLY();
@@ -477,7 +478,7 @@ static void light_turns_corners_as_photons_do(void **state)
         medium.sigma_s_reduced[c] = albedo[c];
         medium.sigma_a[c] = 1.0 - albedo[c];
     }
-    assert_true(pell_opposed_make(&medium, &f->law));
+    assert_true(pell_opposed_make(&medium, &f->opposed));
     for (int c = 0; c < 3; c++)
         assert_int_equal(pell_profile_make(PELL_PROFILE_MONTE_CARLO, &medium, c, NULL, &f->profile[c]), PELL_OK);
     for (int diffuse = 0; diffuse < 2; diffuse++) {
@@ -487,14 +488,14 @@ static void light_turns_corners_as_photons_do(void **state)
         f->count = 0;
         add_slab(f, n, BOX / n, BOX, true);
         for (size_t i = 0; i < f->count; i++) {
-            struct pell_surface_sample *p = &f->place[i];
+            struct pell_surface_sample *p = &f->sample[i];
             if (!(p->normal[2] > 0.0f))
                 memset(p->power, 0, sizeof(p->power));
             vec3_store(vec3_mul(vec3_load(p->direction), (float) down), p->direction);
         }
         solve(f, BOX / n);
         for (size_t i = 0; i < f->count; i++) {
-            const struct pell_surface_sample *p = &f->place[i];
+            const struct pell_surface_sample *p = &f->sample[i];
             const int band = (int) fmin(fmax((0.5 - (double) p->position[2] / BOX) * BANDS, 0.0), BANDS - 1.0);
             area[band] += p->normal[2] == 0.0f ? (double) p->area : 0.0;
             for (int c = 0; c < 3; c++)
@@ -514,18 +515,18 @@ static void light_turns_corners_as_photons_do(void **state)
     }
 }
 
-struct beside_an_edge {
+struct edge_light {
     double deep, light;
 };
 
 static int by_depth(const void *a, const void *b)
 {
-    const double x = ((const struct beside_an_edge *) a)->deep, y = ((const struct beside_an_edge *) b)->deep;
+    const double x = ((const struct edge_light *) a)->deep, y = ((const struct edge_light *) b)->deep;
 
     return x < y ? -1 : x > y;
 }
 
-/* Two opposite faces of a cube around the origin, whose samples lie anywhere. */
+/* Two opposite faces of a cube around the origin, with irregular sample positions. */
 static void add_faces(struct fixture *f, int axis, double size, int count)
 {
     for (int i = 0; i < 2 * count; i++) {
@@ -539,41 +540,41 @@ static void add_faces(struct fixture *f, int axis, double size, int count)
     }
 }
 
-/* Beside the edge of a lit face light depends on the distance from it alone, wherever samples are, and the places that they stand for,
- * which are four free paths apart here. */
+/* On a dark face adjacent to the edge of a lit one, light depends only on the distance from the edge, independent of the positions of
+ * samples and of the surface patches that they represent, which are four mean free paths wide here. */
 static void light_beside_an_edge_is_even(void **state)
 {
     enum { COUNT = 700 };
     static const double size = 16.0, allowed[3] = { 0.055, 0.065, 0.055 };
-    static struct beside_an_edge found[6 * COUNT];
+    static struct edge_light found[6 * COUNT];
     struct fixture *f = *state;
 
     set_depth(f, 0.22);
     for (int axis = 0; axis < 3; axis++)
         add_faces(f, axis, size, COUNT);
     for (size_t i = 0; i < f->count; i++)
-        if (!(f->place[i].normal[2] > 0.5f))
-            memset(f->place[i].power, 0, sizeof(f->place[i].power));
+        if (!(f->sample[i].normal[2] > 0.5f))
+            memset(f->sample[i].power, 0, sizeof(f->sample[i].power));
     solve(f, size / sqrt(COUNT));
     for (int c = 0; c < 3; c++) {
         size_t n = 0;
-        double sum = 0.0, apart = 0.0, uneven;
+        double sum = 0.0, differences = 0.0, relative_noise;
         for (size_t i = 0; i < f->count; i++) {
-            const struct pell_surface_sample *p = &f->place[i];
+            const struct pell_surface_sample *p = &f->sample[i];
             const double along = p->normal[0] != 0.0f ? (double) p->position[1] : (double) p->position[0];
             const double deep = 0.5 * size - (double) p->position[2];
             if (p->normal[2] == 0.0f && fabs(along) < 0.35 * size && deep < 2.0)
-                found[n++] = (struct beside_an_edge) { deep, (double) f->light[i].exitance[c] };
+                found[n++] = (struct edge_light) { deep, (double) f->light[i].exitance[c] };
         }
         REQUIRE(n > 100);
         qsort(found, n, sizeof(found[0]), by_depth);
         for (size_t i = 0; i < n; i++) {
             sum += found[i].light;
-            apart += i > 0 ? pow(found[i].light - found[i - 1].light, 2.0) : 0.0;
+            differences += i > 0 ? pow(found[i].light - found[i - 1].light, 2.0) : 0.0;
         }
-        uneven = sqrt(0.5 * apart / (double) (n - 1)) * (double) n / sum;
-        print_message("# channel %d: %.4f uneven\n", c, uneven);
-        REQUIRE(uneven < allowed[c]);
+        relative_noise = sqrt(0.5 * differences / (double) (n - 1)) * (double) n / sum;
+        print_message("# channel %d: %.4f uneven\n", c, relative_noise);
+        REQUIRE(relative_noise < allowed[c]);
     }
 }
 
@@ -586,14 +587,14 @@ static void what_samples_are_too_coarse_for_is_not_solved(void **state)
     for (size_t i = 0; i < f->count; i++)
         for (int c = 0; c < 3; c++)
             REQUIRE(f->light[i].solved[c] == 0.0f);
-    f->count = 0; /* and thin parts are not, whatever is around them */
+    f->count = 0; /* thin parts are not solved either, whatever surrounds them */
     add_ball(f, vec3(0, 0, 0), 6.0, 9000, 0.0);
     f->thickness[4500] = 0.1f;
     solve(f, 0.22);
     REQUIRE(f->light[4500].solved[0] == 0.0f && f->light[4502].solved[0] == 1.0f);
 }
 
-/* No light, one place, places upon each other, normals that cancel. */
+/* No light, a single sample, coincident samples, normals that cancel. */
 static void odd_solids_are_survived(void **state)
 {
     struct fixture *f = *state;
@@ -608,7 +609,7 @@ static void odd_solids_are_survived(void **state)
     solve(f, 0.5);
     add_ball(f, vec3(0, 0, 0), 6.0, 5000, 0.0);
     for (size_t i = 0; i < f->count; i++)
-        memset(f->place[i].power, 0, sizeof(f->place[i].power));
+        memset(f->sample[i].power, 0, sizeof(f->sample[i].power));
     solve(f, 0.3);
     for (size_t i = 0; i < f->count; i++)
         for (int c = 0; c < 3; c++) {

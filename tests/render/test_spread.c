@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_spread.c - what goes straight through thin parts is spread sideways: against Gaussians, and what must not change. */
+ * test_spread.c - lateral spread of light transmitted through thin parts: against Gaussians, and pixels that must not change. */
 #include "pell_test.h"
 
 #include "base/pool.h"
@@ -13,7 +13,7 @@ enum { WIDTH = 160, HEIGHT = 120, STRIDE = WIDTH, SIZE = STRIDE * HEIGHT };
 
 #define FLAT 0.25f /* mm: a pixel */
 
-/* A facing plane; a light's share of `variance` mm^2 at all thicknesses. */
+/* A facing plane; a light's weight for a spread of `variance` mm^2 at all thicknesses. */
 struct sheet {
     struct pell_context *ctx;
     struct pell_pool *pool;
@@ -43,7 +43,7 @@ static struct sheet *sheet_of(double variance, int threads)
         s->key[i] = s->material[i] = 1;
         s->depth[i] = 100.0f;
         for (int c = 0; c < 3; c++)
-            s->sum[c][i] = s->half[c][i] = NAN; /* what lies there has no effect */
+            s->sum[c][i] = s->half[c][i] = NAN; /* pixels there have no effect */
     }
     memset(s->lit, 7, sizeof(s->lit));
     s->p = (struct pell_spread_params) { .rect = { 0, 0, WIDTH, HEIGHT },
@@ -86,7 +86,8 @@ static double total(const struct sheet *s, int channel)
     return sum;
 }
 
-/* Two Gaussians, a factor of four apart, stand for each: their mixture is 4 % of the step from the erf where it lies between them. */
+/* Each variance is represented by two Gaussians, a factor of four apart: their mixture differs from the erf by 4 % of the step between
+ * them. */
 static void a_half_lit_sheet_is_the_error_function(void **state)
 {
     static const double variances[] = { 0.03, 0.3, 1.0, 2.0 };
@@ -131,7 +132,7 @@ static void a_spot_has_its_light_and_variance(void **state)
     }
 }
 
-/* Light that did not go straight, of pixels from which by chance some did: it stays, and what did spreads. */
+/* Scattered light with an unscattered component in randomly chosen pixels: the former stays, the latter is spread. */
 static void what_did_not_go_straight_stays(void **state)
 {
     struct sheet *s = sheet_of(1.0, 2), *alone = sheet_of(1.0, 2);
@@ -154,7 +155,7 @@ static void what_did_not_go_straight_stays(void **state)
     sheet_free(alone);
 }
 
-/* Even light stays as it is, at the borders of a picture, too; and light of which no way is known, such as what comes from all sides. */
+/* Uniform light is unchanged, including at the borders of an image; and so is light without a known path, such as that from all sides. */
 static void even_light_and_light_of_no_way_stay(void **state)
 {
     struct sheet *s = sheet_of(0.5, 2);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_surface.c - what pixels see: against balls and planes known in closed form, and against texture look-ups one by one. */
+ * test_surface.c - visible surfaces of pixels: against balls and planes in closed form, and against single texture look-ups. */
 #include "shapes.h"
 
 #include "image/color.h"
@@ -61,7 +61,7 @@ static struct pell_vec3 at(float *const plane[3], ptrdiff_t i)
     return vec3(plane[0][i], plane[1][i], plane[2][i]);
 }
 
-/* Counts and rectangles against the material plane, and what holds for every pixel. */
+/* Counts and rectangles against the material plane, and invariants of every pixel. */
 static void check_invariants(const struct stage *st)
 {
     const struct pell_surface *s = &st->surface;
@@ -130,7 +130,7 @@ static void ball_errors(const struct stage *st, double *depth, double *normal)
             b = vec3_dot(o, d);
             c = vec3_dot(o, o) - 100.0;
             disc = b * b - a * c;
-            off = sqrt(fmax(0.0, vec3_dot(o, o) - b * b / a)); /* how far the ray passes from the centre */
+            off = sqrt(fmax(0.0, vec3_dot(o, o) - b * b / a)); /* distance of the ray from the centre */
             if (off > 10.0)
                 assert_int_equal(s->material[i], 0);
             if (off > 9.0)
@@ -160,7 +160,7 @@ static void a_ball_converges_over_three_tessellations_and_has_no_pinholes(void *
             render(&s, 211, 199, 60.0f, ortho ? 24.0f : 0.0f);
             check_invariants(&s);
             ball_errors(&s, &depth[ortho][k], &normal[ortho][k]);
-            /* The silhouette's area: a polygon in a disc. */
+            /* The silhouette's area: a polygon inscribed in a disc. */
             const double per_px = ortho ? 24.0 / 199.0 : 60.0 / s.view.focal_px, r = ortho ? 10.0 : 10.0 / sqrt(1.0 - 1.0 / 36.0);
             REQUIRE_REL((double) s.surface.covered_pixels * per_px * per_px, PELL_PI * r * r, k == 2 ? 0.003 : 0.02);
         }
@@ -176,8 +176,8 @@ static void a_ball_converges_over_three_tessellations_and_has_no_pinholes(void *
     }
 }
 
-/* A pixel of w mm on a ball of radius r, t from its middle, is w across and w / cos t down it, and normals turn by 1/r there. A plane's do
- * not, and what holds the whole silhouette is cut. */
+/* The footprint of a pixel of w mm on a ball of radius r, at t from its middle, is w across and w / cos t along the slope, and normals
+ * turn by 1/r there. A plane's normals do not, and its value is clamped for a whole silhouette. */
 static void normals_turn_inside_of_a_pixel_as_on_a_ball(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -274,7 +274,7 @@ static void odd_sizes_and_single_pixels_are_the_same_picture_cut_smaller(void **
     stage_finish(&s);
 }
 
-/* The bounding rectangle must not lose a pixel of the silhouette: the whole picture is traced where there is ground. */
+/* The bounding rectangle must not lose a pixel of the silhouette: with a ground plane the whole image is traced. */
 static void the_rectangle_of_the_bounds_loses_no_pixel(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -366,7 +366,7 @@ static uint64_t hash_plane(uint64_t h, const void *data, size_t row, size_t stri
     return h;
 }
 
-/* Of all that is defined: other planes where nothing was hit are not. */
+/* Compares defined values only: the other planes are undefined where nothing was hit. */
 static uint64_t hash_surface(const struct pell_surface *s)
 {
     const float *const planes[] = { s->depth,     s->ng[0],       s->ng[1],       s->ng[2],       s->ns[0],
@@ -412,8 +412,8 @@ static void any_number_of_threads_and_any_processor_give_the_same_bits(void **st
     }
 }
 
-/* A surface with the raster of its scene beside one by rays: the same but where a pixel's middle lies on an edge, to rounding; the same
- * bits on any number of threads and any processor; and what was there before is gone. */
+/* A surface by rasterisation of its scene against one by rays: equal except where a pixel's centre lies on an edge, to rounding; the
+ * same bits on any number of threads and any processor; and nothing remains of the previous frame. */
 static void drawn_and_traced_are_one_picture(void **state)
 {
     static const char *const levels[] = { "base", "v2", "v3", "v4" };
@@ -524,7 +524,7 @@ static void holes_and_insides(void **state)
     scene->materials[leaf].alpha_mask = true;
     scene->materials[leaf].base_color_map.texture = t;
     shapes_quad(scene, leaf, vec3(0, 0, 0), vec3(10, 0, 0), vec3(0, 10, 0));
-    shapes_ball(scene, 0, vec3(0, 0, 0), 200.0f, 40); /* seen from within */
+    shapes_ball(scene, 0, vec3(0, 0, 0), 200.0f, 40); /* seen from inside */
     s = stage_of(ctx, scene, 2);
     render(&s, 64, 64, 50.0f, 20.0f);
     check_invariants(&s);
@@ -536,7 +536,7 @@ static void holes_and_insides(void **state)
             const bool hole = (x >= 32) != (y >= 32);
             assert_int_equal(s.surface.material[i], hole ? 1 : (int) leaf + 1);
             REQUIRE_NEAR(s.surface.depth[i], hole ? 250.0 : 50.0, hole ? 2.0 : 1e-3);
-            REQUIRE_NEAR(s.surface.ns[2][i], 1.0, 0.01); /* to the viewer, although the ball's normals point out */
+            REQUIRE_NEAR(s.surface.ns[2][i], 1.0, 0.01); /* toward the viewer, although the ball's normals point out */
         }
     stage_finish(&s);
 }
@@ -584,7 +584,7 @@ static void normal_maps_bend_the_normal_as_gltf_says(void **state)
     s = stage_of(ctx, scene, 1);
     add_mips(&s);
     for (int kind = 0; kind < 5; kind++) {
-        /* as it is; half as strong; bitangent mirrored; seen from behind: the whole frame turned; no tangents: no map */
+        /* unchanged; half as strong; bitangent mirrored; seen from behind: the whole frame turned; no tangents: no map */
         const double k = kind == 1 ? 0.5 : 1.0, mirror = kind == 2 ? -1.0 : 1.0;
         const double behind = kind == 3 ? -1.0 : 1.0, on = kind == 4 ? 0.0 : 1.0;
         const double length = sqrt(on * (a * a + b * b) * k * k + c * c);
@@ -592,7 +592,7 @@ static void normal_maps_bend_the_normal_as_gltf_says(void **state)
         scene->materials[0].normal_scale = (float) k;
         for (int i = 0; i < 4; i++) {
             m->tangent[4 * i + 3] = (float) mirror;
-            m->tangent[4 * i] = (float) on; /* of no length: no frame */
+            m->tangent[4 * i] = (float) on; /* zero length: no frame */
         }
         render(&s, 16, 16, 50.0f, 20.0f);
         if (kind == 3) {
@@ -608,8 +608,8 @@ static void normal_maps_bend_the_normal_as_gltf_says(void **state)
     stage_finish(&s);
 }
 
-/* Bumps that are smaller than a pixel are roughness: slopes of +-s along x in every other texel have the variance s^2 along one axis, half
- * of it in the mean. */
+/* Bumps smaller than a pixel act as roughness: slopes of +-s along x in every other texel have the variance s^2 along one axis, half of
+ * it in the mean. */
 static void bumps_smaller_than_a_pixel_are_roughness(void **state)
 {
     enum { SIZE = 256 };
@@ -715,7 +715,7 @@ static void fill(struct pell_context *ctx, struct pell_image *image, enum pell_p
     }
 }
 
-/* All formats, wraps and texture matrices, against pell_image_sample at the point that the pixel sees. */
+/* All formats, wrap modes and texture matrices, against pell_image_sample at the point that the pixel sees. */
 static void magnified_textures_are_what_a_look_up_one_by_one_gives(void **state)
 {
     uint32_t seed = 11;
@@ -755,7 +755,7 @@ static void magnified_textures_are_what_a_look_up_one_by_one_gives(void **state)
     }
 }
 
-/* Far away a pixel must show the mean of what it covers: a board of single black and white texels, and noise of odd sizes. */
+/* Far away a pixel must show the mean over its footprint: a board of single black and white texels, and noise of odd sizes. */
 static void shrunk_textures_show_their_mean_and_do_not_alias(void **state)
 {
     static const int sizes[][2] = { { 512, 512 }, { 301, 177 } };
@@ -805,7 +805,7 @@ static void shrunk_textures_show_their_mean_and_do_not_alias(void **state)
             if (with)
                 REQUIRE_REL(sum, mean[1], 0.01);
         }
-        /* Some 100 or 50 independent texels a pixel. */
+        /* Some 100 or 50 independent texels per pixel. */
         assert_true(deviation[1] < 0.25 * deviation[0]);
         stage_finish(&s);
     }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_tone.c - what becomes display white where nobody says it, the filmic curve, stops, and the pixel filter. */
+ * test_tone.c - the default white point, the filmic curve, exposure in stops, and the pixel filter. */
 #include "stage.h"
 
 #include "base/pool.h"
@@ -12,7 +12,7 @@ struct picture {
     float color[3][ALL], alpha[ALL], display[3][ALL], unfiltered[3][ALL];
 };
 
-/* Grey pixels of the luminances that `light` gives by number, all covered. */
+/* Grey pixels of the luminances given by `light`, fully covered. */
 static struct picture *picture_of(double (*light)(int pixel))
 {
     struct picture *p = malloc(sizeof(*p));
@@ -26,7 +26,7 @@ static struct picture *picture_of(double (*light)(int pixel))
     return p;
 }
 
-/* Shows the picture by `settings`, over `color`. */
+/* Tone maps the image by `settings`, over the background `color`. */
 static struct pell_post_result show_by(struct picture *p, const struct pell_settings *settings, enum pell_background background,
                                        const float *color)
 {
@@ -65,7 +65,7 @@ static struct pell_post_result show_by(struct picture *p, const struct pell_sett
     return result;
 }
 
-/* Shows the picture at exposure 1 and releases it; the display value of pixel `at`. */
+/* Shows the image at exposure 1 and releases it; returns the display value of pixel `at`. */
 static struct pell_post_result show(struct picture *p, float white, enum pell_background background, int at, double *shown)
 {
     struct pell_settings settings;
@@ -108,7 +108,7 @@ static void white_is_what_a_hundredth_of_the_object_exceeds(void **state)
     REQUIRE_REL((double) show(picture_of(ramp), 0.0f, PELL_BACKGROUND_TRANSPARENT, ALL - 1, &shown).white, 9.9, 0.003);
     REQUIRE_NEAR(shown, 1.0, 0.01);
     REQUIRE_NEAR((double) show(picture_of(one_spark), 0.0f, PELL_BACKGROUND_TRANSPARENT, 0, &shown).white, 1.0, 0);
-    REQUIRE_NEAR(shown, 0.7, 1e-6); /* L (1 + L) / (1 + L): white at 1 leaves what is below as it is */
+    REQUIRE_NEAR(shown, 0.7, 1e-6); /* L (1 + L) / (1 + L): white at 1 leaves values below unchanged */
     REQUIRE_REL((double) show(picture_of(highlights), 0.0f, PELL_BACKGROUND_TRANSPARENT, 0, &shown).white, 5.0, 0.05);
     REQUIRE_NEAR((double) show(picture_of(dark), 0.0f, PELL_BACKGROUND_TRANSPARENT, 0, &shown).white, 1.0, 0);
 }
@@ -129,7 +129,7 @@ static void pixels_that_nothing_covers_and_what_the_user_says_count_otherwise(vo
     REQUIRE_NEAR((double) show(picture_of(ramp), 3.0f, PELL_BACKGROUND_TRANSPARENT, 0, &shown).white, 3.0, 0);
 }
 
-/* Middle grey keeps its value, more light is never darker, and all of it ends in white. */
+/* Middle grey keeps its value, more light is never darker, and bright colours end in white. */
 static void the_filmic_curve_keeps_grey_and_turns_bright_colours_white(void **state)
 {
     struct pell_settings settings;
@@ -145,7 +145,7 @@ static void the_filmic_curve_keeps_grey_and_turns_bright_colours_white(void **st
     settings.exposure = 1.0f;
     settings.tonemap = PELL_TONEMAP_FILMIC;
     p = picture_of(ramp);
-    for (int i = 0; i < ALL; i++) { /* red: pure below, then ever brighter */
+    for (int i = 0; i < ALL; i++) { /* red: saturated below, then increasingly bright */
         p->color[1][i] *= 0.1f;
         p->color[2][i] *= 0.1f;
         p->color[0][i] = i == ALL - 1 ? 1e30f : p->color[0][i];
@@ -157,7 +157,7 @@ static void the_filmic_curve_keeps_grey_and_turns_bright_colours_white(void **st
             REQUIRE(p->display[c][i] >= p->display[c][i - 1] - 1e-6f && p->display[c][i] <= 1.0f);
     for (int c = 0; c < 3; c++)
         REQUIRE_NEAR((double) p->display[c][ALL - 1], 1.0, 0.02);
-    /* at a luminance of 0.3 the red is red, at 10 it is on its way to white */
+    /* at a luminance of 0.3 the red is red, at 10 it is becoming white */
     REQUIRE(p->display[1][ALL / 10] < 0.55f * p->display[0][ALL / 10]);
     REQUIRE(p->display[1][ALL - 2] > 0.6f * p->display[0][ALL - 2]);
     free(p);
@@ -188,7 +188,7 @@ static void a_background_is_shown_as_it_is_asked_for(void **state)
         }
 }
 
-/* Two stops are four times the exposure, given or metered, and what is reported is without them. */
+/* Two stops are a factor of four in exposure, given or metered; the reported exposure excludes the stops. */
 static void stops_multiply_every_exposure(void **state)
 {
     (void) state;
@@ -212,8 +212,8 @@ static void stops_multiply_every_exposure(void **state)
     }
 }
 
-/* A rim far brighter than white that covers a share of its pixels is shown as that share over the background, by every curve; its light
- * in linear channels is the plain average. */
+/* A rim far brighter than white that covers a fraction of its pixels is shown by that fraction over the background, by every curve; its
+ * radiance in linear channels is the plain average. */
 static void rims_are_shown_by_the_share_that_they_cover(void **state)
 {
     static const enum pell_tonemap curves[] = { PELL_TONEMAP_LINEAR, PELL_TONEMAP_REINHARD, PELL_TONEMAP_FILMIC };
@@ -244,7 +244,7 @@ static void rims_are_shown_by_the_share_that_they_cover(void **state)
     }
 }
 
-/* The radiance of one white pixel, of a white corner and of ever other numbers, shown as they are. */
+/* Display values of one white pixel, of a white corner and of pseudo-random pixels. */
 static double spike(int i)
 {
     return i == 50 * W + 60 ? 1.0 : 0.0;
@@ -274,8 +274,8 @@ static struct picture *filtered(double (*light)(int pixel), int filter, int msaa
     return p;
 }
 
-/* A pixel's own samples have a variance of 1/12 along each axis, and the filter adds 0.12 to that. No light is lost, also at borders, and
- * the linear channels keep theirs. */
+/* A pixel's own samples have a variance of 1/12 along each axis, and the filter adds 0.12 to that. No light is lost, including at
+ * borders, and the linear channels are unfiltered. */
 static void the_pixel_filter_is_as_wide_as_stated_and_keeps_light(void **state)
 {
     double sum = 0.0, square[2] = { 0.0, 0.0 };
@@ -297,11 +297,11 @@ static void the_pixel_filter_is_as_wide_as_stated_and_keeps_light(void **state)
     for (int i = 0; i < ALL; i++)
         sum += (double) p->display[1][i];
     REQUIRE_NEAR(sum, 6.0, 1e-5);
-    REQUIRE_NEAR((double) p->display[1][0], 1.0, 0); /* what is beyond the border is as the border */
+    REQUIRE_NEAR((double) p->display[1][0], 1.0, 0); /* pixels beyond the border repeat it */
     free(p);
 }
 
-/* Nor where there is but one sample, nor straight colours beside an alpha. */
+/* No filter with a single sample, nor for straight colours with an alpha channel. */
 static void what_is_not_to_be_filtered_keeps_its_bits(void **state)
 {
     struct picture *plain = filtered(grain, PELL_PIXEL_FILTER_BOX, 4, PELL_BACKGROUND_COLOR), *others[3];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_transmission.c - light from behind through thin parts, and what must hold for all lights together. */
+ * test_transmission.c - light transmitted through thin parts, and invariants of all lights together. */
 #include "lights_rig.h"
 
 #define SIZE (SLOW ? 16 : 32)
@@ -15,7 +15,7 @@ static void start_slab(struct rig *r, float thickness)
     rig_camera(r, 40.0f);
 }
 
-/* Sum over points of the light's face of share(t) E(A), A where the way from p to the point leaves the slab below. */
+/* Sum over points of the light's face of share(t) E(A), where the segment from p to the point leaves the slab's lower side at A. */
 static double slab_under(const struct pell_light *l, struct pell_vec3 p, double thickness, int channel)
 {
     const struct pell_vec3 at = vec3_load(l->position), up = vec3_load(l->up), axis = vec3_load(l->direction), right = vec3_cross(axis, up);
@@ -72,7 +72,7 @@ static void slab_transmits_every_light(void **state)
         }
 }
 
-/* A light that covers all that is below gives what even light does, however near it is: share(t) pi L. */
+/* A light that covers the whole lower hemisphere gives the light of a uniform one, at any distance: share(t) pi L. */
 static void a_wide_light_is_even_light(void **state)
 {
     (void) state;
@@ -114,7 +114,8 @@ static struct pell_texture *add_environment(struct rig *r)
     return t;
 }
 
-/* Under even light the thin slab shows share(t) pi L; under a picture, share(t) times what enters a slab turned round. */
+/* Under uniform illumination the thin slab shows share(t) pi L; under an environment image, share(t) times the light that enters a
+ * reversed slab. */
 static void slab_transmits_an_environment(void **state)
 {
     (void) state;
@@ -128,7 +129,7 @@ static void slab_transmits_an_environment(void **state)
             l = rig_light(&r, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, 1), 1.5f);
             l->power[1] = l->power[2] = 1.5f;
             l->image = image ? add_environment(&r) : NULL;
-            l->rotate = turned ? PELL_PI_F : 0.0f; /* about y: what was below is above */
+            l->rotate = turned ? PELL_PI_F : 0.0f; /* about y: swaps both sides */
             rig_render(&r);
             for (int c = 0; c < 3; c++)
                 *(turned ? &entered[c] : &transmitted[c]) =
@@ -143,7 +144,7 @@ static void slab_transmits_an_environment(void **state)
     }
 }
 
-/* What the multisamples transmit, their mean in `mean`; the most that one of them is off it, over it. Returns the rays. */
+/* Transmitted light of the multisamples, their mean in `mean`; the largest deviation of one of them, relative to it. Returns the rays. */
 static int64_t transmitted_by_samples(struct rig *r, double mean[SIZE * SIZE], double *off)
 {
     static double all[4][SIZE * SIZE];
@@ -167,7 +168,8 @@ static int64_t transmitted_by_samples(struct rig *r, double mean[SIZE * SIZE], d
     return rays;
 }
 
-/* Each pixel has all lights of an environment in one frame, as if they had no turns; with fewer rays. The sun is strong, and has none. */
+/* Each pixel evaluates all lights of an environment in one frame, rather than in turns; with fewer rays. The sun is strong, and is
+ * evaluated every time. */
 static void lights_take_turns(void **state)
 {
     static double turns[SIZE * SIZE], all[SIZE * SIZE];
@@ -218,7 +220,7 @@ static void a_projected_image_shows_through_the_slab(void **state)
     l->image = t;
     rig_render(&r);
     for (int x = 0; x < SIZE; x++) {
-        const bool right = rig_point(&r, x, 5).x < 0.0f; /* along the light's way, +z, the right is -x */
+        const bool right = rig_point(&r, x, 5).x < 0.0f; /* along the light's direction, +z, the right is -x */
         const float got = r.light.transmitted[0][rig_at(&r, x, 5)];
         REQUIRE_NEAR(got, right ? table_share(1.0, 0) : 0.0, 1e-3);
         lit += right;
@@ -228,7 +230,7 @@ static void a_projected_image_shows_through_the_slab(void **state)
     rig_finish(&r);
 }
 
-/* Opaque bone and another solid stop the light; a shell of the same object doesn't. */
+/* Opaque bone and another solid block the light; a shell of the same object does not. */
 static void inner_objects(void **state)
 {
     static const struct {
@@ -316,11 +318,11 @@ static void falls_with_thickness_for_every_light(void **state)
 
 /* --- All lights together ------------------------------------------------------------------------------------------------------ */
 
-/* Slow: without the second environment, and with a picture in the first only where threads are tried: it takes longest to make. */
+/* Slow: without the second environment, and with an environment image only where threads are tested: it takes longest to prepare. */
 enum { WIDE = SLOW ? 48 : 80, HIGH = SLOW ? 34 : 56, LIGHTS = SLOW ? 11 : 12, PICTURE = 1 << 12, PICTURE_MOSTLY = SLOW ? 0 : PICTURE };
 #define EVERY ((1u << LIGHTS) - 1)
 
-/* A glossy sphere, a thin slab beside it and a bone inside, under the lights of a bit mask. */
+/* A glossy sphere, with a thin slab next to it and a bone inside, under the lights of a bit mask. */
 static void start_everything(struct rig *r, unsigned lights)
 {
     size_t skin, bone;
@@ -388,15 +390,15 @@ static struct pell_vec3 turn(struct pell_vec3 v)
     return vec3_mad(vec3_mad(vec3_mul(v, c), s, vec3_cross(k, v)), (1.0f - c) * vec3_dot(k, v), k);
 }
 
-static void turn_in_place(float *v)
+static void rotate_vector(float *v)
 {
     vec3_store(turn(vec3_load(v)), v);
 }
 
-/* A light turned with the object gives the same light, behind as in front. */
+/* A light rotated together with the object gives the same light, from behind and from the front. */
 static void everything_turned_looks_the_same(void **state)
 {
-    const unsigned lights = 0x7u | 0x7u << 6; /* without random samples; an environment turns about y only */
+    const unsigned lights = 0x7u | 0x7u << 6; /* without random samples; an environment rotates about y only */
     struct rig a, b;
     double front = 0.0, behind = 0.0;
     int differ = 0, covered = 0;
@@ -406,17 +408,17 @@ static void everything_turned_looks_the_same(void **state)
     start_everything(&b, lights);
     for (size_t m = 0; m < b.scene->num_meshes; m++)
         for (uint32_t v = 0; v < b.scene->meshes[m].num_vertices; v++) {
-            turn_in_place(b.scene->meshes[m].position + 3 * v);
-            turn_in_place(b.scene->meshes[m].normal + 3 * v);
+            rotate_vector(b.scene->meshes[m].position + 3 * v);
+            rotate_vector(b.scene->meshes[m].normal + 3 * v);
         }
     for (size_t i = 0; i < b.scene->num_lights; i++) {
-        turn_in_place(b.scene->lights[i].position);
-        turn_in_place(b.scene->lights[i].direction);
-        turn_in_place(b.scene->lights[i].up);
+        rotate_vector(b.scene->lights[i].position);
+        rotate_vector(b.scene->lights[i].direction);
+        rotate_vector(b.scene->lights[i].up);
     }
-    turn_in_place(b.scene->cameras[0].position);
-    turn_in_place(b.scene->cameras[0].forward);
-    turn_in_place(b.scene->cameras[0].up);
+    rotate_vector(b.scene->cameras[0].position);
+    rotate_vector(b.scene->cameras[0].forward);
+    rotate_vector(b.scene->cameras[0].up);
     rig_render(&b);
     for (int y = 0; y < HIGH; y++)
         for (int x = 0; x < WIDE; x++) {
@@ -426,7 +428,7 @@ static void everything_turned_looks_the_same(void **state)
             covered++;
             for (int c = 0; c < 3; c++) {
                 const double e = a.light.irradiance[c][i], t = a.light.transmitted[c][i];
-                /* edges of shadows and of facets may fall to the other side */
+                /* edges of shadows and of facets may change sides */
                 differ += fabs(b.light.irradiance[c][i] - e) > 1e-3 * (e + 0.01) ||
                           fabs(b.light.transmitted[c][i] - t) > 1e-3 * (t + 0.01) ||
                           fabs(b.light.specular[c][i] - a.light.specular[c][i]) > 2e-3 * (a.light.specular[c][i] + 0.01);
@@ -499,7 +501,7 @@ static void the_terminator_is_smooth(void **state)
             REQUIRE(isfinite(e) && isfinite(t) && e >= 0.0 && t >= 0.0);
             REQUIRE_NEAR(e, fmax(n, 0.0), 8e-3);
             REQUIRE(n > 0.01 ? t == 0.0 : true);
-            /* near the terminator what comes through vanishes faster than what enters grows */
+            /* near the terminator the transmitted light vanishes faster than the entering light grows */
             REQUIRE(n < 0.0 && n > -0.3 ? t <= 2.0 * fabs(n) * n * n + 1e-3 : true);
             REQUIRE(fabs(e + t - before) < 0.02 + (fabs(n) > 0.9 ? 0.3 : 0.0));
         }
@@ -511,8 +513,8 @@ static void the_terminator_is_smooth(void **state)
     }
 }
 
-/* Where the triangle faces the light and the smooth normal does not, the way to it begins in air: a wall that the light comes through on
- * the way counts as it does beside it, where the triangle faces away, too. */
+/* Where the triangle faces the light and the smooth normal does not, the segment to the light begins in air: a wall on this segment that
+ * transmits the light counts as it does next to it, where the triangle faces away, too. */
 static void a_wall_between_terminators(void **state)
 {
     const float tilt = 0.2f, up = sqrtf(1.0f - tilt * tilt);
@@ -523,7 +525,7 @@ static void a_wall_between_terminators(void **state)
         struct rig r;
         rig_start(&r, SIZE, SIZE);
         m = rig_material(&r, false);
-        floor = rig_box(&r, m, 0, vec3(-0.5f, -0.5f, 0), vec3(0.5f, 0.5f, 1)); /* small, so that it is not lifted far */
+        floor = rig_box(&r, m, 0, vec3(-0.5f, -0.5f, 0), vec3(0.5f, 0.5f, 1)); /* small, so that its terminator offset is small */
         for (int k = 16; k < 20; k++)                                          /* its upper side */
             vec3_store(vec3(-tilt, 0.0f, up), &r.scene->meshes[floor].normal[3 * k]);
         if (wall)
@@ -559,7 +561,7 @@ static void grazing_lights_stay_finite(void **state)
             l->width = l->height = l->radius = k % 2 ? 30.0f : 1e-3f;
         }
         rig_light(&r, PELL_LIGHT_POINT, vec3(0, 0, 0.005f), vec3(0, 0, 1), 1.0f);                                 /* inside the slab */
-        rig_light(&r, PELL_LIGHT_POINT, vec3(-19.375f, 19.375f, 0.01f * (float) (1 + k)), vec3(0, 0, 99), 1e30f); /* in the surface */
+        rig_light(&r, PELL_LIGHT_POINT, vec3(-19.375f, 19.375f, 0.01f * (float) (1 + k)), vec3(0, 0, 99), 1e30f); /* on the surface */
         r.settings.light_samples = 2;
         r.settings.ambient_samples = 2;
         rig_render(&r);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_unscattered.c - light that passes a slab without being scattered, against its closed form; and nothing where none can pass. */
+ * test_unscattered.c - light that passes a slab without scattering, against its closed form; and none where none can pass. */
 #include "stage.h"
 
 #include "render/unscattered/boundary.h"
@@ -8,11 +8,11 @@
 
 enum { SIZE = 24, SMALL = 6, MIDDLE = 48 };
 
-/* Extinction of a medium that hardly scatters, 1/mm. */
+/* Extinction of a medium with little scattering, 1/mm. */
 static const double absorbed[3] = { 0.05, 0.1, 0.2 }, scattered = 0.01;
 static const double eta = 1.4;
 
-/* Fresnel's transmittance of unpolarised light from outside at that cosine; *inside: that below. */
+/* Fresnel transmittance of unpolarised light from outside at the given cosine; *inside: the refracted cosine. */
 static double passes(double c, double *inside)
 {
     const double t = sqrt(1.0 - (1.0 - c * c) / (eta * eta)), s = (c - eta * t) / (c + eta * t), p = (t - eta * c) / (t + eta * c);
@@ -21,7 +21,7 @@ static double passes(double c, double *inside)
     return 1.0 - 0.5 * (s * s + p * p);
 }
 
-/* What the middle of the picture shows of a slab in even light with light that passes it, and without. */
+/* Radiance in the middle of the image for a slab in a uniform environment with unscattered light, and without. */
 static void look(double thickness, double tilt, double extinction, double shown[2][3], struct shot shots[2])
 {
     struct stage s;
@@ -50,8 +50,8 @@ static void look(double thickness, double tilt, double extinction, double shown[
     stage_finish(&s);
 }
 
-/* T^2 exp(-sigma_t d / cos) of what is behind: indices of refraction cancel. What boundaries reflect inside is left out, by the stage and
- * here. */
+/* T^2 exp(-sigma_t d / cos) times the radiance behind: the n^2 factors of refraction cancel. Internal reflections are left out, by the
+ * stage and here. */
 static void a_slab_shows_what_is_behind_it_as_its_closed_form(void **state)
 {
     (void) state;
@@ -72,7 +72,7 @@ static void a_slab_shows_what_is_behind_it_as_its_closed_form(void **state)
     }
 }
 
-/* A clear ball whose normals are turned at random, before a lamp: what that sends through, of the middle of the picture. */
+/* A clear ball with randomly perturbed normals, in front of a light: the transmitted radiance in the middle of the image. */
 static void look_through_bumps(int samples, uint32_t seed, float *shown)
 {
     enum { WIDE = 2 * MIDDLE };
@@ -117,7 +117,7 @@ static void look_through_bumps(int samples, uint32_t seed, float *shown)
     stage_finish(&s);
 }
 
-/* Of ways as by chance pixels have the mean, and no light is lost by that. */
+/* Randomly directed paths: pixels have the correct mean, and no light is lost. */
 static void bumps_do_not_make_specks_of_a_lamp(void **state)
 {
     static float one[MIDDLE * MIDDLE], many[MIDDLE * MIDDLE];
@@ -131,23 +131,23 @@ static void bumps_do_not_make_specks_of_a_lamp(void **state)
         sum += (double) one[i];
         expected += (double) many[i];
     }
-    peaks = squares * MIDDLE * MIDDLE / (sum * sum); /* of light on all pixels alike 1, on a tenth of them 10 */
+    peaks = squares * MIDDLE * MIDDLE / (sum * sum); /* with light 1 on all pixels, and 10 on a tenth of them */
     print_message("# peaks %.2f, all %.4g, of many samples %.4g\n", peaks, sum, expected);
-    REQUIRE(peaks < 8.0); /* 12 of ways that are left alone */
+    REQUIRE(peaks < 8.0); /* 12 paths that are not modified */
     REQUIRE_REL(sum, expected, SLOW ? 0.2 : 0.05);
 }
 
-/* Mean over the bundles against two lobes that are drawn apart, by many slopes of the second. */
+/* Mean over the bundles against two separate lobes, by many slopes of the second. */
 static void lobes_of_two_boundaries_have_their_density(void **state)
 {
     enum { SLOPES = 20000 };
-    static const float wide[] = { 0.1f, 0.06f, 0.03f }, places[] = { 0.5f, 1.0f, 1.5f, 2.0f, 3.0f, 5.0f };
+    static const float wide[] = { 0.1f, 0.06f, 0.03f }, offsets[] = { 0.5f, 1.0f, 1.5f, 2.0f, 3.0f, 5.0f };
     (void) state;
 
     for (size_t k = 0; k < PELL_COUNT(wide); k++)
-        for (size_t i = 0; i < PELL_COUNT(places); i++) {
+        for (size_t i = 0; i < PELL_COUNT(offsets); i++) {
             const struct unscattered_lobe lobe = { .earlier = 0.1f, .last = wide[k] };
-            const double x = (double) (places[i] * (0.1f + wide[k])), far = 1.0 + x * x;
+            const double x = (double) (offsets[i] * (0.1f + wide[k])), far = 1.0 + x * x;
             double found = 0.0, expected = 0.0, most = 0.0;
             for (uint32_t b = 0; b < UNSCATTERED_BUNDLES; b++) {
                 float bundle[4][UNSCATTERED_BUNDLE];
@@ -162,22 +162,22 @@ static void lobes_of_two_boundaries_have_their_density(void **state)
                 const double dx = x - m * cos(turn), dy = m * sin(turn), d = 0.01 + dx * dx + dy * dy;
                 expected += 0.01 / (d * d) / SLOPES / PELL_PI * far * sqrt(far);
             }
-            print_message("# widths 0.1 and %g, at %g of both: %.3f of it, at most %.2f\n", (double) wide[k], (double) places[i],
+            print_message("# widths 0.1 and %g, at %g of both: %.3f of it, at most %.2f\n", (double) wide[k], (double) offsets[i],
                           found / expected, most / expected);
             REQUIRE_REL(found, expected, 0.06);
             REQUIRE(most < 2.5 * expected);
         }
 }
 
-/* Over a block of pixels: facets from a disc of slopes, evenly, and what the lobe keeps about each, against the whole lobe. */
+/* Over a block of pixels: facets from a disc of slopes, uniformly, with the narrower lobe about each, against the whole lobe. */
 static void drawn_facets_and_the_rest_are_the_whole_lobe(void **state)
 {
     enum { SIDE = 32 };
-    static const float places[] = { 0.0f, 0.5f, 1.0f };
+    static const float offsets[] = { 0.0f, 0.5f, 1.0f };
     const float alpha = 0.1f;
     struct unscattered_lobe rest = { .last = alpha };
     const float none[4][UNSCATTERED_BUNDLE] = { 0 };
-    double mean[2] = { 0.0 }, squares = 0.0, found[PELL_COUNT(places)] = { 0.0 };
+    double mean[2] = { 0.0 }, squares = 0.0, found[PELL_COUNT(offsets)] = { 0.0 };
     (void) state;
 
     unscattered_narrow(&rest);
@@ -190,19 +190,20 @@ static void drawn_facets_and_the_rest_are_the_whole_lobe(void **state)
         mean[0] += x / (SIDE * SIDE);
         mean[1] += y / (SIDE * SIDE);
         squares += (x * x + y * y) / (SIDE * SIDE);
-        for (size_t k = 0; k < PELL_COUNT(places); k++)
-            found[k] += (double) unscattered_density(&rest, none, (float) x - places[k] * alpha, (float) y) / (SIDE * SIDE);
+        for (size_t k = 0; k < PELL_COUNT(offsets); k++)
+            found[k] += (double) unscattered_density(&rest, none, (float) x - offsets[k] * alpha, (float) y) / (SIDE * SIDE);
     }
     REQUIRE(hypot(mean[0], mean[1]) < 0.01 * (double) alpha);
     REQUIRE_REL(squares, 0.5 * (double) (UNSCATTERED_DISC * UNSCATTERED_DISC * alpha * alpha), 0.01);
-    for (size_t k = 0; k < PELL_COUNT(places); k++) {
-        const double m2 = (double) (places[k] * places[k]), expected = 1.0 / (PELL_PI * (double) (alpha * alpha) * (1.0 + m2) * (1.0 + m2));
-        print_message("# at %g: %.3f of it\n", (double) places[k], found[k] / expected);
+    for (size_t k = 0; k < PELL_COUNT(offsets); k++) {
+        const double m2 = (double) (offsets[k] * offsets[k]),
+                     expected = 1.0 / (PELL_PI * (double) (alpha * alpha) * (1.0 + m2) * (1.0 + m2));
+        print_message("# at %g: %.3f of it\n", (double) offsets[k], found[k] / expected);
         REQUIRE_REL(found[k], expected, k == 0 ? 0.02 : 0.15);
     }
 }
 
-/* Which share of pixels' ways comes out of a dense medium, by facets, against the area of the disc of slopes that lets them out. */
+/* Fraction of pixels' paths that leave a dense medium, by facets, against the area of the disc of slopes below the critical angle. */
 static void ways_come_out_by_degrees_around_the_critical_angle(void **state)
 {
     enum { SIDE = 32, SLOPES = 400 };
@@ -249,12 +250,12 @@ static void thick_parts_keep_their_bits(void **state)
     shot_free(&shots[1]);
 }
 
-/* Clear, with a phase function as peaked as apple juice's, and white, as skimmed milk. 1/mm. */
+/* Clear, with a phase function as peaked as apple juice's, and white, like skimmed milk. 1/mm. */
 static const struct medium {
     double sigma_a, sigma_s_reduced, g;
 } clear = { 0.05, 2.5e-4, 0.945 }, white = { 0.0015, 0.7, 0.82 };
 
-/* What a slab shows of even light of 1 W/(m^2 sr), in the mean of its middle. */
+/* Radiance of a slab under uniform illumination of 1 W/(m^2 sr), averaged over its middle. */
 static double even_light_of(const char *method, const char *const *knobs, const struct medium *of, float thickness)
 {
     struct stage s;
@@ -290,7 +291,7 @@ static double even_light_of(const char *method, const char *const *knobs, const 
     return shown;
 }
 
-/* Each part of the light is there once: what is scattered, what is scattered forward, and what is not. */
+/* Each component of the light is counted once: scattered, forward-scattered, and unscattered. */
 static void slabs_in_even_light_show_as_much_as_there_is(void **state)
 {
     static const char *const methods[] = { "screen-space", "texture-space", "hierarchical", "dipole" };
@@ -308,8 +309,7 @@ static void slabs_in_even_light_show_as_much_as_there_is(void **state)
         }
 }
 
-/* The reference has it at every thickness: of what flies farther than flights are split (walk.c), too. What boundaries reflect inside is
- * 1 %. */
+/* The reference agrees at every thickness, including flights longer than split flights (walk.c). Internal reflections are 1 %. */
 static void path_trace_lets_it_through_at_every_thickness(void **state)
 {
     static const char *const knobs[] = { "samples=256", NULL };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * gltf_test.h - what the tests of the glTF reader share: importing a file or bytes into a fresh scene, building a GLB, and a small
- * document that uses most of what the reader reads. */
+ * gltf_test.h - shared by the tests of the glTF reader: import of a file or bytes into a new scene, construction of a GLB, and a small
+ * document that uses most of the supported features. */
 #ifndef PELL_GLTF_TEST_H
 #define PELL_GLTF_TEST_H
 
@@ -8,7 +8,7 @@
 #include "pell_test.h"
 #include "scene/import.h"
 
-/* The file's content in its own units, as the importer leaves it; *scene is there also after a failure. */
+/* The file's content in its own units, as the importer produces it; *scene exists also after a failure. */
 static inline enum pell_result import_bytes(struct pell_context *ctx, const char *path, const char *root, const void *data, size_t size,
                                             struct pell_scene **scene)
 {
@@ -73,7 +73,7 @@ static inline enum pell_result import_glb(struct pell_context *ctx, const char *
     uint8_t *glb = make_glb(json, bin, bin_size, &size), *exact;
     enum pell_result res;
 
-    /* exactly as many bytes and the NUL that the contract promises, so that a sanitizer sees any read beyond */
+    /* exactly as many bytes as given plus the NUL of the contract, so that a sanitizer detects any read beyond */
     exact = malloc(size + 1);
     if (!exact)
         abort();
@@ -85,7 +85,7 @@ static inline enum pell_result import_glb(struct pell_context *ctx, const char *
     return res;
 }
 
-/* A 2 x 2 picture: PNG, RGB: red, green / blue, white. */
+/* A 2 x 2 image: PNG, RGB: red, green / blue, white. */
 #define TINY_PNG "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAEklEQVR42mP4z8DAAMIM/4EAAB/uBfvxq7p3AAAAAElFTkSuQmCC"
 
 #define CORNERS 4
@@ -138,7 +138,7 @@ static inline struct square make_square(void)
     "\"indices\":{\"bufferView\":6,\"componentType\":5123},\"values\":{\"bufferView\":7}}},"                                               \
     "{\"bufferView\":8,\"componentType\":5126,\"count\":2,\"type\":\"VEC3\"}],"
 
-/* Most of what the reader reads, in about 5 kB. */
+/* Most of the supported features, in about 5 kB. */
 #define RICH_JSON                                                                                                                          \
     "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\",\"KHR_texture_transform\"],"                             \
     "\"scene\":0,\"scenes\":[{\"name\":\"main\",\"nodes\":[0,4]}],"                                                                        \

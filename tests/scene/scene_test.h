@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * scene_test.h - loading scenes from texts in memory, and small shapes, for the tests of src/scene. */
+ * scene_test.h - shared by the tests of src/scene: scenes loaded from texts in memory, and small shapes. */
 #ifndef PELL_SCENE_TEST_H
 #define PELL_SCENE_TEST_H
 
@@ -23,13 +23,13 @@ static inline enum pell_result read_memory(void *user, struct pell_context *ctx,
     return pell_error(ctx, PELL_ERR_IO, path, NULL, "there is no such file");
 }
 
-/* Loads bytes under a name; other files come from `files`, or from nowhere. */
+/* Loads bytes under a name; other files come from `files`, or do not exist. */
 static inline enum pell_result load_bytes(struct pell_context *ctx, const char *name, const void *data, size_t size,
                                           const struct pell_load_params *params, const struct memory_file *files, struct pell_scene **scene)
 {
     static const struct pell_load_params none;
     const struct pell_loader loader = { ctx, params ? params : &none, "/nowhere", read_memory, (void *) files };
-    uint8_t *copy = malloc(size + 1); /* exact: the sanitizer sees a byte too far */
+    uint8_t *copy = malloc(size + 1); /* exact: the sanitizer detects a read beyond */
     enum pell_result res;
 
     if (!copy)
@@ -73,7 +73,7 @@ static inline double mesh_area(const struct pell_mesh *m)
     return sum;
 }
 
-/* A sphere about the origin as OBJ text, with poles; `split` writes each triangle's vertices anew. free() it. */
+/* A sphere about the origin as OBJ text, with poles; `split` writes separate vertices for each triangle. free() it. */
 static inline char *sphere_obj(int rings, double radius, bool split, bool inward)
 {
     const int around = 2 * rings;

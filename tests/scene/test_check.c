@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_check.c - what pell_scene_check finds: volumes, areas, edges, and every kind of problem. */
+ * test_check.c - results of pell_scene_check: volumes, areas, edges, and every kind of problem. */
 #include "scene_test.h"
 
 struct checked {
@@ -87,7 +87,7 @@ static void a_cube_without_area_is_said_to_have_none(void **state)
     finish(&c);
 }
 
-/* A tetrahedron pressed flat: no volume, whatever its normals say. */
+/* A flattened tetrahedron: no volume, whatever its normals are. */
 static void sides_that_lie_on_each_other_enclose_nothing(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
@@ -99,7 +99,7 @@ static void sides_that_lie_on_each_other_enclose_nothing(void **state)
     finish(&c);
 }
 
-/* Two nodes of one mesh at the same place, and a third moved by the width of a hair. */
+/* Two nodes with the same mesh at the same position, and a third moved by 0.1 mm or so. */
 static void an_object_that_is_there_twice_is_found(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
@@ -119,7 +119,7 @@ static void an_object_that_is_there_twice_is_found(void **state)
     finish(&c);
 }
 
-/* A box and the same box turned about their middle: sums of their corners are alike. */
+/* A box and the same box rotated about its centre: the sums of their corners are equal. */
 static void two_objects_that_cross_are_no_copies(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 1.0, .bare = true };
@@ -136,7 +136,7 @@ static void two_objects_that_cross_are_no_copies(void **state)
     finish(&c);
 }
 
-/* From inside, from outside but within the bounds of the two parts, and right beside a face. */
+/* From inside, from outside but within the bounds of both parts, and directly next to a face. */
 static void a_camera_inside_an_object_is_found(void **state)
 {
     static const struct {
@@ -164,16 +164,16 @@ static void fins_flips_and_flat_triangles_are_found(void **state)
 {
     const struct pell_load_params params = { .mm_per_unit = 20.0, .bare = true };
     struct checked c = check("cube.obj",
-                             "v 0.5 0.5 2\nv 2 0 0\n" /* shifts the numbers: */
+                             "v 0.5 0.5 2\nv 2 0 0\n" /* shifts the indices: */
                              "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
-                             "f 3 4 5 6\nf 7 8 9 10\nf 3 4 8 7\nf 4 5 9 8\nf 5 6 10 9\nf 6 3 7 10\n" /* first side turned over */
+                             "f 3 4 5 6\nf 7 8 9 10\nf 3 4 8 7\nf 4 5 9 8\nf 5 6 10 9\nf 6 3 7 10\n" /* first side flipped */
                              "f 7 8 1\n"                                                             /* a fin on an edge */
                              "f 3 3 4\n",                                                            /* flat */
                              &params, NULL);
     const struct pell_object_report *o = c.report.objects;
     (void) state;
 
-    assert_int_equal(o->flipped_edges, 0); /* it was turned back */
+    assert_int_equal(o->flipped_edges, 0); /* it was flipped back */
     assert_int_equal(o->nonmanifold_edges, 1);
     assert_int_equal(o->boundary_edges, 2);
     assert_int_equal(o->degenerate_triangles, 1);
@@ -249,7 +249,7 @@ static void media_that_do_not_fit_their_object_are_named(void **state)
         "{\"pellucid\":1,\"mesh\":\"cube.obj\",\"size\":\"90mm\",\"ground\":true,\"materials\":{\"*\":{\"preset\":\"skin-6gaussian\"}}}",
         NULL, files);
     find(&c, "sum of 6 Gaussians");
-    assert_int_equal(c.report.num_objects, 1); /* the ground is none */
+    assert_int_equal(c.report.num_objects, 1); /* the ground is not an object */
     assert_int_equal(c.report.triangles, 12);
     finish(&c);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_complete.c - what is made for a scene: normals with creases, tangents, orientation, camera, lights, ground; and what is refused. */
+ * test_complete.c - completion of a scene: normals with creases, tangents, orientation, camera, lights, ground; and what is refused. */
 #include "scene_test.h"
 
 #include "scene/mesh/topology.h"
@@ -47,7 +47,7 @@ static void a_cube_keeps_flat_faces(void **state)
     finish(s);
 }
 
-/* Largest angle between vertex normals and the true sphere's. */
+/* Largest angle between vertex normals and the exact normals of the sphere. */
 static double sphere_error(const struct pell_mesh *m)
 {
     double worst = 0.0;
@@ -74,7 +74,7 @@ static void a_sphere_is_smooth_however_its_vertices_are_split(void **state)
     }
 }
 
-/* A sphere of triangles of their own, each with the normal of its plane: as programs write them that shade flat. */
+/* A sphere of separate triangles, each with the normal of its plane: as programs write flat shading. */
 static char *faceted_sphere(int rings)
 {
     char *soup = sphere_obj(rings, 20.0, true, false), *out = NULL, *line = soup;
@@ -118,12 +118,12 @@ static void facets_are_told_of_and_smoothed_on_demand(void **state)
     for (size_t i = 0; i < PELL_COUNT(cases); i++) {
         struct pell_scene *s = load(cases[i].text, cases[i].params, NULL);
         struct pell_scene_report report;
-        bool told = false;
+        bool reported = false;
         assert_int_equal(pell_scene_check(s, &report), PELL_OK);
         for (size_t k = 0; k < report.num_problems; k++)
-            told |= strstr(report.problems[k].what, "--normals smooth") != NULL;
+            reported |= strstr(report.problems[k].what, "--normals smooth") != NULL;
         assert_int_equal(report.objects[0].faceted, cases[i].flat);
-        assert_int_equal(told, cases[i].flat);
+        assert_int_equal(reported, cases[i].flat);
         pell_scene_report_finish(s->ctx, &report);
         if (cases[i].sphere)
             assert_int_equal(sphere_error(&s->meshes[0]) > 0.05, cases[i].flat);
@@ -155,22 +155,22 @@ static void normals_weigh_faces_by_area_times_angle(void **state)
     (void) state;
 
     REQUIRE_NEAR(vec3_dot(normal_at_origin("v 0 0 0\nv 1 0 0\nv 0 1 0\nv -1 0 -1\nf 1 2 3\nf 1 3 4\n"), whole), 1.0, 1e-6);
-    /* Cut in halves through the corner the front has half the area at half the angle twice: half the weight. */
+    /* Split into halves through the corner the front has half the area at half the angle twice: half the weight. */
     REQUIRE_NEAR(vec3_dot(normal_at_origin("v 0 0 0\nv 1 0 0\nv 0 1 0\nv -1 0 -1\nv 0.5 0.5 0\nf 1 2 5\nf 1 5 3\nf 1 3 4\n"),
                           vec3_normalize(vec3_add(half, side))),
                  1.0, 1e-6);
 }
 
-/* Steps of single precision are 1 at 1e7. */
+/* The spacing of single precision is 1 at 1e7. */
 static void what_is_too_far_for_its_size_is_told(void **state)
 {
-    static const char *const places[] = { "10000000", "10000" };
+    static const char *const distances[] = { "10000000", "10000" };
     (void) state;
 
-    for (size_t i = 0; i < PELL_COUNT(places); i++) {
+    for (size_t i = 0; i < PELL_COUNT(distances); i++) {
         char text[256];
         struct kept_messages kept = { 0 };
-        snprintf(text, sizeof(text), "v %s 0 0\nv %s 2 0\nv %s 0 2\nf 1 2 3\n", places[i], places[i], places[i]);
+        snprintf(text, sizeof(text), "v %s 0 0\nv %s 2 0\nv %s 0 2\nf 1 2 3\n", distances[i], distances[i], distances[i]);
         finish(load(text, &bare_mm, &kept));
         assert_int_equal(kept.warnings, i == 0 ? 1 : 0);
         if (i == 0)
@@ -191,7 +191,8 @@ static void degenerate_triangles_do_not_hurt(void **state)
     finish(s);
 }
 
-/* A copy turned by a corner and one of vertices of its own go; one that is wound the other way or textured otherwise stays. */
+/* A copy with rotated corners and one with separate vertices are removed; one with opposite winding or other texture coordinates is
+ * kept. */
 static void repeated_triangles_are_left_out(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -206,7 +207,7 @@ static void repeated_triangles_are_left_out(void **state)
     finish(s);
 }
 
-/* As many as there are, upon each other: no work for each pair. */
+/* The maximal number of triangles, coincident: must not take quadratic time. */
 static void very_many_repeated_triangles_take_no_time(void **state)
 {
     enum { COUNT = SLOW ? 20000 : 200000 };
@@ -271,7 +272,7 @@ static void what_is_inside_out_is_turned_with_its_normals(void **state)
     finish(s);
     free(soup);
 
-    /* Its own normals point in, like the winding: both are turned. */
+    /* Its own normals point inward, like the winding: both are flipped. */
     s = load(CUBE_VERTICES
              "vn 1 1 1\nvn -1 -1 -1\nf 2//1 3//1 4//1 1//1\nf 8//2 7//2 6//2 5//2\nf 5//1 6//1 2//1 1//1\nf 6//2 7//2 3//2 2//2\n"
              "f 7//2 8//2 4//2 3//2\nf 8//1 5//1 1//1 4//1\n",
@@ -285,16 +286,17 @@ static void what_is_inside_out_is_turned_with_its_normals(void **state)
     finish(s);
 }
 
-/* A hollow ball inside out becomes one; what is in the box of a ball inside out, but not in the ball, stays as it is. */
+/* A hollow ball inside out becomes outward; an object inside the bounding box of an inverted ball, but not inside the ball, is
+ * unchanged. */
 static void a_hollow_is_turned_with_what_is_around_it(void **state)
 {
-    static const char beside[] =
+    static const char outside[] =
         "v 4.4 4.4 4.4\nv 4.8 4.4 4.4\nv 4.4 4.8 4.4\nv 4.4 4.4 4.8\nf -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n";
     char *outer = sphere_obj(12, 5.0, false, true), *inner = sphere_obj(12, 3.0, false, false);
     (void) state;
 
     for (int within = 0; within < 2; within++) {
-        const char *other = within ? inner : beside;
+        const char *other = within ? inner : outside;
         const double want = 4.0 / 3.0 * PELL_PI * (within ? 125.0 - 27.0 : 125.0);
         char *text = malloc(strlen(outer) + strlen(other) + 1);
         struct kept_messages kept = { 0 };
@@ -312,8 +314,8 @@ static void a_hollow_is_turned_with_what_is_around_it(void **state)
     free(inner);
 }
 
-/* An open sheet of which every third triangle is wound the other way. With normals most may be; normals that follow the winding (2) are
- * turned with it. */
+/* An open sheet of which every third triangle has opposite winding. With normals more than half may be flipped; normals that follow the
+ * winding (2) are flipped with it. */
 static void triangles_face_as_their_neighbours_do(void **state)
 {
     enum { N = 6 };
@@ -350,8 +352,7 @@ static void triangles_face_as_their_neighbours_do(void **state)
     }
 }
 
-/* A cube inside out whose last side was rounded apart from the others is closed enough to say where outside is; one that lacks a side is
- * not. */
+/* An inverted cube whose last side has separately rounded vertices is closed enough to be oriented; one without a side is not. */
 static void what_is_nearly_closed_is_turned(void **state)
 {
     static const char *const last[] = { "v 0 0 1e-6\nv 0 1 1e-6\nv 1 1 1e-6\nv 1 0 1e-6\nf 9 12 11 10\n", "" };
@@ -422,7 +423,7 @@ static struct pell_scene *mapped(const float (*position)[3], const float (*uv)[2
     return s;
 }
 
-/* A texture of floats can hold anything; what reflects more than all light, or less than none, makes no picture. */
+/* A floating-point texture can hold any value; reflectances above one or below zero are clamped. */
 static void maps_of_floats_are_limited(void **state)
 {
     static const float given[4] = { -5.0f, 0.25f, 1e30f, 3.0f }, reflected[4] = { 0.0f, 0.25f, 1.0f, 1.0f },
@@ -467,7 +468,7 @@ static void tangents_follow_u_and_bitangents_run_up(void **state)
 
     for (int i = 0; i < 4; i++) {
         REQUIRE_NEAR(s->meshes[0].tangent[4 * i], 1.0, 1e-6);
-        REQUIRE_NEAR(s->meshes[0].tangent[4 * i + 3], 1.0, 0); /* cross(+z, +x) = +y: up in the picture */
+        REQUIRE_NEAR(s->meshes[0].tangent[4 * i + 3], 1.0, 0); /* cross(+z, +x) = +y: up in the image */
     }
     finish(s);
     s = mapped(position, mirrored, 4, index, 2);
@@ -559,7 +560,7 @@ static void the_default_camera_fills_eighty_percent(void **state)
     }
 }
 
-/* Irradiance on a facing plane at a point, by adding up a fine grid over the rectangle. */
+/* Irradiance on a facing plane at a point, by summation over a fine grid on the rectangle. */
 static double rect_irradiance(const struct pell_light *l, const float *point)
 {
     enum { N = 64 };
@@ -598,14 +599,14 @@ static void studio_lights_are_as_bright_on_a_grain_as_on_a_house(void **state)
             sum += e;
         }
         REQUIRE(sum > PELL_PI && sum < 3.0 * PELL_PI);
-        REQUIRE_REL(first[0], 0.85 * PELL_PI * 0.97, 1e-3); /* what its radiance was made for; green of the tint */
+        REQUIRE_REL(first[0], 0.85 * PELL_PI * 0.97, 1e-3); /* the light's design irradiance; green of the tint */
         REQUIRE(s->lights[0].position[0] < center[0] && s->lights[0].position[1] > center[1] && s->lights[0].position[2] > center[2]);
-        REQUIRE(s->lights[2].position[2] < s->bounds_min[2]); /* the rim comes from behind */
+        REQUIRE(s->lights[2].position[2] < s->bounds_min[2]); /* the rim light comes from behind */
         finish(s);
     }
 }
 
-/* Whatever the side: the vertices fill 0.8 of the image in one direction, and none is outside. */
+/* For any side: the vertices fill 0.8 of the image in one direction, and none is outside. */
 static void a_side_is_framed_by_the_vertices(void **state)
 {
     static const struct {
@@ -740,7 +741,7 @@ static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
         REQUIRE(m->position[3 * i + 1] >= s->bounds_min[1] - 1e-4f);
         REQUIRE_NEAR(vec3_length(vec3_load(m->normal + 3 * i)), 1.0, 1e-5);
         if (m->position[3 * i + 1] > 60.0f)
-            REQUIRE(m->position[3 * i] < -40.0f); /* the wall is behind the object, as this camera sees it */
+            REQUIRE(m->position[3 * i] < -40.0f); /* the wall is behind the object, from this camera */
     }
     for (uint32_t i = 0; i < m->num_triangles; i++) {
         const struct pell_vec3 a = vec3_load(m->position + 3 * m->index[3 * i]), b = vec3_load(m->position + 3 * m->index[3 * i + 1]);
@@ -754,7 +755,7 @@ static void the_ground_is_a_floor_and_a_wall_out_of_the_bounds(void **state)
     finish(s);
 }
 
-/* As an option says, or the file; and one that is there already stays alone. */
+/* As given by an option, or the file; an existing one stays the only one. */
 static void in_an_environment_the_ground_is_a_table(void **state)
 {
     static const struct memory_file files[] = { { "cube.obj", CUBE }, { NULL, NULL } };
@@ -822,7 +823,7 @@ static void one_object_in_three_units_is_one_object(void **state)
         finish(s[u]);
 }
 
-/* --- Hand-built scenes --------------------------------------------------------------------------------------------------------------- */
+/* --- Scenes built by hand ------------------------------------------------------------------------------------------------------------ */
 
 static enum pell_result complete_triangle(struct pell_context *ctx, void (*spoil)(struct pell_scene *))
 {
@@ -952,7 +953,7 @@ static void transforms_keep_normals_at_right_angles_and_turn_mirrored_triangles(
     const struct pell_mesh *mesh = &s->meshes[0];
     (void) state;
 
-    m.m[0] = -3.0; /* mirrors, and stretches unevenly */
+    m.m[0] = -3.0; /* reflects, and scales non-uniformly */
     m.m[4] = 0.5;
     m.m[10] = 0.2;
     m.m[12] = 100.0;

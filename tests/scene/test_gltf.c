@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_gltf.c - the glTF reader on small documents of its own: geometry, transforms, materials, cameras, lights, and what it refuses. */
+ * test_gltf.c - the glTF reader on small documents: geometry, transforms, materials, cameras, lights, and refusals. */
 #include "gltf_test.h"
 
 struct fixture {
@@ -33,7 +33,7 @@ static void read_ok(struct fixture *f, const char *json, const void *bin, size_t
         fail_msg("refused: %s: %s", f->kept.where, f->kept.what);
 }
 
-/* A refusal with this code that names this place and says this. */
+/* A refusal with this code, whose message names this position and contains this text. */
 static void refuse_bytes(enum pell_result code, const char *where, const char *what, const char *json, const void *bin, size_t bin_size)
 {
     struct fixture f;
@@ -76,7 +76,7 @@ static void require_triangles(const struct fixture *f, size_t mesh, const uint32
 
 static void strips_turn_every_second_triangle(void **state)
 {
-    /* 0 1 2 3, joined by repeated corners to 3 2 1: the repeats draw nothing */
+    /* 0 1 2 3, joined by repeated corners to 3 2 1: the degenerate triangles are not drawn */
     static const struct {
         float p[4][3];
         uint16_t index[9];
@@ -108,7 +108,7 @@ static void fans_and_lists_without_indices_are_drawn(void **state)
     assert_int_equal(f.scene->num_meshes, 3);
     require_triangles(&f, 0, grid, 2);
     require_triangles(&f, 1, strip, 2);
-    require_triangles(&f, 2, list, 1); /* four corners: the last is left out, with a warning */
+    require_triangles(&f, 2, list, 1); /* four corners: the last is dropped, with a warning */
     assert_int_equal(f.kept.warnings, 1);
     REQUIRE(f.scene->meshes[0].object == f.scene->meshes[2].object);
     assert_int_equal(f.scene->meshes[0].material, -1);
@@ -281,7 +281,7 @@ static void data_uris_without_base64_are_percent_decoded(void **state)
 
 /* --- Nodes ------------------------------------------------------------------------------------------------------------------ */
 
-/* Half a turn about z, a mirror in x, and a shift: (x, y, z) -> (-2x, y, z) -> (2x, -y, z) -> + (1, 2, 3). */
+/* Half a turn about z, a mirror in x, and a translation: (x, y, z) -> (-2x, y, z) -> (2x, -y, z) -> + (1, 2, 3). */
 static void mirrors_turn_triangles_normals_and_tangents(void **state)
 {
     const struct square square = make_square();
@@ -511,7 +511,7 @@ static void every_field_of_a_material_arrives(void **state)
     finish(&f);
 }
 
-/* clear glass; a volume alone; scattering shut off; scattering without a distance; scattering alone */
+/* clear glass; a volume alone; scattering of zero; scattering without a distance; scattering alone */
 static const char interiors[] = SQUARE ONE_NODE
     "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":5,\"material\":0},{\"attributes\":{\"POSITION\":0},"
     "\"indices\":5,"
@@ -783,7 +783,7 @@ static void fallbacks_of_compressed_files_are_used_with_a_warning(void **state)
             &square, sizeof(square));
     assert_int_equal(f.scene->num_meshes, 1);
     REQUIRE(f.scene->materials[0].base_color_map.texture && !f.scene->materials[0].emissive_map.texture);
-    assert_int_equal(f.kept.warnings, 3); /* draco, the picture that has a copy, the one that has none */
+    assert_int_equal(f.kept.warnings, 3); /* draco, the image with a fallback, the one without */
     finish(&f);
 }
 
@@ -862,12 +862,12 @@ static void scene_limits_hold_before_memory_is_taken(void **state)
                      "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":5},{\"attributes\":{\"POSITION\":7}}]}]}",
               &square, sizeof(square));
     assert_int_equal(f.res, PELL_OK);
-    assert_int_equal(f.kept.warnings, 3); /* two, and the count of the rest */
+    assert_int_equal(f.kept.warnings, 3); /* two, and the number of the others */
     REQUIRE(strstr(f.kept.last_warning, "2 more warnings"));
     finish(&f);
 }
 
-/* Rare forms in one go: strided, sparse and left-over indices; instances with all three attributes; a matrix beside a scale. */
+/* Rare features together: strided, sparse and unused indices; instances with all three attributes; a matrix together with a scale. */
 static void rare_forms_are_read(void **state)
 {
     static const struct {
@@ -986,7 +986,7 @@ static void odd_values_are_mended_with_a_warning(void **state)
             &bin, sizeof(bin));
     c = f.scene->meshes[0].color;
     REQUIRE(c[0] == 0.0f && c[1] == 0.0f && c[2] == 1e6f && c[5] == 0.5f && c[8] == 2.0f);
-    /* TEXCOORD_5 is left out; then the transmitted colour paints the surface */
+    /* TEXCOORD_5 is unsupported; then the transmitted colour becomes the surface colour */
     REQUIRE(f.scene->materials[0].base_color_map.texture && f.scene->materials[0].base_color[1] == 0.5f);
     REQUIRE(f.scene->materials[0].color_from == PELL_COLOR_FROM_TEXTURE && f.scene->materials[0].medium.eta == 1.5);
     /* the colours, the set, the index of refraction, the clear part, the missing scattering, the UV set that is not there */
@@ -1012,7 +1012,7 @@ static void warnings_about_interiors_are_not_for_who_replaces_them(void **state)
         pell_context_destroy(&ctx);
         free(glb);
     }
-    /* clear glass, and what scatters without a distance */
+    /* clear glass, and scattering without a distance */
     assert_true(kept[0].warnings >= 2);
     assert_int_equal(kept[1].warnings, 0);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_gltf_assets.c - the glTF reader on real files: counts, transforms, media, texture transforms. Skips what is not there. */
+ * test_gltf_assets.c - the glTF reader on real files: counts, transforms, media, texture transforms. Skips files that are absent. */
 #include "gltf_test.h"
 
 #include <pellucid/material.h>
@@ -50,7 +50,7 @@ static void check_mesh(const struct pell_mesh *m)
     }
 }
 
-/* The share of triangles, by area, that face the way of their corners' normals. */
+/* The fraction of triangles, by area, that are oriented like their corners' normals. */
 static double agreement(const struct pell_scene *scene, const char *name)
 {
     double good = 0.0, all = 0.0;
@@ -74,7 +74,7 @@ static double agreement(const struct pell_scene *scene, const char *name)
 
 static void all_assets_have_the_counts_of_their_table(void **state)
 {
-    /* vertices and triangles as drawn: instances counted each, meshes that no node of the scene names not */
+    /* vertices and triangles as drawn: each instance counts, meshes that no node of the scene references do not */
     static const struct {
         const char *name;
         int64_t vertices, triangles;
@@ -164,7 +164,7 @@ static void nested_transforms_place_the_cubes(void **state)
     REQUIRE(has_point(find_mesh(f.scene, "parent"), c, 0.03f, 0));
     REQUIRE(has_point(find_mesh(f.scene, "child_negative"), 1.5f * c, 0.03f, -0.5f * c));
     REQUIRE(has_point(find_mesh(f.scene, "matrix"), 0, 0.15f, -c));
-    /* each is outside out: positive volume, also the mirrored one */
+    /* each faces outward: positive volume, also the mirrored one */
     for (int k = 0; k < 3; k++) {
         const struct pell_mesh *m = &f.scene->meshes[k];
         volume[k] = 0.0;
@@ -195,7 +195,7 @@ static void negative_scales_keep_faces_and_normals_together(void **state)
     }
 }
 
-/* On each face of the cube an arrow, turned by its node, points at a target whose place is in its vertices. */
+/* On each face of the cube an arrow, rotated by its node, points at a target whose position is in its vertices. */
 static void orientation_arrows_point_at_their_targets(void **state)
 {
     static const char *const faces[] = { "X1", "X2", "Y1", "Y2", "Z1", "Z2" };
@@ -237,8 +237,8 @@ static void sparse_accessor_replaces_three_points(void **state)
     unload(&f);
 }
 
-/* Each tile of the test draws the part of a texture that carries an arrow or a check mark. The tile that is "All" has offset, rotation and
- * scale; its matrix follows the extension: T R S. */
+/* Each tile of the test shows the part of a texture with an arrow or a check mark. The tile "All" has offset, rotation and scale; its
+ * matrix follows the extension: T R S. */
 static void texture_transforms_follow_the_extension(void **state)
 {
     struct fixture f;
@@ -270,8 +270,8 @@ static void texture_transforms_follow_the_extension(void **state)
     unload(&f);
 }
 
-/* The file's own check: each of these tiles shows an arrow whose tip, at (0.7778, 0.7778) of the picture, lies under a check mark that is a
- * mesh of its own. The tile covers uv 0..1 from its upper left. A rotation of the wrong sign puts the tip at the mark "Error". */
+/* The file's own check: each of these tiles shows an arrow whose tip, at (0.7778, 0.7778) of the image, lies under a check mark that is
+ * a separate mesh. The tile covers uv 0..1 from its upper left. A rotation of the wrong sign puts the tip at the mark "Error". */
 static void transformed_arrows_point_at_their_check_marks(void **state)
 {
     static const char *const tiles[] = { "Rotation", "Scale", "All" };
@@ -328,8 +328,8 @@ static void box_with_spaces_finds_its_files(void **state)
 
 /* --- Media ------------------------------------------------------------------------------------------------------------------ */
 
-/* Compares per metre against the built-in material, per mm. The files hold m to 6 digits; where nearly all light is scattered, sigma_a is a
- * small difference: its error is d(1 - albedo)/dm 5e-7 sigma_t. */
+/* Compares per metre against the built-in material, per mm. The files hold m to 6 digits; for almost white albedos sigma_a is a small
+ * difference: its error is d(1 - albedo)/dm 5e-7 sigma_t. */
 static void check_measured(const struct pell_medium *medium, const char *name)
 {
     const struct pell_material_entry *e = pell_material_find(name);
@@ -370,7 +370,8 @@ static void statues_are_marble(void **state)
     }
 }
 
-/* The head's look is painted: light spreads as measured (eta is the file's 1.4, not the table's 1.3), the colour is the photograph's. */
+/* The head's appearance is painted: light spreads as measured (eta is the file's 1.4, not the table's 1.3), the colour is the
+ * photograph's. */
 static void head_is_skin_with_its_texture(void **state)
 {
     struct pell_medium medium;

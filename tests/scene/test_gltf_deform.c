@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_gltf_deform.c - meshes of glTF that change their shape: animations, skins, morph targets, against closed forms; and what is refused
- * in them. */
+ * test_gltf_deform.c - deforming meshes of glTF (animations, skins, morph targets) against closed forms; and refusals. */
 #include "gltf_test.h"
 
 /* --- Documents -------------------------------------------------------------------------------------------------------------- */
@@ -45,7 +44,7 @@ static int put(struct file *f, int type, const char *kind, bool normalized, cons
 
 #define FLOATS(f, kind, data, count) put(f, 5126, kind, false, data, sizeof(data), count)
 
-/* The document of the buffer and whatever else. */
+/* The document with the buffer and further content. */
 static const char *document(struct file *f, const char *rest)
 {
     snprintf(f->json, sizeof(f->json),
@@ -121,8 +120,8 @@ static void require_vec(const float *got, double a, double b, double c, double t
 
 /* --- Skins ------------------------------------------------------------------------------------------------------------------ */
 
-/* A bar along y: corners at heights 0, 1, 2. Two joints, the second of which stands at height 1 and is turned by a right angle about z by
- * node 2, or at rest stands straight. */
+/* A bar along y: corners at heights 0, 1, 2. Two joints, the second of which is at height 1 and is rotated by a right angle about z by
+ * node 2, or is unrotated in the rest pose. */
 #define BAR_CORNERS 6
 static const float bar_position[BAR_CORNERS][3] = { { 0, 0, 0 }, { 0.1f, 0, 0 }, { 0, 1, 0 }, { 0.1f, 1, 0 }, { 0, 2, 0 }, { 0.1f, 2, 0 } };
 static const float bar_normal[BAR_CORNERS][3] = { { 1, 0, 0 }, { 1, 0, 0 }, { 1, 0, 0 }, { 1, 0, 0 }, { 1, 0, 0 }, { 1, 0, 0 } };
@@ -175,7 +174,7 @@ static void make_bar(struct file *f, enum weight_form form, const float (*weight
     "\"indices\":3}]}]"
 #define BAR_SKIN "\"skins\":[{\"joints\":[1,2],\"inverseBindMatrices\":4,\"skeleton\":1}],"
 #define RIGHT_ANGLE "[0,0,0.70710678118654752,0.70710678118654752]"
-/* The mesh's own node is far away and mirrored, and must not matter. */
+/* The mesh's own node is far away and mirrored, which must have no effect. */
 #define BAR_NODES(turn)                                                                                                                    \
     "\"nodes\":[{\"mesh\":0,\"skin\":0,\"translation\":[100,7,3],\"scale\":[-2,5,1]},{\"children\":[2]},"                                  \
     "{\"translation\":[0,1,0],\"rotation\":" turn "}],"
@@ -189,7 +188,7 @@ static void require_bent(const struct fixture *x, double tolerance)
     require_vec(m->position, 0, 0, 0, tolerance);
     require_vec(m->position + 3, 0.1, 0, 0, tolerance);
     require_vec(m->position + 6, 0, 1, 0, tolerance);
-    require_vec(m->position + 9, 0.05, 1.05, 0, tolerance); /* half way between (0.1, 1) and (0, 1.1) */
+    require_vec(m->position + 9, 0.05, 1.05, 0, tolerance); /* half-way between (0.1, 1) and (0, 1.1) */
     require_vec(m->position + 12, -1, 1, 0, tolerance);
     require_vec(m->position + 15, -1, 1.1, 0, tolerance);
     require_vec(m->normal, 1, 0, 0, tolerance);
@@ -205,7 +204,7 @@ static void require_bent(const struct fixture *x, double tolerance)
 
 static void a_bar_bends_at_its_joint(void **state)
 {
-    static const double tolerance[WEIGHT_FORMS] = { 1e-6, 3e-3, 1e-5 }; /* 128 of 255 is no half */
+    static const double tolerance[WEIGHT_FORMS] = { 1e-6, 3e-3, 1e-5 }; /* 128 of 255 is not one half */
     struct file f;
     struct fixture x;
     (void) state;
@@ -238,7 +237,7 @@ static void weights_need_not_be_of_sum_one(void **state)
     static const float doubled[BAR_CORNERS][4] = { { 2, 0, 0, 0 }, { 3, 0, 0, 0 },    { 1, 1, 0, 0 },
                                                    { 5, 5, 0, 0 }, { 0, 0.5f, 0, 0 }, { 0, 9, 0, 0 } };
     static const float none[BAR_CORNERS][4] = { { 0 } };
-    /* a joint without weight may be any */
+    /* a joint of weight zero may have any index */
     static const uint8_t wild[BAR_CORNERS][4] = { { 0, 1, 99, 255 }, { 0, 1, 99, 3 }, { 0, 1, 2, 2 },
                                                   { 0, 1, 7, 7 },    { 99, 1, 9, 9 }, { 8, 1, 0, 0 } };
     static const uint8_t second[BAR_CORNERS][4] = { { 1 }, { 1 }, { 1 }, { 1 }, { 1 }, { 200 } };
@@ -255,7 +254,7 @@ static void weights_need_not_be_of_sum_one(void **state)
     document(&f, BAR_SKIN BAR_NODES(RIGHT_ANGLE) BAR_MESH);
     read_at(&x, &f, -1.0);
     require_vec(x.scene->meshes[0].position, 1, 1, 0, 1e-6);        /* the foot follows joint 1 */
-    require_vec(x.scene->meshes[0].position + 15, 0.1, 2, 0, 1e-6); /* and one that names no joint the first */
+    require_vec(x.scene->meshes[0].position + 15, 0.1, 2, 0, 1e-6); /* and one without joints follows the first */
     assert_int_equal(x.kept.warnings, 1);
     finish(&x);
 }
@@ -298,7 +297,7 @@ static void joints_that_mirror_turn_triangles(void **state)
     }
     assert_true(m->tangent[3] == -1.0f);
     finish(&x);
-    /* scaled to nothing: hidden, not refused */
+    /* scaled to zero: hidden, not refused */
     document(&f, BAR_SKIN "\"nodes\":[{\"mesh\":0,\"skin\":0},{\"scale\":[0,0,0],\"children\":[2]},{}]," BAR_MESH);
     read_at(&x, &f, -1.0);
     assert_int_equal(x.scene->num_meshes, 0);
@@ -428,7 +427,7 @@ static void targets_are_added_by_their_weights(void **state)
     assert_true(m->tangent[3] == -1.0f); /* w is not morphed */
     assert_int_equal(x.kept.warnings, 0);
     finish(&x);
-    /* the node's weights go before the mesh's; it is placed after it is morphed, a mirror turns what it should */
+    /* the node's weights override the mesh's; the node's transform applies after morphing, a mirror flips the winding where required */
     document(&f,
              "\"nodes\":[{\"mesh\":0,\"weights\":[0,1],\"scale\":[-1,1,1],\"translation\":[0,0,5]}]," TRIANGLE(
                  "\"weights\":[0.5,0.25],", "[{\"POSITION\":3,\"NORMAL\":4,\"TANGENT\":4},{\"POSITION\":6,\"NORMAL\":5,\"TANGENT\":4}]"));
@@ -442,7 +441,7 @@ static void targets_are_added_by_their_weights(void **state)
     finish(&x);
 }
 
-/* Faces have some fifty. */
+/* Realistic face rigs have some fifty targets. */
 static void there_may_be_many_targets(void **state)
 {
 #define FIVE(x) x "," x "," x "," x "," x
@@ -476,7 +475,7 @@ static void weights_of_zero_leave_the_base(void **state)
     }
 }
 
-/* Normals of the base would light the new shape like the old one. */
+/* Unchanged base normals would shade the new shape like the old one. */
 static void normals_that_a_target_leaves_behind_are_made_anew(void **state)
 {
     static const float zero[3] = { 0, 0, 0 };
@@ -490,7 +489,7 @@ static void normals_that_a_target_leaves_behind_are_made_anew(void **state)
     assert_null(x.scene->meshes[0].tangent);
     assert_int_equal(x.kept.warnings, 0);
     finish(&x);
-    /* one that moves nothing leaves them */
+    /* a target without displacement keeps them */
     document(&f, "\"nodes\":[{\"mesh\":0}]," TRIANGLE("\"weights\":[1],", "[{\"NORMAL\":4}]"));
     read_at(&x, &f, -1.0);
     require_vec(x.scene->meshes[0].normal + 6, 0, 0, 1, 1e-6);
@@ -528,7 +527,7 @@ static void bad_targets_are_refused(void **state)
         document(&f, cases[i].rest);
         refuse_at(PELL_ERR_FORMAT, cases[i].where, cases[i].what, &f, NULL);
     }
-    /* work is counted before it is done: 3 targets x 3 vertices and their weights */
+    /* the work is limited before it is done: 3 targets x 3 vertices and their weights */
     pell_knobs_default(pell_limit_knobs(), &limits);
     make_triangle(&f);
     document(&f,
@@ -604,12 +603,12 @@ static void steps_hold_and_lines_go_between(void **state)
     require_origin(&f, 3.5, 2, 6, -3);
     require_origin(&f, 99.0, 2, 8, -4);
     make_triangle(&f);
-    document(&f, animate(&f, "translation", "LINEAR", "VEC3", times, 1, values[1], 1)); /* one key holds always */
+    document(&f, animate(&f, "translation", "LINEAR", "VEC3", times, 1, values[1], 1)); /* one key applies at any time */
     require_origin(&f, 0.0, 2, 0, 0);
     require_origin(&f, 7.0, 2, 0, 0);
 }
 
-/* Splines through points and tangents of a cubic are that cubic. */
+/* Splines through points and tangents of a cubic reproduce that cubic. */
 static void splines_are_the_cubic_that_they_are_through(void **state)
 {
     static const double keys[] = { 0.5, 1.0, 3.0 };
@@ -669,7 +668,7 @@ static void rotations_go_the_short_way_at_one_speed(void **state)
     document(&f, animate(&f, "rotation", "LINEAR", "VEC4", times, 2, unscaled[0], 2));
     require_turn(&f, 1.0, 30, 1e-6);
     make_triangle(&f);
-    document(&f, animate(&f, "rotation", "CUBICSPLINE", "VEC4", times, 2, spline[0], 6)); /* half of each, made a unit: a quarter turn */
+    document(&f, animate(&f, "rotation", "CUBICSPLINE", "VEC4", times, 2, spline[0], 6)); /* half of each, normalised: a quarter turn */
     require_turn(&f, 1.5, 90, 1e-6);
     make_triangle(&f);
     t = FLOATS(&f, "SCALAR", times, 2);
@@ -739,7 +738,7 @@ static void animations_are_chosen_by_name_or_number(void **state)
               &(struct pell_moment) { .timed = true, .animation = "2", .where = "--animation" });
 }
 
-/* An arm of two nodes, the second a joint: what an animation turns, a skin follows. */
+/* An arm of two nodes, the second a joint: a skin follows the animation. */
 static void skins_follow_animated_joints(void **state)
 {
     const float s = sqrtf(0.5f), times[] = { 0, 2 }, turn[][4] = { { 0, 0, -s, s }, { 0, 0, 1, 0 } }; /* -90 to 180 degrees, by 270 */
@@ -757,7 +756,7 @@ static void skins_follow_animated_joints(void **state)
                               "\"output\":%d}],\"channels\":[{\"sampler\":1,\"target\":{\"node\":2,\"path\":\"rotation\"}}]}]," BAR_MESH,
              t, v, t, v);
     document(&f, rest);
-    read_at(&x, &f, 2.0 / 3.0 * 2.0); /* the short way: -90 -> -180; two thirds: -150 */
+    read_at(&x, &f, 2.0 / 3.0 * 2.0); /* the shorter direction: -90 -> -180; two thirds: -150 */
     require_vec(x.scene->meshes[0].position + 12, -sin(-150 * PELL_PI / 180), 1 + cos(-150 * PELL_PI / 180), 0, 1e-6);
     finish(&x);
 }
@@ -831,7 +830,7 @@ static void bad_animations_are_refused(void **state)
     }
 }
 
-/* --- All at once ------------------------------------------------------------------------------------------------------------ */
+/* --- All together ----------------------------------------------------------------------------------------------------------- */
 
 /* A bar with a skin, a morph target and an animation of both. */
 static void make_all(struct file *f)
@@ -862,7 +861,7 @@ static void targets_come_before_joints(void **state)
     struct fixture x;
     (void) state;
     make_all(&f);
-    read_at(&x, &f, 0.5); /* the top moves along x by a half, then turns by a right angle */
+    read_at(&x, &f, 0.5); /* the top moves along x by a half, then rotates by a right angle */
     require_vec(x.scene->meshes[0].position + 12, -1, 1.5, 0, 1e-6);
     finish(&x);
 }
@@ -886,7 +885,7 @@ static void no_allocation_may_fail_unseen(void **state)
     REQUIRE(n > 20);
 }
 
-/* Whatever byte of the document or the data is changed, it is read or refused, and nothing is read that is not there. */
+/* Whichever byte of the document or the data is changed, it is read or refused, without an access out of bounds. */
 static void changed_bytes_are_read_or_refused(void **state)
 {
     static const char put_in[] = "9-0]}{,\"e.";

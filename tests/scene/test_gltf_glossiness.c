@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_gltf_glossiness.c - materials of KHR_materials_pbrSpecularGlossiness: as a dielectric with a tinted reflectance at right angles. */
+ * test_gltf_glossiness.c - materials of KHR_materials_pbrSpecularGlossiness, imported as a dielectric with a tinted reflectance at
+ * normal incidence. */
 #include "gltf_test.h"
 
 /* 2 x 1 pixels, RGBA: a glossy red one, and 10, 20, 30 with alpha 51. */
@@ -82,7 +83,7 @@ static void the_alpha_of_a_texture_is_glossiness(void **state)
     REQUIRE(texture->wrap_u == PELL_WRAP_CLAMP && m->roughness_map.channel == 0 && m->roughness_map.matrix[2] == 0.25f);
     assert_memory_equal(texture->image.pixels, rough, sizeof(rough));
     end(&f);
-    m = material_of(&f, FILE_OF("\"glossinessFactor\":0.5,\"specularGlossinessTexture\":{\"index\":0}", TINY_PNG)); /* no alpha is 1 */
+    m = material_of(&f, FILE_OF("\"glossinessFactor\":0.5,\"specularGlossinessTexture\":{\"index\":0}", TINY_PNG)); /* no alpha means 1 */
     REQUIRE(!m->roughness_map.texture && m->roughness == 0.5f && m->specular_color_map.texture);
     end(&f);
 }

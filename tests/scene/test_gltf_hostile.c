@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * test_gltf_hostile.c - the glTF reader on damaged files and without memory: no crash, no leak, an error that is logged once. */
+ * test_gltf_hostile.c - the glTF reader on damaged files and with failing allocations: no crash, no leak, an error that is logged once. */
 #include "gltf_test.h"
 #include "random.h"
 #include "slow.h"
 
-/* A file may be damaged and still read; if not, one error says why. Small limits keep each try short. */
+/* A damaged file may still be read; if not, one error says why. Small limits keep each attempt short. */
 static enum pell_result try_bytes(const uint8_t *bytes, size_t size, struct pell_alloc_fault *fault)
 {
     struct kept_messages kept = { 0 };
@@ -73,7 +73,7 @@ static void a_glb_cut_at_any_byte_is_refused(void **state)
     for (size_t n = 0; n < size; n++)
         if (try_bytes(glb, n, NULL) == PELL_OK)
             fail_msg("%zu of %zu bytes were read as a whole file", n, size);
-    /* the same with a header that tells the shorter length */
+    /* the same with a header that states the shorter length */
     for (size_t n = 20; n < size; n += 7) {
         put32(glb + 8, (uint32_t) n);
         if (try_bytes(glb, n, NULL) == PELL_OK && n + 4 < size - sizeof(square))
@@ -97,11 +97,11 @@ static void random_damage_is_read_or_refused(void **state)
         size_t length = size;
         memcpy(bytes, glb, size);
         if (i % 2) {
-            /* bytes anywhere */
+            /* bytes at any position */
             for (int k = (int) (random_bits(&random) % 4); k >= 0; k--)
                 bytes[random_bits(&random) % length] = (uint8_t) random_bits(&random);
         } else {
-            /* a number of the JSON becomes another; the lengths in the headers follow */
+            /* a number of the JSON is replaced; the lengths in the headers are adjusted */
             const char *put = numbers[random_bits(&random) % PELL_COUNT(numbers)];
             const size_t json = sizeof(RICH_JSON) - 1, add = strlen(put);
             size_t at = 20 + random_bits(&random) % json, end;
@@ -120,7 +120,7 @@ static void random_damage_is_read_or_refused(void **state)
         else
             refused++;
     }
-    /* both happen often, or the damage says nothing */
+    /* both outcomes occur often, or the damage tests nothing */
     REQUIRE(read > 300 && refused > 300);
     free(bytes);
     free(glb);
@@ -149,7 +149,7 @@ static void damaged_binary_data_is_never_trusted(void **state)
     REQUIRE(read > 100 && read < 2000);
 }
 
-/* Small files that ask for much: each must be refused, or read, within moments and within the limits. */
+/* Small files that request much work: each must be refused, or read, within moments and within the limits. */
 static void amplification_is_bounded(void **state)
 {
     enum { N = 30000 };
@@ -169,7 +169,7 @@ static void amplification_is_bounded(void **state)
         n += (size_t) sprintf(json + n, "%s{\"nodes\":[%d]}", i ? "," : "", i);
     sprintf(json + n, "]}");
     assert_int_equal(try_bytes((const uint8_t *) json, strlen(json), NULL), PELL_OK);
-    /* many nodes with the same mesh of many primitives: the limit on vertices ends it */
+    /* many nodes with the same mesh of many primitives: limited by the number of vertices */
     n = (size_t) sprintf(json, "{\"asset\":{\"version\":\"2.0\"}," SQUARE_BUFFERS SQUARE_ACCESSORS "\"nodes\":[");
     for (int i = 0; i < 1000; i++)
         n += (size_t) sprintf(json + n, "%s{\"mesh\":0}", i ? "," : "");
@@ -181,7 +181,7 @@ static void amplification_is_bounded(void **state)
     assert_int_equal(try_bytes(glb, size, NULL), PELL_ERR_UNSUPPORTED);
     free(glb);
     free(json);
-    REQUIRE(busy_seconds() - start < 20.0); /* sanitizers included; far under a second without */
+    REQUIRE(busy_seconds() - start < 20.0); /* including sanitizers; far under a second without */
 }
 
 int main(void)

@@ -1,18 +1,18 @@
 /* SPDX-License-Identifier: MIT
- * test_gltf_meshopt.c - buffer views of EXT_meshopt_compression, packed here by libmeshoptimizer's encoders: what is unpacked, what is
- * refused, and bytes that are damaged. */
+ * test_gltf_meshopt.c - buffer views of EXT_meshopt_compression, encoded here by libmeshoptimizer: decoding, refusals, and damaged
+ * bytes. */
 #include "gltf_test.h"
 
 #include <meshoptimizer.h>
 
 enum { SIDE = 20, VERTICES = SIDE * SIDE, TRIANGLES = 2 * (SIDE - 1) * (SIDE - 1), ROOM = 1 << 16 };
 
-/* A sheet of SIDE x SIDE vertices, and its packed forms one behind the other. */
+/* A sheet of SIDE x SIDE vertices, and its encoded attributes one after another. */
 struct packed {
     float position[VERTICES][3], normal[VERTICES][4];
     uint32_t index[3 * TRIANGLES];
     uint8_t data[ROOM];
-    size_t at[4], bytes[3], size; /* where positions, normals and indices begin, and how long they are */
+    size_t at[4], bytes[3], size; /* offsets and sizes of positions, normals and indices */
 };
 
 struct read {
@@ -61,7 +61,7 @@ static void pack(struct packed *p, bool exponential, bool sequence)
                  : meshopt_encodeIndexBuffer(p->data + p->at[2], ROOM / 2, p->index, 3 * TRIANGLES));
 }
 
-/* What a test may change about a document. */
+/* Members of a document that a test may change. */
 struct words {
     const char *position_filter, *index_mode, *position_stride, *index_stride;
     size_t position_count, index_count, index_length;
@@ -137,7 +137,7 @@ static void all_modes_and_filters_give_what_was_packed(void **state)
                 off = fmax(off, fabs((double) m->position[3 * i + c] - (double) p.position[i][c]));
                 turned = fmax(turned, fabs((double) m->normal[3 * i + c] - (double) p.normal[i][c]));
             }
-        for (size_t t = 0; t < TRIANGLES; t++) { /* the encoder of triangles may begin with another corner */
+        for (size_t t = 0; t < TRIANGLES; t++) { /* the encoder may rotate the corners of a triangle */
             const uint32_t *is = m->index + 3 * t, *was = p.index + 3 * t;
             const size_t first = is[0] == was[0] ? 0 : is[0] == was[1] ? 1 : 2;
             for (size_t c = 0; c < 3; c++)

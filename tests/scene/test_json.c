@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_json.c - reading untrusted JSON: places, ranges, hints, depth, parse errors with line and column. */
+ * test_json.c - reading untrusted JSON: error positions, ranges, hints, depth, parse errors with line and column. */
 #include "pell_test.h"
 #include "scene/file/json.h"
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_load.c - formats told apart, units, sizes, materials and cameras by name, and the way errors end. */
+ * test_load.c - detection of formats, units, sizes, materials and cameras by name, and error handling. */
 #include "scene_test.h"
 
 #include "base/file.h"
@@ -60,7 +60,7 @@ static void a_unit_and_a_size_together_are_refused(void **state)
     assert_int_equal(try_text("cube.obj", CUBE, &huge).res, PELL_ERR_INVALID);
 }
 
-/* What a file does not name is known by the file, in messages and lists. */
+/* Parts without a name are named after the file, in messages and lists. */
 static void meshes_without_names_have_the_files(void **state)
 {
     static const char *const two = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\no named\nf 1 2 3\no\nf 3 2 1\n";
@@ -119,13 +119,13 @@ static void formats_are_told_by_content(void **state)
     assert_int_equal(try_text("no-ending", CUBE, &in_mm).res, PELL_OK);
     assert_int_equal(try_text("wrong.ply", "# made by hand\n\n" CUBE, &in_mm).res, PELL_OK);
     assert_int_equal(try_text("wrong.obj", TRIANGLE_PLY, &in_mm).res, PELL_OK);
-    a = try_text("wrong.json", gltf, &in_mm); /* a glTF that holds nothing */
+    a = try_text("wrong.json", gltf, &in_mm); /* a glTF without content */
     assert_int_equal(a.res, PELL_ERR_FORMAT);
     REQUIRE(!strstr(a.kept.what, "pellucid"));
     a = try_text("scene.json", "{\"pellucid\": 2}", NULL);
     assert_int_equal(a.res, PELL_ERR_FORMAT);
     assert_string_equal(a.kept.where, "scene.json:/pellucid");
-    a = try_text("thing", "solid cube\nfacet normal\n", &in_mm); /* an STL that holds nothing */
+    a = try_text("thing", "solid cube\nfacet normal\n", &in_mm); /* an STL without content */
     assert_int_equal(a.res, PELL_ERR_FORMAT);
     assert_non_null(strstr(a.kept.what, "holds no triangles"));
     a = try_text("thing.fbx", "Kaydara FBX Binary", &in_mm);
@@ -202,7 +202,7 @@ static void material_files_need_only_their_optics(void **state)
     assert_false(e.color_from_texture);
     {
         const struct pell_dipole d = pell_dipole_make(0.1, 1.0, 1.3, PELL_FRESNEL_EXACT);
-        REQUIRE_NEAR(e.color[0], pell_dipole_total(&d), 1e-12); /* what it looks like follows from its optics */
+        REQUIRE_NEAR(e.color[0], pell_dipole_total(&d), 1e-12); /* its colour follows from its coefficients */
     }
     assert_int_equal(read_material("{\"name\":\"x\",\"sigma_a\":[0.1,0.2,0.3],\"sigma_s\":[1,2,4],\"g\":0.75,\"eta\":1.5,\"mix\":1,"
                                    "\"color_from\":\"texture\",\"color\":[0.1,0.2,0.3],\"roughness\":0.9}",
@@ -291,7 +291,7 @@ static void built_in_files_read_as_their_entries(void **state)
     }
 }
 
-/* --- Ends --------------------------------------------------------------------------------------------------------------------------- */
+/* --- Errors ------------------------------------------------------------------------------------------------------------------------- */
 
 static void a_cancelled_context_reads_nothing(void **state)
 {

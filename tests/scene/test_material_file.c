@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_material_file.c - material files with concentrations, layers and skin, and what is refused in them. Kinds that need neither are
- * in test_load.c. */
+ * test_material_file.c - material files with concentrations, layers and skin, and refusals. Kinds without these are in test_load.c. */
 #include "scene_test.h"
 
 #include <pellucid/skin.h>
@@ -60,7 +59,7 @@ static void another_medium_can_be_diluted_by_name(void **state)
     "{\"name\":\"upper\",\"thickness_mm\":0.2,\"sigma_a\":[0.016,0.019,0.03],\"sigma_s_reduced\":[3.2,4,4.6]},"                            \
     "{\"thickness_mm\":\"infinite\",\"sigma_a\":[0.0085,0.1,2.5],\"sigma_s_reduced\":[0.45,0.47,0.48]}"
 
-/* Solved when read: the same numbers as the built-in entry's, which stand in its file. */
+/* Solved when read: the same values as the built-in entry's, which are stored in its file. */
 static void a_stack_is_solved_when_read(void **state)
 {
     const struct pell_material_entry *skin = pell_material_find("skin-3layer");
@@ -83,7 +82,7 @@ static void a_stack_is_solved_when_read(void **state)
     REQUIRE(e.gaussians.count == 2 && e.layers.item[0].phase[0].kind == PELL_PHASE_RAYLEIGH);
     REQUIRE_NEAR(pell_gaussians_total(&e.gaussians, 1), 0.4, 1e-15); /* given: not scaled, not solved again */
     reads("{\"layers\":[{\"thickness_mm\":1,\"sigma_a\":[1,1,1],\"sigma_s\":[8,8,8],\"phase\":\"schlick\",\"g\":0.8}]}", &e);
-    REQUIRE_NEAR(e.layers.item[0].medium.g[0], 0.632, 5e-4); /* of Schlick's k */
+    REQUIRE_NEAR(e.layers.item[0].medium.g[0], 0.632, 5e-4); /* Schlick's k */
     REQUIRE_NEAR(e.layers.item[0].medium.sigma_s_reduced[2], 8.0 * (1.0 - e.layers.item[0].medium.g[2]), 1e-14);
 }
 

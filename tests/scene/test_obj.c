@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_obj.c - OBJ and MTL: what is read, how polygons are cut, and what is refused with which words. */
+ * test_obj.c - OBJ and MTL: supported statements, triangulation of polygons, and refusals with their messages. */
 #include "scene_test.h"
 #include "slow.h"
 
@@ -90,7 +90,7 @@ static void cut_and_compare(const float (*p)[2], size_t n, int plane, bool backw
         area += fabs(a);
         signs[a > 0.0] += fabs(a) > 1e-9;
     }
-    /* No triangle is turned over and together they have the polygon's area: so they cover it once. */
+    /* No triangle is flipped and together they have the polygon's area: so they cover it exactly once. */
     REQUIRE_REL(area, fabs(want), 1e-6);
     REQUIRE(signs[((want > 0.0) != backward) ? 0 : 1] == 0);
     pell_polygon_finish(&polygon);
@@ -197,7 +197,7 @@ static void vertex_colours_are_display_values(void **state)
     (void) state;
 
     assert_non_null(s->meshes[0].color);
-    REQUIRE_NEAR(s->meshes[0].color[0], 1.0, 0); /* none given: white */
+    REQUIRE_NEAR(s->meshes[0].color[0], 1.0, 0); /* no colours in the file: white */
     REQUIRE_NEAR(s->meshes[0].color[4], 0.21404, 1e-4);
     REQUIRE_NEAR(s->meshes[0].color[5], 1.0, 1e-6);
     REQUIRE_NEAR(s->meshes[0].color[6], 0.0, 0);
@@ -306,7 +306,7 @@ static void materials_come_from_their_libraries(void **state)
     assert_string_equal(m->name, "nowhere");
     assert_string_equal(m->preset, "marble");
     assert_false(m->opaque);
-    /* two missing libraries (2 each: the reason, the consequence), height map, opacity, the missing picture (2), the undefined material */
+    /* two missing libraries (2 each: the reason, the consequence), height map, opacity, the missing image (2), the undefined material */
     assert_int_equal(kept.warnings, 9);
     pell_scene_destroy(&s);
     assert_int_equal(pell_memory_used(ctx), 0);
@@ -438,7 +438,7 @@ static void limits_hold_before_memory_is_taken(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Each prefix of a file, and many files with a few bytes changed: an error or a scene, never a crash; nothing is lost. */
+/* Each prefix of a file, and many files with a few changed bytes: an error or a scene, never a crash or a leak. */
 static void damaged_files_end_well(void **state)
 {
     static const char *const texts[] = {
@@ -497,11 +497,11 @@ static void every_failed_allocation_is_survived(void **state)
     }
 }
 
-/* --- Other people's files ------------------------------------------------------------------------------------------------------------ */
+/* --- Files of other programs --------------------------------------------------------------------------------------------------------- */
 
 static void check_asset(const char *name, uint32_t triangles, double extent_ratio)
 {
-    const char *path = shared_file(name); /* skips where it is not there */
+    const char *path = shared_file(name); /* skips where it is absent */
     struct pell_context *ctx = test_context(NULL, NULL);
     const struct pell_load_params params = { .size_mm = 100.0, .bare = true };
     struct pell_scene *s;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_ply.c - PLY in its three encodings: any properties, polygons, strips; lying headers and damaged bodies. */
+ * test_ply.c - PLY in its three encodings: arbitrary properties, polygons, strips; false headers and damaged bodies. */
 #include "scene_test.h"
 #include "slow.h"
 
@@ -71,7 +71,7 @@ static void put_header(struct writer *w, enum encoding encoding, const char *res
     put_text(w, "end_header\n");
 }
 
-/* A pentagon, a triangle and a quad over 6 vertices, with everything that may stand around them. */
+/* A pentagon, a triangle and a quad over 6 vertices, with all other elements that may surround them. */
 static void write_all(struct writer *w, enum encoding encoding)
 {
     static const double points[6][3] = { { 0, 0, 0 }, { 2, 0, 0 }, { 3, 1.5, 0 }, { 1, 3, 0 }, { -1, 1.5, 0 }, { 1, 1, 4 } };
@@ -185,7 +185,7 @@ static void strips_turn_every_other_triangle(void **state)
         for (size_t i = 0; i < PELL_COUNT(strip); i++)
             put_int(&w, strip[i], 4);
         s = load(ctx, w.data, w.size);
-        /* Four of the ladder, the one along its side has no area but is kept. */
+        /* Four of the ladder; the one along its side has no area but is kept. */
         assert_int_equal(s->meshes[0].num_triangles, 5);
         for (int i = 0; i < 4; i++) {
             const uint32_t *v = s->meshes[0].index + 3 * i;
@@ -276,7 +276,7 @@ static void damaged_files_end_well(void **state)
         write_all(&w, (enum encoding) e);
         for (size_t n = 4; n < w.size; n++) {
             const enum pell_result res = load_bytes(ctx, "a.ply", w.data, n, &in_mm, NULL, &s);
-            /* All but the last bytes matter: they end the number of the last element, or are what is not needed. */
+            /* Truncations are detected except within the last bytes, which end the last number or are not needed. */
             if (res == PELL_OK && n + 2 < w.size)
                 fail_msg("%zu of %zu bytes were enough", n, w.size);
             pell_scene_destroy(&s);
@@ -320,7 +320,7 @@ static void every_failed_allocation_is_survived(void **state)
     }
 }
 
-/* --- Other people's files --------------------------------------------------------------------------------------------------------- */
+/* --- Files of other programs ------------------------------------------------------------------------------------------------------ */
 
 static void spheres_of_two_byte_orders_and_text_agree(void **state)
 {

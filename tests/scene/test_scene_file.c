@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_scene_file.c - the scene file: what each key does, how wrong ones are refused, and that the published schema says the same as
- * the reader. */
+ * test_scene_file.c - the scene file: effect of each key, refusal of wrong values, and agreement of the published schema with the
+ * reader. */
 #include "scene_test.h"
 
 #include "base/file.h"
@@ -11,7 +11,7 @@
 
 #include <regex.h>
 
-/* A triangle of 1 m whose node goes 4 m along x in two seconds ("walk"), or stands at 4 m ("stand"). */
+/* A triangle of 1 m whose node moves 4 m along x in two seconds ("walk"), or stays at 4 m ("stand"). */
 #define WALK                                                                                                                               \
     "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":68,\"uri\":\"data:;base64,"                                             \
     "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAAAAAAAAEAAAAAAAAAAAAAAAAAAAIBAAAAAAAAAAAA=\"}],"                                    \
@@ -122,7 +122,7 @@ static void positions_are_in_mesh_units_or_say_their_own(void **state)
     REQUIRE_NEAR(s->cameras[0].position[1], 50.0, 1e-4);
     REQUIRE_NEAR(s->cameras[0].position[2], 80.0, 1e-4);
     REQUIRE_NEAR(s->cameras[0].forward[2], -1.0, 1e-6);
-    REQUIRE_NEAR(s->cameras[0].up[1], 1.0, 1e-6); /* made square to the view */
+    REQUIRE_NEAR(s->cameras[0].up[1], 1.0, 1e-6); /* made perpendicular to the view direction */
     REQUIRE_NEAR(s->cameras[0].fov, 30 * PELL_PI / 180, 1e-6);
     REQUIRE_NEAR(s->lights[0].position[0], 10.0, 1e-5);
     REQUIRE_NEAR(s->lights[0].position[2], -3.0, 1e-5);
@@ -191,7 +191,7 @@ static void time_is_the_command_lines_then_the_files(void **state)
     assert_int_equal(load_bytes(ctx, "cube.obj", CUBE, strlen(CUBE), &none, files, &s), PELL_ERR_INVALID);
     assert_int_equal(kept.warnings, 0);
     assert_int_equal(load_bytes(ctx, "cube.obj", CUBE, strlen(CUBE), &still, files, &s), PELL_OK);
-    assert_int_equal(kept.warnings, 1); /* a time that moves nothing */
+    assert_int_equal(kept.warnings, 1); /* a time that has no effect */
     finish(s);
 }
 
@@ -237,7 +237,7 @@ static void lights_are_read(void **state)
     finish(s);
 }
 
-/* The same scenes as by the options of the same names; and options stand above the file. */
+/* The same scenes by the options of the same names; options override the file. */
 static void sides_studios_and_backgrounds_are_those_of_the_options(void **state)
 {
     static const struct {
@@ -315,7 +315,7 @@ static void materials_are_overlaid_by_name(void **state)
     finish(s);
 }
 
-/* A mesh file's materials that nothing defines are reported: those that the scene file or the mesh's own "material" settle are not. */
+/* Materials of a mesh file that are undefined are reported, except those that the scene file or the mesh's own "material" defines. */
 static void materials_that_nothing_defines_are_reported(void **state)
 {
     static const struct {
@@ -338,7 +338,7 @@ static void materials_that_nothing_defines_are_reported(void **state)
     }
 }
 
-/* Under the model that the material asks for, the medium has the colour; and what other programs call a radius is a length. */
+/* Under the model that the material selects, the medium has the colour; the radius of other programs is a length. */
 static void a_radius_means_what_its_kind_says(void **state)
 {
     static const double color[] = { 0.3, 0.5, 0.7 };
@@ -449,7 +449,7 @@ static void other_ways_to_name_a_material_work(void **state)
     finish(s);
 }
 
-/* Pictures lie in real files. */
+/* Image files exist on disk. */
 static void pictures_are_looked_up_and_named_when_broken(void **state)
 {
     static const float values[4] = { 0.25f, 0.5f, 0.75f, 1.0f };
@@ -517,7 +517,7 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
             assert_int_equal(m->strength_map.channel, 3);
             assert_int_equal(m->roughness_map.channel, 1);
             REQUIRE(m->roughness_map.texture && m->roughness_map.texture != m->base_color_map.texture);
-            assert_null(m->normal_map.texture); /* broken: left out, with a warning */
+            assert_null(m->normal_map.texture); /* broken: skipped, with a warning */
             assert_int_equal(s->num_textures, 2);
             REQUIRE(s->lights[0].image && s->lights[1].image && s->background == PELL_BACKGROUND_IMAGE);
             REQUIRE(kept.warnings >= 1);
@@ -537,7 +537,7 @@ static void pictures_are_looked_up_and_named_when_broken(void **state)
     assert_int_equal(system(command), 0);
 }
 
-/* "%04d" in the name of a picture is the number of the scene's time. */
+/* "%04d" in the name of an image is the number of the scene's time. */
 static void a_picture_of_a_sequence_is_that_of_the_time(void **state)
 {
 #define FILM(name, rest) "{\"pellucid\":1,\"mesh\":\"c.obj\",\"size\":\"1cm\",\"materials\":{\"*\":{\"strength\":\"" name "#r\"}}" rest "}"
@@ -635,7 +635,7 @@ static void backgrounds_and_options_are_kept(void **state)
     assert_int_equal(s->background, PELL_BACKGROUND_COLOR);
     REQUIRE_NEAR(s->background_color[2], 0.3, 1e-6);
     assert_int_equal(s->ground_mesh, 1);
-    /* The default camera frames for the picture's own shape, which is narrow here: the cube's width decides. */
+    /* The default camera frames for the image's aspect ratio, which is narrow here: the cube's width determines the distance. */
     REQUIRE_NEAR(5.0 / ((s->cameras[0].position[2] - s->bounds_max[2]) * tan(0.5 * s->cameras[0].fov) * 0.5), 0.8, 1e-3);
     finish(s);
     s = load(SCENE(",\"background\":\"transparent\""), NULL);
@@ -881,7 +881,7 @@ static void schema_and_reader_know_the_same_keys(void **state)
     json_decref(schema);
 }
 
-/* As much of JSON Schema as the file uses. Fails the test on a word that it does not know. */
+/* The subset of JSON Schema that the file uses. Fails the test on an unknown keyword. */
 static bool valid(const json_t *schema, const json_t *root, const json_t *v);
 
 static bool matches(const char *pattern, const char *text)
@@ -999,7 +999,7 @@ static bool valid(const json_t *schema, const json_t *root, const json_t *v)
     return true;
 }
 
-/* Scenes that are good, whole; those that are refused for their meaning alone (names, files, ranges that hang together). */
+/* Valid scenes, complete; and scenes that only their semantics make invalid (names, files, dependent ranges). */
 static const char *const good[] = {
     SCENE(""),
     SCENE(",\"materials\":{\"*\":{\"skin\":{\"melanin\":0.1,\"melanin_blend\":0.5,\"haemoglobin\":0.02,\"oxygenation\":0.7}}}"),
@@ -1079,7 +1079,7 @@ static const char *const beyond_schema[] = {
     "layers have one of their own",
 };
 
-/* A preset brings a colour for where there is no picture; a picture given beside it must not be tinted by that. */
+/* A preset has a colour for where there is no colour map; a map given with it must not be tinted by that colour. */
 static void a_base_color_texture_is_not_tinted_by_the_preset(void **state)
 {
     static const char *const names[] = { "cube.obj", "white.hdr", "a.json", "b.json" };
@@ -1145,7 +1145,7 @@ static void schema_and_reader_agree(void **state)
     json_decref(schema);
 }
 
-/* --- Ends --------------------------------------------------------------------------------------------------------------------- */
+/* --- Errors ------------------------------------------------------------------------------------------------------------------- */
 
 static void damaged_files_end_well(void **state)
 {
@@ -1177,7 +1177,7 @@ static void damaged_files_end_well(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* A complete scene takes camera and lights of another text as if it had been loaded from it; pictures stay. */
+/* A complete scene takes camera and lights of another text as if it had been loaded from it; images are kept. */
 static void camera_and_lights_are_read_again(void **state)
 {
     static const char *const texts[] = {

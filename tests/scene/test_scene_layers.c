@@ -7,7 +7,7 @@
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
 
-/* --- A folder of pictures ----------------------------------------------------------------------------------------------------- */
+/* --- A folder of images ------------------------------------------------------------------------------------------------------- */
 
 struct folder {
     struct kept_messages kept;
@@ -23,7 +23,7 @@ static void write_bytes(struct folder *f, const char *name, const void *data, si
     OK(pell_file_write(f->ctx, path, data, size));
 }
 
-/* PNG encodes what is shown: a number that comes back as x. */
+/* PNG stores display values: returns the value that decodes to x. */
 static float shown_as(float x)
 {
     return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
@@ -48,7 +48,7 @@ static void write_picture(struct folder *f, const char *name, const float (*pixe
     OK(pell_image_write(f->ctx, path, NULL, &params));
 }
 
-/* One channel, floats as they are: bottom row first. */
+/* One channel of unmodified floats: bottom row first. */
 static void write_pfm(struct folder *f, const char *name, const float value[4])
 {
     char bytes[64];
@@ -240,7 +240,7 @@ static void broken_maps_are_refused_with_their_place(void **state)
         { "\"empty.pfm\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "can't be read" },
         { "\"broken.png\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "can't be read" },
         { "\"gone.png\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "" },
-        { "\"01.png\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "" }, /* a picture's name, no length */
+        { "\"01.png\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "" }, /* a file name, not a length */
         { "\"/etc/passwd\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "" },
         { "\"normal.r\",\"depth_scale\":\"1mm\"", "/layers/0/depth", "has no such texture" },
     };
@@ -271,21 +271,21 @@ static void crossings_are_counted_and_warned_of_once(void **state)
     (void) state;
 
     folder_start(&f);
-    /* r is 0, 0.1, 0.2, 0.3 and g 0.25, 0.3, 0.2, 0.4: of half the scale it lies above r at the last two texels. */
+    /* r is 0, 0.1, 0.2, 0.3 and g 0.25, 0.3, 0.2, 0.4: at half the scale r exceeds g at the last two texels. */
     s = must_load(&f, "\"layers\":[{" SIGMA ",\"depth\":\"four.png#r\",\"depth_scale\":\"4mm\"},"
                       "{" SIGMA ",\"depth\":\"four.png#g\",\"depth_scale\":\"2mm\"},{" SIGMA ",\"depth\":\"0.9mm\"}]");
     pell_scene_layers_measure(&s->materials[0], measure);
     assert_int_equal(measure[0].crossings, 0);
     assert_int_equal(measure[1].crossings, 2);
     assert_int_equal(measure[2].crossings, 1);
-    REQUIRE_NEAR(measure[2].max, measure[0].max, 1e-6); /* the upper one wins */
+    REQUIRE_NEAR(measure[2].max, measure[0].max, 1e-6); /* the upper layer has precedence */
     assert_int_equal(f.kept.warnings, 1);
     REQUIRE(strstr(f.kept.last_warning, "layer 1") && strstr(f.kept.last_warning, "50 %"));
     pell_scene_destroy(&s);
     folder_finish(&f);
 }
 
-/* --- What methods of diffusion see -------------------------------------------------------------------------------------------- */
+/* --- Layers as seen by diffusion methods -------------------------------------------------------------------------------------- */
 
 #define FISH                                                                                                                               \
     "\"eta\":%g,\"layers\":[{\"sigma_s\":[2,1,1],\"sigma_a\":[0.6,0.6,0.6],\"phase\":\"schlick\",\"g\":0.25,%s},"                          \
@@ -311,7 +311,7 @@ static void uniform_layers_reflect_what_the_preset_does(void **state)
             REQUIRE_REL(pell_gaussians_total(&s->materials[0].gaussians, c), pell_gaussians_total(&fish->gaussians, c), 1e-6);
         pell_scene_destroy(&s);
     }
-    /* Beside a preset or coefficients these are what diffusion shows. */
+    /* A preset or coefficients given with layers are used for diffusion. */
     for (int i = 0; i < 2; i++) {
         struct pell_scene *s = must_load(&f, i == 0 ? "\"preset\":\"marble\",\"layers\":[{" SIGMA "}]"
                                                     : "\"sigma_a\":[1,1,1],\"sigma_s_reduced\":[2,2,2],\"layers\":[{" SIGMA "}]");
@@ -323,7 +323,7 @@ static void uniform_layers_reflect_what_the_preset_does(void **state)
     folder_finish(&f);
 }
 
-/* A preset takes the layers of "*" away; layers take a preset's place. */
+/* A preset overrides the layers of "*"; layers override a preset. */
 static void later_words_win(void **state)
 {
     static const struct memory_file files[] = { { "two.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
@@ -372,7 +372,7 @@ static void as_many_as_there_may_be(void **state)
         res = load_bytes(ctx, "s.json", text, strlen(text), NULL, files, &s);
         if (count == PELL_LAYERS_MOST) {
             OK(res);
-            /* 64 layers of one medium reflect what one does. */
+            /* 64 layers of one medium have its reflectance. */
             for (int c = 0; c < 3; c++) {
                 const struct pell_medium *m = &s->materials[0].layers[0].medium;
                 const struct pell_dipole d =

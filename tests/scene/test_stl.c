@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_stl.c - STL in its two forms: a ball written and read, corners that meet, damaged and lying files. */
+ * test_stl.c - STL in its two forms: a ball written and read, merging of vertices, damaged and inconsistent files. */
 #include "scene_test.h"
 
 #include <ctype.h>
@@ -33,7 +33,7 @@ static void finish(struct fixture *f)
     assert_int_equal(f->fault.live, 0);
 }
 
-/* A ball of 10 mm, in triangles that share no corner. */
+/* A ball of 10 mm, in triangles without shared vertices. */
 static size_t ball(float corners[MOST][3][3])
 {
     size_t n = 0;
@@ -68,7 +68,7 @@ static size_t write_binary(uint8_t *out, float corners[][3][3], size_t triangles
     for (int k = 0; k < 4; k++)
         out[80 + k] = (uint8_t) (triangles >> 8 * k);
     for (size_t t = 0; t < triangles; t++)
-        memcpy(out + 84 + 50 * t + 12, corners[t], 36); /* little-endian, as the machines this runs on */
+        memcpy(out + 84 + 50 * t + 12, corners[t], 36); /* little-endian, as the supported machines are */
     return 84 + 50 * triangles;
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_shared.c - the formulas that C and GLSL share, as C, against closed forms. */
+ * test_shared.c - the formulas that C and GLSL share, compiled as C, against closed forms. */
 #include "pell_test.h"
 
 #include "shared/bloom.h"
@@ -42,7 +42,7 @@ static void refraction_is_snells_and_reversible(void **state)
         const float c = (float) i / 50.0f, eta = 1.33f;
         const struct pell_refraction in = pell_refract(eta, c), out = pell_refract(1.0f / eta, in.cos_t);
         REQUIRE_NEAR(1.0 - (double) (in.cos_t * in.cos_t), (1.0 - (double) (c * c)) / (double) (eta * eta), 1e-6);
-        REQUIRE_NEAR((double) out.reflectance, (double) in.reflectance, 5e-5); /* steep where light grazes */
+        REQUIRE_NEAR((double) out.reflectance, (double) in.reflectance, 5e-5); /* steep at grazing angles */
         REQUIRE_NEAR((double) out.cos_t, (double) c, 1e-5);
     }
 }
@@ -62,14 +62,14 @@ static void light_that_enters_and_leaves(void **state)
 {
     (void) state;
     REQUIRE_NEAR((double) pell_transmittance(0.8f, 0.04f, 0.5f, 0.25f), 1.0 - 0.8 * 0.27, 1e-6);
-    REQUIRE_NEAR((double) pell_transmittance(1.0f, 0.04f, 50.0f, 0.25f), 0.0, 1e-6); /* the albedo is 1 at most */
+    REQUIRE_NEAR((double) pell_transmittance(1.0f, 0.04f, 50.0f, 0.25f), 0.0, 1e-6); /* the albedo is at most 1 */
     REQUIRE_NEAR((double) pell_exit_factor(0.8f, 0.3f, 0.2f, 1.0f), (1.0 - 0.24) / (PI * (1.0 - 0.16)), 1e-6);
     REQUIRE_NEAR((double) pell_exit_factor(0.8f, 0.3f, 0.2f, 0.0f), (1.0 - 0.24) / PI, 1e-6);
     assert_true(pell_exit_factor(1.0f, 1.0f, 1.0f, 1.0f) == 0.0f);
     REQUIRE_NEAR((double) pell_smooth_exit_factor(0.9f, 0.75f), 1.2 / PI, 1e-6);
 }
 
-/* l = v = n: h = 2 n, and what is left of each lobe is its distribution's peak. */
+/* l = v = n: h = 2 n, and the value of each lobe is the peak of its distribution. */
 static void lobes_straight_on(void **state)
 {
     (void) state;
@@ -84,7 +84,7 @@ static void lobes_straight_on(void **state)
     }
 }
 
-/* As many directions mirrored at half vectors lie in a cap around n as their density says, seen aslant. */
+/* The number of directions reflected at sampled half vectors in a cap around n agrees with the density, for oblique views. */
 static void mirrored_directions_have_their_density(void **state)
 {
     enum { DRAWN = 1 << 14, RINGS = 1500, STEPS = 1500 };
@@ -184,11 +184,11 @@ static void places_are_the_entries(void **state)
     assert_true(pell_roughness_coord(0.0f, 0.1f, 16) == 0.0f);
     assert_true(pell_roughness_coord(2.0f, 0.1f, 16) == 15.0f);
     assert_int_equal(pell_table_cell(1e30f, 16), 14);
-    assert_int_equal(pell_table_cell(NAN, 16), 14); /* inside of the table, whatever comes */
+    assert_int_equal(pell_table_cell(NAN, 16), 14); /* inside the table for any input */
     assert_true(pell_saturate(NAN) == 0.0f);
     REQUIRE_NEAR((double) pell_bilinear(1.0f, 2.0f, 3.0f, 5.0f, 0.25f, 0.5f), 0.5 * (1.25 + 3.5), 1e-6);
     REQUIRE_NEAR((double) pell_thickness_transmission(0.5f, 0.25f, 3.25f, 8), 0.5 - 0.25 * 0.25, 1e-6);
-    assert_true(pell_thickness_transmission(0.5f, 0.25f, 7.0f, 8) == 0.0f); /* beyond the last entry nothing arrives */
+    assert_true(pell_thickness_transmission(0.5f, 0.25f, 7.0f, 8) == 0.0f); /* no light arrives beyond the last entry */
 }
 
 static void tone_curve_and_its_inverse(void **state)
@@ -225,7 +225,7 @@ static void lights_fall_off(void **state)
     REQUIRE_NEAR((double) pell_light_cone(1.0f, (float) scale, (float) (-outer * scale)), 1.0, 1e-6);
 }
 
-/* 0 at 0, x at 1, and flat there: light does not show where normals begin to differ. */
+/* 0 at 0, x at 1, and zero slope there: no visible change of brightness where normals begin to differ. */
 static void soft_terminator_is_smooth(void **state)
 {
     (void) state;
@@ -236,8 +236,9 @@ static void soft_terminator_is_smooth(void **state)
 }
 
 /* The solid angle of a rectangle over a point is 4 asin(ab / sqrt((a^2 + 4 h^2)(b^2 + 4 h^2))); uniform directions in it have the mean
- * cosine that its irradiance by Lambert (1760) gives, and parts of the square of numbers get directions in proportion. */
-/* Across parallel faces a slab is as thick as they are apart, whichever way the light goes; beside a corner as long as the way. */
+ * cosine that its irradiance by Lambert (1760) implies, and cells of the unit square receive directions in proportion. */
+/* Between parallel faces the thickness of a slab is the distance of its faces, for any direction of the light; near a corner it is the
+ * length of the segment. */
 static void slabs_are_as_thick_as_they_are(void **state)
 {
     (void) state;
@@ -246,9 +247,9 @@ static void slabs_are_as_thick_as_they_are(void **state)
         assert_true(pell_thickness_cosine(-cosine, -cosine) == cosine);
         REQUIRE_NEAR((double) pell_thickness_of(m, cosine, -1.0f), 3.0, 1e-6);
         assert_true(pell_thickness_of(m, cosine, 0.0f) == m && pell_thickness_of(m, cosine, 1.0f) == m);
-        /* a normal map that makes light graze leaves half of the triangle's cosine */
+        /* a normal map with grazing light keeps half of the triangle's cosine */
         assert_true(pell_thickness_cosine(-0.1f * cosine, -cosine) == 0.5f * cosine);
-        /* all counts where A is turned away from the viewer or from C, nothing where it is seen and faces the same way */
+        /* full weight where A faces away from the viewer or from C, none where it is visible and faces the same direction */
         assert_true(pell_thickness_counted(cosine, -0.1f) == 1.0f && pell_thickness_counted(-cosine, 1.0f) == 1.0f);
         REQUIRE_NEAR((double) pell_thickness_counted(cosine, 0.25f), 1.0 - (double) cosine, 1e-6);
         assert_true(pell_thickness_opposed(-cosine) == cosine && pell_thickness_opposed(cosine) == 0.0f);
@@ -277,7 +278,7 @@ static void a_wide_light_is_sampled_by_solid_angle(void **state)
             const double px = 0.5 * a * (double) p.x, py = 0.5 * b * (double) p.y;
             REQUIRE(fabsf(p.x) <= 1.00001f && fabsf(p.y) <= 1.00001f && fabsf(q.x) <= 1.00001f && fabsf(q.y) <= 1.00001f);
             cosine += h / sqrt(px * px + py * py + h * h) / (SIDE * SIDE);
-            left += q.x < -0.8f ? 1.0 / (SIDE * SIDE) : 0.0; /* the part that is left of the point */
+            left += q.x < -0.8f ? 1.0 / (SIDE * SIDE) : 0.0; /* the weight that remains for the point */
         }
     REQUIRE_NEAR(cosine * (double) w.angle, lambert, 1e-3);
     REQUIRE_NEAR(left * (double) aside.angle, (double) pell_wide_make(-1.5f, 3.0f, 1.5f, 6.0f, 4.0f).angle, 2e-2);
@@ -285,7 +286,7 @@ static void a_wide_light_is_sampled_by_solid_angle(void **state)
     REQUIRE_NEAR((double) pell_wide_sample(w, 0.5f, 0.5f).y, 0.0, 1e-4);
 }
 
-/* Beyond an edge a picture goes on as it came, and a pixel lies between the points of a grid that are nearest to it. */
+/* Beyond an edge an image is continued by reflection, and a pixel lies between the nearest points of a grid. */
 static void edges_mirror_and_cells_hold_pixels(void **state)
 {
     static const int row[] = { 2, 1, 0, 0, 1, 2, 2, 1, 0, 0, 1, 2, 2 };
@@ -303,7 +304,7 @@ static void edges_mirror_and_cells_hold_pixels(void **state)
         }
 }
 
-/* A disc covers its area; it is sharp at the focus; an even picture stays even, whatever lies over what. */
+/* A disc covers its area; it is a point at the focus; a uniform image stays uniform for any depth order. */
 static void discs_cover_and_lay(void **state)
 {
     static const float weights[][3] = { { 0.2f, 0.3f, 0.9f }, { 0.0f, 1.0f, 0.0f },  { 0.0f, 0.4f, 0.0f },
@@ -322,13 +323,13 @@ static void discs_cover_and_lay(void **state)
         const float n = weights[i][0], s = weights[i][1], f = weights[i][2];
         REQUIRE_NEAR((double) pell_disc_composite(n, 3.0f * n, s, 3.0f * s, f, 3.0f * f, 1.0f), 3.0, 1e-6);
     }
-    /* Near covers a part of what is far, and all of it where its discs cover the pixel. */
+    /* A near surface covers a fraction of a far one, and all of it where its discs cover the pixel. */
     REQUIRE_NEAR((double) pell_disc_composite(0.25f, 0.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 0.25, 1e-6);
     REQUIRE_NEAR((double) pell_disc_composite(1.25f, 1.25f, 0.0f, 0.0f, 1.0f, 0.0f, 1.0f), 1.0, 1e-6);
 }
 
-/* From a place of the octahedron back to the direction, by its faces: |x| + |y| + |z| = 1, the lower half folded out. And the picture's
- * azimuth and height are those of a direction made of them. */
+/* From octahedral coordinates back to the direction, by the faces: |x| + |y| + |z| = 1, the lower half folded out. And the environment's
+ * azimuth and height are those of the direction made of them. */
 static void directions_have_their_places(void **state)
 {
     const double last = PELL_ENV_NODES - 1;
@@ -340,7 +341,7 @@ static void directions_have_their_places(void **state)
             const double x = y < 0.0 ? copysign(1.0 - fabs(b), a) : a, z = y < 0.0 ? copysign(1.0 - fabs(a), b) : b;
             const double n = sqrt(x * x + y * y + z * z);
             const struct pell_point2 p = pell_octahedral_coord((float) (x / n), (float) (y / n), (float) (z / n));
-            const bool folds = y < -1e-9 && (fabs(a) < 1e-9 || fabs(b) < 1e-9); /* an edge lies at both of its sides */
+            const bool folds = y < -1e-9 && (fabs(a) < 1e-9 || fabs(b) < 1e-9); /* an edge has coordinates on both of its sides */
             REQUIRE(p.x >= 0.0f && (double) p.x <= last && p.y >= 0.0f && (double) p.y <= last);
             REQUIRE_NEAR(folds ? fabs((double) p.x / last - 0.5) : (double) p.x / last, folds ? fabs(a / 2.0) : (a + 1.0) / 2.0, 1e-5);
             REQUIRE_NEAR(folds ? fabs((double) p.y / last - 0.5) : (double) p.y / last, folds ? fabs(b / 2.0) : (b + 1.0) / 2.0, 1e-5);

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * connect_rig.h - a scene with one solid and its connector, for the tests of refractive connections and their bench.
- */
+ * connect_rig.h - a scene with one solid and its connector, for the tests and the benchmark of refractive connections. */
 #ifndef PELL_CONNECT_RIG_H
 #define PELL_CONNECT_RIG_H
 
@@ -12,7 +10,7 @@
 
 #define OK(expr) assert_int_equal(expr, PELL_OK)
 
-/* One body, number 0, of material 0; whatever else stands in the scene is opaque. */
+/* One solid, id 0, of material 0; everything else in the scene is opaque. */
 struct rig {
     struct pell_context *ctx;
     struct pell_scene *scene;
@@ -54,7 +52,7 @@ static inline void rig_finish(struct rig *r)
     pell_context_destroy(&r->ctx);
 }
 
-/* A ball with waves on it, and the normals of its triangles' neighbourhoods: caustics inside. */
+/* A ball with waves on its surface, and vertex normals averaged over adjacent triangles: it has caustics inside. */
 static inline void bumpy(struct rig *r, float radius, float height, int rings)
 {
     struct pell_mesh *m = shapes_ball(r->scene, 0, vec3(0, 0, 0), radius, rings);

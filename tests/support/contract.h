@@ -1,11 +1,9 @@
 /* SPDX-License-Identifier: MIT
+ * contract.h - a contract for every method of the registry on each of its engines: one test per property ("promise"), method and engine,
+ * so that newly listed methods are tested automatically.
  *
- * contract.h - promises that every method of the registry makes, on every engine that it has: a test for each promise, method and engine,
- * so that whatever joins a list is held to all of them from then on.
- *
- * What does not keep a promise stands in a table of exceptions, with the reason, and is shown as skipped. It is tried all the same: an
- * exception that no longer holds fails.
- */
+ * Known violations are listed in a table of exceptions, with the reason, and reported as skipped. They are executed all the same: an
+ * exception that no longer applies fails. */
 #ifndef PELL_CONTRACT_H
 #define PELL_CONTRACT_H
 
@@ -20,9 +18,9 @@ enum { CONTRACT_MOST = 1024 };
 
 struct promise {
     const char *name;
-    void (*keep)(void **state); /* *state: who is held to it, a struct party */
-    bool anywhere;              /* asked of methods that are unfit for the others, too */
-    bool once;                  /* the same in all forms in which a test is built: asked in one of them */
+    void (*keep)(void **state); /* *state: the method under test, a struct party */
+    bool anywhere;              /* also applies to methods that are unfit for the others */
+    bool once;                  /* the same in all builds of the test: executed in one of them */
 };
 
 struct promise_exception {
@@ -30,23 +28,24 @@ struct promise_exception {
 };
 
 struct contract {
-    const struct promise *promises;                    /* ends with {0} */
-    const struct promise_exception *exceptions;        /* ends with {0} */
-    const char *(*unfit)(const struct pell_method *m); /* why only what is asked anywhere is asked of it; else NULL. NULL: all are fit */
-    void (*refuse)(void **state);                      /* how an unfit method shows that it is; may be NULL */
-    bool again;                                        /* another form is asked what all forms share */
+    const struct promise *promises;             /* ends with {0} */
+    const struct promise_exception *exceptions; /* ends with {0} */
+    const char *(*unfit)(
+        const struct pell_method *m); /* the reason why a method is tested only for `anywhere`; else NULL. NULL: all methods are fit */
+    void (*refuse)(void **state);     /* how an unfit method reports that; may be NULL */
+    bool again;                       /* another build tests the promises that are the same in all builds */
 };
 
 struct party {
     const struct pell_method *method;
     enum pell_engine engine;
     const struct promise *promise;
-    const char *why; /* it does not keep it; or why there is nothing to keep, where `promise` is NULL */
+    const char *why; /* the reason of the exception; or why there is nothing to test, where `promise` is NULL */
     void (*refuse)(void **state);
     char name[160];
 };
 
-/* Tries what is known to fail in a process of its own, which is gone where it does. */
+/* Executes a known failure in a child process, which may crash. */
 static inline bool promise_is_kept(void **state)
 {
     int status = 1;
@@ -83,7 +82,7 @@ static inline void contract_test(void **state)
     }
 }
 
-/* NULL: there is a device with this engine; else why not. */
+/* NULL: a device with this engine exists; else the reason why not. */
 static inline const char *engine_lacks(enum pell_engine engine)
 {
     static struct kept_messages kept;
@@ -103,7 +102,7 @@ static inline bool method_has(const struct pell_method *m, enum pell_engine engi
 
 /* The tests of a run, in the order in which they are listed. */
 struct contract_list {
-    struct CMUnitTest tests[CONTRACT_MOST]; /* cmocka leaves out what has no function */
+    struct CMUnitTest tests[CONTRACT_MOST]; /* cmocka skips entries without a function */
     struct party parties[CONTRACT_MOST];
     size_t count;
 };
@@ -158,7 +157,7 @@ static inline void contract_list_engine(const struct contract *c, enum pell_engi
     }
 }
 
-/* Exceptions and arguments name promises and methods that are there. */
+/* Exceptions and arguments must name existing promises and methods. */
 static inline bool contract_is_whole(const struct contract *c, int argc, char **argv)
 {
     bool whole = true;
@@ -183,7 +182,7 @@ static inline bool contract_is_whole(const struct contract *c, int argc, char **
     return whole;
 }
 
-/* main: every promise, or those that the arguments name. */
+/* main: every promise, or those named by the arguments. */
 static inline int contract_run(const struct contract *c, int argc, char **argv)
 {
     static struct contract_list list;

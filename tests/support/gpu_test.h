@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * gpu_test.h - tests on a Vulkan device under the validation layer. They are skipped, by name, where there is no driver or no layer: asked
- * before a test owns anything, because cmocka's skip() does not come back. */
+ * gpu_test.h - tests on a Vulkan device under the validation layer. They are skipped, by name, where there is no driver or no layer:
+ * checked before a test allocates anything, because cmocka's skip() does not return. */
 #ifndef PELL_GPU_TEST_H
 #define PELL_GPU_TEST_H
 
@@ -10,7 +10,7 @@
 
 static const struct pell_gpu_params validated_gpu = { .validate = true };
 
-/* Skips the running test where no device opens, with the reason. */
+/* Skips the running test where no device can be opened, with the reason. */
 static inline void skip_without_gpu(void)
 {
     struct kept_messages kept = { 0 };
@@ -26,7 +26,7 @@ static inline void skip_without_gpu(void)
     }
 }
 
-/* test_context(), where a device opens. */
+/* test_context(), where a device can be opened. */
 static inline struct pell_context *gpu_context(struct pell_alloc_fault *fault, struct kept_messages *kept)
 {
     skip_without_gpu();
@@ -42,7 +42,7 @@ static inline struct pell_gpu *gpu_opened(struct pell_context *ctx)
     return gpu;
 }
 
-/* Closes both; nothing is left of them, and nothing was said. */
+/* Closes both; nothing must remain, and no message may have been logged. */
 static inline void gpu_finished(struct pell_context **ctx, struct pell_gpu **gpu, const struct kept_messages *kept)
 {
     assert_true(pell_gpu_memory_used(*gpu) == 0);

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * layers_rig.h - for tests of what sees layers: the three of Francois et al. 2006, table 1, even or painted.
- */
+ * layers_rig.h - for tests of layered media: the three layers of Francois et al. 2006, table 1, uniform or painted. */
 #ifndef RENDER_LAYERS_RIG_H
 #define RENDER_LAYERS_RIG_H
 
@@ -34,9 +32,9 @@ static inline void layers_set(struct pell_scene *scene, size_t material, int cou
     }
 }
 
-/* Paints a layer's depth by the first of `channels` floats a texel: shares of its `depth`. */
+/* Paints a layer's depth by the first of `channels` floats per texel: fractions of its `depth`. */
 static inline struct pell_texture *layers_paint(struct pell_scene *scene, size_t material, int layer, int width, int height, int channels,
-                                                const float *share)
+                                                const float *fraction)
 {
     const size_t size = (size_t) width * (size_t) height * (size_t) channels * sizeof(float);
     struct pell_texture *t;
@@ -45,7 +43,7 @@ static inline struct pell_texture *layers_paint(struct pell_scene *scene, size_t
     t->image = (struct pell_image) { .width = width, .height = height, .channels = channels, .type = PELL_PIXEL_F32 };
     t->image.pixels = pell_alloc(scene->ctx, size);
     assert_non_null(t->image.pixels);
-    memcpy(t->image.pixels, share, size);
+    memcpy(t->image.pixels, fraction, size);
     scene->materials[material].layers[layer].depth_map.texture = t;
     return t;
 }

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * lights_rig.h - for tests of the irradiance stage: scenes built by hand, rendered through rays, surface and lights.
- */
+ * lights_rig.h - for tests of the irradiance stage: scenes built by hand, rendered through rays, surface and lights. */
 #ifndef LIGHTS_RIG_H
 #define LIGHTS_RIG_H
 
@@ -18,11 +16,11 @@ struct rig {
     struct pell_thickness_table table;
     const struct pell_thickness_table *thickness[8]; /* per material, set by render */
     bool smooth;
-    bool solid; /* nothing passes thin parts */
-    bool ideal; /* after the surface is seen: geometric normals are the shading ones and nothing is in any way */
+    bool solid; /* no transmission through thin parts */
+    bool ideal; /* after the surface stage: geometric normals are the shading normals, and nothing casts shadows */
     int threads;
     uint32_t seed, sample;
-    uint64_t asked; /* bits of the lights that are asked for; 0: all */
+    uint64_t asked; /* bit mask of the active lights; 0: all */
     int width, height;
     /* after render */
     struct pell_pool *pool;
@@ -62,7 +60,7 @@ static inline double table_share(double d, int c)
     return w[c] * exp(-d * d / (2.0 * v[c]));
 }
 
-/* rho_s = 0, white: what enters is what arrives. */
+/* rho_s = 0, white: all arriving light enters. */
 static inline size_t rig_material(struct rig *r, bool opaque)
 {
     size_t m;
@@ -168,7 +166,7 @@ static inline void rig_finish(struct rig *r)
     pell_context_destroy(&r->ctx);
 }
 
-/* Normals are made by hand here, so that bounds are all that completing a scene would add. */
+/* Normals are made by hand here, so only bounds have to be completed. */
 static inline void rig_bounds(struct pell_scene *scene)
 {
     for (int c = 0; c < 3; c++) {
@@ -190,7 +188,7 @@ static inline void rig_move(struct pell_scene *scene, float x)
             scene->meshes[i].position[3 * v] += x;
 }
 
-/* Of what was rendered. */
+/* Of the rendered pixels. */
 static inline struct pell_irradiance_params rig_params(const struct rig *r)
 {
     return (struct pell_irradiance_params) {
@@ -261,8 +259,8 @@ static inline struct pell_vec3 rig_normal(const struct rig *r, int x, int y)
     return vec3(r->surface.ns[0][i], r->surface.ns[1][i], r->surface.ns[2][i]);
 }
 
-/* E of a unit radiance polygon at p with normal n (Lambert 1760): half the sum of edge angles times the cosine of each
- * edge's plane. All of it must be above the horizon. */
+/* E of a polygon of radiance 1 at p with normal n (Lambert 1760): half the sum of edge angles times the cosine of each edge's plane. The
+ * whole polygon must be above the horizon. */
 static inline double polygon_irradiance(struct pell_vec3 p, struct pell_vec3 n, const struct pell_vec3 *corner, int count)
 {
     double sum = 0.0;

@@ -1,13 +1,11 @@
 /* SPDX-License-Identifier: MIT
- *
- * method_form.h - knobs with which every method of the registry is small enough for a test.
- */
+ * method_form.h - knobs that make every method of the registry fast enough for a test. */
 #ifndef PELL_METHOD_FORM_H
 #define PELL_METHOD_FORM_H
 
 #include "stage.h"
 
-/* Knobs, as for stage_method, with which a picture of some hundred pixels takes a fraction of a second. */
+/* Knobs, as for stage_method, with which an image of some hundred pixels takes a fraction of a second. */
 static inline const char *const *method_form(const struct pell_method *m)
 {
     static const struct {

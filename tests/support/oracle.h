@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * oracle.h - reads the expected values of tests/expect, above all those of tests/expect/oracle, and the project's data. */
+ * oracle.h - reads the expected values of tests/expect, mainly those of tests/expect/oracle, and the project's data. */
 #ifndef PELL_TEST_ORACLE_H
 #define PELL_TEST_ORACLE_H
 

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * patch.h - frames made by hand for tests of methods: planes of floats around a surface that a formula gives.
- */
+ * patch.h - hand-made frames for tests of methods: planes of floats for a surface given by a formula. */
 #ifndef PELL_PATCH_H
 #define PELL_PATCH_H
 
@@ -18,7 +16,7 @@ struct patch {
     float *depth, *strength, *light[3], *normal[3], *position[3], *result[3];
 };
 
-/* Three channels of one Gaussian each way: white, of variance v mm^2 times `channel`. */
+/* Three channels of one Gaussian each: white, with a variance of v mm^2 times `channel`. */
 static inline struct pell_frame_material patch_gaussians(int count, const double *variance, const double (*weight)[3])
 {
     struct pell_frame_material m = { .name = "test", .medium = { .eta = 1.3 } };
@@ -31,12 +29,13 @@ static inline struct pell_frame_material patch_gaussians(int count, const double
     return m;
 }
 
-/* A facing surface at `depth` mm that fills the picture, evenly lit by 1; materials are borrowed. `focal` as in struct pell_frame. */
+/* A facing surface at `depth` mm that fills the image, with uniform irradiance 1; materials are borrowed. `focal` as in struct
+ * pell_frame. */
 static inline struct patch *patch_create(int width, int height, bool orthographic, double focal, double depth,
                                          const struct pell_frame_material *materials, size_t num_materials)
 {
     struct patch *p = calloc(1, sizeof(*p));
-    const size_t stride = (size_t) width + 3, size = stride * (size_t) height; /* odd on purpose: any stride will do */
+    const size_t stride = (size_t) width + 3, size = stride * (size_t) height; /* odd on purpose: any stride must work */
     float **const planes[] = { &p->depth,       &p->strength,  &p->light[0],  &p->light[1],    &p->light[2],
                                &p->normal[0],   &p->normal[1], &p->normal[2], &p->position[0], &p->position[1],
                                &p->position[2], &p->result[0], &p->result[1], &p->result[2] };
@@ -127,7 +126,7 @@ static inline void patch_tilt(struct patch *p, double depth, double slope_x, dou
     }
 }
 
-/* Light of 1 on the pixels from `half` on along an axis (0: x), 0 before. */
+/* Irradiance 1 on the pixels from `half` on along an axis (0: x), 0 before. */
 static inline void patch_light_half(struct patch *p, int axis, int half)
 {
     for (int y = 0; y < p->frame.shape.height; y++)
@@ -145,16 +144,16 @@ static inline void patch_light(struct patch *p, float r, float g, float b)
             p->light[c][i] = rgb[c];
 }
 
-/* A device of `threads` in a context of its own; `fault` and `kept` may be NULL. */
-struct bench_place {
+/* A device with `threads` threads in a context of its own; `fault` and `kept` may be NULL. */
+struct test_device {
     struct pell_context *ctx;
     struct pell_device *device;
 };
 
-static inline struct bench_place place_create_on(enum pell_engine engine, int threads, struct pell_alloc_fault *fault,
-                                                 struct kept_messages *kept)
+static inline struct test_device test_device_create_on(enum pell_engine engine, int threads, struct pell_alloc_fault *fault,
+                                                       struct kept_messages *kept)
 {
-    struct bench_place at = { 0 };
+    struct test_device at = { 0 };
     const struct pell_device_params params = { .threads = threads, .engine = engine };
 
     at.ctx = test_context(fault, kept);
@@ -163,12 +162,12 @@ static inline struct bench_place place_create_on(enum pell_engine engine, int th
     return at;
 }
 
-static inline struct bench_place place_create(int threads, struct pell_alloc_fault *fault, struct kept_messages *kept)
+static inline struct test_device test_device_create(int threads, struct pell_alloc_fault *fault, struct kept_messages *kept)
 {
-    return place_create_on(PELL_ENGINE_CPU, threads, fault, kept);
+    return test_device_create_on(PELL_ENGINE_CPU, threads, fault, kept);
 }
 
-static inline void place_destroy(struct bench_place *at)
+static inline void test_device_destroy(struct test_device *at)
 {
     pell_device_destroy(&at->device);
     pell_context_destroy(&at->ctx);
@@ -189,7 +188,7 @@ static inline void patch_configure(struct pell_context *ctx, const struct pell_m
     assert_int_equal(pell_method_configure(ctx, m, list, n, values), PELL_OK);
 }
 
-static inline struct pell_pass *patch_pass(const struct bench_place *at, const struct pell_method *m, const char *const *settings,
+static inline struct pell_pass *patch_pass(const struct test_device *at, const struct pell_method *m, const char *const *settings,
                                            const struct patch *p)
 {
     struct pell_pass *pass;
@@ -201,7 +200,7 @@ static inline struct pell_pass *patch_pass(const struct bench_place *at, const s
     return pass;
 }
 
-static inline void patch_run(const struct bench_place *at, const struct pell_method *m, const char *const *settings, struct patch *p)
+static inline void patch_run(const struct test_device *at, const struct pell_method *m, const char *const *settings, struct patch *p)
 {
     struct pell_pass *pass = patch_pass(at, m, settings, p);
 
@@ -209,7 +208,7 @@ static inline void patch_run(const struct bench_place *at, const struct pell_met
     pell_pass_destroy(&pass);
 }
 
-/* Sum of what comes out over what goes in, of a channel, by pixels. */
+/* Sum of a channel's output over the sum of its input, by pixels. */
 static inline double patch_sum(const struct patch *p, float *const planes[3], int channel)
 {
     double sum = 0.0;

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * path_trace_rig.h - for tests of path-trace's transport: scenes as in stage.h, and samples of single points, without pictures.
- */
+ * path_trace_rig.h - for tests of path-trace's transport: scenes as in stage.h, and samples of single points, without images. */
 #ifndef PELL_PATH_TRACE_RIG_H
 #define PELL_PATH_TRACE_RIG_H
 
@@ -23,7 +21,7 @@ static inline struct pt_knobs rig_knobs(void)
                                .techniques = PT_ALL };
 }
 
-/* A medium of its own: real coefficients, 1/mm. */
+/* A custom medium: unreduced coefficients, 1/mm. */
 static inline size_t rig_medium(struct stage *s, double sigma_s, double sigma_a, double g, double eta)
 {
     size_t index;
@@ -60,7 +58,7 @@ static inline struct pt_point rig_point(struct pell_vec3 at, struct pell_vec3 ca
     return (struct pt_point) { .at = at, .toward = vec3_normalize(to), .depth = vec3_length(to), .material = 1, .pixel = pixel };
 }
 
-/* Mean over samples of a part, its standard error, and the relative variance of a sample. */
+/* Mean over samples of a component, its standard error, and the relative variance of a sample. */
 struct rig_mean {
     double mean[4][3], error[4][3], variance[4][3]; /* [multiple, single, surface, sum] */
     struct pt_counts counts;

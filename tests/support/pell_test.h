@@ -1,10 +1,8 @@
 /* SPDX-License-Identifier: MIT
- *
- * pell_test.h - cmocka, and what the tests of all rooms share. One program per module; each prints TAP.
+ * pell_test.h - cmocka, and helpers shared by all tests. One program per module; each prints TAP.
  *
  * Files of the project (tests/expect, data) are found through PELL_ROOT, which the build sets; a missing one is a failure. Meshes and
- * pictures of other people are found through PELL_SHARED (set where ../shared exists); a test that needs an absent one skips by name.
- */
+ * images of third parties are found through PELL_SHARED (set where ../shared exists); a test that needs an absent one skips by name. */
 #ifndef PELL_TEST_H
 #define PELL_TEST_H
 
@@ -41,7 +39,7 @@
             fail_msg("%s does not hold", #expr);                                                                                           \
     } while (0)
 
-/* "ROOT/NAME" in one of a few static buffers; ROOT is the environment's, or where the variable is not set `otherwise`. */
+/* "ROOT/NAME" in one of a few static buffers; ROOT is the environment variable's value, or `otherwise` where it is not set. */
 static inline const char *test_path(const char *variable, const char *otherwise, const char *name)
 {
     static char buffers[8][1024];
@@ -98,7 +96,8 @@ static inline void keep_message(void *user, const struct pell_message *m)
     }
 }
 
-/* Which allocation fails after the nth one: each of the first, then ever fewer, since later ones are mostly the same places again. */
+/* The next allocation to fail after the nth one: each of the first, then increasingly sparse, since later ones mostly come from the same
+ * code. */
 static inline uint64_t next_allocation(uint64_t n)
 {
     return n + 1 + n / 6;

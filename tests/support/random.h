@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * random.h - random numbers of tests: SplitMix64 (Steele, Lea and Flood 2014). Any seed will do. */
+ * random.h - pseudo-random numbers for tests: SplitMix64 (Steele, Lea and Flood 2014). Accepts any seed. */
 #ifndef PELL_TEST_RANDOM_H
 #define PELL_TEST_RANDOM_H
 

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- * scenes.h - scenes and comparisons that the tests of several methods share. */
+ * scenes.h - scenes and comparisons shared by the tests of several methods. */
 #ifndef PELL_METHODS_SCENES_H
 #define PELL_METHODS_SCENES_H
 
 #include "stage.h"
 
-/* No light goes from one object to another, though they touch; within one object it does. Boxes on both sides of x = 0, the right one lit
- * (`whole`: one box in their place, where light has to go along the surface); a camera over x = `camera` sees `width` mm in `size` pixels,
- * of which (px, py) lies on the left. */
+/* Light does not pass from one object to another, even where they touch; within one object it does. Boxes on both sides of x = 0, the
+ * right one lit (`whole`: one box instead of both, in which light must travel along the surface); a camera over x = `camera` sees
+ * `width` mm in `size` pixels, of which (px, py) lies on the left. */
 static inline void require_light_stays_in_its_object(const char *method, const char *const *knobs, bool whole, float camera, float width,
                                                      int size, int px, int py)
 {
@@ -36,7 +36,7 @@ static inline void require_light_stays_in_its_object(const char *method, const c
     assert_true(seen[1] == 0.0);
 }
 
-/* Keeps the first shot (data NULL before); every later one must have its bits, and is freed. */
+/* Keeps the first shot (data NULL before); every later one must be bit-identical, and is freed. */
 static inline void shot_require_same(struct shot *first, struct shot *shot)
 {
     if (first->data) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * shapes.h - scenes, meshes and lights made by hand: the builders of every test that needs a small scene. */
+ * shapes.h - hand-made scenes, meshes and lights for every test that needs a small scene. */
 #ifndef PELL_TEST_SHAPES_H
 #define PELL_TEST_SHAPES_H
 
@@ -9,7 +9,7 @@
 
 #include <pellucid/scene.h>
 
-/* A scene with one translucent material, number 0. */
+/* A scene with one translucent material, index 0. */
 static inline struct pell_scene *shapes_scene(struct pell_context *ctx)
 {
     struct pell_scene *s = NULL;
@@ -147,7 +147,7 @@ static inline struct pell_mesh *shapes_ball(struct pell_scene *s, size_t materia
     return m;
 }
 
-/* A light at one point that faces another; power and what else its type has are the caller's. */
+/* A light at one point that faces another; the caller sets power and the members specific to its type. */
 static inline struct pell_light *shapes_light(struct pell_scene *s, enum pell_light_type type, struct pell_vec3 at, struct pell_vec3 to)
 {
     const struct pell_vec3 d = vec3_normalize(vec3_sub(to, at));
@@ -181,7 +181,7 @@ static inline struct pell_texture *shapes_texture(struct pell_scene *s, int widt
     return t;
 }
 
-/* Numbers in [0, 1) that look random. */
+/* Pseudo-random numbers in [0, 1). */
 static inline float shapes_random(uint32_t *state)
 {
     *state = *state * 1664525u + 1013904223u;

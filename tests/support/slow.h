@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- *
- * slow.h - SLOW is 1 under the address and thread sanitizers, which make everything some five times slower: tests that try very many
- * objects try fewer there - and what bounds on time are judged by, so that other work of the machine does not count. */
+ * slow.h - SLOW is 1 under the address and thread sanitizers, which make everything some five times slower: tests with very many cases
+ * try fewer there. Also the clock for time limits, which excludes other work of the machine. */
 #ifndef PELL_TEST_SLOW_H
 #define PELL_TEST_SLOW_H
 
@@ -18,11 +17,11 @@
 #define SLOW 0
 #endif
 
-/* How many standard errors a mean may be off. Of few samples not even the standard error is known: there a bound on means finds only what
- * is far off, and the same test in a release build judges them. */
+/* How many standard errors a mean may be off. With few samples even the standard error is unreliable: there a bound on means detects
+ * only gross errors, and the same test in a release build detects the others. */
 #define SIGMAS (SLOW ? 20.0 : 3.5)
 
-/* Ends a test under the sanitizers: one of numbers, by long renderings whose code other tests run through. */
+/* Skips a test under the sanitizers: a statistical test, by long renderings whose code other tests execute. */
 #define RELEASE_ONLY()                                                                                                                     \
     do {                                                                                                                                   \
         if (SLOW)                                                                                                                          \

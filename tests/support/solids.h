@@ -19,7 +19,7 @@ static inline void solid_slab(struct stage *s, size_t material, int object, floa
     stage_box(s, material, object, vec3(-half, -half, -thickness), vec3(half, half, 0.0f));
 }
 
-/* `count` slabs downward from z = 0, objects 0, 1, ...; `gap` mm of nothing between, 0: faces lie in one another. */
+/* `count` slabs downward from z = 0, objects 0, 1, ...; separated by `gap` mm, 0: faces coincide. */
 static inline void solid_stack(struct stage *s, const size_t *material, const float *thickness, int count, float half, float gap)
 {
     float top = 0.0f;
@@ -51,7 +51,7 @@ static inline void solid_ball(struct stage *s, size_t material, int object, stru
             for (int i = 0; i + j < side; i++)
                 for (int half = 0; half < (i + j + 1 < side ? 2 : 1); half++)
                     for (int k = 0; k < 3; k++) {
-                        /* Weights are whole numbers, summed in the order of the corners: the same bits from both sides of an edge. */
+                        /* Weights are integers, summed in the order of the corners: the same bits from both sides of an edge. */
                         const int a = i + (half ? k != 2 : k == 1), b = j + (half ? k != 0 : k == 2);
                         const int weight[3] = { side - a - b, a, b };
                         double p[3] = { 0 }, length;
@@ -69,7 +69,7 @@ static inline void solid_ball(struct stage *s, size_t material, int object, stru
                     }
 }
 
-/* A ball in a ball, with one centre; the inner one is `inside`, an opaque material or a medium, and another object. */
+/* Two concentric balls; the inner one is `inside`, an opaque material or a medium, and another object. */
 static inline void solid_shell(struct stage *s, size_t material, size_t inside, float radius, float inner, int cuts)
 {
     solid_ball(s, material, 0, vec3(0, 0, 0), radius, cuts);
@@ -81,7 +81,7 @@ static inline int solid_compare_edges(const void *a, const void *b)
     return memcmp(a, b, 6 * sizeof(float));
 }
 
-/* Volume in mm^3 by the divergence theorem; fails where an edge, by the bits of its ends, is not run through once each way. */
+/* Volume in mm^3 by the divergence theorem; fails where an edge, by the bits of its ends, is not traversed once in each direction. */
 static inline double solid_volume(const struct pell_mesh *m)
 {
     const size_t n = 3 * (size_t) m->num_triangles;

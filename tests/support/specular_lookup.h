@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * specular_lookup.h - what a material of a scene reflects and lets in, looked up in the renderer's tables as its kernels do. */
+ * specular_lookup.h - reflection and transmission of a scene's material, looked up in the renderer's tables as its kernels do. */
 #ifndef PELL_TEST_SPECULAR_LOOKUP_H
 #define PELL_TEST_SPECULAR_LOOKUP_H
 

@@ -1,7 +1,5 @@
 /* SPDX-License-Identifier: MIT
- *
- * stage.h - for tests of the renderer from end to end: small scenes built by hand, and pictures that are kept to be compared.
- */
+ * stage.h - for end-to-end tests of the renderer: small hand-made scenes, and copies of images to compare. */
 #ifndef RENDER_STAGE_H
 #define RENDER_STAGE_H
 
@@ -24,15 +22,15 @@ struct stage {
     bool borrowed; /* context and device belong to a struct stage_device */
 };
 
-/* A device for several stages, one after another: starting Vulkan and compiling its shaders takes longer than a small picture does. */
+/* A device for several stages, one after another: starting Vulkan and compiling its shaders takes longer than rendering a small image. */
 struct stage_device {
     struct kept_messages kept;
     struct pell_context *ctx;
     struct pell_device *device;
-    pid_t owner; /* a child of fork() has none of its threads, and makes its own */
+    pid_t owner; /* a child of fork() has none of its threads, and creates its own */
 };
 
-/* A copy of a picture: planes without padding, the linear channels first, then the display's three. */
+/* A copy of an image: planes without padding, the linear channels first, then the display's three. */
 struct shot {
     int width, height;
     size_t planes, size;
@@ -41,7 +39,7 @@ struct shot {
     int64_t invalid;
 };
 
-/* Planes of a shot without layers, and with. */
+/* Number of planes of a shot without layers, and with. */
 enum {
     SHOT_R,
     SHOT_G,
@@ -68,7 +66,7 @@ static inline struct stage_device *stage_devices(void)
     return devices;
 }
 
-/* The one that a run shares; stage_finish_devices ends it. */
+/* The device shared by a run; stage_finish_devices destroys it. */
 static inline struct stage_device *stage_shared_device(enum pell_engine engine, int threads)
 {
     const struct pell_device_params params = { .threads = threads, .engine = engine };
@@ -104,14 +102,14 @@ static inline void stage_make(struct stage *s, int width, int height)
     s->settings.height = height;
     s->settings.msaa = 1;
     s->settings.exposure = 1.0f;
-    s->settings.bounces = 0;                            /* most tests look at light that enters for the first time, */
-    s->settings.angles = s->settings.curvature = false; /* by profiles as they are, */
+    s->settings.bounces = 0;                            /* most tests look at direct light without interreflection, */
+    s->settings.angles = s->settings.curvature = false; /* with unmodified profiles, */
     s->settings.profile = 1 + PELL_PROFILE_DIPOLE;      /* in closed form */
     s->settings.single_scattering = s->settings.opposed = s->settings.unscattered = false;
     s->scene->background_color[0] = s->scene->background_color[1] = s->scene->background_color[2] = 0.0f;
 }
 
-/* `fault` counts the context's allocations; NULL: nobody does. */
+/* `fault` counts the context's allocations; may be NULL. */
 static inline void stage_start_on(struct stage *s, enum pell_engine engine, int width, int height, int threads,
                                   struct pell_alloc_fault *fault)
 {
@@ -124,7 +122,7 @@ static inline void stage_start_on(struct stage *s, enum pell_engine engine, int 
     stage_make(s, width, height);
 }
 
-/* The device outlives the stage, and has its messages. */
+/* The device outlives the stage, and receives its messages. */
 static inline void stage_start_borrowed(struct stage *s, const struct stage_device *device, int width, int height)
 {
     memset(s, 0, sizeof(*s));
@@ -154,7 +152,7 @@ static inline void stage_finish(struct stage *s)
         pell_context_destroy(&s->ctx);
 }
 
-/* --- Materials: without a specular lobe until a test asks for one ---------------------------------------------------------------- */
+/* --- Materials: without a specular lobe unless a test adds one ------------------------------------------------------------------- */
 
 static inline struct pell_material *stage_opaque(struct stage *s, float white, size_t *index)
 {
@@ -204,7 +202,7 @@ static inline struct pell_material *stage_gaussians(struct stage *s, double scal
     return m;
 }
 
-/* --- Things ---------------------------------------------------------------------------------------------------------------------- */
+/* --- Objects --------------------------------------------------------------------------------------------------------------------- */
 
 static inline void stage_box(struct stage *s, size_t material, int object, struct pell_vec3 lo, struct pell_vec3 hi)
 {
@@ -253,7 +251,7 @@ static inline struct pell_camera *stage_camera(struct stage *s, struct pell_vec3
 
 /* --- Rendering -------------------------------------------------------------------------------------------------------------------- */
 
-/* The method by its name with knobs "name=value" up to NULL; NULL or "none": none. */
+/* Selects a method by name with knobs "name=value" up to NULL; NULL or "none": no method. */
 static inline void stage_method(struct stage *s, const char *name, const char *const *knobs)
 {
     const struct pell_method *m = NULL;
@@ -284,7 +282,7 @@ static inline void stage_complete(struct stage *s)
     OK(pell_scene_complete(s->scene, &bare));
 }
 
-/* Completes the scene the first time. */
+/* Completes the scene on the first call. */
 static inline void stage_render(struct stage *s)
 {
     if (!s->set) {
@@ -313,7 +311,7 @@ static inline struct shot shot_copy(const struct pell_render_result *p)
     return shot;
 }
 
-/* Renders with the method set and takes a copy; no pixel may be invalid. */
+/* Renders with the selected method and takes a copy; no pixel may be invalid. */
 static inline struct shot stage_shot(struct stage *s)
 {
     stage_render(s);
@@ -338,7 +336,7 @@ static inline double shot_at(const struct shot *shot, size_t plane, int x, int y
     return (double) shot->data[plane * shot->size + (size_t) y * (size_t) shot->width + (size_t) x];
 }
 
-/* Mean of green of what is covered; something is. */
+/* Mean of green over covered pixels; at least one is covered. */
 static inline double shot_mean_green(const struct shot *shot)
 {
     double sum = 0.0, n = 0.0;
@@ -359,7 +357,7 @@ static inline bool shot_equal(const struct shot *a, const struct shot *b)
            memcmp(a->data, b->data, a->planes * a->size * sizeof(float)) == 0;
 }
 
-/* All of it is finite, and what is shown lies in [0, 1]. */
+/* All values are finite, and display values lie in [0, 1]. */
 static inline void shot_check(const struct shot *shot)
 {
     for (size_t i = 0; i < shot->planes * shot->size; i++)
@@ -370,10 +368,10 @@ static inline void shot_check(const struct shot *shot)
             fail_msg("display is %g", (double) shot->data[i]);
 }
 
-/* How two pictures differ in R, G, B: root mean square and largest, over the first's mean of covered pixels. */
+/* Difference of two images in R, G, B: root mean square and largest, relative to the first's mean of covered pixels. */
 struct difference {
     double rms, largest, mean;
-    int64_t count, over; /* values compared; that differ by more than 1 % of the mean */
+    int64_t count, over; /* values compared; those that differ by more than 1 % of the mean */
 };
 
 static inline struct difference shot_difference(const struct shot *a, const struct shot *b)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_distance_field.c - lower bounds of distances hold everywhere, and are worth asking for. */
+ * test_distance_field.c - the distance field's lower bounds are valid everywhere, and tight enough to be useful. */
 #include "solids.h"
 
 #include "transport/distance_field.h"
@@ -16,7 +16,7 @@ struct object {
     struct pell_distance *distance;
 };
 
-/* Every translucent material of the scene scatters as its own. */
+/* Each translucent material of the scene gets a medium of its own. */
 static void finish_object(struct object *t, size_t bytes)
 {
     struct pell_frame_material materials[8];
@@ -45,7 +45,7 @@ static void drop_object(struct object *t)
     stage_finish(&t->s);
 }
 
-/* Whether x is in a closed solid: the first of its faces along some direction is seen from behind. */
+/* Whether x is inside a closed solid: the first face along some direction is seen from behind. */
 static bool is_inside(const struct object *t, int solid, struct pell_vec3 x)
 {
     static const int valid[16] = { -1 };
@@ -67,8 +67,8 @@ static bool is_inside(const struct object *t, int solid, struct pell_vec3 x)
            0.36f * p.hit.ngx[0] - 0.48f * p.hit.ngy[0] + 0.8f * p.hit.ngz[0] > 0.0f;
 }
 
-/* The bound at random points of the scene's bounds and around: never more than the distance to the nearest triangle of all. Returns the
- * mean share of the distance that it keeps, of points inside of the solid at least `deep` mm below its surfaces. */
+/* The bound at random points in and around the scene's bounds: never more than the distance to the nearest triangle. Returns the mean
+ * ratio of bound and distance, over points inside of the solid at least `deep` mm below its surfaces. */
 static double check_bounds(const struct object *t, int solid, double deep)
 {
     const float *low = t->s.scene->bounds_min, *high = t->s.scene->bounds_max;
@@ -98,7 +98,7 @@ static double check_bounds(const struct object *t, int solid, double deep)
     return n ? sum / n : 0.0;
 }
 
-/* Solids of the tests are closed, outward and as large as they should be. */
+/* The test's solids are closed, oriented outward and of the correct volume. */
 static void solids_are_solids(void **state)
 {
     static const float thickness[3] = { 1.0f, 2.0f, 0.5f };
@@ -119,7 +119,7 @@ static void solids_are_solids(void **state)
         volume = solid_volume(&s.scene->meshes[3]) / (4.0 / 3.0 * PELL_PI * 27.0);
         print_message("# ball of %u triangles: %.5f of a ball's volume\n", s.scene->meshes[3].num_triangles, volume);
         REQUIRE(volume < 1.0 && volume > before);
-        if (cuts > 1) /* the deficit is a quarter at each cut */
+        if (cuts > 1) /* each subdivision reduces the deficit to a quarter */
             REQUIRE_REL(1.0 - volume, 0.25 * (1.0 - before), 0.1);
         before = volume;
         REQUIRE_REL(27.0 * solid_volume(&s.scene->meshes[4]), solid_volume(&s.scene->meshes[3]), 1e-5);
@@ -164,7 +164,7 @@ static void no_bound_is_more_than_the_distance(void **state)
                 kept = check_bounds(&t, solid, deep);
                 print_message("# %s, shape %d, body %d: %.3f of the distance kept at %g mm and deeper\n", sizes[k].name, shape, solid, kept,
                               deep);
-                if (k < 3) /* far away, places are no finer than floats */
+                if (k < 3) /* far away, positions are no finer than floats */
                     REQUIRE(kept > (shape == 1 ? 0.2 : 0.65));
             }
             drop_object(&t);
@@ -187,7 +187,7 @@ static void outside_of_bounds_is_nothing(void **state)
     assert_true(pell_distance_bound(t.distance, 0, vec3(0, 0, -INFINITY)) == 0.0f);
     assert_true(pell_distance_bound(t.distance, 1, vec3(0, 0, 0)) == 0.0f);
     assert_true(pell_distance_bound(t.distance, -1, vec3(0, 0, 0)) == 0.0f);
-    for (int k = 0; k < 3; k++) { /* the faces themselves */
+    for (int k = 0; k < 3; k++) { /* on the faces themselves */
         float x[3] = { 1, 2, 3 };
         x[k] = 10.0f;
         assert_true(pell_distance_bound(t.distance, 0, vec3_load(x)) == 0.0f);
@@ -197,7 +197,7 @@ static void outside_of_bounds_is_nothing(void **state)
     drop_object(&t);
 }
 
-/* As little memory as asked for; none at all is an answer of 0. */
+/* With any memory limit; without memory the bound is 0. */
 static void memory_is_kept_to(void **state)
 {
     (void) state;
@@ -222,7 +222,7 @@ static void memory_is_kept_to(void **state)
     }
 }
 
-/* The same answer for any number of threads, and from many at once. */
+/* Identical results for any number of threads, and for concurrent queries. */
 static void threads_agree(void **state)
 {
     struct object t;
@@ -279,7 +279,7 @@ static void survives_the_nth_allocation(void **state)
     drop_object(&t);
 }
 
-/* The well-known scan, 100 mm tall. Prints what building costs. */
+/* The well-known scan (bunny), 100 mm tall. Prints the cost of building. */
 static void the_bunny(void **state)
 {
     static const char file[] = "/usr/share/glmark2/models/bunny.obj";

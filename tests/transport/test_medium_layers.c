@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_medium_layers.c - what lies below each point of a surface: layers of scenes, of presets, of plain media; painted depths. */
+ * test_medium_layers.c - the media below each point of a surface: layers of scenes, of presets, of homogeneous media; painted depths. */
 #include "layers_rig.h"
 #include "shapes.h"
 #include "transport/equivalent_medium.h"
@@ -72,13 +72,13 @@ static void uniform_layers(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Linear between texels' middles and across the border, or the texel itself. */
+/* Linear between texel centres and across the border, or the nearest texel. */
 static void maps_are_filtered_as_textures_are(void **state)
 {
-    static const float share[4] = { 0.1f, 0.3f, 0.5f, 0.9f }; /* rows of two */
+    static const float depth_fraction[4] = { 0.1f, 0.3f, 0.5f, 0.9f }; /* rows of two */
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *s = square(ctx);
-    struct pell_texture *t = layers_paint(s, 0, 0, 2, 2, 1, share);
+    struct pell_texture *t = layers_paint(s, 0, 0, 2, 2, 1, depth_fraction);
     struct pell_medium_layers medium_layers;
     float depth[PELL_LAYERS_MOST];
     (void) state;
@@ -95,7 +95,7 @@ static void maps_are_filtered_as_textures_are(void **state)
     REQUIRE_NEAR((double) depth[0], 0.5 * 0.2, 1e-6);
     depths_at(&medium_layers, s, 0.5f, 0.5f, depth);
     REQUIRE_NEAR((double) depth[0], 0.5 * 0.45, 1e-6);
-    depths_at(&medium_layers, s, 0.0f, 0.75f, depth); /* half from the other side */
+    depths_at(&medium_layers, s, 0.0f, 0.75f, depth); /* half from the opposite side */
     REQUIRE_NEAR((double) depth[0], 0.5 * 0.7, 1e-6);
     t->wrap_u = t->wrap_v = PELL_WRAP_CLAMP;
     depths_at(&medium_layers, s, 0.0f, 0.75f, depth);
@@ -122,7 +122,7 @@ static void maps_are_filtered_as_textures_are(void **state)
 
 static void the_upper_layer_wins(void **state)
 {
-    static const float share[2 * 4] = { 0.2f, 0.8f, 0.5f, 1.0f, 1.0f, 0.4f, 0.75f, 1.0f }; /* two texels of four channels */
+    static const float depth_fraction[2 * 4] = { 0.2f, 0.8f, 0.5f, 1.0f, 1.0f, 0.4f, 0.75f, 1.0f }; /* two texels of four channels */
     static const float all[3] = { 2.0f, 2.0f, 2.0f };
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *s = square(ctx);
@@ -132,7 +132,7 @@ static void the_upper_layer_wins(void **state)
     (void) state;
 
     layers_set(s, 0, 3, optics, all, PELL_SUBSTRATE_STOP);
-    layers_paint(s, 0, 0, 2, 1, 4, share)->nearest = true;
+    layers_paint(s, 0, 0, 2, 1, 4, depth_fraction)->nearest = true;
     for (int i = 1; i < 3; i++) {
         m->layers[i].depth_map = m->layers[0].depth_map;
         m->layers[i].depth_map.channel = i;
@@ -149,7 +149,7 @@ static void the_upper_layer_wins(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* A map of one value is a number. */
+/* A map of one value equals that value. */
 static void maps_of_one_value_are_uniform(void **state)
 {
     static const float same[4] = { 0.75f, 0.75f, 0.75f, 0.75f }, deep[4] = { 0.75f, 0.75f, 6.0f, 0.75f };
@@ -164,7 +164,7 @@ static void maps_of_one_value_are_uniform(void **state)
     layers_paint(s, 0, 2, 2, 2, 1, deep);
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
     REQUIRE(medium_layers.has_maps && medium_layers.item[2].map && medium_layers.item[2].depth == 3.0 && medium_layers.deepest == 18.0);
-    /* One that crosses all over is pushed down there and then. */
+    /* A layer boundary that crosses another everywhere is pushed down at each point. */
     s->materials[0].layers[2].depth_map.texture = NULL;
     s->materials[0].layers[2].depth = 0.25f;
     OK(pell_medium_layers_make(ctx, "test", &s->materials[0], &medium_layers));
@@ -200,7 +200,7 @@ static void presets_and_media(void **state)
     REQUIRE(medium_layers.count == 1 && medium_layers.item[0].depth == (double) INFINITY && medium_layers.eta == milk->medium.eta);
     REQUIRE_NEAR(medium_layers.item[0].sigma_t[0], milk->medium.sigma_a[0] + milk->medium.sigma_s_reduced[0] / (1.0 - milk->medium.g[0]),
                  1e-12);
-    /* Layers of its own stand above a preset's. */
+    /* A material's own layers override a preset's. */
     OK(pell_material_apply(s, 0, "test", "fish"));
     layers_set(s, 0, 2, optics, depths, PELL_SUBSTRATE_LAST);
     OK(pell_medium_layers_make(ctx, "test", m, &medium_layers));
@@ -213,7 +213,7 @@ static void presets_and_media(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Whatever the profile is of: the medium returns as much light, over the same mean distance. */
+/* Whatever model the profile comes from: the medium has the same reflectance and mean distance. */
 static void a_profile_has_an_equivalent_medium(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);
@@ -240,7 +240,7 @@ static void a_profile_has_an_equivalent_medium(void **state)
             REQUIRE_REL(pell_profile_mean_radius(&same), pell_profile_mean_radius(&own), 1e-6);
         }
     }
-    /* A channel without light absorbs all. */
+    /* A channel without scattered light absorbs all. */
     OK(pell_material_apply(s, 0, "test", "marble-4gaussian"));
     memset(m->gaussians.weight, 0, sizeof(m->gaussians.weight));
     m->color_from = PELL_COLOR_FROM_PROFILE;

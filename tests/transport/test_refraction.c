@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_refraction.c - refractive connections against closed forms, finite differences, and light that is traced in from the light. */
+ * test_refraction.c - refractive connections against closed forms, finite differences, and light traced from the light source. */
 #include "connect_rig.h"
 #include "slow.h"
 
@@ -43,8 +43,8 @@ static void block(struct rig *r, float half, float deep, int cells)
     shapes_bound(r->scene, m);
 }
 
-/* A connection keeps what its fields promise. */
-static void check(const struct rig *r, const struct pell_connection *c, double eta, struct pell_vec3 x, struct pell_vec3 place,
+/* The fields of a connection are consistent. */
+static void check(const struct rig *r, const struct pell_connection *c, double eta, struct pell_vec3 x, struct pell_vec3 target,
                   bool distant, bool flat)
 {
     const struct pell_mesh *m = &r->scene->meshes[c->mesh];
@@ -54,18 +54,18 @@ static void check(const struct rig *r, const struct pell_connection *c, double e
     const struct pell_vec3 at = vec3_add(vec3_mul(a, 1.0f - c->u - c->v), vec3_add(vec3_mul(b, c->u), vec3_mul(d, c->v)));
     const double cos_i = (double) vec3_dot(c->inside, c->normal), cos_o = (double) vec3_dot(c->outside, c->normal);
     const struct pell_vec3 half = vec3_mad(vec3_mul(c->inside, (float) -eta), 1.0f, c->outside);
-    const struct pell_vec3 off = vec3_cross(half, c->normal), way = vec3_sub(c->at, x), out = vec3_sub(place, c->at);
+    const struct pell_vec3 off = vec3_cross(half, c->normal), to_exit = vec3_sub(c->at, x), out = vec3_sub(target, c->at);
 
     REQUIRE(c->u >= 0.0f && c->v >= 0.0f && c->u + c->v <= 1.00001f);
     REQUIRE_NEAR((double) vec3_length(vec3_sub(at, c->at)), 0.0, 1e-4 + 1e-6 * (double) (vec3_length(a) + vec3_length(b)));
     REQUIRE_NEAR((double) vec3_length(c->normal), 1.0, 1e-5);
     REQUIRE(cos_i > 0.0 && cos_o > 0.0);
     REQUIRE_NEAR((double) vec3_length(off), 0.0, 2e-6);
-    REQUIRE_NEAR((double) vec3_length(way), c->inside_mm, 1e-4);
-    REQUIRE_NEAR((double) vec3_dot(way, c->inside), c->inside_mm, 1e-4);
+    REQUIRE_NEAR((double) vec3_length(to_exit), c->inside_mm, 1e-4);
+    REQUIRE_NEAR((double) vec3_dot(to_exit, c->inside), c->inside_mm, 1e-4);
     if (distant) {
         REQUIRE(isinf(c->outside_mm));
-        REQUIRE_NEAR((double) vec3_length(vec3_sub(c->outside, vec3_normalize(place))), 0.0, 1e-6);
+        REQUIRE_NEAR((double) vec3_length(vec3_sub(c->outside, vec3_normalize(target))), 0.0, 1e-6);
     } else {
         REQUIRE_NEAR((double) vec3_dot(out, c->outside), c->outside_mm, 1e-4 * c->outside_mm);
     }
@@ -77,7 +77,7 @@ static void check(const struct rig *r, const struct pell_connection *c, double e
 
 /* --- Closed forms ------------------------------------------------------------------------------------------------------------- */
 
-/* Through a plane: one path, to be found once also where x, light and the corners of triangles stand above each other. */
+/* Through a plane: one path, which must be found exactly once also where x, light and vertices are vertically aligned. */
 static void plane(void **state)
 {
     static const double etas[] = { 1.0, 1.3, 1.5, 0.75, 1.0005, 2.4 };
@@ -101,33 +101,34 @@ static void plane(void **state)
                     const double cos_o = k < 50 ? 1.0 : 0.05 + 0.95 * unit(&random), phi = 6.2831853 * unit(&random);
                     const double sin_o = sqrt(1.0 - cos_o * cos_o), sin_i = sin_o / eta, cos_i = sqrt(1.0 - sin_i * sin_i);
                     const double below = -(double) x.z, above = 3.0 + 30.0 * unit(&random);
-                    const double apart = below * sin_i / cos_i + above * sin_o / cos_o;
-                    struct pell_vec3 place =
-                        vec3((float) ((double) x.x + apart * cos(phi)), (float) ((double) x.y + apart * sin(phi)), (float) above);
+                    const double lateral = below * sin_i / cos_i + above * sin_o / cos_o;
+                    struct pell_vec3 target =
+                        vec3((float) ((double) x.x + lateral * cos(phi)), (float) ((double) x.y + lateral * sin(phi)), (float) above);
                     struct pell_connection c[4];
                     double spread;
                     int n;
                     if (!(sin_i < 0.999) || below * sin_i / cos_i > 14.0)
                         continue;
                     if (distant)
-                        place = vec3((float) (sin_o * cos(phi)), (float) (sin_o * sin(phi)), (float) cos_o);
-                    n = pell_connect(r.connector, QUERY(0, eta, x, place, distant, INFINITY), c, 4, NULL);
+                        target = vec3((float) (sin_o * cos(phi)), (float) (sin_o * sin(phi)), (float) cos_o);
+                    n = pell_connect(r.connector, QUERY(0, eta, x, target, distant, INFINITY), c, 4, NULL);
                     if (n != 1)
                         fail_msg("%d paths through a plane, eta %g, x %g %g %g, cos %g, cells %d", n, eta, (double) x.x, (double) x.y,
                                  (double) x.z, cos_o, cells);
-                    check(&r, c, eta, x, place, distant, true);
+                    check(&r, c, eta, x, target, distant, true);
                     REQUIRE_NEAR((double) vec3_dot(c->outside, c->normal), cos_o, 2e-5);
                     REQUIRE_NEAR((double) vec3_dot(c->inside, c->normal), cos_i, 2e-5);
-                    /* Rays of one plane of incidence part by their angle (Snell's law differentiated), those across it by turning. */
+                    /* Rays within the plane of incidence diverge by their angle (Snell's law differentiated), those across it by
+                     * rotation. */
                     spread = cos_o / cos_i;
                     if (!distant)
                         spread = 1.0 / ((above / cos_o * cos_i / cos_o + below / cos_i * cos_o / (eta * cos_i)) *
-                                        (sin_o > 1e-9 ? apart / sin_o : below / eta + above));
+                                        (sin_o > 1e-9 ? lateral / sin_o : below / eta + above));
                     worst = fmax(worst, fabs(c->spread / spread - 1.0));
                     if (eta == 1.0)
-                        REQUIRE_NEAR(c->spread, distant ? 1.0 : 1.0 / (double) vec3_dot(vec3_sub(place, x), vec3_sub(place, x)),
+                        REQUIRE_NEAR(c->spread, distant ? 1.0 : 1.0 / (double) vec3_dot(vec3_sub(target, x), vec3_sub(target, x)),
                                      1e-6 * c->spread);
-                    REQUIRE(pell_connect(r.connector, QUERY(0, eta, x, place, distant, 0.999 * c->inside_mm), c + 1, 3, NULL) == 0);
+                    REQUIRE(pell_connect(r.connector, QUERY(0, eta, x, target, distant, 0.999 * c->inside_mm), c + 1, 3, NULL) == 0);
                 }
                 REQUIRE(worst < 2e-4);
                 rig_finish(&r);
@@ -187,7 +188,8 @@ static const struct pell_connection *same_path(const struct pell_connection *lis
     return best;
 }
 
-/* How the direction at the light, or the place in the beam, moves with x, anew for each triangle that light stays in. */
+/* Derivative of the direction at the light, or of the position in the beam, with respect to x, for each triangle that contains the
+ * refraction point. */
 static void spread_by_differences(void **state)
 {
     const double eta = 1.4;
@@ -204,14 +206,14 @@ static void spread_by_differences(void **state)
         for (int k = 0; k < (SLOW ? 300 : 1200); k++) {
             const bool distant = k % 2;
             const struct pell_vec3 d = vec3_normalize(in_ball(&random)), x = vec3_mul(in_ball(&random), 9.0f);
-            const struct pell_vec3 place = distant ? d : vec3_mul(d, 14.0f);
+            const struct pell_vec3 target = distant ? d : vec3_mul(d, 14.0f);
             struct pell_connection c[16];
-            const int n = pell_connect(r.connector, QUERY(0, eta, x, place, distant, INFINITY), c, 16, NULL);
+            const int n = pell_connect(r.connector, QUERY(0, eta, x, target, distant, INFINITY), c, 16, NULL);
             for (int i = 0; i < n; i++) {
                 struct pell_vec3 axis[2], to[2], along[2];
                 double moved[2][2] = { { 0 } }, step = 1.0 / 256.0, area, found;
                 bool stayed = true;
-                check(&r, &c[i], eta, x, place, distant, flat);
+                check(&r, &c[i], eta, x, target, distant, flat);
                 vec3_basis(c[i].inside, &axis[0], &axis[1]);
                 vec3_basis(c[i].outside, &along[0], &along[1]);
                 for (int a = 0; a < 2 && stayed; a++) {
@@ -220,7 +222,7 @@ static void spread_by_differences(void **state)
                         struct pell_connection other[16];
                         const struct pell_connection *p;
                         real[s] = vec3_mad(x, (float) (s ? step : -step), axis[a]);
-                        p = same_path(other, pell_connect(r.connector, QUERY(0, eta, real[s], place, distant, INFINITY), other, 16, NULL),
+                        p = same_path(other, pell_connect(r.connector, QUERY(0, eta, real[s], target, distant, INFINITY), other, 16, NULL),
                                       &c[i]);
                         stayed = p && p->mesh == c[i].mesh && p->triangle == c[i].triangle && vec3_length(vec3_sub(p->at, c[i].at)) < 0.2f;
                         if (stayed)
@@ -232,7 +234,7 @@ static void spread_by_differences(void **state)
                 }
                 area = fabs(moved[0][0] * moved[1][1] - moved[0][1] * moved[1][0]);
                 found = c[i].spread;
-                if (!stayed || area > (distant ? 5.0 : 0.05)) /* near a caustic differences are no derivative */
+                if (!stayed || area > (distant ? 5.0 : 0.05)) /* near a caustic, finite differences do not approximate the derivative */
                     continue;
                 sum += fabs(area / found - 1.0);
                 worst = fmax(worst, fabs(area - found) / (found + (distant ? 0.05 : 5e-4)));
@@ -248,9 +250,9 @@ static void spread_by_differences(void **state)
     }
 }
 
-/* --- How many ----------------------------------------------------------------------------------------------------------------- */
+/* --- Number of paths ---------------------------------------------------------------------------------------------------------- */
 
-/* Paths into a ball lie in the plane of x, light and centre: roots of one equation in the angle, told apart by brute force. */
+/* Paths into a ball lie in the plane of x, light and centre: roots of one equation in the angle, found by brute force. */
 static int count_on_circle(double eta, double radius, const double x[2], const double source[2], bool distant, double *nearest)
 {
     double before = 0.0, best = INFINITY;
@@ -296,17 +298,17 @@ static void how_many_in_a_ball(void **state)
         const double eta = k % 4 < 2 ? 1.5 : 2.4; /* the latter has its focus inside */
         const bool distant = k % 2;
         const struct pell_vec3 d = vec3_normalize(in_ball(&random)), x = vec3_mul(in_ball(&random), 9.8f);
-        const struct pell_vec3 side = vec3_sub(x, vec3_mul(d, vec3_dot(x, d))), place = distant ? d : vec3_mul(d, 30.0f);
+        const struct pell_vec3 side = vec3_sub(x, vec3_mul(d, vec3_dot(x, d))), target = distant ? d : vec3_mul(d, 30.0f);
         const double flat_x[2] = { (double) vec3_dot(x, d), (double) vec3_length(side) }, source[2] = { distant ? 1.0 : 30.0, 0.0 };
         struct pell_connection c[16];
         double nearest;
-        const int n = pell_connect(r.connector, QUERY(0, eta, x, place, distant, INFINITY), c, 16, NULL);
+        const int n = pell_connect(r.connector, QUERY(0, eta, x, target, distant, INFINITY), c, 16, NULL);
         const int expected = count_on_circle(eta, radius, flat_x, source, distant, &nearest);
         for (int i = 0; i < n; i++)
-            check(&r, &c[i], eta, x, place, distant, false);
+            check(&r, &c[i], eta, x, target, distant, false);
         counts[expected < 8 ? expected : 7]++;
         wrong += n != expected;
-        near += n != expected && nearest > 0.02; /* not about to gain or lose a pair */
+        near += n != expected && nearest > 0.02; /* not close to gaining or losing a pair */
     }
     print_message("# in a ball: %d without, %d with one, %d with two, %d with three paths; %d counted differently, %d not at a caustic\n",
                   counts[0], counts[1], counts[2], counts[3], wrong, near);
@@ -316,7 +318,7 @@ static void how_many_in_a_ball(void **state)
     rig_finish(&r);
 }
 
-/* From inside out, by a ray in any direction: the place where it arrives must know the way back. */
+/* Traces a random ray from inside to outside: from the point that it reaches, the connection must find the same path back. */
 /* A ball of long thin triangles. */
 static void spindle(struct rig *r, float radius, float longer, int rings)
 {
@@ -422,22 +424,22 @@ static void no_path_is_missing(void **state)
             print_message("# %s, %s: %d of %d paths missing, %d blocked\n", shapes[shape], flat ? "flat" : "smooth", missing, tried,
                           blocked);
             REQUIRE(tried > (SLOW ? 100 : 1500));
-            REQUIRE(missing <= (flat ? 0 : tried / 1000)); /* at a caustic a place is far from that of a rounded direction */
+            REQUIRE(missing <= (flat ? 0 : tried / 1000)); /* at a caustic a small rounding of the direction moves the point far */
             rig_finish(&r);
         }
 }
 
-/* --- Light from the light ------------------------------------------------------------------------------------------------------ */
+/* --- Light traced from the source ---------------------------------------------------------------------------------------------- */
 
 #define PROBES 24
 
-/* A solid in the light of a source, and balls in it. */
+/* A solid illuminated by a source, and probe balls in it. */
 struct entering {
     struct rig r;
     bool flat, distant;
     double eta;
-    struct pell_vec3 place, direction, t, b; /* of the source; to it, and across */
-    double cos_max, each;                    /* of the cone of rays from a place; what a ray carries */
+    struct pell_vec3 target, direction, t, b; /* of the source; toward it, and perpendicular */
+    double cos_max, each;                     /* of the cone of rays from a point; flux of a ray */
     struct pell_vec3 probe[PROBES];
     float size;
     double traced[PROBES], square[PROBES], variance;
@@ -467,7 +469,7 @@ static void aim(const struct entering *e, uint64_t *random, struct pell_ray_hit1
     }
 }
 
-/* Goes on inside, refracted where the rays met the solid. */
+/* Continues inside, refracted where the rays hit the solid. */
 static void enter(const struct entering *e, struct pell_ray_hit16 *p, int valid[16], double weight[16])
 {
     for (int i = 0; i < 16; i++) {
@@ -505,7 +507,7 @@ static void enter(const struct entering *e, struct pell_ray_hit16 *p, int valid[
     }
 }
 
-/* Counts light in the balls by the length of its way through them. */
+/* Estimates the fluence in the probe balls by path length. */
 static void count(struct entering *e, const struct pell_ray_hit16 *p, const int valid[16], const double weight[16])
 {
     for (int i = 0; i < 16; i++) {
@@ -513,7 +515,7 @@ static void count(struct entering *e, const struct pell_ray_hit16 *p, const int 
         for (int k = 0; valid[i] && k < PROBES; k++) {
             const struct pell_vec3 to = vec3_sub(e->probe[k], vec3(p->ray.ox[i], p->ray.oy[i], p->ray.oz[i]));
             const double along = (double) vec3_dot(to, vec3(p->ray.dx[i], p->ray.dy[i], p->ray.dz[i]));
-            const double beside = (double) vec3_dot(to, to) - along * along, half2 = (double) (e->size * e->size) - beside;
+            const double distance2 = (double) vec3_dot(to, to) - along * along, half2 = (double) (e->size * e->size) - distance2;
             double length;
             if (half2 <= 0.0 || along <= 0.0)
                 continue;
@@ -527,7 +529,7 @@ static void count(struct entering *e, const struct pell_ray_hit16 *p, const int 
     }
 }
 
-/* What connections bring, the mean over a ball; returns its variance, too. */
+/* Contribution of connections, averaged over a ball; returns its variance, too. */
 static double connect_ball(const struct entering *e, int k, uint64_t *random, double *variance)
 {
     const int points = SLOW ? 20 : 100;
@@ -536,7 +538,7 @@ static double connect_ball(const struct entering *e, int k, uint64_t *random, do
     for (int i = 0; i < points; i++) {
         const struct pell_vec3 x = vec3_mad(e->probe[k], e->size, in_ball(random));
         struct pell_connection c[32];
-        const int n = pell_connect(e->r.connector, QUERY(0, e->eta, x, e->place, e->distant, INFINITY), c, 32, NULL);
+        const int n = pell_connect(e->r.connector, QUERY(0, e->eta, x, e->target, e->distant, INFINITY), c, 32, NULL);
         double light = 0.0;
         for (int j = 0; j < n; j++)
             light += c[j].spread * c[j].transmit;
@@ -553,7 +555,7 @@ static void light_that_enters_as_traced(int shape, bool flat, bool distant, uint
     const int64_t rays = SLOW ? 16000 : 96000;
     const struct pell_vec3 d = vec3_normalize(vec3(0.3f, 0.2f, 0.9f));
     struct entering e = {
-        .flat = flat, .distant = distant, .eta = 1.4, .direction = d, .place = distant ? d : vec3_mul(d, 22.0f), .size = 0.8f
+        .flat = flat, .distant = distant, .eta = 1.4, .direction = d, .target = distant ? d : vec3_mul(d, 22.0f), .size = 0.8f
     };
     double chi = 0.0, total[2] = { 0 };
 
@@ -591,14 +593,15 @@ static void light_that_enters_as_traced(int shape, bool flat, bool distant, uint
         total[1] += sum;
         e.variance += variance;
     }
-    print_message("# %s, %s, %s: connections bring %.4f of the light that enters, +- %.4f; chi^2 a place %.2f\n", names[shape],
+    print_message("# %s, %s, %s: connections give %.4f of the light that enters, +- %.4f; chi^2 per probe %.2f\n", names[shape],
                   flat ? "flat" : "smooth", distant ? "sun" : "point", total[1] / total[0], sqrt(e.variance) / total[0], chi);
     REQUIRE_NEAR(total[1], total[0], 4.0 * sqrt(e.variance) + 0.002 * total[0]);
     REQUIRE(chi < 2.0);
     rig_finish(&e.r);
 }
 
-/* Light enters by chance and is counted in small balls: what connections bring, averaged over the same balls. */
+/* Light traced at random from the source, with the fluence estimated in small balls, equals the contribution of connections averaged
+ * over the same balls. */
 static void light_that_enters(void **state)
 {
     uint64_t random = 21;
@@ -610,7 +613,7 @@ static void light_that_enters(void **state)
                 light_that_enters_as_traced(shape, flat, distant, &random);
 }
 
-/* --- In the way, and what is no query ----------------------------------------------------------------------------------------- */
+/* --- Occluders, and invalid queries ------------------------------------------------------------------------------------------- */
 
 static void objects_in_the_way(void **state)
 {
@@ -627,14 +630,15 @@ static void objects_in_the_way(void **state)
         rig_build(&r, true);
         for (int eta = 0; eta < 2; eta++)
             for (int distant = 0; distant < 2; distant++) {
-                const struct pell_vec3 place = distant ? vec3(0, 0, 1) : vec3(0.2f, 0.1f, 8.0f);
+                const struct pell_vec3 target = distant ? vec3(0, 0, 1) : vec3(0.2f, 0.1f, 8.0f);
                 int64_t rays = 0;
                 assert_int_equal(
-                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(0.1f, 0.3f, -2.0f), place, distant, INFINITY), c, 4, &rays),
+                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(0.1f, 0.3f, -2.0f), target, distant, INFINITY), c, 4, &rays),
                     where == 0);
                 REQUIRE(rays > 0);
                 assert_int_equal(
-                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(9.1f, 0.3f, -2.0f), place, distant, INFINITY), c, 4, NULL), 1);
+                    pell_connect(r.connector, QUERY(0, eta ? 1.3 : 1.0, vec3(9.1f, 0.3f, -2.0f), target, distant, INFINITY), c, 4, NULL),
+                    1);
             }
         rig_finish(&r);
     }
@@ -650,7 +654,7 @@ static void hostile(void **state)
     (void) state;
     rig_start(&r);
     shapes_ball(r.scene, 0, vec3(0, 0, 0), 10.0f, 24);
-    m = shapes_mesh(r.scene, 0, 9, 3); /* no area; needles; normals that are none */
+    m = shapes_mesh(r.scene, 0, 9, 3); /* zero area; needles; missing normals */
     for (int i = 0; i < 9; i++)
         vec3_store(vec3((float) (i % 3), i >= 3 ? 1e-7f * (float) (i % 3 == 1) : 0.0f, 11.0f), m->position + 3 * i);
     for (uint32_t i = 0; i < 9; i++)
@@ -681,7 +685,7 @@ static void hostile(void **state)
                     for (int k = 0; k < n; k++)
                         REQUIRE(isfinite(c[k].spread) && isfinite(c[k].inside_mm) && c[k].transmit >= 0.0 && c[k].transmit <= 1.0);
                 }
-            /* Outside, on the surface, and a light inside: nothing, or at most a path as short as rounding is long. */
+            /* Outside, on the surface, and a light inside: no path, or at most one as short as the rounding error. */
             for (int eta = 0; eta < 2; eta++) {
                 const double index = eta ? 1.4 : 1.0;
                 assert_int_equal(pell_connect(r.connector, QUERY(0, index, vec3(0, 3, 12), source, distant, INFINITY), c, 4, NULL), 0);
@@ -703,7 +707,7 @@ static void hostile(void **state)
     rig_finish(&r);
 }
 
-/* The nearest place by brute force: every triangle, sampled finely about its best. */
+/* The nearest point by brute force: every triangle, sampled finely around its best point. */
 static void how_far_the_surface_is(void **state)
 {
     uint64_t random = 31;
@@ -753,7 +757,7 @@ static void how_far_the_surface_is(void **state)
     rig_finish(&r);
 }
 
-/* Normals that are none, or that look anywhere: whatever is found is right, and soon. */
+/* Zero, NaN or random normals: any path found is valid, and the search ends soon. */
 static void wild_normals(void **state)
 {
     uint64_t random = 17;
@@ -772,9 +776,9 @@ static void wild_normals(void **state)
                        m->normal + 3 * i);
         rig_build(&r, false);
         for (int k = 0; k < 50; k++) {
-            const struct pell_vec3 x = vec3_mul(in_ball(&random), 9.0f), place = vec3_mul(vec3_normalize(in_ball(&random)), 30.0f);
+            const struct pell_vec3 x = vec3_mul(in_ball(&random), 9.0f), target = vec3_mul(vec3_normalize(in_ball(&random)), 30.0f);
             struct pell_connection c[8];
-            const int n = pell_connect(r.connector, QUERY(0, k % 2 ? 1.4 : 1.0 + 1e-8, x, place, k % 4 < 2, INFINITY), c, 8, NULL);
+            const int n = pell_connect(r.connector, QUERY(0, k % 2 ? 1.4 : 1.0 + 1e-8, x, target, k % 4 < 2, INFINITY), c, 8, NULL);
             for (int i = 0; i < n; i++)
                 REQUIRE(isfinite(c[i].spread) && c[i].spread > 0.0 && c[i].transmit >= 0.0 && vec3_dot(c[i].inside, c[i].normal) > 0.0f);
         }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_gpu_rays.c - rays in a compute shader (visibility/wide_bvh.glsl) meet what Embree's meet, and slip through no edge. Under the
- * validation layer; skipped, by name, where there is no driver or no layer. */
+ * test_gpu_rays.c - rays in a compute shader (visibility/wide_bvh.glsl) hit the same triangles as Embree's, and no ray passes through an
+ * edge. Under the validation layer; skipped, by name, where there is no driver or no layer. */
 #include "gpu_test.h"
 #include "shapes.h"
 
@@ -19,7 +19,7 @@ struct ray {
 
 struct hit {
     float t, u, v;
-    uint32_t met, mesh, triangle, none[2];
+    uint32_t hit, mesh, triangle, none[2];
 };
 
 struct tracer {
@@ -99,10 +99,10 @@ static struct pell_ray as_ray(const struct ray *r, uint32_t mask)
     };
 }
 
-static void set(struct ray *r, struct pell_vec3 from, struct pell_vec3 way, float far)
+static void set(struct ray *r, struct pell_vec3 from, struct pell_vec3 direction, float far)
 {
     vec3_store(from, r->origin);
-    vec3_store(way, r->direction);
+    vec3_store(direction, r->direction);
     r->near = 0.0f;
     r->far = far;
 }
@@ -114,7 +114,7 @@ static struct pell_vec3 somewhere(uint32_t *seed, float size)
     return vec3(size * x, size * y, size * z);
 }
 
-/* Boxes, a ball, a soup of slivers, triangles without a side, opaque and translucent. */
+/* Boxes, a ball, random slivers, triangles without an orientation, opaque and translucent. */
 static void many_shapes(struct pell_scene *s)
 {
     const size_t opaque = shapes_material(s, true);
@@ -148,15 +148,15 @@ static void random_rays_meet_what_embree_meets(void **state)
     for (size_t m = 0; m < PELL_COUNT(masks); m++) {
         struct ray *rays = pell_gpu_buffer_host(t.in);
         const struct hit *hits;
-        int met = 0, other = 0, sight = 0;
+        int found = 0, other = 0, sight = 0;
 
         for (int i = 0; i < RAYS; i++) {
-            struct pell_vec3 way = somewhere(&seed, i % 2 ? 1.0f : 200.0f);
+            struct pell_vec3 direction = somewhere(&seed, i % 2 ? 1.0f : 200.0f);
             if (i % 5 == 0)
-                way.x = 0.0f;
+                direction.x = 0.0f;
             if (i % 10 == 0)
-                way.y = 0.0f;
-            set(&rays[i], somewhere(&seed, 150.0f), way, i % 3 == 0 ? 0.9999f : 1e30f);
+                direction.y = 0.0f;
+            set(&rays[i], somewhere(&seed, 150.0f), direction, i % 3 == 0 ? 0.9999f : 1e30f);
         }
         hits = trace(&t, RAYS, masks[m], false);
         for (int i = 0; i < RAYS; i++) {
@@ -164,8 +164,8 @@ static void random_rays_meet_what_embree_meets(void **state)
             struct pell_hit cpu = { .t = INFINITY };
             const bool hit = pell_rays_closest(t.rays, &ray, &cpu);
             const double scale = 1e-4 * (double) cpu.t + 1e-4 / (double) vec3_length(vec3_load(rays[i].direction));
-            met += hit;
-            if (hit != (hits[i].met != 0) || (hit && fabs((double) cpu.t - (double) hits[i].t) > scale))
+            found += hit;
+            if (hit != (hits[i].hit != 0) || (hit && fabs((double) cpu.t - (double) hits[i].t) > scale))
                 other++;
             else if (hit && hits[i].mesh == cpu.mesh && hits[i].triangle == cpu.triangle)
                 REQUIRE(fabs((double) cpu.u - (double) hits[i].u) < 1e-2 && fabs((double) cpu.v - (double) hits[i].v) < 1e-2);
@@ -173,18 +173,18 @@ static void random_rays_meet_what_embree_meets(void **state)
         hits = trace(&t, RAYS, masks[m], true);
         for (int i = 0; i < RAYS; i++) {
             const struct pell_ray ray = as_ray(&rays[i], masks[m]);
-            sight += pell_rays_occluded(t.rays, &ray) != (hits[i].met != 0);
+            sight += pell_rays_occluded(t.rays, &ray) != (hits[i].hit != 0);
         }
-        print_message("# mask %u: %d of %d rays meet something; %d meet another thing, %d see another way\n", masks[m], met, RAYS, other,
+        print_message("# mask %u: %d of %d rays hit; %d hit another triangle, %d differ in visibility\n", masks[m], found, RAYS, other,
                       sight);
-        REQUIRE(met > 1000 && met < 9900);
+        REQUIRE(found > 1000 && found < 9900);
         /* Rays along edges of the slivers. */
         REQUIRE(other <= 5 && sight <= 5);
     }
     tracer_finish(&t);
 }
 
-/* From inside a ball far from the origin, at points of edges and at corners. */
+/* From inside a ball far from the origin, at points of edges and at vertices. */
 static void no_ray_slips_through_an_edge(void **state)
 {
     const struct pell_mesh *m;
@@ -208,8 +208,8 @@ static void no_ray_slips_through_an_edge(void **state)
     }
     hits = trace(&t, count, PELL_RAY_ALL, false);
     for (uint32_t i = 0; i < count; i++) {
-        edges += i % 4 != 0 && !hits[i].met;
-        corners += i % 4 == 0 && !hits[i].met;
+        edges += i % 4 != 0 && !hits[i].hit;
+        corners += i % 4 == 0 && !hits[i].hit;
     }
     print_message("# %u rays: %d slip through edges, %d through corners\n", count, edges, corners);
     REQUIRE(count > 20000 && edges == 0);
@@ -226,7 +226,7 @@ static void an_empty_scene_stops_no_ray(void **state)
     tracer_start(&t);
     tracer_build(&t);
     set(pell_gpu_buffer_host(t.in), vec3(1, 2, 3), vec3(0, 0, 1), 1e30f);
-    assert_int_equal(trace(&t, 1, PELL_RAY_ALL, false)->met, 0);
+    assert_int_equal(trace(&t, 1, PELL_RAY_ALL, false)->hit, 0);
     tracer_finish(&t);
 }
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_light_grid.c - what a light's light grid answers, against every triangle tried one by one, against rays, and where there is none. */
+ * test_light_grid.c - shadow and thickness queries of a light grid, against a test of every triangle, against rays, and where no grid
+ * can be built. */
 #include "shapes.h"
 
 #include "visibility/light_grid.h"
@@ -146,7 +147,7 @@ static void points_see_the_apex_where_no_triangle_of_all_is_between(void **state
     pell_context_destroy(&ctx);
 }
 
-/* A ball whose corners are at unround places; points of its far side are aimed at corners and at sides of the near one, to the last bit. */
+/* A ball with vertices at irregular positions; points of its far side are aimed exactly at vertices and edges of the near side. */
 static void nothing_slips_through_between_triangles(void **state)
 {
     const struct pell_vec3 apex = vec3(13.7f, -4.1f, 71.3f);
@@ -213,7 +214,7 @@ static void lanes_that_are_off_stay_off_and_levels_agree(void **state)
             for (int i = 0; i < 16; i++) {
                 mask[i] = (n + i) % 3 ? -1 : 0;
                 if (!mask[i])
-                    p.x[i] = p.y[i] = i % 2 ? NAN : 1e30f; /* is not looked at */
+                    p.x[i] = p.y[i] = i % 2 ? NAN : 1e30f; /* is not tested */
                 r.ray.ox[i] = p.x[i];
                 r.ray.oy[i] = p.y[i];
                 r.ray.oz[i] = p.z[i];
@@ -291,21 +292,21 @@ static void there_is_none_where_rays_do_better(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Points as far above their triangles as the lighting lifts them for a camera at 10 mm; the light is at 3 m. */
+/* Points offset above their triangles as the lighting does it for a camera at 10 mm; the light is at 3 m. */
 static void a_far_apex_leaves_the_surface_its_light(void **state)
 {
-    const struct pell_vec3 way = vec3_normalize(vec3(0.6f, 0.3f, 0.74f));
+    const struct pell_vec3 to_light = vec3_normalize(vec3(0.6f, 0.3f, 0.74f));
     struct pell_context *ctx = test_context(NULL, NULL);
     struct pell_scene *s = shapes_scene(ctx);
     const struct pell_mesh *m = shapes_ball(s, 0, vec3(0.3f, -0.2f, 0.1f), 50.0f, 40);
-    const struct pell_vec3 apex = vec3_mul(way, 3200.0f);
+    const struct pell_vec3 apex = vec3_mul(to_light, 3200.0f);
     struct pell_light_grid *grid;
     uint32_t seed = 1;
     int asked = 0;
 
     (void) state;
     assert_null(grid_of(s, apex)); /* more than 8 sizes away */
-    shapes_quad(s, 0, vec3_mul(way, -330.0f), vec3(10.0f, 0, 0), vec3(0, 10.0f, 0));
+    shapes_quad(s, 0, vec3_mul(to_light, -330.0f), vec3(10.0f, 0, 0), vec3(0, 10.0f, 0));
     m = &s->meshes[0];
     grid = grid_of(s, apex);
     assert_non_null(grid);
@@ -318,7 +319,7 @@ static void a_far_apex_leaves_the_surface_its_light(void **state)
         _Alignas(64) int32_t visible[16];
         struct points p;
 
-        if (!(vec3_dot(n, way) > 0.3f))
+        if (!(vec3_dot(n, to_light) > 0.3f))
             continue;
         for (int i = 0; i < 16; i++) {
             const float u = shapes_random(&seed), v = (1.0f - u) * shapes_random(&seed);
@@ -337,7 +338,7 @@ static void a_far_apex_leaves_the_surface_its_light(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Translucent, opaque, turned and degenerate meshes, one that alpha hides and one without triangles. */
+/* Translucent, opaque, rotated and degenerate meshes, one that alpha hides and one without triangles. */
 static void several_meshes_answer_as_rays_do(void **state)
 {
     const struct pell_vec3 apex = vec3(30.0f, 20.0f, 90.0f);
@@ -348,7 +349,7 @@ static void several_meshes_answer_as_rays_do(void **state)
     struct pell_rays *rays;
     struct pell_light_grid *grid;
     uint32_t seed = 11;
-    int met[6] = { 0 }, open = 0, differ = 0, compared = 0;
+    int hits_of_mesh[6] = { 0 }, open = 0, differ = 0, compared = 0;
 
     (void) state;
     shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 20);
@@ -396,14 +397,15 @@ static void several_meshes_answer_as_rays_do(void **state)
             open += !hit;
             if (!hit)
                 continue;
-            met[r.hit.mesh[i]]++;
+            hits_of_mesh[r.hit.mesh[i]]++;
             REQUIRE_NEAR((double) mine.ray.tfar[i], (double) r.ray.tfar[i], 1e-5);
             REQUIRE_NEAR((double) mine.hit.u[i], (double) r.hit.u[i], 1e-3);
             REQUIRE_NEAR((double) mine.hit.v[i], (double) r.hit.v[i], 1e-3);
             assert_true(mine.hit.ngx[i] * r.hit.ngx[i] + mine.hit.ngy[i] * r.hit.ngy[i] + mine.hit.ngz[i] * r.hit.ngz[i] > 0.0f);
         }
     }
-    assert_true(differ * 1000 < compared && open > 1000 && met[0] > 1000 && met[2] > 100 && met[3] + met[4] + met[5] == 0);
+    assert_true(differ * 1000 < compared && open > 1000 && hits_of_mesh[0] > 1000 && hits_of_mesh[2] > 100 &&
+                hits_of_mesh[3] + hits_of_mesh[4] + hits_of_mesh[5] == 0);
     pell_light_grid_destroy(&grid);
     pell_rays_destroy(&rays);
     pell_pool_destroy(&pool);
@@ -411,7 +413,7 @@ static void several_meshes_answer_as_rays_do(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Each triangle covers the whole picture: 80,000 of them would fill 2 billion places of lists. */
+/* Each triangle covers the whole grid: 80,000 of them would need 2 billion list entries. */
 static void triangles_that_cover_all_are_given_up_at_once(void **state)
 {
     enum { TRIANGLES = 80000 };
@@ -454,7 +456,7 @@ static void where_memory_is_short_there_is_none_and_no_error(void **state)
     s = shapes_scene(ctx);
     shapes_ball(s, 0, vec3(0, 0, 0), 10.0f, 120);
     assert_null(grid_of(s, vec3(0, 0, 100.0f)));
-    rest = pell_alloc(ctx, (size_t) limits.memory_bytes - pell_memory_used(ctx) - (32 << 10)); /* not even room for counting */
+    rest = pell_alloc(ctx, (size_t) limits.memory_bytes - pell_memory_used(ctx) - (32 << 10)); /* not even memory for counting */
     assert_non_null(rest);
     assert_null(grid_of(s, vec3(0, 0, 100.0f)));
     assert_int_equal(kept.errors + kept.warnings, 0);

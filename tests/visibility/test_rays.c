@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_rays.c - visibility against every triangle tried one by one, masks, holes, refusals. */
+ * test_rays.c - visibility against a test of every triangle, masks, holes, refusals. */
 #include "shapes.h"
 
 #include "visibility/rays.h"
@@ -30,7 +30,7 @@ static void set_ray(struct pell_ray16 *r, int i, struct pell_vec3 o, struct pell
     r->mask[i] = PELL_RAY_ALL;
 }
 
-/* The number of the mesh that one ray sees, or -1, by both queries, which must agree. */
+/* The index of the mesh that a ray hits, or -1, by both queries, which must agree. */
 static int seen(const struct pell_rays *rays, struct pell_vec3 o, struct pell_vec3 d, uint32_t mask)
 {
     static struct pell_ray_hit16 p;
@@ -134,7 +134,7 @@ static void a_triangle_soup_is_seen_as_trying_every_triangle_does(void **state)
             hits++;
             assert_int_equal(p.hit.triangle[i], which);
             REQUIRE_NEAR(p.ray.tfar[i], nearest, 2e-5 * nearest);
-            /* The conventions that rays.h promises. */
+            /* The conventions documented in rays.h. */
             const float *v0 = m->position + 9 * which, *v1 = v0 + 3, *v2 = v0 + 6;
             const struct pell_vec3 e1 = vec3_sub(vec3_load(v1), vec3_load(v0)), e2 = vec3_sub(vec3_load(v2), vec3_load(v0));
             const struct pell_vec3 ng = vec3_cross(e1, e2);
@@ -243,7 +243,7 @@ static void masked_alpha_makes_holes_for_both_kinds_of_rays(void **state)
     assert_int_equal(seen(rays, vec3(0.1f, 0.3f, 0), vec3(0, 0, 1), PELL_RAY_ALL), 1);
     pell_rays_destroy(&rays);
 
-    /* A constant alpha under the cutoff: nothing is there. */
+    /* A constant alpha under the cutoff: the surface does not exist. */
     pell_free(ctx, m->color);
     m->color = NULL;
     s->materials[leaf].base_color[3] = 0.4f;
@@ -264,8 +264,8 @@ static void no_ray_slips_through_the_edges_of_a_closed_mesh(void **state)
     int edges = 0, vertices = 0, slipped = 0;
 
     (void) state;
-    /* From inside, at points of edges: wherever rounding puts the ray, some triangle must stop it. Embree does not promise that for rays
-     * aimed at vertices to the last bit, where six edge tests can contradict each other; that they are few is tested. */
+    /* From inside, at points of edges: wherever rounding puts the ray, some triangle must stop it. Embree does not guarantee that for
+     * rays aimed exactly at vertices, where six edge tests can contradict each other; the test checks that such misses are rare. */
     for (uint32_t i = 0; i < 3 * m->num_triangles; i++) {
         const struct pell_vec3 a = vec3_load(m->position + 3 * m->index[i]);
         const struct pell_vec3 b = vec3_load(m->position + 3 * m->index[i % 3 == 2 ? i - 2 : i + 1]);
@@ -321,7 +321,7 @@ static void bad_indices_and_materials_are_refused_by_name(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Of what Embree allocates as well as of our own memory. */
+/* For Embree's allocations as well as our own. */
 static void lack_of_memory_is_an_error_and_leaves_nothing_behind(void **state)
 {
     struct pell_limits limits;
@@ -368,7 +368,8 @@ static void lack_of_memory_is_an_error_and_leaves_nothing_behind(void **state)
 
 /* --- The nearest point ---------------------------------------------------------------------------------------------------------- */
 
-/* Squared distance from x to a triangle by regions (Ericson 2004, "Real-Time Collision Detection", 5.1.5), another way than rays.c goes. */
+/* Squared distance from x to a triangle by regions (Ericson 2004, "Real-Time Collision Detection", 5.1.5), independent of the
+ * implementation in rays.c. */
 static double region_distance2(const struct pell_mesh *m, uint32_t triangle, const double x[3])
 {
     double p[3][3], ab[3], ac[3], d[6], va, vb, vc, q[3], sum = 0.0;
@@ -424,7 +425,7 @@ static void the_nearest_point_is_the_nearest_of_all(void **state)
             m->position[i] = shapes_random(&random) * (i / 9 % 3 == 0 ? 10.0f : 1.0f) + (i / 9 % 3 == 1 ? 5.0f : 0.0f);
         for (uint32_t i = 0; i < 3 * TRIANGLES; i++)
             m->index[i] = i;
-        /* Slivers, lines and points, too. */
+        /* Including slivers, lines and points. */
         memcpy(m->position + 9 * 4 + 6, m->position + 9 * 4 + 3, 3 * sizeof(float));
         for (size_t i = 1; i < 3; i++)
             memcpy(m->position + 9 * 5 + 3 * i, m->position + 9 * 5, 3 * sizeof(float));
@@ -442,7 +443,7 @@ static void the_nearest_point_is_the_nearest_of_all(void **state)
         double best = INFINITY;
         bool found;
 
-        if (i % 5 == 0) /* a corner, an edge's middle, a place on a face */
+        if (i % 5 == 0) /* a vertex, an edge's middle, a point on a face */
             for (int c = 0; c < 3; c++) {
                 const float *p = s->meshes[0].position + 9 * (i / 5 % TRIANGLES) + c;
                 (c == 0 ? &x.x : c == 1 ? &x.y : &x.z)[0] = i % 10 ? 0.5f * (p[0] + p[3]) : p[6];
@@ -461,7 +462,7 @@ static void the_nearest_point_is_the_nearest_of_all(void **state)
         REQUIRE_NEAR((double) vec3_length(vec3_sub(near.point, x)), best, 3e-6);
         REQUIRE(near.u >= 0.0f && near.v >= 0.0f && near.u + near.v <= 1.000001f);
         REQUIRE(!chosen || near.mesh < 2);
-        for (uint32_t c = 0; c < 3; c++) { /* the barycentric numbers say the same place */
+        for (uint32_t c = 0; c < 3; c++) { /* the barycentric coordinates give the same point */
             const float *p = s->meshes[near.mesh].position + 9 * near.triangle + c;
             const float at = c == 0 ? near.point.x : c == 1 ? near.point.y : near.point.z;
             REQUIRE_NEAR(p[0] + near.u * (p[3] - p[0]) + near.v * (p[6] - p[0]), at, 1e-5);
@@ -477,7 +478,7 @@ static void the_nearest_point_is_the_nearest_of_all(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Of equally near ones the first, whatever the tree looks like: the corners of a light grid, and two meshes in one place. */
+/* The first of equally near triangles, whatever the hierarchy: the corners of a light grid, and two coincident meshes. */
 static void ties_go_to_the_first(void **state)
 {
     for (int order = 0; order < 2; order++) {

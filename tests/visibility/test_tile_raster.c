@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_tile_raster.c - what is drawn, against what rays meet, from outside, inside and amidst; and where rays have to be asked. */
+ * test_tile_raster.c - rasterised triangles against ray hits, for cameras outside, inside and among the triangles; and cases that
+ * require rays. */
 #include "shapes.h"
 
 #include "visibility/tile_raster.h"
@@ -7,7 +8,7 @@
 #define TILE PELL_RASTER_TILE
 #define BLOCK PELL_RASTER_BLOCK
 
-/* An eye at `from` looking at `to`; `focal` in pixels, orthographic: pixels a mm. */
+/* A camera at `from` looking at `to`; `focal` in pixels, orthographic: pixels per mm. */
 static struct pell_raster_view look(struct pell_vec3 from, struct pell_vec3 to, bool orthographic, float focal, int width, int height)
 {
     struct pell_raster_view v = { .origin = from,
@@ -34,14 +35,14 @@ static void ray_through(const struct pell_raster_view *v, float x, float y, stru
     ray->mask = PELL_RAY_ALL;
 }
 
-/* A picture of hits; mesh PELL_NO_HIT where there is none. */
+/* An image of hits; mesh PELL_NO_HIT where there is none. */
 struct drawn {
     int width, height;
     struct pell_hit *hits;
     int empty; /* tiles */
 };
 
-/* Draws; false where rays have to be asked. */
+/* Rasterises; false where rays are required. */
 static bool draw(struct pell_raster *r, struct pell_pool *pool, const struct pell_raster_view *view, int width, int height,
                  struct drawn *out)
 {
@@ -94,29 +95,29 @@ static bool draw(struct pell_raster *r, struct pell_pool *pool, const struct pel
     return true;
 }
 
-static bool same(const struct pell_hit *a, bool met, const struct pell_hit *b)
+static bool same(const struct pell_hit *a, bool ray_hit, const struct pell_hit *b)
 {
-    return met ? a->mesh == b->mesh && a->triangle == b->triangle : a->mesh == PELL_NO_HIT;
+    return ray_hit ? a->mesh == b->mesh && a->triangle == b->triangle : a->mesh == PELL_NO_HIT;
 }
 
-/* Whether a ray through nearly the same place of the pixel meets what was drawn. */
+/* Whether a ray through nearly the same point of the pixel hits the rasterised triangle. */
 static bool nearly(const struct pell_rays *rays, const struct pell_raster_view *view, float x, float y, const struct pell_hit *drawn)
 {
     for (int i = 0; i < 16; i++) {
         const float a = 0.39269908f * (float) i, off = i % 2 ? 4e-3f : 5e-4f;
         struct pell_hit hit;
         struct pell_ray ray;
-        bool met;
+        bool ray_hit;
 
         ray_through(view, x + off * cosf(a), y + off * sinf(a), &ray);
-        met = pell_rays_closest(rays, &ray, &hit);
-        if (same(drawn, met, &hit))
+        ray_hit = pell_rays_closest(rays, &ray, &hit);
+        if (same(drawn, ray_hit, &hit))
             return true;
     }
     return false;
 }
 
-/* Every pixel against a ray. Returns how many are covered. */
+/* Compares every pixel with a ray. Returns the number of covered pixels. */
 static int compare(struct pell_scene *s, const struct pell_raster_view *view, int width, int height)
 {
     struct pell_context *ctx = s->ctx;
@@ -136,15 +137,15 @@ static int compare(struct pell_scene *s, const struct pell_raster_view *view, in
             const struct pell_hit *got = &d.hits[y * width + x];
             struct pell_hit hit;
             struct pell_ray ray;
-            bool met;
+            bool ray_hit;
 
             ray_through(view, (float) x, (float) y, &ray);
-            met = pell_rays_closest(rays, &ray, &hit);
-            covered += met;
-            if (!same(got, met, &hit)) {
+            ray_hit = pell_rays_closest(rays, &ray, &hit);
+            covered += ray_hit;
+            if (!same(got, ray_hit, &hit)) {
                 differ++;
                 assert_true(nearly(rays, view, (float) x, (float) y, got));
-            } else if (met) {
+            } else if (ray_hit) {
                 const struct pell_mesh *m = &s->meshes[got->mesh];
                 const uint32_t *index = m->index + 3 * (size_t) got->triangle;
                 const struct pell_vec3 d3 = vec3_load(ray.direction), ng = vec3_load(got->ng);
@@ -201,7 +202,7 @@ static void what_is_drawn_is_what_rays_meet(void **state)
         } cameras[] = {
             { { 70, 90, 310 }, { 0, 0, 0 }, 200.0f, false },  { { -500, 20, -900 }, { 3, 2, 1 }, 900.0f, false },
             { { 5, -4, 3 }, { 40, 10, 20 }, 60.0f, false },   /* inside */
-            { { 30, 30.5f, -8 }, { 0, 0, 0 }, 30.0f, false }, /* amidst, wide: much lies beside and behind */
+            { { 30, 30.5f, -8 }, { 0, 0, 0 }, 30.0f, false }, /* among them, wide angle: many are outside the view and behind */
             { { 40, -300, 200 }, { 0, 0, 0 }, 1.3f, true },   { { 0, 0, 50000 }, { 0, 0, 0 }, 60000.0f, false }, /* from afar */
         };
 
@@ -213,7 +214,7 @@ static void what_is_drawn_is_what_rays_meet(void **state)
             const size_t opaque = shapes_material(s, true);
             soup(s, opaque, 60, 1.0f); /* large ones */
             shapes_ball(s, 0, vec3(10, 5, -20), 25.0f, 24);
-            shapes_quad(s, opaque, vec3(0, -60, 0), vec3(0, 0, 4000), vec3(4000, 0, 0)); /* a floor that reaches behind every eye */
+            shapes_quad(s, opaque, vec3(0, -60, 0), vec3(0, 0, 4000), vec3(4000, 0, 0)); /* a floor that extends behind every camera */
             shapes_mesh(s, opaque, 3, 0);
         } else {
             soup(s, 0, 4000, 0.004f); /* smaller than pixels */
@@ -233,7 +234,7 @@ static void what_is_drawn_is_what_rays_meet(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Corners, and sides, in the very middles of pixels; and a ball's silhouette from within, where nothing may show through. */
+/* Vertices, and edges, exactly at pixel centres; and a ball's silhouette from inside, without any gap. */
 static void nothing_shows_between_triangles(void **state)
 {
     enum { SIDE = 64 };
@@ -386,7 +387,7 @@ static void rays_are_asked_where_they_do_better(void **state)
     pell_scene_destroy(&s);
 
     s = shapes_scene(ctx);
-    for (int i = 0; i < 100; i++) /* layer upon layer */
+    for (int i = 0; i < 100; i++) /* many layers */
         shapes_quad(s, 0, vec3(0, 0, (float) i), vec3(1000, 0, 0), vec3(0, 1000, 0));
     assert_int_equal(pell_raster_create(ctx, s, 256, 256, &raster), PELL_OK);
     assert_non_null(raster);

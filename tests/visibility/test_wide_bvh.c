@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_wide_bvh.c - the hierarchy for shaders: each triangle once, inside the boxes above it, and few enough levels whatever the scene. */
+ * test_wide_bvh.c - the bounding volume hierarchy for shaders: each triangle once, inside the boxes above it, and a bounded depth for
+ * any scene. */
 #include "shapes.h"
 
 #include "visibility/rays.h"
@@ -95,7 +96,7 @@ static struct pell_vec3 one(uint32_t triangle, uint32_t k, uint32_t *seed)
     return vec3((float) k, (float) (k * k), 5.0f);
 }
 
-/* Each half as far away as the one before: bins part one triangle at a time. */
+/* Each at half the distance of the previous one: binning separates one triangle at a time. */
 static struct pell_vec3 shrinking(uint32_t triangle, uint32_t k, uint32_t *seed)
 {
     const float x = ldexpf(1.0f, 60 - (int) (triangle % 120));
@@ -128,7 +129,7 @@ static void every_triangle_is_in_its_boxes(void **state)
         }
 }
 
-/* A ball's tree is not much dearer than one of even boxes would be: levels near the logarithm. */
+/* The cost of a ball's hierarchy is close to that of uniform boxes: its depth is near the logarithm. */
 static void a_ball_has_few_levels(void **state)
 {
     struct pell_context *ctx = test_context(NULL, NULL);

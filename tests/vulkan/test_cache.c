@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_cache.c - the file of compiled shaders: written, read again, never believed where it is damaged. Skipped, by name, where there is no
+ * test_cache.c - the file of compiled shaders: written, read back, and rejected where it is damaged. Skipped, by name, where there is no
  * driver or no validation layer. */
 #include "gpu_test.h"
 
@@ -94,7 +94,8 @@ static void what_is_compiled_is_kept(void **state)
     REQUIRE(first.st_ino == second.st_ino); /* nothing new: not written again */
 }
 
-/* Cut anywhere, or with any byte of the header and some behind changed, it is warned of, made anew, and read again without a word. */
+/* Truncated at any byte, or with any byte of the header and some of the rest changed, it causes a warning, is created again, and is then
+ * read without a message. */
 static void damage_is_found(void **state)
 {
     uint8_t *data;
@@ -133,7 +134,7 @@ static void what_cannot_be_written_is_not(void **state)
     run("", 0, PELL_OK, 0);
     assert_true(find_file());
     assert_int_equal(unlink(path), 0);
-    assert_int_equal(mkdir(path, 0700), 0); /* where the file would be */
+    assert_int_equal(mkdir(path, 0700), 0); /* the path of the file */
     run(folder, 0, PELL_OK, 0);
     assert_int_equal(rmdir(path), 0);
 }

@@ -60,7 +60,7 @@ static void this_machine_is_described(void **unused)
     pell_context_destroy(&ctx);
 }
 
-/* Each allocation that finding makes fails once: it is reported, and nothing stays. */
+/* Each allocation of the device search fails once: it is reported, and nothing leaks. */
 static void lack_of_memory_is_reported(void **unused)
 {
     enum pell_result res = PELL_ERR_NOMEM;

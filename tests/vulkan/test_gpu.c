@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * test_gpu.c - buffers, passes and lists of commands on a Vulkan device, under the validation layer: any message of it is an error. */
+ * test_gpu.c - buffers, passes and command lists on a Vulkan device, under the validation layer: any message of it is an error. */
 #include "gpu_test.h"
 
 #include "vulkan/core.h"
@@ -116,8 +116,8 @@ static void passes_follow_one_another(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* The layer listens: what is left behind at the end is a message. */
-/* A shader is compiled once for each value of its constants, and stays so when its passes are gone. */
+/* The validation layer is active: leaked objects cause a message. */
+/* A shader is compiled once per value of its constants, and stays compiled when its passes are destroyed. */
 static void passes_share_what_is_compiled(void **state)
 {
     const uint32_t other = 0x40000000; /* 2 */
@@ -162,7 +162,7 @@ static void what_is_forgotten_is_a_message(void **state)
     assert_string_equal(kept.where, "vulkan validation");
 }
 
-/* Each call of Vulkan that can fail does so once: it is reported, once, and nothing stays. */
+/* Each Vulkan call that can fail does so once: it is reported, once, and nothing leaks. */
 static void calls_that_fail_leave_nothing(void **state)
 {
     struct kept_messages none = { 0 };
@@ -199,7 +199,7 @@ static void calls_that_fail_leave_nothing(void **state)
     REQUIRE(n > 30);
 }
 
-/* The device is lost in each call of making and running, once: it is named, once, and what is there can be released. */
+/* The device is lost in each call of creation and execution, once: it is reported, once, and objects can be released. */
 static void a_lost_device_is_reported(void **state)
 {
     struct kept_messages kept = { 0 };
@@ -219,7 +219,7 @@ static void a_lost_device_is_reported(void **state)
             res = work_run(&w, 1.0f, 2.0f);
         REQUIRE(res == PELL_OK ? kept.errors == 0 : res == PELL_ERR_DEVICE && kept.errors == 1 && strstr(kept.what, "the device was lost"));
         work_destroy(&w);
-        pell_vk_programs_destroy(gpu); /* so that each of their calls is met */
+        pell_vk_programs_destroy(gpu); /* so that each of their calls is reached */
         lost += res != PELL_OK;
         REQUIRE(kept.errors == (res != PELL_OK) && pell_gpu_memory_used(gpu) == 0);
     }
@@ -260,7 +260,7 @@ static void lack_of_memory_leaves_nothing(void **state)
     }
 }
 
-/* Buffers come and go in an order that leaves gaps: no two share a byte, and all memory comes back. */
+/* Buffers are created and destroyed in an order that leaves gaps: no two overlap, and all memory is freed. */
 static void buffers_share_blocks_and_no_byte(void **state)
 {
     enum { BUFFERS = 64 };

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * test_replace.c - shaders from a folder: what may stand in for a built-in one, what is refused, and a pass that follows its file. What
- * needs a device is skipped, by name, where there is no driver or no validation layer. */
+ * test_replace.c - shaders from a folder: valid replacements of built-in ones, refusals, and a pass that reloads its file. Tests that
+ * need a device are skipped, by name, where there is no driver or no validation layer. */
 #include "gpu_test.h"
 
 #include "vulkan/spirv.h"
@@ -52,7 +52,7 @@ static const char *refused(struct pell_context *ctx, const struct code *c)
     return why;
 }
 
-/* The first instruction with that opcode and, behind its first `skip` words, these two. */
+/* The first instruction with that opcode whose words after the first `skip` are these two. */
 static uint32_t *find(struct code *c, uint32_t op, size_t skip, uint32_t a, uint32_t b)
 {
     for (size_t at = 5; at < c->size / 4; at += c->words[at] >> 16)
@@ -79,7 +79,7 @@ static void what_declares_the_same_may_stand_in(void **state)
     assert_null(refused(ctx, &c));
     c = code_of(&pell_test_scale_shader);
     assert_null(refused(ctx, &c));
-    c = code_of(&pell_test_grow_shader); /* it reads what scale.comp writes alone, and has no such constants */
+    c = code_of(&pell_test_grow_shader); /* it reads bindings that only scale.comp writes, and has no such constants */
     assert_non_null(refused(ctx, &c));
     assert_int_equal(pell_memory_used(ctx), 0);
     pell_context_destroy(&ctx);
@@ -125,16 +125,16 @@ static void what_declares_something_else_is_refused(void **state)
     any.local[1] = 2;
     assert_int_equal(pell_spirv_check(ctx, good.words, good.size, &any, &why), PELL_OK);
     assert_string_equal(why, "has another workgroup than the built-in shader");
-    c = good; /* the workgroup's size is no constant */
+    c = good; /* the workgroup's size is not a constant */
     find(&c, DECORATE, 2, BUILT_IN, INVOCATION)[3] = WORKGROUP_SIZE;
     require_refused(ctx, &c, "has another workgroup than the built-in shader");
     c = good;
-    find(&c, DECORATE, 2, SET, 0)[2] = BINDING; /* of one variable twice */
+    find(&c, DECORATE, 2, SET, 0)[2] = BINDING; /* twice on one variable */
     require_refused(ctx, &c, "decorates something twice");
     c = good;
     find(&c, DECORATE, 2, SET, 0)[3] = 1;
     require_refused(ctx, &c, binding);
-    c = good; /* a buffer that is read only is written, too */
+    c = good; /* a read-only buffer is written, too */
     find(&c, MEMBER_DECORATE, 2, 0, NON_WRITABLE)[3] = 0;
     require_refused(ctx, &c, "reads or writes a buffer that the built-in shader does not");
     c = good;
@@ -148,7 +148,7 @@ static void what_declares_something_else_is_refused(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* Cut off anywhere it is refused; with a word changed it is taken or refused, and nothing is read beside it. */
+/* Truncated anywhere it is refused; with a word changed it is accepted or refused, without a read out of bounds. */
 static void damaged_code_is_refused_or_declares_the_same(void **state)
 {
     const struct code good = code_of(&pell_test_twice_shader);
@@ -158,7 +158,7 @@ static void damaged_code_is_refused_or_declares_the_same(void **state)
     (void) state;
 
     for (size_t size = 0; size < good.size; size++) {
-        uint32_t *words = malloc(size + 4); /* what lies behind is the sanitizer's */
+        uint32_t *words = malloc(size + 4); /* the memory behind is the sanitizer's */
         const char *why;
         memcpy(words, good.words, size);
         words = realloc(words, size ? size : 1);
@@ -174,7 +174,7 @@ static void damaged_code_is_refused_or_declares_the_same(void **state)
         }
         taken += refused(ctx, &c) == NULL;
     }
-    print_message("# %d of 20000 taken\n", taken); /* what a function does is not looked at */
+    print_message("# %d of 20000 taken\n", taken); /* function bodies are not checked */
     REQUIRE(taken > 0 && taken < 15000);
     assert_int_equal(pell_memory_used(ctx), 0);
     pell_context_destroy(&ctx);
@@ -204,7 +204,7 @@ struct work {
     struct pell_gpu_commands *commands;
 };
 
-/* What 1 becomes. */
+/* The result for an input of 1. */
 static float run(struct work *w)
 {
     const struct {
@@ -257,7 +257,7 @@ static void a_pass_follows_its_file(void **state)
     write_file(broken.words, broken.size);
     assert_true(run(&w) == 6.5f && kept.warnings == 2);
     assert_non_null(strstr(kept.last_warning, "is no SPIR-V"));
-    pell_gpu_pass_destroy(&w.pass); /* one that is made while the file is damaged has the last good one, too */
+    pell_gpu_pass_destroy(&w.pass); /* one that is created while the file is damaged uses the last valid one, too */
     assert_int_equal(pell_gpu_pass_create(gpu, &pell_test_scale_shader, &bits, 1, (struct pell_gpu_buffer *[]) { w.in, w.out }, &w.pass),
                      PELL_OK);
     assert_true(run(&w) == 6.5f && kept.warnings == 2);
@@ -284,7 +284,7 @@ static void a_pass_follows_its_file(void **state)
     pell_context_destroy(&ctx);
 }
 
-/* A folder, a device that looks there, and what a pass works with. */
+/* A folder, a device that looks there, and the objects of a pass. */
 struct rig {
     struct kept_messages kept;
     struct pell_alloc_fault fault;
@@ -355,7 +355,7 @@ static void what_no_driver_takes_is_warned_of_once(void **state)
     rig_close(&r);
 }
 
-/* A file that there was no memory for is looked at again, though nothing of it has changed. */
+/* A file whose reload failed for lack of memory is read again, although it has not changed. */
 static void what_could_not_be_read_is_read_later(void **state)
 {
     struct rig r;
@@ -363,7 +363,7 @@ static void what_could_not_be_read_is_read_later(void **state)
 
     rig_open(&r);
     rig_renew(&r);
-    assert_true(run(&r.work) == 3.5f); /* from here on it is known that the file is looked for */
+    assert_true(run(&r.work) == 3.5f); /* from here on the file is monitored */
     write_file(pell_test_twice_shader.words, pell_test_twice_shader.size);
     r.fault.fail_at = atomic_load(&r.fault.calls) + 1;
     r.fault.sticky = true;
