@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * connect.c - time of refractive connections from points in a bumpy ball to a point outside it, by one core: smooth and flat normals, deep
- * inside and near the surface; how many paths a query finds, and by how many rays.
+ * connect.c - time of refractive connections from points in a bumpy ball to a point outside it, on one core: smooth and flat normals,
+ * deep inside and near the surface; number of paths found per query, and of rays traced.
  *
  *     bench_connect */
 #include "connect_rig.h"
@@ -25,7 +25,7 @@ int main(void)
             start = (double) clock();
             for (int i = 0; i < QUERIES; i++) {
                 struct pell_vec3 d;
-                if (i % 16 == 0) /* as the points of one pixel: near each other */
+                if (i % 16 == 0) /* like the points of one pixel: close together */
                     where = vec3_normalize(in_ball(&random));
                 d = vec3_normalize(vec3_mad(where, 0.03f, in_ball(&random)));
                 found += pell_connect(r.connector,

@@ -10,9 +10,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LIGHTS 3          /* of the scene: the environment and two points */
-#define AMBIENT_SAMPLES 1 /* a pixel: its own light is no part of what is measured, and the map asks by itself for enough */
-#define FULL_REPEATS 1    /* frames, at most: they take a while */
+#define LIGHTS 3          /* of the scene: the environment and two point lights */
+#define AMBIENT_SAMPLES 1 /* per pixel: light sampling is not what is measured, and the map requests enough samples itself */
+#define FULL_REPEATS 1    /* frames, at most: they are slow */
 #define LOW_REPEATS 3
 
 struct variant {
@@ -31,7 +31,7 @@ static void add_stages(struct bench *b, const struct pell_render_result *p)
         char text[96];
         if (bench_is_common(t->name))
             continue;
-        if (strstr(t->name, "blur")) { /* those that only add to the sum, too */
+        if (strstr(t->name, "blur")) { /* including those that only add to the sum */
             blur += t->ms;
             copy += t->bandwidth_ms;
         }
@@ -71,9 +71,9 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
     PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
     snprintf(name, sizeof(name), "size=%d tsm=%s tsm-size=%d charts=planar", full ? 2048 : 1024, v->tsm, full ? 2048 : 1024);
     PELL_TRY(bench_choose(b, "texture-space", name));
-    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* lays the surface out, and touches all memory once */
+    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* prepares the surface, and touches all memory once */
     for (int i = 0; i < repeats; i++) {
-        b->s.settings.seed++; /* light holds for one seed */
+        b->s.settings.seed++; /* lighting is kept for one seed */
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
         anew[i] = bench_own_ms(&p);
         if (stages && i + 1 == repeats)
@@ -94,7 +94,7 @@ fail:
     return res;
 }
 
-/* Waves as high as a fiftieth of the mesh, which moves with `phase`. `rest`: where the vertices are without. */
+/* Waves as high as a fiftieth of the mesh, which moves with `phase`. `rest`: the undeformed vertices. */
 static void wave(struct pell_scene *scene, const float *rest, double phase)
 {
     const float high = 0.02f * (scene->bounds_max[1] - scene->bounds_min[1]);
@@ -115,8 +115,8 @@ static double stage_ms(const struct pell_render_result *p, const char *name)
     return 0.0;
 }
 
-/* Frames of a mesh that deforms, under one light with its translucent shadow map: everything of the method's own is made anew in each, the
- * layout's topology apart. */
+/* Frames of a deforming mesh, under one light with its translucent shadow map: all data of the method are recomputed in each, except the
+ * topology of the layout. */
 static enum pell_result deform(struct bench *b)
 {
     struct pell_scene *scene = b->s.scene;

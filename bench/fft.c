@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * fft.c - how far src/math/fft is from FFTW: transforms of real images there and back, single precision, one thread, the same sizes in the
- * same run. Times are of the processor.
+ * fft.c - speed of src/math/fft relative to FFTW: transforms of real images and their inverses, single precision, one thread, the same
+ * sizes in the same run. Times are processor times.
  *
  *     bench_fft [--measure]       --measure: FFTW may try plans (FFTW_MEASURE), else it estimates them
  *
- * FFTW is the reference of speed here and in nothing that is installed. */
+ * FFTW is only used as a reference of speed here, and by nothing that is installed. */
 #include "math/fft.h"
 #include "base/simd.h"
 
@@ -94,7 +94,7 @@ static struct pell_fft_rows rows_from(const struct ours *o, float *const image[2
     return r;
 }
 
-/* Two images, there and back. */
+/* Two images, forward and inverse. */
 static void run(struct ours *o)
 {
     for (int y = 0; y < o->height; y += 16) {

@@ -42,7 +42,7 @@ fail:
     return res;
 }
 
-/* How long the planes through the surface take that `as=best` makes once a scene: a stage of a first frame. */
+/* Time of fitting the planes through the surface that `as=best` uses, once per scene: a stage of a first frame. */
 static enum pell_result add_planes(struct bench *b, const char *what)
 {
     char name[96];
@@ -66,8 +66,8 @@ static void add_memory(struct bench *b)
         const char *name;
         double bytes;
     } rows[] = {
-        /* With levels: 4/3 of 4 pairs of numbers of 2 bytes; a texel of the solid needs which layer it is in, a byte, as deep as it is
-         * wide. */
+        /* With mip levels: 4/3 of 4 pairs of 2-byte numbers; a voxel of the solid needs the index of its layer, a byte, for a depth
+         * equal to the width. */
         { "4 layers at 1024 x 1024, MB", 4.0 / 3.0 * 1024.0 * 1024.0 * 16.0 },
         { "3D texture, 1024 x 1024 x 1024, MB", 1024.0 * 1024.0 * 1024.0 },
     };
@@ -81,7 +81,7 @@ static void add_memory(struct bench *b)
         }
 }
 
-/* Both forms by samples under the first light, each against its own with many samples; *ms as of measure(), with 50 samples. */
+/* Both settings by samples under the first light, each against its own result with many samples; *ms as in measure(), with 50 samples. */
 static enum pell_result add_samples(struct bench *b, const char *what, double *ms)
 {
     enum pell_result res;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * indirect.c - `pellucid-bench truth-gap`: time of indirect light: links of a first frame by samples, moved lights by bounces, and the
- * stage "irradiance" of a frame that keeps both, beside the same without; and diffusion in solids (render/indirect/diffusion.c). */
+ * stage "irradiance" of a frame that keeps both, next to the same without; and diffusion in solids (render/indirect/diffusion.c). */
 #include "papers.h"
 
 #include <string.h>
@@ -13,7 +13,7 @@ static double stage_ms(const struct pell_render_result *image, const char *name)
     return 0.0;
 }
 
-/* Medians over the repeats of a stage of frames that `change` was done before; NULL: nothing. */
+/* Medians of a stage over repeated frames, each after a call of `change`; NULL: no change. */
 static enum pell_result measure(struct bench *b, const char *stage, void (*change)(struct pell_settings *s), double *ms)
 {
     double values[64];
@@ -39,7 +39,7 @@ static void new_links(struct pell_settings *s)
     s->seed++;
 }
 
-/* Lights are made anew when how they are sampled changes. */
+/* Lights are prepared again when their sampling changes. */
 static void new_lights(struct pell_settings *s)
 {
     s->environment_lights = s->environment_lights == 24 ? 25 : 24;

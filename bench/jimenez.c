@@ -12,24 +12,24 @@
 
 #define HEADS 10 /* of the scene, before its plane */
 #define LIGHTS 6
-#define NEAR 780.0f /* mm from the camera to the first row of heads; 3 and 9 times as much are medium and far */
-#define MANY 8      /* samples a pixel */
+#define NEAR 780.0f /* mm from the camera to the first row of heads; medium and far are 3 and 9 times as much */
+#define MANY 8      /* samples per pixel */
 #define REPEATS 3   /* frames, at most */
 #define LEAVES 200
 #define CROWN 330.0f        /* mm: its radius */
 #define AWAY 2340.0f        /* mm: from the camera to its middle */
 #define AROUND 3.883222077f /* rad from a leaf to the next: 2 pi (golden ratio - 1) */
 
-enum place { IN_SIGHT, HIDDEN, ASIDE };
+enum visibility { IN_SIGHT, HIDDEN, ASIDE };
 
 struct crowd {
     const char *name;
     int heads, lights;
     float distance; /* of NEAR */
-    enum place place;
+    enum visibility visibility;
 };
 
-/* Stages that don't know the light or the camera: once for a scene. */
+/* Stages that depend on neither the lights nor the camera: once per scene. */
 static bool is_once(const char *stage)
 {
     static const char *const names[] = { "prepare", "curvature", "contact shadow", "indirect links", "layout" };
@@ -49,23 +49,23 @@ static double frame_ms(const struct pell_render_result *p)
     return sum;
 }
 
-/* A part of the scene, seen from there. `all`: the whole of it. */
+/* A subset of the scene, seen from the given position. `all`: the whole scene. */
 static enum pell_result gather(struct bench *b, const struct pell_scene *all, const struct crowd *crowd)
 {
-    const bool plane = crowd->place == HIDDEN;
+    const bool plane = crowd->visibility == HIDDEN;
     struct pell_scene *s = b->s.scene;
     struct pell_camera *c = &s->cameras[0];
 
     s->meshes = all->meshes + (plane ? 0 : 1);
     s->num_meshes = (size_t) crowd->heads + plane;
     s->num_lights = (size_t) crowd->lights;
-    c->position[2] = plane ? -NEAR * crowd->distance : NEAR * crowd->distance; /* the plane is behind the heads */
-    c->forward[0] = crowd->place == ASIDE ? 1.0f : 0.0f;
-    c->forward[2] = crowd->place == ASIDE ? 0.0f : plane ? 1.0f : -1.0f;
+    c->position[2] = plane ? -NEAR * crowd->distance : NEAR * crowd->distance; /* the plane hides the heads */
+    c->forward[0] = crowd->visibility == ASIDE ? 1.0f : 0.0f;
+    c->forward[2] = crowd->visibility == ASIDE ? 0.0f : plane ? 1.0f : -1.0f;
     return pell_renderer_set_scene(b->s.renderer, s);
 }
 
-/* A frame whose lights have moved, after one that touched all memory; the stages of the last one are left in *p. */
+/* A frame after a change of lights, preceded by one that touched all memory; the stages of the last one are left in *p. */
 static enum pell_result measure_frames(struct bench *b, const char *method, double *ms, struct pell_render_result *p)
 {
     double times[REPEATS];
@@ -75,7 +75,7 @@ static enum pell_result measure_frames(struct bench *b, const char *method, doub
     PELL_TRY(bench_choose(b, method, ""));
     PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, p));
     for (int i = 0; i < repeats; i++) {
-        b->s.settings.seed++; /* light holds for one seed */
+        b->s.settings.seed++; /* lighting is kept for one seed */
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, p));
         times[i] = frame_ms(p);
     }
@@ -111,7 +111,7 @@ fail:
     return res;
 }
 
-/* What bloom, depth of field and scattering take in one frame: figure 7.2 of the paper. */
+/* Times of bloom, depth of field and scattering in one frame: figure 7.2 of the paper. */
 static enum pell_result add_effects(struct bench *b, const struct pell_scene *all)
 {
     static const struct crowd three = { "3 heads", 3, 2, 3.0f, IN_SIGHT };
@@ -139,7 +139,7 @@ fail:
     return res;
 }
 
-/* All that table shows of the scene as it is opened now. */
+/* All rows of the table for the scene that is open now. */
 static enum pell_result run_crowds(struct bench *b, const struct crowd *crowds, size_t count, int msaa)
 {
     struct pell_scene *s = b->s.scene;
@@ -153,7 +153,7 @@ static enum pell_result run_crowds(struct bench *b, const struct crowd *crowds, 
     }
     if (count > 1 && msaa == 1 && res == PELL_OK)
         res = add_effects(b, &whole);
-    s->meshes = whole.meshes; /* to be released */
+    s->meshes = whole.meshes; /* released by the caller */
     s->num_meshes = whole.num_meshes;
     s->num_lights = whole.num_lights;
     return res;
@@ -167,8 +167,8 @@ static void set_up(struct bench *b)
     b->s.settings.opposed = b->s.settings.curvature = false;
 }
 
-/* A copy of the mesh of one leaf at its place on the surface of a crown, its upper side outward. Lists of triangles and coordinates are
- * the first leaf's. */
+/* A copy of the mesh of one leaf, positioned on the surface of a crown with its upper side outward. It uses the first leaf's index and
+ * coordinate arrays. */
 static bool hang_leaf(struct pell_mesh *leaf, const struct pell_mesh *first, int i)
 {
     const float height = 1.0f - (2.0f * (float) i + 1.0f) / LEAVES, around = AROUND * (float) i, across = sqrtf(1.0f - height * height);
@@ -191,7 +191,7 @@ static bool hang_leaf(struct pell_mesh *leaf, const struct pell_mesh *first, int
     return true;
 }
 
-/* Many small objects apart from each other. */
+/* Many small separate objects. */
 static enum pell_result run_leaves(struct bench *b)
 {
     static const struct crowd crowd = { "200 leaves", 0, 2, 0.0f, IN_SIGHT };
@@ -251,7 +251,7 @@ enum pell_result bench_jimenez(struct bench *b)
         { "5 heads outside of the picture", 5, 2, 3.0f, ASIDE },
     };
     static const struct crowd busts = { "5 heads of marble", 5, 2, 3.0f, IN_SIGHT };
-    enum { OF_TABLE = 7 }; /* those with 8 samples a pixel, too */
+    enum { OF_TABLE = 7 }; /* including those with 8 samples per pixel */
     const struct pell_scene *s = b->s.scene;
     enum pell_result res;
 

@@ -32,10 +32,10 @@ static const struct command commands[] = {
 static const struct row_of {
     const char *name;
     enum pell_result (*run)(struct bench *b);
-    const char *material; /* of the scene, in place of its own */
-    const char *own;      /* a setting of the picture that it chooses, beside msaa */
+    const char *material; /* of the scene, instead of its own */
+    const char *own;      /* a render setting of its own in addition to msaa */
     unsigned columns;
-    const char *items; /* what rows count, "samples/s" */
+    const char *items; /* the unit of the rows, "samples/s" */
 } benches[] = {
     { "profiles", bench_profiles, NULL, NULL, BENCH_ERROR, "R(r)/s" },
     { "truth", bench_truth, "wholemilk", "seed", BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR | BENCH_WORK, NULL },
@@ -49,7 +49,7 @@ static const struct row_of {
     { "francois-2", bench_francois, NULL, NULL, BENCH_FRAME | BENCH_PIXELS | BENCH_RAYS | BENCH_ERROR, "layer-samples/s" },
 };
 
-/* The scene lies beside the program. */
+/* The scene file is next to the program. */
 static void scene_path(const char *name, char *path, size_t size)
 {
     char program[2048];

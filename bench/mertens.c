@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-#define REFERENCE "500000" /* samples of the hierarchical that errors are against, at most */
+#define REFERENCE "500000" /* samples of the hierarchical reference that errors are measured against, at most */
 #define COARSE "20000"     /* and of the one that is compared */
 #define FILLING 0.5f       /* of the view's angle: the face alone */
 
@@ -42,7 +42,7 @@ static enum pell_result image_space(struct bench *b, int size, int samples, doub
     return measure(b, size, name, &run, samples, ms);
 }
 
-/* The same surface so near that it fills the picture, and how the time depends on how far light goes. */
+/* A close-up in which the surface fills the image, and the dependence of the time on the mean free path. */
 static enum pell_result filled(struct bench *b)
 {
     static const double radii[] = { 0.25, 1.0, 4.0 };
@@ -60,7 +60,7 @@ static enum pell_result filled(struct bench *b)
         snprintf(name, sizeof(name), "filled, 16 samples, radius x %g", now);
         PELL_TRY(measure(b, 500, name, &run, 16, &ms[i]));
         at[i] = b->rows.count - 1;
-        b->rows.items[at[i]].error = (double) NAN; /* it is another picture */
+        b->rows.items[at[i]].error = (double) NAN; /* it is another image */
     }
     for (size_t i = 0; i < PELL_COUNT(radii); i += 2) {
         b->rows.items[at[i]].ratio = ms[i] / ms[1];

@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define REFERENCE "200000" /* samples of the hierarchical that errors are against, at most */
-#define FILLING 0.2f       /* of the view's angle: the object is all that is seen */
+#define REFERENCE "200000" /* samples of the hierarchical reference that errors are measured against, at most */
+#define FILLING 0.2f       /* of the view's angle: only the object is in view */
 
 static enum pell_result keep_truth(struct bench *b)
 {
@@ -20,7 +20,7 @@ static enum pell_result keep_truth(struct bench *b)
     return bench_keep_truth(b, "hierarchical", "points=" REFERENCE);
 }
 
-/* The method's own stages of warm frames, and their sum; a row counts the pixels that are seen. `moving`: as bench_run has it. */
+/* The method's own stages of warm frames, and their sum; a row counts the visible pixels. `moving`: as for bench_run. */
 static enum pell_result measure(struct bench *b, const char *name, const char *knobs, bool stages, bool moving)
 {
     const struct bench_run run = { "convolution", knobs, stages, moving };
@@ -39,8 +39,8 @@ fail:
     return res;
 }
 
-/* How many planes' light a plane receives on the mean, its own too, by the dipole: by the share of the light that goes so far, or as the
- * paper prints it by the profile's value there over its value at 0. */
+/* Mean number of planes that contribute to a plane, including itself, by the dipole: by the fraction of the light that travels that far,
+ * or, as printed in the paper, by the profile's value there over its value at 0. */
 static double convolutions(const struct pell_material *m, double range, int planes, double threshold, bool printed)
 {
     struct pell_profile *profile = malloc(sizeof(*profile));
@@ -80,7 +80,7 @@ enum pell_result bench_munoz_2(struct bench *b)
     const int profile = b->s.settings.profile;
     enum pell_result res;
 
-    b->s.settings.profile = 1 + PELL_PROFILE_DIPOLE; /* the paper's: what is printed compares with its value at 0 */
+    b->s.settings.profile = 1 + PELL_PROFILE_DIPOLE; /* the paper's: the printed threshold is relative to its value at 0 */
     for (int small = 0; small < 2; small++) {
         if (small)
             PELL_TRY(bench_stretch(b, 10.0)); /* as if the object were ten times smaller */
@@ -128,7 +128,7 @@ fail:
     return res;
 }
 
-/* So near that the object is all that is seen, nothing kept from frame to frame: by resolution, and by how far light goes. */
+/* A close-up in which only the object is in view, nothing kept from frame to frame: by resolution, and by mean free path. */
 static enum pell_result fill(struct bench *b)
 {
     static const char *const values[] = { "1", "1/2", "1/4" };

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: MIT
- * papers.c - what the benches of the papers share. */
+ * papers.c - functions shared by the benches of the papers. */
 #include "papers.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#define NUDGE 1e-4f /* of the camera's distance that it moves from frame to frame, where nothing is to be kept */
+#define NUDGE 1e-4f /* of the camera's distance: its motion from frame to frame, where nothing is to be kept */
 
 /* --- Scene and method ------------------------------------------------------------------------------------------------------------- */
 
@@ -113,8 +113,7 @@ static enum pell_result keep(struct bench *b, const struct pell_render_result *p
     return PELL_OK;
 }
 
-/* Root mean square difference from the truth over its mean, R, G, B, of pixels that are wholly covered; NAN where there is none of that
- * size. */
+/* Root mean square difference from the reference over its mean, R, G, B, of fully covered pixels; NAN where no reference has that size. */
 static double error_of(const struct bench *b, const struct pell_render_result *p)
 {
     const size_t size = (size_t) p->width * (size_t) p->height;
@@ -150,7 +149,7 @@ fail:
 
 /* --- Times ---------------------------------------------------------------------------------------------------------------------- */
 
-/* The camera a little nearer, or back. */
+/* Moves the camera a little closer, or back. */
 static void nudge(struct bench *b, int frame)
 {
     const struct pell_scene *s = b->s.scene;

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
+ * papers.h - shared by the benches of the papers: a scene, a selected method that is timed, errors against a kept image.
  *
- * papers.h - what the benches of the papers share: a scene, a method that is chosen and timed, errors against a kept image.
- *
- * A bench is a row of the table in main.c; its function adds rows to `rows` and says in `setup` what they are of. */
+ * A bench is a row of the table in main.c; its function adds rows to `rows` and describes them in `setup`. */
 #ifndef PELL_BENCH_PAPERS_H
 #define PELL_BENCH_PAPERS_H
 
@@ -16,21 +15,21 @@ struct bench {
     int repeats;
     float *truth; /* R, G, B, A, one plane after the other; NULL: none yet */
     int truth_width, truth_height;
-    char setup[320]; /* what was measured, for people */
+    char setup[320]; /* what was measured, for readers */
 };
 
 /* --- papers.c ------------------------------------------------------------------------------------------------------------------- */
 
-/* Closes what is open and opens the scene anew, one sample a pixel; stages are timed beside copies. `material` NULL: the scene's own. */
+/* Closes the open scene and opens it again, one sample per pixel; stages are timed next to copies. `material` NULL: the scene's own. */
 enum exit_code bench_open(struct bench *b, const char *material);
 void bench_close(struct bench *b);
-/* Opens the scene NAME`suffix`.json that lies beside the bench's own, which is closed, and runs that. */
+/* Opens the scene NAME`suffix`.json in the folder of the bench's own, which is closed, and runs that. */
 enum pell_result bench_beside(struct bench *b, const char *suffix, enum pell_result (*run)(struct bench *b));
 /* A method with its knobs as "name=value name=value", all others at their defaults. */
 enum pell_result bench_choose(struct bench *b, const char *method, const char *knobs);
-/* Makes light of every material go `factor` times as far. */
+/* Multiplies the mean free paths of every material by `factor`. */
 enum pell_result bench_stretch(struct bench *b, double factor);
-/* Stages that all methods share, whatever they do. */
+/* Stages that all methods have in common. */
 bool bench_is_common(const char *stage);
 /* The sum of the others, ms. */
 double bench_own_ms(const struct pell_render_result *image);
@@ -44,14 +43,14 @@ struct bench_run {
 
 struct bench_result {
     double once_ms;       /* "prepare" of the first frame */
-    int64_t seen, pixels; /* the surface's; the most of a stage of the method's own */
+    int64_t seen, pixels; /* of the surface stage; the slowest of the method's own stages */
     struct row *row;      /* the sum of the method's own stages, medians over warm frames, and its error; NULL: no room */
 };
 
 /* One cold frame and `repeats` warm ones; adds the row `name`, after those of the stages. `result` may be NULL. */
 enum pell_result bench_measure(struct bench *b, const char *name, const struct bench_run *run, struct bench_result *result);
 
-/* Renders with the method and keeps the image as the one that errors are against. */
+/* Renders with the method and keeps the image as the reference for errors. */
 enum pell_result bench_keep_truth(struct bench *b, const char *method, const char *knobs);
 
 /* --- One file each -------------------------------------------------------------------------------------------------------------- */

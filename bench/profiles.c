@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * profiles.c - `pellucid-bench profiles`: times of fits, of layers and of R(r), each beside what it is a ratio to. */
+ * profiles.c - `pellucid-bench profiles`: times of fits, of layers and of R(r), each next to the time that it is compared with. */
 #include "papers.h"
 
 #include <pellucid/layers.h>
@@ -44,7 +44,8 @@ static double largest(const double error[3])
     return fmax(error[0], fmax(error[1], error[2]));
 }
 
-/* d'Eon et al. 2007, appendix A: eight Gaussians a channel, no iteration. Many in a row, as one is shorter than the clock's step. */
+/* d'Eon et al. 2007, appendix A: eight Gaussians per channel, no iteration. Repeated many times, as one run is shorter than the clock's
+ * resolution. */
 static enum pell_result time_appendix_a(struct profiles *b)
 {
     const struct pell_medium *m = &b->marble->medium;
@@ -107,8 +108,8 @@ static enum pell_result solve(const struct pell_stack *stack, int c, enum stack_
                                 workspace, size, sets);
 }
 
-/* Milliseconds of R for the three channels by one of the solvers: Hankel at LAYER_RADII radii, the others to a sum of Gaussians for any
- * radius. `out`: what it gave, to compare. */
+/* Milliseconds for R of the three channels by one of the solvers: Hankel at LAYER_RADII radii, the others to a sum of Gaussians for any
+ * radius. `out`: the result, to compare. */
 static enum pell_result time_solver(const struct pell_context *ctx, const struct pell_material_layers *layers, enum stack_solver solver,
                                     int repeats, double *ms, struct pell_profile out[3])
 {
@@ -179,7 +180,7 @@ static enum pell_result time_layers(struct profiles *b)
     return res;
 }
 
-/* A sum that keeps the compiler from leaving work out. */
+/* A sum that prevents the compiler from eliminating the work. */
 static volatile double kept;
 
 static enum pell_result time_evaluation(struct profiles *b, enum pell_profile_model model)

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What a call costs: prints the time of the import and of profiles over arrays, as in docs/guide/python.md."""
+"""Overhead of calls: prints the time of the import and of profiles over arrays, as in docs/guide/python.md."""
 import subprocess
 import sys
 import time

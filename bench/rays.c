@@ -77,7 +77,7 @@ fail:
     return res;
 }
 
-/* A texture of pixels that look random, of 3 channels. */
+/* A texture of pseudo-random pixels, of 3 channels. */
 static enum pell_result add_texture(struct pell_scene *s, const char *name, int size, bool srgb, int base, int range,
                                     struct pell_texture **out)
 {
@@ -155,7 +155,7 @@ static void bare_band(void *arg, int index, int worker)
     b->hits[index] = hits;
 }
 
-/* The best of many rounds, in ms; bests of what is compared are taken in the same rounds, as machines change their pace. */
+/* The best of many rounds, in ms; compared times are taken in the same rounds, as the speed of machines varies. */
 static void best_of(double start, double *best)
 {
     *best = fmin(*best, (pell_seconds() - start) * 1e3);
@@ -180,7 +180,7 @@ static RTCScene bare_scene(RTCDevice device, const struct pell_scene *s)
     return scene;
 }
 
-/* A camera in front of the bounds whose picture is covered to a third or so by a ball in them. */
+/* A camera in front of the bounds such that a ball inside them covers about a third of the image. */
 static struct pell_view look(const struct pell_scene *s)
 {
     struct pell_camera camera = { .forward = { 0, 0, -1 }, .up = { 0, 1, 0 }, .fov = 0.349f };
@@ -193,7 +193,7 @@ static struct pell_view look(const struct pell_scene *s)
     return pell_view_make(&camera, WIDTH, HEIGHT, 0.0f, 0.0f);
 }
 
-/* What is given, and what is made of it. */
+/* Input, and the objects made from it. */
 struct bench {
     const char *path; /* NULL: a ball */
     double size;
@@ -209,7 +209,7 @@ struct bench {
     RTCScene bare;
 };
 
-/* Milliseconds; of what is done several times the least. */
+/* Milliseconds; of repeated work the minimum. */
 struct times {
     double bare_build, build, made, bare, rays, plain, mips, maps, aliased;
 };
@@ -254,7 +254,7 @@ static enum pell_result time_surface(struct bench *b, double *best)
     return res;
 }
 
-/* Building, and rays of a frame without maps: bare ones, ours, and the surface stage. */
+/* Building, and rays of a frame without maps: bare Embree, ours, and the surface stage. */
 static enum pell_result time_rays(struct bench *b, struct times *t)
 {
     const struct pell_rect rect = pell_view_rect(&b->view, b->scene->bounds_min, b->scene->bounds_max);

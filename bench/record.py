@@ -17,7 +17,7 @@ REFERENCE = 'camera rays alone'
 
 
 def measure(program, method, repeats):
-    """Milliseconds of the bench's rows by name, and what the bench says of the machine."""
+    """Milliseconds of the bench's rows by name, and the bench's description of the machine."""
     done = subprocess.run([program, 'bench', 'screen-space', '-m', method, '--repeats', str(repeats), '--json', '-q'],
                           check=True, capture_output=True, text=True)
     report = json.loads(done.stdout)

@@ -1,14 +1,12 @@
 /* SPDX-License-Identifier: MIT
+ * truth.c - `pellucid-bench truth`: cost and error of the reference methods, in one run.
  *
- * truth.c - `pellucid-bench truth`: what the references cost for what error, in one run.
+ * Milliseconds are processor times, of all threads together: other work of the machine then counts less. Errors are of the subsurface
+ * light's luminance at translucent pixels. Noise is measured by pairs of frames a, b of two seeds, which needs no error bar:
  *
- * Milliseconds are of processor time, of all threads together: others on the machine then count less. Errors are of the subsurface light's
- * luminance at translucent pixels. Noise is measured by pairs of frames a, b of two seeds, which needs no error bar:
+ *     relative variance of a frame = Sum (a - b)^2 / 2  /  Sum a b        (noise does not bias the product)
  *
- *     relative variance of a frame = Sum (a - b)^2 / 2  /  Sum a b        (the product has no noise squared in it)
- *
- * and times the seconds of a frame it does not depend on the number of samples: the lower, the sooner a picture is clean.
- */
+ * and times the seconds of a frame it is independent of the number of samples: the inverse of the efficiency. */
 #include "papers.h"
 
 #include "render/renderer.h"
@@ -18,8 +16,8 @@
 #include <string.h>
 
 enum {
-    SAMPLES = 4, /* a pixel, of path-trace */
-    SMALL = 20,  /* pixels that the dipole's picture is wide */
+    SAMPLES = 4, /* per pixel, of path-trace */
+    SMALL = 20,  /* width in pixels of the dipole's image */
     KEPT_RAYS = 1 << 21,
     TRIES = 3
 };
@@ -31,7 +29,7 @@ struct truths {
     int64_t pixels; /* translucent, of the last frame */
 };
 
-/* A frame's light. */
+/* Light of a frame. */
 struct shot {
     double ms;     /* processor time */
     double *light; /* luminance; 0 where nothing is translucent */
@@ -82,7 +80,7 @@ static enum pell_result shoot(struct truths *b, int64_t seed, int width, int hei
     for (int y = 0; y < height; y++)
         for (int x = 0; x < width; x++) {
             double *to = &shot->light[(size_t) y * (size_t) width + (size_t) x];
-            if (mask->data[y * mask->stride + x] < 1.0f) /* wholly translucent pixels */
+            if (mask->data[y * mask->stride + x] < 1.0f) /* fully translucent pixels */
                 continue;
             b->pixels++;
             for (size_t k = 0; k < PELL_COUNT(cli_subsurface_layers); k++)
@@ -123,7 +121,7 @@ static struct row *add(struct truths *b, const char *name, double ms, int64_t ra
 
 /* --- Diffusion ----------------------------------------------------------------------------------------------------------------------- */
 
-/* One pass made and used, then used again: what making it costs is the difference. */
+/* One pass created and used, then used again: the difference is the cost of its creation. */
 static enum pell_result twice(struct truths *b, const char *method, const char *knobs, double *made, struct shot *shot)
 {
     struct shot first = { 0 };
@@ -138,7 +136,7 @@ static enum pell_result twice(struct truths *b, const char *method, const char *
     return res;
 }
 
-/* A light that takes one ray: what is measured shall be of the integral over the surface, not of the light. */
+/* A light that takes one ray: the measurement is of the integral over the surface, not of the light. */
 static enum pell_result make_source_small(struct truths *b)
 {
     struct pell_light *l = b->bench->s.scene->num_lights > 0 ? &b->bench->s.scene->lights[0] : NULL;
@@ -151,8 +149,8 @@ static enum pell_result make_source_small(struct truths *b)
     return pell_renderer_set_scene(b->bench->s.renderer, b->bench->s.scene);
 }
 
-/* `hierarchical` from coarse to fine: build and query as samples grow, and the first that has the error, judged by the finest. *total: its
- * time. */
+/* `hierarchical` from coarse to fine: build and query as samples grow, and the first that reaches the error, judged by the finest.
+ * *total: its time. */
 static enum pell_result hierarchical(struct truths *b, double *total)
 {
     static const char *const steps[] = { "density=0.4 error=0.2", "density=1.6 error=0.1", "density=6.4 error=0.05",
@@ -194,7 +192,8 @@ static enum pell_result hierarchical(struct truths *b, double *total)
     return res;
 }
 
-/* On a small picture of few samples: the time of the large one at 1 % follows, as it grows with the pixels and with 1/error^2. */
+/* On a small image of few samples: the time of the large one at 1 % is extrapolated, as it is proportional to the pixels and to
+ * 1/error^2. */
 static enum pell_result dipole(struct truths *b, double hierarchical_ms, int64_t pixels)
 {
     struct shot shot = { 0 }, truth = { 0 };
@@ -204,7 +203,7 @@ static enum pell_result dipole(struct truths *b, double hierarchical_ms, int64_t
     enum pell_result res;
 
     snprintf(error, sizeof(error), "error=%g most=100000000", DIPOLE_ERROR);
-    snprintf(tenth, sizeof(tenth), "error=%g most=100000000", DIPOLE_ERROR / sqrt(13.0)); /* what costs the same for any error is in both */
+    snprintf(tenth, sizeof(tenth), "error=%g most=100000000", DIPOLE_ERROR / sqrt(13.0)); /* fixed costs are in both */
     PELL_TRY(bench_choose(b->bench, "dipole", tenth));
     PELL_TRY(shoot(b, 1, SMALL, SMALL, &truth));
     PELL_TRY(bench_choose(b->bench, "dipole", error));
@@ -258,8 +257,8 @@ static enum pell_result noise_once(struct truths *b, const char *knobs, int64_t 
     n->frame_ms = shot.ms;
     n->rays = shot.rays;
     for (size_t i = 0; res == PELL_OK && i < shot.size; i++) {
-        const double apart = shot.light[i] - other.light[i];
-        n->variance += 0.5 * apart * apart;
+        const double difference = shot.light[i] - other.light[i];
+        n->variance += 0.5 * difference * difference;
         n->square += shot.light[i] * other.light[i];
     }
     drop(&first);
@@ -299,7 +298,7 @@ static enum pell_result paths(struct truths *b, const char *material, bool frame
     add(b, name, n[0].made_ms, 0);
     for (int k = 0; k < 2; k++) {
         struct row *r;
-        const double relative = n[k].variance / n[0].square; /* both show the same light, and ours knows it better */
+        const double relative = n[k].variance / n[0].square; /* both show the same light, and ours has less noise */
         work[k] = 1e-3 * n[k].frame_ms * relative;
         snprintf(name, sizeof(name), "%s, %s", k ? "brute force" : "path-trace", material);
         r = add(b, name, n[k].frame_ms, n[k].rays);
@@ -318,8 +317,8 @@ fail:
     return res;
 }
 
-/* Rays a second of plain walks, which trace all of their rays, beside the same rays by Embree alone, the faster of its ways: one by one, or
- * in packets. One thread. All times are the least of a few. */
+/* Rays per second of plain walks, which trace all of their rays, next to the same rays by Embree alone, single or in packets, whichever
+ * is faster. One thread. All times are the minimum of a few. */
 static enum pell_result bare(struct truths *b)
 {
     static volatile int64_t kept;
@@ -334,7 +333,7 @@ static enum pell_result bare(struct truths *b)
     if (!record.rays || !record.occlusion)
         goto fail;
     PELL_TRY(bench_choose(b->bench, "path-trace", "as=paper acceleration=lanes samples=4"));
-    PELL_TRY(shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &shot)); /* makes the scene */
+    PELL_TRY(shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &shot)); /* prepares the scene */
     drop(&shot);
     pell_renderer_record_rays(b->bench->s.renderer, &record);
     res = shoot(b, 0, b->bench->s.settings.width, b->bench->s.settings.height, &shot);
@@ -367,7 +366,7 @@ fail:
 
 /* --- The bench ----------------------------------------------------------------------------------------------------------------------- */
 
-/* The scene made of another material. EXIT_OK, or what was reported. */
+/* Replaces the material of the scene. EXIT_OK, or the error that was reported. */
 static enum pell_result reopen(struct truths *b, const char *material)
 {
     static const enum pell_result results[] = { [EXIT_MEMORY] = PELL_ERR_NOMEM, [EXIT_INTERRUPTED] = PELL_ERR_CANCELLED };

@@ -14,7 +14,7 @@ await page.goto(address);
 await page.waitForFunction(() => document.getElementById('stage').dataset.id, null, { timeout: 120000 });
 const box = await page.locator('#canvas').boundingBox();
 
-// Every picture of A, as it is drawn; the latency is from the input to the end of its drawing.
+// Each image of A, as it is drawn; the latency is from the input to the end of its drawing.
 await page.evaluate(() => {
   window.seen = [];
   let last = window.pellucid;
@@ -39,17 +39,17 @@ await page.mouse.up();
 
 const moving = seen.filter((s) => s.sent !== undefined && !s.still);
 const sorted = (values) => values.toSorted((a, b) => a - b);
-const at_share = (values, share) => sorted(values)[Math.min(values.length - 1, Math.floor(share * values.length))];
+const percentile = (values, fraction) => sorted(values)[Math.min(values.length - 1, Math.floor(fraction * values.length))];
 const first = moving[0];
 const last = moving.at(-1);
 const latencies = moving.map((s) => s.at - s.sent);
 console.log(
   JSON.stringify({
     pictures_per_second: ((moving.length - 1) / (last.at - first.at)) * 1000,
-    input_to_photon_ms: at_share(latencies, 0.5),
-    input_to_photon_95_ms: at_share(latencies, 0.95),
-    render_ms: at_share(moving.map((s) => s.ms), 0.5),
-    encode_ms: at_share(moving.map((s) => s.encode_ms), 0.5),
+    input_to_photon_ms: percentile(latencies, 0.5),
+    input_to_photon_95_ms: percentile(latencies, 0.95),
+    render_ms: percentile(moving.map((s) => s.ms), 0.5),
+    encode_ms: percentile(moving.map((s) => s.encode_ms), 0.5),
     width: last.width,
     height: last.height,
   }),

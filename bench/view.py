@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""view.py PROGRAM INPUT [OPTION...]: how fast `pellucid view` follows a hand, in headless Chromium on the same machine. Prints one JSON
-object: pictures a second while the object turns, milliseconds from input to the end of drawing (median, 95 %), the size that came in time,
-memory, and the share of a core at rest. OPTIONs are those of `pellucid view`. Needs node, chromium, and `npm ci` in tests/browser."""
+"""view.py PROGRAM INPUT [OPTION...]: responsiveness of `pellucid view` in headless Chromium on the same machine. Prints one JSON object:
+images per second while the object is rotated, milliseconds from input to the end of drawing (median, 95 %), the size that was reached
+in time, memory, and the idle load as a fraction of a core. OPTIONs are those of `pellucid view`. Needs node, chromium, and `npm ci`
+in tests/browser."""
 import json
 import os
 import pathlib

@@ -5,8 +5,8 @@
 check_format.py [ROOT]        checks the tree
 check_format.py --fix [ROOT]  formats it
 
-Versions of clang-format differ in what they break, so that only the one of Debian 12 counts; where another or none is installed the test
-is skipped.
+Versions of clang-format break lines differently, so only the one of Debian 12 counts; where another or none is installed the test is
+skipped.
 """
 import pathlib
 import re
@@ -31,12 +31,12 @@ def main():
     files = sorted(str(p) for folder in FOLDERS for p in (root / folder).rglob("*")
                    if p.suffix in (".c", ".h") and "node_modules" not in p.parts)
     done = subprocess.run([program, "-i", *files] if fix else [program, "--dry-run", "-Werror", *files], capture_output=True, text=True)
-    places = re.findall(r"^(\S+?:\d+):\d+: error", done.stderr, re.MULTILINE)
+    errors = re.findall(r"^(\S+?:\d+):\d+: error", done.stderr, re.MULTILINE)
     print("ok 1 - clang-format changes no file" if done.returncode == 0 else "not ok 1 - clang-format changes no file")
-    for place in places[:20]:
-        print(f"# {place}")
-    if places:
-        print(f"# {len(places)} places; scripts/check_format.py --fix mends them")
+    for error in errors[:20]:
+        print(f"# {error}")
+    if errors:
+        print(f"# {len(errors)} errors; scripts/check_format.py --fix corrects them")
     return 0 if done.returncode == 0 else 1
 
 

@@ -76,9 +76,9 @@ def rule_methods(build):
     names = sorted(p.name for p in sources.iterdir() if p.is_dir()) if sources.is_dir() else []
     folders = {}
     for path in sorted(objects.rglob("*.o")):  # Meson joins a source's folders with '_' in front of its name
-        place = path.relative_to(objects).as_posix()
+        path_in_build = path.relative_to(objects).as_posix()
         for name in names:
-            if re.search(rf"(?:^|[/_]){name}[/_]", place):
+            if re.search(rf"(?:^|[/_]){name}[/_]", path_in_build):
                 folders.setdefault(name, []).append(path)
     if not folders:
         return None

@@ -18,7 +18,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from draw_layer_sheets import above, beside, read_png, write_png
+from draw_layer_sheets import above, side_by_side, read_png, write_png
 
 LIGHTS = [{'type': 'point', 'at': ['-330mm', '450mm', '570mm'], 'intensity': [2.2, 2.1, 2.0]},
           {'type': 'point', 'at': ['400mm', '300mm', '-500mm'], 'intensity': [3.0, 3.0, 3.0]}]
@@ -58,7 +58,7 @@ def difference(a, b):
 def in_row(pictures):
     row = pictures[0]
     for picture in pictures[1:]:
-        row = beside(row, picture, 3)
+        row = side_by_side(row, picture, 3)
     return row
 
 
@@ -92,7 +92,7 @@ def read_pfm(path):
 
 
 def turn(studio, bunny):
-    """How the error against hierarchical changes while the thing turns: what moves and glitters in both is not in it."""
+    """Change of the error against hierarchical while the object rotates: motion and glitter common to both cancel."""
     def frames(options):
         return [read_pfm(studio.render(bunny, 'wholemilk', options, 160, 160, 'pfm', 20 + 0.5 * i)) for i in range(FRAMES)]
 

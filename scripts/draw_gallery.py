@@ -23,7 +23,7 @@ import time
 import zlib
 from pathlib import Path
 
-from draw_layer_sheets import above, beside, read_png, write_png
+from draw_layer_sheets import above, side_by_side, read_png, write_png
 
 MATERIALS = ['wholemilk', 'jade', 'wax', 'skimmilk', 'soap', 'marble']
 METHODS = [['none'], ['screen-space'], ['image-space', 'samples=64', 'views=eye+lights'], ['texture-space'], ['convolution'],
@@ -70,7 +70,7 @@ class Gallery:
             sheet = above(sheet, row)
         return sheet
 
-    def beside_truth(self, model):
+    def next_to_reference(self, model):
         scene = str((self.examples / 'gallery' / f'{model}.json').resolve())
         done = subprocess.run([self.program, 'render', scene, '--width', '192', '--height', '216', '-q', '--json', '-o',
                                self.work / 'out.png'], cwd=self.work, stdout=subprocess.PIPE, check=True)
@@ -90,7 +90,7 @@ class Gallery:
 
     def draw(self, names):
         for path, picture in {'backlight.png': self.backlight, 'methods.png': self.methods, 'material-sheet.png': self.every_material,
-                              'gallery/beside.png': lambda: in_row([self.beside_truth(model) for model in MODELS])}.items():
+                              'gallery/beside.png': lambda: in_row([self.next_to_reference(model) for model in MODELS])}.items():
             if not names or Path(path).stem in names:
                 write_png(self.images / path, picture())
 
@@ -98,7 +98,7 @@ class Gallery:
 def in_row(pictures):
     row = pictures[0]
     for picture in pictures[1:]:
-        row = beside(row, picture)
+        row = side_by_side(row, picture)
     return row
 
 

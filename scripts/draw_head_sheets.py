@@ -19,10 +19,10 @@ import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from draw_layer_sheets import beside, read_png, write_png  # noqa: E402
+from draw_layer_sheets import side_by_side, read_png, write_png  # noqa: E402
 
 SIZE = 220
-# Places in mm of the head, which is 405 mm tall.
+# Positions in mm on the head, which is 405 mm tall.
 EAR = {'from': (420, 275, 330), 'to': (78, 268, -2), 'fov_deg': 10}
 SIDE = {'from': (520, 290, 330), 'to': (20, 265, -10), 'fov_deg': 20}
 HALF = {'from': (330, 290, 480), 'to': (35, 262, 30), 'fov_deg': 13}
@@ -72,7 +72,7 @@ class Head:
         return ours + [self.picture(HALF, slide, 'hierarchical', ['points=400000'])]
 
     def seams(self):
-        """Of a head a quarter as tall: light goes further on it."""
+        """A head a quarter as tall: light spreads relatively further."""
         return [self.picture(SIDE, LAMP, 'texture-space', ['tsm=off'] + knobs, material='marble', scale=0.25)
                 for knobs in (['charts=planar', 'border=0'], ['charts=planar'], [])]
 
@@ -89,12 +89,13 @@ class Head:
             return flat if width == 1 else [flat[i:i + width] for i in range(0, len(flat), width)]
 
         part = gltf['meshes'][0]['primitives'][0]
-        place, uv, index = accessor(part['attributes']['POSITION']), accessor(part['attributes']['TEXCOORD_0']), accessor(part['indices'])
+        positions, uv = accessor(part['attributes']['POSITION']), accessor(part['attributes']['TEXCOORD_0'])
+        index = accessor(part['indices'])
         maps = [[[None] * SIZE for _ in range(SIZE)] for _ in range(2)]
         for i in range(0, len(index), 3):
             corners = index[i:i + 3]
             t = [(uv[k][0] * SIZE, uv[k][1] * SIZE) for k in corners]
-            e = [[place[corners[k]][j] - place[corners[0]][j] for j in range(3)] for k in (1, 2)]
+            e = [[positions[corners[k]][j] - positions[corners[0]][j] for j in range(3)] for k in (1, 2)]
             a, b, c, d = t[1][0] - t[0][0], t[2][0] - t[0][0], t[1][1] - t[0][1], t[2][1] - t[0][1]
             area = a * d - b * c
             if abs(area) < 1e-9:
@@ -131,7 +132,7 @@ def main():
             panels = getattr(head, name)()
             sheet = panels[0]
             for panel in panels[1:]:
-                sheet = beside(sheet, panel)
+                sheet = side_by_side(sheet, panel)
             write_png(Path(sys.argv[3]) / f'head-{name}.png', sheet)
 
 

@@ -29,7 +29,7 @@ def chunks(data):
 
 
 def read_png(path):
-    """Rows of red, green, blue of an 8-bit picture that the program wrote."""
+    """Rows of red, green, blue of an 8-bit image written by the program."""
     head, body = b'', b''
     for name, data in chunks(path.read_bytes()):
         head = data if name == b'IHDR' else head
@@ -39,12 +39,12 @@ def read_png(path):
         sys.exit(f'{path}: {bits} bits of kind {kind}, 8-bit colour is read')
     raw, stride, above, rows = zlib.decompress(body), 3 * width, bytes(3 * width), []
     for y in range(height):
-        way, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
+        filter_type, line = raw[y * (stride + 1)], bytearray(raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)])
         for i in range(stride):
             a, b, c = line[i - 3] if i > 2 else 0, above[i], above[i - 3] if i > 2 else 0
             p = a + b - c
             near = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
-            line[i] = (line[i] + (0, a, b, (a + b) // 2, near)[way]) & 255
+            line[i] = (line[i] + (0, a, b, (a + b) // 2, near)[filter_type]) & 255
         above = bytes(line)
         rows.append(above)
     return rows
@@ -62,7 +62,7 @@ def write_png(path, rows):
                      chunk(b'sRGB', b'\0') + chunk(b'IDAT', zlib.compress(packed, 9)) + chunk(b'IEND', b''))
 
 
-def beside(left, right, gap=6):
+def side_by_side(left, right, gap=6):
     return [a + b'\xff' * (3 * gap) + b for a, b in zip(left, right)]
 
 
@@ -76,8 +76,8 @@ class Sheets:
         self.images, self.work = Path(images), Path(work)
 
     def picture(self, name, width, height, lights=None, exposure=1.0, clear=1.0, knobs=()):
-        """`lights`: numbers of those that shine; exposure: a factor of the scene's; clear: by how much the upper two layers' coefficients
-        are divided."""
+        """`lights`: indices of the active lights; exposure: a factor of the scene's; clear: divisor of the upper two layers'
+        coefficients."""
         scene = json.loads((self.examples / f'{name}.json').read_text('utf-8'))
         scene['lights'] = [scene['lights'][i] for i in lights] if lights else scene['lights']
         scene['render']['exposure'] *= exposure
@@ -92,15 +92,15 @@ class Sheets:
         return read_png(self.work / 'sheet.png')
 
     def samples(self):
-        """Differences are of what is shown, in steps of 1/255."""
+        """Differences are of display values, in steps of 1/255."""
         rows = []
         for form, exposure in (('as=best', 1.0), ('as=paper', 0.3)):
             of = {n: self.picture('fish', 240, 130, exposure=exposure, knobs=(form, f'samples={n}')) for n in (10, 20, 50, 100, 400)}
-            apart = {n: [bytes(min(255, 16 * abs(a - b)) for a, b in zip(x, y)) for x, y in zip(of[n], of[400])] for n in of}
-            for pictures in (of, apart):
+            differences = {n: [bytes(min(255, 16 * abs(a - b)) for a, b in zip(x, y)) for x, y in zip(of[n], of[400])] for n in of}
+            for pictures in (of, differences):
                 row = pictures[10]
                 for n in (20, 50, 100, 400):
-                    row = beside(row, pictures[n])
+                    row = side_by_side(row, pictures[n])
                 rows.append(row)
         sheet = rows[0]
         for row in rows[1:]:
@@ -111,11 +111,12 @@ class Sheets:
         rows = []
         for clear in (1.0, 4.0):
             row = [self.picture('fish', 330, 177, [k], exposure, clear) for k, exposure in ((0, 1.3), (1, 2.2), (2, 1.2))]
-            rows.append(beside(beside(row[0], row[1]), row[2]))
+            rows.append(side_by_side(side_by_side(row[0], row[1]), row[2]))
         return above(rows[0], rows[1])
 
     def error(self, scene, most=0.5):
-        """Blue where `layered` is too dark, red where it is too bright, at most by so much of the reference, 10 x 10 of each pixel."""
+        """Blue where `layered` is too dark, red where it is too bright, at full saturation for this fraction of the reference; 10 x 10
+        for each pixel."""
         (self.work / 'sheet.json').write_text(json.dumps(scene))
         lights = []
         for method, knobs in (('layered', ()), ('single-scatter', ('error=0.06', 'most=4096'))):
@@ -125,7 +126,7 @@ class Sheets:
             values = struct.unpack(f'<{72 * 40 * 3}f', (self.work / 'sheet.pfm').read_bytes()[-72 * 40 * 12:])
             lights.append([sum(values[i:i + 3]) for i in range(0, len(values), 3)])
         rows = []
-        for y in range(39, -1, -1):  # a PFM begins below
+        for y in range(39, -1, -1):  # PFM rows start at the bottom
             row = b''
             for mine, other in zip(*(light[72 * y:72 * y + 72] for light in lights)):
                 error = max(-1.0, min(1.0, (mine / other - 1) / most)) if other > 0 else 0.0
@@ -162,16 +163,16 @@ class Sheets:
         write_png(self.images / 'fish-settings.png', self.settings())
         behind, beneath, front, every = (self.picture('fish', 470, 252, lights, exposure) for lights, exposure in
                                          (([0], 1.3), ([1], 2.2), ([2], 1.2), (None, 1.0)))
-        write_png(self.images / 'fish-lights.png', above(beside(behind, beneath), beside(front, every)))
+        write_png(self.images / 'fish-lights.png', above(side_by_side(behind, beneath), side_by_side(front, every)))
         leaf, gecko = (self.picture(name, 560, 300) for name in ('leaf', 'gecko'))
-        write_png(self.images / 'painted-layers.png', beside(above(leaf, gecko), self.picture('veins', 606, 606)))
+        write_png(self.images / 'painted-layers.png', side_by_side(above(leaf, gecko), self.picture('veins', 606, 606)))
         subprocess.run([self.program, 'check', str(self.examples / 'fish.json'), '-q', '--cross-section',
                         str(self.images / 'fish-cross-section.png'), '--line', '0.33,0.12,0.33,0.85', '--down-to', '1.5mm'],
                        check=True, stdout=subprocess.DEVNULL)
 
 
 def draw_all(sheets, usage, more=()):
-    """`more`: words that may follow the three arguments."""
+    """`more`: optional words after the three arguments."""
     if len(sys.argv) not in (4, 4 + bool(more)) or any(word not in more for word in sys.argv[4:]):
         sys.exit(usage)
     with tempfile.TemporaryDirectory() as work:

@@ -25,16 +25,16 @@ def is_number(value):
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def join(place, key):
-    return f'{place}[{key}]' if isinstance(key, int) else f'{place}.{key}' if place else key
+def join(where, key):
+    return f'{where}[{key}]' if isinstance(key, int) else f'{where}.{key}' if where else key
 
 
-def validate(value, schema, root, place=''):
-    """The problems of `value` under `schema`, as (place, text): the subset of draft 2020-12 that our schema uses."""
+def validate(value, schema, root, where=''):
+    """The problems of `value` under `schema`, as (JSON path, text): the subset of draft 2020-12 that our schema uses."""
     if schema is True:
         return []
     if schema is False:
-        return [(place, 'does not belong here')]
+        return [(where, 'does not belong here')]
     unknown = set(schema) - KNOWN
     if unknown:
         raise SystemExit(f'schema: keyword {sorted(unknown)[0]!r} is not known to this script')
@@ -42,54 +42,54 @@ def validate(value, schema, root, place=''):
         target = root
         for part in schema['$ref'].removeprefix('#/').split('/'):
             target = target[part]
-        return validate(value, target, root, place)
+        return validate(value, target, root, where)
 
     found = []
     kind = schema.get('type')
     if kind and not (is_number(value) if kind == 'number' else isinstance(value, TYPES[kind])):
-        return [(place, f'{json.dumps(value)} is no {kind}')]
+        return [(where, f'{json.dumps(value)} is no {kind}')]
     if 'enum' in schema and value not in schema['enum']:
-        found.append((place, f'{json.dumps(value)} is none of {", ".join(map(json.dumps, schema["enum"]))}'))
+        found.append((where, f'{json.dumps(value)} is none of {", ".join(map(json.dumps, schema["enum"]))}'))
     if 'const' in schema and value != schema['const']:
-        found.append((place, f'{json.dumps(value)} is not {json.dumps(schema["const"])}'))
+        found.append((where, f'{json.dumps(value)} is not {json.dumps(schema["const"])}'))
     if is_number(value):
         if not math.isfinite(value):
-            found.append((place, f'{value} is not finite'))
+            found.append((where, f'{value} is not finite'))
         elif value < schema.get('minimum', -math.inf) or value > schema.get('maximum', math.inf) \
                 or value <= schema.get('exclusiveMinimum', -math.inf):
             low = schema.get('minimum', schema.get('exclusiveMinimum'))
-            found.append((place, f'{value} is not in {"(" if "exclusiveMinimum" in schema else "["}{low}, {schema.get("maximum")}]'))
+            found.append((where, f'{value} is not in {"(" if "exclusiveMinimum" in schema else "["}{low}, {schema.get("maximum")}]'))
     elif isinstance(value, str):
         if not schema.get('minLength', 0) <= len(value) <= schema.get('maxLength', math.inf):
-            found.append((place, f'{len(value)} characters; {schema.get("minLength", 0)} to {schema.get("maxLength")} are allowed'))
+            found.append((where, f'{len(value)} characters; {schema.get("minLength", 0)} to {schema.get("maxLength")} are allowed'))
         if 'pattern' in schema and not re.search(schema['pattern'], value):
-            found.append((place, f'{json.dumps(value)} does not match {schema["pattern"]}'))
+            found.append((where, f'{json.dumps(value)} does not match {schema["pattern"]}'))
     elif isinstance(value, list):
         if not schema.get('minItems', 0) <= len(value) <= schema.get('maxItems', math.inf):
-            found.append((place, f'{len(value)} items; {schema.get("minItems", 0)} to {schema.get("maxItems")} are allowed'))
+            found.append((where, f'{len(value)} items; {schema.get("minItems", 0)} to {schema.get("maxItems")} are allowed'))
         for i, item in enumerate(value):
-            found += validate(item, schema.get('items', True), root, join(place, i))
+            found += validate(item, schema.get('items', True), root, join(where, i))
     elif isinstance(value, dict):
-        found += [(join(place, key), 'is missing') for key in schema.get('required', []) if key not in value]
+        found += [(join(where, key), 'is missing') for key in schema.get('required', []) if key not in value]
         properties = schema.get('properties', {})
         for key, item in value.items():
-            found += validate(item, properties.get(key, schema.get('additionalProperties', True)), root, join(place, key))
+            found += validate(item, properties.get(key, schema.get('additionalProperties', True)), root, join(where, key))
     if 'anyOf' in schema:
-        tries = [validate(value, sub, root, place) for sub in schema['anyOf']]
+        tries = [validate(value, sub, root, where) for sub in schema['anyOf']]
         if all(tries):
             found += tries[0]
     if 'oneOf' in schema:
-        tries = [validate(value, sub, root, place) for sub in schema['oneOf']]
+        tries = [validate(value, sub, root, where) for sub in schema['oneOf']]
         if sum(not t for t in tries) != 1:
-            # Of several ways to be right the one that is nearest says most; a wrong kind is reported above already.
+            # Of several valid forms the nearest one gives the best message; a wrong kind is reported above already.
             best = min(tries, key=len)
             title = schema['oneOf'][tries.index(best)].get('title', 'any of the forms')
-            found += [(p, f'{text} (as {title})') for p, text in best] or [(place, 'fits several forms at once')]
+            found += [(p, f'{text} (as {title})') for p, text in best] or [(where, 'fits several forms at once')]
     return found
 
 
 def check_material(material, name):
-    """What a JSON Schema can't say. `material` is valid under the schema."""
+    """Rules that a JSON Schema cannot state. `material` is valid under the schema."""
     found = []
     if material['name'] != name:
         found.append(('name', f'{json.dumps(material["name"])} is not the file\'s name {json.dumps(name)}'))
@@ -117,23 +117,23 @@ def check_material(material, name):
 def check_layers(layers):
     found = []
     for i, layer in enumerate(layers):
-        place = f'layers[{i}]'
+        where = f'layers[{i}]'
         if layer['thickness_mm'] == 'infinite' and i + 1 < len(layers):
-            found.append((f'{place}.thickness_mm', 'only the last layer may be infinite'))
+            found.append((f'{where}.thickness_mm', 'only the last layer may be infinite'))
         if layer.get('phase') == 'rayleigh' and 'g' in layer:
-            found.append((f'{place}.g', 'does not belong to the phase function "rayleigh"'))
+            found.append((f'{where}.g', 'does not belong to the phase function "rayleigh"'))
         elif 'sigma_s' in layer and 'g' not in layer and layer.get('phase') != 'rayleigh':
-            found.append((f'{place}.g', 'is missing: sigma_s is not reduced'))
+            found.append((f'{where}.g', 'is missing: sigma_s is not reduced'))
         if not found:
             for c in range(3):
                 total = layer['sigma_a'][c] + reduced(layer)[c]
                 if total < 1e-6:
-                    found.append((f'{place}.sigma_s_reduced[{c}]', f'sigma_a + sigma_s_reduced = {total}; at least 1e-06 is needed'))
+                    found.append((f'{where}.sigma_s_reduced[{c}]', f'sigma_a + sigma_s_reduced = {total}; at least 1e-06 is needed'))
     return found
 
 
 def schlick_mean_cosine(k):
-    """Of Schlick's phase function (1 - k^2) / (4 pi (1 - k cos)^2), peak forward; a series where the closed form cancels."""
+    """Mean cosine of Schlick's phase function (1 - k^2) / (4 pi (1 - k cos)^2), peak forward; a series where the closed form cancels."""
     if abs(k) < 0.05:
         return k * (2 / 3 + k * k * (2 / 15 + k * k * (2 / 35 + k * k * (2 / 63 + k * k * 2 / 99))))
     return 1 / k - (1 - k * k) / (2 * k * k) * (math.log1p(k) - math.log1p(-k))
@@ -158,8 +158,8 @@ def no_duplicates(pairs):
 
 
 def read(path, schema, problems):
-    def problem(place, text):
-        problems.append(f'{path}: {place + ": " if place else ""}{text}')
+    def problem(where, text):
+        problems.append(f'{path}: {where + ": " if where else ""}{text}')
 
     try:
         with open(path, encoding='utf-8') as file:
@@ -169,13 +169,13 @@ def read(path, schema, problems):
         return None
     found = validate(material, schema, schema) \
         or check_material(material, os.path.basename(path).removesuffix('.json'))
-    for place, text in found:
-        problem(place, text)
+    for where, text in found:
+        problem(where, text)
     return None if found else material
 
 
 def resolve(materials, paths, problems):
-    """Hands each borrowed profile or medium over; the lender has one of its own, so there are no chains."""
+    """Resolves borrowed profiles and media; a lender has its own, so there are no chains."""
     for name, material in materials.items():
         other = material.get('same_medium_as')
         if other is None:
@@ -198,7 +198,7 @@ def resolve(materials, paths, problems):
 
 
 def normalised(column):
-    """The column over its sum, such that adding the doubles up in order gives 1 exactly."""
+    """The column normalised such that adding the doubles in order gives exactly 1."""
     column = [w / math.fsum(column) for w in column]
     largest = column.index(max(column))
     for _ in range(100):
@@ -220,7 +220,7 @@ def triple(values):
 
 
 def string(text):
-    """A C string literal: everything but plain ASCII as octal escapes, which end after three digits."""
+    """A C string literal: everything except plain ASCII as octal escapes, which end after three digits."""
     return '"' + ''.join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f'\\{b:03o}' for b in text.encode()) + '"'
 
 
@@ -279,7 +279,7 @@ def main():
         materials[material['name']], paths[material['name']] = material, path
     if not problems:
         resolve(materials, paths, problems)
-    # A file that nobody listed would silently not ship.
+    # A file that is not listed would silently not be shipped.
     for folder in {os.path.dirname(path) for path in args.files}:
         listed = {os.path.basename(path) for path in args.files} | {os.path.basename(args.schema)}
         problems += [f'{os.path.join(folder, name)}: is not in the list of materials of the build'

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the tables and pictures of docs/guide/optics-proof.md anew.
+"""Regenerates the tables and figures of docs/guide/optics-proof.md.
 
     ninja -C build tests/optics/oracle_table tests/optics/layers_table
     scripts/gen_optics_proof.py build/tests/optics [PHOTONS]
 
-The other side of the comparison is tests/expect/oracle. What stands between a line `<!-- NAME -->` and `<!-- end -->` of the page is
-replaced by what oracle_table prints; docs/images/proof-*.svg are drawn. Takes half a minute of a core for a million photons. Standard
-library only.
+The other side of the comparison is tests/expect/oracle. The text between a line `<!-- NAME -->` and `<!-- end -->` of the page is replaced
+by the output of oracle_table; docs/images/proof-*.svg are drawn. Takes half a minute of a core for a million photons. Standard library
+only.
 """
 import html
 import math
@@ -20,7 +20,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 PAGE = ROOT / 'docs/guide/optics-proof.md'
 IMAGES = ROOT / 'docs/images'
 
-# Told apart without colour, too: dashes.
+# Distinguishable without colour, too: dashes.
 COLORS = ['#0072b2', '#d55e00', '#009e73', '#cc79a7', '#222222', '#e69f00']
 DASHES = ['', '7 3', '2 2', '8 3 2 3', '', '4 4']
 MODEL_STYLES = [0, 1, 2, 3, 5]
@@ -28,7 +28,7 @@ STYLE = 'font-family="DejaVu Sans, Helvetica, sans-serif"'
 
 
 class Plot:
-    """One pair of axes in an SVG, at (left, top), `width` by `height`; log axes where asked."""
+    """One pair of axes in an SVG, at (left, top), `width` by `height`; optionally logarithmic."""
 
     def __init__(self, box, x_range, y_range, log_x=True, log_y=True, title='', x_name='', y_name='', small=False):
         self.left, self.top, self.width, self.height = box
@@ -36,14 +36,14 @@ class Plot:
         self.parts, self.size = [], 10 if small else 12
         self.frame(title, x_name, y_name)
 
-    def place(self, value, ends, log):
+    def fraction(self, value, ends, log):
         if log:
             value, ends = math.log(max(value, 1e-300)), [math.log(e) for e in ends]
         return (value - ends[0]) / (ends[1] - ends[0])
 
     def at(self, x, y):
-        return (self.left + self.width * self.place(x, self.x_range, self.log_x),
-                self.top + self.height * (1 - self.place(y, self.y_range, self.log_y)))
+        return (self.left + self.width * self.fraction(x, self.x_range, self.log_x),
+                self.top + self.height * (1 - self.fraction(y, self.y_range, self.log_y)))
 
     def text(self, x, y, text, anchor='middle', turn=''):
         self.parts.append(f'<text x="{x:.1f}" y="{y:.1f}" font-size="{self.size}" text-anchor="{anchor}" {STYLE}{turn}>'

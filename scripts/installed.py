@@ -39,7 +39,7 @@ def remove_file(path):
 
 
 def remove(kept):
-    """False where something could not be removed, which stays in the list."""
+    """False where a file could not be removed; it stays in the list."""
     if not kept.exists():
         print('nothing is installed from this build')
         return True

@@ -15,8 +15,8 @@ from pathlib import Path
 
 
 def write_obj(path, comment, vertices, faces, uv=None, corners=None):
-    """faces: tuples of 0-based vertex numbers, three or more; uv: of each vertex, or None; corners: which uv each corner of each face has,
-    where it isn't its vertex's."""
+    """faces: tuples of three or more 0-based vertex indices; uv: of each vertex, or None; corners: the uv index of each corner of each
+    face, where it differs from its vertex's."""
     lines = [f'# {comment}; made by scripts/make_assets.py; one unit is 1 mm']
     lines += [f'v {x:.5f} {y:.5f} {z:.5f}' for x, y, z in vertices]
     lines += [f'vt {u:.5f} {v:.5f}' for u, v in uv or []]
@@ -124,7 +124,7 @@ def slab(width, height, depth, cells=24):
 
 
 def plate(width, height, depth):
-    """A slab whose front carries a picture."""
+    """A slab whose front has texture coordinates."""
     vertices, faces = slab(width, height, depth)
     return vertices, faces, [(x / width + 0.5, y / height + 0.5) for x, y, z in vertices]
 
@@ -137,7 +137,7 @@ PROFILE = [
     (180, 73.5, 94, 94), (205, 75.5, 96, 100),
     (232, 75.5, 97, 102), (255, 71, 90.5, 97.5), (274, 60, 76, 83), (288, 43.5, 55, 60), (297, 23, 29.5, 32), (300, 0, 0, 0),
 ]
-# What stands out of the face: (x, y, amplitude, width in x, width in y), mm; x is mirrored where it isn't 0.
+# Features that protrude from the face: (x, y, amplitude, width in x, width in y), mm; x is mirrored where it is not 0.
 FACE = [
     (0, 206, 4.5, 7, 9), (0, 192, 8, 6.5, 9), (0, 178, 17, 8, 7.5), (0, 171, 6, 9, 4.5), (9.5, 171.5, 6.5, 5, 4.8), (9, 166.5, -2, 3, 2.5),
     (31, 204, -11, 14, 9), (31, 203.5, 6.5, 9.5, 6.2), (31, 203.2, 1.2, 9, 1.2), (24, 218, 5, 16, 5),
@@ -183,11 +183,12 @@ def bust(rows=230, columns=256):
 
 
 def wrapped_bust(rows=180, columns=200):
-    """The bust with a picture wrapped around it: u all around, 0.5 in front, v up the profile's parameter. The picture repeats in u."""
+    """The bust with a texture wrapped around it: u around the axis, 0.5 in front, v up the profile's parameter. The texture repeats in
+    u."""
     vertices, faces = bust(rows, columns)
     uv = [(0.5, 0.0)] + [(0.5 + j / columns, i / rows) for i in range(1, rows) for j in range(columns + 1)] + [(0.5, 1.0)]
 
-    def place(vertex, wrap):
+    def position(vertex, wrap):
         if vertex in (0, len(vertices) - 1):
             return 0 if vertex == 0 else len(uv) - 1
         i, j = divmod(vertex - 1, columns)
@@ -196,7 +197,7 @@ def wrapped_bust(rows=180, columns=200):
     corners = []
     for face in faces:
         wrap = any((v - 1) % columns == columns - 1 for v in face if 0 < v < len(vertices) - 1)
-        corners.append(tuple(place(v, wrap) for v in face))
+        corners.append(tuple(position(v, wrap) for v in face))
     return vertices, faces, uv, corners
 
 
@@ -212,14 +213,14 @@ ASSETS = {
 }
 
 
-# Pictures: functions of x, y in [0, 1) that give red, green, blue in [0, 1].
+# Images: functions of x, y in [0, 1) that give red, green, blue in [0, 1].
 
 def checker(x, y):
     return (1.0, 1.0, 1.0) if (int(8 * x) + int(8 * y)) % 2 == 0 else (0.0, 0.0, 0.0)
 
 
 def fraction(i, j, k):
-    """A number in [0, 1) for a cell; 32-bit integers, the same everywhere."""
+    """A pseudo-random number in [0, 1) for a cell; 32-bit integers, the same on all machines."""
     h = (i * 374761393 + j * 668265263 + k * 2246822519 + 12345) & 0xffffffff
     h = ((h ^ (h >> 13)) * 1274126177) & 0xffffffff
     return ((h ^ (h >> 16)) & 0xffffff) / 16777216.0
@@ -255,7 +256,7 @@ def smooth_noise(x, y, k):
 
 
 def veins(x, y):
-    """How far light goes in a veined stone: everywhere, less in the veins."""
+    """Scattering radius of a veined stone: reduced in the veins."""
     turbulence = sum(smooth_noise(2 ** k * 4 * x, 2 ** k * 4 * y, k) / 2 ** k for k in range(4))
     v = 0.25 + 0.75 * abs(math.sin(9.0 * (x + 0.4 * y) + 4.5 * turbulence)) ** 0.6
     return (v, v, v)
@@ -264,10 +265,10 @@ def veins(x, y):
 PICTURES = {'checker': (checker, 256), 'glass': (glass, 320), 'veins': (veins, 320)}
 
 
-# Maps of the face, wrapped as wrapped_bust has them: rows of pixels from the top.
+# Maps of the face, in the texture coordinates of wrapped_bust: rows of pixels from the top.
 
 def noise_rows(size, cells_x, cells_y, k):
-    """Smooth noise in [0, 1) that repeats in x; a row at a time, as it is much quicker."""
+    """Smooth noise in [0, 1) that repeats in x; evaluated per row, as this is much faster."""
     lattice = [[fraction(i, j, k) for i in range(cells_x)] for j in range(cells_y + 1)]
     columns = []
     for x in range(size):
@@ -283,21 +284,21 @@ def noise_rows(size, cells_x, cells_y, k):
 
 
 def face_rows(size):
-    """Of each row the places that its pixels have on the bust: (x, y, whether in front), mm."""
+    """For each row the positions of its pixels on the bust: (x, y, whether in front), mm."""
     for row in range(size):
         y, side, _, _ = catmull_rom(PROFILE, 1.0 - (row + 0.5) / size)
         angles = [2 * math.pi * ((x + 0.5) / size - 0.5) for x in range(size)]
         yield [(side * math.sin(a), y, max(0.0, math.cos(a)) ** 0.3) for a in angles]
 
 
-def sums_of(spots, places):
-    """Of soft spots (x, y, weight, width in x, width in y), mirrored, on the front of a row of places."""
-    y = places[0][1]
+def sums_of(spots, positions):
+    """Sum of soft spots (x, y, weight, width in x, width in y), mirrored, on the front, for a row of positions."""
+    y = positions[0][1]
     near = [(px, w * math.exp(-0.5 * ((y - py) / wy) ** 2), -0.5 / (wx * wx), 9 * wx * wx) for px, py, w, wx, wy in spots
             if abs(y - py) < 3 * wy]
-    row = [0.0] * len(places)
+    row = [0.0] * len(positions)
     for px, w, k, most in near:
-        for i, (x, _, front) in enumerate(places):
+        for i, (x, _, front) in enumerate(positions):
             d = (abs(x) - px) ** 2
             if d < most and front:
                 row[i] += w * front * math.exp(k * d)
@@ -316,10 +317,10 @@ TONES = [(0.79, 0.47, 0.42), (0.69, 0.34, 0.33), (0.34, 0.24, 0.19)]
 
 
 def face_color(size):
-    """sRGB. A tone with flushed cheeks, nose, ears and chin, lips, brows, freckles."""
-    for places, soft, fine in zip(face_rows(size), noise_rows(size, 60, 48, 11), noise_rows(size, 170, 130, 12)):
+    """sRGB. A skin tone with flushed cheeks, nose, ears and chin, lips, brows, freckles."""
+    for positions, soft, fine in zip(face_rows(size), noise_rows(size, 60, 48, 11), noise_rows(size, 170, 130, 12)):
         row = []
-        for flush, lips, brows, spot, m, s in zip(*(sums_of(k, places) for k in (FLUSH, LIPS, BROWS, FRECKLES)), soft, fine):
+        for flush, lips, brows, spot, m, s in zip(*(sums_of(k, positions) for k in (FLUSH, LIPS, BROWS, FRECKLES)), soft, fine):
             parts = (flush + 0.35 * (m - 0.5), min(0.9, lips), brows * (0.6 + 0.8 * s) + 1.25 * spot * max(0.0, s - 0.72))
             light = 1.0 + 0.06 * (m - 0.5)
             r, g, b = 0.85 * light, 0.66 * light, 0.565 * light
@@ -333,9 +334,9 @@ def face_color(size):
 
 def face_gloss(size):
     """Roughness: oily brow, nose and chin, moist lips, pores."""
-    for places, fine in zip(face_rows(size), noise_rows(size, 190, 150, 13)):
+    for positions, fine in zip(face_rows(size), noise_rows(size, 190, 150, 13)):
         row = []
-        for oily, lips, n in zip(sums_of(OILY, places), sums_of(LIPS, places), fine):
+        for oily, lips, n in zip(sums_of(OILY, positions), sums_of(LIPS, positions), fine):
             r = 0.52 - 0.16 * oily - 0.2 * min(1.0, lips) + 0.16 * (n - 0.5)
             row.append((r, r, r))
         yield row
@@ -344,9 +345,9 @@ def face_gloss(size):
 def face_normal(size):
     """Tangent space, +Y up: pores and lines."""
     heights, ys = [], []
-    for places, coarse, fine in zip(face_rows(size), noise_rows(size, 130, 110, 14), noise_rows(size, 260, 220, 15)):
-        heights.append([0.22 * a + 0.2 * b * b - line for line, a, b in zip(sums_of(LINES, places), coarse, fine)])
-        ys.append(places[0][1])
+    for positions, coarse, fine in zip(face_rows(size), noise_rows(size, 130, 110, 14), noise_rows(size, 260, 220, 15)):
+        heights.append([0.22 * a + 0.2 * b * b - line for line, a, b in zip(sums_of(LINES, positions), coarse, fine)])
+        ys.append(positions[0][1])
     mm_x = 2 * math.pi * 72.0 / size
     for y in range(size):
         above, below = max(y - 1, 0), min(y + 1, size - 1)

@@ -92,7 +92,7 @@ def shapes():
 
 
 def deforming():
-    """A square with a skin, morph targets, and an animation of all that one can move."""
+    """A square with a skin, morph targets, and an animation of all animatable properties."""
     b = Buffer()
     attributes, indices = square(b)
     attributes |= {
@@ -157,7 +157,7 @@ def gltf():
     thin = {"KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.5, "diffuseTransmissionColorTexture": {"index": 0}},
             "KHR_materials_specular": {"specularTexture": {"index": 0}}, "KHR_materials_transmission": {"transmissionFactor": 1},
             "KHR_materials_emissive_strength": {"emissiveStrength": 3}}
-    # Textures of the formats that files hold or claim, and of those that are refused by name.
+    # Textures of the formats that files contain or claim to contain, and of those that are refused by name.
     images = FUZZ / "image/corpus/image"
     pictures = {
         "jpeg.glb": surfaces({}, (images / "j2.jpg").read_bytes(), "image/jpeg"),

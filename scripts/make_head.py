@@ -46,7 +46,7 @@ def ear_frame(p):
     """p has |x|. u, v, w in mm."""
     q = at(p, (70.5, -13.0, -18.0))
     q = turn(q, 0, -8.0)  # leans back
-    q = turn(q, 1, 20.0)  # stands out behind
+    q = turn(q, 1, 20.0)  # protrudes behind
     return np.stack([-q[2], q[1], q[0]])
 
 
@@ -128,7 +128,7 @@ def face(p, d):
 
 
 def bend(p):
-    """No face is its own mirror image: a gentle shift of what follows."""
+    """No face is symmetric: a smooth displacement of everything below."""
     shift = (noise(p, 55.0, 3) - FLOAT(0.5)) * FLOAT(2.2)
     return p + np.stack([shift, (noise(p, 48.0, 4) - FLOAT(0.5)) * FLOAT(1.6), 0 * shift])
 
@@ -147,8 +147,8 @@ def head(p):
 # --- Layout and maps ------------------------------------------------------------------------------------------------------------------
 
 def layout(vertices, normals, faces):
-    """The head about its axis, bent so that what is below the chin and on the shoulders has room, too; the ears' outer and inner sides and
-    hollows in charts of their own above it."""
+    """The head unwrapped about its axis, bent so that the region below the chin and the shoulders have room, too; the ears' outer and
+    inner sides and hollows in charts of their own above it."""
     x, y, z = vertices.T
     angle, radius = np.arctan2(x, z + 10), np.hypot(x, z + 10)
     lean = 0.4 * np.clip((y + 150) / 20, -1, 1)
@@ -192,7 +192,7 @@ def spot(p, x, y, z, radius):
 
 
 def paint(p):
-    """Of points (3, n): melanin, blood and hair, 0 none; roughness; height in mm."""
+    """At points (3, n): melanin, blood and hair, 0 none; roughness; height in mm."""
     q = bend(p)
     q[0] = np.abs(q[0])
     x, y, z = q
@@ -231,14 +231,14 @@ def paint(p):
 
 
 def skin_maps(vertices, faces, uv, size):
-    place = sdf.enlarge(sdf.places(vertices, faces, uv, size // 2), 2)
-    p = np.ascontiguousarray(place.reshape(-1, 3).T)
+    positions = sdf.enlarge(sdf.positions(vertices, faces, uv, size // 2), 2)
+    p = np.ascontiguousarray(positions.reshape(-1, 3).T)
     m, b, dark, rough, height = (np.concatenate(k).reshape(size, size) for k in
                            zip(*(paint(np.ascontiguousarray(p[:, i:i + sdf.BATCH])) for i in range(0, p.shape[1], sdf.BATCH))))
     m, b, dark = (np.maximum(k, 0)[..., None] for k in (m, b, dark))
     absorbed = m * np.array([0.36, 0.58, 0.86]) + b * np.array([0.10, 0.56, 0.47]) + dark * np.array([0.95, 1.15, 1.35])
     color = np.array([0.70, 0.52, 0.42]) * np.exp(-absorbed)
-    return {'color': sdf.srgb(color), 'gloss': rough, 'normal': sdf.normal_map(height.astype(FLOAT), place)}
+    return {'color': sdf.srgb(color), 'gloss': rough, 'normal': sdf.normal_map(height.astype(FLOAT), positions)}
 
 
 # --- Eyes -----------------------------------------------------------------------------------------------------------------------------

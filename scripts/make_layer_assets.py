@@ -59,7 +59,7 @@ fraction = lru_cache(maxsize=None)(fraction)
 
 
 def noise(x, y, k):
-    """Smooth, in [0, 1], about one hill a unit; another one for each k."""
+    """Smooth noise in [0, 1], about one hill per unit; another pattern for each k."""
     i, j = math.floor(x), math.floor(y)
     f, g = x - i, y - j
     f, g = f * f * (3 - 2 * f), g * g * (3 - 2 * g)
@@ -89,7 +89,7 @@ def areole(x, y, size):
 
 
 def spread(weight, a, b, count, fine=600):
-    """count + 1 numbers from a to b, the closer the greater the weight."""
+    """count + 1 numbers from a to b, the denser the greater the weight."""
     total, sums = 0.0, [0.0]
     for i in range(fine):
         total += weight(a + (b - a) * (i + 0.5) / fine)
@@ -104,18 +104,18 @@ def spread(weight, a, b, count, fine=600):
 
 
 class Solid:
-    """One object: vertices, picture coordinates of corners (mm of the picture's own plane), faces by material."""
+    """One object: vertices, texture coordinates of corners (mm in the texture's own plane), faces by material."""
 
     def __init__(self, name):
         self.name, self.vertices, self.uv, self.faces, self.known = name, [], [], [], {}
-        self.normals = {}  # of vertices, where the surface that they are of says more than the faces do; written if there are any
+        self.normals = {}  # normals of vertices, where the analytic surface is more accurate than the faces; written if there are any
 
     def vertex(self, x, y, z):
         self.vertices.append((x, y, z))
         return len(self.vertices) - 1
 
     def face(self, material, corners, uv=None):
-        """corners: vertex numbers, counter-clockwise from outside; uv: (u, v) of each, (0, 0) is the lower left of the picture."""
+        """corners: vertex indices, counter-clockwise from outside; uv: (u, v) of each, (0, 0) is the lower left of the texture."""
         numbers = []
         for c, t in zip(corners, uv or []):
             key = (round(t[0], 6), round(t[1], 6))
@@ -127,7 +127,7 @@ class Solid:
 
 
 def mean_normals(solid):
-    """Of all vertices: the surface's own, or of the faces about it, each by its area."""
+    """Normals of all vertices: the analytic ones, or area-weighted means of adjacent faces."""
     sums = [[0.0, 0.0, 0.0] for v in solid.vertices]
     for _, corners, _ in solid.faces:
         a, b, c = (solid.vertices[k] for k in corners[:3])
@@ -138,7 +138,7 @@ def mean_normals(solid):
 
 
 def write_obj(path, comment, solids):
-    """With a library that names the materials: what they are is the scene file's."""
+    """With a material library that only names the materials: the scene file defines them."""
     lines = [f'# {comment}; made by scripts/make_layer_assets.py; one unit is 1 mm', f'mtllib {path.stem}.mtl']
     v, vt, vn = 1, 1, 1
     for solid in solids:
@@ -174,7 +174,7 @@ def pillow(solid, material, columns, rows, point, height, uv, skip=lambda i, j, 
     for i in range(columns):
         for j in range(rows):
             quad = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-            # The diagonal must end in the rim's corner there, else three corners of a triangle lie on the rim of both sheets.
+            # The diagonal must end in the rim's corner there, else three corners of a triangle would be on the rim of both sheets.
             corner = (i in (0, columns - 1)) and (j in (0, rows - 1))
             if corner:
                 first = (i == 0) == (j == 0)
@@ -301,7 +301,7 @@ class Picture:
     """Channels of numbers over a rectangle in mm, row 0 at the top."""
 
     def __init__(self, width, height, left, bottom, mm_wide, values):
-        """values: what the channels hold where nothing is painted."""
+        """values: the channels where nothing is painted."""
         self.width, self.height, self.left, self.px = width, height, left, width / mm_wide
         self.top = bottom + height / self.px
         self.data = [array('f', [v]) * (width * height) for v in values]
@@ -311,7 +311,7 @@ class Picture:
         return ((x - self.left) * self.px / self.width, 1.0 - (self.top - y) * self.px / self.height)
 
     def cover(self, boxes, margin):
-        """fill() works in these boxes (x0, y0, x1, y1) alone: a picture is mostly what no surface shows."""
+        """fill() evaluates only these boxes (x0, y0, x1, y1): most of the texture is not used by any surface."""
         self.mask = bytearray(self.width * self.height)
         for x0, y0, x1, y1 in boxes:
             c0, c1 = max(0, int((x0 - margin - self.left) * self.px)), min(self.width, int((x1 + margin - self.left) * self.px) + 1)
@@ -391,7 +391,7 @@ class Picture:
         if bits == 16 and sys.byteorder == 'little':
             values.byteswap()
         raw, stride = values.tobytes(), bits // 8 * n * self.width
-        # Each row as its difference to the one above it: smooth pictures pack well.
+        # Each row as its difference to the one above it: smooth images compress well.
         rows, above = [], bytes(stride)
         for row in range(self.height):
             line = raw[row * stride:(row + 1) * stride]
@@ -419,7 +419,7 @@ DORSAL = Curve((32.5, 0), (34, 2.0), (37, 6.8), (40, 9.2), (43, 9.6), (48, 7.6),
 ANAL = Curve((52.5, 0), (54, 2.6), (56.5, 6.4), (58.5, 7.4), (63, 5.2), (68, 3.3), (70.5, 2.0), (72, 0))
 PELVIC = Curve((33, 0), (34.5, 2.4), (37, 6.0), (38.6, 6.6), (40, 4.4), (41.5, 0))
 FISH_EYE = (8.6, 2.0)
-RIM = ((0.25, 0.045), (1.05, 0.12))  # rows next to a rim: mm from it, share of the section at most
+RIM = ((0.25, 0.045), (1.05, 0.12))  # rows next to a rim: mm from it, at most this fraction of the section
 ROOT, ROOT_LOW, ROOT_HIGH = (21.95, 23.2), -6.4, -2.6  # of a pectoral fin: x, y
 SWEEP = 0.75  # how far fins lean back
 
@@ -428,7 +428,7 @@ def fish_outline(x):
     return BELLY(x) - ANAL(x) - PELVIC(x), BACK(x) + DORSAL(x)
 
 
-def fish_place(x, t):
+def fish_position(x, t):
     """The station x and the height t over the axis, in the plane: fins lean back, the tail forks."""
     low, high = BELLY(x), BACK(x)
     if x >= 74:
@@ -443,7 +443,7 @@ def fish_half(x, t):
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     eta = abs(t - middle) / half
     body = FLANK(x) * max(0.0, 1.0 - eta ** 2.1) ** 0.56
-    # The gill cover stands out a little, the eye lies in a shallow ring.
+    # The gill cover protrudes a little, the eye is in a shallow ring.
     gill = math.hypot((x - 14.5) / 1.0, (t + 0.6) / 1.15)
     body *= 1.0 + 0.055 * step(6.5, 4.6, gill) * step(2, 6, x)
     inside = min(t - bottom, top - t, FISH_END - x)
@@ -455,7 +455,7 @@ def fish_half(x, t):
 
 
 def fish_normal(x, t):
-    """Of the side toward +z, by differences; a rim's is that of what lies just inside."""
+    """Normal of the side toward +z, by differences; at a rim that of a point just inside."""
     x = min(max(x, 0.02), FISH_END - 0.05)
     bottom, top = fish_outline(x)
     d = min(0.02, 0.01 * (top - bottom))
@@ -463,14 +463,14 @@ def fish_normal(x, t):
 
     def at(x, t):
         low, high = fish_outline(x)
-        return *fish_place(x, t), fish_half(x, min(max(t, low), high))
+        return *fish_position(x, t), fish_half(x, min(max(t, low), high))
 
     along, up = ([p - q for p, q in zip(at(x + a, t + b), at(x - a, t - b))] for a, b in ((0.01, 0.0), (0.0, d)))
     return unit(cross(along, up))
 
 
 def fish_bends(x):
-    """How much the outline and the flank bend: stations are the closer."""
+    """Curvature of the outline and the flank: stations are denser there."""
     d, bends = 0.3, 0.0
     for f in (lambda x: fish_outline(x)[0], lambda x: fish_outline(x)[1], FLANK):
         low, here, high = f(max(0.0, x - d)), f(x), f(min(FISH_END, x + d))
@@ -479,11 +479,11 @@ def fish_bends(x):
 
 
 def fish(vertices):
-    """About `vertices` vertices in all."""
+    """About `vertices` vertices in total."""
     picture = fish_picture(2, ())
     rows = max(12, round(2 + math.sqrt(0.93 * vertices * 0.132)))
     columns = round((0.93 * vertices + 2 * rows) / (2 * rows + 0.01))
-    # The strip of quads that the pectoral fins grow out of is one and the same, whatever the number of vertices.
+    # The strip of quads that the pectoral fins grow out of is the same for any number of vertices.
     root = round(columns * 0.33)
     stations = spread(fish_bends, 0.0, ROOT[0], root) + spread(fish_bends, ROOT[1], FISH_END - 0.4, columns - 2 - root) + [FISH_END]
     heights = []
@@ -493,15 +493,15 @@ def fish(vertices):
         at = min(x, FISH_END - 1.0)
 
         def weight(t):
-            """Rows are the closer the more the section bends: chords are as near to it everywhere."""
+            """Rows are denser where the section bends more: chords have the same accuracy everywhere."""
             d = max(0.004 * size, 0.03)
             low, here, high = (fish_half(at, min(max(t + k * d, bottom), top)) for k in (-1, 0, 1))
             slope, bend = (high - low) / (2 * d), abs(high + low - 2 * here) / (d * d)
             long = 1 + min(slope * slope, 16.0)
             return math.sqrt(long) * math.sqrt(min(bend / long ** 1.5, 2.0) + 0.02)
 
-        # However coarse the mesh, a rim is as round: fins stay as thick.
-        rim = [min(far, share * size) for far, share in RIM]
+        # For a mesh of any resolution a rim has the same radius: fins stay as thick.
+        rim = [min(far, fraction * size) for far, fraction in RIM]
         heights.append([bottom] + [bottom + e for e in rim[:-1]] +
                        spread(weight, bottom + rim[-1], top - rim[-1], rows - 2 * len(rim), 400) +
                        [top - e for e in rim[-2::-1]] + [top])
@@ -519,7 +519,7 @@ def fish(vertices):
         return h, -h
 
     # A pectoral fin grows out of a strip of quads behind the gill, on either side.
-    index = pillow(solid, 'Fish', columns, rows, lambda i, j: fish_place(stations[i], heights[i][j]), height, picture.uv,
+    index = pillow(solid, 'Fish', columns, rows, lambda i, j: fish_position(stations[i], heights[i][j]), height, picture.uv,
                    lambda i, j, side: i == root and first <= j < last)
     for i in range(columns + 1):
         for j in range(rows + 1):
@@ -559,7 +559,7 @@ def fish_pectoral(solid, picture, grid, column, first, last, side, rings):
             s = math.sin(math.pi * (j / count - 0.5))
             w = PECTORAL_WIDTH(a) * s
             reach = a - 1.6 * s * s * step(0, length, a) + 1.2 * s * step(2, length, a)
-            # From a root that is thin it grows thicker as it leaves the body.
+            # From a thin root it becomes thicker with the distance from the body.
             h = min(mix(0.62, 0.45, a / length), 0.35 * width + 0.2 * a) * math.sqrt(max(0.04, 1 - s * s)) * (0.55 if r == rings else 1)
             p = [centre[k] + reach * along[k] + w * up[k] for k in range(3)]
             p[2] += 0.7 * side * step(0.0, 2.5, a)
@@ -606,13 +606,13 @@ def fish_picture(width, values):
     for i in range(n):
         edge = [(x, fish_outline(x)) for x in (FISH_END * (i + k) / n for k in (0, 1))]
         for j in range(m):
-            corners = [fish_place(x, mix(low, high, (j + k) / m)) for x, (low, high) in edge for k in (0, 1)]
+            corners = [fish_position(x, mix(low, high, (j + k) / m)) for x, (low, high) in edge for k in (0, 1)]
             boxes.append((min(c[0] for c in corners), min(c[1] for c in corners), max(c[0] for c in corners), max(c[1] for c in corners)))
     return picture.cover(boxes, 0.8)
 
 
 def fish_fin(x, y):
-    """(how far out of the body, mm; which ray, its phase) of a point of a fin, or None in the body."""
+    """(distance out of the body in mm; index and phase of the ray) of a point of a fin, or None in the body."""
     if x >= 74.5:
         out = math.hypot(x - 74.5, 0.6 * y)
         return out, 3.6 * math.atan2(y, x - 66.0) * 8
@@ -807,7 +807,7 @@ def leaf_picture(values):
 
 @lru_cache(maxsize=None)
 def leaf_field():
-    """How much of a vein is at a place: 1 in its middle; a channel for each rank."""
+    """Weight of a vein at a point: 1 in its middle; a channel for each rank."""
     picture = leaf_picture((0.0, 0.0, 0.0))
     for line, rank in leaf_veins():
         def paint(ch, d, t, rank=rank):
@@ -821,10 +821,10 @@ def leaf(columns=150, rows=64):
     field = leaf_field()
     stations = spread(lambda x: 1 + 2 * step(4, 0, abs(x)) + 2 * math.exp((x - LEAF_TO) / 2.0) + 2 * math.exp((LEAF_FROM - x) / 0.8),
                       LEAF_FROM, LEAF_TO, columns)
-    places = [spread(lambda s: 1 + 1.1 * math.exp(-abs(s) / 0.07) + 2 * math.exp((abs(s) - 1) / 0.02), -1.0, 1.0, rows)] * (columns + 1)
+    positions = [spread(lambda s: 1 + 1.1 * math.exp(-abs(s) / 0.07) + 2 * math.exp((abs(s) - 1) / 0.02), -1.0, 1.0, rows)] * (columns + 1)
 
     def point(i, j):
-        x, s = stations[i], places[i][j]
+        x, s = stations[i], positions[i][j]
         return x, s * leaf_edge(x, 1 if s > 0 else -1)
 
     def height(i, j):
@@ -873,7 +873,7 @@ def leaf_layers():
 
 
 def leaf_relief():
-    """Veins sink in on the surface, what is between them bulges, mm."""
+    """Veins sink into the surface, the areas between them bulge, mm."""
     field = leaf_field()
 
     def height(x, y):
@@ -905,7 +905,7 @@ def bend(points, n):
 GECKO_BACK = bend([(1.4, 0.5, 1.5), (5.0, 0.6, 3.2), (9.5, 0.6, 4.7), (14.0, 0.4, 4.4), (18.0, 0.2, 3.1), (24.0, -0.3, 4.4),
                    (32.0, -1.2, 5.5), (41.0, -1.3, 5.6), (49.0, 0.0, 4.4), (54.0, 1.2, 3.3), (60.0, 2.2, 2.6), (66.0, 2.3, 3.0),
                    (72.0, 0.6, 3.1), (79.0, -3.0, 2.5), (86.0, -6.6, 1.9), (93.0, -7.4, 1.35), (99.0, -5.0, 0.95), (104.0, -1.5, 0.6)], 6)
-# Of each leg: hip, knee, ankle (x, y), the way the foot points in degrees, side.
+# Of each leg: hip, knee, ankle (x, y), the direction the foot points in degrees, side.
 GECKO_LEGS = [((22.5, 2.6), (26.5, 10.6), (18.5, 14.4), 118, 1), ((22.0, -2.8), (17.5, -10.6), (11.0, -15.4), -150, -1),
               ((51.5, 2.4), (46.0, 11.0), (55.0, 15.6), 60, 1), ((51.0, -1.4), (57.5, -9.4), (64.5, -14.6), -32, -1)]
 GECKO_EYES = ((8.4, 4.15), (8.2, -2.9))
@@ -913,9 +913,9 @@ GECKO_EYES = ((8.4, 4.15), (8.2, -2.9))
 
 def gecko_toes(leg):
     """From the middle of the foot to the tip of each toe."""
-    (ax, ay), way, side = leg[2], leg[3], leg[4]
+    (ax, ay), direction, side = leg[2], leg[3], leg[4]
     for k in range(5):
-        a = math.radians(way + side * (k - 2) * 38)
+        a = math.radians(direction + side * (k - 2) * 38)
         reach = (4.6, 5.6, 6.1, 5.8, 4.9)[k]
         yield (ax + 0.9 * math.cos(a), ay + 0.9 * math.sin(a)), (ax + reach * math.cos(a), ay + reach * math.sin(a))
 
@@ -943,7 +943,7 @@ def gecko():
         for a, b in gecko_toes(leg):
             blend.add((*a, -1.8), 0.95, (*b, -2.0), 0.8, 0.5)
             blend.add((*b, -2.0), 1.2, (*b, -2.0), 1.2, 0.4)
-    for x, y in GECKO_EYES:  # the lids stand out
+    for x, y in GECKO_EYES:  # the lids protrude
         blend.add((x, y, 1.7), 1.9, (x, y, 1.7), 1.9, 1.2)
     blend.surface(solid, 'Gecko', picture.uv)
     eyes = []
@@ -964,7 +964,7 @@ def turned(solid, axis, centre):
 
 
 def gecko_spine(x, y):
-    """(how far along the back, 0 to 1; from its middle as a share of its width there)"""
+    """(position along the back, 0 to 1; distance from its middle as a fraction of its width there)"""
     k = min(len(GECKO_BACK) - 2, max(0, bisect_right(GECKO_BACK, (x,)) - 1))
     (ax, ay, ar), (bx, by, br) = GECKO_BACK[k], GECKO_BACK[k + 1]
     t = min(1.0, max(0.0, (x - ax) / (bx - ax)))
@@ -973,13 +973,13 @@ def gecko_spine(x, y):
 
 @lru_cache(maxsize=None)
 def scale_seed(i, j, jitter):
-    """Of a net of triangles, one unit wide, each corner moved by up to `jitter`."""
+    """A net of triangles, one unit wide, each corner moved by up to `jitter`."""
     turn, out = 2 * math.pi * fraction(i, j, 11), jitter * fraction(i, j, 12)
     return i + 0.5 * (j & 1) + out * math.cos(turn), 0.8660254 * j + out * math.sin(turn), fraction(i, j, 13)
 
 
 def scale(x, y, size, jitter):
-    """(distance from the middle of the scale that is here, as a share of `size`; a number of that scale, [0, 1))"""
+    """(distance from the middle of the scale at this point, as a fraction of `size`; a random number of that scale, [0, 1))"""
     x, y = x / size, y / size
     row = math.floor(y / 0.8660254 + 0.5)
     best, number = 9.0, 0.0
@@ -1131,7 +1131,7 @@ def head():
     return [solid]
 
 
-# --- What there is ------------------------------------------------------------------------------------------------------------------
+# --- The list of models -------------------------------------------------------------------------------------------------------------
 
 MESHES = {
     'fish': ('a small fish, 100 mm long', lambda: fish(4800)),

@@ -30,10 +30,10 @@ def grid_normals(vertices, faces):
     return total / np.maximum(np.sqrt((total ** 2).sum(1, keepdims=True)), 1e-12)
 
 
-def revolved(rows, columns, place):
-    """place(s, theta) -> (x, y, z) of arrays, s 0 at the lower pole and 1 at the upper; closed, with u, v = theta, s."""
+def revolved(rows, columns, position):
+    """position(s, theta) -> (x, y, z) of arrays, s 0 at the lower pole and 1 at the upper; closed, with u, v = theta, s."""
     s, t = np.meshgrid(np.arange(rows + 1) / rows, np.arange(columns + 1) / columns * 2 * np.pi, indexing='ij')
-    vertices = np.stack(place(s, t), -1)
+    vertices = np.stack(position(s, t), -1)
     vertices[:, -1] = vertices[:, 0]
     vertices[0], vertices[-1] = vertices[0].mean(0), vertices[-1].mean(0)
     i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing='ij')
@@ -42,7 +42,7 @@ def revolved(rows, columns, place):
     faces = np.concatenate([quad[0][:, [0, 2, 3]], sdf.triangles(quad[1:-1].reshape(-1, 4)), quad[-1][:, [0, 1, 2]]])
     uv = np.stack([t / (2 * np.pi), s], -1).reshape(-1, 2)
     vertices = vertices.reshape(-1, 3)
-    # Normals of the welded surface: the seam and the poles are one place each.
+    # Normals of the welded surface: the seam and the poles share their normals.
     weld = (np.arange(rows + 1)[:, None] * n + np.arange(n) % columns).reshape(-1)
     weld[:n], weld[-n:] = 0, rows * n
     return (vertices, grid_normals(vertices, weld[faces])[weld], faces), uv
@@ -103,7 +103,7 @@ def hand(folder):
 # --- A vase ---------------------------------------------------------------------------------------------------------------------------
 
 def vase_radius(y, theta):
-    """Of the outside: a body with folds that run around it as they rise, deep in the middle, none at the foot."""
+    """The outside: a body with folds that run around it as they rise, deep in the middle, none at the foot."""
     s = np.clip(y / 150, 0, 1)
     body = 27 + 24 * np.maximum(np.sin(np.pi * np.clip(s * 1.08, 0, 1) ** 0.9), 0) ** 1.2 + 13 * np.clip((s - 0.72) / 0.28, 0, 1) ** 2
     a = 9 * (theta + 1.15 * s + 0.10 * np.sin(5 * s + 2 * theta))
@@ -182,7 +182,7 @@ def candle(folder):
 # --- Fruit ----------------------------------------------------------------------------------------------------------------------------
 
 def bunch(count, radius, seed):
-    """Centres of grapes in a heap on the plate: points of a spiral, pushed apart and down until none touches another."""
+    """Centres of grapes in a heap on the plate: points of a spiral, pushed away from each other and down until none touches another."""
     rng = np.random.RandomState(seed)
     c = rng.uniform(-1, 1, (count, 3)) * np.array([30, 12, 20]) + np.array([0, 22, 0])
     for step in range(400):
@@ -208,14 +208,14 @@ def balls(centres, radii, tall, seed, rows=40, columns=56):
     return tuple(np.concatenate(k) for k in zip(*parts))
 
 
-def apple_place(s, t):
+def apple_position(s, t):
     a = np.pi * (s - 0.5)
     r = 37 * np.cos(a) ** 0.82 * (1 + 0.07 * np.sin(a)) * (1 + 0.018 * np.cos(5 * t + 0.4) * (1 - s) + 0.014 * np.sin(2 * t + 1))
     y = 34 * np.sin(a) - 13 * np.exp(-(r / 10) ** 2) * (np.sin(a) > 0) * 1.15 + 9 * np.exp(-(r / 9) ** 2) * (np.sin(a) < 0)
     return r * np.sin(t), y + 33.5, r * np.cos(t)
 
 
-def orange_place(s, t):
+def orange_position(s, t):
     a = np.pi * (s - 0.5)
     r = 36 * np.cos(a) * (1 + 0.012 * np.sin(3 * t) + 0.01 * np.cos(2 * t + 1))
     return r * np.sin(t), 34.5 * np.sin(a) + 34.5 - 2.2 * np.exp(-(r / 5.0) ** 2) * np.sign(np.sin(a)), r * np.cos(t)
@@ -232,8 +232,8 @@ def ball_map(size):
 def fruit(folder):
     centres = bunch(44, 10.0, 5)
     save(folder, 'grapes', balls(centres + np.array([36, 5, 32]), np.linspace(9.2, 10.0, 44), 1.12, 6))
-    for name, place in (('apple', apple_place), ('orange', orange_place)):
-        solid, uv = revolved(160, 256, place)
+    for name, position in (('apple', apple_position), ('orange', orange_position)):
+        solid, uv = revolved(160, 256, position)
         save(folder, name, solid, uv)
     size = 768
     p, s, t = ball_map(size)
@@ -248,7 +248,7 @@ def fruit(folder):
     sdf.write_png(folder / 'orange-normal.png', sdf.normal_map(-height.reshape(size, size) * FLOAT(1.6), (36 * p.T).reshape(size, size, 3)))
     save(folder, 'stem',
          sdf.mesh(lambda q: chain(q, curve([(0, 50, 0, 1.5), (0.6, 62, 0.3, 1.2), (3.2, 72, 1.0, 1.7)])), (-5, 46, -5), (8, 77, 6), 0.5))
-    save(folder, 'plate', revolved(320, 256, plate_place)[0])
+    save(folder, 'plate', revolved(320, 256, plate_position)[0])
 
 
 # Radius, height; from below to above.
@@ -256,7 +256,7 @@ PLATE = [(0, 0.6), (30, 0.6), (57, 0.4), (60, -0.8), (63, -0.8), (66, 0.6), (80,
          (122.4, 20.6), (121.4, 21.4), (119, 20.6), (103, 12.6), (80, 5.2), (66, 3.9), (30, 3.8), (0, 3.8)]
 
 
-def plate_place(s, t):
+def plate_position(s, t):
     points = np.array([k[:2] for k in curve([(r, y, 0, 0) for r, y in PLATE], 12)])
     at = np.concatenate([[0], np.cumsum(np.sqrt((np.diff(points, axis=0) ** 2).sum(1)))])
     r, y = (np.interp(s * at[-1], at, points[:, k]) for k in range(2))
@@ -274,7 +274,7 @@ def leaf_half_width(s):
 
 
 def leaf_veins(s, w):
-    """Distance in mm to the nearest vein, and how thick it is; w from -1 to 1 across."""
+    """Distance in mm to the nearest vein, and its thickness; w from -1 to 1 across."""
     across = np.abs(w) * leaf_half_width(s)
     along = s * LEAF_LENGTH
     origin = along - 0.72 * across - 0.006 * across ** 2
@@ -309,14 +309,14 @@ def beech(folder, rows=220, columns=120):
     spread = (0.6 * noise(p, 9, 51) + 0.4 * noise(p, 2.2, 52)).reshape(size, size, 1)
     autumn = np.clip((np.abs(w) - 0.55) * 1.6 + 1.4 * (spread[..., 0] - 0.45) + 0.5 * (s - 0.6), 0, 1)[..., None]
     lit = np.array([0.28, 0.44, 0.035]) * (0.7 + 0.6 * spread) * (1 - autumn) + np.array([0.80, 0.36, 0.03]) * autumn
-    lit = lit * (1 - 0.16 * thread) * (1 - 0.45 * line)  # veins are thick: they let less light through
+    lit = lit * (1 - 0.16 * thread) * (1 - 0.45 * line)  # veins are thick: they transmit less light
     seen = np.array([0.075, 0.15, 0.022]) * (0.8 + 0.4 * spread) * (1 - autumn) + np.array([0.38, 0.15, 0.02]) * autumn
     seen = seen * (1 - 0.5 * line) + np.array([0.26, 0.30, 0.10]) * 0.5 * line
     sdf.write_png(folder / 'beech-color.png', sdf.srgb(seen))
     sdf.write_png(folder / 'beech-through.png', sdf.srgb(lit))
     height = 0.20 * np.minimum(vein, 3) / 3 + 0.05 * np.minimum(fine, 0.5) + 0.04 * noise(p, 0.8, 53).reshape(size, size)
-    place = np.stack([w * leaf_half_width(s), s * LEAF_LENGTH, 0 * s], -1)
-    sdf.write_png(folder / 'beech-normal.png', sdf.normal_map(height.astype(FLOAT), place))
+    position = np.stack([w * leaf_half_width(s), s * LEAF_LENGTH, 0 * s], -1)
+    sdf.write_png(folder / 'beech-normal.png', sdf.normal_map(height.astype(FLOAT), position))
 
 
 # --- Light from all sides --------------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ KEYS = 16
 
 
 class Strip:
-    """Charts that share no vertices; each is a grid of u x v in its own rectangle of the texture."""
+    """Charts without common vertices; each is a grid of u x v in its own rectangle of the texture."""
 
     def __init__(self):
         self.points, self.uvs, self.indices = [], [], []

@@ -78,11 +78,12 @@ def main():
             found = row['measured'].get(t['method'], [None])[0]
             if found is not None:
                 off.append(t['error'] - found)
-        told, found = row['tried'][-1]['error'], row['measured'].get(row['tried'][-1]['method'], [None])[0]
-        good = row['method'] == 'path-trace' or found is None or found <= 0.01 * options.bound  # None: noise hides it
+        predicted, found = row['tried'][-1]['error'], row['measured'].get(row['tried'][-1]['method'], [None])[0]
+        good = row['method'] == 'path-trace' or found is None or found <= 0.01 * options.bound  # None: hidden by noise
         right.append(good)
         shown = '-' if found is None else f'{100 * found:5.1f} %'
-        print(f'{number:3} {what:28} {row["method"]:14} foretold {100 * told:5.1f} %, found {shown}{"" if good else "  over the bound"}',
+        print(f'{number:3} {what:28} {row["method"]:14} foretold {100 * predicted:5.1f} %, '
+              f'found {shown}{"" if good else "  over the bound"}',
               flush=True)
     print(f'{sum(right)} of {len(right)} within {options.bound:g} %; foretold less found: mean {100 * sum(off) / len(off):+.2f} %, '
           f'mean size {100 * sum(map(abs, off)) / len(off):.2f} %, of {len(off)} methods')

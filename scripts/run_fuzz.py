@@ -48,7 +48,7 @@ def fuzz(folder, name, program, home, seconds):
 
 
 def reason(output):
-    """The lines that say what failed, to stand at the end of a long log."""
+    """The lines that state the failures, for the end of a long log."""
     said = [line.strip() for line in output.splitlines() if "ERROR: " in line or "runtime error: " in line or "SUMMARY: " in line]
     return "; ".join(said) or (output.splitlines() or ["no output"])[-1]
 

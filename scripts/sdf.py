@@ -27,7 +27,7 @@ def at(p, centre):
 
 
 def turn(p, axis, degrees):
-    """Points seen from a frame that is turned about axis 0, 1 or 2."""
+    """Points in a frame that is rotated about axis 0, 1 or 2."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     q = p.copy()
@@ -86,12 +86,12 @@ def cut(a, b, k):
 
 
 def meet(a, b, k):
-    """What is in both."""
+    """Intersection."""
     return -join(-a, -b, k)
 
 
 def where(p, d, near, change):
-    """change(points, distances) where `near`, d elsewhere: parts are worked out around themselves alone."""
+    """change(points, distances) where `near`, d elsewhere: parts are evaluated only in their own neighbourhood."""
     index = np.flatnonzero(near)
     if index.size:
         d = d.copy()
@@ -137,15 +137,15 @@ def in_batches(distance, p):
 
 
 def cells_at_surface(distance, low, high, size):
-    """Cells (n, 3) of a grid of `size` from `low` near the surface, which corners (n, 8) they have, the distance at each corner, and the
-    grid's shape."""
+    """Cells (n, 3) of a grid of `size` from `low` near the surface, their corners (n, 8), the distance at each corner, and the grid's
+    shape."""
     levels = 5
     step = 2 ** (levels - 1)
     count = np.ceil((np.array(high) - low) / (size * step)).astype(np.int64)
     cells = np.stack(np.meshgrid(*(np.arange(n) for n in count), indexing='ij'), -1).reshape(-1, 3) * step
     while step > 1:
         centre = (np.array(low)[:, None] + (cells.T + 0.5 * step) * size).astype(FLOAT)
-        # Blends make distances too small by half at most, and ellipsoids too large: twice the half diagonal is enough room.
+        # Blends underestimate distances by half at most, and ellipsoids overestimate them: twice the half diagonal is a sufficient margin.
         cells = cells[np.abs(in_batches(distance, centre)) < 1.8 * step * size]
         step //= 2
         cells = (cells[:, None, :] + CORNERS[None] * step).reshape(-1, 3)
@@ -161,9 +161,9 @@ EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count('
 
 
 def patches():
-    """Of each of the 256 patterns of corners inside: which patch of surface each edge of the cell is on, -1 where the surface does not
-    cross it. Where a face of the cell is ambiguous, its inside corners are cut off one by one: both cells at the face do the same, and each
-    patch gets a vertex of its own, so that the mesh is a manifold (Nielson 2004)."""
+    """For each of the 256 patterns of inside corners: the patch of surface that each edge of the cell belongs to, -1 where the surface
+    does not cross it. Where a face of the cell is ambiguous, its inside corners are separated: both cells at the face do the same,
+    and each patch gets a vertex of its own, so that the mesh is a manifold (Nielson 2004)."""
     table = np.full((256, len(EDGES)), -1, np.int64)
     number = {edge: n for n, edge in enumerate(EDGES)}
     sides = [[c for c in range(8) if c >> axis & 1 == side] for axis in range(3) for side in (0, 1)]
@@ -227,16 +227,16 @@ def mesh_of_cells(distance, low, size, cells, value, shape):
     ordered, stride, number = key[order], np.array([shape[1] * shape[2], shape[2], 1]), {edge: n for n, edge in enumerate(EDGES)}
     faces = []
     for axis in range(3):
-        # The edge from corner 0 along the axis: four cells share it, and each knows it by other corners.
+        # The edge from corner 0 along the axis: four cells share it, with a different corner index in each.
         along, u, v = (4 >> (axis + k) % 3 for k in range(3))
         crossed = np.flatnonzero(patch[:, number[0, along]] >= 0)
         quad = []
         for corner in (0, u, u | v, v):
             back = sum(stride[k] for k in range(3) if corner & 4 >> k)
-            place = np.searchsorted(ordered, key[crossed] - back)
-            if (ordered[np.minimum(place, len(ordered) - 1)] != key[crossed] - back).any():
+            position = np.searchsorted(ordered, key[crossed] - back)
+            if (ordered[np.minimum(position, len(ordered) - 1)] != key[crossed] - back).any():
                 raise ValueError('the solid reaches the border of its box')
-            cell = order[place]
+            cell = order[position]
             quad.append(first[cell] + patch[cell, number[corner, corner | along]])
         quad = np.stack(quad, 1)
         outside = value[crossed, 0] >= 0
@@ -247,7 +247,7 @@ def mesh_of_cells(distance, low, size, cells, value, shape):
 
 
 def crowded_edges(faces):
-    """Edges (n, 2) that more than one face passes in the same direction."""
+    """Edges (n, 2) that more than one face traverses in the same direction."""
     a, b = faces.reshape(-1).astype(np.int64), np.roll(faces, -1, 1).reshape(-1).astype(np.int64)
     n = int(faces.max()) + 1
     edge, count = np.unique(a * n + b, return_counts=True)
@@ -271,8 +271,8 @@ def unfold(vertices, normals, faces, charts):
     return vertices[old], normals[old], inverse.reshape(faces.shape), uv.reshape(-1, 2)[first]
 
 
-def places(vertices, faces, uv, size, values=None):
-    """Of each texel of a map of size x size, rows from the top: the point of the surface there, spread beyond the charts."""
+def positions(vertices, faces, uv, size, values=None):
+    """For each texel of a map of size x size, rows from the top: the point of the surface there, extended beyond the charts."""
     corner = triangles(faces)
     what = vertices if values is None else values
     grid = np.full((size, size, what.shape[1]), np.nan, FLOAT)
@@ -307,10 +307,10 @@ def enlarge(grid, times):
     return rows[:, low] * (1 - f)[None, :, None] + rows[:, low + 1] * f[None, :, None]
 
 
-def normal_map(height, place):
-    """Tangent space, +Y up, of heights in mm on texels whose places are known."""
+def normal_map(height, position):
+    """Tangent space, +Y up, from heights in mm and the surface positions of the texels."""
     def slope(axis):
-        span = np.sqrt(((np.roll(place, -1, axis) - np.roll(place, 1, axis)) ** 2).sum(2))
+        span = np.sqrt(((np.roll(position, -1, axis) - np.roll(position, 1, axis)) ** 2).sum(2))
         rise = np.roll(height, -1, axis) - np.roll(height, 1, axis)
         return np.where(span < 4, rise / np.maximum(span, 0.1), 0)
     n = np.stack([-slope(1), slope(0), np.ones_like(height)], -1)
@@ -327,7 +327,7 @@ def write_png(path, picture):
     rows = (np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)
     height, width = rows.shape[:2]
     rows = rows.reshape(height, -1)
-    # Each byte less the one above it (filter 2) packs well.
+    # Each byte minus the one above it (filter 2) compresses well.
     packed = np.hstack([np.full((height, 1), 2, np.uint8), rows - np.vstack([np.zeros_like(rows[:1]), rows[:-1]])])
 
     def part(name, data):

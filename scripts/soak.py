@@ -22,12 +22,12 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 METHODS = ('none', 'screen-space', 'image-space', 'texture-space', 'convolution', 'layered', 'hierarchical', 'dipole', 'single-scatter',
            'path-trace')
-# `points` of hierarchical: its time goes by the surface in units of the mean free path, minutes for an object of 80 mm
+# `points` of hierarchical: its time depends on the surface in units of the mean free path, minutes for an object of 80 mm
 FEW = {'dipole': ['--samples', '128'], 'path-trace': ['--samples', '2'], 'single-scatter': ['--samples', '128'],
        'hierarchical': ['--set', 'points=100000']}
 SANITIZED = 'PELL_SANITIZED' in os.environ # which reserve terabytes of addresses: memory has no limit there
 SECONDS = 120 # of processor time, of one run: others may use the machine
-HANGS = 20 * SECONDS # a run that has not ended by then does not work, but waits
+HANGS = 20 * SECONDS # a run that has not ended by then is not working but waiting
 MEMORY = 4 << 30
 SMALL = ['--width', '40', '--height', '30', '--msaa', '1', '--light-samples', '2', '--bounces', '1', '--indirect-samples', '256']
 READERS = {'gltf': '.glb', 'obj': '.obj', 'ply': '.ply', 'stl': '.stl', 'scene': '.json', 'image': None, 'material': '.json',
@@ -35,11 +35,11 @@ READERS = {'gltf': '.glb', 'obj': '.obj', 'ply': '.ply', 'stl': '.stl', 'scene':
 
 
 class Wrong(Exception):
-    """What a run did that it should not."""
+    """A run's misbehaviour."""
 
 
 def run(program, folder, command, memory=MEMORY, kill_after=None):
-    """The exit code and what was said; Wrong for a signal, a run that does not end, or another code."""
+    """The exit code and the output; Wrong for a signal, a run that does not end, or another code."""
     def limited():
         if not SANITIZED:
             resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
@@ -75,19 +75,19 @@ def need_finite(path):
         raise Wrong(f'{path.name} holds a value that is no number, or is negative')
 
 
-# --- What is made ----------------------------------------------------------------------------------------------------------------------
+# --- Generated input -------------------------------------------------------------------------------------------------------------------
 
 def ball(pick, name, path):
     """A deformed ball, sometimes open, as OBJ; from a few to some thousand triangles, anywhere, of any size."""
     rows, columns = pick.randint(2, 40), pick.randint(3, 60)
-    dent, scale, place = pick.uniform(0, 0.9), 10 ** pick.uniform(-3, 3), [pick.uniform(-3, 3) for _ in range(3)]
+    dent, scale, offset = pick.uniform(0, 0.9), 10 ** pick.uniform(-3, 3), [pick.uniform(-3, 3) for _ in range(3)]
     lines = [f'o {name}']
     for i in range(rows + 1):
         for j in range(columns):
             a, b = math.pi * (i / rows - 0.5), 2 * math.pi * j / columns
             r = scale * (1 + dent * math.sin(3 * a + pick.random() * 0.1) * math.cos(2 * b))
-            lines.append(f'v {place[0] + r * math.cos(a) * math.sin(b):.7g} {place[1] + r * math.sin(a):.7g} '
-                         f'{place[2] + r * math.cos(a) * math.cos(b):.7g}')
+            lines.append(f'v {offset[0] + r * math.cos(a) * math.sin(b):.7g} {offset[1] + r * math.sin(a):.7g} '
+                         f'{offset[2] + r * math.cos(a) * math.cos(b):.7g}')
     for i in range(rows if pick.random() < 0.8 else max(1, rows // 2)):
         for j in range(columns):
             k = (j + 1) % columns
@@ -116,18 +116,18 @@ def mutated(pick, data):
     for _ in range(pick.choice((1, 1, 2, 4, 16))):
         if not data:
             break
-        at, way = pick.randrange(len(data)), pick.random()
-        if way < 0.4:
+        at, choice = pick.randrange(len(data)), pick.random()
+        if choice < 0.4:
             data[at] = pick.randrange(256)
-        elif way < 0.55:
+        elif choice < 0.55:
             data[at] ^= 1 << pick.randrange(8)
-        elif way < 0.65:
+        elif choice < 0.65:
             del data[at:at + pick.choice((1, 4, 64))]
-        elif way < 0.75:
+        elif choice < 0.75:
             data[at:at] = data[at:at + pick.choice((1, 4, 64))]
-        elif way < 0.85:
+        elif choice < 0.85:
             data[at:at + 4] = pick.choice((b'\xff\xff\xff\xff', b'\0\0\0\x80', b'\xff\xff\xff\x7f', b'1e99', b'-1  ', b'nan '))
-        elif way < 0.95:
+        elif choice < 0.95:
             data[at:at] = pick.choice((b'9' * 30, b'-', b'"', b'[' * 40, b'\0', b'/1/1/1', b'1e-320'))
         else:
             del data[at:]
@@ -173,7 +173,7 @@ def starved(pick, program, folder, stock):
     try:
         code, said = run(program, folder, command, memory)
     except Wrong as fault:
-        if 'ended with 127' in str(fault): # the program's libraries themselves were not loaded
+        if 'ended with 127' in str(fault): # the program's own libraries could not be loaded
             return
         raise Wrong(f'{memory >> 20} MiB: {fault}') from None
     if code not in (0, 3, 5):

@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: MIT
- *
  * photon_table.c - makes the table of the monte-carlo model: data/profiles/monte-carlo.json.
  *
- * One run of photons for each g serves every index and every albedo: paths inside a half-space do not depend on its index but through
- * what its face reflects. Photons walk as the largest index bids; each time one meets the face, what each smaller index would let
- * through is counted, and goes on with the ratio of reflectances as its weight. A collision costs nothing; a photon counts alpha^n.
+ * One run of photons for each g serves every index and every albedo: inside a half-space the index affects paths only through reflection
+ * at the boundary. Photons are traced with the largest index; at each hit of the boundary the transmitted fraction for each smaller
+ * index is tallied, and the ratio of reflectances multiplies the photon's weight for that index. Collisions do not absorb; a photon
+ * counts alpha^n after n collisions.
  *
- * Results depend on seed and number of photons only: batches are summed in their order, whoever walked them and however often the
- * program was stopped. */
+ * Results depend only on the seed and the number of photons: batches are summed in a fixed order, for any number of threads and however
+ * often the program was interrupted. */
 #include "base/base.h"
 #include "base/file.h"
 #include "base/pool.h"
@@ -24,26 +24,26 @@
 #include <string.h>
 
 enum {
-    BATCHES = 200, /* of each g: what standard errors come from */
+    BATCHES = 200, /* per g: batches, from which standard errors follow */
     GROUP = 8,     /* batches that are in memory at a time */
     PER_DECADE = 20,
     DECADES_LOW = -3, /* radii of the bins, in mean free paths: 10^-3 .. 10^3.5 */
     BINS = 130,
-    SLOTS = PELL_TABLE_ALPHA + 1, /* albedos, and what was scattered once */
+    SLOTS = PELL_TABLE_ALPHA + 1, /* albedos, and single scattering */
     POWERS = 1024,
 };
 
 static const double axis_g[PELL_TABLE_G] = { -0.3, 0.0, 0.25, 0.5, 0.7, 0.83, 0.91 };
-/* Photons beside those of g = 0: a walk costs 1/(1 - g) collisions more where scattering is forward. */
-static const double share_g[PELL_TABLE_G] = { 0.4, 1.0, 0.4, 0.25, 0.18, 0.13, 0.1 };
+/* Photons relative to those of g = 0: with forward scattering a walk has 1/(1 - g) times the collisions. */
+static const double relative_photons[PELL_TABLE_G] = { 0.4, 1.0, 0.4, 0.25, 0.18, 0.13, 0.1 };
 static const double axis_eta[PELL_TABLE_ETA] = { 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.75, 2.1 };
 static const double axis_v[PELL_TABLE_ALPHA] = {
     0.0, 0.01, 0.025, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.38, 0.47, 0.57, 0.68, 0.79, 0.9, 1.0
 };
 
-/* --- Counting ----------------------------------------------------------------------------------------------------------------- */
+/* --- Tallies ------------------------------------------------------------------------------------------------------------------ */
 
-/* Cells are bin, index, slot. The first bin and the one behind the last take what is nearer or farther; then comes the sum of all. */
+/* Cells are bin, index, slot. The first bin and the one after the last hold smaller and larger radii; then follows the total. */
 enum { ALL = BINS + 2 };
 struct cells {
     double c[BINS + 3][PELL_TABLE_ETA][SLOTS];
@@ -57,7 +57,7 @@ struct tally {
     struct cells cells;
     const struct powers *powers;
     uint64_t photon;
-    double weight[PELL_TABLE_ETA]; /* of this photon under each index, beside its own */
+    double weight[PELL_TABLE_ETA]; /* of this photon for each index, relative to its own */
     double cut, ratio;             /* of bins */
 };
 
@@ -95,7 +95,7 @@ static void powers_fill(struct powers *p, double g)
     for (int j = 0; j < PELL_TABLE_ALPHA; j++) {
         const double alpha = pell_albedo_of_reduced(1.0 - axis_v[j] * axis_v[j], g);
         for (int i = 0; i < POWERS; i++)
-            p->low[i][j] = pow(alpha, i); /* 0^0 = 1: at alpha' = 0 what was scattered twice is left */
+            p->low[i][j] = pow(alpha, i); /* 0^0 = 1: at alpha' = 0 light scattered twice remains */
         for (int i = 0; i <= POWERS; i++)
             p->high[i][j] = pow(alpha, (double) i * POWERS);
     }
@@ -115,7 +115,7 @@ static const char magic[16] = "pell photons 2\n";
 
 static uint64_t batch_photons(const struct state *s, int ig)
 {
-    const uint64_t n = (uint64_t) ((double) s->photons * share_g[ig] / BATCHES);
+    const uint64_t n = (uint64_t) ((double) s->photons * relative_photons[ig] / BATCHES);
     return n > 0 ? n : 1;
 }
 
@@ -168,7 +168,7 @@ static void walk_batch(void *arg, int index, int worker)
                 t->cells.c[ALL][i][j] += t->cells.c[b][i][j];
 }
 
-static double done_share(const struct state *s)
+static double progress(const struct state *s)
 {
     double done = 0.0;
     for (int i = 0; i < PELL_TABLE_G; i++)
@@ -176,7 +176,7 @@ static double done_share(const struct state *s)
     return done / (PELL_TABLE_G * (double) BATCHES);
 }
 
-/* All that is left, or `stop_after` groups of batches of it (-1: no limit). The runs take turns: a table can be made at any time. */
+/* All remaining batches, or `stop_after` groups of them (-1: no limit). The runs alternate: a table can be made at any time. */
 static enum pell_result walk_all(struct pell_context *ctx, struct pell_pool *pool, struct state *s, const char *file, int stop_after)
 {
     struct work w = { .state = s };
@@ -193,7 +193,7 @@ static enum pell_result walk_all(struct pell_context *ctx, struct pell_pool *poo
         powers_fill(&powers[ig], axis_g[ig]);
 
     for (;;) {
-        int ig = 0; /* the one with the fewest batches: the same order however often the program is stopped */
+        int ig = 0; /* the one with the fewest batches: the same order however often the program is interrupted */
         for (int i = 1; i < PELL_TABLE_G; i++)
             ig = s->done[i] < s->done[ig] ? i : ig;
         const double g = axis_g[ig], start = pell_seconds();
@@ -216,7 +216,7 @@ static enum pell_result walk_all(struct pell_context *ctx, struct pell_pool *poo
                                                .collisions_max = (int) (65536.0 / (1.0 - g)) };
         pell_pool_run(pool, count, walk_batch, &w);
         if (pell_cancelled(ctx))
-            goto save; /* the group is walked again */
+            goto save; /* the group is traced again */
         for (int b = 0; b < count; b++) {
             const double *from = &w.tallies[b].cells.c[0][0][0];
             double *sum = &s->sum[ig].c[0][0][0], *squares = &s->squares[ig].c[0][0][0];
@@ -228,7 +228,7 @@ static enum pell_result walk_all(struct pell_context *ctx, struct pell_pool *poo
         }
         s->done[ig] += count;
         s->seconds += pell_seconds() - start;
-        pell_progress(ctx, "photons", done_share(s));
+        pell_progress(ctx, "photons", progress(s));
         if (file && pell_seconds() - saved > 30.0) {
             PELL_TRY(pell_file_write(ctx, file, s, sizeof(*s)));
             saved = pell_seconds();
@@ -245,7 +245,7 @@ fail:
     return res;
 }
 
-/* --- From counts to a table --------------------------------------------------------------------------------------------------- */
+/* --- From tallies to a table -------------------------------------------------------------------------------------------------- */
 
 static double relative_error(double sum, double squares, int batches)
 {
@@ -302,12 +302,12 @@ static bool smooth(const double *bx, const double *by, const double *be, double 
             c[i] += inverse[i][j] * v[j];
             variance += inverse[0][i] * inverse[0][j] * q[i][j];
         }
-    *y = c[0] - width * width / 24.0 * (c[1] * c[1] + 2.0 * c[2]); /* a bin's average is above its middle by that */
+    *y = c[0] - width * width / 24.0 * (c[1] * c[1] + 2.0 * c[2]); /* a bin's average exceeds the value at its middle by that */
     *error = sqrt(fmax(variance, 0.0));
     return isfinite(*y) && *error < most;
 }
 
-/* False where photons are too few to see a profile without absorption. */
+/* False where photons are too few to resolve a profile without absorption. */
 static bool rows(const struct state *s, int ig, int ie, int ia, struct pell_photon_table *t)
 {
     const double g = axis_g[ig], alpha = pell_albedo_of_reduced(1.0 - axis_v[ia] * axis_v[ia], g), per_reduced = 1.0 / (1.0 - alpha * g);
@@ -325,7 +325,7 @@ static bool rows(const struct state *s, int ig, int ie, int ia, struct pell_phot
         if (!isfinite(by[b]))
             be[b] = HUGE_VAL;
     }
-    for (double most = 0.05; first < 0 && most < 1.0; most *= 10.0) { /* few photons make a rough table rather than none */
+    for (double most = 0.05; first < 0 && most < 1.0; most *= 10.0) { /* few photons give a rough table rather than none */
         for (int k = 0; k < PELL_TABLE_R; k++) {
             const double x = pell_table_x(k), reach = x < log(0.1) || x > log(10.0) ? 0.85 : 0.6;
             known[k] = smooth(bx, by, be, x, reach, width, most, &y[k], &error[k]);
@@ -334,26 +334,26 @@ static bool rows(const struct state *s, int ig, int ie, int ia, struct pell_phot
         }
     }
     for (int k = first; k >= 0 && k < PELL_TABLE_R && known[k]; k++)
-        last = k; /* of an unbroken stretch */
+        last = k; /* of a contiguous range */
 
     const double sum = s->sum[ig].c[ALL][ie][ia];
-    const double most = 1.0 - pell_single_total(g, axis_eta[ie]); /* all that comes back without absorption */
+    const double most = 1.0 - pell_single_total(g, axis_eta[ie]); /* total reflectance without absorption */
     t->total[ig][ie][ia] = (float) (ia == 0 ? most : fmin(sum / photons, most));
     t->total_error[ig][ie][ia] =
         (float) (ia == 0 || !(sum > 0.0) ? 0.0 : sum / photons * relative_error(sum, s->squares[ig].c[ALL][ie][ia], s->done[ig]));
-    if (!(sum > 0.0)) /* alpha' = 0 behind forward scattering: photons that came back after two collisions are few */
+    if (!(sum > 0.0)) /* alpha' = 0 with forward scattering: photons that leave after two collisions are few */
         t->total[ig][ie][ia] = t->total[ig][ie][ia - 1];
 
     if (first < 0 && ia == 0)
         return false;
 
-    /* Towards the axis R goes on with its power of r, between 0 and -1. */
+    /* Toward the axis R continues as a power of r, between 0 and -1. */
     const int from = first < 0 ? 0 : first, to = from + 4 < last ? from + 4 : last;
     const double step = pell_table_x(1) - pell_table_x(0);
     const double slope = to > from ? fmin(fmax((y[to] - y[from]) / (step * (to - from)), 1.0), 2.0) : 2.0;
     for (int k = 0; k < PELL_TABLE_R; k++) {
         double value, code = PELL_TABLE_NO_ERROR;
-        if (first < 0) { /* the shape of more albedo */
+        if (first < 0) { /* the shape for a larger albedo */
             value = (double) t->y[ig][ie][ia - 1][k] / PELL_TABLE_Y_SCALE + log((double) t->total[ig][ie][ia] / t->total[ig][ie][ia - 1]);
         } else if (k < first) {
             value = y[first] + slope * (pell_table_x(k) - pell_table_x(first));

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * kernel.c - what an engine convolves with: skin of layers as a sum of Gaussians, that sum as a chain of blurs, a separable kernel, a
- * table of rings, and radii to sample at. No scene, no files.
+ * kernel.c - kernels for an engine's convolution: layered skin as a sum of Gaussians, that sum as a chain of blurs, a separable kernel,
+ * a table of rings, and sampling radii. No scene, no files.
  *
- *     kernel [MELANIN]
- */
+ *     kernel [MELANIN] */
 #include <pellucid/optics.h>
 
 #include <math.h>

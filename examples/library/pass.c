@@ -1,6 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pass.c - for engines: a method runs on planes that the caller made. Here they show a marble wall, lit on its right half.
- */
+ * pass.c - for engines: a method runs on the caller's own planes, here a marble wall, lit on its right half. */
 #include <pellucid/context.h>
 #include <pellucid/method.h>
 
@@ -19,7 +18,7 @@ static void print_message(void *user, const struct pell_message *m)
     fprintf(stderr, "%s: %s\n", m->where, m->what);
 }
 
-/* Runs a method on the frame, which holds what an engine has after its lighting pass. */
+/* Runs a method on the frame, which holds an engine's data after its lighting pass. */
 static enum pell_result scatter(struct pell_device *device, struct pell_context *ctx, const struct pell_frame *frame,
                                 const struct pell_frame_light *light)
 {
@@ -66,7 +65,7 @@ int main(void)
     enum pell_result res = pell_context_create(&(struct pell_context_params) { .log = print_message }, &ctx);
 
     for (int i = 0; i < WIDTH * HEIGHT; i++) {
-        material[i] = 1;   /* the first of the frame's materials; 0 is for what is not translucent */
+        material[i] = 1;   /* the first of the frame's materials; 0 means not translucent */
         depth[i] = 500.0f; /* mm */
         for (int c = 0; c < CHANNELS; c++)
             irradiance[c][i] = i % WIDTH >= WIDTH / 2 ? LIGHT : 0.0f;

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
- * profile.c - the smallest use: optical coefficients become a profile, a sum of Gaussians and the numbers of a blur. No scene, no files.
+ * profile.c - the smallest use: optical coefficients become a profile, a sum of Gaussians and the parameters of a blur. No scene, no
+ * files.
  *
- *     profile [MATERIAL]
- */
+ *     profile [MATERIAL] */
 #include <pellucid/optics.h>
 
 #include <math.h>
@@ -30,7 +30,7 @@ static void print_profile(const struct pell_medium *medium)
     }
 }
 
-/* A blur that runs Gaussian after Gaussian, each on the last result: what to add, and what share of the new result to blend in. */
+/* A chain of blurs, Gaussian after Gaussian, each applied to the previous result: the variance to add, and the weight of the new result. */
 static void print_blur(const struct pell_gaussians *g)
 {
     double sum[3] = { 0 }, last = 0.0;

@@ -1,8 +1,7 @@
 /* SPDX-License-Identifier: MIT
  * render.c - a mesh and a material become an image in memory, and then an EXR file with all layers.
  *
- *     render MESH SIZE_MM MATERIAL OUT.exr
- */
+ *     render MESH SIZE_MM MATERIAL OUT.exr */
 #include <pellucid/context.h>
 #include <pellucid/image.h>
 #include <pellucid/render.h>
@@ -85,7 +84,7 @@ int main(int argc, char **argv)
             &(struct pell_write_params) {
                 .width = image.width, .height = image.height, .channels = image.channels, .num_channels = image.num_channels });
     }
-    pell_renderer_destroy(&renderer); /* in this order; each takes what is not there */
+    pell_renderer_destroy(&renderer); /* in this order; each adds only what is missing */
     pell_device_destroy(&device);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);

@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * pass.c - for engines on Vulkan: a program with a device of its own records screen-space into its command buffer, between its commands.
- * Here its buffers show a marble wall, lit on its right half. Exit code 77: there is no device of Vulkan 1.3.
- */
+ * pass.c - for engines on Vulkan: a program with its own device records screen-space into its command buffer, between its own commands.
+ * Here its buffers show a marble wall, lit on its right half. Exit code 77: there is no device of Vulkan 1.3. */
 #include <pellucid/context.h>
 #include <pellucid/vulkan.h>
 
@@ -12,7 +11,7 @@
 enum { WIDTH = 250, HEIGHT = 16, NO_DEVICE = 77 };
 static const float SCALE = 10.0f, LIGHT = 100.0f; /* px/mm; W/m^2 */
 
-/* What an engine has. */
+/* Objects of an engine. */
 struct engine {
     VkInstance instance;
     VkPhysicalDevice physical;
@@ -32,7 +31,7 @@ static void print_message(void *user, const struct pell_message *m)
     fprintf(stderr, "%s: %s\n", m->where, m->what);
 }
 
-/* The first device of Vulkan 1.3 with a queue that computes. */
+/* The first device of Vulkan 1.3 with a compute queue. */
 static bool choose_device(struct engine *e)
 {
     VkPhysicalDevice list[16];
@@ -65,7 +64,7 @@ static bool open_device(struct engine *e)
     const float priority = 1.0f;
     VkDeviceQueueCreateInfo queue = { .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO, .queueCount = 1, .pQueuePriorities = &priority };
     VkPhysicalDeviceVulkan13Features features = { .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES,
-                                                  .synchronization2 = VK_TRUE, /* these two are what the library needs */
+                                                  .synchronization2 = VK_TRUE, /* the library needs these two */
                                                   .maintenance4 = VK_TRUE };
     const VkDeviceCreateInfo device = {
         .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO, .pNext = &features, .queueCreateInfoCount = 1, .pQueueCreateInfos = &queue
@@ -85,7 +84,7 @@ static bool open_device(struct engine *e)
     return vkAllocateCommandBuffers(e->device, &commands, &e->commands) == VK_SUCCESS;
 }
 
-/* A buffer that the host sees, too: an engine would have its lighting pass write it, or copy an image into it. */
+/* A buffer that is visible to the host, too: an engine would have its lighting pass write it, or copy an image into it. */
 static bool create_buffer(struct engine *e, int which, VkDeviceSize size)
 {
     const VkMemoryPropertyFlags wanted = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
@@ -123,7 +122,7 @@ static void close_device(struct engine *e)
         vkDestroyInstance(e->instance, NULL);
 }
 
-/* The engine's frame: its own commands before and after are left out here, but for the barrier to who reads the result. */
+/* The engine's frame: its own commands before and after are left out here, except for the barrier before the result is read. */
 static bool render_frame(struct engine *e, struct pell_vulkan_pass *pass)
 {
     const VkCommandBufferBeginInfo begin = { .sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO };
@@ -142,7 +141,7 @@ static bool render_frame(struct engine *e, struct pell_vulkan_pass *pass)
            vkQueueWaitIdle(e->queue) == VK_SUCCESS;
 }
 
-/* What the lighting pass leaves: a facing wall, 500 mm away. */
+/* The output of the lighting pass: a facing wall, 500 mm away. */
 static void fill(const struct engine *e)
 {
     float *light = e->host[0];

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_text.c - numbers, lengths, names and knobs from arbitrary bytes: no crash, and what is accepted has the properties it promises. */
+ * fuzz_text.c - numbers, lengths, names and knobs from arbitrary bytes: no crash, and accepted input has the documented properties. */
 #include "base/base.h"
 
 #include <math.h>
@@ -35,7 +35,7 @@ static void require(bool holds)
         abort();
 }
 
-/* Everything that pell_parse_number accepts, strtod must read whole, and to the same bits (the fuzzer runs in the C locale). */
+/* Whatever pell_parse_number accepts, strtod must read completely, and to the same bits (the fuzzer runs in the C locale). */
 static void check_number(const char *text, size_t length)
 {
     char back[40], *end;

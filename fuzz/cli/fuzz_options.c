@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_options.c - the command line on arbitrary words: every option of every command, whatever its value, is taken or refused with one
- * error. The first byte chooses the command, the rest are its words, a line each. */
+ * fuzz_options.c - the command line on arbitrary words: every option of every command is accepted or refused with one error, whatever
+ * its value. The first byte selects the command, the rest are its arguments, one per line. */
 #include "cli/cli.h"
 
 #include <stdlib.h>
@@ -16,7 +16,7 @@ static void require(bool holds)
         abort();
 }
 
-/* Like those of the programs, by the options that they take. */
+/* The parameter structs of the commands, by the options that they accept. */
 static const struct command commands[] = {
     { "render", "INPUT", "", "", "", OPTIONS_SCENE | OPTIONS_METHOD | OPTIONS_PICTURE | OPTIONS_FILE | OPTIONS_PARTS | OPTIONS_ENGINE, 1, 1,
       NULL },
@@ -29,7 +29,7 @@ static const struct command commands[] = {
     { "bench", "NAME", "", "", "", OPTIONS_BENCH | OPTIONS_REPEATS, 0, 1, NULL },
 };
 
-/* What a command does with words before it opens a file. */
+/* The checks that a command makes before it opens a file. */
 static void read_values(struct cli *cli)
 {
     struct pell_load_params params;
@@ -53,7 +53,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     static const struct program program = {
         .name = "fuzz", .about = "", .start = "", .commands = commands, .num_commands = PELL_COUNT(commands)
     };
-    /* Messages are collected as for an answer in JSON; a text of --help is not printed. */
+    /* Messages are collected as for JSON output; a text of --help is not printed. */
     struct cli cli = { .program = &program, .json = true, .of_a_file = true, .progress = { .fraction = 2.0 } };
     const char *words[WORDS + 1];
     char *text = size ? malloc(size) : NULL;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_compare.c - two pictures of any floats at all, with halves, variances and masks: no crash, no leak, an error has one message and
- * leaves nothing, and what is answered is a number within its range, the same for any number of threads. */
+ * fuzz_compare.c - two images of arbitrary floats, with halves, variances and masks: no crash, no leak, one message per error and no
+ * partial result; each metric is a number within its range, the same for any number of threads. */
 #include "base/base.h"
 
 #include <pellucid/compare.h>
@@ -36,7 +36,7 @@ static unsigned next_byte(struct bytes *in)
     return in->at < in->end ? *in->at++ : 0;
 }
 
-/* Any bits, a value that arithmetic stumbles over, or one of light. */
+/* Arbitrary bits, a special value, or a plausible radiance. */
 static float value(struct bytes *in)
 {
     static const float odd[] = { 0.0f,  -0.0f,    1.0f,      -1.0f, 0.5f,   1e-45f, 1.17549435e-38f, 3.40282347e38f, -3.40282347e38f,
@@ -58,7 +58,7 @@ static float value(struct bytes *in)
     return (float) form / 240.0f;
 }
 
-/* Repeats what there is, so that short inputs make whole pictures. */
+/* Repeats the input, so that short inputs fill whole images. */
 static void fill(struct bytes *in, float *plane)
 {
     const uint8_t *start = in->at;
@@ -181,8 +181,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     limits.memory_bytes = 64 << 20;
     pell_knobs_default(pell_compare_knobs(), &params);
     params.threads = 1;
-    params.ppd = 8.0f;                   /* the default's filter is wider than the picture */
-    params.exposures = more & 8 ? 0 : 2; /* 0: as many as the range of the reference asks for, which takes long */
+    params.ppd = 8.0f;                   /* the default filter is wider than the image */
+    params.exposures = more & 8 ? 0 : 2; /* 0: as many as the range of the reference requires, which is slow */
     if (flags & 1) {
         params.ppd = knob(&in, 1.0f, 70.0f);
         params.exposure = knob(&in, 0.0f, 8.0f);
@@ -194,7 +194,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     input.width = 1 + (int) (next_byte(&in) % SIDE);
     input.height = 1 + (int) (next_byte(&in) % SIDE);
     input.stride = input.width + (int) (more % (PAD + 1));
-    if (more & 64) { /* sizes that are refused before any plane is looked at */
+    if (more & 64) { /* sizes that are refused before any plane is read */
         static const int sizes[] = { 0, -1, SIDE * SIDE + 1, 65536, 2147483647, -2147483647 - 1 };
         input.width = sizes[next_byte(&in) % 6];
         input.height = more & 128 ? sizes[next_byte(&in) % 6] : 65536;

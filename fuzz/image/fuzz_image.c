@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_image.c - every picture reader on arbitrary bytes: no crash, no leak, an error has one message, and a picture that is accepted is
- * within the limits, finite, and can be looked up anywhere. The mutator mends PNG's checksums, or nothing would pass them. */
+ * fuzz_image.c - every image reader on arbitrary bytes: no crash, no leak, one message per error; an accepted image is within the
+ * limits, finite, and can be sampled anywhere. The mutator repairs PNG's checksums, since otherwise almost no input would pass them. */
 #include "image/color.h"
 #include "image/rows.h"
 

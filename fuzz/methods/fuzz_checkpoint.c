@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_checkpoint.c - the reader of checkpoint files on arbitrary bytes: no crash, no leak, an error has one message, and what is accepted
- * is films that are written again as the same bytes. The mutator mends the hash, or little would pass it. */
+ * fuzz_checkpoint.c - the reader of checkpoint files on arbitrary bytes: no crash, no leak, one message per error; accepted films are
+ * written again as the same bytes. The mutator repairs the hash, since otherwise little input would pass it. */
 #include "methods/path_trace/path_trace.h"
 
 #include "base/hash.h"
@@ -11,7 +11,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t max_size);
 size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned seed);
 
-/* What the seeds are of. */
+/* The render that the seeds belong to. */
 static const struct pt_checkpoint_key key = {
     .width = 11, .height = 2, .films = 2, .scene = 0x0123456789abcdef, .seed = 42, .roulette = 0.5f, .version = "fuzz"
 };
@@ -54,7 +54,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         require(pt_film_error(film, true) >= 0.0);
         for (int t = 0; t < 2; t++)
             pixels[t] = (uint8_t) (film->starts[t + 1] - film->starts[t]);
-        if (pt_film_create(ctx, pixels, 2, &sum) == PELL_OK) { /* merged once it is there, twice it overlaps */
+        if (pt_film_create(ctx, pixels, 2, &sum) == PELL_OK) { /* merged once it is complete, merged twice it overlaps */
             require(pt_film_merge(ctx, &sum, film, &tile, &sample) == PELL_OK && pt_film_holds(&sum, film));
             require(film->num_spans[0] + film->num_spans[1] == 0 || pt_film_merge(ctx, &sum, film, &tile, &sample) == PELL_ERR_INVALID);
         }

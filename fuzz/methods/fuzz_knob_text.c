@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_knob_text.c - knobs of a method from arbitrary text: no crash, no leak, an error has one message; what is accepted is in range and
- * comes out the same when it is printed and read again. The first byte chooses the method. */
+ * fuzz_knob_text.c - knobs of a method from arbitrary text: no crash, no leak, one message per error; accepted values are in range and
+ * survive printing and parsing. The first byte selects the method. */
 #include "base/base.h"
 
 #include <pellucid/method.h>

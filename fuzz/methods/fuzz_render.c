@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_render.c - from a scene file to pixels: the first byte chooses the method, the rest is the file. What the reader accepts is rendered
- * small, with the file's own options, and all of its light is finite. Every mesh path is a tetrahedron of two materials with texture
- * coordinates; what takes longer than a second is cancelled. */
+ * fuzz_render.c - from a scene file to pixels: the first byte selects the method, the rest is the file. An accepted scene is rendered at
+ * a small size, with the file's own options, and all radiances must be finite. Every mesh path is a tetrahedron of two materials with
+ * texture coordinates; a render is cancelled after a second. */
 #include "fuzz_scene.h"
 
 #include <pellucid/method.h>
@@ -14,12 +14,12 @@ enum { WIDTH = 12, HEIGHT = 8, PATIENCE_MS = 1000 };
 
 static uint8_t chosen;
 
-/* --- Not longer than a second ------------------------------------------------------------------------------------------------------- */
+/* --- Limited to a second ------------------------------------------------------------------------------------------------------------ */
 
 static struct {
     pthread_mutex_t lock;
     pthread_cond_t changed;
-    struct pell_context *ctx; /* that is rendering, or NULL */
+    struct pell_context *ctx; /* the one that is rendering, or NULL */
     unsigned run;
 } watch = { .lock = PTHREAD_MUTEX_INITIALIZER, .changed = PTHREAD_COND_INITIALIZER };
 
@@ -56,7 +56,7 @@ static void begin(struct pell_context *ctx)
 
 /* --- The options of the file --------------------------------------------------------------------------------------------------------- */
 
-/* Wrong ones are refused, which is no error here. */
+/* Invalid options are refused, which is not an error here. */
 static void read_options(const struct pell_scene *scene, const struct pell_method *method, void *knobs, struct pell_settings *settings)
 {
     for (size_t i = 0; i < scene->num_options; i++) {

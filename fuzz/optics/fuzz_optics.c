@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_optics.c - the functions of the optics tier on arbitrary numbers: whatever the arguments, they return, and what they accept has the
- * properties they promise: finite, no negative reflectance, no more light than came in.
+ * fuzz_optics.c - the functions of the optics tier on arbitrary numbers: they return for any arguments, and accepted arguments give the
+ * documented properties: finite, no negative reflectance, no more light than enters.
  *
- * The first byte chooses what is called, the rest are its numbers: a byte that says how one is written, then 8 bytes of a double as they
- * are, or 2 bytes of a fraction of its range. Missing bytes are 0. */
+ * The first byte selects the function, the rest are its arguments: a byte for the encoding of each, then the 8 bytes of a double, or 2
+ * bytes for a fraction of its range. Missing bytes are 0. */
 #include <pellucid/inversion.h>
 #include <pellucid/kernel.h>
 #include <pellucid/layers.h>
@@ -19,7 +19,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-#define SLACK 1e-6 /* how much more than all of the light a total may be */
+#define SLACK 1e-6 /* tolerance by which a total may exceed 1 */
 
 struct bytes {
     const uint8_t *at, *end;
@@ -38,13 +38,13 @@ static unsigned next_byte(struct bytes *in)
     return in->at < in->end ? *in->at++ : 0;
 }
 
-/* A whole number in [low, high]. */
+/* An integer in [low, high]. */
 static int whole(struct bytes *in, int low, int high)
 {
     return low + (int) (next_byte(in) % (unsigned) (high - low + 1));
 }
 
-/* Any number at all, but most often one in [low, high], low >= 0: an end, even in value, or even in logarithm. */
+/* Any number, but most often one in [low, high], low >= 0: a bound, uniform, or uniform in the logarithm. */
 static double number(struct bytes *in, double low, double high)
 {
     const unsigned form = next_byte(in) % 8;
@@ -140,7 +140,7 @@ static bool some_profile(struct bytes *in, struct pell_profile *out)
     return res == PELL_OK;
 }
 
-/* Rows by rising radius or as they come; values anything, or such that the light is at most 1. */
+/* Rows sorted by radius or unsorted; arbitrary values, or values whose light is at most 1. */
 static bool some_table(struct bytes *in, struct pell_profile *out)
 {
     enum { ROWS = 1500 };
@@ -242,7 +242,7 @@ static void try_fit(struct bytes *in)
     if (any_profile(in, &p) && pell_fit_profile(&p, &params, &g, &report) == PELL_OK) {
         check_fit(&g, &params, &report, 0, p.total);
         const bool error = !isnan(pell_gaussians_error(&g, 0, &p, params.r_max_mm));
-        require(p.total > 0.0 && g.count ? error || p.total < 1e-290 : !error); /* denormal light has no error to speak of */
+        require(p.total > 0.0 && g.count ? error || p.total < 1e-290 : !error); /* denormal light has no meaningful error */
     }
 }
 
@@ -272,7 +272,7 @@ static void some_stack(struct bytes *in, struct pell_stack *s)
     s->fresnel = (enum pell_fresnel_model) whole(in, 0, 3);
     for (int i = 0; i < s->count && i < PELL_LAYERS_MAX; i++) {
         struct pell_medium_layer *y = &s->layer[i];
-        /* one channel is looked at */
+        /* only one channel is checked */
         y->sigma_a[0] = y->sigma_a[1] = y->sigma_a[2] = number(in, 0.0, PELL_SIGMA_MAX);
         y->sigma_s_reduced[0] = y->sigma_s_reduced[1] = y->sigma_s_reduced[2] = number(in, 0.0, PELL_SIGMA_MAX);
         y->eta = flags & 2 ? number(in, PELL_ETA_MIN, PELL_ETA_MAX) : 1.4;
@@ -387,7 +387,7 @@ static void try_stack_gaussians(struct bytes *in)
     free(sets);
 }
 
-/* --- Events of scattering ------------------------------------------------------------------------------------------------------ */
+/* --- Scattering events --------------------------------------------------------------------------------------------------------- */
 
 static void try_phase(struct bytes *in)
 {

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_gltf.c - the glTF reader on arbitrary bytes, .gltf and .glb: no crash, no leak, a refusal has one message, what is accepted is in
- * range and finite. The mutator works inside the chunks of a GLB and mends the lengths in its headers, or few would pass them. */
+ * fuzz_gltf.c - the glTF reader on arbitrary bytes, .gltf and .glb: no crash, no leak, one message per refusal; an accepted scene is in
+ * range and finite. The mutator works inside the chunks of a GLB and repairs the lengths in its headers, since otherwise few inputs
+ * would pass them. */
 #include "scene/import.h"
 
 #include <stdlib.h>
@@ -70,7 +71,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct pell_limits limits;
     int errors = 0;
     struct pell_context_params params = { .log = count_errors, .log_user = &errors, .limits = &limits };
-    /* bytes of an even number play, those of an odd one rest */
+    /* an even number of bytes plays animations, an odd number shows the rest pose */
     struct pell_import import = { .path = "fuzz", .root = "/dev/null", .moment = { .timed = size % 2 == 0, .time = 0.5 } };
     enum pell_result res;
     uint8_t *text;
@@ -82,7 +83,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     limits.memory_bytes = 32 << 20;
     if (pell_context_create(&params, &import.ctx) != PELL_OK)
         return 0;
-    text = malloc(size + 1); /* the NUL that the contract promises */
+    text = malloc(size + 1); /* the NUL required by the contract */
     require(text && pell_scene_create(import.ctx, &import.scene) == PELL_OK);
     memcpy(text, data, size);
     text[size] = 0;

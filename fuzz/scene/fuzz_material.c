@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_material.c - material files of all kinds on arbitrary JSON: a refusal has one message, what is accepted is in range and gives
+ * fuzz_material.c - material files of all kinds on arbitrary JSON: one message per refusal; an accepted material is in range and gives
  * profiles. */
 #include "fuzz_scene.h"
 

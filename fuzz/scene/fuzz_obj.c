@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_obj.c - the OBJ reader and all that completes a scene, on arbitrary bytes. */
+ * fuzz_obj.c - the OBJ reader and the completion of a scene, on arbitrary bytes. */
 #include "fuzz_scene.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)

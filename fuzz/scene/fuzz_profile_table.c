@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_profile_table.c - the reader of radial profiles on arbitrary text: a refusal has one message, what is accepted is a profile. */
+ * fuzz_profile_table.c - the reader of radial profiles on arbitrary text: one message per refusal; an accepted table is a valid profile. */
 #include "fuzz_scene.h"
 #include "scene/file/profile_table.h"
 
@@ -37,7 +37,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     res = pell_profile_table_read(ctx, "fuzz.csv", copy, size, profiles);
     require(res == PELL_OK ? errors == 0 : errors == 1);
     for (int c = 0; c < 3; c++)
-        check_profile(&profiles[c]); /* after a refusal: without light */
+        check_profile(&profiles[c]); /* after a refusal: a profile without light */
     require(res == PELL_OK || profiles[0].total + profiles[1].total + profiles[2].total == 0.0);
     require(pell_memory_used(ctx) == 0);
     pell_context_destroy(&ctx);

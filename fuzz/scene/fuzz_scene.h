@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_scene.h - what the targets of this folder share: loading bytes with small limits and no files, and what must hold of a scene that
- * was accepted. */
+ * fuzz_scene.h - shared by the targets of this folder: loading of bytes with small limits and no files, and the properties of an
+ * accepted scene. */
 #ifndef PELL_FUZZ_SCENE_H
 #define PELL_FUZZ_SCENE_H
 
@@ -57,7 +57,7 @@ static inline enum pell_result read_nothing(void *user, struct pell_context *ctx
 
 typedef enum pell_result (*read_fn)(void *user, struct pell_context *ctx, const char *path, uint8_t **data, size_t *size);
 
-/* Loads the bytes as the file `name`, and gives what was accepted to `use`; other files come from `read` (NULL: there are none). */
+/* Loads the bytes as the file `name`, and passes an accepted scene to `use`; other files come from `read` (NULL: there are none). */
 static inline void load_for(const char *name, const uint8_t *data, size_t size, read_fn read, const struct pell_load_params *params,
                             void (*use)(const struct pell_scene *scene))
 {
@@ -67,7 +67,7 @@ static inline void load_for(const char *name, const uint8_t *data, size_t size, 
     struct pell_loader loader = { .params = params, .root = "/nowhere", .read = read ? read : read_nothing };
     struct pell_context *ctx = NULL;
     struct pell_scene *scene;
-    uint8_t *copy = malloc(size + 1); /* exact, so that the sanitizer sees a byte too far */
+    uint8_t *copy = malloc(size + 1); /* exact, so that the sanitizer detects a read beyond */
 
     pell_knobs_default(pell_limit_knobs(), &limits);
     limits.memory_bytes = 256 << 20;

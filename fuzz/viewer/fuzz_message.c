@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * fuzz_message.c - what a page sends to the viewer: no crash, no leak; an error has one message; what is accepted is in range. */
+ * fuzz_message.c - messages from a page to the viewer: no crash, no leak; one message per error; an accepted view is in range. */
 #include "viewer/address.h"
 #include "viewer/message.h"
 

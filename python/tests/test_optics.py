@@ -13,18 +13,18 @@ R = np.array([0.01, 0.1, 0.5, 1.0, 3.0, 10.0])
 
 @pytest.mark.parametrize("model", pellucid.models())
 def test_profiles_are_those_of_the_program(program, model):
-    told = program.json("profile", "wholemilk", "--model", model)
+    printed = program.json("profile", "wholemilk", "--model", model)
     profiles = pellucid.profiles(pellucid.Medium.material("wholemilk"), model)
-    for channel, profile in zip(told["channels"], profiles):
+    for channel, profile in zip(printed["channels"], profiles):
         # The program prints nine digits.
         assert channel["R"] == pytest.approx(profile(channel["r_mm"]), rel=1e-6)
         assert channel["rd_total"] == pytest.approx(profile.total, rel=1e-8)
 
 
 def test_a_fit_is_that_of_the_program(program):
-    told = program.json("profile", "marble", "--model", "dipole", "--gaussians", "4", "--shared")
+    printed = program.json("profile", "marble", "--model", "dipole", "--gaussians", "4", "--shared")
     fit = pellucid.fit(MARBLE, 4)
-    for c, channel in enumerate(told["channels"]):
+    for c, channel in enumerate(printed["channels"]):
         assert [g["variance_mm2"] for g in channel["fit"]["gaussians"]] == pytest.approx(fit.variance, rel=1e-8)
         assert [g["weight"] for g in channel["fit"]["gaussians"]] == pytest.approx(fit.weight[:, c], rel=1e-8)
     assert fit.total == pytest.approx([p.total for p in pellucid.profiles(MARBLE)], rel=1e-12)

@@ -319,7 +319,7 @@ def test_other_threads_run_while_one_renders(ball_file):
     while rendering.is_alive():
         turns += 1
         time.sleep(0.001)
-    # one that waits for the interpreter's lock has a turn when the picture is there
+    # a progress that waits for the interpreter's lock runs when the image is complete
     assert turns > 20
 
 
@@ -342,8 +342,8 @@ def test_comparing(program, tmp_path):
     assert found.maps["flip"].shape == (32, 40)
     pellucid.write_image(tmp_path / "a.pfm", a)
     pellucid.write_image(tmp_path / "b.pfm", b)
-    told = program.json("compare", tmp_path / "a.pfm", tmp_path / "b.pfm")
-    whole = told["methods"][0]
+    result = program.json("compare", tmp_path / "a.pfm", tmp_path / "b.pfm")
+    whole = result["methods"][0]
     for name in ("mse", "rel_mse", "mae", "ssim", "flip"):
         assert whole[name] == pytest.approx(found[name], rel=1e-8)
     with pytest.raises(pellucid.InvalidError, match="^compare: the images have different shapes.*: test .32, 40., reference .31, 40."):

@@ -23,7 +23,7 @@ static const struct pell_knob knobs[] = {
     { "bytes", PELL_KNOB_INT64, "B", AT(bytes), { 1e12 }, 0, 9007199254740992.0, NULL, "bytes in all" },
     { "lod", PELL_KNOB_FLOAT, "px", AT(lod), { 2.5 }, 0, 64, NULL, "coarsest step; 0 is none" },
     { "tenth", PELL_KNOB_FLOAT, "1", AT(tenth), { 0.1 }, 0.1, 0.3, NULL, "bounds that no float can hold" },
-    { "through", PELL_KNOB_ENUM, "1", AT(mode), { 1 }, 0, 0, modes, "light from behind" },
+    { "through", PELL_KNOB_ENUM, "1", AT(mode), { 1 }, 0, 0, modes, "transmitted light" },
     { "tint", PELL_KNOB_RGB, "1", AT(tint), { 1, 0.5, 0.25 }, 0, 1, NULL, "colour" },
     { 0 },
 };

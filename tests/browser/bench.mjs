@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// bench.mjs CHROMIUM PAGE PROGRAM [SHOTS]: uses the site's profile bench as a person would, beside `pellucid profile`, and prints TAP.
-// SHOTS: a folder for pictures of the page.
+// bench.mjs CHROMIUM PAGE PROGRAM [SHOTS]: operates the site's profile bench like a user, compares it with `pellucid profile`, and prints
+// TAP. SHOTS: a folder for screenshots of the page.
 import { createRequire } from 'node:module';
 import { execFileSync } from 'node:child_process';
 
@@ -8,7 +8,7 @@ const [executablePath, address, program, shots] = process.argv.slice(2);
 const require = createRequire(import.meta.url);
 const { chromium } = require('playwright-core');
 const MODELS = ['dipole', 'better-dipole', 'normalized-diffusion', 'photon-beam', 'monte-carlo'];
-const told = (...words) => JSON.parse(execFileSync(program, ['profile', ...words, '--json'], { encoding: 'utf-8' }));
+const printed = (...words) => JSON.parse(execFileSync(program, ['profile', ...words, '--json'], { encoding: 'utf-8' }));
 
 function need(truth, ...about) {
   if (!truth) throw new Error(about.map((a) => (typeof a === 'string' ? a : JSON.stringify(a))).join(' '));
@@ -28,7 +28,7 @@ async function open(query, width = 1440, colorScheme = 'light') {
 
 // The numbers of a row of the page's table, in three channels.
 const cells = (page, name) => page.$$eval(`[data-${name}]`, (all, n) => all.map((c) => Number(c.dataset[n])), name);
-// A page rounds no number; the program prints nine digits, and libraries of mathematics differ in the last.
+// The page does not round; the program prints nine digits, and math libraries differ in the last.
 const near = (a, b, most) => Math.abs(a - b) <= most * Math.max(Math.abs(a), Math.abs(b));
 
 const tests = [
@@ -41,8 +41,8 @@ const tests = [
         const totals = await cells(page, 'total');
         const [radii, values] = await page.$eval('#curves', (e) => [e.dataset.r, e.dataset.values]);
         const at = radii.split(' ').map(Number), curves = values.split(';').map((v) => v.split(' ').map(Number));
-        const profile = told(material, '--model', model, '--gaussians', '0', '--points', String(at.length), '--from', `${at[0]}mm`, '--to',
-          `${at.at(-1)}mm`);
+        const profile = printed(material, '--model', model, '--gaussians', '0', '--points', String(at.length), '--from', `${at[0]}mm`,
+          '--to', `${at.at(-1)}mm`);
         need(curves.length === 3 && at.length > 50, at.length);
         profile.channels.forEach((channel, c) => {
           need(near(totals[c], channel.rd_total, 2e-8), material, model, totals, channel.rd_total);
@@ -57,7 +57,7 @@ const tests = [
     'fits have the error and the Gaussians of the program',
     async () => {
       for (const [material, model, count] of [['marble', 'dipole', 4], ['wholemilk', 'dipole', 6], ['skin1', 'better-dipole', 3]]) {
-        const profile = told(material, '--model', model, '--gaussians', String(count));
+        const profile = printed(material, '--model', model, '--gaussians', String(count));
         const page = await open(`material=${material}&model=${model}&gaussians=${count}`);
         const errors = await cells(page, 'error'), variances = await cells(page, 'variance');
         profile.channels.forEach(({ fit }, c) => {

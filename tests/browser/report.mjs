@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// report.mjs CHROMIUM REPORT [SHOTS]: drives report.html as a reader would, and prints TAP. The report is of a scene with two
-// methods at least; its names are hostile. SHOTS: a folder for pictures of the page.
+// report.mjs CHROMIUM REPORT [SHOTS]: operates report.html like a reader, and prints TAP. The report is of a scene with at least two
+// methods; its names are hostile. SHOTS: a folder for screenshots of the page.
 import { createRequire } from 'node:module';
 import { readFileSync } from 'node:fs';
 import { resolve } from 'node:path';
@@ -40,7 +40,7 @@ async function open(width, colorScheme = 'light', more = {}) {
   return page;
 }
 
-// What is drawn is what was asked for.
+// The drawn image is the requested one.
 const ready = (page) =>
   page.waitForFunction(
     () => {
@@ -52,7 +52,7 @@ const ready = (page) =>
     { timeout: 15000 },
   );
 
-// The pixels of the stage at some places, as shares of its size.
+// The pixels of the stage at some positions, as fractions of its size.
 const look = (page) =>
   page.evaluate(() => {
     const c = document.getElementById('canvas'),
@@ -178,7 +178,7 @@ test('pictures in the page are the EXR files, within a half', async () => {
       return [d / n, m.metrics.part.bias[c], m.metrics.part.mae];
     });
   });
-  for (const [page_s, told, mae] of bias) need(Math.abs(page_s - told) < 0.02 * mae + 1e-6, bias);
+  for (const [page_s, stated, mae] of bias) need(Math.abs(page_s - stated) < 0.02 * mae + 1e-6, bias);
 });
 
 test('side by side, signed error and FLIP: other pixels, a colour bar with numbers', async () => {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_bench.py PROGRAM ROOT SOURCE [SHOTS]: makes the site with the profile bench, and drives its page in a browser beside the program.
-SOURCE is the folder of bench.mjs. Skipped where emcc, node, chromium, python3-markdown or `npm ci` are missing."""
+"""test_bench.py PROGRAM ROOT SOURCE [SHOTS]: builds the site with the profile bench, operates its page in a browser, and compares it
+with the program. SOURCE is the folder of bench.mjs. Skipped where emcc, node, chromium, python3-markdown or `npm ci` are missing."""
 import os
 import pathlib
 import shutil

@@ -56,7 +56,7 @@ def main():
         if made.returncode:
             print(f'1..1\nnot ok 1 - the report is made\n# {made.stderr.strip()}')
             return 1
-        # What steers dconf and its like; the test's own folder is as good as any.
+        # Configuration folders of dconf and the like; the test's own folder serves.
         env = os.environ | {'HOME': str(folder), 'XDG_RUNTIME_DIR': str(folder), 'DBUS_SESSION_BUS_ADDRESS': 'disabled:'}
         return subprocess.run([node, SOURCE / 'report.mjs', chromium, folder / 'out/report.html', *sys.argv[3:]], env=env,
                               check=False).returncode

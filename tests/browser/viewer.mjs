@@ -55,9 +55,9 @@ async function open(width = 1440, colorScheme = 'light', url = address, more = {
   return page;
 }
 
-// The picture of the last view that was sent is there, as render draws it.
+// The image of the last view that was sent is shown, as render draws it.
 async function finished(page) {
-  await page.waitForTimeout(120); // what was typed or dragged has been sent
+  await page.waitForTimeout(120); // typed or dragged input has been sent
   await page.waitForFunction(() => document.getElementById('stage').dataset.still === 'true', null, { timeout: PATIENCE });
 }
 
@@ -68,7 +68,7 @@ const look = (page) =>
   });
 const differ = (a, b) => a.filter((v, i) => v !== b[i]).length;
 const last = (page) => page.sent.filter((m) => m.type === 'view').at(-1).state;
-// What is sent follows a moment later.
+// Input is sent a moment later.
 async function says(page, wanted, ...about) {
   for (let i = 0; i < 500; i++) {
     if (wanted(last(page))) return;

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_auto.py PROGRAM ROOT: `render --max-error` takes the cheapest method that is good enough, and says how it came to it."""
+"""test_auto.py PROGRAM ROOT: `render --max-error` selects the cheapest method of sufficient accuracy, and reports how."""
 import json
 
 from cli_test import main, need, one_object, run, sphere, test, text, works, write_obj

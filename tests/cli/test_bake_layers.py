@@ -49,7 +49,7 @@ def read_exr(path):
 
 
 def at_face(rows, name, a, b):
-    """At a share of a face's corners 0 -> 1 and 0 -> 3."""
+    """The texel at fractions of a face's corners 0 -> 1 and 0 -> 3."""
     i, size = list(BOX_FACES).index(name), len(rows)
     u, v = i % 3 / 3 + 0.02 + 0.29 * a, i // 3 / 2 + 0.02 + 0.46 * b
     return rows[int((1 - v) * size)][int(u * size)]
@@ -62,7 +62,7 @@ def near(value, expected, what):
 @test('a vessel in tissue: body, vessel, body, as deep as it lies from each side, and a render of it')
 def _(folder):
     write_box(folder / 'arm.obj', (0, 0, 0), (20, 20, 6))
-    write_box(folder / 'vein.obj', (-1, 8, 3), (21, 12, 5))  # through and through, nearer to the top
+    write_box(folder / 'vein.obj', (-1, 8, 3), (21, 12, 5))  # a hole through the object, nearer to the top
     given = ['bake-layers', 'arm.obj', '--unit', '1mm', '--inner', 'vein=vein.obj', '-o', 'out', '--map-size', '96', '--json']
     answer = one_object(works(folder, *given))
     need([x['name'] for x in answer['layers']] == ['body', 'vein', 'body'], answer)
@@ -76,7 +76,7 @@ def _(folder):
     near(at_face(maps['G'], 'front', 0.5, 4 / 6), 12.0, 'front')
     near(at_face(maps['R'], 'left', 4 / 6, 0.5), 0.0, 'the vein begins at the surface')
     near(at_face(maps['G'], 'left', 4 / 6, 0.5), 20.0, 'and goes to the other side')
-    for b in (0.1, 0.9):  # no vein: it has no thickness, as deep as the vein nearby
+    for b in (0.1, 0.9):  # no vein: zero thickness, at the depth of the vein nearby
         near(at_face(maps['R'], 'top', 0.5, b), 2.0, 'beside the vein')
         near(at_face(maps['G'], 'top', 0.5, b), 2.0, 'beside the vein')
     scene = json.loads((folder / 'out/scene.json').read_text('utf-8'))
@@ -129,7 +129,7 @@ def _(folder):
     (folder / 'scene.json').write_text('{}')
     arm = ['bake-layers', 'arm.obj', '--unit', '1mm']
     vein = ['--inner', 'vein=vein.obj']
-    for words, code, told in (
+    for words, code, message in (
             ([*arm, '-o', 'out'], 2, '--inner'), ([*arm, *vein], 2, '--output'), ([*arm, '--inner', 'vein.obj', '-o', 'out'], 2, '--inner'),
             ([*arm, *vein, *vein, '-o', 'out'], 2, 'twice'), ([*arm, '--inner', 'body=vein.obj', '-o', 'out'], 2, 'body'),
             ([*arm, '--inner', '=vein.obj', '-o', 'out'], 2, '--inner'), ([*arm, *vein, '--map-size', '1e9', '-o', 'out'], 2, 'map-size'),
@@ -140,7 +140,7 @@ def _(folder):
             (['bake-layers', 'wide.obj', '--unit', '1mm', *vein, '-o', 'out'], 3, 'texture coordinate'),
             ([*arm, *vein, '--map-size', '4096', '--limit', 'memory-bytes=67108864', '-o', 'out'], 5, 'memory')):
         done = run(folder, *words)
-        need(done.returncode == code and told in text(done.stderr) and not done.stdout, words, done.returncode, text(done.stderr))
+        need(done.returncode == code and message in text(done.stderr) and not done.stdout, words, done.returncode, text(done.stderr))
     need(not [n for n in names(folder) if n.startswith('out') or 'partial' in n], names(folder))
     write_box(folder / 'far.obj', (50, 0, 0), (60, 10, 6))
     answer = one_object(works(folder, *arm, '--inner', 'far=far.obj', '--map-size', '32', '-o', 'none', '--json'))

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_check_layers.py PROGRAM ROOT MAKE EXAMPLES: `check --cross-section` against layers that are known, and the solids that
-make_layer_assets.py (MAKE) made in the build's folder EXAMPLES."""
+"""test_check_layers.py PROGRAM ROOT MAKE EXAMPLES: `check --cross-section` against known layers, and the solids that
+make_layer_assets.py (MAKE) generated in the build's folder EXAMPLES."""
 import json
 import pathlib
 import struct
@@ -25,12 +25,12 @@ def write_png(path, width, height, texel):
 
 
 def write_box(path, width=40, height=20, depth=6):
-    """A closed box, its front unfolded over the whole picture, its back mirrored, its sides in one corner."""
+    """A closed box, its front unfolded over the whole texture, its back mirrored, its sides in one corner."""
     corners = [(x * width, y * height, z * depth) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    places = ['0 0', '1 0', '1 1', '0 1', '0 0.01']
+    coordinates = ['0 0', '1 0', '1 1', '0 1', '0 0.01']
     front, back = (1, 5, 7, 3), (4, 0, 2, 6)
     sides = [(0, 1, 3, 2), (5, 4, 6, 7), (0, 4, 5, 1), (3, 7, 6, 2)]
-    lines = [f'v {x} {y} {z}' for x, y, z in corners] + [f'vt {p}' for p in places] + ['o box', 'usemtl Skin']
+    lines = [f'v {x} {y} {z}' for x, y, z in corners] + [f'vt {p}' for p in coordinates] + ['o box', 'usemtl Skin']
     lines.append('f ' + ' '.join(f'{c + 1}/{k + 1}' for k, c in enumerate(front)))
     lines.append('f ' + ' '.join(f'{c + 1}/{(1, 0, 3, 2)[k] + 1}' for k, c in enumerate(back)))
     lines += ['f ' + ' '.join(f'{c + 1}/{(1, 5, 1, 5)[k]}' for k, c in enumerate(side)) for side in sides]
@@ -177,7 +177,7 @@ def _(folder):
             values = struct.unpack(f'<{400 * 216 * 3}f', (folder / 'fish.pfm').read_bytes()[-400 * 216 * 12:])
             sums.append(sum(values))
             lit = [v for v in values if v > 0]
-            # Behind: nothing glares. A path of light that gets shorter downward made single pixels 100 times too bright.
+            # From behind: no fireflies. A light path that gets shorter with depth made single pixels 100 times too bright.
             need(len(shine) > 1 or shine == lights[2:] or max(lit) < 15 * sum(lit) / len(lit), name, max(lit))
         need(abs(sums[0] / sums[1] - 1) < most, [light['name'] for light in shine], sums)
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_compare.py PROGRAM ROOT: `compare` of two pictures and of methods on a scene: numbers of closed forms, masks, halves, layers, files,
-the report, refusals."""
+"""test_compare.py PROGRAM ROOT: `compare` of two images and of methods on a scene: numbers against closed forms, masks, halves, layers,
+files, the report, refusals."""
 import base64
 import json
 import math
@@ -65,10 +65,10 @@ def _(folder):
     need(method['not_resolved'] is method['agreement'] is method['mse_error'] is None, method)
     need(method['whole'] == {k: method[k] for k in KEYS}, 'whole differs without a mask')
     need(0.1 < method['flip'] < 1 and 0.1 < method['flip_hdr'] < 1 and 0 < method['ssim'] < 1, method)
-    told = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
-    told = set(re.findall(r'`([a-z_]+)`', told))
+    documented = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
+    documented = set(re.findall(r'`([a-z_]+)`', documented))
     keys = set(answer) | set(method) | set(answer['reference']) | set(answer['hdr_exposures'])
-    need(keys <= told, 'the guide does not tell', sorted(keys - told))
+    need(keys <= documented, 'the guide does not tell', sorted(keys - documented))
     table = text(works(folder, 'compare', 'a.pfm', 'b.pfm').stdout)
     need('a.pfm against b.pfm, 40 x 30' in table and 'flip hdr' in table and 'masked' not in table, table)
 
@@ -208,7 +208,7 @@ def _(folder):
     near(answer['exposure'], exposure, 1e-5)
     one_object(works(folder, 'compare', 'milk.exr', 'milk.exr', '--layer', 'depth', '--json'))
     one_object(works(folder, 'compare', 'milk.exr', 'milk.exr', '--layer', 'normal', '--mask', 'none', '--json'))
-    # By itself: the light that went through the material, and beside it all light.
+    # Separately: the light that passed through the material, next to all light.
     sums = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--json'))
     need(sums['layer'] == 'subsurface' and sums['mask'] == 'translucent', sums)
     beauty = one_object(works(folder, 'compare', 'plain.exr', 'milk.exr', '--layer', 'R,G,B', '--json'))['methods'][0]
@@ -230,11 +230,11 @@ def _(folder):
     scene = ('compare', 'scene.json', *SMALL, '--boundary', 'smooth', '--decompose')
     samples = 16 if SANITIZED else 256
     answer = one_object(works(folder, *scene, '--methods', 'none', '--reference', f'hierarchical,path-trace:samples={samples}', '--json'))
-    told = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
-    need(all(0 < share < 0.5 for share in answer['interreflection']), answer['interreflection'])
+    documented = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
+    need(all(0 < fraction < 0.5 for fraction in answer['interreflection']), answer['interreflection'])
     for m, total in ((answer['methods'][0], answer['methods'][0]['total_error']), (answer['model_error'], answer['model_error'])):
         parts = m['parts']
-        need(set(parts) | {'parts'} <= set(re.findall(r'`([a-z_]+)`', told)), sorted(parts))
+        need(set(parts) | {'parts'} <= set(re.findall(r'`([a-z_]+)`', documented)), sorted(parts))
         for c in range(3):
             near(parts['method']['rel_bias'][c] + parts['interreflection']['rel_bias'][c], parts['total']['rel_bias'][c], 1e-5)
             need(abs(parts['total']['rel_bias'][c] - total['rel_bias'][c]) < 1e-4, parts, total)
@@ -283,7 +283,7 @@ KEYS_OF_RUN = {'name', 'engine', 'seconds', 'cpu_seconds', 'stages', 'settings'}
 
 
 def report(folder):
-    """What report.html shows, with its pictures still packed, by their names."""
+    """The content of report.html, with its images still encoded, by their names."""
     page = (folder / 'report.html').read_text('utf-8')
     scripts = re.findall(r'<script(.*?)>(.*?)</script>', page, re.DOTALL)
     need(page.count('<script') == len(scripts) == page.count('</script'), 'a script is not closed')
@@ -298,7 +298,7 @@ def unpack(data, name):
 
 
 def light(data, picture, view):
-    """Planes of a picture in the report, and its first pixel."""
+    """Planes of an image in the report, and its first pixel."""
     width, height = data['size']['across'], data['size']['down']
     raw, all_, planes = unpack(data, next(p for p in data['pictures'] if p['name'] == picture)['data'][view]), width * height, []
     need(len(raw) == 6 * all_, len(raw))
@@ -321,12 +321,12 @@ def _(folder):
     need(set(answer['reference']) == KEYS_OF_RUN | {'rel_noise'} and answer['reference']['name'] == 'hierarchical', answer['reference'])
     methods = {m['name']: m for m in answer['methods']}
     need({'screen-space', 'none', 'screen-space:gaussians=6'} <= set(methods), sorted(methods))
-    told = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
-    told = set(re.findall(r'`([a-z_]+)`', told))
+    documented = re.search(r'^\| `compare` \| (.*) \|$', (ROOT / 'docs/guide/command-line.md').read_text('utf-8'), re.MULTILINE)[1]
+    documented = set(re.findall(r'`([a-z_]+)`', documented))
     for m in methods.values():
         need(set(m) == KEYS | KEYS_OF_RUN | {'against', 'whole'} and set(m['whole']) == KEYS and m['against'] == 'reference', sorted(m))
         need(m['pixels'] == answer['translucent_pixels'] < m['whole']['pixels'] == 48 * 27 and m['seconds'] > 0, m)
-        need(set(answer) | set(m) | set(answer['reference']) <= told, 'the guide does not tell', set(answer) - told)
+        need(set(answer) | set(m) | set(answer['reference']) <= documented, 'the guide does not tell', set(answer) - documented)
     need(0 < methods['screen-space']['mse'] < methods['none']['mse'], 'scattering is no nearer to the reference than none')
     need(methods['screen-space']['mse'] != methods['screen-space:gaussians=6']['mse'], 'a knob in --methods has no effect')
     exrs = ['hierarchical.exr', 'none.exr', 'screen-space-gaussians-6.exr', 'screen-space.exr']
@@ -380,7 +380,7 @@ def _(folder):
     need(method['mse'] != method['total_error']['mse'] and method['total_error']['noise_rel_mse'] > 0 == method['noise_rel_mse'], method)
     need(set(answer['model_error']) == KEYS | {'name', 'against', 'whole'} and set(method['total_error']) == KEYS | {'whole'}, method)
     release_only()
-    # Its standard error is honest: without it, what is left of two runs' difference is small.
+    # Its standard error is correct: without noise, the remaining difference of two runs is small.
     for seed in ('1', '2'):
         works(folder, 'render', 'bunny.obj', *few[:-2], '-m', 'dipole', '--set', 'error=0.2', '--seed', seed, '-o', f'{seed}.exr')
     channels = dict(exr_header((folder / '1.exr').read_bytes())[1])
@@ -411,7 +411,7 @@ def _(folder):
     need(set(none['agreement']) == {'agrees', 'p', 'beyond_3', 'pixels', 'blocks'}, none)
     shown = text(works(folder, 'compare', 'bunny.obj', *few, '--methods', 'none', '--reference', sampled).stdout)
     need('as the mean of two halves' in shown and 'none: error not resolved (noise ' in shown and 'within noise' in shown, shown)
-    # The picture that is written is the mean of the halves, which differ.
+    # The image that is written is the mean of the halves, which differ.
     for half in ('1', '2'):
         works(folder, 'render', 'bunny.obj', *few, '-m', 'path-trace', '--set', 'samples=8', '--set', f'half={half}', '-o', f'{half}.exr')
     m = one_object(works(folder, 'compare', 'out/path-trace-samples-8.exr', '1.exr', '--half', '2.exr', '--json'))['methods'][0]
@@ -517,7 +517,7 @@ def _(folder):
 
 
 SCENE = ('bunny.obj', '--size', '40mm', '--material', 'marble')
-REFUSALS = {  # arguments: exit code, what is said
+REFUSALS = {  # arguments: exit code, message
     ('a.pfm',): (2, 'its reference is missing'),
     ('no.json',): (3, 'no.json'),
     ('bunny.obj', '--material', 'marble'): (2, '--size'),

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_completions.py PROGRAM ROOT: what the shells offer for a command line that is begun, in the shells themselves."""
+"""test_completions.py PROGRAM ROOT: completions that the shells offer for a partial command line, in the shells themselves."""
 import pathlib
 import shutil
 import subprocess
@@ -10,7 +10,7 @@ from cli_test import PROGRAM, Skip, clean_environment, main, need, test
 
 ROOT = pathlib.Path(sys.argv[2])
 FILES = {'bash': 'pellucid.bash', 'zsh': '_pellucid', 'fish': 'pellucid.fish'}
-CASES = [ # words, what must be offered, what must not
+CASES = [ # words, completions that must be offered, completions that must not
     (['com'], {'compare'}, {'render'}),
     (['render', '--mat'], {'--material'}, {'--method'}),
     (['check', '--cro'], {'--cross-section'}, set()),
@@ -53,7 +53,7 @@ def shell(name, folder, script):
     return done.stdout
 
 
-def place(folder):
+def install_completions(folder):
     for name in ('moon.obj', 'mars.json', 'two words.obj'):
         (folder / name).write_text('')
 
@@ -69,7 +69,7 @@ def _(folder):
 
 @test('bash')
 def _(folder):
-    place(folder)
+    install_completions(folder)
     for words, offered, not_offered in CASES + BASH_CASES:
         line = ' '.join(f"'{w}'" for w in ['pellucid', *words])
         got = set(shell('bash', folder, f"source '{ROOT}/docs/completions/pellucid.bash'; COMP_WORDS=({line}); COMP_CWORD={len(words)}; "
@@ -77,7 +77,7 @@ def _(folder):
         need(offered <= got and not got & not_offered, words, sorted(got))
 
 
-# An interactive zsh in a pseudo-terminal would show more, and hang where it asks something; its functions say what they would offer.
+# An interactive zsh in a pseudo-terminal would test more, but hang on a prompt; its functions report their completions.
 ZSH = """
 _describe() { print -rl -- $commands }
 _arguments() { print -rl -- "$@"; _pellucid_knob; _pellucid_material }
@@ -101,7 +101,7 @@ def _(folder):
 
 @test('fish')
 def _(folder):
-    place(folder)
+    install_completions(folder)
     for words, offered, not_offered in CASES:
         said = shell('fish', folder, f"source '{ROOT}/docs/completions/pellucid.fish'; complete -C 'pellucid {' '.join(words)}'")
         got = {line.split('\t')[0] for line in said.split('\n')}

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_examples.py PROGRAM ROOT EXAMPLES BENCH: every scene that is shipped renders; every mesh of ../shared renders, or is refused for a
-reason that its message states. EXAMPLES and BENCH are the build's folders with the scenes and the meshes that they name."""
+"""test_examples.py PROGRAM ROOT EXAMPLES BENCH: every shipped scene renders; every mesh of ../shared renders, or is refused for a reason
+that its message states. EXAMPLES and BENCH are the build's folders with the scenes and the meshes that they name."""
 import os
 import pathlib
 import re
@@ -13,14 +13,14 @@ from cli_test import ROOT, SANITIZED, Skip, main, need, one_object, png_pixels, 
 EXAMPLES, BENCH = (pathlib.Path(os.path.abspath(p)) for p in sys.argv[3:5])
 QUICK = ['--width', '96', '--height', '72', '--msaa', '1', '--light-samples', '4', '--ambient-samples', '4', '--indirect-samples', '512']
 
-# What is not read yet, by what the message must say.
+# Files that are unsupported, by the required message.
 REFUSED = {}
-# What shows nothing, and why.
-DARK = {'generated/paper_lantern.gltf': 'its only light is shut up in the opaque ball of its lamp'}
+# Files that show nothing, and why.
+DARK = {'generated/paper_lantern.gltf': 'its only light is enclosed by the opaque ball around it'}
 
 
 def looks_like_something(png):
-    """Not one flat colour, and the middle differs from the upper left corner."""
+    """The image is not constant, and the middle differs from the upper left corner."""
     width, height, channels, data = png_pixels(png)
     colours = {data[i:i + channels] for i in range(0, len(data), channels)}
     need(len(colours) > 40, len(colours), 'colours')
@@ -81,10 +81,10 @@ def _(folder):
         need(done.returncode == 2 and word in done.stderr, wrong, done.returncode, done.stderr)
 
 
-# --- Other people's things ------------------------------------------------------------------------------------------------------------
+# --- Files of other programs ----------------------------------------------------------------------------------------------------------
 
 def asset(root, path, folder):
-    """A row of the table: what became of one file."""
+    """A row of the table: the result of one file."""
     name = str(path.relative_to(root))
     sized = ['--size', '100mm'] if path.suffix in ('.obj', '.ply') else []
     begin = time.monotonic()
@@ -111,7 +111,7 @@ def _(folder):
     files = sorted(p for p in root.rglob('*') if p.suffix in ('.gltf', '.glb', '.obj', '.ply'))
     need(len(files) > 10, len(files), 'files')
     faults = []
-    for path in files[::4] if SANITIZED else files: # tests/scene and the fuzz targets run through what reads them
+    for path in files[::4] if SANITIZED else files: # tests/scene and the fuzz targets cover the readers
         try:
             print('# ' + re.sub(r'[^ -~]', '?', asset(root, path, folder)))
         except AssertionError as fault:

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_hostile.py PROGRAM ROOT: scenes that are wrong, broken or made to harm, from outside: what is said, how it ends, what is left."""
+"""test_hostile.py PROGRAM ROOT: wrong, broken and malicious scenes, from outside: messages, exit codes, remaining files."""
 import base64
 import json
 import os
@@ -32,7 +32,7 @@ def picture(width=2, height=2):
             chunk(b'IDAT', zlib.compress((b'\0' + bytes(range(3 * width))) * height)) + chunk(b'IEND', b''))
 
 
-# --- What is said -----------------------------------------------------------------------------------------------------------------
+# --- Messages ---------------------------------------------------------------------------------------------------------------------
 
 @test('a material in another spelling: check has the nearest name, or lists those that there are')
 def _(folder):
@@ -111,7 +111,7 @@ def _(folder):
     need(run(folder, 'render', 's.json', '-m', 'layered', '--set', 'epsilon=1e-6', *SMALL, '-o', 'a.png').returncode == 2)
 
 
-# --- What is spared ---------------------------------------------------------------------------------------------------------------
+# --- Limits -----------------------------------------------------------------------------------------------------------------------
 
 @test('nothing that was read is written over, by whatever name')
 def _(folder):
@@ -145,7 +145,7 @@ def _(folder):
     need(names(folder) == before, names(folder))
 
 
-# --- What is read -----------------------------------------------------------------------------------------------------------------
+# --- Reading ----------------------------------------------------------------------------------------------------------------------
 
 def gltf(**more):
     points = base64.b64encode(struct.pack('<9f', 0, 0, 0, 1, 0, 0, 0, 1, 0)).decode('ascii')
@@ -168,7 +168,7 @@ READ = {
     'self.obj': 'mtllib self.obj\n' + CUBE,
     'polygon.obj': 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf ' + '1 2 3 ' * 2000 + '\n', 'ok.gltf': gltf(),
 }
-REFUSED = { # and what the message must say
+REFUSED = { # and the required message
     'empty.obj': ('', 'holds no faces'), 'empty.glb': ('', 'empty file'), 'nul.obj': (CUBE.replace('v 1 0', 'v 1\0 0'), ':2:'),
     'nan.obj': (CUBE.replace('v 1 1 1', 'v nan inf 1e999'), 'must be a finite number'), 'faces.obj': ('f 1 2 3\n', 'before there is one'),
     'behind.obj': (CUBE + 'f -999999999999 1 2\n', '-999999999999'),
@@ -221,9 +221,9 @@ def _(folder):
             'asset': {'version': '2.0'}, 'meshes': [{'primitives': [{'attributes': {'POSITION': 0}}]}], 'nodes': [{'mesh': 0}],
             'scenes': [{'nodes': [0]}], 'accessors': [{'bufferView': 0, 'componentType': 5126, 'count': 300, 'type': 'VEC3'}],
             'bufferViews': [{'buffer': 0, 'byteLength': 3600}], 'buffers': [{'byteLength': 3600, 'uri': name}]}), 'ascii')
-        for file, place in (('s.json', '/mesh'), ('b.gltf', '/buffers/0')):
+        for file, json_path in (('s.json', '/mesh'), ('b.gltf', '/buffers/0')):
             said = flat(run(folder, 'check', file, timeout=60).stderr)
-            need(name == 'buffer.png' and file == 's.json' or (f'{file}:{place}' in said and part in said), said)
+            need(name == 'buffer.png' and file == 's.json' or (f'{file}:{json_path}' in said and part in said), said)
 
 
 @test('odd files that hold a mesh are read')

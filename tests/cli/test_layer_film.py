@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_layer_film.py PROGRAM ROOT: a film in which a layer grows from nothing to its full depth, by a sequence of depth maps."""
+"""test_layer_film.py PROGRAM ROOT: a sequence in which a layer grows from nothing to its full depth, by a sequence of depth maps."""
 import json
 import struct
 import sys
@@ -10,7 +10,7 @@ from cli_test import main, names, need, test, works
 
 FRAMES = 5
 PICTURE = ['--width', '40', '--height', '24', '--msaa', '1', '-q']
-DARK = {'name': 'dark', 'sigma_s': [0, 0, 0], 'sigma_a': [2.5, 3.0, 4.0]}  # takes more than what it replaces, everywhere
+DARK = {'name': 'dark', 'sigma_s': [0, 0, 0], 'sigma_a': [2.5, 3.0, 4.0]}  # absorbs more than the medium that it replaces, everywhere
 BRIGHT = {'name': 'bright', 'sigma_s': [2.0, 1.5, 1.0], 'sigma_a': [0.1, 0.1, 0.1]}
 
 
@@ -39,7 +39,7 @@ def read_pfm(path):
     return [v for v, in struct.iter_unpack('<f', head[3])]
 
 
-def apart(a, b):
+def largest_difference(a, b):
     """The largest difference over the mean."""
     return max(abs(p - q) for p, q in zip(a, b)) * len(b) / sum(b)
 
@@ -57,9 +57,9 @@ def _(folder):
     need(len([n for n in names(folder) if n.startswith('film_')]) == FRAMES, names(folder))
     film = [read_pfm(folder / f'film_{i:04d}.pfm') for i in range(FRAMES)]
     none, whole = (read_pfm(folder / f'{name}.pfm') for name in ('none', 'whole'))
-    need(apart(film[0], none) < 1e-4, 'the first', apart(film[0], none))
-    need(apart(film[-1], whole) < 1e-3, 'the last', apart(film[-1], whole))
-    need(apart(none, whole) > 0.5, apart(none, whole))
+    need(largest_difference(film[0], none) < 1e-4, 'the first', largest_difference(film[0], none))
+    need(largest_difference(film[-1], whole) < 1e-3, 'the last', largest_difference(film[-1], whole))
+    need(largest_difference(none, whole) > 0.5, largest_difference(none, whole))
     for a, b in zip(film, film[1:]):
         need(sum(b) < 0.97 * sum(a), sum(a), sum(b))
         worst = max((q - p for p, q in zip(a, b)), default=0)

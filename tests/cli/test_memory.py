@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_memory.py PROGRAM ROOT: what happens where the machine gives less memory than is needed."""
+"""test_memory.py PROGRAM ROOT: behaviour where the machine provides less memory than is needed."""
 import resource
 import signal
 import subprocess
@@ -51,7 +51,7 @@ def _(folder):
         raise Skip('a sanitizer has an address space of its own')
     write_obj(folder / 'ball.obj', *sphere(rows=10, columns=16))
     arguments = ['--threads', '7', '-m', 'none']
-    low, high = 0, 1024 # MiB: too little for the loader of programs, and enough for a word
+    low, high = 0, 1024 # MiB: too little for the dynamic loader, and enough for a message
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if starved(folder, middle, *arguments)[0] in (0, OUT_OF_MEMORY) else (middle, high)

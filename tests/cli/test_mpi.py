@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_mpi.py PROGRAM ROOT MPI_PROGRAM: `pellucid-mpi` under mpirun: the bits of one process, whatever the ranks, the threads, and who was
-killed on the way."""
+"""test_mpi.py PROGRAM ROOT MPI_PROGRAM: `pellucid-mpi` under mpirun: bit-identical to one process, for any number of ranks and threads,
+and after killed ranks."""
 import json
 import os
 import pathlib
@@ -33,7 +33,7 @@ def ranks(folder, count, *arguments, **options):
                           stdin=subprocess.DEVNULL, timeout=300, **options)
 
 
-def share(folder, count, *arguments):
+def run_ranks(folder, count, *arguments):
     done = ranks(folder, count, *arguments)
     need(done.returncode == 0, count, 'ranks', arguments, 'ended with', done.returncode, done.stderr)
     return done
@@ -79,7 +79,7 @@ def _(folder):
     works(folder, *FEW, '-o', 'whole.pfm')
     for count in (1, 2, 3, 5):
         for threads in ('1', '2'):
-            share(folder, count, *FEW, '--threads', threads, '-o', 'shared.pfm')
+            run_ranks(folder, count, *FEW, '--threads', threads, '-o', 'shared.pfm')
             same(folder, 'whole.pfm', 'shared.pfm')
 
 
@@ -87,7 +87,7 @@ def _(folder):
 def _(folder):
     until = [*TRACE, '--samples', '4000', '--target-error', '30%']
     one = works(folder, *until, '-o', 'whole.pfm')
-    all_ = share(folder, 3, *until, '--threads', '1', '-o', 'shared.pfm')
+    all_ = run_ranks(folder, 3, *until, '--threads', '1', '-o', 'shared.pfm')
     same(folder, 'whole.pfm', 'shared.pfm')
     said = [text(d.stderr).split(' samples per pixel, relative error ')[0].split()[-1] for d in (one, all_)]
     need(said[0] == said[1] and 16 < int(said[0]) < 4000, said)
@@ -100,11 +100,11 @@ def _(folder):
     os.kill(processes[2], signal.SIGKILL)
     _, err = child.communicate(timeout=60)
     need(child.returncode != 0 and b'rank 2' in err and 'killed.pfm' not in names(folder), child.returncode, err)
-    done = share(folder, 2, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
+    done = run_ranks(folder, 2, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
     same(folder, 'whole.pfm', 'resumed.pfm')
     need(b'2 further ranks' in done.stderr, done.stderr)
     need([n for n in names(folder) if n.startswith('state.ckpt')] == ['state.ckpt'], names(folder))
-    works(folder, *MANY, '--checkpoint', 'state.ckpt', '-o', 'alone.pfm')  # what is there is complete
+    works(folder, *MANY, '--checkpoint', 'state.ckpt', '-o', 'alone.pfm')  # existing files are complete
     same(folder, 'whole.pfm', 'alone.pfm')
 
 
@@ -118,8 +118,8 @@ def _(folder):
     done = run(folder, 'merge', *(n for n in names(folder) if n.startswith('state.ckpt') and not n.endswith('.lock')), '--partial', '-o',
                'some.pfm')
     need(done.returncode == 0 and b'a partial image' in done.stderr, done.stderr)
-    share(folder, 1, *TRACE, '--samples', '600', *SAVED, '-o', 'killed.pfm')
-    share(folder, 2, *MANY, *SAVED, '--threads', '2', '-o', 'resumed.pfm')
+    run_ranks(folder, 1, *TRACE, '--samples', '600', *SAVED, '-o', 'killed.pfm')
+    run_ranks(folder, 2, *MANY, *SAVED, '--threads', '2', '-o', 'resumed.pfm')
     same(folder, 'whole.pfm', 'resumed.pfm')
 
 
@@ -131,7 +131,7 @@ def _(folder):
         os.kill(process, signal.SIGTERM)
     _, err = child.communicate(timeout=60)
     need(child.returncode == 75 and 'killed.pfm' in names(folder), child.returncode, err)
-    share(folder, 3, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
+    run_ranks(folder, 3, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
     same(folder, 'whole.pfm', 'resumed.pfm')
 
 
@@ -143,15 +143,15 @@ def _(folder):
     _, err = child.communicate(timeout=60)
     need(child.returncode != 0, child.returncode, err)
     files = [n for n in names(folder) if n.startswith('state.ckpt') and not n.endswith('.lock')]
-    works(folder, 'merge', *files, '--partial', '-o', 'some.pfm')  # every file is whole
+    works(folder, 'merge', *files, '--partial', '-o', 'some.pfm')  # every file is complete
     need(not [n for n in names(folder) if n.startswith('.pellucid-')] or 'killed.pfm' not in names(folder), names(folder))
-    share(folder, 2, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
+    run_ranks(folder, 2, *MANY, *SAVED, '--threads', '1', '-o', 'resumed.pfm')
     same(folder, 'whole.pfm', 'resumed.pfm')
 
 
 @test('a checkpoint of another seed or a damaged one ends all ranks with its name, and stays; other methods are refused')
 def _(folder):
-    share(folder, 2, *FEW, *SAVED, '-o', 'a.pfm')
+    run_ranks(folder, 2, *FEW, *SAVED, '-o', 'a.pfm')
     good = (folder / 'state.ckpt').read_bytes()
     (folder / 'state.ckpt.rank1').write_bytes(good[:-7])
     for more, word in ((['--seed', '7'], b'another seed'), ([], b'state.ckpt.rank1')):

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_parts.py PROGRAM ROOT: parts of pictures and sequences, made by runs of their own, and their merging: the bits of one run, or a
-refusal that names what is wrong and leaves every file as it was."""
+"""test_parts.py PROGRAM ROOT: parts of images and sequences, rendered by separate runs, and their merging: bit-identical to one run, or
+a refusal that names the problem and leaves every file unchanged."""
 import json
 import os
 import resource
@@ -53,7 +53,7 @@ def _(folder):
     works(folder, 'merge', *(f'p{i}.ckpt' for i in (0, 2, 4)), '--partial', '--checkpoint', 'some.ckpt')
     works(folder, 'merge', 'p6.ckpt', 'p5.ckpt', 'some.ckpt', 'p1.ckpt', 'p3.ckpt', '-o', 'again.pfm', '--threads', '1')
     same(folder, 'whole.pfm', 'again.pfm')
-    works(folder, *FEW, '--checkpoint', 'some.ckpt', '-o', 'resumed.pfm')  # a render fills what a merge left open
+    works(folder, *FEW, '--checkpoint', 'some.ckpt', '-o', 'resumed.pfm')  # a render completes a partial merge
     same(folder, 'whole.pfm', 'resumed.pfm')
 
 
@@ -86,7 +86,7 @@ def _(folder):
     done = works(folder, 'merge', 'p0.ckpt', '--partial', '-o', 'some.exr')
     need(b'a partial image' in done.stderr and b'6:28' in done.stderr, done.stderr)
     works(folder, 'merge', 'p0.ckpt', '--partial', '-o', 'some.pfm')
-    works(folder, *TRACE, '--samples', '6', '-o', 'six.pfm')  # the partial picture is that of its samples
+    works(folder, *TRACE, '--samples', '6', '-o', 'six.pfm')  # the partial image is that of its samples
     same(folder, 'some.pfm', 'six.pfm')
     works(folder, *TRACE, '--samples', '6', '-o', 'six.exr')
     same_channels(folder, 'some.exr', 'six.exr')
@@ -187,7 +187,7 @@ def _(folder):
         need(child.returncode == code and (folder / 'c.ckpt').exists() and (folder / 'c.pfm').exists(), child.returncode, err)
         lines = [json.loads(line)['progress'] for line in text(err).splitlines() if line.startswith('{')]
         need(lines and all(set(p) == {'task', 'fraction', 'seconds', 'seconds_left'} for p in lines), err)
-    done = works(folder, 'merge', 'c.ckpt', '--partial', '-o', 'm.pfm')  # the second sample of the multisample has none in it
+    done = works(folder, 'merge', 'c.ckpt', '--partial', '-o', 'm.pfm')  # the second sample of the multisample is empty there
     need(b'1 of 2 samples of the multisample' in done.stderr, done.stderr)
     same(folder, 'c.pfm', 'm.pfm')
     done = works(folder, *TRACE, '--samples', '4', '--checkpoint', 'c.ckpt', '-o', 'c.pfm')
@@ -238,7 +238,7 @@ def _(folder):
     need(done.returncode == 3 and f'process {child.pid}' in text(done.stderr) and 'd.pfm' not in names(folder), done.stderr)
     child.kill()
     child.communicate()
-    works(folder, *TRACE, '--samples', '4', '--checkpoint', 'c.ckpt', '-o', 'd.pfm')  # the lock of a dead process is none
+    works(folder, *TRACE, '--samples', '4', '--checkpoint', 'c.ckpt', '-o', 'd.pfm')  # the lock of a dead process does not count
     need('c.ckpt.lock' not in names(folder), names(folder))
 
 
@@ -275,7 +275,7 @@ def _(folder):
     works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '-o', 'all.pfm')
     works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '--frame-range', '1:3', '-o', 'part.pfm')
     need('part_0000.pfm' in names(folder) and (folder / 'part_0002.pfm').read_bytes() == (folder / 'all_0002.pfm').read_bytes(), 'differ')
-    small += ['-m', 'texture-space', '--set', 'size=128', '--exposure', '1']  # lays the surface out in the first frame
+    small += ['-m', 'texture-space', '--set', 'size=128', '--exposure', '1']  # computes the surface layout in the first frame
     works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '-o', 'all.pfm')
     works(folder, 'render', 'head.gltf', '--frames', '0:1:0.5', *small, '--frame-range', '1:3', '-o', 'part.pfm')
     need((folder / 'part_0002.pfm').read_bytes() == (folder / 'all_0002.pfm').read_bytes(), 'of a layout differ')

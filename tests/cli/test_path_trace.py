@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_path_trace.py PROGRAM ROOT: runs of a reference from outside: when they stop, Ctrl-C, kill -9, and going on from a checkpoint."""
+"""test_path_trace.py PROGRAM ROOT: runs of a reference from outside: stopping criteria, Ctrl-C, kill -9, and resuming from a checkpoint."""
 import json
 import math
 import os
@@ -12,7 +12,7 @@ import time
 
 from cli_test import EVENTS, PROGRAM, clean_environment, exr_header, main, names, need, one_object, run, test, text, works
 
-# A ball of 20 mm whose walks are cut short: quick, and the same bits as any.
+# A ball of 20 mm whose walks are truncated: fast, and reproducible like any other.
 TRACE = ['render', 'bunny.obj', '--unit', '1mm', '--material', 'marble', '-m', 'path-trace', '--set', EVENTS, '--set',
          'acceleration=none', '--width', '40', '--height', '30', '--msaa', '2', '--light-samples', '1']
 LONG = [*TRACE, '--samples', '100000000']
@@ -52,7 +52,7 @@ def _(folder):
         child.communicate()
         need('killed.pfm' not in names(folder), names(folder))
     for path in set(names(folder)) - before - {'state.ckpt', 'state.ckpt.lock'}:
-        need(path.startswith('.pellucid-') and path.endswith('.tmp'), path)  # struck while it was written
+        need(path.startswith('.pellucid-') and path.endswith('.tmp'), path)  # killed while it was written
     works(folder, *few, '--threads', '3', '--checkpoint', 'state.ckpt', '-o', 'killed.pfm')
     need((folder / 'whole.pfm').read_bytes() == (folder / 'killed.pfm').read_bytes(), 'bits differ')
 

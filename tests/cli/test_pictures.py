@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_pictures.py PROGRAM ROOT MAKE_ASSETS SLOW_LIBRARY: what `pellucid render` writes: formats, layers, metadata, numbering, precedence,
-atomicity."""
+"""test_pictures.py PROGRAM ROOT MAKE_ASSETS SLOW_LIBRARY: the output of `pellucid render`: formats, layers, metadata, numbering,
+precedence, atomicity."""
 import json
 import os
 import pathlib
@@ -108,12 +108,12 @@ def _(folder):
     (folder / 'ball.ply').write_text('ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n'
                                      'element face 4\nproperty list uchar int vertex_indices\nend_header\n'
                                      '0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n', 'utf-8')
-    for material, told in (({'color': 0.5, 'mean_free_path': '0.1mm'}, False),
+    for material, warned in (({'color': 0.5, 'mean_free_path': '0.1mm'}, False),
                            ({'preset': 'marble', 'textures': {'roughness': 't.pfm'}}, True)):
         scene = {'pellucid': 1, 'mesh': 'ball.ply', 'unit': '1cm', 'materials': {'*': material}}
         (folder / 't.json').write_text(json.dumps(scene), 'utf-8')
         done = works(folder, 'render', 't.json', *SMALL, '-o', 'a.png')
-        need((b'has no texture coordinates (UV set 0)' in done.stderr) == told, told, done.stderr)
+        need((b'has no texture coordinates (UV set 0)' in done.stderr) == warned, warned, done.stderr)
 
 
 @test('a picture shows the thing lit before its backdrop, and -m none differs')
@@ -322,7 +322,7 @@ def _(folder):
     mesh = ['render', 'fluted.obj', '--size', '60mm', '--material', 'skin1', '--width', '141', '--height', '79', '--msaa', '2',
             '--indirect-samples', '2048']
     levels = one_object(works(folder, 'info', '--json'))['engines'][0]['simd_levels']
-    for more in ([],) if SANITIZED else ([], ['--set', 'as=paper'], ['-m', 'none']): # what differs is C that tests/methods runs
+    for more in ([],) if SANITIZED else ([], ['--set', 'as=paper'], ['-m', 'none']): # differs only in C code that tests/methods covers
         first, pixels = None, None
         for threads, level in [*((t, levels[-1]) for t in ((1, 3) if SANITIZED else (1, 2, 3))), *((2, lv) for lv in levels[:-1])]:
             env = clean_environment(PELL_SIMD=level)
@@ -426,7 +426,7 @@ def _(folder):
 
 
 def slow_start(folder, said, *arguments):
-    """Until a library is at work that nothing can end."""
+    """Until a library is in a call that cannot be interrupted."""
     if SANITIZED:
         raise Skip('a sanitizer wants to be loaded first')
     child = start(folder, *arguments, LD_PRELOAD=SLOW_LIBRARY)
@@ -445,7 +445,7 @@ def _(folder):
         out, err = child.communicate(timeout=60)
         seconds = time.monotonic() - begin
         need(child.returncode == 130 and names(folder) == before, child.returncode, names(folder))
-        need(seconds < 2, 'it took', seconds)  # 0.3 s and what else the machine has to do; the library takes 5 s
+        need(seconds < 2, 'it took', seconds)  # 0.3 s plus other load of the machine; the library takes 5 s
         if more == ['--json']:
             need(json.loads(out)['error'] == {'code': 'cancelled', 'where': '', 'what': 'stopped before it was done', 'hint': ''}, out)
         need((b'interrupted; nothing was written\n' in err) == (more == []), err)
@@ -471,7 +471,7 @@ def _(folder):
     need(child.returncode == 0 and 'a.png' in names(folder), child.returncode)
 
 
-# --- Other people's things ------------------------------------------------------------------------------------------------------------
+# --- Files of other programs ----------------------------------------------------------------------------------------------------------
 
 def shared(path):
     root = os.environ.get('PELL_SHARED')

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_profile.py PROGRAM ROOT: `pellucid profile`: its numbers, tables, plots and code, and what it refuses."""
+"""test_profile.py PROGRAM ROOT: `pellucid profile`: its numbers, tables, plots and code, and refusals."""
 import csv
 import json
 import math
@@ -40,7 +40,7 @@ def dipole(r, sigma_a, sigma_s, A):
 
 
 def fdr(eta, n=20000):
-    """The average of Fresnel's reflectance over a diffuse hemisphere, from inside; midpoints in cos^2."""
+    """Fresnel reflectance averaged over a diffuse hemisphere, from inside; midpoints in cos^2."""
     total = 0.0
     for i in range(n):
         mu2 = (i + 0.5) / n
@@ -123,8 +123,9 @@ def _(folder):
                 need(0 < c['rd_total'] <= 1 and len(c['R']) == 9 and all(v >= 0 for v in c['R']), m['model'], c)
                 need((c['distance'] == 0) == (m['model'] == answer['reference']), m['model'], c['distance'])
     alone = profile(folder, 'marble', '--model', models[-1], '--points', '9')
-    beside = profile(folder, 'marble', '--compare', models[-1], '--points', '9')['compare'][1]
-    need(alone['model'] == models[-1] == beside['model'] and alone['channels'][1]['rd_total'] == beside['channels'][1]['rd_total'], beside)
+    compared = profile(folder, 'marble', '--compare', models[-1], '--points', '9')['compare'][1]
+    need(alone['model'] == models[-1] == compared['model'], compared)
+    need(alone['channels'][1]['rd_total'] == compared['channels'][1]['rd_total'], compared)
 
 
 # --- Tables -------------------------------------------------------------------------------------------------------------------------
@@ -297,7 +298,7 @@ def _(folder):
         need('has no coefficients' not in said, material, said)
 
 
-# --- What is refused ------------------------------------------------------------------------------------------------------------------
+# --- Refusals -------------------------------------------------------------------------------------------------------------------------
 
 FAULTS = {
     'nothing to make a profile of': ([], 2, 'MATERIAL|FILE is missing', ''),
@@ -512,7 +513,7 @@ def _(folder):
     for more in ([], ['--shared', '--taps', '9']):
         exported(folder, 'c', *more)
         said = re.search(r'It holds ([\d.]+) ([\d.]+) ([\d.]+) % of the light', (folder / 'kernel.c').read_text('ascii'))
-        shares = [float(v) for v in said.groups()]
+        fractions = [float(v) for v in said.groups()]
         (folder / 'kernel.c').rename(folder / 'kernel.h')
         (folder / 'check.c').write_text(CHECK, 'ascii')
         subprocess.run([compiler, '-std=c99', 'check.c', '-o', 'check', *strict], cwd=folder, check=True, timeout=60)
@@ -529,7 +530,7 @@ def _(folder):
                 need(near(value, G, 1e-5), value, G)
             need(near(row[2], channel['rd_total'], 1e-5), 'taps sum to', row[2], channel['rd_total'])
             need(0.95 * channel['rd_total'] < row[3] <= channel['rd_total'], 'rings sum to', row[3])
-            need(near(row[3] / channel['rd_total'], shares.pop(0) / 100, 2e-4), 'the comment says another share')
+            need(near(row[3] / channel['rd_total'], fractions.pop(0) / 100, 2e-4), 'the comment says another share')
             need(row[4] == 0, 'the middle tap')
 
 
@@ -650,7 +651,7 @@ def _(folder):
         more = (['--json'], ['-o', 'a.svg'])[i % 2]
         _, code, out, err = interrupted(folder, seconds * (i * 7 % 31 + 1) / 32, *long, *more)
         if code == -signal.SIGINT:
-            continue  # before the program had begun to listen
+            continue  # before the program had installed its handler
         need(code in (0, 130), code, err)
         stopped += code == 130
         if i % 2 and code == 130:

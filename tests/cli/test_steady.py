@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """Usage: test_steady.py PELLUCID ROOT
-Films of a skinned glTF are steady: what changes from frame to frame is the shading of what moves, not the maps of texture-space. TAP."""
+
+Sequences of a skinned glTF are temporally stable: only the shading of moving parts changes from frame to frame, not the maps of
+texture-space. TAP."""
 import base64
 import json
 import math
@@ -62,12 +64,12 @@ def finger():
     attributes = {'POSITION': put(position, 'f', 5126, 'VEC3', True), 'NORMAL': put(normal, 'f', 5126, 'VEC3'),
                   'JOINTS_0': put(joints, 'B', 5121, 'VEC4'), 'WEIGHTS_0': put(weights, 'f', 5126, 'VEC4')}
     indices, inverse = put(index, 'H', 5123, 'SCALAR'), put(bind, 'f', 5126, 'MAT4')
-    clock, way = put(times, 'f', 5126, 'SCALAR', True), put(turns, 'f', 5126, 'VEC4')
+    clock, rotation = put(times, 'f', 5126, 'SCALAR', True), put(turns, 'f', 5126, 'VEC4')
     return {'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0, 1]}],
             'nodes': [{'mesh': 0, 'skin': 0}, {'children': [2]}, {'translation': [0, HIGH / 2, 0]}],
             'meshes': [{'primitives': [{'attributes': attributes, 'indices': indices}]}],
             'skins': [{'joints': [1, 2], 'inverseBindMatrices': inverse}],
-            'animations': [{'samplers': [{'input': clock, 'output': way}],
+            'animations': [{'samplers': [{'input': clock, 'output': rotation}],
                             'channels': [{'sampler': 0, 'target': {'node': 2, 'path': 'rotation'}}]}],
             'accessors': accessors, 'bufferViews': views,
             'buffers': [{'byteLength': len(data), 'uri': 'data:application/octet-stream;base64,' + base64.b64encode(data).decode()}]}
@@ -86,14 +88,14 @@ def film(folder, method):
 
 
 def inside(frames):
-    """Pixels that all frames cover, and those beside them, too: silhouettes jump whatever is in the maps."""
+    """Pixels that all frames cover, with all their neighbours: silhouettes change from frame to frame whatever the maps are."""
     covered = [all(max(f[i]) > 0.0 for f in frames) for i in range(WIDTH * HEIGHT)]
     around = (0, 1, -1, WIDTH, -WIDTH)
     return [i for i in range(WIDTH + 1, WIDTH * (HEIGHT - 1) - 1) if all(covered[i + k] for k in around)]
 
 
 def changes(frames, pixels):
-    """Mean second difference of frames a thousandth of a second apart, and what changes from first to last, over the mean."""
+    """Mean second difference of frames a thousandth of a second apart, and the change from first to last, relative to the mean."""
     mean = sum(sum(frames[0][i]) for i in pixels)
     second = sum(abs(a - 2 * b + c) for f in zip(frames, frames[1:], frames[2:]) for i in pixels for a, b, c in zip(*(g[i] for g in f)))
     first = sum(abs(a - b) for i in pixels for a, b in zip(frames[0][i], frames[-1][i]))

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_usage.py PROGRAM ROOT: what is typed and what is answered: exit codes, messages, JSON, help, man page, guide."""
+"""test_usage.py PROGRAM ROOT: command-line arguments and responses: exit codes, messages, JSON, help, man page, guide."""
 import json
 import os
 import fcntl
@@ -25,7 +25,7 @@ MESH = ['render', 'bunny.obj', '--size', '70mm', *SMALL, '-o', 'out.png']
 
 SIDES = 'front, right, back, left, top, 34, or AZIMUTH,ELEVATION'
 
-# Title: arguments, exit code, what the error's code, place, text and hint hold.
+# Title: arguments, exit code, and the expected code, position, text and hint of the error.
 FAULTS = {
     'a command that is not there': (['rendr'], 2, 'rendr', 'render'),
     'help of a command that is not there': (['help', 'chek'], 2, 'chek', 'check'),
@@ -208,7 +208,7 @@ def break_files(folder):
 
 
 def one_form(said):
-    """A line "error: PLACE: TEXT", where there is a place, and at most one more with a hint, indented; notes may stand before it."""
+    """A line "error: PLACE: TEXT", where there is a position, and at most one more with a hint, indented; notes may precede it."""
     lines = said.splitlines()
     at = [i for i, line in enumerate(lines) if line.startswith('error: ')]
     return len(at) == 1 and re.match(r'error: [^ ]', lines[at[0]]) and [line[:2] for line in lines[at[0] + 1:]] in ([], ['  '])
@@ -235,7 +235,7 @@ def fault_test(title, arguments, code, what, hint):
 
 
 for number, (case, (given, exit_code, about, advice)) in enumerate(FAULTS.items()):
-    if not SANITIZED or number % 3 == 0: # what reads and says them is the same
+    if not SANITIZED or number % 3 == 0: # reading and reporting is the same code
         fault_test(case, given, exit_code, about, advice)
 
 
@@ -533,7 +533,7 @@ def _(folder):
 def _(folder):
     every = {c: options_of(help_of(folder, c)) for c in COMMANDS}
     options = sorted(set().union(*every.values()))
-    step = 7 if SANITIZED else 4 # all of them are read by the same code; each is tried with a few commands
+    step = 7 if SANITIZED else 4 # all of them are read by the same code; each is tested with a few commands
     for first, (command, own) in enumerate(every.items()):
         need({'help', 'json', 'quiet', 'log-level'} <= own, command, own)
         for option in options[first % step::step]:
@@ -589,11 +589,11 @@ def _(folder):
 def _(folder):
     topics = re.search(r'a material, or (.*?) -V,', ' '.join(works(folder, 'help').stdout.decode().split()))[1].split(', ')
     need({'lengths', 'scenes', 'exit-codes'} <= set(topics), topics)
-    for name, told in [(t, f'pellucid help {t} - ') for t in topics] + [
+    for name, listed in [(t, f'pellucid help {t} - ') for t in topics] + [
             ('check', 'usage: pellucid check'), ('msaa', 'of render, bench, compare'), ('--msaa', '--msaa N'),
             ('-m', '--method'), ('taps', 'of profile'), ('screen-space', 'Jimenez'), ('lod', '--set lod=VALUE'),
             ('wholemilk', 'Jensen et al. 2001'), ('exit-codes', '  130 '), ('scenes', '"pellucid": 1')]:
-        need(told in works(folder, 'help', name).stdout.decode(), name, told)
+        need(listed in works(folder, 'help', name).stdout.decode(), name, listed)
     for name, topic in (('units', 'lengths'), ('size', 'lengths'), ('scene', 'scenes'), ('exit codes', 'exit-codes'),
                         ('exitcodes', 'exit-codes'), ('knob', 'knobs'), ('env', 'environment'), ('stdout', 'output'), ('layer', 'layers')):
         need(works(folder, 'help', *name.split()).stdout.decode().startswith(f'pellucid help {topic} - '), name, topic)
@@ -628,7 +628,7 @@ def _(folder):
         page = (folder / f'pellucid-{command}.1').read_text('utf-8')
         for option in options_of(help_of(folder, command)):
             need('\\-\\-' + option.replace('-', '\\-') in page, command, f'--{option}')
-    # the page of pellucid-mpi is made where there is an MPI; its render takes the options of this one but --max-error
+    # the page of pellucid-mpi is made where there is an MPI; its render has the options of this one except --max-error
     sys.path.insert(0, str(ROOT / 'docs/man'))
     make_man = __import__('make_man')
     page = (ROOT / 'docs/man/pellucid-mpi.1').read_text('utf-8')
@@ -652,14 +652,14 @@ def _(folder):
     for command, arguments in (('render', MESH[1:]), ('check', ['scene.json']), ('methods', []), ('materials', []), ('info', []),
                                ('bench', ['./scene.json', '--repeats', '1', *SMALL])):
         row = re.search(rf'^\| `{command}` \| (`.*) \|$', guide, re.MULTILINE)[1]
-        told = set(re.findall(r'`([a-z_]+)`', row))
-        need(set(one_object(works(folder, command, *arguments, '--json'))) <= told, command, 'has keys that the guide does not tell')
+        listed = set(re.findall(r'`([a-z_]+)`', row))
+        need(set(one_object(works(folder, command, *arguments, '--json'))) <= listed, command, 'has keys that the guide does not tell')
 
 
 # --- Streams ------------------------------------------------------------------------------------------------------------------------
 
 def on_terminal(folder, arguments, env, both=False, columns=None):
-    """stderr, or both, are a terminal; gives (stdout, what the terminal got)."""
+    """stderr, or both, are a terminal; returns (stdout, the terminal's content)."""
     ours, theirs = pty.openpty()
     if columns:
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack('HHHH', 40, columns, 0, 0))

@@ -134,7 +134,7 @@ def png(size, rgba):
 
 
 def write_head(path):
-    """A ball as glTF: UVs, the material "skin" with textures of its own, a camera "front"."""
+    """A ball as glTF: UVs, the material "skin" with its own textures, a camera "front"."""
     vertices, faces = sphere()
     uv = [(0.5 + 0.01 * x, 0.5 - 0.01 * y) for x, y, _ in vertices]
     data = b''.join(struct.pack('<3f', *(0.005 * c for c in v)) for v in vertices), b''.join(struct.pack('<2f', *t) for t in uv), \
@@ -157,7 +157,7 @@ def write_head(path):
 
 
 def furnish_more(folder):
-    """Beside bunny.obj: all that the pages' scenes and commands name. The scenes are those of the pages themselves."""
+    """All files that the pages' scenes and commands name, next to bunny.obj. The scenes are those of the pages themselves."""
     ball = (folder / 'bunny.obj').read_text('ascii')
     for name in ('ball.obj', 'yours.obj'):
         (folder / name).write_text(ball, 'ascii')
@@ -174,13 +174,13 @@ def furnish_more(folder):
 
 
 def commands(markdown):
-    """Those that stand by themselves: no parts of a job script, with variables or further lines."""
+    """Complete commands only: no parts of a job script, with variables or further lines."""
     lines = [line.strip() for line in markdown.splitlines() if re.match(r'    (\./)?pellucid [a-z]', line) and 'COMMAND' not in line]
     return [line for line in lines if '$' not in line and line[-1] not in '\\&']
 
 
 def with_few_samples(words):
-    """8 paths a pixel, and some thousand points on a surface, show whether a command runs; pages ask for pictures to look at."""
+    """8 paths per pixel, and some thousand points on a surface, show whether a command runs; pages use settings for final images."""
     words = [re.sub(r'(?<=samples=)\d+', lambda n: str(min(int(n[0]), 8)), w) for w in words]
     words = [str(min(int(w), 8)) if before == '--samples' else w for before, w in zip(['', *words], words)]
     return words + (['--set', 'points=4096'] if words[1] == 'render' and 'hierarchical' in words else [])
@@ -274,12 +274,12 @@ def _(folder):
     count = 0
     for path in sorted(GUIDE.glob('*.md')):
         for number, block in enumerate(blocks(path.read_text('utf-8'), 'json'), 1):
-            place, data = f'{path.name}, block {number}:', json.loads(block)
+            block_name, data = f'{path.name}, block {number}:', json.loads(block)
             (folder / 'block.json').write_text(block, 'utf-8')
             arguments = ['block.json'] if 'pellucid' in data else ['bunny.obj', '--size', '70mm', '--material', 'block.json']
             answer = one_object(works(folder, 'check', *arguments, '--json'))
             problems = [p for p in answer['problems'] if p['severity'] != 'note']
-            need(not problems, place, problems)
+            need(not problems, block_name, problems)
             if 'pellucid' in data:
                 works(folder, 'render', 'block.json', *SMALL, '-o', 'block.png')
             count += 1
@@ -287,7 +287,7 @@ def _(folder):
 
 
 def schema_properties(schema):
-    """Of each object of the schema: its property names."""
+    """For each object of the schema: its property names."""
     objects = {'': schema} | {k: v for k, v in schema['$defs'].items() if 'properties' in v}
     return {name: set(object_['properties']) for name, object_ in objects.items()}
 
@@ -338,8 +338,8 @@ def _(folder):
     need((plain['eta'], plain['color_from'], plain['opaque']) == (1.3, 'profile', False), plain)
     turned = one_object(check(sigma_s=[10, 10, 10], g=0.9))['materials'][0]
     need(max(abs(a - b) for a, b in zip(plain['mean_free_path'], turned['mean_free_path'])) < 1e-6, turned)
-    beside = one_object(check(sigma_s_reduced=[1, 1, 1], g=0.9))['materials'][0]
-    need(beside['mean_free_path'] == plain['mean_free_path'], 'g changed what is reduced')
+    with_g = one_object(check(sigma_s_reduced=[1, 1, 1], g=0.9))['materials'][0]
+    need(with_g['mean_free_path'] == plain['mean_free_path'], 'g changed what is reduced')
     for data in ({'sigma_s': [1, 1, 1]}, {'sigma_s': [1, 1, 1], 'sigma_s_reduced': [1, 1, 1], 'g': 0}):
         need(check(**data).returncode == 3, data)
 
@@ -360,7 +360,7 @@ def _(folder):
         need(m['citation'][-4:] in row, m['citation'])
 
 
-# Message of the troubleshooting page: a command that brings it out. SCENE is followed by keys that are laid over a good scene.
+# Message of the troubleshooting page: a command that causes it. SCENE is followed by keys that override a valid scene.
 SCENE, BALL = object(), ['bunny.obj', '--size', '70mm']
 MESSAGES = {
     'the surface is open': ['render', 'open.obj', '--size', '70mm', *SMALL],
@@ -397,8 +397,8 @@ MESSAGES = {
 @test('every message on the troubleshooting page is one that the program says')
 def _(folder):
     markdown = page('troubleshooting.md')
-    told = {m for heading in ('Warnings', 'Errors') for r in rows(markdown, heading) for m in re.findall(r'`([^`]+)`', r[0])}
-    need(told == set(MESSAGES), 'differ:', sorted(told ^ set(MESSAGES)))
+    documented = {m for heading in ('Warnings', 'Errors') for r in rows(markdown, heading) for m in re.findall(r'`([^`]+)`', r[0])}
+    need(documented == set(MESSAGES), 'differ:', sorted(documented ^ set(MESSAGES)))
     mesh = (folder / 'bunny.obj').read_text('ascii').splitlines(True)
     (folder / 'open.obj').write_text(''.join(mesh[:-20]), 'ascii')
     (folder / 'flat.obj').write_text('v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n', 'ascii')

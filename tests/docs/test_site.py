@@ -25,7 +25,7 @@ def make(python, root, out):
 
 
 def seen(browser, page, *more):
-    """The page as the browser has it after its scripts."""
+    """The page as a browser has it after its scripts."""
     done = subprocess.run([browser, '--headless', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage', *more, '--dump-dom', page],
                           capture_output=True, text=True, check=False, timeout=120, env=clean_environment())
     return done.stdout

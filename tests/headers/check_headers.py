@@ -21,7 +21,7 @@ def compiles(command, text):
 
 
 def main():
-    folders = [pathlib.Path(folder) for folder in sys.argv[1:3]]  # of the source, and of the build, where version.h is made
+    folders = [pathlib.Path(folder) for folder in sys.argv[1:3]]  # of the source, and of the build, where version.h is generated
     found = {p.relative_to(folder).as_posix(): p for folder in folders for p in folder.rglob("*.h")}
     headers = sorted(found)
     languages = {"C11": [*sys.argv[3].split(), "-std=c11", "-xc"]}

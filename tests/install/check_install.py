@@ -63,7 +63,7 @@ class Installed:
 
     @staticmethod
     def check_static(program, said):
-        """A program that was linked to the archive says the same, where no shared library of ours is."""
+        """A program that was linked to the archive prints the same, where our shared library is absent."""
         alone = run([str(program)], cwd=program.parent)
         if alone != said:
             raise Fault(f"{program.name} says {alone!r}, with the shared library {said!r}")
@@ -115,7 +115,8 @@ def check_files(installed, source):
 
 
 def check_python(installed, python, prefix):
-    """The extension finds the library by itself, where the loader does not look; a package of a distribution (/usr) has no run path."""
+    """The extension finds the library by itself, where the dynamic loader does not look; a package of a distribution (/usr) has no run
+    path."""
     extension = next(installed.root.rglob("pellucid/_pellucid*.so"))
     said = run(["readelf", "-d", str(extension)])
     if prefix == "/usr":
@@ -130,7 +131,7 @@ def check_python(installed, python, prefix):
 
 
 def check_removal(build, source, scratch):
-    """What was installed twice, and imported, goes without a trace; what was there before stays."""
+    """Files that were installed twice, and imported, are removed without a trace; files that existed before remain."""
     root, kept = scratch / "removed", scratch / "installed.txt"
     before = root / "opt" / "mine.txt"
     before.parent.mkdir(parents=True)

@@ -18,7 +18,7 @@ LIGHTS = [('POINT', 250, (4, -6, 8), (0, 0, 0)), ('AREA', 1200, (-7, -5, 7), (60
           ('SPOT', 800, (3, 8, 6), (-68, 0, -20))]
 
 
-def add_light(kind, energy, place, turn):
+def add_light(kind, energy, location, turn):
     data = bpy.data.lights.new(kind.title(), kind)
     data.energy = energy
     if kind == 'AREA':
@@ -28,7 +28,7 @@ def add_light(kind, energy, place, turn):
     if kind == 'SPOT':
         data.spot_size = math.radians(60)
     thing = bpy.data.objects.new(kind.title(), data)
-    thing.location, thing.rotation_euler = place, [math.radians(a) for a in turn]
+    thing.location, thing.rotation_euler = location, [math.radians(a) for a in turn]
     bpy.context.collection.objects.link(thing)
     return thing
 
@@ -121,7 +121,7 @@ def case_sent(scene, wax):
 
 
 def case_opaque(scene, wax):
-    """Two objects of stone, whose subsurface share is 0."""
+    """Two objects of stone, whose subsurface weight is 0."""
     bpy.ops.mesh.primitive_cube_add()
     bpy.context.object.data.materials.append(bpy.data.materials['Stone'])
     bpy.ops.object.select_all(action='DESELECT')
@@ -138,7 +138,7 @@ def case_selection(scene, wax):
 
 
 def case_rule(scene, wax):
-    """Every branch of the rule for a material."""
+    """Each branch of the rule for a material."""
     node = wax.node_tree.nodes['Principled BSDF']
     found = {}
     for method in ('BURLEY', 'RANDOM_WALK_FIXED_RADIUS', 'RANDOM_WALK'):
@@ -198,7 +198,7 @@ def case_lights(scene, wax):
 
 
 def case_world(scene, wax):
-    """The sky of an image of which no two places are alike, turned."""
+    """The environment of an image with all pixels different, rotated."""
     for thing in [o for o in bpy.data.objects if o.type == 'LIGHT']:
         bpy.data.objects.remove(thing)
     y, x = numpy.mgrid[0:32, 0:64]

@@ -185,7 +185,7 @@ static void lights_are_what_formulas_say(void **state)
             if (strategy == 1 && kind < 3)
                 continue;
             irradiance(e, p, n, strategy, SAMPLES, got);
-            print_message("# lamp %d, way %d: %.6g of the closed form\n", kind, strategy, got[0] / expected);
+            print_message("# light %d, strategy %d: %.6g of the closed form\n", kind, strategy, got[0] / expected);
             REQUIRE_REL(got[0], expected, strategy == 1 ? 0.01 : kind < 3 ? 1e-5 : 3e-3);
             REQUIRE_REL(got[2], 0.25 * got[0], 1e-5);
         }
@@ -258,7 +258,7 @@ static void light_samples_are_what_the_irradiance_stage_says(void **state)
                     largest = fmax(largest, says);
                 }
             }
-        print_message("# lamp %d: off by %.2g of the largest irradiance, %.4g\n", kind, worst / largest, largest);
+        print_message("# light %d: off by %.2g of the largest irradiance, %.4g\n", kind, worst / largest, largest);
         REQUIRE(largest > 0.0);
         REQUIRE(worst < (kind < 3 ? 1e-5 : 0.012) * largest);
         pell_light_sampler_destroy(&e);
@@ -302,7 +302,7 @@ static void both_ways_have_one_mean(void **state)
     irradiance(e, p, n, 2, 2 * SAMPLES, both);
     for (int c = 0; c < 3; c++) {
         hit_lights[c] += by_point * (c == 0 ? 1.0 : c == 1 ? 0.5 : 0.25);
-        print_message("# channel %d: lamps %.6g, directions %.6g, both %.6g\n", c, sampled[c], hit_lights[c], both[c]);
+        print_message("# channel %d: lights %.6g, directions %.6g, both %.6g\n", c, sampled[c], hit_lights[c], both[c]);
         REQUIRE_REL(hit_lights[c], both[c], 0.02);
         REQUIRE_REL(both[c], sampled[c], 0.01);
     }
@@ -507,7 +507,7 @@ static void rays_of_lights_carry_the_flux(void **state)
             for (int c = 0; c < 3; c++)
                 sum[c] += ray.weight[c] / SAMPLES;
         }
-        print_message("# lamp %d: %.6f of the flux; %d of %d rays missed\n", kind, sum[0] / expected, missed, SAMPLES);
+        print_message("# light %d: %.6f of the flux; %d of %d rays missed\n", kind, sum[0] / expected, missed, SAMPLES);
         REQUIRE_REL(sum[0], expected, kind == 6 ? 0.01 : 4e-3);
         REQUIRE(kind < 6 ? missed == 0 : missed < SAMPLES);
         if (kind != 8)
@@ -570,7 +570,7 @@ static void nothing_shines_and_nothing_breaks(void **state)
     l = rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, 0), vec3(0, 0, 1), 1.0f);
     l->image = r.scene->lights[r.scene->num_lights - 4].image;
     e = light_sampler_of(&r);
-    print_message("# %zu lamps left\n", pell_light_sampler_count(e));
+    print_message("# %zu lights left\n", pell_light_sampler_count(e));
     assert_true(pell_light_sampler_count(e) >= 4);
     for (int i = 0; i < 4000; i++) {
         const struct pell_vec3 at[4] = { vec3(0, 0, 0), vec3(1e-12f, 0, 0), vec3(3, 2, 1), vec3(1e9f, -1e9f, 1e9f) };

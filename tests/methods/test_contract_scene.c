@@ -172,8 +172,8 @@ static const struct promise_exception exceptions[] = {
     { "convolution", "light_of_two_lights_is_the_sum", "what goes through thin parts is spread by the mean of its ways" },
     { "image-space", "light_of_two_lights_is_the_sum", "what goes through thin parts is spread by the mean of its ways" },
 #endif
-    { "layered", "parts_of_an_object_share_light", "light that scatters once leaves where the eye's ray found it" },
-    { "single-scatter", "parts_of_an_object_share_light", "light that scatters once leaves where the eye's ray found it" },
+    { "layered", "parts_of_an_object_share_light", "single scattering leaves at the point that the camera sees" },
+    { "single-scatter", "parts_of_an_object_share_light", "single scattering leaves at the point that the camera sees" },
     { "screen-space", "another_seed_gives_another_pattern", "draws no random numbers" },
     { "texture-space", "another_seed_gives_another_pattern", "a point light is no random choice, and no environment is there" },
     { "convolution", "another_seed_gives_another_pattern", "draws no random numbers" },

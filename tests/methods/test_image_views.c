@@ -67,8 +67,8 @@ static void views_of_lights_close_the_gap_to_the_whole_surface(void **state)
         truth = mean_of(&whole, NULL, NULL);
         seen[0] = mean_of(&one, &whole, &rms[0]);
         seen[1] = mean_of(&all, &whole, &rms[1]);
-        print_message("# %s: the eye finds %.4f of hierarchical's light (rms difference %.4f), eye and light %.4f (%.4f)\n", names[k],
-                      seen[0] / truth, rms[0] / truth, seen[1] / truth, rms[1] / truth);
+        print_message("# %s: the camera's view gives %.4f of hierarchical's light (rms difference %.4f), with the light's %.4f (%.4f)\n",
+                      names[k], seen[0] / truth, rms[0] / truth, seen[1] / truth, rms[1] / truth);
         REQUIRE(fabs(seen[1] / truth - 1.0) < 0.03);
         REQUIRE(rms[1] < 0.1 * truth && rms[1] < 0.2 * rms[0]);
         REQUIRE(seen[0] < 0.97 * truth);
@@ -102,8 +102,8 @@ static void views_around_see_what_the_sky_lights(void **state)
         truth = mean_of(&whole, NULL, NULL);
         seen[0] = mean_of(&one, &whole, &rms[0]);
         seen[1] = mean_of(&all, &whole, &rms[1]);
-        print_message("# %s: the eye finds %.4f of hierarchical's light (rms difference %.4f), views around %.4f (%.4f)\n", names[k],
-                      seen[0] / truth, rms[0] / truth, seen[1] / truth, rms[1] / truth);
+        print_message("# %s: the camera's view gives %.4f of hierarchical's light (rms difference %.4f), views around %.4f (%.4f)\n",
+                      names[k], seen[0] / truth, rms[0] / truth, seen[1] / truth, rms[1] / truth);
         REQUIRE(fabs(seen[1] / truth - 1.0) < 0.04 && fabs(seen[0] / truth - 1.0) > 0.15);
         REQUIRE(rms[1] < 0.25 * rms[0]);
         shot_free(&whole);
@@ -138,7 +138,7 @@ static void what_several_views_see_counts_once(void **state)
                 b += shot_at(&all, c, x, y);
             }
     mean_of(&all, &one, &rms);
-    print_message("# a wall seen by the eye and two lights: %.4f of what the eye finds alone\n", b / a);
+    print_message("# a wall seen by the camera and two lights: %.4f of the light by the camera's view alone\n", b / a);
     REQUIRE_NEAR(b / a, 1.0, 0.02);
     shot_free(&one);
     shot_free(&all);

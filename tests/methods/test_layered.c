@@ -527,8 +527,8 @@ static void balls(void **state)
             const double angle = degrees[a] * PELL_PI / 180.0, expected = ball_closed_form(radii[k], 0.8, 1.0, 0.5, angle);
             const double best = ball_layered(radii[k], 0.8, 1.0, 0.5, angle, ours) / expected - 1.0;
             const double ray = ball_layered(radii[k], 0.8, 1.0, 0.5, angle, rays) / expected - 1.0;
-            print_message("# radius %2.0f mm, lamp %3.0f degrees from the eye: planes+rays %6.2f %%, rays %6.2f %%   (%.3g)\n", radii[k],
-                          degrees[a], 100.0 * best, 100.0 * ray, expected);
+            print_message("# radius %2.0f mm, light %3.0f degrees from the camera: planes+rays %6.2f %%, rays %6.2f %%   (%.3g)\n",
+                          radii[k], degrees[a], 100.0 * best, 100.0 * ray, expected);
             if (expected > 1e-6)
                 REQUIRE(fabs(best) < (radii[k] >= 10.0 ? 0.06 : 0.1) && fabs(ray) < 0.06);
         }

@@ -222,12 +222,12 @@ static void more_bounces_are_all_bounces(void **state)
     stage_finish(&s);
 }
 
-/* Emitters all around equal an environment, for any number of bounces: refractive connections, light paths and specular manifolds find
+/* Lights all around equal an environment, for any number of bounces: refractive connections, light paths and specular manifolds find
  * the same light as paths that hit the environment at random. */
 static void every_technique_counts_alike(void **state)
 {
     static const int bounces[] = { 0, 1, 2 };
-    const int lamps = 64;
+    const int lights = 64;
     (void) state;
 
     for (size_t k = 0; k < PELL_COUNT(bounces); k++) {
@@ -239,16 +239,16 @@ static void every_technique_counts_alike(void **state)
         by_chance = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_HIT_LIGHTS, FEWER(20000));
         stage_finish(&s);
         crowded_stage(&s);
-        for (int i = 0; i < lamps; i++) {
-            const double z = 1.0 - 2.0 * (i + 0.5) / lamps, phi = 2.399963229728653 * i, sine = sqrt(1.0 - z * z);
+        for (int i = 0; i < lights; i++) {
+            const double z = 1.0 - 2.0 * (i + 0.5) / lights, phi = 2.399963229728653 * i, sine = sqrt(1.0 - z * z);
             stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3((float) (sine * cos(phi)), (float) (sine * sin(phi)), (float) z), vec3(0, 0, 0),
-                        (float) (4.0 * PELL_PI / lamps));
+                        (float) (4.0 * PELL_PI / lights));
         }
         found = crowded(&s, bounces[k], PT_ACCELERATION_NONE, PT_ALL, FEWER(6000));
         stage_finish(&s);
         for (int part = 0; part < 2; part++) {
             char name[64];
-            snprintf(name, sizeof(name), "%d bounces, lamps against the sky, part %d", bounces[k], part);
+            snprintf(name, sizeof(name), "%d bounces, lights against the environment, part %d", bounces[k], part);
             require_mean(name, found.mean[part][1], hypot(found.error[part][1], by_chance.error[part][1]), by_chance.mean[part][1], 0.02);
         }
     }

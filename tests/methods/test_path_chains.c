@@ -331,7 +331,7 @@ static void furnaces_of_delta_lights(void **state)
         clear = measure(&s, knobs, PT_HIT_LIGHTS, 0.9f, 0.4f, FEWER(4000));
         stage_finish(&s);
         if (objects == NESTED_ROUGH || objects == PARTLY_ROUGH) { /* rough surfaces scatter, too: no single component can be subtracted */
-            snprintf(name, sizeof(name), "%s, of lamps against the sky, one scattering", names[objects]);
+            snprintf(name, sizeof(name), "%s, of lights against the environment, one scattering", names[objects]);
             require_mean(name, sources.mean[1][1], hypot(sources.error[1][1], environment.error[1][1]), environment.mean[1][1],
                          0.01 * environment.mean[1][1]);
             continue;
@@ -339,7 +339,7 @@ static void furnaces_of_delta_lights(void **state)
         for (int part = 0; part < 2; part++) {
             const double bar = hypot(sources.error[part][1], hypot(environment.error[part][1], part == 0 ? clear.error[0][1] : 0.0));
             const double expected = environment.mean[part][1] - (part == 0 ? clear.mean[0][1] : 0.0);
-            snprintf(name, sizeof(name), "%s, of lamps against the sky, %s", names[objects], part ? "one scattering" : "the rest");
+            snprintf(name, sizeof(name), "%s, of lights against the environment, %s", names[objects], part ? "one scattering" : "the rest");
             require_mean(name, sources.mean[part][1], bar, expected, 0.02 * expected);
         }
     }

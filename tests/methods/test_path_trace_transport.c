@@ -695,7 +695,7 @@ static void every_complete_set_agrees(void **state)
         REQUIRE(sought.mean[1][1] <= chance.mean[1][1] + SIGMAS * hypot(sought.error[1][1], chance.error[1][1]));
         if (cases[k].rough) {
             const struct rig_mean surfaces = with_techniques(&s, knobs, PT_HIT_LIGHTS | PT_LIGHT_SAMPLES, &at, 900000, FEWER(4000));
-            require_same("rough, lamps at the boundary against near connections", &surfaces, &all, 0);
+            require_same("rough, light samples at the boundary against near connections", &surfaces, &all, 0);
             require_same("rough, the surface's own", &surfaces, &all, 2);
         }
         stage_finish(&s);
@@ -745,7 +745,7 @@ static void paths_from_lights_are_connections(void **state)
     connections = with_techniques(&s, knobs, PT_ALL & ~(unsigned) (PT_LIGHT_PATHS | PT_SPECULAR_MANIFOLD), &at, 0, FEWER(3000));
     print_message("# of the light that scattered more than once %.2f %% was reflected before\n",
                   100.0 * (1.0 - connections.mean[0][1] / all.mean[0][1]));
-    require_same("paths from lamps against connections", &sources, &all, 0);
+    require_same("light paths against connections", &sources, &all, 0);
     REQUIRE(sources.mean[1][1] == 0.0);
     assert_int_equal(s.kept.warnings, 0);
     REQUIRE(with_techniques(&s, knobs, PT_HIT_LIGHTS | PT_LIGHT_SAMPLES, &at, 0, 10).mean[0][1] == 0.0);

@@ -737,9 +737,8 @@ static void a_shell_glows_where_it_faces_the_light_in_its_own_shadow(void **stat
     for (int x = 5; x < 42; x++)
         for (int k = 0; k < 2; k++)
             step[k] = fmax(step[k], fabs(shot_at(k ? &sum : &shots[0], 0, x + 1, 24) - shot_at(k ? &sum : &shots[0], 0, x, 24)));
-    print_message(
-        "# of the sum's light: by ray %.3f, by map %.3f, without what comes through %.3f; rms %.3f, %.3f, %.3f; steps %.4f, %.4f\n",
-        like[0].light, like[1].light, like[2].light, like[0].rms, like[1].rms, like[2].rms, step[0], step[1]);
+    print_message("# of the sum's light: by ray %.3f, by map %.3f, without transmission %.3f; rms %.3f, %.3f, %.3f; steps %.4f, %.4f\n",
+                  like[0].light, like[1].light, like[2].light, like[0].rms, like[1].rms, like[2].rms, step[0], step[1]);
     print_message("# where light is read from the sum of all lights %.3f by map, %.3f by rays and the printed thickness; rms %.3f, %.3f\n",
                   like[3].light, like[4].light, like[3].rms, like[4].rms);
     REQUIRE_REL(like[3].light, like[1].light, 0.05);

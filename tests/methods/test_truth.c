@@ -486,7 +486,7 @@ static void single_scattering_of_a_ball(void **state)
             n++;
         }
         REQUIRE(n > 12);
-        print_message("# lamp %zu: %d pixels, %.2f bars root mean square, %.1f at most\n", k, n, sqrt(square / n), worst);
+        print_message("# light %zu: %d pixels, %.2f bars root mean square, %.1f at most\n", k, n, sqrt(square / n), worst);
         if (!SLOW) {
             require_within("single-scatter against path-trace's single layer", sum[0], sqrt(bar[0]), sum[1], sqrt(bar[1]));
             REQUIRE(worst < 4.5 && sqrt(square / n) < 1.5);

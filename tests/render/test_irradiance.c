@@ -263,7 +263,7 @@ static void an_image_is_projected(void **state)
     struct rig r;
     (void) state;
     start_plane(&r);
-    OK(pell_scene_add_texture(r.scene, "slide", &texture));
+    OK(pell_scene_add_texture(r.scene, "gobo", &texture));
     texture->image = (struct pell_image) { 4, 2, 3, PELL_PIXEL_U8, false, NULL };
     texture->image.pixels = pell_alloc(r.ctx, sizeof(pixels));
     memcpy(texture->image.pixels, pixels, sizeof(pixels));
@@ -441,7 +441,7 @@ static void check_environment(const char *file, int sources, float rho_s, float 
                     REQUIRE_REL(got, want[c], 5e-3);
                 }
             }
-    print_message("# %s, %d lamps, rho_s %.1f: largest error %.3f %%\n", strrchr(file, '/') + 1, sources, (double) rho_s, 100.0 * worst);
+    print_message("# %s, %d lights, rho_s %.1f: largest error %.3f %%\n", strrchr(file, '/') + 1, sources, (double) rho_s, 100.0 * worst);
     free(texels);
     rig_finish(&r);
 }

@@ -300,8 +300,8 @@ static const char *const kind_names[KINDS] = { "point",
                                                "disc",
                                                "sky",
                                                "sky with a picture",
-                                               "slide in a spot",
-                                               "slide in a point",
+                                               "projected image, spot",
+                                               "projected image, point",
                                                "picture on a rectangle" };
 
 static struct pell_texture *add_image(struct stage *s)

@@ -47,7 +47,7 @@ def defined(text):
 
 
 def layout_faults(assembly):
-    """What in the disassembly is not as OFFSETS and STRIDE say. The struct is there twice: only that of the buffer has a layout."""
+    """Differences between the disassembly and OFFSETS and STRIDE. The struct occurs twice: only that of the buffer has a layout."""
     offsets, strides = {}, set()
     for struct in re.findall(r'OpName (%\w+) "pell_light_data"$', assembly, re.M):
         members = dict(re.findall(rf'OpMemberName {struct} (\d+) "(\w+)"', assembly))
@@ -74,7 +74,7 @@ def main():
         good, said = compiler.file(shader, spirv)
         results.append(("a shader that calls all of them is valid SPIR-V", good, said))
         text = shader.read_text("utf-8")
-        # What another header calls is called by the shader, too.
+        # Functions called by another header are called by the shader, too.
         inside = {h: h.read_text("utf-8") for h in headers}
         names = [n for h, t in inside.items() if h.name != "language.h" for n in defined(t)]
         uncalled = [n for n in names if len(re.findall(rf"\b{n}\b", text + "".join(inside.values()))) < 2]

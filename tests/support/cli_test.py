@@ -28,13 +28,13 @@ class Skip(Exception):
 
 
 def release_only():
-    """Ends a test under the sanitizers: one of numbers, by long renderings whose code other tests run through."""
+    """Skips a test under the sanitizers: a statistical test, by long renderings whose code other tests execute."""
     if SANITIZED:
         raise Skip('numbers, which the release build judges')
 
 
 def test(title):
-    """Lists a function that takes a fresh folder."""
+    """Registers a function that takes a new folder."""
     def listed(function):
         TESTS.append((title, function))
         return function
@@ -47,7 +47,7 @@ def clean_environment(**more):
 
 
 def run(folder, *arguments, env=None, **options):
-    """Signals are as a shell gives them: the caller may have ignored some."""
+    """Signal handlers are reset to a shell's defaults: the caller may have ignored some."""
     options = {'capture_output': True, 'timeout': 300, 'stdin': subprocess.DEVNULL} | options
     return subprocess.run([PROGRAM, *arguments], cwd=folder, env=env or clean_environment(), check=False,
                           preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **options)
@@ -68,11 +68,11 @@ def works(folder, *arguments, **options):
     return done
 
 
-def finite(value, place=''):
+def finite(value, json_path=''):
     if isinstance(value, float):
-        need(math.isfinite(value), place, 'is not finite')
+        need(math.isfinite(value), json_path, 'is not finite')
     for key, part in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
-        finite(part, f'{place}/{key}')
+        finite(part, f'{json_path}/{key}')
 
 
 def one_object(done):
@@ -168,7 +168,7 @@ def furnish(folder):
     (folder / 'wax.json').write_text('{"sigma_a": [0.006, 0.03, 0.12], "sigma_s_reduced": [1.4, 1.25, 1.1], "eta": 1.44}', 'ascii')
 
 
-# --- Pictures -----------------------------------------------------------------------------------------------------------------------
+# --- Images -------------------------------------------------------------------------------------------------------------------------
 
 def png_chunks(data):
     need(data[:8] == b'\x89PNG\r\n\x1a\n', 'no PNG')
@@ -251,7 +251,7 @@ def main():
                 print(f'ok {number} - {title}')
             except Skip as reason:
                 print(f'ok {number} - {title} # SKIP {reason}')
-            except Exception as fault:  # any fault of a test is that test's
+            except Exception as fault:  # any exception in a test is a failure of that test
                 failed += 1
                 print(f'not ok {number} - {title}')
                 shown = str(fault) if isinstance(fault, AssertionError) and str(fault) else traceback.format_exc()

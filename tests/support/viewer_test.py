@@ -77,7 +77,7 @@ class Viewer:
 
 
 class Page:
-    """A connection. It acknowledges every picture, unless `lazy`."""
+    """A connection. It acknowledges every image, unless `lazy`."""
 
     def __init__(self, viewer, token=None, host=None, origin=None, lazy=False):
         self.socket = socket.create_connection((viewer.host, viewer.port), timeout=PATIENCE)
@@ -131,7 +131,7 @@ class Page:
         return data
 
     def receive(self):
-        """The next message: its JSON, and the file behind it (b'' if none)."""
+        """The next message: its JSON, and the attached file (b'' if none)."""
         data, binary = b'', False
         while True:
             first, second = self.take(2)
@@ -140,7 +140,7 @@ class Page:
             part, opcode = self.take(size), first & 0xf
             if opcode == 8:
                 raise Closed(struct.unpack('>H', part[:2])[0] if len(part) >= 2 else 0, text(part[2:]))
-            if opcode == 9: # a ping: who does not answer is taken for gone
+            if opcode == 9: # a ping: a client that does not answer is taken for gone
                 self.send_bytes(part, opcode=10)
             if opcode in (9, 10):
                 continue

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_view.py PROGRAM ROOT: `pellucid view` from outside: who may connect, what a page gets, and that it is what `render` draws."""
+"""test_view.py PROGRAM ROOT: `pellucid view` from outside: access control, messages to a page, and images identical to those of
+`render`."""
 import json
 import shutil
 import signal
@@ -16,10 +17,10 @@ METHODS = ['screen-space', 'image-space', 'none']
 if not SANITIZED:
     METHODS += ['texture-space', 'convolution', 'layered', 'hierarchical', 'dipole', 'single-scatter']
 
-# Knobs with which the dearest draw a small picture soon.
+# Knobs with which the most expensive methods render a small image quickly.
 FEW = {'dipole': {'error': '1', 'most': '128'}, 'single-scatter': {'most': '256'}}
 
-# What the program begins with.
+# The program's initial state.
 BEGIN = {'method': 'screen-space', 'knobs': {},
          'settings': {'width': '160', 'height': '90', 'msaa': '1', 'light-samples': '2', 'indirect-samples': '256'}}
 
@@ -30,7 +31,7 @@ def ball(folder):
 
 
 def renders_the_same(folder, page, png, name):
-    """The scene that the page saves, drawn by `render`, has the pixels of the page's finished picture."""
+    """The scene that the page saves, rendered by `render`, has the pixels of the page's finished image."""
     (folder / name).write_bytes(page.saved('scene'))
     works(folder, 'render', name, '-o', f'{name}.png')
     need(png_pixels((folder / f'{name}.png').read_bytes()) == png_pixels(png), name, 'renders other pixels:', (folder / name).read_text())
@@ -97,7 +98,8 @@ def _(folder):
         head, png = page.still(state)
         need((head['width'], head['height'], head['mime']) == (160, 90, 'image/png'), head)
         renders_the_same(folder, page, png, 'view.json')
-        # Without tones of its own the command line meters the finished image, and the viewer the first one: the same pixels but for that.
+        # Without tone settings of its own the command line meters the finished image, and the viewer the first one: otherwise the same
+        # pixels.
         works(folder, 'render', *ball(folder), '--exposure', repr(head['exposure']), '--white', repr(head['white']), '-o', 'plain.png')
         need(png_pixels((folder / 'plain.png').read_bytes()) == png_pixels(png), 'not what the command line renders')
 
@@ -119,7 +121,7 @@ def _(folder):
         light = {**facts['lights'][0], 'at': ['100mm', '-20.1mm', '33mm'], 'to': ['0mm', '0mm', '0mm'], 'radiance': [9.5, 3, 1]}
         light.pop('up')
         state['lights'] = [light] + facts['lights'][1:]
-        for step in range(3): # as a hand drags it
+        for step in range(3): # like a mouse drag
             light['at'][0] = f'{100 + step}mm'
             page.view(state, moving=True)
         _, lit = page.still(state)
@@ -174,14 +176,14 @@ def _(folder):
             state = page.hello()['state']
             _, png = page.still(state)
             need(png_pixels((folder / f'direct-{number}.png').read_bytes()) == png_pixels(png), options, 'renders other pixels')
-            if '/' not in mesh: # an environment outside the scene's folder is named by its whole path, which scene files may not
+            if '/' not in mesh: # an environment outside the scene's folder is named by its absolute path, which scene files must not use
                 renders_the_same(folder, page, png, f'saved-{number}.json')
             state['camera'] = {'from': ['31.5mm', '40.25mm', '-101mm'], 'to': ['1mm', '0mm', '-2.5mm'], 'up': [0, 1, 0], 'fov_deg': 24.3}
             _, moved = page.still(state)
             need(moved != png, options, 'the camera changes nothing')
             if '/' not in mesh:
                 renders_the_same(folder, page, moved, f'moved-{number}.json')
-            else: # the only file that it may name there
+            else: # the only file that it may reference there
                 state['lights'] = [{'type': 'environment', 'image': str(folder / 'direct-0.png')}] * 2
                 page.view(state)
                 need('absolute path' in page.until(lambda m: m['type'] == 'message')[0]['what'], 'a page may name any file')
@@ -397,9 +399,9 @@ def _(folder):
         page.hello()
         page.send({'type': 'profile', 'id': 3, 'medium': wax, 'gaussians': 4})
         got = page.until(lambda m: m['type'] == 'profile')[0]
-        told = one_object(works(folder, 'profile', 'wax.json', '--json'))
+        printed = one_object(works(folder, 'profile', 'wax.json', '--json'))
         need([m['name'] for m in got['models']][:1] == ['dipole'] and len(got['models']) >= 4, [m['name'] for m in got['models']])
-        for c, channel in enumerate(told['channels']):
+        for c, channel in enumerate(printed['channels']):
             need(abs(got['models'][0]['total'][c] / channel['rd_total'] - 1.0) < 1e-6, c, got['models'][0]['total'], channel['rd_total'])
             need(abs(got['fit']['error'][c] / channel['fit']['error'] - 1.0) < 1e-3, c, got['fit']['error'], channel['fit']['error'])
         page.send({'type': 'profile', 'id': 4, 'medium': {'sigma_a': [-1, 0, 0], 'sigma_s_reduced': [1, 1, 1]}})
@@ -486,7 +488,7 @@ def _(folder):
         taken.bind(('127.0.0.1', 0))
         taken.listen()
         port = str(taken.getsockname()[1])
-        # before the scene is read: of a file that is not there nothing is said
+        # before the scene is read: a missing file gives no message
         for wrong, word in ((['--listen', 'here'], b'here'), (['--port', port], b'another program'), (['--set', 'methd=1'], b'--method')):
             done = run(folder, 'view', 'nothing.obj', '--no-open', *wrong)
             need(done.returncode == 2 and word in done.stderr and b'nothing.obj' not in done.stderr, wrong, done.stderr)

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""The shaders that scripts/export_shaders.py writes for other programs are whole: HLSL compiles and declares what the SPIR-V does, MSL has
-a kernel with every buffer; TAP. Skipped without spirv-cross or glslangValidator.
+"""The shaders that scripts/export_shaders.py writes for other programs are complete: HLSL compiles and declares what the SPIR-V does,
+MSL has a kernel with every buffer; TAP. Skipped without spirv-cross or glslangValidator.
 
-test_export.py ROOT
+    test_export.py ROOT
 """
 import json
 import pathlib
@@ -30,7 +30,7 @@ def result(good, what, why=""):
 
 
 def compiled(source, folder):
-    """What the SPIR-V of an HLSL file declares: buffers by binding, without the constant buffer; the workgroup."""
+    """Declarations of an HLSL file's SPIR-V: buffers by binding, without the constant buffer; the workgroup."""
     output = folder / "hlsl.spv"
     done = subprocess.run(["glslangValidator", "-D", "-V", "-S", "comp", "-e", "main", "--target-env", "vulkan1.3", str(source), "-o",
                            str(output)], capture_output=True, text=True, check=False)
@@ -52,9 +52,9 @@ def check(shader, folder, work):
     result(used == registers and set(registers) <= set(wanted) and "cbuffer Push : register(b0)" in hlsl,
            f"{name}: a register for each binding", f"{registers}, should be {wanted}")
     kernel = re.search(r"^kernel void main0\((.*)\)$", (folder / f"{shader['shader']}.metal").read_text("utf-8"), re.M)
-    places = sorted(int(n) for n in re.findall(r"\[\[buffer\((\d+)\)\]\]", kernel[1] if kernel else ""))
-    result(len(set(places)) == len(places) and places[-1:] == [len(wanted)] and set(places[:-1]) <= set(wanted),
-           f"{name}: an MSL kernel with its buffers and, behind them, its push constants", str(places))
+    bindings = sorted(int(n) for n in re.findall(r"\[\[buffer\((\d+)\)\]\]", kernel[1] if kernel else ""))
+    result(len(set(bindings)) == len(bindings) and bindings[-1:] == [len(wanted)] and set(bindings[:-1]) <= set(wanted),
+           f"{name}: an MSL kernel with its buffers and, behind them, its push constants", str(bindings))
     offsets = [member["offset"] for member in shader["push_constants"]]
     result(offsets == list(range(0, 4 * len(offsets), 4)) and all(b["holds"] for b in shader["buffers"]) and shader["purpose"] != "",
            f"{name}: passes.json says what is in each buffer and where each push constant is")

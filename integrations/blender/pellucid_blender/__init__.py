@@ -24,13 +24,13 @@ def wanted_program(context):
 
 
 def names(kind, context, typed):
-    """Names, of materials or methods, that contain what is typed; the program is asked once."""
+    """Names, of materials or methods, that contain the typed text; the program is queried once."""
     try:
         path = program.find(wanted_program(context))
         if listed.get(kind, ('', []))[0] != path:
             listed[kind] = path, program.names(path, kind)
     except (Trouble, OSError, subprocess.SubprocessError):
-        return [] # a render says why
+        return [] # a render reports the reason
     return [(name, title) for name, title in listed[kind][1] if typed.lower() in name]
 
 
@@ -93,7 +93,7 @@ class RENDER_OT_pellucid(bpy.types.Operator):
         self.report({'INFO'}, f'The result is in the image "{image.name}"')
 
     def attempt(self, step, context):
-        """Did it work? What went wrong is reported, and the folder removed."""
+        """Whether the run succeeded. Errors are reported, and the folder is removed."""
         try:
             step(context)
             return True

@@ -9,13 +9,13 @@ from mathutils import Vector
 from .program import Trouble
 
 SHAPES = {'MESH', 'CURVE', 'SURFACE', 'FONT', 'META'}
-# What a Principled node means by its radius. Blender 4.0 gave the name RANDOM_WALK to what was RANDOM_WALK_FIXED_RADIUS.
+# The meaning of a Principled node's radius. Blender 4.0 gave the name RANDOM_WALK to the former RANDOM_WALK_FIXED_RADIUS.
 RADIUS_KINDS = {'BURLEY': 'cycles', 'RANDOM_WALK_FIXED_RADIUS': 'cycles', 'RANDOM_WALK_SKIN': 'cycles-skin',
                 'RANDOM_WALK': 'cycles' if bpy.app.version >= (4, 0, 0) else 'cycles-skin'}
 
 
 def turned(v):
-    """From z up to y up, as the glTF exporter turns."""
+    """From z up to y up, as the glTF exporter rotates."""
     return [v[0], v[2], -v[1]]
 
 
@@ -59,7 +59,7 @@ def mean(image):
 
 
 def principled(material):
-    """The Principled node that the surface of the output comes from."""
+    """The Principled node that the output's surface is connected to."""
     if not material.use_nodes or not material.node_tree:
         return None
     output = material.node_tree.get_output_node('ALL') or material.node_tree.get_output_node('CYCLES')
@@ -70,23 +70,23 @@ def principled(material):
 
 
 def medium(material, millimetres, warn):
-    """The scene file's entry of a material's own node, or None where nothing goes below the surface."""
+    """The scene file's entry of a material's own node, or None without subsurface scattering."""
     node = principled(material)
     if not node:
         warn('has no Principled node at its output, and is opaque')
         return None
     old = 'Subsurface Color' in node.inputs # before Blender 4.0
-    share = number(node, 'Subsurface' if old else 'Subsurface Weight', warn)
-    if share <= 0:
+    weight = number(node, 'Subsurface' if old else 'Subsurface Weight', warn)
+    if weight <= 0:
         warn('has Subsurface 0 and is opaque: raise it, or choose "Built-in" under Material, Pellucid')
         return None
     base = color(node, 'Base Color', warn)
     if old:
         below = color(node, 'Subsurface Color', warn)
-        base = [(1 - share) * b + share * s for b, s in zip(base, below)]
-    scale = share if old else number(node, 'Subsurface Scale', warn)
-    if not old and share < 1:
-        warn(f'"Subsurface Weight" is {share:g}: all diffuse light goes below the surface')
+        base = [(1 - weight) * b + weight * s for b, s in zip(base, below)]
+    scale = weight if old else number(node, 'Subsurface Scale', warn)
+    if not old and weight < 1:
+        warn(f'"Subsurface Weight" is {weight:g}: all diffuse light goes below the surface')
     at = socket(node, 'Subsurface Radius')
     if at.is_linked:
         warn('"Subsurface Radius" is linked: its own values are used everywhere')
@@ -137,13 +137,13 @@ def camera(scene, warn):
     lens = thing.data
     if lens.type == 'PANO':
         raise Trouble(f'Camera "{thing.name}" is panoramic, allowed: perspective, orthographic')
-    place = thing.matrix_world
+    matrix = thing.matrix_world
     corners = lens.view_frame(scene=scene)
     height = max(c.y for c in corners) - min(c.y for c in corners)
     if lens.shift_x or lens.shift_y:
         warn(f'Camera "{thing.name}": its shift is ignored')
-    eye, axis = place.translation, (place.to_3x3() @ Vector((0, 0, -1))).normalized()
-    made = {'from': turned(eye), 'to': turned(eye + axis), 'up': turned((place.to_3x3() @ Vector((0, 1, 0))).normalized())}
+    eye, axis = matrix.translation, (matrix.to_3x3() @ Vector((0, 0, -1))).normalized()
+    made = {'from': turned(eye), 'to': turned(eye + axis), 'up': turned((matrix.to_3x3() @ Vector((0, 1, 0))).normalized())}
     if lens.type == 'ORTHO':
         return made | {'ortho_height': height}
     angle = 2 * math.atan(height / 2 / -corners[0].z)
@@ -160,9 +160,9 @@ def camera(scene, warn):
 
 def light(thing, metres, warn):
     """A light with Cycles' radiance on the scene's surfaces. Watts over a distance in Blender's units: metres squares them away."""
-    source, place = thing.data, thing.matrix_world
-    at, axis = place.translation, (place.to_3x3() @ Vector((0, 0, -1))).normalized()
-    up = turned((place.to_3x3() @ Vector((0, 1, 0))).normalized())
+    source, matrix = thing.data, thing.matrix_world
+    at, axis = matrix.translation, (matrix.to_3x3() @ Vector((0, 0, -1))).normalized()
+    up = turned((matrix.to_3x3() @ Vector((0, 1, 0))).normalized())
     power = [source.energy * c for c in source.color]
     made = {'name': thing.name}
     if source.use_nodes and source.node_tree and any(n.type not in ('EMISSION', 'OUTPUT_LIGHT') for n in source.node_tree.nodes):
@@ -170,7 +170,7 @@ def light(thing, metres, warn):
     if source.type == 'SUN':
         return made | {'type': 'directional', 'direction': turned(axis), 'irradiance': power}
     if source.type == 'AREA':
-        size = place.to_scale()
+        size = matrix.to_scale()
         width = source.size * size.x
         height = (source.size_y if source.shape in ('RECTANGLE', 'ELLIPSE') else source.size) * size.y
         made |= {'at': turned(at), 'to': turned(at + axis), 'up': up}
@@ -214,7 +214,7 @@ def world(scene, folder, warn):
 
 
 def save_linear(image, path, scene):
-    """Through a copy, so that the user's image keeps its path."""
+    """Saved as a copy, so that the user's image keeps its path."""
     if not image.has_data and not len(image.pixels):
         raise Trouble(f'The image "{image.name}" of the world can\'t be read')
     settings = scene.render.image_settings
@@ -226,7 +226,7 @@ def save_linear(image, path, scene):
         settings.file_format, settings.color_depth = kept
 
 
-# --- The whole ------------------------------------------------------------------------------------------------------------------------
+# --- The whole scene ------------------------------------------------------------------------------------------------------------------
 
 def chosen(context):
     """The selected shapes, or all visible ones."""

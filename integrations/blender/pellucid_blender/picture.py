@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What `pellucid render` wrote as an image of Blender. The picture comes as PFM, linear floats: of an EXR with layers Blender 3.4 gives a
-script no pixels."""
+"""Loads the output of `pellucid render` as an image of Blender. The image is read from PFM, linear floats: Blender 3.4 gives a script no
+access to the pixels of an EXR with layers."""
 import os
 
 import bpy
@@ -10,7 +10,7 @@ from .program import Trouble
 
 
 def read(path):
-    """Rows from the bottom, as Blender has them: R, G, B."""
+    """Rows from the bottom, in Blender's order: R, G, B."""
     with open(path, 'rb') as file:
         data = file.read()
     try:
@@ -25,7 +25,7 @@ def read(path):
 
 
 def alpha(path, shape):
-    """Of a PNG of the same size."""
+    """Alpha of a PNG of the same size."""
     image = bpy.data.images.load(path)
     try:
         if (image.size[1], image.size[0]) != shape:
@@ -38,8 +38,8 @@ def alpha(path, shape):
 
 
 def show(folder, name):
-    """Puts picture.pfm, with the alpha of alpha.png if there is one, into the image of that name. It is linear: Blender's view transform
-    applies to it."""
+    """Loads picture.pfm, with the alpha of alpha.png if there is one, into the image of that name. It is linear: Blender's view
+    transform applies to it."""
     rgb = read(os.path.join(folder, 'picture.pfm'))
     height, width = rgb.shape[:2]
     over = os.path.join(folder, 'alpha.png')

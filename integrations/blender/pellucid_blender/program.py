@@ -7,7 +7,7 @@ import subprocess
 
 
 class Trouble(Exception):
-    """What a user can put right: the text says what, where and how."""
+    """An error that the user can correct: the text says what, where and how."""
 
 
 def find(wanted):
@@ -22,7 +22,7 @@ def find(wanted):
 
 
 def start(program, arguments, folder, output=subprocess.PIPE):
-    """Starts it; its messages are read from a file, so that a full pipe stops nobody."""
+    """Starts the program; its messages go to a file, so that a full pipe blocks nobody."""
     with open(os.path.join(folder, 'messages.txt'), 'wb') as messages:
         try:
             return subprocess.Popen([program, *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=messages, cwd=folder)
@@ -36,7 +36,7 @@ def messages(folder):
 
 
 def finish(process, folder):
-    """Refuses a run that failed, with what it said; returns its warnings."""
+    """Raises an error for a failed run, with its messages; returns its warnings."""
     said = messages(folder)
     if process.returncode:
         first = next((i for i, line in enumerate(said) if line.startswith('error')), 0)
