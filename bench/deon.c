@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: MIT
- * deon.c - `pellucid-bench deon-1`: table 1 of d'Eon et al. 2007, full and low resolution, with no light but the environment,
- * with one and with two, without and with translucent shadow maps; all made anew, and under lights that stay as they are; the low one
- * under one light without an environment, too, and the passes of that row beside copies of their bytes; by the light's map in place of
- * rays; and a mesh that deforms from frame to frame. (The paper, on a GeForce 8800:
- * 16.7, 22.7, 32.3 and 43.5 ms a frame at full resolution, 8.7, 9.7, 13.3 and 16.4 ms at the low one.) */
+ * deon.c - `pellucid-bench deon-1`: table 1 of d'Eon et al. 2007, at full and low resolution, with the environment alone, with one and
+ * with two lights, without and with translucent shadow maps; computed completely in every frame, and under static lights; the low
+ * resolution under one light without an environment, too, with the passes of that row next to copies of their bytes; by the light's map
+ * instead of rays; and a mesh that deforms from frame to frame. (The paper, on a GeForce 8800: 16.7, 22.7, 32.3 and 43.5 ms a frame at
+ * full resolution, 8.7, 9.7, 13.3 and 16.4 ms at the low one.) */
 #include "papers.h"
 
 #include <math.h>
@@ -55,12 +55,12 @@ static int repeats_of(const struct bench *b, bool full)
 static enum pell_result measure(struct bench *b, const struct variant *v, bool full, bool stages)
 {
     struct pell_scene *scene = b->s.scene;
-    double *anew = calloc((size_t) b->repeats, sizeof(*anew)), *warm = calloc((size_t) b->repeats, sizeof(*warm));
+    double *cold = calloc((size_t) b->repeats, sizeof(*cold)), *warm = calloc((size_t) b->repeats, sizeof(*warm));
     struct pell_render_result p = { 0 };
     struct pell_light *const all = scene->lights;
     const size_t lights = scene->num_lights;
     const int repeats = repeats_of(b, full);
-    enum pell_result res = anew && warm ? PELL_OK : PELL_ERR_NOMEM;
+    enum pell_result res = cold && warm ? PELL_OK : PELL_ERR_NOMEM;
     char name[96];
 
     PELL_TRY(res);
@@ -75,21 +75,21 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
     for (int i = 0; i < repeats; i++) {
         b->s.settings.seed++; /* lighting is kept for one seed */
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
-        anew[i] = bench_own_ms(&p);
+        cold[i] = bench_own_ms(&p);
         if (stages && i + 1 == repeats)
             add_stages(b, &p);
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));
         warm[i] = bench_own_ms(&p);
     }
     snprintf(name, sizeof(name), "%s, %s, all anew", full ? "full" : "low", v->name);
-    bench_add(&b->rows, name, bench_median(anew, repeats));
+    bench_add(&b->rows, name, bench_median(cold, repeats));
     snprintf(name, sizeof(name), "%s, %s, lights at rest", full ? "full" : "low", v->name);
     bench_add(&b->rows, name, bench_median(warm, repeats));
 
 fail:
     scene->lights = all;
     scene->num_lights = lights;
-    free(anew);
+    free(cold);
     free(warm);
     return res;
 }

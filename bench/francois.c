@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * francois.c - `pellucid-bench francois-2`: layered on pictures that its fish (three painted layers) and its gecko (four) fill, 800 x 600:
- * by samples with one and with two lights, and how far each is from 400 samples; by lights; and what the layers take in memory. (The paper,
+ * francois.c - `pellucid-bench francois-2`: layered on images filled by its fish (three painted layers) and its gecko (four), 800 x 600: by
+ * number of samples with one and with two lights, with the difference to 400 samples; by lights; and the memory of the layers. (The paper,
  * figure 14 and table 2: the fish 126, 51 and 20 frames a second with 10, 50 and 100 samples on a GeForce 7800 GTX, the gecko 120, 33 and
  * 16.) */
 #include "papers.h"

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: MIT
  * jimenez.c - `pellucid-bench jimenez-7.2`: table 7.2 of Jimenez and Gutierrez, "Screen-Space Subsurface Scattering" (GPU Pro, 2010):
- * screen-space beside texture-space by heads, lights and distance, without and with 8 samples a pixel; heads far away, behind a plane and
- * outside of the picture; marble; 200 leaves; bloom and depth of field in the same frame. Lights move in every frame, so that a map that
- * is lit once would not hold. (The paper, on a GeForce 8600M GS: 5 heads 50 against 29 frames/s, 6 lights 69 against 54, far 220 against
- * 120, 10 heads far 3.6 times as fast, 5 heads behind a plane 2 times, 5 busts of marble 2.8 times.) */
+ * screen-space and texture-space by number of heads, number of lights and distance, without and with 8 samples per pixel; heads far
+ * away, hidden by a plane and outside of the image; marble; 200 leaves; bloom and depth of field in the same frame. Lights move in every
+ * frame, so that cached lighting of a map would not be valid. (The paper, on a GeForce 8600M GS: 5 heads 50 against 29 frames/s, 6
+ * lights 69 against 54, far 220 against 120, 10 heads far 3.6 times as fast, 5 heads behind a plane 2 times, 5 busts of marble 2.8
+ * times.) */
 #include "papers.h"
 
 #include <math.h>
@@ -169,7 +170,7 @@ static void set_up(struct bench *b)
 
 /* A copy of the mesh of one leaf, positioned on the surface of a crown with its upper side outward. It uses the first leaf's index and
  * coordinate arrays. */
-static bool hang_leaf(struct pell_mesh *leaf, const struct pell_mesh *first, int i)
+static bool attach_leaf(struct pell_mesh *leaf, const struct pell_mesh *first, int i)
 {
     const float height = 1.0f - (2.0f * (float) i + 1.0f) / LEAVES, around = AROUND * (float) i, across = sqrtf(1.0f - height * height);
     const float out[3] = { across * cosf(around), height, across * sinf(around) }, side[3] = { -sinf(around), 0.0f, cosf(around) };
@@ -210,7 +211,7 @@ static enum pell_result run_leaves(struct bench *b)
     if (!leaves)
         return PELL_ERR_NOMEM;
     for (int i = 0; i < LEAVES; i++)
-        if (!hang_leaf(&leaves[i], &whole.meshes[0], i)) {
+        if (!attach_leaf(&leaves[i], &whole.meshes[0], i)) {
             res = PELL_ERR_NOMEM;
             goto fail;
         }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * mertens.c - `pellucid-bench mertens`: the image-space method on its scene, 500 x 500 and twice that, 16 and 64 samples, half of
- * them uniform; and what an equal time gives by screen-space and hierarchical. (The paper: 4 to 5 frames a second at 500 x 500 on a Radeon
+ * mertens.c - `pellucid-bench mertens`: the image-space method on its scene, 500 x 500 and twice that, with 16 and 64 samples, half of
+ * them uniform; and the error of screen-space and hierarchical in equal time. (The paper: 4 to 5 frames a second at 500 x 500 on a Radeon
  * 9700 Pro; it prints no number of samples.) */
 #include "papers.h"
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
- * munoz.c - `pellucid-bench munoz-2`, `munoz-3`, `munoz-5`: the convolution method as in the figures 2, 3 and 5 of its paper: two
- * sizes of an object ten times apart by threshold; resolutions of the planes, of an object that fills the picture, too; numbers of planes.
+ * munoz.c - `pellucid-bench munoz-2`, `munoz-3`, `munoz-5`: the convolution method as in figures 2, 3 and 5 of its paper: two sizes of an
+ * object, a factor of ten apart, by threshold; resolutions of the planes, also of an object that fills the image; numbers of planes.
  * (The paper, on a Core i7 of 2.66 GHz, the transforms alone: 4 planes at 800 x 600 7 s, 2 s with half the resolution and a threshold of
  * 0.1 %; 2, 4, 8, 16 planes at 800 x 800 7, 14, 33, 100 s.) */
 #include "papers.h"

@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
- * rays.c - how far the surface stage is from bare Embree: the same rays in the same packets through Embree alone, through src/rays, and
+ * rays.c - the surface stage's overhead over bare Embree: the same rays in the same packets through Embree alone, through src/rays, and
  * through the whole stage, without and with maps, in one run.
  *
  *     bench_rays [--mesh FILE --size MM] [--threads N] [--texture N]
  *
- * Without a file the mesh is a bumpy ball of 73,000 triangles. It is looked at so that it covers a third of 1280 x 720. */
+ * Without a file the mesh is a bumpy ball of 73,000 triangles. The camera is placed such that it covers a third of 1280 x 720. */
 #include "render/surface/stage.h"
 
 #include <embree3/rtcore.h>

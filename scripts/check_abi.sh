@@ -44,7 +44,7 @@ if [ $((status & 3)) != 0 ]; then
     echo "abidiff failed" >&2
     exit 1
 fi
-# Of functions and variables: what is gone, or has another type, breaks programs; what is new does not.
+# Functions and variables that were removed or have another type break programs; new ones do not.
 broken=$(sed -n 's/^[FV][a-z]* changes summary: \([0-9]*\) Removed, \([0-9]*\) Changed.*/\1 \2/p' "$work/report" |
     awk '{ n += $1 + $2 } END { print n + 0 }')
 if [ "$broken" != 0 ] || [ $((status & 8)) != 0 ]; then

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Checks the rules of the house that a script can see, over the whole tree; one test in TAP for each rule.
+"""Checks the project's rules that a script can verify, over the whole tree; one test in TAP for each rule.
 
 check_src.py [ROOT]       checks the tree
 check_src.py --self-test  plants a fault for each rule in a scratch tree and shows that the rule finds it, and only that rule
@@ -241,7 +241,7 @@ def rule_sizes(tree):
                 yield name, n, f"{function}() takes {arguments} arguments, {ARGUMENTS} are allowed: a struct says more"
 
 
-# Words that the field does not use for what is meant here, and its own: docs/guide/conventions.md, "Glossary".
+# Words that the field does not use for these concepts, and the field's own: docs/guide/conventions.md, "Glossary".
 WORDS = [(re.compile(words, re.IGNORECASE), better) for words, better in [
     (r"(?<![A-Za-z])lamps?(?![A-Za-z])", "light"),
     (r"(?<![A-Za-z])strat(?:a|um)(?![A-Za-z])", "medium layers"),

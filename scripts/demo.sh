@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# Renders the example scenes with ./pellucid, each beside the same without scattering, and writes a page that shows them.
+# Renders the example scenes with ./pellucid, each next to the same without scattering, and writes a page that shows them.
 set -eu
 cd "$(dirname "$0")/.."
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Renders the pictures of the convolution method that the guide shows, and states how a turning thing changes from frame to frame.
+"""Renders the images of the convolution method for the guide, and measures the change from frame to frame of a rotating object.
 
     scripts/draw_convolution_sheets.py build/src/cli/pellucid BUNNY.obj docs/images
     scripts/draw_convolution_sheets.py --turn build/src/cli/pellucid BUNNY.obj
@@ -9,7 +9,7 @@ convolution-materials.png: the eight materials of figure 4 of the paper, on shap
 convolution-hierarchical.png: apple, marble and orange juice as in its figure 6, then whole milk and jade: convolution above, hierarchical
 below, and their difference four times as strong on grey;
 convolution-truth.png: whole milk, marble and jade, convolution above, path-trace below.
---turn: 16 frames of a bunny that turns half a degree from one to the next. Standard library only.
+--turn: 16 frames of a bunny that rotates by half a degree from one to the next. Standard library only.
 """
 import json
 import struct

@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Renders the pictures that the README opens with, and those of docs/gallery.md.
+"""Renders the images at the top of the README, and those of docs/gallery.md.
 
     scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj build/examples docs/images [NAME ...]
     scripts/draw_gallery.py build/src/cli/pellucid BUNNY.obj docs/gallery.md [NAME ...]
 
-backlight.png: a bunny of 70 mm with a lamp behind it, of whole milk, jade, wax, skimmed milk, soap and marble, by convolution;
+backlight.png: a backlit bunny of 70 mm, of whole milk, jade, wax, skimmed milk, soap and marble, by convolution;
 methods.png: the one of wax without scattering, by screen-space, image-space and texture-space; by convolution, hierarchical and
 path-trace; and veins below the skin of a head, by layered; material-sheet.png: that bunny of every material, in the order of their
-names; gallery/beside.png: the models of the gallery by screen-space and by path-trace; or those of them that are named. With the page:
+names; gallery/beside.png: the models of the gallery by screen-space and by path-trace; or only the named ones. With the page:
 every command of it that renders, or those of the named pictures, into images/gallery beside the page; a turntable becomes a film
 (APNG). Standard library only.
 """

@@ -4,10 +4,10 @@
 
     scripts/draw_head_sheets.py build/src/cli/pellucid head.gltf docs/images [face|ear|grid|stretch|seams]
 
-The head is "Infinite, 3D Head Scan" by Lee Perry-Smith, CC BY 3.0. head-face.png: with its maps, a lamp at
-the side and a dim one at the other, as in the paper's figure 1: without scattering, by texture-space and by hierarchical. head-ear.png: an
-ear lit from behind, by texture-space without what comes through, as a whole, by hierarchical and by path-trace (it takes minutes).
-head-grid.png: a projected grid, blurred without and with regard to the stretch, and by hierarchical. head-stretch.png: mm per texel along
+The head is "Infinite, 3D Head Scan" by Lee Perry-Smith, CC BY 3.0. head-face.png: with its maps, a light
+at one side and a dim one at the other, as in the paper's figure 1: without scattering, by texture-space and by hierarchical. head-ear.png:
+a backlit ear, by texture-space without transmission and complete, by hierarchical and by path-trace (it takes minutes).
+head-grid.png: a projected grid, blurred without and with stretch correction, and by hierarchical. head-stretch.png: mm per texel along
 u and v. head-seams.png: planar charts without and with borders, and the head's own layout. Standard library only.
 """
 import json

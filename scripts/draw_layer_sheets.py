@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Renders the pictures of painted layers that the guide shows.
+"""Renders the images of painted layers for the guide.
 
     scripts/draw_layer_sheets.py build/src/cli/pellucid build/examples docs/images [single-scatter]
 
-fish-lights.png: the fish under its lamp behind, beneath, in front, and all three; fish-cross-section.png: what lies below a line over it;
-painted-layers.png: a leaf lit from behind, a gecko, and veins below the skin of a head; fish-settings.png: the three lamps, by the
+fish-lights.png: the fish under its light behind, beneath, in front, and all three; fish-cross-section.png: the layers below a line on it;
+painted-layers.png: a backlit leaf, a gecko, and veins below the skin of a head; fish-settings.png: the three lamps, by the
 fish's own coefficients and with skin and blood four times as clear (the paper's figure 13); fish-samples.png: 10, 20, 50, 100 and 400
 samples, below 16 times their difference to 400, as best and as the paper (figure 14). Standard library only.
 With single-scatter, fish-single-scatter.png alone, which takes many minutes: the relative error against that reference of one even layer,

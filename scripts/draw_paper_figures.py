@@ -105,7 +105,7 @@ class Figures:
     # --- d'Eon, Luebke and Enderton 2007 ---
 
     def deon_1(self):
-        """Irradiance, albedo, the six blurs, their sum, the lobe, the picture."""
+        """Irradiance, albedo, the six blurs, their sum, the lobe, the image."""
         size = 200
         scene, folder = self.face(), self.work / 'deon-1'
         final = self.render(scene, 'texture-space', 2 * size, 2 * size, '--msaa', '1', knobs=['as=paper', 'tsm=off', 'size=1024'],
@@ -158,7 +158,7 @@ class Figures:
         return grid([panels])
 
     def deon_6(self):
-        """An ear before an area light, spectral skin: without transmission, with it, by path-trace."""
+        """An ear in front of an area light, spectral skin: without transmission, with it, by path-trace."""
         scene = self.portrait()
         scene['camera'] = {'from': [560, 20, 420], 'to': [84, -28, -6], 'fov_deg': 9}
         scene['lights'] = [{'type': 'rect', 'at': [260, 120, -360], 'to': [70, -30, -10], 'width': 120, 'height': 120,
@@ -170,7 +170,7 @@ class Figures:
         return grid([panels])
 
     def deon_7(self):
-        """The three layers by six Gaussians, beside path-trace through the layers."""
+        """The three layers by six Gaussians, next to path-trace through the layers."""
         scene = self.portrait()
         scene['materials']['Skin'] = {'preset': 'skin-3layer', 'roughness': 0.45}
         panels = [self.render(scene, 'texture-space', 300, 340, '--msaa', '4', knobs=['size=1024', 'gaussians=6'])]
@@ -235,7 +235,7 @@ class Figures:
     # --- Munoz et al. 2011 ---
 
     def munoz_1(self):
-        """The light of four planes, what they have after the convolutions, and the picture."""
+        """The light of four planes before and after the convolutions, and the image."""
         scene = {'pellucid': 1, '_folder': self.examples, 'mesh': 'bust.obj', 'size': '110mm', 'materials': {'*': {'preset': 'wholemilk'}},
                  'camera': {'from': ['90mm', '80mm', '330mm'], 'to': [0, '55mm', 0], 'fov_deg': 21},
                  'lights': [{'type': 'point', 'at': ['-200mm', '180mm', '260mm'], 'intensity': 0.35},
@@ -275,7 +275,7 @@ class Figures:
     # --- Mertens et al. 2003 ---
 
     def mertens_4(self):
-        """Irradiance and the picture; two lights; a stained glass; milk and marble."""
+        """Irradiance and the image; two lights; a stained glass; milk and marble."""
         scene, size = self.portrait(), (230, 250)
         scene['lights'] = scene['lights'][:1]
         folder = self.work / 'mertens-4'
@@ -299,7 +299,7 @@ class Figures:
         return grid([panels, more])
 
     def mertens_5(self):
-        """The sum over the whole surface (Jensen and Buhler 2002) beside the samples in the image, paper's form and ours."""
+        """The sum over the whole surface (Jensen and Buhler 2002) next to the samples in the image, with the paper's settings and ours."""
         scene = self.portrait()
         scene['lights'] = scene['lights'][:1]
         scene['materials']['Skin'] = {'preset': 'skin1', 'roughness': 0.5}

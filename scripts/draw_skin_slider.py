@@ -6,7 +6,7 @@
     scripts/draw_skin_slider.py build/tests/optics/skin_slider docs/images/skin-slider.png
 
 Two sheets, one per thickness of the epidermis: melanin rises downwards, haemoglobin to the right; right of each the published skins (left
-halves) beside the nearest colours of the model (right halves). Standard library only.
+halves) next to the nearest colours of the model (right halves). Standard library only.
 """
 import struct
 import subprocess

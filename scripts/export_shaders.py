@@ -6,7 +6,7 @@ each takes. Needs glslc and spirv-cross.
 export_shaders.py OUTPUT [METHOD ...]   into OUTPUT/METHOD/; without a METHOD those of all
 
 In HLSL the binding n of a buffer is the register tn where it is only read, un where not, and push constants are the constant buffer b0. In
-MSL it is buffer(n), and push constants are the buffer behind the last. A specialisation constant is the macro SPIRV_CROSS_CONSTANT_ID_n in
+MSL it is buffer(n), and push constants are the buffer after the last. A specialisation constant is the macro SPIRV_CROSS_CONSTANT_ID_n in
 HLSL, function_constant(n) in MSL.
 """
 import json
@@ -33,7 +33,7 @@ def run(*command):
 
 
 def purpose(source):
-    """The comment at the head of a shader, as one line, and what stands there of each buffer."""
+    """The comment at the head of a shader, as one line, and its description of each buffer."""
     head = re.search(r"// \w+\.comp - (.*?)\n(?!//)", source, re.S)
     lines = head[1].split("\n// ")
     first = next((i for i, line in enumerate(lines) if re.match(r" +(in|out|in/out) +\d", line)), len(lines))

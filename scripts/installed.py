@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""installed.py remember LOG LIST: adds what an installation has put somewhere (Meson's install-log.txt) to LIST, and says where the loader
+"""installed.py remember LOG LIST: adds the files of an installation (Meson's install-log.txt) to LIST, and reports where the loader
 does not find the library, unless the files are for elsewhere (DESTDIR).
-   installed.py remove LIST: removes all of it, the byte code that Python has left beside it, and the folders that it made and that are
+   installed.py remove LIST: removes all of it, the byte code that Python has left next to it, and the folders that it made and that are
 empty then; and LIST.
 
-Meson's own log tells of the last installation alone: after a second one it has no folders, and after the tests, which install into a
+Meson's own log lists only the last installation: after a second one it has no folders, and after the tests, which install into a
 scratch folder, nothing else."""
 import os
 import pathlib

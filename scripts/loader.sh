@@ -1,7 +1,7 @@
 #!/bin/sh
 # SPDX-License-Identifier: MIT
-# loader.sh FOLDER: libpellucid was installed in FOLDER, or removed from there. Where the loader of shared libraries looks there, its cache
-# is made anew, which only root can; where it does not, programs that are linked to the library have to be told, so this says how.
+# loader.sh FOLDER: libpellucid was installed in FOLDER, or removed from there. Where the dynamic loader searches there, its cache is
+# rebuilt, which only root can; where it does not, programs that are linked to the library need its path, so this says how.
 set -eu
 
 PATH=$PATH:/usr/sbin:/sbin

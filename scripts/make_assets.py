@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes what the examples, the benches and the tests use: closed solids and a simple bust, as OBJ files in millimetres, and pictures that
-lights throw or that say how far light goes.
+"""Generates the assets of the examples, the benches and the tests: closed solids and a simple bust, as OBJ files in
+millimetres, images for light projectors, and maps of the scattering radius.
 
     make_assets.py FOLDER [NAME ...]
 
-Deterministic, standard library only. Every mesh is closed and turned outward.
+Deterministic, standard library only. Every mesh is closed and oriented outward.
 """
 import math
 import struct

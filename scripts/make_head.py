@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the head of the gallery: head.ply and head-eyes.ply in millimetres, closed and turned outward, and the maps painted on its skin.
+"""Makes the head of the gallery: head.ply and head-eyes.ply in millimetres, closed and oriented outward, and the maps painted on its skin.
 
     make_head.py FOLDER [FINENESS]
 
 FINENESS is the size of the mesh's cells in mm (1.4). The head is a solid of smooth unions (sdf.py), with the proportions of an adult: the
-origin is between the eyes at the height of their centres, z is forward. head-color.png is what melanin and blood leave of white light
-(Beer's law from two painted maps), head-gloss.png the roughness, head-normal.png pores and lines. Deterministic.
+origin is between the eyes at the height of their centres, z is forward. head-color.png is white light after absorption by melanin and
+blood (Beer's law from two painted maps), head-gloss.png the roughness, head-normal.png pores and lines. Deterministic.
 """
 import sys
 from pathlib import Path
@@ -103,7 +103,7 @@ def face(p, d):
     d = cut(d, chain(p, curve([(13.5, -36.5, 95.5, 0.8), (17.8, -39, 90.2, 1.0), (19.6, -45, 86.8, 1.0), (18.2, -50, 86.4, 0.8)])), 4.5)
     nostril = ellipsoid(turn(turn(at(p, (7.4, -49.8, 96.8)), 1, -20), 0, 14), (0, 0, 0), (3.3, 6.6, 5.4))
     d = cut(d, nostril, 2.0)
-    # Philtrum, folds beside the mouth, below the lip
+    # Philtrum, folds next to the mouth, below the lip
     d = cut(d, cone(p, (0, -55, 94.6), (0, -63.5, 95.4), 1.9, 2.3), 4)
     d = cut(d, chain(p, curve([(20, -45, 91, 1), (26, -56, 90.5, 1), (32, -70, 83.0, 1)])), 9)
     d = cut(d, ellipsoid(p, (0, -88, 96.0), (16, 4.5, 8.0)), 8)

@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Makes the solids whose layers the `layered` examples paint, as OBJ files in millimetres, and what is painted on them.
+"""Makes the solids whose layers the `layered` examples paint, as OBJ files in millimetres, and the maps painted on them.
 
     make_layer_assets.py FOLDER [NAME ...]
 
-NAME* is all whose names begin so. fish-1400, fish-5000 and fish-20000 are the fish with about that many vertices, made when named.
-A NAME-layers.png holds the depth of the bottom of each layer as red, green, blue, alpha, 16 bit; 1 is the depth_scale that the scene file
-says. Deterministic, standard library only. Every object is one closed manifold surface, turned outward, that does not meet itself.
+NAME* selects all models whose names begin with NAME. fish-1400, fish-5000 and fish-20000 are the fish with about that many vertices, made
+only when named. A NAME-layers.png holds the depth of the bottom of each layer as red, green, blue, alpha, 16 bit; 1 is the depth_scale
+that the scene file says. Deterministic, standard library only. Every object is one closed manifold surface, oriented outward, without
+self-intersections.
 """
 import math
 import struct
@@ -21,7 +22,7 @@ sys.dont_write_bytecode = True  # the folder of the sources stays as it is
 from make_assets import bust, fraction
 
 
-# --- Curves, meshes, pictures -------------------------------------------------------------------------------------------------------
+# --- Curves, meshes, textures -------------------------------------------------------------------------------------------------------
 
 
 class Curve:

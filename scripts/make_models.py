@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """Makes the still lifes of the gallery, in millimetres: a hand, a vase with deep folds, a candle with its flame, fruit on a plate, a beech
-leaf, and a studio that lights from all sides.
+leaf, and a studio environment.
 
     make_models.py FOLDER [NAME ...]
 
-Solids are closed and turned outward; the leaf is a sheet. Colours are the vertices' or in maps beside the mesh. Deterministic.
+Solids are closed and oriented outward; the leaf is a sheet. Colours are per vertex or in maps next to the mesh. Deterministic.
 """
 import sys
 from pathlib import Path

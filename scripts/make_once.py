@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""make_once.py STORE FOLDER SCRIPT [NAME ...] -- [OTHER ...]: what SCRIPT FOLDER NAME ... makes, in FOLDER, made once for all folders.
+"""make_once.py STORE FOLDER SCRIPT [NAME ...] -- [OTHER ...]: copies the output of SCRIPT FOLDER NAME ... into FOLDER; the script runs
+once for all folders.
 
-STORE keeps what was made, by what it was made of: the contents of SCRIPT and of the OTHER scripts that it imports, the NAMEs, and the
-version of Python. An empty STORE: SCRIPT is run.
+STORE keeps the output by a hash of its input: the contents of SCRIPT and of the OTHER scripts that it imports, the NAMEs, and the version
+of Python. An empty STORE: SCRIPT is run.
 """
 import hashlib
 import os

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""make_wave.py FOLDER: writes wave.glb, a strip of 120 x 60 x 8 mm that a wave runs through: the deforming mesh of the examples, after
+"""make_wave.py FOLDER: writes wave.glb, a strip of 120 x 60 x 8 mm with a travelling wave: the deforming mesh of the examples, after
 figure 10 of d'Eon, Luebke and Enderton (2007).
 
-A wave that travels is cos(kx) cos(wt) + sin(kx) sin(wt): two morph targets and their weights. It stretches the surface up to 1.9 times.
-The targets have no normals, which could not be summed: the reader makes them of the shape that comes out."""
+A travelling wave is cos(kx) cos(wt) + sin(kx) sin(wt): two morph targets and their weights. It stretches the surface up to 1.9 times.
+The targets have no normals, which could not be summed: the reader computes them for the deformed shape."""
 import json
 import math
 import pathlib

@@ -4,8 +4,8 @@
 
     measure_auto.py PROGRAM FOLDER [--count 24] [--first 0] [--bound 8] [--samples 128] [--size 160]
 
-Shapes, sizes, materials, lights and cameras are drawn by the scene's number. FOLDER gets the scenes and results.json; what is there is not
-measured again. Printed is, of all scenes: the method, the error that was foretold and the one that `compare` finds with its noise.
+Shapes, sizes, materials, lights and cameras are drawn by the scene's number. FOLDER gets the scenes and results.json; existing results are
+not measured again. Prints for all scenes: the method, the predicted error and the one that `compare` finds with its noise.
 """
 import argparse
 import json

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Measures the fast methods against path-trace: what each stage gains, on scanned things and on shapes with deep folds.
+"""Measures the fast methods against path-trace: the improvement by each stage, on scanned objects and on shapes with deep folds.
 
     measure_truth.py PROGRAM FOLDER [--meshes FOLDER] [--samples 200] [--size 96] [--scene NAME ...] [--methods A,B] [--threads N] [--ends]
 
-FOLDER gets the scenes, the pictures and results.json; what is there is not rendered again. --meshes holds bunny.obj, bust.obj, cow.obj and
-hand.obj; without it only the shapes that are made here are measured. --ends leaves out the rows without one stage. path-trace is
-rendered as two halves, so that its noise is no error.
+FOLDER gets the scenes, the pictures and results.json; existing results are not rendered again. --meshes holds bunny.obj, bust.obj,
+cow.obj and hand.obj; without it only the shapes that are made here are measured. --ends leaves out the rows without one stage. path-trace
+is rendered as two halves, so that its noise does not count as error.
 """
 import argparse
 import json

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// record_viewer.mjs CHROMIUM ADDRESS FOLDER: uses the viewer as someone would, and keeps what is seen as FOLDER/NNN.png; NNN-rest.png is
-// looked at for longer. Run by record_viewer.py.
+// record_viewer.mjs CHROMIUM ADDRESS FOLDER: operates the viewer like a user, and keeps screenshots as FOLDER/NNN.png; NNN-rest.png
+// is shown for longer. Run by record_viewer.py.
 import { createRequire } from 'node:module';
 
 const [executablePath, address, folder] = process.argv.slice(2);
@@ -21,7 +21,7 @@ const still = async () => {
   await page.waitForFunction(() => document.getElementById('stage').dataset.still === 'true', null, { timeout: 120000 });
 };
 
-// Moves the hand along a line while the button is down.
+// Moves the mouse along a line while the button is down.
 async function drag(from, to, steps) {
   const at = (t) => [from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])];
   await page.mouse.move(...at(0));

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""run_fuzz.py FOLDER SECONDS: shares SECONDS of wall time among the fuzz targets of a build folder, two at a time.
+"""run_fuzz.py FOLDER SECONDS: divides SECONDS of wall time among the fuzz targets of a build folder, two at a time.
 
-A target is an executable that is defined below fuzz/. Its seeds are the files of corpus/NAME beside its meson.build (NAME without
-"fuzz_"), its dictionary NAME.dict there. What it finds is kept in FOLDER/corpus/NAME, what makes it fail in FOLDER/crashes.
+A target is an executable that is defined below fuzz/. Its seeds are the files of corpus/NAME in the folder of its meson.build (NAME without
+"fuzz_"), its dictionary NAME.dict there. New inputs are kept in FOLDER/corpus/NAME, failing ones in FOLDER/crashes.
 
-FUZZ_SEED (environment): numbers to start from; 0, which is the default, takes others each time. A build that must tell what a change did
-(.ci/run) names one: from the same sources and an empty FOLDER every run goes the same way, as far as its time lets it.
+FUZZ_SEED (environment): the random seed; 0, which is the default, takes another one each time. A build that must attribute a failure to a
+change (.ci/run) names one: from the same sources and an empty FOLDER every run is the same, as far as its time limit permits.
 """
 import concurrent.futures
 import json

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""run_tests.py FOLDER NAME [MESON TEST OPTION...]: runs the tests of a build folder, then tells what failed and what was skipped, by name.
+"""run_tests.py FOLDER NAME [MESON TEST OPTION...]: runs the tests of a build folder, then lists failed and skipped tests by name.
 
 The counts are of single tests (lines of TAP), not of programs. If PELL_COUNTS is set, "NAME PASSED FAILED SKIPPED" is added to that file.
 """

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""soak.py PROGRAM [--hours H | --seconds S] [--seed N] [--jobs N] [--keep FOLDER]: runs the program for hours on what nobody would give
-it: files with changed bytes, random scenes by every method, too little memory, and kills. A case is its seed: --seed N --cases 1 runs it
-again. What went wrong is kept in a folder, with its command. Standard library only."""
+"""soak.py PROGRAM [--hours H | --seconds S] [--seed N] [--jobs N] [--keep FOLDER]: runs the program for hours on invalid
+input: files with changed bytes, random scenes by every method, too little memory, and kills. A case is its seed: --seed N --cases 1 runs it
+again. Failing cases are kept in a folder, with their commands. Standard library only."""
 import argparse
 import array
 import json

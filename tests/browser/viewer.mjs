@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// viewer.mjs CHROMIUM ADDRESS [SHOTS]: uses `pellucid view` as a person would, and prints TAP. The scene is a ball of marble on 160 x 90
-// pixels. SHOTS: a folder for pictures of the page.
+// viewer.mjs CHROMIUM ADDRESS [SHOTS]: operates `pellucid view` like a user, and prints TAP. The scene is a ball of marble on 160 x 90
+// pixels. SHOTS: a folder for screenshots of the page.
 import { createRequire } from 'node:module';
 import { readFileSync } from 'node:fs';
 

@@ -98,7 +98,7 @@ static void end(struct statistics *s)
 }
 
 /* The same with one image and its variance instead of two halves. */
-static void tell_variance(struct pair *p, double sd)
+static void set_variance(struct pair *p, double sd)
 {
     for (int c = 0; c < 3; c++) {
         for (int i = 0; i < PIXELS; i++) {
@@ -138,7 +138,7 @@ static void errors_are_those_without_noise(void **state)
             make(&p, cases[k].error, sd, cases[k].skewed, seed);
             add(&naive, naive_error(&p, 0.01), 0.0);
             if (cases[k].variance)
-                tell_variance(&p, sd);
+                set_variance(&p, sd);
             pair_compare(&p);
             add(&all[0], m->rel_mse, m->rel_mse_error);
             add(&all[1], m->mse, m->mse_error);
@@ -212,7 +212,7 @@ static void the_z_test_keeps_its_rate(void **state)
                         variance[c][i] = (float) (0.04 * light * light);
                     }
                 if (mode == 0)
-                    tell_variance(&p, 0.3);
+                    set_variance(&p, 0.3);
                 for (int c = 0; c < 3; c++)
                     p.in.test_variance[c] = mode == 0 ? variance[c] : NULL;
                 pair_compare(&p);
@@ -332,7 +332,7 @@ static void bad_variances_are_counted(void **state)
 
     begin(&p);
     make(&p, 0.1, 0.3, false, 1);
-    tell_variance(&p, 0.3);
+    set_variance(&p, 0.3);
     p.plane[HALF][0][3] = -1.0f;
     p.plane[HALF][1][4] = INFINITY;
     p.plane[REFERENCE][1][4] = NAN;

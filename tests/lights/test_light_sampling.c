@@ -10,7 +10,7 @@
 
 /* Low-discrepancy points of a unit cube of 2 or 5 dimensions (an additive recurrence by powers of the root of x^(d+1) = x + 1), shifted
  * by `shift`. */
-static void even(int dimensions, int i, double shift, double *u)
+static void low_discrepancy(int dimensions, int i, double shift, double *u)
 {
     const double g = dimensions == 2 ? 1.3247179572447460 : 1.1347241384015194;
     double p = 1.0;
@@ -68,8 +68,8 @@ static struct pell_light_sampler *light_sampler_of(struct rig *r)
 }
 
 /* Contribution of a sample to the irradiance of a plane at p, divided by the density of the sample. */
-static void arrives(const struct pell_light_sampler *e, const struct pell_light_sample *s, struct pell_vec3 p, struct pell_vec3 n,
-                    double out[3], struct pell_vec3 *toward, double *per_sr)
+static void contribution(const struct pell_light_sampler *e, const struct pell_light_sample *s, struct pell_vec3 p, struct pell_vec3 n,
+                         double out[3], struct pell_vec3 *toward, double *per_sr)
 {
     const struct pell_vec3 d = vec3_sub(s->at, p);
     const double d2 = (double) vec3_dot(d, d);
@@ -105,10 +105,10 @@ static void irradiance(const struct pell_light_sampler *e, struct pell_vec3 p, s
         if (pell_light_sampler_count(e) > 1)
             random_numbers(5, i, u);
         else
-            even(5, i, 0.123, u);
+            low_discrepancy(5, i, 0.123, u);
         if (strategy != 1 && pell_light_sampler_sample(e, p, u, &s)) {
             REQUIRE_REL(pell_light_sampler_pdf(e, p, &s), s.pdf, 1e-3);
-            arrives(e, &s, p, n, one, &w, &density);
+            contribution(e, &s, p, n, one, &w, &density);
             c = fmax(0.0, (double) vec3_dot(w, n)) / PELL_PI;
             for (int k = 0; k < 3; k++)
                 out[k] += one[k] * (strategy == 2 && !s.delta && density > 0.0 ? density / (density + c) : 1.0);
@@ -412,7 +412,7 @@ static double environment_flux(struct rig *r, struct pell_vec3 centre)
     for (int i = 0; i < 200000; i++) {
         struct pell_light_hit hit;
         double u[2];
-        even(2, i, 0.0, u);
+        low_discrepancy(2, i, 0.0, u);
         const double y = 1.0 - 2.0 * u[0], ring = sqrt(1.0 - y * y), azimuth = 2.0 * PELL_PI * u[1];
         const struct pell_vec3 w = vec3((float) (ring * cos(azimuth)), (float) y, (float) (ring * sin(azimuth)));
         assert_true(pell_light_sampler_hit(e, centre, centre, w, INFINITY, 0, &hit));
@@ -490,7 +490,7 @@ static void rays_of_lights_carry_the_flux(void **state)
             struct pell_light_ray ray;
             struct pell_vec3 off;
             double u[5], along;
-            even(5, i, 0.7, u);
+            low_discrepancy(5, i, 0.7, u);
             if (!pell_light_sampler_emit(e, centre, radius, u, &ray))
                 continue;
             REQUIRE_NEAR((double) vec3_length(ray.direction), 1.0, 1e-5);
@@ -574,7 +574,7 @@ static void nothing_shines_and_nothing_breaks(void **state)
     assert_true(pell_light_sampler_count(e) >= 4);
     for (int i = 0; i < 4000; i++) {
         const struct pell_vec3 at[4] = { vec3(0, 0, 0), vec3(1e-12f, 0, 0), vec3(3, 2, 1), vec3(1e9f, -1e9f, 1e9f) };
-        even(5, i, 0.0, u);
+        low_discrepancy(5, i, 0.0, u);
         if (i < 32)
             for (int k = 0; k < 5; k++)
                 u[k] = i >> k & 1 ? 1.0 - 1e-16 : 0.0;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  * bench_image_space.c - time of the image-space passes on a bumpy surface that fills 500 x 500 pixels at 4.2 to the millimetre, and 1000 x
- * 1000 at twice that, beside copying the same bytes in the same run; how it grows with the samples and with the radius.
+ * 1000 at twice that, next to copying the same bytes in the same run; its dependence on the number of samples and on the radius.
  *
  *     bench_image_space [threads [name=value ...]] */
 #include "patch.h"

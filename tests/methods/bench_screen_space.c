@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * bench_screen_space.c - time of the screen-space passes on a ball of 300,000 pixels in 1280 x 720, 4 Gaussians, beside copying the
+ * bench_screen_space.c - time of the screen-space passes on a ball of 300,000 pixels in 1280 x 720, 4 Gaussians, next to copying the
  * same bytes in the same run: every translucent pixel's 16 bytes read once and written once in each of a Gaussian's two passes.
  *
  *     bench_screen_space [threads [name=value ...]] */

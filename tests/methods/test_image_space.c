@@ -580,7 +580,7 @@ static void every_misprint_shows(void **state)
     const struct pell_frame_material m = medium("marble");
     struct test_device at = test_device_create(2, NULL, NULL);
     struct pell_profile *profile = calloc(3, sizeof(*profile));
-    double even[4], step[4] = { 0 }, right[161] = { 0 };
+    double flat[4], step[4] = { 0 }, right[161] = { 0 };
 
     (void) state;
     for (int c = 0; c < 3; c++)
@@ -593,20 +593,20 @@ static void every_misprint_shows(void **state)
             for (int x = 0; x < 161; x++)
                 p->depth[patch_at(p, x, y)] = (float) (600.0 - 1.5 * fabs(x - 80.0) / 1.5);
         patch_run(&at, method(at.ctx), settings, p);
-        even[k] = (double) p->result[1][patch_at(p, 76, 60)] / pell_profile_total(&profile[1]);
+        flat[k] = (double) p->result[1][patch_at(p, 76, 60)] / pell_profile_total(&profile[1]);
         light_a_half(p);
         patch_run(&at, method(at.ctx), settings, p);
         for (int x = 40; x < 120; x++) {
-            const double v = (double) p->result[1][patch_at(p, x, 60)] / pell_profile_total(&profile[1]) / even[k];
+            const double v = (double) p->result[1][patch_at(p, x, 60)] / pell_profile_total(&profile[1]) / flat[k];
             if (k == 0)
                 right[x] = v;
             step[k] = fmax(step[k], fabs(v - right[x]));
         }
-        print_message("# as=paper, %s: even light in a valley %.4f of the total; shape of a step off by %.4f\n", misprints[k], even[k],
+        print_message("# as=paper, %s: uniform light in a valley %.4f of the total; shape of a step off by %.4f\n", misprints[k], flat[k],
                       step[k]);
         patch_destroy(p);
     }
-    REQUIRE_REL(even[1] * 2.0 * PELL_PI, even[0], 1e-4);
+    REQUIRE_REL(flat[1] * 2.0 * PELL_PI, flat[0], 1e-4);
     REQUIRE(step[2] > 0.02);
     REQUIRE(step[3] > 0.02);
     test_device_destroy(&at);

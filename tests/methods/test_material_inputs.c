@@ -200,19 +200,20 @@ static void says_what_it_ignores(void **state)
     const struct party *const on = *state;
 
     for (size_t i = 0; i < PELL_COUNT(inputs); i += SLOW ? 3 : 1) {
-        struct scattered varied = scatter(on, i, true), even = scatter(on, i, false);
-        const bool same = memcmp(varied.data, even.data, even.size * sizeof(float)) == 0, says = on->method->ignores & inputs[i].flag;
+        struct scattered varied = scatter(on, i, true), constant = scatter(on, i, false);
+        const bool same = memcmp(varied.data, constant.data, constant.size * sizeof(float)) == 0,
+                   says = on->method->ignores & inputs[i].flag;
         double sum = 0.0;
 
-        for (size_t k = 0; k < even.size; k++)
-            sum += (double) even.data[k];
-        REQUIRE(sum > 0.0 && varied.size == even.size);
+        for (size_t k = 0; k < constant.size; k++)
+            sum += (double) constant.data[k];
+        REQUIRE(sum > 0.0 && varied.size == constant.size);
         if (same != says)
             fail_msg("%s %s the %s", on->method->name, same ? "ignores" : "reads", inputs[i].name);
         if ((says && inputs[i].warned) != names(varied.warnings, on->method->name, pell_ignored_name(inputs[i].flag)))
             fail_msg("%s and its %s: what is warned of is \"%s\"", on->method->name, inputs[i].name, varied.warnings);
         free(varied.data);
-        free(even.data);
+        free(constant.data);
     }
     stage_finish_devices(); /* a context prints this many warnings of a kind, and no more */
 }

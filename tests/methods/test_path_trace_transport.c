@@ -758,7 +758,8 @@ static void paths_from_lights_are_connections(void **state)
 /* --- Layers --------------------------------------------------------------------------------------------------------------------------- */
 
 /* A layer over a deep substrate by the distance below the surface, against two boxes, one upon the other, without a boundary between
- * them: two ways of walking that share no code except collisions. Stacks come from presets: the boxes use the presets' coefficients. */
+ * them: two implementations that have no code in common except collisions. Stacks come from presets: the boxes use the presets'
+ * coefficients. */
 static void layers_are_boxes(void **state)
 {
     const struct pell_material_entry *entry = pell_material_find("skin-2layer");

@@ -273,26 +273,26 @@ static void light_of_painted(int painted, const float depth[3], float at, double
 static void painted_layers(void **state)
 {
     static const float oracle[3] = { 0.5f, 1.0f, 3.0f }, halves[3] = { 0.5f, 1.0f, 3.0f }, thin[3] = { 0.25f, 0.75f, 1.0f };
-    double even[3], found[3], bar[3];
+    double uniform[3], found[3], bar[3];
     (void) state;
 
-    light_of_painted(0, oracle, 101.0f, even, bar);
-    within("even layers of a scene", even[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
+    light_of_painted(0, oracle, 101.0f, uniform, bar);
+    within("uniform layers of a scene", uniform[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
     light_of_painted(1, oracle, 101.0f, found, bar);
     for (int c = 0; c < 3; c++)
-        REQUIRE(found[c] == even[c]);                /* bit by bit */
+        REQUIRE(found[c] == uniform[c]);             /* bit by bit */
     light_of_painted(2, oracle, 101.0f, found, bar); /* below the point the left half and the lower right have the same values */
     within("painted layers", found[1], bar[1], FISH, SLOW ? 0.1 : 0.02);
     for (int c = 0; c < 3; c++)
-        REQUIRE_REL(found[c], even[c], 1e-4); /* the same points: the remaining error is that of finding the boundaries */
+        REQUIRE_REL(found[c], uniform[c], 1e-4); /* the same points: the remaining error is that of finding the boundaries */
     light_of_painted(3, thin, 101.0f, found, bar);
-    light_of_painted(0, thin, 101.0f, even, bar);
+    light_of_painted(0, thin, 101.0f, uniform, bar);
     for (int c = 0; c < 3; c++)
-        REQUIRE_REL(found[c], even[c], 1e-4);
+        REQUIRE_REL(found[c], uniform[c], 1e-4);
     light_of_painted(3, thin, -101.0f, found, bar); /* the left half is 0.5, 1, 3 mm whatever the right is */
-    light_of_painted(0, halves, -101.0f, even, bar);
+    light_of_painted(0, halves, -101.0f, uniform, bar);
     for (int c = 0; c < 3; c++)
-        REQUIRE_REL(found[c], even[c], 1e-4);
+        REQUIRE_REL(found[c], uniform[c], 1e-4);
 }
 
 /* A homogeneous medium with a refracting surface: directional light in closed form; a point light by quadrature over the ray, with the

@@ -1,17 +1,17 @@
 /* SPDX-License-Identifier: MIT
  *
- * oracle_table.c - the numbers of docs/guide/optics-proof.md, which scripts/gen_optics_proof.py puts there.
+ * oracle_table.c - the numbers of docs/guide/optics-proof.md, which scripts/gen_optics_proof.py inserts.
  *
  *     oracle_table compare             every file of tests/expect/oracle against ours; exit status 1 where a tolerance is exceeded or a key
  *                                      of a file is neither compared nor accounted for
  *     oracle_table tap                 the same as a test
- *     oracle_table fits                fits with 4 Gaussians beside the best known optima, marble over the count
+ *     oracle_table fits                fits with 4 Gaussians and the best known optima, marble over the count
  *     oracle_table models PHOTONS CSV  the five profile models against photons, for the media of Jensen et al. 2001; the curves of the
  *                                      plots go to a file
  *
  * Files are found as by project_file: run it at the root of the repository, or set PELL_ROOT.
  *
- * Photons walk once for all channels of one index: these media differ in albedo alone (g = 0). */
+ * Photons are traced once for all channels of one index: these media differ in albedo alone (g = 0). */
 #include "stacks.h"
 
 #include "math/quadrature.h"

@@ -430,7 +430,7 @@ static void published_weights_sum_to_one_exactly(void **state)
     }
 }
 
-/* Table 7.1 prints w'_i = w_i / Sum_{j<=i} w_j beside the weights (the formula there has a wrong index). */
+/* Table 7.1 prints w'_i = w_i / Sum_{j<=i} w_j in addition to the weights (the formula there has a wrong index). */
 static void table_7_1_blend_constants(void **state)
 {
     static const struct {

@@ -102,11 +102,11 @@ static void transmission_without_absorption_falls_as_one_over_the_thickness(void
 /* Forward-scattered light is not counted as unscattered, and is not lost. */
 static void forward_scattering_moves_light_from_straight_to_scattered(void **state)
 {
-    const struct pell_medium even = medium_of(0.1, 1.0, 0.0, 1.4), forward = medium_of(0.1, 1.0, 0.8, 1.4);
+    const struct pell_medium isotropic = medium_of(0.1, 1.0, 0.0, 1.4), forward = medium_of(0.1, 1.0, 0.8, 1.4);
     struct pell_slab a, b;
     (void) state;
 
-    REQUIRE(pell_slab_make(&even, 0, &a) && pell_slab_make(&forward, 0, &b));
+    REQUIRE(pell_slab_make(&isotropic, 0, &a) && pell_slab_make(&forward, 0, &b));
     for (double d = 0.1; d < 10.0; d *= 2.0) {
         const struct pell_slab_light x = pell_slab_at(&a, d), y = pell_slab_at(&b, d);
         REQUIRE_REL(x.transmitted + x.straight, y.transmitted + y.straight, 1e-9);

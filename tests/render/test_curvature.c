@@ -604,21 +604,21 @@ static void clear_sheets_are_bright_toward_the_light(void **state)
     static const char *const methods[] = { "screen-space", "texture-space" };
     (void) state;
 
-    for (int aside = 0; aside < 2; aside++) {
+    for (int oblique = 0; oblique < 2; oblique++) {
         struct stage s;
         size_t material;
         stage_start(&s, SIZE, SIZE);
         stage_medium(&s, "ruby-grapefruit-juice", &material)->roughness = 0.0f;
         stage_box(&s, material, 0, vec3(-60, -60, -2), vec3(60, 60, 2));
-        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(aside ? 1200 : 300, 0, -900), vec3(0, 0, 0), 2.0f);
+        stage_light(&s, PELL_LIGHT_DIRECTIONAL, vec3(oblique ? 1200 : 300, 0, -900), vec3(0, 0, 0), 2.0f);
         stage_camera(&s, vec3(0, 0, 900), vec3(0, 0, 0), 0.0f, 40.0f);
         s.settings.layers = s.settings.angles = s.settings.curvature = s.settings.opposed = true;
         s.settings.boundary = PELL_BOUNDARY_MODEL_SMOOTH;
         for (size_t i = 0; i < PELL_COUNT(methods); i++) {
             struct shot shot = stage_shot_of(&s, methods[i], NULL);
             for (size_t c = 0; c < 3; c++) {
-                const double over = middle_of(&shot, c) / traced[aside][c];
-                print_message("# %s, %s, channel %zu: %.3f\n", aside ? "far aside" : "nearly behind", methods[i], c, over);
+                const double over = middle_of(&shot, c) / traced[oblique][c];
+                print_message("# %s, %s, channel %zu: %.3f\n", oblique ? "far aside" : "nearly behind", methods[i], c, over);
                 REQUIRE(over > 0.75 && over < 1.25);
             }
             shot_free(&shot);

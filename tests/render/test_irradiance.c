@@ -348,7 +348,7 @@ static void constant_environment(void **state)
     }
 }
 
-/* The picture's texels as lights: direction and radiance x solid angle. */
+/* The image's texels as lights: direction and radiance x solid angle. */
 struct texel {
     float x, y, z, rgb[3];
 };

@@ -77,12 +77,12 @@ static void light_is_counted_exactly_once(void **state)
     (void) state;
 
     for (size_t i = 0; i < PELL_COUNT(media); i++)
-        for (int even = 0; even < 2; even++) {
+        for (int diffuse = 0; diffuse < 2; diffuse++) {
             struct shot shot[2];
             struct stage s;
             struct pell_medium m;
 
-            start(&s, media[i], vec3(0, 0, 900), even ? vec3(0, 0, 0) : vec3(0, 0, 900));
+            start(&s, media[i], vec3(0, 0, 900), diffuse ? vec3(0, 0, 0) : vec3(0, 0, 900));
             s.settings.environment_lights = 0;
             s.settings.angles = false;
             m = s.scene->materials[0].medium;
@@ -98,8 +98,8 @@ static void light_is_counted_exactly_once(void **state)
                 const double leaves =
                     (1.0 - pell_fresnel(eta, 1.0)) / (PELL_PI * (1.0 - pell_fresnel_diffuse(1.0 / eta, PELL_FRESNEL_EXACT)));
                 const double all = middle(&shot[0], SHOT_MULTIPLE, c), rest = middle(&shot[1], SHOT_MULTIPLE, c);
-                REQUIRE_REL(even ? rest : rest + entered * single_fraction * leaves, all, 1e-2);
-                REQUIRE(even ? middle(&shot[1], SHOT_SINGLE, c) == 0.0 : middle(&shot[1], SHOT_SINGLE, c) > 0.0);
+                REQUIRE_REL(diffuse ? rest : rest + entered * single_fraction * leaves, all, 1e-2);
+                REQUIRE(diffuse ? middle(&shot[1], SHOT_SINGLE, c) == 0.0 : middle(&shot[1], SHOT_SINGLE, c) > 0.0);
             }
             shot_free(&shot[0]);
             shot_free(&shot[1]);

@@ -326,16 +326,15 @@ static void add_source(double k, double R, double x, double r, double flux, doub
 }
 
 /* Q for a directional light, which is refracted and has its first scattering along the refracted ray. */
-static void light_sources(const struct fixture *f, int c, double R, double eta, double Q[TERMS + 1])
+static void directional_sources(const struct fixture *f, int c, double R, double eta, double Q[TERMS + 1])
 {
     enum { RINGS = 400, PATHS = 50 };
     const double z = (double) f->opposed.depth[c], most = 12.0;
 
     for (int i = 0; i < RINGS * PATHS; i++) {
         const double mu = (i / PATHS + 0.5) / RINGS, side = sqrt(1.0 - mu * mu);
-        const double m = sqrt(1.0 - side * side / (eta * eta)), aside = side / eta, t = (i % PATHS + 0.5) * most / PATHS;
-        const double along = -mu * R + t * z * (m * mu + aside * side), up = side * R - t * z * (m * side - aside * mu),
-                     r = hypot(along, up);
+        const double m = sqrt(1.0 - side * side / (eta * eta)), sine = side / eta, t = (i % PATHS + 0.5) * most / PATHS;
+        const double along = -mu * R + t * z * (m * mu + sine * side), up = side * R - t * z * (m * side - sine * mu), r = hypot(along, up);
         if (r < R)
             add_source(kappa[c], R, along / r, r, exp(-t) * most / PATHS * mu * 2.0 * PELL_PI * R * R / RINGS, Q);
     }
@@ -368,7 +367,7 @@ static void light_that_grazes_goes_on(void **state)
     double Q[TERMS + 1] = { 0.0 }, ratio = 0.0, count = 0.0;
 
     set_depth(f, 1.0);
-    light_sources(f, c, radius, eta, Q);
+    directional_sources(f, c, radius, eta, Q);
     add_ball(f, vec3(0, 0, 0), radius, 9000, 1.0 / radius);
     for (size_t i = 0; i < f->count; i++) { /* toward z */
         struct pell_surface_sample *p = &f->sample[i];
@@ -400,17 +399,17 @@ static void light_that_grazes_goes_on(void **state)
 static void enter(double eta, bool diffuse, uint64_t *random, double w[3])
 {
     const double turn = 2.0 * PELL_PI * random_unit(random);
-    double aside = 0.0;
+    double sine = 0.0;
 
     while (diffuse) {
         const double mu = sqrt(random_unit(random));
-        aside = sqrt(1.0 - mu * mu) / eta;
+        sine = sqrt(1.0 - mu * mu) / eta;
         if (random_unit(random) >= pell_fresnel(eta, mu))
             break;
     }
-    w[0] = aside * cos(turn);
-    w[1] = aside * sin(turn);
-    w[2] = sqrt(1.0 - aside * aside);
+    w[0] = sine * cos(turn);
+    w[1] = sine * sin(turn);
+    w[2] = sqrt(1.0 - sine * sine);
 }
 
 /* One step of a photon in the box, in units of the mean free path: returns the axis of the face that it hits, or -1. */

@@ -426,7 +426,7 @@ static void drawn_and_traced_are_one_picture(void **state)
         struct pell_scene *scene = rich_scene(ctx);
         struct pell_surface traced, first;
         struct pell_raster *raster;
-        int64_t differ = 0, uneven = 0;
+        int64_t differ = 0, unequal = 0;
         struct stage s = stage_of(ctx, scene, 1);
 
         add_mips(&s);
@@ -469,14 +469,14 @@ static void drawn_and_traced_are_one_picture(void **state)
             differ += here != there || (here && first.material[i] != traced.material[i]);
             if (!here || first.material[i] != traced.material[i])
                 continue;
-            uneven += fabsf(first.depth[i] - traced.depth[i]) > 1e-3f || fabsf(first.ng[0][i] - traced.ng[0][i]) > 1e-3f ||
-                      fabsf(first.ns[1][i] - traced.ns[1][i]) > 1e-3f || fabsf(first.base[0][i] - traced.base[0][i]) > 2e-3f ||
-                      fabsf(first.terminator_offset[i] - traced.terminator_offset[i]) > 1e-4f ||
-                      fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
+            unequal += fabsf(first.depth[i] - traced.depth[i]) > 1e-3f || fabsf(first.ng[0][i] - traced.ng[0][i]) > 1e-3f ||
+                       fabsf(first.ns[1][i] - traced.ns[1][i]) > 1e-3f || fabsf(first.base[0][i] - traced.base[0][i]) > 2e-3f ||
+                       fabsf(first.terminator_offset[i] - traced.terminator_offset[i]) > 1e-4f ||
+                       fabsf(first.roughness[i] - traced.roughness[i]) > 2e-3f;
         }
         assert_true(traced.covered_pixels > 500);
         assert_true(differ <= 3);
-        assert_true(uneven <= traced.covered_pixels / 200);
+        assert_true(unequal <= traced.covered_pixels / 200);
         s.view = pell_view_make(&away, width, height, 0, 0);
         s.surface.raster = raster;
         assert_int_equal(pell_surface_render(s.pool, s.rays, scene, &s.view, &s.surface), PELL_OK);

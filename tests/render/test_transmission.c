@@ -15,7 +15,7 @@ static void start_slab(struct rig *r, float thickness)
     rig_camera(r, 40.0f);
 }
 
-/* Sum over points of the light's face of share(t) E(A), where the segment from p to the point leaves the slab's lower side at A. */
+/* Sum over points of the light's face of T(t) E(A), where the segment from p to the point leaves the slab's lower side at A. */
 static double slab_under(const struct pell_light *l, struct pell_vec3 p, double thickness, int channel)
 {
     const struct pell_vec3 at = vec3_load(l->position), up = vec3_load(l->up), axis = vec3_load(l->direction), right = vec3_cross(axis, up);
@@ -23,7 +23,7 @@ static double slab_under(const struct pell_light *l, struct pell_vec3 p, double 
     const int n = flat ? 100 : 1;
     double sum = 0.0;
     if (l->type == PELL_LIGHT_DIRECTIONAL)
-        return table_share(thickness, channel) * l->power[channel] * axis.z;
+        return table_transmittance(thickness, channel) * l->power[channel] * axis.z;
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
             const double u = flat ? (i + 0.5) / n - 0.5 : 0.0, v = flat ? (j + 0.5) / n - 0.5 : 0.0;
@@ -32,7 +32,7 @@ static double slab_under(const struct pell_light *l, struct pell_vec3 p, double 
             const struct pell_vec3 s = vec3_mad(vec3_mad(at, (float) (u * w), right), (float) (v * h), up), d = vec3_sub(s, p);
             const double length = vec3_length(d), cosine = -d.z / length, a = length - thickness / cosine,
                          facing = -vec3_dot(d, axis) / length;
-            double e = table_share(thickness, channel) * l->power[channel] * cosine;
+            double e = table_transmittance(thickness, channel) * l->power[channel] * cosine;
             if (l->type == PELL_LIGHT_DISC && u * u + v * v > 0.25)
                 continue;
             if (flat) {
@@ -72,7 +72,7 @@ static void slab_transmits_every_light(void **state)
         }
 }
 
-/* A light that covers the whole lower hemisphere gives the light of a uniform one, at any distance: share(t) pi L. */
+/* A light that covers the whole lower hemisphere gives the light of a uniform one, at any distance: T(t) pi L. */
 static void a_wide_light_is_even_light(void **state)
 {
     (void) state;
@@ -86,9 +86,9 @@ static void a_wide_light_is_even_light(void **state)
         l->radius = 4000.0f;
         rig_render(&r);
         for (int c = 0; c < 3; c++) {
-            const double even = PELL_PI * (double) l->power[c];
-            REQUIRE_NEAR(r.light.transmitted[c][rig_at(&r, SIZE / 2, SIZE / 2)], even * table_share(0.5, c),
-                         0.05 * even * table_share(0.5, c));
+            const double uniform = PELL_PI * (double) l->power[c];
+            REQUIRE_NEAR(r.light.transmitted[c][rig_at(&r, SIZE / 2, SIZE / 2)], uniform * table_transmittance(0.5, c),
+                         0.05 * uniform * table_transmittance(0.5, c));
         }
         rig_finish(&r);
     }
@@ -114,7 +114,7 @@ static struct pell_texture *add_environment(struct rig *r)
     return t;
 }
 
-/* Under uniform illumination the thin slab shows share(t) pi L; under an environment image, share(t) times the light that enters a
+/* Under uniform illumination the thin slab shows T(t) pi L; under an environment image, T(t) times the light that enters a
  * reversed slab. */
 static void slab_transmits_an_environment(void **state)
 {
@@ -137,7 +137,7 @@ static void slab_transmits_an_environment(void **state)
             rig_finish(&r);
         }
         for (int c = 0; c < 3; c++) {
-            REQUIRE_REL(transmitted[c], entered[c] * table_share(2.0, c), 5e-3);
+            REQUIRE_REL(transmitted[c], entered[c] * table_transmittance(2.0, c), 5e-3);
             if (!image)
                 REQUIRE_REL(entered[c], 1.5 * PELL_PI, 1e-3);
         }
@@ -222,7 +222,7 @@ static void a_projected_image_shows_through_the_slab(void **state)
     for (int x = 0; x < SIZE; x++) {
         const bool right = rig_point(&r, x, 5).x < 0.0f; /* along the light's direction, +z, the right is -x */
         const float got = r.light.transmitted[0][rig_at(&r, x, 5)];
-        REQUIRE_NEAR(got, right ? table_share(1.0, 0) : 0.0, 1e-3);
+        REQUIRE_NEAR(got, right ? table_transmittance(1.0, 0) : 0.0, 1e-3);
         lit += right;
         dark += !right;
     }
@@ -255,7 +255,7 @@ static void inner_objects(void **state)
             rig_render(&r);
             inside = r.light.transmitted[0][rig_at(&r, SIZE / 2, SIZE / 2)];
             outside = r.light.transmitted[0][rig_at(&r, 1, 1)];
-            REQUIRE_REL(outside, table_share(6.0, 0) / sqrt(1.01), 1e-3);
+            REQUIRE_REL(outside, table_transmittance(6.0, 0) / sqrt(1.01), 1e-3);
             if (cases[k].passes)
                 REQUIRE_REL(inside, outside, 1e-3);
             else
@@ -273,7 +273,7 @@ static void a_shadow_on_the_far_side_blocks(void **state)
     rig_light(&r, PELL_LIGHT_DIRECTIONAL, vec3(0, 0, -1), vec3(0, 0, 0), 1.0f);
     rig_render(&r);
     REQUIRE(r.light.transmitted[0][rig_at(&r, 2, 9)] == 0.0f);
-    REQUIRE_REL(r.light.transmitted[0][rig_at(&r, SIZE - 3, 9)], table_share(1.0, 0), 1e-3);
+    REQUIRE_REL(r.light.transmitted[0][rig_at(&r, SIZE - 3, 9)], table_transmittance(1.0, 0), 1e-3);
     rig_finish(&r);
 }
 
@@ -536,7 +536,7 @@ static void a_wall_between_terminators(void **state)
         for (int x = 2; x < SIZE - 2; x += 3) {
             const struct pell_vec3 c = rig_point(&r, x, SIZE / 2);
             const double m_mm = (1.5 - (double) c.x) / (double) to.x, cosine = (double) (tilt * to.x - up * to.z);
-            const double want = wall ? table_share(m_mm + (m_mm * cosine - m_mm) * (double) tilt, 0) * (double) to.x : 0.0;
+            const double want = wall ? table_transmittance(m_mm + (m_mm * cosine - m_mm) * (double) tilt, 0) * (double) to.x : 0.0;
             REQUIRE(r.light.irradiance[0][rig_at(&r, x, SIZE / 2)] == 0.0f);
             REQUIRE_NEAR(r.light.transmitted[0][rig_at(&r, x, SIZE / 2)], want, 0.02 * want);
             REQUIRE(!wall || want > 1e-3);

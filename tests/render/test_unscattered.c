@@ -256,7 +256,7 @@ static const struct medium {
 } clear = { 0.05, 2.5e-4, 0.945 }, white = { 0.0015, 0.7, 0.82 };
 
 /* Radiance of a slab under uniform illumination of 1 W/(m^2 sr), averaged over its middle. */
-static double even_light_of(const char *method, const char *const *knobs, const struct medium *of, float thickness)
+static double uniform_light_of(const char *method, const char *const *knobs, const struct medium *of, float thickness)
 {
     struct stage s;
     struct pell_material *m;
@@ -302,8 +302,8 @@ static void slabs_in_even_light_show_as_much_as_there_is(void **state)
     for (size_t k = 0; k < PELL_COUNT(methods); k++)
         for (size_t i = 0; i < PELL_COUNT(thicknesses); i++) {
             const double d = (double) thicknesses[i], most = exp(-clear.sigma_a * d);
-            const double shown = even_light_of(methods[k], NULL, &clear, thicknesses[i]),
-                         of_white = even_light_of(methods[k], NULL, &white, thicknesses[i]);
+            const double shown = uniform_light_of(methods[k], NULL, &clear, thicknesses[i]),
+                         of_white = uniform_light_of(methods[k], NULL, &white, thicknesses[i]);
             REQUIRE(shown > 0.87 * most && shown < 1.06 * most);
             REQUIRE(of_white > 0.9 * exp(-white.sigma_a * d) && of_white < 1.06);
         }
@@ -321,7 +321,7 @@ static void path_trace_lets_it_through_at_every_thickness(void **state)
 
     for (float d = 1.0f; d < 4.6f; d += 0.7f) {
         const double expected = passed * passed * exp(-(double) d);
-        REQUIRE_REL(even_light_of("path-trace", knobs, &absorbs, d), expected, d < 3.0f ? 0.04 : 0.3); /* the rest is noise */
+        REQUIRE_REL(uniform_light_of("path-trace", knobs, &absorbs, d), expected, d < 3.0f ? 0.04 : 0.3); /* the rest is noise */
     }
 }
 

@@ -136,14 +136,14 @@ enum weight_form { WEIGHT_FLOAT, WEIGHT_BYTE, WEIGHT_SHORT, WEIGHT_FORMS };
 /* Accessors: 0 positions, 1 normals, 2 tangents, 3 indices, 4 inverses, 5 joints, 6 weights. */
 static void make_bar(struct file *f, enum weight_form form, const float (*weights)[4], const uint8_t (*joints)[4])
 {
-    static const float even[BAR_CORNERS][4] = { { 1, 0, 0, 0 },       { 1, 0, 0, 0 }, { 0.5f, 0.5f, 0, 0 },
-                                                { 0.5f, 0.5f, 0, 0 }, { 0, 1, 0, 0 }, { 0, 1, 0, 0 } };
+    static const float linear_weights[BAR_CORNERS][4] = { { 1, 0, 0, 0 },       { 1, 0, 0, 0 }, { 0.5f, 0.5f, 0, 0 },
+                                                          { 0.5f, 0.5f, 0, 0 }, { 0, 1, 0, 0 }, { 0, 1, 0, 0 } };
     static const uint8_t first[BAR_CORNERS][4] = { { 0, 1, 0, 0 }, { 0, 1, 0, 0 }, { 0, 1, 0, 0 },
                                                    { 0, 1, 0, 0 }, { 0, 1, 0, 0 }, { 0, 1, 0, 0 } };
     uint8_t bytes[BAR_CORNERS][4];
     uint16_t shorts[BAR_CORNERS][4], wide[BAR_CORNERS][4];
 
-    weights = weights ? weights : even;
+    weights = weights ? weights : linear_weights;
     joints = joints ? joints : first;
     memset(f, 0, sizeof(*f));
     FLOATS(f, "VEC3", bar_position, BAR_CORNERS);
@@ -162,7 +162,7 @@ static void make_bar(struct file *f, enum weight_form form, const float (*weight
     else
         put(f, 5121, "VEC4", false, joints, sizeof(wide) / 2, BAR_CORNERS);
     if (form == WEIGHT_FLOAT)
-        put(f, 5126, "VEC4", false, weights, sizeof(even), BAR_CORNERS);
+        put(f, 5126, "VEC4", false, weights, sizeof(linear_weights), BAR_CORNERS);
     else if (form == WEIGHT_BYTE)
         put(f, 5121, "VEC4", true, bytes, sizeof(bytes), BAR_CORNERS);
     else

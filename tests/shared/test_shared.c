@@ -111,18 +111,18 @@ static void mirrored_directions_have_their_density(void **state)
 
 static struct pell_phase_terms terms_of(int shape, double g, double second, double weight)
 {
-    const double even = 1.0 / (4.0 * PI), gs[2] = { g, second }, ws[2] = { weight, 1.0 - weight };
+    const double uniform = 1.0 / (4.0 * PI), gs[2] = { g, second }, ws[2] = { weight, 1.0 - weight };
     struct pell_phase_terms f = { .shape = shape };
 
     for (int k = 0; k < 2; k++) {
-        f.n[k] = (float) (ws[k] * (1.0 - gs[k] * gs[k]) * even);
+        f.n[k] = (float) (ws[k] * (1.0 - gs[k] * gs[k]) * uniform);
         f.a[k] = (float) (1.0 + gs[k] * gs[k]);
         f.b[k] = (float) (2.0 * gs[k]);
     }
     if (shape == PELL_PHASE_TERMS_ISOTROPIC)
-        f.n[0] = (float) even;
+        f.n[0] = (float) uniform;
     if (shape == PELL_PHASE_TERMS_RAYLEIGH)
-        f.n[0] = (float) (0.75 * even);
+        f.n[0] = (float) (0.75 * uniform);
     if (shape == PELL_PHASE_TERMS_SCHLICK)
         f.b[0] = (float) g;
     return f;
@@ -263,7 +263,7 @@ static void slabs_are_as_thick_as_they_are(void **state)
 static void a_wide_light_is_sampled_by_solid_angle(void **state)
 {
     const double a = 30.0, b = 12.0, h = 4.0;
-    const struct pell_wide w = pell_wide_make(0.0f, 0.0f, 15.0f, 6.0f, 4.0f), aside = pell_wide_make(12.0f, 3.0f, 15.0f, 6.0f, 4.0f);
+    const struct pell_wide w = pell_wide_make(0.0f, 0.0f, 15.0f, 6.0f, 4.0f), oblique = pell_wide_make(12.0f, 3.0f, 15.0f, 6.0f, 4.0f);
     const double x = 0.5 * a / h, y = 0.5 * b / h, rx = sqrt(1.0 + x * x), ry = sqrt(1.0 + y * y);
     const double lambert = 4.0 * 0.5 * (x / rx * atan(y / rx) + y / ry * atan(x / ry)); /* Int cos over the solid angle */
     double cosine = 0.0, left = 0.0;
@@ -274,14 +274,14 @@ static void a_wide_light_is_sampled_by_solid_angle(void **state)
     for (int i = 0; i < SIDE; i++)
         for (int k = 0; k < SIDE; k++) {
             const float u = ((float) i + 0.5f) / SIDE, v = ((float) k + 0.5f) / SIDE;
-            const struct pell_point2 p = pell_wide_sample(w, u, v), q = pell_wide_sample(aside, u, v);
+            const struct pell_point2 p = pell_wide_sample(w, u, v), q = pell_wide_sample(oblique, u, v);
             const double px = 0.5 * a * (double) p.x, py = 0.5 * b * (double) p.y;
             REQUIRE(fabsf(p.x) <= 1.00001f && fabsf(p.y) <= 1.00001f && fabsf(q.x) <= 1.00001f && fabsf(q.y) <= 1.00001f);
             cosine += h / sqrt(px * px + py * py + h * h) / (SIDE * SIDE);
             left += q.x < -0.8f ? 1.0 / (SIDE * SIDE) : 0.0; /* the weight that remains for the point */
         }
     REQUIRE_NEAR(cosine * (double) w.angle, lambert, 1e-3);
-    REQUIRE_NEAR(left * (double) aside.angle, (double) pell_wide_make(-1.5f, 3.0f, 1.5f, 6.0f, 4.0f).angle, 2e-2);
+    REQUIRE_NEAR(left * (double) oblique.angle, (double) pell_wide_make(-1.5f, 3.0f, 1.5f, 6.0f, 4.0f).angle, 2e-2);
     REQUIRE_NEAR((double) pell_wide_sample(w, 0.5f, 0.5f).x, 0.0, 1e-4);
     REQUIRE_NEAR((double) pell_wide_sample(w, 0.5f, 0.5f).y, 0.0, 1e-4);
 }

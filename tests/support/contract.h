@@ -129,7 +129,7 @@ static inline const char *exception_to(const struct contract *c, const char *met
     return NULL;
 }
 
-static inline bool is_asked(const char *name, int count, char **names)
+static inline bool is_tested(const char *name, int count, char **names)
 {
     for (int i = 1; i < count; i++)
         if (strcmp(names[i], name) == 0)
@@ -151,7 +151,7 @@ static inline void contract_list_engine(const struct contract *c, enum pell_engi
         p.refuse = NULL;
         for (p.promise = c->promises; method_has(p.method, engine) && p.promise->name; p.promise++) {
             p.why = exception_to(c, p.method->name, p.promise->name);
-            if (is_asked(p.promise->name, argc, argv) && (!unfit || p.promise->anywhere) && !(c->again && p.promise->once))
+            if (is_tested(p.promise->name, argc, argv) && (!unfit || p.promise->anywhere) && !(c->again && p.promise->once))
                 contract_add(list, p, p.promise->name);
         }
     }

@@ -44,7 +44,7 @@ static inline void rig_start(struct rig *r, int width, int height)
     pell_knobs_default(pell_settings_knobs(), &r->settings);
     r->settings.msaa = 1;
     OK(pell_scene_create(r->ctx, &r->scene));
-    /* a profile of one Gaussian per channel: share(d) = w exp(-d^2 / 2v) */
+    /* a profile of one Gaussian per channel: T(d) = w exp(-d^2 / 2v) */
     r->table.max_mm = 20.0f;
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
         const double x = (double) i / (PELL_THICKNESS_STEPS - 1), d = 20.0 * x * x;
@@ -54,7 +54,7 @@ static inline void rig_start(struct rig *r, int width, int height)
     }
 }
 
-static inline double table_share(double d, int c)
+static inline double table_transmittance(double d, int c)
 {
     static const double w[3] = { 0.8, 0.6, 0.4 }, v[3] = { 9.0, 4.0, 1.0 };
     return w[c] * exp(-d * d / (2.0 * v[c]));

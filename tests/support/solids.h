@@ -3,10 +3,10 @@
  * solids.h - closed solids for tests of transport, beyond the box and the ball of stage.h, and the check that a solid is one.
  *
  *     solid_slab       a box so wide that its middle is a slab
- *     solid_stack      slabs one upon another, each a body of its own
+ *     solid_stack      stacked slabs, each a separate solid
  *     solid_ball       a ball from an icosahedron: another tessellation than stage_ball's rings
- *     solid_shell      a ball with another one, or something opaque, inside
- *     solid_volume     closed, outward, and how much is inside
+ *     solid_shell      a ball with another one, or an opaque object, inside
+ *     solid_volume     checks that a mesh is closed and oriented outward; its volume
  */
 #ifndef RENDER_SOLIDS_H
 #define RENDER_SOLIDS_H

@@ -230,7 +230,7 @@ static inline struct pell_light *stage_environment(struct stage *s, float radian
     return stage_light(s, PELL_LIGHT_ENVIRONMENT, vec3(0, 0, 0), vec3(0, 0, -1), radiance);
 }
 
-/* Looks from one point at another; `ortho` > 0: mm that the picture is tall, else `fov` radians. */
+/* Looks from one point at another; `ortho` > 0: the image's height in mm, else `fov` radians. */
 static inline struct pell_camera *stage_camera(struct stage *s, struct pell_vec3 from, struct pell_vec3 to, float fov, float ortho)
 {
     const struct pell_vec3 f = vec3_normalize(vec3_sub(to, from));

@@ -176,7 +176,7 @@ class Page:
         return self.until(lambda m: m['type'] == 'hello')[0]
 
     def still(self, state):
-        """Sends a view and waits for its finished picture."""
+        """Sends a view and waits for its finished image."""
         number = self.view(state)
         return self.until(lambda m: m['type'] == 'picture' and m['picture'] == 0 and m['id'] == number and m['still'])
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// rays.comp - for test_gpu_rays.c: one ray an invocation through a scene's triangles.
+// rays.comp - for test_gpu_rays.c: one ray per invocation through a scene's triangles.
 //   in  0 nodes       see visibility/wide_bvh.h
 //   in  1 triangles
 //   in  2 rays        origin (mm), near; direction, far
-//   out 3 hits        t, u, v, 1 where something was met; mesh, triangle (bits)
+//   out 3 hits        t, u, v, 1 where a triangle was hit; mesh, triangle (bits)
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) readonly buffer Nodes { uvec4 bvh_nodes[]; };
 layout(set = 0, binding = 1) readonly buffer Triangles { uvec4 bvh_triangles[]; };

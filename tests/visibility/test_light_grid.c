@@ -30,7 +30,7 @@ static void spread(uint32_t *seed, struct pell_vec3 about, float size, struct po
 }
 
 /* Moller and Trumbore 1997 in double precision, o + t d. `edge` is how far from the nearest edge, in barycentric units. */
-static double meet(const struct pell_mesh *m, uint32_t triangle, const double o[3], const double d[3], double *edge)
+static double intersect(const struct pell_mesh *m, uint32_t triangle, const double o[3], const double d[3], double *edge)
 {
     double v[3][3], e1[3], e2[3], p[3], q[3], t[3], det = 0.0, a = 0.0, b = 0.0, along = 0.0;
 
@@ -110,7 +110,7 @@ static void points_see_the_apex_where_no_triangle_of_all_is_between(void **state
 
             for (uint32_t k = 0; k < TRIANGLES; k++) {
                 double edge;
-                const double t = meet(m, k, o, d, &edge);
+                const double t = intersect(m, k, o, d, &edge);
                 doubtful |= fabs(edge) < 1e-3 || fabs(t) < 1e-5;
                 if (edge >= 0.0 && t > 0.0 && t < 0.9999) {
                     second = t < nearest ? nearest : t < second ? t : second;
@@ -263,7 +263,7 @@ static void there_is_none_where_rays_do_better(void **state)
     assert_false(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
     spread(&seed, vec3(0, 0, 12.0f), 0.1f, &p); /* behind the light */
     assert_false(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
-    spread(&seed, vec3(40.0f, 0, 1.0f), 0.01f, &p); /* beside the picture */
+    spread(&seed, vec3(40.0f, 0, 1.0f), 0.01f, &p); /* outside the image */
     assert_true(pell_light_grid_visible16(grid, all, p.x, p.y, p.z, visible));
     for (int i = 0; i < 16; i++)
         assert_int_equal(visible[i], -1);

@@ -26,10 +26,10 @@ static struct pell_raster_view look(struct pell_vec3 from, struct pell_vec3 to, 
 static void ray_through(const struct pell_raster_view *v, float x, float y, struct pell_ray *ray)
 {
     const float sx = (x + v->left) / v->focal, sy = (v->top - y) / v->focal;
-    const struct pell_vec3 aside = vec3_add(vec3_mul(v->right, sx), vec3_mul(v->up, sy));
+    const struct pell_vec3 offset = vec3_add(vec3_mul(v->right, sx), vec3_mul(v->up, sy));
 
-    vec3_store(v->orthographic ? vec3_add(v->origin, aside) : v->origin, ray->origin);
-    vec3_store(v->orthographic ? v->forward : vec3_add(v->forward, aside), ray->direction);
+    vec3_store(v->orthographic ? vec3_add(v->origin, offset) : v->origin, ray->origin);
+    vec3_store(v->orthographic ? v->forward : vec3_add(v->forward, offset), ray->direction);
     ray->tnear = 1e-6f;
     ray->tfar = INFINITY;
     ray->mask = PELL_RAY_ALL;

@@ -174,7 +174,7 @@ static void damaged_code_is_refused_or_declares_the_same(void **state)
         }
         taken += refused(ctx, &c) == NULL;
     }
-    print_message("# %d of 20000 taken\n", taken); /* function bodies are not checked */
+    print_message("# %d of 20000 taken\n", taken); /* code of functions is not checked */
     REQUIRE(taken > 0 && taken < 15000);
     assert_int_equal(pell_memory_used(ctx), 0);
     pell_context_destroy(&ctx);
