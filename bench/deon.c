@@ -71,7 +71,7 @@ static enum pell_result measure(struct bench *b, const struct variant *v, bool f
     PELL_TRY(pell_renderer_set_scene(b->s.renderer, scene));
     snprintf(name, sizeof(name), "size=%d tsm=%s tsm-size=%d charts=planar", full ? 2048 : 1024, v->tsm, full ? 2048 : 1024);
     PELL_TRY(bench_choose(b, "texture-space", name));
-    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* prepares the surface, and touches all memory once */
+    PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p)); /* computes the surface's layout, and touches all memory once */
     for (int i = 0; i < repeats; i++) {
         b->s.settings.seed++; /* lighting is kept for one seed */
         PELL_TRY(bench_frame(b->s.renderer, &b->s.settings, &p));

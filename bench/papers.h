@@ -43,7 +43,7 @@ struct bench_run {
 
 struct bench_result {
     double once_ms;       /* "prepare" of the first frame */
-    int64_t seen, pixels; /* of the surface stage; the slowest of the method's own stages */
+    int64_t seen, pixels; /* of the surface stage; the maximum over the method's own stages */
     struct row *row;      /* the sum of the method's own stages, medians over warm frames, and its error; NULL: no room */
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// view.mjs CHROMIUM ADDRESS SECONDS: turns the object in a browser and prints what it saw as one JSON object. Run by view.py.
+// view.mjs CHROMIUM ADDRESS SECONDS: rotates the object in a browser and prints its measurements as one JSON object. Run by view.py.
 import { createRequire } from 'node:module';
 
 const [executablePath, address, seconds] = process.argv.slice(2);

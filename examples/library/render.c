@@ -84,7 +84,7 @@ int main(int argc, char **argv)
             &(struct pell_write_params) {
                 .width = image.width, .height = image.height, .channels = image.channels, .num_channels = image.num_channels });
     }
-    pell_renderer_destroy(&renderer); /* in this order; each adds only what is missing */
+    pell_renderer_destroy(&renderer); /* in this order; each accepts NULL */
     pell_device_destroy(&device);
     pell_scene_destroy(&scene);
     pell_context_destroy(&ctx);

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_bake_layers.py PROGRAM ROOT: `pellucid bake-layers`: depths of boxes in a box, the order of layers, a render of what it writes, and
-what it refuses."""
+"""test_bake_layers.py PROGRAM ROOT: `pellucid bake-layers`: depths of boxes in a box, the order of layers, a render of its output,
+and refusals."""
 import json
 import struct
 import sys

@@ -13,7 +13,7 @@ OUT_OF_MEMORY = 5
 
 
 def starved(folder, limit, *arguments):
-    """Runs with an address space of `limit` MiB; the exit code, and what was said."""
+    """Runs with an address space of `limit` MiB; returns the exit code and the messages."""
     def limited():
         resource.setrlimit(resource.RLIMIT_AS, (int(limit * MIB), int(limit * MIB)))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

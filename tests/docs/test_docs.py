@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""test_docs.py PROGRAM ROOT EXAMPLES PROFILE RENDER PASS KERNEL: what the documentation says is
-tried: links, commands, scenes, tables, code.
+"""test_docs.py PROGRAM ROOT EXAMPLES PROFILE RENDER PASS KERNEL: tests the documentation: links,
+commands, scenes, tables, code.
 
 EXAMPLES is the folder of built example scenes; the last four are the programs of examples/library.
 """
@@ -104,7 +104,7 @@ def _(folder):
                 continue  # a pattern, as in src/methods/NAME/
             count += 1
             there = ROOT / ('include/' + name if name.startswith('pellucid/') else name)
-            made = [there.with_suffix('.c'), there.with_suffix('.h.in')]  # a program by its source, a header by what it is made from
+            made = [there.with_suffix('.c'), there.with_suffix('.h.in')]  # a program by its source, a generated header by its source
             need(there.exists() or any(p.exists() for p in made), path.name, 'names', name)
         for target in re.findall(r'(?:^    |`)make ([a-z-]+)', markdown, re.MULTILINE):
             count += 1

@@ -54,7 +54,7 @@ static void cut_everywhere(const char *name, const uint8_t *data, size_t size)
         if (decodes(&t, name, data, length, &image)) {
             REQUIRE(readable);
             if (image_bytes(&image) != image_bytes(&whole) || memcmp(image.pixels, whole.pixels, image_bytes(&whole)) != 0)
-                fail_msg("%s: cut at %zu of %zu gives another picture", name, length, size);
+                fail_msg("%s: cut at %zu of %zu gives another image", name, length, size);
             pell_image_finish(t.ctx, &image);
         }
     if (readable)
@@ -109,7 +109,7 @@ static void change_bytes(const char *name, const uint8_t *data, size_t size)
         }
         if (decodes(&t, name, bad, size, &image)) {
             if (png && (image_bytes(&image) != image_bytes(&whole) || memcmp(image.pixels, whole.pixels, image_bytes(&whole)) != 0))
-                fail_msg("%s: round %d gives another picture", name, round);
+                fail_msg("%s: round %d gives another image", name, round);
             pell_image_finish(t.ctx, &image);
         }
     }

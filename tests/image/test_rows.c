@@ -97,7 +97,7 @@ static void rows_of(const char *name, const uint8_t *data, size_t size)
             float *read = read_bands(rows, bands[i]);
             REQUIRE((read != NULL) == (whole != NULL));
             if (whole && memcmp(read, whole, bytes) != 0)
-                fail_msg("%s: bands of %d rows give another picture", name, bands[i]);
+                fail_msg("%s: bands of %d rows give another image", name, bands[i]);
             if (whole && is_exr(data, size))
                 check_rgb(t.ctx, name, data, size, &rows->layers, read);
             free(read);

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""check_install.py BUILD SOURCE C-COMPILER [CXX-COMPILER [PYTHON PREFIX]]: installs into a scratch folder, builds a stranger's program
-against that alone.
+"""check_install.py BUILD SOURCE C-COMPILER [CXX-COMPILER [PYTHON PREFIX]]: installs into a scratch folder, builds a user's
+program against that alone.
 
 The program knows only what pkg-config tells it. It is built as C11 and, where there is a compiler, as C++17, and run. The projects of
 examples/projects are built by CMake, where it is installed, and by Meson, and run. PYTHON is the one that the package is for.

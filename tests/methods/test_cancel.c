@@ -198,7 +198,7 @@ static void nothing_is_made_of_what_was_cancelled(void **state)
             OK(pell_renderer_render(s.r, &s.settings, &s.image));
             again = shot_copy(&s.image);
             if (!shot_equal(&whole, &again))
-                fail_msg("%s, cancelled at allocation %d of %d: the next picture is another", method->name, canceller.cancel_at, all);
+                fail_msg("%s, cancelled at allocation %d of %d: the next image differs", method->name, canceller.cancel_at, all);
             shot_free(&again);
         }
         stage_finish(&s);

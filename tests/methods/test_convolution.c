@@ -497,7 +497,7 @@ static void the_left_edge_does_not_light_the_right(void **state)
                 rounding = fmax(rounding, fabs((double) both->result[0][i] - (double) right->result[0][i]));
             }
         }
-    print_message("# light at the left: none at the right alone, %.1e of it beside other light\n", rounding / brightest);
+    print_message("# light at the left: none at the right alone, %.1e of it next to other light\n", rounding / brightest);
     REQUIRE(left->result[0][patch_at(left, 8, 20)] > 0.01f && right->result[0][patch_at(right, 291, 20)] > 1e-5f);
     REQUIRE(rounding < 2e-7 * brightest);
     patch_destroy(left);

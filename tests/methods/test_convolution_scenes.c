@@ -393,7 +393,7 @@ static void objects_go_on_beyond_the_picture(void **state)
     (void) state;
     for (float radius = 0.2f; radius < 2.0f; radius *= 3.0f) {
         const double open = worst_at_borders("borders=open", radius), made_up = worst_at_borders("borders=even", radius);
-        print_message("# radius %g mm of 17 mm: off by %.3f at the picture's borders, open %.3f\n", (double) radius, made_up, open);
+        print_message("# radius %g mm of 17 mm: off by %.3f at the image's borders, open %.3f\n", (double) radius, made_up, open);
         REQUIRE(made_up < 0.1 && (open > 0.3 || open < 2.0 * made_up));
     }
     assert_true(worst_at_borders("borders=open", 1.8f) > 0.3);

@@ -239,7 +239,7 @@ static void what_renormalising_does_at_silhouettes(void **state)
                 ring[rim][0] += (double) p->result[1][patch_at(p, x, y)] / pell_gaussians_total(&m.gaussians, 1);
                 ring[rim][1] += 1.0;
             }
-        print_message("# %s: even light on a ball gives %.4f of the total in the middle, %.4f beyond 0.9 of the radius\n", forms[k],
+        print_message("# %s: uniform light on a ball gives %.4f of the total in the middle, %.4f beyond 0.9 of the radius\n", forms[k],
                       ring[0][0] / ring[0][1], ring[1][0] / ring[1][1]);
         REQUIRE_NEAR(ring[0][0] / ring[0][1], 1.0, 0.02);
         if (k == 0)

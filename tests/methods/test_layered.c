@@ -479,8 +479,8 @@ static void paths_on_a_slab(void **state)
     free(p);
 }
 
-/* A ball, without refraction: chords give all path lengths. Light that enters toward `to_light` from the diameter seen by the camera
- * along `to_camera`. */
+/* A ball, without refraction: chords give all path lengths. Single scattering of a light at the cosine of `angle` to the camera, along
+ * the diameter that the camera sees. */
 static double ball_closed_form(double radius, double sigma_s, double sigma_t, double g, double angle)
 {
     const int steps = 20000;

@@ -262,7 +262,7 @@ static void white_furnace(void **state)
             REQUIRE(r.counts.cut == 0);
             for (int c = 0; c < 3; c++)
                 REQUIRE_NEAR(r.mean[3][c], 1.0, SIGMAS * r.error[3][c] + (all ? 1e-3 : 2e-5));
-            /* The same for every single sample, except where surface reflection is sampled by Russian roulette. */
+            /* The same for every single sample, except where surface reflection is selected at random. */
             if (!all && cases[k].objects != 3)
                 REQUIRE(r.error[3][1] < 1e-5);
             pt_scene_destroy(&scene);
@@ -864,9 +864,9 @@ static void what_is_below_is_black(void **state)
 
     for (int i = 0; i < 3; i++) { /* irradiance 1 across the beam, incident at a cosine of 0.8, viewed at 1 */
         const struct pell_phase phase = { PELL_PHASE_SCHLICK, { painted_optics[i][2], 0.0 }, 0.0 };
-        const double d = (double) depth[i] - (i > 0 ? (double) depth[i - 1] : 0.0), way = 1.0 + 1.0 / 0.8;
-        expected += painted_optics[i][0] / painted_optics[i][1] * pell_phase_value(&phase, 0.8) * exp(-optical * way) *
-                    -expm1(-painted_optics[i][1] * d * way) / way;
+        const double d = (double) depth[i] - (i > 0 ? (double) depth[i - 1] : 0.0), length = 1.0 + 1.0 / 0.8;
+        expected += painted_optics[i][0] / painted_optics[i][1] * pell_phase_value(&phase, 0.8) * exp(-optical * length) *
+                    -expm1(-painted_optics[i][1] * d * length) / length;
         optical += painted_optics[i][1] * d;
     }
     for (int kind = 0; kind < 2; kind++) {
@@ -1020,7 +1020,7 @@ static void open_surfaces(void **state)
 static void surfaces_that_cross_are_counted(void **state)
 {
     static const struct {
-        float apart;
+        float distance;
         int object;
         bool box, odd;
     } cases[] = { { 2.0f, 0, false, true }, { 0.0f, 1, true, true }, { 0.1f, 1, true, false }, { 9.0f, 0, false, false } };
@@ -1038,10 +1038,10 @@ static void surfaces_that_cross_are_counted(void **state)
         m = rig_medium(&s, 0.5, 0.0, 0.0, 1.4);
         if (cases[k].box) {
             stage_box(&s, m, 0, vec3(-3, -3, -3), vec3(3, 3, 3));
-            stage_box(&s, m, cases[k].object, vec3(3 + cases[k].apart, -3, -3), vec3(9, 3, 3));
+            stage_box(&s, m, cases[k].object, vec3(3 + cases[k].distance, -3, -3), vec3(9, 3, 3));
         } else {
             stage_ball(&s, m, 0, vec3(0, 0, 0), 3.0f, 16);
-            stage_ball(&s, m, cases[k].object, vec3(cases[k].apart, 0, 0), 3.0f, 16);
+            stage_ball(&s, m, cases[k].object, vec3(cases[k].distance, 0, 0), 3.0f, 16);
         }
         stage_environment(&s, 1.0f);
         look_along(&s, 7.0f);

@@ -187,7 +187,7 @@ static void all_ways_agree(void **state)
             for (int i = 0; i < size * size * 3; i++)
                 bars[i] = bar_at(&s, (size_t) (i % 3), i / 3 % size, i / 3 / size);
             rms = distance(&shot[0], &shot[k], bars, 0.01, &ratio);
-            print_message("# thing %d: hierarchical / dipole with %s: mean %.5f, %.3f bars apart\n", object,
+            print_message("# object %d: hierarchical / dipole with %s: mean %.5f, difference %.3f standard errors\n", object,
                           knobs[k][2] ? knobs[k][2] : "both", ratio, rms);
             REQUIRE_NEAR(ratio, 1.0, 0.025); /* few pixels: noisy */
             REQUIRE(rms < 1.6);
@@ -232,7 +232,7 @@ static void the_bunny(void **state)
     for (int i = 0; i < size * size * 3; i++)
         bars[i] = bar_at(&s, (size_t) (i % 3), i / 3 % size, i / 3 / size);
     rms = distance(&octree, &sampled, bars, 0.01, &ratio);
-    print_message("# bunny of 20 mm: hierarchical / dipole: mean %.5f, %.3f bars apart\n", ratio, rms);
+    print_message("# bunny of 20 mm: hierarchical / dipole: mean %.5f, difference %.3f standard errors\n", ratio, rms);
     REQUIRE_NEAR(ratio, 1.0, 0.015);
     REQUIRE(rms < 1.6);
     shot_free(&octree);

@@ -106,7 +106,7 @@ static void the_energy_error_is_that_of_the_image(void **state)
                     all += should * should;
                 }
             error = sqrt(wrong / all);
-            print_message("# rank %d, channel %d: energy error %.4f in the image, %.4f told\n", rank, c, error, 0.01 * reported[c]);
+            print_message("# rank %d, channel %d: energy error %.4f in the image, %.4f reported\n", rank, c, error, 0.01 * reported[c]);
             REQUIRE(fabs(error - 0.01 * reported[c]) < 0.001 * reported[c] + 0.008); /* the reported error uses finer cells than pixels */
             REQUIRE(error < before[c] + 1e-3);
             before[c] = error;
@@ -177,7 +177,7 @@ static void total_light_is_kept_within_a_percent(void **state)
             const double variance[2] = { widths[i], 8.0 * widths[i] }, weight[2][3] = { { 0.6, 0.6, 0.6 }, { 0.4, 0.4, 0.4 } };
             const struct pell_frame_material m = patch_gaussians(2, variance, weight);
             const double total = ball_total(&at, forms[f], &m, 160.0);
-            print_message("# %s %s: ball of 80 mm, profile %.2f mm wide: %.4f of the light comes out\n", forms[f][1],
+            print_message("# %s %s: ball of 80 mm, profile %.2f mm wide: %.4f of the light exits\n", forms[f][1],
                           forms[f][2] ? forms[f][2] : "", sqrt(widths[i] * (0.6 + 0.4 * 8.0)), total);
             REQUIRE(fabs(total - 1.0) < (f == 3 && i == 3 ? 0.03 : 0.01)); /* outside the ball, with rotated lines */
         }

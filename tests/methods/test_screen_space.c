@@ -311,7 +311,7 @@ static void total_light_of_a_ball_is_kept(void **state)
             const struct pell_frame_material m = single(v);
             double in[3], out[3];
             ball_sums(&at, &m, (int) sizes[s] + 20, sizes[s], in, out);
-            print_message("# ball of 80 mm, %3.0f px across, %.2f mm wide profile: %.4f of the light comes out\n", sizes[s], sqrt(v),
+            print_message("# ball of 80 mm, %3.0f px across, %.2f mm wide profile: %.4f of the light exits\n", sizes[s], sqrt(v),
                           out[0] / in[0]);
             REQUIRE_REL(out[0], in[0], v < 7.0 ? 0.003 : 0.005);
         }
@@ -337,7 +337,7 @@ static void total_light_is_kept_at_borders(void **state)
     patch_run(&at, method(at.ctx), NULL, p);
     before = patch_sum(p, p->light, 0);
     after = patch_sum(p, p->result, 0);
-    print_message("# bright rim: %.5f of the light comes out\n", after / before);
+    print_message("# bright rim: %.5f of the light exits\n", after / before);
     REQUIRE_REL(after, before, 1e-3);
     patch_destroy(p);
     test_device_destroy(&at);
@@ -374,7 +374,7 @@ static void borders_draw_no_lines(void **state)
             }
             worst = fmax(worst, fabs(part) / sum);
         }
-        print_message("# lines beside a border across axis %d: %.5f of the light\n", axis, worst);
+        print_message("# lines next to a border across axis %d: %.5f of the light\n", axis, worst);
         REQUIRE(worst < 5e-4);
         patch_destroy(p);
     }

@@ -252,9 +252,8 @@ static void a_sheet_that_deforms_is_the_convolution(void **state)
         quadrant_error(&shot, 1.3, 0.5, fresh, fresh_rms);
         shot_free(&shot);
         stage_finish(&other);
-        print_message(
-            "# %s: near seams %.4f at most (%.4f rms), elsewhere %.4f; laid out anew %.4f (%.4f), %.4f; layout %.1f ms, once %.1f\n",
-            names[how], largest[0], rms[0], largest[1], fresh[0], fresh_rms[0], fresh[1], now, first);
+        print_message("# %s: near seams %.4f at most (%.4f rms), elsewhere %.4f; new layout %.4f (%.4f), %.4f; layout %.1f ms, once %.1f\n",
+                      names[how], largest[0], rms[0], largest[1], fresh[0], fresh_rms[0], fresh[1], now, first);
         REQUIRE(largest[0] < 1.3 * fresh[0] + (how == 2 ? 0.02 : 0.003) && largest[1] < 1.1 * fresh[1] + 0.001);
         REQUIRE(now > 0.0 && now < 0.5 * first);
     }
@@ -293,7 +292,7 @@ static void other_surfaces_are_laid_out_anew(void **state)
         shot[0] = stage_shot(&s);
         shot[1] = stage_shot_of(&other, "texture-space", knobs);
         if (!shot_equal(&shot[0], &shot[1]))
-            fail_msg("case %d: %g of the mean apart", k, shot_difference(&shot[0], &shot[1]).rms);
+            fail_msg("case %d: difference %g of the mean", k, shot_difference(&shot[0], &shot[1]).rms);
         shot_free(&shot[0]);
         shot_free(&shot[1]);
         stage_finish(&other);
@@ -320,7 +319,7 @@ static void a_surface_at_rest_keeps_its_picture(void **state)
     shot[1] = stage_shot(&s);
     REQUIRE(layout_ms(&s) > 0.0);
     if (!shot_equal(&shot[0], &shot[1]))
-        fail_msg("%g of the mean apart", shot_difference(&shot[0], &shot[1]).rms);
+        fail_msg("difference %g of the mean", shot_difference(&shot[0], &shot[1]).rms);
     shot_free(&shot[0]);
     shot_free(&shot[1]);
     stage_finish(&s);
@@ -356,7 +355,7 @@ static void light_goes_round_the_edges_of_a_cube(void **state)
         shot_free(&shot);
         stage_finish(&s);
     }
-    print_message("# across the edge %.4f apart, without borders %.4f; beside the corner %.4f\n", jump[0], jump[1],
+    print_message("# difference across the edge %.4f, without borders %.4f; near the corner %.4f\n", jump[0], jump[1],
                   fabs(corner[0][0] / corner[0][1] - 1.0));
     REQUIRE(jump[0] < 0.06 && jump[1] > 0.5);
     REQUIRE_REL(corner[0][0], corner[0][1], 0.03);
@@ -639,7 +638,7 @@ static void what_comes_round_and_through_a_ball_counts_once(void **state)
     }
     same = likeness_of(&shots[1], &shots[0]);
     print_message(
-        "# of the sum's light: by ray %.3f, by map %.3f, faded as in the paper %.3f; rms %.3f, %.3f, %.3f; ray and map %.3f apart\n",
+        "# of the sum's light: by ray %.3f, by map %.3f, faded as in the paper %.3f; rms %.3f, %.3f, %.3f; ray and map differ by %.3f\n",
         like[0].light, like[1].light, like[2].light, like[0].rms, like[1].rms, like[2].rms, same.rms);
     REQUIRE(same.rms < 0.09);
     REQUIRE(like[0].light < 1.4 && like[1].light < 1.5 && like[2].light > like[1].light);
@@ -866,7 +865,7 @@ static void parts_in_each_other_have_no_dark_seam(void **state)
     b = stage_shot_of(&s, "hierarchical", NULL);
     for (int k = 0; k < 2; k++)
         ratio[k] = shot_at(k ? &b : &a, 0, 32 + 11, 12) / shot_at(k ? &b : &a, 0, 32 + 24, 12);
-    print_message("# beside the post %.3f of the light far from it, by the sum over the surface %.3f\n", ratio[0], ratio[1]);
+    print_message("# next to the post %.3f of the light far from it, by the sum over the surface %.3f\n", ratio[0], ratio[1]);
     REQUIRE_NEAR(ratio[0], ratio[1], 0.15); /* 0.69 with the dark texels of the buried part */
     shot_free(&a);
     shot_free(&b);

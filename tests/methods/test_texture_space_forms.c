@@ -59,7 +59,7 @@ static void what_is_not_seen_is_left_out_without_a_trace(void **state)
             shots[1] = stage_view(&s, from[v], to[v], all[k]);
             REQUIRE(shot_mean_green(&shots[0]) > 0.0);
             if (!shot_equal(&shots[0], &shots[1]))
-                fail_msg("form %zu, view %d: %g of the mean apart", k, v, shot_difference(&shots[0], &shots[1]).rms);
+                fail_msg("form %zu, view %d: difference %g of the mean", k, v, shot_difference(&shots[0], &shots[1]).rms);
             shot_free(&shots[0]);
             shot_free(&shots[1]);
         }
@@ -85,7 +85,7 @@ static void views_from_all_sides_see_all_of_it(void **state)
         seen[1] = stage_shot(&s);
         fresh = stage_view(&s, vec3(v == 1 ? 40 : -60, 20, v == 0 ? 60 : -60), vec3(0, 0, 0), knobs);
         if (!shot_equal(&seen[1], &fresh))
-            fail_msg("view %d: %g of the mean apart", v, shot_difference(&seen[1], &fresh).rms);
+            fail_msg("view %d: difference %g of the mean", v, shot_difference(&seen[1], &fresh).rms);
         REQUIRE(shot_difference(&seen[1], &seen[0]).rms > 0.1);
         shot_free(&seen[1]);
         shot_free(&fresh);

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""pell-photon-table and gen_profiles.py: the same bytes for any number of threads and stops, and refusals of what is damaged."""
+"""pell-photon-table and gen_profiles.py: the same bytes for any number of threads and stops, and refusals of damaged files."""
 import json
 import os
 import subprocess

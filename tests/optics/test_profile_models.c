@@ -281,7 +281,7 @@ static void single_and_multiple_scattering_are_all_light_at_every_angle(void **s
                 const double sum = albedo * pell_single_scattering_albedo_at(0.0, eta, in) + (total - once) * (1.0 + a.slope * (1.0 - in));
                 REQUIRE_REL(sum, pell_half_space_albedo_at(albedo, eta, mu), k == 20 ? 1e-5 : 0.015);
             }
-            REQUIRE(a.slope < all.slope); /* single scattering leaves closer to the entry point the more obliquely it enters */
+            REQUIRE(a.slope < all.slope); /* more light leaves after single scattering the more obliquely it enters */
         }
     const struct pell_half_space_angle none[] = {
         pell_half_space_angle_multiple(1.0, 1.0, 1.4, (struct pell_half_space_angle) { 0.3, 1.1 }),

@@ -535,7 +535,7 @@ static void solids_lit_from_behind_are_as_bright_as_path_traced(void **state)
         s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
         truth = traced_middle(&s, traced);
         s.settings.opposed = false;
-        for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another, since they share renderer state */
+        for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another: what they share is computed once */
             off[i] = stage_shot_of(&s, methods[i], NULL);
         s.settings.opposed = true;
         for (size_t i = 0; i < PELL_COUNT(methods); i++) {
@@ -618,7 +618,7 @@ static void clear_sheets_are_bright_toward_the_light(void **state)
             struct shot shot = stage_shot_of(&s, methods[i], NULL);
             for (size_t c = 0; c < 3; c++) {
                 const double over = middle_of(&shot, c) / traced[oblique][c];
-                print_message("# %s, %s, channel %zu: %.3f\n", oblique ? "far aside" : "nearly behind", methods[i], c, over);
+                print_message("# %s, %s, channel %zu: %.3f\n", oblique ? "oblique" : "nearly behind", methods[i], c, over);
                 REQUIRE(over > 0.75 && over < 1.25);
             }
             shot_free(&shot);

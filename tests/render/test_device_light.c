@@ -453,7 +453,7 @@ static void light_passes_as_on_the_cpu(void **state)
     device_start(&d);
     rig_of_thin_parts(&r, 60, 40);
     rig_render(&r);
-    normals = r.scene->meshes[COARSE].normal; /* the exit point of light may have none */
+    normals = r.scene->meshes[COARSE].normal; /* the mesh where light exits may have no normals */
     r.scene->meshes[COARSE].normal = NULL;
     pell_free(r.ctx, r.light.irradiance[0]);
     planes_of(&r.light, planes);

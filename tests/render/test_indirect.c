@@ -645,7 +645,7 @@ static void a_thin_wall_lets_indirect_light_out(void **state)
     s.settings.profile = 1 + PELL_PROFILE_MONTE_CARLO;
     s.settings.bounces = 8;
     truth = stage_shot_of(&s, "path-trace", traced);
-    for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another, since they share renderer state */
+    for (size_t i = 0; i < PELL_COUNT(methods); i++) /* one after another: what they share is computed once */
         shot[i] = stage_shot_of(&s, methods[i], NULL);
     s.settings.bounces = 0;
     for (size_t i = 0; i < PELL_COUNT(methods); i++) {

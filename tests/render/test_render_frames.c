@@ -208,7 +208,7 @@ static void nth_allocation_fails_from_file_to_file(void **state)
             if (fault.live != 0)
                 fail_msg("%s: after allocation %llu failed %lld were not freed", scenes[k], (unsigned long long) n, (long long) fault.live);
             if (access(work_file("out.exr"), F_OK) == 0)
-                fail_msg("%s: after allocation %llu failed a picture was left", scenes[k], (unsigned long long) n);
+                fail_msg("%s: after allocation %llu failed an image was left", scenes[k], (unsigned long long) n);
             tried++;
         }
         print_message("# %s: %llu allocations to load, %llu to render, %llu to write; %llu failures tried\n", scenes[k],
@@ -401,7 +401,7 @@ static void a_picture_has_no_history(void **state)
         for (size_t k = 0; k < a.planes; k++)
             for (size_t at = 0; at < a.size; at++)
                 if (memcmp(&a.data[k * a.size + at], &b.data[k * a.size + at], sizeof(float)) != 0)
-                    fail_msg("%d x %d: plane %zu, pixel %zu is %g, and %g after other pictures", sizes[i][0], sizes[i][1], k, at,
+                    fail_msg("%d x %d: plane %zu, pixel %zu is %g, and %g after other images", sizes[i][0], sizes[i][1], k, at,
                              (double) a.data[k * a.size + at], (double) b.data[k * a.size + at]);
         shot_check(&a);
         shot_free(&a);

@@ -7,13 +7,12 @@ static const char *const off[] = { "through=off", NULL };
 
 /* --- Known radiance ---------------------------------------------------------------------------------------------------------------- */
 
-/* A thick block whose face z = 0 fills the image of a camera `tilt` radians off its normal, under a directional light of `e` at
- * `omit_uniform`. */
-static void facing_block(struct stage *s, size_t material, double tilt, double omit_uniform, float e)
+/* A thick block whose face z = 0 fills the image of a camera `tilt` radians off its normal, under a directional light of irradiance `e` at
+ * `light_angle` radians to the normal. */
+static void facing_block(struct stage *s, size_t material, double tilt, double light_angle, float e)
 {
     stage_box(s, material, 0, vec3(-300, -300, -200), vec3(300, 300, 0));
-    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(omit_uniform), 0, 100.0f * (float) cos(omit_uniform)), vec3(0, 0, 0),
-                e);
+    stage_light(s, PELL_LIGHT_DIRECTIONAL, vec3(100.0f * (float) sin(light_angle), 0, 100.0f * (float) cos(light_angle)), vec3(0, 0, 0), e);
     stage_camera(s, vec3(0, 100.0f * (float) sin(tilt), 100.0f * (float) cos(tilt)), vec3(0, 0, 0), 0.0f, 40.0f);
 }
 
@@ -21,21 +20,21 @@ static void white_lambert_plane(void **state)
 {
     (void) state;
     for (int k = 0; k < 16; k++) {
-        const double tilt = k & 1 ? 0.7 : 0.0, omit_uniform = k & 2 ? 1.1 : 0.0;
+        const double tilt = k & 1 ? 0.7 : 0.0, light_angle = k & 2 ? 1.1 : 0.0;
         struct stage s;
         struct shot shot;
         size_t m;
 
         stage_start(&s, 32, 32);
         stage_opaque(&s, 1.0f, &m);
-        facing_block(&s, m, tilt, omit_uniform, 3.0f);
+        facing_block(&s, m, tilt, light_angle, 3.0f);
         s.settings.exit = k & 4 ? PELL_EXIT_NORMALIZATION_PUBLISHED : PELL_EXIT_NORMALIZATION_BALANCED;
         s.settings.boundary = k & 8 ? PELL_BOUNDARY_MODEL_SMOOTH : PELL_BOUNDARY_MODEL_ROUGH;
         shot = stage_shot_of(&s, "screen-space", NULL);
         for (int y = 0; y < 32; y += 5)
             for (int x = 0; x < 32; x += 5)
                 for (size_t c = 0; c < 3; c++)
-                    REQUIRE_REL(shot_at(&shot, c, x, y), 3.0 * cos(omit_uniform) / PELL_PI, 1e-5);
+                    REQUIRE_REL(shot_at(&shot, c, x, y), 3.0 * cos(light_angle) / PELL_PI, 1e-5);
         shot_free(&shot);
         stage_finish(&s);
     }
@@ -50,10 +49,9 @@ static void translucent_plane_in_uniform_light(void **state)
 
     (void) state;
     for (int k = 0; k < 32; k++) {
-        const double tilt = k & 1 ? 0.7 : 0.0, omit_uniform = k & 2 ? 1.1 : 0.0;
+        const double tilt = k & 1 ? 0.7 : 0.0, light_angle = k & 2 ? 1.1 : 0.0;
         const bool published = k & 4, smooth = k & 8;
-        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(omit_uniform)) : 1.0,
-                     out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
+        const double in = smooth ? 1.0 - pell_fresnel(eta, cos(light_angle)) : 1.0, out = smooth ? 1.0 - pell_fresnel(eta, cos(tilt)) : 1.0;
         const double norm = smooth && !published ? pell_fresnel_exit_norm(eta) : 1.0;
         struct stage s;
         struct shot shot;
@@ -61,14 +59,14 @@ static void translucent_plane_in_uniform_light(void **state)
 
         stage_start(&s, 48, 48);
         stage_gaussians(&s, 0.5, &m)->medium.eta = eta;
-        facing_block(&s, m, tilt, omit_uniform, 3.0f);
+        facing_block(&s, m, tilt, light_angle, 3.0f);
         s.settings.exit = published ? PELL_EXIT_NORMALIZATION_PUBLISHED : PELL_EXIT_NORMALIZATION_BALANCED;
         s.settings.boundary = smooth ? PELL_BOUNDARY_MODEL_SMOOTH : PELL_BOUNDARY_MODEL_ROUGH;
         shot = stage_shot_of(&s, k & 16 ? "screen-space" : "none", NULL);
         for (int y = 0; y < 48; y++)
             for (int x = 0; x < 48; x++)
                 for (size_t c = 0; c < 3; c++) {
-                    const double expected = total[c] * 3.0 * cos(omit_uniform) * in * out / (PELL_PI * norm);
+                    const double expected = total[c] * 3.0 * cos(light_angle) * in * out / (PELL_PI * norm);
                     worst = fmax(worst, fabs(shot_at(&shot, c, x, y) / expected - 1.0));
                 }
         shot_free(&shot);
@@ -153,7 +151,7 @@ static void every_model_and_a_table_show_their_total(void **state)
 
     (void) state;
     assert_non_null(knob);
-    for (int k = 0; k < 2 * PELL_PROFILE_MODELS + 1; k += SLOW ? 5 : 1) { /* one model each way, and the table */
+    for (int k = 0; k < 2 * PELL_PROFILE_MODELS + 1; k += SLOW ? 5 : 1) { /* each model selected in both ways, and the table */
         const enum pell_profile_model model = (enum pell_profile_model)(k % PELL_PROFILE_MODELS);
         const bool table = k == 2 * PELL_PROFILE_MODELS;
         struct pell_profile profile;

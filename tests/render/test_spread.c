@@ -13,14 +13,14 @@ enum { WIDTH = 160, HEIGHT = 120, STRIDE = WIDTH, SIZE = STRIDE * HEIGHT };
 
 #define FLAT 0.25f /* mm: a pixel */
 
-/* A facing plane; a light's weight for a spread of `variance` mm^2 at all thicknesses. */
+/* A facing plane whose thickness table spreads light by a variance of `variance` mm^2 at all thicknesses. */
 struct sheet {
     struct pell_context *ctx;
     struct pell_pool *pool;
     struct pell_thickness_table table;
     const struct pell_thickness_table *tables[1];
     uint16_t key[SIZE], material[SIZE];
-    float depth[SIZE], way[SIZE], light[3][SIZE], sum[3][SIZE], half[3][SIZE];
+    float depth[SIZE], path[SIZE], light[3][SIZE], sum[3][SIZE], half[3][SIZE];
     uint8_t lit[2 * (STRIDE / PELL_SPREAD_BLOCK + 1) * HEIGHT];
     struct pell_spread_params p;
 };
@@ -52,7 +52,7 @@ static struct sheet *sheet_of(double variance, int threads)
                                          .material = s->material,
                                          .thickness = s->tables,
                                          .depth = s->depth,
-                                         .path = s->way,
+                                         .path = s->path,
                                          .fixed_mm = FLAT,
                                          .lit = { s->lit, s->lit + sizeof(s->lit) / 2 } };
     for (int c = 0; c < 3; c++) {
@@ -72,7 +72,7 @@ static void sheet_free(struct sheet *s)
 
 static void shine(struct sheet *s, int at, float light)
 {
-    s->way[at] = light > 0.0f ? pell_spread_pack(2.0f, 1.0f) : 0.0f;
+    s->path[at] = light > 0.0f ? pell_spread_pack(2.0f, 1.0f) : 0.0f;
     for (int c = 0; c < 3; c++)
         s->light[c][at] = light;
 }
@@ -142,7 +142,7 @@ static void what_did_not_go_straight_stays(void **state)
         const float straight = i % 7 == 0 ? 3.0f : 0.0f, share = straight / (straight + 5.0f);
         shine(alone, i, straight);
         shine(s, i, straight + 5.0f);
-        s->way[i] = pell_spread_pack(2.0f, share);
+        s->path[i] = pell_spread_pack(2.0f, share);
     }
     REQUIRE(pell_spread_render(s->pool, &s->p) > 0 && pell_spread_render(alone->pool, &alone->p) > 0);
     for (int y = 0; y < HEIGHT; y++)
@@ -168,7 +168,7 @@ static void even_light_and_light_of_no_way_stay(void **state)
         REQUIRE_NEAR(s->light[1][i], 3.0f, 1e-4);
     for (int i = 0; i < SIZE; i++) {
         shine(s, i, (float) (i % 7));
-        s->way[i] = 0.0f;
+        s->path[i] = 0.0f;
     }
     REQUIRE(pell_spread_render(s->pool, &s->p) == 0);
     for (int i = 0; i < SIZE; i++)

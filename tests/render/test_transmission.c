@@ -168,8 +168,8 @@ static int64_t transmitted_by_samples(struct rig *r, double mean[SIZE * SIZE], d
     return rays;
 }
 
-/* Each pixel evaluates all lights of an environment in one frame, rather than in turns; with fewer rays. The sun is strong, and is
- * evaluated every time. */
+/* Over the samples of a frame each pixel receives all lights of an environment, although weak lights take turns among the samples; this
+ * needs fewer rays. The sun is strong, and contributes to every sample. */
 static void lights_take_turns(void **state)
 {
     static double turns[SIZE * SIZE], all[SIZE * SIZE];

@@ -133,7 +133,7 @@ static void bumps_do_not_make_specks_of_a_lamp(void **state)
     }
     peaks = squares * MIDDLE * MIDDLE / (sum * sum); /* with light 1 on all pixels, and 10 on a tenth of them */
     print_message("# peaks %.2f, all %.4g, of many samples %.4g\n", peaks, sum, expected);
-    REQUIRE(peaks < 8.0); /* 12 paths that are not modified */
+    REQUIRE(peaks < 8.0); /* 12 for unmodified paths */
     REQUIRE_REL(sum, expected, SLOW ? 0.2 : 0.05);
 }
 

@@ -599,7 +599,7 @@ static void studio_lights_are_as_bright_on_a_grain_as_on_a_house(void **state)
             sum += e;
         }
         REQUIRE(sum > PELL_PI && sum < 3.0 * PELL_PI);
-        REQUIRE_REL(first[0], 0.85 * PELL_PI * 0.97, 1e-3); /* the light's design irradiance; green of the tint */
+        REQUIRE_REL(first[0], 0.85 * PELL_PI * 0.97, 1e-3); /* the irradiance that its radiance was chosen for; green of the tint */
         REQUIRE(s->lights[0].position[0] < center[0] && s->lights[0].position[1] > center[1] && s->lights[0].position[2] > center[2]);
         REQUIRE(s->lights[2].position[2] < s->bounds_min[2]); /* the rim light comes from behind */
         finish(s);

@@ -190,7 +190,7 @@ static void negative_scales_keep_faces_and_normals_together(void **state)
     for (size_t i = 0; i < PELL_COUNT(names); i++) {
         load(&f, names[i]);
         if (!(agreement(f.scene, NULL) > 0.9999))
-            fail_msg("%s: only %g of the area faces the way of its normals", names[i], agreement(f.scene, NULL));
+            fail_msg("%s: only %g of the area faces like its normals", names[i], agreement(f.scene, NULL));
         unload(&f);
     }
 }

@@ -143,8 +143,8 @@ static void all_modes_and_filters_give_what_was_packed(void **state)
             for (size_t c = 0; c < 3; c++)
                 assert_int_equal(is[c], was[(first + c) % 3]);
         }
-        print_message("# %s, %s: positions %.2g off, normals %.2g; %zu bytes in place of %d\n", w.position_filter, w.index_mode, off,
-                      turned, p.size, VERTICES * 16 + 12 * TRIANGLES);
+        print_message("# %s, %s: positions %.2g off, normals %.2g; %zu bytes instead of %d\n", w.position_filter, w.index_mode, off, turned,
+                      p.size, VERTICES * 16 + 12 * TRIANGLES);
         REQUIRE(exponential ? off < 1e-5 : off == 0.0);
         REQUIRE(turned < 0.02);
         finish(&r);

@@ -151,7 +151,7 @@ float mapped(float x)
            pell_bumpy_roughness(x, bumps, 0) + pell_slope_variance(x, 0.25f);
 }
 
-// From a pixel to what it shows: the stages that look around it, too.
+// From a pixel to its display value, including the stages that read neighbouring pixels.
 float shown(float x)
 {
     const float right = pell_camera_right(x, 0.25f, 16.0f, 9.0f), up = pell_camera_up(x, 0.25f, 16.0f, 9.0f);

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the program share: running it, small scenes, and readers of what it writes. Standard library only.
-PYTHONPATH leads here (tests/meson.build)."""
+"""Shared by the tests of the program: running it, small scenes, and readers of its output files. Standard library only.
+PYTHONPATH has this folder (tests/meson.build)."""
 import base64
 import json
 import math

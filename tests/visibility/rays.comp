@@ -20,9 +20,9 @@ void main()
 
     if (i >= pc.count)
         return;
-    const vec4 from = rays[2 * i], way = rays[2 * i + 1];
+    const vec4 from = rays[2 * i], direction = rays[2 * i + 1];
     Hit hit;
-    const bool met = trace_ray(Ray(from.xyz, from.w, way.xyz, way.w, pc.mask), pc.any != 0u, hit);
-    hits[2 * i] = uvec4(floatBitsToUint(hit.t), floatBitsToUint(hit.u), floatBitsToUint(hit.v), met ? 1u : 0u);
+    const bool any_hit = trace_ray(Ray(from.xyz, from.w, direction.xyz, direction.w, pc.mask), pc.any != 0u, hit);
+    hits[2 * i] = uvec4(floatBitsToUint(hit.t), floatBitsToUint(hit.u), floatBitsToUint(hit.v), any_hit ? 1u : 0u);
     hits[2 * i + 1] = uvec4(hit.mesh, hit.triangle, 0u, 0u);
 }
