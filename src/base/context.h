@@ -23,7 +23,7 @@ struct pell_context {
     _Atomic uint64_t allocations;
     atomic_bool cancelled;
     _Atomic unsigned writes; /* number of files replaced or created */
-    /* pell_interruptible: twice the number of active sections, + 1 if they, or the last of them, were asked to end */
+    /* pell_interruptible: twice the number of active sections, + 1 if an end of them, or of the last of them, is requested */
     _Atomic unsigned partial;
     _Atomic int in_flight; /* pell_file_in_flight */
     _Atomic int softened;  /* pell_log_downgrade */

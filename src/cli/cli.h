@@ -28,7 +28,7 @@ enum exit_code {
 };
 
 struct cli;
-struct pell_share;
+struct pell_communicator;
 
 /* A command of a program: one row of its table in main.c. */
 struct command {
@@ -57,7 +57,7 @@ struct program {
     const char *start;        /* lines of --help below the commands, or "" */
     const struct command *commands;
     size_t num_commands;
-    struct pell_share *share; /* set if the process is one of several that render together; NULL: alone */
+    struct pell_communicator *communicator; /* set if the process is one of several that render together; NULL: alone */
 };
 
 enum option_group {
@@ -149,7 +149,7 @@ struct cli {
     struct {
         enum pell_result code;
         char where[1024], what[2048], hint[1024];
-        bool there;
+        bool present;
     } error; /* the first one */
     struct {
         double begin, shown;   /* seconds */
@@ -299,7 +299,7 @@ struct session {
 /* "30s", "5min", "2h", "250ms": a time needs its unit. */
 enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char *text, double *seconds);
 /* "1%" -> 0.01; range (0, 1]. */
-enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char *text, double *share);
+enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char *text, double *fraction);
 /* Load parameters from the command line. */
 enum exit_code cli_load_params(struct cli *cli, struct pell_load_params *params);
 /* Values of --engine; ends with NULL. */

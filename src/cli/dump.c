@@ -45,7 +45,7 @@ enum exit_code dump_check(struct cli *cli)
         return cli_usage(cli, "--dump", NULL, "is empty, must name a folder");
     if (cli->numbers.turntable > 0 || cli->frames)
         return cli_usage(cli, "--dump", NULL, "is of one image: it does not go with %s", cli->frames ? "--frames" : "--turntable");
-    if (cli->program->share)
+    if (cli->program->communicator)
         return cli_usage(cli, "--dump", NULL, "writes the intermediate images of one process: run it on one machine");
     return EXIT_OK;
 }

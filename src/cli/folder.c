@@ -24,16 +24,16 @@ enum pell_result folder_begin(struct pell_context *ctx, const char *option, cons
     while (n > 1 && path[n - 1] == '/')
         n--;
     memcpy(f->path, path, n);
-    f->there = stat(f->path, &st) == 0;
-    if (f->there && !S_ISDIR(st.st_mode))
+    f->existed = stat(f->path, &st) == 0;
+    if (f->existed && !S_ISDIR(st.st_mode))
         return pell_error(ctx, PELL_ERR_IO, path, hint, "exists and is not a folder");
-    snprintf(f->partial, sizeof(f->partial), "%s%s.partial-XXXXXX", f->path, f->there ? "/" : "");
+    snprintf(f->partial, sizeof(f->partial), "%s%s.partial-XXXXXX", f->path, f->existed ? "/" : "");
     pell_file_in_flight(ctx, +1);
     if (mkdtemp(f->partial))
         return PELL_OK;
     pell_file_in_flight(ctx, -1);
     f->partial[0] = '\0';
-    return pell_error(ctx, PELL_ERR_IO, path, hint, f->there ? "can't be written to" : "can't be made");
+    return pell_error(ctx, PELL_ERR_IO, path, hint, f->existed ? "can't be written to" : "can't be made");
 }
 
 const char *folder_file(struct output_folder *f, const char *name)
@@ -61,12 +61,12 @@ enum pell_result folder_commit(struct output_folder *f)
         if (pell_file_was_read(f->ctx, to))
             return pell_error(f->ctx, PELL_ERR_INVALID, f->option, "name another folder", "\"%s\" is one of the files that were read", to);
     }
-    if (!f->there && chmod(f->partial, 0777 & ~mask) == 0 && rename(f->partial, f->path) == 0) {
+    if (!f->existed && chmod(f->partial, 0777 & ~mask) == 0 && rename(f->partial, f->path) == 0) {
         f->partial[0] = '\0';
         pell_file_in_flight(f->ctx, -1);
         return PELL_OK;
     }
-    if (!f->there && mkdir(f->path, 0777) != 0 && errno != EEXIST) /* another process created it meanwhile: equally good */
+    if (!f->existed && mkdir(f->path, 0777) != 0 && errno != EEXIST) /* another process created it meanwhile: equally good */
         return pell_error(f->ctx, PELL_ERR_IO, f->path, NULL, "can't be made");
     for (size_t i = 0; i < f->count; i++) {
         snprintf(from, sizeof(from), "%s/%s", f->partial, f->files[i]);

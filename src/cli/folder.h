@@ -16,7 +16,7 @@ struct output_folder {
     char partial[4300]; /* where files are written until all are complete; "": not begun */
     char files[512][280];
     size_t count;
-    bool there; /* the folder existed before: files replace those of the same name */
+    bool existed; /* the folder existed before: files replace those of the same name */
 };
 
 /* `path` may exist; its parent folder must. */

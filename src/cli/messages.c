@@ -3,7 +3,7 @@
 #include "cli/cli.h"
 
 #include "base/file.h"
-#include "render/share.h"
+#include "render/communicator.h"
 
 #include <math.h>
 #include <poll.h>
@@ -182,8 +182,9 @@ static void print_message(struct cli *cli, enum pell_log_level level, const char
         fprintf(stderr, "%s%s:%s", cli_style(cli, stderr, styles[level]), names[level], cli_style(cli, stderr, 0));
         column += columns(names[level], strlen(names[level])) + 1;
     }
-    if (cli->program->share && cli->program->share->rank > 0)
-        column += fprintf(stderr, "%srank %d of %d:", column ? " " : "", cli->program->share->rank, cli->program->share->ranks);
+    if (cli->program->communicator && cli->program->communicator->rank > 0)
+        column +=
+            fprintf(stderr, "%srank %d of %d:", column ? " " : "", cli->program->communicator->rank, cli->program->communicator->ranks);
     if (where[0]) {
         fprintf(stderr, "%s%s%s:%s", column ? " " : "", cli_style(cli, stderr, 1), where, cli_style(cli, stderr, 0));
         column += columns(where, strlen(where)) + 1 + (column > 0);
@@ -231,8 +232,8 @@ void cli_message(void *user, const struct pell_message *m)
     pell_printable(m->hint, hint, sizeof(hint));
     if (cli->logs == CLI_LOGS_NOTHING || (cli->logs == CLI_LOGS_ERRORS && m->level != PELL_LOG_ERROR))
         return;
-    if (m->level == PELL_LOG_ERROR && !cli->error.there) {
-        cli->error.there = true;
+    if (m->level == PELL_LOG_ERROR && !cli->error.present) {
+        cli->error.present = true;
         cli->error.code = m->code;
         memcpy(cli->error.where, where, sizeof(where));
         memcpy(cli->error.what, what, sizeof(what));
@@ -419,7 +420,7 @@ void cli_print_json_error(struct cli *cli, enum exit_code code)
 {
     if (!cli->json || cli->answered)
         return;
-    if (!cli->error.there) {
+    if (!cli->error.present) {
         cli->error.code = code == EXIT_MEMORY ? PELL_ERR_NOMEM : PELL_ERR_CANCELLED;
         snprintf(cli->error.what, sizeof(cli->error.what),
                  code == EXIT_MEMORY ? "there is not enough memory" : "stopped before it was done");

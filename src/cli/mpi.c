@@ -4,7 +4,7 @@
  */
 #include "cli/mpi_bench.h"
 
-#include "render/share.h"
+#include "render/communicator.h"
 
 #include <mpi.h>
 #include <stdlib.h>
@@ -111,30 +111,30 @@ static const struct command commands[] = {
 int main(int argc, char **argv)
 {
     struct ranks ranks = { .comm = MPI_COMM_WORLD };
-    struct pell_share share = { &ranks,     .begin = begin,         .take = take, .stop = stop,
-                                .any = any, .broadcast = broadcast, .send = send, .receive = receive };
+    struct pell_communicator comm = { &ranks,     .begin = begin,         .take = take, .stop = stop,
+                                      .any = any, .broadcast = broadcast, .send = send, .receive = receive };
     const struct program program = {
         .name = "pellucid-mpi",
         .about = "renders translucent objects on many machines",
         .start = "",
         .commands = commands,
         .num_commands = PELL_COUNT(commands),
-        .share = &share,
+        .communicator = &comm,
     };
     int provided, code;
 
     MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
-    MPI_Comm_rank(ranks.comm, &share.rank);
-    MPI_Comm_size(ranks.comm, &share.ranks);
-    MPI_Win_allocate((MPI_Aint) (share.rank == 0 ? COUNTERS * sizeof(int64_t) : 0), sizeof(int64_t), MPI_INFO_NULL, ranks.comm,
+    MPI_Comm_rank(ranks.comm, &comm.rank);
+    MPI_Comm_size(ranks.comm, &comm.ranks);
+    MPI_Win_allocate((MPI_Aint) (comm.rank == 0 ? COUNTERS * sizeof(int64_t) : 0), sizeof(int64_t), MPI_INFO_NULL, ranks.comm,
                      &ranks.counters, &ranks.window);
-    if (share.rank == 0)
+    if (comm.rank == 0)
         memset(ranks.counters, 0, COUNTERS * sizeof(int64_t));
     MPI_Barrier(ranks.comm);
     MPI_Win_lock_all(0, ranks.window);
     code = cli_main(&program, argc, argv);
-    if (code != EXIT_OK && !share.finished) { /* the other ranks wait for this one; errors common to all are reported by rank 0 */
-        if (share.rank > 0)
+    if (code != EXIT_OK && !comm.finished) { /* the other ranks wait for this one; errors common to all are reported by rank 0 */
+        if (comm.rank > 0)
             sleep(1);
         MPI_Abort(ranks.comm, code);
     }

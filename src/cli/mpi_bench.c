@@ -6,7 +6,7 @@
 
 #include "cli/bench.h"
 #include "methods/path_trace/path_trace.h"
-#include "render/share.h"
+#include "render/communicator.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -43,7 +43,7 @@ static double run_seconds(const struct costs *c, double ranks)
 
 static enum pell_result measure_reduce(struct cli *cli, struct costs *c)
 {
-    struct pell_share *share = cli->program->share;
+    struct pell_communicator *comm = cli->program->communicator;
     const size_t tiles = (size_t) (c->film / sizeof(struct pt_pixel)) / TILE_PIXELS;
     uint8_t *pixels = pell_alloc(cli->ctx, tiles);
     struct pt_film film = { 0 }, total = { 0 };
@@ -54,23 +54,23 @@ static enum pell_result measure_reduce(struct cli *cli, struct costs *c)
         return res;
     memset(pixels, TILE_PIXELS, tiles);
     PELL_TRY(pt_film_create(cli->ctx, pixels, tiles, &film));
-    if (share->rank == 0)
+    if (comm->rank == 0)
         PELL_TRY(pt_film_create(cli->ctx, pixels, tiles, &total));
     for (size_t i = 0; i < film.count; i++)
         film.pixels[i].count = 1;
     for (int i = 0; i < 3; i++) {
         double start;
-        share->any(share->user, false);
+        comm->any(comm->user, false);
         start = pell_seconds();
-        PELL_TRY(pt_share_reduce(cli->ctx, share, &film, &total));
-        share->any(share->user, false);
+        PELL_TRY(pt_ranks_reduce(cli->ctx, comm, &film, &total));
+        comm->any(comm->user, false);
         best = fmin(best, pell_seconds() - start);
     }
     c->film = (double) film.count * sizeof(struct pt_pixel);
-    c->reduce = share->ranks > 1 ? best / (c->film * steps(share->ranks)) : best / c->film;
-    if (share->rank == 0 && total.pixels[0].count != (uint32_t) share->ranks)
+    c->reduce = comm->ranks > 1 ? best / (c->film * steps(comm->ranks)) : best / c->film;
+    if (comm->rank == 0 && total.pixels[0].count != (uint32_t) comm->ranks)
         res = pell_error(cli->ctx, PELL_ERR_DEVICE, "bench", NULL, "the films were not added: %u of %d ranks", total.pixels[0].count,
-                         share->ranks);
+                         comm->ranks);
 
 fail:
     pt_film_free(cli->ctx, &film);
@@ -81,35 +81,35 @@ fail:
 
 static enum pell_result measure_messages(struct cli *cli, struct costs *c)
 {
-    struct pell_share *share = cli->program->share;
+    struct pell_communicator *comm = cli->program->communicator;
     char *data = pell_zalloc(cli->ctx, SEND);
     double start;
 
     if (!data)
         return PELL_ERR_NOMEM;
-    share->begin(share->user);
+    comm->begin(comm->user);
     start = pell_seconds();
     for (int i = 0; i < TAKES; i++)
-        share->take(share->user, 1);
+        comm->take(comm->user, 1);
     c->take = (pell_seconds() - start) / TAKES;
-    share->broadcast(share->user, data, SEND);
-    share->any(share->user, false);
+    comm->broadcast(comm->user, data, SEND);
+    comm->any(comm->user, false);
     start = pell_seconds();
-    share->broadcast(share->user, data, SEND);
-    share->any(share->user, false);
-    c->broadcast = (pell_seconds() - start) / SEND / fmax(steps(share->ranks), 1.0);
+    comm->broadcast(comm->user, data, SEND);
+    comm->any(comm->user, false);
+    c->broadcast = (pell_seconds() - start) / SEND / fmax(steps(comm->ranks), 1.0);
     pell_free(cli->ctx, data);
     return PELL_OK;
 }
 
 static enum pell_result measure_render(struct cli *cli, struct session *s, struct costs *c, struct rows *rows)
 {
-    struct pell_share *share = cli->program->share;
+    struct pell_communicator *comm = cli->program->communicator;
     struct pell_render_result image;
     struct row *row;
     enum pell_result res;
 
-    pell_renderer_set_share(s->renderer, share);
+    pell_renderer_set_communicator(s->renderer, comm);
     res = pell_renderer_render(s->renderer, &s->settings, &image);
     cli_progress_end(cli);
     if (res != PELL_OK)
@@ -119,7 +119,7 @@ static enum pell_result measure_render(struct cli *cli, struct session *s, struc
             const struct pell_stage_time *t = &image.stages[i];
             c->films = s->settings.msaa;
             c->threads = pell_device_threads(s->device);
-            c->work = 1e-3 * t->ms * share->ranks * c->threads / c->samples;
+            c->work = 1e-3 * t->ms * comm->ranks * c->threads / c->samples;
             row = bench_add(rows, "path-trace, all ranks", t->ms);
             if (row)
                 row->pixels = t->pixels;
@@ -145,7 +145,7 @@ static void print_model(const struct costs *c, json_t *facts)
 
 enum exit_code command_mpi_bench(struct cli *cli)
 {
-    struct pell_share *share = cli->program->share;
+    struct pell_communicator *comm = cli->program->communicator;
     struct costs c = { .samples = 8.0, .film = 1.0 };
     struct rows rows = { .count = 0 };
     struct session s;
@@ -171,15 +171,15 @@ enum exit_code command_mpi_bench(struct cli *cli)
         code = cli_failed(cli, measure_render(cli, &s, &c, &rows));
     if (code == EXIT_OK)
         code = cli_failed(cli, measure_reduce(cli, &c));
-    if (code == EXIT_OK && share->rank == 0) {
+    if (code == EXIT_OK && comm->rank == 0) {
         bench_add(&rows, "scene, each rank", 1e3 * c.load);
         bench_add(&rows, "block from the counter", 1e3 * c.take);
-        bench_add(&rows, "64 MiB to all ranks", 1e3 * c.broadcast * SEND * fmax(steps(share->ranks), 1.0));
-        bench_add(&rows, "film of the whole image, added", 1e3 * c.reduce * c.film * fmax(steps(share->ranks), 1.0));
+        bench_add(&rows, "64 MiB to all ranks", 1e3 * c.broadcast * SEND * fmax(steps(comm->ranks), 1.0));
+        bench_add(&rows, "film of the whole image, added", 1e3 * c.reduce * c.film * fmax(steps(comm->ranks), 1.0));
         print_model(&c, facts);
-        json_object_set_new(facts, "ranks", json_integer(share->ranks));
+        json_object_set_new(facts, "ranks", json_integer(comm->ranks));
         json_object_set_new(facts, "film_bytes", json_real(c.film));
-        snprintf(setup, sizeof(setup), "%d ranks of %d threads, %d x %d, %g samples; film %.0f MB", share->ranks, (int) c.threads,
+        snprintf(setup, sizeof(setup), "%d ranks of %d threads, %d x %d, %g samples; film %.0f MB", comm->ranks, (int) c.threads,
                  s.settings.width, s.settings.height, c.samples, 1e-6 * c.film);
         row = json_incref(json_object_get(facts, "model"));
         code = bench_answer(cli, "mpi", cli->json ? facts : NULL, &rows, BENCH_PIXELS, NULL, setup);
@@ -195,7 +195,7 @@ enum exit_code command_mpi_bench(struct cli *cli)
         json_decref(row);
         facts = NULL;
     }
-    share->finished = share->finished && code == EXIT_OK;
+    comm->finished = comm->finished && code == EXIT_OK;
     json_decref(facts);
     session_close(&s);
     return code;

@@ -29,13 +29,13 @@ static bool whole_number(const char **text, char end, int *value)
 
 enum exit_code cli_range(struct cli *cli, const char *option, const char *text, int total, int unit, int *first, int *end)
 {
-    const bool share = strchr(text, '/') != NULL;
+    const bool is_fraction = strchr(text, '/') != NULL;
     const char *at = text;
     int a, b;
 
-    if (!whole_number(&at, share ? '/' : ':', &a) || (at++, !whole_number(&at, '\0', &b)))
+    if (!whole_number(&at, is_fraction ? '/' : ':', &a) || (at++, !whole_number(&at, '\0', &b)))
         return cli_usage(cli, option, NULL, "\"%s\", must be A:B, or I/N for part I, from 0, of N", text);
-    if (share) {
+    if (is_fraction) {
         const int units = (total + unit - 1) / unit;
         if (total <= 0)
             return cli_usage(cli, option, "give --samples, or A:B", "\"%s\" is a part of a number that is not known", text);

@@ -2,7 +2,7 @@
  * program.c - finds and runs a command of a program: --help, signals, messages, exit codes. */
 #include "cli/cli.h"
 
-#include "render/share.h"
+#include "render/communicator.h"
 
 #include <signal.h>
 #include <stdlib.h>
@@ -40,7 +40,7 @@ static enum exit_code run(struct cli *cli, int argc, const char **argv)
     code = choose_command(cli, argc, argv, &done);
     if (code == EXIT_OK && !done)
         code = cli_parse(cli, argc - 1, argv + 1, &done);
-    if (cli->program->share && cli->program->share->rank > 0) {
+    if (cli->program->communicator && cli->program->communicator->rank > 0) {
         cli->quiet = true; /* rank 0 prints for all ranks, except errors */
         cli->json = cli->stats = false;
         free(cli->progress_form);
@@ -97,7 +97,7 @@ int cli_main(const struct program *program, int argc, char **argv)
     code = run(&cli, argc, (const char **) argv);
     if (code == EXIT_INTERRUPTED)
         code = cli_interrupted(&cli);
-    if (code == EXIT_MEMORY && !cli.error.there) /* no context existed that could have reported it */
+    if (code == EXIT_MEMORY && !cli.error.present) /* no context existed that could have reported it */
         cli_message(&cli, &(struct pell_message) { PELL_LOG_ERROR, PELL_ERR_NOMEM, program->name, "there is not enough memory", "" });
     if (code != EXIT_OK)
         cli_print_json_error(&cli, code);

@@ -52,13 +52,13 @@ enum exit_code cli_parse_seconds(struct cli *cli, const char *where, const char 
         cli, pell_error(cli->ctx, PELL_ERR_INVALID, where, "30s, 5min or 2h", "\"%s\", must be a time above 0 with its unit", text));
 }
 
-enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char *text, double *share)
+enum exit_code cli_parse_percent(struct cli *cli, const char *where, const char *text, double *fraction)
 {
     const size_t length = strlen(text);
 
-    if (length > 1 && text[length - 1] == '%' && pell_parse_number(text, length - 1, share)) {
-        *share *= 0.01;
-        if (*share > 0.0 && *share <= 1.0)
+    if (length > 1 && text[length - 1] == '%' && pell_parse_number(text, length - 1, fraction)) {
+        *fraction *= 0.01;
+        if (*fraction > 0.0 && *fraction <= 1.0)
             return EXIT_OK;
     }
     return cli_failed(cli,

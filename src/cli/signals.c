@@ -17,7 +17,7 @@
 
 static struct cli *volatile interrupted; /* the command that is running; NULL: none */
 static volatile sig_atomic_t interruptions, terminated;
-static atomic_flag told = ATOMIC_FLAG_INIT;
+static atomic_flag reported = ATOMIC_FLAG_INIT;
 static timer_t timer;
 static bool timer_there;
 
@@ -47,7 +47,7 @@ enum exit_code cli_interrupted(const struct cli *cli)
 
 void cli_say_interrupted(const struct cli *cli, enum exit_code code)
 {
-    if (cli->quiet || cli->json || atomic_flag_test_and_set(&told))
+    if (cli->quiet || cli->json || atomic_flag_test_and_set(&reported))
         return;
     if (code == EXIT_RESUMABLE) {
         put(STDERR_FILENO, "not finished; the same command resumes it from the checkpoint\n");
@@ -76,7 +76,7 @@ static void on_late(int signal)
     if (cli->progress.width > 0)
         put(STDERR_FILENO, "\n");
     cli_say_interrupted(cli, cli_interrupted(cli));
-    if (cli->json && !atomic_flag_test_and_set(&told))
+    if (cli->json && !atomic_flag_test_and_set(&reported))
         put(STDOUT_FILENO, cancelled_json);
     _exit(cli_interrupted(cli));
 }
@@ -117,7 +117,7 @@ void cli_signals_begin(struct cli *cli)
 
     interrupted = cli;
     /* A rank of several must not leave the others waiting: they end together. */
-    if (!cli->program->share && sigaction(SIGALRM, &late, NULL) == 0)
+    if (!cli->program->communicator && sigaction(SIGALRM, &late, NULL) == 0)
         timer_there = timer_create(CLOCK_MONOTONIC, &event, &timer) == 0;
     catch_signal(SIGINT);
     catch_signal(SIGTERM);

@@ -348,10 +348,10 @@ static void add_tested(const struct pell_errors *job, const struct pell_pixel *p
     bool any = false;
 
     for (int c = 0; c < 3; c++) {
-        const double d = p->difference[c], v = p->variance[c] + p->test_reported[c], told = p->reported[c] + p->test_reported[c];
-        if (job->in->variance[0] && told > 0.0) {
+        const double d = p->difference[c], v = p->variance[c] + p->test_reported[c], variance = p->reported[c] + p->test_reported[c];
+        if (job->in->variance[0] && variance > 0.0) {
             band->values++;
-            band->beyond += d * d > 9.0 * told;
+            band->beyond += d * d > 9.0 * variance;
         }
         if (!(v > 0.0))
             continue;

@@ -352,15 +352,15 @@ static void filter_row(void *arg, int y, int worker)
             const float a = lobe.a = ct * m->map->cos_row[j], b = lobe.b = st * m->map->sin_row[j];
             const float c = b > 1e-9f ? (limit - a) / b : limit > a ? 2.0f : -2.0f;
             const int reach = c <= -1.0f ? m->width : c < 1.0f ? (int) (acosf(c) / (2.0f * PELL_PI_F) * (float) m->width) + 1 : 0;
-            const bool whole = 2 * reach + 1 >= m->width;
-            const int from = whole ? 0 : (middle - reach + m->width) % m->width;
+            const bool full_circle = 2 * reach + 1 >= m->width;
+            const int from = full_circle ? 0 : (middle - reach + m->width) % m->width;
             if (c < 1.0f)
                 t->simd->add_row(&(struct pell_env_row) { { m->plane[0] + (size_t) j * m->stride, m->plane[1] + (size_t) j * m->stride,
                                                             m->plane[2] + (size_t) j * m->stride },
                                                           m->sin_column,
                                                           m->cos_column,
                                                           m->map->solid_row[j] },
-                                 from, from + (whole ? m->width : 2 * reach + 1), &lobe, sums);
+                                 from, from + (full_circle ? m->width : 2 * reach + 1), &lobe, sums);
         }
         for (int c = 0; c < 4; c++)
             for (int k = 0; k < PELL_ENV_WIDE; k++)

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * environment_kernel.h - the sums over an environment's picture, built once per SIMD level (environment_kernel.c). Private to
+ * environment_kernel.h - the sums over an environment's image, built once per SIMD level (environment_kernel.c). Private to
  * environment.c.
  */
 #ifndef PELL_ENVIRONMENT_KERNEL_H

@@ -93,7 +93,7 @@ static bool cut(const struct pell_env_map *m, float clamp, struct region *r, str
 static void set_extent(const struct pell_env_map *m, float clamp, const struct region *r, struct pell_light_source *source)
 {
     struct pell_vec3 t, b;
-    double tt = 0.0, tb = 0.0, bb = 0.0, turn, mean, apart;
+    double tt = 0.0, tb = 0.0, bb = 0.0, turn, mean, spread;
 
     vec3_basis(source->direction, &t, &b);
     for (int y = r->y0; y < r->y1; y++)
@@ -109,11 +109,11 @@ static void set_extent(const struct pell_env_map *m, float clamp, const struct r
         }
     turn = 0.5 * atan2(2.0 * tb, tt - bb);
     mean = 0.5 * (tt + bb);
-    apart = sqrt(0.25 * (tt - bb) * (tt - bb) + tb * tb);
+    spread = sqrt(0.25 * (tt - bb) * (tt - bb) + tb * tb);
     source->right = vec3_mad(vec3_mul(t, (float) cos(turn)), (float) sin(turn), b);
     source->up = vec3_cross(source->right, source->direction);
-    source->right = vec3_mul(source->right, (float) sqrt(3.0 * (mean + apart)));
-    source->up = vec3_mul(source->up, (float) sqrt(3.0 * fmax(mean - apart, 0.0)));
+    source->right = vec3_mul(source->right, (float) sqrt(3.0 * (mean + spread)));
+    source->up = vec3_mul(source->up, (float) sqrt(3.0 * fmax(mean - spread, 0.0)));
 }
 
 static void add_region(const struct pell_env_map *m, float clamp, struct pell_environment_lights *out, const struct region *r, int index)

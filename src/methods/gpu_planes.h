@@ -3,7 +3,7 @@
  * gpu_planes.h - a frame's planes on a Vulkan device, for methods that run there: packing, upload, and download of the result; or the
  * buffers of a program's own device, in the layout of pellucid/vulkan.h.
  *
- * The grid is the part of the picture that contains the frame's rectangle, from a multiple of 16 pixels on; its width is one, too. Its
+ * The grid is the part of the image that contains the frame's rectangle, from a multiple of 16 pixels on; its width is one, too. Its
  * pixels outside of the rectangle have material 0.
  *
  * Ownership  pell_gpu_planes_finish releases what pell_gpu_planes_make created, even after a failure. Services are borrowed.
@@ -28,7 +28,7 @@ struct pell_gpu_planes {
     const struct pell_services *services;
     struct pell_gpu_buffer *light_up, *surface_up, *light, *surface, *result; /* NULL on a program's own device */
     int32_t *pixels;                                                          /* per row: number of translucent pixels */
-    int width, height, x0, y0;                                                /* of the grid, px; its origin in the picture */
+    int width, height, x0, y0;                                                /* of the grid, px; its origin in the image */
     /* Of the frame. */
     const struct pell_frame *in;
     const float *const *from; /* planes of light */
@@ -56,7 +56,7 @@ int64_t pell_gpu_planes_pack(struct pell_gpu_planes *p, const struct pell_frame 
 struct pell_gpu_light *pell_gpu_planes_light_row(const struct pell_gpu_planes *p, int row);
 struct pell_gpu_surface *pell_gpu_planes_surface_row(const struct pell_gpu_planes *p, int row);
 
-/* The grid of a program's own device: the whole picture. */
+/* The grid of a program's own device: the whole image. */
 void pell_gpu_planes_whole(struct pell_gpu_planes *p, int width, int height);
 
 /* Record: upload of the packed planes; download of the result, 16 bytes per pixel, or a copy to the program's buffer. */

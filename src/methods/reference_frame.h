@@ -39,7 +39,7 @@ struct reference_frame {
     float *standard_error[3];   /* planes of the frame's stride, in one block; NULL: unknown */
 };
 
-/* Reports `done` of `all` parts of a sample of the picture. */
+/* Reports `done` of `all` parts of a sample of the image. */
 static inline void reference_progress(struct pell_context *ctx, const char *method, const struct pell_frame *in, int done, int all)
 {
     const double part = done < all ? (double) done / all : 1.0;

@@ -13,10 +13,10 @@
 struct pell_angle {
     float inverse_eta2; /* 1/eta^2; 0: no refraction and no factor: all bases are 1, all slopes 0 */
     float enter_base[3], enter_slope[3];
-    float enter_mean[3];                 /* for diffuse light */
-    float leave_base[3], leave_slope[3]; /* mean over diffuse light: 1 */
-    float pass_base[3], pass_slope[3];   /* factor for transmitted light, over the factor above (optics/medium/passing.h), */
-    float pass_thick[3];                 /* 1/mm: inverse of the thickness from which it applies in full */
+    float enter_mean[3];               /* for diffuse light */
+    float exit_base[3], exit_slope[3]; /* mean over diffuse light: 1 */
+    float pass_base[3], pass_slope[3]; /* factor for transmitted light, over the factor above (optics/medium/passing.h), */
+    float pass_thick[3];               /* 1/mm: inverse of the thickness from which it applies in full */
 };
 
 /* The refracted direction toward the camera: v, and n the normal, both unit. */

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-/* How far the light of a material goes, mm, in the channel where it goes farthest: to the next event, and under the surface. */
+/* Scattering distances of a material, mm, in the channel where they are largest: mean free path, and distance below the surface. */
 static void reach(const struct pell_material *m, double *largest_mfp, double *widest)
 {
     *largest_mfp = *widest = 0.0;
@@ -38,21 +38,21 @@ static double pixels_per_mm(const struct pell_scene *scene, const struct pell_se
     return v.orthographic ? v.focal_px : depth > 0.0f ? v.focal_px / depth : 0.0;
 }
 
-enum { OPEN, TURNED, THIN, UNSEEN, FLAT, TWICE, HOLDS, BARE, HOLLOW, KINDS };
+enum { OPEN, INVERTED, THIN, UNSEEN, FLAT, COINCIDENT, HOLDS_CAMERA, BARE, HOLLOW, KINDS };
 
-/* Counts a warning; true where it is one of those to be logged. */
-static bool tell(struct pell_context *ctx, int *found)
+/* Counts a warning; true if it is within the limit of logged ones. */
+static bool may_report(struct pell_context *ctx, int *found)
 {
     return (*found)++ < pell_context_limits(ctx)->warnings;
 }
 
-static void tell_missing_uv(struct pell_context *ctx, const struct pell_scene *scene, int *found)
+static void report_missing_uv(struct pell_context *ctx, const struct pell_scene *scene, int *found)
 {
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         const struct pell_material *m = &scene->materials[mesh->material];
         const int uv = pell_scene_missing_uv(mesh, m);
-        if (uv >= 0 && tell(ctx, found))
+        if (uv >= 0 && may_report(ctx, found))
             pell_warn(ctx, mesh->name && mesh->name[0] ? mesh->name : "an unnamed mesh", "unwrap it, or leave the textures out",
                       "has no texture coordinates (UV set %d), which the textures of \"%s\" need", uv, m->name);
     }
@@ -86,7 +86,7 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
     for (size_t i = 0; i < report.num_objects; i++) {
         const struct pell_object_report *o = &report.objects[i];
         char shown[96], other[96];
-        const char *place = o->name[0] ? pell_printable(o->name, shown, sizeof(shown)) : "an unnamed object";
+        const char *name = o->name[0] ? pell_printable(o->name, shown, sizeof(shown)) : "an unnamed object";
         const struct pell_material *m;
         double mfp, widest;
 
@@ -95,38 +95,38 @@ enum pell_result pell_renderer_check_assumptions(struct pell_renderer *r, const 
         m = &scene->materials[o->material];
         reach(m, &mfp, &widest);
         if (o->degenerate_triangles == o->triangles) {
-            if (tell(ctx, &found[FLAT]))
-                pell_warn(ctx, place, NULL, "none of its triangles has an area: the object is invisible");
+            if (may_report(ctx, &found[FLAT]))
+                pell_warn(ctx, name, NULL, "none of its triangles has an area: the object is invisible");
             continue;
         }
-        if (o->coincident >= 0 && tell(ctx, &found[TWICE]))
-            pell_warn(ctx, place, "remove one of them", "has exactly the same surface as \"%s\": each hides the other",
+        if (o->coincident >= 0 && may_report(ctx, &found[COINCIDENT]))
+            pell_warn(ctx, name, "remove one of them", "has exactly the same surface as \"%s\": each hides the other",
                       pell_printable(report.objects[o->coincident].name, other, sizeof(other)));
-        if (o->holds_camera && tell(ctx, &found[HOLDS]))
-            pell_warn(ctx, place, "move the camera, or check its unit against the mesh's",
+        if (o->holds_camera && may_report(ctx, &found[HOLDS_CAMERA]))
+            pell_warn(ctx, name, "move the camera, or check its unit against the mesh's",
                       "the camera is inside the object; methods render objects only from outside");
-        if (!o->closed && tell(ctx, &found[OPEN]))
-            pell_warn(ctx, place, "close it: transmission needs a closed surface",
+        if (!o->closed && may_report(ctx, &found[OPEN]))
+            pell_warn(ctx, name, "close it: transmission needs a closed surface",
                       "the surface is open (%lld boundary edges): a translucent object needs a closed surface",
                       (long long) o->boundary_edges);
         if (pell_object_is_hollow(o)) {
-            if (tell(ctx, &found[HOLLOW]))
-                pell_warn(ctx, place, "give it a thickness, or make it a sheet: opaque with diffuse_transmission",
+            if (may_report(ctx, &found[HOLLOW]))
+                pell_warn(ctx, name, "give it a thickness, or make it a sheet: opaque with diffuse_transmission",
                           "the surface encloses no volume: its sides coincide");
             continue;
         }
-        if (o->closed && !o->outward && tell(ctx, &found[TURNED]))
-            pell_warn(ctx, place, "flip its faces", "the surface has inverted normals");
-        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && tell(ctx, &found[THIN]))
-            pell_warn(ctx, place, "check --size or --unit: diffusion holds for objects many mean free paths thick",
+        if (o->closed && !o->outward && may_report(ctx, &found[INVERTED]))
+            pell_warn(ctx, name, "flip its faces", "the surface has inverted normals");
+        if (o->closed && o->thickness_mm > 0.0 && mfp > o->thickness_mm && may_report(ctx, &found[THIN]))
+            pell_warn(ctx, name, "check --size or --unit: diffusion holds for objects many mean free paths thick",
                       "the mean free path of %s, %.3g mm, is longer than the object is thick (%.3g mm)",
                       m->preset && m->preset[0] ? m->preset : m->name, mfp, o->thickness_mm);
-        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && tell(ctx, &found[UNSEEN]))
-            pell_warn(ctx, place, "render it larger, or check --size or --unit",
+        if (scale > 0.0 && widest > 0.0 && widest * scale < 0.5 && may_report(ctx, &found[UNSEEN]))
+            pell_warn(ctx, name, "render it larger, or check --size or --unit",
                       "light travels %.3g mm below the surface of %s, which is %.2g pixels here: scattering is not visible", widest,
                       m->preset && m->preset[0] ? m->preset : m->name, widest * scale);
     }
-    tell_missing_uv(ctx, scene, &found[BARE]);
+    report_missing_uv(ctx, scene, &found[BARE]);
     for (int k = 0; k < KINDS; k++)
         if (found[k] > limit)
             pell_warn(ctx, scene->path, NULL, "%s about %s", pell_counted(found[k] - limit, "more warning", "more warnings").str, kinds[k]);

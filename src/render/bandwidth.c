@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Bytes read: four planes of the picture, but not more, nor less, than this. */
+/* Bytes read: four planes of the image, but not more, nor less, than this. */
 #define BYTES_MOST ((size_t) 32 << 20)
 #define BYTES_LEAST ((size_t) 1 << 20)
 #define BANDS 64

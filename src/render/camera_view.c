@@ -44,7 +44,7 @@ void pell_view_through(struct pell_view *v, const struct pell_lens *lens, int i,
 
     if (!(lens->radius > 0.0f) || n <= 1)
         return;
-    while (common_divisor(stride, n) != 1) /* in another order than the places in the pixel */
+    while (common_divisor(stride, n) != 1) /* in another order than the positions in the pixel */
         stride++;
     pell_sunflower_point((int) ((int64_t) i * stride % n), n, p);
     v->origin = vec3_mad(v->origin, (float) (lens->radius * p[0]), v->right);
@@ -82,7 +82,7 @@ struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_mi
         const double x = d[0] * v->right.x + d[1] * v->right.y + d[2] * v->right.z;
         const double y = d[0] * v->up.x + d[1] * v->up.y + d[2] * v->up.z;
         const double z = d[0] * v->forward.x + d[1] * v->forward.y + d[2] * v->forward.z;
-        /* The inverse of pell_view_ray; a corner so near to the camera's plane that rounding decides its side counts as behind. */
+        /* The inverse of pell_view_ray; a corner so near to the camera's plane that rounding decides its side is taken to be behind it. */
         const double size = fabs(d[0]) + fabs(d[1]) + fabs(d[2]);
         const double scale = v->focal_px / (v->orthographic ? 1.0 : z);
         const double px = x * scale + 0.5 * v->width - 0.5 - v->shift_x, py = 0.5 * v->height - 0.5 - v->shift_y - y * scale;
@@ -106,17 +106,17 @@ struct pell_rect pell_view_rect(const struct pell_view *v, const float bounds_mi
     return rect.x0 < rect.x1 && rect.y0 < rect.y1 ? rect : none;
 }
 
-void pell_view_look16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int open[16],
-                      struct pell_ray_hit16 *hit)
+void pell_view_closest16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int valid[16],
+                         struct pell_ray_hit16 *hit)
 {
     memset(hit, 0, sizeof(*hit));
     for (int i = 0; i < 16; i++) {
         struct pell_vec3 start, direction;
         pell_view_ray(view, (float) (x + i), (float) y, &start, &direction);
-        open[i] = x + i < end ? -1 : 0;
+        valid[i] = x + i < end ? -1 : 0;
         pell_ray16_set(&hit->ray, i, start, direction, INFINITY);
         hit->ray.mask[i] = mask;
         hit->hit.mesh[i] = PELL_NO_HIT;
     }
-    pell_rays_closest16(rays, open, true, hit);
+    pell_rays_closest16(rays, valid, true, hit);
 }

@@ -30,7 +30,7 @@ struct pell_lens {
 };
 
 /* Moves a view from the middle of the lens to point i of n, which fill it evenly: their mean is the middle, and with discs of
- * radius / sqrt(n) about them they are as wide as the lens. With n = 1, or without a radius, the view stays. */
+ * radius / sqrt(n) about them they are as wide as the lens. With n = 1, or without a radius, the view is unchanged. */
 void pell_view_through(struct pell_view *view, const struct pell_lens *lens, int i, int n);
 
 /* A ray through a pixel with forward component 1, so that the ray parameter is the depth: p = start + depth * direction. */
@@ -48,10 +48,10 @@ static inline void pell_view_ray(const struct pell_view *v, float x, float y, st
     }
 }
 
-/* Closest hits, among the objects in `mask` (PELL_RAY_ALL), of the rays of 16 pixels of row y from x on; open[i] is -1 for pixels before
+/* Closest hits, among the objects in `mask` (PELL_RAY_ALL), of the rays of 16 pixels of row y from x on; valid[i] is -1 for pixels before
  * `end`, else 0. Both are aligned to 64 bytes. */
-void pell_view_look16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int open[16],
-                      struct pell_ray_hit16 *hit);
+void pell_view_closest16(const struct pell_view *view, const struct pell_rays *rays, int x, int end, int y, uint32_t mask, int valid[16],
+                         struct pell_ray_hit16 *hit);
 
 /* Bounds, with a border of one pixel, of the pixels that the box may cover, clipped to the image; the whole image if the box reaches
  * behind the camera. */

@@ -72,9 +72,9 @@ struct pell_scene_materials {
     uint16_t *of_mesh;        /* per mesh: the frame's material + 1 used by its object alone, or 0; NULL: no two objects share a material */
     float (*total)[3];        /* per scene material: total reflectance of its profile */
     struct pell_angle *angle; /* per scene material */
-    struct pell_separate_single *apart;            /* per scene material: single scattering, if it is excluded from the profile */
-    struct pell_angle *angle_apart;                /* per scene material: `angle` of the profile without single scattering */
-    bool single_apart;                             /* these apply in this frame */
+    struct pell_separate_single *separate;         /* per scene material: single scattering, if it is excluded from the profile */
+    struct pell_angle *angle_without_single;       /* per scene material: `angle` of the profile without single scattering */
+    bool separates_single;                         /* these apply in this frame */
     const struct pell_thickness_table **thickness; /* per scene material; entries may be NULL */
     struct pell_stack **stack;                     /* their layers, borrowed by those of `frame` */
     size_t num_stacks;
@@ -108,7 +108,7 @@ struct pell_engine_frame {
 struct pell_engine_sample {
     const struct pell_engine_frame *frame;
     struct pell_view view;
-    int number;
+    int index;
     const struct pell_frame *in; /* the method's frame, without rectangle and planes; NULL: none */
 };
 

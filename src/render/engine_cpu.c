@@ -59,7 +59,7 @@ static void drop_planes(struct pell_cpu *e)
     pell_surface_finish(e->ctx, &e->surface);
     for (int i = 0; i < e->num_blocks; i++)
         pell_free(e->ctx, e->blocks[i]);
-    pell_free(e->ctx, e->open_tiles);
+    pell_free(e->ctx, e->pinhole_tiles);
     pell_free(e->ctx, e->rows);
     pell_free(e->ctx, e->spread_lit);
     pell_free(e->ctx, e->hidden_lit);
@@ -69,9 +69,9 @@ static void drop_planes(struct pell_cpu *e)
     memset(e->room, 0, sizeof(e->room));
     memset(e->plane, 0, sizeof(e->plane));
     memset(e->glow, 0, sizeof(e->glow));
-    memset(e->open, 0, sizeof(e->open));
+    memset(e->pinhole, 0, sizeof(e->pinhole));
     e->num_blocks = 0;
-    e->open_tiles = NULL;
+    e->pinhole_tiles = NULL;
     e->rows = NULL;
     e->spread_lit = e->hidden_lit = NULL;
     e->sized = false;
@@ -126,9 +126,10 @@ static bool shares_highlights(const struct pell_engine_frame *frame)
 static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine_frame *frame)
 {
     const struct pell_settings *s = frame->settings;
-    const bool apart_single = frame->plan && frame->materials->single_apart, gives = frame->plan && (frame->plan->outputs || apart_single),
+    const bool separates_single = frame->plan && frame->materials->separates_single,
+               has_outputs = frame->plan && (frame->plan->outputs || separates_single),
                hits = s->bounces > 0 || e->unscattered || s->curvature || (frame->plan && (frame->plan->needs & PELL_NEED_HIT));
-    const bool apart = pell_separates_objects(frame->materials, frame->plan);
+    const bool by_object = pell_separates_objects(frame->materials, frame->plan);
     struct pell_planes_wanted w = { .count = 0 };
     enum pell_result res;
     size_t blocks;
@@ -138,7 +139,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     pell_planes_want(&w, e->lighting.irradiance, 3);
     pell_planes_want(&w, e->lighting.transmitted, 3);
     pell_planes_want(&w, e->lighting.specular, 3);
-    if (apart_single)
+    if (separates_single)
         pell_planes_want(&w, e->lighting.single, 3);
     if (shares_highlights(frame)) {
         pell_planes_want(&w, e->lighting.hidden, 3);
@@ -151,13 +152,13 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     pell_planes_want(&w, e->display, 3);
     for (size_t i = 0; i < PELL_OUTPUT_LAYERS; i++) {
         const struct pell_output_layer *l = &pell_output_layers[i];
-        if (l->when == PELL_LAYER_ALWAYS || (s->layers && (l->when != PELL_LAYER_SINGLE || gives)))
+        if (l->when == PELL_LAYER_ALWAYS || (s->layers && (l->when != PELL_LAYER_SINGLE || has_outputs)))
             pell_planes_want(&w, pell_output_layer_planes(&e->sum, l), l->components);
     }
     for (int i = 0; i < PELL_PLANES; i++)
         if (is_asked(i, frame))
             pell_planes_want(&w, e->plane[i], pell_plane_at(i)->components);
-    if (apart || hits)
+    if (by_object || hits)
         pell_planes_want(&w, e->plane[PELL_PLANE_MESH], 1);
     if (hits) {
         pell_planes_want(&w, e->plane[PELL_PLANE_TRIANGLE], 1);
@@ -166,12 +167,12 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     if (s->bloom > 0.0f)
         pell_planes_want(&w, e->glow, PELL_BLOOM_PLANES);
     if (s->dof)
-        pell_planes_want(&w, e->open, PELL_DOF_PLANES);
+        pell_planes_want(&w, e->pinhole, PELL_DOF_PLANES);
     PELL_TRY(allocate(e, s, &w));
     res = PELL_ERR_NOMEM;
     if (!e->rows && !(e->rows = pell_calloc(e->ctx, (size_t) s->height * 6, sizeof(*e->rows))))
         goto fail;
-    if (s->dof && !e->open_tiles && !(e->open_tiles = pell_calloc(e->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
+    if (s->dof && !e->pinhole_tiles && !(e->pinhole_tiles = pell_calloc(e->ctx, pell_dof_tiles(s->width, s->height), sizeof(float))))
         goto fail;
     blocks = pell_spread_blocks(e->surface.stride) * (size_t) s->height;
     if (pell_cpu_spreads(frame) && !e->spread_lit && !(e->spread_lit = pell_calloc(e->ctx, blocks, 2)))
@@ -183,7 +184,7 @@ static enum pell_result make_planes(struct pell_cpu *e, const struct pell_engine
     e->surface.mips = e->mips;
     e->surface.omit_uniform = true;
     /* Keeps the hits for methods that need them, and the mesh where it identifies the object. */
-    e->surface.mesh = hits || apart ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL;
+    e->surface.mesh = hits || by_object ? (uint32_t *) e->plane[PELL_PLANE_MESH][0] : NULL;
     e->surface.triangle = hits ? (uint32_t *) e->plane[PELL_PLANE_TRIANGLE][0] : NULL;
     e->surface.barycentric[0] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][0] : NULL;
     e->surface.barycentric[1] = hits ? e->plane[PELL_PLANE_BARYCENTRIC][1] : NULL;
@@ -269,7 +270,7 @@ static enum pell_result make_through(struct pell_cpu *e, const struct pell_engin
     if (e->curvature)
         res = pell_media_solids(e->ctx, e->pool, frame, &params, &(struct pell_indirect_lights) { pell_cpu_light_points, e }, &e->solids,
                                 &e->through);
-    e->whole = frame->plan && frame->plan->opposed;
+    e->whole_solid = frame->plan && frame->plan->opposed;
     e->between = frame->plan && pell_plan_transmits(frame->plan);
     pell_stage_note(frame->notes, "through", pell_seconds() - start, 0, 0, 0);
     return res;
@@ -402,20 +403,20 @@ struct pell_irradiance_params pell_cpu_sample_light(const struct pell_cpu *e, co
 {
     const struct pell_engine_frame *f = sample->frame;
     const float mix = f->plan ? f->plan->mix : -1.0f;
-    const bool apart = f->plan && f->materials->single_apart;
-    struct pell_irradiance_params light = pell_cpu_light(e, mix, apart);
+    const bool separate = f->plan && f->materials->separates_single;
+    struct pell_irradiance_params light = pell_cpu_light(e, mix, separate);
 
     light.view = &sample->view;
     light.local = f->plan && (f->plan->needs & PELL_NEED_TRANSMISSION);
     light.passed = f->plan && (light.local || f->plan->local);
     light.opposed &= f->plan && f->plan->opposed;
     light.through = e->through;
-    light.whole = e->whole;
+    light.whole_solid = e->whole_solid;
     light.between = light.local && e->through && e->between;
     light.thickness = light.local ? f->materials->thickness : NULL;
-    light.sample = (uint32_t) sample->number;
+    light.sample = (uint32_t) sample->index;
     light.device = e->device && !pell_light_device_refuses(e->device) ? e->device : NULL;
-    light.apart = apart ? f->materials->apart : NULL;
+    light.separate = separate ? f->materials->separate : NULL;
     light.shared = shares_highlights(f);
     return light;
 }
@@ -442,7 +443,7 @@ struct pell_composite_params pell_cpu_sample_composite(const struct pell_cpu *e,
         .published = settings->exit == PELL_EXIT_NORMALIZATION_PUBLISHED,
         .rect = f->covered,
         .weight = 1.0f / (float) settings->msaa,
-        .first = sample->number == 0,
+        .first = sample->index == 0,
     };
 }
 
@@ -551,14 +552,14 @@ static enum pell_result cpu_composite(void *engine, const struct pell_engine_sam
         pell_cpu_see_through(e, sample);
     start = pell_seconds();
     if (scattered->present) {
-        if (e->through && e->whole)
+        if (e->through && e->whole_solid)
             pell_indirect_correct(e->through, e->pool, &sample->view, p->angle, &e->surface, e->plane[PELL_PLANE_LIGHT]);
         p->exitance = (const float *const *) e->plane[PELL_PLANE_LIGHT];
         p->radiance = plan->quantity == PELL_QUANTITY_RADIANCE;
         p->excludes_surface_reflection = plan->excludes_surface_reflection;
-        p->single = is_asked(PELL_PLANE_SINGLE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
-                    : sample->frame->materials->single_apart   ? (const float *const *) e->lighting.single
-                                                               : NULL;
+        p->single = is_asked(PELL_PLANE_SINGLE, sample->frame)   ? (const float *const *) e->plane[PELL_PLANE_SINGLE]
+                    : sample->frame->materials->separates_single ? (const float *const *) e->lighting.single
+                                                                 : NULL;
         p->unscattered = e->unscattered ? (const float *const *) e->display : NULL;
         p->reflected = is_asked(PELL_PLANE_SURFACE, sample->frame) ? (const float *const *) e->plane[PELL_PLANE_SURFACE] : NULL;
         p->standard_error = scattered->standard_error[0] ? scattered->standard_error : NULL;
@@ -582,7 +583,7 @@ static void cpu_read_back(void *engine, const struct pell_engine_frame *frame, b
                           struct pell_engine_result *out)
 {
     const struct pell_cpu *e = engine;
-    const bool single = frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE || frame->materials->single_apart);
+    const bool single = frame->plan && (frame->plan->outputs & PELL_OUTPUT_SINGLE || frame->materials->separates_single);
 
     *out = (struct pell_engine_result) {
         .display = { e->display[0], e->display[1], e->display[2] },

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * engine_cpu_around.c - the cpu engine's stages between light and method that look at the pixels around each. */
+ * engine_cpu_around.c - the cpu engine's stages between light and method that read neighbouring pixels. */
 #include "render/engine_cpu_state.h"
 #include "render/highlights/stage.h"
 #include "render/spread/stage.h"
@@ -76,7 +76,7 @@ void pell_cpu_see_through(struct pell_cpu *e, const struct pell_engine_sample *s
         .total = (const float(*)[3]) f->materials->total,
         .smooth = f->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
         .bounces = f->settings->bounces,
-        .sample = (uint32_t) sample->number,
+        .sample = (uint32_t) sample->index,
         .light = { e->display[0], e->display[1], e->display[2] },
     };
     const double start = pell_seconds();

@@ -40,26 +40,26 @@ enum pell_result pell_cpu_composite_through_lens(struct pell_cpu *e, const struc
     const struct pell_engine_frame *f = sample->frame;
     const struct pell_rect rect = f->covered;
     const int64_t pixels = (int64_t) (rect.x1 - rect.x0) * (rect.y1 - rect.y0);
-    struct pell_accumulator apart = e->sum;
+    struct pell_accumulator pinhole = e->sum;
     const struct pell_dof_params params = { .surface = &e->surface,
                                             .rect = rect,
                                             .scale = f->lens->radius / sqrtf((float) f->settings->msaa) * sample->view.focal_px,
                                             .focus = f->lens->focus,
-                                            .first = sample->number == 0 };
+                                            .first = sample->index == 0 };
     struct pell_post_device_times times;
     double start = pell_seconds();
     enum pell_result res;
 
     for (int c = 0; c < 3; c++)
-        apart.color[c] = e->open[c];
-    apart.alpha = e->open[3];
+        pinhole.color[c] = e->pinhole[c];
+    pinhole.alpha = e->pinhole[3];
     for (int c = 0; c < 4 && !params.first; c++)
         for (int y = rect.y0; y < rect.y1 && rect.x0 < rect.x1; y++)
-            memset(e->open[c] + y * e->surface.stride + rect.x0, 0, (size_t) (rect.x1 - rect.x0) * sizeof(float));
-    pell_composite_render(e->pool, e->compositor, &e->composite, &apart);
+            memset(e->pinhole[c] + y * e->surface.stride + rect.x0, 0, (size_t) (rect.x1 - rect.x0) * sizeof(float));
+    pell_composite_render(e->pool, e->compositor, &e->composite, &pinhole);
     pell_stage_note(f->notes, "composite", pell_seconds() - start, e->surface.covered_pixels, 0, e->surface.covered_pixels * 64);
     if (on_device(e, e->post_device ? pell_post_device_refuses_lens(e->post_device) : NULL, f->notes)) {
-        res = pell_post_device_lens(e->post_device, e->pool, &params, e->open, &times);
+        res = pell_post_device_lens(e->post_device, e->pool, &params, e->pinhole, &times);
         e->lens_pending = res == PELL_OK;
         e->lens_scale = 1.0f;
         if (res == PELL_OK)
@@ -68,12 +68,12 @@ enum pell_result pell_cpu_composite_through_lens(struct pell_cpu *e, const struc
     }
     start = pell_seconds();
     e->lens_pending = false;
-    e->widest_disc = fmaxf(params.first ? 0.0f : e->widest_disc, pell_dof_render(e->pool, &params, e->open, e->open_tiles, out));
+    e->widest_disc = fmaxf(params.first ? 0.0f : e->widest_disc, pell_dof_render(e->pool, &params, e->pinhole, e->pinhole_tiles, out));
     pell_stage_note(f->notes, "depth of field", pell_seconds() - start, pixels, 0, pixels * 40);
     return PELL_OK;
 }
 
-/* What the device has summed up, into the planes of the frame. */
+/* Adds the sum of the device to the planes of the frame. */
 static enum pell_result take_lens(struct pell_cpu *e, const struct pell_engine_frame *f)
 {
     float *const out[] = { e->sum.color[0], e->sum.color[1], e->sum.color[2], e->sum.alpha };

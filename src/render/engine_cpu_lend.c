@@ -2,7 +2,7 @@
  * engine_cpu_lend.c - light at any points, for methods and for the engine's own stages. */
 #include "render/engine_cpu_state.h"
 
-struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool apart)
+struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool separate_single)
 {
     return (struct pell_irradiance_params) {
         .rays = e->rays,
@@ -11,7 +11,7 @@ struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix
         .tables = e->tables,
         .mix = mix,
         .smooth = e->settings->boundary == PELL_BOUNDARY_MODEL_SMOOTH,
-        .angle = apart                 ? e->materials->angle_apart
+        .angle = separate_single       ? e->materials->angle_without_single
                  : e->settings->angles ? e->materials->angle
                                        : NULL,
         .curvature = e->curvature,
@@ -23,9 +23,9 @@ struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix
 
 struct pell_irradiance_params pell_cpu_points_light(const struct pell_cpu *e, const struct pell_points_params *params)
 {
-    struct pell_irradiance_params p = pell_cpu_light(e, params->mix, e->materials->single_apart && (e->lit || !e->indirect));
+    struct pell_irradiance_params p = pell_cpu_light(e, params->mix, e->materials->separates_single && (e->lit || !e->indirect));
 
-    p.through = params->local && !params->flat && !e->whole ? e->through : NULL;
+    p.through = params->local && !params->flat && !e->whole_solid ? e->through : NULL;
     p.between = p.through && e->between;
     return p;
 }
@@ -52,21 +52,21 @@ static void activate_first(int count, int32_t active[16])
         active[i] = -(int32_t) (i < count);
 }
 
-static void cpu_transmitted(void *engine, const struct pell_points16 *points, int count, float share[3][16])
+static void cpu_transmitted(void *engine, const struct pell_points16 *points, int count, float fraction[3][16])
 {
     const struct pell_cpu *e = engine;
     struct pell_indirect_insides inside = { .sum_weight = { { 0.0f } } };
     int32_t active[16];
 
     activate_first(count, active);
-    if (e->through && !e->whole)
+    if (e->through && !e->whole_solid)
         pell_indirect_lookup16(e->through, points, active, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++)
-            share[c][i] = (1.0f - inside.sum_weight[c][i]) * (1.0f - inside.solved[c][i]);
+            fraction[c][i] = (1.0f - inside.sum_weight[c][i]) * (1.0f - inside.solved[c][i]);
 }
 
-static void cpu_returned(void *engine, const struct pell_points16 *points, int count, float share[3][16], float crossed[3][16])
+static void cpu_returned(void *engine, const struct pell_points16 *points, int count, float factor[3][16], float crossed[3][16])
 {
     const struct pell_cpu *e = engine;
     struct pell_indirect_insides inside = { .sum_weight = { { 0.0f } } };
@@ -80,9 +80,9 @@ static void cpu_returned(void *engine, const struct pell_points16 *points, int c
         pell_indirect_lookup16(e->through, points, active, &inside);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < 16; i++) {
-            const float kept = 1.0f - inside.solved[c][i];
-            share[c][i] = e->curvature ? 1.0f + kept * (effects.returned[c][i] - 1.0f) : 1.0f;
-            crossed[c][i] = e->curvature ? 1.0f + kept * (effects.crossed[c][i] - 1.0f) : 1.0f;
+            const float remaining = 1.0f - inside.solved[c][i];
+            factor[c][i] = e->curvature ? 1.0f + remaining * (effects.returned[c][i] - 1.0f) : 1.0f;
+            crossed[c][i] = e->curvature ? 1.0f + remaining * (effects.crossed[c][i] - 1.0f) : 1.0f;
         }
 }
 

@@ -43,7 +43,7 @@ struct pell_cpu {
     struct pell_indirect *indirect;       /* NULL: no surface lights another, or no bounces are requested */
     struct pell_indirect *solids;         /* samples of solids, created on first use */
     struct pell_indirect *through;        /* the same, with light transport through solids; NULL: none */
-    bool whole;                           /* `through` is for a method that integrates over the whole solid */
+    bool whole_solid;                     /* `through` is for a method that integrates over the whole solid */
     bool between;                         /* `through` includes transport between faces */
     struct pell_unscattered *unscattered; /* NULL: off, nothing is thin enough, or the method includes it */
     bool lit;                             /* the indirect light is up to date with the lights */
@@ -61,10 +61,10 @@ struct pell_cpu {
     uint8_t *spread_lit, *hidden_lit;
     struct pell_accumulator sum;
     float *display[3]; /* scratch of stages until the end of the frame: "highlights", "spread", then the result of "unscattered" */
-    float *plane[PELL_PLANES][3];   /* scratch of the frame: 4 bytes per pixel */
-    float *glow[PELL_BLOOM_PLANES]; /* created once bloom is requested */
-    float *open[PELL_DOF_PLANES];   /* created once depth of field is requested */
-    float *open_tiles;
+    float *plane[PELL_PLANES][3];    /* scratch of the frame: 4 bytes per pixel */
+    float *glow[PELL_BLOOM_PLANES];  /* created once bloom is requested */
+    float *pinhole[PELL_DOF_PLANES]; /* created once depth of field is requested */
+    float *pinhole_tiles;
     float widest_disc;                    /* of the frame's samples, px */
     struct pell_post_device *post_device; /* owned by the engine vulkan; NULL: done on the CPU */
     bool lens_pending;                    /* the sum of depth of field is still on the device, */
@@ -89,9 +89,9 @@ bool pell_cpu_spreads(const struct pell_engine_frame *frame);
 
 /* --- engine_cpu_lend.c: services for methods ------------------------------------------------------------------------------------------ */
 
-/* Parameters of a frame's light that do not depend on the sample. `apart`: single scattering is added separately, except where indirect
- * light is still to be computed, which uses all light that surfaces reflect. */
-struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool apart);
+/* Parameters of a frame's light that do not depend on the sample. `separate_single`: single scattering is added separately, except where
+ * indirect light is still to be computed, which uses all light that surfaces reflect. */
+struct pell_irradiance_params pell_cpu_light(const struct pell_cpu *e, float mix, bool separate_single);
 /* The same for points. */
 struct pell_irradiance_params pell_cpu_points_light(const struct pell_cpu *e, const struct pell_points_params *params);
 /* pell_services.light_points */
@@ -100,7 +100,7 @@ int64_t pell_cpu_light_points(void *engine, const struct pell_points_params *par
 /* pell_engine_interface.lend */
 void pell_cpu_lend(void *engine, struct pell_services *services);
 
-/* --- engine_cpu_around.c: stages that look at neighbouring pixels --------------------------------------------------------------------- */
+/* --- engine_cpu_around.c: stages that read neighbouring pixels ----------------------------------------------------------------------- */
 
 /* After the irradiance, with lighting.hidden. */
 void pell_cpu_share_highlights(struct pell_cpu *e, const struct pell_engine_sample *sample);

@@ -101,7 +101,7 @@ static enum pell_result vulkan_sample(void *engine, const struct pell_engine_sam
         if (res != PELL_OK)
             return res;
     }
-    if (sample->number == 0) {
+    if (sample->index == 0) {
         why = pell_picture_device_refuses(e->picture, &picture);
         e->pictured = !why;
         e->lens_pending = false;

@@ -112,7 +112,7 @@ static struct pell_frame method_frame(const struct pell_renderer *r, const struc
 {
     return (struct pell_frame) {
         .shape = pell_renderer_shape(r, &sample->view),
-        .sample = sample->number,
+        .sample = sample->index,
         .num_samples = r->settings.msaa,
         .first = !r->scattered,
         .seed = pell_settings_seed(&r->settings),
@@ -156,11 +156,11 @@ fail:
     return res;
 }
 
-static enum pell_result render_sample(struct pell_renderer *r, const struct pell_engine_frame *frame, int number)
+static enum pell_result render_sample(struct pell_renderer *r, const struct pell_engine_frame *frame, int index)
 {
     const struct pell_engine_interface *engine = r->device->engine;
-    struct pell_engine_sample sample = { frame, sample_view(r, frame->settings, number), number, NULL };
-    const struct pell_frame in = r->pass ? method_frame(r, &sample) : (struct pell_frame) { .sample = number };
+    struct pell_engine_sample sample = { frame, sample_view(r, frame->settings, index), index, NULL };
+    const struct pell_frame in = r->pass ? method_frame(r, &sample) : (struct pell_frame) { .sample = index };
     struct pell_engine_seen seen = { .translucent_pixels = 0 };
     struct pell_engine_scattered scattered = { .present = false };
     bool done = false;

@@ -32,8 +32,8 @@ enum pell_result pell_show_pixels(const struct pell_services *s, const struct pe
         image->planes[c] = to;
         for (int y = in->rect.y0; y < in->rect.y1; y++)
             for (int x = in->rect.x0; x < in->rect.x1; x++) {
-                const bool there = in->material[y * in->shape.stride + x] > 0;
-                const float value = there ? value_at(planes[c], format, y * stride + x) : 0.0f;
+                const bool covered = in->material[y * in->shape.stride + x] > 0;
+                const float value = covered ? value_at(planes[c], format, y * stride + x) : 0.0f;
                 to[(size_t) y * width + (size_t) x] = isfinite(value) ? value : 0.0f;
             }
     }

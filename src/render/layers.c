@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * layers.c - the rows. Their order is that of a picture's channels. */
+ * layers.c - the rows. Their order is that of an image's channels. */
 #include "render/layers.h"
 
 #define AT(member) offsetof(struct pell_accumulator, member)

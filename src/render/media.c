@@ -40,8 +40,8 @@ enum pell_result pell_media_curvature(struct pell_context *ctx, struct pell_pool
 /* Whether diffuse light excludes a part that is scattered forward. */
 static bool any_forward(const struct pell_opposed *opposed)
 {
-    return pell_forward_share(fmaxf(fmaxf(opposed->kappa[0] * opposed->depth[0], opposed->kappa[1] * opposed->depth[1]),
-                                    opposed->kappa[2] * opposed->depth[2])) > 0.0f;
+    return pell_forward_weight(fmaxf(fmaxf(opposed->kappa[0] * opposed->depth[0], opposed->kappa[1] * opposed->depth[1]),
+                                     opposed->kappa[2] * opposed->depth[2])) > 0.0f;
 }
 
 /* Computes the transport of material i. Returns false if it transmits nothing. Copies the result of an earlier material with the same
@@ -67,7 +67,7 @@ static bool find_transport(const struct pell_scene *scene, const struct pell_sce
     out[i].profile = f->profile;
     out[i].refracted = pell_mean_refracted((float) (1.0 / (f->medium.eta * f->medium.eta)));
     for (int c = 0; c < 3; c++) {
-        const struct pell_angle *angle = m->single_apart ? &m->angle_apart[i] : &m->angle[i];
+        const struct pell_angle *angle = m->separates_single ? &m->angle_without_single[i] : &m->angle[i];
         out[i].returned[c] = (float) pell_profile_total(&f->profile[c]);
         out[i].white[c] = (float) pell_profile_scale(&f->profile[c], f->white);
         out[i].slope[c] = angles && angle->enter_base[c] > 0.0f ? angle->enter_slope[c] / angle->enter_base[c] : 0.0f;
@@ -77,16 +77,16 @@ static bool find_transport(const struct pell_scene *scene, const struct pell_sce
 
 enum pell_result pell_media_solids(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
                                    const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
-                                   struct pell_indirect **kept, struct pell_indirect **out)
+                                   struct pell_indirect **cached, struct pell_indirect **out)
 {
-    const bool thin_only = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), whole = frame->plan && frame->plan->opposed;
+    const bool thin_only = frame->plan && (frame->plan->needs & PELL_NEED_TRANSMISSION), whole_solid = frame->plan && frame->plan->opposed;
     const size_t count = params->scene->num_materials;
     struct pell_indirect_solid *solid = NULL;
     bool any = false;
     enum pell_result res = PELL_ERR_NOMEM;
 
     *out = NULL;
-    if (!frame->settings->opposed || !(thin_only || whole || (frame->plan && frame->plan->local)))
+    if (!frame->settings->opposed || !(thin_only || whole_solid || (frame->plan && frame->plan->local)))
         return PELL_OK;
     solid = pell_calloc(ctx, count, sizeof(*solid));
     if (!solid)
@@ -94,21 +94,21 @@ enum pell_result pell_media_solids(struct pell_context *ctx, struct pell_pool *p
     for (size_t i = 0; i < count; i++)
         any |= find_transport(params->scene, frame->materials, i, thin_only, frame->settings->angles, solid);
     for (size_t i = 0; i < count; i++) {
-        solid[i].whole = whole;
+        solid[i].whole_solid = whole_solid;
         solid[i].along_surface = frame->plan && frame->plan->around;
         solid[i].between_faces = pell_plan_transmits(frame->plan);
     }
     res = PELL_OK;
     if (!any)
         goto fail;
-    if (!*kept)
-        PELL_TRY(pell_indirect_create(ctx, pool, params, kept));
-    PELL_TRY(pell_indirect_solve_solids(*kept, pool, lights, solid));
-    *out = *kept;
+    if (!*cached)
+        PELL_TRY(pell_indirect_create(ctx, pool, params, cached));
+    PELL_TRY(pell_indirect_solve_solids(*cached, pool, lights, solid));
+    *out = *cached;
 
 fail:
     if (res != PELL_OK)
-        pell_indirect_destroy(kept);
+        pell_indirect_destroy(cached);
     pell_free(ctx, solid);
     return res;
 }

@@ -13,10 +13,10 @@ PELL_NODISCARD enum pell_result pell_media_curvature(struct pell_context *ctx, s
                                                      struct pell_curvature **out);
 
 /* Light transport through the solids of a frame: all solids for a method that integrates over the whole solid, else those whose
- * materials it gave a thickness table. *out is NULL where there are none, else *kept. The samples in *kept stay valid while the surfaces
- * do; it is created if NULL, and destroyed by the caller. */
+ * materials it gave a thickness table. *out is NULL where there are none, else *cached. The samples in *cached stay valid while the
+ * surfaces do; *cached is created if NULL, and destroyed by the caller. */
 PELL_NODISCARD enum pell_result pell_media_solids(struct pell_context *ctx, struct pell_pool *pool, const struct pell_engine_frame *frame,
                                                   const struct pell_indirect_params *params, const struct pell_indirect_lights *lights,
-                                                  struct pell_indirect **kept, struct pell_indirect **out);
+                                                  struct pell_indirect **cached, struct pell_indirect **out);
 
 #endif

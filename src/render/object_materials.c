@@ -5,15 +5,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A mesh by what it is made of and what it is part of. */
-struct part {
+/* A mesh with its material and object, for sorting. */
+struct mesh_key {
     int material, object;
     uint32_t mesh;
 };
 
 static int compare(const void *a, const void *b)
 {
-    const struct part *p = a, *q = b;
+    const struct mesh_key *p = a, *q = b;
 
     if (p->material != q->material)
         return p->material < q->material ? -1 : 1;
@@ -22,40 +22,40 @@ static int compare(const void *a, const void *b)
     return p->mesh < q->mesh ? -1 : p->mesh > q->mesh;
 }
 
-/* Whether part i is the first of an object whose material an object before it has, too. */
-static bool is_further(const struct part *parts, size_t i)
+/* Whether mesh i is the first of an object whose material an earlier object has, too. */
+static bool is_further(const struct mesh_key *keys, size_t i)
 {
-    return i > 0 && parts[i].material == parts[i - 1].material && parts[i].object != parts[i - 1].object;
+    return i > 0 && keys[i].material == keys[i - 1].material && keys[i].object != keys[i - 1].object;
 }
 
 /* Lists the meshes of translucent materials in order; returns how many. */
-static size_t list_parts(const struct pell_scene *scene, const struct pell_scene_materials *m, struct part *parts)
+static size_t list_keys(const struct pell_scene *scene, const struct pell_scene_materials *m, struct mesh_key *keys)
 {
     size_t n = 0;
 
     for (size_t i = 0; i < scene->num_meshes; i++) {
         const struct pell_mesh *mesh = &scene->meshes[i];
         if (mesh->material >= 0 && (size_t) mesh->material < scene->num_materials && m->frame_index[mesh->material + 1])
-            parts[n++] = (struct part) { mesh->material, mesh->object, (uint32_t) i };
+            keys[n++] = (struct mesh_key) { mesh->material, mesh->object, (uint32_t) i };
     }
-    qsort(parts, n, sizeof(*parts), compare);
+    qsort(keys, n, sizeof(*keys), compare);
     return n;
 }
 
 enum pell_result pell_object_materials_make(struct pell_context *ctx, const struct pell_scene *scene, struct pell_scene_materials *m)
 {
-    struct part *parts = pell_alloc_array(ctx, scene->num_meshes + 1, sizeof(*parts));
+    struct mesh_key *keys = pell_alloc_array(ctx, scene->num_meshes + 1, sizeof(*keys));
     struct pell_frame_material *frame;
     size_t n, further = 0, room;
     uint16_t id = 0;
     enum pell_result res = PELL_ERR_NOMEM;
 
     m->count_apart = m->count;
-    if (!parts)
+    if (!keys)
         goto fail;
-    n = list_parts(scene, m, parts);
+    n = list_keys(scene, m, keys);
     for (size_t i = 0; i < n; i++)
-        further += is_further(parts, i);
+        further += is_further(keys, i);
     res = PELL_OK;
     if (further == 0)
         goto fail;
@@ -75,18 +75,18 @@ enum pell_result pell_object_materials_make(struct pell_context *ctx, const stru
     if (!m->of_mesh)
         goto fail;
     for (size_t i = 0; i < n; i++) {
-        const uint16_t own = m->frame_index[parts[i].material + 1];
-        if (i == 0 || parts[i].material != parts[i - 1].material || is_further(parts, i))
+        const uint16_t own = m->frame_index[keys[i].material + 1];
+        if (i == 0 || keys[i].material != keys[i - 1].material || is_further(keys, i))
             id = own;
-        if (is_further(parts, i) && m->count_apart < m->count + further) {
+        if (is_further(keys, i) && m->count_apart < m->count + further) {
             m->frame[m->count_apart] = m->frame[own - 1];
             id = (uint16_t) ++m->count_apart;
         }
-        m->of_mesh[parts[i].mesh] = id;
+        m->of_mesh[keys[i].mesh] = id;
     }
     res = PELL_OK;
 
 fail:
-    pell_free(ctx, parts);
+    pell_free(ctx, keys);
     return res;
 }

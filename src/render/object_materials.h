@@ -8,7 +8,7 @@
 #include "render/engine.h"
 
 /* Appends to m->frame a copy of a material for each further object that has it, and fills in m->of_mesh and m->count_apart; m->frame_index,
- * m->frame and m->count are there. Where no two objects share a material, or where frames can't hold more materials, which is warned of,
+ * m->frame and m->count are there. Where no two objects share a material, or where frames can't hold more materials, which is reported,
  * objects keep the material's own. */
 PELL_NODISCARD enum pell_result pell_object_materials_make(struct pell_context *ctx, const struct pell_scene *scene,
                                                            struct pell_scene_materials *m);

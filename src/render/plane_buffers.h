@@ -33,7 +33,7 @@ struct pell_planes_wanted {
     size_t count;
 };
 
-/* Nothing where they are there, or wanted already. */
+/* Does nothing if they exist or are already requested. */
 static inline void pell_planes_want(struct pell_planes_wanted *w, float **planes, int count)
 {
     for (size_t i = 0; i < w->count; i++)

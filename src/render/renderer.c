@@ -2,9 +2,9 @@
  * renderer.c - the renderer and its inputs: scene, method, checkpoint. */
 #include "render/renderer_state.h"
 
+#include "render/communicator.h"
 #include "render/engine_cpu.h"
 #include "render/pass.h"
-#include "render/share.h"
 
 #include <string.h>
 
@@ -128,10 +128,10 @@ fail:
     return PELL_ERR_NOMEM;
 }
 
-void pell_renderer_set_share(struct pell_renderer *r, struct pell_share *share)
+void pell_renderer_set_communicator(struct pell_renderer *r, struct pell_communicator *communicator)
 {
     pell_renderer_invalidate(r, PELL_INPUT_CHECKPOINT);
-    r->share = share;
+    r->communicator = communicator;
 }
 
 void pell_renderer_set_observer(struct pell_renderer *r, const struct pell_observer *observer)

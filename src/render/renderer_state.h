@@ -34,8 +34,8 @@ struct pell_renderer {
     void *knobs;                       /* owned copy */
     struct pell_checkpoint checkpoint; /* owned copy */
     bool has_checkpoint;
-    struct pell_share *share;      /* borrowed; NULL: alone */
-    struct pell_observer observer; /* show NULL: none */
+    struct pell_communicator *communicator; /* borrowed; NULL: alone */
+    struct pell_observer observer;          /* show NULL: none */
     struct pell_settings settings;
     float focal_px;
     bool orthographic;

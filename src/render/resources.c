@@ -28,8 +28,8 @@ static void drop_materials(struct pell_renderer *r)
     pell_free(r->ctx, m->total);
     pell_free(r->ctx, m->angle);
     pell_free(r->ctx, m->thickness);
-    pell_free(r->ctx, m->apart);
-    pell_free(r->ctx, m->angle_apart);
+    pell_free(r->ctx, m->separate);
+    pell_free(r->ctx, m->angle_without_single);
     for (size_t i = 0; i < m->num_stacks; i++)
         pell_free(r->ctx, m->stack[i]);
     pell_free(r->ctx, m->stack);
@@ -66,10 +66,10 @@ static enum pell_result make_materials(struct pell_renderer *r)
     out->total = pell_calloc(r->ctx, n, sizeof(*out->total));
     out->angle = pell_calloc(r->ctx, n, sizeof(*out->angle));
     out->thickness = pell_calloc(r->ctx, n, sizeof(*out->thickness));
-    out->apart = pell_calloc(r->ctx, n, sizeof(*out->apart));
-    out->angle_apart = pell_calloc(r->ctx, n, sizeof(*out->angle_apart));
+    out->separate = pell_calloc(r->ctx, n, sizeof(*out->separate));
+    out->angle_without_single = pell_calloc(r->ctx, n, sizeof(*out->angle_without_single));
     out->stack = pell_calloc(r->ctx, n, sizeof(*out->stack));
-    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness || !out->apart || !out->angle_apart ||
+    if (!out->frame_index || !out->frame || !out->total || !out->angle || !out->thickness || !out->separate || !out->angle_without_single ||
         !out->stack)
         goto fail;
     for (size_t i = 0; i < n; i++) {
@@ -136,9 +136,9 @@ static void set_pass(const struct pell_medium *medium, double total, int c, stru
     const struct pell_half_space_angle a = pell_passing_angle(medium, c);
     const float off = out->inverse_eta2 < 1.0f ? 1.0f - sqrtf(1.0f - out->inverse_eta2) : 1.0f;
     const float scattered = (float) fmin(fmax((total - DARK) / (BRIGHT - DARK), 0.0), 1.0);
-    const float grazing = (float) ((1.0 + a.slope * (double) off) / a.mean) / (out->leave_base[c] + out->leave_slope[c] * off);
+    const float grazing = (float) ((1.0 + a.slope * (double) off) / a.mean) / (out->exit_base[c] + out->exit_slope[c] * off);
 
-    out->pass_base[c] = (float) (1.0 / a.mean) / out->leave_base[c];
+    out->pass_base[c] = (float) (1.0 / a.mean) / out->exit_base[c];
     out->pass_slope[c] = (grazing - out->pass_base[c]) / off;
     out->pass_base[c] = 1.0f + scattered * (out->pass_base[c] - 1.0f);
     out->pass_slope[c] *= scattered;
@@ -157,8 +157,8 @@ static void fill_angle(const struct pell_frame_material *m, bool is_medium, stru
         out->enter_base[c] = (float) scale;
         out->enter_slope[c] = (float) (scale * a.slope);
         out->enter_mean[c] = (float) (scale * a.mean);
-        out->leave_base[c] = (float) (1.0 / a.mean);
-        out->leave_slope[c] = (float) (a.slope / a.mean);
+        out->exit_base[c] = (float) (1.0 / a.mean);
+        out->exit_slope[c] = (float) (a.slope / a.mean);
         out->pass_base[c] = 1.0f;
         if (is_medium)
             set_pass(&m->medium, pell_profile_total(&m->profile[c]), c, out);
@@ -167,17 +167,17 @@ static void fill_angle(const struct pell_frame_material *m, bool is_medium, stru
 
 /* No refraction, and no factor. */
 static const struct pell_angle no_angle = {
-    .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .leave_base = { 1, 1, 1 }, .pass_base = { 1, 1, 1 }
+    .enter_base = { 1, 1, 1 }, .enter_mean = { 1, 1, 1 }, .exit_base = { 1, 1, 1 }, .pass_base = { 1, 1, 1 }
 };
 
 /* Removes single scattering from a medium's profile, for frames that add it separately: `whole` and `rest` are the profiles of all light
  * and of the remainder. Diffuse light, which has no direction, keeps all of it, as a larger entering factor. */
-static void set_apart(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *rest, bool angles,
-                      struct pell_separate_single *apart, const struct pell_angle *angle, struct pell_angle *out)
+static void set_separate_single(const struct pell_material *m, const struct pell_profile *whole, const struct pell_profile *rest,
+                                bool angles, struct pell_separate_single *single, const struct pell_angle *angle, struct pell_angle *out)
 {
     const double eta = (double) m->medium.eta;
 
-    apart->inverse_eta2 = (float) (1.0 / (eta * eta));
+    single->inverse_eta2 = (float) (1.0 / (eta * eta));
     *out = angles ? *angle : no_angle;
     for (int c = 0; c < 3; c++) {
         const double reduced = m->medium.sigma_s_reduced[c] / (m->medium.sigma_a[c] + m->medium.sigma_s_reduced[c]);
@@ -186,8 +186,8 @@ static void set_apart(const struct pell_material *m, const struct pell_profile *
 
         if (!(left > 0.0 && left < total))
             continue;
-        apart->albedo[c] = (float) pell_albedo_of_reduced(reduced, m->medium.g[c]);
-        apart->g[c] = (float) m->medium.g[c];
+        single->albedo[c] = (float) pell_albedo_of_reduced(reduced, m->medium.g[c]);
+        single->g[c] = (float) m->medium.g[c];
         if (angles) {
             all = pell_half_space_angle_of(total, eta);
             a = pell_half_space_angle_multiple(total, reduced, eta, all);
@@ -195,8 +195,8 @@ static void set_apart(const struct pell_material *m, const struct pell_profile *
         out->enter_base[c] = 1.0f;
         out->enter_slope[c] = (float) a.slope;
         out->enter_mean[c] = (float) (total * all.mean / left);
-        out->leave_base[c] = (float) (1.0 / a.mean);
-        out->leave_slope[c] = (float) (a.slope / a.mean);
+        out->exit_base[c] = (float) (1.0 / a.mean);
+        out->exit_slope[c] = (float) (a.slope / a.mean);
         out->pass_base[c] = 1.0f;
         if (angles)
             set_pass(&m->medium, total, c, out);
@@ -217,12 +217,12 @@ static bool make_rest(const struct pell_renderer *r, const struct pell_material 
 }
 
 /* Assigns profiles to the frame's materials, including copies for further objects of a material. */
-static void hand_out_profiles(struct pell_renderer *r, bool apart)
+static void hand_out_profiles(struct pell_renderer *r, bool separate_single)
 {
     struct pell_scene_materials *m = &r->materials;
 
     for (size_t i = 0; i < m->count; i++)
-        m->frame[i].profile = apart && r->profiles_of[i].multiple ? r->profiles_of[i].multiple : r->profiles_of[i].all;
+        m->frame[i].profile = separate_single && r->profiles_of[i].multiple ? r->profiles_of[i].multiple : r->profiles_of[i].all;
     for (size_t i = 0; m->of_mesh && i < r->scene->num_meshes; i++)
         if (m->of_mesh[i])
             m->frame[m->of_mesh[i] - 1].profile = m->frame[m->frame_index[r->scene->meshes[i].material + 1] - 1].profile;
@@ -271,21 +271,21 @@ static enum pell_result make_profiles(struct pell_renderer *r)
         if (k < i) {
             memcpy(r->materials.total[i], r->materials.total[k], sizeof(r->materials.total[i]));
             r->materials.angle[i] = r->materials.angle[k];
-            r->materials.apart[i] = r->materials.apart[k];
-            r->materials.angle_apart[i] = r->materials.angle_apart[k];
+            r->materials.separate[i] = r->materials.separate[k];
+            r->materials.angle_without_single[i] = r->materials.angle_without_single[k];
             continue;
         }
         if (r->settings.angles)
             fill_angle(&frame[at - 1], pell_scatters_by_medium(m, &frame[at - 1]), &r->materials.angle[i]);
         for (int c = 0; c < 3; c++)
             r->materials.total[i][c] = frame[at - 1].white ? 1.0f : (float) pell_profile_total(&frame[at - 1].profile[c]);
-        r->materials.apart[i] = (struct pell_separate_single) { .inverse_eta2 = 0.0f };
-        r->materials.angle_apart[i] = r->settings.angles ? r->materials.angle[i] : no_angle;
+        r->materials.separate[i] = (struct pell_separate_single) { .inverse_eta2 = 0.0f };
+        r->materials.angle_without_single[i] = r->settings.angles ? r->materials.angle[i] : no_angle;
         if (frame[at - 1].white)
             of->multiple = NULL;
         else if (of->multiple)
-            set_apart(m, of->all, of->multiple, r->settings.angles, &r->materials.apart[i], &r->materials.angle[i],
-                      &r->materials.angle_apart[i]);
+            set_separate_single(m, of->all, of->multiple, r->settings.angles, &r->materials.separate[i], &r->materials.angle[i],
+                                &r->materials.angle_without_single[i]);
     }
     hand_out_profiles(r, false);
     return PELL_OK;
@@ -464,13 +464,13 @@ static enum pell_result make_pass(struct pell_renderer *r)
     enum pell_result res;
 
     memset(m->thickness, 0, r->scene->num_materials * sizeof(*m->thickness));
-    m->single_apart = adds_single(r);
-    hand_out_profiles(r, m->single_apart);
+    m->separates_single = adds_single(r);
+    hand_out_profiles(r, m->separates_single);
     if (!r->method || m->count == 0)
         return PELL_OK;
     pell_renderer_warn_ignored(r);
     shape = pell_renderer_shape(r, &view);
-    r->services.share = r->share;
+    r->services.communicator = r->communicator;
     r->services.checkpoint = r->has_checkpoint ? &r->checkpoint : NULL;
     r->services.observer = r->observer.show ? &r->observer : NULL;
     r->services.kept = &r->kept;

@@ -37,7 +37,7 @@ INLINE void widen(vf lanes, vf wide[4])
 #endif
 }
 
-/* out[k][i]: number k, below `size`, a multiple of 4, of row[0][i], row[1][i] and row[2][i] by their weights. */
+/* out[k][i]: value k, below `size`, a multiple of 4, of row[0][i], row[1][i] and row[2][i] by their weights. */
 INLINE void rows_blend(const float *const row[3][ROWS], const float weight[3][ROWS], int size, float (*out)[ROWS])
 {
     for (int first = 0; first < ROWS; first += WIDTH) {
@@ -56,7 +56,7 @@ INLINE void rows_blend(const float *const row[3][ROWS], const float weight[3][RO
     }
 }
 
-/* The same of rows that hold whole vectors: each is read as such, and turned when the three are one. */
+/* The same of rows that hold whole vectors: each is read as such, and transposed after the three are combined. */
 INLINE void rows_blend_wide(const float *const row[3][ROWS], const float weight[3][ROWS], int size, float (*out)[ROWS])
 {
     enum { MOST = 32 }; /* numbers of a row */
@@ -80,7 +80,7 @@ INLINE void rows_blend_wide(const float *const row[3][ROWS], const float weight[
         }
 }
 
-/* out[k][i]: between number k of row[i] and of the row `size` numbers behind it, at t[i]. */
+/* out[k][i]: between value k of row[i] and of the row `size` values after it, at t[i]. */
 INLINE void rows_between(const float *const row[ROWS], const float t[ROWS], int size, float (*out)[ROWS])
 {
     for (int first = 0; first < ROWS; first += WIDTH) {

@@ -23,7 +23,7 @@ struct pell_gpu;
 struct pell_gpu_buffer;
 struct pell_light_grid;
 struct pell_points16;
-struct pell_share;
+struct pell_communicator;
 
 /* Row pitch, in pixels, of an image's planes on a Vulkan device. */
 static inline int pell_gpu_pitch(int width)
@@ -48,7 +48,7 @@ struct pell_surface_points {
     const uint32_t *mesh, *triangle; /* mesh PELL_NO_HIT: no point */
     const float *u, *v;              /* barycentric: p = (1 - u - v) p0 + u p1 + v p2 */
     const uint32_t *seed;            /* seeds of the sample patterns of area lights: points with equal seeds share them */
-    const float *ambient;            /* visibility of the environment's smooth part, if the caller knows it better; NULL: found by rays */
+    const float *ambient;            /* visibility of the environment's smooth part, if the caller has computed it; NULL: found by rays */
     const bool *back;                /* true: the side from which the triangle's corners run clockwise; NULL: no point is on that side */
 };
 
@@ -98,7 +98,7 @@ struct pell_points_params {
 struct pell_light_batches {
     /* Capacity of a batch, in points; 0: there is no device, or it cannot light this scene. */
     size_t (*room)(void *engine);
-    /* Begins an empty batch. Returns an array for the caller's use, with one number per 16 points of the capacity. */
+    /* Begins an empty batch. Returns an array for the caller's use, with one value per 16 points of the capacity. */
     uint32_t *(*begin)(void *engine);
     /* Adds at most 16 points, which use params->samples times pell_services_batch_points() of the capacity. Returns their slot. */
     uint32_t (*send)(void *engine, const struct pell_points_params *params, const struct pell_surface_points *in, size_t n);
@@ -129,7 +129,7 @@ struct pell_services {
     const struct pell_frame_material *materials;
     const struct pell_settings *settings;     /* of the current frame: updated in place if a pass outlives a change */
     const struct pell_checkpoint *checkpoint; /* NULL: none */
-    struct pell_share *share;                 /* NULL: this process renders the frame alone */
+    struct pell_communicator *communicator;   /* NULL: this process renders the frame alone */
     struct pell_kept *kept;                   /* NULL: nothing can be kept */
     const struct pell_observer *observer;     /* NULL: intermediate images are not requested */
     void *engine;                             /* passed to the functions below, which the engine fills in */
@@ -137,8 +137,8 @@ struct pell_services {
                             const struct pell_surface_light *out);
     const struct pell_light_batches *batches; /* NULL: none */
     const struct pell_light_grid *(*light_grid)(void *engine, size_t light);
-    void (*transmitted)(void *engine, const struct pell_points16 *points, int count, float share[3][16]);
-    void (*returned)(void *engine, const struct pell_points16 *points, int count, float share[3][16], float crossed[3][16]);
+    void (*transmitted)(void *engine, const struct pell_points16 *points, int count, float fraction[3][16]);
+    void (*returned)(void *engine, const struct pell_points16 *points, int count, float factor[3][16], float crossed[3][16]);
 };
 
 /* Computes light that enters at n points, like the stage "irradiance" at pixels: same lights, tables and formulas. Runs on the calling
@@ -209,17 +209,17 @@ static inline int64_t pell_services_light16(const struct pell_services *s, const
 /* Fraction of a slab's transmission that a method adds at the first `count` points, [0, 1], if it transmits by its plan: 0 where the
  * engine knows the light in the solid and adds it, 1 where it does not. */
 static inline void pell_services_transmitted(const struct pell_services *s, const struct pell_points16 *points, int count,
-                                             float share[3][16])
+                                             float fraction[3][16])
 {
-    s->transmitted(s->engine, points, count, share);
+    s->transmitted(s->engine, points, count, fraction);
 }
 
 /* For a method that adds transport between faces at an angle, at points on a flat thin part: the return of a profile there over that of
  * a half-space, and the transmission over that of optics/medium/opposed.h. 1 elsewhere, and where diffusion in the solid was solved. */
-static inline void pell_services_returned(const struct pell_services *s, const struct pell_points16 *points, int count, float share[3][16],
+static inline void pell_services_returned(const struct pell_services *s, const struct pell_points16 *points, int count, float factor[3][16],
                                           float crossed[3][16])
 {
-    s->returned(s->engine, points, count, share, crossed);
+    s->returned(s->engine, points, count, factor, crossed);
 }
 
 /* Light grid of light `light` of the scene (visibility/light_grid.h), during a frame; NULL: none, use rays. */

@@ -397,10 +397,10 @@ static enum pell_result complete_object(struct pell_scene *scene, const uint32_t
     object_place(scene, scene->meshes[meshes[0]].name, &where);
     PELL_TRY(make_topology(scene, meshes, count, where.str, &t));
     for (size_t i = 0; i < PELL_COUNT(turn) && res == PELL_OK; i++) {
-        bool turned = false;
-        res = turn[i](scene, &t, where.str, &turned);
+        bool flipped = false;
+        res = turn[i](scene, &t, where.str, &flipped);
         /* Flipping triangles swaps corners: half-edges and face normals must be recomputed. */
-        if (res == PELL_OK && turned) {
+        if (res == PELL_OK && flipped) {
             pell_topology_finish(&t);
             res = pell_topology_make(&t, scene, meshes, count);
         }

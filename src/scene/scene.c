@@ -234,7 +234,7 @@ enum pell_result pell_scene_add_option(struct pell_scene *scene, const char *nam
 }
 
 /* Reports an index that is out of range. */
-static bool is_there(const struct pell_scene *scene, const char *where, const char *kind, size_t index, size_t count)
+static bool index_valid(const struct pell_scene *scene, const char *where, const char *kind, size_t index, size_t count)
 {
     if (index >= count)
         pell_error(scene->ctx, PELL_ERR_INVALID, where, NULL, "%s %zu does not exist; there are %zu", kind, index, count);
@@ -247,7 +247,7 @@ enum pell_result pell_mesh_allocate(struct pell_scene *scene, size_t mesh, uint3
     struct pell_mesh *m;
     int64_t all_vertices, all_triangles;
 
-    if (!is_there(scene, scene->path, "mesh", mesh, scene->num_meshes))
+    if (!index_valid(scene, scene->path, "mesh", mesh, scene->num_meshes))
         return PELL_ERR_INVALID;
     m = &scene->meshes[mesh];
     if (m->position)
@@ -284,7 +284,7 @@ enum pell_result pell_mesh_allocate_uv(struct pell_scene *scene, size_t mesh, in
 {
     struct pell_mesh *m;
 
-    if (!is_there(scene, scene->path, "mesh", mesh, scene->num_meshes))
+    if (!index_valid(scene, scene->path, "mesh", mesh, scene->num_meshes))
         return PELL_ERR_INVALID;
     m = &scene->meshes[mesh];
     if (set < 0 || set >= PELL_UV_SETS)
@@ -416,7 +416,7 @@ enum pell_result pell_material_apply(struct pell_scene *scene, size_t material, 
 {
     const struct pell_material_entry *found = pell_material_find(entry);
 
-    if (!is_there(scene, where, "material", material, scene->num_materials))
+    if (!index_valid(scene, where, "material", material, scene->num_materials))
         return PELL_ERR_INVALID;
     if (!found)
         return pell_material_unknown(scene->ctx, where, entry);
@@ -427,7 +427,7 @@ enum pell_result pell_material_allocate_layers(struct pell_scene *scene, size_t 
 {
     struct pell_material *m;
 
-    if (!is_there(scene, scene->path, "material", material, scene->num_materials))
+    if (!index_valid(scene, scene->path, "material", material, scene->num_materials))
         return PELL_ERR_INVALID;
     m = &scene->materials[material];
     if (count < 0 || count > PELL_LAYERS_MOST)
@@ -451,7 +451,7 @@ enum pell_result pell_material_solve_layers(struct pell_scene *scene, size_t mat
     struct pell_layer_fault fault;
     struct pell_material *m;
 
-    if (!is_there(scene, scene->path, "material", material, scene->num_materials))
+    if (!index_valid(scene, scene->path, "material", material, scene->num_materials))
         return PELL_ERR_INVALID;
     m = &scene->materials[material];
     if (m->num_layers < 1)

@@ -75,9 +75,9 @@ static enum pell_result grow_slots(struct stl *s)
     return PELL_OK;
 }
 
-static enum pell_result add_corner(struct stl *s, const float place[3])
+static enum pell_result add_corner(struct stl *s, const float position[3])
 {
-    const float p[3] = { place[0] + 0.0f, place[1] + 0.0f, place[2] + 0.0f }; /* -0 becomes 0 */
+    const float p[3] = { position[0] + 0.0f, position[1] + 0.0f, position[2] + 0.0f }; /* -0 becomes 0 */
     void *array;
     uint32_t *slot;
     enum pell_result res;

@@ -39,8 +39,8 @@ float pell_atan2(float y, float x)
     const float t = far ? (a - b) / (a + b) : a / max(b, 1e-30), t2 = t * t;
     const float sum = t2 * (-3.33329491539e-1 + t2 * (1.99777106478e-1 + t2 * (-1.38776856032e-1 + t2 * 8.05374449538e-2)));
     const float part = (far ? 0.785398163 : 0.0) + (t + t * sum), upper = abs(y) > abs(x) ? 1.57079633 - part : part;
-    const float turned = x < 0.0 ? 3.14159265 - upper : upper;
-    return y < 0.0 ? -turned : turned;
+    const float angle = x < 0.0 ? 3.14159265 - upper : upper;
+    return y < 0.0 ? -angle : angle;
 }
 
 #define sinf(x) pell_sin(x)

@@ -28,9 +28,9 @@ PELL_SHARED float pell_highlights_visibility(float next, float around, float ray
 }
 
 /* Filtered highlight or irradiance: this fraction of the unoccluded light; of the `all` samples around, `seen` are visible. */
-PELL_SHARED float pell_highlights_filtered(float light, float hidden, float share, float seen, float all)
+PELL_SHARED float pell_highlights_filtered(float light, float hidden, float visibility, float seen, float all)
 {
-    return all > seen ? (light + hidden) * share : light;
+    return all > seen ? (light + hidden) * visibility : light;
 }
 
 #endif

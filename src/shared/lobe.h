@@ -28,11 +28,11 @@ PELL_SHARED float pell_lobe_width(int32_t model, float roughness)
 PELL_SHARED float pell_exp_minus(float x)
 {
     const float y = (x < 80.0f ? x : 80.0f) * -1.44269504f;
-    const int32_t whole = PELL_TO_INT(y - 0.5f);
-    const float f = (y - PELL_TO_FLOAT(whole)) * 0.693147181f;
+    const int32_t n = PELL_TO_INT(y - 0.5f);
+    const float f = (y - PELL_TO_FLOAT(n)) * 0.693147181f;
     const float e =
         1.0f + f * (1.0f + f * (0.5f + f * (1.66666667e-1f + f * (4.16666667e-2f + f * (8.33333333e-3f + f * 1.38888889e-3f)))));
-    const float two = pell_bits_float((whole + 127) << 23);
+    const float two = pell_bits_float((n + 127) << 23);
     return x < 80.0f ? e * two : 0.0f;
 }
 
@@ -55,7 +55,7 @@ PELL_SHARED float pell_power_of_cos(float n, float rest)
 }
 
 /* The lobes from nl = n.l, nv = n.v > 0 and the unnormalised h = l + v: nh = n.h, hh = h.h, sin2 = |n x h|^2 (not from nh:
- * 1 - cos^2 would lose the digits of narrow lobes). width2: square of pell_lobe_width. 1/sr, to be multiplied by Fresnel's share. */
+ * 1 - cos^2 would lose the digits of narrow lobes). width2: square of pell_lobe_width. 1/sr, times the Fresnel reflectance. */
 PELL_SHARED float pell_lobe_ggx(float width2, float nl, float nv, float sin2, float nh, float hh)
 {
     const float d = (sin2 + nh * nh * width2) / hh; /* sin^2 + alpha^2 cos^2 of the half angle */

@@ -7,9 +7,9 @@
 
 /* Packs the path length of straight transmission, mm > 0, and its fraction of all transmitted light into one float: the last 10 bits are
  * the fraction, the others the length. 0: no straight transmission. */
-PELL_SHARED float pell_spread_pack(float path, float share)
+PELL_SHARED float pell_spread_pack(float path, float fraction)
 {
-    const int32_t part = PELL_TO_INT(1023.0f * pell_saturate(share) + 0.5f);
+    const int32_t part = PELL_TO_INT(1023.0f * pell_saturate(fraction) + 0.5f);
     return path > 0.0f && part > 0 ? pell_bits_float((pell_float_bits(path) & ~1023) | part) : 0.0f;
 }
 
@@ -27,9 +27,9 @@ PELL_SHARED float pell_spread_straight(float packed)
 /* Fraction of the path length by which light spreads, by how flat the part of the solid is: all of it in a sheet. In round parts light
  * spreads around the whole part, which a blur by one path length does not describe; and where path lengths jump, at the edge of a shadow
  * or where another limb is on the path, transmitted light does not jump. */
-PELL_SHARED float pell_spread_path_fraction(float flat_share)
+PELL_SHARED float pell_spread_path_fraction(float flat_weight)
 {
-    return 0.2f + 0.8f * flat_share;
+    return 0.2f + 0.8f * flat_weight;
 }
 
 /* Fraction of light of a variance that the Gaussian with the variance `here` takes, between those with `below` and `above`; below < 0:

@@ -49,8 +49,8 @@ PELL_SHARED float pell_bilinear(float a, float b, float c, float d, float f, flo
 /* Transmitted fraction at a position in the thickness table, from the values of its cell and the next. */
 PELL_SHARED float pell_thickness_transmission(float value, float next, float coord, int32_t entries)
 {
-    const float share = pell_lerp(value, next, coord - PELL_TO_FLOAT(pell_table_cell(coord, entries)));
-    return coord < PELL_TO_FLOAT(entries - 1) ? share : 0.0f;
+    const float result = pell_lerp(value, next, coord - PELL_TO_FLOAT(pell_table_cell(coord, entries)));
+    return coord < PELL_TO_FLOAT(entries - 1) ? result : 0.0f;
 }
 
 #endif

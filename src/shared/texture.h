@@ -92,11 +92,11 @@ PELL_SHARED float pell_slope_variance(float square, float spread)
 }
 
 /* Roughness of a lobe over such bumps: the squared widths add. Twice the variance of slopes is the square of alpha (Beckmann's
- * distribution). `whole`: alpha is the roughness, not its square. */
-PELL_SHARED float pell_bumpy_roughness(float roughness, float bumps, int32_t whole)
+ * distribution). `linear`: alpha is the roughness, not its square. */
+PELL_SHARED float pell_bumpy_roughness(float roughness, float bumps, int32_t linear)
 {
-    const float r2 = roughness * roughness, root = sqrtf((whole != 0 ? r2 : r2 * r2) + 2.0f * bumps);
-    return bumps > 0.0f ? whole != 0 ? root : sqrtf(root) : roughness;
+    const float r2 = roughness * roughness, root = sqrtf((linear != 0 ? r2 : r2 * r2) + 2.0f * bumps);
+    return bumps > 0.0f ? linear != 0 ? root : sqrtf(root) : roughness;
 }
 
 #endif

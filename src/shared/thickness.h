@@ -46,7 +46,7 @@ PELL_SHARED float pell_thickness_facing(float facing, float mu, float ng)
     return g < 1.0f ? g : 1.0f;
 }
 
-/* Factor of light that travelled d mm, as it leaves like light from the depth: the whole `pass` from 1/per on. See render/angle.h. */
+/* Factor of exiting light that travelled d mm: reaches `pass`, that of light from the depth, at 1/per. See render/angle.h. */
 PELL_SHARED float pell_thickness_exit(float per, float d, float pass)
 {
     const float thick = per * d, deep = thick < 1.0f ? thick : 1.0f;

@@ -20,7 +20,7 @@ static void make_table(uint8_t table[STEPS + 1], bool encoded)
     }
 }
 
-enum pell_result viewer_encode_jpeg(struct pell_context *ctx, const struct viewer_picture *p, int quality, uint8_t **bytes, size_t *size)
+enum pell_result viewer_encode_jpeg(struct pell_context *ctx, const struct viewer_image *p, int quality, uint8_t **bytes, size_t *size)
 {
     const size_t width = (size_t) p->width, height = (size_t) p->height;
     uint8_t table[STEPS + 1], *rgb = pell_alloc_array(ctx, width * 3, height);
@@ -73,7 +73,7 @@ static enum pell_result take(struct pell_writer *w, enum pell_result res, uint8_
     return res;
 }
 
-enum pell_result viewer_encode_png(struct pell_context *ctx, const struct viewer_picture *p, uint8_t **bytes, size_t *size)
+enum pell_result viewer_encode_png(struct pell_context *ctx, const struct viewer_image *p, uint8_t **bytes, size_t *size)
 {
     const struct pell_channel channels[3] = {
         { "R", p->planes[0], p->stride, false },

@@ -21,7 +21,7 @@ static const struct {
     { pick_keys, PELL_COUNT(pick_keys) }, { profile_keys, PELL_COUNT(profile_keys) },
 };
 static const char *const state_keys[] = { "method", "knobs", "settings", "camera", "lights", "materials", "time", "other", "truth" };
-static const char *const look_keys[] = { "method", "knobs" };
+static const char *const setup_keys[] = { "method", "knobs" };
 
 /* Reads an object of texts. */
 static enum pell_result read_settings(const struct pell_json *parent, const char *key, const char *where, struct pell_setting *list,
@@ -49,11 +49,11 @@ static enum pell_result read_settings(const struct pell_json *parent, const char
     return PELL_OK;
 }
 
-static enum pell_result read_look(const struct pell_json *at, struct viewer_look *look)
+static enum pell_result read_setup(const struct pell_json *at, struct viewer_setup *setup)
 {
-    const enum pell_result res = pell_json_string(at, "method", &look->method);
+    const enum pell_result res = pell_json_string(at, "method", &setup->method);
 
-    return res == PELL_OK ? read_settings(at, "knobs", "knob", look->knobs, &look->num_knobs) : res;
+    return res == PELL_OK ? read_settings(at, "knobs", "knob", setup->knobs, &setup->num_knobs) : res;
 }
 
 static enum pell_result read_state(const struct pell_json *root, struct viewer_message *m)
@@ -64,13 +64,13 @@ static enum pell_result read_state(const struct pell_json *root, struct viewer_m
     PELL_TRY(pell_json_require(root, "state"));
     PELL_TRY(pell_json_object(root, "state", &state));
     PELL_TRY(pell_json_only(&state, state_keys, PELL_COUNT(state_keys)));
-    PELL_TRY(read_look(&state, &m->look));
+    PELL_TRY(read_setup(&state, &m->setup));
     PELL_TRY(read_settings(&state, "settings", "setting", m->settings, &m->num_settings));
     PELL_TRY(pell_json_object(&state, "other", &other));
     if (other.value) {
-        PELL_TRY(pell_json_only(&other, look_keys, PELL_COUNT(look_keys)));
+        PELL_TRY(pell_json_only(&other, setup_keys, PELL_COUNT(setup_keys)));
         PELL_TRY(pell_json_require(&other, "method"));
-        PELL_TRY(read_look(&other, &m->other));
+        PELL_TRY(read_setup(&other, &m->other));
     }
     PELL_TRY(pell_json_object(&state, "camera", &part));
     m->camera = (json_t *) part.value;

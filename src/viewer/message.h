@@ -31,8 +31,8 @@ enum viewer_message_type { VIEWER_VIEW, VIEWER_ACK, VIEWER_SAVE, VIEWER_PICK, VI
 enum viewer_format { VIEWER_SCENE, VIEWER_EXR, VIEWER_REPORT };
 extern const char *const viewer_format_names[];
 
-/* A method as named by a page; texts belong to the message. "none" is no method. */
-struct viewer_look {
+/* A method and its knobs as a page names them; texts belong to the message. "none" is no method. */
+struct viewer_setup {
     const char *method;
     struct pell_setting knobs[VIEWER_SETTINGS_MOST];
     size_t num_knobs;
@@ -44,7 +44,7 @@ struct viewer_message {
     int64_t id; /* for an ack: the image's number */
 
     bool moving;
-    struct viewer_look look, other; /* other.method NULL: none */
+    struct viewer_setup setup, other; /* other.method NULL: none */
     struct pell_setting settings[VIEWER_SETTINGS_MOST];
     size_t num_settings;
     json_t *camera, *lights, *materials; /* borrowed from the tree; NULL: unchanged */

@@ -30,7 +30,7 @@ void viewer_model_close(struct viewer_model *m)
 {
     for (int i = 0; i < VIEWER_SLOTS; i++) {
         pell_renderer_destroy(&m->slots[i].renderer);
-        free(m->slots[i].look);
+        free(m->slots[i].setup);
         if (m->ctx)
             pell_method_knobs_destroy(m->ctx, &m->slots[i].knobs);
     }
@@ -174,38 +174,38 @@ enum pell_result viewer_model_apply(struct viewer_model *m, const struct viewer_
 
 /* --- Renderers ------------------------------------------------------------------------------------------------------------------------ */
 
-static char *look_text(const struct viewer_look *look)
+static char *setup_text(const struct viewer_setup *setup)
 {
     json_t *o = json_object();
     char *text;
 
-    json_object_set_new(o, "", json_string(look->method ? look->method : ""));
-    for (size_t i = 0; i < look->num_knobs; i++)
-        json_object_set_new(o, look->knobs[i].name, json_string(look->knobs[i].value));
+    json_object_set_new(o, "", json_string(setup->method ? setup->method : ""));
+    for (size_t i = 0; i < setup->num_knobs; i++)
+        json_object_set_new(o, setup->knobs[i].name, json_string(setup->knobs[i].value));
     text = o ? json_dumps(o, JSON_COMPACT | JSON_SORT_KEYS) : NULL;
     json_decref(o);
     return text;
 }
 
-/* Switches the slot to the look's method, if it has another. */
-static enum pell_result choose(struct viewer_model *m, enum viewer_slot slot, const struct viewer_look *look)
+/* Switches the slot to the method of the setup, if it has another. */
+static enum pell_result choose(struct viewer_model *m, enum viewer_slot slot, const struct viewer_setup *setup)
 {
-    const char *name = look->method ? look->method : "screen-space";
+    const char *name = setup->method ? setup->method : "screen-space";
     const struct pell_method *method = NULL;
-    char *text = look_text(look);
+    char *text = setup_text(setup);
     void *knobs = NULL;
     enum pell_result res = PELL_OK;
 
     if (!text)
         return no_memory(m);
-    if (same(text, m->slots[slot].look))
+    if (same(text, m->slots[slot].setup))
         goto fail;
     if (strcmp(name, "none") != 0) {
         res = PELL_ERR_INVALID;
         if (!(method = pell_method_find(m->ctx, "method", name)))
             goto fail;
         PELL_TRY(pell_method_knobs_create(m->ctx, method, NULL, &knobs));
-        PELL_TRY(pell_method_configure(m->ctx, method, look->knobs, look->num_knobs, knobs));
+        PELL_TRY(pell_method_configure(m->ctx, method, setup->knobs, setup->num_knobs, knobs));
     }
     PELL_TRY(pell_renderer_set_method(m->slots[slot].renderer, method, knobs));
     if (m->slots[slot].knobs)
@@ -213,7 +213,7 @@ static enum pell_result choose(struct viewer_model *m, enum viewer_slot slot, co
     m->slots[slot].method = method;
     m->slots[slot].knobs = knobs;
     knobs = NULL;
-    replace(&m->slots[slot].look, &text);
+    replace(&m->slots[slot].setup, &text);
 
 fail:
     pell_method_knobs_destroy(m->ctx, &knobs);
@@ -239,13 +239,13 @@ static int least(int a, int b)
     return a < b ? a : b;
 }
 
-static void hurry(const struct viewer_haste *haste, struct pell_settings *s)
+static void apply_quality(const struct viewer_quality *quality, struct pell_settings *s)
 {
-    s->width = (int) fmax(16.0, round(haste->scale * s->width));
-    s->height = (int) fmax(9.0, round(haste->scale * s->height));
-    s->seed += haste->seed_offset;
-    s->layers = haste->layers;
-    if (!haste->quick)
+    s->width = (int) fmax(16.0, round(quality->scale * s->width));
+    s->height = (int) fmax(9.0, round(quality->scale * s->height));
+    s->seed += quality->seed_offset;
+    s->layers = quality->layers;
+    if (!quality->quick)
         return;
     s->msaa = 1;
     s->dof = false;
@@ -269,7 +269,7 @@ static char *meter_text(const struct viewer_model *m, bool lights_moved)
 }
 
 enum pell_result viewer_model_render(struct viewer_model *m, enum viewer_slot slot, const struct viewer_message *view,
-                                     const struct viewer_look *look, const struct viewer_haste *haste, struct pell_settings *settings,
+                                     const struct viewer_setup *setup, const struct viewer_quality *quality, struct pell_settings *settings,
                                      struct pell_render_result *image)
 {
     char *metered = NULL;
@@ -278,9 +278,9 @@ enum pell_result viewer_model_render(struct viewer_model *m, enum viewer_slot sl
 
     if (!m->slots[slot].renderer)
         PELL_TRY(pell_renderer_create(m->device, &m->slots[slot].renderer));
-    PELL_TRY(choose(m, slot, look));
+    PELL_TRY(choose(m, slot, setup));
     PELL_TRY(read_settings(m, slot, view, settings));
-    hurry(haste, settings);
+    apply_quality(quality, settings);
     if (m->slots[slot].loads != m->loads) {
         PELL_TRY(pell_renderer_set_scene(m->slots[slot].renderer, m->scene));
         m->slots[slot].loads = m->loads;
@@ -336,9 +336,9 @@ json_t *viewer_model_saved(const struct viewer_model *m, const struct viewer_mes
     }
     json_object_update(render, json_object_get(o, "render")); /* width and height as numbers */
     json_decref(settings);
-    json_object_set_new(render, "method", json_string(view->look.method ? view->look.method : "screen-space"));
-    if (view->look.num_knobs)
-        json_object_set_new(render, "knobs", texts(view->look.knobs, view->look.num_knobs));
+    json_object_set_new(render, "method", json_string(view->setup.method ? view->setup.method : "screen-space"));
+    if (view->setup.num_knobs)
+        json_object_set_new(render, "knobs", texts(view->setup.knobs, view->setup.num_knobs));
     if (!json_object_get(render, "exposure") && m->exposure > 0.0f)
         json_object_set_new(render, "exposure", json_string(pell_format_number((double) m->exposure, true, text, sizeof(text))));
     if (!json_object_get(render, "white") && m->white > 0.0f)

@@ -28,7 +28,7 @@ struct viewer_model {
         uint64_t loads; /* value of model.loads for the renderer's scene */
         const struct pell_method *method;
         void *knobs;
-        char *look; /* method and knobs as text */
+        char *setup; /* method and knobs as text */
     } slots[VIEWER_SLOTS];
     float exposure, white; /* metered values, with `metered` the key they are valid for; 0: not yet */
     char *metered;
@@ -43,17 +43,17 @@ void viewer_model_close(struct viewer_model *m);
  * last scene is kept. */
 PELL_NODISCARD enum pell_result viewer_model_apply(struct viewer_model *m, const struct viewer_message *view, bool exact);
 
-/* Changes to the page's settings for an image that must be fast. */
-struct viewer_haste {
+/* Reductions of the page's settings for fast images. */
+struct viewer_quality {
     double scale; /* factor of width and height, (0, 1] */
     bool quick;   /* one multisample, few rays */
     int64_t seed_offset;
     bool layers;
 };
 
-/* Renders a look of the page. `image` is valid until the slot's next image. */
+/* Renders a setup of the page. `image` is valid until the slot's next image. */
 PELL_NODISCARD enum pell_result viewer_model_render(struct viewer_model *m, enum viewer_slot slot, const struct viewer_message *view,
-                                                    const struct viewer_look *look, const struct viewer_haste *haste,
+                                                    const struct viewer_setup *setup, const struct viewer_quality *quality,
                                                     struct pell_settings *settings, struct pell_render_result *image);
 /* The method of a slot's last image; NULL: none. */
 const struct pell_method *viewer_model_method(const struct viewer_model *m, enum viewer_slot slot);

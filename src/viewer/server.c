@@ -224,13 +224,13 @@ static int receive(struct lws *wsi, struct connection *c, const void *in, size_t
 
 static int write_next(struct lws *wsi, struct connection *c)
 {
-    struct viewer_news *n = viewer_next(server_of(wsi)->v, c->number);
+    struct viewer_outgoing *n = viewer_next(server_of(wsi)->v, c->number);
     int written;
 
     if (!n)
         return 0;
     written = lws_write(wsi, n->bytes, n->size, n->binary ? LWS_WRITE_BINARY : LWS_WRITE_TEXT);
-    viewer_news_free(n);
+    viewer_outgoing_free(n);
     if (written < 0)
         return -1;
     lws_callback_on_writable(wsi);

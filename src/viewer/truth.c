@@ -22,8 +22,8 @@ struct viewer_truth {
     struct viewer *v;
     uint64_t page;
     const struct viewer_message *view;
-    struct viewer_look look; /* of the reference */
-    bool random;             /* it is rendered many times */
+    struct viewer_setup setup; /* of the reference */
+    bool random;               /* it is rendered many times */
     double scale;
     int width, height;
     size_t count;
@@ -46,9 +46,9 @@ enum pell_result viewer_truth_create(struct viewer *v, uint64_t page, const stru
         pell_free(v->ctx, t);
         return method ? PELL_ERR_NOMEM : PELL_ERR_INVALID;
     }
-    *t = (struct viewer_truth) { .v = v, .page = page, .view = view, .random = method->partial, .look = { .method = method->name } };
+    *t = (struct viewer_truth) { .v = v, .page = page, .view = view, .random = method->partial, .setup = { .method = method->name } };
     if (t->random && pell_knob_find(method->knobs, "samples"))
-        t->look.knobs[t->look.num_knobs++] = (struct pell_setting) { "samples", "4", "truth" };
+        t->setup.knobs[t->setup.num_knobs++] = (struct pell_setting) { "samples", "4", "truth" };
     *out = t;
     return PELL_OK;
 }
@@ -112,7 +112,7 @@ static enum pell_result draw_test(struct viewer_truth *t, struct viewer_model *m
     static const char *const names[3] = { "R", "G", "B" };
     const bool other = t->tests == 1;
     struct pell_render_result image;
-    struct viewer_haste haste = { .scale = 1.0 };
+    struct viewer_quality quality = { .scale = 1.0 };
     struct pell_settings full;
     enum pell_result res;
 
@@ -130,8 +130,8 @@ static enum pell_result draw_test(struct viewer_truth *t, struct viewer_model *m
         }
         t->scale = fmin(1.0, sqrt(PIXELS / fmax(1.0, (double) width * (double) height)));
     }
-    haste.scale = t->scale;
-    PELL_TRY(viewer_model_render(m, VIEWER_TRUTH, t->view, other ? &t->view->other : &t->view->look, &haste, &t->settings, &image));
+    quality.scale = t->scale;
+    PELL_TRY(viewer_model_render(m, VIEWER_TRUTH, t->view, other ? &t->view->other : &t->view->setup, &quality, &t->settings, &image));
     if (t->tests == 0)
         PELL_TRY(allocate(t, &image));
     for (int c = 0; c < 3; c++) {
@@ -152,13 +152,13 @@ fail:
 static enum pell_result draw_reference(struct viewer_truth *t, struct viewer_model *m)
 {
     static const char *const names[3] = { "R", "G", "B" };
-    const struct viewer_haste haste = { .scale = t->scale, .seed_offset = t->batches };
+    const struct viewer_quality quality = { .scale = t->scale, .seed_offset = t->batches };
     struct pell_render_result image;
     struct pell_settings settings;
     double error = 0.0, light = 0.0;
     enum pell_result res;
 
-    PELL_TRY(viewer_model_render(m, VIEWER_TRUTH, t->view, &t->look, &haste, &settings, &image));
+    PELL_TRY(viewer_model_render(m, VIEWER_TRUTH, t->view, &t->setup, &quality, &settings, &image));
     if (image.partial)
         return PELL_ERR_CANCELLED;
     t->batches++;
@@ -204,16 +204,16 @@ static json_t *metrics_json(const struct pell_metrics *x)
                      json_boolean(pell_metric_resolved(x->rel_mse, x->rel_mse_error)));
 }
 
-static enum pell_result send_planes(struct viewer_truth *t, enum viewer_picture_kind kind, bool encoded)
+static enum pell_result send_planes(struct viewer_truth *t, enum viewer_image_kind kind, bool encoded)
 {
-    const struct viewer_picture picture = { t->width, t->height, t->width, { t->display[0], t->display[1], t->display[2] }, encoded };
+    const struct viewer_image planes = { t->width, t->height, t->width, { t->display[0], t->display[1], t->display[2] }, encoded };
     struct viewer_sent sent = {
         .width = t->width, .height = t->height, .mime = "image/jpeg", .exposure = t->exposure, .white = t->settings.white
     };
-    const enum pell_result res = viewer_encode_jpeg(t->v->ctx, &picture, 90, &sent.file, &sent.size);
+    const enum pell_result res = viewer_encode_jpeg(t->v->ctx, &planes, 90, &sent.file, &sent.size);
 
     if (res == PELL_OK)
-        viewer_send_picture(t->v, t->page, t->view->id, kind, &sent);
+        viewer_send_image(t->v, t->page, t->view->id, kind, &sent);
     return res;
 }
 
@@ -226,7 +226,7 @@ static enum pell_result send_error(struct viewer_truth *t, const struct pell_com
         for (int c = 0; c < 3; c++)
             t->display[c][i] = rgb[c];
     }
-    return send_planes(t, other ? VIEWER_PICTURE_ERROR_B : VIEWER_PICTURE_ERROR_A, true);
+    return send_planes(t, other ? VIEWER_IMAGE_ERROR_B : VIEWER_IMAGE_ERROR_A, true);
 }
 
 /* Compares one of the test images with the mean of the references. */
@@ -266,12 +266,12 @@ fail:
 static enum pell_result report(struct viewer_truth *t, struct viewer_model *m)
 {
     json_t *o =
-        json_pack("{s:s,s:I,s:s,s:i,s:f,s:b,s:b,s:i,s:i}", "type", "truth", "id", (json_int_t) t->view->id, "method", t->look.method,
+        json_pack("{s:s,s:I,s:s,s:i,s:f,s:b,s:b,s:i,s:i}", "type", "truth", "id", (json_int_t) t->view->id, "method", t->setup.method,
                   "batches", t->batches, "noise", t->noise, "random", t->random, "done", t->done, "width", t->width, "height", t->height);
     enum pell_result res;
 
     viewer_tone(&t->settings, (const float *const *) t->mean, t->display, t->count);
-    PELL_TRY(send_planes(t, VIEWER_PICTURE_REFERENCE, false));
+    PELL_TRY(send_planes(t, VIEWER_IMAGE_REFERENCE, false));
     for (int i = 0; i < t->tests; i++)
         PELL_TRY(compare_one(t, m, i, o));
     viewer_send(t->v, t->page, o, -1, NULL, 0);
@@ -302,21 +302,21 @@ bool viewer_truth_compared(const struct viewer_truth *t)
 
 /* --- The report ----------------------------------------------------------------------------------------------------------------------- */
 
-static json_t *report_look(const struct viewer_look *look, const char *role)
+static json_t *report_setup(const struct viewer_setup *setup, const char *role)
 {
     char name[200];
-    int n = snprintf(name, sizeof(name), "%s", look->method ? look->method : CLI_DEFAULT_METHOD);
+    int n = snprintf(name, sizeof(name), "%s", setup->method ? setup->method : CLI_DEFAULT_METHOD);
 
-    for (size_t i = 0; i < look->num_knobs && n > 0 && (size_t) n < sizeof(name); i++)
-        n += snprintf(name + n, sizeof(name) - (size_t) n, "%s%s=%s", i ? "," : ":", look->knobs[i].name, look->knobs[i].value);
+    for (size_t i = 0; i < setup->num_knobs && n > 0 && (size_t) n < sizeof(name); i++)
+        n += snprintf(name + n, sizeof(name) - (size_t) n, "%s%s=%s", i ? "," : ":", setup->knobs[i].name, setup->knobs[i].value);
     return json_pack("{s:o,s:s,s:{},s:{},s:{}}", "name", cli_text(name), "role", role, "data", "flip", "metrics");
 }
 
 /* Adds a test's image, FLIP and metrics; the first one defines how all are displayed. */
 static enum pell_result report_test(struct viewer_truth *t, struct viewer_model *m, int test, struct report *report, json_t *views,
-                                    json_t *pictures)
+                                    json_t *images)
 {
-    json_t *o = report_look(test ? &t->view->other : &t->view->look, "method"), *id = NULL;
+    json_t *o = report_setup(test ? &t->view->other : &t->view->setup, "method"), *id = NULL;
     struct pell_compare_input input;
     struct pell_compare_params params;
     struct pell_comparison comparison = { .width = 0 };
@@ -333,7 +333,7 @@ static enum pell_result report_test(struct viewer_truth *t, struct viewer_model 
     PELL_TRY(report_map(report, comparison.flip, comparison.width, &id));
     json_object_set_new(json_object_get(o, "flip"), "object", id);
     json_object_set_new(json_object_get(o, "metrics"), "object", compare_metrics(&comparison.masked, false));
-    json_array_append(pictures, o);
+    json_array_append(images, o);
 
 fail:
     json_decref(o);
@@ -343,7 +343,7 @@ fail:
 
 enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model *m, uint8_t **file, size_t *size)
 {
-    json_t *views = json_array(), *pictures = json_array(), *reference = report_look(&t->look, "reference"), *data = NULL, *id = NULL;
+    json_t *views = json_array(), *images = json_array(), *reference = report_setup(&t->setup, "reference"), *data = NULL, *id = NULL;
     struct report *report = NULL;
     const struct cli *cli = t->v->cli;
     char *page = NULL;
@@ -352,11 +352,11 @@ enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model
     PELL_TRY(report_open(t->v->ctx, t->width, t->height, &report));
     PELL_TRY(report_image(report, (const float *const *) t->mean, t->width, &id));
     json_object_set_new(json_object_get(reference, "data"), "object", id);
-    json_array_append(pictures, reference);
+    json_array_append(images, reference);
     for (int i = 0; i < t->tests; i++)
-        PELL_TRY(report_test(t, m, i, report, views, pictures));
+        PELL_TRY(report_test(t, m, i, report, views, images));
     data = json_pack("{s:s,s:o,s:s,s:O,s:O,s:[],s:b,s:o}", "kind", "pictures", "title", cli_text(pell_path_name(cli->arguments[0])),
-                     "command", cli->command_line, "views", views, "pictures", pictures, "warnings", "display", 0, "rel_noise",
+                     "command", cli->command_line, "views", views, "pictures", images, "warnings", "display", 0, "rel_noise",
                      t->random ? finite(t->noise) : json_null());
     res = data ? report_page(report, data, &page, size) : PELL_ERR_NOMEM;
     *file = (uint8_t *) page;
@@ -364,7 +364,7 @@ enum pell_result viewer_truth_report(struct viewer_truth *t, struct viewer_model
 fail:
     json_decref(data);
     json_decref(views);
-    json_decref(pictures);
+    json_decref(images);
     json_decref(reference);
     report_close(&report);
     return res;

@@ -21,9 +21,9 @@ enum pell_result viewer_init(struct cli *cli, struct pell_context *ctx, struct p
     return PELL_OK;
 }
 
-void viewer_news_free(struct viewer_news *news)
+void viewer_outgoing_free(struct viewer_outgoing *message)
 {
-    free(news);
+    free(message);
 }
 
 static void empty(struct viewer_page *p)
@@ -31,11 +31,11 @@ static void empty(struct viewer_page *p)
     viewer_message_destroy(&p->view);
     for (int i = 0; i < p->num_tasks; i++)
         viewer_message_destroy(&p->tasks[i]);
-    for (int i = 0; i < VIEWER_PICTURES; i++)
-        viewer_news_free(p->pictures[i]);
-    for (struct viewer_news *n = p->news, *next; n; n = next) {
+    for (int i = 0; i < VIEWER_IMAGE_KINDS; i++)
+        viewer_outgoing_free(p->images[i]);
+    for (struct viewer_outgoing *n = p->queue, *next; n; n = next) {
         next = n->next;
-        viewer_news_free(n);
+        viewer_outgoing_free(n);
     }
     *p = (struct viewer_page) { .number = 0 };
 }
@@ -69,7 +69,7 @@ struct viewer_page *viewer_page_open(struct viewer *v)
             page = &v->pages[i];
     if (page) {
         page->number = ++v->pages_ever;
-        page->news_end = &page->news;
+        page->queue_end = &page->queue;
     }
     pthread_mutex_unlock(&v->lock);
     return page;
@@ -97,10 +97,10 @@ void viewer_page_close(struct viewer *v, uint64_t number)
 
 bool viewer_page_ready(const struct viewer_page *page)
 {
-    for (int i = 0; i < VIEWER_PICTURES; i++)
-        if (page->pictures[i])
+    for (int i = 0; i < VIEWER_IMAGE_KINDS; i++)
+        if (page->images[i])
             return false;
-    return page->num_under_way < VIEWER_UNDER_WAY;
+    return page->num_in_flight < VIEWER_IN_FLIGHT;
 }
 
 /* Images arrive in order: older ones are acknowledged, too. */
@@ -108,10 +108,10 @@ static void acknowledge(struct viewer_page *page, int64_t serial)
 {
     int left = 0;
 
-    for (int i = 0; i < page->num_under_way; i++)
-        if (page->under_way[i] > serial)
-            page->under_way[left++] = page->under_way[i];
-    page->num_under_way = left;
+    for (int i = 0; i < page->num_in_flight; i++)
+        if (page->in_flight[i] > serial)
+            page->in_flight[left++] = page->in_flight[i];
+    page->num_in_flight = left;
 }
 
 static bool accept_locked(struct viewer *v, struct viewer_page *page, struct viewer_message **message)
@@ -159,14 +159,14 @@ bool viewer_accept(struct viewer *v, uint64_t number, struct viewer_message *mes
 
 /* --- News ----------------------------------------------------------------------------------------------------------------------------- */
 
-static struct viewer_news *make_news(const char *head, const uint8_t *file, size_t size)
+static struct viewer_outgoing *make_outgoing(const char *head, const uint8_t *file, size_t size)
 {
     const size_t length = strlen(head), before = file ? 4 : 0;
-    struct viewer_news *n = malloc(sizeof(*n) + VIEWER_ROOM + before + length + size);
+    struct viewer_outgoing *n = malloc(sizeof(*n) + VIEWER_ROOM + before + length + size);
 
     if (!n)
         return NULL;
-    *n = (struct viewer_news) { .binary = file != NULL, .kind = -1, .size = before + length + size };
+    *n = (struct viewer_outgoing) { .binary = file != NULL, .kind = -1, .size = before + length + size };
     n->bytes = (unsigned char *) (n + 1) + VIEWER_ROOM;
     for (size_t i = 0; i < before; i++)
         n->bytes[i] = (unsigned char) (length >> 8 * i);
@@ -177,32 +177,32 @@ static struct viewer_news *make_news(const char *head, const uint8_t *file, size
 }
 
 /* Called with the lock held. */
-static struct viewer_news *enter(struct viewer_page *page, struct viewer_news *n)
+static struct viewer_outgoing *enter(struct viewer_page *page, struct viewer_outgoing *n)
 {
-    struct viewer_news *old = NULL;
+    struct viewer_outgoing *old = NULL;
 
     if (n->kind >= 0) {
-        old = page->pictures[n->kind];
-        page->pictures[n->kind] = n;
+        old = page->images[n->kind];
+        page->images[n->kind] = n;
         return old;
     }
-    if (page->num_news == VIEWER_NEWS_MOST) { /* the page does not read them */
-        old = page->news;
-        page->news = old->next;
-        if (page->news_end == &old->next)
-            page->news_end = &page->news;
+    if (page->num_queued == VIEWER_QUEUE_MAX) { /* the page does not read them */
+        old = page->queue;
+        page->queue = old->next;
+        if (page->queue_end == &old->next)
+            page->queue_end = &page->queue;
     } else {
-        page->num_news++;
+        page->num_queued++;
     }
-    *page->news_end = n;
-    page->news_end = &n->next;
+    *page->queue_end = n;
+    page->queue_end = &n->next;
     return old;
 }
 
 void viewer_send(struct viewer *v, uint64_t number, json_t *head, int kind, uint8_t *file, size_t size)
 {
     struct viewer_page *page;
-    struct viewer_news *n = NULL;
+    struct viewer_outgoing *n = NULL;
     int64_t serial = 0;
     char *text;
 
@@ -215,7 +215,7 @@ void viewer_send(struct viewer *v, uint64_t number, json_t *head, int kind, uint
     text = head ? json_dumps(head, JSON_COMPACT | JSON_REAL_PRECISION(9)) : NULL;
     json_decref(head);
     if (text)
-        n = make_news(text, file, size);
+        n = make_outgoing(text, file, size);
     free(text);
     free(file);
     if (!n)
@@ -228,19 +228,19 @@ void viewer_send(struct viewer *v, uint64_t number, json_t *head, int kind, uint
     if (v->notify)
         v->notify(v);
     pthread_mutex_unlock(&v->lock);
-    viewer_news_free(n);
+    viewer_outgoing_free(n);
 }
 
 void viewer_greet(struct viewer *v, uint64_t number)
 {
-    struct viewer_news *n = make_news(v->hello, NULL, 0);
+    struct viewer_outgoing *n = make_outgoing(v->hello, NULL, 0);
     struct viewer_page *page;
 
     pthread_mutex_lock(&v->lock);
     if (n && (page = viewer_page_of(v, number)))
         n = enter(page, n);
     pthread_mutex_unlock(&v->lock);
-    viewer_news_free(n);
+    viewer_outgoing_free(n);
 }
 
 void viewer_files_changed(struct viewer *v)
@@ -251,7 +251,7 @@ void viewer_files_changed(struct viewer *v)
     pthread_mutex_unlock(&v->lock);
 }
 
-void viewer_send_picture(struct viewer *v, uint64_t number, int64_t id, enum viewer_picture_kind kind, const struct viewer_sent *s)
+void viewer_send_image(struct viewer *v, uint64_t number, int64_t id, enum viewer_image_kind kind, const struct viewer_sent *s)
 {
     json_t *head =
         json_pack("{s:s,s:i,s:I,s:i,s:i,s:s,s:b,s:f,s:f,s:f,s:f,s:o*}", "type", "picture", "picture", (int) kind, "id", (json_int_t) id,
@@ -261,26 +261,26 @@ void viewer_send_picture(struct viewer *v, uint64_t number, int64_t id, enum vie
     viewer_send(v, number, head, (int) kind, s->file, s->size);
 }
 
-struct viewer_news *viewer_next(struct viewer *v, uint64_t number)
+struct viewer_outgoing *viewer_next(struct viewer *v, uint64_t number)
 {
     struct viewer_page *page;
-    struct viewer_news *n = NULL;
+    struct viewer_outgoing *n = NULL;
 
     pthread_mutex_lock(&v->lock);
     page = viewer_page_of(v, number);
-    if (page && page->news) {
-        n = page->news;
-        page->news = n->next;
-        page->num_news--;
-        if (!page->news)
-            page->news_end = &page->news;
+    if (page && page->queue) {
+        n = page->queue;
+        page->queue = n->next;
+        page->num_queued--;
+        if (!page->queue)
+            page->queue_end = &page->queue;
     }
-    for (int i = 0; page && !n && i < VIEWER_PICTURES; i++)
-        if (page->pictures[i] && page->num_under_way < VIEWER_UNDER_WAY) {
-            n = page->pictures[i];
-            page->pictures[i] = NULL;
+    for (int i = 0; page && !n && i < VIEWER_IMAGE_KINDS; i++)
+        if (page->images[i] && page->num_in_flight < VIEWER_IN_FLIGHT) {
+            n = page->images[i];
+            page->images[i] = NULL;
             page->sent = n->serial;
-            page->under_way[page->num_under_way++] = n->serial;
+            page->in_flight[page->num_in_flight++] = n->serial;
         }
     pthread_mutex_unlock(&v->lock);
     return n;

@@ -2,7 +2,7 @@
  *
  * viewer.h - state shared by the server (the main thread) and the render thread. All members below the lock are guarded by it.
  *
- *     page --view--> server --newest view of each page--> worker --images, news--> server --> page --ack--> server
+ *     page --view--> server --newest view of each page--> worker --images, messages--> server --> page --ack--> server
  *
  * A page has at most two images in flight; until it acknowledges one, nothing is rendered for it. Refinement of static views is cancelled
  * when any page sends a view.
@@ -16,18 +16,18 @@
 #include <pthread.h>
 
 #define VIEWER_PAGES 8
-#define VIEWER_TASKS 8      /* queued saves and picks of one page */
-#define VIEWER_PICTURES 5   /* kinds of images */
-#define VIEWER_UNDER_WAY 2  /* images that a page has not acknowledged */
-#define VIEWER_NEWS_MOST 64 /* queued texts for one page */
+#define VIEWER_TASKS 8       /* queued saves and picks of one page */
+#define VIEWER_IMAGE_KINDS 5 /* kinds of images */
+#define VIEWER_IN_FLIGHT 2   /* images that a page has not acknowledged */
+#define VIEWER_QUEUE_MAX 64  /* queued texts for one page */
 
-enum viewer_picture_kind { VIEWER_PICTURE_A, VIEWER_PICTURE_B, VIEWER_PICTURE_REFERENCE, VIEWER_PICTURE_ERROR_A, VIEWER_PICTURE_ERROR_B };
+enum viewer_image_kind { VIEWER_IMAGE_A, VIEWER_IMAGE_B, VIEWER_IMAGE_REFERENCE, VIEWER_IMAGE_ERROR_A, VIEWER_IMAGE_ERROR_B };
 
 /* A message to a page: JSON, or 4 bytes of the length of a JSON head (little endian), the head, and a file. Allocated by malloc. */
-struct viewer_news {
-    struct viewer_news *next;
+struct viewer_outgoing {
+    struct viewer_outgoing *next;
     bool binary;
-    int kind; /* enum viewer_picture_kind; -1: no image */
+    int kind; /* enum viewer_image_kind; -1: no image */
     int64_t serial;
     size_t size;
     unsigned char *bytes; /* preceded by room for the WebSocket header */
@@ -38,12 +38,12 @@ struct viewer_page {
     struct viewer_message *view;
     struct viewer_message *tasks[VIEWER_TASKS];
     int num_tasks;
-    struct viewer_news *pictures[VIEWER_PICTURES]; /* the newest of each kind */
-    struct viewer_news *news, **news_end;
-    int num_news;
+    struct viewer_outgoing *images[VIEWER_IMAGE_KINDS]; /* the newest of each kind */
+    struct viewer_outgoing *queue, **queue_end;
+    int num_queued;
     int64_t sent;                        /* number of the last image sent */
-    int64_t under_way[VIEWER_UNDER_WAY]; /* images sent and not acknowledged */
-    int num_under_way;
+    int64_t in_flight[VIEWER_IN_FLIGHT]; /* images sent and not acknowledged */
+    int num_in_flight;
 };
 
 struct viewer {
@@ -91,14 +91,14 @@ struct viewer_sent {
     size_t size;
 };
 /* Sends it, and takes ownership of its members. `id`: of the view that it shows. */
-void viewer_send_picture(struct viewer *v, uint64_t number, int64_t id, enum viewer_picture_kind kind, const struct viewer_sent *picture);
+void viewer_send_image(struct viewer *v, uint64_t number, int64_t id, enum viewer_image_kind kind, const struct viewer_sent *image);
 /* Sends `hello`. */
 void viewer_greet(struct viewer *v, uint64_t number);
 /* The input's files have changed: they are reloaded. */
 void viewer_files_changed(struct viewer *v);
 /* The next message for a page, which the caller frees; NULL: none. */
-struct viewer_news *viewer_next(struct viewer *v, uint64_t number);
-void viewer_news_free(struct viewer_news *news);
+struct viewer_outgoing *viewer_next(struct viewer *v, uint64_t number);
+void viewer_outgoing_free(struct viewer_outgoing *message);
 /* Whether the page can receive an image. Called with the lock held. */
 bool viewer_page_ready(const struct viewer_page *page);
 
@@ -142,7 +142,7 @@ enum exit_code viewer_find_port(struct cli *cli, const char *address, int *port)
 /* Serves pages until Ctrl-C, or until none has been open for a while. */
 enum exit_code viewer_serve(struct viewer *v, const struct viewer_server_params *params);
 
-/* Room before viewer_news.bytes. */
+/* Room before viewer_outgoing.bytes. */
 #define VIEWER_ROOM 32
 
 #endif

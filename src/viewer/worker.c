@@ -12,9 +12,9 @@
 #include <string.h>
 
 #define TARGET_SECONDS 0.045 /* for rendering and encoding a moving image, of the 80 ms from input to photon */
-#define SCALE_LEAST 0.25     /* of moving images */
-#define SCALE_LEAST_SLOW 0.15
-#define NEWS_EVERY 0.2 /* seconds between two progress messages */
+#define MIN_SCALE 0.25       /* of moving images */
+#define MIN_SCALE_SLOW 0.15
+#define PROGRESS_INTERVAL 0.2 /* seconds between two progress messages */
 
 enum step { STEP_PREVIEW_A, STEP_PREVIEW_B, STEP_STILL_A, STEP_STILL_B, STEP_TRUTH, STEP_DONE };
 
@@ -26,7 +26,7 @@ struct pane {
     double scale;   /* of moving images */
     int timed;      /* number of images timed at this scale */
     double seconds; /* time of one, smoothed */
-    char *look;     /* methods for which `scale` was measured */
+    char *setup;    /* methods for which `scale` was measured */
     struct viewer_truth *truth;
     uint64_t knows; /* model.loads of the scene whose facts the page has received */
 };
@@ -60,22 +60,22 @@ void viewer_worker_progress(void *viewer, const char *task, double fraction)
     struct viewer *v = viewer;
     const double now = pell_seconds();
 
-    if (now - v->progress < NEWS_EVERY || fraction >= 1.0)
+    if (now - v->progress < PROGRESS_INTERVAL || fraction >= 1.0)
         return;
     v->progress = now;
     viewer_send(v, v->serving, json_pack("{s:s,s:s,s:f}", "type", "progress", "task", task, "fraction", fraction), -1, NULL, 0);
 }
 
-static const struct viewer_look *look_of(const struct viewer_message *view, bool other)
+static const struct viewer_setup *setup_of(const struct viewer_message *view, bool other)
 {
-    return other ? &view->other : &view->look;
+    return other ? &view->other : &view->setup;
 }
 
-/* --- Pictures ------------------------------------------------------------------------------------------------------------------------- */
+/* --- Images --------------------------------------------------------------------------------------------------------------------------- */
 
-static struct viewer_picture display_of(const struct pell_render_result *image)
+static struct viewer_image display_of(const struct pell_render_result *image)
 {
-    return (struct viewer_picture) {
+    return (struct viewer_image) {
         image->width, image->height, image->stride, { image->display[0], image->display[1], image->display[2] }, false
     };
 }
@@ -89,49 +89,49 @@ static const struct pell_method *method_called(const char *name)
 }
 
 /* A reference is slow: a newer view interrupts it. */
-static bool is_slow(const struct viewer_look *look)
+static bool is_slow(const struct viewer_setup *setup)
 {
-    const struct pell_method *method = method_called(look->method);
+    const struct pell_method *method = method_called(setup->method);
     return method && method->kind == PELL_KIND_REFERENCE;
 }
 
 /* One sample per pixel for progressive methods. */
-static struct viewer_look hurried(const struct viewer_look *look)
+static struct viewer_setup quick_setup(const struct viewer_setup *setup)
 {
-    const struct pell_method *method = method_called(look->method);
-    struct viewer_look quick = *look;
+    const struct pell_method *method = method_called(setup->method);
+    struct viewer_setup quick = *setup;
 
     if (!method || !method->partial || !pell_knob_find(method->knobs, "samples"))
         return quick;
     quick.num_knobs = 0;
-    for (size_t i = 0; i < look->num_knobs; i++)
-        if (strcmp(look->knobs[i].name, "samples") != 0)
-            quick.knobs[quick.num_knobs++] = look->knobs[i];
+    for (size_t i = 0; i < setup->num_knobs; i++)
+        if (strcmp(setup->knobs[i].name, "samples") != 0)
+            quick.knobs[quick.num_knobs++] = setup->knobs[i];
     if (quick.num_knobs < VIEWER_SETTINGS_MOST)
         quick.knobs[quick.num_knobs++] = (struct pell_setting) { "samples", "1", "view" };
     return quick;
 }
 
-/* Renders a look and sends it. */
-static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other, const struct viewer_haste *haste, bool still)
+/* Renders a setup and sends it. */
+static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other, const struct viewer_quality *quality, bool still)
 {
     const enum viewer_slot slot = still ? (other ? VIEWER_STILL_B : VIEWER_STILL_A) : (other ? VIEWER_LIVE_B : VIEWER_LIVE_A);
-    const bool lossless = still && !haste->quick;
-    const struct viewer_look look = haste->quick ? hurried(look_of(p->view, other)) : *look_of(p->view, other);
+    const bool lossless = still && !quality->quick;
+    const struct viewer_setup setup = quality->quick ? quick_setup(setup_of(p->view, other)) : *setup_of(p->view, other);
     struct viewer_sent sent = { .still = lossless, .mime = lossless ? "image/png" : "image/jpeg" };
     struct pell_settings settings;
     struct pell_render_result image;
-    struct viewer_picture picture;
+    struct viewer_image shown;
     double start;
     enum pell_result res;
 
-    PELL_TRY(viewer_model_render(&w->model, slot, p->view, &look, haste, &settings, &image));
+    PELL_TRY(viewer_model_render(&w->model, slot, p->view, &setup, quality, &settings, &image));
     start = pell_seconds();
-    picture = display_of(&image);
+    shown = display_of(&image);
     if (lossless)
-        PELL_TRY(viewer_encode_png(w->v->ctx, &picture, &sent.file, &sent.size));
+        PELL_TRY(viewer_encode_png(w->v->ctx, &shown, &sent.file, &sent.size));
     else
-        PELL_TRY(viewer_encode_jpeg(w->v->ctx, &picture, still ? 92 : 82, &sent.file, &sent.size));
+        PELL_TRY(viewer_encode_jpeg(w->v->ctx, &shown, still ? 92 : 82, &sent.file, &sent.size));
     sent.width = image.width;
     sent.height = image.height;
     sent.seconds = image.seconds;
@@ -139,7 +139,7 @@ static enum pell_result draw(struct viewer_worker *w, struct pane *p, bool other
     sent.exposure = settings.exposure;
     sent.white = settings.white;
     sent.stages = session_stages(&image);
-    viewer_send_picture(w->v, p->number, p->view->id, other ? VIEWER_PICTURE_B : VIEWER_PICTURE_A, &sent);
+    viewer_send_image(w->v, p->number, p->view->id, other ? VIEWER_IMAGE_B : VIEWER_IMAGE_A, &sent);
     return PELL_OK;
 
 fail:
@@ -150,7 +150,7 @@ fail:
  * on the machine makes single ones late. */
 static void adapt(struct pane *p, double seconds)
 {
-    const double least = is_slow(&p->view->look) ? SCALE_LEAST_SLOW : SCALE_LEAST;
+    const double least = is_slow(&p->view->setup) ? MIN_SCALE_SLOW : MIN_SCALE;
     double wanted;
 
     if (p->timed++ == 0)
@@ -169,13 +169,13 @@ static void adapt(struct pane *p, double seconds)
 /* A slow method starts at a small size. */
 static void choose_scale(struct pane *p)
 {
-    const char *method = p->view->look.method, *other = p->view->other.method;
+    const char *method = p->view->setup.method, *other = p->view->other.method;
     char text[256];
     const int n = snprintf(text, sizeof(text), "%s %s", method ? method : "", other ? other : "");
 
-    if (n > 0 && (!p->look || strcmp(text, p->look) != 0)) {
-        free(p->look);
-        p->look = strdup(text);
+    if (n > 0 && (!p->setup || strcmp(text, p->setup) != 0)) {
+        free(p->setup);
+        p->setup = strdup(text);
         p->scale = method && strcmp(method, CLI_DEFAULT_METHOD) != 0 ? 0.25 : 0.5;
         p->timed = 0;
     }
@@ -184,14 +184,14 @@ static void choose_scale(struct pane *p)
 static enum pell_result draw_moving(struct viewer_worker *w, struct pane *p)
 {
     const double start = pell_seconds();
-    struct viewer_haste haste = { .quick = true };
+    struct viewer_quality quality = { .quick = true };
     enum pell_result res;
 
     choose_scale(p);
-    haste.scale = p->scale;
-    res = draw(w, p, false, &haste, false);
+    quality.scale = p->scale;
+    res = draw(w, p, false, &quality, false);
     if (res == PELL_OK && p->view->other.method)
-        res = draw(w, p, true, &haste, false);
+        res = draw(w, p, true, &quality, false);
     if (res == PELL_OK)
         adapt(p, pell_seconds() - start);
     return res;
@@ -234,7 +234,7 @@ static void take_view(struct viewer_worker *w, struct pane *p, struct viewer_mes
 }
 
 /* Whether an image with one multisample is much faster than the final one. */
-static bool worth_preview(const struct viewer_worker *w, bool other)
+static bool needs_preview(const struct viewer_worker *w, bool other)
 {
     const struct pell_method *method = viewer_model_method(&w->model, other ? VIEWER_LIVE_B : VIEWER_LIVE_A);
     return !method || method->kind == PELL_KIND_METHOD;
@@ -261,7 +261,7 @@ fail:
 /* One step of refinement while nothing moves. */
 static void refine(struct viewer_worker *w, struct pane *p)
 {
-    static const struct viewer_haste full = { .scale = 1.0 }, preview = { .scale = 1.0, .quick = true };
+    static const struct viewer_quality full = { .scale = 1.0 }, preview = { .scale = 1.0, .quick = true };
     const bool other = p->step == STEP_PREVIEW_B || p->step == STEP_STILL_B;
     enum pell_result res = viewer_model_apply(&w->model, p->view, true);
 
@@ -271,7 +271,7 @@ static void refine(struct viewer_worker *w, struct pane *p)
         res = accumulate(w, p);
     } else if (res == PELL_OK) {
         const bool still = p->step >= STEP_STILL_A;
-        if ((!other || p->view->other.method) && (still || worth_preview(w, other)))
+        if ((!other || p->view->other.method) && (still || needs_preview(w, other)))
             res = draw(w, p, other, still ? &full : &preview, true);
         if (res == PELL_OK)
             p->step++;
@@ -285,7 +285,7 @@ static void refine(struct viewer_worker *w, struct pane *p)
 /* Makes a file of the last view, allocated by malloc; errors are logged. */
 static enum pell_result make_file(struct viewer_worker *w, struct pane *p, enum viewer_format format, uint8_t **file, size_t *size)
 {
-    static const struct viewer_haste all = { .scale = 1.0, .layers = true };
+    static const struct viewer_quality all = { .scale = 1.0, .layers = true };
     struct pell_context *ctx = w->v->ctx;
     struct pell_settings settings;
     struct pell_render_result image;
@@ -299,7 +299,7 @@ static enum pell_result make_file(struct viewer_worker *w, struct pane *p, enum 
         return viewer_truth_report(p->truth, &w->model, file, size);
     PELL_TRY(viewer_model_apply(&w->model, p->view, true));
     if (format == VIEWER_EXR) {
-        PELL_TRY(viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->look, &all, &settings, &image));
+        PELL_TRY(viewer_model_render(&w->model, VIEWER_STILL_A, p->view, &p->view->setup, &all, &settings, &image));
         return viewer_encode_exr(ctx, &image, file, size);
     }
     document = viewer_model_saved(&w->model, p->view);
@@ -370,7 +370,7 @@ static struct pane *pane_of(struct viewer_worker *w, int i)
     if (p->number != w->v->pages[i].number) {
         viewer_message_destroy(&p->view);
         viewer_truth_destroy(&p->truth);
-        free(p->look);
+        free(p->setup);
         *p = (struct pane) { .number = w->v->pages[i].number, .step = STEP_DONE };
     }
     return p;
@@ -441,7 +441,7 @@ static void *run(void *worker)
             continue;
         }
         v->serving = job.pane->number;
-        v->refining = job.view ? is_slow(&job.view->look) || is_slow(&job.view->other) : !job.task;
+        v->refining = job.view ? is_slow(&job.view->setup) || is_slow(&job.view->other) : !job.task;
         pthread_mutex_unlock(&v->lock);
         if (job.view)
             take_view(w, job.pane, job.view);
@@ -500,7 +500,7 @@ void viewer_worker_stop(struct viewer_worker **worker)
     for (int i = 0; i < VIEWER_PAGES; i++) {
         viewer_message_destroy(&w->panes[i].view);
         viewer_truth_destroy(&w->panes[i].truth);
-        free(w->panes[i].look);
+        free(w->panes[i].setup);
     }
     viewer_model_close(&w->model);
     free(w);

@@ -127,7 +127,7 @@ static struct pell_vec3 side(struct pell_vec3 a, struct pell_vec3 b)
 
 /* False if it is seen edge-on and therefore occludes nothing. */
 static bool make_triangle(const struct pell_light_grid *f, const struct pell_mesh *m, uint32_t triangle,
-                          struct pell_light_grid_triangle *out, float *turned)
+                          struct pell_light_grid_triangle *out, float *orientation)
 {
     struct pell_vec3 p[3], v[3], normal;
     float plane, turn;
@@ -139,7 +139,7 @@ static bool make_triangle(const struct pell_light_grid *f, const struct pell_mes
     plane = vec3_dot(normal, v[0]);
     if (!(fabsf(plane) > 0.0f))
         return false;
-    *turned = turn = plane > 0.0f ? 1.0f : -1.0f;
+    *orientation = turn = plane > 0.0f ? 1.0f : -1.0f;
     for (int k = 0; k < 3; k++)
         vec3_store(vec3_mul(side(v[k], v[(k + 1) % 3]), turn), out->edge[k]);
     vec3_store(p[0], out->corner);

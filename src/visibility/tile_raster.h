@@ -28,18 +28,18 @@ struct pell_raster_view {
 
 struct pell_raster;
 
-/* For pictures of a given size. The scene is borrowed; its meshes must not change while the raster exists. *out is NULL, with PELL_OK, if
+/* For images of a given size. The scene is borrowed; its meshes must not change while the raster exists. *out is NULL, with PELL_OK, if
  * rays are better or memory is short: a surface has alpha cutouts, or there are over one and a half triangles per pixel. */
 PELL_NODISCARD enum pell_result pell_raster_create(struct pell_context *ctx, const struct pell_scene *scene, int width, int height,
                                                    struct pell_raster **out);
 void pell_raster_destroy(struct pell_raster **raster);
 
-/* Rasterises the scene for a camera. False: rays must be used, because they are faster for fewer than `pixels` of a picture with so many
+/* Rasterises the scene for a camera. False: rays must be used, because they are faster for fewer than `pixels` of an image with so many
  * triangles, or because a triangle is too large, too near or not finite. Allocates nothing. */
 bool pell_raster_draw(struct pell_raster *raster, struct pell_pool *pool, const struct pell_raster_view *view, int64_t pixels);
 
 /* Per pixel of a tile: the triangle, -1: none; block by block, and within a block the four rows one after the other. Pixels outside of the
- * picture are undefined. */
+ * image are undefined. */
 struct pell_raster_tile {
     _Alignas(64) float near[PELL_RASTER_TILE * PELL_RASTER_TILE]; /* larger is nearer */
     int32_t triangle[PELL_RASTER_TILE * PELL_RASTER_TILE];

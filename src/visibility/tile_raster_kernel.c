@@ -6,7 +6,7 @@
  * With a pixel's ray d = (x, y, 1) and vertices a, b, c in camera space, the edge functions d . (a - b) x (a + b) etc. give the side of the
  * pixel's centre relative to the planes through the camera and the triangle's sides (Olano and Greer 1997, "Triangle Scan Conversion Using
  * 2D Homogeneous Coordinates": no vertex is divided by its depth, so vertices may be behind the camera; signs as in light_grid_kernel.c).
- * Orthographic vertices are (x, y, 1) there. The nearness of a triangle, 1 / depth or -depth, is linear over the picture; it is evaluated
+ * Orthographic vertices are (x, y, 1) there. The nearness of a triangle, 1 / depth or -depth, is linear over the image; it is evaluated
  * relative to a vertex, where it is known exactly, and clamped to the range of the vertices.
  */
 #include "visibility/tile_raster.h"
@@ -17,7 +17,7 @@
 #include <float.h>
 
 #define LANES 16
-#define NEAREST 1e-6f /* mm; nearer vertices count as behind the camera */
+#define NEAREST 1e-6f /* mm; nearer vertices are taken to be behind the camera */
 #define LARGEST 1e12f /* mm; products of three are finite */
 #define FEW 8         /* blocks that are tested one by one without a common test first */
 
@@ -72,16 +72,16 @@ INLINE void fetch(const struct pell_raster *r, const uint32_t *restrict list, in
     }
 }
 
-/* Prefetches what a later `fetch` reads: triangles or, once those are loaded, vertices. */
-INLINE void ask(const struct pell_raster *r, const uint32_t *list, size_t from, size_t count, bool there)
+/* Prefetches the data of a later `fetch`: triangles or, once those are loaded, their vertices. */
+INLINE void prefetch_triangles(const struct pell_raster *r, const uint32_t *list, size_t from, size_t count, bool loaded)
 {
     const size_t end = from + LANES < count ? from + LANES : count;
 
     for (size_t i = from; i < end; i++) {
         const struct pell_raster_triangle *t = &r->triangles[list[i]];
-        if (!there)
+        if (!loaded)
             __builtin_prefetch(t);
-        for (int k = 0; there && k < 3; k++)
+        for (int k = 0; loaded && k < 3; k++)
             __builtin_prefetch(&r->vertices[t->vertex[k]]);
     }
 }
@@ -207,7 +207,7 @@ INLINE void set_up(const struct corners16 *restrict c, const struct bounds16 *re
 
 /* Whether no pixel of some blocks is inside. Edge functions are monotonic along rows and columns, also with rounding, so testing the
  * corners of the blocks is enough. */
-INLINE bool beside(const struct setup16 *s, int i, float x0, float x1, float y0, float y1)
+INLINE bool is_outside(const struct setup16 *s, int i, float x0, float x1, float y0, float y1)
 {
     for (int k = 0; k < 3; k++) {
         const float a = s->edge[k][0][i], b = s->edge[k][1][i];
@@ -225,7 +225,7 @@ INLINE void draw(const struct grid *g, const struct setup16 *s, int i, int32_t n
     const vi name = (vi) { 0 } + number;
 
     /* y decreases from row to row */
-    if (large && beside(s, i, g->x[blocks[0]][0], g->x[blocks[1]][LANES - 1], g->y[blocks[3]][LANES - 1], g->y[blocks[2]][0]))
+    if (large && is_outside(s, i, g->x[blocks[0]][0], g->x[blocks[1]][LANES - 1], g->y[blocks[3]][LANES - 1], g->y[blocks[2]][0]))
         return;
     for (int row = blocks[2]; row <= blocks[3]; row++)
         for (int at = 0; at < LANES; at += WIDTH) {
@@ -273,8 +273,8 @@ static void rasterize_list(const struct pell_raster *r, const uint32_t *list, si
         struct bounds16 b;
         struct setup16 s;
 
-        ask(r, list, first + 2 * LANES, count, false);
-        ask(r, list, first + LANES, count, true);
+        prefetch_triangles(r, list, first + 2 * LANES, count, false);
+        prefetch_triangles(r, list, first + LANES, count, true);
         fetch(r, list + first, n, &c);
         bound(r, &c, &b);
         set_up(&c, &b, flat, &s);

@@ -93,7 +93,7 @@ static int bin_of(const struct part *p, int axis, float low, float scale)
 /* The cheapest boundary between bins: bins up to it go to the first half. -1: all triangles are in one bin. */
 static int best_border(const struct bins *bins, double *cost)
 {
-    double behind[BINS];
+    double right_cost[BINS];
     struct box b = no_box;
     size_t count = 0;
     int best = -1;
@@ -101,7 +101,7 @@ static int best_border(const struct bins *bins, double *cost)
     for (int i = BINS - 1; i > 0; i--) {
         add_box(&b, &bins->box[i]);
         count += bins->count[i];
-        behind[i] = count > 0 ? area(&b) * (double) count : -1.0;
+        right_cost[i] = count > 0 ? area(&b) * (double) count : -1.0;
     }
     b = no_box;
     count = 0;
@@ -109,9 +109,9 @@ static int best_border(const struct bins *bins, double *cost)
         double c;
         add_box(&b, &bins->box[i]);
         count += bins->count[i];
-        if (count == 0 || behind[i + 1] < 0.0)
+        if (count == 0 || right_cost[i + 1] < 0.0)
             continue;
-        c = area(&b) * (double) count + behind[i + 1];
+        c = area(&b) * (double) count + right_cost[i + 1];
         if (best < 0 || c < *cost) {
             *cost = c;
             best = i;
@@ -173,10 +173,10 @@ static size_t split(struct part *parts, size_t count)
 }
 
 /* Up to four non-empty ranges; false: some has too many triangles for the levels below. */
-static bool divide(struct build *b, const struct range *whole, size_t most, struct range ranges[WIDE], int *count)
+static bool divide(struct build *b, const struct range *range, size_t most, struct range ranges[WIDE], int *count)
 {
     *count = 1;
-    ranges[0] = *whole;
+    ranges[0] = *range;
     while (*count < WIDE) {
         struct range *widest = NULL, *r;
         double largest = -1.0;
@@ -201,12 +201,12 @@ static bool divide(struct build *b, const struct range *whole, size_t most, stru
     return true;
 }
 
-static void divide_equally(const struct build *b, const struct range *whole, struct range ranges[WIDE], int *count)
+static void divide_equally(const struct build *b, const struct range *range, struct range ranges[WIDE], int *count)
 {
     *count = WIDE;
     for (size_t i = 0; i < WIDE; i++) {
-        const size_t from = whole->count * i / WIDE, to = whole->count * (i + 1) / WIDE;
-        ranges[i] = (struct range) { whole->first + from, to - from, bound(b->parts + whole->first + from, to - from) };
+        const size_t from = range->count * i / WIDE, to = range->count * (i + 1) / WIDE;
+        ranges[i] = (struct range) { range->first + from, to - from, bound(b->parts + range->first + from, to - from) };
     }
 }
 
@@ -231,7 +231,7 @@ static void fill_box(const struct build *b, uint32_t *node, int child, const str
     }
 }
 
-static enum pell_result add_node(struct build *b, const struct range *whole, int level, uint32_t *number)
+static enum pell_result add_node(struct build *b, const struct range *range, int level, uint32_t *index)
 {
     struct pell_wide_bvh *bvh = b->bvh;
     uint32_t children[WIDE] = { PELL_WIDE_NONE, PELL_WIDE_NONE, PELL_WIDE_NONE, PELL_WIDE_NONE };
@@ -245,9 +245,9 @@ static enum pell_result add_node(struct build *b, const struct range *whole, int
         return PELL_ERR_CANCELLED;
     PELL_TRY(pell_grow(b->ctx, (void **) &bvh->nodes, bvh->num_nodes, &b->capacity, PELL_WIDE_NODE * sizeof(*bvh->nodes)));
     bvh->num_nodes++;
-    *number = (uint32_t) at;
-    if (!divide(b, whole, room_below(level + 1), ranges, &count))
-        divide_equally(b, whole, ranges, &count);
+    *index = (uint32_t) at;
+    if (!divide(b, range, room_below(level + 1), ranges, &count))
+        divide_equally(b, range, ranges, &count);
     for (int i = 0; i < count; i++) {
         if (ranges[i].count <= PELL_WIDE_LEAF_MOST)
             children[i] = PELL_WIDE_LEAF | (uint32_t) (ranges[i].first * 4 + ranges[i].count - 1);

@@ -79,10 +79,10 @@ PELL_NODISCARD enum pell_result pell_gpu_borrow(struct pell_context *ctx, const 
 
 /* --- Buffers --- */
 
-enum pell_gpu_place { PELL_GPU_ON_DEVICE, PELL_GPU_TO_DEVICE, PELL_GPU_FROM_DEVICE };
+enum pell_gpu_memory { PELL_GPU_ON_DEVICE, PELL_GPU_TO_DEVICE, PELL_GPU_FROM_DEVICE };
 
 /* `size` above 0; contents undefined. `name` is for messages and captures; a constant. */
-PELL_NODISCARD enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_place place, uint64_t size, const char *name,
+PELL_NODISCARD enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_memory memory, uint64_t size, const char *name,
                                                        struct pell_gpu_buffer **out);
 /* Wraps an external VkBuffer of at least `size` bytes with storage usage, which must outlive this object. Passes read data visible to
  * compute shaders, and leave data written by compute shaders: barriers before and after are the caller's. */

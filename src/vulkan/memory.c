@@ -167,20 +167,20 @@ static int find_type(const struct pell_gpu *gpu, uint32_t allowed, VkMemoryPrope
     return -1;
 }
 
-static int choose_type(const struct pell_gpu *gpu, uint32_t allowed, enum pell_gpu_place place)
+static int choose_type(const struct pell_gpu *gpu, uint32_t allowed, enum pell_gpu_memory memory)
 {
     const VkMemoryPropertyFlags shared = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
     int type = find_type(gpu, allowed,
-                         place == PELL_GPU_ON_DEVICE     ? VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
-                         : place == PELL_GPU_FROM_DEVICE ? shared | VK_MEMORY_PROPERTY_HOST_CACHED_BIT
-                                                         : shared);
+                         memory == PELL_GPU_ON_DEVICE     ? VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT
+                         : memory == PELL_GPU_FROM_DEVICE ? shared | VK_MEMORY_PROPERTY_HOST_CACHED_BIT
+                                                          : shared);
 
     if (type < 0)
-        type = find_type(gpu, allowed, place == PELL_GPU_ON_DEVICE ? 0 : shared);
+        type = find_type(gpu, allowed, memory == PELL_GPU_ON_DEVICE ? 0 : shared);
     return type;
 }
 
-static enum pell_result back(struct pell_gpu_buffer *b, enum pell_gpu_place place)
+static enum pell_result back(struct pell_gpu_buffer *b, enum pell_gpu_memory memory)
 {
     struct pell_gpu *gpu = b->gpu;
     VkMemoryRequirements needs;
@@ -188,7 +188,7 @@ static enum pell_result back(struct pell_gpu_buffer *b, enum pell_gpu_place plac
     int type;
 
     gpu->vk.GetBufferMemoryRequirements(gpu->device, b->handle, &needs);
-    type = choose_type(gpu, needs.memoryTypeBits, place);
+    type = choose_type(gpu, needs.memoryTypeBits, memory);
     if (type < 0)
         return pell_error(gpu->ctx, PELL_ERR_UNSUPPORTED, gpu->name, "use --engine cpu", "has no memory for buffer %s", b->name);
     pthread_mutex_lock(&gpu->memory_lock);
@@ -197,12 +197,12 @@ static enum pell_result back(struct pell_gpu_buffer *b, enum pell_gpu_place plac
     pthread_mutex_unlock(&gpu->memory_lock);
     if (res != PELL_OK)
         return res;
-    if (place != PELL_GPU_ON_DEVICE)
+    if (memory != PELL_GPU_ON_DEVICE)
         b->host = b->chunk->block->host + b->chunk->offset;
     return PELL_VK(gpu, BindBufferMemory, (gpu->device, b->handle, b->chunk->block->memory, b->chunk->offset));
 }
 
-enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_place place, uint64_t size, const char *name,
+enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_memory memory, uint64_t size, const char *name,
                                         struct pell_gpu_buffer **out)
 {
     const VkBufferCreateInfo info = {
@@ -228,7 +228,7 @@ enum pell_result pell_gpu_buffer_create(struct pell_gpu *gpu, enum pell_gpu_plac
     b->number = ++gpu->buffers;
     PELL_TRY(PELL_VK(gpu, CreateBuffer, (gpu->device, &info, NULL, &b->handle)));
     pell_vk_name(gpu, VK_OBJECT_TYPE_BUFFER, (uint64_t) b->handle, name);
-    PELL_TRY(back(b, place));
+    PELL_TRY(back(b, memory));
     *out = b;
     return PELL_OK;
 

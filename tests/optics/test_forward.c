@@ -78,8 +78,8 @@ static void beams_fall_as_discrete_ordinates_say(void **state)
             else
                 high = middle;
         }
-        print_message("# albedo %.2f, g %.2f: %.6f, by ordinates %.6f\n", s / (a + s), g, (double) (f.lost[0] + f.spread[0]), low);
-        REQUIRE_REL((double) (f.lost[0] + f.spread[0]), low, 2e-3);
+        print_message("# albedo %.2f, g %.2f: %.6f, by ordinates %.6f\n", s / (a + s), g, (double) (f.sigma_a[0] + f.spread[0]), low);
+        REQUIRE_REL((double) (f.sigma_a[0] + f.spread[0]), low, 2e-3);
     }
 }
 

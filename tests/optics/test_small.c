@@ -83,7 +83,7 @@ static void large_balls_are_left_to_diffusion(void **state)
     const struct pell_medium m = { .sigma_a = { 0.1 }, .sigma_s_reduced = { 0.9 }, .eta = 1.4 };
     (void) state;
 
-    REQUIRE(pell_small_share(&m, 0, 20.0) == 0.0 && pell_small_share(&m, 0, 2.0) == 1.0);
+    REQUIRE(pell_small_weight(&m, 0, 20.0) == 0.0 && pell_small_weight(&m, 0, 2.0) == 1.0);
     REQUIRE(pell_small_ball(&m, 0, 0.0) == 0.0 && pell_small_ball(&m, 0, 1e-6) < 1e-6);
 }
 

@@ -107,7 +107,7 @@ static void null_lend(void *engine, struct pell_services *services)
 static enum pell_result null_surface(void *engine, const struct pell_engine_sample *sample, struct pell_engine_seen *out)
 {
     (void) engine;
-    if (sample->number >= seen.empty)
+    if (sample->index >= seen.empty)
         *out = (struct pell_engine_seen) { { 0, 0, WIDTH, HEIGHT }, WIDTH * HEIGHT };
     pell_stage_note(sample->frame->notes, "surface", 0.5, WIDTH * HEIGHT, 1, 0);
     return call("surface");
@@ -143,7 +143,7 @@ static void null_hand_over(void *engine, const struct pell_engine_sample *sample
 static enum pell_result null_composite(void *engine, const struct pell_engine_sample *sample, const struct pell_engine_scattered *scattered)
 {
     (void) engine;
-    REQUIRE(scattered->present == (sample->number >= seen.empty));
+    REQUIRE(scattered->present == (sample->index >= seen.empty));
     return call("composite");
 }
 

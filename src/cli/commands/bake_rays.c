@@ -114,13 +114,13 @@ struct pairs {
 };
 
 /* The next surface of the solid at `from` or beyond, with the requested orientation; INFINITY: none. */
-static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 way, float from, float clear, bool leaving)
+static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 direction, float from, float clear, bool leaving)
 {
-    struct pell_ray ray = { { p.x, p.y, p.z }, from, { way.x, way.y, way.z }, INFINITY, PELL_RAY_ALL };
+    struct pell_ray ray = { { p.x, p.y, p.z }, from, { direction.x, direction.y, direction.z }, INFINITY, PELL_RAY_ALL };
     struct pell_hit hit;
 
     for (int k = 0; k < 64 && pell_rays_closest(s->rays, &ray, &hit); k++) {
-        const bool out = hit.ng[0] * way.x + hit.ng[1] * way.y + hit.ng[2] * way.z > 0.0f;
+        const bool out = hit.ng[0] * direction.x + hit.ng[1] * direction.y + hit.ng[2] * direction.z > 0.0f;
         if (out == leaving)
             return hit.t;
         ray.tnear = hit.t + clear;
@@ -128,10 +128,11 @@ static float next_face(const struct bake_solid *s, struct pell_vec3 p, struct pe
     return INFINITY;
 }
 
-static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 way, float clear, float end, struct pairs *out)
+static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pell_vec3 direction, float clear, float end,
+                       struct pairs *out)
 {
-    float in = next_face(s, p, way, 0.0f, clear, false);
-    const float first_out = next_face(s, p, way, 0.0f, clear, true);
+    float in = next_face(s, p, direction, 0.0f, clear, false);
+    const float first_out = next_face(s, p, direction, 0.0f, clear, true);
     float at;
 
     out->count = 0;
@@ -139,14 +140,14 @@ static void find_pairs(const struct bake_solid *s, struct pell_vec3 p, struct pe
     if (first_out < in) /* the ray begins inside */
         in = 0.0f;
     while (in < end) {
-        at = next_face(s, p, way, in + (in > 0.0f ? clear : 0.0f), clear, true);
+        at = next_face(s, p, direction, in + (in > 0.0f ? clear : 0.0f), clear, true);
         if (out->count == BAKE_PAIRS) {
             out->more = true;
             return;
         }
         out->in[out->count] = in;
         out->out[out->count++] = fminf(at, end);
-        in = at < end ? next_face(s, p, way, at + clear, clear, false) : INFINITY;
+        in = at < end ? next_face(s, p, direction, at + clear, clear, false) : INFINITY;
     }
 }
 
@@ -195,7 +196,7 @@ static void measure_row(void *arg, int row, int worker)
         const size_t at = (size_t) row * (size_t) b->size + (size_t) x;
         const struct texel_cover *s = &r->shown[at];
         struct pairs pairs[BAKE_INNER];
-        struct pell_vec3 c[3], n[3], p, way;
+        struct pell_vec3 c[3], n[3], p, direction;
         const struct pell_mesh *m;
         double uv[3][2];
         float u, v, w, end;
@@ -212,13 +213,13 @@ static void measure_row(void *arg, int row, int worker)
         }
         w = 1.0f - u - v;
         p = vec3_mad(vec3_mad(vec3_mul(c[0], w), u, c[1]), v, c[2]);
-        way = vec3_mul(vec3_normalize(vec3_mad(vec3_mad(vec3_mul(n[0], w), u, n[1]), v, n[2])), -1.0f);
-        end = next_face(&b->outer, p, way, r->clear, r->clear, true);
+        direction = vec3_mul(vec3_normalize(vec3_mad(vec3_mad(vec3_mul(n[0], w), u, n[1]), v, n[2])), -1.0f);
+        end = next_face(&b->outer, p, direction, r->clear, r->clear, true);
         if (!(end < INFINITY))
             r->counts[worker][1]++;
         end = fminf(fminf(end, (float) fmin(b->down_to_mm, 1e30)), r->clear / CLEAR);
         for (int k = 0; k < b->num_inner; k++) {
-            find_pairs(&b->inner[k], p, way, r->clear, end, &pairs[k]);
+            find_pairs(&b->inner[k], p, direction, r->clear, end, &pairs[k]);
             more = more || pairs[k].more;
         }
         cut_ray(b, pairs, end, &b->texels[at], &more);

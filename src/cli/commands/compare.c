@@ -11,7 +11,7 @@
 #include <sys/stat.h>
 
 /* Options that only one kind of comparison takes. */
-static const char *const of_pictures[] = { "--layer", "--mask", "--half" };
+static const char *const of_images[] = { "--layer", "--mask", "--half" };
 static const char *const of_scenes[] = { "--methods",
                                          "--reference",
                                          "--set",
@@ -41,7 +41,7 @@ static const char *first_given(const struct cli *cli, const char *const *options
 }
 
 /* A rendering option that has no meaning for existing images. */
-static const struct pell_setting *picture_setting(const struct cli *cli)
+static const struct pell_setting *image_setting(const struct cli *cli)
 {
     for (size_t i = 0; i < cli->settings.count; i++) {
         const struct pell_knob *k = pell_compare_knobs();
@@ -122,8 +122,8 @@ static enum exit_code compare_list(struct cli *cli)
 enum exit_code command_compare(struct cli *cli)
 {
     const bool scene = cli->num_arguments == 1;
-    const char *odd = scene ? first_given(cli, of_pictures, PELL_COUNT(of_pictures)) : first_given(cli, of_scenes, PELL_COUNT(of_scenes));
-    const struct pell_setting *setting = scene ? NULL : picture_setting(cli);
+    const char *odd = scene ? first_given(cli, of_images, PELL_COUNT(of_images)) : first_given(cli, of_scenes, PELL_COUNT(of_scenes));
+    const struct pell_setting *setting = scene ? NULL : image_setting(cli);
 
     if (scene && cli_is_image(cli->arguments[0]))
         return cli_usage(cli, "compare", "pellucid compare A B", "one image was given: its reference is missing");
@@ -137,5 +137,5 @@ enum exit_code command_compare(struct cli *cli)
         return cli_usage(cli, "--scene-range", NULL, "goes with a list of scenes (.txt)");
     if (!scene) /* comparing images needs no device */
         pell_simd_check(cli->ctx);
-    return scene ? compare_scene(cli) : compare_pictures(cli);
+    return scene ? compare_scene(cli) : compare_images(cli);
 }

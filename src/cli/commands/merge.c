@@ -102,9 +102,9 @@ enum exit_code command_merge(struct cli *cli)
     code = read_words(cli, parts[0], &note, &words, &count);
     if (code == EXIT_OK)
         code = cli_parse(&first, count, words, &help);
-    if ((code != EXIT_OK && first.error.there) || help) {
+    if ((code != EXIT_OK && first.error.present) || help) {
         code = cli_failed(cli, pell_error(cli->ctx, PELL_ERR_FORMAT, parts[0], NULL, "names options that are none: %s",
-                                          first.error.there ? first.error.what : "--help"));
+                                          first.error.present ? first.error.what : "--help"));
     } else if (code == EXIT_OK) {
         move_scene(cli, &first);
         input[0] = cli->part.input ? cli->part.input : first.arguments[0];

@@ -5,7 +5,7 @@
 
 #include "base/file.h"
 #include "math/vec.h"
-#include "render/share.h"
+#include "render/communicator.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -29,7 +29,7 @@ struct job {
     } frames;
     double checkpoint_every; /* s */
     int first, end;          /* the images of the sequence to render */
-    bool no_picture;         /* a part is written to its checkpoint alone */
+    bool no_image;           /* a part is written to its checkpoint alone */
     char *note;              /* note of the checkpoint */
     int lock;                /* lock on the checkpoint */
 };
@@ -47,7 +47,7 @@ static enum exit_code choose_output(struct cli *cli, struct job *job)
     if (!cli->output && cli_is_image(name))
         return cli_usage(cli, "render", "to compare images: pellucid compare A B",
                          "\"%s\" is an image; INPUT must be a mesh (glTF, OBJ, PLY, STL) or a scene file (.json)", cli->arguments[0]);
-    job->no_picture = part && cli->checkpoint && !cli->output && !cli->dump;
+    job->no_image = part && cli->checkpoint && !cli->output && !cli->dump;
     if (n < 0 || (size_t) n + 16 >= sizeof(job->output)) /* numbers must fit, too */
         return cli_usage(cli, "--output", NULL, "a name of %d bytes is too long", n);
     return dump_check(cli);
@@ -156,7 +156,7 @@ static enum exit_code check_choice(struct cli *cli, struct job *job)
     if (cli->knobs.count || cli->common.count)
         return cli_usage(cli, cli->knobs.count ? cli->knobs.items[0].where : cli->common.items[0].where, "name a method with -m",
                          "belongs to a method, but --max-error chooses the method");
-    if (cli->checkpoint || cli->program->share)
+    if (cli->checkpoint || cli->program->communicator)
         return cli_usage(cli, "--max-error", "-m path-trace", "does not go with %s", cli->checkpoint ? "--checkpoint" : "ranks");
     return auto_bound(cli, &bound);
 }
@@ -186,11 +186,11 @@ static enum exit_code render_one(struct cli *cli, struct job *job, const char *p
         return code;
     res = pell_renderer_render(job->session.renderer, &job->session.settings, &job->image);
     cli_progress_end(cli);
-    if (res == PELL_OK && !job->no_picture)
+    if (res == PELL_OK && !job->no_image)
         res = session_write(cli, &job->session, &job->image, path, job->format, job->scene_hash, job->materials_hash);
     if (res != PELL_OK)
         return cli_failed(cli, res);
-    cli->images += !job->no_picture;
+    cli->images += !job->no_image;
     cli->partial = job->image.partial;
     if (cli->stats && !cli->json)
         print_stats(&job->image);
@@ -363,7 +363,7 @@ static enum exit_code check_method(struct cli *cli, const struct pell_method *me
 
     if (method && method->partial)
         return EXIT_OK;
-    if (cli->program->share)
+    if (cli->program->communicator)
         return cli_usage(cli, "--method", "-m path-trace", "method %s is not shared by ranks: run it on one machine", name);
     if (cli->part.samples || cli->part.tiles)
         return cli_usage(cli, cli->part.samples ? "--sample-range" : "--tile-range", "-m path-trace",
@@ -397,19 +397,19 @@ static enum exit_code check_checkpoint(struct cli *cli, struct job *job)
 }
 
 /* Rank 0 writes the image. */
-static void set_share(struct cli *cli, struct job *job)
+static void set_communicator(struct cli *cli, struct job *job)
 {
-    struct pell_share *share = cli->program->share;
+    struct pell_communicator *comm = cli->program->communicator;
 
-    if (!share)
+    if (!comm)
         return;
-    job->no_picture = job->no_picture || share->rank > 0;
-    pell_renderer_set_share(job->session.renderer, share);
+    job->no_image = job->no_image || comm->rank > 0;
+    pell_renderer_set_communicator(job->session.renderer, comm);
 }
 
 static enum exit_code lock_checkpoint(struct cli *cli, struct job *job)
 {
-    return cli->program->share && cli->program->share->rank > 0 ? EXIT_OK : cli_lock(cli, cli->checkpoint, &job->lock);
+    return cli->program->communicator && cli->program->communicator->rank > 0 ? EXIT_OK : cli_lock(cli, cli->checkpoint, &job->lock);
 }
 
 static enum exit_code set_checkpoint(struct cli *cli, struct job *job)
@@ -442,7 +442,7 @@ static void print_answer(const struct cli *cli, const struct job *job, const cha
     else
         pell_text_add(&line, "%s",
                       pell_printable(count                      ? json_string_value(json_array_get(job->images, 0))
-                                     : job->no_picture          ? cli->checkpoint
+                                     : job->no_image            ? cli->checkpoint
                                      : strcmp(job->output, "-") ? job->output
                                                                 : "stdout",
                                      name, sizeof(name)));
@@ -468,9 +468,9 @@ static enum exit_code answer(struct cli *cli, const struct job *job)
         return EXIT_OK;
     }
     o = json_pack("{s:o,s:s,s:s,s:i,s:i,s:f,s:f,s:i,s:f,s:o,s:O}", "image",
-                  job->no_picture ? json_null()
-                  : job->images   ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1))
-                                  : cli_text(job->output),
+                  job->no_image ? json_null()
+                  : job->images ? json_incref(json_array_get(job->images, json_array_size(job->images) - 1))
+                                : cli_text(job->output),
                   "method", method, "engine", engine, "width", p->width, "height", p->height, "seconds", p->seconds, "load_seconds",
                   s->load_seconds, "threads", threads, "exposure", (double) p->exposure, "stages", session_stages(p), "warnings",
                   cli->warnings);
@@ -498,7 +498,7 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK)
         code = choose_sequence(cli, &job);
     if (code == EXIT_OK)
-        code = strcmp(job.output, "-") == 0 || job.no_picture ? EXIT_OK : check_writable(cli, "--output", job.output);
+        code = strcmp(job.output, "-") == 0 || job.no_image ? EXIT_OK : check_writable(cli, "--output", job.output);
     if (code == EXIT_OK)
         code = check_choice(cli, &job);
     if (code == EXIT_OK)
@@ -508,7 +508,7 @@ enum exit_code command_render(struct cli *cli)
     if (code == EXIT_OK && job.chooses)
         code = auto_choose(cli, &job.session, &job.chosen);
     if (code == EXIT_OK)
-        set_share(cli, &job);
+        set_communicator(cli, &job);
     if (code == EXIT_OK)
         code = set_checkpoint(cli, &job);
     if (code == EXIT_OK)

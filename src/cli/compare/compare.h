@@ -15,9 +15,9 @@
 #include <pellucid/compare.h>
 #include <pellucid/render.h>
 
-/* --- pictures.c, scene.c: the two commands ------------------------------------------------------------------------ */
+/* --- images.c, scene.c: the two commands ------------------------------------------------------------------------ */
 
-enum exit_code compare_pictures(struct cli *cli);
+enum exit_code compare_images(struct cli *cli);
 enum exit_code compare_scene(struct cli *cli);
 
 /* --- runs.c: what `compare INPUT` renders -------------------------------------------------------------------------------------------- */

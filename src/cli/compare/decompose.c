@@ -48,7 +48,7 @@ static void take_bounces(const struct decompose_input *in, float *planes, struct
 }
 
 /* Computes the fraction of bounces in the reference's light over the masked pixels. */
-static void share_of(const struct decompose_input *in, const struct pell_compare_part *bounces, double share[3])
+static void fraction_of(const struct decompose_input *in, const struct pell_compare_part *bounces, double fraction[3])
 {
     const size_t count = (size_t) in->whole.width * (size_t) in->whole.height;
     double sum[3] = { 0.0 }, all[3] = { 0.0 };
@@ -63,7 +63,7 @@ static void share_of(const struct decompose_input *in, const struct pell_compare
         }
     }
     for (int c = 0; c < 3; c++)
-        share[c] = all[c] > 0.0 ? sum[c] / all[c] : 0.0;
+        fraction[c] = all[c] > 0.0 ? sum[c] / all[c] : 0.0;
 }
 
 enum pell_result decompose_error(struct cli *cli, int threads, const struct decompose_input *in, struct decomposition *out)
@@ -76,7 +76,7 @@ enum pell_result decompose_error(struct cli *cli, int threads, const struct deco
     if (!planes)
         return res;
     take_bounces(in, planes, &bounces);
-    share_of(in, &bounces, out->interreflection);
+    fraction_of(in, &bounces, out->interreflection);
     for (int k = 0; k < DECOMPOSE_PARTS; k++)
         out->part[k] = in->total;
     PELL_TRY(pell_errors_of_part(cli->ctx, threads, &in->whole, &in->direct, &out->part[DECOMPOSE_METHOD]));

@@ -75,7 +75,7 @@ static void put_json(FILE *f, const char *text)
             fputc(*text, f);
 }
 
-/* --- Pictures ----------------------------------------------------------------------------------------------------------------- */
+/* --- Images ------------------------------------------------------------------------------------------------------------------- */
 
 /* The nearest half float, ties to even; no finite value becomes 0, too large ones become the largest. */
 static uint16_t half_of(float v)

@@ -260,7 +260,7 @@ static enum pell_result begin_images(struct cli *cli, struct job *job, const str
     for (size_t i = 0; i < job->runs.count; i++)
         job->runs.list[i].settings.exposure = image->exposure;
     if (make_mask(cli, job, image) != EXIT_OK)
-        return cli->error.there ? cli->error.code : PELL_ERR_NOMEM;
+        return cli->error.present ? cli->error.code : PELL_ERR_NOMEM;
     return cli->output ? report_open(cli->ctx, job->width, job->height, &job->report) : PELL_OK;
 }
 

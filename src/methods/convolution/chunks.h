@@ -35,7 +35,7 @@ INLINE vf lanes_from(float first)
 }
 
 /* The first n floats; the others are 0. */
-INLINE vf load_some(const float *p, int n)
+INLINE vf load_first(const float *p, int n)
 {
     vf v = { 0 };
 
@@ -45,7 +45,7 @@ INLINE vf load_some(const float *p, int n)
     return v;
 }
 
-INLINE void store_some(float *p, vf v, int n)
+INLINE void store_first(float *p, vf v, int n)
 {
     if (n >= WIDTH)
         store(p, v);
@@ -120,9 +120,9 @@ INLINE void pick4(const float *table, vi at, vf out[4])
 #endif
 }
 
-INLINE vf mix_of(vf low, vf high, vf part)
+INLINE vf mix_of(vf low, vf high, vf t)
 {
-    return low + part * (high - low);
+    return low + t * (high - low);
 }
 
 #endif

@@ -45,7 +45,7 @@ struct convolution_knobs {
     bool strength;
 };
 
-/* Number of planes for images with `step` pixels of the picture per pixel: more for small images, which cost a quarter. */
+/* Number of planes for images with `step` pixels of the rendered image per pixel: more for small images, which cost a quarter. */
 static inline int convolution_planes(const struct convolution_knobs *k, int step)
 {
     return k->planes > 0 ? k->planes : step > 1 ? 12 : 8;
@@ -79,7 +79,7 @@ float convolution_radial_value(const struct conv_radial *r, float radius2);
 double convolution_radial_beyond(const struct conv_radial *r, double h);
 void convolution_radial_squares(const struct conv_radial *r, double pixel, int count, double *out);
 void convolution_response_make(const struct conv_radial *r, const struct convolution_knobs *k, double spacing, struct conv_response *out);
-/* The radius, mm, that contains all but `share` of the light of every channel. */
+/* The radius, mm, that contains all but `fraction` of the light of every channel. */
 double convolution_reach(const struct conv_radial r[3], double fraction);
 
 /* --- sources.c: surface visible to the camera, and hidden surface behind it ---------------------------------------------------------- */
@@ -125,7 +125,7 @@ static inline float conv_pixel_at(const struct pell_frame *in, float depth)
     return (in->shape.orthographic ? 1.0f : depth) / in->shape.focal_px;
 }
 
-/* Depths of the picture; `median`: mm, as in struct conv_depths. */
+/* Depths of the frame; `median`: mm, as in struct conv_depths. */
 struct conv_depths convolution_depths(const struct conv_sources *s, float median);
 /* Samples a row of pixels. */
 void convolution_front_row(const struct conv_sources *s, int y);

@@ -38,7 +38,7 @@ static void convolution_destroy(void *state)
     pell_free(st->ctx, st->half);
     pell_free(st->ctx, st->images);
     pell_free(st->ctx, st->ray_counts);
-    pell_free(st->ctx, st->there);
+    pell_free(st->ctx, st->present);
     pell_free(st->ctx, st->rows);
     pell_free(st->ctx, st->sources.behind.group);
     pell_free(st->ctx, st->behind_memory);
@@ -118,9 +118,9 @@ static enum pell_result make_sources(struct convolution_state *st, const struct 
     f->group = pell_calloc(st->ctx, size, sizeof(*f->group));
     st->front_memory = pell_alloc_array(st->ctx, size, 9 * sizeof(float));
     st->rows = pell_calloc(st->ctx, (size_t) shape->height + 1, sizeof(*st->rows));
-    st->there = pell_calloc(st->ctx, st->num_groups + 1, 1);
+    st->present = pell_calloc(st->ctx, st->num_groups + 1, 1);
     st->ray_counts = pell_calloc(st->ctx, (size_t) shape->height + 1, sizeof(*st->ray_counts));
-    if (!f->group || !st->front_memory || !st->rows || !st->there || !st->ray_counts)
+    if (!f->group || !st->front_memory || !st->rows || !st->present || !st->ray_counts)
         return PELL_ERR_NOMEM;
     f->area = st->front_memory;
     f->slant = f->area + size;
@@ -159,7 +159,7 @@ static bool is_uniform(const struct convolution_state *st)
     return st->knobs.borders == CONV_BORDERS_EVEN || (st->knobs.borders == CONV_BORDERS_AUTO && st->knobs.surfaces == 1);
 }
 
-/* Allocates for images with this many pixels of the picture per pixel. */
+/* Allocates for images with this many pixels of the frame per pixel. */
 static void find_room(const struct convolution_state *st, const struct pell_frame_shape *shape, int step, struct conv_room *out)
 {
     const int width = (shape->width + 2 * step - 2) / step + 1, height = (shape->height + 2 * step - 2) / step + 1;
@@ -457,12 +457,12 @@ static enum pell_result convolution_render(void *state, const struct pell_frame 
               (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0) * 24);
     if (st->sources.behind.layers > 0 && in->first)
         find_behind(st);
-    memset(st->there, 0, st->num_groups + 1);
+    memset(st->present, 0, st->num_groups + 1);
     for (int y = in->rect.y0; y < in->rect.y1; y++)
         for (int x = in->rect.x0; x < in->rect.x1; x++)
-            st->there[st->sources.front.group[y * st->sources.front.stride + x]] = 1;
+            st->present[st->sources.front.group[y * st->sources.front.stride + x]] = 1;
     for (size_t i = 0; i < st->num_groups; i++)
-        if (st->there[i + 1])
+        if (st->present[i + 1])
             PELL_TRY(render_group(st, i));
     return pell_cancelled(st->ctx) ? PELL_ERR_CANCELLED : PELL_OK;
 

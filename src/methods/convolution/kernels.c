@@ -26,7 +26,7 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
     vf best = all(INFINITY);
 
     for (int dir = -1; dir <= 1; dir += 2) {
-        const vi to = on->coord + (dir < 0 ? -by : by), there = (to >= on->low) & (to < on->high), safe = choose(there, to, on->coord);
+        const vi to = on->coord + (dir < 0 ? -by : by), inside = (to >= on->low) & (to < on->high), safe = choose(inside, to, on->coord);
         int32_t i[WIDTH], k[WIDTH];
         float depth[WIDTH];
         int32_t group[WIDTH];
@@ -39,7 +39,7 @@ INLINE vf slope(const struct conv_depths *d, const struct line *on, vf here, vi 
             group[l] = d->group[k[l]];
         }
         memcpy(&is, group, sizeof(is));
-        is = (is == own) & there;
+        is = (is == own) & inside;
         other = d->parallel ? load(depth) : 1.0f / select(is, load(depth), all(1.0f));
         difference = dir < 0 ? here - other : other - here;
         best = select(is & (magnitude(difference) < magnitude(best)), difference, best);
@@ -77,14 +77,14 @@ static void cover(const struct conv_depths *d, int y, int from, int to, bool by_
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi own = groups_of(d->group + y * d->group_stride + x, n);
-        vf depth = load_some(d->depth + y * d->stride + x, n), f, mm;
+        vf depth = load_first(d->depth + y * d->stride + x, n), f, mm;
         if (!any(own != 0))
             continue;
         depth = select(own != 0, depth, all(1.0f));
-        f = by_depth ? facing(d, x, y, depth, own, (vi) { 0 } + 1) : load_some(slant + x, n);
+        f = by_depth ? facing(d, x, y, depth, own, (vi) { 0 } + 1) : load_first(slant + x, n);
         mm = d->one_size ? all(1.0f) : (d->parallel ? all(1.0f) : depth) / d->focal_px;
-        store_some(area + x, mm * mm / greater(f, all(CONV_COS_MIN)), n);
-        store_some(slant + x, slant_of(f), n);
+        store_first(area + x, mm * mm / greater(f, all(CONV_COS_MIN)), n);
+        store_first(slant + x, slant_of(f), n);
     }
 }
 
@@ -93,7 +93,7 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi is = which(d->group + y * d->group_stride + x, own, n);
-        const vf self = load_some(slant + x, n), depth = select(is, load_some(d->depth + y * d->stride + x, n), all(1.0f));
+        const vf self = load_first(slant + x, n), depth = select(is, load_first(d->depth + y * d->stride + x, n), all(1.0f));
         const vf step = d->median_px / (d->parallel ? all(1.0f) : depth), part = within(step - 0.5f, 0.0f, 1.0f);
         vf out = self;
         if (any(is & (self > 0.0f) & (part > 0.0f))) {
@@ -101,7 +101,7 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
             const vf over = lesser(slant_of(facing(d, x, y, depth, (vi) { 0 } + own, by)), self);
             out = select((self > 0.0f) & (part > 0.0f), mix_of(self, over, part), self);
         }
-        store_some(far + x, out, n);
+        store_first(far + x, out, n);
     }
 }
 
@@ -110,7 +110,7 @@ static void far_slants(const struct conv_depths *d, int y, int from, int to, uin
 /* A row index in a table over slants. */
 struct row {
     vi low;
-    vf part;
+    vf fraction;
 };
 
 INLINE struct row row_of(vf slant, int rows)
@@ -146,8 +146,8 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
     for (int i = 0; i < s->count; i += WIDTH) {
         const int n = s->count - i;
         const vi is = which(s->group + i, s->own, n);
-        const vf p = select(is, load_some(s->coord + i, n), all(0.0f)), self = select(is, load_some(s->slant + i, n), all(0.0f));
-        const vf over = select(is, load_some(s->far + i, n), all(0.0f)), a = select(is, load_some(s->area + i, n), all(1.0f));
+        const vf p = select(is, load_first(s->coord + i, n), all(0.0f)), self = select(is, load_first(s->slant + i, n), all(0.0f));
+        const vf over = select(is, load_first(s->far + i, n), all(0.0f)), a = select(is, load_first(s->area + i, n), all(1.0f));
         const vi plane = INTS(p), next = choose(plane < w->planes - 1, plane + 1, plane);
         const vf t = p - FLOATS(plane), u = t * (float) (CONV_PHASES - 1), pixels = within(a * w->per_unit2, 1e-4f, 1e5f);
         const struct row at = row_of(self, CONV_SLANTS), own_at = row_of(self, CONV_FINE), far_at = row_of(over, CONV_FINE);
@@ -163,24 +163,24 @@ static void compute_weights(const struct conv_weights *w, const struct conv_row 
             const struct conv_response *r = w->response[c];
             vf here[4], near[4], beyond[4], by_coord, should, does;
             if (w->plain) {
-                store_some(entry_weight[c] + i, pixels, n);
+                store_first(entry_weight[c] + i, pixels, n);
                 if (exit_weight)
-                    store_some(exit_weight[c] + i, all(1.0f), n);
+                    store_first(exit_weight[c] + i, all(1.0f), n);
                 continue;
             }
             pick4(r->coord[0], first + at.low * (CONV_PHASES - 1) + b, here);
             pick4(r->near[0], first + own_at.low, near);
             pick4(r->far[0], first + far_at.low, beyond);
-            by_coord = here[0] + fu * here[1] + at.part * (here[2] + fu * here[3]);
-            does = near[0] + own_at.part * near[2] + beyond[0] + far_at.part * beyond[2];
-            should = near[1] + own_at.part * near[3] + beyond[1] + far_at.part * beyond[3];
+            by_coord = here[0] + fu * here[1] + at.fraction * (here[2] + fu * here[3]);
+            does = near[0] + own_at.fraction * near[2] + beyond[0] + far_at.fraction * beyond[2];
+            should = near[1] + own_at.fraction * near[3] + beyond[1] + far_at.fraction * beyond[3];
             if (w->by_response) {
                 pick4(r->coord[0], first + b, here);
                 width = width_factor(true, t, narrow, wide, here[0] + fu * here[1]);
             }
-            store_some(entry_weight[c] + i, pixels * by_coord * (should / does) * sideways * width, n);
+            store_first(entry_weight[c] + i, pixels * by_coord * (should / does) * sideways * width, n);
             if (exit_weight)
-                store_some(exit_weight[c] + i, by_coord * width, n);
+                store_first(exit_weight[c] + i, by_coord * width, n);
         }
     }
 }
@@ -190,7 +190,7 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
 {
     for (int i = 0; i < count; i += WIDTH) {
         const int n = count - i;
-        const vf to = load_some(p + i, n), from = load_some(q + i, n), d = load_some(distance + i, n);
+        const vf to = load_first(p + i, n), from = load_first(q + i, n), d = load_first(distance + i, n);
         const vi to_plane = INTS(to), from_plane = INTS(from), at = from_plane * CONV_PLANES + to_plane;
         const vf tp = to - FLOATS(to_plane), tq = from - FLOATS(from_plane);
         const vf coord = root(greater(d, all(0.0f)) * s->per_widest) * (float) CONV_DISTANCES;
@@ -204,8 +204,8 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
             const vi more = should >= does, none = d < 0.0f;
             const vf missing = within((should - does) / greater(1.0f - does, all(1e-6f)), 0.0f, 1.0f);
             const vf kept = select(none, all(1.0f), select(more, 1.0f - missing, should / does));
-            store_some(entry_weight[c] + i, load_some(entry_weight[c] + i, n) * kept, n);
-            store_some(close[c] + i, select(more & ~none, missing * load_some(close[c] + i, n), all(0.0f)), n);
+            store_first(entry_weight[c] + i, load_first(entry_weight[c] + i, n) * kept, n);
+            store_first(close[c] + i, select(more & ~none, missing * load_first(close[c] + i, n), all(0.0f)), n);
         }
     }
 }
@@ -213,12 +213,12 @@ static void split_hidden(const struct conv_transfers *s, int count, const float 
 /* --- To planes and from them ------------------------------------------------------------------------------------------------------- */
 
 /* Fraction of the light at this coordinate that goes to plane i. */
-INLINE vf part_of(vf coord, int i)
+INLINE vf plane_weight(vf coord, int i)
 {
     return greater(1.0f - magnitude(coord - (float) i), all(0.0f));
 }
 
-INLINE vf part_between(vf coord, int i)
+INLINE vf between_weight(vf coord, int i)
 {
     const vf t = coord - (float) i;
     return select((t >= 0.0f) & (t < 1.0f), root(greater(2.0f * t * (1.0f - t), all(0.0f))), all(0.0f));
@@ -230,7 +230,7 @@ INLINE void add_image(const struct conv_spread *s, float *image, int x, int n, v
     float v[WIDTH];
 
     if (s->step == 1) {
-        store_some(image + x, light, n);
+        store_first(image + x, light, n);
         return;
     }
     memcpy(v, &light, sizeof(v));
@@ -252,18 +252,18 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
         if (n > 0)
             is = which(group + x, s->own, n) & (column >= (float) s->x0);
         if (any(is)) {
-            p = select(is, load_some(coord + x, n), all(0.0f));
-            e = load_some(entry_weight + x, n);
-            e = select(is, light ? e * load_some(light + x, n) : e, all(0.0f));
+            p = select(is, load_first(coord + x, n), all(0.0f));
+            e = load_first(entry_weight + x, n);
+            e = select(is, light ? e * load_first(light + x, n) : e, all(0.0f));
         }
         if (!any(e != 0.0f)) {
             for (int i = 0; i < s->planes + s->between && s->step == 1; i++)
-                store_some(images + (size_t) i * s->image_size + x, all(0.0f), room);
+                store_first(images + (size_t) i * s->image_size + x, all(0.0f), room);
             continue;
         }
         for (int i = 0; i < s->planes; i++) {
             const vf t = p - (float) i, half = select((t >= -1.0f) & (t < 1.0f), all(0.5f), all(0.0f));
-            const vf to = e * (s->halves && s->planes > 1 ? half : part_of(p, i));
+            const vf to = e * (s->halves && s->planes > 1 ? half : plane_weight(p, i));
             const bool lights = any(to != 0.0f);
             if (lights || s->step == 1)
                 add_image(s, images + (size_t) i * s->image_size, x, room, to);
@@ -271,7 +271,7 @@ static void spread(const struct conv_spread *s, const uint16_t *group, const flo
         }
         for (int i = 0; i < s->between; i++) {
             const bool near = any((p >= (float) i) & (p < (float) (i + 1)));
-            const vf to = near ? part_between(p, i) * e : all(0.0f);
+            const vf to = near ? between_weight(p, i) * e : all(0.0f);
             const bool lights = near && any(to != 0.0f);
             if (lights || s->step == 1)
                 add_image(s, images + (size_t) (s->planes + i) * s->image_size, x, room, to);
@@ -298,20 +298,20 @@ static void gather(const struct conv_gather *g, int from, int to, float *out)
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
         const vi is = which(g->group + x, g->own, n);
-        const vf p = select(is, load_some(g->coord + x, n), all(-2.0f));
+        const vf p = select(is, load_first(g->coord + x, n), all(-2.0f));
         vf sum = { 0 };
         if (!any(is))
             continue;
         for (int i = 0; i < g->planes; i++) {
-            const vf part = part_of(p, i);
-            if (!any(part > 0.0f))
+            const vf weight = plane_weight(p, i);
+            if (!any(weight > 0.0f))
                 continue;
-            sum += part * load_some(g->rows[i] + x, n);
+            sum += weight * load_first(g->rows[i] + x, n);
             if (i + 1 < g->planes && between[i])
-                sum += part_between(p, i) * load_some(between[i] + x, n);
+                sum += between_weight(p, i) * load_first(between[i] + x, n);
         }
-        sum = greater(sum * load_some(g->exit_weight + x, n), all(0.0f));
-        store_some(out + x, select(is, sum, load_some(out + x, n)), n);
+        sum = greater(sum * load_first(g->exit_weight + x, n), all(0.0f));
+        store_first(out + x, select(is, sum, load_first(out + x, n)), n);
     }
 }
 
@@ -332,14 +332,14 @@ static void add_cells(const float *cells, int count, int repeat, int per, float 
             out[x] += scale * cells[k];
 }
 
-static void expand(const float *top, const float *bottom, float part, int width, int step, float *spare, float *out)
+static void expand(const float *top, const float *bottom, float t, int width, int step, float *spare, float *out)
 {
     float *const row = spare + WIDTH;
 
     for (int x = 0; x < width; x += WIDTH) {
         const int n = width - x;
-        const vf a = load_some(top + x, n);
-        store(row + x, a + part * (load_some(bottom + x, n) - a));
+        const vf a = load_first(top + x, n);
+        store(row + x, a + t * (load_first(bottom + x, n) - a));
     }
     row[-1] = row[0];
     row[width] = row[width - 1];
@@ -386,19 +386,19 @@ static void sample(const struct conv_samples *s, float x, float y, float step, i
 /* --- Near pixels ------------------------------------------------------------------------------------------------------------------- */
 
 /* A pixel relative to the planes. */
-struct spot {
+struct plane_position {
     vf plane, t, between;
 };
 
-INLINE struct spot spot_of(vf coord)
+INLINE struct plane_position plane_position_of(vf coord)
 {
     const vf plane = FLOATS(INTS(coord)), t = coord - plane;
 
-    return (struct spot) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
+    return (struct plane_position) { plane, t, root(greater(2.0f * t * (1.0f - t), all(0.0f))) };
 }
 
 /* Fraction of the light of pixel a that already reaches pixel b through the planes. `next`: R at one more plane distance, divided by R. */
-INLINE vf exchange(struct spot a, struct spot b, float next)
+INLINE vf exchange(struct plane_position a, struct plane_position b, float next)
 {
     const vf step = b.plane - a.plane, both = (1.0f - a.t) * (1.0f - b.t) + a.t * b.t;
     const vf up = a.t * (1.0f - b.t), down = (1.0f - a.t) * b.t;
@@ -408,8 +408,8 @@ INLINE vf exchange(struct spot a, struct spot b, float next)
 }
 
 /* A vector of pixels. */
-struct spots {
-    vi there;
+struct pixel_lanes {
+    vi valid;
     vf depth, flux, coord; /* flux and coord: by load_rest */
 };
 
@@ -425,21 +425,21 @@ INLINE vf load_between(const float *row, int x, int x0, int x1)
     return load(v);
 }
 
-INLINE struct spots find_spots(const struct conv_edges *s, int x, int y)
+INLINE struct pixel_lanes find_pixels(const struct conv_edges *s, int x, int y)
 {
-    struct spots o = { 0 };
+    struct pixel_lanes o = { 0 };
     const int skip = x < s->x0 ? s->x0 - x : 0, n = s->x1 - x < WIDTH ? s->x1 - x : WIDTH;
     uint16_t group[WIDTH] = { 0 };
 
     if (y < s->y0 || y >= s->y1 || skip >= n)
         return o;
     memcpy(group + skip, s->group + y * s->group_stride + x + skip, (size_t) (n - skip) * sizeof(*group));
-    o.there = which(group, s->own, n) & (lanes_from(0.0f) >= (float) skip);
-    o.depth = select(o.there, load_between(s->depth + y * s->stride, x, s->x0, s->x1), all(1.0f));
+    o.valid = which(group, s->own, n) & (lanes_from(0.0f) >= (float) skip);
+    o.depth = select(o.valid, load_between(s->depth + y * s->stride, x, s->x0, s->x1), all(1.0f));
     return o;
 }
 
-INLINE void load_rest(const struct conv_edges *s, int x, int y, struct spots *o)
+INLINE void load_rest(const struct conv_edges *s, int x, int y, struct pixel_lanes *o)
 {
     const ptrdiff_t row = y * s->group_stride;
 
@@ -448,17 +448,17 @@ INLINE void load_rest(const struct conv_edges *s, int x, int y, struct spots *o)
     o->flux = load_between(s->entry_weight + row, x, s->x0, s->x1);
     if (s->light)
         o->flux *= load_between(s->light + y * s->stride, x, s->x0, s->x1);
-    o->flux = select(o->there, o->flux, all(0.0f));
-    o->coord = select(o->there, load_between(s->coord + row, x, s->x0, s->x1), all(0.0f));
+    o->flux = select(o->valid, o->flux, all(0.0f));
+    o->coord = select(o->valid, load_between(s->coord + row, x, s->x0, s->x1), all(0.0f));
 }
 
 /* The less steep of the depth steps to both sides. */
-INLINE vf less_steep(vf depth, struct spots before, struct spots after)
+INLINE vf less_steep(vf depth, struct pixel_lanes before, struct pixel_lanes after)
 {
     const vf low = depth - before.depth, high = after.depth - depth;
-    const vi is_low = before.there & (~after.there | (magnitude(low) <= magnitude(high)));
+    const vi is_low = before.valid & (~after.valid | (magnitude(low) <= magnitude(high)));
 
-    return select(is_low, low, select(after.there, high, all(0.0f)));
+    return select(is_low, low, select(after.valid, high, all(0.0f)));
 }
 
 /* Depth steps per pixel of a surface that covers `times` a pixel's area, radius2 mm^2: keeps their direction only. */
@@ -476,44 +476,44 @@ static void edges(const struct conv_edges *s, int y, int from, int to, float *ou
 {
     for (int x = from; x < to; x += WIDTH) {
         const int n = to - x;
-        struct spots own = find_spots(s, x, y);
-        struct spot here;
+        struct pixel_lanes own = find_pixels(s, x, y);
+        struct plane_position here;
         vi near_edge = { 0 };
         vf sum = { 0 }, gx, gy, area, exit_weight;
-        if (!any(own.there))
+        if (!any(own.valid))
             continue;
         for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
             for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
-                const struct spots o = find_spots(s, x + dx, y + dy);
+                const struct pixel_lanes o = find_pixels(s, x + dx, y + dy);
                 const vf d = o.depth - own.depth;
-                near_edge |= own.there & (~o.there | (d * d > s->flat2));
+                near_edge |= own.valid & (~o.valid | (d * d > s->flat2));
             }
         if (!any(near_edge))
             continue;
         load_rest(s, x, y, &own);
-        here = spot_of(own.coord);
+        here = plane_position_of(own.coord);
         exit_weight = load_between(s->exit_weight + y * s->group_stride, x, s->x0, s->x1);
-        area = select(own.there, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), all(1.0f));
-        gx = less_steep(own.depth, find_spots(s, x - 1, y), find_spots(s, x + 1, y));
-        gy = less_steep(own.depth, find_spots(s, x, y - 1), find_spots(s, x, y + 1));
+        area = select(own.valid, load_between(s->area + y * s->group_stride, x, s->x0, s->x1), all(1.0f));
+        gx = less_steep(own.depth, find_pixels(s, x - 1, y), find_pixels(s, x + 1, y));
+        gy = less_steep(own.depth, find_pixels(s, x, y - 1), find_pixels(s, x, y + 1));
         slant_index(area / (s->pixel2 * (s->parallel ? all(1.0f) : own.depth * own.depth)), s->radius2[0][1], &gx, &gy);
         for (int dy = -CONV_WINDOW; dy <= CONV_WINDOW; dy++)
             for (int dx = -CONV_WINDOW; dx <= CONV_WINDOW; dx++) {
                 const int ax = dx < 0 ? -dx : dx, ay = dy < 0 ? -dy : dy;
                 const vf on = gx * (float) dx + gy * (float) dy;
                 const vf coord = within(own.coord + on * s->per_spacing, 0.0f, (float) (s->planes - 1) - 1e-5f);
-                struct spots o = find_spots(s, x + dx, y + dy);
+                struct pixel_lanes o = find_pixels(s, x + dx, y + dy);
                 const vf d = o.depth - own.depth - on;
                 const vf value = value_at(s->value, s->per_median2, s->radius2[ay][ax] + d * d);
                 vf on_own, on_its;
-                const vf alike = select(o.there, s->per_value[ay][ax] * value, all(0.0f));
+                const vf alike = select(o.valid, s->per_value[ay][ax] * value, all(0.0f));
                 load_rest(s, x + dx, y + dy, &o);
-                on_own = own.flux * exchange(here, spot_of(coord), s->next[ay][ax]);
-                on_its = o.flux * exchange(here, spot_of(o.coord), s->next[ay][ax]);
+                on_own = own.flux * exchange(here, plane_position_of(coord), s->next[ay][ax]);
+                on_its = o.flux * exchange(here, plane_position_of(o.coord), s->next[ay][ax]);
                 sum += s->square[ay][ax] * (1.0f - alike) * (on_own - on_its);
             }
-        sum = greater(load_some(out + x, n) + s->fade * exit_weight * sum, all(0.0f));
-        store_some(out + x, select(near_edge, sum, load_some(out + x, n)), n);
+        sum = greater(load_first(out + x, n) + s->fade * exit_weight * sum, all(0.0f));
+        store_first(out + x, select(near_edge, sum, load_first(out + x, n)), n);
     }
 }
 
@@ -575,8 +575,8 @@ static void mix_behind(const struct conv_mix *m, int block, int y, int k)
             continue;
         for (int l = 0; l < LANES; l += WIDTH) {
             const vf f = load(at(m->behind_own[i], block, k) + l);
-            for (int part = l; part < ELEMENT; part += LANES)
-                store(to + ELEMENT * y + part, load(to + ELEMENT * y + part) + load(from + ELEMENT * y + part) * f);
+            for (int lane = l; lane < ELEMENT; lane += LANES)
+                store(to + ELEMENT * y + lane, load(to + ELEMENT * y + lane) + load(from + ELEMENT * y + lane) * f);
         }
     }
 }
@@ -604,13 +604,13 @@ static void mix(const struct conv_mix *m, int block)
                 continue;
             for (int l = 0; l < LANES; l += WIDTH) {
                 const vf f = load(at(p->spectrum, block, k) + l) * p->factor;
-                for (int part = l; part < ELEMENT; part += LANES)
+                for (int lane = l; lane < ELEMENT; lane += LANES)
                     for (int dir = 0; dir < 2; dir++) {
                         float *to = m->column[dir ? p->from : p->to];
                         if (!to)
                             continue;
-                        to += ELEMENT * y + part;
-                        store(to, load(to) + load(before[dir ? p->to : p->from] + part) * f);
+                        to += ELEMENT * y + lane;
+                        store(to, load(to) + load(before[dir ? p->to : p->from] + lane) * f);
                     }
             }
         }

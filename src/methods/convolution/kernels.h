@@ -25,7 +25,7 @@ struct conv_response {
     float near[CONV_FINE - 1][4], far[CONV_FINE - 1][4];
 };
 
-/* Depths of the picture around a row of pixels. Slants are sqrt(1 - |n . d|); if |n . d| exceeds 1, 1 - |n . d|. */
+/* Depths of the frame around a row of pixels. Slants are sqrt(1 - |n . d|); if |n . d| exceeds 1, 1 - |n . d|. */
 struct conv_depths {
     const float *depth;    /* at pixel (0, 0), as is `group` */
     const uint16_t *group; /* surfaces of other groups are not neighbours */
@@ -33,7 +33,7 @@ struct conv_depths {
     int x0, y0, x1, y1; /* bounds of the valid pixels */
     bool parallel;
     bool one_size;                      /* areas are those of pixels at any depth, relative to a pixel that faces the camera */
-    float focal_px, middle_x, middle_y; /* of the picture, pixels */
+    float focal_px, middle_x, middle_y; /* of the frame, pixels */
     float median_px;                    /* distance for `far`: pixels at a depth of 1 */
 };
 
@@ -90,7 +90,7 @@ struct conv_edges {
     const float *depth, *light; /* at pixel (0, 0), as are the other planes; `light` NULL: 1 everywhere */
     const uint16_t *group;
     const float *coord, *area, *entry_weight, *exit_weight;
-    ptrdiff_t stride, group_stride; /* of the picture, and of the other planes */
+    ptrdiff_t stride, group_stride; /* of the frame, and of the other planes */
     int x0, y0, x1, y1;             /* bounds of the valid pixels */
     uint16_t own;
     int planes;
@@ -149,7 +149,7 @@ struct conv_kernels {
     /* Weights of entering and leaving light; undefined for other groups. `exit_weight` may be NULL. */
     void (*compute_weights)(const struct conv_weights *w, const struct conv_row *s, float *const entry_weight[3],
                             float *const exit_weight[3]);
-    /* Hidden light at coordinate q, and the pixel in front of it at p; distance < 0: there is none. `close`: on input its weight as if it
+    /* Hidden light at coordinate q, and the pixel in front of it at p; distance < 0: none. `close`: on input its weight as if it
      * were in front; on output the part that moves to the coordinate of that pixel. `enters` keeps the part that stays behind. */
     void (*split_hidden)(const struct conv_transfers *s, int count, const float *p, const float *q, const float *distance,
                          float *const entry_weight[3], float *const close[3]);
@@ -166,7 +166,7 @@ struct conv_kernels {
     /* Adds cells to a row of up to `room` pixels; each cell is `repeat` pixels wide, or `per` cells share a pixel. */
     void (*add_cells)(const float *cells, int count, int repeat, int per, float scale, int room, float *out);
     /* A row of pixels, `step` per pixel of the image, interpolated between two of its rows; spare: width + 48 floats. */
-    void (*expand)(const float *top, const float *bottom, float part, int width, int step, float *spare, float *out);
+    void (*expand)(const float *top, const float *bottom, float t, int width, int step, float *spare, float *out);
     /* count samples at (x, y), (x, y + step) ..; a multiple of 16. */
     void (*sample)(const struct conv_samples *s, float x, float y, float step, int count, float *out);
     void (*mix)(const struct conv_mix *m, int block);

@@ -33,7 +33,7 @@ struct conv_extent {
 
 /* Images at one resolution. */
 struct conv_room {
-    int step;                                           /* pixels of the picture per pixel of an image */
+    int step;                                           /* pixels of the frame per pixel of an image */
     int width, height, across, down, bands, num_images; /* upper bounds */
     size_t image_size, half_size;                       /* per image */
 };
@@ -59,8 +59,8 @@ struct convolution_state {
 
     struct conv_sources sources;
     float *front_memory, *behind_memory;
-    struct conv_extent *rows; /* per row of the picture, for one group */
-    unsigned char *there;     /* groups present in a frame */
+    struct conv_extent *rows; /* per row of the frame, for one group */
+    unsigned char *present;   /* groups present in a frame */
     int *ray_counts;
 
     struct conv_room rooms[CONV_AUTO_SIZE], room; /* by enum conv_resolution, the possible ones; and that of the job */
@@ -84,7 +84,7 @@ struct convolution_state {
         struct conv_extent extent;
         size_t group;
         int level, first_level, last_level;      /* of its strength; -1: uniform */
-        int channel, x0, y0;                     /* position of the images' first pixel, in pixels of the picture */
+        int channel, x0, y0;                     /* position of the images' first pixel, in pixels of the frame */
         ptrdiff_t stride;                        /* of images */
         ptrdiff_t block;                         /* of half spectra */
         int between, behind;                     /* numbers of images between planes, and of transmitted light */
@@ -121,7 +121,7 @@ static inline float *conv_half(const struct convolution_state *st, int image)
 }
 
 /* layout.c: extent of the job's group, its planes and the sizes of its images, the coordinate of each sample among the planes, and the
- * images that the picture needs. */
+ * images that the frame needs. */
 void convolution_find_extent(struct convolution_state *st);
 void convolution_take_room(struct convolution_state *st);
 void convolution_lay_out(struct convolution_state *st);

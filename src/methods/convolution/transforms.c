@@ -96,7 +96,7 @@ static void columns_block(void *arg, int index, int worker)
     if (pell_cancelled(st->ctx))
         return;
     for (int i = 0; i < mix.planes + mix.between + mix.behind; i++) {
-        float *data = st->scratch[worker] + (size_t) (i + 1) * pell_fft_buffer(down), *const in = odd ? spare : data, *there;
+        float *data = st->scratch[worker] + (size_t) (i + 1) * pell_fft_buffer(down), *const in = odd ? spare : data, *result;
         mix.column[i] = NULL;
         if ((!j->lit[i] && !j->seen[i]) || (i >= mix.planes + mix.between && index >= j->behind_blocks))
             continue;
@@ -114,9 +114,9 @@ static void columns_block(void *arg, int index, int worker)
                 memset(in + at, 0, bytes);
         }
         memset(in + (ptrdiff_t) height * E, 0, rest);
-        there = pell_fft_run(&j->down, false, in, odd ? data : spare);
-        if (there != data)
-            memcpy(data, there, size + rest);
+        result = pell_fft_run(&j->down, false, in, odd ? data : spare);
+        if (result != data)
+            memcpy(data, result, size + rest);
         mix.column[i] = data;
     }
     st->kernels->mix(&mix, index);

@@ -18,7 +18,7 @@ const ivec2 step_dir[4] = { ivec2(1, 0), ivec2(-1, 0), ivec2(0, 1), ivec2(0, -1)
 
 uint material_at(ivec2 p)
 {
-    if (!is_inside(p) || pc.x0 + p.x >= pc.picture_width)
+    if (!is_inside(p) || pc.x0 + p.x >= pc.image_width)
         return 0u;
     const uint m = surface[pixel_at(p)].x;
     return m <= uint(pc.materials) ? m : 0u;
@@ -107,7 +107,7 @@ int step_of(ivec2 first)
 void main()
 {
     const ivec2 region = ivec2(gl_GlobalInvocationID.xy);
-    // Regions are counted from the picture's first pixel: those of the grid begin above its first row.
+    // Regions are counted from the frame's first pixel: those of the grid begin above its first row.
     const ivec2 first = region * ivec2(IS_REGION_X, IS_REGION_Y) - ivec2(0, pc.y0 % IS_REGION_Y);
     uint count = 0u;
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// choose.comp - the lowest step of the first class with which a picture takes at most `samples` times its pixels: one workgroup. Mirror of
+// choose.comp - the lowest step of the first class with which a frame takes at most `samples` times its pixels: one workgroup. Mirror of
 // is_adapt_choose.
 //   in/out 0 regions  see adapt.comp; the first element: that step
 layout(local_size_x = 256) in;
@@ -10,7 +10,7 @@ layout(set = 0, binding = 0) buffer Regions { uint regions[]; };
 
 shared uvec2 sums[256];
 
-// Sums over all regions, in units of 2^16 and of 1: a large picture exceeds 2^32.
+// Sums over all regions, in units of 2^16 and of 1: a large frame exceeds 2^32.
 uvec2 samples_from(int from, bool of_all)
 {
     const uint i = gl_LocalInvocationID.x;

@@ -39,7 +39,7 @@ int class_at(int at, int from)
     return at < from ? 0 : min((at - from) / IS_CLASS_STEPS, IS_CLASSES - 1);
 }
 
-// Position of a pixel of the grid relative to the centre of the picture, divided by f.
+// Position of a pixel of the grid relative to the centre of the frame, divided by f.
 vec2 ray_of(ivec2 p)
 {
     return (vec2(p + ivec2(pc.x0, pc.y0)) + 0.5 - vec2(pc.mid_x, pc.mid_y)) / pc.focal_px;

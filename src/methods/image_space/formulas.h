@@ -33,11 +33,11 @@
 #define IS_SLOPE_MAX 20.0f               /* upper bound of 1/cos of a surface seen from the view */
 #define IS_THIN (1.0f / 16.0f)           /* taps of the reconstruction may be up to 4 pixel footprints off both planes together */
 /* Channels for which a quarter of the light stays within `from` .. `to` pixels take part in the reconstruction not at all .. fully. */
-#define IS_PART_FROM 0.4f
-#define IS_PART_TO 1.5f
-#define IS_PART(t) ((t) * (t) * (3.0f - 2.0f * (t))) /* t in [0, 1] */
+#define IS_RECONSTRUCT_FROM 0.4f
+#define IS_RECONSTRUCT_TO 1.5f
+#define IS_RECONSTRUCT(t) ((t) * (t) * (3.0f - 2.0f * (t))) /* t in [0, 1] */
 
-/* With adaptive sampling (adapt.c) a picture is divided into regions of pixels, from its first pixel on. */
+/* With adaptive sampling (adapt.c) a frame is divided into regions of pixels, from its first pixel on. */
 #define IS_REGION_X 16
 #define IS_REGION_Y 8 /* >= the largest tile */
 #define IS_CLASSES 4  /* sample counts: half of `samples`, one, two, and four times */

@@ -38,26 +38,26 @@ struct Sums {
 };
 
 // R of the channels at a squared radius over length^2, interpolated between the levels of each channel if there are levels.
-vec3 weights_at(Place p, int row, float part)
+vec3 weights_at(ShadingPoint p, int row, float fraction)
 {
     if (!p.varies)
-        return (rows[p.rows + row] + part * rows[p.rows + row + 1]).rgb;
+        return (rows[p.rows + row] + fraction * rows[p.rows + row + 1]).rgb;
     vec3 result;
     for (int c = 0; c < 3; c++) {
         const int at = p.channel_rows[c] + row, next = at + 2 * IS_ROWS;
-        const float low = rows[at][c] + part * rows[at + 1][c], high = rows[next][c] + part * rows[next + 1][c];
-        result[c] = low + p.part[c] * (high - low);
+        const float low = rows[at][c] + fraction * rows[at + 1][c], high = rows[next][c] + fraction * rows[next + 1][c];
+        result[c] = low + p.level_fraction[c] * (high - low);
     }
     return result;
 }
 
 // Adds a sample that hit the surface; `inv_density`: 1/density, or the reciprocal of the sum of densities over views. Returns its validity.
-bool add(Place p, Found f, float inv_density, inout Sums s)
+bool add(ShadingPoint p, Found f, float inv_density, inout Sums s)
 {
     const float square = dot(f.to, f.to) * p.per_length2;
-    float part;
-    const int row = find_row(square, part);
-    const vec3 weight = weights_at(p, row, part) * inv_density;
+    float fraction;
+    const int row = find_row(square, fraction);
+    const vec3 weight = weights_at(p, row, fraction) * inv_density;
 
     if (!(square < IS_SQUARE_MAX && inv_density >= 0.0 && all(lessThanEqual(weight, vec3(IS_WEIGHT_MAX)))))
         return false;
@@ -71,7 +71,7 @@ float jacobian_factor(float jacobian)
     return pc.jacobian == 0 ? 1.0 : pc.jacobian < 0 ? 1.0 / jacobian : jacobian;
 }
 
-void take_samples(Place p, int from, int to, inout Sums s)
+void take_samples(ShadingPoint p, int from, int to, inout Sums s)
 {
     for (int k = from; k < to; k++) {
         const vec4 offset = offsets[p.offset + k * pc.tile];
@@ -117,7 +117,7 @@ void main()
         return;
     }
     const bool parallel = pc.orthographic != 0;
-    const Place shading_point = start(p, own, its.a);
+    const ShadingPoint shading_point = start(p, own, its.a);
     Sums s = Sums(vec3(0.0), vec3(0.0), 0.0);
 
     take_samples(shading_point, 0, pc.by_count != 0 ? pc.first_kind : shading_point.samples, s);
@@ -130,16 +130,16 @@ void main()
             s.count += rest.count;
         }
     }
-    vec3 result, part;
+    vec3 result, blend;
     for (int c = 0; c < 3; c++) {
         const float px = shading_point.quarter[c] * shading_point.strength * (parallel ? pc.focal_px : pc.focal_px / shading_point.z);
-        const float t = clamp((px - IS_PART_FROM) / (IS_PART_TO - IS_PART_FROM), 0.0, 1.0);
+        const float t = clamp((px - IS_RECONSTRUCT_FROM) / (IS_RECONSTRUCT_TO - IS_RECONSTRUCT_FROM), 0.0, 1.0);
         const bool kept = shading_point.strength > IS_STRENGTH_MIN && (pc.by_weight != 0  ? s.weight[c] > 1e-20
                                                           : pc.by_count != 0 ? s.count > 0.0
                                                                              : true);
         result[c] = (!kept ? its[c] : pc.by_weight != 0 ? s.light[c] / s.weight[c] : s.light[c]) * (shading_point.scale[c] * pc.factor);
-        part[c] = kept ? IS_PART(t) : 0.0;
+        blend[c] = kept ? IS_RECONSTRUCT(t) : 0.0;
     }
     light[i] = vec4(result, 0.0);
-    alpha[i] = vec4(part, pc.focal_px * shading_point.per_h / (parallel ? 1.0 : sqrt(dot(shading_point.t, shading_point.t) + 1.0)));
+    alpha[i] = vec4(blend, pc.focal_px * shading_point.per_h / (parallel ? 1.0 : sqrt(dot(shading_point.t, shading_point.t) + 1.0)));
 }

@@ -64,8 +64,8 @@ double is_reach(const struct pell_frame_material *m);
  * levels. */
 PELL_NODISCARD enum pell_result is_set_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct is_knobs *knobs,
                                             double most, struct is_set *set);
-/* Copies the patterns for picture `number` into the offsets of an owned set; 0: the original ones. */
-void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set);
+/* Copies the patterns for image `image_index` into the offsets of an owned set; 0: the original ones. */
+void is_set_turn(const struct is_knobs *knobs, uint64_t image_index, const struct is_set *set);
 /* Albedo of a level. */
 double is_level_albedo(int level);
 /* Radius and angle (turns) of sample k of the pixel at (x, y) of the tile, before the table stores them in single precision. */
@@ -75,7 +75,7 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
 /* --- adapt.c: number of samples per region ---------------------------------------------------------------------------------------- */
 
 struct is_adapt {
-    int width, height; /* number of regions of the picture */
+    int width, height; /* number of regions of the frame */
     uint8_t *count;    /* owned, as is `step`; translucent pixels per region */
     uint16_t *step;    /* log step of the variance of the surrounding light */
     uint8_t *classes;
@@ -112,8 +112,8 @@ struct is_setup {
     struct pell_thickness_table *thickness; /* by material, or NULL */
     struct is_light_view light_views[IS_VIEWS_MAX];
     struct is_view views[IS_VIEWS_MAX];
-    uint64_t number;     /* number of the picture that the sets' patterns are for: is_set_turn */
-    struct is_work work; /* planes and image are the engine's; everything else is set here */
+    uint64_t image_index; /* index of the image that the patterns of the sets are for: is_set_turn */
+    struct is_work work;  /* planes and image are the engine's; everything else is set here */
 };
 
 /* `st` is zeroed. Call is_setup_finish even after a failure. */
@@ -122,7 +122,7 @@ PELL_NODISCARD enum pell_result is_setup_make(const struct pell_services *servic
 void is_setup_finish(struct is_setup *st);
 /* Sets what depends on the frame; shows images of it to observers of the renderer. */
 PELL_NODISCARD enum pell_result is_setup_frame(struct is_setup *st, const struct pell_frame *in);
-/* Solids + 1 of the translucent pixels of row y of the picture, by column; only with st->solids. Thread-safe. */
+/* Solids + 1 of the translucent pixels of row y of the frame, by column; only with st->solids. Thread-safe. */
 void is_find_solids(const struct is_setup *st, const struct pell_frame *in, int y, int32_t *to);
 
 static inline const struct pell_thickness_table *is_setup_thickness(const struct is_setup *st, size_t material)
@@ -135,6 +135,6 @@ extern const struct pell_method_engine pell_is_cpu, pell_is_vulkan;
 /* show.c: intermediate images for observers of the renderer (pell_services_observed). */
 PELL_NODISCARD enum pell_result is_show_samples(const struct pell_services *services, const struct is_knobs *knobs,
                                                 const struct is_set *sets, size_t count);
-PELL_NODISCARD enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int number);
+PELL_NODISCARD enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int index);
 
 #endif

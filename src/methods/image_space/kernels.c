@@ -15,14 +15,14 @@ struct sums {
 };
 
 /* R of channel c, interpolated between the two levels of each pixel. */
-INLINE vf lerp_levels(const struct is_set *set, const struct shading_point *p, int c, vi at, vf part)
+INLINE vf lerp_levels(const struct is_set *set, const struct shading_point *p, int c, vi at, vf fraction)
 {
     enum { NEXT = IS_ROWS * 8 };
     const vi here = at + p->rows[c];
-    const vf low = gather(&set->rows[0][c], here) + part * gather(&set->rows[0][4 + c], here);
-    const vf high = gather(&set->rows[0][c] + NEXT, here) + part * gather(&set->rows[0][4 + c] + NEXT, here);
+    const vf low = gather(&set->rows[0][c], here) + fraction * gather(&set->rows[0][4 + c], here);
+    const vf high = gather(&set->rows[0][c] + NEXT, here) + fraction * gather(&set->rows[0][4 + c] + NEXT, here);
 
-    return low + p->part[c] * (high - low);
+    return low + p->level_fraction[c] * (high - low);
 }
 
 /* Adds a sample that hit the surface; `inv_density`: 1/density, or the reciprocal of the sum of densities over views. */
@@ -31,17 +31,17 @@ INLINE void add(const struct is_set *set, const struct shading_point *p, const s
 {
     const vf square = (f->to[0] * f->to[0] + f->to[1] * f->to[1] + f->to[2] * f->to[2]) * p->per_length2;
     vi good = f->valid & in_table(square);
-    vf part, weight[3], row[8];
-    vi at = find_row(square, &part);
+    vf fraction, weight[3], row[8];
+    vi at = find_row(square, &fraction);
 
     if (varies) {
         for (int c = 0; c < 3; c++)
-            weight[c] = lerp_levels(set, p, c, at, part) * inv_density;
+            weight[c] = lerp_levels(set, p, c, at, fraction) * inv_density;
     } else {
         IN_MEMORY(at);
         gather8(&set->rows[0][0], &at, row);
         for (int c = 0; c < 3; c++)
-            weight[c] = (row[c] + part * row[4 + c]) * inv_density;
+            weight[c] = (row[c] + fraction * row[4 + c]) * inv_density;
     }
     good &= (inv_density >= 0.0f) & (weight[0] <= IS_WEIGHT_MAX) & (weight[1] <= IS_WEIGHT_MAX) & (weight[2] <= IS_WEIGHT_MAX);
     for (int c = 0; c < 3; c++) {
@@ -156,7 +156,7 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
         const vf albedo = greater(lesser(base, all(IS_ALBEDO_MAX)), all(IS_ALBEDO_MIN)); /* NaN becomes the largest */
         const vf shading_point = IS_LEVEL_COORD(root(1.0f - albedo), least, most);
         vi low = __builtin_convertvector(greater(lesser(shading_point, all(IS_LEVELS - 1.5f)), all(0.0f)), vi);
-        p->part[c] = shading_point - __builtin_convertvector(low, vf);
+        p->level_fraction[c] = shading_point - __builtin_convertvector(low, vf);
         p->rows[c] = (low + 1) * (IS_ROWS * 8);
         mean += shading_point * (1.0f / 3.0f);
     }
@@ -173,8 +173,8 @@ INLINE void choose_levels(const struct is_work *w, const struct is_set *set, str
         p->quarter[c] = row[IS_QUARTER_AT + c];
 }
 
-INLINE void sample_some(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const float *offset,
-                        bool parallel, const struct views *views, struct sums *s)
+INLINE void sample_range(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const float *offset,
+                         bool parallel, const struct views *views, struct sums *s)
 {
     const bool varies = set->level && w->in->base[0];
 
@@ -208,13 +208,13 @@ INLINE void sample(const struct is_work *w, struct shading_point *p, const struc
         choose_levels(w, set, p);
         offset = set->offset;
     }
-    sample_some(w, p, set, offset, parallel, views, s);
+    sample_range(w, p, set, offset, parallel, views, s);
     if (w->renormalise != IS_BY_COUNT)
         return;
     make_up(s);
     if (w->first_kind < p->count->samples) {
         struct sums rest = { .from = w->first_kind, .to = p->count->samples };
-        sample_some(w, p, set, offset, parallel, views, &rest);
+        sample_range(w, p, set, offset, parallel, views, &rest);
         make_up(&rest);
         for (int c = 0; c < 3; c++)
             s->light[c] += rest.light[c];
@@ -256,16 +256,16 @@ INLINE void start(const struct is_work *w, int x, int y, bool parallel, struct s
     p->uniform = p->broad2 = p->reach2 = all(0.0f);
     for (int c = 0; c < 3; c++) {
         p->rows[c] = (vi) { 0 };
-        p->part[c] = all(0.0f);
+        p->level_fraction[c] = all(0.0f);
     }
 }
 
 /* Weight of each channel in the reconstruction: 0 if a quarter of its light stays within half a pixel. */
-INLINE vf takes_part(const struct shading_point *p, int c, bool parallel, float f)
+INLINE vf reconstruction_weight(const struct shading_point *p, int c, bool parallel, float f)
 {
     const vf px = p->quarter[c] * p->strength * (parallel ? all(f) : f / p->z);
-    const vf t = greater(lesser((px - IS_PART_FROM) / (IS_PART_TO - IS_PART_FROM), all(1.0f)), all(0.0f));
-    return IS_PART(t);
+    const vf t = greater(lesser((px - IS_RECONSTRUCT_FROM) / (IS_RECONSTRUCT_TO - IS_RECONSTRUCT_FROM), all(1.0f)), all(0.0f));
+    return IS_RECONSTRUCT(t);
 }
 
 INLINE void finish(const struct is_work *w, const struct shading_point *p, const struct is_set *set, const struct sums *s, int lane,
@@ -286,7 +286,8 @@ INLINE void finish(const struct is_work *w, const struct shading_point *p, const
         }
         light = select(kept, light, here) * (set->scale[c] * w->factor);
         store(result[c] + lane, select(p->active, light, load(result[c] + lane)));
-        store(alpha[c] + lane, select(p->active, (vf) ((vi) takes_part(p, c, parallel, w->focal_px) & kept), load(alpha[c] + lane)));
+        store(alpha[c] + lane,
+              select(p->active, (vf) ((vi) reconstruction_weight(p, c, parallel, w->focal_px) & kept), load(alpha[c] + lane)));
     }
 }
 

@@ -72,8 +72,8 @@ struct is_work {
     const struct is_set *sets;          /* by material */
     struct is_count counts[IS_CLASSES]; /* without adaptive sampling only IS_CLASS_OF_ALL is used */
     int samples_row;                    /* samples of all classes */
-    const uint8_t *classes;             /* of regions, from the picture's first one on; NULL: all IS_CLASS_OF_ALL */
-    int regions_row;                    /* regions per row of the picture */
+    const uint8_t *classes;             /* of regions, from the frame's first one on; NULL: all IS_CLASS_OF_ALL */
+    int regions_row;                    /* regions per row of the frame */
     int first_kind;                     /* samples of the first distribution; all if there is only one */
     int tile;                           /* 1, 2, 4, 8 */
     const struct is_view *views;
@@ -83,7 +83,7 @@ struct is_work {
     int renormalise; /* enum is_renormalise, never IS_BY_VIEWS */
     float factor;    /* scale of all results */
     float focal_px;
-    float mid_x, mid_y; /* half the picture, px */
+    float mid_x, mid_y; /* half the frame, px */
 };
 
 struct is_kernels {

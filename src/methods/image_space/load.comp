@@ -17,7 +17,7 @@ layout(set = 0, binding = 3) writeonly buffer Texels { vec4 texels[]; };
 // Key (0: none) and w.
 vec2 seen_at(ivec2 p)
 {
-    if (!is_inside(p) || pc.x0 + p.x >= pc.picture_width)
+    if (!is_inside(p) || pc.x0 + p.x >= pc.image_width)
         return vec2(0.0, 1.0);
     const int i = pixel_at(p);
     const uint m = surface[i].x <= uint(pc.materials) ? surface[i].x : 0u;

@@ -7,7 +7,7 @@
 // Per level 2: p_u, broad^2, R'^2, mm with a quarter of red; of green, of blue, 0, 0. views, 4 each: the rows of the rotation from the
 // camera's frame, each with the shift; focal length, centre (px), 1: parallel, 0.
 
-struct Place {
+struct ShadingPoint {
     float key, z, per_h;
     vec2 t;           // of the ray
     vec3 at, n, s, q; // x_o; unit: normal, tangents
@@ -21,7 +21,7 @@ struct Place {
     // With levels of its own:
     bool varies;
     ivec3 channel_rows;
-    vec3 part; // fraction toward the next level
+    vec3 level_fraction; // fraction toward the next level
 };
 
 // A sample's hit on the surface.
@@ -50,12 +50,12 @@ int nearest(float x)
 }
 
 // The row of a squared radius, in units of length^2, and the fraction toward the next.
-int find_row(float square, out float part)
+int find_row(float square, out float fraction)
 {
     const float low = square < IS_SQUARE_LAST ? square : IS_SQUARE_LAST;
     const int bits = floatBitsToInt(low > IS_SQUARE_MIN ? low : IS_SQUARE_MIN);
 
-    part = float(bits & ((1 << IS_SHIFT) - 1)) * (1.0 / float(1 << IS_SHIFT));
+    fraction = float(bits & ((1 << IS_SHIFT) - 1)) * (1.0 / float(1 << IS_SHIFT));
     return ((bits >> IS_SHIFT) - IS_FIRST_ROW) * 2;
 }
 
@@ -70,7 +70,7 @@ void tangents(vec3 n, out vec3 s, out vec3 q)
 
 // --- The pixel ---------------------------------------------------------------------------------------------------------------------
 
-void choose_levels(int first, int pixel, ivec2 tile, inout Place p)
+void choose_levels(int first, int pixel, ivec2 tile, inout ShadingPoint p)
 {
     const float least = sqrt(1.0 - IS_ALBEDO_MIN), most = sqrt(1.0 - IS_ALBEDO_MAX);
     const int first_rows = p.rows;
@@ -81,7 +81,7 @@ void choose_levels(int first, int pixel, ivec2 tile, inout Place p)
         const float albedo = low_albedo > IS_ALBEDO_MIN ? low_albedo : IS_ALBEDO_MIN;
         const float shading_point = IS_LEVEL_COORD(sqrt(1.0 - albedo), least, most);
         const int low = int(clamp(shading_point, 0.0, float(IS_LEVELS) - 1.5));
-        p.part[c] = shading_point - float(low);
+        p.level_fraction[c] = shading_point - float(low);
         p.channel_rows[c] = first_rows + (low + 1) * 2 * IS_ROWS;
         mean += shading_point * (1.0 / 3.0);
     }
@@ -97,7 +97,7 @@ void choose_levels(int first, int pixel, ivec2 tile, inout Place p)
 }
 
 // The samples of its class, and the index of the first.
-void choose_samples(ivec2 pixel, int row, inout Place p)
+void choose_samples(ivec2 pixel, int row, inout ShadingPoint p)
 {
     int of = IS_CLASS_OF_ALL, importance;
 
@@ -115,7 +115,7 @@ void choose_samples(ivec2 pixel, int row, inout Place p)
 }
 
 // `own`, `h`: of its texel.
-Place start(ivec2 pixel, vec4 own, float h)
+ShadingPoint start(ivec2 pixel, vec4 own, float h)
 {
     const int i = pixel_at(pixel), set = 4 * (int(surface[i].x) - 1);
     const uvec4 scale = sets[set + 1], quarter = sets[set + 2];
@@ -123,8 +123,8 @@ Place start(ivec2 pixel, vec4 own, float h)
     const bool parallel = pc.orthographic != 0;
     const vec2 ray = ray_of(pixel);
     const ivec2 tile = (pixel + ivec2(pc.x0, pc.y0)) % pc.tile;
-    const float given = pc.strength != 0 ? uintBitsToFloat(surface[i].y) : 1.0;
-    Place p;
+    const float strength = pc.strength != 0 ? uintBitsToFloat(surface[i].y) : 1.0;
+    ShadingPoint p;
 
     p.key = own.w;
     p.pixel = pixel;
@@ -136,7 +136,7 @@ Place start(ivec2 pixel, vec4 own, float h)
     p.per_h = 1.0 / sqrt(p.n.x * p.n.x + p.n.y * p.n.y + p.n.z * p.n.z);
     p.n *= p.per_h;
     tangents(p.n, p.s, p.q);
-    p.strength = given < 1.0 ? given : 1.0; // NaN becomes 1
+    p.strength = strength < 1.0 ? strength : 1.0; // NaN becomes 1
     p.strength = p.strength > 0.0 ? p.strength : 0.0;
     p.per_length2 = numbers.x / max(p.strength * p.strength, 1e-7);
     p.reach2 = numbers.y;
@@ -149,7 +149,7 @@ Place start(ivec2 pixel, vec4 own, float h)
     choose_samples(pixel, tile.y, p);
     p.varies = false;
     p.channel_rows = ivec3(0);
-    p.part = vec3(0.0);
+    p.level_fraction = vec3(0.0);
     if (pc.colours != 0 && int(sets[set + 3].x) >= 0)
         choose_levels(int(sets[set + 3].x), i, tile, p);
     return p;
@@ -159,7 +159,7 @@ Place start(ivec2 pixel, vec4 own, float h)
 
 // The visible point on the camera ray through point (x, y), mm, of the tangent plane; everything is relative to the pixel, because radii
 // may be far below the precision of a depth.
-Found find_in_camera(Place p, vec2 sampled)
+Found find_in_camera(ShadingPoint p, vec2 sampled)
 {
     const bool parallel = pc.orthographic != 0;
     const vec3 o = sampled.x * p.s + sampled.y * p.q;
@@ -244,7 +244,7 @@ float jacobian_of(View m, float texel_h, float ratio, float dist)
 
 // Tangent plane for the camera, as in the paper; perpendicular to the view for lights, so that the rays of a light reach every point of the
 // surface.
-SamplesPlane plane_of(int v, View m, Place p)
+SamplesPlane plane_of(int v, View m, ShadingPoint p)
 {
     SamplesPlane plane;
 
@@ -262,7 +262,7 @@ SamplesPlane plane_of(int v, View m, Place p)
 }
 
 // As find_in_camera, in the view of a light.
-Found find_in_light(int v, Place p, vec2 sampled)
+Found find_in_light(int v, ShadingPoint p, vec2 sampled)
 {
     const View m = view_of(v);
     const SamplesPlane plane = plane_of(v, m, p);
@@ -282,14 +282,14 @@ Found find_in_light(int v, Place p, vec2 sampled)
 }
 
 // Density of a view's samples at point p of the surface (x_o + to), in units of 1/length^2; 0 if it is not visible.
-float density_from(int v, Place p, vec3 to)
+float density_from(int v, ShadingPoint p, vec3 to)
 {
     const View m = view_of(v);
     const SamplesPlane plane = plane_of(v, m, p);
     vec3 point = into_view(v, to, 0.0) + plane.at;
     vec2 off;
     vec4 own, its;
-    float ratio = 1.0, part;
+    float ratio = 1.0, fraction;
 
     load_texel(v, m, point, off, own, its);
     if (own.w != p.key)
@@ -313,8 +313,8 @@ float density_from(int v, Place p, vec3 to)
     if (!(square < IS_SQUARE_MAX))
         return 0.0;
     const float jacobian = pc.jacobian != 0 ? jacobian_of(m, its.w, ratio, plane.dist) : 1.0;
-    const int at = p.rows + find_row(square, part);
-    float density = p.importance * (rows[at].w + part * rows[at + 1].w);
+    const int at = p.rows + find_row(square, fraction);
+    float density = p.importance * (rows[at].w + fraction * rows[at + 1].w);
     if (p.broad2 > 0.0) {
         const float fall = 1.0 + square / p.broad2;
         density += p.others * p.uniform_density / (fall * fall);

@@ -21,7 +21,7 @@ struct shading_point {
     vf quarter[3];
     /* With levels per pixel: offsets, rows, rows of each channel and the fraction toward the next level; densities. */
     vi offset, density, rows[3];
-    vf part[3], uniform, broad2, reach2;
+    vf level_fraction[3], uniform, broad2, reach2;
 };
 
 /* A sample's hit on the surface. */
@@ -57,11 +57,11 @@ struct views {
 };
 
 /* The row of a squared radius, in units of length^2, and the fraction toward the next. */
-INLINE vi find_row(vf square, vf *part)
+INLINE vi find_row(vf square, vf *fraction)
 {
     const vi bits = (vi) greater(lesser(square, all(IS_SQUARE_LAST)), all(IS_SQUARE_MIN));
 
-    *part = __builtin_convertvector(bits & ((1 << IS_SHIFT) - 1), vf) * (1.0f / (1 << IS_SHIFT));
+    *fraction = __builtin_convertvector(bits & ((1 << IS_SHIFT) - 1), vf) * (1.0f / (1 << IS_SHIFT));
     return ((bits >> IS_SHIFT) - IS_FIRST_ROW) * 8;
 }
 
@@ -233,7 +233,7 @@ INLINE vf density_from(const struct is_work *w, const struct image *m, const str
                        const struct is_set *set, bool varies, const vf to[3])
 {
     const vf *const n = s->n, *const from = s->at, distance = s->distance;
-    vf location[3], du, dv, plane, z, towards, ratio, square, part, density, jacobian, off, texel[8];
+    vf location[3], du, dv, plane, z, towards, ratio, square, fraction, density, jacobian, off, texel[8];
     vi at, seen;
 
     into_view(m->view, to, 0.0f, location);
@@ -265,10 +265,10 @@ INLINE vf density_from(const struct is_work *w, const struct image *m, const str
     square *= p->per_length2;
     seen &= in_table(square);
     jacobian = w->jacobian ? jacobian_of(m, texel, ratio, distance) : all(1.0f);
-    at = find_row(square, &part);
+    at = find_row(square, &fraction);
     if (varies)
         at += p->density;
-    density = (float) p->count->importance * (gather(&set->rows[0][3], at) + part * gather(&set->rows[0][7], at));
+    density = (float) p->count->importance * (gather(&set->rows[0][3], at) + fraction * gather(&set->rows[0][7], at));
     if (set->broad2 > 0.0f) {
         const vf fall = 1.0f + square / (varies ? p->broad2 : all(set->broad2));
         density += p->count->uniform * (varies ? p->uniform : all(set->uniform)) / (fall * fall);

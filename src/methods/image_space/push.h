@@ -10,8 +10,8 @@
 /* The grid is described in methods/gpu_planes.h. */
 struct is_push {
     int32_t width, height; /* of the grid, px */
-    int32_t x0, y0;        /* position of its first pixel in the picture */
-    int32_t picture_width; /* px */
+    int32_t x0, y0;        /* position of its first pixel in the image */
+    int32_t image_width;   /* px */
     int32_t materials;
     int32_t orthographic;
     int32_t solids;              /* keys of pixels are solids + 1 instead of materials */
@@ -30,7 +30,7 @@ struct is_push {
     int32_t by_weight, by_count; /* renormalisation; neither: none */
     float factor;                /* scale of all results */
     float focal_px;
-    float mid_x, mid_y; /* half the size of the picture, px, in its coordinates */
+    float mid_x, mid_y; /* half the size of the frame, px, in its coordinates */
 };
 
 #endif

@@ -28,7 +28,7 @@ void main()
         return;
     }
     const vec3 here = light[i].rgb;
-    const vec4 part = alpha[i];
+    const vec4 center = alpha[i];
     const float over = 1.0 / float(pc.tile * pc.tile);
     vec3 moved = vec3(0.0);
 
@@ -42,10 +42,10 @@ void main()
             const vec2 d = vec2(dx, dy);
             const float to = own.x + own.y * d.x + own.z * d.y - other.x;
             const float back = other.x - other.y * d.x - other.z * d.y - own.x;
-            const float off = abs(to) * part.w + abs(back) * its.w;
+            const float off = abs(to) * center.w + abs(back) * its.w;
             const float box = (abs(dx) == reach ? 0.5 : 1.0) * (abs(dy) == reach ? 0.5 : 1.0);
             const float weight = max(1.0 - off * off * IS_THIN, 0.0) * (box * over);
             moved += weight * its.rgb * (light[k].rgb - here);
         }
-    result[i] = vec4(here + part.rgb * moved, 0.0);
+    result[i] = vec4(here + center.rgb * moved, 0.0);
 }

@@ -187,7 +187,7 @@ void is_set_sample(const struct pell_frame_material *m, const struct is_knobs *k
 }
 
 /* Position in a tile of a rank. */
-static void place_of(int rank, int n, int *x, int *y)
+static void pattern_offset(int rank, int n, int *x, int *y)
 {
     for (*y = 0; *y < n; ++*y)
         for (*x = 0; *x < n; ++*x)
@@ -195,19 +195,19 @@ static void place_of(int rank, int n, int *x, int *y)
                 return;
 }
 
-/* Pictures are numbered. From one to the next the tile shifts, so that after n^2 of them each pixel has had every pattern: the mean equals
+/* Frames are numbered. From one to the next the tile shifts, so that after n^2 of them each pixel has had every pattern: the mean equals
  * that of n^2 times as many stratified samples. After that all patterns are rotated by an angle that is badly approximable by fractions. */
-void is_set_turn(const struct is_knobs *knobs, uint64_t number, const struct is_set *set)
+void is_set_turn(const struct is_knobs *knobs, uint64_t image_index, const struct is_set *set)
 {
     const int n = is_tile_side(knobs);
-    const uint64_t patterns = (uint64_t) (n * n), round = number / patterns % (1 << 24);
+    const uint64_t patterns = (uint64_t) (n * n), round = image_index / patterns % (1 << 24);
     const double turn = 2.0 * PELL_PI * fmod((double) round * PELL_GOLDEN_TURN, 1.0);
     const float c = (float) cos(turn), s = (float) sin(turn);
     const float *from = set->made;
     float *to = set->offset;
     int dx = 0, dy = 0;
 
-    place_of((int) (number % patterns), n, &dx, &dy);
+    pattern_offset((int) (image_index % patterns), n, &dx, &dy);
     for (int profile = 0; profile < (set->level ? 1 + IS_LEVELS : 1); profile++)
         for (int class = 0; class < IS_CLASSES; class ++) {
             const int samples = is_class_samples(knobs, class);
@@ -269,12 +269,12 @@ static double density_at(const float (*rows)[8], double square)
 {
     const double at = fmax(square, square_of(0));
     const int octave = (int) floor(log2(at));
-    const double part = (at / exp2(octave) - 1.0) * IS_ROWS_OCTAVE + (double) (octave + IS_OCTAVES) * IS_ROWS_OCTAVE;
-    const int row = (int) part;
+    const double coord = (at / exp2(octave) - 1.0) * IS_ROWS_OCTAVE + (double) (octave + IS_OCTAVES) * IS_ROWS_OCTAVE;
+    const int row = (int) coord;
 
     if (row >= IS_ROWS)
         return 0.0;
-    return (double) rows[row][3] + (part - row) * (double) rows[row][7];
+    return (double) rows[row][3] + (coord - row) * (double) rows[row][7];
 }
 
 /* p_u. */

@@ -234,14 +234,14 @@ enum pell_result is_setup_frame(struct is_setup *st, const struct pell_frame *in
 {
     struct is_work *w = &st->work;
     const bool observed = pell_services_observed(st->services, in);
-    const uint64_t number = (uint64_t) in->seed * (uint64_t) (in->num_samples > 1 ? in->num_samples : 1) + (uint64_t) in->sample;
+    const uint64_t image_index = (uint64_t) in->seed * (uint64_t) (in->num_samples > 1 ? in->num_samples : 1) + (uint64_t) in->sample;
     enum pell_result res = PELL_OK;
 
-    if (st->knobs.progressive && number != st->number) {
+    if (st->knobs.progressive && image_index != st->image_index) {
         for (size_t i = 0; i < st->num_sets; i++)
             if (st->sets[i].owned)
-                is_set_turn(&st->knobs, number, &st->sets[i]);
-        st->number = number;
+                is_set_turn(&st->knobs, image_index, &st->sets[i]);
+        st->image_index = image_index;
     }
     w->mid_x = 0.5f * (float) in->shape.width;
     w->mid_y = 0.5f * (float) in->shape.height;

@@ -42,7 +42,7 @@ enum pell_result is_show_samples(const struct pell_services *services, const str
     return res;
 }
 
-enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int number)
+enum pell_result is_show_view(const struct pell_services *services, const struct is_light_view *view, int index)
 {
     const size_t size = (size_t) view->view.width * (size_t) view->view.height;
     float *copy = pell_alloc_array(services->ctx, size, 3 * sizeof(*copy));
@@ -63,7 +63,7 @@ enum pell_result is_show_view(const struct pell_services *services, const struct
     for (size_t c = 0; c < 3; c++)
         for (size_t i = 0; i < size; i++)
             copy[c * size + i] = view->texels[i * IS_TEXEL + IS_KEY] > 0.0f ? view->texels[i * IS_TEXEL + IS_RED + c] : 0.0f;
-    snprintf(name, sizeof(name), "image-space.view-%d.irradiance", number);
+    snprintf(name, sizeof(name), "image-space.view-%d.irradiance", index);
     res = pell_show(services, &image);
     pell_free(services->ctx, copy);
     return res;

@@ -38,18 +38,18 @@ INLINE vf gather(const float *p, vi at)
 INLINE void gather8(const float *p, const vi *at, vf out[8])
 {
     const int32_t *const index = (const int32_t *) at;
-    vf rows[8], turned[8];
+    vf rows[8], transposed[8];
 
-    for (int k = 0; k < 8; k++) { /* rows 0..3 beside 4..7, 8..11 beside 12..15 */
+    for (int k = 0; k < 8; k++) { /* rows 0..3 with 4..7, 8..11 with 12..15 */
         const int32_t *i = index + (k & 3) + (k & 4) * 2;
         rows[k] = (vf) _mm512_insertf64x4(_mm512_castps_pd(_mm512_castps256_ps512(_mm256_loadu_ps(p + i[0]))),
                                           _mm256_castps_pd(_mm256_loadu_ps(p + i[4])), 1);
     }
-    turn4(rows, turned);
-    turn4(rows + 4, turned + 4);
+    turn4(rows, transposed);
+    turn4(rows + 4, transposed + 4);
     for (int k = 0; k < 4; k++) {
-        out[k] = (vf) _mm512_shuffle_f32x4((__m512) turned[k], (__m512) turned[4 + k], 0x88);
-        out[4 + k] = (vf) _mm512_shuffle_f32x4((__m512) turned[k], (__m512) turned[4 + k], 0xdd);
+        out[k] = (vf) _mm512_shuffle_f32x4((__m512) transposed[k], (__m512) transposed[4 + k], 0x88);
+        out[4 + k] = (vf) _mm512_shuffle_f32x4((__m512) transposed[k], (__m512) transposed[4 + k], 0xdd);
     }
 }
 #elif defined(__AVX__)

@@ -44,7 +44,7 @@ static void view_row(void *arg, int y, int worker)
 {
     const struct view_task *t = arg;
     const struct pell_view *v = &t->to->view;
-    _Alignas(64) int open[16];
+    _Alignas(64) int valid[16];
 
     (void) worker;
     for (int x = 0; x < v->width; x += 16) {
@@ -54,9 +54,9 @@ static void view_row(void *arg, int y, int worker)
         float *out = t->to->texels + IS_TEXEL * ((size_t) y * (size_t) v->width + (size_t) x), spacing = 0.0f;
         int count = 0;
 
-        pell_view_look16(v, t->services->rays, x, v->width, y, PELL_RAY_TRANSLUCENT, open, &hit);
+        pell_view_closest16(v, t->services->rays, x, v->width, y, PELL_RAY_TRANSLUCENT, valid, &hit);
         for (int i = 0; i < 16; i++) {
-            const bool is = open[i] && hit.hit.mesh[i] < t->solids->num_meshes;
+            const bool is = valid[i] && hit.hit.mesh[i] < t->solids->num_meshes;
             points.mesh[i] = is ? hit.hit.mesh[i] : PELL_NO_HIT;
             points.triangle[i] = hit.hit.triangle[i];
             points.u[i] = hit.hit.u[i];
@@ -123,19 +123,19 @@ static bool find_box(const struct pell_scene *scene, const struct pell_solids *s
     return some;
 }
 
-/* Parallel views of the box along axis number / 2, in both directions. */
-static bool aim_along(struct pell_vec3 low, struct pell_vec3 high, int number, int size, struct pell_view *v)
+/* Parallel views of the box along axis index / 2, in both directions. */
+static bool aim_along(struct pell_vec3 low, struct pell_vec3 high, int index, int size, struct pell_view *v)
 {
     static const float axes[3][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 } };
     const struct pell_vec3 middle = vec3_mul(vec3_add(low, high), 0.5f), extent = vec3_sub(high, low);
-    const struct pell_vec3 right = vec3_load(axes[(number / 2 + 1) % 3]), up = vec3_load(axes[(number / 2 + 2) % 3]);
+    const struct pell_vec3 right = vec3_load(axes[(index / 2 + 1) % 3]), up = vec3_load(axes[(index / 2 + 2) % 3]);
     const float side = fmaxf(vec3_dot(extent, right), vec3_dot(extent, up)) * 1.001f, deep = vec3_length(extent);
 
     *v = (struct pell_view) { .width = size, .height = size, .orthographic = true, .up = up };
     if (!(side > 0.0f && deep < 1e15f))
         return false;
-    v->forward = vec3_mul(vec3_load(axes[number / 2]), number & 1 ? -1.0f : 1.0f);
-    v->right = vec3_mul(right, number & 1 ? 1.0f : -1.0f); /* right x up = -forward */
+    v->forward = vec3_mul(vec3_load(axes[index / 2]), index & 1 ? -1.0f : 1.0f);
+    v->right = vec3_mul(right, index & 1 ? 1.0f : -1.0f); /* right x up = -forward */
     v->origin = vec3_mad(middle, -deep, v->forward);
     v->focal_px = (float) size / side;
     return v->focal_px > 0.0f && isfinite(v->focal_px);

@@ -41,7 +41,7 @@ enum buffer {
 
 static const struct {
     const char *name;
-    enum pell_gpu_place offsets_of_set;
+    enum pell_gpu_memory offsets_of_set;
     int of_pixel; /* bytes per pixel; 0: its size depends on other things */
 } buffer_rows[BUFFERS] = {
     [SETS_UP] = { "image-space sets, upload", PELL_GPU_TO_DEVICE, 0 },
@@ -90,11 +90,11 @@ struct is_gpu {
     struct pell_gpu_pass *passes[PASSES];
     struct pell_gpu_commands *commands;
     struct is_push push;
-    int picture_height;     /* px */
-    int32_t *row_solids;    /* rows of solids for all rows of the grid */
-    bool sent;              /* frame-independent data is on the device */
-    uint64_t sent_number;   /* number of the picture whose patterns are on the device, */
-    uint64_t packed_number; /* and of the picture whose patterns are packed */
+    int image_height;      /* px */
+    int32_t *row_solids;   /* rows of solids for all rows of the grid */
+    bool sent;             /* frame-independent data is on the device */
+    uint64_t sent_image;   /* index of the image whose patterns are on the device, */
+    uint64_t packed_image; /* and of the image whose patterns are packed */
 };
 
 /* --- Create and destroy -------------------------------------------------------------------------------------------------------- */
@@ -320,9 +320,9 @@ static void set_push(struct is_gpu *st, const struct pell_frame_shape *shape)
 {
     const struct is_work *w = &st->setup.work;
 
-    st->picture_height = shape->height;
+    st->image_height = shape->height;
     st->push = (struct is_push) {
-        .picture_width = shape->width,
+        .image_width = shape->width,
         .materials = (int32_t) shape->num_materials,
         .orthographic = shape->orthographic,
         .solids = st->setup.solids != NULL,
@@ -467,13 +467,13 @@ static void record_download(struct is_gpu *st, struct pell_gpu_commands *c)
 
 /* --- Device to device ---------------------------------------------------------------------------------------------------------------- */
 
-/* The grid is the whole picture. Tables are uploaded every time, because earlier command lists may not have run. */
+/* The grid covers the whole image. Tables are uploaded every time, because earlier command lists may not have run. */
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct is_gpu *st = state;
 
     (void) depth, (void) strength;
-    pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->picture_height);
+    pell_gpu_planes_whole(&st->planes, st->push.image_width, st->image_height);
     set_grid(st);
     st->sent = false;
     send(st, commands, SETS_UP, LIGHTS_UP, 0);
@@ -498,9 +498,9 @@ static enum pell_result turn_to(struct is_gpu *st, const struct pell_frame *in)
 {
     const enum pell_result res = is_setup_frame(&st->setup, in);
 
-    if (res == PELL_OK && st->setup.number != st->packed_number)
+    if (res == PELL_OK && st->setup.image_index != st->packed_image)
         fill_all_offsets(st);
-    st->packed_number = st->setup.number;
+    st->packed_image = st->setup.image_index;
     st->push.mid_x = st->setup.work.mid_x;
     st->push.mid_y = st->setup.work.mid_y;
     return res;
@@ -536,7 +536,7 @@ static enum pell_result run_list(struct is_gpu *st)
     pell_gpu_mark(c, "upload");
     if (!st->sent)
         send(st, c, SETS_UP, VIEWS_UP, 0);
-    else if (st->sent_number != st->setup.number)
+    else if (st->sent_image != st->setup.image_index)
         send(st, c, OFFSETS_UP, ROWS_UP, 0);
     send(st, c, VIEWS_UP, st->push.colours ? SOLIDS_UP : BASE_UP, pixels);
     send(st, c, SOLIDS_UP, TEXELS, pixels);
@@ -545,7 +545,7 @@ static enum pell_result run_list(struct is_gpu *st)
     record_download(st, c);
     PELL_TRY(pell_gpu_finish(c));
     st->sent = true;
-    st->sent_number = st->setup.number;
+    st->sent_image = st->setup.image_index;
     return PELL_OK;
 
 fail:

@@ -24,7 +24,7 @@ static void layered_destroy(void *state)
 
     if (!st)
         return;
-    layered_keep_end(st);
+    layered_cache_end(st);
     layered_diffuse_destroy(st);
     layered_refracted_destroy(st);
     for (int i = 0; st->workers && i < pell_pool_threads(st->pool); i++) {
@@ -229,7 +229,7 @@ static void read_packet(const struct layered_state *st, const struct layered_med
     const struct pell_scene *scene = st->services->scene;
     const struct pell_frame *in = st->in;
     const struct pell_vec3 camera = st->view->origin, forward = st->view->forward;
-    _Alignas(64) int32_t of[LAYERED_LANES];
+    _Alignas(64) int32_t same[LAYERED_LANES];
 
     p->count = count;
     for (int i = 0; i < LAYERED_LANES; i++) {
@@ -243,10 +243,10 @@ static void read_packet(const struct layered_state *st, const struct layered_med
     for (unsigned left = 0xffff; left;) {
         const int first = __builtin_ctz(left);
         for (int i = 0; i < LAYERED_LANES; i++) {
-            of[i] = mesh[i] == mesh[first] && triangle[i] == triangle[first] ? -1 : 0;
-            left &= ~((unsigned) of[i] & 1u << i);
+            same[i] = mesh[i] == mesh[first] && triangle[i] == triangle[first] ? -1 : 0;
+            left &= ~((unsigned) same[i] & 1u << i);
         }
-        read_triangle(st, m, &scene->meshes[mesh[first]], (const float(*)[4]) st->planes[mesh[first]], triangle[first], p, of);
+        read_triangle(st, m, &scene->meshes[mesh[first]], (const float(*)[4]) st->planes[mesh[first]], triangle[first], p, same);
     }
     for (int i = 0; i < LAYERED_LANES; i++) {
         const float u = p->u[i], v = p->v[i], w = 1.0f - u - v;
@@ -276,20 +276,20 @@ static void set_colors(const struct pell_material *m, const struct pell_scene *s
 
 /* Boundary tints: of the light that leaves, and of the light that enters where no texture pack provides it. */
 static void set_tints(const struct pell_scene *scene, const struct pell_material *material, const struct layered_medium *m,
-                      struct layered_packet *p, const uint32_t *mesh, const uint32_t *triangle, float leaves[3][LAYERED_LANES])
+                      struct layered_packet *p, const uint32_t *mesh, const uint32_t *triangle, float exit_tint[3][LAYERED_LANES])
 {
     struct pell_material plain = *material;
 
     plain.base_color_map.texture = NULL;
     for (int i = 0; i < p->count; i++) {
-        float color[3], own[3], in[3] = { 1.0f, 1.0f, 1.0f }, out[3] = { 1.0f, 1.0f, 1.0f };
+        float color[3], plain_color[3], in[3] = { 1.0f, 1.0f, 1.0f }, out[3] = { 1.0f, 1.0f, 1.0f };
         pell_base_color_at(material, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], color);
-        pell_base_color_at(&plain, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], own);
-        pell_tint_apply(&m->tint, m->colors ? own : color, true, in);
+        pell_base_color_at(&plain, &scene->meshes[mesh[i]], triangle[i], p->u[i], p->v[i], plain_color);
+        pell_tint_apply(&m->tint, m->colors ? plain_color : color, true, in);
         pell_tint_apply(&m->tint, color, false, out);
         for (int c = 0; c < 3; c++) {
             p->entry_tint[c][i] = in[c];
-            leaves[c][i] = m->colors ? out[c] : in[c] * out[c];
+            exit_tint[c][i] = m->colors ? out[c] : in[c] * out[c];
         }
     }
     for (int c = 0; c < 3; c++)
@@ -303,12 +303,12 @@ static void run_packet(const struct layered_state *st, int material, const int32
     const struct layered_medium *m = &st->media[material];
     struct layered_packet *p = &w->packet;
     uint32_t mesh[16], triangle[16];
-    float leaves[3][LAYERED_LANES];
+    float exit_tint[3][LAYERED_LANES];
     int pending = 0;
 
     read_packet(st, m, at, count, p, mesh, triangle);
     if (m->tint.is)
-        set_tints(scene, &scene->materials[material], m, p, mesh, triangle, leaves);
+        set_tints(scene, &scene->materials[material], m, p, mesh, triangle, exit_tint);
     st->kernels->start(&st->work, m, p);
     layered_find_exits(st, m, mesh, w);
     if (m->substrate == PELL_SUBSTRATE_SURFACE_COLOR && !m->bottomless)
@@ -331,7 +331,7 @@ static void run_packet(const struct layered_state *st, int material, const int32
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < count; i++) {
             const bool separate = st->out->single[0] != NULL;
-            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i] * (m->tint.is ? leaves[c][i] : 1.0f);
+            const float light = (1.0f - st->knobs.diffuse) * p->light[c][i] * (m->tint.is ? exit_tint[c][i] : 1.0f);
             st->out->light[c][at[i]] = separate ? 0.0f : light;
             if (separate)
                 st->out->single[c][at[i]] = light;

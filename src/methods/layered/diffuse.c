@@ -9,7 +9,7 @@
 #include <string.h>
 
 struct layered_diffuse {
-    struct layered_multiple **of; /* by material of the scene */
+    struct layered_multiple **multiple; /* by material of the scene */
     const struct pell_method *blurring;
     void *blurs; /* state of the blur chain */
     struct pell_frame_material *materials;
@@ -31,9 +31,9 @@ void layered_diffuse_destroy(struct layered_state *st)
         return;
     if (d->blurring)
         d->blurring->cpu->destroy(d->blurs);
-    for (size_t i = 0; d->of && i < st->num_materials; i++)
-        pell_free(st->ctx, d->of[i]);
-    pell_free(st->ctx, d->of);
+    for (size_t i = 0; d->multiple && i < st->num_materials; i++)
+        pell_free(st->ctx, d->multiple[i]);
+    pell_free(st->ctx, d->multiple);
     pell_free(st->ctx, d->materials);
     pell_free(st->ctx, d->memory);
     pell_free(st->ctx, d);
@@ -44,9 +44,10 @@ void layered_diffuse_destroy(struct layered_state *st)
 static int material_of(const struct layered_state *st, const struct pell_frame_shape *shape, size_t index)
 {
     for (size_t i = 0; i < st->num_materials; i++) {
-        const uint16_t number = st->services->frame_index[i + 1];
-        if (number == index + 1 || (number > 0 && shape->materials[number - 1].name == shape->materials[index].name &&
-                                    shape->materials[number - 1].profile == shape->materials[index].profile))
+        const uint16_t frame_material = st->services->frame_index[i + 1];
+        if (frame_material == index + 1 ||
+            (frame_material > 0 && shape->materials[frame_material - 1].name == shape->materials[index].name &&
+             shape->materials[frame_material - 1].profile == shape->materials[index].profile))
             return (int) i;
     }
     return -1;
@@ -56,7 +57,7 @@ static int material_of(const struct layered_state *st, const struct pell_frame_s
 static enum pell_result make_blurs(struct layered_state *st, const struct pell_frame_shape *shape)
 {
     struct layered_diffuse *d = st->diffuse;
-    struct pell_frame_shape own = *shape;
+    struct pell_frame_shape blur_shape = *shape;
     void *knobs = NULL;
     enum pell_result res = PELL_ERR_NOMEM;
 
@@ -65,8 +66,8 @@ static enum pell_result make_blurs(struct layered_state *st, const struct pell_f
         goto fail;
     memcpy(d->materials, shape->materials, shape->num_materials * sizeof(*d->materials));
     for (size_t i = 0; i < shape->num_materials; i++) {
-        const int number = material_of(st, shape, i);
-        const struct layered_multiple *m = number >= 0 ? d->of[number] : NULL;
+        const int material = material_of(st, shape, i);
+        const struct layered_multiple *m = material >= 0 ? d->multiple[material] : NULL;
         struct pell_gaussians *g = &d->materials[i].gaussians;
         g->count = LAYERED_GAUSSIANS;
         for (int k = 0; k < LAYERED_GAUSSIANS; k++) {
@@ -76,13 +77,13 @@ static enum pell_result make_blurs(struct layered_state *st, const struct pell_f
         }
         d->materials[i].white = false;
     }
-    own.materials = d->materials;
+    blur_shape.materials = d->materials;
     d->blurring = pell_method_find(st->ctx, "layered", "screen-space");
     res = PELL_ERR_UNSUPPORTED;
     if (!d->blurring)
         goto fail;
     PELL_TRY(pell_method_knobs_create(st->ctx, d->blurring, "through=off,strength=off", &knobs));
-    res = d->blurring->cpu->create(st->services, &own, knobs, &d->blurs);
+    res = d->blurring->cpu->create(st->services, &blur_shape, knobs, &d->blurs);
 
 fail:
     pell_method_knobs_destroy(st->ctx, &knobs);
@@ -99,18 +100,19 @@ enum pell_result layered_diffuse_make(struct layered_state *st, const struct pel
     if (!d)
         goto fail;
     d->size = (size_t) shape->stride * (size_t) shape->height;
-    d->of = pell_calloc(st->ctx, st->num_materials + 1, sizeof(*d->of));
-    if (!d->of)
+    d->multiple = pell_calloc(st->ctx, st->num_materials + 1, sizeof(*d->multiple));
+    if (!d->multiple)
         goto fail;
     for (size_t i = 0; st->knobs.multiple && i < st->num_materials; i++) {
-        const uint16_t number = st->services->frame_index[i + 1];
-        if (!st->medium_layers[i] || number == 0)
+        const uint16_t frame_material = st->services->frame_index[i + 1];
+        if (!st->medium_layers[i] || frame_material == 0)
             continue;
-        d->of[i] = pell_alloc(st->ctx, sizeof(**d->of));
-        if (!d->of[i])
+        d->multiple[i] = pell_alloc(st->ctx, sizeof(**d->multiple));
+        if (!d->multiple[i])
             goto fail;
-        PELL_TRY(layered_multiple_make(st->ctx, scene, (int) i, st->medium_layers[i], &shape->materials[number - 1], d->of[i]));
-        d->most_sets = d->of[i]->sets > d->most_sets ? d->of[i]->sets : d->most_sets;
+        PELL_TRY(
+            layered_multiple_make(st->ctx, scene, (int) i, st->medium_layers[i], &shape->materials[frame_material - 1], d->multiple[i]));
+        d->most_sets = d->multiple[i]->sets > d->most_sets ? d->multiple[i]->sets : d->most_sets;
         res = PELL_ERR_NOMEM;
     }
     d->memory = pell_calloc(st->ctx, d->size, (size_t) (3 + d->most_sets) * sizeof(*d->memory));
@@ -151,7 +153,7 @@ static void begin_row(void *arg, int index, int worker)
         if (!in->material[at] || !layered_shows(st, at))
             continue;
         mesh = &scene->meshes[in->mesh[at]];
-        m = d->of[mesh->material];
+        m = d->multiple[mesh->material];
         if (st->knobs.diffuse > 0.0f && scene->materials[mesh->material].color_from == PELL_COLOR_FROM_TEXTURE)
             color[0] = color[1] = color[2] = 1.0f; /* the irradiance and the image already include it */
         else if (st->knobs.diffuse > 0.0f)
@@ -184,7 +186,7 @@ static void add_row(void *arg, int index, int worker)
         const struct layered_multiple *m;
         if (!in->material[at] || !layered_shows(st, at))
             continue;
-        m = d->of[st->services->scene->meshes[in->mesh[at]].material];
+        m = d->multiple[st->services->scene->meshes[in->mesh[at]].material];
         for (int c = 0; m && c < 3; c++) {
             float weight = 0.0f;
             for (int s = 0; s < m->sets; s++)

@@ -13,11 +13,11 @@ static double fraction(double x)
 
 /* A low-discrepancy sequence in the unit square, well distributed for any number of points (M. Roberts 2018, "The Unreasonable
  * Effectiveness of Quasirandom Sequences"); the first point is the centre. */
-static void spread(double number, double u[3])
+static void spread(double index, double u[3])
 {
-    u[0] = fraction(0.5 + number * 0.8191725133961645);
-    u[1] = fraction(0.5 + number * 0.6710436067037893);
-    u[2] = fraction(0.5 + number * 0.5497004779019703);
+    u[0] = fraction(0.5 + index * 0.8191725133961645);
+    u[1] = fraction(0.5 + index * 0.6710436067037893);
+    u[2] = fraction(0.5 + index * 0.5497004779019703);
 }
 
 static void add_light(struct layered_state *st, const struct pell_scene *scene, size_t index, const struct pell_light_sampler *source,
@@ -34,7 +34,7 @@ static void add_light(struct layered_state *st, const struct pell_scene *scene, 
         double u[3];
         spread((double) i, u);
         *s = (struct layered_light_point) {
-            .source = source, .face = face && each > 1, .number = i, .of = count, .scale = 1.0f, .light = index
+            .source = source, .face = face && each > 1, .index = i, .count = count, .scale = 1.0f, .light = index
         };
         if (!pell_light_sampler_sample(source, nowhere, u, &s->sample))
             continue;
@@ -78,7 +78,7 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
                        struct layered_light *source)
 {
     const int sample = st->in->sample;
-    bool some = false;
+    bool any = false;
 
     source->distant = s->sample.distant;
     for (int i = 0; i < p->count; i++) {
@@ -87,7 +87,7 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
         if (s->face) {
             const uint32_t hash = pell_hash((uint32_t) p->at[i] ^ pell_hash(st->in->seed));
             double u[3];
-            spread((double) s->number + (double) sample * s->of + (double) (hash >> 8) * (1.0 / 64.0), u);
+            spread((double) s->index + (double) sample * s->count + (double) (hash >> 8) * (1.0 / 64.0), u);
             if (!pell_light_sampler_sample(s->source, layered_lane3(p->p, i), u, &one))
                 scale = 0.0f;
         }
@@ -100,11 +100,11 @@ bool layered_set_power(const struct layered_state *st, const struct layered_ligh
         for (int c = 0; c < 3; c++) {
             const float value = power[c] * scale;
             source->power[c][i] = value > 0.0f ? value < 1e25f ? value : 1e25f : 0.0f;
-            some = some || source->power[c][i] > 0.0f;
+            any = any || source->power[c][i] > 0.0f;
         }
         source->to[0][i] = one.distant ? one.toward.x : one.at.x;
         source->to[1][i] = one.distant ? one.toward.y : one.at.y;
         source->to[2][i] = one.distant ? one.toward.z : one.at.z;
     }
-    return some;
+    return any;
 }

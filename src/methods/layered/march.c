@@ -13,15 +13,15 @@ struct step {
     vf x, inv_x, step; /* mm from P, and its reciprocal; length of the step */
     vf at[3];          /* M */
     vi far;
-    vf depth, normal[3];         /* below the reference surface, and its normal */
-    vf plane[3], plane_distance; /* n_M; distance of M from the plane */
-    vf bottom[MOST];             /* depths of the layers' bottoms at M */
-    vf part[MOST], before[MOST]; /* mm of the step in a layer, and of its first half */
-    int list[MOST], listed;      /* layers that some lane is in */
-    vf tau[3], step_tau[3];      /* optical depth of the camera ray before the step, and in it; base 2 */
-    vf alive, hidden;            /* 1 or 0: the camera ray reaches this step; the step ends below the deepest layer */
-    vf hits_substrate;           /* 1 or 0: the step reaches the substrate below the layers */
-    float *trace;                /* output for |KM|, or NULL */
+    vf depth, normal[3];           /* below the reference surface, and its normal */
+    vf plane[3], plane_distance;   /* n_M; distance of M from the plane */
+    vf bottom[MOST];               /* depths of the layers' bottoms at M */
+    vf length[MOST], before[MOST]; /* mm of the step in a layer, and of its first half */
+    int list[MOST], listed;        /* layers that some lane is in */
+    vf tau[3], step_tau[3];        /* optical depth of the camera ray before the step, and in it; base 2 */
+    vf alive, hidden;              /* 1 or 0: the camera ray reaches this step; the step ends below the deepest layer */
+    vf hits_substrate;             /* 1 or 0: the step reaches the substrate below the layers */
+    float *trace;                  /* output for |KM|, or NULL */
 };
 
 /* The path from a light to M. */
@@ -51,23 +51,23 @@ INLINE void find_layers(const struct layered_work *work, const struct layered_me
         s->step_tau[c] = all(0.0f);
     for (int j = 0; j < m->count; j++) {
         const vf bottom = s->bottom[j];
-        vf part, before;
+        vf length, before;
         if (work->exponential) {
-            part = greater(lesser(bottom, high) - greater(above, low), all(0.0f)) * inv_rate;
+            length = greater(lesser(bottom, high) - greater(above, low), all(0.0f)) * inv_rate;
             before = greater(lesser(bottom, last) - greater(above, first), all(0.0f)) * inv_rate;
         } else {
-            part = (vf) ((vi) s->step & (s->depth >= above) & (s->depth < bottom));
-            before = 0.5f * part;
+            length = (vf) ((vi) s->step & (s->depth >= above) & (s->depth < bottom));
+            before = 0.5f * length;
         }
         above = bottom;
-        if (!any(part > 0.0f))
+        if (!any(length > 0.0f))
             continue;
-        s->part[j] = part;
+        s->length[j] = length;
         s->before[j] = before;
         s->list[s->listed++] = j;
-        covered += part;
+        covered += length;
         for (int c = 0; c < 3; c++)
-            s->step_tau[c] += part * m->layer[j].sigma_t2[c];
+            s->step_tau[c] += length * m->layer[j].sigma_t2[c];
     }
     s->hidden = (vf) ((vi) all(1.0f) & (s->step - covered > 1e-3f * s->step));
 }
@@ -93,10 +93,10 @@ INLINE void path_by_planes(const struct layered_work *work, const struct layered
         const float eta = m->eta, inv_eta = 1.0f / eta;
         const vf co = clamped(cosine, 1e-4f, 1.0f), ci = root(1.0f - (1.0f - co * co) * (inv_eta * inv_eta));
         const vf rs = (co - eta * ci), ss = (co + eta * ci), rp = (eta * co - ci), sp = (eta * co + ci);
-        const vf a = rs * sp, b = rp * ss, whole = ss * sp, whole2 = whole * whole;
+        const vf a = rs * sp, b = rp * ss, product = ss * sp, product2 = product * product;
         for (int i = 0; i < 3; i++)
             path->dir[i] = (to[i] - cosine * s->plane[i]) * inv_eta + ci * s->plane[i];
-        path->beam *= (vf) ((vi) ((whole2 - 0.5f * (a * a + b * b)) * co / (whole2 * ci)) & (cosine > 0.0f));
+        path->beam *= (vf) ((vi) ((product2 - 0.5f * (a * a + b * b)) * co / (product2 * ci)) & (cosine > 0.0f));
         c = ci;
     } else {
         for (int i = 0; i < 3; i++)
@@ -223,9 +223,9 @@ INLINE void path_by_nodes(const struct layered_work *work, const struct layered_
 #undef LERP
 #undef LERP_ROW
     for (int j = 0; j < m->count; j++) {
-        const vf here = load(source->depth + (k * m->count + j) * LANES + lane);
-        const vf there = load(source->depth + ((k + 1) * m->count + j) * LANES + lane);
-        path->bottom[j] = here + f * (there - here);
+        const vf a = load(source->depth + (k * m->count + j) * LANES + lane);
+        const vf b = load(source->depth + ((k + 1) * m->count + j) * LANES + lane);
+        path->bottom[j] = a + f * (b - a);
     }
 }
 
@@ -273,14 +273,14 @@ INLINE void attenuation(const struct layered_work *work, const struct layered_me
         tau[c] = all(0.0f);
     for (int j = 0; j < m->count; j++) {
         const vf bottom = path->bottom[j] + blend_m * (s->bottom[j] - path->bottom[j]);
-        vf part = greater(lesser(reach, bottom) - above, all(0.0f)) * inv_cosine;
+        vf length = greater(lesser(reach, bottom) - above, all(0.0f)) * inv_cosine;
         above = bottom;
         if (any(split)) {
             const vf start = j > 0 ? greater(s->bottom[j > 0 ? j - 1 : 0], s->depth) : s->depth;
-            part += (vf) ((vi) (greater(lesser(s->bottom[j], bottom_at_m) - start, all(0.0f)) * inv_below) & split);
+            length += (vf) ((vi) (greater(lesser(s->bottom[j], bottom_at_m) - start, all(0.0f)) * inv_below) & split);
         }
         for (int c = 0; c < 3; c++)
-            tau[c] += part * m->layer[j].sigma_t2[c];
+            tau[c] += length * m->layer[j].sigma_t2[c];
     }
     if (m->bottomless)
         return;
@@ -315,10 +315,10 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
     for (int i = 0; i < s->listed; i++) {
         const int j = s->list[i];
         const struct layered_layer *layer = &m->layer[j];
-        const vf part = s->part[j];
+        const vf length = s->length[j];
         vf phase = phase_value(&layer->phase[0], cosine);
         for (int c = 0; c < 3; c++) {
-            const vf z = rate * part * layer->sigma_t2[c], y = 0.5f * z, up = tau_above[c] + y;
+            const vf z = rate * length * layer->sigma_t2[c], y = 0.5f * z, up = tau_above[c] + y;
             const vf tau = start[c] + select(s->far, rate * s->step_tau[c] - up, up);
             vf value;
             if (c > 0 && !layer->one_phase)
@@ -329,7 +329,7 @@ INLINE void scatter(const struct layered_work *work, const struct layered_medium
                 value = mean_transmittance(tau, y, any(magnitude(y) > THICK));
             }
             tau_above[c] += z;
-            sum[c] += weight[c] * (phase * part) * (layer->sigma_s[c] * value);
+            sum[c] += weight[c] * (phase * length) * (layer->sigma_s[c] * value);
         }
     }
 }
@@ -402,7 +402,7 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
 {
     const int lane = ray->lane;
     vf colour[3], light[3];
-    vi still_lit = { 0 };
+    vi within_bound = { 0 };
     struct path path;
 
     load3(source->power, lane, colour);
@@ -429,10 +429,10 @@ INLINE void light_step(const struct layered_work *work, const struct layered_med
     attenuation(work, m, s, &path, source->any_nodes || p->thin, light);
     for (int c = 0; c < 3; c++) { /* light from below gets brighter on the way down, so its own path gives no bound */
         const vf plane_distance = source->any_nodes || p->thin ? all(0.0f) : light[c];
-        still_lit |= s->tau[c] + plane_distance <= work->max_tau2;
+        within_bound |= s->tau[c] + plane_distance <= work->max_tau2;
     }
     path.beam = (vf) ((vi) path.beam & light_state->lit);
-    light_state->lit &= still_lit;
+    light_state->lit &= within_bound;
     scatter(work, m, ray, s, &path, light, colour, sum);
     if (p->shows_substrate && any(s->hits_substrate > 0.0f)) {
         vf base[3];

@@ -81,11 +81,11 @@ struct lanes {
 
 /* Layers in a step, and the data that all lights share. */
 struct step {
-    vf low, middle, high;               /* depths below the surface */
-    vf slope, plane_distance;           /* d plane_distance/dx; distance of M from the plane */
-    vf bottom[FAST], part[FAST], above; /* mm of the step in a layer; bottom of the deepest layer in it */
-    vf tau[3], half[3];                 /* optical depths of the camera ray in the step, and in its first half */
-    unsigned listed;                    /* bit mask of the layers that some lane is in */
+    vf low, middle, high;                 /* depths below the surface */
+    vf slope, plane_distance;             /* d plane_distance/dx; distance of M from the plane */
+    vf bottom[FAST], length[FAST], above; /* mm of the step in a layer; bottom of the deepest layer in it */
+    vf tau[3], half[3];                   /* optical depths of the camera ray in the step, and in its first half */
+    unsigned listed;                      /* bit mask of the layers that some lane is in */
 };
 
 INLINE void start_light(const struct layered_light *source, int lane, const vf at[3], struct beam *b)
@@ -123,12 +123,12 @@ INLINE void find_layers(const struct lanes *p, vf inv_rate, struct step *s, cons
 #pragma GCC unroll 4
     for (int j = 0; j < layers; j++) {
         const vf end = lesser(greater(s->bottom[j], s->low), s->high), end_middle = lesser(end, s->middle);
-        s->part[j] = (end - s->above) * inv_rate;
-        if (any(s->part[j] > 0.0f)) {
+        s->length[j] = (end - s->above) * inv_rate;
+        if (any(s->length[j] > 0.0f)) {
             const vf before = (end_middle - above_middle) * inv_rate;
             s->listed |= 1u << j;
             for (int c = 0; c < 3; c++) {
-                s->tau[c] += s->part[j] * layer[j].sigma_t2[c];
+                s->tau[c] += s->length[j] * layer[j].sigma_t2[c];
                 s->half[c] += before * layer[j].sigma_t2[c];
             }
         }
@@ -166,7 +166,7 @@ INLINE void add_light(const struct lanes *p, const struct step *s, const struct 
 #pragma GCC unroll 4
     for (int j = 0; j < layers; j++) {
         if (s->listed & 1u << j) {
-            const vf depth = faster * s->part[j], fraction = strength * s->part[j];
+            const vf depth = faster * s->length[j], fraction = strength * s->length[j];
             const bool thick = any(depth * layer[j].max_tau2 > 2.0f * THICK);
             vf phase = phase_value(&layer[j].phase[0], cosine);
             for (int c = 0; c < 3; c++) {

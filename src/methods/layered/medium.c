@@ -322,19 +322,19 @@ static double step_density(const struct layered_medium *m, double x)
     return cbrt(sum / 3.0);
 }
 
-/* Divides [0, 1] into `count` intervals of equal integral of a density tabulated over PARTS cells. */
+/* Divides [0, 1] into `count` intervals of equal integral of a density tabulated over DENSITY_CELLS cells. */
 static void set_edges(const double *density, int count, float *edges)
 {
     double sum = 0.0, before = 0.0, all = 0.0;
-    int part = 0;
+    int cell = 0;
 
     for (int i = 0; i < DENSITY_CELLS; i++)
         all += density[i];
     for (int i = 0; i <= count; i++) {
         const double fraction = all * i / count;
-        while (part < DENSITY_CELLS && sum + density[part] < fraction)
-            sum += density[part++];
-        before = part < DENSITY_CELLS ? part + (fraction - sum) / density[part] : DENSITY_CELLS;
+        while (cell < DENSITY_CELLS && sum + density[cell] < fraction)
+            sum += density[cell++];
+        before = cell < DENSITY_CELLS ? cell + (fraction - sum) / density[cell] : DENSITY_CELLS;
         edges[i] = (float) fmin(before / DENSITY_CELLS, 1.0);
     }
     edges[count] = 1.0f;

@@ -99,16 +99,16 @@ static enum pell_result find_planes(struct layered_state *st, const struct pell_
 {
     uint8_t *keep = pell_calloc(st->ctx, cloud->fitted + 1, 1);
     enum pell_result res = PELL_ERR_NOMEM;
-    size_t left;
+    size_t remaining;
 
     if (!keep)
         return res;
-    PELL_TRY(layered_keep_take(st, scene, first, cloud, plane, keep, &left));
+    PELL_TRY(layered_cache_load(st, scene, first, cloud, plane, keep, &remaining));
     cloud->keep = keep;
-    if (left > 0)
+    if (remaining > 0)
         PELL_TRY(layered_planes_fit(cloud, plane));
-    PELL_TRY(layered_keep_give(st, scene, first, cloud, (const float(*)[4]) plane));
-    st->fitted += (int64_t) left;
+    PELL_TRY(layered_cache_store(st, scene, first, cloud, (const float(*)[4]) plane));
+    st->fitted += (int64_t) remaining;
 
 fail:
     cloud->keep = NULL;
@@ -182,7 +182,7 @@ enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *
     if (!st->planes)
         goto fail;
     st->num_meshes = scene->num_meshes;
-    PELL_TRY(layered_keep_begin(st, scene));
+    PELL_TRY(layered_cache_begin(st, scene));
     for (size_t i = 0; i < scene->num_meshes; i++)
         if (layered_scatters(scene, &scene->meshes[i]) && !st->planes[i])
             PELL_TRY(fit_solid(st, scene, i));

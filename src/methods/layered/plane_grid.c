@@ -59,16 +59,16 @@ static void add(struct moments *m, double w, const double p[3])
 
 /* --- The grid ------------------------------------------------------------------------------------------------------------------- */
 
-static int64_t place(const struct fit *f, int axis, double x)
+static int64_t cell_index(const struct fit *f, int axis, double x)
 {
     const double i = (x - f->low[axis]) / f->size;
     return i > 0.0 ? i < (double) f->across[axis] ? (int64_t) i : f->across[axis] - 1 : 0;
 }
 
-/* Key of a cell: 19 bits per axis, 7 for the normal's direction. */
-static uint64_t key_of(int64_t x, int64_t y, int64_t z, unsigned look)
+/* Key of a cell: 19 bits per axis, 7 for the window of the normal's direction. */
+static uint64_t key_of(int64_t x, int64_t y, int64_t z, unsigned window)
 {
-    return ((uint64_t) z << 38 | (uint64_t) y << 19 | (uint64_t) x) << 7 | look;
+    return ((uint64_t) z << 38 | (uint64_t) y << 19 | (uint64_t) x) << 7 | window;
 }
 
 /* Index of the normal's direction: one of 16 windows on one of the six faces of a cube, [0, 96). */
@@ -154,7 +154,8 @@ static enum pell_result make_grid(struct fit *f, double size)
         goto fail;
     for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++) {
         const float *p = c->position + 3 * i, *n = c->normal + 3 * i;
-        keys[i] = key_of(place(f, 0, (double) p[0]), place(f, 1, (double) p[1]), place(f, 2, (double) p[2]), normal_window(n));
+        keys[i] =
+            key_of(cell_index(f, 0, (double) p[0]), cell_index(f, 1, (double) p[1]), cell_index(f, 2, (double) p[2]), normal_window(n));
     }
     PELL_TRY(pell_order_by_code(c->ctx, c->count, code_at, keys, &order));
     for (size_t i = 0; i < c->count && !pell_cancelled_at(c->ctx, i); i++)
@@ -242,8 +243,8 @@ static void gather(const struct fit *f, const double v[3], const float *normal, 
 
     memset(m, 0, sizeof(*m));
     for (int k = 0; k < 3; k++) {
-        low[k] = place(f, k, v[k] + f->middle[k] - radius);
-        high[k] = place(f, k, v[k] + f->middle[k] + radius);
+        low[k] = cell_index(f, k, v[k] + f->middle[k] - radius);
+        high[k] = cell_index(f, k, v[k] + f->middle[k] + radius);
     }
     for (int64_t z = low[2]; z <= high[2]; z++)
         for (int64_t y = low[1]; y <= high[1]; y++) {

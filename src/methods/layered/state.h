@@ -21,7 +21,7 @@ struct layered_light_point {
     bool uniform;                       /* `power` describes the light completely */
     size_t light;                       /* index in the scene */
     const struct pell_light_grid *grid; /* of the frame: visibility from the light; NULL: trace shadow rays */
-    int number, of;
+    int index, count;                   /* of the sample points of this light */
     float power[3], scale;
 };
 
@@ -33,7 +33,7 @@ struct layered_worker {
 
 struct layered_diffuse;
 struct pell_connector;
-struct layered_kept;
+struct layered_plane_cache;
 
 struct layered_state {
     const struct pell_services *services; /* borrowed */
@@ -52,10 +52,10 @@ struct layered_state {
     struct layered_light_point *light_points;
     int num_light_points;
     struct layered_worker *workers;
-    struct pell_solids *solids;       /* refraction=exact, else NULL */
-    struct pell_connector *connector; /* refraction=exact, else NULL */
-    struct layered_kept *kept;        /* between create and destroy; otherwise owned by the renderer */
-    struct layered_diffuse *diffuse;  /* NULL: neither multiple scattering nor a film is requested */
+    struct pell_solids *solids;        /* refraction=exact, else NULL */
+    struct pell_connector *connector;  /* refraction=exact, else NULL */
+    struct layered_plane_cache *cache; /* between create and destroy; otherwise owned by the renderer */
+    struct layered_diffuse *diffuse;   /* NULL: neither multiple scattering nor a film is requested */
     int most_layers, most_packs;
     float size; /* mm: diagonal of the scene */
     struct pell_pass_time times[3];
@@ -119,17 +119,17 @@ static inline void layered_map_uv(const struct pell_texture_map *map, const stru
 
 PELL_NODISCARD enum pell_result layered_fit(struct layered_state *st, const struct pell_scene *scene);
 
-/* --- plane_keep.c: reuse of planes between frames ------------------------------------------------------------------------------------- */
+/* --- plane_cache.c: reuse of planes between frames ------------------------------------------------------------------------------------ */
 
-/* Takes over the kept planes of a scene with the same number of meshes, if any; layered_keep_end leaves them to the renderer's next
+/* Takes over the kept planes of a scene with the same number of meshes, if any; layered_cache_end leaves them to the renderer's next
  * pass. */
-PELL_NODISCARD enum pell_result layered_keep_begin(struct layered_state *st, const struct pell_scene *scene);
-void layered_keep_end(struct layered_state *st);
-/* Writes the reusable planes of the solid whose first mesh is `first`, and marks them in `keep`; *left: number of planes still to fit. */
-PELL_NODISCARD enum pell_result layered_keep_take(const struct layered_state *st, const struct pell_scene *scene, size_t first,
-                                                  const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left);
-PELL_NODISCARD enum pell_result layered_keep_give(const struct layered_state *st, const struct pell_scene *scene, size_t first,
-                                                  const struct layered_cloud *cloud, const float (*plane)[4]);
+PELL_NODISCARD enum pell_result layered_cache_begin(struct layered_state *st, const struct pell_scene *scene);
+void layered_cache_end(struct layered_state *st);
+/* Writes the reusable planes of the solid whose first mesh is `first`, and marks them in `keep`; *left: number of planes to fit. */
+PELL_NODISCARD enum pell_result layered_cache_load(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                                   const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left);
+PELL_NODISCARD enum pell_result layered_cache_store(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                                    const struct layered_cloud *cloud, const float (*plane)[4]);
 
 /* --- light_points.c: sample points on lights ------------------------------------------------------------------------------------------ */
 
@@ -168,7 +168,7 @@ void layered_refracted_destroy(struct layered_state *st);
 /* The shortest of the refracted paths from `light` (distant: a direction) to x inside; the light of the other paths is added to it, reduced
  * by the extinction along their extra length. False: no light reaches x. */
 bool layered_refract(const struct layered_state *st, const struct layered_medium *m, int solid, struct pell_vec3 x, bool distant,
-                     struct pell_vec3 place, struct layered_entry *out, int64_t *rays);
+                     struct pell_vec3 to, struct layered_entry *out, int64_t *rays);
 
 /* --- diffuse.c: diffuse radiant exitance ---------------------------------------------------------------------------------------------- */
 

@@ -60,7 +60,8 @@ static uint32_t get32(struct reader *r)
     return (uint32_t) get(r, 4);
 }
 
-static bool there(const struct reader *r, uint64_t bytes)
+/* Whether this number of bytes is unread. */
+static bool has_bytes(const struct reader *r, uint64_t bytes)
 {
     return (uint64_t) (r->end - r->at) >= bytes;
 }
@@ -126,7 +127,7 @@ static uint8_t *put_film(uint8_t *to, const struct pt_checkpoint_key *key, const
     for (size_t t = 0; t < f->tiles; t++)
         for (uint32_t i = f->starts[t]; f->num_spans[t] > 0 && i < f->starts[t + 1]; i++) {
             const struct pt_pixel *p = &f->pixels[i];
-            for (int k = 0; k < PT_PARTS; k++)
+            for (int k = 0; k < PT_COMPONENTS; k++)
                 for (int c = 0; c < 3; c++)
                     to = put_sum(to, &p->sum[k][c]);
             for (int c = 0; c < 4; c++)
@@ -230,7 +231,7 @@ static enum pell_result check_header(struct reader *r, const struct pt_checkpoin
     if (is.exponent != key->exponent)
         return pell_error(r->ctx, PELL_ERR_INVALID, r->path, hint_other, "is of another scene: its unit is 2^%d, not 2^%d", is.exponent,
                           key->exponent);
-    if (note > NOTE || !there(r, note))
+    if (note > NOTE || !has_bytes(r, note))
         return pell_error(r->ctx, PELL_ERR_FORMAT, r->path, hint_damaged, "has a note of %u bytes, is cut off or damaged", note);
     r->at += note;
     return PELL_OK;
@@ -241,7 +242,7 @@ static bool read_pixel(struct reader *r, struct pt_pixel *p, uint32_t count)
     const int64_t most = (int64_t) count << 31;
     bool good = true;
 
-    for (int k = 0; k < PT_PARTS; k++)
+    for (int k = 0; k < PT_COMPONENTS; k++)
         for (int c = 0; c < 3; c++) {
             p->sum[k][c].low = get(r, 8);
             p->sum[k][c].high = (int64_t) get(r, 8);
@@ -290,7 +291,7 @@ static enum pell_result scan_tiles(struct reader r, const struct pt_checkpoint_k
         const uint32_t w = key->width - x < PT_TILE ? key->width - x : PT_TILE, h = key->height - y < PT_TILE ? key->height - y : PT_TILE;
         uint32_t spans;
 
-        if (!there(&r, TILE))
+        if (!has_bytes(&r, TILE))
             return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "has too few bytes, is cut off");
         pixels[t] = (uint8_t) get(&r, 1);
         spans = (uint32_t) get(&r, 2);
@@ -300,18 +301,18 @@ static enum pell_result scan_tiles(struct reader r, const struct pt_checkpoint_k
         if (spans > PT_SPANS)
             return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "tile %zu has %u runs of samples, at most %d are possible", t,
                               spans, PT_SPANS);
-        if (!there(&r, (uint64_t) SPAN * spans))
+        if (!has_bytes(&r, (uint64_t) SPAN * spans))
             return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "has too few bytes, is cut off");
         r.at += SPAN * spans;
         *size += spans > 0 ? (uint64_t) PIXEL * pixels[t] : 0;
         *most = spans > *most ? spans : *most;
     }
-    if (!there(&r, *size))
+    if (!has_bytes(&r, *size))
         return pell_error(r.ctx, PELL_ERR_FORMAT, r.path, hint_damaged, "has too few bytes, is cut off");
     return PELL_OK;
 }
 
-static enum pell_result read_film(struct reader *r, const struct pt_checkpoint_key *key, uint32_t number, struct pt_film *film)
+static enum pell_result read_film(struct reader *r, const struct pt_checkpoint_key *key, uint32_t index, struct pt_film *film)
 {
     const size_t tiles = pt_tiles(key->width, key->height);
     uint8_t *pixels = pell_alloc(r->ctx, tiles);
@@ -321,7 +322,7 @@ static enum pell_result read_film(struct reader *r, const struct pt_checkpoint_k
 
     if (!pixels)
         return res;
-    if (!there(r, 8)) {
+    if (!has_bytes(r, 8)) {
         res = pell_error(r->ctx, PELL_ERR_FORMAT, r->path, hint_damaged, "has too few bytes, is cut off");
         goto fail;
     }
@@ -346,7 +347,7 @@ static enum pell_result read_film(struct reader *r, const struct pt_checkpoint_k
     for (size_t t = 0; t < tiles; t++)
         for (uint32_t i = film->starts[t]; film->num_spans[t] > 0 && i < film->starts[t + 1]; i++)
             if (!read_pixel(r, &film->pixels[i], film->pixels[i].count)) {
-                pell_error(r->ctx, res, r->path, hint_damaged, "pixel %u of sample %u has sums that no samples have", i, number);
+                pell_error(r->ctx, res, r->path, hint_damaged, "pixel %u of sample %u has sums that no samples have", i, index);
                 goto fail;
             }
     res = PELL_OK;
@@ -386,7 +387,7 @@ enum pell_result pt_checkpoint_note(struct pell_context *ctx, const char *path, 
     if ((res = check_hash(&r, data, size)) != PELL_OK)
         return res;
     read_key(&r, &is, &bytes);
-    if (bytes > NOTE || !there(&r, bytes))
+    if (bytes > NOTE || !has_bytes(&r, bytes))
         return pell_error(ctx, PELL_ERR_FORMAT, path, hint_damaged, "has a note of %u bytes, is cut off or damaged", bytes);
     *note = pell_alloc(ctx, (size_t) bytes + 1);
     if (!*note)

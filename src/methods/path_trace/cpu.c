@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * cpu.c - runs the transport over the pixels of a frame, in rounds: a round brings every pixel to the same number of samples.
+ * cpu.c - runs the transport over the pixels of a frame, in rounds: after each round all pixels have equally many samples.
  *
  * A pixel's sums depend only on the set of its samples, not on the thread or the order that computed them. Images are therefore identical
  * for any number of threads, and an interrupted run that continues from its checkpoint ends with the same bits as an uninterrupted one.
@@ -86,7 +86,7 @@ static struct pt_goal make_goal(const struct pt_run *run)
 {
     const struct pt_state *st = run->st;
     const struct pt_method_knobs *k = &st->knobs;
-    const int samples = run->in->num_samples, left = samples - (int) run->number;
+    const int samples = run->in->num_samples, left = samples - (int) run->index;
     const bool open = k->error > 0.0f || k->time_limit > 0.0f;
     const int images = reference_images(k->trace.half), total = ((k->samples > 0 ? k->samples : DEFAULT_SAMPLES) + images - 1) / images;
     struct pt_goal g = { .begin = pell_seconds(), .deadline = (double) INFINITY, .needed = (double) INFINITY };
@@ -101,38 +101,39 @@ static struct pt_goal make_goal(const struct pt_run *run)
     return g;
 }
 
-/* A round that may be abandoned: all of its samples are dropped then, because those that take long differ from the others. */
-static enum pell_result keep_film(struct pt_run *run)
+/* Saves the film before a round that may be abandoned: all samples of the round are then dropped, because samples that take long differ
+ * from the others. */
+static enum pell_result save_film(struct pt_run *run)
 {
     struct pt_state *st = run->st;
     const struct pt_film *film = run->film;
-    struct pt_film *kept = &st->kept;
+    struct pt_film *saved = &st->saved;
 
-    if (film->count > kept->capacity || film->tiles != kept->tiles || film->most_spans != kept->most_spans) {
-        pt_film_free(st->ctx, kept);
-        kept->pixels = pell_alloc_array(st->ctx, film->count, sizeof(*kept->pixels));
-        kept->num_spans = pell_alloc_array(st->ctx, film->tiles, sizeof(*kept->num_spans));
-        kept->spans = pell_alloc_array(st->ctx, film->tiles * film->most_spans, sizeof(*kept->spans));
-        if (!kept->pixels || !kept->num_spans || !kept->spans)
+    if (film->count > saved->capacity || film->tiles != saved->tiles || film->most_spans != saved->most_spans) {
+        pt_film_free(st->ctx, saved);
+        saved->pixels = pell_alloc_array(st->ctx, film->count, sizeof(*saved->pixels));
+        saved->num_spans = pell_alloc_array(st->ctx, film->tiles, sizeof(*saved->num_spans));
+        saved->spans = pell_alloc_array(st->ctx, film->tiles * film->most_spans, sizeof(*saved->spans));
+        if (!saved->pixels || !saved->num_spans || !saved->spans)
             return PELL_ERR_NOMEM;
-        kept->capacity = film->count;
-        kept->tiles = film->tiles;
-        kept->most_spans = film->most_spans;
+        saved->capacity = film->count;
+        saved->tiles = film->tiles;
+        saved->most_spans = film->most_spans;
     }
-    memcpy(kept->pixels, film->pixels, film->count * sizeof(*kept->pixels));
-    memcpy(kept->num_spans, film->num_spans, film->tiles * sizeof(*kept->num_spans));
-    memcpy(kept->spans, film->spans, film->tiles * film->most_spans * sizeof(*kept->spans));
+    memcpy(saved->pixels, film->pixels, film->count * sizeof(*saved->pixels));
+    memcpy(saved->num_spans, film->num_spans, film->tiles * sizeof(*saved->num_spans));
+    memcpy(saved->spans, film->spans, film->tiles * film->most_spans * sizeof(*saved->spans));
     return PELL_OK;
 }
 
-static void bring_back(struct pt_run *run)
+static void restore_film(struct pt_run *run)
 {
     struct pt_film *film = run->film;
-    const struct pt_film *kept = &run->st->kept;
+    const struct pt_film *saved = &run->st->saved;
 
-    memcpy(film->pixels, kept->pixels, film->count * sizeof(*kept->pixels));
-    memcpy(film->num_spans, kept->num_spans, film->tiles * sizeof(*kept->num_spans));
-    memcpy(film->spans, kept->spans, film->tiles * film->most_spans * sizeof(*kept->spans));
+    memcpy(film->pixels, saved->pixels, film->count * sizeof(*saved->pixels));
+    memcpy(film->num_spans, saved->num_spans, film->tiles * sizeof(*saved->num_spans));
+    memcpy(film->spans, saved->spans, film->tiles * film->most_spans * sizeof(*saved->spans));
 }
 
 /* Runs rounds until the goal is reached. */
@@ -172,7 +173,7 @@ static enum pell_result run_film(struct pt_run *run)
         run->target = least + step;
         if (isfinite(g.deadline) && least > run->from) {
             PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
-            PELL_TRY(keep_film(run));
+            PELL_TRY(save_film(run));
             atomic_store(&st->late, false);
             pt_scene_set_deadline(st->scene, g.deadline + LATE_SECONDS + LATE * (g.deadline - g.begin));
         }
@@ -182,7 +183,7 @@ static enum pell_result run_film(struct pt_run *run)
         if (pell_context_interrupted(st->ctx))
             return PELL_OK;
         if (atomic_load(&st->late)) {
-            bring_back(run);
+            restore_film(run);
             st->unfinished = st->unfinished || st->knobs.samples > 0 || g.error > 0.0;
             break;
         }
@@ -270,9 +271,9 @@ static void report(struct pt_state *st, const struct pt_run *run)
 {
     const struct pt_counts now = count_all(st);
     const double samples = fmax((double) (now.samples - st->before.samples), 1.0), lights = pt_scene_brightest(st->scene);
-    const double missing = (now.cut_weight - st->before.cut_weight) / samples, films = run->number + 1.0;
+    const double missing = (now.cut_weight - st->before.cut_weight) / samples, films = run->index + 1.0;
     const int64_t cut = now.cut - st->before.cut, lost = now.lost - st->before.lost, crossed = now.crossed - st->before.crossed;
-    const int64_t chains = now.chains - st->before.chains, given_up = now.chains_cut - st->before.chains_cut;
+    const int64_t chains = now.chains - st->before.chains, dropped = now.chains_cut - st->before.chains_cut;
     char error[80] = "", bound[96] = "", hint[32];
 
     if (isfinite(st->error2) && run->from == 0 && run->end_tile - run->first_tile == run->film->tiles)
@@ -300,9 +301,9 @@ static void report(struct pt_state *st, const struct pt_run *run)
         pell_warn(st->ctx, "path-trace", "make them one surface, or leave a gap between solids",
                   "surfaces cross themselves or touch others: %.3g in 100 paths hit one from the wrong side",
                   100.0 * (double) crossed / samples);
-    if (given_up > 0)
+    if (dropped > 0)
         pell_warn(st->ctx, "path-trace", "make the mesh finer",
-                  "%lld of %lld specular manifold solutions were not found again and were dropped", (long long) given_up,
+                  "%lld of %lld specular manifold solutions were not found again and were dropped", (long long) dropped,
                   (long long) chains);
     if (atomic_load(&st->invalid))
         pell_warn(st->ctx, "path-trace", "please report the scene", "some samples were not finite and were set to 0");
@@ -334,8 +335,8 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
     st->most = 0;
     st->error2 = 0.0;
     st->frame.time = (struct pell_pass_time) { .name = "path-trace" };
-    if (pt_share(st))
-        return pt_share_start(st, in);
+    if (pt_communicator(st))
+        return pt_ranks_start(st, in);
     if (!st->services->checkpoint)
         return PELL_OK;
     pt_drop_films(st);
@@ -343,7 +344,7 @@ static enum pell_result start_frame(struct pt_state *st, const struct pell_frame
 }
 
 /* Determines which tiles and samples the run computes. */
-static void set_part(struct pt_run *run)
+static void set_range(struct pt_run *run)
 {
     const struct pt_state *st = run->st;
     const struct pt_film *done = &st->done[run->film - st->films];
@@ -351,7 +352,7 @@ static void set_part(struct pt_run *run)
     const size_t tiles = pt_tiles((uint32_t) run->in->shape.width, (uint32_t) run->in->shape.height);
 
     run->shown = run->film;
-    run->done = pt_share(st) && done->identity != 0 ? done : NULL;
+    run->done = pt_communicator(st) && done->identity != 0 ? done : NULL;
     run->from = c ? (uint32_t) (c->first_sample / run->in->num_samples) : 0;
     run->first_tile = c && (size_t) c->first_tile < tiles ? (size_t) c->first_tile : 0;
     run->end_tile = c && c->end_tile > 0 && (size_t) c->end_tile < tiles ? (size_t) c->end_tile : tiles;
@@ -359,7 +360,7 @@ static void set_part(struct pt_run *run)
 
 /* Whether merged files lack samples of some tile that the first sample of the multisample has: then all later ones lack them, because a run
  * renders them one after the other. */
-static bool is_left_out(const struct pt_run *run)
+static bool is_incomplete(const struct pt_run *run)
 {
     const struct pt_film *first = run->st->films, *film = run->film;
 
@@ -373,14 +374,14 @@ static bool is_left_out(const struct pt_run *run)
     return false;
 }
 
-static enum pell_result leave_out(struct pt_run *run)
+static enum pell_result skip_sample(struct pt_run *run)
 {
     struct pt_state *st = run->st;
     enum pell_result res;
 
     PELL_TRY(pt_write_films(st, run->in, true));
     pell_warn(st->ctx, st->services->checkpoint->parts[0], NULL,
-              "a partial image: it is the mean of %u of %d samples of the multisample, the others lack tiles and are left out", run->number,
+              "a partial image: it is the mean of %u of %d samples of the multisample, the others lack tiles and are left out", run->index,
               run->in->num_samples);
     return PELL_ERR_CANCELLED;
 
@@ -402,45 +403,45 @@ static enum pell_result run_shared(struct pt_run *run)
 {
     struct pt_goal g = make_goal(run);
 
-    return pt_share_run(run, &g);
+    return pt_ranks_run(run, &g);
 }
 
 static enum pell_result path_trace_render(void *state, const struct pell_frame *in, const struct pell_frame_light *out)
 {
     struct pt_state *st = state;
-    const int number = in->sample, samples = in->num_samples;
+    const int index = in->sample, samples = in->num_samples;
     const double start = pell_seconds();
     struct pt_run run = {
         .st = st,
         .in = in,
-        .film = &st->films[st->num_films > 1 ? number : 0],
+        .film = &st->films[st->num_films > 1 ? index : 0],
         .view = *in->view,
-        .number = (uint32_t) number,
+        .index = (uint32_t) index,
     };
     struct pt_counts counts;
     bool last;
     enum pell_result res;
 
-    if (number == 0)
+    if (index == 0)
         PELL_TRY(start_frame(st, in));
-    set_part(&run);
-    if (is_left_out(&run))
-        return leave_out(&run);
+    set_range(&run);
+    if (is_incomplete(&run))
+        return skip_sample(&run);
     PELL_TRY(pt_start_film(&run));
     memset(st->frame.standard_error[0], 0, 3 * (size_t) in->shape.stride * (size_t) in->shape.height * sizeof(float));
     counts = count_all(st);
-    PELL_TRY(pt_share(st) ? run_shared(&run) : pt_merges(st) ? check_merged(&run) : run_film(&run));
+    PELL_TRY(pt_communicator(st) ? run_shared(&run) : pt_merges(st) ? check_merged(&run) : run_film(&run));
     put_light(&run, out);
-    last = number == samples - 1 || pell_context_interrupted(st->ctx);
+    last = index == samples - 1 || pell_context_interrupted(st->ctx);
     st->unfinished = st->unfinished || pell_context_interrupted(st->ctx);
-    if (pt_share(st) && last)
-        PELL_TRY(pt_share_finish(st, in));
+    if (pt_communicator(st) && last)
+        PELL_TRY(pt_ranks_finish(st, in));
     else if (st->services->checkpoint && last)
         PELL_TRY(pt_write_films(st, in, true));
     /* A sample of the multisample with black pixels for lack of paths would darken the earlier ones, and an image without any would replace
      * a complete one. */
-    if (pell_context_interrupted(st->ctx) && has_black(run.shown) && !(number == 0 && (pt_share(st) || pt_merges(st)))) {
-        if (number == 0)
+    if (pell_context_interrupted(st->ctx) && has_black(run.shown) && !(index == 0 && (pt_communicator(st) || pt_merges(st)))) {
+        if (index == 0)
             pell_warn(st->ctx, "path-trace", NULL, "ended before every pixel had a sample, so there is no image yet");
         return PELL_ERR_CANCELLED;
     }
@@ -477,7 +478,7 @@ static void path_trace_destroy(void *state)
         pt_film_free(st->ctx, &st->done[i]);
     pell_free(st->ctx, st->done);
     pt_film_free(st->ctx, &st->total);
-    pt_film_free(st->ctx, &st->kept);
+    pt_film_free(st->ctx, &st->saved);
     pell_free(st->ctx, st->tasks);
     pell_free(st->ctx, st->frame.standard_error[0]);
     pt_scene_destroy(&st->scene);

@@ -45,9 +45,9 @@ double pt_sum_value(const struct pt_sum *sum, int exponent)
     return ldexp((double) sum->high + (double) sum->low * 0x1p-64, exponent);
 }
 
-/* A number and its rounding error. */
+/* A sum and its rounding error. */
 struct wide {
-    double value, rest;
+    double value, error;
 };
 
 /* D. E. Knuth, The Art of Computer Programming, volume 2, theorem 4.2.2 B. */
@@ -64,36 +64,36 @@ static struct wide wide_of(const struct pt_sum *s)
     const struct wide low = add_wide((double) (s->low >> 32) * 0x1p-32, (double) (s->low & 0xffffffff) * 0x1p-64);
     const struct wide both = add_wide(high.value, low.value);
 
-    return add_wide(both.value, both.rest + (high.rest + low.rest));
+    return add_wide(both.value, both.error + (high.error + low.error));
 }
 
 /* squares - sum^2/n, which is small if the samples are nearly equal: computed with twice the digits of a double. */
 static double spread_of(const struct pt_sum *squares, struct wide sum, double n)
 {
     const struct wide q = wide_of(squares);
-    const double square = sum.value * sum.value, rest = fma(sum.value, sum.value, -square) + 2.0 * sum.value * sum.rest;
-    const double part = square / n, part_rest = (fma(-part, n, square) + rest) / n;
-    const struct wide apart = add_wide(q.value, -part);
+    const double square = sum.value * sum.value, square_error = fma(sum.value, sum.value, -square) + 2.0 * sum.value * sum.error;
+    const double quotient = square / n, quotient_error = (fma(-quotient, n, square) + square_error) / n;
+    const struct wide difference = add_wide(q.value, -quotient);
 
-    return fmax(apart.value + (apart.rest + (q.rest - part_rest)), 0.0);
+    return fmax(difference.value + (difference.error + (q.error - quotient_error)), 0.0);
 }
 
 /* --- Pixels ------------------------------------------------------------------------------------------------------------------------- */
 
-static const double *part_of(const struct pt_light *light, int part)
+static const double *component(const struct pt_light *light, int k)
 {
-    return part == PT_MULTIPLE ? light->multiple : part == PT_SINGLE ? light->single : light->surface;
+    return k == PT_MULTIPLE ? light->multiple : k == PT_SINGLE ? light->single : light->surface;
 }
 
 bool pt_pixel_add(struct pt_pixel *p, int exponent, const struct pt_light *light, bool traced)
 {
     const double scale = ldexp(1.0, -exponent);
-    double x[PT_PARTS][3], all[4];
+    double x[PT_COMPONENTS][3], all[4];
     bool finite = true;
 
-    for (int k = 0; k < PT_PARTS; k++)
+    for (int k = 0; k < PT_COMPONENTS; k++)
         for (int c = 0; c < 3; c++) {
-            x[k][c] = part_of(light, k)[c] * scale;
+            x[k][c] = component(light, k)[c] * scale;
             finite = finite && fabs(x[k][c]) < LARGEST / 4.0; /* so is the sum of the three */
         }
     p->count++;
@@ -102,7 +102,7 @@ bool pt_pixel_add(struct pt_pixel *p, int exponent, const struct pt_light *light
     for (int c = 0; c < 3; c++)
         all[c] = x[PT_MULTIPLE][c] + x[PT_SINGLE][c] + (traced ? x[PT_SURFACE][c] : 0.0);
     all[3] = luminance(all);
-    for (int k = 0; k < PT_PARTS; k++)
+    for (int k = 0; k < PT_COMPONENTS; k++)
         for (int c = 0; c < 3; c++) {
             const struct pt_sum one = sum_of(x[k][c]);
             add_sum(&p->sum[k][c], &one);
@@ -116,7 +116,7 @@ bool pt_pixel_add(struct pt_pixel *p, int exponent, const struct pt_light *light
 
 void pt_pixel_merge(struct pt_pixel *p, const struct pt_pixel *other)
 {
-    for (int k = 0; k < PT_PARTS; k++)
+    for (int k = 0; k < PT_COMPONENTS; k++)
         for (int c = 0; c < 3; c++)
             add_sum(&p->sum[k][c], &other->sum[k][c]);
     for (int c = 0; c < 4; c++)

@@ -132,7 +132,7 @@ enum pell_result pt_write_films(struct pt_state *st, const struct pell_frame *in
 
     if (!checkpoint->path)
         return PELL_OK;
-    pt_rank_path(checkpoint->path, pt_share(st) ? pt_share(st)->rank : 0, path, sizeof(path));
+    pt_rank_path(checkpoint->path, pt_communicator(st) ? pt_communicator(st)->rank : 0, path, sizeof(path));
     pell_log_downgrade(st->ctx, last ? 0 : 1);
     res = pt_checkpoint_encode(st->ctx, &key, checkpoint->note, st->films, &data, &size);
     if (res == PELL_OK) {

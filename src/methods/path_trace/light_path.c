@@ -231,11 +231,13 @@ void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_samp
 /* Samples a point of a beam: half of the samples in proportion to the scattered light, half equi-angularly as seen from the scatterer
  * (Kulla and Fajardo 2012, "Importance Sampling Techniques for Path Tracing in Participating Media"), in proportion to the contribution of
  * nearby points. Writes the scattered power over the sampling density. */
-static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_vec3 x, struct pt_sampler *own, float power[3])
+static struct pell_vec3 sample_beam_point(const struct pt_light_vertex *v, struct pell_vec3 x, struct pt_sampler *independent,
+                                          float power[3])
 {
     const struct pt_coefficients *m = v->at.medium;
     const struct pell_vec3 off = vec3_sub(x, v->at.x);
-    const double length = (double) v->length, along = (double) vec3_dot(off, v->at.w), pick = pt_fine(own), u = pt_fine(own);
+    const double length = (double) v->length, along = (double) vec3_dot(off, v->at.w), pick = pt_fine(independent),
+                 u = pt_fine(independent);
     const struct pell_vec3 perpendicular = vec3_mad(off, (float) -along, v->at.w);
     const double distance = fmax((double) vec3_length(perpendicular), 1e-6 * length);
     const double from = atan(-along / distance), to = atan((length - along) / distance);
@@ -262,34 +264,34 @@ static struct pell_vec3 beam_place(const struct pt_light_vertex *v, struct pell_
 void pt_connect_paths(const struct pt_scene *s, struct pt_counts *counts, const struct pt_light_vertex *vertex, int count, int solid,
                       const struct pt_scatterer *at, const struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_sampler own = { .state = pt_mix(sampler->state ^ 0x14057b7ef767814fu), .at = PT_QUASI_RANDOM_NUMBERS };
+    struct pt_sampler independent = { .state = pt_mix(sampler->state ^ 0x14057b7ef767814fu), .at = PT_QUASI_RANDOM_NUMBERS };
     const double n = (double) pt_index(s, solid), least = JOIN_FRACTION * s->typical;
 
     for (int i = 0; i < count; i++) {
         const struct pt_light_vertex *v = &vertex[i];
         struct pell_vec3 to, dir;
-        float here[3], there[3], passed[3], light[3], power[3] = { v->at.beta[0], v->at.beta[1], v->at.beta[2] };
+        float values[3], vertex_values[3], passed[3], light[3], power[3] = { v->at.beta[0], v->at.beta[1], v->at.beta[2] };
         float square, distance, most = 0.0f, chance = 1.0f;
         if (v->solid != solid)
             continue;
-        to = vec3_sub(v->length > 0.0f ? beam_place(v, at->x, &own, power) : v->at.x, at->x);
+        to = vec3_sub(v->length > 0.0f ? sample_beam_point(v, at->x, &independent, power) : v->at.x, at->x);
         square = vec3_dot(to, to);
         distance = sqrtf(square);
         if (!(distance > 2.0f * s->unit))
             continue;
         dir = vec3_mul(to, 1.0f / distance);
-        pt_scatter_values(at, dir, here);
-        pt_scatter_values(&v->at, vec3_mul(dir, -1.0f), there);
-        pt_transmittance(s, solid, at->x, dir, distance, &own, passed);
+        pt_scatter_values(at, dir, values);
+        pt_scatter_values(&v->at, vec3_mul(dir, -1.0f), vertex_values);
+        pt_transmittance(s, solid, at->x, dir, distance, &independent, passed);
         for (int c = 0; c < 3; c++) {
-            light[c] = at->beta[c] * here[c] * passed[c] * there[c] * power[c] / (square * (float) (n * n));
+            light[c] = at->beta[c] * values[c] * passed[c] * vertex_values[c] * power[c] / (square * (float) (n * n));
             most = fmaxf(most, light[c]);
         }
         if (!(most > 0.0f))
             continue;
         if ((double) most < least) {
             chance = (float) ((double) most / least);
-            if (pt_fine(&own) >= (double) chance)
+            if (pt_fine(&independent) >= (double) chance)
                 continue;
         }
         if (!pt_bounce_allowed(s, at->bounces + v->at.bounces + (solid < 0)) ||

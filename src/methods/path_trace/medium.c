@@ -151,12 +151,12 @@ float pt_phase_sample(const struct pt_coefficients *m, struct pell_vec3 w, struc
     float cosine, to[3], values[3], hit_opaque, scale;
 
     if (m->isotropic) {
-        pt_anywhere(u, v, to);
+        pt_uniform_sphere(u, v, to);
         *out = vec3_load(to);
         return 1.0f / (4.0f * PELL_PI_F);
     }
     cosine = m->hg ? pt_hg_cosine(m->g[c], u) : (float) -pell_phase_sample_cosine(&m->phase[c], (double) u);
-    pt_turned((const float[3]) { w.x, w.y, w.z }, fminf(fmaxf(cosine, -1.0f), 1.0f), v, to);
+    pt_rotate((const float[3]) { w.x, w.y, w.z }, fminf(fmaxf(cosine, -1.0f), 1.0f), v, to);
     *out = vec3_load(to);
     pt_phase_values(m, w, *out, values);
     if (m->alike)

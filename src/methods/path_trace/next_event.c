@@ -121,11 +121,11 @@ double pt_exit_density(const struct pt_scene *s, const struct pt_exit *e)
 
     pt_scatter_values(&e->from, e->w, values);
     for (int c = 0; c < 3; c++) {
-        const double there = (double) e->from.beta[c] * (double) values[c];
+        const double weight = (double) e->from.beta[c] * (double) values[c];
         const double sigma = (double) (m->homogeneous ? m->layer[0].sigma_t[c] : m->min_sigma_t);
         sum += (double) e->from.beta[c];
-        hit_opaque += there;
-        passed += there * exp(-sigma * (double) e->length);
+        hit_opaque += weight;
+        passed += weight * exp(-sigma * (double) e->length);
     }
     return sum > 0.0 && hit_opaque > 0.0 ? hit_opaque / sum * (passed / hit_opaque) * (double) e->transmit : 0.0;
 }
@@ -163,28 +163,28 @@ static void connection(const struct pt_scene *s, const struct pt_scatterer *at, 
         sum[k] += (double) (at->beta[k] * values[k] * passed[k] * power[k]) * scale;
 }
 
-/* Selects the fraction `share` of the scatterers, evenly along the path. */
-static bool has_turn(float fraction, float *turn)
+/* Selects the given fraction of the scatterers, evenly along the path. */
+static bool select_scatterer(float fraction, float *selection)
 {
-    *turn += fraction;
-    if (*turn < 1.0f)
+    *selection += fraction;
+    if (*selection < 1.0f)
         return false;
-    *turn -= 1.0f;
+    *selection -= 1.0f;
     return true;
 }
 
 /* Maximum distance of connections from here; returns the sampler for the numbers that follow. */
-static float draw_reach(const struct pt_scene *s, int solid, const struct pt_sampler *walk, struct pt_sampler *own)
+static float draw_reach(const struct pt_scene *s, int solid, const struct pt_sampler *walk, struct pt_sampler *independent)
 {
-    *own = pt_independent_sampler(walk, PT_NEE_SALT);
-    return -pt_log(pt_chance(own)) * s->solid[solid].connect_mm;
+    *independent = pt_independent_sampler(walk, PT_NEE_SALT);
+    return -pt_log(pt_chance(independent)) * s->solid[solid].connect_mm;
 }
 
-bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float fraction, float *turn,
+bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float fraction, float *selection,
                        const struct pt_sampler *sampler)
 {
-    struct pt_sampler own;
-    const float reach = draw_reach(s, solid, sampler, &own);
+    struct pt_sampler independent;
+    const float reach = draw_reach(s, solid, sampler, &independent);
 
     if (!(reach > *safe))
         return false;
@@ -194,7 +194,7 @@ bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, 
         if (!(reach > bound))
             return false;
     }
-    return has_turn(fraction, turn);
+    return select_scatterer(fraction, selection);
 }
 
 void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
@@ -203,11 +203,11 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
     const struct pt_medium *m = &s->solid[solid].medium;
     struct pell_connection found[PELL_CONNECTIONS];
     struct pell_light_sample source;
-    struct pt_sampler own;
-    const float reach = draw_reach(s, solid, sampler, &own);
+    struct pt_sampler independent;
+    const float reach = draw_reach(s, solid, sampler, &independent);
     int count;
 
-    if (!pt_sample_light(s, at->x, &own, &source) || pt_fine(&own) >= source_fraction(s, &source))
+    if (!pt_sample_light(s, at->x, &independent, &source) || pt_fine(&independent) >= source_fraction(s, &source))
         return;
     counts->connections++;
     count = pell_connect(s->connector,
@@ -215,7 +215,7 @@ void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int s
                                                            source.distant, (double) reach },
                          found, PELL_CONNECTIONS, &counts->rays);
     for (int i = 0; i < count; i++)
-        connection(s, at, solid, fraction, &found[i], &source, &own, sum);
+        connection(s, at, solid, fraction, &found[i], &source, &independent, sum);
 }
 
 /* --- Near connections through rough boundaries --------------------------------------------------------------------------------------- */
@@ -309,9 +309,9 @@ double pt_rough_nee_density(const struct pt_scene *s, struct pt_counts *counts, 
 }
 
 void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
-                      float *turn, const struct pt_sampler *sampler, double sum[3])
+                      float *selection, const struct pt_sampler *sampler, double sum[3])
 {
-    struct pt_sampler own = pt_independent_sampler(sampler, 0x2545f4914f6cdd1du);
+    struct pt_sampler independent = pt_independent_sampler(sampler, 0x2545f4914f6cdd1du);
     const double probability = connect_probability(s, solid, at->x, fraction);
     struct pell_light_sample source;
     const struct pt_rough *rough;
@@ -322,16 +322,16 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
     double distance, kernel, per_sr = 1.0, density, scale = 1.0;
     float power[3], values[3], passed[3];
 
-    if (!has_turn((float) probability, turn))
+    if (!select_scatterer((float) probability, selection))
         return;
-    if (!pt_sample_light(s, at->x, &own, &source) || (source.distant && !source.delta))
+    if (!pt_sample_light(s, at->x, &independent, &source) || (source.distant && !source.delta))
         return;
     make_lobes(s, counts, solid, at->x, &source, &lobes);
-    if (lobes.count > 0 && pt_fine(&own) < LOBE_FRACTION) {
-        e.w = lobes_sample(&lobes, &own);
+    if (lobes.count > 0 && pt_fine(&independent) < LOBE_FRACTION) {
+        e.w = lobes_sample(&lobes, &independent);
     } else {
         float ignored[3] = { at->beta[0], at->beta[1], at->beta[2] };
-        e.w = pt_scatter_sample(at, &own, ignored);
+        e.w = pt_scatter_sample(at, &independent, ignored);
     }
     density = near_density(&lobes, at, e.w);
     if (!(density > 0.0) || !pt_intersect(s, counts, at->x, e.w, INFINITY, PELL_RAY_ALL, &e.hit) || e.hit.solid != solid ||
@@ -364,7 +364,7 @@ void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int so
                        PELL_RAY_ALL))
         return;
     pt_scatter_values(at, e.w, values);
-    pt_transmittance(s, solid, at->x, e.w, e.length, &own, passed);
+    pt_transmittance(s, solid, at->x, e.w, e.length, &independent, passed);
     pt_tint(s, &e.hit, true, passed);
     for (int k = 0; k < 3; k++)
         sum[k] +=
@@ -392,10 +392,10 @@ void pt_next_event(const struct pt_scene *s, struct pt_counts *counts, const str
         return;
     scale = source.distant ? 1.0 : 1.0 / (distance * distance);
     if (!source.delta) {
-        const double turned = source.distant ? 1.0 : -(double) vec3_dot(source.normal, v);
-        if (!(turned > 0.0))
+        const double cos_light = source.distant ? 1.0 : -(double) vec3_dot(source.normal, v);
+        if (!(cos_light > 0.0))
             return;
-        scale *= turned;
+        scale *= cos_light;
         per_sr = source.pdf / scale;
         if (s->knobs.techniques & PT_HIT_LIGHTS)
             scale *= per_sr / (per_sr + kernel);

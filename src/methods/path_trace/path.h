@@ -146,7 +146,7 @@ struct pt_scene {
     double brightest;
     bool light_paths, chains;    /* for delta lights */
     int light_rays;              /* per sample: more if reflected light hits other surfaces */
-    double environment_fraction; /* probability of next-event estimation for it: a uniform one is sampled well by chance */
+    double environment_fraction; /* probability of next-event estimation for it: random directions sample a uniform one well enough */
     uint32_t seed;
     float unit; /* mm: several rounding errors of the largest coordinate of a solid */
 };
@@ -331,15 +331,15 @@ bool pt_sample_light(const struct pt_scene *s, struct pell_vec3 x, struct pt_sam
 #define PT_NEE_SALT 0x5851f42d4c957f2du /* of the random numbers for that decision */
 
 /* Whether a scatterer does next-event estimation through a smooth boundary: `fraction` of those within range of it, evenly along the
- * path. *safe: mm around x without a surface, updated; *turn: in [0, 1), accumulates the selection. */
-bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float fraction, float *turn,
+ * path. *safe: mm around x without a surface, updated; *selection: in [0, 1), accumulates the fractions. */
+bool pt_should_connect(const struct pt_scene *s, int solid, struct pell_vec3 x, float *safe, float fraction, float *selection,
                        const struct pt_sampler *sampler);
 /* Next-event estimation at a scatterer inside a solid: adds to sum. Through smooth boundaries by refractive connections; through rough ones
  * near them, for a fraction of the scatterers (without the environment). The path's own random numbers are unchanged. */
 void pt_connect_lights(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
                        const struct pt_sampler *sampler, double sum[3]);
 void pt_connect_rough(const struct pt_scene *s, struct pt_counts *counts, int solid, const struct pt_scatterer *at, float fraction,
-                      float *turn, const struct pt_sampler *sampler, double sum[3]);
+                      float *selection, const struct pt_sampler *sampler, double sum[3]);
 /* Density with which pt_connect_rough would have sampled the direction e->w from the scatterer e->from toward the light sample, including
  * the probability to connect at all. */
 double pt_rough_nee_density(const struct pt_scene *s, struct pt_counts *counts, const struct pt_exit *e,
@@ -365,8 +365,8 @@ struct pt_walker {
     struct pt_counts counts;
     struct pt_light_vertex vertex[PT_LIGHT_VERTICES];
     int vertices;
-    struct pt_branches *branches; /* of paths traced one after the other */
-    struct pt_wavefront *side;    /* NULL: paths are traced one after the other */
+    struct pt_branches *branches;   /* of paths traced one after the other */
+    struct pt_wavefront *wavefront; /* NULL: paths are traced one after the other */
 };
 
 void pt_light_path(const struct pt_scene *s, struct pt_walker *w, struct pt_sampler *sampler);

@@ -36,7 +36,7 @@ struct pt_pixel {
     uint32_t count;           /* samples */
 };
 
-enum pt_part { PT_MULTIPLE, PT_SINGLE, PT_SURFACE, PT_PARTS };
+enum pt_component { PT_MULTIPLE, PT_SINGLE, PT_SURFACE, PT_COMPONENTS };
 
 /* Pixels of a tile, in scan order; a tile is the unit of files and ranks. */
 #define PT_TILE 8
@@ -95,9 +95,9 @@ PELL_NODISCARD enum pell_result pt_film_merge(struct pell_context *ctx, struct p
 /* Whether all samples of `part` are in the film. */
 bool pt_film_holds(const struct pt_film *film, const struct pt_film *part);
 
-struct pell_share;
+struct pell_communicator;
 /* Collective: sums the films of all ranks, with the same number of pixels, into those of `total` on rank 0. */
-PELL_NODISCARD enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *share, const struct pt_film *film,
+PELL_NODISCARD enum pell_result pt_ranks_reduce(struct pell_context *ctx, const struct pell_communicator *comm, const struct pt_film *film,
                                                 struct pt_film *total);
 
 /* --- checkpoint.c: films in a file -------------------------------------------------------------------------------------------------- */

@@ -7,7 +7,7 @@
 
 #include "methods/path_trace/path_trace.h"
 #include "methods/reference_frame.h"
-#include "render/share.h"
+#include "render/communicator.h"
 
 struct pt_state {
     struct reference_frame frame;         /* first member */
@@ -36,7 +36,7 @@ struct pt_state {
     double error2;           /* sum of their squared errors; INFINITY: some is unknown */
     struct pt_film *done;    /* per film: samples present at the beginning of a shared run; spans only */
     struct pt_film total;    /* of all ranks, on rank 0: pixels only */
-    struct pt_film kept;     /* the film before the round, if there is a deadline */
+    struct pt_film saved;    /* the film before the round, if there is a deadline */
     uint32_t *tasks;         /* first tile of each task of a round, and the end */
     size_t tasks_capacity;
 };
@@ -49,7 +49,7 @@ struct pt_run {
     const struct pt_film *done;  /* samples to skip besides the film's; NULL: none */
     const struct pt_film *shown; /* the film, or on rank 0 that of all ranks */
     struct pell_view view;
-    uint32_t number; /* index of the sample of the multisample */
+    uint32_t index;  /* index of the sample of the multisample */
     uint32_t from;   /* first sample per pixel of the run */
     uint32_t low;    /* first sample of the round */
     uint32_t target; /* end of the round's samples per pixel */
@@ -89,9 +89,9 @@ static inline bool pt_merges(const struct pt_state *st)
 }
 
 /* NULL: a single process. */
-static inline struct pell_share *pt_share(const struct pt_state *st)
+static inline struct pell_communicator *pt_communicator(const struct pt_state *st)
 {
-    return st->services->share;
+    return st->services->communicator;
 }
 
 /* --- tasks.c -------------------------------------------------------------------------------------------------------------------------- */
@@ -105,14 +105,14 @@ void pt_count_range(const struct pt_run *run, const struct pt_film *film, uint32
 void pt_show(struct pt_run *run, double done);
 double pt_progress_of(const struct pt_goal *g, double samples);
 
-/* --- shared.c: a run of several ranks ----------------------------------------------------------------------------------------------- */
+/* --- ranks.c: a run of several ranks ----------------------------------------------------------------------------------------------- */
 
 /* Collective, like all that follows. Reads the results of earlier runs. */
-PELL_NODISCARD enum pell_result pt_share_start(struct pt_state *st, const struct pell_frame *in);
+PELL_NODISCARD enum pell_result pt_ranks_start(struct pt_state *st, const struct pell_frame *in);
 /* Runs rounds until the goal is reached. Afterwards run->shown on rank 0 has the samples of all ranks. */
-PELL_NODISCARD enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *goal);
-/* Writes the films that are to be kept. */
-PELL_NODISCARD enum pell_result pt_share_finish(struct pt_state *st, const struct pell_frame *in);
+PELL_NODISCARD enum pell_result pt_ranks_run(struct pt_run *run, struct pt_goal *goal);
+/* Writes the films to keep. */
+PELL_NODISCARD enum pell_result pt_ranks_finish(struct pt_state *st, const struct pell_frame *in);
 
 /* --- films.c -------------------------------------------------------------------------------------------------------------------------- */
 

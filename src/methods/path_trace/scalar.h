@@ -9,24 +9,24 @@
 #include "shared/phase.h"
 
 #define REAL float
-#define WHOLE int32_t
+#define INT int32_t
 #define FN(name) pt_##name
 #define PICK(c, a, b) ((c) ? (a) : (b))
 #define ALL(x) (x)
 #define ROOT(x) sqrtf(x)
 #define AS_REAL(i) ((float) (i))
-#define AS_WHOLE(x) ((int32_t) (x))
+#define AS_INT(x) ((int32_t) (x))
 #define BITS(x) pell_float_bits(x)
 #define OF_BITS(i) pell_bits_float(i)
 #include "methods/path_trace/functions.inc"
 #undef REAL
-#undef WHOLE
+#undef INT
 #undef FN
 #undef PICK
 #undef ALL
 #undef ROOT
 #undef AS_REAL
-#undef AS_WHOLE
+#undef AS_INT
 #undef BITS
 #undef OF_BITS
 

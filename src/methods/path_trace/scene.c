@@ -102,7 +102,7 @@ fail:
 
 /* Fraction of the scattering events with next-event estimation, tuned on the bunny in milk, skin and ketchup: smaller for long paths and
  * for forward scattering. */
-static float share_of(const struct pt_coefficients *m)
+static float nee_fraction(const struct pt_coefficients *m)
 {
     float albedo = 0.0f;
 
@@ -124,7 +124,7 @@ static enum pell_result make_solids(struct pt_scene *s)
         const struct pell_material *m = &s->scene->materials[mesh_of(s, i, 0)->material];
         if ((res = pt_medium_make(s->ctx, s->scene, m, &b->medium)) != PELL_OK)
             return res;
-        b->fraction = share_of(&b->medium.layer[b->medium.layers - 1]);
+        b->fraction = nee_fraction(&b->medium.layer[b->medium.layers - 1]);
         b->smooth = b->rough = true;
         for (size_t t = 0; t < from->num_triangles && !pell_cancelled_at(s->ctx, t); t++) {
             const struct pt_roughness_step *f = &s->roughness_steps[mesh_of(s, i, t)->material];

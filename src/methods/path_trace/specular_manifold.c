@@ -114,7 +114,7 @@ static double reflects(const struct query *q, const struct chain *c, const struc
 }
 
 /* Continues at a surface: as `through` says, or at random (NULL). False: impossible. */
-static bool turn(const struct query *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
+static bool interact(const struct query *q, struct chain *c, const struct pt_hit *hit, const bool *transmitted, struct pt_sampler *sampler)
 {
     const struct pt_scene *s = q->s;
     const int solid = pt_top(&c->stack);
@@ -233,7 +233,7 @@ static void tangents(struct pell_dvec3 w, struct pell_dvec3 *t0, struct pell_dve
 }
 
 /* Chains that connections find, and chains without surfaces, are useless. */
-static bool wanted(const struct query *q, const struct chain *c)
+static bool is_useful(const struct query *q, const struct chain *c)
 {
     return c->kind.count > 0 && c->stack.count == 0 && !(q->connected && c->kind.count == 1 && c->kind.transmitted[0] && !c->odd);
 }
@@ -262,8 +262,8 @@ static bool random_chain(const struct query *q, struct pt_sampler *sampler, stru
         struct pt_hit hit;
         const bool has_hit = next(q, c, deepest, &hit), open = c->kind.count > 0 && c->stack.count == 0;
         if (open && (!has_hit || pt_random(sampler) < 0.5f))
-            return wanted(q, c);
-        if (!has_hit || !turn(q, c, &hit, NULL, sampler))
+            return is_useful(q, c);
+        if (!has_hit || !interact(q, c, &hit, NULL, sampler))
             return false;
     }
 }
@@ -279,7 +279,7 @@ static bool follow(const struct query *q, const struct kind *kind, struct pell_d
     start(q, w, t0, t1, c);
     for (int i = 0; i < kind->count; i++) {
         struct pt_hit hit;
-        if (!next(q, c, (double) INFINITY, &hit) || !turn(q, c, &hit, &kind->transmitted[i], NULL))
+        if (!next(q, c, (double) INFINITY, &hit) || !interact(q, c, &hit, &kind->transmitted[i], NULL))
             return false;
     }
     return c->stack.count == 0;
@@ -414,7 +414,7 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
                           const struct pt_medium_stack *here, const struct pt_medium_stack *beyond, float safe,
                           const struct pt_sampler *walk, double sum[3])
 {
-    struct pt_sampler own = pt_independent_sampler(walk, 0x9fb21c651e98df25u);
+    struct pt_sampler independent = pt_independent_sampler(walk, 0x9fb21c651e98df25u);
     const int solid = pt_top(here);
     struct query q = { .s = s, .counts = counts, .at = at, .here = here, .beyond = beyond };
     const double least = CHAIN_FRACTION * s->typical;
@@ -422,25 +422,25 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
     double light[3], most, chance = 1.0;
     int trials = 0;
 
-    q.deepest = -log(pt_fine(&own)) / REACH;
+    q.deepest = -log(pt_fine(&independent)) / REACH;
     if (at->medium) {
-        const double min_sigma_t = (double) s->solid[solid].medium.min_sigma_t, most_deep = 1.5 * q.deepest + 0.1;
-        if (min_sigma_t * (double) safe > most_deep ||
-            (s->solid[solid].grid && min_sigma_t * (double) pell_distance_bound(s->distance, solid, at->x) > most_deep))
+        const double min_sigma_t = (double) s->solid[solid].medium.min_sigma_t, max_depth = 1.5 * q.deepest + 0.1;
+        if (min_sigma_t * (double) safe > max_depth ||
+            (s->solid[solid].grid && min_sigma_t * (double) pell_distance_bound(s->distance, solid, at->x) > max_depth))
             return;
     }
     q.connected = !beyond && here->count == 1 && s->solid[solid].connects;
-    if (!pt_sample_light(s, at->x, &own, &q.source) || !q.source.delta)
+    if (!pt_sample_light(s, at->x, &independent, &q.source) || !q.source.delta)
         return;
     if (!beyond && solid < 0 && !pt_bounce_allowed(s, at->bounces + 1)) /* the first surface would exceed the limit */
         return;
-    if (!random_chain(&q, &own, &found) || !solve(&q, &found) || !wanted(&q, &found) || !pt_bounce_allowed(s, bounces_over(&q, &found)) ||
-        !light_of(&q, &found, &own, light))
+    if (!random_chain(&q, &independent, &found) || !solve(&q, &found) || !is_useful(&q, &found) ||
+        !pt_bounce_allowed(s, bounces_over(&q, &found)) || !light_of(&q, &found, &independent, light))
         return;
     most = fmax(light[0], fmax(light[1], light[2]));
     if (most < least) {
         chance = most / least;
-        if (pt_fine(&own) >= chance)
+        if (pt_fine(&independent) >= chance)
             return;
     }
     counts->chains++;
@@ -456,7 +456,7 @@ void pt_specular_manifold(const struct pt_scene *s, struct pt_counts *counts, co
             counts->chains_cut++;
             break;
         }
-    } while (!random_chain(&q, &own, &again) || !solve(&q, &again) || !is_same(&found, &again));
+    } while (!random_chain(&q, &independent, &again) || !solve(&q, &again) || !is_same(&found, &again));
     for (int k = 0; k < 3; k++)
         sum[k] += light[k] / chance * trials;
 }

@@ -43,7 +43,7 @@ static void start_point(const struct pt_run *run, size_t at, struct pt_point *po
         .depth = in->shape.orthographic ? in->depth[at] : vec3_length(to),
         .material = in->material[at],
         .pixel = (uint32_t) y * (uint32_t) in->shape.width + (uint32_t) x +
-                 run->number * (uint32_t) in->shape.width * (uint32_t) in->shape.height,
+                 run->index * (uint32_t) in->shape.width * (uint32_t) in->shape.height,
     };
 }
 
@@ -170,9 +170,9 @@ enum pell_result pt_list_tasks(struct pt_run *run, size_t pixels, size_t *count)
 
 void pt_show(struct pt_run *run, double done)
 {
-    const double whole = (run->number + fmin(fmax(done, 0.0), 1.0)) / run->in->num_samples;
+    const double fraction = (run->index + fmin(fmax(done, 0.0), 1.0)) / run->in->num_samples;
 
-    run->st->shown = fmax(run->st->shown, whole);
+    run->st->shown = fmax(run->st->shown, fraction);
     pell_progress(run->st->ctx, "path-trace", run->st->shown);
 }
 

@@ -16,14 +16,14 @@ enum pell_result pt_walker_create(const struct pt_scene *scene, struct pt_walker
     w->branches = pell_zalloc(scene->ctx, sizeof(*w->branches));
     if (!w->branches)
         return PELL_ERR_NOMEM;
-    return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_wavefront_create(scene, &w->side) : PELL_OK;
+    return scene->knobs.acceleration != PT_ACCELERATION_NONE ? pt_wavefront_create(scene, &w->wavefront) : PELL_OK;
 }
 
 void pt_walker_destroy(struct pt_walker **walker)
 {
     if (*walker) {
         pell_free((*walker)->ctx, (*walker)->branches);
-        pt_wavefront_destroy((*walker)->ctx, &(*walker)->side);
+        pt_wavefront_destroy((*walker)->ctx, &(*walker)->wavefront);
         pell_free((*walker)->ctx, *walker);
     }
     *walker = NULL;
@@ -62,7 +62,7 @@ void pt_trace_jobs(const struct pt_scene *s, struct pt_walker *walker, struct pt
     struct pt_hit hit;
     bool there = false;
 
-    if (walker->side) {
+    if (walker->wavefront) {
         pt_wavefront_trace(s, walker, jobs, count);
         return;
     }

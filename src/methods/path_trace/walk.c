@@ -67,9 +67,9 @@ void pt_scattering_event(struct pt_walk *p, const struct pt_scatterer *at, int s
     if (solid >= 0 && (s->solid[solid].connects || s->solid[solid].near) && p->stack.count == 1) {
         const float fraction = p->scattered <= 1 ? 1.0f : s->solid[solid].fraction;
         if (!s->solid[solid].connects)
-            pt_connect_rough(s, p->counts, solid, at, fraction, &p->turn, p->sampler, sum);
+            pt_connect_rough(s, p->counts, solid, at, fraction, &p->selection, p->sampler, sum);
         else if (decision == PT_CONNECTION_YES ||
-                 (decision == PT_CONNECTION_UNDECIDED && pt_should_connect(s, solid, at->x, &p->safe, fraction, &p->turn, p->sampler)))
+                 (decision == PT_CONNECTION_UNDECIDED && pt_should_connect(s, solid, at->x, &p->safe, fraction, &p->selection, p->sampler)))
             pt_connect_lights(s, p->counts, solid, at, fraction, p->sampler, sum);
         add(p, sum, p->scattered);
         p->exit.from = *at;
@@ -256,23 +256,23 @@ static void hit_solid(struct pt_walk *p, const struct pt_hit *hit, float length)
  *
  *     out_c = exp(-sigma_t,c (t - bound)) (1 - F),    t the distance of the boundary, F the Fresnel reflectance
  *
- * in channel c. The leaving part is traced at once, with that fraction of the throughput; the path continues with the rest, conditioned not
+ * in channel c. The exiting path is traced at once, with that fraction of the throughput; the path continues with the rest, conditioned not
  * to leave: the densities of its collisions, and of being reflected, are divided by 1 - out_c (with the balance heuristic over channels, as
  * in distance_sampling.c). A path that ended at its first exit would sample the surface there only; this one samples many exits, and its
  * throughput decreases gradually. The decision to split is made before the length of the flight is known: for boundaries within `further`
  * of the bound. */
 
 #define MIN_SPLIT 0.02f               /* smallest probability to leave for which a flight is split */
-#define MIN_STAY 1e-6f                /* lower bound of the probability to stay, a divisor */
-#define PART 0.3f                     /* minimum weight of a leaving part that hits another surface */
-#define PART_SALT 0x9fb21c651e98df25u /* of its random numbers */
+#define MIN_REMAINING 1e-6f           /* lower bound of the probability to stay, a divisor */
+#define MIN_EXIT_WEIGHT 0.3f          /* minimum weight of an exiting path that hits another surface */
+#define EXIT_SALT 0x9fb21c651e98df25u /* of its random numbers */
 
-/* Follows the leaving part: adds the lights it hits; if it hits a surface, it is subject to Russian roulette and continues after the
+/* Follows the exiting path: adds the lights it hits; if it hits a surface, it is subject to Russian roulette and continues after the
  * current path is complete, or at once if the queue is full. */
-static void leave(const struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, const float beta[3])
+static void trace_exit(const struct pt_walk *p, const struct pt_hit *hit, const struct boundary *b, const float beta[3])
 {
     struct pt_branches *to = p->branches;
-    struct pt_sampler sampler = pt_independent_sampler(p->sampler, PART_SALT);
+    struct pt_sampler sampler = pt_independent_sampler(p->sampler, EXIT_SALT);
     struct pt_walk q = *p;
     struct pt_hit next;
     bool has_hit;
@@ -289,7 +289,8 @@ static void leave(const struct pt_walk *p, const struct pt_hit *hit, const struc
     has_hit = pt_intersect(p->s, q.counts, q.from, q.w, INFINITY, PELL_RAY_ALL, &next);
     hit_lights(&q, has_hit ? (double) next.t : INFINITY);
     if (!has_hit || !pt_bounce_allowed(p->s, ++q.bounces) ||
-        !pt_roulette(q.beta, (q.beta[0] + q.beta[1] + q.beta[2]) * (1.0f / 3.0f), PART, &sampler) || !pt_surface_event(&q, &next, next.t))
+        !pt_roulette(q.beta, (q.beta[0] + q.beta[1] + q.beta[2]) * (1.0f / 3.0f), MIN_EXIT_WEIGHT, &sampler) ||
+        !pt_surface_event(&q, &next, next.t))
         return;
     if (to->count == PT_BRANCHES) {
         q.branches = NULL;
@@ -331,10 +332,10 @@ enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f)
         return PT_SPLIT_NOT;
     for (int c = 0; c < 3; c++) {
         outside[c] = p->beta[c] * passed[c] * out[c] * (sum / density);
-        f->over[c] = 1.0f / fmaxf(1.0f - out[c], MIN_STAY);
+        f->over[c] = 1.0f / fmaxf(1.0f - out[c], MIN_REMAINING);
     }
-    leave(p, &f->hit, &b, outside);
-    /* Maps the rest of the flight beyond the bound to [0, 1), for the part that stays: below 1 - arrived it collides. */
+    trace_exit(p, &f->hit, &b, outside);
+    /* Maps the rest of the flight beyond the bound to [0, 1), for the path that stays inside: below 1 - arrived it collides. */
     u = (1.0f - pt_exp(-m->sigma_t[f->channel] * fmaxf(f->length - f->bound, 0.0f))) * (1.0f - out[f->channel]);
     if (u < 1.0f - arrived[f->channel] || !(fresnel > 0.0f)) {
         f->has_hit = false;
@@ -497,7 +498,7 @@ int pt_begin(const struct pt_scene *s, struct pt_walker *walker, const struct pt
         /* Independent random numbers: the refracted path does not depend on the reflected one. */
         sampler[count] = pt_sampler_start(s->seed, point->pixel, sample, reflected ? 2 : 0);
         if (!reflected)
-            p.turn = pell_unit_float(pell_hash(sampler[0].pattern ^ pell_sobol0(sample)));
+            p.selection = pell_unit_float(pell_hash(sampler[0].pattern ^ pell_sobol0(sample)));
         *q = p;
         q->sampler = &sampler[count];
         q->out = &out[count];

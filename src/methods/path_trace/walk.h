@@ -30,16 +30,16 @@ struct pt_walk {
         all_specular; /* a smooth surface on every edge between scattering events, since the camera or a rough surface: no light path can be
                    * connected to it */
     enum pt_last last;
-    float density;                /* LAST_SURFACE: of w, per sr */
+    float density;                /* PT_LAST_SURFACE: of w, per sr */
     struct pell_vec3 surface;     /* LAST_SURFACE: its point */
     bool nee_done;                /* LAST_SURFACE: next-event estimation except for the environment was done at exit.from */
-    struct pt_exit exit;          /* for LAST_EXIT, or if looked; before that partly set */
+    struct pt_exit exit;          /* for PT_LAST_EXIT, or after pt_should_connect; until then partly set */
     bool leaving;                 /* exit.from is the last vertex, without a surface since */
-    float turn;                   /* see pt_should_connect */
+    float selection;              /* see pt_should_connect */
     struct pt_branches *branches; /* NULL: no splitting */
 };
 
-/* Queue of split parts that left a solid and hit a surface again; they are traced after the current path, last first. */
+/* Queue of split paths that left a solid and hit a surface again; they are traced after the current path, last first. */
 #define PT_BRANCHES 8
 struct pt_branches {
     int count;
@@ -53,9 +53,9 @@ enum pt_split {
     PT_SPLIT_REFLECTS, /* p is past its end */
 };
 
-/* A flight that may leave a smooth solid: traces the leaving part, and conditions the flight to stay. */
+/* A flight that may leave a smooth solid: traces the exiting path, and conditions the flight to stay inside. */
 enum pt_split pt_split(struct pt_walk *p, struct pt_flight *f);
-/* The next queued part after a path is complete. False: there is none. */
+/* The next queued path after a path is complete. False: there is none. */
 bool pt_next_branch(struct pt_walk *p);
 
 enum pt_connection { PT_CONNECTION_UNDECIDED, PT_CONNECTION_NO, PT_CONNECTION_YES };
@@ -82,7 +82,7 @@ bool pt_step(struct pt_walk *p);
 bool pt_surface_event(struct pt_walk *p, const struct pt_hit *hit, float length);
 /* A flight left the solid through no surface, and ended at x. */
 void pt_escaped(struct pt_walk *p, struct pell_vec3 x);
-/* Next-event estimation at a scatterer. asked: result of an earlier decision whether to connect, if any. */
+/* Next-event estimation at a scatterer. `decision`: result of an earlier decision whether to connect, if any. */
 void pt_scattering_event(struct pt_walk *p, const struct pt_scatterer *at, int solid, enum pt_connection decision);
 /* Records a path terminated by the limit of events. */
 void pt_count_cut(struct pt_counts *counts, const float beta[3]);
@@ -90,7 +90,7 @@ void pt_count_cut(struct pt_counts *counts, const float beta[3]);
 /* Traces all paths of some samples in SIMD lanes. */
 struct pt_wavefront;
 PELL_NODISCARD enum pell_result pt_wavefront_create(const struct pt_scene *s, struct pt_wavefront **out);
-void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **side);
+void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **wavefront);
 void pt_wavefront_trace(const struct pt_scene *s, struct pt_walker *walker, struct pt_job *jobs, int count);
 
 #endif

@@ -35,7 +35,7 @@ struct pt_wavefront {
     int count, next;
     const struct pt_point *point; /* of `hit` */
     struct pt_hit hit;
-    bool there;
+    bool found;
 };
 
 enum pell_result pt_wavefront_create(const struct pt_scene *s, struct pt_wavefront **out)
@@ -48,13 +48,13 @@ enum pell_result pt_wavefront_create(const struct pt_scene *s, struct pt_wavefro
     return PELL_OK;
 }
 
-void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **side)
+void pt_wavefront_destroy(struct pell_context *ctx, struct pt_wavefront **wavefront)
 {
-    pell_free(ctx, *side);
-    *side = NULL;
+    pell_free(ctx, *wavefront);
+    *wavefront = NULL;
 }
 
-/* --- Paths in lanes and by themselves ------------------------------------------------------------------------------------------------ */
+/* --- Paths in lanes and single paths ------------------------------------------------------------------------------------------------ */
 
 static bool connects(const struct pt_wavefront *d, const struct pt_walk *p)
 {
@@ -66,7 +66,8 @@ static int key_of(const struct pt_walk *p)
     return 2 * pt_top(&p->stack) + (p->stack.count == 1);
 }
 
-static void take(struct pt_wavefront *d, int l)
+/* Copies the state of a lane to its path. */
+static void store_lane(struct pt_wavefront *d, int l)
 {
     struct pt_wavefront_lanes *w = &d->w;
     struct pt_walk *p = &d->slot[l].p;
@@ -77,7 +78,7 @@ static void take(struct pt_wavefront *d, int l)
     for (int c = 0; c < 3; c++)
         p->beta[c] = w->beta[c][l];
     p->safe = w->safe[l];
-    p->turn = w->turn[l];
+    p->selection = w->selection[l];
     p->events = w->events[l];
     p->scattered = w->scattered[l];
     d->slot[l].sampler.state = w->state[l];
@@ -95,7 +96,8 @@ static void take(struct pt_wavefront *d, int l)
     }
 }
 
-static void give(struct pt_wavefront *d, int l)
+/* Copies the state of a path to its lane. */
+static void load_lane(struct pt_wavefront *d, int l)
 {
     struct pt_wavefront_lanes *w = &d->w;
     struct slot *slot = &d->slot[l];
@@ -109,7 +111,7 @@ static void give(struct pt_wavefront *d, int l)
         w->beta[k][l] = p->beta[k];
     }
     w->safe[l] = p->safe;
-    w->turn[l] = p->turn;
+    w->selection[l] = p->selection;
     w->events[l] = p->events;
     w->scattered[l] = p->scattered;
     w->state[l] = slot->sampler.state;
@@ -122,8 +124,8 @@ static void give(struct pt_wavefront *d, int l)
     d->single |= bit; /* until its next scattering event */
 }
 
-/* Runs by itself until lanes can take it. False: it is complete. */
-static bool alone(const struct pt_scene *s, struct pt_walk *p)
+/* Runs the path alone until it is in a solid whose paths run in lanes. False: the path is complete. */
+static bool run_to_lanes(const struct pt_scene *s, struct pt_walk *p)
 {
     while (!(p->stack.count > 0 && s->solid[pt_top(&p->stack)].lanes))
         if (!pt_step(p))
@@ -137,8 +139,8 @@ static void finish(struct pt_wavefront *d, int l)
     struct slot *slot = &d->slot[l];
 
     while (pt_next_branch(&slot->p))
-        if (alone(d->s, &slot->p)) {
-            give(d, l);
+        if (run_to_lanes(d->s, &slot->p)) {
+            load_lane(d, l);
             return;
         }
     pt_light_add(&slot->job->light, &slot->light);
@@ -146,20 +148,20 @@ static void finish(struct pt_wavefront *d, int l)
 }
 
 /* Updates the lane after an event outside of the kernel. */
-static void back(struct pt_wavefront *d, int l, bool lives)
+static void resume(struct pt_wavefront *d, int l, bool lives)
 {
-    if (lives && alone(d->s, &d->slot[l].p))
-        give(d, l);
+    if (lives && run_to_lanes(d->s, &d->slot[l].p))
+        load_lane(d, l);
     else
         finish(d, l);
 }
 
-/* A few paths run faster by themselves. */
+/* A few paths run faster one at a time. */
 static void finish_alone(struct pt_wavefront *d)
 {
     for (; d->live; d->live &= d->live - 1) {
         const int l = __builtin_ctz(d->live);
-        take(d, l);
+        store_lane(d, l);
         do {
             while (pt_step(&d->slot[l].p))
                 continue;
@@ -170,7 +172,7 @@ static void finish_alone(struct pt_wavefront *d)
 
 /* --- Next paths ----------------------------------------------------------------------------------------------------------------------- */
 
-static void point_at_own(struct slot *slot)
+static void bind_slot(struct slot *slot)
 {
     slot->p.sampler = &slot->sampler;
     slot->p.out = &slot->light;
@@ -190,7 +192,7 @@ static void load_slot(struct pt_wavefront *d, int l, const struct pt_walk *p, co
     slot->job = job;
     if (p->vertices > 0)
         memcpy(slot->vertex, p->vertex, (size_t) p->vertices * sizeof(*slot->vertex));
-    point_at_own(slot);
+    bind_slot(slot);
 }
 
 /* Starts samples until one has a path for the lane. False: no samples are left. */
@@ -200,7 +202,7 @@ static bool fill(struct pt_wavefront *d, int l)
         struct slot *from = &d->slot[PT_LANES];
         d->waits = false;
         load_slot(d, l, &from->p, &from->sampler, &from->light, from->job);
-        give(d, l);
+        load_lane(d, l);
         return true;
     }
     while (d->next < d->count) {
@@ -208,30 +210,30 @@ static bool fill(struct pt_wavefront *d, int l)
         struct pt_walk walks[2];
         struct pt_sampler sampler[2];
         struct pt_light parts[2];
-        bool given = false;
+        bool loaded = false;
         int count;
 
         if (job->point != d->point)
-            d->there = pt_find(d->s, &d->walker->counts, job->point, &d->hit);
+            d->found = pt_find(d->s, &d->walker->counts, job->point, &d->hit);
         d->point = job->point;
-        d->walker->counts.lost += !d->there;
-        if (!d->there)
+        d->walker->counts.lost += !d->found;
+        if (!d->found)
             continue;
         memset(parts, 0, sizeof(parts));
         count = pt_begin(d->s, d->walker, job->point, &d->hit, job->sample, walks, sampler, parts);
         for (int i = 0; i < count; i++) {
-            if (!alone(d->s, &walks[i])) {
+            if (!run_to_lanes(d->s, &walks[i])) {
                 pt_light_add(&job->light, &parts[i]);
-            } else if (!given) {
+            } else if (!loaded) {
                 load_slot(d, l, &walks[i], &sampler[i], &parts[i], job);
-                give(d, l);
-                given = true;
+                load_lane(d, l);
+                loaded = true;
             } else {
                 load_slot(d, PT_LANES, &walks[i], &sampler[i], &parts[i], job);
                 d->waits = true;
             }
         }
-        if (given)
+        if (loaded)
             return true;
     }
     return false;
@@ -247,12 +249,12 @@ static int bits(uint32_t set)
     return (int) ((set & 0xffu) + (set >> 8));
 }
 
-static struct pt_wavefront_place place_of(const struct pt_scene *s, int solid, bool one)
+static struct pt_wavefront_solid solid_data(const struct pt_scene *s, int solid, bool one)
 {
     const struct pt_solid *b = &s->solid[solid];
     const float margin = 4.0f * s->unit;
 
-    return (struct pt_wavefront_place) {
+    return (struct pt_wavefront_solid) {
         .m = &b->medium.layer[0],
         .grid = b->grid ? pell_distance_grid(s->distance, solid) : NULL,
         .lo = { b->lo.x - margin, b->lo.y - margin, b->lo.z - margin },
@@ -275,7 +277,7 @@ static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
 
     if (!splits && !(r->ray.tfar[l] <= w->length[l]))
         return false;
-    take(d, l);
+    store_lane(d, l);
     pt_hit_at(d->s, r->hit.mesh[l], r->hit.triangle[l], r->hit.u[l], r->hit.v[l], p->w, &f.hit);
     f.hit.t = r->ray.tfar[l];
     f.has_hit = f.hit.t <= f.length;
@@ -284,7 +286,7 @@ static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
         if (!f.has_hit)
             return false;
         pt_attenuate(&d->s->solid[pt_top(&p->stack)].medium.layer[0], f.hit.t, p->beta);
-        back(d, l, pt_surface_event(p, &f.hit, f.hit.t));
+        resume(d, l, pt_surface_event(p, &f.hit, f.hit.t));
         return true;
     case PT_SPLIT_COLLIDES:
         w->length[l] = f.length;
@@ -293,7 +295,7 @@ static bool lane_hits(struct pt_wavefront *d, int l, bool splits)
         return false;
     case PT_SPLIT_REFLECTS: break;
     }
-    back(d, l, pt_roulette(p->beta, (p->beta[0] + p->beta[1] + p->beta[2]) * (1.0f / 3.0f), d->s->knobs.roulette, p->sampler));
+    resume(d, l, pt_roulette(p->beta, (p->beta[0] + p->beta[1] + p->beta[2]) * (1.0f / 3.0f), d->s->knobs.roulette, p->sampler));
     return true;
 }
 
@@ -339,18 +341,18 @@ static uint32_t intersect(struct pt_wavefront *d, int solid, bool one, uint32_t 
 }
 
 /* A flight that left the solid through no surface. */
-static void leave(struct pt_wavefront *d, int l)
+static void escape(struct pt_wavefront *d, int l)
 {
     struct pt_walk *p = &d->slot[l].p;
     const struct pt_solid *b;
     float length;
 
-    take(d, l);
+    store_lane(d, l);
     b = &d->s->solid[pt_top(&p->stack)];
     length = pt_outside(b, p->x, 0.0f) ? 0.0f : pt_exit_distance(b, p->x, p->w);
     pt_attenuate(&b->medium.layer[0], length, p->beta);
     pt_escaped(p, vec3_mad(p->x, length, p->w));
-    back(d, l, true);
+    resume(d, l, true);
 }
 
 /* Next-event estimation at a scatterer. */
@@ -359,12 +361,12 @@ static void estimate_direct(struct pt_wavefront *d, int l, int solid, bool conne
     struct pt_walk *p = &d->slot[l].p;
 
     d->since &= ~(1u << l);
-    take(d, l);
+    store_lane(d, l);
     p->from = p->x;
     const struct pt_scatterer at = { p->x, p->w, &d->s->solid[solid].medium.layer[0], .beta = { p->beta[0], p->beta[1], p->beta[2] },
                                      .bounces = p->bounces };
     pt_scattering_event(p, &at, solid, connecting ? PT_CONNECTION_YES : PT_CONNECTION_NO);
-    d->w.turn[l] = p->turn;
+    d->w.selection[l] = p->selection;
     if (!p->all_specular && p->vertices == 0 && !d->s->solid[solid].near)
         d->single &= ~(1u << l);
 }
@@ -373,10 +375,10 @@ static void estimate_direct(struct pt_wavefront *d, int l, int solid, bool conne
 static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
 {
     struct pt_counts *counts = &d->walker->counts;
-    const struct pt_wavefront_place stack = place_of(d->s, solid, one);
+    const struct pt_wavefront_solid data = solid_data(d->s, solid, one);
     uint32_t cut, lost, gone, rays, connecting;
 
-    rays = d->k->sample_distance(&d->w, &stack, set, &cut);
+    rays = d->k->sample_distance(&d->w, &data, set, &cut);
     for (uint32_t left = cut; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
         pt_count_cut(counts, (const float[3]) { d->w.beta[0][l], d->w.beta[1][l], d->w.beta[2][l] });
@@ -388,11 +390,11 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
         set &= ~intersect(d, solid, one, rays);
     if (!set)
         return;
-    connecting = d->k->collide(&d->w, &stack, set, &lost, &gone);
+    connecting = d->k->collide(&d->w, &data, set, &lost, &gone);
     set &= ~lost;
     counts->scatterings += bits(set);
     for (uint32_t left = lost; left; left &= left - 1)
-        leave(d, __builtin_ctz(left));
+        escape(d, __builtin_ctz(left));
     for (uint32_t left = gone; left; left &= left - 1)
         finish(d, __builtin_ctz(left));
     set &= ~gone;
@@ -402,13 +404,13 @@ static void step(struct pt_wavefront *d, int solid, bool one, uint32_t set)
     }
     d->fresh &= ~set;
     d->since |= set;
-    for (uint32_t left = d->k->scatter(&d->w, &stack, set); left; left &= left - 1)
+    for (uint32_t left = d->k->scatter(&d->w, &data, set); left; left &= left - 1)
         finish(d, __builtin_ctz(left));
 }
 
 void pt_wavefront_trace(const struct pt_scene *s, struct pt_walker *walker, struct pt_job *jobs, int count)
 {
-    struct pt_wavefront *d = walker->side;
+    struct pt_wavefront *d = walker->wavefront;
 
     d->s = s;
     d->walker = walker;

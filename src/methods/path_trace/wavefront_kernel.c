@@ -6,13 +6,13 @@
 #include "shared/phase.h"
 
 #define REAL vf
-#define WHOLE vi
+#define INT vi
 #define FN(name) lanes_##name
 #define PICK(c, a, b) select((c), (a), (b))
 #define ALL(x) all(x)
 #define ROOT(x) root(x)
 #define AS_REAL(i) __builtin_convertvector(i, vf)
-#define AS_WHOLE(x) __builtin_convertvector(x, vi)
+#define AS_INT(x) __builtin_convertvector(x, vi)
 #define BITS(x) ((vi) (x))
 #define OF_BITS(i) ((vf) (i))
 #include "methods/path_trace/functions.inc"
@@ -23,14 +23,14 @@ typedef uint32_t vh __attribute__((vector_size(2 * WIDTH)));
 #define GOLDEN 0x9e3779b97f4a7c15u
 #define EACH(l) for (int l = 0; l < PT_LANES; l += WIDTH) /* the first lane of each vector */
 
-INLINE vi whole(const void *p)
+INLINE vi load_int(const void *p)
 {
     vi v;
     memcpy(&v, p, sizeof(v));
     return v;
 }
 
-INLINE void keep(void *p, vi v)
+INLINE void store_int(void *p, vi v)
 {
     memcpy(p, &v, sizeof(v));
 }
@@ -40,7 +40,7 @@ INLINE vi mask_of(uint32_t set, int l)
 {
     static const int32_t bit[16] = { 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768 };
 
-    return (((vi) { 0 } + (int32_t) (set >> l)) & whole(bit)) != 0;
+    return (((vi) { 0 } + (int32_t) (set >> l)) & load_int(bit)) != 0;
 }
 
 INLINE uint32_t set_of(vi mask, int l)
@@ -87,7 +87,7 @@ INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, 
     uint32_t early = 0;
 
     EACH(l)
-    early |= set_of(whole(w->at + l) < PT_QUASI_RANDOM_NUMBERS, l);
+    early |= set_of(load_int(w->at + l) < PT_QUASI_RANDOM_NUMBERS, l);
     early &= set;
     EACH(l)
     {
@@ -101,7 +101,7 @@ INLINE uint32_t draw(struct pt_wavefront_lanes *w, uint32_t set, int32_t *bits, 
             memcpy(state, &s, sizeof(s));
             half[k] = mix(s);
         }
-        keep(bits + l, upper(half));
+        store_int(bits + l, upper(half));
     }
     for (uint32_t left = early; left; left &= left - 1) {
         const int l = __builtin_ctz(left);
@@ -120,7 +120,7 @@ INLINE void uniform(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 
     EACH(l)
     {
-        const vf late = __builtin_convertvector(whole(bits + l) >> 8 & 0xffffff, vf) * (1.0f / 16777216.0f);
+        const vf late = __builtin_convertvector(load_int(bits + l) >> 8 & 0xffffff, vf) * (1.0f / 16777216.0f);
         store(out + l, early ? select(mask_of(early, l), load(quasi + l), late) : late);
     }
 }
@@ -139,7 +139,7 @@ INLINE void chance(struct pt_wavefront_lanes *w, uint32_t set, float *out)
 
     EACH(l)
     {
-        const vf late = chance_of(whole(bits + l));
+        const vf late = chance_of(load_int(bits + l));
         store(out + l, early ? select(mask_of(early, l), 1.0f - load(quasi + l), late) : late);
     }
 }
@@ -153,7 +153,7 @@ INLINE void choose(const struct pt_wavefront_lanes *w, const float *u, const flo
         const vi second = t >= b0, third = second & (t - b0 >= b1), two = third & (b2 > 0.0f), one = second & ~two & (b1 > 0.0f);
         store(out + l, select(two, all(of[2]), select(one, all(of[1]), all(of[0]))));
         if (channel)
-            keep(channel + l, (two & 2) | (one & 1));
+            store_int(channel + l, (two & 2) | (one & 1));
     }
 }
 
@@ -177,7 +177,7 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
             at[k] = (i & (i < last)) | (last & ~(i < last));
             off[k] = x - (g->low[k] + (__builtin_convertvector(at[k], vf) + 0.5f) * g->side);
         }
-        keep(cube + l, ((at[2] * g->size[1] + at[1]) * g->size[0] + at[0]) & inside);
+        store_int(cube + l, ((at[2] * g->size[1] + at[1]) * g->size[0] + at[0]) & inside);
         store(away2 + l, off[0] * off[0] + off[1] * off[1] + off[2] * off[2]);
         set &= set_of(inside, l) | ~(((1u << WIDTH) - 1u) << l);
     }
@@ -192,7 +192,7 @@ INLINE void bound(const struct pell_distance_grid *g, const struct pt_wavefront_
 
 /* --- Steps ------------------------------------------------------------------------------------------------------------------------- */
 
-static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *cut)
+static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on, uint32_t *cut)
 {
     const struct pt_coefficients *m = p->m;
     _Alignas(64) float u[PT_LANES], path[PT_LANES], near[PT_LANES];
@@ -201,16 +201,16 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
     *cut = 0;
     EACH(l)
     {
-        const vi events = whole(w->events + l);
+        const vi events = load_int(w->events + l);
         *cut |= set_of(events >= p->events, l) & on;
-        keep(w->events + l, events - mask_of(on, l));
+        store_int(w->events + l, events - mask_of(on, l));
     }
     on &= ~*cut;
     if (m->gray) {
         EACH(l)
         {
             store(path + l, all(m->mean_free_path[0]));
-            keep(w->channel + l, (vi) { 0 });
+            store_int(w->channel + l, (vi) { 0 });
         }
     } else {
         uniform(w, on, u);
@@ -243,7 +243,7 @@ static uint32_t sample_distance(struct pt_wavefront_lanes *w, const struct pt_wa
 }
 
 /* Lanes selected for next-event estimation, as in pt_should_connect. */
-static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on)
+static uint32_t select_connections(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on)
 {
     _Alignas(64) float reach[PT_LANES], near[PT_LANES];
     uint32_t connecting = 0, turns = 0;
@@ -275,15 +275,15 @@ static uint32_t look(struct pt_wavefront_lanes *w, const struct pt_wavefront_pla
     }
     EACH(l)
     {
-        const vf turn = load(w->turn + l) + select(whole(w->scattered + l) <= 1, all(1.0f), all(p->fraction));
-        const vi mask = mask_of(connecting, l), has = turn >= 1.0f;
-        put(w->turn + l, mask, select(has, turn - 1.0f, turn));
+        const vf selection = load(w->selection + l) + select(load_int(w->scattered + l) <= 1, all(1.0f), all(p->fraction));
+        const vi mask = mask_of(connecting, l), has = selection >= 1.0f;
+        put(w->selection + l, mask, select(has, selection - 1.0f, selection));
         turns |= set_of(mask & has, l);
     }
     return turns;
 }
 
-static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on, uint32_t *lost, uint32_t *gone)
+static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on, uint32_t *lost, uint32_t *gone)
 {
     const struct pt_coefficients *m = p->m;
 
@@ -319,14 +319,14 @@ static uint32_t collide(struct pt_wavefront_lanes *w, const struct pt_wavefront_
         }
         for (int c = 0; c < 3; c++)
             put(w->beta[c] + l, mask, beta[c]);
-        keep(w->scattered + l, whole(w->scattered + l) - mask);
+        store_int(w->scattered + l, load_int(w->scattered + l) - mask);
         *gone |= set_of(mask & ~(beta[0] + beta[1] + beta[2] > 0.0f), l);
     }
     on &= ~(*lost | *gone);
-    return p->connects && on ? look(w, p, on) : 0;
+    return p->connects && on ? select_connections(w, p, on) : 0;
 }
 
-static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_place *p, uint32_t on)
+static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_solid *p, uint32_t on)
 {
     const struct pt_coefficients *m = p->m;
     _Alignas(64) float u[PT_LANES], v[PT_LANES], g[PT_LANES] = { 0 };
@@ -349,9 +349,9 @@ static uint32_t scatter(struct pt_wavefront_lanes *w, const struct pt_wavefront_
             put(w->collided[k] + l, mask, beta[k]);
         }
         if (m->isotropic)
-            lanes_anywhere(load(u + l), load(v + l), to);
+            lanes_uniform_sphere(load(u + l), load(v + l), to);
         else
-            lanes_turned(from, lanes_hg_cosine(m->alike ? all(m->g[0]) : load(g + l), load(u + l)), load(v + l), to);
+            lanes_rotate(from, lanes_hg_cosine(m->alike ? all(m->g[0]) : load(g + l), load(u + l)), load(v + l), to);
         for (int k = 0; k < 3; k++)
             put(w->w[k] + l, mask, to[k]);
         if (!m->alike) {

@@ -170,7 +170,7 @@ struct job {
     _Alignas(64) float weight[SCREEN_BLOCK], light[3][SCREEN_BLOCK]; /* sums over taps */
 };
 
-/* Sum a block's taps into job->weight and job->light. `row`: input, at pixel 0. The first three are for perspective pictures of one
+/* Sum a block's taps into job->weight and job->light. `row`: input, at pixel 0. The first three are for perspective images of one
  * material: along x, down columns, down a skewed line. The last one handles all other cases. */
 void PELL_SIMD(screen_gather_along_x)(const struct screen_work *w, int y, const float *const row[3], struct job *job);
 void PELL_SIMD(screen_gather_along_y)(const struct screen_work *w, int y, const float *const row[3], struct job *job);

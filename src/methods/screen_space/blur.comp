@@ -53,7 +53,7 @@ float grid_difference(float u1, float u0)
 struct Centre {
     ivec2 p;
     vec2 own;      // depth, length along the axis, mm
-    float beside;  // AXIS 1: |Tx|
+    float off_line;  // AXIS 1: |Tx|
     float scale;
     vec4 light;    // with its material
 };
@@ -68,12 +68,12 @@ struct Gathered {
 void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathered g)
 {
     ivec2 offset = along(pace);
-    float beside = 0.0;
+    float off_line = 0.0;
 
     if (AXIS == 1 && skew != 0.0) {
         const float exact = -skew * float(pace);
         offset.x = exact < 0.0 ? -int(0.5 - exact) : int(exact + 0.5);
-        beside = float(offset.x) - exact;
+        off_line = float(offset.x) - exact;
     }
     if (!is_inside(c.p + offset))
         return;
@@ -83,9 +83,9 @@ void tap(const Centre c, int pace, float skew, vec2 t, float fall, inout Gathere
         return;
     const vec2 other = geometry[i];
     const float dz = other.x - c.own.x, h = fall * (other.x * pc.depth_mm + pc.fixed_mm);
-    const vec3 way = vec3(h * vec2(offset) + fall * dz * t, fall * dz);
-    const float across_mm = beside * c.beside * fall; // from the line that the tap represents, along x
-    const float y = max(dot(way, way) - across_mm * across_mm, 0.0);
+    const vec3 offset_mm = vec3(h * vec2(offset) + fall * dz * t, fall * dz);
+    const float across_mm = off_line * c.off_line * fall; // from the line that the tap represents, along x
+    const float y = max(dot(offset_mm, offset_mm) - across_mm * across_mm, 0.0);
     const float weight = (kernel_of(min(y, Y_MAX) + Y_SHIFT) - kernel_of(Y_MAX + Y_SHIFT)) * other.y;
 
     g.light += weight * light.rgb;
@@ -142,10 +142,10 @@ vec3 blur_paper(const Centre c, float added)
     float all = 0.0;
 
     for (int t = 0; t < 7; t++) {
-        const float offset = float(t - 3) * (1.0 / 3.0) * span, whole = floor(offset), part = offset - whole;
+        const float offset = float(t - 3) * (1.0 / 3.0) * span, base = floor(offset), between = offset - base;
         for (int k = 0; k < 2; k++) {
-            const ivec2 q = c.p + along(int(whole) + k);
-            const float fraction = weights[t] * (k == 0 ? 1.0 - part : part);
+            const ivec2 q = c.p + along(int(base) + k);
+            const float fraction = weights[t] * (k == 0 ? 1.0 - between : between);
             if (!is_inside(q) || from[pixel_at(q)].w != c.light.w)
                 continue;
             all += fraction;

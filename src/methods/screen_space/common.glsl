@@ -21,7 +21,7 @@ bool is_inside(ivec2 p)
 // Slopes of the ray through a pixel: x/f and y/f.
 vec2 ray_of(ivec2 p)
 {
-    return (vec2(p + ivec2(pc.x0, pc.y0)) + 0.5 - 0.5 * vec2(pc.picture_width, pc.picture_height)) * pc.depth_mm;
+    return (vec2(p + ivec2(pc.x0, pc.y0)) + 0.5 - 0.5 * vec2(pc.image_width, pc.image_height)) * pc.depth_mm;
 }
 
 #ifdef USES_TABLE

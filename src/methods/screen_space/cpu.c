@@ -174,7 +174,7 @@ static enum pell_result screen_create(const struct pell_services *services, cons
     w->forms = chain->forms;
     w->factors = &st->factors;
     w->taps = chain->knobs.taps;
-    w->turned = chain->knobs.rotate;
+    w->rotated = chain->knobs.rotate;
     for (int i = 0; i < SCREEN_TURNS; i++) {
         const double angle = 0.5 * PELL_PI * (i + 0.5) / SCREEN_TURNS;
         st->turns[i][0] = (float) cos(angle);
@@ -387,7 +387,7 @@ static void run_step(struct screen_state *st, int step, int first, int steps, st
     st->next = *w;
     st->next.step = step + 1;
     st->next.fresh = step + 1 == first;
-    if (w->turned && step >= first && step + 1 < steps) { /* turned lines leave their row */
+    if (w->rotated && step >= first && step + 1 < steps) { /* rotated lines leave their row */
         blur(st, true, false, spent);
         st->to = st->from;
         st->from = swap;

@@ -133,7 +133,7 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
     const size_t row = (size_t) w->step * (w->num_materials + 1);
 
     for (int i = 0; i < 3; i++) {
-        _Alignas(64) float shares[SCREEN_BLOCK], some[SCREEN_BLOCK] = { 0 }, mixed[SCREEN_BLOCK];
+        _Alignas(64) float fractions[SCREEN_BLOCK], some[SCREEN_BLOCK] = { 0 }, mixed[SCREEN_BLOCK];
         float *sum = w->out->light[i] + y * w->in->shape.stride + x;
         const float *before = w->fresh ? w->now[i] + index : cell->contents == SCREEN_FULL ? sum : some;
 
@@ -142,9 +142,9 @@ INLINE void put(const struct screen_work *w, int x, int y, size_t index, const s
                 some[l] = sum[l];
         if (cell->owner == SCREEN_MIXED)
             for (int l = 0; l < SCREEN_BLOCK; l++)
-                shares[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
+                fractions[l] = w->blend[row + (size_t) w->key[index + (size_t) l]][i];
         for (int part = 0; part < SCREEN_BLOCK; part += WIDTH) {
-            vf fraction = cell->owner == SCREEN_MIXED ? load(shares + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
+            vf fraction = cell->owner == SCREEN_MIXED ? load(fractions + part) : (vf) { 0 } + w->blend[row + cell->owner][i];
             if (on)
                 fraction *= load(on + part);
             store(mixed + part, load(before + part) * (1.0f - fraction) + load(&light[i][part]) * fraction);
@@ -171,7 +171,7 @@ PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y,
     const struct screen_extent *extent = &w->extents[y];
     const int x = block * SCREEN_BLOCK;
     const size_t index = (size_t) (y * w->stride + x), below = index + (size_t) w->stride;
-    int before, behind;
+    int before, after;
 
     job->x = x;
     job->cell = cell_at(w, block, y);
@@ -193,10 +193,10 @@ PELL_FETCHING_INLINE void prepare(const struct screen_work *w, int block, int y,
     }
     space(w, index, block, axis, job->cell, &job->b);
     before = axis == 0 ? x + SCREEN_BLOCK - 1 - extent->begin * SCREEN_BLOCK : y - w->in->rect.y0;
-    behind = axis == 0 ? extent->end * SCREEN_BLOCK - 1 - x : w->in->rect.y1 - 1 - y;
+    after = axis == 0 ? extent->end * SCREEN_BLOCK - 1 - x : w->in->rect.y1 - 1 - y;
     job->low = within(before, &job->b);
-    job->high = within(behind, &job->b);
-    if (axis == 1 && (job->b.count + 1) * (int64_t) job->b.stride <= behind) { /* the row that the block below reaches for the first time */
+    job->high = within(after, &job->b);
+    if (axis == 1 && (job->b.count + 1) * (int64_t) job->b.stride <= after) { /* the row that the block below reaches for the first time */
         const ptrdiff_t reached = (job->b.count * job->b.stride + 1) * w->stride;
         __builtin_prefetch(w->depth + index + reached);
         __builtin_prefetch(w->length[1] + index + reached);

@@ -2,7 +2,7 @@
  *
  * kernels.h - the inner loops of the screen-space method, and its planes.
  *
- * Planes are whole pictures of floats with a margin of one block of 16 pixels on the left and right and one row above and below; a pointer
+ * Planes are whole images of floats with a margin of one block of 16 pixels on the left and right and one row above and below; a pointer
  * points at pixel (0, 0). Blocks begin at multiples of 16 pixels. Outside of translucent surfaces all planes hold finite values, and key
  * and length are 0.
  */
@@ -41,7 +41,7 @@ struct screen_work {
     const float *const *light;                         /* three planes of the caller: input */
     ptrdiff_t stride;                                  /* of the planes below */
     int block0, block1;                                /* range of blocks that cover the rectangle */
-    int blocks;                                        /* per row of the picture */
+    int blocks;                                        /* per row of the image */
     float *key, *depth, *scale, *length[2], *to_px[2]; /* see `load` and `measure` */
     float *now[3], *half[3];                           /* unblurred light; blurred, see cpu.c */
     struct screen_cell *cells;                         /* [y * blocks + block] */
@@ -60,7 +60,7 @@ struct screen_work {
     const struct screen_factors *factors; /* with kernel=separable */
     int term, taps;                       /* index of the kernel's term; taps of a pass, per side */
     const float (*turns)[2];              /* SCREEN_TURNS angles in a quarter circle: cosine and sine */
-    bool turned;                          /* lines of taps with gaps are rotated per pixel */
+    bool rotated;                         /* lines of taps with gaps are rotated per pixel */
     int turn;                             /* rotation of this sample, of SCREEN_TURNS */
     int step;
     bool several; /* the frame has several materials */

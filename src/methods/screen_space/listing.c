@@ -36,15 +36,15 @@ struct taps {
 };
 
 /* A bilinear tap: mean of the pixels around it that are in the mask. */
-INLINE void add_tap(const struct screen_work *w, size_t index, int x, int y, const float place[2], float weight,
+INLINE void add_tap(const struct screen_work *w, size_t index, int x, int y, const float position[2], float weight,
                     const float *const light[3], struct taps *taps)
 {
-    const float whole[2] = { floorf(place[0]), floorf(place[1]) };
-    const float part[2] = { place[0] - whole[0], place[1] - whole[1] };
+    const float base[2] = { floorf(position[0]), floorf(position[1]) };
+    const float f[2] = { position[0] - base[0], position[1] - base[1] };
 
     for (int k = 0; k < 4; k++) {
-        const int ox = (int) whole[0] + (k & 1), oy = (int) whole[1] + (k >> 1);
-        const float fraction = weight * ((k & 1) ? part[0] : 1.0f - part[0]) * ((k >> 1) ? part[1] : 1.0f - part[1]);
+        const int ox = (int) base[0] + (k & 1), oy = (int) base[1] + (k >> 1);
+        const float fraction = weight * ((k & 1) ? f[0] : 1.0f - f[0]) * ((k >> 1) ? f[1] : 1.0f - f[1]);
         const ptrdiff_t by = oy * w->stride + ox;
 
         if (!(fraction > 0.0f) || x + ox < w->block0 * SCREEN_BLOCK || x + ox >= w->block1 * SCREEN_BLOCK || y + oy < w->in->rect.y0 ||
@@ -69,8 +69,8 @@ int PELL_SIMD(screen_gather_listing)(const struct screen_work *w, int y, int axi
         on[l] = any && w->scale[index + (size_t) l] > 0.0f && (b.uniform || b.afters[l] > 0.0f) ? 1.0f : 0.0f;
     for (int l = 0; any && l < SCREEN_BLOCK; l++) {
         const size_t at = index + (size_t) l;
-        const int number = w->turned ? pell_ss_turn(x + l, y, w->turn) : 0;
-        const float *turn = w->turned ? w->turns[number] : NULL, shift = w->turned ? pell_ss_jitter(number) - 0.5f : 0.0f;
+        const int rotation = w->rotated ? pell_ss_turn(x + l, y, w->turn) : 0;
+        const float *turn = w->rotated ? w->turns[rotation] : NULL, shift = w->rotated ? pell_ss_jitter(rotation) - 0.5f : 0.0f;
         const float *const light[3] = { row[0] + x + l, row[1] + x + l, row[2] + x + l };
         struct taps taps = { { 0 }, 0.0f };
         float span, step_dir[2] = { axis == 0 ? 1.0f : 0.0f, axis == 0 ? 0.0f : 1.0f };

@@ -26,8 +26,8 @@ void main()
 
     if (!is_inside(p))
         return;
-    // Outside of the picture or of the valid materials it is 0.
-    const int material = pc.x0 + p.x < pc.picture_width && what[i].x < uint(pc.row) ? int(what[i].x) : 0;
+    // Outside of the image or of the valid materials it is 0.
+    const int material = pc.x0 + p.x < pc.image_width && what[i].x < uint(pc.row) ? int(what[i].x) : 0;
     if (material == 0) {
         surface[i] = vec2(0.0);
         scale[i] = 0.0;

@@ -18,7 +18,7 @@ INLINE vf limited(vf back, vf ahead, vi has_back, vi has_ahead)
 }
 
 /* Keeps the skew of blocks where it hardly changes along the row, and fades it out within SKEW_FADE blocks of where it does: a block has
- * a single skew, since lanes of a vector read the same row, and different skews of adjacent blocks would show as steps in the picture.
+ * a single skew, since lanes of a vector read the same row, and different skews of adjacent blocks would show as steps in the image.
  * On planes, Gaussians are therefore round at any slant; on curved surfaces the second pass is upright. cell->to_px[0][0] holds the raw
  * skew. */
 static void fade_skews(const struct screen_work *w, int y)

@@ -39,10 +39,10 @@ bool is_clear(int cell, int block, int blocks, int axis, float skew, float reach
         return false;
     if (axis == 0 || skew == 0.0)
         return true;
-    const int beside = int(abs(skew) * reach / float(BLOCK)) + 1;
-    if (block - beside < 0 || block + beside >= blocks)
+    const int margin = int(abs(skew) * reach / float(BLOCK)) + 1;
+    if (block - margin < 0 || block + margin >= blocks)
         return false;
-    for (int k = -beside; k <= beside; k++)
+    for (int k = -margin; k <= margin; k++)
         if (!(reach < lines[cell + k].z))
             return false;
     return true;

@@ -18,7 +18,7 @@ struct line {
 /* A pixel's line on the screen: step in x and y, pixels. */
 struct step_dir {
     float x, y;
-    bool turned;
+    bool rotated;
     float mm2;   /* rotated: squared length of a step on the surface, relative to the pixel's area */
     float coord; /* position of each tap within its interval, [0, 1] */
 };
@@ -58,7 +58,7 @@ INLINE struct step_dir step_at(const struct screen_work *w, int axis, const stru
 {
     const size_t index = (size_t) (y * w->stride + x);
 
-    if (!w->turned || !line->sparse)
+    if (!w->rotated || !line->sparse)
         return axis == 0 ? (struct step_dir) { .x = 1.0f } : (struct step_dir) { .x = -cell->skew, .y = 1.0f };
     { /* the axes are perpendicular on the surface, and so are the two passes */
         const int number = pell_ss_turn(x, y, w->turn);
@@ -109,7 +109,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     const struct line *line = p->line;
     const struct step_dir *step_dir = &p->step_dir;
     const float coord = sign > 0.0f ? step_dir->coord : 1.0f - step_dir->coord;
-    const float ahead = sign * (step_dir->turned ? line->edge[i] + coord * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
+    const float ahead = sign * (step_dir->rotated ? line->edge[i] + coord * (line->edge[i + 1] - line->edge[i]) : (float) line->at[i]);
     float h, dx, dy, dz, spacing; /* mm per pixel of the line */
     int offset[2];
     ptrdiff_t by, at;
@@ -123,7 +123,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     dz = w->depth[at] - w->depth[p->index];
     dx = h * (float) offset[0] + dz * w->columns_tan[p->x];
     dy = h * (float) offset[1] + dz * w->rows_tan[p->y];
-    if (step_dir->turned) {
+    if (step_dir->rotated) {
         const float ox = (float) offset[0], oy = (float) offset[1];
         spacing = sqrtf((dx * dx + dy * dy + dz * dz) / (ox * ox + oy * oy));
     } else { /* offset of the nearest pixel from the line */
@@ -132,7 +132,7 @@ INLINE void add_tap(const struct centre *p, int i, float sign, struct sums *sums
     }
     if (!(spacing > 0.0f))
         return;
-    size = step_dir->turned ? step_dir->mm2 * w->length[0][at] * w->length[1][at] / (spacing * spacing) : w->length[p->axis][at] / spacing;
+    size = step_dir->rotated ? step_dir->mm2 * w->length[0][at] * w->length[1][at] / (spacing * spacing) : w->length[p->axis][at] / spacing;
     for (int c = 0; c < 3; c++) {
         const float weight = between(p->factor, c, line->edge[i] * spacing * p->per_mm, line->edge[i + 1] * spacing * p->per_mm) * size;
         sums->weight[c] += weight;
@@ -177,7 +177,7 @@ INLINE float reach_of(const struct screen_work *w, const struct screen_cell *cel
         const float e = w->factors->extent_mm[(int) w->key[index + (size_t) l]];
         extent = e > extent ? e : extent;
     }
-    if (w->turned)
+    if (w->rotated)
         most = cell->to_px[1 - axis][1] > most ? cell->to_px[1 - axis][1] : most;
     return most > 0.0f ? fminf(extent * sqrtf(most), 65536.0f) : 0.0f;
 }
@@ -221,11 +221,11 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
     const struct pell_rect *rect = &w->in->rect;
     const ptrdiff_t at = (ptrdiff_t) p->index + offset[1] * w->stride + offset[0];
     const vf zero = all(0.0f), x = p->x + (float) offset[0], length = load(w->length[b->axis] + at), depth = load(w->depth + at);
-    const vi there = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
+    const vi valid = p->on & (load(w->key + at) == p->key) & (length > zero) & (x >= all((float) rect->x0)) & (x < all((float) rect->x1));
     vf h, dx, dy, dz, d2, spacing, near, far, size;
     vi known, k0, k1;
 
-    if (!any(there))
+    if (!any(valid))
         return;
     h = depth * w->depth_mm + w->fixed_mm;
     dz = depth - p->depth;
@@ -237,7 +237,7 @@ INLINE void add_taps(const struct together *b, const int offset[2], float ahead,
         d2 = greater(d2 - across * across, zero);
     }
     spacing = root(d2) / all(fabsf(ahead));
-    known = there & (spacing > zero);
+    known = valid & (spacing > zero);
     size = length / select(known, spacing, all(1.0f));
     near = in_cubic(edge[0] * spacing * p->per_mm, &k0);
     far = in_cubic(edge[1] * spacing * p->per_mm, &k1);
@@ -282,9 +282,9 @@ INLINE int blur_block(const struct together *b, const struct screen_cell *cell, 
                 add_taps(b, offset, ahead, line->edge + i, &p);
         }
         for (int c = 0; c < 3; c++) {
-            const vf pass = all(b->factor->pass[c]), stays = p.light[c] + (pass - p.weight[c]) * load(b->from[c] + p.index);
+            const vf pass = all(b->factor->pass[c]), sum = p.light[c] + (pass - p.weight[c]) * load(b->from[c] + p.index);
             const vi less = (p.weight[c] > pass) & (pass > zero); /* lengths vary too fast */
-            store(&out[c][lane], w->term > 0 ? stays : select(less, p.light[c] * (pass / select(less, p.weight[c], pass)), stays));
+            store(&out[c][lane], w->term > 0 ? sum : select(less, p.light[c] * (pass / select(less, p.weight[c], pass)), sum));
         }
     }
     return active;
@@ -320,7 +320,7 @@ INLINE int blur_pixels(const struct screen_work *w, int y, int axis, const float
         if (cell->contents == SCREEN_EMPTY)
             continue;
         line = line_of(w, reach_of(w, cell, axis, first));
-        together = cell->owner != SCREEN_MIXED && !(w->turned && line.sparse);
+        together = cell->owner != SCREEN_MIXED && !(w->rotated && line.sparse);
         if (together) {
             const struct screen_factor *f = &w->factors->factor[(size_t) cell->owner * (size_t) w->factors->rank + (size_t) w->term];
             const struct together pass = { w, f, from, axis, y, axis == 0 ? 0.0f : cell->skew };

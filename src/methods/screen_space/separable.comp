@@ -66,23 +66,23 @@ void tap(const Centre c, int ahead, float skew, vec2 edge, inout Gathered g)
         return;
     const int i = pixel_at(c.p + offset);
     const vec4 light = from[i];
-    const vec2 there = geometry[i];
-    if (light.w != c.light.w || !(there.y > 0.0))
+    const vec2 tap = geometry[i];
+    if (light.w != c.light.w || !(tap.y > 0.0))
         return;
-    const float h = there.x * pc.depth_mm + pc.fixed_mm, dz = there.x - c.own.x;
-    const vec3 way = vec3(h * vec2(offset) + dz * c.t, dz);
+    const float h = tap.x * pc.depth_mm + pc.fixed_mm, dz = tap.x - c.own.x;
+    const vec3 offset_mm = vec3(h * vec2(offset) + dz * c.t, dz);
     // offset of the nearest pixel from the line
     const float across = AXIS == 0 ? 0.0 : (float(offset.x) + float(ahead) * skew) * c.across;
-    const float spacing = sqrt(max(dot(way, way) - across * across, 0.0)) / abs(float(ahead));
+    const float spacing = sqrt(max(dot(offset_mm, offset_mm) - across * across, 0.0)) / abs(float(ahead));
     if (!(spacing > 0.0))
         return;
-    const vec3 weight = between(c.first, edge.x * spacing * c.per_mm, edge.y * spacing * c.per_mm) * (there.y / spacing);
+    const vec3 weight = between(c.first, edge.x * spacing * c.per_mm, edge.y * spacing * c.per_mm) * (tap.y / spacing);
     g.weight += weight;
     g.light += weight * light.rgb;
 }
 
 // Distance of the i-th tap on either side, px: every pixel up to pc.taps taps, else taps spaced by squares, dense in the centre.
-int place_of(int i, int before, float reach)
+int tap_position(int i, int before, float reach)
 {
     const float part = float(i) / (float(pc.taps) + 0.5), square = reach * part * part;
     const int at = reach > float(pc.taps) + 0.5 && square > float(i) ? int(square + 0.5) : i;
@@ -95,12 +95,12 @@ Gathered gather(const Centre c, float reach, float skew)
     const bool sparse = reach > float(pc.taps) + 0.5;
     Gathered g = Gathered(vec3(0.0), vec3(0.0));
     float near = 0.5;
-    int at = 0, next = reach > 0.0 ? place_of(1, 0, reach) : 0;
+    int at = 0, next = reach > 0.0 ? tap_position(1, 0, reach) : 0;
 
     for (int i = 1; i <= pc.taps && float(at) < reach; i++) {
         at = next;
         const bool last = i == pc.taps || !(float(at) < reach);
-        next = last ? at : place_of(i + 1, at, reach);
+        next = last ? at : tap_position(i + 1, at, reach);
         // The last one represents the remainder.
         const float far = last ? (sparse ? reach : float(at) + 0.5) : 0.5 * float(at + next);
         tap(c, -at, skew, vec2(near, far), g);

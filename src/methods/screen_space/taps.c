@@ -112,10 +112,10 @@ INLINE struct tap_position tap_position(const struct block *b, int j, const stru
     const int py = b->stride * j;
     const float exact = -b->skew * (float) py;
     const int px = exact < 0.0f ? -(int) (0.5f - exact) : (int) (exact + 0.5f);
-    const float ox = (float) px, oy = (float) py, beside = ox - exact;
+    const float ox = (float) px, oy = (float) py, off_line = ox - exact;
 
-    return (struct tap_position) { (2.0f * ox) * c->tan[0] + (2.0f * oy) * c->tan[1], l->across2 * (beside * beside), ox * ox + oy * oy, px,
-                                   py };
+    return (struct tap_position) { (2.0f * ox) * c->tan[0] + (2.0f * oy) * c->tan[1], l->across2 * (off_line * off_line), ox * ox + oy * oy,
+                                   px, py };
 }
 
 INLINE struct tap_position opposite(const struct tap_position *p)

@@ -17,7 +17,7 @@ enum buffer {
     TABLE,
     FACTORS_UP,
     FACTORS,
-    PLACE,
+    POSITION,
     SCALE,
     SLOPES,
     CELLS,
@@ -36,14 +36,14 @@ enum buffer {
 /* Sizes of the tables depend on chains and kernels and are set elsewhere. */
 static const struct {
     const char *name;
-    enum pell_gpu_place place;
+    enum pell_gpu_memory memory;
     int of_pixel, of_block; /* bytes */
 } buffer_rows[BUFFERS] = {
     [TABLE_UP] = { "screen-space steps, upload", PELL_GPU_TO_DEVICE, 0, 0 },
     [TABLE] = { "screen-space steps", PELL_GPU_ON_DEVICE, 0, 0 },
     [FACTORS_UP] = { "screen-space kernel, upload", PELL_GPU_TO_DEVICE, 0, 0 },
     [FACTORS] = { "screen-space kernel", PELL_GPU_ON_DEVICE, 0, 0 },
-    [PLACE] = { "screen-space place", PELL_GPU_ON_DEVICE, 8, 0 },
+    [POSITION] = { "screen-space position", PELL_GPU_ON_DEVICE, 8, 0 },
     [SCALE] = { "screen-space scale", PELL_GPU_ON_DEVICE, 4, 0 },
     [SLOPES] = { "screen-space slopes", PELL_GPU_ON_DEVICE, 16, 0 },
     [CELLS] = { "screen-space blocks", PELL_GPU_ON_DEVICE, 0, 8 },
@@ -66,10 +66,10 @@ static const struct {
     const struct pell_shader *shader;
     enum buffer buffers[8]; /* in the order of its bindings */
 } pass_rows[PASSES] = {
-    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, PLACE, SCALE, NOW, SUM } },
-    [MEASURE] = { &pell_screen_space_measure_shader, { PLACE, SCALE, SLOPES, CELLS } },
+    [LOAD] = { &pell_screen_space_load_shader, { LIGHT, SURFACE, TABLE, POSITION, SCALE, NOW, SUM } },
+    [MEASURE] = { &pell_screen_space_measure_shader, { POSITION, SCALE, SLOPES, CELLS } },
     [LINE] = { &pell_screen_space_lines_shader, { CELLS, LINES } },
-    [PLAN] = { &pell_screen_space_plan_shader, { PLACE, SCALE, SLOPES, LINES, TABLE, ALONG_X, ALONG_D, PLANS } },
+    [PLAN] = { &pell_screen_space_plan_shader, { POSITION, SCALE, SLOPES, LINES, TABLE, ALONG_X, ALONG_D, PLANS } },
     [ACROSS] = { &pell_screen_space_blur_shader, { ALONG_X, ALONG_X, SCALE, TABLE, PLANS, NOW, HALF, SUM } },
     [DOWN] = { &pell_screen_space_blur_shader, { ALONG_D, ALONG_X, SCALE, TABLE, PLANS, HALF, NOW, SUM } },
     [TERM_ACROSS] = { &pell_screen_space_separable_shader, { ALONG_X, ALONG_D, SCALE, FACTORS, PLANS, NOW, HALF, SUM } },
@@ -141,7 +141,7 @@ static enum pell_result make_buffers(struct screen_gpu *st, const struct pell_fr
                                   ? factors_size(st)
                                   : blocks * (uint64_t) (buffer_rows[i].of_pixel * SCREEN_BLOCK + buffer_rows[i].of_block);
         if (is_needed(st, i))
-            res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &st->buffers[i]);
+            res = pell_gpu_buffer_create(st->gpu, buffer_rows[i].memory, size, buffer_rows[i].name, &st->buffers[i]);
     }
     return res;
 }
@@ -230,8 +230,8 @@ static enum pell_result gpu_create(const struct pell_services *services, const s
     if (st->form == SEPARABLE)
         PELL_TRY(pell_ss_factors_make(c, shape, &st->factors));
     st->push = (struct screen_push) {
-        .picture_width = shape->width,
-        .picture_height = shape->height,
+        .image_width = shape->width,
+        .image_height = shape->height,
         .row = (int32_t) c->num_materials + 1,
         .total = SCREEN_PREBLUR + c->steps,
         .orthographic = shape->orthographic,
@@ -390,12 +390,12 @@ static struct steps choose_steps(const struct screen_gpu *st, float scale)
     return steps;
 }
 
-/* Device to device: the grid is the whole picture. */
+/* Device to device: the grid is the whole image. */
 static void gpu_record_in(void *state, struct pell_gpu_commands *commands, float depth, float strength)
 {
     struct screen_gpu *st = state;
 
-    pell_gpu_planes_whole(&st->planes, st->push.picture_width, st->push.picture_height);
+    pell_gpu_planes_whole(&st->planes, st->push.image_width, st->push.image_height);
     set_grid(st);
     record_steps(st, commands, choose_steps(st, scale_of(&st->push, depth, strength)), false);
     if (st->services->planes)

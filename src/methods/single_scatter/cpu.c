@@ -38,7 +38,7 @@ static void do_row(void *arg, int index, int worker)
     int done;
 
     for (ptrdiff_t at = row + in->rect.x0; at < row + in->rect.x1 && !pell_cancelled(t->st->ctx); at++) {
-        const bool apart = t->out->single[0] != NULL;
+        const bool separate = t->out->single[0] != NULL;
         struct pell_vec3 x, toward;
         float light[3], standard_error[3];
         if (!in->material[at])
@@ -47,8 +47,8 @@ static void do_row(void *arg, int index, int worker)
         toward = in->shape.orthographic ? vec3_mul(t->view->forward, -1.0f) : vec3_normalize(vec3_sub(t->view->origin, x));
         single_estimate(&t->st->world, x, toward, (double) in->depth[at], &t->st->counts[worker], light, standard_error);
         for (int c = 0; c < 3; c++) {
-            t->out->light[c][at] = apart ? 0.0f : light[c];
-            if (apart)
+            t->out->light[c][at] = separate ? 0.0f : light[c];
+            if (separate)
                 t->out->single[c][at] = light[c];
             t->st->frame.standard_error[c][at] = standard_error[c];
         }

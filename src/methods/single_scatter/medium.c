@@ -195,14 +195,14 @@ static void make_mapped(const struct single_medium *m, int solid, struct pell_ve
         }
         for (double low = at; to - low > fine;) {
             const double middle = 0.5 * (low + to);
-            const int there = mapped_layer_at(m, solid, vec3_mad(x, (float) middle, w), &gap, &sure);
+            const int found = mapped_layer_at(m, solid, vec3_mad(x, (float) middle, w), &gap, &sure);
             if (!(middle > low && middle < to))
                 break;
-            if (there == layer) {
+            if (found == layer) {
                 low = middle;
             } else {
                 to = middle;
-                next = there;
+                next = found;
             }
         }
         if (!add_segment(out, m, layer, start, to))

@@ -292,7 +292,7 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
     const int images = reference_images(world->knobs.half);
     const double most = fmax((double) world->knobs.most / BATCH_SAMPLES, MIN_BATCHES) / images;
     const uint32_t seed = pell_point_seed(at, world->seed);
-    double mean[3], spread[3], needed, whole[3];
+    double mean[3], spread[3], needed, tau[3];
     struct pell_batches pilot, s;
     struct ray ray;
 
@@ -313,9 +313,9 @@ void single_estimate(const struct single_world *world, struct pell_vec3 at, stru
     }
     if (ray.channels == 0 || !(ray.length > 0.0 && ray.length < INFINITY))
         return;
-    single_segments_at(&ray.segments, ray.medium, ray.length, whole);
+    single_segments_at(&ray.segments, ray.medium, ray.length, tau);
     for (int c = 0; c < 3; c++)
-        ray.opacity[c] = -expm1(-whole[c]);
+        ray.opacity[c] = -expm1(-tau[c]);
     /* The pilot batches determine the number of batches and are left out of the mean: including them would bias it low. */
     run_batches(&ray, seed, 0, PILOT_BATCHES / images, &pilot);
     needed = pell_batches_needed(&pilot, world->error, MIN_BATCHES / images, DARK_BATCHES / images);

@@ -39,7 +39,7 @@ uint32_t ts_ambient_part(int side, int x, int y)
 }
 
 struct packet {
-    _Alignas(64) int open[16];
+    _Alignas(64) int valid[16];
     struct pell_ray16 rays;
     struct pell_vec3 from[16], normal[16], t[16], b[16];
     uint32_t hash[2][16], first[16];
@@ -53,13 +53,13 @@ static int inspect(const struct ambient *s, struct packet *k)
     const int count = k->count;
 
     for (int i = 0; i < 16; i++)
-        k->open[i] = i < count ? -1 : 0;
+        k->valid[i] = i < count ? -1 : 0;
     for (int n = 0; n < s->samples && count > 0; n++) {
         for (int i = 0; i < count; i++) {
-            const uint32_t number = k->first[i] + (uint32_t) n;
+            const uint32_t index = k->first[i] + (uint32_t) n;
             struct pell_vec3 d;
             float x, y;
-            pell_disc_point(pell_unit_float(pell_sobol0(number) ^ k->hash[0][i]), pell_unit_float(pell_sobol1(number) ^ k->hash[1][i]), &x,
+            pell_disc_point(pell_unit_float(pell_sobol0(index) ^ k->hash[0][i]), pell_unit_float(pell_sobol1(index) ^ k->hash[1][i]), &x,
                             &y);
             d = vec3_mad(vec3_mad(vec3_mul(k->normal[i], sqrtf(fmaxf(1.0f - x * x - y * y, 0.0f))), x, k->t[i]), y, k->b[i]);
             k->rays.ox[i] = k->from[i].x;
@@ -72,7 +72,7 @@ static int inspect(const struct ambient *s, struct packet *k)
             k->rays.tfar[i] = FLT_MAX;
             k->rays.mask[i] = PELL_RAY_ALL;
         }
-        pell_rays_occluded16(s->p->services->rays, k->open, false, &k->rays);
+        pell_rays_occluded16(s->p->services->rays, k->valid, false, &k->rays);
         for (int i = 0; i < count; i++)
             s->p->seen[k->at[i]] += k->rays.tfar[i] < 0.0f ? 0.0f : fraction;
     }
@@ -95,7 +95,7 @@ static bool is_needed(const struct ambient *s, int y, int x)
     return false;
 }
 
-static void look_rows(void *arg, int band, int worker)
+static void trace_rows(void *arg, int band, int worker)
 {
     struct ambient *s = arg;
     const struct ts_atlas *a = s->p->atlas;
@@ -173,7 +173,7 @@ int64_t ts_ambient_look(const struct ts_ambient_params *params)
     /* A square of 4 x 4 has twice the directions of a pixel, because it covers more than one pixel. */
     struct ambient s = { .p = params, .side = side, .samples = side == 4 ? (wanted + 7) / 8 : (wanted + side * side - 1) / (side * side) };
 
-    pell_pool_run(pool, bands, look_rows, &s);
+    pell_pool_run(pool, bands, trace_rows, &s);
     for (int down = 0; side > 1 && down < 2; down++) {
         s.down = down;
         s.from = down ? params->spare : params->seen;

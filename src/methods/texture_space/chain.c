@@ -53,7 +53,7 @@ static void fill_for(struct ts_blurring *p, const struct ts_blur *next, int plan
 
 /* One level of the chain. */
 struct level {
-    int number; /* index in the profile */
+    int index; /* in the profile */
     bool blurs;
     struct ts_blur blur; /* if no blur is run, only its weight counts */
 };
@@ -134,26 +134,26 @@ static int64_t blur_planes(struct ts_blurring *p, const struct ts_blur *b)
     return 2 * a->inner + (int64_t) a->within[blurred] + (int64_t) a->within[filled];
 }
 
-static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
+static enum pell_result start(struct ts_blurring *p, bool transmitted, int planes)
 {
     p->st->work.planes = p->st->knobs.kernel == TS_KERNEL_SEVEN ? 6 : planes;
     p->planes = planes;
-    return p->st->run->start(p, behind, planes);
+    return p->st->run->start(p, transmitted, planes);
 }
 
-static void show_planes(struct ts_state *st, float *const *planes, int number)
+static void show_planes(struct ts_state *st, float *const *planes, int index)
 {
     ts_show(st, &(struct ts_image) { "blur",
                                      "W/m^2",
                                      "the irradiance map after the Gaussians up to this one",
                                      { planes[0], planes[1], planes[2] },
                                      3,
-                                     number,
+                                     index,
                                      true,
                                      true });
 }
 
-static enum pell_result show_blur(struct ts_blurring *p, int number)
+static enum pell_result show_blur(struct ts_blurring *p, int index)
 {
     struct ts_state *st = p->st;
     enum pell_result res;
@@ -161,11 +161,11 @@ static enum pell_result show_blur(struct ts_blurring *p, int number)
     if (!pell_services_observed(st->services, st->in))
         return PELL_OK;
     PELL_TRY(st->run->inspect(p, false));
-    show_planes(st, st->now, number);
+    show_planes(st, st->now, index);
     if (p->planes == TS_PLANES) {
         const int light = st->shown.light;
         st->shown.light = -1;
-        show_planes(st, st->now + TS_LOCAL, number);
+        show_planes(st, st->now + TS_LOCAL, index);
         st->shown.light = light;
     }
 
@@ -180,7 +180,7 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
     const bool transmission = params->transmission;
     const int planes = params->joined ? TS_PLANES : transmission ? TS_ALPHA + 1 : 3;
     struct level levels[TS_LEVELS];
-    int number = 0, count;
+    int index = 0, count;
     enum pell_result res;
 
     PELL_TRY(start(p, false, planes));
@@ -195,7 +195,7 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
     fill_for(p, next_blur(levels, 0, count), planes);
     for (int i = 0; i < count; i++) {
         const struct ts_blur *b = &levels[i].blur;
-        p->level = levels[i].number;
+        p->level = levels[i].index;
         if (transmission)
             run->transmission_weights(p);
         if (levels[i].blurs) {
@@ -203,7 +203,7 @@ enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, con
             PELL_TRY(show_blur(p, i + 1));
             if (transmission || i + 1 < count)
                 fill_for(p, next_blur(levels, i + 1, count), planes);
-            run->note(st, level_name(number++), texels, 2 * st->work.planes);
+            run->note(st, level_name(index++), texels, 2 * st->work.planes);
         } else if (b->weight) {
             run->add(p, b->weight);
             run->note(st, "unblurred", solid->atlas->inner, 9);

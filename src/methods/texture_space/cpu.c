@@ -17,7 +17,7 @@
 
 PELL_SIMD_TABLES(struct ts_kernels, pell_ts_kernels);
 
-enum { LIGHTS_MOST = 16, LEFT_CHUNK = 1024 };
+enum { LIGHTS_MOST = 16, CHUNK = 1024 };
 #define GRID_VARIANCE (1.0f / 6.0f) /* texels^2 that bilinear interpolation adds on average */
 #define MIN_STRENGTH 1e-3f
 
@@ -44,7 +44,7 @@ static void ts_free(void *state)
 void ts_destroy(void *state)
 {
     struct ts_state *st = state;
-    struct pell_kept *kept = st && st->whole ? st->services->kept : NULL;
+    struct pell_kept *kept = st && st->complete ? st->services->kept : NULL;
 
     if (!kept) {
         ts_free(st);
@@ -198,7 +198,7 @@ static void clear_rows(void *arg, int band, int worker)
     const struct mapping *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->solid->atlas;
-    float *const added[6] = { st->sum[0], st->sum[1], st->sum[2], st->behind[0], st->behind[1], st->behind[2] };
+    float *const added[6] = { st->sum[0], st->sum[1], st->sum[2], st->transmitted[0], st->transmitted[1], st->transmitted[2] };
     const ptrdiff_t from = band * TS_ROWS * a->stride - (band == 0 ? TS_MARGIN : 0);
     const ptrdiff_t to = (band + 1) * TS_ROWS < a->height ? (band + 1) * TS_ROWS * a->stride : (ptrdiff_t) a->size - TS_MARGIN;
 
@@ -245,9 +245,9 @@ static void show_light(struct ts_state *st, float *const light[3])
 }
 
 /* Prepares the planes, lengths and lists of a solid. */
-static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_params *chain)
+static void begin_solid(struct ts_state *st, size_t index, struct ts_chain_params *chain)
 {
-    const struct ts_atlas *a = st->solid[number].atlas;
+    const struct ts_atlas *a = st->solid[index].atlas;
 
     st->work = (struct ts_work) {
         .width = a->width,
@@ -262,14 +262,14 @@ static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_para
         .grid = st->knobs.kernel != TS_KERNEL_SEVEN ? GRID_VARIANCE : 0.0f,
         .seven = st->knobs.kernel == TS_KERNEL_SEVEN,
     };
-    chain->scaled = ts_scaled_strength(st, (int32_t) number);
+    chain->scaled = ts_scaled_strength(st, (int32_t) index);
     if (chain->scaled || !st->knobs.stretch)
         scale_lengths(st, a, chain->scaled);
     if (st->knobs.tsm != TS_TSM_OFF)
         ts_tsm_start(a, &st->tsm);
     find_least(st, a);
     ts_note_time(st, "start", 0, 0, 0);
-    st->shown.solid = number;
+    st->shown.solid = index;
     st->shown.light = -1;
     st->shown.result = PELL_OK;
     ts_show(st, &(struct ts_image) { "texel-size",
@@ -279,24 +279,24 @@ static void begin_solid(struct ts_state *st, size_t number, struct ts_chain_para
                                      2 });
 }
 
-struct left_task {
+struct reduce_task {
     struct ts_state *st;
     const struct ts_atlas *atlas;
 };
 
-static void leave_chunk(void *arg, int chunk, int worker)
+static void reduce_chunk(void *arg, int chunk, int worker)
 {
-    const struct left_task *p = arg;
+    const struct reduce_task *p = arg;
     const struct ts_atlas *a = p->atlas;
     struct ts_tsm *tsm = &p->st->tsm;
-    const size_t first = (size_t) chunk * LEFT_CHUNK;
+    const size_t first = (size_t) chunk * CHUNK;
 
     (void) worker;
-    for (size_t i = first; i < first + LEFT_CHUNK && i < tsm->count; i += 16) {
+    for (size_t i = first; i < first + CHUNK && i < tsm->count; i += 16) {
         struct ts_transmitted_texel *t = &tsm->texels[i];
         const int count = tsm->count - i < 16 ? (int) (tsm->count - i) : 16;
         struct pell_points16 points;
-        float left[3][16];
+        float remaining[3][16];
         for (int k = 0; k < count; k++) {
             const struct ts_triangle *of = &a->triangles[a->source[t[k].at]];
             points.mesh[k] = of->mesh;
@@ -304,19 +304,19 @@ static void leave_chunk(void *arg, int chunk, int worker)
             points.u[k] = a->bary[0][t[k].at];
             points.v[k] = a->bary[1][t[k].at];
         }
-        pell_services_transmitted(p->st->services, &points, count, left);
+        pell_services_transmitted(p->st->services, &points, count, remaining);
         for (int k = 0; k < count; k++)
             for (int c = 0; c < 3; c++)
-                t[k].left[c] = left[c][k];
+                t[k].remaining[c] = remaining[c][k];
     }
 }
 
 /* The fraction of transmitted light that remains after what the engine already adds for light inside the solid. */
-static void leave(struct ts_state *st, const struct ts_atlas *a)
+static void set_remaining(struct ts_state *st, const struct ts_atlas *a)
 {
-    struct left_task task = { st, a };
+    struct reduce_task task = { st, a };
 
-    pell_pool_run(st->services->pool, (int) ((st->tsm.count + LEFT_CHUNK - 1) / LEFT_CHUNK), leave_chunk, &task);
+    pell_pool_run(st->services->pool, (int) ((st->tsm.count + CHUNK - 1) / CHUNK), reduce_chunk, &task);
 }
 
 /* Computes the light of the lights in the bit mask, which is blurred together with that of a transmitted light. */
@@ -337,15 +337,15 @@ fail:
 
 /* Blurs the transmitted light of one light, and with lights=own also its light that enters locally, and that of the lights in the bit mask
  * `local` (0: none); `*is`: any light is transmitted, otherwise nothing is blurred. */
-static enum pell_result transmit(struct ts_state *st, size_t number, size_t light, uint64_t local, struct ts_chain_params *chain, bool *is)
+static enum pell_result transmit(struct ts_state *st, size_t index, size_t light, uint64_t local, struct ts_chain_params *chain, bool *is)
 {
-    const struct ts_solid *solid = &st->solid[number];
+    const struct ts_solid *solid = &st->solid[index];
     const struct ts_atlas *a = solid->atlas;
     const bool around = st->services->scene->lights[light].type == PELL_LIGHT_ENVIRONMENT; /* no face points away from it */
     const struct ts_tsm_params t = {
         .services = st->services,
         .solids = st->solids,
-        .solid = (int32_t) number,
+        .solid = (int32_t) index,
         .atlas = a,
         .light = &st->services->scene->lights[light],
         .grid = pell_services_light_grid(st->services, light),
@@ -389,7 +389,7 @@ static enum pell_result transmit(struct ts_state *st, size_t number, size_t ligh
                                      1,
                                      .of_light = true,
                                      .falloff = t.falloff });
-    leave(st, a);
+    set_remaining(st, a);
     if (st->need.on)
         ts_need_chain(st, solid, true);
     if (local)
@@ -428,10 +428,10 @@ static size_t last_transmitted(const struct ts_state *st)
     return last;
 }
 
-static enum pell_result light_solid(struct ts_state *st, size_t number)
+static enum pell_result light_solid(struct ts_state *st, size_t index)
 {
     const struct pell_scene *scene = st->services->scene;
-    struct ts_solid *solid = &st->solid[number];
+    struct ts_solid *solid = &st->solid[index];
     const struct ts_atlas *a = solid->atlas;
     struct mapping p = { .st = st, .solid = solid };
     struct ts_chain_params chain = { .local = true };
@@ -442,7 +442,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
 
     st->clock = pell_seconds();
     ts_rows(st, a->height, clear_rows, &p);
-    begin_solid(st, number, &chain);
+    begin_solid(st, index, &chain);
     if (st->need.on)
         ts_need_begin(st, solid);
     PELL_TRY(st->run->begin(st, solid));
@@ -460,7 +460,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t number)
             return PELL_ERR_CANCELLED;
         if (!transmits(st, &scene->lights[i]))
             continue;
-        PELL_TRY(transmit(st, number, i, joins ? others : 0, &chain, &is));
+        PELL_TRY(transmit(st, index, i, joins ? others : 0, &chain, &is));
         if (is && st->knobs.lights == TS_LIGHTS_OWN)
             rest = joins ? 0 : others;
         is_transmitted = is_transmitted || is;
@@ -517,38 +517,38 @@ static void warn_of_lights(struct ts_state *st)
 static enum pell_result make_maps(struct ts_state *st, const struct pell_frame *in)
 {
     const bool may = ts_need_enabled(st, in);
-    bool whole = true, in_part = false;
+    bool complete = true, partial = false;
     enum pell_result res;
 
     for (size_t i = 0; i < st->solids->count; i++)
-        whole &= !st->solid[i].atlas || st->solid[i].made == TS_MADE_WHOLE;
-    if (whole)
+        complete &= !st->solid[i].atlas || st->solid[i].made == TS_MADE_COMPLETE;
+    if (complete)
         return PELL_OK;
     if (st->knobs.cull && st->run->culls) {
         ts_need_mark_visible(st, in);
         for (size_t i = 0; may && i < st->solids->count; i++) {
-            st->solid[i].make_in_part =
+            st->solid[i].make_partial =
                 atomic_load(&st->solid[i].missing) && st->solid[i].made == TS_MADE_NOT && ts_need_pays(&st->solid[i]);
-            in_part |= st->solid[i].make_in_part;
+            partial |= st->solid[i].make_partial;
         }
-        if (in_part && in->num_samples > 1)
+        if (partial && in->num_samples > 1)
             ts_need_mark_later(st, in);
         ts_note_time(st, "need", 0, 0, 0);
     }
     for (size_t i = 0; i < st->solids->count; i++) {
         struct ts_solid *solid = &st->solid[i];
         const bool more = atomic_exchange(&solid->missing, false);
-        if (!solid->atlas || solid->made == TS_MADE_WHOLE || (may && !more) || (solid->made == TS_MADE_IN_PART && !more))
+        if (!solid->atlas || solid->made == TS_MADE_COMPLETE || (may && !more) || (solid->made == TS_MADE_PARTIAL && !more))
             continue;
-        st->need.on = may && solid->made == TS_MADE_NOT && solid->make_in_part;
-        st->reused |= solid->made == TS_MADE_IN_PART;
+        st->need.on = may && solid->made == TS_MADE_NOT && solid->make_partial;
+        st->reused |= solid->made == TS_MADE_PARTIAL;
         solid->made = TS_MADE_NOT;
         res = light_solid(st, i);
         if (res != PELL_OK) {
             ts_need_discard(solid);
             goto fail;
         }
-        solid->made = st->need.on ? TS_MADE_IN_PART : TS_MADE_WHOLE;
+        solid->made = st->need.on ? TS_MADE_PARTIAL : TS_MADE_COMPLETE;
         solid->version = ++st->versions;
     }
     return PELL_OK;
@@ -564,7 +564,7 @@ enum pell_result ts_make(struct ts_state *st, const struct pell_frame *in)
     st->num_times = 0;
     st->in = in;
     st->clock = pell_seconds() - st->layout;
-    if (in->first || !st->whole)
+    if (in->first || !st->complete)
         PELL_TRY(ts_layouts_fit(st, in));
     if (st->layout > 0.0) /* by this frame, initially or again */
         ts_note_time(st, "layout", 0, 0, 0);

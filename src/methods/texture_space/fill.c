@@ -27,13 +27,13 @@ static inline void fill_border(const struct ts_atlas *a, const struct ts_fill *b
     }
 }
 
-static inline void mend_border(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
+static inline void fill_from_sources(const struct ts_atlas *a, const struct ts_fill *b, float *const *planes, int count)
 {
     float sum[TS_PLANES] = { 0 };
 
-    for (const struct ts_part *part = a->parts + b->from; part < a->parts + b->from + b->parts; part++)
+    for (const struct ts_source *source = a->sources + b->from; source < a->sources + b->from + b->sources; source++)
         for (int c = 0; c < count; c++)
-            sum[c] += part->weight * planes[c][part->at];
+            sum[c] += source->weight * planes[c][source->at];
     for (int c = 0; c < count; c++)
         planes[c][b->at] = sum[c];
 }
@@ -45,7 +45,7 @@ static inline void fill_square(const struct filling *p, size_t square, int count
 
     for (int c = 0; c < count; c++)
         planes[c] = p->planes[c];
-    for (size_t i = a->first_border[square]; i < a->first_with_parts[square] && a->fills[i].far <= p->far; i++) {
+    for (size_t i = a->first_border[square]; i < a->first_with_sources[square] && a->fills[i].far <= p->far; i++) {
         for (int c = 0; c < count; c++) {
             __builtin_prefetch(planes[c] + a->fills[i + TS_PREFETCH].from);
             __builtin_prefetch(planes[c] + a->fills[i + TS_PREFETCH].at, 1);
@@ -53,9 +53,9 @@ static inline void fill_square(const struct filling *p, size_t square, int count
         if (!p->need || p->need[a->fills[i].at] >= p->stage)
             fill_border(a, &a->fills[i], planes, count);
     }
-    for (size_t i = a->first_with_parts[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
+    for (size_t i = a->first_with_sources[square]; i < a->first_border[square + 1] && a->fills[i].far <= p->far; i++)
         if (!p->need || p->need[a->fills[i].at] >= p->stage)
-            mend_border(a, &a->fills[i], planes, count);
+            fill_from_sources(a, &a->fills[i], planes, count);
 }
 
 static void fill_borders(void *arg, int chunk, int worker)

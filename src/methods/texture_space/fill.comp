@@ -2,13 +2,13 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // fill.comp - border texels from the chart texels that they stand for; mirror of fill.c. One invocation per border texel.
-//   in     0 fills    the texel; the lower left one of four source texels, or the first of its parts; position between the four (x, y: 16
+//   in     0 fills    the texel; the lower left one of four source texels, or the first of its sources; position between the four (x, y: 16
 //                     bits each, scaled by 65535); texels to the chart (8 bits), number of parts (8 bits)
-//   in     1 parts    a texel; its weight (bits of a float)
+//   in     1 sources  a texel; its weight (bits of a float)
 //   in/out 2 plane    the plane to fill
 layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) readonly buffer Fills { uvec4 fills[]; };
-layout(set = 0, binding = 1) readonly buffer Parts { uvec2 parts[]; };
+layout(set = 0, binding = 1) readonly buffer Sources { uvec2 sources[]; };
 layout(set = 0, binding = 2) buffer Plane { vec4 plane[]; };
 #include "methods/texture_space/common.glsl"
 
@@ -26,8 +26,8 @@ void main()
         return;
     if (count > 0u) {
         for (uint k = 0u; k < count; k++) {
-            const uvec2 part = parts[uint(from) + k];
-            light += uintBitsToFloat(part.y) * plane[pc.origin + int(part.x)];
+            const uvec2 source = sources[uint(from) + k];
+            light += uintBitsToFloat(source.y) * plane[pc.origin + int(source.x)];
         }
     } else {
         const float x = float(b.z & 65535u) * (1.0 / 65535.0), y = float(b.z >> 16) * (1.0 / 65535.0);

@@ -122,8 +122,8 @@ static float reach(const struct ts_work *w, float length)
 /* Prefetches the next row while one is blurred: columns have more streams than hardware prefetchers follow. */
 INLINE void ask_for(const struct ts_work *w, ptrdiff_t index, int y, int axis, int reach, int planes)
 {
-    const int rest = w->height - 1 - y;
-    const ptrdiff_t next = index + (rest > 0 ? w->stride : 0), last = index + (rest > reach ? reach + 1 : rest) * w->stride;
+    const int below = w->height - 1 - y;
+    const ptrdiff_t next = index + (below > 0 ? w->stride : 0), last = index + (below > reach ? reach + 1 : below) * w->stride;
 
     for (int c = 0; c < planes; c++) {
         __builtin_prefetch(w->from[c] + last, 0, 2);
@@ -163,11 +163,11 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
     ask_for(w, index, y, axis, axis == 1 ? count * stride : 0, planes);
     low = low / stride < count ? low / stride : count;
     high = high / stride < count ? high / stride : count;
-    for (int part = 0; part < TS_BLOCK; part += WIDTH) {
-        const ptrdiff_t at = index + part;
+    for (int lane = 0; lane < TS_BLOCK; lane += WIDTH) {
+        const ptrdiff_t at = index + lane;
         const vf zero = { 0 }, one = zero + 1.0f, length = load(w->length[axis] + at);
-        const vi there = length > zero;
-        const vf inverse = one / select(there, length, one), density2 = inverse * inverse;
+        const vi inside = length > zero;
+        const vf inverse = one / select(inside, length, one), density2 = inverse * inverse;
         const vf add = on_grid(w->after, density2, w->grid) - on_grid(w->before, density2, w->grid);
         const vf mix = lesser(add * (1.0f / S2_MIN_VARIANCE), one);
         const struct centre m = {
@@ -179,12 +179,12 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
         struct gathered g;
         vf scale, keep;
 
-        g.weight = select(there, length, one) * (1.0f - K_END);
+        g.weight = select(inside, length, one) * (1.0f - K_END);
         for (int c = 0; c < planes; c++)
             g.light[c] = g.weight * load(w->from[c] + at);
         if (skews) {
-            skewed_side(w, &m, &line, x + part, -1, low, planes, &g);
-            skewed_side(w, &m, &line, x + part, 1, high, planes, &g);
+            skewed_side(w, &m, &line, x + lane, -1, low, planes, &g);
+            skewed_side(w, &m, &line, x + lane, 1, high, planes, &g);
         } else {
             side(w, &m, &line, -1, low, planes, &g);
             side(w, &m, &line, 1, high, planes, &g);
@@ -198,12 +198,12 @@ INLINE void blur_block(const struct ts_work *w, const struct ts_cell *cell, int 
 
 INLINE void add_to_sum(const struct ts_work *w, ptrdiff_t index)
 {
-    for (int part = 0; part < TS_BLOCK; part += WIDTH)
+    for (int lane = 0; lane < TS_BLOCK; lane += WIDTH)
         for (int c = 0; c < 3; c++) {
-            vf light = load(w->to[c] + index + part);
+            vf light = load(w->to[c] + index + lane);
             if (w->planes == TS_PLANES)
-                light += load(w->to[TS_LOCAL + c] + index + part);
-            store(w->sum[c] + index + part, load(w->sum[c] + index + part) + w->weight[c] * light);
+                light += load(w->to[TS_LOCAL + c] + index + lane);
+            store(w->sum[c] + index + lane, load(w->sum[c] + index + lane) + w->weight[c] * light);
         }
 }
 
@@ -247,10 +247,10 @@ static void seven(const struct ts_work *w, int y, int from, int to, int axis)
         spacing = span * w->from[w->planes - 2 + axis][at];
         spacing = spacing < 1e4f ? spacing : 1e4f;
         for (int j = -3; j <= 3; j++) {
-            const float offset = (float) j * spacing, whole = floorf(offset), part = offset - whole;
+            const float offset = (float) j * spacing, base = floorf(offset), fraction = offset - base;
             for (int k = 0; k < 2; k++) {
-                const int step = (int) whole + k;
-                const float weight = weights[j < 0 ? -j : j] * (k ? part : 1.0f - part);
+                const int step = (int) base + k;
+                const float weight = weights[j < 0 ? -j : j] * (k ? fraction : 1.0f - fraction);
                 const ptrdiff_t tap = at + step * pitch;
                 if (here + step < 0 || here + step >= most || !(weight > 0.0f) || w->key[tap] != w->key[at])
                     continue;
@@ -289,12 +289,12 @@ static void scatter(const struct ts_work *w, const float *skew, const struct ts_
                 continue;
             for (int k = 0; k < 4; k++) {
                 const ptrdiff_t tap = ((ptrdiff_t) fy + k / 2) * w->stride + (ptrdiff_t) fx + k % 2;
-                const float part = (k % 2 ? px - fx : 1.0f - (px - fx)) * (k / 2 ? py - fy : 1.0f - (py - fy));
+                const float weight = (k % 2 ? px - fx : 1.0f - (px - fx)) * (k / 2 ? py - fy : 1.0f - (py - fy));
                 if (w->key[tap] != w->key[at])
                     continue;
-                near += part;
+                near += weight;
                 for (int c = 0; c < 3; c++)
-                    light[c] += part * w->from[c][tap];
+                    light[c] += weight * w->from[c][tap];
             }
             for (int c = 0; c < 3; c++) {
                 found[c] += taps[i].weight[c] * near;

@@ -44,7 +44,7 @@ static int border_of(const struct ts_state *st, const struct ts_profile *p, doub
 }
 
 /* Objects that were laid out again for the same reason are reported in one line. */
-static void tell_of_layouts(struct ts_state *st, const struct pell_frame_shape *shape)
+static void report_layouts(struct ts_state *st, const struct pell_frame_shape *shape)
 {
     for (size_t i = 0; i < st->solids->count; i++) {
         const struct ts_atlas *a = st->solid[i].atlas;
@@ -80,7 +80,7 @@ static double size_of(const struct ts_state *st)
 
 /* Scale of all maps' sides: together they have at most four times the texels of one map of side `size`, and fewer in small images, except
  * for maps at the minimum size. */
-static double share_texels(const struct ts_state *st, const struct pell_frame_shape *shape, double largest)
+static double texel_budget_scale(const struct ts_state *st, const struct pell_frame_shape *shape, double largest)
 {
     const double size = size_of(st), one = size * size, pixels = (double) shape->width * shape->height;
     const double most = fmin(fmax(PIXEL_TEXELS * pixels, 2.0 * one), 4.0 * one);
@@ -112,7 +112,7 @@ void ts_layouts_measure(struct ts_state *st)
     }
 }
 
-/* Side of the map whose texels match the picture's resolution at the solid's nearest distance: `side`, or smaller by a power of the square
+/* Side of the map whose texels match the image's resolution at the solid's nearest distance: `side`, or smaller by a power of the square
  * root of 2, so that camera motion seldom rebuilds maps. */
 static double needed_side(const struct ts_state *st, size_t i, const struct pell_view *view, double side)
 {
@@ -141,14 +141,14 @@ static bool find_sides(struct ts_state *st, const struct pell_frame *in)
 
     for (size_t i = 0; i < b->count; i++)
         largest = fmax(largest, b->solids[i].area);
-    factor = share_texels(st, &in->shape, largest);
+    factor = texel_budget_scale(st, &in->shape, largest);
     for (size_t i = 0; i < b->count; i++) {
         const double fraction = largest > 0.0 ? factor * sqrt(b->solids[i].area / largest) : 0.0;
         const double side = fmin(fmax(ceil(size_of(st) * fraction), MIN_SIZE), size_of(st));
         const int needed = (int) ceil(fmin(fmax(needed_side(st, i, in->view, side), MIN_SIZE), side));
-        const int kept = keep_first(&st->solid[i], needed);
-        same &= b->solids[i].num_triangles == 0 || st->solid[i].side == kept;
-        st->solid[i].side = kept;
+        const int chosen = keep_first(&st->solid[i], needed);
+        same &= b->solids[i].num_triangles == 0 || st->solid[i].side == chosen;
+        st->solid[i].side = chosen;
     }
     return same;
 }
@@ -192,7 +192,7 @@ static enum pell_result make_atlases(struct ts_state *st, const struct pell_fram
             return PELL_ERR_CANCELLED;
         pell_progress(st->ctx, "layouts", (double) (i + 1) / (double) b->count);
     }
-    tell_of_layouts(st, shape);
+    report_layouts(st, shape);
     return PELL_OK;
 
 fail:
@@ -233,7 +233,7 @@ static enum pell_result make_planes(struct ts_state *st)
     for (int i = 0; i < 3; i++)
         list[planes++] = &st->sum[i];
     for (int i = 0; i < 3 && transmission && st->knobs.soften; i++)
-        list[planes++] = &st->behind[i];
+        list[planes++] = &st->transmitted[i];
     list[planes++] = &st->need.wide_key;
     if (strength)
         list[planes++] = &st->strength;
@@ -250,7 +250,7 @@ static enum pell_result make_planes(struct ts_state *st)
     st->need.stage = st->need.cell + cells + TS_MARGIN;
     st->need.wide = st->need.stage + size;
     st->need.shown = st->need.wide + size;
-    st->need.behind = st->need.shown + size;
+    st->need.transmitted = st->need.shown + size;
     for (size_t i = 0; i < planes; i++)
         *list[i] = st->memory + i * size + TS_MARGIN;
     if (transmission)
@@ -282,7 +282,7 @@ void ts_layouts_finish(struct ts_state *st)
     pell_free(st->ctx, st->memory);
     st->cells = NULL;
     st->memory = NULL;
-    st->whole = false;
+    st->complete = false;
 }
 
 enum pell_result ts_layouts_fit(struct ts_state *st, const struct pell_frame *in)
@@ -290,13 +290,13 @@ enum pell_result ts_layouts_fit(struct ts_state *st, const struct pell_frame *in
     const double start = pell_seconds();
     enum pell_result res;
 
-    if (find_sides(st, in) && st->whole)
+    if (find_sides(st, in) && st->complete)
         return PELL_OK;
     ts_layouts_finish(st);
     st->lit = 0;
     PELL_TRY(make_atlases(st, &in->shape));
     PELL_TRY(make_planes(st));
-    st->whole = true;
+    st->complete = true;
     st->layout += pell_seconds() - start;
     return PELL_OK;
 

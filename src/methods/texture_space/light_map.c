@@ -8,13 +8,13 @@
 #include <stdatomic.h>
 #include <string.h>
 
-enum step { AT_ONCE, SEND, TAKE };
+enum step { AT_ONCE, SEND, RECEIVE };
 
 struct lighting {
     struct ts_state *st;
     enum step step;
-    int rows, first;   /* of a band, a multiple of TS_TILE; the first band */
-    uint32_t *numbers; /* indices of the texels sent, up to `most` per band */
+    int rows, first; /* of a band, a multiple of TS_TILE; the first band */
+    uint32_t *slots; /* of the texels sent, up to `most` per band */
     ptrdiff_t most;
     const struct ts_atlas *atlas;
     uint64_t lights;      /* bit mask of the lights to compute */
@@ -29,9 +29,9 @@ struct texels {
     struct pell_points16 points;
     float ambient[16];
     ptrdiff_t at[16];
-    uint32_t part; /* which part of the samples of area lights */
+    uint32_t subset; /* which subset of the samples of area lights */
     int samples;
-    uint32_t **number; /* next index of the band */
+    uint32_t **slot; /* next index of the band */
     int count;
 };
 
@@ -52,7 +52,7 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
 {
     const struct ts_state *st = p->st;
     const struct pell_services *services = st->services;
-    const struct pell_points_params params = params_of(p, k->part * (uint32_t) k->samples, k->samples);
+    const struct pell_points_params params = params_of(p, k->subset * (uint32_t) k->samples, k->samples);
     const struct pell_surface_points in = pell_points16_in(&k->points, k->ambient);
     struct pell_points16_light light;
     const struct pell_surface_light out = pell_points16_out(&light);
@@ -62,12 +62,12 @@ static int64_t light_texels(const struct lighting *p, struct texels *k)
     if (count == 0)
         return 0;
     if (p->step == SEND) {
-        *(*k->number)++ = services->batches->send(services->engine, &params, &in, count);
+        *(*k->slot)++ = services->batches->send(services->engine, &params, &in, count);
         k->count = 0;
         return 0;
     }
-    rays = p->step == TAKE ? services->batches->take(services->engine, &params, &in, count, *(*k->number)++, &out)
-                           : pell_services_light_points(services, &params, &in, count, &out);
+    rays = p->step == RECEIVE ? services->batches->take(services->engine, &params, &in, count, *(*k->slot)++, &out)
+                              : pell_services_light_points(services, &params, &in, count, &out);
     for (int i = 0; i < k->count; i++) {
         for (int c = 0; c < 3; c++)
             p->light[c][k->at[i]] = light.irradiance[c][i];
@@ -83,7 +83,7 @@ static int map_side(const struct ts_atlas *a)
     return ts_ambient_side(a) > 1 ? 2 : 1;
 }
 
-static int map_parts(const struct ts_atlas *a, int samples)
+static int map_subsets(const struct ts_atlas *a, int samples)
 {
     return map_side(a) == 1 ? 1 : samples < 4 ? samples : 4;
 }
@@ -95,19 +95,19 @@ static void light_rows(void *arg, int index, int worker)
     struct lighting *p = arg;
     const struct ts_state *st = p->st;
     const struct ts_atlas *a = p->atlas;
-    const int side = map_side(a), samples = st->in->num_samples, parts = map_parts(a, samples);
+    const int side = map_side(a), samples = st->in->num_samples, subsets = map_subsets(a, samples);
     const int first = (p->first + index) * p->rows, last = first + p->rows < a->height ? first + p->rows : a->height;
-    uint32_t *number = p->numbers ? p->numbers + index * p->most : NULL; /* NULL: evaluated at once */
+    uint32_t *slot = p->slots ? p->slots + index * p->most : NULL; /* NULL: evaluated at once */
     struct texels list[4];
     uint8_t texels[TS_TILE * TS_BLOCK];
     int64_t rays = 0;
 
     (void) worker;
-    for (int i = 0; i < parts; i++) {
-        list[i].part = (uint32_t) i;
-        list[i].samples = samples / parts;
+    for (int i = 0; i < subsets; i++) {
+        list[i].subset = (uint32_t) i;
+        list[i].samples = samples / subsets;
         list[i].count = 0;
-        list[i].number = &number;
+        list[i].slot = &slot;
     }
     for (int y = first; y < last && p->step != SEND; y++)
         for (int r = a->first_run[y]; r < a->first_run[y + 1]; r++)
@@ -120,7 +120,7 @@ static void light_rows(void *arg, int index, int worker)
             for (int t = 0; t < count; t++) {
                 const int x = block * TS_BLOCK + texels[t] % TS_BLOCK, y = y0 + texels[t] / TS_BLOCK;
                 const ptrdiff_t i = y * a->stride + x;
-                struct texels *k = &list[ts_ambient_part(side, x, y) % (uint32_t) parts];
+                struct texels *k = &list[ts_ambient_part(side, x, y) % (uint32_t) subsets];
                 if ((p->need && !p->need[i]) || (p->faces && p->faces[a->source[i]] & TS_FACE_DARK))
                     continue;
                 k->points.mesh[k->count] = a->triangles[a->source[i]].mesh;
@@ -134,7 +134,7 @@ static void light_rows(void *arg, int index, int worker)
                     rays += light_texels(p, k);
             }
         }
-    for (int i = 0; i < parts; i++)
+    for (int i = 0; i < subsets; i++)
         rays += light_texels(p, &list[i]);
     atomic_fetch_add_explicit(&p->rays, rays, memory_order_relaxed);
 }
@@ -168,7 +168,7 @@ static enum pell_result light_in_batches(struct lighting *p, int bands)
         const int count = all - p->first < bands ? all - p->first : bands;
         double seconds = 0.0;
         int64_t bytes = 0;
-        p->numbers = services->batches->begin(services->engine);
+        p->slots = services->batches->begin(services->engine);
         p->step = SEND;
         pell_pool_run(p->st->pool, count, light_rows, p);
         if (pell_cancelled(p->st->ctx))
@@ -176,7 +176,7 @@ static enum pell_result light_in_batches(struct lighting *p, int bands)
         res = services->batches->run(services->engine, &params, &seconds, &bytes);
         if (res != PELL_OK)
             return res;
-        p->step = TAKE;
+        p->step = RECEIVE;
         pell_pool_run(p->st->pool, count, light_rows, p);
         on_device.seconds += seconds;
         on_device.bytes += bytes;
@@ -193,11 +193,11 @@ static enum pell_result light_charts(struct lighting *p)
 {
     const struct pell_services *s = p->st->services;
     const struct ts_atlas *a = p->atlas;
-    const int samples = p->st->in->num_samples, parts = map_parts(a, samples);
+    const int samples = p->st->in->num_samples, subsets = map_subsets(a, samples);
     const size_t room = s->batches ? s->batches->room(s->engine) : 0;
-    /* Packets of a band; the last one of each part may be partly filled. */
-    const size_t most = (size_t) TS_TILE * TS_BLOCK * (size_t) a->blocks / 16 + (size_t) parts;
-    const size_t bands = room / (most * pell_services_batch_points(s) * (size_t) (samples / parts));
+    /* Packets of a band; the last one of each subset may be partly filled. */
+    const size_t most = (size_t) TS_TILE * TS_BLOCK * (size_t) a->blocks / 16 + (size_t) subsets;
+    const size_t bands = room / (most * pell_services_batch_points(s) * (size_t) (samples / subsets));
     enum pell_result res;
 
     p->most = (ptrdiff_t) most;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * need.c - the texels that a picture needs: those its pixels read, and those that blurs, borders and transmission reach from there. Culling
+ * need.c - the texels that an image needs: those its pixels read, and those that blurs, borders and transmission reach from there. Culling
  * of invisible surface, as Jimenez and Gutierrez 2008 recommend for texture space, per texel instead of per chart.
  *
  * A map of incident light is stage 1 of a chain; each blur adds two stages, along rows and down columns. A texel is needed up to a stage:
@@ -33,13 +33,13 @@ static void see_texel(struct ts_solid *solid, ptrdiff_t at)
 /* The texels that read_map.c reads for a surface point. */
 static void see_point(struct ts_state *st, uint32_t mesh, uint32_t triangle, float u, float v)
 {
-    const int32_t number = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
-    struct ts_solid *solid = number >= 0 ? &st->solid[number] : NULL;
+    const int32_t index = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
+    struct ts_solid *solid = index >= 0 ? &st->solid[index] : NULL;
     const struct ts_atlas *a = solid ? solid->atlas : NULL;
     struct ts_bilinear p;
     float sum = 0.0f;
 
-    if (!a || solid->made == TS_MADE_WHOLE)
+    if (!a || solid->made == TS_MADE_COMPLETE)
         return;
     p = ts_atlas_locate(a, a->first[mesh] + triangle, u, v);
     if (p.at < 0)
@@ -81,24 +81,24 @@ static void see_rows(void *arg, int band, int worker)
 }
 
 /* The same for a sample of a later frame. */
-static void look_rows(void *arg, int band, int worker)
+static void trace_rows(void *arg, int band, int worker)
 {
     const struct seeing *p = arg;
-    _Alignas(64) int open[16];
+    _Alignas(64) int valid[16];
     struct pell_ray_hit16 hit;
 
     (void) worker;
     for (int y = p->rect.y0 + band * TS_ROWS; y < p->rect.y0 + (band + 1) * TS_ROWS && y < p->rect.y1; y++)
         for (int x = p->rect.x0; x < p->rect.x1; x += 16) {
-            pell_view_look16(&p->view, p->st->services->rays, x, p->rect.x1, y, PELL_RAY_ALL, open, &hit);
+            pell_view_closest16(&p->view, p->st->services->rays, x, p->rect.x1, y, PELL_RAY_ALL, valid, &hit);
             for (int i = 0; i < 16; i++)
-                if (open[i] && hit.hit.mesh[i] != PELL_NO_HIT)
+                if (valid[i] && hit.hit.mesh[i] != PELL_NO_HIT)
                     see_point(p->st, hit.hit.mesh[i], hit.hit.triangle[i], hit.hit.u[i], hit.hit.v[i]);
         }
 }
 
 /* Rays for later samples cost less than they save if there are no more of them than texels. */
-static bool looks_ahead(const struct ts_state *st, const struct pell_frame *in)
+static bool traces_ahead(const struct ts_state *st, const struct pell_frame *in)
 {
     const int64_t pixels = (int64_t) (in->rect.x1 - in->rect.x0) * (in->rect.y1 - in->rect.y0);
     int64_t texels = 0;
@@ -111,7 +111,7 @@ static bool looks_ahead(const struct ts_state *st, const struct pell_frame *in)
 bool ts_need_enabled(const struct ts_state *st, const struct pell_frame *in)
 {
     return st->knobs.cull && st->run->culls && st->knobs.kernel == TS_KERNEL_DENSE && !st->reused && !st->services->observer &&
-           (in->num_samples <= 1 || looks_ahead(st, in));
+           (in->num_samples <= 1 || traces_ahead(st, in));
 }
 
 void ts_need_mark_visible(struct ts_state *st, const struct pell_frame *in)
@@ -132,7 +132,7 @@ void ts_need_mark_later(struct ts_state *st, const struct pell_frame *in)
     for (int i = in->sample + 1; i < in->num_samples; i++) {
         p.view = *in->view;
         pell_golden_grid(i, in->num_samples, &p.view.shift_x, &p.view.shift_y);
-        ts_rows(st, p.rect.y1 - p.rect.y0, look_rows, &p);
+        ts_rows(st, p.rect.y1 - p.rect.y0, trace_rows, &p);
     }
 }
 
@@ -160,7 +160,7 @@ void ts_need_discard(struct ts_solid *solid)
 static void need_sources(const struct ts_atlas *a, uint8_t *stage, uint8_t from, uint8_t value)
 {
     for (size_t s = 0; s < a->num_squares; s++) {
-        for (size_t i = a->first_border[s]; i < a->first_with_parts[s]; i++) {
+        for (size_t i = a->first_border[s]; i < a->first_with_sources[s]; i++) {
             const struct ts_fill *f = &a->fills[i];
             if (stage[f->at] < from)
                 continue;
@@ -169,10 +169,10 @@ static void need_sources(const struct ts_atlas *a, uint8_t *stage, uint8_t from,
                 *t = *t > value ? *t : value;
             }
         }
-        for (size_t i = a->first_with_parts[s]; i < a->first_border[s + 1]; i++) {
+        for (size_t i = a->first_with_sources[s]; i < a->first_border[s + 1]; i++) {
             const struct ts_fill *f = &a->fills[i];
-            for (int k = 0; stage[f->at] >= from && k < f->parts; k++) {
-                uint8_t *t = &stage[a->parts[f->from + k].at];
+            for (int k = 0; stage[f->at] >= from && k < f->sources; k++) {
+                uint8_t *t = &stage[a->sources[f->from + k].at];
                 *t = *t > value ? *t : value;
             }
         }
@@ -260,29 +260,29 @@ static void grow_rows(void *arg, int band, int worker)
     }
 }
 
-/* Down columns, one pass from each end of the map: `left` rows of reach remaining. */
+/* Down columns, one pass from each end of the map: `remaining` rows of reach remaining. */
 static void grow_columns(void *arg, int strip, int worker)
 {
     const struct growing *p = arg;
     const struct ts_atlas *a = p->atlas;
     const int x0 = strip * STRIP, n = a->width - x0 < STRIP ? a->width - x0 : STRIP;
-    uint8_t left[STRIP];
+    uint8_t remaining[STRIP];
     float key[STRIP] = { 0 }; /* chart that the reach belongs to */
 
     (void) worker;
     for (int back = 0; back < 2; back++) {
-        memset(left, 0, sizeof(left));
+        memset(remaining, 0, sizeof(remaining));
         for (int j = 0; j < a->height; j++) {
             const ptrdiff_t row = (back ? a->height - 1 - j : j) * a->stride + x0;
             uint8_t *stage = p->st->need.stage + row;
             const uint8_t *wide = p->st->need.wide + row;
-            const float *own = a->key + row, *wide_key = p->st->need.wide_key + row;
+            const float *chart_key = a->key + row, *wide_key = p->st->need.wide_key + row;
             for (int i = 0; i < n; i++) {
-                const uint8_t less = left[i] > 0 ? left[i] - 1 : 0;
-                key[i] = wide[i] == 0 ? key[i] : left[i] == 0 || key[i] == wide_key[i] ? wide_key[i] : 0.0f;
-                if ((left[i] > 0 || wide[i] > 0) && stage[i] < p->to && (key[i] == 0.0f || key[i] == own[i]))
+                const uint8_t less = remaining[i] > 0 ? remaining[i] - 1 : 0;
+                key[i] = wide[i] == 0 ? key[i] : remaining[i] == 0 || key[i] == wide_key[i] ? wide_key[i] : 0.0f;
+                if ((remaining[i] > 0 || wide[i] > 0) && stage[i] < p->to && (key[i] == 0.0f || key[i] == chart_key[i]))
                     stage[i] = (uint8_t) p->to;
-                left[i] = less > wide[i] ? less : wide[i];
+                remaining[i] = less > wide[i] ? less : wide[i];
             }
         }
     }
@@ -334,7 +334,7 @@ static void set_stages(const struct ts_state *st, const struct ts_atlas *a, cons
         stage[i] = base[i] ? (uint8_t) TS_NEED_BEFORE(count) : 0;
 }
 
-static void need_place(const struct ts_atlas *a, const struct ts_bilinear *p, uint8_t *stage, uint8_t value)
+static void need_location(const struct ts_atlas *a, const struct ts_bilinear *p, uint8_t *stage, uint8_t value)
 {
     for (int i = 0; p->at >= 0 && i < 4; i++) {
         const ptrdiff_t at = p->at + i % 2 + i / 2 * a->stride;
@@ -360,9 +360,9 @@ void ts_need_begin(struct ts_state *st, struct ts_solid *solid)
         set_stages(st, a, shown, 1);
         grow(st, a, &soft, 1);
         for (ptrdiff_t i = -TS_MARGIN; i < (ptrdiff_t) a->size - TS_MARGIN; i++)
-            st->need.behind[i] = st->need.stage[i] > 0;
+            st->need.transmitted[i] = st->need.stage[i] > 0;
     } else {
-        memcpy(st->need.behind - TS_MARGIN, shown - TS_MARGIN, a->size);
+        memcpy(st->need.transmitted - TS_MARGIN, shown - TS_MARGIN, a->size);
     }
 }
 
@@ -381,14 +381,14 @@ void ts_need_chain(struct ts_state *st, const struct ts_solid *solid, bool trans
     const int count = ts_chain_blurs(st, solid, blurs);
     uint8_t *stage = st->need.stage;
 
-    set_stages(st, a, transmission ? st->need.behind : st->need.shown, count);
+    set_stages(st, a, transmission ? st->need.transmitted : st->need.shown, count);
     for (size_t i = 0; transmission && i < st->tsm.count; i++) {
         const struct ts_transmitted_texel *t = &st->tsm.texels[i];
-        if (!st->need.behind[t->at])
+        if (!st->need.transmitted[t->at])
             continue;
-        need_place(a, &t->from, stage, (uint8_t) TS_NEED_BEFORE(count));
-        if (t->part > 0.0f)
-            need_place(a, &t->second, stage, (uint8_t) TS_NEED_BEFORE(count));
+        need_location(a, &t->from, stage, (uint8_t) TS_NEED_BEFORE(count));
+        if (t->second_weight > 0.0f)
+            need_location(a, &t->second, stage, (uint8_t) TS_NEED_BEFORE(count));
     }
     need_sources(a, stage, (uint8_t) TS_NEED_BEFORE(count), (uint8_t) TS_NEED_BEFORE(count));
     grow(st, a, blurs, count);

@@ -150,7 +150,8 @@ static void leave_forward(const struct pell_medium *medium, struct ts_profile *p
     for (int k = 0; k < TS_THICK; k++) {
         const double f = (double) k / (TS_THICK - 1);
         for (int c = 0; c < 3; c++) {
-            const float rest = pell_forward_rest(&forward, c, (float) (p->thickest * f * f), pell_forward_apart(&forward, &diffuse, c));
+            const float rest =
+                pell_forward_diffuse(&forward, c, (float) (p->thickest * f * f), pell_forward_separation(&forward, &diffuse, c));
             for (int i = 0; i < p->count; i++)
                 p->fraction[k][i][c] *= rest;
         }

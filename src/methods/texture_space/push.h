@@ -28,7 +28,7 @@ struct ts_push {
     float widest, thickest; /* mm */
 };
 
-/* Of read.comp: the picture, px, and the map of a solid. */
+/* Of read.comp: the image, px, and the map of a solid. */
 struct ts_read_push {
     int32_t pitch, rows;
     int32_t meshes;
@@ -41,9 +41,9 @@ struct ts_read_push {
 struct ts_entry {
     int32_t at, from, second; /* texels; the lower left ones of four */
     float from_key, from_x, from_y, second_key, second_x, second_y;
-    float part, surface_distance, m, opposed;
+    float second_weight, surface_distance, m, opposed;
     int32_t round;
-    float left_r, left_g, left_b, strength;
+    float remaining_r, remaining_g, remaining_b, strength;
 };
 
 #endif

@@ -22,13 +22,13 @@ layout(push_constant) uniform Push { ts_read_push pc; };
 const uint NONE = 0xffffffffu;
 
 // struct ts_bilinear: the lower left one of four texels, and the position between them.
-struct Place {
+struct Location {
     int x, y;
     float key;
-    vec2 part;
+    vec2 fraction;
 };
 
-bool find_place(uint t, vec2 uv, out Place p)
+bool find_location(uint t, vec2 uv, out Location p)
 {
     const uint at = uint(pc.meshes) + 7u * t;
     const float w = 1.0 - uv.x - uv.y;
@@ -37,7 +37,7 @@ bool find_place(uint t, vec2 uv, out Place p)
     for (uint k = 0u; k < 3u; k++)
         sum += (k == 0u ? w : k == 1u ? uv.x : uv.y) * uintBitsToFloat(uvec2(words[at + 2u * k], words[at + 2u * k + 1u]));
     const vec2 low = floor(sum);
-    p = Place(int(low.x), int(low.y), float(words[at + 6u]), sum - low);
+    p = Location(int(low.x), int(low.y), float(words[at + 6u]), sum - low);
     return words[at + 6u] != 0u && low.x >= 0.0 && low.y >= 0.0 && low.x < float(pc.width) && low.y < float(pc.height - 1);
 }
 
@@ -47,7 +47,7 @@ vec4 texel(int x, int y)
 }
 
 // If none of the four texels around is valid: the mean of the nearest valid ones, of the same chart or else of any.
-vec3 look_around(Place p)
+vec3 look_around(Location p)
 {
     for (int any = 0; any < 2; any++)
         for (int reach = 1; reach <= 4; reach++) {
@@ -63,13 +63,13 @@ vec3 look_around(Place p)
     return vec3(0.0);
 }
 
-vec3 read_map(Place p)
+vec3 read_map(Location p)
 {
     vec4 sum = vec4(0.0);
 
     for (int k = 0; k < 4; k++) {
         const vec4 t = texel(p.x + k % 2, p.y + k / 2);
-        const float w = (k % 2 != 0 ? p.part.x : 1.0 - p.part.x) * (k >= 2 ? p.part.y : 1.0 - p.part.y);
+        const float w = (k % 2 != 0 ? p.fraction.x : 1.0 - p.fraction.x) * (k >= 2 ? p.fraction.y : 1.0 - p.fraction.y);
         sum += t.w == p.key ? w * vec4(t.rgb, 1.0) : vec4(0.0);
     }
     return sum.w > 1e-6 ? sum.rgb / sum.w : look_around(p);
@@ -79,17 +79,17 @@ void main()
 {
     const ivec2 pixel = ivec2(gl_GlobalInvocationID.xy);
     const int at = pixel.y * pc.pitch + pixel.x;
-    Place location;
+    Location location;
 
     if (pixel.x >= pc.pitch || pixel.y >= pc.rows)
         return;
-    const bool there = surface[at].x != 0u;
-    const uint mesh = there ? points[at].x : NONE, first = mesh < uint(pc.meshes) ? words[mesh] : NONE;
+    const bool covered = surface[at].x != 0u;
+    const uint mesh = covered ? points[at].x : NONE, first = mesh < uint(pc.meshes) ? words[mesh] : NONE;
     if (first == NONE) {
         if (pc.clear != 0)
             result[at] = vec4(0.0);
         return;
     }
-    const vec3 left = find_place(first + points[at].y, uintBitsToFloat(points[at].zw), location) ? read_map(location) : vec3(0.0);
-    result[at] = vec4(left + vec3(pc.unblurred_r, pc.unblurred_g, pc.unblurred_b) * light[at].rgb, 0.0);
+    const vec3 scattered = find_location(first + points[at].y, uintBitsToFloat(points[at].zw), location) ? read_map(location) : vec3(0.0);
+    result[at] = vec4(scattered + vec3(pc.unblurred_r, pc.unblurred_g, pc.unblurred_b) * light[at].rgb, 0.0);
 }

@@ -110,12 +110,12 @@ static size_t layout_words(const struct ts_state *st, const struct ts_atlas *a)
     return st->solids->num_meshes + TRIANGLE_WORDS * (size_t) (a ? a->num_triangles : 0) + 1;
 }
 
-static void fill_layout(const struct ts_state *st, const struct ts_solid *solid, size_t number, uint32_t *words)
+static void fill_layout(const struct ts_state *st, const struct ts_solid *solid, size_t index, uint32_t *words)
 {
     const struct ts_atlas *a = solid->atlas;
 
     for (size_t i = 0; i < st->solids->num_meshes; i++)
-        words[i] = a && st->solids->of_mesh[i] == (int32_t) number ? a->first[i] : UINT32_MAX;
+        words[i] = a && st->solids->of_mesh[i] == (int32_t) index ? a->first[i] : UINT32_MAX;
     words += st->solids->num_meshes;
     for (uint32_t t = 0; a && t < a->num_triangles; t++, words += TRIANGLE_WORDS) {
         memcpy(words, a->corners[t], 6 * sizeof(*words));
@@ -123,14 +123,14 @@ static void fill_layout(const struct ts_state *st, const struct ts_solid *solid,
     }
 }
 
-static enum pell_result send_solid(struct ts_state *st, size_t number)
+static enum pell_result send_solid(struct ts_state *st, size_t index)
 {
     struct ts_pixels *p = st->pixels;
-    const struct ts_solid *solid = &st->solid[number];
+    const struct ts_solid *solid = &st->solid[index];
     const uint64_t layout_size = sizeof(uint32_t) * (uint64_t) layout_words(st, solid->atlas);
     const uint64_t map_size = 16 * (uint64_t) (solid->atlas ? solid->atlas->size : 1);
     struct pell_gpu_buffer *up[2] = { NULL, NULL };
-    struct sent *s = &p->sent[number];
+    struct sent *s = &p->sent[index];
     enum pell_result res;
 
     close_sent(s);
@@ -138,7 +138,7 @@ static enum pell_result send_solid(struct ts_state *st, size_t number)
     PELL_TRY(pell_gpu_buffer_create(p->gpu, PELL_GPU_TO_DEVICE, map_size, "texture-space pixels, map", &up[1]));
     PELL_TRY(pell_gpu_buffer_create(p->gpu, PELL_GPU_ON_DEVICE, layout_size, "texture-space pixels, layout", &s->layout));
     PELL_TRY(pell_gpu_buffer_create(p->gpu, PELL_GPU_ON_DEVICE, map_size, "texture-space pixels, map", &s->map));
-    fill_layout(st, solid, number, pell_gpu_buffer_host(up[0]));
+    fill_layout(st, solid, index, pell_gpu_buffer_host(up[0]));
     if (solid->atlas)
         memcpy(pell_gpu_buffer_host(up[1]), solid->map - 4 * TS_MARGIN, (size_t) map_size);
     PELL_TRY(pell_gpu_begin(p->commands));

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * read_gpu.h - pixels of a picture on a Vulkan device that read the maps of solids there: planes, maps, passes. Private to the method. */
+ * read_gpu.h - pixels of an image on a Vulkan device that read the maps of solids there: planes, maps, passes. Private to the method. */
 #ifndef METHODS_TEXTURE_SPACE_READ_GPU_H
 #define METHODS_TEXTURE_SPACE_READ_GPU_H
 

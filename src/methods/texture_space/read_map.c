@@ -92,8 +92,8 @@ static void gather_rows(void *arg, int band, int worker)
         for (int x = in->rect.x0; x < in->rect.x1; x++) {
             const ptrdiff_t at = y * in->shape.stride + x;
             const uint32_t mesh = in->material[at] ? in->mesh[at] : PELL_NO_HIT;
-            const int32_t number = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
-            const struct ts_solid *solid = number >= 0 ? &st->solid[number] : NULL;
+            const int32_t index = mesh < st->solids->num_meshes ? st->solids->of_mesh[mesh] : -1;
+            const struct ts_solid *solid = index >= 0 ? &st->solid[index] : NULL;
             float rgb[3] = { 0 };
             if (!in->material[at])
                 continue;

@@ -49,7 +49,7 @@ static void start_rows(void *arg, int band, int worker)
         }
 }
 
-static void thin_chunk(void *arg, int chunk, int worker)
+static void weigh_chunk(void *arg, int chunk, int worker)
 {
     const struct ts_blurring *p = arg;
     struct ts_state *st = p->st;
@@ -67,11 +67,11 @@ static void thin_chunk(void *arg, int chunk, int worker)
                             : -expm1f(fmaxf(t->surface_distance * t->surface_distance - t->m * t->m, 0.0f) * falloff);
         near += t->round || linear ? 0.0f : (1.0f - near) * t->opposed;
         t->fraction[0] = t->fraction[1] = t->fraction[2] = 0.0f;
-        if (!(alpha > 0.0f) || !(strength > 0.0f) || (st->need.on && !st->need.behind[t->at]))
+        if (!(alpha > 0.0f) || !(strength > 0.0f) || (st->need.on && !st->need.transmitted[t->at]))
             continue;
         ts_profile_transmission(profile, p->level, fmaxf(-logf(alpha), 0.0f) * (float) profile->widest / strength, t->opposed, t->fraction);
         for (int c = 0; c < 3; c++)
-            t->fraction[c] *= near * t->left[c];
+            t->fraction[c] *= near * t->remaining[c];
     }
 }
 
@@ -81,7 +81,7 @@ static void add_transmission(void *arg, int chunk, int worker)
     struct ts_state *st = p->st;
     const size_t end = (size_t) (chunk + 1) * CHUNK < st->tsm.count ? (size_t) (chunk + 1) * CHUNK : st->tsm.count;
     const float *const planes[3] = { p->now[0], p->now[1], p->now[2] };
-    float *const *out = st->knobs.soften ? st->behind : st->sum;
+    float *const *out = st->knobs.soften ? st->transmitted : st->sum;
 
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
@@ -90,11 +90,11 @@ static void add_transmission(void *arg, int chunk, int worker)
         if (!(t->fraction[0] > 0.0f || t->fraction[1] > 0.0f || t->fraction[2] > 0.0f))
             continue;
         ts_read(p->solid->atlas, &t->from, planes, 3, rgb);
-        if (t->part > 0.0f) {
+        if (t->second_weight > 0.0f) {
             float second[3];
             ts_read(p->solid->atlas, &t->second, planes, 3, second);
             for (int c = 0; c < 3; c++)
-                rgb[c] += t->part * (second[c] - rgb[c]);
+                rgb[c] += t->second_weight * (second[c] - rgb[c]);
         }
         for (int c = 0; c < 3; c++)
             out[c][t->at] += t->fraction[c] * rgb[c];
@@ -128,12 +128,12 @@ static enum pell_result begin(struct ts_state *st, const struct ts_solid *solid)
     return PELL_OK;
 }
 
-static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
+static enum pell_result start(struct ts_blurring *p, bool transmitted, int planes)
 {
     struct ts_state *st = p->st;
 
     (void) planes;
-    p->now = behind ? st->behind : st->light;
+    p->now = transmitted ? st->transmitted : st->light;
     if (st->work.seven) {
         ts_rows(st, p->solid->atlas->height, start_rows, p);
         p->now = st->now;
@@ -153,7 +153,7 @@ static int chunks_of(const struct ts_state *st)
 
 static void transmission_weights(struct ts_blurring *p)
 {
-    pell_pool_run(p->st->pool, chunks_of(p->st), thin_chunk, p);
+    pell_pool_run(p->st->pool, chunks_of(p->st), weigh_chunk, p);
 }
 
 static void transmit(struct ts_blurring *p)

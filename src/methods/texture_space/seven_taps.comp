@@ -36,10 +36,10 @@ void main()
     vec2 density = vec2(0.0);
     float all = 0.0;
     for (int j = -3; j <= 3; j++) {
-        const float offset = float(j) * spacing, whole = floor(offset), part = offset - whole;
+        const float offset = float(j) * spacing, base = floor(offset), fraction = offset - base;
         for (int k = 0; k < 2; k++) {
-            const int step = int(whole) + k;
-            const float tap = weights[abs(j)] * (k == 1 ? part : 1.0 - part);
+            const int step = int(base) + k;
+            const float tap = weights[abs(j)] * (k == 1 ? fraction : 1.0 - fraction);
             const ivec2 q = p + (AXIS == 0 ? ivec2(step, 0) : ivec2(0, step));
             if (!is_inside(q) || !(tap > 0.0) || lines[texel_at(q)].x != key)
                 continue;

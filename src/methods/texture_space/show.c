@@ -35,8 +35,8 @@ static enum pell_result show(struct ts_state *st, const struct ts_image *image, 
         snprintf(of_solid, sizeof(of_solid), "object-%d.", (int) st->shown.solid);
     if (st->shown.light >= 0 && image->of_light)
         snprintf(of_light, sizeof(of_light), "light-%d.", st->shown.light);
-    if (image->number > 0)
-        snprintf(name, sizeof(name), "texture-space.%s%s%s-%d", of_solid, of_light, image->name, image->number);
+    if (image->index > 0)
+        snprintf(name, sizeof(name), "texture-space.%s%s%s-%d", of_solid, of_light, image->name, image->index);
     else
         snprintf(name, sizeof(name), "texture-space.%s%s%s", of_solid, of_light, image->name);
     return pell_show(st->services, &out);

@@ -16,7 +16,7 @@ enum { TS_ROWS = 16, TS_TIMES = TS_LEVELS + 9, TS_READ_FAR = 6 };
 /* TS_ROWS: rows per task. TS_READ_FAR: largest distance in texels from the inside of charts that pixels read: that of look_around, and the
  * four texels of a bilinear lookup. */
 
-enum ts_made { TS_MADE_NOT, TS_MADE_IN_PART, TS_MADE_WHOLE };
+enum ts_made { TS_MADE_NOT, TS_MADE_PARTIAL, TS_MADE_COMPLETE };
 
 struct ts_solid {
     struct ts_atlas *atlas;
@@ -27,7 +27,7 @@ struct ts_solid {
     uint64_t version;                 /* changes with each map that is made; 0: none yet */
     _Atomic uint8_t *seen;            /* per texel, while the map is made in part: need.c */
     _Atomic bool missing;             /* pixels read texels that were not made */
-    bool make_in_part;                /* will be made in part */
+    bool make_partial;                /* will be made in part */
     struct pell_vec3 middle;          /* centre of its bounds */
     float radius;                     /* half the diagonal of its bounds, mm */
 };
@@ -47,8 +47,8 @@ struct ts_need {
     uint8_t *cell;  /* maximum over each block of a row */
     uint8_t *wide;  /* scratch plane */
     float *wide_key;
-    uint8_t *shown;  /* texels that pixels read */
-    uint8_t *behind; /* texels whose transmitted light is needed */
+    uint8_t *shown;       /* texels that pixels read */
+    uint8_t *transmitted; /* texels whose transmitted light is needed */
 };
 
 struct ts_state {
@@ -65,7 +65,7 @@ struct ts_state {
     struct ts_solid *solid;
     size_t num_solids;
     uint64_t versions; /* number of maps made so far */
-    bool whole;        /* created without a failure */
+    bool complete;     /* created without a failure */
     bool reused;       /* maps have been read from more than one view, so culling would make them twice */
     struct ts_need need;
     struct ts_profile *profiles; /* by material; only those of solids are made */
@@ -75,7 +75,7 @@ struct ts_state {
     float *memory;           /* of the planes below, for texel (0, 0) of any atlas */
     float *light[TS_PLANES]; /* irradiance, alpha, and irradiance of light that is only blurred */
     float *now[TS_PLANES], *half[TS_PLANES], *sum[3];
-    float *behind[3]; /* transmitted light, before softening */
+    float *transmitted[3]; /* transmitted light, before softening */
     float *strength;
     float *scaled[2]; /* lengths over strength */
     struct ts_cell *cells;
@@ -146,7 +146,7 @@ struct ts_image {
     const char *name, *unit, *what;
     const float *planes[3]; /* of the solid's map */
     int components;
-    int number; /* index appended to the name, from 1; 0: none */
+    int index; /* appended to the name, from 1; 0: none */
     bool color;
     bool of_light;  /* the light's index is prefixed to the name if there is one */
     double falloff; /* above 0: the values are alpha, and the image shows the thickness in mm */
@@ -216,7 +216,7 @@ struct ts_chain_params {
 
 /* Blurs st->light. */
 PELL_NODISCARD enum pell_result ts_chain(struct ts_state *st, const struct ts_solid *solid, const struct ts_chain_params *params);
-/* Transmitted light is at least as smooth as its path is long: blurs st->behind into the sum. */
+/* Transmitted light is at least as smooth as its path is long: blurs st->transmitted into the sum. */
 PELL_NODISCARD enum pell_result ts_soften(struct ts_state *st, const struct ts_solid *solid);
 
 /* State of a running chain. */
@@ -260,8 +260,8 @@ static inline void ts_stretch(const struct ts_state *st, const struct ts_atlas *
 struct ts_runner {
     /* Starts a solid whose lengths and cells are in st->work: sums are 0. */
     enum pell_result (*begin)(struct ts_state *st, const struct ts_solid *solid);
-    /* `now` becomes st->light or, with `behind`, the transmitted light: this many planes. With the paper's taps the stretch, too. */
-    enum pell_result (*start)(struct ts_blurring *p, bool behind, int planes);
+    /* `now` becomes st->light or, with `transmitted`, the transmitted light: this many planes. With the paper's taps the stretch, too. */
+    enum pell_result (*start)(struct ts_blurring *p, bool transmitted, int planes);
     /* Fills borders of `now` within `far` texels of charts. */
     void (*fill)(struct ts_blurring *p, int planes, int far);
     /* Computes the transmission weights of the listed texels for p->level, from `now`'s alpha. */

@@ -25,7 +25,7 @@ enum ts_lights { TS_LIGHTS_OWN, TS_LIGHTS_SUM };
 
 struct ts_knobs {
     int as;   /* enum ts_as */
-    int size; /* texels; 0: by the picture's resolution */
+    int size; /* texels; 0: by the image's resolution */
     int gaussians;
     int charts; /* enum ts_charts */
     int border; /* texels */
@@ -59,23 +59,23 @@ struct ts_bilinear {
 
 /* A border texel next to a chart: its value is the mean of four texels of an adjacent chart. */
 struct ts_border {
-    int32_t at, from;     /* the border texel; the lower left one of the four */
-    float weight[4];      /* sum to one; 0 for texels outside of the source chart */
-    int32_t far;          /* texels, along the longer axis, from the inside of a chart; below TS_FAR */
-    int32_t first, parts; /* replace the four texels: range in the atlas's parts; parts 0: the four are used */
+    int32_t at, from;       /* the border texel; the lower left one of the four */
+    float weight[4];        /* sum to one; 0 for texels outside of the source chart */
+    int32_t far;            /* texels, along the longer axis, from the inside of a chart; below TS_FAR */
+    int32_t first, sources; /* replace the four texels: range in the atlas's sources; sources 0: the four are used */
 };
 
 /* Packed border data that every blur reads. */
 struct ts_fill {
-    int32_t at, from; /* the texel; the lower left one of four; with parts the first part */
+    int32_t at, from; /* the texel; the lower left one of four; with sources the first source */
     uint16_t x, y;    /* position between the four, scaled by TS_WHOLE */
-    uint8_t far, parts;
+    uint8_t far, sources;
 };
 #define TS_WHOLE 65535.0f
 enum { TS_PREFETCH = 12 }; /* prefetch distance; the list has as many entries of padding at its end */
 
 /* A chart texel in the weighted sum of a border texel at a seam: of its own chart, or of the others around its location. */
-struct ts_part {
+struct ts_source {
     int32_t at;
     float weight;
 };
@@ -119,14 +119,14 @@ struct ts_atlas {
     int64_t inner;             /* chart texels without borders */
     int64_t buried;            /* texels removed from charts because they are inside another part */
     struct ts_border *borders; /* during construction */
-    struct ts_fill *fills;     /* packed borders, by squares of TS_BLOCK; in each square those with parts are last, the others sorted by
+    struct ts_fill *fills;     /* packed borders, by squares of TS_BLOCK; in each square those with sources are last, the others sorted by
                                 * distance from charts */
     size_t num_borders;
-    struct ts_part *parts;
+    struct ts_source *sources;
     struct ts_orientation *turns; /* of borders, row by row */
     size_t *first_turn;           /* per row, height + 1 entries */
     size_t *first_border;         /* per square, plus the end of the last one */
-    size_t *first_with_parts;     /* per square: the first border with parts */
+    size_t *first_with_sources;   /* per square: the first border with sources */
     size_t num_squares;
     size_t within[TS_FAR];      /* number of borders within this distance */
     struct ts_run *runs;        /* non-empty blocks, row by row */
@@ -252,7 +252,8 @@ struct ts_profile {
 PELL_NODISCARD enum pell_result ts_profile_make(struct pell_context *ctx, const struct pell_frame_material *m, const struct ts_knobs *knobs,
                                                 bool local, bool forward, struct ts_profile *out);
 void ts_profile_finish(struct pell_context *ctx, struct ts_profile *p);
-/* Transmission of level `i` through d mm; `opposed`: how far the two surfaces face apart, [0, 1]: 1 is a slab, at 0 none is transmitted. */
+/* Transmission of level `i` through d mm; `opposed`: how far the surfaces face in opposite directions, [0, 1]: 1 in a slab;
+ * at 0 nothing is transmitted. */
 void ts_profile_transmission(const struct ts_profile *p, int i, float d, float opposed, float fraction[3]);
 
 /* --- translucent_shadow_map.c: entry points of transmitted light  */
@@ -260,16 +261,16 @@ void ts_profile_transmission(const struct ts_profile *p, int i, float d, float o
 struct ts_transmitted_texel {
     int32_t at;                /* the texel C */
     struct ts_bilinear from;   /* A */
-    struct ts_bilinear second; /* a second entry point, whose light has the weight `part`, [0, 1] */
-    float part;
+    struct ts_bilinear second; /* a second entry point, whose light has this weight, [0, 1] */
+    float second_weight;
     float m;                /* mm from C to A, straight */
     float surface_distance; /* mm from C to A along the surface in one chart, else straight, too */
     struct pell_vec3 normal;
-    float cosine;      /* between the normal at A and the direction of the ray */
-    float opposed;     /* how far the normals at A and C oppose, [0, 1] */
-    bool round;        /* `surface_distance` is along the surface */
-    float left[3];     /* fraction that the engine does not add already, as diffusion in the solid */
-    float fraction[3]; /* transmission weight at the current level */
+    float cosine;       /* between the normal at A and the direction of the ray */
+    float opposed;      /* how far the normals at A and C oppose, [0, 1] */
+    bool round;         /* `surface_distance` is along the surface */
+    float remaining[3]; /* fraction that the engine does not add already, as diffusion in the solid */
+    float fraction[3];  /* transmission weight at the current level */
 };
 
 struct ts_tsm {

@@ -111,7 +111,7 @@ static void map_row(void *arg, int y, int worker)
 
     (void) worker;
     for (int x = 0; x < t->view.width; x += 16) {
-        pell_view_look16(&t->view, t->p->services->rays, x, t->view.width, y, PELL_RAY_ALL, active, &hit);
+        pell_view_closest16(&t->view, t->p->services->rays, x, t->view.width, y, PELL_RAY_ALL, active, &hit);
         for (int i = 0; i < 16 && x + i < t->view.width; i++) {
             const uint32_t mesh = hit.hit.mesh[i];
             struct ts_surface_point *out = &t->map[(size_t) y * (size_t) t->view.width + (size_t) (x + i)];

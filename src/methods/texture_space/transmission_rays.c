@@ -98,7 +98,7 @@ static void trace_to_exit(struct ts_task *t, struct ts_packet *k)
             const uint32_t mesh = k->rays.hit.mesh[i];
             struct ts_surface_point hit;
             struct ts_shading_point s;
-            bool leaves;
+            bool is_exit;
             if (!k->active[i])
                 continue;
             rays++;
@@ -110,16 +110,16 @@ static void trace_to_exit(struct ts_task *t, struct ts_packet *k)
                 continue;
             }
             hit = (struct ts_surface_point) { a->first[mesh] + k->rays.hit.triangle[i], k->rays.hit.u[i], k->rays.hit.v[i] };
-            leaves = vec3_dot(face, k->light[i]) > 0.0f;
-            if (leaves)
+            is_exit = vec3_dot(face, k->light[i]) > 0.0f;
+            if (is_exit)
                 k->exit[i] = hit;
             k->remaining[i] -= k->rays.ray.tfar[i];
-            if ((leaves && (!t->lit || is_lit(t, &k->exit[i]))) || !(k->remaining[i] > 0.0f))
+            if ((is_exit && (!t->lit || is_lit(t, &k->exit[i]))) || !(k->remaining[i] > 0.0f))
                 continue;
             k->active[i] = -1;
             any = true;
             s = ts_flat_point(a, hit);
-            start_segment(k, i, &s, leaves);
+            start_segment(k, i, &s, is_exit);
         }
     }
     atomic_fetch_add_explicit(&t->rays, rays, memory_order_relaxed);
@@ -270,7 +270,7 @@ static void accept_face_exit(struct ts_task *t, const struct ts_packet *k, int l
     f = fminf(fmaxf(vec3_dot(other.normal, light) * (1.0f / LIT_COSINE), 0.0f), 1.0f);
     f *= f * (3.0f - 2.0f * f);
     other.second = out->from;
-    other.part = 1.0f - f;
+    other.second_weight = 1.0f - f;
     other.m = out->m + f * (other.m - out->m);
     other.surface_distance = out->surface_distance + f * (other.surface_distance - out->surface_distance);
     other.opposed = out->opposed + f * (other.opposed - out->opposed);

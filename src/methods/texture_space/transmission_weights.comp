@@ -49,8 +49,9 @@ void main()
     float near = pc.linear != 0 ? min(t.surface_distance / pc.reach, 1.0)
                                 : rest_of(max(t.surface_distance * t.surface_distance - t.m * t.m, 0.0) * 0.5 / pc.variance);
     near += t.round != 0 || pc.linear != 0 ? 0.0 : (1.0 - near) * t.opposed;
-    vec3 part = vec3(0.0);
+    vec3 weight = vec3(0.0);
     if (alpha > 0.0 && t.strength > 0.0)
-        part = transmission(max(-log(alpha), 0.0) * pc.widest / t.strength, t.opposed) * near * vec3(t.left_r, t.left_g, t.left_b);
-    level_weight[e] = vec4(part, 0.0);
+        weight = transmission(max(-log(alpha), 0.0) * pc.widest / t.strength, t.opposed) * near *
+                 vec3(t.remaining_r, t.remaining_g, t.remaining_b);
+    level_weight[e] = vec4(weight, 0.0);
 }

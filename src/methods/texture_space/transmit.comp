@@ -7,14 +7,14 @@
 //   in     1 level_weight weight of the light at the entry point
 //   in     2 lines    chart (0: none), mm
 //   in     3 now      light, W/m^2; alpha
-//   in/out 4 behind   transmitted light, W/m^2
+//   in/out 4 transmitted   transmitted light, W/m^2
 layout(local_size_x = 64) in;
 #include "methods/texture_space/common.glsl"
 layout(set = 0, binding = 0) readonly buffer Texels { ts_entry texels[]; };
 layout(set = 0, binding = 1) readonly buffer LevelWeight { vec4 level_weight[]; };
 layout(set = 0, binding = 2) readonly buffer Lines { vec2 lines[]; };
 layout(set = 0, binding = 3) readonly buffer Now { vec4 now[]; };
-layout(set = 0, binding = 4) buffer Behind { vec4 behind[]; };
+layout(set = 0, binding = 4) buffer Transmitted { vec4 transmitted[]; };
 
 // Bilinear mean of those of the four texels around a point that are in its chart.
 vec3 read_at(int at, float key, vec2 f)
@@ -38,12 +38,12 @@ void main()
 
     if (e >= pc.count)
         return;
-    const vec3 part = level_weight[e].rgb;
-    if (!(part.r > 0.0 || part.g > 0.0 || part.b > 0.0))
+    const vec3 weight = level_weight[e].rgb;
+    if (!(weight.r > 0.0 || weight.g > 0.0 || weight.b > 0.0))
         return;
     const ts_entry t = texels[e];
     vec3 light = read_at(t.from, t.from_key, vec2(t.from_x, t.from_y));
-    if (t.part > 0.0)
-        light += t.part * (read_at(t.second, t.second_key, vec2(t.second_x, t.second_y)) - light);
-    behind[pc.origin + t.at].rgb += part * light;
+    if (t.second_weight > 0.0)
+        light += t.second_weight * (read_at(t.second, t.second_key, vec2(t.second_x, t.second_y)) - light);
+    transmitted[pc.origin + t.at].rgb += weight * light;
 }

@@ -94,7 +94,7 @@ bool ts_transmit(const struct ts_task *t, ptrdiff_t at, const struct ts_shading_
         out->surface_distance = m;
         out->round = false;
     }
-    out->part = 0.0f;
+    out->second_weight = 0.0f;
     out->opposed = opposed;
     out->normal = s.normal;
     out->cosine = vec3_dot(s.normal, dir);

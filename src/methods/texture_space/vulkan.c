@@ -28,8 +28,8 @@ enum buffer {
     CELLS,
     FILLS_UP,
     FILLS,
-    PARTS_UP,
-    PARTS,
+    SOURCES_UP,
+    SOURCES,
     STRETCH_UP,
     STRETCH,
     TABLE_UP,
@@ -41,19 +41,19 @@ enum buffer {
     HALF,
     WIDE, /* HALF for the stretch */
     SUM,
-    BEHIND,
-    SHARE,
+    TRANSMITTED,
+    WEIGHTS,
     RESULT,
     BUFFERS
 };
 
-enum count { OF_TEXEL, OF_CELL, OF_FILL, OF_PART, OF_TABLE, OF_LIST, COUNTS };
+enum count { OF_TEXEL, OF_CELL, OF_FILL, OF_SOURCE, OF_TABLE, OF_LIST, COUNTS };
 
 static const struct {
     const char *name;
     enum count of;
     int bytes; /* per element */
-    enum pell_gpu_place place;
+    enum pell_gpu_memory memory;
 } buffer_rows[BUFFERS] = {
     [ALONG_X_UP] = { "texture-space lengths along x, upload", OF_TEXEL, 8, PELL_GPU_TO_DEVICE },
     [ALONG_X] = { "texture-space lengths along x", OF_TEXEL, 8, PELL_GPU_ON_DEVICE },
@@ -65,8 +65,8 @@ static const struct {
     [CELLS] = { "texture-space blocks", OF_CELL, 32, PELL_GPU_ON_DEVICE },
     [FILLS_UP] = { "texture-space borders, upload", OF_FILL, 16, PELL_GPU_TO_DEVICE },
     [FILLS] = { "texture-space borders", OF_FILL, 16, PELL_GPU_ON_DEVICE },
-    [PARTS_UP] = { "texture-space parts, upload", OF_PART, 8, PELL_GPU_TO_DEVICE },
-    [PARTS] = { "texture-space parts", OF_PART, 8, PELL_GPU_ON_DEVICE },
+    [SOURCES_UP] = { "texture-space sources, upload", OF_SOURCE, 8, PELL_GPU_TO_DEVICE },
+    [SOURCES] = { "texture-space sources", OF_SOURCE, 8, PELL_GPU_ON_DEVICE },
     [STRETCH_UP] = { "texture-space stretch, upload", OF_TEXEL, 8, PELL_GPU_TO_DEVICE },
     [STRETCH] = { "texture-space stretch", OF_TEXEL, 8, PELL_GPU_ON_DEVICE },
     [TABLE_UP] = { "texture-space slab, upload", OF_TABLE, 16, PELL_GPU_TO_DEVICE },
@@ -78,8 +78,8 @@ static const struct {
     [HALF] = { "texture-space half", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
     [WIDE] = { "texture-space stretch, half", OF_TEXEL, 8, PELL_GPU_ON_DEVICE },
     [SUM] = { "texture-space sum", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
-    [BEHIND] = { "texture-space behind", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
-    [SHARE] = { "texture-space shares", OF_LIST, 16, PELL_GPU_ON_DEVICE },
+    [TRANSMITTED] = { "texture-space transmitted", OF_TEXEL, 16, PELL_GPU_ON_DEVICE },
+    [WEIGHTS] = { "texture-space weights", OF_LIST, 16, PELL_GPU_ON_DEVICE },
     [RESULT] = { "texture-space map", OF_TEXEL, 16, PELL_GPU_FROM_DEVICE },
 };
 
@@ -94,17 +94,17 @@ static const struct {
     enum buffer buffers[6]; /* in the order of its bindings */
     uint32_t axis;
 } pass_rows[PASSES] = {
-    [CLEAR] = { &pell_texture_space_clear_shader, { ALONG_X, SUM, BEHIND }, 0 },
+    [CLEAR] = { &pell_texture_space_clear_shader, { ALONG_X, SUM, TRANSMITTED }, 0 },
     [ACROSS] = { &pell_texture_space_blur_shader, { ALONG_X, TILTS, CELLS, NOW, HALF, SUM }, 0 },
     [DOWN] = { &pell_texture_space_blur_shader, { ALONG_Y, TILTS, CELLS, HALF, NOW, SUM }, 1 },
     [SEVEN_ACROSS] = { &pell_texture_space_seven_taps_shader, { ALONG_X, NOW, STRETCH, HALF, WIDE, SUM }, 0 },
     [SEVEN_DOWN] = { &pell_texture_space_seven_taps_shader, { ALONG_X, HALF, WIDE, NOW, STRETCH, SUM }, 1 },
-    [FILL_NOW] = { &pell_texture_space_fill_shader, { FILLS, PARTS, NOW }, 0 },
-    [FILL_SUM] = { &pell_texture_space_fill_shader, { FILLS, PARTS, SUM }, 0 },
+    [FILL_NOW] = { &pell_texture_space_fill_shader, { FILLS, SOURCES, NOW }, 0 },
+    [FILL_SUM] = { &pell_texture_space_fill_shader, { FILLS, SOURCES, SUM }, 0 },
     [ADD] = { &pell_texture_space_add_shader, { NOW, SUM }, 0 },
-    [THIN] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, SHARE }, 0 },
-    [THROUGH] = { &pell_texture_space_transmit_shader, { TEXELS, SHARE, ALONG_X, NOW, BEHIND }, 0 },
-    [THROUGH_SHARP] = { &pell_texture_space_transmit_shader, { TEXELS, SHARE, ALONG_X, NOW, SUM }, 0 },
+    [THIN] = { &pell_texture_space_transmission_weights_shader, { TEXELS, NOW, TABLE, WEIGHTS }, 0 },
+    [THROUGH] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, TRANSMITTED }, 0 },
+    [THROUGH_SHARP] = { &pell_texture_space_transmit_shader, { TEXELS, WEIGHTS, ALONG_X, NOW, SUM }, 0 },
 };
 
 struct ts_device {
@@ -159,7 +159,7 @@ static enum pell_result make_buffers(struct ts_state *st, struct ts_device *d)
 
     for (int i = 0; i < BUFFERS && res == PELL_OK; i++)
         if (!d->buffers[i] && is_needed(st, i))
-            res = pell_gpu_buffer_create(st->services->gpu, buffer_rows[i].place,
+            res = pell_gpu_buffer_create(st->services->gpu, buffer_rows[i].memory,
                                          (uint64_t) d->counts[buffer_rows[i].of] * (uint64_t) buffer_rows[i].bytes, buffer_rows[i].name,
                                          &d->buffers[i]);
     return res;
@@ -186,13 +186,13 @@ static size_t larger(size_t a, size_t b)
     return a > b ? a : b;
 }
 
-static size_t count_parts(const struct ts_atlas *a)
+static size_t count_sources(const struct ts_atlas *a)
 {
     size_t count = 0;
 
     for (size_t i = 0; i < a->num_borders; i++)
-        if (a->fills[i].parts > 0)
-            count = larger(count, (size_t) a->fills[i].from + a->fills[i].parts);
+        if (a->fills[i].sources > 0)
+            count = larger(count, (size_t) a->fills[i].from + a->fills[i].sources);
     return count;
 }
 
@@ -214,7 +214,7 @@ static enum pell_result open_device(struct ts_state *st)
         d->counts[OF_TEXEL] = larger(d->counts[OF_TEXEL], a->size);
         d->counts[OF_CELL] = larger(d->counts[OF_CELL], (size_t) a->blocks * (size_t) a->height);
         d->counts[OF_FILL] = larger(d->counts[OF_FILL], a->num_borders);
-        d->counts[OF_PART] = larger(d->counts[OF_PART], count_parts(a));
+        d->counts[OF_SOURCE] = larger(d->counts[OF_SOURCE], count_sources(a));
     }
     PELL_TRY(make_buffers(st, d));
     PELL_TRY(make_passes(st, d));
@@ -393,13 +393,13 @@ static void send_layout(struct ts_state *st, const struct ts_solid *solid)
     struct ts_device *d = st->device;
     const struct ts_atlas *a = solid->atlas;
     struct packing task = { .st = st, .atlas = a };
-    const size_t parts = count_parts(a);
+    const size_t sources = count_sources(a);
 
     pell_pool_run(st->pool, chunks_of(a->size), pack_layout, &task);
     pack_cells(st, a, pell_gpu_buffer_host(d->buffers[CELLS_UP]));
     memcpy(pell_gpu_buffer_host(d->buffers[FILLS_UP]), a->fills, a->num_borders * sizeof(*a->fills));
-    if (parts > 0)
-        memcpy(pell_gpu_buffer_host(d->buffers[PARTS_UP]), a->parts, parts * sizeof(*a->parts));
+    if (sources > 0)
+        memcpy(pell_gpu_buffer_host(d->buffers[SOURCES_UP]), a->sources, sources * sizeof(*a->sources));
     pack_table(solid->profile, pell_gpu_buffer_host(d->buffers[TABLE_UP]));
     upload(d, ALONG_X_UP, a->size);
     upload(d, ALONG_Y_UP, a->size);
@@ -407,8 +407,8 @@ static void send_layout(struct ts_state *st, const struct ts_solid *solid)
     upload(d, CELLS_UP, (size_t) a->blocks * (size_t) a->height);
     if (a->num_borders > 0)
         upload(d, FILLS_UP, a->num_borders);
-    if (parts > 0)
-        upload(d, PARTS_UP, parts);
+    if (sources > 0)
+        upload(d, SOURCES_UP, sources);
     upload(d, TABLE_UP, TS_LEVELS * TS_THICK);
     take_note(d, "upload", (int64_t) a->size, (int64_t) a->size * 48);
 }
@@ -474,7 +474,7 @@ static void pack_texels(void *arg, int chunk, int worker)
     (void) worker;
     for (size_t i = (size_t) chunk * CHUNK; i < end; i++) {
         const struct ts_transmitted_texel *t = &st->tsm.texels[i];
-        const struct ts_bilinear second = t->part > 0.0f ? t->second : t->from;
+        const struct ts_bilinear second = t->second_weight > 0.0f ? t->second : t->from;
         to[i] = (struct ts_entry) {
             .at = t->at,
             .from = t->from.at,
@@ -485,20 +485,20 @@ static void pack_texels(void *arg, int chunk, int worker)
             .second_key = second.key,
             .second_x = second.fx,
             .second_y = second.fy,
-            .part = t->part,
+            .second_weight = t->second_weight,
             .surface_distance = t->surface_distance,
             .m = t->m,
             .opposed = t->opposed,
             .round = t->round,
-            .left_r = t->left[0],
-            .left_g = t->left[1],
-            .left_b = t->left[2],
+            .remaining_r = t->remaining[0],
+            .remaining_g = t->remaining[1],
+            .remaining_b = t->remaining[2],
             .strength = p->scaled ? st->strength[t->at] : 1.0f,
         };
     }
 }
 
-static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
+static enum pell_result start(struct ts_blurring *p, bool transmitted, int planes)
 {
     struct ts_state *st = p->st;
     const struct ts_atlas *a = p->solid->atlas;
@@ -510,15 +510,15 @@ static enum pell_result start(struct ts_blurring *p, bool behind, int planes)
     p->now = st->now; /* if it is inspected */
     PELL_TRY(make_room(st, count));
     d = st->device;
-    if (!behind)
+    if (!transmitted)
         pell_pool_run(st->pool, chunks_of(a->size), pack_light, &task);
     if (count > 0)
         pell_pool_run(st->pool, chunks_of(count), pack_texels, &task);
     if (st->work.seven)
         pack_stretch(st, a, pell_gpu_buffer_host(d->buffers[STRETCH_UP]), 0, a->size);
     PELL_TRY(open_list(d));
-    if (behind)
-        pell_gpu_copy(d->commands, d->buffers[BEHIND], d->buffers[NOW], (uint64_t) a->size * 16);
+    if (transmitted)
+        pell_gpu_copy(d->commands, d->buffers[TRANSMITTED], d->buffers[NOW], (uint64_t) a->size * 16);
     else
         upload(d, LIGHT_UP, a->size);
     if (count > 0)

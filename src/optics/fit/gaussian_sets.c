@@ -111,9 +111,9 @@ void pell_gaussian_set_reduce(const double *variance, const double *weight, size
         if (high == targets || variance[i] <= target[low]) {
             out[low] += weight[i];
         } else {
-            const double share = (variance[i] - target[low]) / (target[high] - target[low]);
-            out[low] += (1.0 - share) * weight[i];
-            out[high] += share * weight[i];
+            const double fraction = (variance[i] - target[low]) / (target[high] - target[low]);
+            out[low] += (1.0 - fraction) * weight[i];
+            out[high] += fraction * weight[i];
         }
     }
 }

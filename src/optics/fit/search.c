@@ -149,7 +149,7 @@ int pell_fit_residuals(void *arg, int m, int n, const double *x, double *fvec, d
     return 0;
 }
 
-/* --- The rough way ------------------------------------------------------------------------------------------------------------- */
+/* --- The rough evaluation ------------------------------------------------------------------------------------------------------ */
 
 /* Int r G_i G_j dr, or, by `order`, its derivatives with respect to log v_i, and to both. */
 static double inner(const struct pell_fit_work *w, int order, int i, int j)

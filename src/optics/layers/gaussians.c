@@ -162,9 +162,9 @@ static void deposit(const struct algebra *g, double variance, double weight, dou
         const int middle = (low + high) / 2;
         *(variance < g->variance[middle] ? &high : &low) = middle;
     }
-    const double share = (variance - g->variance[low]) / (g->variance[high] - g->variance[low]);
-    w[low] += (1.0 - share) * weight;
-    w[high] += share * weight;
+    const double fraction = (variance - g->variance[low]) / (g->variance[high] - g->variance[low]);
+    w[low] += (1.0 - fraction) * weight;
+    w[high] += fraction * weight;
 }
 
 static void deposit_pole(const struct algebra *g, double z, const struct pell_multipole_slab *y, double *w)
@@ -362,10 +362,10 @@ enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channe
     g.count = g.block + 1 + g.octaves * g.block / 2;
 
     double *memory = workspace,
-           **const place[POLYNOMIALS] = { &g.variance, &g.step,   &g.upper[0], &g.upper[1], &g.upper[2], &g.upper[3], &g.sum[0],
+           **const array[POLYNOMIALS] = { &g.variance, &g.step,   &g.upper[0], &g.upper[1], &g.upper[2], &g.upper[3], &g.sum[0],
                                           &g.sum[1],   &g.sum[2], &g.sum[3],   &g.x,        &g.y,        &g.z };
     for (int i = 0; i < POLYNOMIALS; i++, memory += elements(g.block))
-        *place[i] = memory;
+        *array[i] = memory;
     make_axis(&g);
 
     make_slab(&g, &slabs.slab[slabs.count - 1], q->analytic, g.sum);
@@ -382,14 +382,14 @@ enum pell_result pell_stack_gaussians(const struct pell_stack *stack, int channe
     out->count = g.count - 1;
     memcpy(out->variance, g.variance + 1, (size_t) out->count * sizeof(double));
     for (int part = 0; part < PELL_STACK_PARTS; part++) {
-        const bool there = !only || part == PELL_STACK_R_PLUS;
+        const bool computed = !only || part == PELL_STACK_R_PLUS;
         for (int i = 0; i < out->count; i++)
-            out->weight[part][i] = there ? g.sum[part][i + 1] : 0.0;
-        if (there && g.sum[part][0] != 0.0) {
+            out->weight[part][i] = computed ? g.sum[part][i + 1] : 0.0;
+        if (computed && g.sum[part][0] != 0.0) {
             out->weight[part][0] += g.sum[part][0];
             out->flags |= PELL_STACK_WIDENED;
         }
-        if (there && !q->analytic)
+        if (computed && !q->analytic)
             out->clipped = fmax(out->clipped, clip(out->weight[part], out->count));
     }
     return PELL_OK;
@@ -401,12 +401,12 @@ static bool usable(const struct pell_stack_sets *s, enum pell_stack_part part)
 }
 
 /* Variance below which the given fraction of a set's light lies; of its magnitude if weights of both signs make the sum non-monotonic. */
-static double quantile(const struct pell_stack_sets *s, enum pell_stack_part part, double share)
+static double quantile(const struct pell_stack_sets *s, enum pell_stack_part part, double fraction)
 {
     const double *w = s->weight[part], total = norm(w, s->count);
     double sum = 0.0;
     for (int i = 0; i < s->count; i++)
-        if ((sum += fabs(w[i])) >= share * total)
+        if ((sum += fabs(w[i])) >= fraction * total)
             return s->variance[i];
     return s->variance[s->count - 1];
 }
@@ -519,8 +519,8 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
                                    struct pell_gaussians *out)
 {
     enum { TRIES = 6 };
-    static const double low_shares[TRIES] = { 0.005, 0.02, 0.05, 0.09, 0.15, 0.22 };
-    static const double high_shares[TRIES] = { 0.995, 0.98, 0.94, 0.88, 0.8, 0.7 };
+    static const double low_fractions[TRIES] = { 0.005, 0.02, 0.05, 0.09, 0.15, 0.22 };
+    static const double high_fractions[TRIES] = { 0.995, 0.98, 0.94, 0.88, 0.8, 0.7 };
     double low[TRIES], high[TRIES], narrow = INFINITY, wide = 0.0, norm_of[3] = { 0 }, best = -INFINITY;
     bool light[3];
 
@@ -538,8 +538,8 @@ enum pell_result pell_stack_reduce(const struct pell_stack_sets *const channel[3
         const double *w = channel[c]->weight[part], total = sum_of(w, channel[c]->count);
         light[c] = total > 0.0;
         for (int k = 0; k < TRIES && light[c]; k++) {
-            low[k] = fmin(low[k], quantile(channel[c], part, low_shares[k]));
-            high[k] = fmax(high[k], quantile(channel[c], part, high_shares[k]));
+            low[k] = fmin(low[k], quantile(channel[c], part, low_fractions[k]));
+            high[k] = fmax(high[k], quantile(channel[c], part, high_fractions[k]));
         }
         if (light[c]) { /* the mean variance must lie between the first and the last, or no weights >= 0 have it */
             const double moment = pell_gaussian_set_moment(channel[c]->variance, w, (size_t) channel[c]->count);

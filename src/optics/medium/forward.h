@@ -14,9 +14,9 @@
  *     K(r) = min(exp(-sigma_t' r), exp(-sigma_a r) x/sinh(x)) - exp(-sigma_t r)
  *     flux across v per area = W K(r) p(w.v/r; exp(-t (x - tanh(x))/x^3))/r^2
  *
- * and there it continues about v by p(; exp(-t/4)), so that the exitant light depends on the view direction. p is Henyey and Greenstein's
+ * and there it continues about v by p(; exp(-t/4)), so that the exiting light depends on the view direction. p is Henyey and Greenstein's
  * function, whose moments exp(-l t) a beam has, with a peak no narrower than the spacing of surface samples, and zero from 90 degrees on:
- * light that turns that far belongs to the diffuse part.
+ * light scattered that far belongs to the diffuse part.
  *
  * A beam wider than its spread has radiance in place of flux. It is weaker by 1/cosh(x) and turns by t tanh(x)/x, since its paths may end
  * anywhere. The scattered part has the mean cosine g1, that of all light minus the unscattered part:
@@ -24,8 +24,8 @@
  *     radiance = E (exp(-sigma_a r)/cosh(x) - exp(-sigma_t r)) p(c; g1)/n
  *     g1 = (exp(-t tanh(x)/x) - exp(-s))/(1 - exp(-s)),   s = sigma_s r
  *
- * c the cosine to the beam, E its irradiance where it enters and n the cosine to the normal there; p whole. Up to one mean free path this
- * is all the light that a slab transmits: no fraction of it exits diffusely.
+ * c the cosine to the beam, E its irradiance where it enters and n the cosine to the normal there; p without the cut at
+ * 90 degrees. Up to one mean free path this is all the light that a slab transmits: no fraction of it exits diffusely.
  */
 #ifndef PELL_FORWARD_H
 #define PELL_FORWARD_H
@@ -38,40 +38,39 @@
 #include <math.h>
 
 #define PELL_FORWARD_NARROW 0.8f    /* mean cosine above which a lobe has a peak in addition to its tail */
-#define PELL_FORWARD_EXIT 0.25f     /* fraction of t that turns exitant light about v */
+#define PELL_FORWARD_EXIT 0.25f     /* fraction of t by which exiting light scatters about v */
 #define PELL_FORWARD_ASIDE 0.7f     /* cosine below which a lobe fades, to 0 at right angles */
 #define PELL_FORWARD_NONE 0.6f      /* decay rate of diffuse light up to which forward scattering is not added, */
 #define PELL_FORWARD_ALL 0.95f      /* and above which it is fully added */
 #define PELL_FORWARD_FAR 25.0f      /* optical thickness beyond which nothing is transmitted */
-#define PELL_FORWARD_SHARPEST 50.0f /* largest peak of exitant light */
+#define PELL_FORWARD_SHARPEST 50.0f /* largest peak of exiting light */
 enum { PELL_FORWARD_STEPS = 40 };   /* entries of a table by thickness */
 
 struct pell_forward {
-    float reduced[3];     /* 1/mm: sigma_t', */
-    float unscattered[3]; /* sigma_t; 0: no forward scattering in this channel, */
-    float lost[3];        /* sigma_a, */
-    float turned[3];      /* sigma_s', */
-    float spread[3];      /* and kappa - sigma_a, kappa the decay rate of beams with depth */
+    float sigma_t_reduced[3], sigma_a[3], sigma_s_reduced[3]; /* 1/mm */
+    float sigma_t[3];                                         /* 0: no forward scattering in this channel */
+    float spread[3];                                          /* 1/mm: kappa - sigma_a, kappa the decay rate of beams with depth */
     /* exitance of uniform light over that of the same radiance inside; the radiance outside is that inside over eta^2 */
-    float leaves;
-    float thickest;                    /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick: */
-    float rest[PELL_FORWARD_STEPS][3]; /* of the light they transmit, the fraction not in broad beams, which exits diffusely */
+    float exitance;
+    float thickest; /* mm: slabs in the table are thickest (i/(PELL_FORWARD_STEPS - 1))^2 thick */
+    /* Fraction of the light that these slabs transmit that is not in broad beams and exits diffusely. */
+    float diffuse[PELL_FORWARD_STEPS][3];
 };
 
 /* False if no channel scatters forward. */
 bool pell_forward_make(const struct pell_medium *medium, struct pell_forward *out);
 
-/* How far forward-scattered light is separate from diffuse light, by the decay rate in mean free paths: with strong scattering diffusion
- * covers all of it. */
-static inline float pell_forward_share(float exponent)
+/* Weight of forward-scattered light as a beam of its own, in addition to diffuse light, [0, 1], by the decay rate in mean free paths: with
+ * strong scattering, diffusion covers all of it. */
+static inline float pell_forward_weight(float exponent)
 {
     return smooth_ramp(PELL_FORWARD_NONE, PELL_FORWARD_ALL, exponent);
 }
 
 /* The same for a channel, by the decay rate of its diffuse light. */
-static inline float pell_forward_apart(const struct pell_forward *f, const struct pell_opposed *diffuse, int k)
+static inline float pell_forward_separation(const struct pell_forward *f, const struct pell_opposed *diffuse, int k)
 {
-    return f->unscattered[k] > 0.0f ? pell_forward_share(diffuse->kappa[k] * diffuse->depth[k]) : 0.0f;
+    return f->sigma_t[k] > 0.0f ? pell_forward_weight(diffuse->kappa[k] * diffuse->depth[k]) : 0.0f;
 }
 
 /* Henyey-Greenstein phase function of the cosine c, 1/sr. */
@@ -105,10 +104,10 @@ static inline void pell_forward_at(const struct pell_forward *f, float d2, float
     const float r2 = d2 > 1e-20f ? d2 : 1e-20f, r = sqrtf(r2);
 
     for (int k = 0; k < 3; k++) {
-        const float x = f->spread[k] * r, t = f->turned[k] * r, depth = f->reduced[k] * r;
-        float weaker = 1.0f, narrower = 1.0f / 3.0f, left;
+        const float x = f->spread[k] * r, t = f->sigma_s_reduced[k] * r, depth = f->sigma_t_reduced[k] * r;
+        float weaker = 1.0f, narrower = 1.0f / 3.0f, scattered;
         flux[k] = cosine[k] = 0.0f;
-        if (!(f->unscattered[k] > 0.0f && depth < PELL_FORWARD_FAR))
+        if (!(f->sigma_t[k] > 0.0f && depth < PELL_FORWARD_FAR))
             continue;
         if (x > 0.1f) {
             const float e = expf(-x), e2 = e * e;
@@ -116,9 +115,9 @@ static inline void pell_forward_at(const struct pell_forward *f, float d2, float
             narrower = (x - (1.0f - e2) / (1.0f + e2)) / (x * x * x);
         }
         weaker *= expf(t);
-        left = expf(-depth) * (weaker < 1.0f ? weaker : 1.0f) - expf(-f->unscattered[k] * r);
-        if (left > 0.0f) {
-            flux[k] = left * pell_forward_lobe(wide * expf(-t * narrower), peak, c) / r2;
+        scattered = expf(-depth) * (weaker < 1.0f ? weaker : 1.0f) - expf(-f->sigma_t[k] * r);
+        if (scattered > 0.0f) {
+            flux[k] = scattered * pell_forward_lobe(wide * expf(-t * narrower), peak, c) / r2;
             cosine[k] = expf(-PELL_FORWARD_EXIT * t);
         }
     }
@@ -127,31 +126,32 @@ static inline void pell_forward_at(const struct pell_forward *f, float d2, float
 /* The scattered part of a broad beam after r mm, and the mean cosine of its directions. */
 static inline float pell_forward_broad(const struct pell_forward *f, int k, float r, float *cosine)
 {
-    const float x = f->spread[k] * r, e = expf(-x), e2 = e * e, s = (f->unscattered[k] - f->lost[k]) * r, straight = expf(-s);
-    const float turned = f->turned[k] * r * (x > 0.1f ? (1.0f - e2) / ((1.0f + e2) * x) : 1.0f);
-    const float left = expf(-f->lost[k] * r) * 2.0f * e / (1.0f + e2) - expf(-f->unscattered[k] * r);
+    const float x = f->spread[k] * r, e = expf(-x), e2 = e * e, s = (f->sigma_t[k] - f->sigma_a[k]) * r, straight = expf(-s);
+    const float angle_tau = f->sigma_s_reduced[k] * r * (x > 0.1f ? (1.0f - e2) / ((1.0f + e2) * x) : 1.0f);
+    const float scattered = expf(-f->sigma_a[k] * r) * 2.0f * e / (1.0f + e2) - expf(-f->sigma_t[k] * r);
 
-    *cosine = s > 1e-3f ? (expf(-turned) - straight) / (1.0f - straight) : 1.0f - f->turned[k] / (f->unscattered[k] - f->lost[k]);
-    return f->unscattered[k] > 0.0f && left > 0.0f ? left : 0.0f;
+    *cosine =
+        s > 1e-3f ? (expf(-angle_tau) - straight) / (1.0f - straight) : 1.0f - f->sigma_s_reduced[k] / (f->sigma_t[k] - f->sigma_a[k]);
+    return f->sigma_t[k] > 0.0f && scattered > 0.0f ? scattered : 0.0f;
 }
 
-/* The fraction of a slab's T that exits diffusely; `apart`: how far broad beams are separate from it. */
-static inline float pell_forward_rest(const struct pell_forward *f, int k, float d, float apart)
+/* The fraction of a slab's transmittance that exits diffusely. separation: pell_forward_separation. */
+static inline float pell_forward_diffuse(const struct pell_forward *f, int k, float d, float separation)
 {
-    const float place = sqrtf(d / f->thickest) * (PELL_FORWARD_STEPS - 1);
-    const int i = place < PELL_FORWARD_STEPS - 2 ? (int) place : PELL_FORWARD_STEPS - 2;
-    const float on = place - (float) i, rest = f->rest[i][k] + (on < 1.0f ? on : 1.0f) * (f->rest[i + 1][k] - f->rest[i][k]);
+    const float x = sqrtf(d / f->thickest) * (PELL_FORWARD_STEPS - 1);
+    const int i = x < PELL_FORWARD_STEPS - 2 ? (int) x : PELL_FORWARD_STEPS - 2;
+    const float t = x - (float) i, diffuse = f->diffuse[i][k] + (t < 1.0f ? t : 1.0f) * (f->diffuse[i + 1][k] - f->diffuse[i][k]);
 
-    return 1.0f - apart * (1.0f - rest);
+    return 1.0f - separation * (1.0f - diffuse);
 }
 
-/* p towards the unit vector `inside`, for light whose mean direction is `mean`, of the length of its mean cosine; `turned`: mean cosine of
- * the angle to neighbouring paths, which limits how narrow the Henyey-Greenstein peak is. */
-static inline float pell_forward_toward(const float mean[3], float turned, const float inside[3])
+/* p towards the unit vector `inside`, for light whose mean direction is `mean`, of the length of its mean cosine; `neighbour_cosine`: mean
+ * cosine of the angle to neighbouring paths, which limits how narrow the Henyey-Greenstein peak is. */
+static inline float pell_forward_toward(const float mean[3], float neighbour_cosine, const float inside[3])
 {
     const float g = sqrtf(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);
     const float c = mean[0] * inside[0] + mean[1] * inside[1] + mean[2] * inside[2], wide = 1.0f - g;
-    const float apart = turned > g ? 1.0f - g / turned : 0.0f, narrow = 1.0f - sqrtf(apart);
+    const float excess = neighbour_cosine > g ? 1.0f - g / neighbour_cosine : 0.0f, narrow = 1.0f - sqrtf(excess);
 
     return pell_forward_lobe_within(narrow < PELL_FORWARD_NARROW ? narrow : PELL_FORWARD_NARROW, g,
                                     PELL_FORWARD_SHARPEST * wide > 1.0f ? 1.0f / wide : PELL_FORWARD_SHARPEST, g > 1e-6f ? c / g : 0.0f);

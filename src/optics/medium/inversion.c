@@ -289,15 +289,15 @@ static const char *const color_names[3] = { "color[0]", "color[1]", "color[2]" }
 static const char *const radius_names[3] = { "radius[0]", "radius[1]", "radius[2]" };
 static const char *const g_names[3] = { "g[0]", "g[1]", "g[2]" };
 
-static bool look_valid(const struct pell_color_and_radius *look, struct pell_medium_fault *fault)
+static bool input_valid(const struct pell_color_and_radius *in, struct pell_medium_fault *fault)
 {
-    if (!pell_in_range("kind", (double) (int) look->kind, 0.0, PELL_SCATTER_RADII - 1, fault) ||
-        !pell_in_range("eta", look->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
+    if (!pell_in_range("kind", (double) (int) in->kind, 0.0, PELL_SCATTER_RADII - 1, fault) ||
+        !pell_in_range("eta", in->eta, PELL_ETA_MIN, PELL_ETA_MAX, fault))
         return false;
     for (int c = 0; c < 3; c++)
-        if (!pell_in_range(color_names[c], look->color[c], 0.0, 1.0, fault) ||
-            !pell_in_range(g_names[c], look->g[c], -PELL_G_MAX, PELL_G_MAX, fault) ||
-            !pell_in_range(radius_names[c], look->radius[c], 0.0, HUGE_VAL, fault))
+        if (!pell_in_range(color_names[c], in->color[c], 0.0, 1.0, fault) ||
+            !pell_in_range(g_names[c], in->g[c], -PELL_G_MAX, PELL_G_MAX, fault) ||
+            !pell_in_range(radius_names[c], in->radius[c], 0.0, HUGE_VAL, fault))
             return false;
     return true;
 }
@@ -313,19 +313,19 @@ static double mean_radius_of(const struct query *q, double albedo_reduced)
 }
 
 /* sigma_t' times the radius: the radius parameter in reduced mean free paths. */
-static double reduced_per_radius(const struct pell_color_and_radius *look, int c, const struct query *q, double albedo_reduced)
+static double reduced_per_radius(const struct pell_color_and_radius *in, int c, const struct query *q, double albedo_reduced)
 {
-    const double A = look->color[c], g = look->g[c], rest = 1.0 - albedo_reduced;
+    const double A = in->color[c], g = in->g[c], rest = 1.0 - albedo_reduced;
     const double reduced_per_extinction = (1.0 - g) / (1.0 - g * rest); /* 1 - alpha g */
 
-    switch (look->kind) {
+    switch (in->kind) {
     case PELL_SCATTER_RADIUS_DIFFUSE: return 1.0 / sqrt(3.0 * rest);
     case PELL_SCATTER_RADIUS_EXTINCTION: return reduced_per_extinction;
     case PELL_SCATTER_RADIUS_BURLEY: return reduced_per_extinction / (1.9 - A + 3.5 * (A - 0.8) * (A - 0.8));
     case PELL_SCATTER_RADIUS_CYCLES: return 4.0 * PELL_PI * reduced_per_extinction / (1.0 - g);
     case PELL_SCATTER_RADIUS_CYCLES_SKIN: {
         const double white = 0.995; /* where its inversion ends, at 1 - a = 1e-6 */
-        const double a = A < white ? invert_dipole(A, clamped_fdr(look->eta, PELL_FRESNEL_POLY3)) : 1.0 - 1e-6;
+        const double a = A < white ? invert_dipole(A, clamped_fdr(in->eta, PELL_FRESNEL_POLY3)) : 1.0 - 1e-6;
         return reduced_per_extinction / ((1.0 - g) * sqrt(3.0 * (1.0 - a)));
     }
     case PELL_SCATTER_RADIUS_MEAN: return mean_radius_of(q, albedo_reduced);
@@ -334,61 +334,61 @@ static double reduced_per_radius(const struct pell_color_and_radius *look, int c
 }
 
 /* Sets one channel of the medium from its albedo. */
-static bool set_channel(const struct pell_color_and_radius *look, int c, const struct query *q, double albedo_reduced,
+static bool set_channel(const struct pell_color_and_radius *in, int c, const struct query *q, double albedo_reduced,
                         struct pell_medium *out, struct pell_medium_fault *fault)
 {
-    const double scale = reduced_per_radius(look, c, q, albedo_reduced), sigma_t = scale / look->radius[c];
+    const double scale = reduced_per_radius(in, c, q, albedo_reduced), sigma_t = scale / in->radius[c];
 
     if (!(sigma_t >= PELL_SIGMA_T_MIN && sigma_t <= PELL_SIGMA_MAX)) {
         if (fault)
-            *fault = (struct pell_medium_fault) { radius_names[c], look->radius[c], scale / PELL_SIGMA_MAX, scale / PELL_SIGMA_T_MIN };
+            *fault = (struct pell_medium_fault) { radius_names[c], in->radius[c], scale / PELL_SIGMA_MAX, scale / PELL_SIGMA_T_MIN };
         return false;
     }
     out->sigma_s_reduced[c] = albedo_reduced * sigma_t;
     out->sigma_a[c] = (1.0 - albedo_reduced) * sigma_t;
-    out->g[c] = look->g[c];
+    out->g[c] = in->g[c];
     if (out->sigma_a[c] + out->sigma_s_reduced[c] < PELL_SIGMA_T_MIN) /* by rounding */
         out->sigma_a[c] = PELL_SIGMA_T_MIN - out->sigma_s_reduced[c];
     return true;
 }
 
-enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *look, enum pell_profile_model model,
+enum pell_result pell_medium_from_color_and_radius(const struct pell_color_and_radius *in, enum pell_profile_model model,
                                                    const struct pell_profile_params *params, struct pell_medium *out,
                                                    struct pell_medium_fault *fault)
 {
-    struct pell_medium m = { .eta = look->eta };
+    struct pell_medium m = { .eta = in->eta };
 
     *out = (struct pell_medium) { 0 };
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
-    if (!look_valid(look, fault))
+    if (!input_valid(in, fault))
         return PELL_ERR_INVALID;
     for (int c = 0; c < 3; c++) {
-        const struct query q = { model, params, look->g[c], look->eta };
+        const struct query q = { model, params, in->g[c], in->eta };
         double albedo_reduced = 0.0;
-        const enum pell_result res = invert_model(&q, look->color[c], &albedo_reduced, color_names[c], fault);
+        const enum pell_result res = invert_model(&q, in->color[c], &albedo_reduced, color_names[c], fault);
         if (res != PELL_OK)
             return res;
-        if (!set_channel(look, c, &q, albedo_reduced, &m, fault))
+        if (!set_channel(in, c, &q, albedo_reduced, &m, fault))
             return PELL_ERR_INVALID;
     }
     *out = m;
     return PELL_OK;
 }
 
-enum pell_result pell_medium_from_map(const struct pell_color_and_radius *look, enum pell_albedo_map map, struct pell_medium *out,
+enum pell_result pell_medium_from_map(const struct pell_color_and_radius *in, enum pell_albedo_map map, struct pell_medium *out,
                                       struct pell_medium_fault *fault)
 {
-    struct pell_medium m = { .eta = look->eta };
+    struct pell_medium m = { .eta = in->eta };
 
     *out = (struct pell_medium) { 0 };
     if (fault)
         *fault = (struct pell_medium_fault) { 0 };
-    if (!pell_in_range("map", (double) (int) map, 0.0, PELL_ALBEDO_MAPS - 1, fault) || !look_valid(look, fault))
+    if (!pell_in_range("map", (double) (int) map, 0.0, PELL_ALBEDO_MAPS - 1, fault) || !input_valid(in, fault))
         return PELL_ERR_INVALID;
     for (int c = 0; c < 3; c++) {
-        const struct query q = { PELL_PROFILE_MONTE_CARLO, NULL, look->g[c], look->eta };
-        if (!set_channel(look, c, &q, pell_albedo_map_invert(map, look->color[c], look->eta), &m, fault))
+        const struct query q = { PELL_PROFILE_MONTE_CARLO, NULL, in->g[c], in->eta };
+        if (!set_channel(in, c, &q, pell_albedo_map_invert(map, in->color[c], in->eta), &m, fault))
             return PELL_ERR_INVALID;
     }
     *out = m;

@@ -77,7 +77,7 @@ double pell_opposed_slab(const struct pell_opposed *o, int channel, double d)
 double pell_opposed_gain(const struct pell_opposed *o, int channel, const struct pell_profile *profile, double curvature, double gain)
 {
     const double radius = curvature != 0.0 ? radius_of(o, channel, curvature) : 0.0;
-    double plain = 0.0, turned = 0.0;
+    double plain = 0.0, modified = 0.0;
 
     if (curvature == 0.0 || !(o->amount[channel] > 0.0f))
         return gain;
@@ -88,9 +88,9 @@ double pell_opposed_gain(const struct pell_opposed *o, int channel, const struct
         R[channel] = (float) pell_profile_eval(profile, d);
         plain += area * (double) R[channel];
         pell_opposed_apply(o, &pair, (const float[3]) { 1.0f, 1.0f, 1.0f }, R);
-        turned += area * (double) R[channel];
+        modified += area * (double) R[channel];
     }
-    return turned > 0.0 ? gain * plain / turned : gain;
+    return modified > 0.0 ? gain * plain / modified : gain;
 }
 
 bool pell_opposed_make(const struct pell_medium *medium, struct pell_opposed *out)

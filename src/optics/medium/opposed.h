@@ -53,15 +53,15 @@ double pell_opposed_slab(const struct pell_opposed *o, int channel, double d);
 struct pell_opposed_pair {
     float distance2, from, to, facing; /* v.v, n_y.v, n_x.v, n_x.n_y */
     float curvature;                   /* mean, 1/mm */
-    /* t.v, t.n_x, t.t; t: tangential part of the refracted direction in which light enters. 0: normal incidence */
-    float along, turned, aside2;
+    /* dot products t.v, t.n_x and t.t; t: tangential part of the refracted direction in which light enters. 0: normal incidence */
+    float t_v, t_nx, t_t;
     /* mm^2: area over which it enters; 0: a point. The source counts as no closer to x than half the width of the area, or than its depth:
      * where a mean free path is as long as a part is thick, sources of some samples coincide with others */
     float area;
 };
 
 /* (1 + s) exp(-s)/(4 pi d^3) at a squared distance. */
-static inline float pell_opposed_pull(float kappa, float d2)
+static inline float pell_opposed_gradient(float kappa, float d2)
 {
     const float d = sqrtf(d2 > 1e-20f ? d2 : 1e-20f), s = kappa * d;
 
@@ -72,10 +72,10 @@ static inline float pell_opposed_pull(float kappa, float d2)
 static inline float pell_opposed_split_of(const struct pell_opposed *o, const struct pell_opposed_pair *p, const bool is[3],
                                           float through[3])
 {
-    const float apart = 1.0f - p->facing, turned = apart < 0.0f ? 0.0f : apart > 1.0f ? 1.0f : apart;
-    const float weight = turned * turned * (3.0f - 2.0f * turned), t = sqrtf(turned), over = p->to - p->from;
+    const float versine = 1.0f - p->facing, clamped = versine < 0.0f ? 0.0f : versine > 1.0f ? 1.0f : versine;
+    const float weight = clamped * clamped * (3.0f - 2.0f * clamped), t = sqrtf(clamped), over = p->to - p->from;
     const float convex = p->curvature > 0.0f ? p->curvature : 0.0f;
-    float solid, open = 0.0f;
+    float solid, air = 0.0f;
 
     through[0] = through[1] = through[2] = 0.0f;
     if (!(weight > 1e-3f))
@@ -85,26 +85,26 @@ static inline float pell_opposed_split_of(const struct pell_opposed *o, const st
     solid = solid < 0.0f ? 0.0f : solid > 1.0f ? 1.0f : solid;
     solid *= solid * (3.0f - 2.0f * solid);
     if (solid < 1.0f) {
-        const float round = 1.0f + acosf(apart < 2.0f ? 1.0f - apart : -1.0f) / 3.14159265f;
-        open = (apart < 2.0f ? 1.0f - 0.5f * apart : 0.0f) / (round * round);
+        const float round = 1.0f + acosf(versine < 2.0f ? 1.0f - versine : -1.0f) / 3.14159265f;
+        air = (versine < 2.0f ? 1.0f - 0.5f * versine : 0.0f) / (round * round);
     }
     for (int c = 0; c < 3 && solid > 0.0f; c++) {
         if (!is[c])
             continue;
         const float e = o->beyond[c], z = o->depth[c] + e, k = o->kappa[c], most = 1.0f / (PELL_OPPOSED_NEAREST * z);
         const float bent = convex < most ? convex : most, out = 1.0f + bent * e;
-        const float aside = o->depth[c], goes = p->to - aside * p->turned, far = goes - p->from;
-        const float from = p->from - e * apart, to = goes + e * apart;
-        const float d2 = p->distance2 + aside * (aside * p->aside2 - 2.0f * p->along) + 2.0f * e * (far + e * apart);
+        const float shift = o->depth[c], exit = p->to - shift * p->t_nx, far = exit - p->from;
+        const float from = p->from - e * versine, to = exit + e * versine;
+        const float d2 = p->distance2 + shift * (shift * p->t_t - 2.0f * p->t_v) + 2.0f * e * (far + e * versine);
         const float point2 = d2 + z * (z + 2.0f * from), least2 = 0.25f * (p->area < z * z ? p->area : z * z);
         const float near2 = point2 > least2 ? point2 : least2, far2 = d2 + z * (z - 2.0f * from);
-        const float flux = (to + z * p->facing) * pell_opposed_pull(k, near2) - (to - z * p->facing) * pell_opposed_pull(k, far2);
+        const float flux = (to + z * p->facing) * pell_opposed_gradient(k, near2) - (to - z * p->facing) * pell_opposed_gradient(k, far2);
         const float d = sqrtf(d2 > 0.0f ? d2 : 0.0f), s = k * d, q = s * (1.0f / 4.8f), fallen = expf(-s), arc = bent / out * d;
         const float C = (2.0f + 0.6f * fallen) / (1.0f + arc * sqrtf(arc) * (0.5f * fallen + 1.0f / (1.0f + q * q)));
         if (flux > 0.0f)
             through[c] = weight * solid * o->amount[c] * (1.0f + (out * out - 1.0f) * t) * (1.0f + (C - 1.0f) * t) * flux;
     }
-    return 1.0f - weight + weight * (1.0f - solid) * open;
+    return 1.0f - weight + weight * (1.0f - solid) * air;
 }
 
 /* Transport between the two points through the solid, 1/mm^2, in addition to a profile; returns the remaining weight of the profile over
@@ -129,10 +129,10 @@ static inline float pell_opposed_unseen(float facing)
 static inline void pell_opposed_apply(const struct pell_opposed *o, const struct pell_opposed_pair *p, const float scale[3], float R[3])
 {
     float through[3];
-    const float left = pell_opposed_split(o, p, through);
+    const float remaining = pell_opposed_split(o, p, through);
 
     for (int c = 0; c < 3; c++)
-        R[c] = o->amount[c] > 0.0f ? left * R[c] + scale[c] * through[c] : R[c];
+        R[c] = o->amount[c] > 0.0f ? remaining * R[c] + scale[c] * through[c] : R[c];
 }
 
 #endif

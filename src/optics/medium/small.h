@@ -25,6 +25,6 @@
 /* Albedo of a sphere under uniform light, of the light that enters; reduced coefficients. */
 double pell_small_ball(const struct pell_medium *medium, int channel, double diameter);
 /* Weight of the small-solid model, [0, 1]: 0: diffusion applies. */
-double pell_small_share(const struct pell_medium *medium, int channel, double diameter);
+double pell_small_weight(const struct pell_medium *medium, int channel, double diameter);
 
 #endif

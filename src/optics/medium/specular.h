@@ -27,26 +27,26 @@ void pell_boundary_table_make(double eta, struct pell_boundary_table *out);
 /* Position of a roughness between two entries. */
 static inline void pell_roughness_position(float roughness, int *index, float *fraction)
 {
-    const float place = pell_roughness_coord(roughness, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
-    *index = pell_table_cell(place, PELL_ALBEDO_ROUGHNESS);
-    *fraction = place - (float) *index;
+    const float x = pell_roughness_coord(roughness, PELL_ROUGHNESS_MIN, PELL_ALBEDO_ROUGHNESS);
+    *index = pell_table_cell(x, PELL_ALBEDO_ROUGHNESS);
+    *fraction = x - (float) *index;
 }
 
 /* Scale and bias at mu, bilinear; `first` points at albedo[model][0][index] and counts from there. */
 static inline void pell_albedo_pair(const float *first, float fraction, float mu, float *scale, float *bias)
 {
-    const float place = pell_cosine_coord(pell_saturate(mu), PELL_ALBEDO_MU);
-    const int i = pell_table_cell(place, PELL_ALBEDO_MU);
-    const float f = place - (float) i, *p = first + 2 * PELL_ALBEDO_ROUGHNESS * i, *q = p + 2 * PELL_ALBEDO_ROUGHNESS;
+    const float x = pell_cosine_coord(pell_saturate(mu), PELL_ALBEDO_MU);
+    const int i = pell_table_cell(x, PELL_ALBEDO_MU);
+    const float f = x - (float) i, *p = first + 2 * PELL_ALBEDO_ROUGHNESS * i, *q = p + 2 * PELL_ALBEDO_ROUGHNESS;
     *scale = pell_bilinear(p[0], p[2], q[0], q[2], fraction, f);
     *bias = pell_bilinear(p[1], p[3], q[1], q[3], fraction, f);
 }
 
 static inline float pell_boundary_lookup(const float *transmittance, float mu)
 {
-    const float place = pell_cosine_coord(pell_saturate(mu), PELL_BOUNDARY_MU);
-    const int i = pell_table_cell(place, PELL_BOUNDARY_MU);
-    return pell_lerp(transmittance[i], transmittance[i + 1], place - (float) i);
+    const float x = pell_cosine_coord(pell_saturate(mu), PELL_BOUNDARY_MU);
+    const int i = pell_table_cell(x, PELL_BOUNDARY_MU);
+    return pell_lerp(transmittance[i], transmittance[i + 1], x - (float) i);
 }
 
 _Static_assert((int) PELL_SPECULAR_GGX == PELL_LOBE_GGX && (int) PELL_SPECULAR_KELEMEN == PELL_LOBE_KELEMEN &&

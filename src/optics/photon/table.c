@@ -23,10 +23,10 @@ static void weights_at(const double *x, int count, double t, int *first, double 
     w[at] = 2.0 * s3 - 3.0 * s2 + 1.0;
     w[at + 1] = 3.0 * s2 - 2.0 * s3;
     for (int end = 0; end < 2; end++) {
-        const double *q = p + begin[end], place = p[at + end];
+        const double *q = p + begin[end], node = p[at + end];
         for (int k = 0; k < 3; k++) { /* derivative of Lagrange's polynomial k of the three */
             const double a = q[(k + 1) % 3], b = q[(k + 2) % 3];
-            w[begin[end] + k] += slope[end] * (2.0 * place - a - b) / ((q[k] - a) * (q[k] - b));
+            w[begin[end] + k] += slope[end] * (2.0 * node - a - b) / ((q[k] - a) * (q[k] - b));
         }
     }
 }

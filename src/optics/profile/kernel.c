@@ -297,9 +297,9 @@ invalid:
 /* Light between two radii; differences of the fraction inside lose precision far out, where R is smooth. */
 static double ring(const struct pell_profile *p, double inner, double outer)
 {
-    const double share = pell_profile_cdf(p, outer) - pell_profile_cdf(p, inner);
-    if (share > 1e-6)
-        return pell_profile_total(p) * share;
+    const double fraction = pell_profile_cdf(p, outer) - pell_profile_cdf(p, inner);
+    if (fraction > 1e-6)
+        return pell_profile_total(p) * fraction;
     return pell_profile_eval(p, 0.5 * (inner + outer)) * PELL_PI * (outer - inner) * (outer + inner);
 }
 

@@ -105,20 +105,20 @@ enum pell_result pell_sampling_table_make(enum pell_profile_model model, double 
 }
 
 /* Rows on both sides of an albedo, and the weight of the second. */
-static int rows_of(double albedo, double *share)
+static int rows_of(double albedo, double *fraction)
 {
     const double a = albedo > 0.0 ? fmin(albedo, 1.0) : 0.0;
     const double at = sqrt(sqrt(1.0 - a)) * (PELL_SAMPLING_ALBEDOS - 1);
     const int row = (int) fmin(at, PELL_SAMPLING_ALBEDOS - 2);
-    *share = at - row;
+    *fraction = at - row;
     return row;
 }
 
 /* Column j of the mixed rows. */
-static void column(const struct pell_sampling_table *t, int row, double share, int j, double *log_r, double *slope)
+static void column(const struct pell_sampling_table *t, int row, double fraction, int j, double *log_r, double *slope)
 {
-    *log_r = t->log_r[row][j] + share * (t->log_r[row + 1][j] - t->log_r[row][j]);
-    *slope = t->slope[row][j] + share * (t->slope[row + 1][j] - t->slope[row][j]);
+    *log_r = t->log_r[row][j] + fraction * (t->log_r[row + 1][j] - t->log_r[row][j]);
+    *slope = t->slope[row][j] + fraction * (t->slope[row + 1][j] - t->slope[row][j]);
 }
 
 /* The cubic between columns j and j + 1 at f in [0, 1]; `slope` by f. */
@@ -133,48 +133,48 @@ static double cubic(double y0, double y1, double m0, double m1, double f, double
 
 double pell_sampling_table_sample(const struct pell_sampling_table *t, double albedo, double xi)
 {
-    double share, y0, y1, m0, m1, slope;
+    double fraction, y0, y1, m0, m1, slope;
     const double u = unit(xi), logit = u > 0.0 ? log(u) - log1p(-u) : -INFINITY;
     const double at = (logit + PELL_SAMPLING_REACH) / COLUMN_STEP;
-    const int row = rows_of(albedo, &share);
+    const int row = rows_of(albedo, &fraction);
 
     if (u == 0.0)
         return 0.0;
     if (at <= 0.0) {
-        column(t, row, share, 0, &y0, &m0);
+        column(t, row, fraction, 0, &y0, &m0);
         return exp(y0 + m0 * COLUMN_STEP * at);
     }
     if (at >= PELL_SAMPLING_QUANTILES - 1) {
-        column(t, row, share, PELL_SAMPLING_QUANTILES - 1, &y0, &m0);
+        column(t, row, fraction, PELL_SAMPLING_QUANTILES - 1, &y0, &m0);
         return exp(fmin(y0 + m0 * COLUMN_STEP * (at - (PELL_SAMPLING_QUANTILES - 1)), RADIUS_LOG_MAX));
     }
     const int j = (int) fmin(at, PELL_SAMPLING_QUANTILES - 2);
-    column(t, row, share, j, &y0, &m0);
-    column(t, row, share, j + 1, &y1, &m1);
+    column(t, row, fraction, j, &y0, &m0);
+    column(t, row, fraction, j + 1, &y1, &m1);
     return exp(cubic(y0, y1, m0 * COLUMN_STEP, m1 * COLUMN_STEP, at - j, &slope));
 }
 
 double pell_sampling_table_pdf(const struct pell_sampling_table *t, double albedo, double r)
 {
-    double share, y0, y1, m0, m1, logit, slope;
-    const int row = rows_of(albedo, &share);
+    double fraction, y0, y1, m0, m1, logit, slope;
+    const int row = rows_of(albedo, &fraction);
     int low = 0;
 
     if (!(r > 0.0 && r < 1e130))
         return 0.0;
     const double y = log(r);
     for (int half = PELL_SAMPLING_QUANTILES / 2; half > 0; half /= 2) {
-        column(t, row, share, low + half, &y0, &m0);
+        column(t, row, fraction, low + half, &y0, &m0);
         low = y0 <= y ? low + half : low;
     }
-    column(t, row, share, low, &y0, &m0);
+    column(t, row, fraction, low, &y0, &m0);
     const double from = COLUMN_STEP * low - PELL_SAMPLING_REACH;
     if (y <= y0 || low == PELL_SAMPLING_QUANTILES - 1) {
         logit = from + (y - y0) / m0;
         slope = m0;
     } else {
         double a = 0.0, b = 1.0, f;
-        column(t, row, share, low + 1, &y1, &m1);
+        column(t, row, fraction, low + 1, &y1, &m1);
         f = (y - y0) / (y1 - y0);
         for (int i = 0; i < 60; i++) {
             const double miss = cubic(y0, y1, m0 * COLUMN_STEP, m1 * COLUMN_STEP, f, &slope) - y;

@@ -78,8 +78,8 @@ static void fill_materials(struct pell_compositor *c, const struct pell_composit
         out->inverse_eta2 = p->angle && !m->opaque ? p->angle[i].inverse_eta2 : 1.0f;
         for (int k = 0; k < 3; k++) {
             out->total[k] = m->opaque ? 1.0f : p->total[i][k];
-            out->leave_base[k] = p->angle && !m->opaque ? p->angle[i].leave_base[k] : 1.0f;
-            out->leave_slope[k] = p->angle && !m->opaque ? p->angle[i].leave_slope[k] : 0.0f;
+            out->exit_base[k] = p->angle && !m->opaque ? p->angle[i].exit_base[k] : 1.0f;
+            out->exit_slope[k] = p->angle && !m->opaque ? p->angle[i].exit_slope[k] : 0.0f;
             out->metered[k] = p->angle && !m->opaque ? pell_meter_fraction(p->angle[i].enter_mean[k], p->diffuse) : 1.0f;
         }
         out->uniform = pell_surface_is_uniform(m);
@@ -221,7 +221,7 @@ static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
 
     for (int y = r.y0 + band * ROWS; y < r.y1 && y < r.y0 + (band + 1) * ROWS; y++) {
         struct pell_composite_meter meter = { { 0 }, { 0 } };
-        double met = 0.0, covered = 0.0;
+        double arriving = 0.0, covered = 0.0;
         row.y = y;
         for (int x = r.x0 / LANES * LANES; x < r.x1; x += LANES) {
             const size_t at = (size_t) ((ptrdiff_t) y * s->stride + x);
@@ -248,10 +248,10 @@ static PELL_FETCHING void composite_rows(void *arg, int band, int worker)
                 put_noise(t, at, count, &l);
         }
         for (int i = 0; i < LANES; i++) {
-            met += meter.met[i];
+            arriving += meter.arriving[i];
             covered += meter.covered[i];
         }
-        out->meter[2 * y] = met + (p->first ? 0.0 : out->meter[2 * y]);
+        out->meter[2 * y] = arriving + (p->first ? 0.0 : out->meter[2 * y]);
         out->meter[2 * y + 1] = covered + (p->first ? 0.0 : out->meter[2 * y + 1]);
     }
 }

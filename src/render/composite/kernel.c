@@ -166,7 +166,7 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
             metal[i] = 1.0f;
         else
             metal[i] = metal[i] > 0.0f ? 1.0f - metal[i] * metallic[i] : 1.0f;
-        finished[i] = radiance ? scatters[i] : 0.0f;                                  /* a picture already, */
+        finished[i] = radiance ? scatters[i] : 0.0f;                                  /* an image already, */
         shines[i] = radiance && !p->excludes_surface_reflection ? scatters[i] : 0.0f; /* with its specular part */
         sheet[i] = OF(thin);
         behind[i] = (radiance ? sheet[i] : scatters[i] + sheet[i]) * on[i];
@@ -183,16 +183,16 @@ INLINE void shade_block(const struct pell_composite_row *row, int x, const struc
         for (int i = 0; i < LANES; i++)
             total[i] = OF(total[c]);
         for (int i = 0; i < LANES; i++) {
-            const float angle = OF(leave_base[c]) + OF(leave_slope[c]) * off[i];
+            const float angle = OF(exit_base[c]) + OF(exit_slope[c]) * off[i];
             const float a = in[i] * metal[i], k = finished[i] > 0.0f ? 1.0f : factor[i] * angle * out[i];
             /* All values are loaded, then selected: inactive ones may be NaN and must not be multiplied. */
             const float moved = light[i], still = total[i] * e[i], back = k * transmitted[i], shine = spec[i];
             const float front = k * (scatters[i] > 0.0f ? moved : still), all = e[i] + (sheet[i] > 0.0f ? transmitted[i] : 0.0f);
-            const float met = luminance[c] * OF(metered[c]) * all / (a > 0.02f ? a : 0.02f);
+            const float metered = luminance[c] * OF(metered[c]) * all / (a > 0.02f ? a : 0.02f);
             multiple[i] = on[i] > 0.0f ? front : 0.0f;
             transmission[i] = behind[i] > 0.0f ? back : 0.0f;
             specular[i] = on[i] > shines[i] ? shine : 0.0f;
-            arriving[i] += on[i] > 0.0f ? met : 0.0f;
+            arriving[i] += on[i] > 0.0f ? metered : 0.0f;
         }
         memcpy(result->multiple[c], multiple, sizeof(multiple));
         memcpy(result->transmission[c], transmission, sizeof(transmission));
@@ -257,7 +257,7 @@ static void add(const struct pell_composite_lanes *l, const float single[3][LANE
     else
         add_lanes(l, single, weight, first, count, color, alpha);
     for (int i = 0; i < LANES; i++) {
-        meter->met[i] += (double) l->arriving[i];
+        meter->arriving[i] += (double) l->arriving[i];
         meter->covered[i] += (double) l->on[i];
     }
 }

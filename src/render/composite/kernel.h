@@ -23,10 +23,10 @@ struct pell_composite_material {
     float scatters;     /* 1: exitance is the method's; 0: total times irradiance */
     float thin;         /* 1: a sheet, whose transmitted light comes from the stage with every method */
     float total[3];
-    float inverse_eta2, leave_base[3], leave_slope[3]; /* see render/angle.h */
-    float metered[3];                                  /* see pell_meter_fraction */
-    bool uniform;                                      /* see pell_surface_is_uniform */
-    float roughness, rho_s;                            /* then */
+    float inverse_eta2, exit_base[3], exit_slope[3]; /* see render/angle.h */
+    float metered[3];                                /* see pell_meter_fraction */
+    bool uniform;                                    /* see pell_surface_is_uniform */
+    float roughness, rho_s;                          /* then */
 };
 
 struct pell_composite_row {
@@ -53,7 +53,7 @@ struct pell_composite_cut {
 
 /* Sums of a row, per lane: luminance of arriving light, and covered pixels. */
 struct pell_composite_meter {
-    _Alignas(64) double met[LANES], covered[LANES];
+    _Alignas(64) double arriving[LANES], covered[LANES];
 };
 
 struct pell_composite_kernels {

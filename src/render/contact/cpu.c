@@ -32,7 +32,7 @@ static float coordinate(const struct contact_side *s, int i)
 }
 
 /* Distance of a point outside the objects' bounds. */
-static float beside(const struct pell_contact *k, const struct contact_side *s, float at)
+static float outside_distance(const struct pell_contact *k, const struct contact_side *s, float at)
 {
     return fmaxf(fabsf(at) - s->half + k->margin, 0.0f);
 }
@@ -41,15 +41,15 @@ static void look_up_row(void *arg, int row, int worker)
 {
     struct pell_contact *k = arg;
     const struct contact_side *s = k->side;
-    const float z = coordinate(&s[1], row), beside_z = beside(k, &s[1], z);
+    const float z = coordinate(&s[1], row), outside_z = outside_distance(k, &s[1], z);
     int valid[PELL_PACKET];
     (void) worker;
 
     for (int i = 0; i < PELL_PACKET; i++)
         valid[i] = -1;
     for (int column = 0; column <= s[0].cells && !pell_cancelled(k->ctx); column++) {
-        const float x = coordinate(&s[0], column), beside_x = beside(k, &s[0], x);
-        const float t = (sqrtf(beside_x * beside_x + beside_z * beside_z) / k->margin - FADES) / (1.0f - FADES);
+        const float x = coordinate(&s[0], column), outside_x = outside_distance(k, &s[0], x);
+        const float t = (sqrtf(outside_x * outside_x + outside_z * outside_z) / k->margin - FADES) / (1.0f - FADES);
         const float fade = t <= 0.0f ? 1.0f : t >= 1.0f ? 0.0f : 1.0f - t * t * (3.0f - 2.0f * t);
         const struct pell_vec3 from = vec3(s[0].center + x, k->level, s[1].center + z);
         int hidden = 0;

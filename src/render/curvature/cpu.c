@@ -85,19 +85,19 @@ static void make_thin(const struct pell_medium *medium, const struct pell_oppose
         const double half = all > MIN_RETURN ? all : 0.0;
         struct pell_slab scattered = slab;
         const double mean = pell_half_space_angle_of(half, medium->eta).mean;
-        const double apart = (double) pell_forward_share(opposed->kappa[c] * opposed->depth[c]);
+        const double separation = (double) pell_forward_weight(opposed->kappa[c] * opposed->depth[c]);
         even[c] = half * mean;
         scattered.sigma_t = scattered.sigma_t_reduced;
         for (int i = 0; i < GAINS; i++) {
             const double x = (double) i / (GAINS - 1), d = (double) response->step * fmax((1.0 - x) / fmax(x, 1e-12), MIN_THICKNESS);
             const struct pell_slab_light light = pell_slab_at(&slab, d);
-            const double T = light.transmitted - apart * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
+            const double T = light.transmitted - separation * fmax(light.transmitted - pell_slab_at(&scattered, d).transmitted, 0.0);
             const bool thin = i > 0 && half > 0.0;
             response->slab[i][c] = thin ? (float) ((light.reflected + T) / half) : 1.0f;
             response->through[i][c] = thin ? (float) (T / half) : 0.0f;
             response->crossed[i][c] = thin ? (float) fmin(T / fmax(pell_opposed_slab(opposed, c, d), 1e-12), MAX_CROSSED) : 1.0f;
             response->ball[i][c] = thin ? (float) (pell_small_ball(medium, c, d) / even[c] + (1.0 - 1.0 / mean) * T / half) : 1.0f;
-            response->small[i][c] = thin ? (float) pell_small_share(medium, c, d) : 0.0f;
+            response->small[i][c] = thin ? (float) pell_small_weight(medium, c, d) : 0.0f;
             response->forward[i][c] = thin ? (float) ((light.transmitted - T) / half) : 0.0f;
             if (response->through[i][c] + response->forward[i][c] > MIN_TRANSMITTED)
                 response->farthest = fmaxf(response->farthest, (float) d);
@@ -114,7 +114,7 @@ static void make_bent(const struct pell_curvature_medium *m, const struct pell_o
     double gain = pell_curvature_gain(m->medium, c, profile, curvature);
 
     if (curvature > 0.0 && even > 0.0 && reach > 0.0) {
-        const double all = gain * reach, small = pell_small_share(m->medium, c, 2.0 / curvature);
+        const double all = gain * reach, small = pell_small_weight(m->medium, c, 2.0 / curvature);
         gain = (all + small * (pell_small_ball(m->medium, c, 2.0 / curvature) / even - all)) / reach;
     }
     out->gain[c] = (float) gain;

@@ -20,9 +20,9 @@ struct curvature_bent {
 /* Response of a material to shapes. */
 struct curvature_response {
     struct curvature_bent bent[PELL_CURVATURE_GAINS];
-    /* For a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T; T; forward-scattered light beside
-     * it (optics/medium/forward.h), which no half-space returns; and T over the transmission of optics/medium/opposed.h; for R, G and B,
-     * and 0. */
+    /* For a slab, over the half-space's R, at the thinness x/(step (1 - x)), x = i/(GAINS - 1): R + T; T; forward-scattered light in
+     * addition (optics/medium/forward.h), which no half-space returns; and T over the transmission of optics/medium/opposed.h; for R, G
+     * and B, and 0. */
     float slab[PELL_CURVATURE_GAINS][4], through[PELL_CURVATURE_GAINS][4], forward[PELL_CURVATURE_GAINS][4],
         crossed[PELL_CURVATURE_GAINS][4];
     /* For a ball as thick: total return by optics/medium/small.h, corrected for T of uniform light; and the confidence of that. */

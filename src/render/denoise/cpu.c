@@ -38,9 +38,9 @@ static float mean_variance(const struct pell_denoise_params *p, int c, int x, in
 
     for (int v = y - 2; v <= y + 2; v++)
         for (int u = x - 2; u <= x + 2; u++) {
-            const float share = inside(&p->rect, u, v) ? *of(p, p->sum->translucent, u, v) : 0.0f;
-            if (share > 0.0f) {
-                sum += *of(p, p->sum->variance[c], u, v) / (share * share);
+            const float translucent = inside(&p->rect, u, v) ? *of(p, p->sum->translucent, u, v) : 0.0f;
+            if (translucent > 0.0f) {
+                sum += *of(p, p->sum->variance[c], u, v) / (translucent * translucent);
                 count += 1.0f;
             }
         }
@@ -51,27 +51,27 @@ static void load_pixel(const struct task *k, struct pell_denoise_tile *t, int x,
 {
     const struct pell_denoise_params *p = k->p;
     const struct pell_accumulator *s = p->sum;
-    const float depth = *of(p, s->depth, x, y), share = *of(p, s->translucent, x, y), alpha = *of(p, s->alpha, x, y);
+    const float depth = *of(p, s->depth, x, y), translucent = *of(p, s->translucent, x, y), alpha = *of(p, s->alpha, x, y);
 
-    if (!(share > 0.0f) || !(alpha > 0.0f))
+    if (!(translucent > 0.0f) || !(alpha > 0.0f))
         return;
     for (int c = 0; c < 3; c++) {
         const float single = s->single[c] ? *of(p, s->single[c], x, y) : 0.0f;
         const float reflected = p->traced ? *of(p, s->specular[c], x, y) : 0.0f;
-        t->light[c][to_y][to_x] = (*of(p, s->multiple[c], x, y) + single + reflected) / share;
+        t->light[c][to_y][to_x] = (*of(p, s->multiple[c], x, y) + single + reflected) / translucent;
         t->variance[c][to_y][to_x] = mean_variance(p, c, x, y);
         t->feature[NORMAL + c][to_y][to_x] = *of(p, s->normal[c], x, y) / alpha * (1.0f / NORMAL_STEP);
         t->feature[ALBEDO + c][to_y][to_x] = *of(p, s->albedo[c], x, y) / alpha * (1.0f / ALBEDO_STEP);
     }
     t->feature[DEPTH][to_y][to_x] = depth > 0.0f ? logf(depth) * (1.0f / DEPTH_STEP) : 0.0f;
-    t->share[to_y][to_x] = share;
+    t->translucent[to_y][to_x] = translucent;
     t->valid[to_y][to_x] = 1.0f;
     if (k->second)
         t->total[to_y][to_x] = *of(p, p->scratch[3], x, y);
 }
 
 /* Excess of outliers: pixels that exceed all but one of the pixels around them by far, with an equally large uncertainty. Features are
- * ignored: where they differ from pixel to pixel, the filter would find no others to share the light with. */
+ * ignored: where they differ from pixel to pixel, the filter would find no others to distribute the light to. */
 static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int left, int top)
 {
     const struct pell_denoise_params *p = k->p;
@@ -79,7 +79,7 @@ static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int
     for (int c = 0; c < 3; c++)
         for (int y = 1; y < WIDE - 1; y++)
             for (int x = 1; x < WIDE - 1; x++) {
-                const float light = t->light[c][y][x], share = t->share[y][x];
+                const float light = t->light[c][y][x], translucent = t->translucent[y][x];
                 float first = 0.0f, second = 0.0f, count = 0.0f, error;
                 if (!(t->valid[y][x] > 0.0f))
                     continue;
@@ -90,21 +90,21 @@ static void find_outliers(const struct task *k, struct pell_denoise_tile *t, int
                     second = other > first ? first : other > second ? other : second;
                     first = other > first ? other : first;
                 }
-                error = RESOLVED * sqrtf(*of(p, p->sum->variance[c], left + x, top + y)) / share;
+                error = RESOLVED * sqrtf(*of(p, p->sum->variance[c], left + x, top + y)) / translucent;
                 if (count > 3.0f && light > OUTLIER * second && light - second < error)
                     t->excess[c][y][x] = light - second;
             }
 }
 
 /* Distributes the excess of outliers to the pixels around them, by their translucent fraction: no light is lost. */
-static void share_outliers(struct pell_denoise_tile *t)
+static void redistribute_outliers(struct pell_denoise_tile *t)
 {
     float around[WIDE][WIDE] = { { 0.0f } }; /* fractions of the pixels around */
 
     for (int y = 1; y < WIDE - 1; y++)
         for (int x = 1; x < WIDE - 1; x++)
             for (int i = 0; i < 9; i++)
-                around[y][x] += i != 4 ? t->share[y + i / 3 - 1][x + i % 3 - 1] : 0.0f;
+                around[y][x] += i != 4 ? t->translucent[y + i / 3 - 1][x + i % 3 - 1] : 0.0f;
     for (int c = 0; c < 3; c++)
         for (int y = 1; y < WIDE - 1; y++)
             for (int x = 1; x < WIDE - 1; x++) {
@@ -114,11 +114,11 @@ static void share_outliers(struct pell_denoise_tile *t)
                 for (int i = 0; i < 9; i++) {
                     const int u = x + i % 3 - 1, v = y + i / 3 - 1;
                     if (i != 4 && t->excess[c][v][u] > 0.0f)
-                        gained += t->excess[c][v][u] * t->share[v][u] / around[v][u];
+                        gained += t->excess[c][v][u] * t->translucent[v][u] / around[v][u];
                 }
                 t->light[c][y][x] += gained;
                 if (x >= BORDER && x < BORDER + TILE && y >= BORDER && y < BORDER + TILE)
-                    t->gained[c][y - BORDER][x - BORDER] = t->share[y][x] * gained;
+                    t->gained[c][y - BORDER][x - BORDER] = t->translucent[y][x] * gained;
             }
 }
 
@@ -153,7 +153,7 @@ static void filter_tile(void *arg, int index, int worker)
             if (inside(&r, x0 + x - BORDER, y0 + y - BORDER))
                 load_pixel(k, &tile, x0 + x - BORDER, y0 + y - BORDER, x, y);
     find_outliers(k, &tile, x0 - BORDER, y0 - BORDER);
-    share_outliers(&tile);
+    redistribute_outliers(&tile);
     for (int y = BORDER; y < BORDER + TILE; y++)
         for (int x = BORDER; x < BORDER + TILE; x++)
             noisy += tile.valid[y][x];

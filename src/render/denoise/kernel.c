@@ -108,7 +108,7 @@ static void weigh(struct pell_denoise_tile *t)
             weigh_pairs(t, dx, dy, weight);
             for (int y = 0; y < TILE; y++) {
                 const int py = y + BORDER;
-                const float *sa = &t->share[py][BORDER], *sb = &t->share[py + dy][BORDER + dx];
+                const float *sa = &t->translucent[py][BORDER], *sb = &t->translucent[py + dy][BORDER + dx];
                 for (int x = 0; x < TILE; x++)
                     t->sum[y][x] += weight[y][x] * (sa[x] > sb[x] ? sb[x] / sa[x] : 1.0f);
             }
@@ -128,14 +128,14 @@ static void move(struct pell_denoise_tile *t)
             for (int y = 0; y < TILE; y++) {
                 const int py = y + BORDER;
                 const float *wa = &t->total[py][BORDER], *wb = &t->total[py + dy][BORDER + dx];
-                const float *sa = &t->share[py][BORDER], *sb = &t->share[py + dy][BORDER + dx];
-                float share[TILE];
+                const float *sa = &t->translucent[py][BORDER], *sb = &t->translucent[py + dy][BORDER + dx];
+                float factor[TILE];
                 for (int x = 0; x < TILE; x++)
-                    share[x] = weight[y][x] * (sa[x] < sb[x] ? sa[x] : sb[x]) / (wa[x] > wb[x] ? wa[x] : wb[x]);
+                    factor[x] = weight[y][x] * (sa[x] < sb[x] ? sa[x] : sb[x]) / (wa[x] > wb[x] ? wa[x] : wb[x]);
                 for (int c = 0; c < 3; c++) {
                     const float *a = &t->light[c][py][BORDER], *b = &t->light[c][py + dy][BORDER + dx];
                     for (int x = 0; x < TILE; x++)
-                        t->moved[c][y][x] += share[x] * (b[x] - a[x]);
+                        t->moved[c][y][x] += factor[x] * (b[x] - a[x]);
                 }
             }
         }

@@ -19,7 +19,7 @@ enum { NORMAL, ALBEDO = 3, DEPTH = 6, FEATURES };
 
 struct pell_denoise_tile {
     float light[3][WIDE][WIDE], variance[3][WIDE][WIDE]; /* scattered light of the translucent part of a pixel, as if it filled the pixel */
-    float share[WIDE][WIDE];                             /* translucent fraction of the pixel */
+    float translucent[WIDE][WIDE];                       /* translucent fraction of the pixel */
     float feature[FEATURES][WIDE][WIDE];
     float steep[WIDE][WIDE];     /* change of DEPTH from a pixel to the next */
     float valid[WIDE][WIDE];     /* 1 where the pixel is in the image and its fraction is not 0, so that it has noise, else 0 */

@@ -59,7 +59,7 @@ static bool any_hidden(const struct job *job, int y, int x)
     return any;
 }
 
-static void share(struct job *job, int y, int x0, int x1)
+static void filter(struct job *job, int y, int x0, int x1)
 {
     const struct pell_highlights_params *p = job->p;
     const struct pell_rect *r = &p->rect;
@@ -123,7 +123,7 @@ static void run_rows(void *arg, int index, int worker)
 
 int64_t pell_highlights_render(struct pell_pool *pool, const struct pell_highlights_params *p)
 {
-    static void (*const blocks[])(struct job *, int, int, int) = { find, share, copy };
+    static void (*const blocks[])(struct job *, int, int, int) = { find, filter, copy };
     struct job job = { .p = p, .kernels = pell_highlights_kernels_tables[pell_simd_best()] };
 
     if (p->rect.x0 >= p->rect.x1 || p->rect.y0 >= p->rect.y1)

@@ -30,15 +30,15 @@ INLINE void add_taps(struct pell_highlights_block *restrict b, const struct pell
     vf seen = load(b->seen[c] + i), both = load(b->all[c] + i), next = load(b->next[c] + i), next_all = load(b->next_all[c] + i);
 
     for (int k = 0; k < count; k++) {
-        const vf share = load(w[k] + i), light = load(b->light[c] + taps[k].offset + i), hidden = load(b->hidden[c] + taps[k].offset + i);
-        const vi on = share > all(0.0f);
-        seen += select(on, share * light, all(0.0f));
-        both += select(on, share * (light + hidden), all(0.0f));
+        const vf weight = load(w[k] + i), light = load(b->light[c] + taps[k].offset + i), hidden = load(b->hidden[c] + taps[k].offset + i);
+        const vi on = weight > all(0.0f);
+        seen += select(on, weight * light, all(0.0f));
+        both += select(on, weight * (light + hidden), all(0.0f));
         if (!(taps[k].next > 0.0f))
             continue;
-        const vf nearer = all(taps[k].next / taps[k].weight) * share;
-        next += select(on, nearer * light, all(0.0f));
-        next_all += select(on, nearer * (light + hidden), all(0.0f));
+        const vf next_weight = all(taps[k].next / taps[k].weight) * weight;
+        next += select(on, next_weight * light, all(0.0f));
+        next_all += select(on, next_weight * (light + hidden), all(0.0f));
     }
     store(b->seen[c] + i, seen);
     store(b->all[c] + i, both);
@@ -53,12 +53,12 @@ static void add_here(struct pell_highlights_block *restrict b, const struct pell
     for (int k = 0; k < count; k++) {
         if (!(w[k][i] > 0.0f))
             continue;
-        const float share = w[k][i], light = b->light[c][taps[k].offset + i], hidden = b->hidden[c][taps[k].offset + i];
-        const float nearer = taps[k].next / taps[k].weight * share;
-        b->seen[c][i] += share * light;
-        b->all[c][i] += share * (light + hidden);
-        b->next[c][i] += taps[k].next > 0.0f ? nearer * light : 0.0f;
-        b->next_all[c][i] += taps[k].next > 0.0f ? nearer * (light + hidden) : 0.0f;
+        const float weight = w[k][i], light = b->light[c][taps[k].offset + i], hidden = b->hidden[c][taps[k].offset + i];
+        const float next_weight = taps[k].next / taps[k].weight * weight;
+        b->seen[c][i] += weight * light;
+        b->all[c][i] += weight * (light + hidden);
+        b->next[c][i] += taps[k].next > 0.0f ? next_weight * light : 0.0f;
+        b->next_all[c][i] += taps[k].next > 0.0f ? next_weight * (light + hidden) : 0.0f;
     }
 }
 

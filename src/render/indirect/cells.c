@@ -9,7 +9,7 @@
 
 #define MAX_CUTS (1u << 17)        /* largest number; remaining triangles stay whole */
 #define MAX_DEPTH 12               /* largest depth of subdivision */
-#define PLASTIC 0.7548776662466927 /* 1 over the root of x^3 = x + 1: a second low-discrepancy sequence beside the golden section */
+#define PLASTIC 0.7548776662466927 /* 1 over the root of x^3 = x + 1: a second low-discrepancy sequence in addition to the golden section */
 #define MAX_RATIO 4.0              /* largest ratio of samples to the number requested */
 
 struct cutter {
@@ -165,15 +165,15 @@ static uint32_t subdivide(struct cutter *c, const float corner[3][2], const uint
     return cell;
 }
 
-static void subdivide_mesh(struct cutter *c, uint32_t number)
+static void subdivide_mesh(struct cutter *c, uint32_t mesh_index)
 {
     static const float unit_triangle[3][2] = { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } };
     struct pell_indirect *in = c->in;
     const struct pell_scene *scene = in->p.scene;
-    const struct pell_mesh *mesh = &scene->meshes[number];
-    const uint32_t first = in->meshes[number].first_knot;
+    const struct pell_mesh *mesh = &scene->meshes[mesh_index];
+    const uint32_t first = in->meshes[mesh_index].first_knot;
 
-    c->mesh = number;
+    c->mesh = mesh_index;
     c->sides = scene->materials[mesh->material].opaque ? 2 : 1;
     for (uint32_t t = 0; t < mesh->num_triangles && c->res == PELL_OK; t++) {
         const uint32_t *index = mesh->index + 3 * (size_t) t, knot[3] = { first + index[0], first + index[1], first + index[2] };
@@ -187,7 +187,7 @@ static void subdivide_mesh(struct cutter *c, uint32_t number)
             continue;
         cell = subdivide(c, unit_triangle, knot, INDIRECT_NONE, 0);
         if (!c->count_only)
-            in->roots[in->meshes[number].first_root + t] = cell;
+            in->roots[in->meshes[mesh_index].first_root + t] = cell;
     }
 }
 

@@ -222,13 +222,13 @@ static enum pell_result find_source_directions(struct solid *s)
         const struct pell_vec3 normal = i < p->count ? p->point[i].normal : vec3_normalize(p->cluster[i - p->count].normal);
         const float scale = sum[i] > 0.0f ? 1.0f / sum[i] : 0.0f, thick = weight[i] > 0.0f ? thickness[i] / weight[i] : INFINITY;
         float inward;
-        struct pell_vec3 way = vec3_mul(vec3(to->wx[i], to->wy[i], to->wz[i]), scale);
-        if (!(vec3_dot(way, way) > 1e-6f))
-            way = vec3_mul(normal, -1.0f);
-        to->wx[i] = way.x;
-        to->wy[i] = way.y;
-        to->wz[i] = way.z;
-        inward = -vec3_dot(way, normal);
+        struct pell_vec3 w = vec3_mul(vec3(to->wx[i], to->wy[i], to->wz[i]), scale);
+        if (!(vec3_dot(w, w) > 1e-6f))
+            w = vec3_mul(normal, -1.0f);
+        to->wx[i] = w.x;
+        to->wy[i] = w.y;
+        to->wz[i] = w.z;
+        inward = -vec3_dot(w, normal);
         for (int c = 0; c < 3; c++) {
             struct equation_channel *q = &s->equation.channel[c];
             if (!q->active)
@@ -249,11 +249,11 @@ static enum pell_result find_source_directions(struct solid *s)
 static void add_local_part(const struct solid *s, float slope, struct equation_channel *q)
 {
     const struct collocation_points *p = &s->points;
-    const struct equation_patches *way = &s->equation.patches;
+    const struct equation_patches *patches = &s->equation.patches;
 
     for (uint32_t i = 0; i < p->count; i++) {
         const struct pell_vec3 n = p->point[i].normal;
-        const float inward = -(way->wx[i] * n.x + way->wy[i] * n.y + way->wz[i] * n.z), depth = q->kappa * q->depth * inward;
+        const float inward = -(patches->wx[i] * n.x + patches->wy[i] * n.y + patches->wz[i] * n.z), depth = q->kappa * q->depth * inward;
         const float diffuse = q->source_scale *
                               (q->path_weight[0] * expf(-q->path[0] * depth) + q->path_weight[1] * expf(-q->path[1] * depth)) /
                               (1.0f + q->kappa * q->s);

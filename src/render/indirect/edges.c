@@ -177,7 +177,7 @@ static uint32_t place_points(const struct view *v, const struct face *f, float r
 
     for (int i = 0; i < ANGLES; i++) {
         const float angle = half_angle * (2.0f * ((float) i + 0.5f) / ANGLES - 1.0f);
-        const struct pell_vec3 way = vec3_mad(vec3_mul(v->into, cosf(angle)), sinf(angle), v->across);
+        const struct pell_vec3 direction = vec3_mad(vec3_mul(v->into, cosf(angle)), sinf(angle), v->across);
         float from, to, first, last, inner;
         if (!clip_ray(v->begin, v->radius, cosf(angle), &from, &to))
             continue;
@@ -187,7 +187,7 @@ static uint32_t place_points(const struct view *v, const struct face *f, float r
         for (int k = 0; k < RADII; k++, n++) {
             const float outer = v->height * sinhf(first + (last - first) * (float) (k + 1) / RADII);
             const float r = v->height * sinhf(first + (last - first) * ((float) k + 0.5f) / RADII);
-            const struct pell_vec3 at = vec3_mad(v->foot, r, way);
+            const struct pell_vec3 at = vec3_mad(v->foot, r, direction);
             const float t = fmaxf(1.0f - (r * r + v->height * v->height) / (reach * reach), 0.0f);
             p->x[n] = at.x;
             p->y[n] = at.y;

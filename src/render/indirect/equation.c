@@ -514,19 +514,19 @@ bool equation_solve(struct equation *e, struct equation_channel *c)
 {
     const uint32_t n = e->points->count;
     double h[MAX_STEPS][MAX_STEPS + 1], turn[MAX_STEPS][2], g[MAX_STEPS + 1] = { 0.0 };
-    double *v = e->basis, whole = 0.0;
+    double *v = e->basis, rhs_norm = 0.0;
     int steps = 0;
 
     multiply(e, c, c->phi, v);
     for (uint32_t i = 0; i < n; i++) {
         v[i] = c->rhs[i] - v[i];
-        whole += c->rhs[i] * c->rhs[i];
+        rhs_norm += c->rhs[i] * c->rhs[i];
     }
     g[0] = sqrt(dot(v, v, n));
-    whole = sqrt(whole);
+    rhs_norm = sqrt(rhs_norm);
     for (uint32_t i = 0; i < n && g[0] > 0.0; i++)
         v[i] /= g[0];
-    while (steps < MAX_STEPS && fabs(g[steps]) > TOLERANCE * whole) {
+    while (steps < MAX_STEPS && fabs(g[steps]) > TOLERANCE * rhs_norm) {
         multiply(e, c, e->basis + (size_t) steps * n, e->basis + (size_t) (steps + 1) * n);
         orthogonalise(e, steps + 1, h[steps]);
         rotate(steps, turn, h[steps], g);
@@ -534,7 +534,7 @@ bool equation_solve(struct equation *e, struct equation_channel *c)
         if (pell_cancelled(e->ctx))
             return false;
     }
-    if (!(fabs(g[steps]) <= ACCEPTED * whole))
+    if (!(fabs(g[steps]) <= ACCEPTED * rhs_norm))
         return false;
     for (int k = steps; k-- > 0;) { /* back substitution: h y = g; y replaces g */
         for (int j = k + 1; j < steps; j++)

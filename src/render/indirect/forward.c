@@ -39,12 +39,12 @@ static void add_beam(const struct pell_forward *model, const struct receiver *re
     pell_forward_at(model, d2, fminf(vec3_dot(w, v) / (d * length), 1.0f), fminf(length, 1.0f), fminf(PEAK_SCALE * d2 / area, MAX_PEAK),
                     flux, cosine);
     for (int c = 0; c < 3; c++) {
-        const float light = far_weight * power[c] * flux[c], share = light * cosine[c] / d;
+        const float light = far_weight * power[c] * flux[c], weight = light * cosine[c] / d;
         sum->light[c] += light;
         sum->cosine[c] += light * cosine[c];
-        sum->direction[c][0] += share * v.x;
-        sum->direction[c][1] += share * v.y;
-        sum->direction[c][2] += share * v.z;
+        sum->direction[c][0] += weight * v.x;
+        sum->direction[c][1] += weight * v.y;
+        sum->direction[c][2] += weight * v.z;
     }
 }
 

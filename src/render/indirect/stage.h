@@ -73,12 +73,12 @@ struct pell_indirect_solid {
     float slope[3];                     /* surplus that oblique incidence returns: 1 + slope (1 - m) (render/angle.h) */
     const struct pell_profile *profile; /* for R, G and B: the method gathers by it over visible faces, */
     bool along_surface;                 /* or over all faces, by distance along the surface, */
-    bool whole;                         /* or over the whole solid, corrected by `opposed` */
+    bool whole_solid;                   /* or over the whole solid, corrected by `opposed` */
     bool beams;
     bool between_faces; /* transport between faces is summed where diffusion is not solved */
 };
 /* Computes the light inside the solids, from entry to exit: by diffusion where the samples are dense enough (Decision 37), else by a sum
- * between faces of different orientation (optics/medium/opposed.h), except with `whole`. */
+ * between faces of different orientation (optics/medium/opposed.h), except with `whole_solid`. */
 PELL_NODISCARD enum pell_result pell_indirect_solve_solids(struct pell_indirect *indirect, struct pell_pool *pool,
                                                            const struct pell_indirect_lights *lights,
                                                            const struct pell_indirect_solid *solid);
@@ -88,12 +88,12 @@ struct pell_indirect_inside {
     float sum_weight[3];  /* [0, 1]: weight of `transmitted`, as opposed to a slab's T, which is better where a part is thin compared to
                             * the distance between samples */
     float transmitted[3]; /* radiant exitance from faces of different orientation, W/m^2, without the local albedo, times `sum_weight` */
-    float solved[3];      /* [0, 1]: weight of the solved diffusion below, which replaces `transmitted`, T, and, except with `whole`, the
+    float solved[3];  /* [0, 1]: weight of the solved diffusion below, which replaces `transmitted`, T, and, except with `whole_solid`, the
                        * effect of curvature */
-    float gain[3];        /* factor of the entering light, or with `whole` of the method's result, times `solved`; */
-    float light[3];       /* and radiant exitance that is added, W/m^2, without the local albedo, times `solved` */
-    float tilt[3][3];     /* of the light from the depth, see tilt.c; */
-    float deep[3];        /* [0, 1]: fraction that leaves as from thick parts */
+    float gain[3];    /* factor of the entering light, or with `whole_solid` of the method's result, times `solved`; */
+    float light[3];   /* and radiant exitance that is added, W/m^2, without the local albedo, times `solved` */
+    float tilt[3][3]; /* of the light from the depth, see tilt.c; */
+    float deep[3];    /* [0, 1]: fraction that leaves as from thick parts */
 };
 /* Forward-scattered light at such a point. */
 struct pell_indirect_beam {
@@ -146,8 +146,8 @@ static inline float pell_indirect_far_weight(float distance, float spacing)
 /* Whether any material scatters forward: pell_indirect_words does not include that light. */
 bool pell_indirect_has_beams(const struct pell_indirect *indirect);
 
-/* With `whole`: scales `exitance`, the result of a method at the translucent pixels. `angle`: per scene material; NULL: light from the
- * depth leaves as it does from half-spaces. */
+/* With `whole_solid`: scales `exitance`, the result of a method at the translucent pixels. `angle`: per scene material; NULL: light
+ * from the depth leaves as it does from half-spaces. */
 void pell_indirect_correct(const struct pell_indirect *indirect, struct pell_pool *pool, const struct pell_view *view,
                            const struct pell_angle *angle, const struct pell_surface *surface, float *const exitance[3]);
 

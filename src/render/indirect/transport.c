@@ -68,7 +68,7 @@ static float sampling_weight(float thinness, float spacing)
 /* A slab's T scatters to all sides. Where light is scattered rarely and forward, the sum therefore takes over at smaller thickness. */
 static float depth_scale(const struct pell_indirect_solid *as, int c)
 {
-    return as->beams && as->forward.unscattered[c] > 0.0f
+    return as->beams && as->forward.sigma_t[c] > 0.0f
                ? 1.0f + (THINNER - 1.0f) * smooth_ramp(FORWARD_FROM, 1.0f, as->opposed.kappa[c] * as->opposed.depth[c])
                : 1.0f;
 }
@@ -84,12 +84,12 @@ static float sum_weight_of(const struct pell_indirect_solid *as, float thinness,
 
 /* Sets the weight of the sum over samples in the transmitted light: 1 where a part is thick for a channel, so that light arrives from
  * the rim as well, or where diffusion holds; 0 where samples are too far apart. */
-static void set_sum_weight(const struct pell_indirect_solid *as, float thinness, float spacing, float part[3])
+static void set_sum_weight(const struct pell_indirect_solid *as, float thinness, float spacing, float weight[3])
 {
     const float fine = sampling_weight(thinness, spacing);
 
     for (int c = 0; c < 3; c++)
-        part[c] = fine * (thinness > 0.0f && as->opposed.depth[c] > 0.0f ? sum_weight_of(as, thinness, c) : 1.0f);
+        weight[c] = fine * (thinness > 0.0f && as->opposed.depth[c] > 0.0f ? sum_weight_of(as, thinness, c) : 1.0f);
 }
 
 /* --- Entering light ------------------------------------------------------------------------------------------------------------------- */
@@ -343,12 +343,12 @@ static enum pell_result sum_beams(const struct transport *s, struct pell_pool *p
     for (size_t i = 0; i < s->count; i++) {
         const struct indirect_sample *to = &s->in->samples[s->list[i]];
         struct pell_indirect_beam *beam = &s->beam[s->list[i]];
-        const float *share = s->in->forward[to->material].exitance_scale;
+        const float *scale = s->in->forward[to->material].exitance_scale;
         beam->spacing = to->spacing;
         for (int c = 0; c < 3; c++) {
-            beam->light[c] *= share[c];
-            beam->cosine[c] *= share[c];
-            vec3_store(vec3_mul(vec3_load(beam->direction[c]), share[c]), beam->direction[c]);
+            beam->light[c] *= scale[c];
+            beam->cosine[c] *= scale[c];
+            vec3_store(vec3_mul(vec3_load(beam->direction[c]), scale[c]), beam->direction[c]);
         }
     }
 
@@ -507,7 +507,7 @@ static enum pell_result solve_group(struct transport *s, struct pell_pool *pool,
     count = s->count;
     if (contains_another(in, of))
         return PELL_OK;
-    if (s->solid[of->material].whole)
+    if (s->solid[of->material].whole_solid)
         PELL_TRY(make_whole(s, &s->solid[of->material], &profile_sum));
     for (size_t i = 0, end; i < count; i = end) {
         for (end = i + 1; end < count && (!in->part || in->part[list[end]] == in->part[list[i]]); end++)
@@ -574,7 +574,7 @@ static void set_tilt(const struct transport *s, const struct indirect_near *near
             light[k][c] = exitance_at(s, near->sample[k], c);
     indirect_tilt(s->in, near, &solid->opposed, light, to->tilt, along_surface);
     for (int c = 0; c < 3; c++) {
-        for (int k = 0; k < 3 && solid->whole; k++)
+        for (int k = 0; k < 3 && solid->whole_solid; k++)
             to->tilt[c][k] *= to->deep[c]; /* the method's result is not only light from the depth */
         to->deep[c] *= 1.0f - along_surface[c];
     }
@@ -624,8 +624,8 @@ static enum pell_result create_beams(struct transport *s)
         const struct pell_indirect_solid *as = &s->solid[i];
         in->forward[i] = (struct pell_indirect_forward) { .model = as->forward, .active = as->beams };
         for (int c = 0; c < 3 && as->beams; c++) {
-            in->forward[i].separation[c] = pell_forward_apart(&as->forward, &as->opposed, c);
-            in->forward[i].exitance_scale[c] = in->forward[i].separation[c] * as->forward.leaves * as->white[c];
+            in->forward[i].separation[c] = pell_forward_separation(&as->forward, &as->opposed, c);
+            in->forward[i].exitance_scale[c] = in->forward[i].separation[c] * as->forward.exitance * as->white[c];
         }
     }
     return PELL_OK;

@@ -163,11 +163,11 @@ static bool is_first(const struct pell_lights *lights, size_t light)
 static size_t image_number(const struct pell_lights *lights, size_t light)
 {
     const struct pell_texture *image = lights->sources[light].image;
-    size_t number = 0;
+    size_t count = 0;
 
     for (size_t i = 0; lights->sources[i].image != image; i++)
-        number += is_first(lights, i);
-    return number;
+        count += is_first(lights, i);
+    return count;
 }
 
 static enum pell_result send_images(struct pell_light_device *d, const struct pell_lights *lights)

@@ -234,7 +234,7 @@ static void add_environments(const struct job *job, struct packet *k)
         sky.normal[1][i] = l->gy[i];
         sky.normal[2][i] = l->gz[i];
     }
-    if (job->entering && job->p->ambient && !k->behind)
+    if (job->entering && job->p->ambient && !k->far_side)
         for (int i = 0; i < PELL_LANES; i++)
             k->ambient[i] = job->p->ambient[k->index[i]];
     else if (!k->lit_by_device)
@@ -285,20 +285,20 @@ static bool is_back(const struct job *job, const struct packet *k, int i)
 
 static void add_indirect(const struct job *job, struct packet *k)
 {
-    const bool transmits = job->p->passed && !job->entering && !k->behind;
-    _Alignas(64) float rgb[4][PELL_LANES], behind[4][PELL_LANES];
+    const bool transmits = job->p->passed && !job->entering && !k->far_side;
+    _Alignas(64) float rgb[4][PELL_LANES], far_side_light[4][PELL_LANES];
     int32_t back[PELL_LANES];
 
     for (int i = 0; i < PELL_LANES; i++)
         back[i] = k->lanes.opaque[i] && is_back(job, k, i);
-    pell_indirect_at(job->p->indirect, &k->points, back, rgb, transmits ? behind : NULL);
+    pell_indirect_at(job->p->indirect, &k->points, back, rgb, transmits ? far_side_light : NULL);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < PELL_LANES; i++) {
             k->sums.irradiance[c][i] += rgb[c][i] * k->lanes.enter_mean[c][i];
             if (k->lanes.any_direction)
                 k->sums.single_surplus[c][i] += rgb[c][i] * single_surplus(&k->lanes, c, i);
             if (transmits)
-                k->sums.transmitted[c][i] += behind[c][i];
+                k->sums.transmitted[c][i] += far_side_light[c][i];
         }
 }
 
@@ -423,13 +423,13 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
     const int rows = job->rect.y1 - y0 < TILE_H ? job->rect.y1 - y0 : TILE_H;
     float *const *const planes[PLANES] = { job->out->irradiance, job->out->transmitted, job->out->specular,
                                            job->out->single,     job->out->hidden,      job->out->lost };
-    const bool wanted[PLANES] = { true, true, true, job->p->apart, job->p->shared, job->p->shared };
+    const bool enabled[PLANES] = { true, true, true, job->p->separate, job->p->shared, job->p->shared };
 
     for (int y = 0; job->out->path && y < rows; y++)
         for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
             memcpy(job->out->path + (y0 + y) * stride + x0 + x, tile->path + y * TILE_W + x, LINE * sizeof(float));
     for (int k = 0; k < PLANES; k++)
-        for (int c = 0; c < 3 && wanted[k]; c++)
+        for (int c = 0; c < 3 && enabled[k]; c++)
             for (int y = 0; y < rows; y++)
                 for (int x = 0; x < TILE_W && x0 + x < stride; x += LINE)
                     memcpy(planes[k][c] + (y0 + y) * stride + x0 + x, tile->planes[k][c] + y * TILE_W + x, LINE * sizeof(float));
@@ -437,10 +437,10 @@ static void flush_tile(const struct job *job, int x0, int y0, const struct tile 
 
 /* Prefetches 1/32 of the cache lines that this tile is written to, and of those that the next one is read from. There are more streams
  * than hardware prefetchers follow, and a packet's rays leave time for it. */
-PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int part)
+PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int block)
 {
     const struct pell_surface *s = job->p->surface;
-    const int x = x0 + part % (TILE_W / LINE) * LINE, y = y0 + part / (TILE_W / LINE);
+    const int x = x0 + block % (TILE_W / LINE) * LINE, y = y0 + block / (TILE_W / LINE);
     const ptrdiff_t at = y * s->stride + x;
 
     if (y >= job->rect.y1)
@@ -460,28 +460,28 @@ PELL_FETCHING_INLINE void fetch(const struct job *job, int x0, int y0, int part)
     }
 }
 
-static void send_tile(void *arg, int number, int worker)
+static void send_tile(void *arg, int index, int worker)
 {
     struct job *job = arg;
-    const int tile = job->first_tile + number;
+    const int tile = job->first_tile + index;
     const int x0 = job->rect.x0 + tile % job->columns * TILE_W, y0 = job->rect.y0 + tile / job->columns * TILE_H;
     struct pixels list;
     struct packet k;
 
     (void) worker;
     k.cached_material = -1;
-    k.behind = false;
+    k.far_side = false;
     list_pixels(job, x0, y0, &list);
     for (int first = 0; first < list.count; first += PELL_LANES) {
         fill_packet(job, &k, x0, y0, &list, first);
-        job->slots[number * PACKETS + first / PELL_LANES] = pell_send_packet(job, &k, 1);
+        job->slots[index * PACKETS + first / PELL_LANES] = pell_send_packet(job, &k, 1);
     }
 }
 
-static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
+static PELL_FETCHING void shade_tile(void *arg, int index, int worker)
 {
     struct job *job = arg;
-    const int at = job->first_tile + number;
+    const int at = job->first_tile + index;
     const int x0 = job->rect.x0 + at % job->columns * TILE_W, y0 = job->rect.y0 + at / job->columns * TILE_H;
     struct pell_lighting out;
     struct pixels list;
@@ -491,7 +491,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
     (void) worker;
     k.rays = k.device_rays = k.through_rays = 0;
     k.cached_material = -1;
-    k.behind = false;
+    k.far_side = false;
     k.lit_by_device = job->slots != NULL;
     k.passed = job->passed;
     list_pixels(job, x0, y0, &list);
@@ -501,7 +501,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         out.irradiance[c] = tile.planes[0][c];
         out.transmitted[c] = tile.planes[1][c];
         out.specular[c] = tile.planes[2][c];
-        out.single[c] = job->p->apart ? tile.planes[3][c] : NULL;
+        out.single[c] = job->p->separate ? tile.planes[3][c] : NULL;
         out.hidden[c] = job->p->shared ? tile.planes[4][c] : NULL;
         out.lost[c] = tile.planes[5][c];
     }
@@ -513,7 +513,7 @@ static PELL_FETCHING void shade_tile(void *arg, int number, int worker)
         fetch(job, x0, y0, first / PELL_LANES);
         fill_packet(job, &k, x0, y0, &list, first);
         if (k.lit_by_device)
-            k.slot = job->slots[number * PACKETS + first / PELL_LANES];
+            k.slot = job->slots[index * PACKETS + first / PELL_LANES];
         shade_packet(job, &k);
         for (int i = 0; i < PELL_LANES; i++)
             pixel[i] = list.at[first + i];
@@ -556,7 +556,7 @@ static bool fill_points(const struct job *job, struct packet *k, const struct pe
 
     k->rays = k->device_rays = k->through_rays = 0;
     k->cached_material = -1;
-    k->behind = false;
+    k->far_side = false;
     k->count = 0;
     for (int i = 0; i < PELL_LANES; i++) {
         if (!material[i])

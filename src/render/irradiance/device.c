@@ -63,9 +63,9 @@ static const struct pell_thickness_table *table_of(const struct pell_light_devic
 static void slab_of_lights(const struct pell_thickness_table *t, const struct pell_indirect_forward *forward, float *out)
 {
     for (int i = 0; i < PELL_THICKNESS_STEPS; i++) {
-        const float place = (float) i / (PELL_THICKNESS_STEPS - 1), d = t->max_mm * place * place;
+        const float x = (float) i / (PELL_THICKNESS_STEPS - 1), d = t->max_mm * x * x;
         for (int c = 0; c < 3; c++)
-            out[3 * i + c] = t->slab[i][c] * (forward ? pell_forward_rest(&forward->model, c, d, forward->separation[c]) : 1.0f);
+            out[3 * i + c] = t->slab[i][c] * (forward ? pell_forward_diffuse(&forward->model, c, d, forward->separation[c]) : 1.0f);
     }
 }
 
@@ -159,13 +159,13 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
         const bool opaque = d->scene->materials[i].opaque;
         const struct pell_thickness_table *thickness = table_of(d, p, i);
         const struct pell_angle *angle = p->angle && !opaque ? &p->angle[i] : NULL;
-        const struct pell_separate_single *apart = p->apart && !opaque ? &p->apart[i] : NULL;
+        const struct pell_separate_single *separate = p->separate && !opaque ? &p->separate[i] : NULL;
         all[i] = (struct pell_lit_material) {
             .fd = t->boundaries[t->boundary[i]].f0,
             .model = t->model[i],
             .smooth_at = p->smooth && !opaque ? (int32_t) (sizeof(t->albedo) / sizeof(float) + t->boundary[i] * PELL_BOUNDARY_MU) : -1,
             .inverse_eta2 = angle ? angle->inverse_eta2 : 1.0f,
-            .single_eta2 = apart ? apart->inverse_eta2 : 0.0f,
+            .single_eta2 = separate ? separate->inverse_eta2 : 0.0f,
             .thickness_at = thickness ? TABLE * tables++ : -1,
             .thickest = thickness ? thickness->max_mm : 0.0f,
             .opaque = opaque,
@@ -174,8 +174,8 @@ static void fill_materials(const struct pell_light_device *d, const struct pell_
             .pass_base = rgb4(angle ? angle->pass_base : one),
             .pass_slope = rgb4(angle ? angle->pass_slope : none),
             .pass_thick = rgb4(angle ? angle->pass_thick : none),
-            .single_albedo = rgb4(apart ? apart->albedo : none),
-            .single_g = rgb4(apart ? apart->g : none),
+            .single_albedo = rgb4(separate ? separate->albedo : none),
+            .single_g = rgb4(separate ? separate->g : none),
         };
     }
 }
@@ -264,7 +264,8 @@ static struct pell_lit_push make_push(const struct pell_light_device *d, const s
     const struct pell_irradiance_params *p = run->params;
     const struct pell_lights *lights = d->lights;
     const bool through = d->through && p->thickness;
-    const uint32_t words = (uint32_t) (1 + PELL_LIT_HIGHLIGHT_WORDS * run->highlights + (p->apart != NULL) + 2 * lights->num_environments);
+    const uint32_t words =
+        (uint32_t) (1 + PELL_LIT_HIGHLIGHT_WORDS * run->highlights + (p->separate != NULL) + 2 * lights->num_environments);
     const uint32_t shine = PELL_LIT_SHINE_WORDS * light_device_has_state(d);
 
     return (struct pell_lit_push) {
@@ -273,7 +274,7 @@ static struct pell_lit_push make_push(const struct pell_light_device *d, const s
         .environments = (uint32_t) lights->num_environments,
         .low = (uint32_t) p->lights,
         .high = (uint32_t) (p->lights >> 32),
-        .flags = (run->highlights ? PELL_LIT_HIGHLIGHTS : 0u) | (p->apart ? PELL_LIT_SINGLE : 0u),
+        .flags = (run->highlights ? PELL_LIT_HIGHLIGHTS : 0u) | (p->separate ? PELL_LIT_SINGLE : 0u),
         .ambient_samples = (uint32_t) lights->ambient_samples,
         .light_bits = lights->light_bits,
         .ambient_bits = lights->ambient_bits,

@@ -52,7 +52,7 @@ void pell_light_device_begin(struct pell_light_device *d);
 uint32_t pell_light_device_claim(struct pell_light_device *d, uint32_t points);
 /* Points of the batch, to be written in order of address. */
 struct pell_lit_point *pell_light_device_points(const struct pell_light_device *d);
-/* One number per 16 points of the room, for the caller's use. */
+/* One value per 16 points of the batch, for the caller's use. */
 uint32_t *pell_light_device_slots(const struct pell_light_device *d);
 
 struct pell_light_run {

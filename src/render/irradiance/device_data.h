@@ -39,7 +39,7 @@
 #define PELL_LIT_TOGETHER 0xc0000000u /* pell_lights.together, for a pixel */
 #define PELL_LIT_BACK 8u              /* on the side from which the triangle's corners run clockwise */
 #define PELL_LIT_STRAIGHT_LEAST 1e-4f /* fraction of transmitted light above which rays are traced: more than rounding errors of 0 */
-/* Flags of a light, beside those of light_data.h: its index among `turns` lights that alternate over multisamples; powers of 2. */
+/* Flags of a light, in addition to those of light_data.h: its index among `turns` lights that alternate over multisamples; powers of 2. */
 #define PELL_LIT_TURN_AT 8
 #define PELL_LIT_TURNS_AT 16
 

@@ -9,7 +9,7 @@
 static void write_points(const struct job *job, const struct packet *k, uint32_t sample_index, struct pell_lit_point *out)
 {
     const struct pell_lanes *l = &k->lanes;
-    const bool needs_ambient = pell_any_environment(job) && (k->behind || !(job->entering && job->p->ambient));
+    const bool needs_ambient = pell_any_environment(job) && (k->far_side || !(job->entering && job->p->ambient));
 
     for (int i = 0; i < PELL_LANES; i++) {
         struct pell_lit_point point = {
@@ -24,8 +24,8 @@ static void write_points(const struct job *job, const struct packet *k, uint32_t
             .curve = l->curve[i],
             .first = l->first[i],
             .material = l->valid[i] ? k->material[i] : PELL_LIT_NONE,
-            .flags = (needs_ambient ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->behind ? PELL_LIT_STRAIGHT : 0u) |
-                     (job->entering ? 0u : PELL_LIT_SEEN) | ~l->apart,
+            .flags = (needs_ambient ? PELL_LIT_AMBIENT : 0u) | (k->straight[i] && !k->far_side ? PELL_LIT_STRAIGHT : 0u) |
+                     (job->entering ? 0u : PELL_LIT_SEEN) | ~l->pattern_mask,
             .sample_index = sample_index,
             .slope_variance = l->slope_variance[i],
         };
@@ -88,15 +88,15 @@ void pell_read_lights(const struct job *job, struct packet *k)
             }
             at += PELL_LIT_HIGHLIGHT_WORDS;
         }
-        if (job->p->apart)
+        if (job->p->separate)
             add_rgb(words_at(job, k, i, at), i, k->sums.single);
     }
 }
 
 void pell_read_environment(const struct job *job, struct packet *k, size_t e, struct pell_sums *sums)
 {
-    const size_t at = 1 + PELL_LIT_HIGHLIGHT_WORDS * (size_t) !job->entering + (size_t) (job->p->apart != NULL) + 2 * e;
-    const bool known = job->entering && job->p->ambient && !k->behind;
+    const size_t at = 1 + PELL_LIT_HIGHLIGHT_WORDS * (size_t) !job->entering + (size_t) (job->p->separate != NULL) + 2 * e;
+    const bool known = job->entering && job->p->ambient && !k->far_side;
 
     for (int i = 0; i < k->count; i++) {
         k->ambient[i] = known ? k->ambient[i] : 0.0f;
@@ -112,7 +112,7 @@ void pell_read_environment(const struct job *job, struct packet *k, size_t e, st
 /* Whether the device computed straight transmission at lane i. */
 static bool has_straight(const struct packet *k, int i)
 {
-    return !k->behind && k->lanes.valid[i] & k->lanes.deep[i] & k->straight[i];
+    return !k->far_side && k->lanes.valid[i] & k->lanes.deep[i] & k->straight[i];
 }
 
 void pell_read_transmitted(const struct job *job, struct packet *k)
@@ -128,15 +128,15 @@ void pell_read_transmitted(const struct job *job, struct packet *k)
     }
 }
 
-bool pell_read_exit(const struct job *job, const struct packet *k, int i, float share[3], float *m, struct pell_vec3 *normal)
+bool pell_read_exit(const struct job *job, const struct packet *k, int i, float fraction[3], float *m, struct pell_vec3 *normal)
 {
     const uint32_t *w = pell_light_device_through(job->p->device, k->slot + (size_t) i);
 
     if (!has_straight(k, i))
         return false;
     for (int c = 0; c < 3; c++)
-        share[c] = as_float(w[4 + c]);
+        fraction[c] = as_float(w[4 + c]);
     *m = as_float(w[7]);
     *normal = vec3(as_float(w[8]), as_float(w[9]), as_float(w[10]));
-    return share[0] + share[1] + share[2] > 0.0f;
+    return fraction[0] + fraction[1] + fraction[2] > 0.0f;
 }

@@ -10,7 +10,7 @@
 
 enum {
     ROOM_LEAST = 1 << 16,
-    ROOM_MOST = 1 << 18,     /* points of a batch: what fills a large GPU, and leaves it within a second */
+    ROOM_MOST = 1 << 18,     /* points of a batch: fills a large GPU, for less than a second */
     RESULTS_MOST = 64 << 20, /* bytes of a batch's results */
     ENVIRONMENTS_MOST = 256,
     WORD = 16,
@@ -46,19 +46,19 @@ struct pell_light_device {
     struct pell_gpu_pass *direct, *transmission;
     const struct pell_scene *scene;   /* borrowed; NULL: none is set */
     const struct pell_lights *lights; /* borrowed; NULL: none are set */
-    struct pell_light_data *sorted;   /* as the device has them, */
-    uint32_t most_samples;            /* and the most that one has */
+    struct pell_light_data *sorted;   /* in the order of the device */
+    uint32_t most_samples;            /* maximum number of samples of a light */
     const char *scene_why, *lights_why, *through_why;
     bool through;          /* thickness tables are set, */
     bool thickness_new;    /* and not sent yet; */
-    size_t room_thickness; /* bytes that there is room for */
+    size_t room_thickness; /* capacity in bytes */
     size_t wanted, room;   /* points */
-    size_t room_words;     /* of a point, that there is room for */
+    size_t room_words;     /* capacity in words per point */
     size_t words;          /* of a point of the last batch */
-    size_t through_at;     /* where those of transmission are among them, if there are some */
+    size_t through_at;     /* index of the first word of transmission, if any */
     uint32_t *slots;
     _Atomic uint32_t used; /* points of the batch */
-    uint32_t version;      /* counts the times that buffers were dropped */
+    uint32_t version;      /* number of times that buffers were dropped */
     struct pell_light_device_times times;
 };
 

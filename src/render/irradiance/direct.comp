@@ -29,13 +29,13 @@ void add(uint at, vec3 rgb, uint word)
 // State of the light's highlight from earlier slices.
 void resume(uint at, inout Shine highlight)
 {
-    const uvec4 open = results[at], hidden = results[at + 1u];
+    const uvec4 visible = results[at], occluded = results[at + 1u];
 
-    highlight.open = uintBitsToFloat(open.rgb);
-    highlight.seen = int(open.a);
-    highlight.hidden = uintBitsToFloat(hidden.rgb);
-    highlight.all = int(hidden.a);
-    highlight.whole = uintBitsToFloat(results[at + 2u].rgb);
+    highlight.visible = uintBitsToFloat(visible.rgb);
+    highlight.seen = int(visible.a);
+    highlight.occluded = uintBitsToFloat(occluded.rgb);
+    highlight.all = int(occluded.a);
+    highlight.unshadowed = uintBitsToFloat(results[at + 2u].rgb);
 }
 
 // Adds the slice's samples of a light. `state`: in the results.
@@ -54,22 +54,22 @@ void shine(pell_light_data light, Point p, uint state, inout Sums sums)
 
         if (lit && (a.gl > 0.0 || p.lifted) && a.nl > 0.0) {
             const bool away = light.type == PELL_LIGHT_DATA_DIRECTIONAL;
-            const bool open = is_open(p.origin, away ? a.direction : a.end - p.origin, away ? FAR : 0.9999);
+            const bool visible = is_unoccluded(p.origin, away ? a.direction : a.end - p.origin, away ? FAR : 0.9999);
             sums.rays++;
-            if (open)
+            if (visible)
                 add_front(p, a, sums.irradiance, sums.single);
             else if (highlights && is_flat(light))
                 add_front(p, a, sums.lost, unused);
             if (highlights)
-                add_highlight(light, p, a, open, highlight);
+                add_highlight(light, p, a, visible, highlight);
         }
         if (light.environment >= 0 && (light.flags & PELL_LIGHT_DATA_COMPACT) == 0u)
             sums.unshadowed += min(a.intensity * (a.falloff * transmittance(p, max(a.nl, 0.0)) * max(a.nl, 0.0)), vec3(BIG));
     }
     if (highlights && (pc.flags & PELL_LIT_PAUSE) != 0u) {
-        give(state, highlight.open, uint(highlight.seen));
-        give(state + 1u, highlight.hidden, uint(highlight.all));
-        give(state + 2u, highlight.whole, 0u);
+        give(state, highlight.visible, uint(highlight.seen));
+        give(state + 1u, highlight.occluded, uint(highlight.all));
+        give(state + 2u, highlight.unshadowed, 0u);
     } else if (highlights)
         end_highlight(light, p, highlight, sums.specular, sums.hidden);
 }
@@ -99,10 +99,10 @@ void main()
         for (uint k = 0u; k < pc.shine; k++)
             results[first + k] = uvec4(0u);
     if (pc.sky_end > pc.sky && (points[i].flags & PELL_LIT_AMBIENT) != 0u) {
-        const uint open = count_open(p.origin, p.geometric, p.sample_index, pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT));
+        const uint unoccluded = count_unoccluded(p.origin, p.geometric, p.sample_index, pattern_at(i, pc.ambient_bits, PELL_AMBIENT_SALT));
         sums.rays = pc.sky_end - pc.sky;
         for (uint k = 0u; k < pc.environments; k++)
-            add(env + 2u * k, vec3(0.0), open);
+            add(env + 2u * k, vec3(0.0), unoccluded);
     }
     for (uint light = pc.light; light < pc.light_end; light++) {
         if (!counts(lights[light].light))

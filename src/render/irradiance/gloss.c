@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
  * gloss.c - highlights of area and point lights. Compiled once per SIMD level; plain loops over 16 lanes. The points on a light that shadow
- * rays are sent to tell the occluded fraction of the highlight; its unoccluded radiance is found from these points together with directions
+ * rays are sent to find the occluded fraction of the highlight; its unoccluded radiance is found from these points together with directions
  * of the lobe, which need no rays.
  */
 #include "render/irradiance/lanes.h"
@@ -99,8 +99,8 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
                                    const struct pell_aim *restrict a, const float *restrict facing, const float *restrict clipped,
                                    const int32_t *restrict visible, struct pell_gloss *restrict gloss)
 {
-    const int places = pell_light_has_face(light) ? PELL_GLOSS_POINTS : 1;
-    _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], even[2][N] = { { 0 } }, grazing[2][N] = { { 0 } }, l[3][N], cosine[N];
+    const int num_points = pell_light_has_face(light) ? PELL_GLOSS_POINTS : 1;
+    _Alignas(64) float shape[N], fresnel[N], density[N], spread[N], f0_sum[2][N] = { { 0 } }, f90_sum[2][N] = { { 0 } }, l[3][N], cosine[N];
 
     for (int i = 0; i < N; i++)
         spread[i] = gloss->odds[i] > 0.0f ? 0.0f : a->spread[i] * (1.0f / PELL_GLOSS_POINTS);
@@ -108,17 +108,17 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
     memcpy(l[1], a->ly, sizeof(a->ly));
     memcpy(l[2], a->lz, sizeof(a->lz));
     memcpy(cosine, clipped, sizeof(cosine));
-    for (int j = 0; j < places; j++) {
+    for (int j = 0; j < num_points; j++) {
         if (j > 0)
             aim_within(light, p, a, (uint32_t) j, l, cosine);
         shape_lobe(p, (const float(*)[N]) l, spread, shape, fresnel, density);
         for (int i = 0; i < N; i++) {
             const float w = cosine[i] > 0.0f ? shape[i] * cosine[i] : 0.0f, odds = gloss->odds[i];
             const float part = odds > 0.0f ? w * odds / (odds + density[i]) : w;
-            even[0][i] += w;
-            grazing[0][i] += w * fresnel[i];
-            even[1][i] += part;
-            grazing[1][i] += part * fresnel[i];
+            f0_sum[0][i] += w;
+            f90_sum[0][i] += w * fresnel[i];
+            f0_sum[1][i] += part;
+            f90_sum[1][i] += part * fresnel[i];
         }
     }
     for (int i = 0; i < N; i++) {
@@ -127,13 +127,14 @@ void PELL_SIMD(pell_add_highlight)(const struct pell_light_data *restrict light,
     }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float w = facing[i] / ((float) places * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
-            const float add = w * (p->f0[c][i] * even[0][i] + (1.0f - p->f0[c][i]) * grazing[0][i]), kept = add < BIG ? add : BIG;
-            const float part = w * (p->f0[c][i] * even[1][i] + (1.0f - p->f0[c][i]) * grazing[1][i]), left = part < BIG ? part : BIG;
-            const float lit = facing[i] > 0.0f ? kept : 0.0f;
-            gloss->open[c][i] += visible[i] ? lit : 0.0f;
-            gloss->hidden[c][i] += visible[i] ? 0.0f : lit;
-            gloss->whole[c][i] += facing[i] > 0.0f ? left : 0.0f;
+            const float w = facing[i] / ((float) num_points * clipped[i]) * a->falloff[i] * a->intensity[c][i] * p->tint[c][i];
+            const float add = w * (p->f0[c][i] * f0_sum[0][i] + (1.0f - p->f0[c][i]) * f90_sum[0][i]), limited = add < BIG ? add : BIG;
+            const float part = w * (p->f0[c][i] * f0_sum[1][i] + (1.0f - p->f0[c][i]) * f90_sum[1][i]),
+                        limited_part = part < BIG ? part : BIG;
+            const float lit = facing[i] > 0.0f ? limited : 0.0f;
+            gloss->visible[c][i] += visible[i] ? lit : 0.0f;
+            gloss->occluded[c][i] += visible[i] ? 0.0f : lit;
+            gloss->unshadowed[c][i] += facing[i] > 0.0f ? limited_part : 0.0f;
         }
 }
 
@@ -188,7 +189,7 @@ static void mirror(const struct pell_light_data *restrict light, const struct pe
 {
     const float power[3] = { light->power.x, light->power.y, light->power.z };
     const float per = (float) light->samples / (face_area(light) * (float) count);
-    _Alignas(64) float even[N] = { 0 }, grazing[N] = { 0 }, none[N] = { 0 }, l[3][N], density[N], hit[N], shape[N], fresnel[N];
+    _Alignas(64) float f0_sum[N] = { 0 }, f90_sum[N] = { 0 }, none[N] = { 0 }, l[3][N], density[N], hit[N], shape[N], fresnel[N];
 
     for (int j = 0; j < count; j++) {
         draw(p, first + (uint32_t) j, l);
@@ -199,15 +200,15 @@ static void mirror(const struct pell_light_data *restrict light, const struct pe
             const float gl = p->gx[i] * l[0][i] + p->gy[i] * l[1][i] + p->gz[i] * l[2][i];
             const float mu = nl > 1e-6f ? nl : 1e-6f,
                         w = hit[i] * shape[i] * pell_lane_facing(p, i, mu, gl) / (gloss->odds[i] + density[i]);
-            const float lit = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f ? w : 0.0f;
-            even[i] += lit;
-            grazing[i] += lit * fresnel[i];
+            const float weight = gloss->odds[i] > 0.0f && nl > 0.0f && pell_lane_fronts(p, i, gl) && w > 0.0f ? w : 0.0f;
+            f0_sum[i] += weight;
+            f90_sum[i] += weight * fresnel[i];
         }
     }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float add = power[c] * per * p->tint[c][i] * (p->f0[c][i] * even[i] + (1.0f - p->f0[c][i]) * grazing[i]);
-            gloss->whole[c][i] += add < BIG ? add : BIG;
+            const float add = power[c] * per * p->tint[c][i] * (p->f0[c][i] * f0_sum[i] + (1.0f - p->f0[c][i]) * f90_sum[i]);
+            gloss->unshadowed[c][i] += add < BIG ? add : BIG;
         }
 }
 
@@ -238,12 +239,13 @@ void PELL_SIMD(pell_end_highlights)(const struct pell_light_data *light, const s
         mirror(light, p, sample * (uint32_t) count, count, gloss);
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
-            const float open = gloss->open[c][i], found = open + gloss->hidden[c][i], all = gloss->all[i] > 0.0f ? gloss->all[i] : 1.0f;
-            const float seen = found > 0.0f ? open / found : gloss->seen[i] / all,
-                        kept = gloss->odds[i] > 0.0f ? seen * gloss->whole[c][i] : open;
-            sums->specular[c][i] += kept;
+            const float visible = gloss->visible[c][i], found = visible + gloss->occluded[c][i],
+                        all = gloss->all[i] > 0.0f ? gloss->all[i] : 1.0f;
+            const float seen = found > 0.0f ? visible / found : gloss->seen[i] / all,
+                        reflected = gloss->odds[i] > 0.0f ? seen * gloss->unshadowed[c][i] : visible;
+            sums->specular[c][i] += reflected;
             sums->hidden[c][i] += !pell_light_has_face(light) ? 0.0f
-                                  : gloss->odds[i] > 0.0f     ? gloss->whole[c][i] - kept
-                                                              : gloss->hidden[c][i];
+                                  : gloss->odds[i] > 0.0f     ? gloss->unshadowed[c][i] - reflected
+                                                              : gloss->occluded[c][i];
         }
 }

@@ -13,7 +13,7 @@ struct Gloss {
 // The highlight of one light: by visible and by occluded points on the light; by points and directions of the lobe together, without
 // occlusion. Number of visible points, and of points that face the surface.
 struct Shine {
-    vec3 open, hidden, whole;
+    vec3 visible, occluded, unshadowed;
     float odds; // pell_gloss_odds
     int seen, all;
 };
@@ -67,17 +67,17 @@ Shine begin_highlight(pell_light_data light, Point p)
 }
 
 // Evaluates a sample's cell at more points than its shadow ray.
-void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine shine)
+void add_highlight(pell_light_data light, Point p, Aim a, bool visible, inout Shine shine)
 {
-    const int places = is_flat(light) ? PELL_GLOSS_POINTS : 1;
+    const int num_points = is_flat(light) ? PELL_GLOSS_POINTS : 1;
     const float mu = max(a.nl, 1e-6), facing = facing_at(p, a.gl, mu);
     const float spread = shine.odds > 0.0 ? 0.0 : a.spread * (1.0 / float(PELL_GLOSS_POINTS));
     const Gloss gloss = gloss_of(p);
-    vec2 all = vec2(0.0), part = vec2(0.0); // even, grazing
+    vec2 all = vec2(0.0), part = vec2(0.0); // factors of f0 and of 1 - f0
 
-    if (!(facing > 0.0) || !(open || is_flat(light)))
+    if (!(facing > 0.0) || !(visible || is_flat(light)))
         return;
-    for (int j = 0; j < places; j++) {
+    for (int j = 0; j < num_points; j++) {
         vec3 l = a.direction;
         float cosine = mu;
         if (j > 0) {
@@ -93,13 +93,13 @@ void add_highlight(pell_light_data light, Point p, Aim a, bool open, inout Shine
             part += shine.odds > 0.0 ? add * (shine.odds / (shine.odds + lobe.z)) : add;
         }
     }
-    const vec3 w = facing / (float(places) * mu) * a.falloff * a.intensity * gloss.tint;
+    const vec3 w = facing / (float(num_points) * mu) * a.falloff * a.intensity * gloss.tint;
     const vec3 lit = min(w * (gloss.f0 * all.x + (1.0 - gloss.f0) * all.y), vec3(BIG));
     shine.all++;
-    shine.seen += open ? 1 : 0;
-    shine.open += open ? lit : vec3(0.0);
-    shine.hidden += open ? vec3(0.0) : lit;
-    shine.whole += min(w * (gloss.f0 * part.x + (1.0 - gloss.f0) * part.y), vec3(BIG));
+    shine.seen += visible ? 1 : 0;
+    shine.visible += visible ? lit : vec3(0.0);
+    shine.occluded += visible ? vec3(0.0) : lit;
+    shine.unshadowed += min(w * (gloss.f0 * part.x + (1.0 - gloss.f0) * part.y), vec3(BIG));
 }
 
 // Visibility of the light in a direction: the window of its range, 0 outside the light's area and behind it.
@@ -123,7 +123,7 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
     const vec3 aslant = gloss.view - dot(n, gloss.view) * n;
     const float square = dot(aslant, aslant);
     vec3 t, b;
-    vec2 sum = vec2(0.0); // even, grazing
+    vec2 sum = vec2(0.0); // factors of f0 and of 1 - f0
 
     basis_of(n, t, b);
     if (square > 1e-8) { // relative to the plane of incidence, so that a rotated scene has the same directions
@@ -151,13 +151,13 @@ vec3 mirrored(pell_light_data light, Point p, float odds)
 void end_highlight(pell_light_data light, Point p, Shine shine, inout vec3 specular, inout vec3 hidden)
 {
     if (shine.odds > 0.0) {
-        const vec3 whole = shine.whole + mirrored(light, p, shine.odds), found = shine.open + shine.hidden;
-        const float some = float(shine.seen) / float(max(shine.all, 1));
-        const vec3 seen = mix(vec3(some), shine.open / max(found, vec3(1e-37)), greaterThan(found, vec3(0.0)));
-        specular += seen * whole;
-        hidden += whole - seen * whole;
+        const vec3 unshadowed = shine.unshadowed + mirrored(light, p, shine.odds), found = shine.visible + shine.occluded;
+        const float fraction = float(shine.seen) / float(max(shine.all, 1));
+        const vec3 seen = mix(vec3(fraction), shine.visible / max(found, vec3(1e-37)), greaterThan(found, vec3(0.0)));
+        specular += seen * unshadowed;
+        hidden += unshadowed - seen * unshadowed;
     } else {
-        specular += shine.open;
-        hidden += is_flat(light) ? shine.hidden : vec3(0.0);
+        specular += shine.visible;
+        hidden += is_flat(light) ? shine.occluded : vec3(0.0);
     }
 }

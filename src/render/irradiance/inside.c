@@ -22,7 +22,7 @@ void pell_find_points(const struct job *job, struct packet *k)
     }
 }
 
-/* Adds forward-scattered light toward the camera, and marks the lanes that look for forward-scattered light from nearby. */
+/* Adds forward-scattered light toward the camera, and marks the lanes that search for forward-scattered light from nearby. */
 static void add_beams(const struct job *job, const struct pell_indirect_insides *q, struct packet *k, struct pell_inside *inside)
 {
     const struct pell_lanes *l = &k->lanes;
@@ -64,7 +64,7 @@ void pell_prepare_inside(const struct job *job, struct packet *k, struct pell_ga
     if (job->p->through) {
         struct pell_indirect_insides found;
         for (int i = 0; i < PELL_LANES; i++)
-            translucent[i] = k->behind ? 0 : translucent[i];
+            translucent[i] = k->far_side ? 0 : translucent[i];
         pell_indirect_lookup16(job->p->through, &k->points, translucent, &found);
         job->inside->apply_solids(job->p, &found, job->entering, &k->lanes, gains, inside, k->straight);
         if (found.beams && !job->entering)

@@ -38,7 +38,7 @@ static void apply_curvature(const struct pell_irradiance_params *p, const struct
             const float kept = gains->single[c][i] * e->local[c][i] / e->gain[c][i];
             gains->single[c][i] = e->gain[c][i] > 0.0f ? kept : gains->single[c][i];
         }
-    for (int c = 0; c < 3 && p->whole; c++)
+    for (int c = 0; c < 3 && p->whole_solid; c++)
         for (int i = 0; i < N; i++)
             gains->single[c][i] *= e->returned[c][i];
 }
@@ -50,7 +50,7 @@ static void replace_gains(const struct pell_irradiance_params *p, const float *r
     if (p->between)
         for (int i = 0; i < N; i++)
             all[i] += sum_weight[i] * (between[i] - all[i]);
-    if (!p->whole)
+    if (!p->whole_solid)
         for (int i = 0; i < N; i++)
             all[i] = gain[i] + (1.0f - solved[i]) * all[i];
 }

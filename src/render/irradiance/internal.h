@@ -47,7 +47,7 @@ struct packet {
     int64_t cached_material;                 /* material whose values all lanes hold; -1: none */
     bool single;                             /* all lanes have one material */
     bool textured;                           /* some lane's texture may colour entering light */
-    bool behind;                             /* for the far sides of thin sheets */
+    bool far_side;                           /* for the far sides of thin sheets */
     bool lit_by_device;                      /* the device computed direct light, */
     bool passed;                             /* and transmission */
     uint32_t slot;                           /* slot of the first lane there */
@@ -72,7 +72,7 @@ static inline bool pell_any_environment(const struct job *job)
 /* Whether highlights are required. */
 static inline bool shows_highlights(const struct job *job, const struct packet *k)
 {
-    return !job->entering && !k->behind;
+    return !job->entering && !k->far_side;
 }
 
 static inline float max0(float x)
@@ -126,7 +126,7 @@ void pell_read_environment(const struct job *job, struct packet *k, size_t e, st
 void pell_read_transmitted(const struct job *job, struct packet *k);
 /* Reads the exit of lane i's inward ray: the transmitted fraction of the environments' smooth part at that normal, and the distance m in
  * mm. Returns false if there is none. */
-bool pell_read_exit(const struct job *job, const struct packet *k, int i, float share[3], float *m, struct pell_vec3 *normal);
+bool pell_read_exit(const struct job *job, const struct packet *k, int i, float fraction[3], float *m, struct pell_vec3 *normal);
 
 /* --- shadow.c -------------------------------------------------------------------------------------------------------------------- */
 
@@ -139,7 +139,7 @@ bool pell_query_light_grid(const struct pell_light_source *source, struct packet
                            const float *z, int32_t *visible);
 /* Fraction of unoccluded cosine-distributed directions about the normal. */
 void pell_ambient_visibility(const struct job *job, struct packet *k, const int32_t *mask, uint32_t salt, struct pell_sky *sky,
-                             float share[PELL_LANES]);
+                             float fraction[PELL_LANES]);
 
 /* --- transmission.c -------------------------------------------------------------------------------------------------------------- */
 

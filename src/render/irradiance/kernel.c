@@ -44,8 +44,8 @@ static void aim_around(const struct pell_light_data *restrict light, const struc
     const struct pell_vec4 d = light->direction, right = light->right, up = light->up;
 
     for (int i = 0; i < N; i++) {
-        const float x = 2.0f * pell_unit_float(u0 ^ (p->pattern[0][i] & p->apart)) - 1.0f;
-        const float y = 2.0f * pell_unit_float(u1 ^ (p->pattern[1][i] & p->apart)) - 1.0f;
+        const float x = 2.0f * pell_unit_float(u0 ^ (p->pattern[0][i] & p->pattern_mask)) - 1.0f;
+        const float y = 2.0f * pell_unit_float(u1 ^ (p->pattern[1][i] & p->pattern_mask)) - 1.0f;
         const float lx = d.x + x * right.x + y * up.x, ly = d.y + x * right.y + y * up.y, lz = d.z + x * right.z + y * up.z;
         const float inverse = 1.0f / sqrtf(lx * lx + ly * ly + lz * lz);
         a->lx[i] = -lx * inverse;
@@ -132,7 +132,7 @@ static void place_wide_samples(const struct pell_light_data *light, const struct
     const float half[2] = { vec3_length(vec3(light->right.x, light->right.y, light->right.z)),
                             vec3_length(vec3(light->up.x, light->up.y, light->up.z)) };
     const bool disc = light->type == PELL_LIGHT_DATA_DISC;
-    const float share = light->power.w / ((disc ? PELL_PI_F : 4.0f) * half[0] * half[1]); /* 1/samples */
+    const float inverse_samples = light->power.w / ((disc ? PELL_PI_F : 4.0f) * half[0] * half[1]);
 
     for (int i = 0; i < N; i++) {
         const struct pell_vec3 to = vec3(light->position.x - p->px[i], light->position.y - p->py[i], light->position.z - p->pz[i]);
@@ -145,7 +145,7 @@ static void place_wide_samples(const struct pell_light_data *light, const struct
         at = pell_wide_sample(w, pell_unit_float(a->at[0][i]), pell_unit_float(a->at[1][i]));
         x = at.x;
         y = at.y;
-        wide[i] = disc && x * x + y * y > 1.0f ? -1.0f : w.angle * share;
+        wide[i] = disc && x * x + y * y > 1.0f ? -1.0f : w.angle * inverse_samples;
         a->at[0][i] = (uint32_t) (fminf(0.5f + 0.5f * x, 0.9999999f) * 4294967296.0f);
         a->at[1][i] = (uint32_t) (fminf(0.5f + 0.5f * y, 0.9999999f) * 4294967296.0f);
         a->sx[i] = light->position.x + x * light->right.x + y * light->up.x;
@@ -274,8 +274,8 @@ static void add_single(const struct pell_lanes *restrict p, const struct pell_ai
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < N; i++) {
             const float radiance = pell_single_radiance(p->single_albedo[c][i], p->single_g[c][i], turn[i], in[i], out[i]);
-            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i] * radiance, kept = add < BIG ? add : BIG;
-            sums->single[c][i] += facing[i] > 0.0f && p->single_albedo[c][i] > 0.0f ? kept : 0.0f;
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * facing[i] * radiance, limited = add < BIG ? add : BIG;
+            sums->single[c][i] += facing[i] > 0.0f && p->single_albedo[c][i] > 0.0f ? limited : 0.0f;
         }
 }
 
@@ -295,8 +295,8 @@ static void add_direction(const struct pell_lanes *restrict p, const struct pell
             enters[i] += add < BIG ? add : BIG;
         }
     for (int i = 0; i < N; i++) {
-        const float nl = a->nl[i] > 0.0f ? a->nl[i] : 0.0f, rest = 1.0f - (1.0f - nl * nl) * p->inverse_eta2[i];
-        const float inverse_eta = sqrtf(p->inverse_eta2[i]), deep = nl * inverse_eta - sqrtf(rest > 0.0f ? rest : 0.0f);
+        const float nl = a->nl[i] > 0.0f ? a->nl[i] : 0.0f, cos2_t = 1.0f - (1.0f - nl * nl) * p->inverse_eta2[i];
+        const float inverse_eta = sqrtf(p->inverse_eta2[i]), deep = nl * inverse_eta - sqrtf(cos2_t > 0.0f ? cos2_t : 0.0f);
         sums->direction_in[0][i] += enters[i] * (deep * p->nx[i] - inverse_eta * a->lx[i]);
         sums->direction_in[1][i] += enters[i] * (deep * p->ny[i] - inverse_eta * a->ly[i]);
         sums->direction_in[2][i] += enters[i] * (deep * p->nz[i] - inverse_eta * a->lz[i]);
@@ -333,9 +333,9 @@ static void front(const struct pell_light_data *light, const struct pell_shade_t
         for (int i = 0; i < N; i++) {
             const float factor = p->enter_base[c][i] + p->enter_slope[c][i] * off[i];
             const float bent = clear[i] + p->shift[c][i] * (1.0f - 3.0f * mu[i] * mu[i]), enters = bent > 0.0f ? bent : 0.0f;
-            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, kept = add < BIG ? add : BIG;
-            sums->irradiance[c][i] += facing[i] > 0.0f ? kept : 0.0f;
-            sums->lost[c][i] += faced && clear[i] > facing[i] ? kept : 0.0f;
+            const float add = a->intensity[c][i] * a->falloff[i] * transmitted[i] * factor * enters, limited = add < BIG ? add : BIG;
+            sums->irradiance[c][i] += facing[i] > 0.0f ? limited : 0.0f;
+            sums->lost[c][i] += faced && clear[i] > facing[i] ? limited : 0.0f;
         }
     if (pell_light_in_table(light))
         add_unshadowed(a, transmitted, sums);
@@ -485,14 +485,14 @@ static void load_uniform(const struct pell_material *m, struct pell_lanes *restr
 }
 
 /* The same for individual lanes. */
-static void load_uniform_lanes(const struct pell_material *const *some, float base[3][N], float *restrict metallic,
+static void load_uniform_lanes(const struct pell_material *const *uniform, float base[3][N], float *restrict metallic,
                                struct pell_lanes *restrict p)
 {
-    for (int i = 0; some && i < N; i++) {
+    for (int i = 0; uniform && i < N; i++) {
         struct pell_surface_uniform e;
-        if (!some[i])
+        if (!uniform[i])
             continue;
-        e = pell_surface_uniform(some[i]);
+        e = pell_surface_uniform(uniform[i]);
         metallic[i] = 0.0f;
         p->roughness[i] = e.roughness;
         for (int c = 0; c < 3; c++) {
@@ -540,7 +540,7 @@ static void load(const struct pell_lane_input *input, const int32_t *index, cons
             gather(s->base[c], index, rows, base[c]);
             gather(s->specular[c], index, rows, p->tint[c]);
         }
-        load_uniform_lanes(input->some, base, metallic, p);
+        load_uniform_lanes(input->uniform, base, metallic, p);
         load_material((const float(*)[N]) base, metallic, p);
     }
     if (input->position)
@@ -579,28 +579,28 @@ static inline void scatter(const float *restrict in, const int32_t *restrict ind
 static void store_direction(const struct pell_lanes *restrict p, const struct pell_sums *restrict sums, const int32_t *restrict index,
                             int count, ptrdiff_t rows, struct pell_lighting *out)
 {
-    _Alignas(64) float inward[N], whole[N], direction[N], part[N], diffuse[N];
+    _Alignas(64) float inward[N], inverse_sum[N], direction[N], scaled[N], diffuse[N];
 
     for (int i = 0; i < N; i++) {
         float all = 0.0f;
         for (int c = 0; c < 3; c++)
             all += sums->irradiance[c][i] - sums->shifted[c][i] - sums->single_surplus[c][i];
-        whole[i] = all > TINY ? 1.0f / all : 0.0f;
-        diffuse[i] = all > sums->known[i] ? (all - sums->known[i]) * whole[i] : 0.0f;
+        inverse_sum[i] = all > TINY ? 1.0f / all : 0.0f;
+        diffuse[i] = all > sums->known[i] ? (all - sums->known[i]) * inverse_sum[i] : 0.0f;
         inward[i] = diffuse[i] * pell_mean_refracted(p->inverse_eta2[i]);
     }
     scatter(diffuse, index, count, rows, out->diffuse);
     for (int c = 0; c < 3; c++) {
         const float *normal = c == 0 ? p->nx : c == 1 ? p->ny : p->nz;
         for (int i = 0; i < N; i++)
-            direction[i] = sums->direction_in[c][i] * whole[i] - inward[i] * normal[i];
+            direction[i] = sums->direction_in[c][i] * inverse_sum[i] - inward[i] * normal[i];
         scatter(direction, index, count, rows, out->direction_in[c]);
         for (int i = 0; i < N; i++)
-            part[i] = sums->shifted[c][i] * p->albedo[c][i];
-        scatter(part, index, count, rows, out->shifted[c]);
+            scaled[i] = sums->shifted[c][i] * p->albedo[c][i];
+        scatter(scaled, index, count, rows, out->shifted[c]);
         for (int i = 0; i < N; i++)
-            part[i] = sums->single_surplus[c][i] * p->albedo[c][i];
-        scatter(part, index, count, rows, out->single_surplus[c]);
+            scaled[i] = sums->single_surplus[c][i] * p->albedo[c][i];
+        scatter(scaled, index, count, rows, out->single_surplus[c]);
     }
 }
 
@@ -608,19 +608,19 @@ static void store(const struct pell_shade_tables *t, const struct pell_lanes *re
                   const int32_t *restrict index, int count, struct pell_lighting *out)
 {
     const ptrdiff_t rows = count == N ? row_stride(index) : 0;
-    _Alignas(64) float irradiance[N], transmitted[N], single[N], lost[N], path[N], leaves[N] = { 0 };
+    _Alignas(64) float irradiance[N], transmitted[N], single[N], lost[N], path[N], exit_transmittance[N] = { 0 };
 
     if (p->any_single) {
-        transmittance(t, p, p->nv, leaves);
+        transmittance(t, p, p->nv, exit_transmittance);
         for (int i = 0; i < N; i++)
-            leaves[i] *= p->single_eta2[i];
+            exit_transmittance[i] *= p->single_eta2[i];
     }
     for (int c = 0; c < 3; c++) {
         const float *through = p->any_thin ? p->through[c] : p->albedo[c];
         for (int i = 0; i < N; i++) {
             irradiance[i] = sums->irradiance[c][i] * p->albedo[c][i];
             transmitted[i] = sums->transmitted[c][i] * through[i];
-            single[i] = sums->single[c][i] * leaves[i];
+            single[i] = sums->single[c][i] * exit_transmittance[i];
         }
         scatter(irradiance, index, count, rows, out->irradiance[c]);
         scatter(transmitted, index, count, rows, out->transmitted[c]);

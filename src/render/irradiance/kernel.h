@@ -11,8 +11,8 @@
 #include "render/irradiance/stage.h"
 #include "visibility/rays.h"
 
-/* Threshold, in epsilon, from which a terminator offset counts: above the rounding error of a flat surface. With a whole epsilon, points
- * next to an edge, where the smooth surface meets the triangle, would be dark: hairlines along edges. */
+/* Threshold, in epsilon, from which a terminator offset is used: above the rounding error of a flat surface. With a whole epsilon, points
+ * next to an edge, where the smooth surface touches the triangle, would be dark: hairlines along edges. */
 #define TERMINATOR_LIFTED (1.0f / 64.0f)
 
 struct pell_lanes {
@@ -51,10 +51,10 @@ struct pell_lanes {
     float pass[3][16];
     float single_eta2[16], single_albedo[3][16], single_g[3][16]; /* see render/single.h */
     int any_smooth, any_deep, any_thin, any_single;
-    int any_direction; /* directions of the entering light are required */
-    int light_bits;    /* bits of a light's sample count per frame */
-    uint32_t apart;    /* mask of `pattern` that decorrelates samples of an environment's lights between pixels (pell_lights.together) */
-    unsigned models;   /* bit 1 << model for each model in use */
+    int any_direction;     /* directions of the entering light are required */
+    int light_bits;        /* bits of a light's sample count per frame */
+    uint32_t pattern_mask; /* of `pattern`, to decorrelate samples of an environment's lights between pixels (pell_lights.together) */
+    unsigned models;       /* bit 1 << model for each model in use */
 };
 
 /* One sample of one light, as seen from each lane. */
@@ -81,7 +81,7 @@ struct pell_lane_input {
     /* Points in space, mm: lane i is at position[k][index[i]] and viewed along its geometric normal; `depth` is then the largest
      * coordinate that it was computed from. NULL: positions follow from the view and the depth */
     const float *const *position;
-    const struct pell_material *const *some; /* otherwise: material of each untextured lane, whose planes are undefined; NULL: none */
+    const struct pell_material *const *uniform; /* otherwise: material of each untextured lane, whose planes are undefined; NULL: none */
 };
 
 /* Lane i uses the run of 2^bits elements of the sequence that its pixel's index on the curve selects, starting at a random one. The
@@ -122,10 +122,10 @@ static inline bool pell_light_in_table(const struct pell_light_data *light)
 
 /* Samples of the highlight of one light. */
 struct pell_gloss {
-    _Alignas(64) float open[3][16], hidden[3][16]; /* by points of the light that are visible, and that are occluded */
-    float whole[3][16];                            /* by points and directions of the lobe, without occlusion */
-    float odds[16];                                /* pell_gloss_odds */
-    float seen[16], all[16];                       /* number of visible points; of those that face the surface */
+    _Alignas(64) float visible[3][16], occluded[3][16]; /* by points of the light that are visible, and that are occluded */
+    float unshadowed[3][16];                            /* by points and directions of the lobe, without occlusion */
+    float odds[16];                                     /* pell_gloss_odds */
+    float seen[16], all[16];                            /* number of visible points; of those that face the surface */
 };
 
 /* Tables as flat arrays, for gathers. */

@@ -9,7 +9,7 @@
 struct material_values {
     int32_t albedo_at, boundary_at, smooth, model, opaque, deep, clear;
     const struct pell_angle *angle;
-    const struct pell_separate_single *apart;
+    const struct pell_separate_single *separate;
     float fd;
     bool textured;
 };
@@ -29,7 +29,7 @@ static struct material_values values_of(const struct job *job, size_t material)
         .deep = -(int32_t) (thickness && thickness->max_mm > 0.0f),
         .clear = -(int32_t) (job->p->through && pell_indirect_forward(job->p->through, material)),
         .angle = job->p->angle && !m->opaque ? &job->p->angle[material] : NULL,
-        .apart = job->p->apart && !m->opaque ? &job->p->apart[material] : NULL,
+        .separate = job->p->separate && !m->opaque ? &job->p->separate[material] : NULL,
         .fd = t->boundaries[t->boundary[material]].f0,
         .textured = !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE,
     };
@@ -48,12 +48,12 @@ static void set_angle(struct pell_lanes *l, int i, const struct pell_angle *angl
     }
 }
 
-static void set_single(struct pell_lanes *l, int i, const struct pell_separate_single *apart)
+static void set_single(struct pell_lanes *l, int i, const struct pell_separate_single *separate)
 {
-    l->single_eta2[i] = apart ? apart->inverse_eta2 : 0.0f;
+    l->single_eta2[i] = separate ? separate->inverse_eta2 : 0.0f;
     for (int c = 0; c < 3; c++) {
-        l->single_albedo[c][i] = apart ? apart->albedo[c] : 0.0f;
-        l->single_g[c][i] = apart ? apart->g[c] : 0.0f;
+        l->single_albedo[c][i] = separate ? separate->albedo[c] : 0.0f;
+        l->single_g[c][i] = separate ? separate->g[c] : 0.0f;
         l->any_single |= l->single_albedo[c][i] > 0.0f;
     }
 }
@@ -92,7 +92,7 @@ static void set_materials(const struct job *job, struct packet *k)
         l->models |= 1u << t.model;
         l->any_deep |= t.deep;
         set_angle(l, i, t.angle, !job->entering);
-        set_single(l, i, t.apart);
+        set_single(l, i, t.separate);
     }
 }
 
@@ -156,10 +156,10 @@ void pell_load_packet(const struct job *job, struct packet *k, const int32_t *x,
             const struct pell_material *m = &job->p->scene->materials[k->material[i]];
             uniform[i] = pell_surface_is_plain(m) ? m : NULL;
         }
-        input.some = uniform;
+        input.uniform = uniform;
     }
     job->kernels->load(&input, k->index, x, y, &k->lanes, &k->sums);
-    k->lanes.apart = job->entering ? UINT32_MAX : ~job->lights->together; /* points that are not pixels have other sample counts */
+    k->lanes.pattern_mask = job->entering ? UINT32_MAX : ~job->lights->together; /* points that are not pixels have other sample counts */
     color_entering(job, k);
     split_sheets(job, k);
     if (s->any_emissive)
@@ -172,7 +172,7 @@ void pell_turn_packet(struct packet *k)
 {
     struct pell_lanes *l = &k->lanes;
 
-    k->behind = true;
+    k->far_side = true;
     for (int i = 0; i < PELL_LANES; i++) {
         l->valid[i] &= l->thin[i];
         l->terminator_offset[i] = 0.0f;

@@ -10,7 +10,7 @@ static void make(const struct pell_lanes *restrict p, int pattern_bits, uint32_t
 {
     for (int i = 0; i < N; i++) {
         pell_lane_pattern(p, i, pattern_bits, salt, s->pattern[0] + i, s->pattern[1] + i);
-        s->part[i] = pell_sky_part(s->pattern[0][i], s->pattern[1][i], s->bits);
+        s->cell[i] = pell_sky_part(s->pattern[0][i], s->pattern[1][i], s->bits);
     }
     for (int i = 0; i < N; i++) { /* vec3_basis */
         const float x = s->normal[0][i], y = s->normal[1][i], z = s->normal[2][i];
@@ -24,13 +24,14 @@ static void make(const struct pell_lanes *restrict p, int pattern_bits, uint32_t
     }
 }
 
-static void rays(const struct pell_sky *restrict s, const uint32_t number[2][1 << PELL_SKY_BITS], uint32_t j, struct pell_ray16 *restrict r)
+static void rays(const struct pell_sky *restrict s, const uint32_t sequence[2][1 << PELL_SKY_BITS], uint32_t j,
+                 struct pell_ray16 *restrict r)
 {
     _Alignas(64) uint32_t u[N], v[N];
 
     for (int i = 0; i < N; i++) {
-        u[i] = number[0][j ^ s->part[i]] ^ s->pattern[0][i];
-        v[i] = number[1][j ^ s->part[i]] ^ s->pattern[1][i];
+        u[i] = sequence[0][j ^ s->cell[i]] ^ s->pattern[0][i];
+        v[i] = sequence[1][j ^ s->cell[i]] ^ s->pattern[1][i];
     }
     for (int i = 0; i < N; i++) {
         float x, y, z;

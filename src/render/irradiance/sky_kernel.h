@@ -13,7 +13,7 @@
 struct pell_sky {
     _Alignas(64) float origin[3][16], normal[3][16]; /* set by the caller */
     float right[3][16], up[3][16];
-    uint32_t pattern[2][16], part[16]; /* part: cell of the pattern */
+    uint32_t pattern[2][16], cell[16]; /* cell: that of the pattern */
     int bits;                          /* the caller's */
 };
 
@@ -26,8 +26,8 @@ static inline uint32_t pell_sky_part(uint32_t u, uint32_t v, int bits)
 struct pell_sky_kernels {
     /* Sets the members that the caller does not; `pattern_bits`, `salt`: for pell_lane_pattern. */
     void (*make)(const struct pell_lanes *lanes, int pattern_bits, uint32_t salt, struct pell_sky *sky);
-    /* Makes the j-th rays; number[k][part]: the elements of the sequence in each cell of the square. */
-    void (*rays)(const struct pell_sky *sky, const uint32_t number[2][1 << PELL_SKY_BITS], uint32_t j, struct pell_ray16 *rays);
+    /* Makes the j-th rays; sequence[k][cell]: the elements of the sequence in each cell of the square. */
+    void (*rays)(const struct pell_sky *sky, const uint32_t sequence[2][1 << PELL_SKY_BITS], uint32_t j, struct pell_ray16 *rays);
 };
 
 PELL_SIMD_TABLES(struct pell_sky_kernels, pell_sky_kernels);

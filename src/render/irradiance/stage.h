@@ -28,7 +28,7 @@ struct pell_lighting {
     float *path;              /* path length and fraction of the part of `transmitted` that went straight through the solid:
                             * pell_spread_pack(). May be NULL */
     float *specular[3];       /* W/(m^2 sr), including emission */
-    float *single[3];         /* W/(m^2 sr), single scattering; written with `apart` */
+    float *single[3];         /* W/(m^2 sr), single scattering; written with `separate` */
     float *hidden[3];         /* W/(m^2 sr), with `shared`: highlights of area lights that shadows removed; -1 where the surface emits; */
     float *lost[3];           /* W/m^2: the same for `irradiance` of opaque surfaces; for other surfaces methods blur it anyway */
     float *shifted[3];        /* W/m^2, with `directions`: part of the entering light that the shift of curvature/stage.h moved there, */
@@ -52,7 +52,7 @@ struct pell_irradiance_params {
     const struct pell_specular_tables *tables;           /* from pell_specular_tables_create */
     const struct pell_thickness_table *const *thickness; /* per scene material, entries may be NULL; NULL: no transmission */
     const struct pell_angle *angle;                      /* per scene material; NULL: no factors */
-    const struct pell_separate_single *apart;            /* per scene material; NULL: the profile includes single scattering */
+    const struct pell_separate_single *separate;         /* per scene material; NULL: the profile includes single scattering */
     float mix;                                           /* the plan's; negative: each material's own */
     const float *ambient;                                /* for pell_irradiance_points: visibility of the environment's smooth part at
                                                           * the points; NULL: found by rays */
@@ -66,7 +66,7 @@ struct pell_irradiance_params {
     bool flat;                                           /* no scaling by curvature */
     const struct pell_indirect *indirect;                /* indirect light (indirect/stage.h); requires the surface's hits. NULL: none */
     const struct pell_indirect *through;                 /* light inside solids, which replaces straight transmission. NULL: none */
-    bool whole;                                          /* `through` scales the method's result instead of the entering light */
+    bool whole_solid;                                    /* `through` scales the method's result instead of the entering light */
     bool passed;                                         /* the method adds transmission through thin parts: indirect light is
                                                           * transmitted, too */
     bool between;                                        /* with `local`: `through` includes transport between faces */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * transmission.c - transmission through thin parts: for a point C that a light is behind of, a ray from just inside C toward the light
+ * transmission.c - transmission through thin parts: for a light behind a point C, a ray from just inside C toward the light
  * leaves the solid at A, m = |A - C|. The thickness is
  *
  *     d = lerp(m, m cos, max(0, -n_A.n_C)),   cos = -n_C.l     (held over half of -ng.l: a normal map can't make a slab thin)
@@ -26,8 +26,8 @@
 #include <float.h>
 #include <string.h>
 
-#define STEPS 5           /* surfaces that a ray may cross on its way out: two shells of the same object inside it */
-#define LEAST_FACING 0.2f /* cosine between a path through the solid and the normals at its ends */
+#define STEPS 5         /* surfaces that a ray may cross on its way out: two shells of the same object inside it */
+#define MIN_FACING 0.2f /* cosine between a path through the solid and the normals at its ends */
 
 /* Exit points of rays inside a solid. */
 struct exits {
@@ -106,36 +106,36 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
 {
     const bool coherent = !source || source->samples == 1; /* samples of a large light diverge */
     const struct pell_scene *scene = job->p->scene;
-    _Alignas(64) int32_t open[PELL_LANES], inner[PELL_LANES], known[PELL_LANES] = { 0 };
+    _Alignas(64) int32_t active[PELL_LANES], inner[PELL_LANES], known[PELL_LANES] = { 0 };
     float limit[PELL_LANES];
     int object[PELL_LANES];
 
     memcpy(limit, r->ray.tfar, sizeof(limit));
     memset(out->found, 0, sizeof(out->found));
-    memcpy(open, mask, sizeof(open));
+    memcpy(active, mask, sizeof(active));
     for (int step = 0; step < STEPS; step++) {
         int any = 0;
-        if (step > 0 || !source || !source->grid || !pell_light_grid_closest16(source->grid, open, r))
-            pell_rays_closest16(job->p->rays, open, coherent, r);
-        k->rays += count_lanes(open);
+        if (step > 0 || !source || !source->grid || !pell_light_grid_closest16(source->grid, active, r))
+            pell_rays_closest16(job->p->rays, active, coherent, r);
+        k->rays += count_lanes(active);
         for (int i = 0; i < PELL_LANES; i++) {
-            const bool hit = open[i] && r->hit.mesh[i] < scene->num_meshes;
+            const bool hit = active[i] && r->hit.mesh[i] < scene->num_meshes;
             const struct pell_mesh *mesh = hit ? &scene->meshes[r->hit.mesh[i]] : NULL;
             const struct pell_vec3 d = vec3(r->ray.dx[i], r->ray.dy[i], r->ray.dz[i]);
             struct pell_vec3 ng;
-            bool leaves;
+            bool is_exit;
             inner[i] = 0;
             if (!hit || scene->materials[mesh->material].opaque || !pell_lights_part(job->lights, mesh->object, (int) k->material[i]))
                 continue;
             ng = vec3_normalize(vec3(r->hit.ngx[i], r->hit.ngy[i], r->hit.ngz[i]));
-            leaves = vec3_dot(ng, d) > 0.0f;
-            if (leaves && depth[i] == 0) {
+            is_exit = vec3_dot(ng, d) > 0.0f;
+            if (is_exit && depth[i] == 0) {
                 out->found[i] = -1;
                 out->point[i] = vec3_mad(vec3(r->ray.ox[i], r->ray.oy[i], r->ray.oz[i]), r->ray.tfar[i], d);
                 out->geometric[i] = ng;
                 hit_surface(mesh, r->hit.triangle[i], r->hit.u[i], r->hit.v[i], ng, &out->normal[i], &out->terminator_offset[i]);
             } else {
-                depth[i] += !leaves ? 1 : depth[i] > 0 ? -1 : 0;
+                depth[i] += !is_exit ? 1 : depth[i] > 0 ? -1 : 0;
                 inner[i] = any = -1;
             }
         }
@@ -143,8 +143,8 @@ static void find_exits(const struct job *job, struct packet *k, const int32_t *m
             return;
         find_objects(job, k, inner, known, object);
         for (int i = 0; i < PELL_LANES; i++) {
-            open[i] = inner[i] && scene->meshes[r->hit.mesh[i]].object == object[i] ? -1 : 0;
-            if (open[i]) {
+            active[i] = inner[i] && scene->meshes[r->hit.mesh[i]].object == object[i] ? -1 : 0;
+            if (active[i]) {
                 r->ray.tnear[i] = r->ray.tfar[i] * (1.0f + 1e-5f) + 1e-20f;
                 r->ray.tfar[i] = limit[i];
             }
@@ -164,7 +164,7 @@ static void transmitted_fraction(const struct job *job, const struct packet *k, 
     const struct pell_indirect_forward *forward = beams ? k->forward_model[i] : NULL;
 
     for (int c = 0; c < 3; c++) {
-        const float rest = forward ? pell_forward_rest(&forward->model, c, max0(d), forward->separation[c]) : 1.0f;
+        const float rest = forward ? pell_forward_diffuse(&forward->model, c, max0(d), forward->separation[c]) : 1.0f;
         const float near = pell_lerp(t->value[j][c], rest * t->slab[j][c], opposed),
                     next = pell_lerp(t->value[j + 1][c], rest * t->slab[j + 1][c], opposed);
         rgb[c] = counted * pell_thickness_transmission(near, next, coord, PELL_THICKNESS_STEPS);
@@ -187,10 +187,10 @@ static float transmittance(const struct job *job, const struct pell_lanes *l, in
 static void add_transmitted(struct packet *k, int i, const float light[3], float d)
 {
     for (int c = 0; c < 3; c++) {
-        const float leaves = light[c] * pell_thickness_exit(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
-        k->sums.transmitted[c][i] += leaves;
-        k->sums.straight[i] += leaves;
-        k->sums.path[i] += d * k->flat[i] * leaves;
+        const float exiting = light[c] * pell_thickness_exit(k->lanes.pass_thick[c][i], d, k->lanes.pass[c][i]);
+        k->sums.transmitted[c][i] += exiting;
+        k->sums.straight[i] += exiting;
+        k->sums.path[i] += d * k->flat[i] * exiting;
     }
 }
 
@@ -267,7 +267,7 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
         return;
     trace_to_light(job, source, a, k, &exits, visible);
     for (int i = 0; i < PELL_LANES; i++) {
-        float share[3], m, d, w, same;
+        float light[3], m, d, w, same;
         if (!visible[i])
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
@@ -276,10 +276,10 @@ void pell_transmit_light(const struct job *job, const struct pell_light_source *
             continue;
         same = vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i]));
         d = pell_thickness_of(m, cosine[i], same);
-        transmitted_fraction(job, k, i, d, &exits.normal[i], same, true, share);
+        transmitted_fraction(job, k, i, d, &exits.normal[i], same, true, light);
         for (int c = 0; c < 3; c++)
-            share[c] = smaller(a->intensity[c][i] * w * share[c], 1e25f);
-        add_transmitted(k, i, share, d);
+            light[c] = smaller(a->intensity[c][i] * w * light[c], 1e25f);
+        add_transmitted(k, i, light, d);
     }
 }
 
@@ -289,7 +289,7 @@ static bool aim_between(struct packet *k, int i, struct pell_vec3 w, struct pell
 {
     const struct pell_lanes *l = &k->lanes;
     const struct pell_vec3 v = vec3_load(k->toward[i]), u = vec3_normalize(vec3_add(w, v)), g = vec3(l->gx[i], l->gy[i], l->gz[i]);
-    const bool is = vec3_dot(w, v) > 0.0f && vec3_dot(u, g) > LEAST_FACING;
+    const bool is = vec3_dot(w, v) > 0.0f && vec3_dot(u, g) > MIN_FACING;
 
     pell_ray16_set(&r->ray, i, origin_inside(l, i), vec3_mul(is ? u : g, -1.0f), is ? PELL_INDIRECT_BEYOND * k->spacing[i] : 0.0f);
     return is;
@@ -335,7 +335,7 @@ void pell_transmit_forward(const struct job *job, const struct pell_light_source
         m = vec3_length(path);
         near = 1.0f - pell_indirect_far_weight(m, k->spacing[i]);
         in = near * entering_light(job, source, a, k, &exits, i, m);
-        facing = larger(-vec3_dot(exits.normal[i], path) / larger(m, 1e-20f), LEAST_FACING);
+        facing = larger(-vec3_dot(exits.normal[i], path) / larger(m, 1e-20f), MIN_FACING);
         for (int c = 0; c < 3 && in > 0.0f; c++) {
             float cosine;
             const float left = pell_forward_broad(&forward->model, c, m, &cosine);
@@ -365,13 +365,13 @@ static void smooth_environment(const struct job *job, const struct packet *k, in
 }
 
 /* Adds the environments' smooth part to lane i: a fraction of the light that enters at the normal n, `m` mm away. */
-static void add_smooth_environment(const struct job *job, struct packet *k, int i, struct pell_vec3 n, const float share[3], float m)
+static void add_smooth_environment(const struct job *job, struct packet *k, int i, struct pell_vec3 n, const float fraction[3], float m)
 {
     for (size_t e = 0; e < job->lights->num_environments; e++) {
         float rest[3];
         smooth_environment(job, k, i, (int) e, n, rest);
         for (int c = 0; c < 3; c++)
-            rest[c] *= share[c];
+            rest[c] *= fraction[c];
         add_transmitted(k, i, rest, m);
     }
 }
@@ -414,14 +414,15 @@ void pell_transmit_environment(const struct job *job, struct packet *k)
     }
     pell_ambient_visibility(job, k, exits.found, PELL_BEYOND_SALT, &sky, visible);
     for (int i = 0; i < PELL_LANES; i++) {
-        float share[3], m;
+        float fraction[3], m;
         if (!exits.found[i] || !(visible[i] > 0.0f))
             continue;
         m = vec3_length(vec3_sub(exits.point[i], vec3(l->px[i], l->py[i], l->pz[i])));
-        transmitted_fraction(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), false, share);
+        transmitted_fraction(job, k, i, m, &exits.normal[i], vec3_dot(exits.normal[i], vec3(l->nx[i], l->ny[i], l->nz[i])), false,
+                             fraction);
         for (int c = 0; c < 3; c++)
-            share[c] *= visible[i];
-        add_smooth_environment(job, k, i, exits.normal[i], share, m);
+            fraction[c] *= visible[i];
+        add_smooth_environment(job, k, i, exits.normal[i], fraction, m);
     }
 }
 
@@ -429,8 +430,8 @@ void pell_read_environment_transmitted(const struct job *job, struct packet *k)
 {
     for (int i = 0; i < k->count; i++) {
         struct pell_vec3 normal;
-        float share[3], m;
-        if (pell_read_exit(job, k, i, share, &m, &normal))
-            add_smooth_environment(job, k, i, normal, share, m);
+        float fraction[3], m;
+        if (pell_read_exit(job, k, i, fraction, &m, &normal))
+            add_smooth_environment(job, k, i, normal, fraction, m);
     }
 }

@@ -48,7 +48,7 @@ vec3 normal_of(pell_lit_mesh mesh, uint corner)
 }
 
 // The interpolated normal, and the height of the smooth surface above the triangle.
-void look(Hit hit, inout Exit exit)
+void hit_surface(Hit hit, inout Exit exit)
 {
     const pell_lit_mesh mesh = meshes[hit.mesh];
     const vec3 w = vec3(1.0 - hit.u - hit.v, hit.u, hit.v);
@@ -108,7 +108,7 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
     const float limit = ray.far;
     int object = NO_OBJECT;
 
-    for (int turn = 0; turn < STEPS; turn++) {
+    for (int step = 0; step < STEPS; step++) {
         Hit hit;
         rays++;
         if (!trace_ray(ray, false, hit))
@@ -117,15 +117,15 @@ bool find_exit(Point p, Ray ray, int depth, inout uint rays, out Exit exit)
         if (materials[mesh.material].opaque != 0 || !is_part(mesh.object, int(p.material)))
             return false;
         const vec3 a = corner_of(hit, 0u), n = normalize(cross(corner_of(hit, 1u) - a, corner_of(hit, 2u) - a));
-        const bool leaves = dot(n, ray.direction) > 0.0;
-        if (leaves && depth == 0) {
+        const bool is_exit = dot(n, ray.direction) > 0.0;
+        if (is_exit && depth == 0) {
             exit.position = ray.origin + hit.t * ray.direction;
             exit.geometric = n;
-            look(hit, exit);
+            hit_surface(hit, exit);
             return true;
         }
-        depth += !leaves ? 1 : depth > 0 ? -1 : 0;
-        if (turn == 0)
+        depth += !is_exit ? 1 : depth > 0 ? -1 : 0;
+        if (step == 0)
             object = find_object(p, rays);
         if (mesh.object != object)
             return false;
@@ -142,18 +142,18 @@ vec3 pass_thickness(Point p, float d, Exit exit, float same, int slabs)
     const float coord = pell_thickness_coord(max(d, 0.0), materials[p.material].thickest, PELL_LIT_THICKNESS_STEPS);
     const int value = materials[p.material].thickness_at + 3 * pell_table_cell(coord, PELL_LIT_THICKNESS_STEPS);
     const int slab = value + 3 * slabs * PELL_LIT_THICKNESS_STEPS;
-    vec3 share;
+    vec3 fraction;
 
     for (int c = 0; c < 3; c++) {
         const float near = pell_lerp(thickness[value + c], thickness[slab + c], opposed);
         const float next = pell_lerp(thickness[value + 3 + c], thickness[slab + 3 + c], opposed);
-        share[c] = counted * pell_thickness_transmission(near, next, coord, PELL_LIT_THICKNESS_STEPS);
+        fraction[c] = counted * pell_thickness_transmission(near, next, coord, PELL_LIT_THICKNESS_STEPS);
     }
-    return share;
+    return fraction;
 }
 
 // Factor of transmitted light over that of light scattered near the surface (render/angle.h).
-vec3 leaves_by(Point p, float d)
+vec3 exit_factor(Point p, float d)
 {
     const pell_lit_material m = materials[p.material];
     const float off = 1.0 - pell_single_cosine(m.inverse_eta2, clamp(dot(p.normal, points[p.at].view.xyz), 0.0, 1.0));
@@ -178,7 +178,7 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
         return;
     const vec3 beyond = exit.position + (exit.terminator_offset + epsilon) * exit.geometric;
     sums.rays++;
-    if (!is_open(beyond, away ? a.direction : a.end - beyond, away ? FAR : 0.9999))
+    if (!is_unoccluded(beyond, away ? a.direction : a.end - beyond, away ? FAR : 0.9999))
         return;
     const bool lifted = exit.terminator_offset > TERMINATOR_LIFTED * epsilon; // the triangle does not decide the facing
     const float m = length(exit.position - p.position), same = dot(exit.normal, p.normal);
@@ -192,9 +192,9 @@ void transmit(pell_light_data light, Point p, Aim a, inout Through sums)
                                    : pell_light_falloff(max(a.distance - m, 1e-3), light.position.w, light.direction.w);
     const float w = pell_soft_terminator(transmittance(p, mu) * mu, g) * falloff;
     const vec3 arrives = min(a.intensity * w * pass_thickness(p, d, exit, same, SLAB_OF_LIGHTS), vec3(BIG));
-    const vec3 leaves = arrives * leaves_by(p, d);
-    sums.light += leaves;
-    sums.path += d * (leaves.r + leaves.g + leaves.b);
+    const vec3 exiting = arrives * exit_factor(p, d);
+    sums.light += exiting;
+    sums.path += d * (exiting.r + exiting.g + exiting.b);
 }
 
 // Adds the slice's samples of a light. Lights that take turns: only in their turn, and then for all of them.
@@ -218,21 +218,21 @@ void shine_through(pell_light_data light, Point p, inout Through sums)
 }
 
 // Straight transmission of the environment's smooth part in the slice: the transmitted fraction at `exit`, and its distance, mm.
-float see_through(Point p, inout uint rays, out vec3 share, out Exit exit)
+float transmit_ambient(Point p, inout uint rays, out vec3 fraction, out Exit exit)
 {
     const vec3 inward = dot(p.geometric, p.normal) > 0.5 ? p.normal : p.geometric;
     const vec3 origin = p.position - points[p.at].position.w * p.geometric;
     uint to_exit = 0u;
 
-    share = vec3(0.0);
+    fraction = vec3(0.0);
     if (!find_exit(p, Ray(origin, 0.0, -inward, materials[p.material].thickest, RAY_ALL), 0, to_exit, exit)) {
         rays += pc.sky == 0u ? to_exit : 0u; // each slice traces them, but they are counted once
         return 0.0;
     }
     const vec3 beyond = exit.position + (exit.terminator_offset + points[p.at].position.w) * exit.geometric;
     const float m = length(exit.position - p.position);
-    const uint open = count_open(beyond, exit.geometric, p.sample_index, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
-    share = float(open) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal), SLAB);
+    const uint unoccluded = count_unoccluded(beyond, exit.geometric, p.sample_index, pattern_at(p.at, pc.ambient_bits, PELL_BEYOND_SALT));
+    fraction = float(unoccluded) / float(pc.ambient_samples) * pass_thickness(p, m, exit, dot(exit.normal, p.normal), SLAB);
     rays += pc.sky_end - pc.sky + (pc.sky == 0u ? to_exit : 0u);
     return m;
 }
@@ -258,9 +258,9 @@ void main()
         results[at + 1u] = uvec4(0u);
     if (pc.sky_end > pc.sky) {
         Exit exit = Exit(vec3(0.0), vec3(0.0), vec3(0.0), 0.0);
-        vec3 share;
-        const float m = see_through(p, sums.rays, share, exit);
-        give(at + 1u, uintBitsToFloat(results[at + 1u].rgb) + share, floatBitsToUint(m));
+        vec3 fraction;
+        const float m = transmit_ambient(p, sums.rays, fraction, exit);
+        give(at + 1u, uintBitsToFloat(results[at + 1u].rgb) + fraction, floatBitsToUint(m));
         give(at + 2u, exit.normal, sums.rays);
         give(at, sums.light, floatBitsToUint(sums.path));
         return;

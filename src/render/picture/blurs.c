@@ -40,7 +40,7 @@ void picture_spread(struct pell_picture_device *d, const struct pell_picture_sam
             .level = level,
             .first = level == plan.levels,
         };
-        run_over(d, SPREAD_SHARE, &push);
+        run_over(d, SPREAD_SPLIT, &push);
         if (level == 0)
             break;
         push.inverse = plan.blur[level].inverse;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * buffers.c - buffers and passes of pictures. */
+ * buffers.c - buffers and passes of images. */
 #include "render/curvature/stage.h"
 #include "render/indirect/stage.h"
 #include "render/pass.h"
@@ -8,7 +8,7 @@
 #include <string.h>
 
 extern const struct pell_shader pell_picture_clear_shader, pell_picture_surface_shader, pell_picture_inside_shader,
-    pell_picture_finish_shader, pell_picture_highlights_shader, pell_picture_rows_shader, pell_picture_spread_share_shader,
+    pell_picture_finish_shader, pell_picture_highlights_shader, pell_picture_rows_shader, pell_picture_spread_split_shader,
     pell_picture_spread_blur_shader, pell_picture_composite_shader;
 
 static const struct {
@@ -19,12 +19,12 @@ static const struct {
     [SEE] = { &pell_picture_surface_shader,
               { NODES, TRIANGLES, MESHES, CORNERS, LIT, MATERIALS, FRAME, KEYS, ATTRIBUTES, MAPS, POINTS, HITS, METHOD_HITS,
                 METHOD_BASES } },
-    [LOOK_INSIDE] = { &pell_picture_inside_shader, { HITS, LIT, FRAME, MESHES, CORNERS, SHAPES, SOLIDS, BETWEEN, POINTS, INSIDES } },
+    [ADD_INSIDE] = { &pell_picture_inside_shader, { HITS, LIT, FRAME, MESHES, CORNERS, SHAPES, SOLIDS, BETWEEN, POINTS, INSIDES } },
     [FINISH] = { &pell_picture_finish_shader,
                  { POINTS, RESULTS, HITS, INSIDES, LIT, MATERIALS, TABLES, FRAME, SKY, ARRIVED, SURFACE, SHOWN, AROUND, THROUGH, SINGLE } },
-    [SHARE_HIGHLIGHTS] = { &pell_picture_highlights_shader, { SHOWN, AROUND, FRAME, ENTERED, HIGHLIGHTS, LIGHT } },
-    [LOOK_AT_ROWS] = { &pell_picture_rows_shader, { SURFACE, SHOWN, AROUND, THROUGH, FRAME, LIT, THICKNESS, MATERIALS, ROWS } },
-    [SPREAD_SHARE] = { &pell_picture_spread_share_shader, { SURFACE, SHOWN, LIT, THICKNESS, FRAME, THROUGH, SPREAD_SUM } },
+    [FILTER_HIGHLIGHTS] = { &pell_picture_highlights_shader, { SHOWN, AROUND, FRAME, ENTERED, HIGHLIGHTS, LIGHT } },
+    [REDUCE_ROWS] = { &pell_picture_rows_shader, { SURFACE, SHOWN, AROUND, THROUGH, FRAME, LIT, THICKNESS, MATERIALS, ROWS } },
+    [SPREAD_SPLIT] = { &pell_picture_spread_split_shader, { SURFACE, SHOWN, LIT, THICKNESS, FRAME, THROUGH, SPREAD_SUM } },
     [SPREAD_ACROSS] = { &pell_picture_spread_blur_shader, { SURFACE, AROUND, FRAME, SPREAD_SUM, SPREAD_HALF } },
     [SPREAD_DOWN] = { &pell_picture_spread_blur_shader, { SURFACE, AROUND, FRAME, SPREAD_HALF, SPREAD_SUM } },
     [COMPOSE] = { &pell_picture_composite_shader,
@@ -36,7 +36,7 @@ enum counted { ONCE, MATERIAL, MESH, POINT, PIXEL, ROW, WORDS };
 
 static const struct {
     const char *name;
-    enum pell_gpu_place place;
+    enum pell_gpu_memory memory;
     uint32_t bytes;
     enum counted of;
     uint32_t flag; /* of frames that need it; 0: all */
@@ -149,7 +149,7 @@ static enum pell_result make_buffers(struct pell_picture_device *d, const struct
         pell_gpu_buffer_destroy(&d->buffers[i]);
         d->sizes[i] = 0;
         d->sent = d->sent && (i < SHAPES || i > MAPS);
-        res = pell_gpu_buffer_create(d->gpu, buffer_rows[i].place, size, buffer_rows[i].name, &d->buffers[i]);
+        res = pell_gpu_buffer_create(d->gpu, buffer_rows[i].memory, size, buffer_rows[i].name, &d->buffers[i]);
         d->sizes[i] = res == PELL_OK ? size : 0;
     }
     return res;
@@ -215,9 +215,9 @@ static bool is_used(const struct pell_picture_sample *s, enum picture_pass pass)
     const uint32_t flags = picture_flags(s);
 
     switch (pass) {
-    case LOOK_INSIDE: return flags & PELL_PICTURE_INSIDES;
-    case SHARE_HIGHLIGHTS: return flags & PELL_PICTURE_SHARED;
-    case SPREAD_SHARE:
+    case ADD_INSIDE: return flags & PELL_PICTURE_INSIDES;
+    case FILTER_HIGHLIGHTS: return flags & PELL_PICTURE_SHARED;
+    case SPREAD_SPLIT:
     case SPREAD_ACROSS:
     case SPREAD_DOWN: return flags & PELL_PICTURE_SPREADS;
     default: return true;

@@ -32,17 +32,18 @@ uint32_t picture_flags(const struct pell_picture_sample *s)
     const struct pell_irradiance_params *light = s->irradiance;
     const struct pell_composite_params *composite = s->composite;
     struct pell_gpu_buffer *planes[PELL_GPU_PLANES] = { NULL };
-    const bool own = s->pass && pell_pass_planes(s->pass, planes);
+    const bool uses_planes = s->pass && pell_pass_planes(s->pass, planes);
     const struct pell_light_lent lent = pell_light_device_lend(s->light);
 
-    return lent.together | (composite->published ? PELL_PICTURE_PUBLISHED : 0u) | (light->apart ? PELL_PICTURE_SINGLE : 0u) |
+    return lent.together | (composite->published ? PELL_PICTURE_PUBLISHED : 0u) | (light->separate ? PELL_PICTURE_SINGLE : 0u) |
            (light->shared ? PELL_PICTURE_SHARED : 0u) | (light->thickness ? PELL_PICTURE_THROUGH : 0u) |
            (composite->first ? PELL_PICTURE_FIRST : 0u) | (s->pass ? PELL_PICTURE_SCATTERS : 0u) |
            (pell_scene_has_sheets(composite->scene) ? PELL_PICTURE_SHEETS : 0u) | (s->lens ? PELL_PICTURE_LENS : 0u) |
            (s->spreads ? PELL_PICTURE_SPREADS : 0u) | (s->sample->view.orthographic ? PELL_PICTURE_ORTHOGRAPHIC : 0u) |
            (picture_known(s) ? PELL_PICTURE_INSIDES : 0u) | (lent.environments > 0 ? PELL_PICTURE_SKY : 0u) |
            (picture_is_mapped(s->composite->scene) ? PELL_PICTURE_MAPPED : 0u) |
-           (own && planes[PELL_GPU_PLANE_HIT] ? PELL_PICTURE_HITS : 0u) | (own && planes[PELL_GPU_PLANE_BASE] ? PELL_PICTURE_BASES : 0u) |
+           (uses_planes && planes[PELL_GPU_PLANE_HIT] ? PELL_PICTURE_HITS : 0u) |
+           (uses_planes && planes[PELL_GPU_PLANE_BASE] ? PELL_PICTURE_BASES : 0u) |
            (s->pass && (s->sample->frame->plan->needs & PELL_NEED_STRENGTH) ? PELL_PICTURE_STRENGTH : 0u);
 }
 
@@ -70,7 +71,7 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
     static const float one[3] = { 1.0f, 1.0f, 1.0f }, none[3];
     const struct pell_composite_params *p = s->composite;
     const struct pell_material *m = &p->scene->materials[i];
-    const struct pell_surface_uniform even = pell_surface_uniform(m);
+    const struct pell_surface_uniform uniform = pell_surface_uniform(m);
     const struct pell_boundary_table *boundary = &p->tables->boundaries[p->tables->boundary[i]];
     const bool textured = !m->opaque && m->color_from == PELL_COLOR_FROM_TEXTURE;
     const float mix = p->mix >= 0.0f ? p->mix : m->mix;
@@ -78,11 +79,11 @@ static struct pell_picture_material material_of(const struct pell_picture_sample
 
     return (struct pell_picture_material) {
         .base = rgb_and(m->base_color, m->strength),
-        .specular = rgb_and(even.specular, m->roughness),
+        .specular = rgb_and(uniform.specular, m->roughness),
         .emissive = rgb_and(m->emissive, m->metallic),
         .total = rgb_and(m->opaque ? one : p->total[i], textured ? mix : 0.0f),
-        .leave_base = rgb_and(angle ? angle->leave_base : one, textured ? 1.0f - mix : 0.0f),
-        .leave_slope = rgb_and(angle ? angle->leave_slope : none, boundary->mean),
+        .exit_base = rgb_and(angle ? angle->exit_base : one, textured ? 1.0f - mix : 0.0f),
+        .exit_slope = rgb_and(angle ? angle->exit_slope : none, boundary->mean),
         .enter_mean = rgb_and(angle ? angle->enter_mean : one, angle ? angle->inverse_eta2 : 1.0f),
         .sheet = rgb_and(m->diffuse_transmission_color, pell_material_is_thin(m) ? m->diffuse_transmission : 0.0f),
         .flags = (m->opaque ? PELL_PICTURE_OPAQUE : 0u) | (textured ? PELL_PICTURE_TEXTURED : 0u) |

@@ -63,7 +63,7 @@ static const char *refuses_light(const struct pell_picture_sample *s)
         return BY_CPU "light is scattered forward through clear solids";
     if (s->unscattered)
         return BY_CPU "light passes thin parts without being scattered";
-    return light->through && light->whole ? BY_CPU "the method asks whole solids" : NULL;
+    return light->through && light->whole_solid ? BY_CPU "the method asks whole solids" : NULL;
 }
 
 static const char *refuses_method(const struct pell_picture_sample *s)
@@ -138,12 +138,12 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
     for (uint32_t first = 0; first < tiles; first += most) {
         struct pell_picture_push push = { .first = first, .count = tiles - first < most ? tiles - first : most };
         struct pell_light_layout layout;
-        push.behind = sides > 1 ? push.count * PELL_PICTURE_GROUP : 0;
+        push.far_sides = sides > 1 ? push.count * PELL_PICTURE_GROUP : 0;
         pell_gpu_mark(d->commands, "surface");
         pell_gpu_run(d->commands, d->passes[SEE], &push, push.count, 1, 1);
         if (picture_flags(s) & PELL_PICTURE_INSIDES) {
             pell_gpu_mark(d->commands, "inside");
-            pell_gpu_run(d->commands, d->passes[LOOK_INSIDE], &push, sides * push.count, 1, 1);
+            pell_gpu_run(d->commands, d->passes[ADD_INSIDE], &push, sides * push.count, 1, 1);
         }
         layout = pell_light_device_record(s->light, &run, d->commands, (size_t) sides * push.count * PELL_PICTURE_GROUP);
         push.results = layout.words;
@@ -153,10 +153,10 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
     }
     if (s->irradiance->shared) {
         pell_gpu_mark(d->commands, "highlights");
-        run_pixels(d, s, SHARE_HIGHLIGHTS, NULL);
+        run_pixels(d, s, FILTER_HIGHLIGHTS, NULL);
     }
     pell_gpu_mark(d->commands, "rows");
-    pell_gpu_run(d->commands, d->passes[LOOK_AT_ROWS], NULL, (uint32_t) (r.y1 - r.y0), 1, 1);
+    pell_gpu_run(d->commands, d->passes[REDUCE_ROWS], NULL, (uint32_t) (r.y1 - r.y0), 1, 1);
     pell_gpu_copy(d->commands, d->buffers[ROWS], d->buffers[ROWS_DOWN], d->sizes[ROWS_DOWN]);
 }
 
@@ -164,7 +164,7 @@ static void record_light(struct pell_picture_device *d, const struct pell_pictur
 struct found {
     struct pell_engine_seen seen;
     int64_t pixels, rays, through;
-    float depth, strength; /* of the pixel that a method's widths are largest at; depth 0: there is none */
+    float depth, strength; /* of the pixel where a method's kernel is widest; depth 0: none */
 };
 
 static struct found read_rows(const struct pell_picture_device *d, const struct pell_picture_sample *s)
@@ -177,14 +177,14 @@ static struct found read_rows(const struct pell_picture_device *d, const struct 
 
     for (int y = r.y0; y < r.y1; y++) {
         const struct pell_picture_row *row = &rows[y];
-        const struct pell_rect part = { (int) row->x0, y, (int) row->x1, y + 1 };
+        const struct pell_rect range = { (int) row->x0, y, (int) row->x1, y + 1 };
         const float width = row->depth > 0.0f ? row->strength / (v->orthographic ? 1.0f : row->depth) : 0.0f;
         f.pixels += row->pixels;
         f.rays += row->rays;
         f.through += row->through;
         f.seen.translucent_pixels += row->translucent;
         if (row->translucent > 0)
-            pell_rect_unite(&f.seen.translucent, &part);
+            pell_rect_unite(&f.seen.translucent, &range);
         if (width > widest || (row->depth > 0.0f && f.depth == 0.0f)) {
             widest = width;
             f.depth = row->depth;
@@ -194,7 +194,7 @@ static struct found read_rows(const struct pell_picture_device *d, const struct 
     return f;
 }
 
-/* Bytes that a pass must move for a pixel of the picture. */
+/* Bytes that a pass must move for a pixel of the image. */
 static int64_t bytes_of(const char *name)
 {
     static const struct {
@@ -320,7 +320,7 @@ fail:
     return res;
 }
 
-/* --- The picture ---------------------------------------------------------------------------------------------------------------------- */
+/* --- The image ------------------------------------------------------------------------------------------------------------------------ */
 
 struct take {
     const struct pell_picture_device *d;
@@ -333,7 +333,7 @@ static void meter_row(const struct take *t, int y)
 {
     const struct pell_picture_row *row = (const struct pell_picture_row *) pell_gpu_buffer_host(t->d->buffers[ROWS_DOWN]) + y;
 
-    t->out->meter[2 * y] = (double) row->met;
+    t->out->meter[2 * y] = (double) row->arriving;
     t->out->meter[2 * y + 1] = (double) row->covered;
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT
  *
  * device.h - renders all samples of an image on a Vulkan device: camera rays, light (by irradiance/device.h), the method, and the
- * composite. Only statistics per row are read back for each sample, and the image once. pell_picture_device_refuses tells before the first
- * sample which frames the device cannot render.
+ * composite. Only statistics per row are read back for each sample, and the image once. pell_picture_device_refuses returns before the
+ * first sample why the device cannot render a frame.
  *
  * Ownership  pell_picture_device_destroy sets the pointer to NULL and accepts NULL in it.
  * Errors     as in gpu.h.

@@ -64,14 +64,14 @@ struct pell_picture_frame {
 
 /* A material of the scene. */
 struct pell_picture_material {
-    PELL_VEC4 base;        /* w: strength */
-    PELL_VEC4 specular;    /* w: roughness */
-    PELL_VEC4 emissive;    /* w: metallic */
-    PELL_VEC4 total;       /* total of its profile; w: exponent of the base colour for entering light */
-    PELL_VEC4 leave_base;  /* see render/angle.h; w: exponent of the base colour for leaving light */
-    PELL_VEC4 leave_slope; /* w: mean transmittance of its smooth boundary */
-    PELL_VEC4 enter_mean;  /* w: 1 over the square of its index, for light that leaves */
-    PELL_VEC4 sheet;       /* transmission of a thin sheet; w: its fraction; 0: not a thin sheet */
+    PELL_VEC4 base;       /* w: strength */
+    PELL_VEC4 specular;   /* w: roughness */
+    PELL_VEC4 emissive;   /* w: metallic */
+    PELL_VEC4 total;      /* total of its profile; w: exponent of the base colour for entering light */
+    PELL_VEC4 exit_base;  /* see render/angle.h; w: exponent of the base colour for leaving light */
+    PELL_VEC4 exit_slope; /* w: mean transmittance of its smooth boundary */
+    PELL_VEC4 enter_mean; /* w: 1 over the square of its index, for light that leaves */
+    PELL_VEC4 sheet;      /* transmission of a thin sheet; w: its fraction; 0: not a thin sheet */
     uint32_t flags;
     float normal_scale;
     float diffuse; /* diffuse fraction of the light */
@@ -80,10 +80,10 @@ struct pell_picture_material {
 
 /* Surface at a pixel's hit. */
 struct pell_picture_hit {
-    PELL_VEC4 albedo;   /* colour factor of entering light; w: depth */
-    PELL_VEC4 leaves;   /* colour factor of leaving light; w: strength */
-    PELL_VEC4 emissive; /* w: bits of the method's material */
-    PELL_VEC4 sheet;    /* for a thin sheet, transmitted fraction; w: reflected fraction, 1 for other surfaces */
+    PELL_VEC4 albedo;     /* colour factor of entering light; w: depth */
+    PELL_VEC4 exit_color; /* colour factor of leaving light; w: strength */
+    PELL_VEC4 emissive;   /* w: bits of the method's material */
+    PELL_VEC4 sheet;      /* for a thin sheet, transmitted fraction; w: reflected fraction, 1 for other surfaces */
     uint32_t mesh, triangle;
     float u, v;
 };
@@ -92,7 +92,7 @@ struct pell_picture_hit {
 struct pell_picture_inside {
     PELL_VEC4 all, single; /* factors of entering light; w of all: fraction of a slab's variance by which straight light spreads */
     PELL_VEC4 thick, through, solved, light;
-    PELL_VEC4 indirect, behind; /* indirect light */
+    PELL_VEC4 indirect, indirect_transmitted; /* indirect light that enters here, and that is transmitted from the far side */
 };
 
 /* Shading of a pixel for the composite. */
@@ -111,7 +111,7 @@ struct pell_picture_around {
 
 /* Statistics of a row of pixels. */
 struct pell_picture_row {
-    float met, covered;                   /* over all samples: luminance of arriving light, and number of covered pixels */
+    float arriving, covered;              /* over all samples: luminance of arriving light, and number of covered pixels */
     uint32_t pixels, translucent, x0, x1; /* of the last sample: covered pixels; translucent pixels, and their range of x */
     uint32_t rays, through;
     float depth, strength; /* of the pixel where a method's kernel is widest; depth 0: none */
@@ -123,7 +123,7 @@ struct pell_picture_row {
 struct pell_picture_push {
     uint32_t first, count;     /* range of tiles */
     uint32_t results, through; /* per point, in words of 16 bytes: number of words, and offset of those of transmission */
-    uint32_t behind;           /* offset of far sides, in points; 0: none */
+    uint32_t far_sides;        /* offset of far sides, in points; 0: none */
 };
 
 /* Push constants of the composite: destination of a sample for depth of field (post/device.h). */

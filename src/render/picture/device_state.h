@@ -7,7 +7,7 @@
 #include "render/picture/device_data.h"
 
 enum picture_buffer {
-    EMPTY, /* stands in for buffers that a frame does not need */
+    EMPTY, /* bound in place of buffers that a frame does not need */
     MATERIALS,
     MATERIALS_UP,
     KEYS,
@@ -59,11 +59,11 @@ enum picture_buffer {
 enum picture_pass {
     CLEAR,
     SEE,
-    LOOK_INSIDE,
+    ADD_INSIDE,
     FINISH,
-    SHARE_HIGHLIGHTS,
-    LOOK_AT_ROWS,
-    SPREAD_SHARE,
+    FILTER_HIGHLIGHTS,
+    REDUCE_ROWS,
+    SPREAD_SPLIT,
     SPREAD_ACROSS,
     SPREAD_DOWN,
     COMPOSE,

@@ -84,7 +84,7 @@ uint rays_of(uint i, uint material)
 {
     const uint passed = is_straight(i, material) ? results[i * pc.results + pc.through + 2u].a : 0u;
 
-    const uint sent = results[i * pc.results].a + (seen[material].sheet.w > 0.0 ? results[(i + pc.behind) * pc.results].a : 0u);
+    const uint sent = results[i * pc.results].a + (seen[material].sheet.w > 0.0 ? results[(i + pc.far_sides) * pc.results].a : 0u);
 
     return min(sent, 65535u) | min(passed, 65535u) << 16;
 }
@@ -98,29 +98,29 @@ void add_environments(uint i, Lobe lobe, float rho_s, inout Arrived a)
     const pell_lit_material m = materials[lobe.material];
     const float mu = pell_saturate(dot(normal, view)), off = pell_angle_off(m.inverse_eta2, mu);
     const bool straight = is_straight(i, lobe.material), shines = points[i].tint.r + points[i].tint.g + points[i].tint.b > 0.0;
-    const vec3 share = straight ? word(exit + 1u) : vec3(0.0); // fraction of the smooth remainder at the exit point of the straight ray
+    const vec3 fraction = straight ? word(exit + 1u) : vec3(0.0); // fraction of the smooth remainder at the exit point of the straight ray
     const vec2 albedo = albedo_at(lobe, mu);
 
     for (uint e = 0u; e < sky[0]; e++) {
-        const float open = float(results[env + 2u * e].a) / float(sky[1]);
+        const float visibility = float(results[env + 2u * e].a) / float(sky[1]);
         const Entering entering = entering_of(e, lobe, points[i].normal.w, rho_s);
         const vec3 lights = word(env + 2u * e), unshadowed = word(env + 2u * e + 1u);
-        a.irradiance += max(lights + open * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
+        a.irradiance += max(lights + visibility * enter * (rest_at(entering, normal) - unshadowed), vec3(0.0));
         if (shines) {
             const float width = pell_lobe_width(m.model, points[i].normal.w), slope_variance = points[i].slope_variance;
             const vec3 out_of = normalize(2.0 * max(dot(normal, view), 0.0) * normal - view);
             const vec3 mirrored = mirrored_by(e, out_of, sqrt(width * width + 2.0 * slope_variance));
             for (int c = 0; c < 3; c++)
-                a.specular[c] += mirrored[c] * points[i].tint[c] * pell_saturate(points[i].f0[c] * albedo.x + albedo.y) * open;
+                a.specular[c] += mirrored[c] * points[i].tint[c] * pell_saturate(points[i].f0[c] * albedo.x + albedo.y) * visibility;
         }
-        if (share.r + share.g + share.b > 0.0) {
-            const vec3 passes = share * broad_rest_at(entering, word(exit + 2u));
+        if (fraction.r + fraction.g + fraction.b > 0.0) {
+            const vec3 passes = fraction * broad_rest_at(entering, word(exit + 2u));
             const float path_mm = uintBitsToFloat(results[exit + 1u].a);
             for (int c = 0; c < 3; c++) {
-                const float leaves = passes[c] * pell_thickness_exit(m.pass_thick[c], path_mm, m.pass_base[c] + m.pass_slope[c] * off);
-                a.transmitted[c] += leaves;
-                a.straight += leaves;
-                a.path += path_mm * leaves;
+                const float exiting = passes[c] * pell_thickness_exit(m.pass_thick[c], path_mm, m.pass_base[c] + m.pass_slope[c] * off);
+                a.transmitted[c] += exiting;
+                a.straight += exiting;
+                a.path += path_mm * exiting;
             }
         }
     }
@@ -133,21 +133,21 @@ void put_inside(uint i, uint material, inout Arrived a)
 
     a.path *= pell_spread_path_fraction(n.all.w);
     a.irradiance += n.indirect.rgb * seen[material].enter_mean.rgb;
-    a.transmitted += n.behind.rgb;
+    a.transmitted += n.indirect_transmitted.rgb;
     a.irradiance *= n.all.rgb;
     a.single *= n.single.rgb;
     const vec3 kept = a.transmitted * (1.0 - n.thick.rgb) * (1.0 - n.solved.rgb);
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
-    const float left = all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
-    a.straight *= left;
-    a.path *= left;
+    const float fraction = all > 0.0 ? (kept.r + kept.g + kept.b) / all : 0.0;
+    a.straight *= fraction;
+    a.path *= fraction;
     a.transmitted = n.light.rgb + (1.0 - n.solved.rgb) * (a.transmitted * (1.0 - n.thick.rgb) + n.through.rgb);
 }
 
 // Light of the far side of a thin sheet.
-vec3 arrived_behind(uint i, Lobe lobe, float rho_s)
+vec3 arrived_far_side(uint i, Lobe lobe, float rho_s)
 {
-    const uint at = i + pc.behind;
+    const uint at = i + pc.far_sides;
     Arrived a = Arrived(word(at * pc.results), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), 0.0, 0.0);
 
     if (has(PELL_PICTURE_SKY))
@@ -164,7 +164,7 @@ float exit_factor(Lobe lobe, float rho_s, float mu)
     const bool published = has(PELL_PICTURE_PUBLISHED);
 
     if ((m.flags & PELL_PICTURE_SMOOTH) != 0u)
-        return pell_smooth_exit_factor(smooth_transmittance(materials[lobe.material].smooth_at, mu), published ? 1.0 : m.leave_slope.w);
+        return pell_smooth_exit_factor(smooth_transmittance(materials[lobe.material].smooth_at, mu), published ? 1.0 : m.exit_slope.w);
     const vec2 albedo = albedo_at(lobe, mu);
     const int model = materials[lobe.material].model, per_model = ALBEDO_MU * ALBEDO_ROUGHNESS * 2;
     const int at = fr.mean_at + model * ALBEDO_ROUGHNESS * 2 + (lobe.at - model * per_model);
@@ -195,24 +195,24 @@ void main()
         clear(p.at);
         return;
     }
-    const uint number = points[i].material;
-    const pell_picture_material m = seen[number];
+    const uint material = points[i].material;
+    const pell_picture_material m = seen[material];
     const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz, tint = points[i].tint.rgb, albedo = hits[i].albedo.rgb;
     const float rho_s = (tint.r + tint.g + tint.b) * (1.0 / 3.0), mu = pell_saturate(dot(normal, view));
-    const Lobe lobe = lobe_of(number, points[i].normal.w);
-    Arrived a = arrived_at(i, number);
+    const Lobe lobe = lobe_of(material, points[i].normal.w);
+    Arrived a = arrived_at(i, material);
 
     if (has(PELL_PICTURE_SKY))
         add_environments(i, lobe, rho_s, a);
     if (has(PELL_PICTURE_INSIDES))
-        put_inside(i, number, a);
+        put_inside(i, material, a);
     const float off = pell_angle_off(m.enter_mean.w, mu);
-    const vec3 factor = exit_factor(lobe, rho_s, mu) * (m.leave_base.rgb + m.leave_slope.rgb * off) * hits[i].leaves.rgb;
+    const vec3 factor = exit_factor(lobe, rho_s, mu) * (m.exit_base.rgb + m.exit_slope.rgb * off) * hits[i].exit_color.rgb;
     const bool sheet = m.sheet.w > 0.0;
     if (sheet)
-        a.transmitted = arrived_behind(i, lobe, rho_s);
+        a.transmitted = arrived_far_side(i, lobe, rho_s);
     const vec3 entered = a.irradiance * albedo * hits[i].sheet.w, passed = a.transmitted * (sheet ? hits[i].sheet.rgb : albedo);
-    const vec3 met = (entered + (sheet ? passed : vec3(0.0))) / max(albedo, vec3(0.02));
+    const vec3 arriving = (entered + (sheet ? passed : vec3(0.0))) / max(albedo, vec3(0.02));
     const vec3 counts = vec3(pell_meter_fraction(m.enter_mean.r, m.diffuse), pell_meter_fraction(m.enter_mean.g, m.diffuse),
                              pell_meter_fraction(m.enter_mean.b, m.diffuse));
     const float all = a.transmitted.r + a.transmitted.g + a.transmitted.b;
@@ -220,16 +220,16 @@ void main()
     const bool emits = hits[i].emissive.r + hits[i].emissive.g + hits[i].emissive.b > 0.0;
 
     light[p.at] = vec4(entered, hits[i].albedo.w);
-    surface[p.at] = uvec2(key, floatBitsToUint(has(PELL_PICTURE_STRENGTH) ? hits[i].leaves.w : 1.0));
-    shown[p.at].factor = vec4(factor, uintBitsToFloat(number + 1u));
-    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * met.r, counts.g * met.g, counts.b * met.b));
-    around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, number)));
+    surface[p.at] = uvec2(key, floatBitsToUint(has(PELL_PICTURE_STRENGTH) ? hits[i].exit_color.w : 1.0));
+    shown[p.at].factor = vec4(factor, uintBitsToFloat(material + 1u));
+    shown[p.at].specular = vec4(a.specular, PELL_LUMINANCE(counts.r * arriving.r, counts.g * arriving.g, counts.b * arriving.b));
+    around[p.at].hidden = vec4(emits ? vec3(-1.0) : a.hidden, uintBitsToFloat(rays_of(i, material)));
     around[p.at].lost = vec4((m.flags & PELL_PICTURE_OPAQUE) != 0u ? a.lost * albedo * hits[i].sheet.w : vec3(0.0), 0.0);
     around[p.at].counts = vec4(vec3(PELL_LUMINANCE_R, PELL_LUMINANCE_G, PELL_LUMINANCE_B) * counts / max(albedo, vec3(0.02)), 0.0);
     around[p.at].normal = vec4(points[i].geometric.xyz, hits[i].albedo.w);
     through[p.at] = vec4(passed, pell_spread_pack_sums(a.path, a.straight, all));
     if (has(PELL_PICTURE_SINGLE)) {
-        const float leaves = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[number].single_eta2;
-        single[p.at] = vec4(a.single * leaves, 0.0);
+        const float exit = boundary_transmittance(lobe, rho_s, dot(normal, view)) * materials[material].single_eta2;
+        single[p.at] = vec4(a.single * exit, 0.0);
     }
 }

@@ -105,7 +105,7 @@ Shape shape_at(uint i, out uint response)
 // the required members of struct pell_curvature_effects
 struct Effect {
     vec3 gain, local, opposed, opposed_local, shift;
-    float flat_share;
+    float flat_weight;
 };
 
 // Interpolates between two entries of `each` floats in a table.
@@ -141,10 +141,10 @@ Effect effect_at(uint i)
         e.opposed_local = max(e.local - across, vec3(0.0));
         return e;
     }
-    e.flat_share = pell_curvature_sheet(beyond, shape.thinness);
+    e.flat_weight = pell_curvature_sheet(beyond, shape.thinness);
     const vec3 through = look_up(throughs, 4u, pell_curvature_thinness_coord(shape.thinness, step));
     const vec3 slab = beyond > 0.0 ? look_up(slabs, 4u, pell_curvature_thinness_coord(beyond, step)) : vec3(1.0);
-    const vec3 large = mix(e.local, vec3(1.0), e.flat_share) * slab;
+    const vec3 large = mix(e.local, vec3(1.0), e.flat_weight) * slab;
     const float coord = pell_curvature_thinness_coord(shape.thinness, step);
     const uint balls = throughs + 4u * PELL_CURVATURE_GAINS;
     const vec3 as_thick = mix(look_up(slabs, 4u, coord), look_up(balls, 4u, coord), pell_curvature_round(shape.mean, shape.thinness));
@@ -220,33 +220,33 @@ vec3 between_at(Knots k, uint first)
 // --- A point -------------------------------------------------------------------------------------------------------------------------
 
 // Applies the solution for light inside the solid, where it exists. Returns whether straight transmission is traced.
-bool look_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_picture_inside n)
+bool add_inside(uint i, pell_lit_material m, vec3 opposed_local, inout pell_picture_inside n)
 {
     const Knots k = solid_knots(i, false);
     const vec3 thick = solid_at(k, 0u), solved = solid_at(k, 6u), deep = solid_at(k, 24u);
     const vec3 normal = points[i].normal.xyz, view = points[i].view.xyz;
     const float nv = dot(normal, view);
     const vec3 pass_by = m.pass_base.rgb + m.pass_slope.rgb * pell_angle_off(m.inverse_eta2, pell_saturate(nv));
-    vec3 leaves = 1.0 + deep * (pass_by - 1.0);
+    vec3 exit = 1.0 + deep * (pass_by - 1.0);
 
     for (uint c = 0u; c < 3u; c++)
-        leaves[c] *= pell_gradient_exit(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
+        exit[c] *= pell_gradient_exit(m.inverse_eta2, dot(view - nv * normal, solid_at(k, 15u + 3u * c)));
     if (has(PELL_KNOWN_BETWEEN))
         n.all.rgb = mix(n.all.rgb, opposed_local, thick);
     n.all.rgb = solid_at(k, 9u) + (1.0 - solved) * n.all.rgb;
     n.thick.rgb = thick;
-    n.through.rgb = leaves * solid_at(k, 3u);
+    n.through.rgb = exit * solid_at(k, 3u);
     n.solved.rgb = solved;
-    n.light.rgb = leaves * solid_at(k, 12u);
+    n.light.rgb = exit * solid_at(k, 12u);
     return any(greaterThan((1.0 - thick) * (1.0 - solved), vec3(PELL_LIT_STRAIGHT_LEAST)));
 }
 
 void main()
 {
     const uint i = gl_GlobalInvocationID.x;
-    const bool behind = i >= 64u * pc.count; // the far side of a thin sheet
+    const bool far_side = i >= 64u * pc.count; // the far side of a thin sheet
 
-    if (i >= 64u * pc.count + pc.behind || points[i].material == PELL_LIT_NONE)
+    if (i >= 64u * pc.count + pc.far_sides || points[i].material == PELL_LIT_NONE)
         return;
     const pell_lit_material m = materials[points[i].material];
     pell_picture_inside n = pell_picture_inside(vec4(1.0), vec4(1.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
@@ -256,7 +256,7 @@ void main()
         Effect e = Effect(vec3(1.0), vec3(1.0), vec3(1.0), vec3(1.0), vec3(0.0), 0.0);
         if (m.opaque == 0)
             e = effect_at(i);
-        n.all = vec4(has(PELL_KNOWN_LOCAL) ? e.local : has(PELL_KNOWN_OPPOSED) ? e.opposed : e.gain, e.flat_share);
+        n.all = vec4(has(PELL_KNOWN_LOCAL) ? e.local : has(PELL_KNOWN_OPPOSED) ? e.opposed : e.gain, e.flat_weight);
         for (uint c = 0u; c < 3u; c++) {
             const bool thin = has(PELL_KNOWN_LOCAL) && e.gain[c] > 0.0;
             n.single[c] = pell_curvature_single(e.shift[c], m.single_eta2) * (thin ? e.local[c] / e.gain[c] : 1.0);
@@ -266,12 +266,12 @@ void main()
         points[i].tint.w = e.shift.g;
         points[i].f0.w = e.shift.b;
     }
-    if (has(PELL_KNOWN_SOLIDS) && m.opaque == 0 && !look_inside(i, m, opposed_local, n))
+    if (has(PELL_KNOWN_SOLIDS) && m.opaque == 0 && !add_inside(i, m, opposed_local, n))
         points[i].flags &= ~PELL_LIT_STRAIGHT;
     if (has(PELL_KNOWN_INDIRECT)) {
-        const Knots k = between_knots(behind ? i - pc.behind : i, m.opaque != 0 && (points[i].flags & PELL_LIT_BACK) != 0u);
+        const Knots k = between_knots(far_side ? i - pc.far_sides : i, m.opaque != 0 && (points[i].flags & PELL_LIT_BACK) != 0u);
         n.indirect.rgb = between_at(k, 0u);
-        n.behind.rgb = has(PELL_KNOWN_PASSED) && !behind ? between_at(k, 3u) : vec3(0.0);
+        n.indirect_transmitted.rgb = has(PELL_KNOWN_PASSED) && !far_side ? between_at(k, 3u) : vec3(0.0);
     }
     insides[i] = n;
 }

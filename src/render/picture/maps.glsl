@@ -9,7 +9,7 @@ const uint MAP_BASE = 0u, MAP_NORMAL = 1u, MAP_ROUGHNESS = 2u, MAP_METALLIC = 3u
 const uint TANGENT = 4u, COLOR = 5u; // slots of a mesh's attributes, after four UV sets
 
 // Surface point of a map lookup.
-struct Place {
+struct SurfacePoint {
     uint mesh, material;
     uint corner[3]; // vertices
     vec3 weight;
@@ -21,13 +21,13 @@ float vertex_float(uint at)
     return uintBitsToFloat(attributes[at]);
 }
 
-bool has_attribute(Place p, uint which)
+bool has_attribute(SurfacePoint p, uint which)
 {
     return attributes[8u * p.mesh + which] != PELL_LIT_NONE;
 }
 
 // Interpolates a vertex attribute of four floats.
-vec4 interpolated(Place p, uint which)
+vec4 interpolated(SurfacePoint p, uint which)
 {
     const uint first = attributes[8u * p.mesh + which];
     vec4 sum = vec4(0.0);
@@ -40,7 +40,7 @@ vec4 interpolated(Place p, uint which)
 }
 
 // Texture coordinates, and the area of the pixel in the texture's unit square.
-vec3 coordinates(Place p, uint uv_set)
+vec3 coordinates(SurfacePoint p, uint uv_set)
 {
     const uint first = attributes[8u * p.mesh + uv_set];
     vec2 uv[3];
@@ -52,9 +52,9 @@ vec3 coordinates(Place p, uint uv_set)
 }
 
 // A texel, decoded to linear values.
-vec4 texel(uint picture, uint level, uint at)
+vec4 texel(uint image, uint level, uint at)
 {
-    const uint kind = maps[picture + 3u], first = maps[picture + 4u + 3u * level];
+    const uint kind = maps[image + 3u], first = maps[image + 4u + 3u * level];
 
     if (level == 0u && (kind & 1u) != 0u) {
         const uvec4 rgba = uvec4(maps[first + at]) >> uvec4(0u, 8u, 16u, 24u) & 255u;
@@ -70,9 +70,9 @@ vec4 texel(uint picture, uint level, uint at)
 }
 
 // Bilinear interpolation of four texels; `nearest`: the nearest texel.
-vec4 bilinear(uint picture, uint level, vec2 uv, uint wrap_u, uint wrap_v, bool nearest)
+vec4 bilinear(uint image, uint level, vec2 uv, uint wrap_u, uint wrap_v, bool nearest)
 {
-    const int width = int(maps[picture + 5u + 3u * level]), height = int(maps[picture + 6u + 3u * level]);
+    const int width = int(maps[image + 5u + 3u * level]), height = int(maps[image + 6u + 3u * level]);
     pell_texels x = pell_texels_of(int(wrap_u), uv.x, width), y = pell_texels_of(int(wrap_v), uv.y, height);
     vec4 sum = vec4(0.0);
 
@@ -82,17 +82,17 @@ vec4 bilinear(uint picture, uint level, vec2 uv, uint wrap_u, uint wrap_v, bool 
     }
     for (int k = 0; k < 4; k++) {
         const float w = ((k & 1) != 0 ? x.f : 1.0 - x.f) * (k >= 2 ? y.f : 1.0 - y.f);
-        sum += w * texel(picture, level, uint((k >= 2 ? y.b : y.a) * width + ((k & 1) != 0 ? x.b : x.a)));
+        sum += w * texel(image, level, uint((k >= 2 ? y.b : y.a) * width + ((k & 1) != 0 ? x.b : x.a)));
     }
     return sum;
 }
 
-uint map_row(Place p, uint which)
+uint map_row(SurfacePoint p, uint which)
 {
     return 512u + 8u * (MAPS * p.material + which);
 }
 
-float map_number(uint row, uint k)
+float map_float(uint row, uint k)
 {
     return uintBitsToFloat(maps[row + 2u + k]);
 }
@@ -100,28 +100,28 @@ float map_number(uint row, uint k)
 // The pixel's area in texels of the full size, at least 1.
 float texels_covered(uint row, float area)
 {
-    const float matrix = abs(map_number(row, 0u) * map_number(row, 4u) - map_number(row, 1u) * map_number(row, 3u));
+    const float matrix = abs(map_float(row, 0u) * map_float(row, 4u) - map_float(row, 1u) * map_float(row, 3u));
 
     return area * matrix * float(maps[maps[row] + 1u]) * float(maps[maps[row] + 2u]);
 }
 
 // Samples a map; 1 if the material has no such map or the mesh no such UV set.
-vec4 look_up(Place p, uint which)
+vec4 look_up(SurfacePoint p, uint which)
 {
-    const uint row = map_row(p, which), picture = maps[row], how = maps[row + 1u];
+    const uint row = map_row(p, which), image = maps[row], how = maps[row + 1u];
     vec4 rgba = vec4(0.0);
 
-    if (picture == PELL_LIT_NONE || !has_attribute(p, how & 255u))
+    if (image == PELL_LIT_NONE || !has_attribute(p, how & 255u))
         return vec4(1.0);
     const vec3 at = coordinates(p, how & 255u);
-    vec2 uv = vec2(map_number(row, 0u) * at.x + map_number(row, 1u) * at.y + map_number(row, 2u),
-                   map_number(row, 3u) * at.x + map_number(row, 4u) * at.y + map_number(row, 5u));
+    vec2 uv = vec2(map_float(row, 0u) * at.x + map_float(row, 1u) * at.y + map_float(row, 2u),
+                   map_float(row, 3u) * at.x + map_float(row, 4u) * at.y + map_float(row, 5u));
     uv = vec2(abs(uv.x) < 16777216.0 ? uv.x : 0.0, abs(uv.y) < 16777216.0 ? uv.y : 0.0);
     const bool nearest = (how & 1024u) != 0u;
-    const pell_mip_levels mip = pell_mip_levels_of(max(texels_covered(row, at.z), 1.0), nearest ? 0.0 : float(int(maps[picture]) - 1));
+    const pell_mip_levels mip = pell_mip_levels_of(max(texels_covered(row, at.z), 1.0), nearest ? 0.0 : float(int(maps[image]) - 1));
     for (int k = 0; k < (mip.blend > 0.0 ? 2 : 1); k++)
         rgba += (k == 0 ? 1.0 - mip.blend : mip.blend) *
-                bilinear(picture, uint(k == 0 ? mip.lower : mip.upper), uv, how >> 16 & 255u, how >> 24, nearest);
+                bilinear(image, uint(k == 0 ? mip.lower : mip.upper), uv, how >> 16 & 255u, how >> 24, nearest);
     return rgba;
 }
 
@@ -130,7 +130,7 @@ struct Sampled {
     vec4 map[MAPS];
 };
 
-Sampled sample_maps(Place p)
+Sampled sample_maps(SurfacePoint p)
 {
     Sampled found;
 
@@ -140,13 +140,13 @@ Sampled sample_maps(Place p)
 }
 
 // One channel of a linear map.
-float number_of(Sampled found, Place p, uint which)
+float number_of(Sampled found, SurfacePoint p, uint which)
 {
     return found.map[which][maps[map_row(p, which) + 1u] >> 8 & 3u];
 }
 
 // The normal after the normal map (glTF 2.0, section 3.9.3). `bumps`: slope variance of the map inside the pixel.
-vec3 mapped_normal(Sampled found, Place p, vec3 n, float scale, out float bumps)
+vec3 mapped_normal(Sampled found, SurfacePoint p, vec3 n, float scale, out float bumps)
 {
     const uint row = map_row(p, MAP_NORMAL);
     const vec3 mapped = 2.0 * found.map[MAP_NORMAL].rgb - 1.0;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #version 460
 #extension GL_GOOGLE_include_directive : require
-// rows.comp - what a row of the picture holds, a workgroup a row: light that is metered, and where what later passes are made for is. Sums
-// are those of 64 columns.
+// rows.comp - statistics of a row of the image, one workgroup per row: metered light, and the bounds of pixels that later passes
+// process. Sums are those of 64 columns.
 //   in  0 surface   1 shown   2 around   3 through   4 frame
 //   in  5 materials as the stage "irradiance" sees them   6 thickness   7 materials as the stage "surface" does
 //   i/o 8 rows
@@ -21,27 +21,27 @@ layout(push_constant) uniform Push { pell_picture_push pc; };
 #include "render/picture/spread.glsl"
 
 const uint NONE = 0xffffffffu;
-shared pell_picture_row part[64];
+shared pell_picture_row partial[64];
 
 pell_picture_row empty_row()
 {
     return pell_picture_row(0.0, 0.0, 0u, 0u, NONE, 0u, 0u, 0u, 0.0, 0.0, 1e38, -1.0, NONE, 0u, NONE, 0u);
 }
 
-// Pixels a method's widths are the larger at, the larger this is.
+// Proportional to the width of a method's kernel in pixels.
 float width_of(float depth, float strength)
 {
     return strength / (depth * fr.depth_mm + fr.fixed_mm);
 }
 
-void take(int x, int at, inout pell_picture_row row)
+void add_pixel(int x, int at, inout pell_picture_row row)
 {
     const float depth = around[at].normal.w, strength = min(uintBitsToFloat(surface[at].y), 1.0);
     vec3 variance;
 
     if (floatBitsToUint(shown[at].factor.w) == 0u)
         return;
-    row.met += shown[at].specular.w;
+    row.arriving += shown[at].specular.w;
     row.pixels++;
     row.rays += floatBitsToUint(around[at].hidden.w) & 65535u;
     row.through += floatBitsToUint(around[at].hidden.w) >> 16;
@@ -66,7 +66,7 @@ void take(int x, int at, inout pell_picture_row row)
 
 pell_picture_row joined(pell_picture_row a, pell_picture_row b)
 {
-    a.met += b.met;
+    a.arriving += b.arriving;
     a.pixels += b.pixels;
     a.rays += b.rays;
     a.through += b.through;
@@ -92,19 +92,19 @@ void main()
     pell_picture_row row = empty_row();
 
     for (int x = fr.x0 + int(i); x < fr.x1; x += 64)
-        take(x, int(y) * fr.pitch + x, row);
-    part[i] = row;
+        add_pixel(x, int(y) * fr.pitch + x, row);
+    partial[i] = row;
     for (uint half_of = 32u; half_of > 0u; half_of /= 2u) {
         barrier();
         if (i < half_of)
-            part[i] = joined(part[i], part[i + half_of]);
+            partial[i] = joined(partial[i], partial[i + half_of]);
     }
     if (i != 0u)
         return;
-    row = part[0];
+    row = partial[0];
     row.covered = float(row.pixels);
     if ((fr.flags & PELL_PICTURE_FIRST) == 0u) {
-        row.met += rows[y].met;
+        row.arriving += rows[y].arriving;
         row.covered += rows[y].covered;
     }
     rows[y] = row;

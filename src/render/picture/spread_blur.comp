@@ -28,11 +28,11 @@ void main()
     const float depth = around[at].normal.w, mm = depth * fr.depth_mm + fr.fixed_mm;
     for (int k = -pc.taps; k <= pc.taps && key != 0u; k++) {
         const ivec2 tap = p + k * pc.spacing * along;
-        const int there = tap.y * fr.pitch + tap.x;
-        if (any(lessThan(tap, ivec2(pc.x0, pc.y0))) || any(greaterThanEqual(tap, ivec2(pc.x1, pc.y1))) || surface[there].x != key)
+        const int tap_at = tap.y * fr.pitch + tap.x;
+        if (any(lessThan(tap, ivec2(pc.x0, pc.y0))) || any(greaterThanEqual(tap, ivec2(pc.x1, pc.y1))) || surface[tap_at].x != key)
             continue;
-        const float w = pell_spread_weight(float(k * pc.spacing) * mm, around[there].normal.w - depth, pc.inverse);
-        sum += w * from[there].rgb;
+        const float w = pell_spread_weight(float(k * pc.spacing) * mm, around[tap_at].normal.w - depth, pc.inverse);
+        sum += w * from[tap_at].rgb;
         all += w;
     }
     to[at] = vec4(all > 0.0 ? sum / all : vec3(0.0), 0.0);

@@ -33,7 +33,7 @@ layout(set = 0, binding = 8) readonly buffer Attributes { uint attributes[]; };
 layout(set = 0, binding = 9) readonly buffer Maps { uint maps[]; };
 layout(set = 0, binding = 10) buffer Points { pell_lit_point points[]; };
 layout(set = 0, binding = 11) writeonly buffer Hits { pell_picture_hit hits[]; };
-layout(set = 0, binding = 12) writeonly buffer Places { uvec4 method_places[]; };
+layout(set = 0, binding = 12) writeonly buffer MethodHits { uvec4 method_hits[]; };
 layout(set = 0, binding = 13) writeonly buffer Bases { vec4 method_bases[]; };
 layout(push_constant) uniform Push { pell_picture_push pc; };
 #include "visibility/wide_bvh.glsl"
@@ -51,7 +51,7 @@ struct Seen {
     vec3 ng, ns;                // geometric and shading normal, on the viewer's side
     float terminator_offset;
     bool back; // the corners run clockwise, seen from the camera
-    Place place;
+    SurfacePoint point;
     float bumps;  // slope variance of the normal map inside the pixel,
     float slope_variance; // and of the surface
 };
@@ -120,7 +120,7 @@ vec3 shading_normal(Sampled found, inout Seen s)
 
     s.bumps = 0.0;
     if (is_mapped())
-        n = mapped_normal(found, s.place, n, materials[s.place.material].normal_scale, s.bumps);
+        n = mapped_normal(found, s.point, n, materials[s.point.material].normal_scale, s.bumps);
     return bend(bend(side * n, s.ng), s.view);
 }
 
@@ -151,7 +151,7 @@ float footprint_of(Seen s, Ray ray, float depth)
     return pixel * pixel / max(max(abs(dot(n, ray.direction)), least), SMALLEST);
 }
 
-Seen look(Ray ray, Hit hit, out Sampled found)
+Seen surface_at(Ray ray, Hit hit, out Sampled found)
 {
     const pell_lit_mesh mesh = meshes[hit.mesh];
     Seen s;
@@ -162,19 +162,19 @@ Seen look(Ray ray, Hit hit, out Sampled found)
         s.corner[k] = uintBitsToFloat(bvh_triangles[3u * hit.at + k].xyz);
     s.ng = geometric_normal(s);
     s.back = dot(cross(s.corner[1] - s.corner[0], s.corner[2] - s.corner[0]), s.ng) < 0.0;
-    s.place.mesh = hit.mesh;
-    s.place.material = uint(mesh.material);
-    s.place.weight = s.weight;
-    s.place.footprint = footprint_of(s, ray, hit.t);
+    s.point.mesh = hit.mesh;
+    s.point.material = uint(mesh.material);
+    s.point.weight = s.weight;
+    s.point.footprint = footprint_of(s, ray, hit.t);
     for (uint k = 0u; k < 3u; k++) {
-        s.place.corner[k] = corners[mesh.corners + 3u * hit.triangle + k];
-        const uint at = mesh.normals + 3u * s.place.corner[k];
+        s.point.corner[k] = corners[mesh.corners + 3u * hit.triangle + k];
+        const uint at = mesh.normals + 3u * s.point.corner[k];
         s.normals[k] = mesh.normals == PELL_LIT_NONE ? s.ng : uintBitsToFloat(uvec3(corners[at], corners[at + 1u], corners[at + 2u]));
     }
     s.terminator_offset = terminator_offset(s);
     s.slope_variance = slope_variance_of(s, ray, hit.t);
     if (is_mapped())
-        found = sample_maps(s.place);
+        found = sample_maps(s.point);
     s.ns = shading_normal(found, s);
     return s;
 }
@@ -182,11 +182,11 @@ Seen look(Ray ray, Hit hit, out Sampled found)
 // Material factors, maps and vertex colours: shade_material in hits16.h.
 Made make(Sampled found, Seen s)
 {
-    const pell_picture_material m = materials[s.place.material];
+    const pell_picture_material m = materials[s.point.material];
     Made made = Made(m.base.rgb, m.specular.rgb, m.emissive.rgb, m.sheet, m.specular.w, m.emissive.w, m.base.w);
 
     if (is_mapped()) {
-        const Place p = s.place;
+        const SurfacePoint p = s.point;
         made.base *= found.map[MAP_BASE].rgb;
         if (has_attribute(p, COLOR))
             made.base *= interpolated(p, COLOR).rgb;
@@ -208,28 +208,28 @@ Made make(Sampled found, Seen s)
     return made;
 }
 
-vec3 shares(vec3 base, float exponent)
+vec3 applied_color(vec3 base, float exponent)
 {
     return vec3(pell_color_share(base.r, exponent), pell_color_share(base.g, exponent), pell_color_share(base.b, exponent));
 }
 
 // Writes the far side of a thin sheet as a point.
-void turn(uint i, uint behind)
+void write_far_side(uint i, uint at)
 {
-    points[behind].position = points[i].position;
-    points[behind].geometric = vec4(-points[i].geometric.xyz, 0.0);
-    points[behind].normal = vec4(-points[i].normal.xyz, points[i].normal.w);
-    points[behind].view = points[i].view;
-    points[behind].tint = points[i].tint;
-    points[behind].f0 = points[i].f0;
-    points[behind].hash0 = points[i].hash0;
-    points[behind].hash1 = points[i].hash1;
-    points[behind].curve = points[i].curve;
-    points[behind].first = points[i].first;
-    points[behind].material = points[i].material;
-    points[behind].flags = (points[i].flags & ~PELL_LIT_STRAIGHT) ^ PELL_LIT_BACK;
-    points[behind].sample_index = points[i].sample_index;
-    points[behind].slope_variance = points[i].slope_variance;
+    points[at].position = points[i].position;
+    points[at].geometric = vec4(-points[i].geometric.xyz, 0.0);
+    points[at].normal = vec4(-points[i].normal.xyz, points[i].normal.w);
+    points[at].view = points[i].view;
+    points[at].tint = points[i].tint;
+    points[at].f0 = points[i].f0;
+    points[at].hash0 = points[i].hash0;
+    points[at].hash1 = points[i].hash1;
+    points[at].curve = points[i].curve;
+    points[at].first = points[i].first;
+    points[at].material = points[i].material;
+    points[at].flags = (points[i].flags & ~PELL_LIT_STRAIGHT) ^ PELL_LIT_BACK;
+    points[at].sample_index = points[i].sample_index;
+    points[at].slope_variance = points[i].slope_variance;
 }
 
 void main()
@@ -241,16 +241,16 @@ void main()
     if (i >= 64u * pc.count)
         return;
     points[i].material = PELL_LIT_NONE;
-    if (pc.behind != 0u)
-        points[i + pc.behind].material = PELL_LIT_NONE;
+    if (pc.far_sides != 0u)
+        points[i + pc.far_sides].material = PELL_LIT_NONE;
     const Ray ray = camera_ray(p);
     if (!p.inside || !trace_ray(ray, false, hit))
         return;
-    const uint number = uint(meshes[hit.mesh].material), x = uint(p.x), y = uint(p.y), seed = pell_hash(fr.seed);
+    const uint material = uint(meshes[hit.mesh].material), x = uint(p.x), y = uint(p.y), seed = pell_hash(fr.seed);
     const uint block = pell_hash(x >> PELL_CURVE_LEVELS ^ pell_hash(y >> PELL_CURVE_LEVELS ^ seed));
-    const pell_picture_material m = materials[number];
+    const pell_picture_material m = materials[material];
     Sampled found;
-    const Seen s = look(ray, hit, found);
+    const Seen s = surface_at(ray, hit, found);
     const Made made = make(found, s);
     const vec3 position = ray.origin + hit.t * ray.direction, far = abs(position), solid = made.base * (1.0 - made.metallic);
     const bool is_opaque = (m.flags & PELL_PICTURE_OPAQUE) != 0u, textured = (m.flags & PELL_PICTURE_TEXTURED) != 0u;
@@ -260,28 +260,28 @@ void main()
     points[i].normal = vec4(s.ns, made.roughness);
     points[i].view = vec4(s.view, 0.0);
     points[i].tint = vec4(made.specular, 0.0);
-    points[i].f0 = vec4(lit[number].fd + made.metallic * (made.base - lit[number].fd), 0.0);
+    points[i].f0 = vec4(lit[material].fd + made.metallic * (made.base - lit[material].fd), 0.0);
     points[i].hash0 = pell_hash(block ^ 0x68bc21ebu);
     points[i].hash1 = pell_hash(block ^ 0x02e5be93u);
     points[i].curve = pell_pixel_curve(x, y, seed);
     points[i].first = pell_hash(x ^ pell_hash(y ^ seed));
-    points[i].material = number;
+    points[i].material = material;
     points[i].flags = ((fr.flags & PELL_PICTURE_SKY) != 0u ? PELL_LIT_AMBIENT : 0u) | PELL_LIT_STRAIGHT | PELL_LIT_SEEN |
                       (s.back ? PELL_LIT_BACK : 0u) | (fr.flags & PELL_LIT_TOGETHER);
     points[i].sample_index = fr.sample_number;
     points[i].slope_variance = s.slope_variance;
-    hits[i].albedo = vec4(is_opaque ? solid : textured ? shares(made.base, m.total.w) : vec3(1.0), hit.t);
-    hits[i].leaves = vec4(textured ? shares(made.base, m.leave_base.w) : vec3(1.0), made.strength);
+    hits[i].albedo = vec4(is_opaque ? solid : textured ? applied_color(made.base, m.total.w) : vec3(1.0), hit.t);
+    hits[i].exit_color = vec4(textured ? applied_color(made.base, m.exit_base.w) : vec3(1.0), made.strength);
     hits[i].emissive = vec4(made.emissive, uintBitsToFloat(keys[hit.mesh]));
     hits[i].sheet = made.sheet;
     if (m.sheet.w > 0.0)
-        turn(i, i + pc.behind);
+        write_far_side(i, i + pc.far_sides);
     hits[i].mesh = hit.mesh;
     hits[i].triangle = hit.triangle;
     hits[i].u = hit.u;
     hits[i].v = hit.v;
     if ((fr.flags & PELL_PICTURE_HITS) != 0u)
-        method_places[p.at] = uvec4(hit.mesh, hit.triangle, floatBitsToUint(vec2(hit.u, hit.v)));
+        method_hits[p.at] = uvec4(hit.mesh, hit.triangle, floatBitsToUint(vec2(hit.u, hit.v)));
     if ((fr.flags & PELL_PICTURE_BASES) != 0u)
         method_bases[p.at] = vec4(made.base, 0.0);
 }

@@ -17,7 +17,7 @@ struct task {
     const struct pell_blur *blurs;
 };
 
-/* Variance of sharing out among points f pixels apart, and of interpolation between them, px^2. */
+/* Variance of the distribution to points f pixels apart, and of interpolation between them, px^2. */
 static double resampling_variance(int f)
 {
     double tent = 0.0;
@@ -39,7 +39,8 @@ static void plan(struct pell_blur *b, double sigma, int width, int height)
     while (2 * b->factor * SMALL_SIGMA <= sigma && 2 * b->factor <= smaller && b->factor < PELL_BLUR_MOST)
         b->factor *= 2;
     for (int i = 0; i < 2 * b->factor; i++) /* linear interpolation's weight of a point so far away; they sum to one */
-        b->share[i] = b->factor > 1 ? (1.0f - fabsf((float) i + 0.5f - (float) b->factor) / (float) b->factor) / (float) b->factor : 1.0f;
+        b->grid_weight[i] =
+            b->factor > 1 ? (1.0f - fabsf((float) i + 0.5f - (float) b->factor) / (float) b->factor) / (float) b->factor : 1.0f;
     b->first = b->factor > 1 ? -b->factor / 2 : 0;
     b->last = b->factor > 1 ? b->factor + b->factor / 2 : 1;
     left = fmax(sigma * sigma - resampling_variance(b->factor), 0.0) / ((double) b->factor * b->factor);
@@ -70,7 +71,7 @@ static void shrink(void *arg, int band, int worker)
             out[x] = 0.0f;
         for (int k = from; k < to; k++) {
             const float *restrict in = t->in + pell_mirror(y * f + k, p->height) * p->stride;
-            const float w = b->share[k - from];
+            const float w = b->grid_weight[k - from];
             for (int x = 0; x < p->width; x++)
                 out[x] += w * in[x];
         }
@@ -78,7 +79,7 @@ static void shrink(void *arg, int band, int worker)
             const bool inside = x * f + from >= 0 && x * f + to <= p->width;
             float sum = 0.0f;
             for (int k = from; k < to; k++)
-                sum += b->share[k - from] * out[inside ? x * f + k : pell_mirror(x * f + k, p->width)];
+                sum += b->grid_weight[k - from] * out[inside ? x * f + k : pell_mirror(x * f + k, p->width)];
             out[x] = sum; /* it writes behind what it has read, except at x = 0 */
         }
     }
@@ -164,7 +165,7 @@ static void mix(void *arg, int band, int worker)
     const struct task *t = arg;
     const struct pell_bloom_params *p = t->p;
     const int end = (band + 1) * BAND < p->height ? (band + 1) * BAND : p->height;
-    const float rest = 1.0f - p->share, half = 0.5f * p->share;
+    const float rest = 1.0f - p->fraction, half = 0.5f * p->fraction;
     (void) worker;
 
     for (int y = band * BAND; y < end; y++) {

@@ -2,12 +2,12 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // bloom_mix.comp - adds the weighted Gaussians to a channel of the image, in place. Mirror of `mix` and `add` in bloom.c.
-//   io  0 picture  R, G, B and alpha
+//   io  0 image  R, G, B and alpha
 //   in  1 room     the Gaussians at their smaller sizes
 layout(local_size_x = 16, local_size_y = 4) in;
 #include "render/post/device_data.h"
 #include "shared/bloom.h"
-layout(set = 0, binding = 0) buffer Picture { float picture[]; };
+layout(set = 0, binding = 0) buffer Image { float image[]; };
 layout(set = 0, binding = 1) readonly buffer Room { float room[]; };
 layout(push_constant) uniform Push { pell_mix_push pc; };
 
@@ -32,8 +32,8 @@ void main()
     if (x >= int(pc.width) || y >= int(pc.height))
         return;
     const uint at = pc.from + uint(y) * pc.stride + uint(x);
-    float sum = pc.rest * picture[at];
+    float sum = pc.rest * image[at];
     sum += pc.weight * value_at(pc.low0, pc.factor0, pc.width0, pc.height0, x, y);
     sum += pc.weight * value_at(pc.low1, pc.factor1, pc.width1, pc.height1, x, y);
-    picture[at] = sum;
+    image[at] = sum;
 }

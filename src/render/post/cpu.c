@@ -158,7 +158,7 @@ static void background(const struct task *t, int x, int y, float rgb[3])
         pell_view_ray(t->p->view, (float) x, (float) y, &start, &direction);
         shade = pell_contact_shade(t->p->contact, start, direction);
         if (shade == 1.0f) {
-            memcpy(rgb, t->tone.behind, 3 * sizeof(*rgb));
+            memcpy(rgb, t->tone.background, 3 * sizeof(*rgb));
             return;
         }
         for (int c = 0; c < 3; c++)
@@ -185,7 +185,7 @@ static void show(const struct task *t, const float rgb[3], float shown[3])
 
 /* A partially covered pixel. Its foreground and background are tone mapped separately, then averaged: otherwise a rim far brighter than
  * white would be white as soon as it touches the pixel. */
-static void blend(const struct task *t, ptrdiff_t at, const float behind[3])
+static void blend(const struct task *t, ptrdiff_t at, const float background[3])
 {
     const float a = t->alpha[at];
     float over[3], shown[2][3];
@@ -193,9 +193,9 @@ static void blend(const struct task *t, ptrdiff_t at, const float behind[3])
     for (int c = 0; c < 3; c++)
         over[c] = t->color[c][at] / a;
     show(t, over, shown[0]);
-    show(t, behind, shown[1]);
+    show(t, background, shown[1]);
     for (int c = 0; c < 3; c++) {
-        t->color[c][at] += (1.0f - a) * behind[c];
+        t->color[c][at] += (1.0f - a) * background[c];
         t->display[c][at] = a * shown[0][c] + (1.0f - a) * shown[1][c];
     }
 }
@@ -399,8 +399,8 @@ static void prepare_background(struct task *t)
     if (!t->tone.lay)
         return;
     t->tone.straight = 0.0f; /* foreground and background are tone mapped separately */
-    unexpose(t, scene->background_color, t->tone.behind);
-    show(t, t->tone.behind, t->tone.shown);
+    unexpose(t, scene->background_color, t->tone.background);
+    show(t, t->tone.background, t->tone.shown);
 }
 
 enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post_params *params, float *const color[3], float *alpha,
@@ -418,22 +418,22 @@ enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post
         .curve = settings->tonemap == PELL_TONEMAP_REINHARD,
     };
     const int y0 = params->rect.y0, y1 = params->rect.y1;
-    double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, met = 0.0, met_count = 0.0, start;
+    double sum = 0.0, count = 0.0, invalid = 0.0, maximum = 0.0, arriving = 0.0, arriving_pixels = 0.0, start;
     float exposure;
     enum pell_result res = PELL_OK;
 
     if (y1 > y0)
         pell_pool_run(pool, y1 - y0, measure_row, &t);
     for (int y = y0; y < y1; y++) {
-        met += params->meter[2 * y];
-        met_count += params->meter[2 * y + 1];
+        arriving += params->meter[2 * y];
+        arriving_pixels += params->meter[2 * y + 1];
         sum += params->rows[y * PER_ROW + SUM_LOG];
         count += params->rows[y * PER_ROW + COUNT];
         invalid += params->rows[y * PER_ROW + INVALID];
         maximum = fmax(maximum, params->rows[y * PER_ROW + MAXIMUM]);
     }
     if (!(t.exposure > 0.0f) && count > 0.0)
-        t.exposure = (float) fmin(METER_FACTOR * KEY / exp(sum / count), met > 0.0 ? PELL_PI * met_count / met : INFINITY);
+        t.exposure = (float) fmin(METER_FACTOR * KEY / exp(sum / count), arriving > 0.0 ? PELL_PI * arriving_pixels / arriving : INFINITY);
     if (!(t.exposure > 0.0f && t.exposure < 1e30f))
         t.exposure = 1.0f;
     exposure = t.exposure;
@@ -450,9 +450,9 @@ enum pell_result pell_post_render(struct pell_pool *pool, const struct pell_post
         .exposure = exposure,
         .white = t.white,
         .invalid = (int64_t) invalid,
-        .covered = met_count > 0.0,
-        .any_light = met > 0.0 || maximum > 0.0,
-        .negligible = !(maximum > 0.0) && met < NEGLIGIBLE * met_count,
+        .covered = arriving_pixels > 0.0,
+        .any_light = arriving > 0.0 || maximum > 0.0,
+        .negligible = !(maximum > 0.0) && arriving < NEGLIGIBLE * arriving_pixels,
     };
     if (settings->bloom > 0.0f)
         res = bloom(pool, &t, &result->on_device);

@@ -9,9 +9,9 @@
 #include <string.h>
 
 enum buffer {
-    PLANES_UP, /* a sample, or the picture */
+    PLANES_UP, /* a sample, or the image */
     PLANES,
-    PLANES_DOWN, /* the sum, or the picture */
+    PLANES_DOWN, /* the sum, or the image */
     TABLE_UP,
     TABLE,
     DISCS,
@@ -48,7 +48,7 @@ struct pell_post_device {
     struct pell_gpu_pass *passes[PASSES];
     const char *lens_why, *bloom_why;
     int width, height;
-    size_t plane;          /* floats, of a picture */
+    size_t plane;          /* floats, of an image */
     bool lens, bloom;      /* there is room for them, or a reason */
     bool table;            /* it is the lens' */
     struct pell_rect rect; /* of the last sample's composite */
@@ -110,10 +110,10 @@ const char *pell_post_device_refuses_bloom(const struct pell_post_device *d)
 
 /* --- Room ---------------------------------------------------------------------------------------------------------------------------- */
 
-static enum pell_result make_buffer(struct pell_post_device *d, enum buffer which, enum pell_gpu_place place, size_t floats,
+static enum pell_result make_buffer(struct pell_post_device *d, enum buffer which, enum pell_gpu_memory memory, size_t floats,
                                     const char *name)
 {
-    return d->buffers[which] ? PELL_OK : pell_gpu_buffer_create(d->gpu, place, floats * FLOAT, name, &d->buffers[which]);
+    return d->buffers[which] ? PELL_OK : pell_gpu_buffer_create(d->gpu, memory, floats * FLOAT, name, &d->buffers[which]);
 }
 
 static enum pell_result make_pass(struct pell_post_device *d, enum pass which, const struct pell_shader *shader, const enum buffer *list)
@@ -269,7 +269,7 @@ static void run(struct pell_post_device *d, struct pell_gpu_commands *commands, 
 
 /* --- Depth of field ------------------------------------------------------------------------------------------------------------------ */
 
-/* Rows of the picture that hold the composite, from a row of tiles on. */
+/* Rows of the image that hold the composite, from a row of tiles on. */
 struct window {
     int y0, height, columns, rows;
     size_t plane; /* floats */
@@ -449,12 +449,12 @@ fail:
 /* Its weights, in the order in which they are read. */
 static void fill_table(const struct pell_blur *b, float *table)
 {
-    memcpy(table, b->share, (size_t) (b->last - b->first) * FLOAT);
+    memcpy(table, b->grid_weight, (size_t) (b->last - b->first) * FLOAT);
     for (int i = -b->radius; i <= b->radius; i++)
         table[2 * PELL_BLUR_MOST + b->radius + i] = b->tap[i < 0 ? -i : i];
 }
 
-/* A step that writes width x height values. Returns its bytes: overlapping shares are read twice, neighbours of a Gaussian from caches. */
+/* A step that writes width x height values. Returns its bytes: overlapping ranges are read twice, neighbours of a Gaussian from caches. */
 static int64_t spread(struct pell_post_device *d, struct pell_spread_push *p, int width, int height)
 {
     p->width = (uint32_t) width;
@@ -520,8 +520,8 @@ static int64_t record_bloom(struct pell_post_device *d, const struct pell_blur b
             .factor1 = blurs[1].factor,
             .width1 = blurs[1].width,
             .height1 = blurs[1].height,
-            .rest = 1.0f - params->share,
-            .weight = 0.5f * params->share,
+            .rest = 1.0f - params->fraction,
+            .weight = 0.5f * params->fraction,
         };
         bytes += blur_channel(d, &blurs[0], c, LOW0, 0) + blur_channel(d, &blurs[1], c, LOW1, WEIGHTS);
         run(d, d->commands, MIX, &mix, d->width, d->height);

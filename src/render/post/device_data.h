@@ -12,7 +12,7 @@
 #define PELL_POST_GROUP_X 16
 #define PELL_POST_GROUP_Y 4
 
-/* Of depth of field: a window of whole rows of the picture, which begins with a row of tiles. */
+/* Of depth of field: a window of whole rows of the image, which begins with a row of tiles. */
 struct pell_lens_push {
     float scale, inverse_focus; /* as struct pell_dof_params has them */
     uint32_t stride, plane;     /* plane: from one to the next */
@@ -25,7 +25,7 @@ struct pell_lens_push {
 /* Of a step of bloom: each value written is the weighted sum of a line of values. */
 struct pell_spread_push {
     uint32_t from, to;      /* of the plane that is read, of that which is written */
-    uint32_t of_color;      /* 1: read from the picture, 0: from the room */
+    uint32_t of_color;      /* 1: read from the image, 0: from the room */
     uint32_t stride;        /* of both */
     uint32_t width, height; /* written */
     int32_t size;           /* values in a line that is read, mirrored at its ends */
@@ -35,14 +35,14 @@ struct pell_spread_push {
     uint32_t weights; /* of the table */
 };
 
-/* Of bloom's end: a channel of the picture, with half the share of both Gaussians. */
+/* Of bloom's end: a channel of the image, with half the weight for each Gaussian. */
 struct pell_mix_push {
     uint32_t from; /* of the channel */
     uint32_t stride, width, height;
     uint32_t low0, low1; /* of the room: both Gaussians at their smaller sizes */
     int32_t factor0, width0, height0;
     int32_t factor1, width1, height1;
-    float rest, weight; /* of the picture, of each Gaussian */
+    float rest, weight; /* of the image, of each Gaussian */
 };
 
 /* Of the tone curve; see struct pell_post_tone. */

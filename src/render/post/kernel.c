@@ -47,7 +47,7 @@ static double logarithm(struct product *p)
     return log(all) + (double) p->power * LN2;
 }
 
-static void mend(int count, float *restrict r, float *restrict g, float *restrict b, const float *a, struct pell_post_measure *out)
+static void clear_invalid(int count, float *restrict r, float *restrict g, float *restrict b, const float *a, struct pell_post_measure *out)
 {
     for (int i = 0; i < count; i++)
         if (a[i] != 0.0f && !isfinite(r[i] + g[i] + b[i])) {
@@ -84,9 +84,9 @@ INLINE void measure_block(float *restrict r, float *restrict g, float *restrict 
     if (!any(covered))
         return;
     if (any(bad))
-        mend(LANES, r, g, b, a, out);
+        clear_invalid(LANES, r, g, b, a, out);
     for (int at = 0; at < LANES; at += WIDTH) {
-        const vf given = load(a + at), alpha = select(given > 0.9999f, all(1.0f), given); /* a sum of weights 1/n */
+        const vf sum = load(a + at), alpha = select(sum > 0.9999f, all(1.0f), sum); /* of weights 1/n */
         const vf l = PELL_LUMINANCE(load(r + at), load(g + at), load(b + at)) / select(alpha != 0.0f, alpha, all(1.0f));
         const vi on = (alpha > 0.5f) & (l > 1e-30f);
         const vf counted = select(on, l, all(0.0f)), before = load(largest + at);
@@ -147,7 +147,7 @@ INLINE void finish_block(const struct pell_post_tone *t, float *const color[3], 
         for (int c = 0; c < 3; c++) {
             v[c] = load(color[c] + at);
             if (t->lay)
-                store(color[c] + at, v[c] + transparency * t->behind[c]);
+                store(color[c] + at, v[c] + transparency * t->background[c]);
         }
         if (t->filmic) {
             finish_filmic(e, v, display, at);
@@ -173,7 +173,7 @@ static void finish(const struct pell_post_tone *tone, int count, float *const co
         for (int at = x; at < x + LANES; at += WIDTH)
             covered |= load(alpha + at) != 0.0f;
         if (t.lay && !any(covered)) { /* what is not covered is black */
-            put(t.behind, LANES, color, x);
+            put(t.background, LANES, color, x);
             put(t.shown, LANES, display, x);
         } else {
             finish_block(&t, color, alpha, display, x);
@@ -195,7 +195,7 @@ static void finish(const struct pell_post_tone *tone, int count, float *const co
 static void empty(const struct pell_post_tone *tone, int count, float *const color[3], float *alpha, float *const display[3])
 {
     memset(alpha, 0, (size_t) count * sizeof(*alpha));
-    put(tone->behind, count, color, 0);
+    put(tone->background, count, color, 0);
     put(tone->shown, count, display, 0);
 }
 

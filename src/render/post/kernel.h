@@ -19,9 +19,9 @@ struct pell_post_measure {
 struct pell_post_tone {
     float exposure, straight; /* colours are divided by alphas over this */
     float curve, white_scale;
-    bool filmic;               /* in their place */
-    bool lay;                  /* colours are composited over `behind` */
-    float behind[3], shown[3]; /* and its displayed colour where nothing else is visible */
+    bool filmic;                   /* in their place */
+    bool lay;                      /* colours are composited over `background` */
+    float background[3], shown[3]; /* and its displayed colour where nothing else is visible */
 };
 
 struct pell_post_kernels {

@@ -20,8 +20,8 @@ layout(push_constant) uniform Push { pell_lens_push pc; };
 
 float weight_of(float r)
 {
-    const float at = r * float(PELL_LENS_STEPS), whole = floor(at);
-    return table[int(whole)] + (at - whole) * (table[int(whole) + 1] - table[int(whole)]);
+    const float at = r * float(PELL_LENS_STEPS), full = floor(at);
+    return table[int(full)] + (at - full) * (table[int(full) + 1] - table[int(full)]);
 }
 
 vec4 color_at(uint at)
@@ -62,10 +62,10 @@ void main()
                 const float d = sqrt(float(dx * dx + dy * dy));
                 if (!(d < widest + 0.5))
                     continue;
-                const uint there = uint(int(here) + dy * int(pc.stride) + dx);
-                const vec2 disc = discs[there];
+                const uint other = uint(int(here) + dy * int(pc.stride) + dx);
+                const vec2 disc = discs[other];
                 const float difference = disc.x - mine, w = pell_disc_cover(abs(disc.x), d) * disc.y, o = pell_disc_cover(narrow, d);
-                const vec4 color = color_at(there);
+                const vec4 color = color_at(other);
                 own += o;
                 if (difference < -band) {
                     near += w;

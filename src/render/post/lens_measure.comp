@@ -19,8 +19,8 @@ shared float widest_of[64];
 
 float weight_of(float r)
 {
-    const float at = r * float(PELL_LENS_STEPS), whole = floor(at);
-    return table[int(whole)] + (at - whole) * (table[int(whole) + 1] - table[int(whole)]);
+    const float at = r * float(PELL_LENS_STEPS), cell = floor(at);
+    return table[int(cell)] + (at - cell) * (table[int(cell) + 1] - table[int(cell)]);
 }
 
 void main()
@@ -34,10 +34,10 @@ void main()
             continue;
         const bool inside = int(x) >= pc.x0 && int(x) < pc.x1 && int(y) >= pc.y0 && int(y) < pc.y1; // inside the rectangle of the composite
         const float inverse_depth = inside ? planes[4u * pc.plane + at] : 0.0;
-        const float whole = pell_disc_radius(pc.scale, pc.inverse_focus, inverse_depth);
-        const float d = clamp(whole, -float(PELL_LENS_MOST), float(PELL_LENS_MOST));
+        const float unclamped = pell_disc_radius(pc.scale, pc.inverse_focus, inverse_depth);
+        const float d = clamp(unclamped, -float(PELL_LENS_MOST), float(PELL_LENS_MOST));
         discs[at] = vec2(d, weight_of(abs(d)));
-        widest = inverse_depth > 0.0 ? max(widest, abs(whole)) : widest; // an empty pixel contributes nothing to others
+        widest = inverse_depth > 0.0 ? max(widest, abs(unclamped)) : widest; // an empty pixel contributes nothing to others
     }
     widest_of[gl_LocalInvocationIndex] = widest;
     barrier();

@@ -2,12 +2,12 @@
 #version 460
 #extension GL_GOOGLE_include_directive : require
 // show.comp - the tone curve. Mirror of `finish_block` in kernel.c for an image that is already composited over its background.
-//   in  0 picture  R, G, B and alpha; alpha is read where colours are divided by it
+//   in  0 image  R, G, B and alpha; alpha is read where colours are divided by it
 //   out 1 shown    R, G and B, [0, 1]
 layout(local_size_x = 16, local_size_y = 4) in;
 #include "render/post/device_data.h"
 #include "shared/tone.h"
-layout(set = 0, binding = 0) readonly buffer Picture { float picture[]; };
+layout(set = 0, binding = 0) readonly buffer Image { float image[]; };
 layout(set = 0, binding = 1) writeonly buffer Shown { float shown[]; };
 layout(push_constant) uniform Push { pell_show_push pc; };
 
@@ -26,8 +26,8 @@ void main()
 
     if (x >= pc.width || y >= pc.height)
         return;
-    const vec3 color = vec3(picture[at], picture[pc.plane + at], picture[2u * pc.plane + at]);
-    const float a = pc.straight < 1.0 ? picture[3u * pc.plane + at] : 1.0, e = pc.exposure / (a > pc.straight ? a : 1.0);
+    const vec3 color = vec3(image[at], image[pc.plane + at], image[2u * pc.plane + at]);
+    const float a = pc.straight < 1.0 ? image[3u * pc.plane + at] : 1.0, e = pc.exposure / (a > pc.straight ? a : 1.0);
     const float l = max(e * PELL_LUMINANCE(color.r, color.g, color.b), 0.0);
     const vec3 seen = pc.filmic != 0u ? filmic(e, color) : color * PELL_TONE_SCALE(e, l, pc.curve, pc.white_scale);
 

@@ -177,12 +177,12 @@ static void blur_block(const struct job *job, int y, int x0, int x1, struct pell
     for (int i = 0; i < x1 - x0; i++)
         b.mm[i] = b.depth[i] * p->depth_mm + p->fixed_mm;
     for (int k = -job->taps; k <= job->taps; k++) {
-        const int apart = k * job->spacing;
-        if (job->down && y + apart >= rect.y0 && y + apart < rect.y1)
-            job->kernels->add(&b, apart * p->stride, (float) apart, 0, x1 - x0);
+        const int distance = k * job->spacing;
+        if (job->down && y + distance >= rect.y0 && y + distance < rect.y1)
+            job->kernels->add(&b, distance * p->stride, (float) distance, 0, x1 - x0);
         else if (!job->down)
-            job->kernels->add(&b, apart, (float) apart, x0 + apart < rect.x0 ? rect.x0 - x0 - apart : 0,
-                              (x1 + apart < rect.x1 ? x1 : rect.x1 - apart) - x0);
+            job->kernels->add(&b, distance, (float) distance, x0 + distance < rect.x0 ? rect.x0 - x0 - distance : 0,
+                              (x1 + distance < rect.x1 ? x1 : rect.x1 - distance) - x0);
     }
     for (int c = 0; c < 3; c++)
         for (int i = 0; i < x1 - x0; i++)

@@ -4,7 +4,7 @@
 
 #include "shared/spread.h"
 
-static void add(struct pell_spread_block *restrict b, ptrdiff_t offset, float apart, int first, int end)
+static void add(struct pell_spread_block *restrict b, ptrdiff_t offset, float distance, int first, int end)
 {
     const uint16_t *restrict key = b->key, *restrict other = key + offset;
     const float *restrict depth = b->depth, *restrict beyond = depth + offset;
@@ -12,7 +12,7 @@ static void add(struct pell_spread_block *restrict b, ptrdiff_t offset, float ap
     const float inverse = b->inverse;
 
     for (int i = first; i < end; i++) {
-        const float near = pell_spread_weight(apart * b->mm[i], beyond[i] - depth[i], inverse), w = key[i] == other[i] ? near : 0.0f;
+        const float near = pell_spread_weight(distance * b->mm[i], beyond[i] - depth[i], inverse), w = key[i] == other[i] ? near : 0.0f;
         b->light[0][i] += w * red[i];
         b->light[1][i] += w * green[i];
         b->light[2][i] += w * blue[i];

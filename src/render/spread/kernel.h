@@ -19,8 +19,8 @@ struct pell_spread_block {
 };
 
 struct pell_spread_kernels {
-    /* Adds a tap to the pixels from `first` to `end`: the pixels at `offset` in memory, `apart` pixels away in the image. */
-    void (*add)(struct pell_spread_block *block, ptrdiff_t offset, float apart, int first, int end);
+    /* Adds a tap to the pixels from `first` to `end`: the pixels at `offset` in memory, `distance` pixels away in the image. */
+    void (*add)(struct pell_spread_block *block, ptrdiff_t offset, float distance, int first, int end);
 };
 
 PELL_SIMD_TABLES(struct pell_spread_kernels, pell_spread_kernels);

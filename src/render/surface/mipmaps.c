@@ -170,7 +170,7 @@ static enum pell_result build(struct pell_mips *mips, struct pyramid *p, const s
     return PELL_OK;
 }
 
-/* --- One pyramid a picture ---------------------------------------------------------------------------------------------------- */
+/* --- One pyramid an image ----------------------------------------------------------------------------------------------------- */
 
 static int by_pixels(const void *a, const void *b)
 {
@@ -180,7 +180,7 @@ static int by_pixels(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Pictures that some material reads with a filter, each once: textures that differ in their sampler alone share pixels. */
+/* Images that some material reads with a filter, each once: textures that differ in their sampler alone share pixels. */
 static enum pell_result collect(struct pell_mips *mips, const struct pell_scene *scene)
 {
     size_t count = 0, kept = 0;
@@ -279,7 +279,7 @@ static size_t put_texel(const struct pyramid *p, const struct surface_decode *de
     return bytes ? 1 : 2;
 }
 
-/* Writes a picture from word `first` on; returns the word behind it. What is not filtered is written as it is, not of 16 bits. */
+/* Writes an image from word `first` on; returns the word behind it. What is not filtered is written as it is, not of 16 bits. */
 static size_t put_picture(const struct pyramid *p, const struct surface_decode *decode, bool unfiltered, size_t first, uint32_t *out)
 {
     const bool floats = p->image.type == PELL_PIXEL_F32;

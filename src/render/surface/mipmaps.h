@@ -9,15 +9,15 @@
 
 #define SURFACE_MIP_LEVELS 32
 
-/* Level 0 is the scene's own picture. Smaller levels of 8 and 16 bit pictures are linear RGBA of 16 bits, red in the lowest: 8 bytes a
+/* Level 0 is the scene's own image. Smaller levels of 8 and 16 bit images are linear RGBA of 16 bits, red in the lowest: 8 bytes a
  * texel whatever the source holds, 2.7 bytes per texel of the source in all, and no sRGB to undo per pixel. Smaller levels of float
- * pictures are float pictures. Each level halves the one before by an area-weighted box. */
+ * images are float images. Each level halves the one before by an area-weighted box. */
 struct pyramid {
     struct pell_image image; /* level 0, borrowed */
     int levels;
     int width[SURFACE_MIP_LEVELS], height[SURFACE_MIP_LEVELS];
-    uint64_t *texels[SURFACE_MIP_LEVELS];         /* from 1 on; NULL for float pictures */
-    struct pell_image floats[SURFACE_MIP_LEVELS]; /* from 1 on, float pictures */
+    uint64_t *texels[SURFACE_MIP_LEVELS];         /* from 1 on; NULL for float images */
+    struct pell_image floats[SURFACE_MIP_LEVELS]; /* from 1 on, float images */
 };
 
 struct pell_mips {
@@ -40,7 +40,7 @@ static inline uint16_t surface_decode16(const struct pell_image *image, uint16_t
     return image->srgb ? (uint16_t) (pell_srgb_decode_u16(v) * 65535.0f + 0.5f) : v;
 }
 
-/* One texel of an 8 or 16 bit picture as linear RGBA of 16 bits, red in the lowest: grey is copied, missing alpha is 1. */
+/* One texel of an 8 or 16 bit image as linear RGBA of 16 bits, red in the lowest: grey is copied, missing alpha is 1. */
 static inline uint64_t surface_texel(const struct pell_image *image, const struct surface_decode *decode, size_t at)
 {
     const int n = image->channels;

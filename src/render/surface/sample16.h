@@ -2,7 +2,7 @@
  *
  * sample16.h - 16 texture look-ups at once, filtered in space and between levels; part of packet.c, so compiled per SIMD level.
  *
- * Between two levels the blend runs over half of the way only: the picture has no seams where levels change, and half of the pixels need
+ * Levels are blended over half of the interval between them only: the image has no seams where levels change, and half of the pixels need
  * one level instead of two.
  */
 #ifndef PELL_SURFACE_SAMPLE16_H
@@ -55,7 +55,7 @@ static inline uint64_t rgb_texel(const uint8_t *rgb, const uint16_t *table, size
     return (uint64_t) table[p[0]] | (uint64_t) table[p[1]] << 16 | (uint64_t) table[p[2]] << 32 | 0xffffull << 48;
 }
 
-/* out = bilinear look-up in each lane's level, for 8 and 16 bit pictures. Lanes that are not in `lanes` get something finite. */
+/* out = bilinear look-up in each lane's level, for 8 and 16 bit images. Lanes that are not in `lanes` get something finite. */
 static void bilinear16(const struct pyramid *p, const struct pell_texture *t, const struct surface_decode *decode,
                        const float16 *restrict uv, const int32_t *restrict level, uint32_t lanes, unsigned channels, float16 *restrict out)
 {
@@ -117,7 +117,7 @@ static void bilinear16(const struct pyramid *p, const struct pell_texture *t, co
     }
 }
 
-/* Float pictures, and textures that are not to be filtered: one by one. */
+/* Float images, and textures that are not to be filtered: one by one. */
 static void one_by_one(const struct pyramid *p, const struct pell_texture *t, const float16 *uv, const int32_t *level, uint32_t lanes,
                        unsigned channels, float16 *restrict out)
 {
@@ -137,7 +137,7 @@ static void sample16(const struct pyramid *p, const struct pell_texture_map *map
 {
     const struct pell_texture *t = map->texture;
     const float *m = map->matrix, scale = fabsf(m[0] * m[4] - m[1] * m[3]) * (float) p->image.width * (float) p->image.height;
-    /* The quick path counts texels in 32 bits; pictures beyond that are looked up at full size. */
+    /* The quick path counts texels in 32 bits; images beyond that are looked up at full size. */
     const bool floats = p->image.type == PELL_PIXEL_F32, huge = p->image.width * (int64_t) p->image.height > INT32_MAX;
     const bool slow = t->nearest || floats || huge;
     const float last = t->nearest || (huge && !floats) ? 0.0f : (float) (p->levels - 1);

@@ -20,8 +20,8 @@ void pell_mips_destroy(struct pell_mips **mips);
 
 /* What the scene's maps are sampled from, for a device: words of 32 bits. Returns how many; `out` NULL: they are not written.
  *   256 numbers that sRGB of 8 bits stands for, of 65535, and 256 of numbers of 8 bits; for each material and enum pell_map PELL_MIPS_MAP
- *   words: first word of its picture (PELL_MIPS_NONE: no map), UV set + 256 channel + 1024 where the nearest texel is read + 65536 wrap_u +
- *   16777216 wrap_v, matrix. Pictures: levels, width, height, 1 where level 0 is RGBA of 8 bits, + 2 where that is sRGB, + 4 where it is
+ *   words: first word of its image (PELL_MIPS_NONE: no map), UV set + 256 channel + 1024 where the nearest texel is read + 65536 wrap_u +
+ *   16777216 wrap_v, matrix. Images: levels, width, height, 1 where level 0 is RGBA of 8 bits, + 2 where that is sRGB, + 4 where it is
  *   of floats, + 8 where smaller levels are; of each level first word, width and height. All else is RGBA of 16 bits. */
 enum { PELL_MIPS_HEAD = 512, PELL_MIPS_MAP = 8 };
 #define PELL_MIPS_NONE UINT32_MAX

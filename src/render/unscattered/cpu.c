@@ -242,8 +242,8 @@ static void shade_outside(const struct job *job, struct packet *k, const struct 
 
     for (int i = 0; i < LANES; i++) {
         const bool hit_any = r->hit.mesh[i] < scene->num_meshes;
-        const float sampled = k->path[i].lobe.sampled, apart = outside[i] ? footprint(k, i, outside) : 0.0f;
-        const float width = sqrtf(fmaxf(apart * apart - sampled * sampled, 0.0f));
+        const float sampled = k->path[i].lobe.sampled, size = outside[i] ? footprint(k, i, outside) : 0.0f;
+        const float width = sqrtf(fmaxf(size * size - sampled * sampled, 0.0f));
         struct unscattered_path w = k->path[i];
         float rgb[3] = { 0 };
         if (!outside[i])

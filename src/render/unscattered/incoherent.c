@@ -10,10 +10,10 @@
 enum { LINES_PER_TASK = 16 };
 #define MAX_SLOPE 6.0f /* depth difference between adjacent pixels, in pixel widths, beyond which another part begins */
 
-/* Rows or columns of an image: `count` of them, `apart` in memory, each of `length` values `step` apart. */
+/* Rows or columns of an image: `count` of them, `spacing` apart in memory, each of `length` values `step` apart. */
 struct scanlines {
     const struct pell_unscattered_params *p;
-    ptrdiff_t start, apart, step;
+    ptrdiff_t start, spacing, step;
     int count, length;
     float sign; /* sign of the results */
 };
@@ -64,7 +64,7 @@ static void blur_lines(void *arg, int index, int worker)
     (void) worker;
     for (int i = index * LINES_PER_TASK; i < s->count && i < (index + 1) * LINES_PER_TASK; i++)
         for (int c = 0; c < 3; c++)
-            blur_line(s->p->light[c] + s->start + i * s->apart, s->p->surface->depth + s->start + i * s->apart,
+            blur_line(s->p->light[c] + s->start + i * s->spacing, s->p->surface->depth + s->start + i * s->spacing,
                       view->orthographic ? 0.0f : mm_per_px, view->orthographic ? mm_per_px : 0.0f, s->step, s->length, s->sign);
 }
 

@@ -279,15 +279,15 @@ static void warn_of_crossings(const struct pell_json *list, const struct pell_ma
 {
     struct pell_text text = { 0 };
     char shown[64];
-    int told = 0;
+    int reported = 0;
 
     for (int i = 0; i < m->num_layers; i++)
-        if (measure[i].crossings > 0 && told++ < 4)
-            pell_text_add(&text, "%s layer %d (\"%s\") at %.3g %% of the texels", told > 1 ? "," : "", i,
+        if (measure[i].crossings > 0 && reported++ < 4)
+            pell_text_add(&text, "%s layer %d (\"%s\") at %.3g %% of the texels", reported > 1 ? "," : "", i,
                           pell_printable(m->layers[i].name, shown, sizeof(shown)), 100.0 * (double) measure[i].crossings / (double) texels);
-    if (told > 0)
+    if (reported > 0)
         pell_json_warn(list, "where layers cross, the upper one takes precedence: paint depths that grow from layer to layer",
-                       "the bottom lies above that of a layer above:%s%s", text.str, told > 4 ? ", and more" : "");
+                       "the bottom lies above that of a layer above:%s%s", text.str, reported > 4 ? ", and more" : "");
 }
 
 enum pell_result pell_scene_read_layers(struct pell_scene_reader *r, const struct pell_json *at, bool own, size_t material)

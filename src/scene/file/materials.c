@@ -213,7 +213,7 @@ static enum pell_result read_reflectance(const struct pell_json *at, const char 
 static enum pell_result read_look(struct pell_scene_reader *r, const struct pell_json *at, struct pell_material *m)
 {
     const char *key = length_key(at), *kinds[PELL_SCATTER_RADII];
-    struct pell_color_and_radius look = { .eta = m->medium.eta };
+    struct pell_color_and_radius params = { .eta = m->medium.eta };
     struct pell_medium_fault fault;
     int kind = PELL_SCATTER_RADIUS_MEAN_FREE_PATH;
     enum pell_result res;
@@ -226,11 +226,11 @@ static enum pell_result read_look(struct pell_scene_reader *r, const struct pell
     if (!key)
         return PELL_OK;
     PELL_TRY(pell_json_require(at, "color"));
-    PELL_TRY(read_reflectance(at, "color", look.color));
-    PELL_TRY(read_lengths(at, key, look.radius));
-    look.kind = (enum pell_scatter_radius) kind;
+    PELL_TRY(read_reflectance(at, "color", params.color));
+    PELL_TRY(read_lengths(at, key, params.radius));
+    params.kind = (enum pell_scatter_radius) kind;
     forget_preset(r, m);
-    if (pell_medium_from_color_and_radius(&look, m->model, NULL, &m->medium, &fault) != PELL_OK) {
+    if (pell_medium_from_color_and_radius(&params, m->model, NULL, &m->medium, &fault) != PELL_OK) {
         if (!isfinite(fault.min))
             return pell_json_error(at, PELL_ERR_FORMAT, "make the colour darker, or give the mean free path",
                                    "has no medium: where the colour is 1 nothing is absorbed, and light goes any distance, not %g mm",

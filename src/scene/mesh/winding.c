@@ -302,7 +302,7 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
 {
     struct pell_context *ctx = scene->ctx;
     struct pell_part *parts = pell_alloc_array(ctx, t->num_parts, sizeof(*parts));
-    bool *inverted = pell_calloc(ctx, t->num_parts, sizeof(*inverted)), *turned = NULL;
+    bool *inverted = pell_calloc(ctx, t->num_parts, sizeof(*inverted)), *flipped = NULL;
     double *agreement = NULL;
     uint32_t count = 0;
     enum pell_result res = PELL_ERR_NOMEM;
@@ -327,8 +327,8 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
 
     res = PELL_ERR_NOMEM;
     agreement = pell_calloc(ctx, t->num_parts, sizeof(*agreement));
-    turned = pell_calloc(ctx, t->num_vertices, sizeof(*turned));
-    if (!agreement || !turned)
+    flipped = pell_calloc(ctx, t->num_vertices, sizeof(*flipped));
+    if (!agreement || !flipped)
         goto fail;
     add_agreement(scene, t, agreement);
     if (pell_cancelled(ctx)) { /* flipping is all or nothing */
@@ -344,9 +344,9 @@ enum pell_result pell_turn_outward(struct pell_scene *scene, const struct pell_t
                 continue;
             /* Normals that agreed with the wrong winding are wrong, too; others were right. */
             for (int k = 0; k < 3 && agreement[t->part[tri]] > 0.0; k++) {
-                if (turned[t->first_vertex[m] + v[k]])
+                if (flipped[t->first_vertex[m] + v[k]])
                     continue;
-                turned[t->first_vertex[m] + v[k]] = true;
+                flipped[t->first_vertex[m] + v[k]] = true;
                 turn_vertex(mesh, v[k]);
             }
             turn_triangle(v);
@@ -361,6 +361,6 @@ fail:
     pell_free(ctx, parts);
     pell_free(ctx, inverted);
     pell_free(ctx, agreement);
-    pell_free(ctx, turned);
+    pell_free(ctx, flipped);
     return res;
 }

@@ -33,12 +33,12 @@ void pell_connect_fill_facet(const struct pell_mesh *m, uint32_t mesh, uint32_t 
     f->planar = true;
     for (int k = 0; k < 3; k++) {
         const float *v = m->normal + 3 * (size_t) index[k];
-        const struct pell_dvec3 given = dvec3_load(v);
-        const bool none = !(dvec3_dot(given, given) > 0.25 && dvec3_dot(given, given) < 4.0);
-        const struct pell_dvec3 own = flat || none ? n : given, off = dvec3_sub(own, n);
-        f->n[k][0] = (float) own.x;
-        f->n[k][1] = (float) own.y;
-        f->n[k][2] = (float) own.z;
+        const struct pell_dvec3 loaded = dvec3_load(v);
+        const bool none = !(dvec3_dot(loaded, loaded) > 0.25 && dvec3_dot(loaded, loaded) < 4.0);
+        const struct pell_dvec3 normal = flat || none ? n : loaded, off = dvec3_sub(normal, n);
+        f->n[k][0] = (float) normal.x;
+        f->n[k][1] = (float) normal.y;
+        f->n[k][2] = (float) normal.z;
         /* Clamped to the range where floats are exact enough. */
         f->planar = f->planar && dvec3_dot(off, off) < 1e-13;
     }

@@ -157,18 +157,18 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
 {
     _Alignas(64) int valid[16] = { -1 };
     const struct pell_dvec3 to = q->distant ? q->light : dvec3_sub(q->light, q->x);
-    const double whole = q->distant ? INFINITY : sqrt(dvec3_dot(to, to));
+    const double distance = q->distant ? INFINITY : sqrt(dvec3_dot(to, to));
     struct pell_ray_hit16 r;
     struct facet f = { .planar = true };
     struct path p = { .facet = &f };
     struct pell_dvec3 geometric, n;
     double length;
 
-    if (!(whole > 0.0))
+    if (!(distance > 0.0))
         return 0;
     memset(&r, 0, sizeof(r));
-    p.inside = p.outside = q->distant ? to : dvec3_mul(to, 1.0 / whole);
-    aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, whole));
+    p.inside = p.outside = q->distant ? to : dvec3_mul(to, 1.0 / distance);
+    aim(&r, 0, q->x, p.inside, 0.0, fmin(q->reach, distance));
     pell_rays_closest16(c->rays, valid, false, &r);
     *rays += 1;
     if (r.hit.mesh[0] >= c->solids->num_meshes || c->solids->of_mesh[r.hit.mesh[0]] != solid)
@@ -185,10 +185,10 @@ static int straight(const struct pell_connector *c, int solid, const struct quer
     length = sqrt(dvec3_dot(n, n));
     p.normal = length > 0.0 ? dvec3_mul(n, 1.0 / length) : geometric;
     p.inside_mm = (double) r.ray.tfar[0];
-    p.outside_mm = q->distant ? INFINITY : whole - p.inside_mm;
+    p.outside_mm = q->distant ? INFINITY : distance - p.inside_mm;
     p.at = dvec3_mad(q->x, p.inside_mm, p.inside);
     p.cos_o = 1.0;
-    p.spread = q->distant ? 1.0 : 1.0 / (whole * whole);
+    p.spread = q->distant ? 1.0 : 1.0 / (distance * distance);
     if (!(p.inside_mm > 0.0) || !(p.outside_mm > 0.0))
         return 0;
     {
@@ -214,7 +214,7 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
     struct query q;
     const struct path *order[PELL_CONNECTIONS];
     int64_t traced = 0;
-    int given = 0;
+    int count = 0;
 
     if (solid < 0 || (size_t) solid >= connector->solids->count || connector->trees[solid].num_facets == 0 || max <= 0 ||
         !(query->reach > 0.0) || !(eta >= PELL_ETA_MIN && eta <= PELL_ETA_MAX))
@@ -235,10 +235,10 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
         q.light = dvec3_mul(q.light, 1.0 / length);
     }
     if (fabs(eta - 1.0) < NEAR_ONE) {
-        given = straight(connector, solid, &q, out, &traced);
+        count = straight(connector, solid, &q, out, &traced);
         if (rays)
             *rays += traced;
-        return given;
+        return count;
     }
     find(&q, &connector->trees[solid], connector->kernels);
     for (int i = 0; i < q.count; i++) {
@@ -247,15 +247,15 @@ int pell_connect(const struct pell_connector *connector, const struct pell_conne
             order[at] = order[at - 1];
         order[at] = &q.paths[i];
     }
-    for (int first = 0; first < q.count && given < max; first += 8) {
+    for (int first = 0; first < q.count && count < max; first += 8) {
         const int n = q.count - first < 8 ? q.count - first : 8;
         const unsigned open = free_paths(connector, &q, connector->trees[solid].rounding, order + first, n);
         traced += 2 * n;
-        for (int i = 0; i < n && given < max; i++)
+        for (int i = 0; i < n && count < max; i++)
             if (open >> i & 1)
-                give(&q, order[first + i], &out[given++]);
+                give(&q, order[first + i], &out[count++]);
     }
     if (rays)
         *rays += traced;
-    return given;
+    return count;
 }

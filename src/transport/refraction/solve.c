@@ -43,21 +43,21 @@ static void keep(struct query *q, const struct path *p)
 }
 
 /* Distance from the projection of x, along the plane, to the refracting point: x is `below` the plane, the light `above` it, their
- * projections are `apart`. */
-static double planar_shift(double eta, double below, double above, double apart)
+ * projections are `offset`. */
+static double planar_shift(double eta, double below, double above, double offset)
 {
-    const double straight = apart * below / (below + above);
-    double low = 0.0, high = apart, s;
+    const double straight = offset * below / (below + above);
+    double low = 0.0, high = offset, s;
 
     /* The ray is closer to the normal on the side with the larger index, and never beyond the critical angle there. */
     if (eta > 1.0) {
         high = fmin(straight, below / sqrt(eta * eta - 1.0));
     } else if (eta < 1.0) {
-        low = fmax(straight, apart - above * eta / sqrt(1.0 - eta * eta));
+        low = fmax(straight, offset - above * eta / sqrt(1.0 - eta * eta));
     }
-    s = fmin(fmax(apart * below / (below + eta * above), low), high);
+    s = fmin(fmax(offset * below / (below + eta * above), low), high);
     for (int i = 0; i < 64; i++) {
-        const double rest = apart - s, a2 = s * s + below * below, b2 = rest * rest + above * above;
+        const double rest = offset - s, a2 = s * s + below * below, b2 = rest * rest + above * above;
         const double a = 1.0 / sqrt(a2), b = 1.0 / sqrt(b2);
         const double f = eta * s * a - rest * b, slope = eta * below * below * a * a * a + above * above * b * b * b;
         double next;
@@ -68,7 +68,7 @@ static double planar_shift(double eta, double below, double above, double apart)
         next = s - f / slope;
         if (!(next >= low && next <= high))
             next = 0.5 * (low + high);
-        if (fabs(next - s) <= 1e-15 * apart)
+        if (fabs(next - s) <= 1e-15 * offset)
             return next;
         s = next;
     }
@@ -83,7 +83,7 @@ static void solve_planar(struct query *q, const struct facet *f)
     const struct pell_dvec3 n = dvec3_mul(cr, inverse);
     const double below = -dvec3_dot(dvec3_sub(q->x, p0), n);
     struct path p = { .facet = f, .normal = n };
-    double s, apart, cos_i;
+    double s, offset, cos_i;
     struct pell_dvec3 foot, along, d, out;
 
     if (!(below > 0.0))
@@ -92,8 +92,8 @@ static void solve_planar(struct query *q, const struct facet *f)
     if (q->distant) {
         p.cos_o = dvec3_dot(q->light, n);
         along = dvec3_mad(q->light, -p.cos_o, n);
-        apart = sqrt(dvec3_dot(along, along));
-        s = apart / q->eta;
+        offset = sqrt(dvec3_dot(along, along));
+        s = offset / q->eta;
         if (!(p.cos_o > 0.0) || !(s < 1.0))
             return;
         s = below * s / sqrt(1.0 - s * s);
@@ -103,10 +103,10 @@ static void solve_planar(struct query *q, const struct facet *f)
         if (!(above > 0.0))
             return;
         along = dvec3_sub(dvec3_mad(q->light, -above, n), foot);
-        apart = sqrt(dvec3_dot(along, along));
-        s = planar_shift(q->eta, below, above, apart);
+        offset = sqrt(dvec3_dot(along, along));
+        s = planar_shift(q->eta, below, above, offset);
     }
-    p.at = apart > 0.0 ? dvec3_mad(foot, s / apart, along) : foot;
+    p.at = offset > 0.0 ? dvec3_mad(foot, s / offset, along) : foot;
     d = dvec3_sub(p.at, p0);
     p.u = dvec3_dot(dvec3_cross(d, e2), n) * inverse;
     p.v = dvec3_dot(dvec3_cross(e1, d), n) * inverse;
@@ -516,13 +516,13 @@ static void halve(const struct piece *p, int side, struct piece half[2])
     }
 }
 
-static const struct piece whole = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
+static const struct piece full_triangle = { { { 0.0f, 0.0f }, { 1.0f, 0.0f }, { 0.0f, 1.0f } }, 0 };
 
 /* A sliver is bisected first: its quarters would be equally elongated, and four times as many. */
 static void solve_sliver(struct query *q, const struct facet *f, const struct piece *of, const struct curved *c,
                          const struct bounds *bounds)
 {
-    struct piece stack[MAX_DEPTH + 2] = { whole };
+    struct piece stack[MAX_DEPTH + 2] = { full_triangle };
     int count = 1;
 
     while (count > 0) {

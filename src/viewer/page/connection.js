@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// connection.js - the WebSocket: sends views, receives images and news; reconnects when the connection is lost.
+// connection.js - the WebSocket: sends views, receives images and messages; reconnects when the connection is lost.
 
 const handlers = new Map();
 let socket = null;

@@ -117,7 +117,7 @@ function spread() {
     return { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, d: Math.hypot(a.x - b.x, a.y - b.y) };
 }
 
-const share = (event) => {
+const position = (event) => {
     const r = canvas.getBoundingClientRect();
     return { x: (event.clientX - r.left) / r.width, y: (event.clientY - r.top) / r.height };
 };
@@ -162,12 +162,12 @@ export function listen({ onPick, onFocus }) {
         pinch = null;
         if (pointers.size) return;
         if (dragged > 3) changed('camera', false);
-        else if (event.type === 'pointerup' && event.button === 0) onPick(share(event));
+        else if (event.type === 'pointerup' && event.button === 0) onPick(position(event));
     };
     stage.addEventListener('pointerup', end);
     stage.addEventListener('pointercancel', end);
     stage.addEventListener('contextmenu', (event) => event.preventDefault());
-    stage.addEventListener('dblclick', (event) => onFocus(share(event)));
+    stage.addEventListener('dblclick', (event) => onFocus(position(event)));
     let rest = 0;
     stage.addEventListener(
         'wheel',
@@ -186,7 +186,7 @@ export function listen({ onPick, onFocus }) {
     });
     handle.addEventListener('pointermove', (event) => {
         if (!handle.hasPointerCapture(event.pointerId)) return;
-        state.wipe = Math.max(0, Math.min(1, share(event).x));
+        state.wipe = Math.max(0, Math.min(1, position(event).x));
         changed('wipe', true);
     });
     handle.addEventListener('pointerup', () => changed('wipe', false));

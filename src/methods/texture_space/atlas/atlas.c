@@ -34,9 +34,9 @@ void ts_atlas_destroy(struct ts_atlas **atlas)
     pell_free(a->ctx, a->first_turn);
     pell_free(a->ctx, a->borders);
     pell_free(a->ctx, a->fills);
-    pell_free(a->ctx, a->first_with_parts);
+    pell_free(a->ctx, a->first_with_sources);
     pell_free(a->ctx, a->first_border);
-    pell_free(a->ctx, a->parts);
+    pell_free(a->ctx, a->sources);
     pell_free(a->ctx, a->runs);
     pell_free(a->ctx, a->first_run);
     pell_free(a->ctx, a->cells);

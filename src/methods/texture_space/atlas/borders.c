@@ -179,14 +179,14 @@ void ts_atlas_measure_far(const struct ts_atlas *a, uint8_t *far)
         }
 }
 
-static void put_part(struct ts_part *list, int32_t *count, ptrdiff_t at, float weight)
+static void add_source(struct ts_source *list, int32_t *count, ptrdiff_t at, float weight)
 {
     for (int32_t i = 0; i < *count; i++)
         if (list[i].at == at) {
             list[i].weight += weight;
             return;
         }
-    list[(*count)++] = (struct ts_part) { (int32_t) at, weight };
+    list[(*count)++] = (struct ts_source) { (int32_t) at, weight };
 }
 
 /* Next to a seam, some of the four texels around a location are border texels themselves. Their own sources are across the seam; ignoring
@@ -206,47 +206,47 @@ enum pell_result ts_atlas_fix_seams(struct ts_atlas_build *b)
     for (size_t i = 0; i < a->num_borders; i++) {
         struct ts_border *border = &a->borders[i];
         const struct ts_bilinear *p = &b->border_source[i];
-        struct ts_part list[4 + 3 * 4];
-        int32_t parts = 0;
+        struct ts_source list[4 + 3 * 4];
+        int32_t sources = 0;
         bool mixed = false;
         float sum = 0.0f;
-        void *array = a->parts;
+        void *array = a->sources;
         for (int k = 0; k < 4; k++) {
             const ptrdiff_t from = p->at + k % 2 + k / 2 * a->stride;
             const float w = (k % 2 ? p->fx : 1.0f - p->fx) * (k / 2 ? p->fy : 1.0f - p->fy);
             if (!(w > 0.0f) || a->key[from] != p->key)
                 continue;
             if (a->source[from] != NONE) {
-                put_part(list, &parts, from, w);
+                add_source(list, &sources, from, w);
                 sum += w;
                 continue;
             }
-            if (parts > 12 || border_at[from] < 0)
+            if (sources > 12 || border_at[from] < 0)
                 continue;
             for (int l = 0; l < 4; l++)
                 if (a->borders[border_at[from]].weight[l] > 0.0f)
-                    put_part(list, &parts, a->borders[border_at[from]].from + l % 2 + l / 2 * a->stride,
-                             w * a->borders[border_at[from]].weight[l]);
+                    add_source(list, &sources, a->borders[border_at[from]].from + l % 2 + l / 2 * a->stride,
+                               w * a->borders[border_at[from]].weight[l]);
             sum += w;
             mixed = true;
         }
         if (!mixed && border->weight[0] > 0.0f && border->weight[1] > 0.0f && border->weight[2] > 0.0f && border->weight[3] > 0.0f)
             continue;
         if (!(sum > 1e-3f)) {
-            parts = 0;
+            sources = 0;
             sum = 1.0f;
             for (int l = 0; l < 4; l++)
                 if (border->weight[l] > 0.0f)
-                    put_part(list, &parts, border->from + l % 2 + l / 2 * a->stride, border->weight[l]);
+                    add_source(list, &sources, border->from + l % 2 + l / 2 * a->stride, border->weight[l]);
         }
-        while (room < count + (size_t) parts) {
-            PELL_TRY(pell_grow(b->ctx, &array, room, &room, sizeof(*a->parts)));
-            a->parts = array;
+        while (room < count + (size_t) sources) {
+            PELL_TRY(pell_grow(b->ctx, &array, room, &room, sizeof(*a->sources)));
+            a->sources = array;
         }
         border->first = (int32_t) count;
-        border->parts = parts;
-        for (int32_t k = 0; k < parts; k++)
-            a->parts[count++] = (struct ts_part) { list[k].at, list[k].weight / sum };
+        border->sources = sources;
+        for (int32_t k = 0; k < sources; k++)
+            a->sources[count++] = (struct ts_source) { list[k].at, list[k].weight / sum };
     }
     res = PELL_OK;
 
@@ -266,11 +266,11 @@ static struct ts_fill fill_of(const struct ts_border *b)
 
     return (struct ts_fill) {
         .at = b->at,
-        .from = b->parts > 0 ? b->first : b->from,
+        .from = b->sources > 0 ? b->first : b->from,
         .x = (uint16_t) ((w[1] + w[3]) * TS_WHOLE + 0.5f),
         .y = (uint16_t) ((w[2] + w[3]) * TS_WHOLE + 0.5f),
         .far = (uint8_t) b->far,
-        .parts = (uint8_t) b->parts,
+        .sources = (uint8_t) b->sources,
     };
 }
 
@@ -283,9 +283,9 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
     size_t next[TS_FAR] = { 0 };
 
     a->first_border = pell_calloc(b->ctx, squares + 2, sizeof(*a->first_border));
-    a->first_with_parts = pell_alloc_array(b->ctx, squares + 1, sizeof(*a->first_with_parts));
+    a->first_with_sources = pell_alloc_array(b->ctx, squares + 1, sizeof(*a->first_with_sources));
     a->fills = pell_calloc(b->ctx, a->num_borders + TS_PREFETCH, sizeof(*a->fills));
-    if (!sorted || !a->first_border || !a->first_with_parts || !a->fills) {
+    if (!sorted || !a->first_border || !a->first_with_sources || !a->fills) {
         pell_free(b->ctx, sorted);
         return PELL_ERR_NOMEM;
     }
@@ -305,10 +305,10 @@ enum pell_result ts_atlas_sort_borders(struct ts_atlas_build *b, const uint8_t *
         a->first_border[i] += a->first_border[i - 1];
     for (int mended = 0; mended < 2; mended++) {
         for (size_t i = 0; i < a->num_borders; i++)
-            if ((sorted[i].parts > 0) == mended)
+            if ((sorted[i].sources > 0) == mended)
                 a->fills[a->first_border[square_of(a, &sorted[i]) + 1]++] = fill_of(&sorted[i]);
         for (size_t i = 0; i < squares && !mended; i++)
-            a->first_with_parts[i] = a->first_border[i + 1];
+            a->first_with_sources[i] = a->first_border[i + 1];
     }
     pell_free(b->ctx, sorted);
     pell_free(b->ctx, a->borders);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT
  *
- * plane_keep.c - reuse of planes between frames. The first frame of a solid is kept: if the solid later moves rigidly, its planes are
+ * plane_cache.c - reuse of planes between frames. The first frame of a solid is kept: if the solid later moves rigidly, its planes are
  * transformed; where parts of it do not move, their planes stay. A frame therefore depends on itself and on the first one only, not on the
  * frames in between.
  */
@@ -14,7 +14,7 @@
 #define NORMAL_TOLERANCE 1e-3 /* the same for unit normals */
 enum { CELLS = 64 };
 
-struct kept_solid {
+struct cached_solid {
     uint64_t hash; /* hash of all inputs of the planes except positions */
     size_t count;
     float *position, *normal;
@@ -23,15 +23,15 @@ struct kept_solid {
     float (*last_plane)[4];
 };
 
-struct layered_kept {
+struct layered_plane_cache {
     struct pell_context *ctx;
     size_t count;
-    struct kept_solid *solid; /* by the solid's first mesh; count 0: nothing is kept */
+    struct cached_solid *solid; /* by the solid's first mesh; count 0: no planes */
 };
 
 /* --- Create and destroy --------------------------------------------------------------------------------------------------------- */
 
-static void finish_solid(struct pell_context *ctx, struct kept_solid *s)
+static void finish_solid(struct pell_context *ctx, struct cached_solid *s)
 {
     pell_free(ctx, s->position);
     pell_free(ctx, s->normal);
@@ -40,56 +40,56 @@ static void finish_solid(struct pell_context *ctx, struct kept_solid *s)
     memset(s, 0, sizeof(*s));
 }
 
-static void kept_destroy(void *state)
+static void cache_destroy(void *state)
 {
-    struct layered_kept *kept = state;
+    struct layered_plane_cache *cache = state;
 
-    if (!kept)
+    if (!cache)
         return;
-    for (size_t i = 0; i < kept->count; i++)
-        finish_solid(kept->ctx, &kept->solid[i]);
-    pell_free(kept->ctx, kept->solid);
-    pell_free(kept->ctx, kept);
+    for (size_t i = 0; i < cache->count; i++)
+        finish_solid(cache->ctx, &cache->solid[i]);
+    pell_free(cache->ctx, cache->solid);
+    pell_free(cache->ctx, cache);
 }
 
-enum pell_result layered_keep_begin(struct layered_state *st, const struct pell_scene *scene)
+enum pell_result layered_cache_begin(struct layered_state *st, const struct pell_scene *scene)
 {
-    struct layered_kept *kept = st->services->kept ? st->services->kept->state : NULL;
+    struct layered_plane_cache *cache = st->services->kept ? st->services->kept->state : NULL;
 
-    if (kept)
+    if (cache)
         st->services->kept->state = NULL;
-    if (kept && kept->count != scene->num_meshes) {
-        kept_destroy(kept);
-        kept = NULL;
+    if (cache && cache->count != scene->num_meshes) {
+        cache_destroy(cache);
+        cache = NULL;
     }
-    if (!kept) {
-        kept = pell_zalloc(st->ctx, sizeof(*kept));
-        if (!kept)
+    if (!cache) {
+        cache = pell_zalloc(st->ctx, sizeof(*cache));
+        if (!cache)
             return PELL_ERR_NOMEM;
-        kept->ctx = st->ctx;
-        kept->solid = pell_calloc(st->ctx, scene->num_meshes + 1, sizeof(*kept->solid));
-        if (!kept->solid) {
-            kept_destroy(kept);
+        cache->ctx = st->ctx;
+        cache->solid = pell_calloc(st->ctx, scene->num_meshes + 1, sizeof(*cache->solid));
+        if (!cache->solid) {
+            cache_destroy(cache);
             return PELL_ERR_NOMEM;
         }
-        kept->count = scene->num_meshes;
+        cache->count = scene->num_meshes;
     }
-    st->kept = kept;
+    st->cache = cache;
     return PELL_OK;
 }
 
-void layered_keep_end(struct layered_state *st)
+void layered_cache_end(struct layered_state *st)
 {
     struct pell_kept *to = st->services->kept;
 
-    if (st->kept && to) {
+    if (st->cache && to) {
         if (to->state)
             to->destroy(to->state);
-        *to = (struct pell_kept) { st->kept, kept_destroy };
+        *to = (struct pell_kept) { st->cache, cache_destroy };
     } else {
-        kept_destroy(st->kept);
+        cache_destroy(st->cache);
     }
-    st->kept = NULL;
+    st->cache = NULL;
 }
 
 static uint64_t hash_of(const struct layered_state *st, const struct pell_scene *scene, size_t first, const struct layered_cloud *cloud)
@@ -124,7 +124,7 @@ static struct pell_dvec3 point(const float *positions, size_t i)
 }
 
 /* Three vertices of a solid that are far from each other; false: all are on a line. */
-static bool far_apart(const float *positions, size_t count, size_t three[3])
+static bool find_distant_vertices(const float *positions, size_t count, size_t three[3])
 {
     struct pell_dvec3 along;
     double most = 0.0;
@@ -160,7 +160,7 @@ static struct axes axes_of(const float *positions, const size_t three[3])
     return a;
 }
 
-static struct pell_dvec3 turned(const struct axes *from, const struct axes *to, struct pell_dvec3 v)
+static struct pell_dvec3 rotate(const struct axes *from, const struct axes *to, struct pell_dvec3 v)
 {
     struct pell_dvec3 out = { 0 };
 
@@ -170,31 +170,31 @@ static struct pell_dvec3 turned(const struct axes *from, const struct axes *to, 
 }
 
 /* Transforms the planes of the first frame; false: the solid has changed shape. */
-static bool transform_planes(const struct kept_solid *s, const struct layered_cloud *cloud, float (*plane)[4])
+static bool transform_planes(const struct cached_solid *s, const struct layered_cloud *cloud, float (*plane)[4])
 {
     const double still = RIGID_TOLERANCE * (double) cloud->radius;
     struct axes from, to;
     size_t three[3];
 
-    if (!far_apart(s->position, s->count, three))
+    if (!find_distant_vertices(s->position, s->count, three))
         return false;
     from = axes_of(s->position, three);
     to = axes_of(cloud->position, three);
     for (size_t i = 0; i < s->count; i++) {
-        const struct pell_dvec3 there = turned(&from, &to, dvec3_sub(point(s->position, i), from.at));
-        const struct pell_dvec3 off = dvec3_sub(dvec3_sub(point(cloud->position, i), to.at), there);
-        const struct pell_dvec3 change = dvec3_sub(turned(&from, &to, point(s->normal, i)), point(cloud->normal, i));
+        const struct pell_dvec3 expected = rotate(&from, &to, dvec3_sub(point(s->position, i), from.at));
+        const struct pell_dvec3 off = dvec3_sub(dvec3_sub(point(cloud->position, i), to.at), expected);
+        const struct pell_dvec3 change = dvec3_sub(rotate(&from, &to, point(s->normal, i)), point(cloud->normal, i));
         if (!(dvec3_dot(off, off) <= still * still) || !(dvec3_dot(change, change) <= NORMAL_TOLERANCE * NORMAL_TOLERANCE))
             return false;
     }
     for (size_t i = 0; i < s->count; i++) {
-        vec3_store(dvec3_narrow(turned(&from, &to, dvec3_load(s->plane[i]))), plane[i]);
+        vec3_store(dvec3_narrow(rotate(&from, &to, dvec3_load(s->plane[i]))), plane[i]);
         plane[i][3] = s->plane[i][3];
     }
     return true;
 }
 
-/* --- Motion of parts ------------------------------------------------------------------------------------------------------------ */
+/* --- Partial motion -------------------------------------------------------------------------------------------------------------- */
 
 /* Cells within the radius of moved geometry. */
 struct cells {
@@ -227,7 +227,7 @@ static void mark(struct cells *c, const float *positions, const size_t corner[3]
             memset(&c->near[z][y][low[0]], 1, (size_t) (high[0] - low[0] + 1));
 }
 
-static void place_cells(const struct kept_solid *s, const struct layered_cloud *cloud, struct cells *c)
+static void bound_cells(const struct cached_solid *s, const struct layered_cloud *cloud, struct cells *c)
 {
     double high[3];
 
@@ -247,12 +247,12 @@ static void place_cells(const struct kept_solid *s, const struct layered_cloud *
 /* Copies the planes of vertices that nothing moved near, and sets their `keep` to 1. A triangle counts as its bounding box before and after
  * the motion, because points of its parts may represent it; the neighbourhood of a vertex reaches up to twice the radius. Returns the
  * number of kept planes. */
-static size_t keep_planes(const struct layered_state *st, const struct pell_scene *scene, size_t first, const struct kept_solid *s,
+static size_t keep_planes(const struct layered_state *st, const struct pell_scene *scene, size_t first, const struct cached_solid *s,
                           const struct layered_cloud *cloud, struct cells *cells, float (*plane)[4], uint8_t *keep)
 {
     size_t at = 0, kept = 0;
 
-    place_cells(s, cloud, cells);
+    bound_cells(s, cloud, cells);
     for (size_t i = 0; i < s->count; i++)
         keep[i] = memcmp(s->position + 3 * i, cloud->position + 3 * i, 3 * sizeof(float)) == 0 &&
                   memcmp(s->normal + 3 * i, cloud->normal + 3 * i, 3 * sizeof(float)) == 0;
@@ -284,10 +284,10 @@ static size_t keep_planes(const struct layered_state *st, const struct pell_scen
 
 /* --- One solid ------------------------------------------------------------------------------------------------------------------ */
 
-enum pell_result layered_keep_take(const struct layered_state *st, const struct pell_scene *scene, size_t first,
-                                   const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left)
+enum pell_result layered_cache_load(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                    const struct layered_cloud *cloud, float (*plane)[4], uint8_t *keep, size_t *left)
 {
-    const struct kept_solid *s = &st->kept->solid[first];
+    const struct cached_solid *s = &st->cache->solid[first];
     struct cells *cells;
 
     *left = cloud->fitted;
@@ -308,10 +308,10 @@ enum pell_result layered_keep_take(const struct layered_state *st, const struct 
     return PELL_OK;
 }
 
-enum pell_result layered_keep_give(const struct layered_state *st, const struct pell_scene *scene, size_t first,
-                                   const struct layered_cloud *cloud, const float (*plane)[4])
+enum pell_result layered_cache_store(const struct layered_state *st, const struct pell_scene *scene, size_t first,
+                                     const struct layered_cloud *cloud, const float (*plane)[4])
 {
-    struct kept_solid *s = &st->kept->solid[first];
+    struct cached_solid *s = &st->cache->solid[first];
     const uint64_t hash = hash_of(st, scene, first, cloud);
     const size_t n = cloud->fitted;
 

@@ -1,16 +1,16 @@
 /* SPDX-License-Identifier: MIT
  *
- * share.h - interface between a method and the communication of several processes that render one frame together (MPI in the command line).
- * All ranks render the same scene with the same settings; rank 0 gets the frame.
+ * communicator.h - communication of the processes (ranks) that render one frame together, as methods use it; the command line implements
+ * it by MPI. All ranks render the same scene with the same settings; rank 0 gets the frame.
  *
  * Threads    all functions are called by the rendering thread. Collective ones are called by all ranks, in the same order.
  */
-#ifndef PELL_SHARE_H
-#define PELL_SHARE_H
+#ifndef PELL_COMMUNICATOR_H
+#define PELL_COMMUNICATOR_H
 
 #include <pellucid/render.h>
 
-struct pell_share {
+struct pell_communicator {
     void *user;
     int rank, ranks;
     bool finished; /* set by the method: all ranks have ended the frame together */
@@ -29,7 +29,7 @@ struct pell_share {
     size_t (*receive)(void *user, int from, void *data, size_t size);
 };
 
-/* Applies from the next frame on; NULL: this process renders alone. `share` is borrowed. */
-void pell_renderer_set_share(struct pell_renderer *r, struct pell_share *share);
+/* Applies from the next frame on; NULL: this process renders alone. `comm` is borrowed. */
+void pell_renderer_set_communicator(struct pell_renderer *r, struct pell_communicator *comm);
 
 #endif

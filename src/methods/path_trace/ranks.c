@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: MIT
  *
- * shared.c - a run of several ranks. The tasks of rounds are numbered, and ranks take indices until none is left, so fast ranks do more.
+ * ranks.c - a run of several ranks. The tasks of rounds have indices, which ranks take until none is left, so fast ranks do more.
  * Each rank adds to its own film and writes it to its own checkpoint: rank 0 to the given file, the others next to it. At the end the films
  * are summed along a binary tree, in pieces. Sums are exact, so neither the distribution of work nor the tree affects the image.
  *
- * A run begins with all existing files, of any number of ranks: rank 0 sums them, writes the sum, removes the others, and tells the ranks
+ * A run begins with all existing files, of any number of ranks: rank 0 sums them, writes the sum, removes the others, and broadcasts
  * which samples are present. A file whose samples are all in the sum was left by a run killed between these two steps.
  */
 #include "methods/path_trace/run.h"
@@ -104,13 +104,13 @@ fail:
 }
 
 /* The samples present in a film, which all ranks skip. */
-static enum pell_result tell_spans(struct pt_state *st, struct pt_film *film, struct pt_film *done)
+static enum pell_result broadcast_spans(struct pt_state *st, struct pt_film *film, struct pt_film *done)
 {
-    const struct pell_share *fraction = pt_share(st);
+    const struct pell_communicator *comm = pt_communicator(st);
     uint64_t head[3] = { film->identity, film->tiles, film->most_spans };
     enum pell_result res = PELL_OK;
 
-    fraction->broadcast(fraction->user, head, sizeof(head));
+    comm->broadcast(comm->user, head, sizeof(head));
     if (head[0] == 0)
         return PELL_OK;
     done->identity = head[0];
@@ -120,16 +120,16 @@ static enum pell_result tell_spans(struct pt_state *st, struct pt_film *film, st
     done->spans = pell_calloc(st->ctx, done->tiles * done->most_spans, sizeof(*done->spans));
     if (!done->num_spans || !done->spans)
         return PELL_ERR_NOMEM;
-    if (fraction->rank == 0) {
+    if (comm->rank == 0) {
         memcpy(done->num_spans, film->num_spans, done->tiles * sizeof(*done->num_spans));
         memcpy(done->spans, film->spans, done->tiles * done->most_spans * sizeof(*done->spans));
     }
-    fraction->broadcast(fraction->user, done->num_spans, done->tiles * sizeof(*done->num_spans));
-    fraction->broadcast(fraction->user, done->spans, done->tiles * done->most_spans * sizeof(*done->spans));
+    comm->broadcast(comm->user, done->num_spans, done->tiles * sizeof(*done->num_spans));
+    comm->broadcast(comm->user, done->spans, done->tiles * done->most_spans * sizeof(*done->spans));
     return res;
 }
 
-enum pell_result pt_share_start(struct pt_state *st, const struct pell_frame *in)
+enum pell_result pt_ranks_start(struct pt_state *st, const struct pell_frame *in)
 {
     enum pell_result res;
 
@@ -138,29 +138,29 @@ enum pell_result pt_share_start(struct pt_state *st, const struct pell_frame *in
         pt_film_free(st->ctx, &st->done[f]);
     if (!st->services->checkpoint)
         return PELL_OK;
-    if (pt_share(st)->rank == 0)
+    if (pt_communicator(st)->rank == 0)
         PELL_TRY(gather_files(st, in));
     for (size_t f = 0; f < st->num_films; f++)
-        PELL_TRY(tell_spans(st, &st->films[f], &st->done[f]));
+        PELL_TRY(broadcast_spans(st, &st->films[f], &st->done[f]));
     return PELL_OK;
 
 fail:
     return res;
 }
 
-enum pell_result pt_share_finish(struct pt_state *st, const struct pell_frame *in)
+enum pell_result pt_ranks_finish(struct pt_state *st, const struct pell_frame *in)
 {
-    struct pell_share *fraction = pt_share(st);
+    struct pell_communicator *comm = pt_communicator(st);
     const bool interrupted = pell_context_interrupted(st->ctx);
     int removed = 0;
     enum pell_result res = PELL_OK;
 
-    fraction->finished = true;
+    comm->finished = true;
     if (!st->services->checkpoint)
         return PELL_OK;
-    if (fraction->rank == 0 || interrupted)
+    if (comm->rank == 0 || interrupted)
         PELL_TRY(pt_write_films(st, in, true));
-    if (fraction->rank == 0 && !interrupted && !st->unwritten)
+    if (comm->rank == 0 && !interrupted && !st->unwritten)
         PELL_TRY(visit_files(st, st->services->checkpoint->path, remove_file, &removed));
     return PELL_OK;
 
@@ -178,7 +178,7 @@ static bool is_black(const struct pt_pixel *pixels, size_t count)
     return true;
 }
 
-enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_share *fraction, const struct pt_film *film,
+enum pell_result pt_ranks_reduce(struct pell_context *ctx, const struct pell_communicator *comm, const struct pt_film *film,
                                  struct pt_film *total)
 {
     struct pt_pixel *pieces = pell_alloc_array(ctx, 2 * PIECE, sizeof(*pieces)), *other = pieces + PIECE;
@@ -187,17 +187,17 @@ enum pell_result pt_share_reduce(struct pell_context *ctx, const struct pell_sha
         return PELL_ERR_NOMEM;
     for (size_t first = 0; first < film->count; first += PIECE) {
         const size_t count = film->count - first < PIECE ? film->count - first : PIECE;
-        struct pt_pixel *sum = fraction->rank == 0 ? total->pixels + first : pieces;
+        struct pt_pixel *sum = comm->rank == 0 ? total->pixels + first : pieces;
 
         memcpy(sum, film->pixels + first, count * sizeof(*sum));
-        for (int step = 1; step < fraction->ranks; step *= 2) {
-            if (fraction->rank & step) {
-                fraction->send(fraction->user, fraction->rank - step, sum, is_black(sum, count) ? 0 : count * sizeof(*sum));
+        for (int step = 1; step < comm->ranks; step *= 2) {
+            if (comm->rank & step) {
+                comm->send(comm->user, comm->rank - step, sum, is_black(sum, count) ? 0 : count * sizeof(*sum));
                 break;
             }
-            if (fraction->rank + step >= fraction->ranks)
+            if (comm->rank + step >= comm->ranks)
                 continue;
-            if (fraction->receive(fraction->user, fraction->rank + step, other, count * sizeof(*other)) == count * sizeof(*other))
+            if (comm->receive(comm->user, comm->rank + step, other, count * sizeof(*other)) == count * sizeof(*other))
                 for (size_t i = 0; i < count; i++)
                     pt_pixel_merge(&sum[i], &other[i]);
         }
@@ -212,7 +212,7 @@ static enum pell_result make_total(struct pt_run *run)
     const struct pt_film *film = run->film;
     struct pt_film *total = &st->total;
 
-    if (pt_share(st)->rank != 0)
+    if (pt_communicator(st)->rank != 0)
         return PELL_OK;
     if (total->capacity < film->count) {
         pell_free(st->ctx, total->pixels);
@@ -264,25 +264,25 @@ static enum pell_result do_items(struct pt_run *run, const struct rounds *r, int
 static enum pell_result do_rounds(struct pt_run *run, const struct pt_goal *goal, const struct rounds *r)
 {
     struct pt_state *st = run->st;
-    const struct pell_share *fraction = pt_share(st);
+    const struct pell_communicator *comm = pt_communicator(st);
     const struct pell_checkpoint *checkpoint = st->services->checkpoint;
     const int64_t items = r->count * (int64_t) r->tasks;
     int64_t batch = st->threads, first = 0;
     enum pell_result res;
 
-    fraction->begin(fraction->user);
+    comm->begin(comm->user);
     while (items > 0) {
-        const int64_t fair = (items - first) / (4 * fraction->ranks), most = fair > st->threads ? fair : st->threads;
+        const int64_t fair = (items - first) / (4 * comm->ranks), most = fair > st->threads ? fair : st->threads;
         const int64_t count = batch < most ? batch : most;
         const double start = pell_seconds();
         double now;
 
-        first = fraction->take(fraction->user, count);
+        first = comm->take(comm->user, count);
         if (first >= items)
             break;
         PELL_TRY(do_items(run, r, first, first + count < items ? first + count : items));
         if (pell_context_interrupted(st->ctx)) {
-            fraction->stop(fraction->user);
+            comm->stop(comm->user);
             break;
         }
         now = pell_seconds();
@@ -294,7 +294,7 @@ static enum pell_result do_rounds(struct pt_run *run, const struct pt_goal *goal
         if (checkpoint && now - st->written > checkpoint->every)
             PELL_TRY(pt_write_films(st, run->in, false));
     }
-    if (fraction->any(fraction->user, pell_context_interrupted(st->ctx)))
+    if (comm->any(comm->user, pell_context_interrupted(st->ctx)))
         pell_context_interrupt(st->ctx);
     return PELL_OK;
 
@@ -308,7 +308,7 @@ struct decision {
     uint32_t unfinished;
 };
 
-static struct decision decide(const struct pt_run *run, struct pt_goal *g, const struct pt_film *film, uint32_t least, bool even)
+static struct decision decide(const struct pt_run *run, struct pt_goal *g, const struct pt_film *film, uint32_t least, bool equal)
 {
     const struct pt_state *st = run->st;
     uint32_t step = least < PT_TOGETHER ? 1 : PT_TOGETHER - least % PT_TOGETHER;
@@ -318,7 +318,7 @@ static struct decision decide(const struct pt_run *run, struct pt_goal *g, const
         return done;
     if (!(g->error > 0.0) && !isfinite(g->deadline))
         return (struct decision) { g->most, 0 };
-    if (g->error > 0.0 && even && least >= g->least && least % PT_TOGETHER == 0) {
+    if (g->error > 0.0 && equal && least >= g->least && least % PT_TOGETHER == 0) {
         const double error = pt_film_error(film, pt_traced(st));
         if (error <= g->error)
             return done;
@@ -336,7 +336,7 @@ static struct decision decide(const struct pt_run *run, struct pt_goal *g, const
 }
 
 /* Sums the films of all ranks into that of rank 0. */
-static void take_total(struct pt_run *run, uint32_t end)
+static void copy_total(struct pt_run *run, uint32_t end)
 {
     struct pt_film *film = run->film;
 
@@ -348,29 +348,29 @@ static void take_total(struct pt_run *run, uint32_t end)
     }
 }
 
-enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
+enum pell_result pt_ranks_run(struct pt_run *run, struct pt_goal *g)
 {
     struct pt_state *st = run->st;
-    const struct pell_share *fraction = pt_share(st);
+    const struct pell_communicator *comm = pt_communicator(st);
     const struct pt_film *known = run->film;
     const size_t pixels = run->film->starts[run->end_tile] - run->film->starts[run->first_tile];
     struct rounds rounds = { 0 };
-    uint64_t threads = (uint64_t) st->threads * (uint64_t) fraction->ranks, each;
+    uint64_t threads = (uint64_t) st->threads * (uint64_t) comm->ranks, each;
     uint32_t least, most;
-    bool even, reduced = false;
+    bool equal, reduced = false;
     enum pell_result res;
 
-    fraction->broadcast(fraction->user, &threads, sizeof(threads)); /* of rank 0: tasks must be the same on all ranks */
+    comm->broadcast(comm->user, &threads, sizeof(threads)); /* of rank 0: tasks must be the same on all ranks */
     each = pixels / (threads * 16);
     PELL_TRY(make_total(run));
     PELL_TRY(pt_list_tasks(run, each > PT_TASK ? PT_TASK : (size_t) each + 1, &rounds.tasks));
     pt_count_range(run, run->done ? run->done : run->film, &least, &most);
     g->first = least;
-    even = least == most;
+    equal = least == most;
     while (pixels > 0) {
-        struct decision next = fraction->rank == 0 ? decide(run, g, known, least, even) : (struct decision) { 0, 0 };
+        struct decision next = comm->rank == 0 ? decide(run, g, known, least, equal) : (struct decision) { 0, 0 };
 
-        fraction->broadcast(fraction->user, &next, sizeof(next));
+        comm->broadcast(comm->user, &next, sizeof(next));
         st->unfinished = st->unfinished || next.unfinished;
         if (next.end <= least)
             break;
@@ -384,19 +384,19 @@ enum pell_result pt_share_run(struct pt_run *run, struct pt_goal *g)
         if (pell_context_interrupted(st->ctx))
             break;
         least = next.end;
-        even = even || least >= most;
+        equal = equal || least >= most;
         if (g->error > 0.0 && least >= g->least && least % PT_TOGETHER == 0) {
-            PELL_TRY(pt_share_reduce(st->ctx, fraction, run->film, &st->total));
+            PELL_TRY(pt_ranks_reduce(st->ctx, comm, run->film, &st->total));
             known = &st->total;
             reduced = true;
         }
     }
     if (!reduced)
-        PELL_TRY(pt_share_reduce(st->ctx, fraction, run->film, &st->total));
-    if (fraction->rank == 0 && !pell_context_interrupted(st->ctx) && pixels > 0) {
+        PELL_TRY(pt_ranks_reduce(st->ctx, comm, run->film, &st->total));
+    if (comm->rank == 0 && !pell_context_interrupted(st->ctx) && pixels > 0) {
         PELL_TRY(pt_film_reserve(st->ctx, run->film, 1));
-        take_total(run, least);
-    } else if (fraction->rank == 0) {
+        copy_total(run, least);
+    } else if (comm->rank == 0) {
         run->shown = &st->total;
     }
     pt_show(run, 1.0);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT
- * pictures.c - `pellucid compare A B`: the error of image A against its reference B, whatever program made them. */
+ * images.c - `pellucid compare A B`: the error of image A against its reference B, whatever program made them. */
 #include "cli/compare/sources.h"
 
 #include "base/file.h"
@@ -204,7 +204,7 @@ static enum pell_result report_reference(struct cli *cli, struct report *report,
     return res;
 }
 
-static json_t *picture_json(const char *name, const char *role)
+static json_t *image_json(const char *name, const char *role)
 {
     return json_pack("{s:o,s:s,s:{},s:{},s:{}}", "name", cli_text(name), "role", role, "data", "flip", "metrics");
 }
@@ -212,8 +212,8 @@ static json_t *picture_json(const char *name, const char *role)
 static enum pell_result write_report(struct cli *cli, const struct task *t, struct output_folder *f)
 {
     const bool display = t->s.test.display, two = sources_have_two(&t->s), masked = two || has_mask(t);
-    json_t *reference = picture_json(pell_path_name(t->s.reference.path), "reference"), *id = NULL;
-    json_t *test = picture_json(pell_path_name(t->s.test.path), "method"), *views = json_array(), *data = NULL;
+    json_t *reference = image_json(pell_path_name(t->s.reference.path), "reference"), *id = NULL;
+    json_t *test = image_json(pell_path_name(t->s.test.path), "method"), *views = json_array(), *data = NULL;
     struct report *report = NULL;
     const char *path = NULL;
     enum pell_result res;
@@ -285,7 +285,7 @@ fail:
 
 /* --- The command -------------------------------------------------------------------------------------------------------------- */
 
-enum exit_code compare_pictures(struct cli *cli)
+enum exit_code compare_images(struct cli *cli)
 {
     struct task t = { .s = { .cli = cli } };
     json_t *answer = NULL;
