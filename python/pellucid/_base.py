@@ -376,8 +376,8 @@ def knob_rows(table) -> list:
     return rows
 
 
-def knob_text(value) -> str:
-    """A value as the library's parser takes it: repr of a number keeps every bit."""
+def knob_text(value, name: str) -> str:
+    """A knob's value as the library's parser takes it: repr of a number keeps every bit."""
     if isinstance(value, (bool, np.bool_)):
         return "on" if value else "off"
     if isinstance(value, str):
@@ -386,7 +386,10 @@ def knob_text(value) -> str:
         return str(int(value))
     if isinstance(value, (float, np.floating)):
         return repr(float(value))
-    return ",".join(repr(float(v)) for v in value)
+    try:
+        return ",".join(repr(float(v)) for v in value)
+    except (TypeError, ValueError):
+        raise wrong(name, f"is {value!r:.60}, must be a number, a text, True, False, or a list of numbers") from None
 
 
 def set_knobs(context: Context, table, owner: str, struct, values: dict[str, Any], where: str = "") -> None:
@@ -395,4 +398,4 @@ def set_knobs(context: Context, table, owner: str, struct, values: dict[str, Any
         choose("knob", name.replace("-", "_"), known)
         name = name.replace("_", "-")
         context.check(lib.pell_knob_set(context.c, table, owner.encode(), (where or name).encode(), struct, name.encode(),
-                                        knob_text(value).encode()))
+                                        knob_text(value, name).encode()))

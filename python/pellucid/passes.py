@@ -30,7 +30,7 @@ class Pass(Closing):
         known = [text(k.name).replace("-", "_") for k in knob_rows(found.knobs)]
         for name in knobs:
             choose("knob", name, known, f"method {method}")
-        words = " ".join(f"{k.replace('_', '-')}={knob_text(v)}" for k, v in knobs.items())
+        words = " ".join(f"{k.replace('_', '-')}={knob_text(v, k)}" for k, v in knobs.items())
         context.check(lib.pell_method_knobs_create(context.c, found, words.encode(), self._knobs))
         context.check(lib.pell_device_create(context.c, ffi.new("struct pell_device_params *", {"threads": whole(threads, "threads", 0, 256)}), self._device))
         if len(media) == 0:

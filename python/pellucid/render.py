@@ -15,6 +15,12 @@ _ENGINES = ("auto", "cpu", "vulkan")
 _COMMON = {"samples": ("samples", "most"), "time_limit": ("time-limit",), "target_error": ("error",)}
 
 
+def _argument(knob: str) -> str:
+    """The keyword argument of Renderer.render that sets a knob."""
+    word = knob.replace("-", "_")
+    return word + "_" if word in ("as", "size") else word
+
+
 def methods() -> dict[str, dict[str, Any]]:
     """The methods by name: title, cite, limits, and knobs by name (unit, default, min, max, choices, help)."""
     found = {}
@@ -184,6 +190,8 @@ class Renderer(Closing):
             context.check(lib.PELL_OK if found else lib.PELL_ERR_INVALID)
             table = {text(k.name) for k in knob_rows(found.knobs)}
         for key, value in given.items():
+            if key in ("width", "height"):
+                raise wrong(key, "is not an argument, must be given as size=(width, height)")
             option = key.rstrip("_").replace("_", "-")
             option = next((k for k in _COMMON.get(key, ()) if k in table), option)
             if option in table:
@@ -191,7 +199,10 @@ class Renderer(Closing):
             elif option in rows:
                 settings[option] = value
             else:
-                choose("knob", key, sorted(k.replace("-", "_") for k in table | rows), f"method {name}")
+                owners = [other for other, row in methods().items() if option in row["knobs"]]
+                if owners:
+                    raise wrong(f"method {name}", f'has no knob "{key}"', f"it is a knob of {', '.join(owners)}")
+                choose("knob", key, sorted(_argument(k) for k in (table | rows) - {"width", "height", "layers"}), f"method {name}")
         return name, found, knobs, settings
 
     def render(self, method: Optional[str] = None, *, size: Optional[tuple[int, int]] = None, layers: bool = True, copy: bool = True,
@@ -210,7 +221,7 @@ class Renderer(Closing):
         memory = ffi.NULL
         if found:
             memory = ffi.new("double[]", found.knobs_size // 8 + 1)
-            strings = [[ffi.new("char[]", s.encode()) for s in (k, knob_text(v), k)] for k, v in values.items()]
+            strings = [[ffi.new("char[]", s.encode()) for s in (k, knob_text(v, k), k)] for k, v in values.items()]
             array = ffi.new("struct pell_setting[]", [dict(zip(("name", "value", "where"), s)) for s in strings])
             self.context.check(lib.pell_method_configure(self.context.c, found, array, len(strings), memory))
         lib.pell_settings_default(found, memory, settings)
