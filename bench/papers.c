@@ -74,7 +74,7 @@ enum pell_result bench_stretch(struct bench *b, double factor)
 bool bench_is_common(const char *stage)
 {
     static const char *const names[] = { "prepare", "indirect links", "indirect light", "surface", "irradiance", "highlights", "curvature",
-                                         "contact shadow", "through", "spread", "lit", "composite", "post",
+                                         "contact shadow", "through", "unscattered", "spread", "lit", "composite", "post",
                                          /* by a device */
                                          "light upload", "direct light", "transmission", "light download", "tables upload", "clear",
                                          "inside", "finish", "rows", "picture download", "picture unpack" };
