@@ -62,7 +62,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
 {
     struct single_state *st = state;
     atomic_int done = 0;
-    const struct frame_task t = { st, in, out, in->view, in->rect.y1 - in->rect.y0, &done };
+    struct frame_task t = { st, in, out, in->view, in->rect.y1 - in->rect.y0, &done };
     struct single_counts sum = { 0 };
     const int threads = pell_pool_threads(st->services->pool);
     const double start = pell_seconds();
@@ -71,7 +71,7 @@ static enum pell_result single_render(void *state, const struct pell_frame *in, 
     memset(st->counts, 0, (size_t) threads * sizeof(*st->counts));
     st->world.error = reference_sample_error((double) st->world.knobs.error, st->world.knobs.half, in->num_samples);
     st->world.seed = reference_half_seed(in->seed, st->world.knobs.half);
-    pell_pool_run(st->services->pool, t.rows, do_row, (void *) &t);
+    pell_pool_run(st->services->pool, t.rows, do_row, &t);
     if (pell_cancelled(st->ctx))
         return PELL_ERR_CANCELLED;
     reference_progress(st->ctx, "single-scatter", in, t.rows, t.rows);

@@ -141,7 +141,8 @@ static enum pell_result start(struct ts_blurring *p, bool transmitted, int plane
     return p->st->run->start(p, transmitted, planes);
 }
 
-static void show_planes(struct ts_state *st, float *const *planes, int index)
+/* `several`: the light is not that of st->shown.light alone. */
+static void show_planes(struct ts_state *st, float *const *planes, int index, bool several)
 {
     ts_show(st, &(struct ts_image) { "blur",
                                      "W/m^2",
@@ -149,8 +150,8 @@ static void show_planes(struct ts_state *st, float *const *planes, int index)
                                      { planes[0], planes[1], planes[2] },
                                      3,
                                      index,
-                                     true,
-                                     true });
+                                     .color = true,
+                                     .of_light = !several });
 }
 
 static enum pell_result show_blur(struct ts_blurring *p, int index)
@@ -161,13 +162,9 @@ static enum pell_result show_blur(struct ts_blurring *p, int index)
     if (!pell_services_observed(st->services, st->in))
         return PELL_OK;
     PELL_TRY(st->run->inspect(p, false));
-    show_planes(st, st->now, index);
-    if (p->planes == TS_PLANES) {
-        const int light = st->shown.light;
-        st->shown.light = -1;
-        show_planes(st, st->now + TS_LOCAL, index);
-        st->shown.light = light;
-    }
+    show_planes(st, st->now, index, false);
+    if (p->planes == TS_PLANES)
+        show_planes(st, st->now + TS_LOCAL, index, true);
 
 fail:
     return res;

@@ -233,7 +233,8 @@ static void find_least(struct ts_state *st, const struct ts_atlas *a)
     }
 }
 
-static void show_light(struct ts_state *st, float *const light[3])
+/* `several`: the light is not that of st->shown.light alone. */
+static void show_light(struct ts_state *st, float *const light[3], bool several)
 {
     ts_show(st, &(struct ts_image) { "irradiance",
                                      "W/m^2",
@@ -241,7 +242,7 @@ static void show_light(struct ts_state *st, float *const light[3])
                                      { light[0], light[1], light[2] },
                                      3,
                                      .color = true,
-                                     .of_light = true });
+                                     .of_light = !several });
 }
 
 /* Prepares the planes, lengths and lists of a solid. */
@@ -322,14 +323,10 @@ static void set_remaining(struct ts_state *st, const struct ts_atlas *a)
 /* Computes the light of the lights in the bit mask, which is blurred together with that of a transmitted light. */
 static enum pell_result join(struct ts_state *st, const struct ts_atlas *a, uint64_t lights)
 {
-    float *const *light = st->light + TS_LOCAL;
-    const int shown = st->shown.light;
     enum pell_result res;
 
-    PELL_TRY(ts_light_map(st, a, lights, NULL, false, light));
-    st->shown.light = -1;
-    show_light(st, light);
-    st->shown.light = shown;
+    PELL_TRY(ts_light_map(st, a, lights, NULL, false, st->light + TS_LOCAL));
+    show_light(st, st->light + TS_LOCAL, true);
 
 fail:
     return res;
@@ -380,7 +377,7 @@ static enum pell_result transmit(struct ts_state *st, size_t index, size_t light
         if (!around)
             PELL_TRY(ts_tsm_light(&t, lit, st->light[TS_ALPHA], &st->tsm, &rays));
         ts_note_time(st, "tsm", 0, 0, rays);
-        show_light(st, st->light);
+        show_light(st, st->light, false);
     }
     ts_show(st, &(struct ts_image) { "thickness",
                                      "mm",
@@ -448,7 +445,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t index)
     PELL_TRY(st->run->begin(st, solid));
     if (st->knobs.lights == TS_LIGHTS_SUM) {
         PELL_TRY(ts_light_map(st, a, 0, NULL, true, st->light));
-        show_light(st, st->light);
+        show_light(st, st->light, false);
     }
     for (size_t i = 0; i < scene->num_lights; i++)
         rest |= pell_light_bit(i);
@@ -471,7 +468,7 @@ static enum pell_result light_solid(struct ts_state *st, size_t index)
         ts_need_chain(st, solid, false);
     if (st->knobs.lights == TS_LIGHTS_OWN && rest) {
         PELL_TRY(ts_light_map(st, a, rest, NULL, false, st->light));
-        show_light(st, st->light);
+        show_light(st, st->light, false);
     }
     chain.transmission = false;
     if (chain.local && rest)
