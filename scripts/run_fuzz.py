@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """run_fuzz.py FOLDER SECONDS: divides SECONDS of wall time among the fuzz targets of a build folder, two at a time.
 
-A target is an executable that is defined below fuzz/. Its seeds are the files of corpus/NAME in the folder of its meson.build (NAME without
+A target is an executable that is defined in fuzz/. Its seeds are the files of corpus/NAME in the folder of its source (NAME without
 "fuzz_"), its dictionary NAME.dict there. New inputs are kept in FOLDER/corpus/NAME, failing ones in FOLDER/crashes.
 
 FUZZ_SEED (environment): the random seed; 0, which is the default, takes another one each time. A build that must attribute a failure to a
@@ -22,9 +22,9 @@ def targets(folder):
     listed = subprocess.run(["meson", "introspect", "--targets", str(folder)], check=True, capture_output=True, text=True).stdout
     root = pathlib.Path(__file__).resolve().parent.parent
     for target in json.loads(listed):
-        home = pathlib.Path(target["defined_in"]).resolve().parent
-        if target["type"] == "executable" and (root / "fuzz") in [home, *home.parents]:
-            yield target["name"], pathlib.Path(target["filename"][0]), home
+        if target["type"] == "executable" and pathlib.Path(target["defined_in"]).resolve().parent == root / "fuzz":
+            sources = [pathlib.Path(name) for group in target["target_sources"] for name in group.get("sources", [])]
+            yield target["name"], pathlib.Path(target["filename"][0]), next(s.parent for s in sources if s.stem == target["name"])
 
 
 def fuzz(folder, name, program, home, seconds):

@@ -78,7 +78,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     pell_knobs_default(pell_limit_knobs(), &cli.limits);
     code = cli_parse(&cli, count, words, &done);
     require(code == EXIT_OK || code == EXIT_USAGE);
-    require(code == EXIT_OK || cli.error.there);
+    require(code == EXIT_OK || cli.error.present);
     if (code == EXIT_OK && !done) {
         require(cli.num_arguments >= cli.command->min_arguments && cli.num_arguments <= cli.command->max_arguments);
         read_values(&cli);

@@ -33,7 +33,7 @@ static void check(const struct viewer_message *m)
     require(m->id >= 0 && m->id <= INT64_C(1) << 53);
     require(m->x >= 0.0 && m->x <= 1.0 && m->y >= 0.0 && m->y <= 1.0);
     require(m->format >= VIEWER_SCENE && m->format <= VIEWER_REPORT);
-    check_settings(m->look.knobs, m->look.num_knobs);
+    check_settings(m->setup.knobs, m->setup.num_knobs);
     check_settings(m->other.knobs, m->other.num_knobs);
     check_settings(m->settings, m->num_settings);
     require(!m->camera || json_is_object(m->camera));
